@@ -1,0 +1,72 @@
+"""Clocks that components wait on: integer nanoseconds, never the wall."""
+
+import asyncio
+import heapq
+import itertools
+from typing import Protocol
+
+
+class Clock(Protocol):
+    """The clock of the cell or of the hardware."""
+
+    def now_ns(self) -> int:
+        """Time now [ns]."""
+        ...
+
+    async def sleep_until(self, stamp_ns: int) -> None:
+        """Wait until the clock shows `stamp_ns`."""
+        ...
+
+    async def sleep(self, duration_s: float) -> None:
+        """Wait for `duration_s` on this clock."""
+        ...
+
+
+class LoopClock:
+    """The running event loop's own time: virtual in lockstep, the machine's monotonic clock on hardware."""
+
+    def now_ns(self) -> int:
+        """Time now [ns]."""
+        return round(asyncio.get_running_loop().time() * 1e9)
+
+    async def sleep_until(self, stamp_ns: int) -> None:
+        """Wait until the clock shows `stamp_ns`; yields once even when that has passed."""
+        await asyncio.sleep(max(0.0, stamp_ns / 1e9 - asyncio.get_running_loop().time()))
+
+    async def sleep(self, duration_s: float) -> None:
+        """Wait for `duration_s`."""
+        await asyncio.sleep(duration_s)
+
+
+class FollowedClock:
+    """A clock in another process, followed by its ticks: it may be slower than the machine's, or stand still."""
+
+    def __init__(self) -> None:
+        self._now_ns = 0
+        self._waiting: list[tuple[int, int, asyncio.Future[None]]] = []
+        self._order = itertools.count()
+
+    def tick(self, stamp_ns: int) -> None:
+        """The other process's clock shows `stamp_ns`; wakes whoever waited for it. Never goes back."""
+        self._now_ns = max(self._now_ns, stamp_ns)
+        while self._waiting and self._waiting[0][0] <= self._now_ns:
+            future = heapq.heappop(self._waiting)[2]
+            if not future.done():
+                future.set_result(None)
+
+    def now_ns(self) -> int:
+        """Stamp of the last tick [ns]."""
+        return self._now_ns
+
+    async def sleep_until(self, stamp_ns: int) -> None:
+        """Wait for the first tick at or after `stamp_ns`; a clock that stands still is the watchdogs' business."""
+        if stamp_ns <= self._now_ns:
+            await asyncio.sleep(0)
+            return
+        future: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        heapq.heappush(self._waiting, (stamp_ns, next(self._order), future))
+        await future
+
+    async def sleep(self, duration_s: float) -> None:
+        """Wait for `duration_s` of this clock."""
+        await self.sleep_until(self._now_ns + round(duration_s * 1e9))

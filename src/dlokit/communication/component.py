@@ -1,0 +1,94 @@
+"""What a component is: a plain object that says what it reads, publishes, and can do."""
+
+import inspect
+from collections.abc import Awaitable, Callable, Coroutine
+from typing import Any, ClassVar, Concatenate, ParamSpec, TypeVar
+
+from dlokit.communication.port import Port
+from dlokit.communication.skill import Skill
+from dlokit.communication.topic import Topic
+from dlokit.types.message import Message
+
+P = ParamSpec("P")
+R = TypeVar("R")
+T = TypeVar("T", bound=Message)
+C = TypeVar("C", bound="Component")
+
+_SKILL = "_dlokit_skill"
+_TOPIC = "_dlokit_topic"
+
+
+def implements(
+    skill: Skill[P, R],
+) -> Callable[
+    [Callable[Concatenate[C, P], Coroutine[Any, Any, R]]], Callable[Concatenate[C, P], Coroutine[Any, Any, R]]
+]:
+    """Mark a method as the implementation of a skill; its signature must be the skill's."""
+
+    def mark(
+        method: Callable[Concatenate[C, P], Coroutine[Any, Any, R]],
+    ) -> Callable[Concatenate[C, P], Coroutine[Any, Any, R]]:
+        setattr(method, _SKILL, skill)
+        return method
+
+    return mark
+
+
+def on(
+    topic: Topic[T],
+) -> Callable[[Callable[[C, T], Coroutine[Any, Any, None]]], Callable[[C, T], Coroutine[Any, Any, None]]]:
+    """Mark a method as the handler of a topic: called with each message, one at a time, in order."""
+
+    def mark(
+        method: Callable[[C, T], Coroutine[Any, Any, None]],
+    ) -> Callable[[C, T], Coroutine[Any, Any, None]]:
+        setattr(method, _TOPIC, topic)
+        return method
+
+    return mark
+
+
+class Component:
+    """Base of all components. The host attaches a port; everything else is the component's own maths."""
+
+    name: ClassVar[str]
+    publishes: ClassVar[tuple[Topic[Any], ...]] = ()
+    reads: ClassVar[tuple[Topic[Any], ...]] = ()
+    """Topics read through ``port.latest`` or ``port.stream``, beside those with a handler."""
+
+    port: Port
+
+    def attach(self, port: Port) -> None:
+        """Called once by the host, before anything runs."""
+        self.port = port
+
+    async def run(self) -> None:
+        """Background behaviour; started and cancelled by the host. May return."""
+
+    @classmethod
+    def skills(cls) -> dict[Skill[..., Any], str]:
+        """Skill → name of the method that implements it."""
+        return _marked(cls, _SKILL)
+
+    @classmethod
+    def handlers(cls) -> dict[Topic[Any], str]:
+        """Topic → name of the method that handles it."""
+        return _marked(cls, _TOPIC)
+
+    @classmethod
+    def subscribes(cls) -> tuple[Topic[Any], ...]:
+        """Every topic it reads."""
+        return tuple(dict.fromkeys((*cls.handlers(), *cls.reads)))
+
+
+def _marked(cls: type[Component], mark: str) -> dict[Any, str]:
+    # A dictionary by class body order, so that hosts start handlers in an order that repeats.
+    found: dict[Any, str] = {}
+    for base in reversed(cls.__mro__):
+        for name, member in vars(base).items():
+            if inspect.isfunction(member) and hasattr(member, mark):
+                found[getattr(member, mark)] = name
+    return found
+
+
+SkillMethod = Callable[..., Awaitable[Any]]

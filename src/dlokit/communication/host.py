@@ -1,0 +1,145 @@
+"""The host: wires components to a bus and answers skill calls (Algorithm 2)."""
+
+import asyncio
+import logging
+from typing import Any
+
+from dlokit.communication import codec
+from dlokit.communication.clock import Clock
+from dlokit.communication.component import Component
+from dlokit.communication.compute import Compute, InlineCompute
+from dlokit.communication.port import Port
+from dlokit.communication.skill import Skill, SkillCall
+from dlokit.communication.topic import Topic
+from dlokit.communication.transport import Transport
+from dlokit.errors import CommunicationError, ConfigError, SkillFailure, SkillRejected
+from dlokit.types.outcome import Cancelled, Failed, Outcome, Rejected, Succeeded, TimedOut
+
+log = logging.getLogger(__name__)
+
+
+class Host:
+    """Runs components of one process on one event loop. Use as an async context manager."""
+
+    def __init__(self, transport: Transport, clock: Clock, compute: Compute | None = None) -> None:
+        self.transport = transport
+        self.clock = clock
+        self._compute: Compute = compute or InlineCompute()
+        self._components: list[Component] = []
+        self._tasks: list[asyncio.Task[None]] = []
+        self._failed: asyncio.Future[None] | None = None
+
+    def add(self, component: Component) -> None:
+        """Wire a component: give it a port, answer its calls. Before the host is started."""
+        for topic in component.publishes:
+            if topic.publisher != component.name:
+                raise ConfigError(f"{component.name} cannot publish {topic.name}: its row names {topic.publisher}")
+        component.attach(
+            Port(self.transport, self.clock, self._compute, owner=component.name, publishes=component.publishes)
+        )
+        self.transport.serve(component.name, _Dispatcher(component))
+        self._components.append(component)
+
+    async def __aenter__(self) -> "Host":
+        self._failed = asyncio.get_running_loop().create_future()
+        # All subscriptions stand before the first component runs, so that no first message is lost.
+        for component in self._components:
+            for topic, method in component.handlers().items():
+                stream = self.transport.stream(topic)
+                self._start(component, f"on {topic.name}", _handle(component, topic, method, stream))
+        for component in self._components:
+            self._start(component, "run", component.run())
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        for task in reversed(self._tasks):
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        if self._failed is not None and self._failed.done():
+            self._failed.exception()  # retrieved, so that the loop does not complain
+
+    async def wait_failed(self) -> None:
+        """Return never, but raise when a component's own loop has raised."""
+        assert self._failed is not None, "the host is not started"
+        await asyncio.shield(self._failed)
+
+    def _start(self, component: Component, what: str, coroutine: Any) -> None:
+        task: asyncio.Task[None] = asyncio.create_task(coroutine, name=f"{component.name} {what}")
+        task.add_done_callback(self._note)
+        self._tasks.append(task)
+
+    def _note(self, task: asyncio.Task[None]) -> None:
+        if task.cancelled() or task.exception() is None:
+            return
+        error = task.exception()
+        log.error("%s ended: %s", task.get_name(), error, exc_info=error)
+        if self._failed is not None and not self._failed.done() and error is not None:
+            self._failed.set_exception(error)
+
+
+async def _handle(component: Component, topic: Topic[Any], method: str, stream: Any) -> None:
+    handler = getattr(component, method)
+    async for message in stream:
+        try:
+            await handler(message)
+        except (SkillFailure, SkillRejected, CommunicationError) as error:
+            # One bad message must not end the component: it waits for the next.
+            log.warning("%s on %s: %s", component.name, topic.name, error)
+
+
+class _Dispatcher:
+    """Algorithm 2 for one component."""
+
+    def __init__(self, component: Component) -> None:
+        self._component = component
+        self._skills: dict[str, tuple[Skill[..., Any], str]] = {
+            skill.name: (skill, method) for skill, method in component.skills().items()
+        }
+
+    async def __call__(self, request: bytes) -> bytes:
+        outcome = await self._run(request)
+        try:
+            return codec.encode(outcome)
+        except CommunicationError as error:
+            return codec.encode(Failed(reason="result_not_encodable", detail=str(error)))
+
+    async def _run(self, request: bytes) -> Outcome[Any]:
+        try:
+            call = codec.decode(request, SkillCall)
+        except CommunicationError as error:
+            return Rejected(reason="malformed_call", detail=str(error))
+        if call.component != self._component.name:
+            return Rejected(
+                reason="wrong_component", detail=f"{call.component} was meant, this is {self._component.name}"
+            )
+        if call.skill not in self._skills:
+            return Rejected(reason="unknown_skill", detail=f"{call.skill}; {call.component} has {sorted(self._skills)}")
+        skill, method = self._skills[call.skill]
+        try:
+            arguments = skill.decode_arguments(call.arguments)
+        except CommunicationError as error:
+            return Rejected(reason="bad_arguments", detail=str(error))
+        return await _execute(skill, getattr(self._component, method), arguments)
+
+
+async def _execute(skill: Skill[..., Any], method: Any, arguments: dict[str, Any]) -> Outcome[Any]:
+    limit = asyncio.timeout(skill.timeout_s)
+    try:
+        async with limit:
+            return Succeeded(result=await method(**arguments))
+    except SkillRejected as error:
+        return Rejected(reason=error.reason, detail=error.detail)
+    except SkillFailure as error:
+        return Failed(reason=error.reason, detail=error.detail)
+    except TimeoutError as error:
+        if limit.expired():
+            return TimedOut(timeout_s=skill.timeout_s)
+        return Failed(reason="timeout_inside", detail=str(error))
+    except asyncio.CancelledError:
+        current = asyncio.current_task()
+        if current is not None and current.cancelling():
+            raise
+        return Cancelled()
+    except Exception as error:  # a skill's error is an outcome, never a crash (Algorithm 2)
+        log.exception("%s raised", skill.key)
+        return Failed(reason="error", detail=f"{type(error).__name__}: {error}")

@@ -1,0 +1,70 @@
+"""A component's window to the rest of the system: its messages, calls, clock and compute."""
+
+from collections.abc import AsyncIterator, Callable
+from typing import Any, ParamSpec, TypeVar
+
+import msgspec
+
+from dlokit.communication.clock import Clock
+from dlokit.communication.compute import Compute
+from dlokit.communication.skill import Skill
+from dlokit.communication.topic import Topic
+from dlokit.communication.transport import Latest, Liveness, Transport
+from dlokit.errors import CommunicationError
+from dlokit.types.message import Message
+from dlokit.types.outcome import Outcome
+
+T = TypeVar("T", bound=Message)
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+class Port:
+    """What a host gives a component. It holds the component to what it declares."""
+
+    def __init__(
+        self,
+        transport: Transport,
+        clock: Clock,
+        compute: Compute,
+        *,
+        owner: str,
+        publishes: tuple[Topic[Any], ...],
+    ) -> None:
+        self._transport = transport
+        self.clock = clock
+        self._compute = compute
+        self._owner = owner
+        self._publishes = {topic.name for topic in publishes}
+        self._sequence: dict[str, int] = {}
+
+    def publish(self, topic: Topic[T], message: T) -> None:
+        """Send a message, numbered on its topic. Only topics that the component declares are allowed."""
+        if topic.name not in self._publishes:
+            raise CommunicationError(
+                f"{self._owner} may not publish {topic.name}: it declares {sorted(self._publishes)}; "
+                f"add the topic to its `publishes`"
+            )
+        number = self._sequence.get(topic.name, 0) + 1
+        self._sequence[topic.name] = number
+        self._transport.publish(topic, msgspec.structs.replace(message, seq=number))
+
+    def latest(self, topic: Topic[T]) -> Latest[T]:
+        """The newest message of a topic and its age."""
+        return self._transport.latest(topic)
+
+    def stream(self, topic: Topic[T]) -> AsyncIterator[T]:
+        """Messages of a topic from now on."""
+        return self._transport.stream(topic)
+
+    async def call(self, skill: Skill[P, R], *args: P.args, **kwargs: P.kwargs) -> Outcome[R]:
+        """Ask another component for a skill."""
+        return await self._transport.call(skill, *args, **kwargs)
+
+    def alive(self, component: str) -> Liveness:
+        """Whether another component is there."""
+        return self._transport.alive(component)
+
+    async def compute(self, function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
+        """Run heavy, pure work where it does not stop the loop."""
+        return await self._compute(function, *args, **kwargs)

@@ -1,0 +1,89 @@
+"""What a skill is: a name, a typed signature, and its contract."""
+
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Generic, ParamSpec, TypeVar, get_type_hints
+
+import msgspec
+
+from dlokit.communication import codec
+from dlokit.errors import CommunicationError
+from dlokit.types.outcome import Cancelled, Failed, Outcome, Rejected, Succeeded, TimedOut, Unreachable
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+@dataclass(frozen=True)
+class Skill(Generic[P, R]):
+    """Something a component can be asked to do.
+
+    `signature` is a function whose parameters, return annotation and docstring are the contract; its
+    body is never run. A wrong argument is a type error in the editor before it is an outcome.
+    """
+
+    component: str
+    """Who has it."""
+    name: str
+    signature: Callable[P, R]
+    timeout_s: float
+    """Longest time it may run, on the clock that the host lives by."""
+    requires: str = ""
+    """What must hold before (else rejected), in words."""
+    ensures: str = ""
+    """What holds after it succeeded, in words."""
+
+    @property
+    def key(self) -> str:
+        """``component.skill``."""
+        return f"{self.component}.{self.name}"
+
+    @property
+    def doc(self) -> str:
+        """What it does."""
+        return inspect.getdoc(self.signature) or ""
+
+    @cached_property
+    def _hints(self) -> dict[str, Any]:
+        return get_type_hints(self.signature)
+
+    @cached_property
+    def _arguments_type(self) -> type[msgspec.Struct]:
+        fields = [(name, self._hints[name]) for name in inspect.signature(self.signature).parameters]
+        return msgspec.defstruct(f"{self.name}_arguments", fields, forbid_unknown_fields=True, eq=False)
+
+    @cached_property
+    def _outcome_type(self) -> Any:
+        result = self._hints["return"]
+        return Succeeded[result] | Failed | Rejected | Cancelled | TimedOut | Unreachable
+
+    def encode_arguments(self, *args: P.args, **kwargs: P.kwargs) -> bytes:
+        """Serialized arguments (Algorithm 1, first line)."""
+        bound = inspect.signature(self.signature).bind(*args, **kwargs)
+        bound.apply_defaults()
+        return codec.encode(self._arguments_type(**bound.arguments))
+
+    def decode_arguments(self, data: bytes) -> dict[str, Any]:
+        """Arguments by name (Algorithm 2). Raises `CommunicationError` when they do not fit."""
+        try:
+            return msgspec.structs.asdict(codec.decode(data, self._arguments_type))
+        except CommunicationError as error:
+            raise CommunicationError(
+                f"arguments of {self.key} do not fit: {error}; expected {inspect.signature(self.signature)}"
+            ) from error
+
+    def decode_outcome(self, data: bytes) -> Outcome[R]:
+        """An outcome with a result of the declared type."""
+        return codec.decode(data, self._outcome_type)
+
+
+class SkillCall(msgspec.Struct, frozen=True, kw_only=True):
+    """The message of Algorithm 1: (component, skill, serialized arguments)."""
+
+    component: str
+    skill: str
+    arguments: bytes
+    call_id: str
+    caller: str

@@ -1,0 +1,49 @@
+"""The table of topics: everything that is published, a row each.
+
+The cell's true DLO state is not here, and a test holds that it never will be.
+"""
+
+from typing import Any
+
+from dlokit.communication.topic import Every, KeepLast, Topic
+from dlokit.types.action import PickPlace
+from dlokit.types.clock import ClockTick
+from dlokit.types.dlo import DloState, GoalShape, TargetPoints
+from dlokit.types.flow import FlowStatus, GoalFrames, OperatorCommand
+from dlokit.types.image import StereoImages
+from dlokit.types.observation import Gripped, Observation
+from dlokit.types.robot import RobotState
+
+LAST = KeepLast()
+
+# fmt: off
+CLOCK         = Topic("cell/clock",        ClockTick,       "cell",       100.0, LAST,       "the cell's time")
+ARM_STATE     = Topic("cell/arm_state",    RobotState,      "cell",       50.0,  LAST,       "the simulated arm's sensors")
+ROBOT_STATE   = Topic("robot/state",       RobotState,      "robot",      50.0,  LAST,       "joints, tool pose, fingers")
+STEREO_IMAGES = Topic("perception/images", StereoImages,    "perception", None,  LAST,       "the pair of pictures last taken")
+OBSERVATION   = Topic("perception/cloud",  Observation,     "perception", None,  Every(4),   "the DLO's points in the world")
+TARGETS       = Topic("observer/targets",  TargetPoints,    "observer",   None,  Every(4),   "where the nodes are believed to be")
+STATE         = Topic("model/state",       DloState,        "model",      None,  Every(16),  "the shape everybody uses")
+GOAL          = Topic("model/goal",        GoalShape,       "model",      None,  LAST,       "the shape the operator wants")
+ACTION        = Topic("planning/action",   PickPlace,       "planning",   None,  LAST,       "the grasp and path chosen")
+GRIPPED       = Topic("decision/gripped",  Gripped,         "decision",   None,  Every(16),  "which node the gripper holds")
+FLOW          = Topic("decision/flow",     FlowStatus,      "decision",   None,  Every(64),  "the step of the flow chart that runs")
+COMMAND       = Topic("viewer/command",    OperatorCommand, "viewer",     None,  Every(16),  "the operator's buttons")
+GOAL_FRAMES   = Topic("viewer/frames",     GoalFrames,      "viewer",     None,  LAST,       "the three frames that pull the goal")
+# fmt: on
+
+TOPICS: tuple[Topic[Any], ...] = (
+    CLOCK,
+    ARM_STATE,
+    ROBOT_STATE,
+    STEREO_IMAGES,
+    OBSERVATION,
+    TARGETS,
+    STATE,
+    GOAL,
+    ACTION,
+    GRIPPED,
+    FLOW,
+    COMMAND,
+    GOAL_FRAMES,
+)

@@ -1,0 +1,76 @@
+"""What carries messages and calls: in memory, or over zenoh."""
+
+from collections.abc import AsyncIterator, Awaitable, Callable
+from dataclasses import dataclass
+from typing import Generic, ParamSpec, Protocol, TypeVar
+
+from dlokit.communication.skill import Skill
+from dlokit.communication.topic import Topic
+from dlokit.types.message import Message
+from dlokit.types.outcome import Outcome
+
+T = TypeVar("T", bound=Message)
+P = ParamSpec("P")
+R = TypeVar("R")
+
+CallHandler = Callable[[bytes], Awaitable[bytes]]
+"""Takes an encoded `SkillCall`, gives an encoded `Outcome`; never raises but on cancellation."""
+
+
+@dataclass(frozen=True)
+class Latest(Generic[T]):
+    """The newest message of a topic."""
+
+    value: T | None
+    """None when nothing has come yet."""
+    age_s: float
+    """Time since it arrived here, on the loop's clock [s]; inf when nothing has."""
+
+
+class Liveness(Protocol):
+    """What is known of a component."""
+
+    @property
+    def alive(self) -> bool:
+        """Whether it answers."""
+        ...
+
+
+@dataclass(frozen=True)
+class Known:
+    """Liveness by knowledge of this moment."""
+
+    alive: bool
+    """Whether it answers."""
+
+
+class Transport(Protocol):
+    """Publish, read, call. Typed by the topic's and the skill's row."""
+
+    def publish(self, topic: Topic[T], message: T) -> None:
+        """Send a message to all readers; returns at once."""
+        ...
+
+    def latest(self, topic: Topic[T]) -> Latest[T]:
+        """The newest message; the first call on a topic subscribes to it."""
+        ...
+
+    def stream(self, topic: Topic[T]) -> AsyncIterator[T]:
+        """Messages that come from now on, in order; drops as the topic's row says."""
+        ...
+
+    async def call(self, skill: Skill[P, R], *args: P.args, **kwargs: P.kwargs) -> Outcome[R]:
+        """Ask for a skill and wait for what becomes of it (Algorithm 1). Never raises but on cancellation."""
+        ...
+
+    def alive(self, component: str) -> Liveness:
+        """Whether a component is there to be called."""
+        ...
+
+    def serve(self, component: str, handler: CallHandler) -> None:
+        """Answer calls to a component (Algorithm 2 is the handler)."""
+        ...
+
+    async def close(self) -> None:
+        """Stop everything; streams end."""
+        ...

@@ -1,0 +1,67 @@
+"""Everything dlokit raises, in one tree.
+
+    DlokitError
+    ├── InputError            the user gave something that cannot work     (exit code 2)
+    │   ├── ShapeError        a start or goal shape
+    │   ├── ConfigError       a configuration file or value
+    │   └── MachineError      something this machine lacks (OpenGL, a free port, a package)
+    ├── SkillFailure          a skill ran and did not reach its end        (outcome ``Failed``)
+    ├── SkillRejected         a skill's precondition does not hold         (outcome ``Rejected``)
+    ├── CommunicationError    a message cannot be encoded, decoded, or sent
+    │   └── SchemaMismatch    it was written by another version
+    └── HardwareError         a driver lost or refused by its device
+
+A message says what was wrong, what was allowed, and what to do.
+"""
+
+
+class DlokitError(Exception):
+    """Root of what dlokit raises."""
+
+
+class InputError(DlokitError):
+    """The user gave something that cannot work. The command line prints the message and exits with 2."""
+
+
+class ShapeError(InputError):
+    """A start or goal shape that cannot be used."""
+
+
+class ConfigError(InputError):
+    """A configuration file or value that cannot be used."""
+
+
+class MachineError(InputError):
+    """Something this machine lacks: OpenGL, a free port, a package."""
+
+
+class SkillFailure(DlokitError):
+    """Raised inside a skill: it ran and did not reach its end."""
+
+    def __init__(self, reason: str, detail: str = "") -> None:
+        """Name the failure by `reason`, one of the names in the skill's api; `detail` is for people."""
+        super().__init__(f"{reason}: {detail}" if detail else reason)
+        self.reason = reason
+        self.detail = detail
+
+
+class SkillRejected(DlokitError):
+    """Raised inside a skill before it has done anything: a precondition does not hold."""
+
+    def __init__(self, reason: str, detail: str = "") -> None:
+        """Name the precondition by `reason`; `detail` is for people."""
+        super().__init__(f"{reason}: {detail}" if detail else reason)
+        self.reason = reason
+        self.detail = detail
+
+
+class CommunicationError(DlokitError):
+    """A message that cannot be encoded, decoded, or sent."""
+
+
+class SchemaMismatch(CommunicationError):
+    """A message written by another version of its type."""
+
+
+class HardwareError(DlokitError):
+    """A device that is gone or refuses."""

@@ -1,0 +1,100 @@
+"""Poses, rotations and curves in space.
+
+Poses follow ``p_world = T_world_tcp @ p_tcp``; quaternions are (w, x, y, z); lengths in metres.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
+
+from dlokit.types.pose import Pose
+
+Array = NDArray[np.float64]
+
+
+def pose(position_m: ArrayLike, wxyz: ArrayLike = (1.0, 0.0, 0.0, 0.0)) -> Pose:
+    """A pose from a position (3,) [m] and a quaternion (4,), which is normalised."""
+    quaternion = np.asarray(wxyz, dtype=np.float64)
+    return Pose(position_m=np.array(position_m, dtype=np.float64), wxyz=quaternion / np.linalg.norm(quaternion))
+
+
+def pose_from_matrix(matrix: ArrayLike) -> Pose:
+    """A pose from a homogeneous matrix (4, 4)."""
+    T = np.asarray(matrix, dtype=np.float64)
+    return Pose(
+        position_m=T[:3, 3].copy(),
+        wxyz=Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True, canonical=True),
+    )
+
+
+def matrix(T: Pose) -> Array:
+    """The homogeneous matrix (4, 4) of a pose."""
+    result = np.eye(4)
+    result[:3, :3] = rotation(T)
+    result[:3, 3] = T.position_m
+    return result
+
+
+def rotation(T: Pose) -> Array:
+    """The rotation matrix (3, 3) of a pose."""
+    return Rotation.from_quat(T.wxyz, scalar_first=True).as_matrix()
+
+
+def compose(T_a_b: Pose, T_b_c: Pose) -> Pose:
+    """``T_a_c``."""
+    return pose_from_matrix(matrix(T_a_b) @ matrix(T_b_c))
+
+
+def inverse(T_a_b: Pose) -> Pose:
+    """``T_b_a``."""
+    R = rotation(T_a_b)
+    result = np.eye(4)
+    result[:3, :3] = R.T
+    result[:3, 3] = -R.T @ T_a_b.position_m
+    return pose_from_matrix(result)
+
+
+def transform(T_a_b: Pose, points_b: ArrayLike) -> Array:
+    """Points (N, 3) [m] of frame b, in frame a."""
+    return np.asarray(points_b, dtype=np.float64) @ rotation(T_a_b).T + T_a_b.position_m
+
+
+def downward(position_m: ArrayLike, yaw_rad: float) -> Pose:
+    """A tool pose whose z axis points straight down and whose x axis lies at `yaw_rad` in the table plane."""
+    cosine, sine = np.cos(yaw_rad), np.sin(yaw_rad)
+    T = np.eye(4)
+    T[:3, :3] = np.array([[cosine, sine, 0.0], [sine, -cosine, 0.0], [0.0, 0.0, -1.0]])
+    T[:3, 3] = np.asarray(position_m, dtype=np.float64)
+    return pose_from_matrix(T)
+
+
+def arc_lengths(nodes: ArrayLike) -> Array:
+    """Length along a polyline (K, d) [m] at each of its points, (K,), from 0."""
+    steps = np.linalg.norm(np.diff(np.asarray(nodes, dtype=np.float64), axis=0), axis=1)
+    return np.concatenate(([0.0], np.cumsum(steps)))
+
+
+def resample(nodes: ArrayLike, count: int) -> Array:
+    """A polyline (K, d) [m] as `count` points equally spaced by arc length, (count, d)."""
+    points = np.asarray(nodes, dtype=np.float64)
+    s = arc_lengths(points)
+    wanted = np.linspace(0.0, s[-1], count)
+    return np.column_stack([np.interp(wanted, s, points[:, axis]) for axis in range(points.shape[1])])
+
+
+def tangents(nodes: ArrayLike) -> Array:
+    """Unit tangents (K, d) of a polyline by central differences."""
+    gradient = np.gradient(np.asarray(nodes, dtype=np.float64), axis=0)
+    return gradient / np.maximum(np.linalg.norm(gradient, axis=1, keepdims=True), 1e-12)
+
+
+def rmse_m(nodes: ArrayLike, goal: ArrayLike, *, ends_interchangeable: bool = False) -> float:
+    """Root mean square over nodes of the distance from node i to goal node i [m], both (M, 3).
+
+    The reverse order counts as well only when the goal says that ends are interchangeable.
+    """
+    a, b = np.asarray(nodes, dtype=np.float64), np.asarray(goal, dtype=np.float64)
+    forward = float(np.sqrt(np.mean(np.sum((a - b) ** 2, axis=1))))
+    if not ends_interchangeable:
+        return forward
+    return min(forward, float(np.sqrt(np.mean(np.sum((a[::-1] - b) ** 2, axis=1)))))

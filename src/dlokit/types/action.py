@@ -1,0 +1,44 @@
+"""Actions: one grasp-to-release each, of whatever kind."""
+
+from dlokit.types.arrays import Float64Array, Int64Array
+from dlokit.types.message import Message, Value
+from dlokit.types.pose import Pose
+
+
+class VelocityProfile(Value, frozen=True, kw_only=True, eq=False):
+    """How fast the tool moves along a path; different profiles may give different shapes."""
+
+    speed_m_s: float = 0.25
+    acceleration_m_s2: float = 1.0
+    jerk_m_s3: float = 10.0
+
+
+class Grasp(Value, frozen=True, kw_only=True, eq=False):
+    """Where to take hold of the DLO."""
+
+    node: int
+    T_world_tcp: Pose
+    """Tool centre point between the fingertips, its x axis along the rod, z (approach) down."""
+    opening_m: float = 0.04
+    """Finger opening on approach [m]."""
+
+
+class PickPlace(Message, frozen=True, kw_only=True, eq=False, tag=True):
+    """Grasp a node, carry it along a path above the table, release it."""
+
+    grasp: Grasp
+    path: tuple[Pose, ...]
+    """Tool poses from the grasp to the release, without the grasp itself: lift, carry, lower."""
+    velocity: VelocityProfile
+    predicted_nodes_world: Float64Array | None = None  # (M, 3) [m] shape expected after it; None: not predicted
+    robot: str = "panda"
+
+
+Action = PickPlace
+"""Every kind of action; becomes a tagged union as kinds are added."""
+
+
+class Marks(Value, frozen=True, kw_only=True, eq=False):
+    """Grasp nodes that were tried since the shape last changed, in vain (Fig. 6)."""
+
+    invalid_nodes: Int64Array  # (n,)

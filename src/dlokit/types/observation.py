@@ -1,0 +1,49 @@
+"""What perception saw in one look."""
+
+from dlokit.types.arrays import Float32Array, UInt8Array
+from dlokit.types.image import CameraCalibration
+from dlokit.types.message import Message, Value
+
+
+class GripperPin(Value, frozen=True, kw_only=True, eq=False):
+    """A node that a gripper holds, and where."""
+
+    robot: str
+    node: int
+    position_world: Float32Array  # (3,) [m] tool centre point
+
+
+class Occlusion(Value, frozen=True, kw_only=True, eq=False):
+    """Depth of the robot's known geometry as the camera sees it, at reduced resolution."""
+
+    depth_m: Float32Array  # (height / scale, width / scale) along z of the camera [m]; inf where no robot is
+    scale: int
+    """Camera pixels a cell, along each side."""
+
+
+class PointCloud(Message, frozen=True, kw_only=True, eq=False):
+    """Points in the world frame."""
+
+    points_world: Float32Array  # (N, 3) [m]
+    colors: UInt8Array | None = None  # (N, 3) RGB
+
+
+class Observation(Message, frozen=True, kw_only=True, eq=False):
+    """The DLO's points of one look, and what is needed to know which nodes could not be seen.
+
+    The stamp is the pictures'.
+    """
+
+    points_world: Float32Array  # (N, 3) [m], filtered and thinned; N may be 0
+    calibration: CameraCalibration | None = None
+    """The camera that looked; None for a cloud of unknown origin."""
+    occlusion: Occlusion | None = None
+    pins: tuple[GripperPin, ...] = ()
+
+
+class Gripped(Message, frozen=True, kw_only=True, eq=False):
+    """Which node a gripper holds, as far as the decision layer knows."""
+
+    robot: str
+    node: int | None
+    """Node between the fingers; None: nothing is held."""
