@@ -1,0 +1,183 @@
+"""Shapes of a DLO lying on the table: the built-in goals, and random starts.
+
+All of them are planar curves given by their curvature along the arc, which falls to zero at both ends: a free
+end carries no bending moment, so no other curve can lie still without friction bending its ends.
+"""
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dlokit import geometry
+from dlokit.errors import ShapeError
+
+Array = NDArray[np.float64]
+
+CENTRE_M = (0.52, 0.0)
+"""Middle of the table, where built-in shapes lie [m]."""
+TABLE_X_M = (0.30, 0.75)
+"""Part of the table that arm and camera share, along x [m]."""
+TABLE_Y_M = (-0.35, 0.35)
+"""The same along y [m]."""
+RANDOM_X_M = (0.33, 0.72)
+"""Where random shapes lie, along x [m]: clear of the table's edge by more than one correction."""
+RANDOM_Y_M = (-0.30, 0.30)
+"""The same along y [m]."""
+
+S_RADIUS_M = 0.08
+"""Radius of the arcs of an S [m]; wide enough that friction holds it for the default rope."""
+MIN_BEND_RADIUS_M = 0.06
+"""Tightest bend of a random shape [m]."""
+SELF_CLEARANCE_M = 0.05
+"""Parts of a random shape that are no neighbours stay that far apart [m]: open fingers fit between."""
+NEIGHBOUR_M = 0.10
+"""Parts nearer than this along the arc are neighbours [m]; at the tightest bend their chord is still 89 mm."""
+
+_FINE = 401  # points of the fine curve that shapes are resampled from
+_RAMP_M = 0.025  # length over which the curvature of an S rises from zero [m]
+_HARMONICS = 4
+_ATTEMPTS = 2000
+
+
+def builtin_shape(name: str, length_m: float, count: int, *, radius_m: float = 0.004) -> Array:
+    """A built-in shape by its name, one of `BUILTIN_SHAPES`.
+
+    Returns nodes (count, 3) [m] in the world frame, equally spaced by arc length, at z = `radius_m`, centred on
+    `CENTRE_M`, from -y to +y. Raises `ShapeError` for an unknown name.
+    """
+    if name not in BUILTIN_SHAPES:
+        raise ShapeError(
+            f"There is no shape named {name!r}. Built in are {', '.join(BUILTIN_SHAPES)}; use one of these names."
+        )
+    return _on_table(BUILTIN_SHAPES[name](length_m), length_m, count, CENTRE_M, radius_m)
+
+
+def random_shape(
+    rng: np.random.Generator,
+    length_m: float,
+    count: int,
+    *,
+    radius_m: float = 0.004,
+    min_bend_radius_m: float = MIN_BEND_RADIUS_M,
+) -> Array:
+    """A smooth random curve on the table, drawn from `rng` alone.
+
+    The curvature is a sine series of four terms over the arc, with normal amplitudes that fall as 1 / k, scaled so
+    that its peak is uniform between 0 and 1 / `min_bend_radius_m`. The heading is uniform, and the place is uniform
+    among those inside `RANDOM_X_M` × `RANDOM_Y_M`. Curves that do not fit in there, or come nearer than
+    `SELF_CLEARANCE_M` to themselves, are drawn again.
+
+    Returns nodes (count, 3) [m] in the world frame at z = `radius_m`. Raises `ShapeError` when the rope is too long
+    for the table.
+    """
+    lower = np.array([RANDOM_X_M[0], RANDOM_Y_M[0]])
+    upper = np.array([RANDOM_X_M[1], RANDOM_Y_M[1]])
+    for _ in range(_ATTEMPTS):
+        curve = _random_curve(rng, length_m, 1.0 / min_bend_radius_m)  # (_FINE, 2)
+        slack = (upper - lower) - (curve.max(axis=0) - curve.min(axis=0))
+        if np.any(slack < 0.0) or self_clearance_m(curve) < SELF_CLEARANCE_M:
+            continue
+        corner = lower + rng.uniform(size=2) * slack
+        placed = curve - curve.min(axis=0) + corner
+        return _lift(geometry.resample(placed, count), radius_m)
+    raise ShapeError(
+        f"No random shape of {length_m:.2f} m fits the table: it must lie within x {RANDOM_X_M[0]} to "
+        f"{RANDOM_X_M[1]} m and y {RANDOM_Y_M[0]} to {RANDOM_Y_M[1]} m without coming nearer than "
+        f"{SELF_CLEARANCE_M * 100:.0f} cm to itself. Use a shorter rope, or give the start as a file."
+    )
+
+
+def moved(nodes_world: ArrayLike, offset_m: ArrayLike, yaw_rad: float = 0.0) -> Array:
+    """A shape turned by `yaw_rad` about the vertical through its middle, then moved by `offset_m` (2,) [m].
+
+    `nodes_world` (K, 3) [m]; the middle is the mean of the nodes. Returns (K, 3).
+    """
+    nodes = np.array(nodes_world, dtype=np.float64)
+    middle = nodes[:, :2].mean(axis=0)
+    cosine, sine = np.cos(yaw_rad), np.sin(yaw_rad)
+    turned = (nodes[:, :2] - middle) @ np.array([[cosine, sine], [-sine, cosine]])
+    nodes[:, :2] = middle + turned + np.asarray(offset_m, dtype=np.float64)
+    return nodes
+
+
+def fit_length(nodes_world: ArrayLike, length_m: float) -> Array:
+    """A shape (K, 3) [m] scaled about the mean of its nodes, so that its arc is `length_m` long."""
+    nodes = np.asarray(nodes_world, dtype=np.float64)
+    middle = nodes.mean(axis=0)
+    return middle + (nodes - middle) * (length_m / length(nodes))
+
+
+def length(nodes_world: ArrayLike) -> float:
+    """Length of a polyline (K, d) along its arc [m]."""
+    return float(geometry.arc_lengths(nodes_world)[-1])
+
+
+def self_clearance_m(nodes_world: ArrayLike) -> float:
+    """Smallest distance [m] between two nodes of (K, d) [m] that are further apart than `NEIGHBOUR_M` on the arc.
+
+    Infinite when the curve is shorter than that.
+    """
+    nodes = np.asarray(nodes_world, dtype=np.float64)
+    s = geometry.arc_lengths(nodes)
+    apart = np.abs(s[:, None] - s[None, :]) > NEIGHBOUR_M
+    distance = np.linalg.norm(nodes[:, None, :] - nodes[None, :, :], axis=2)
+    return float(distance[apart].min(initial=np.inf))
+
+
+def _straight(length_m: float) -> Array:
+    """The curvature (_FINE,) [1/m] of an I."""
+    return np.zeros(_FINE)
+
+
+def _two_arcs(length_m: float) -> Array:
+    """The curvature (_FINE,) [1/m] of an S: two equal, opposite arcs.
+
+    Their radius is `S_RADIUS_M`, or more where a long rope would turn by over half a circle. At the ends and in
+    the middle the curvature changes linearly: a jump would take a shear force that friction cannot give.
+    """
+    ramp_m = min(_RAMP_M, length_m / 8.0)
+    radius_m = max(S_RADIUS_M, (length_m / 2.0 - ramp_m) / np.pi)
+    corners = np.array([0.0, ramp_m, length_m / 2 - ramp_m, length_m / 2 + ramp_m, length_m - ramp_m, length_m])
+    values = np.array([0.0, 1.0, 1.0, -1.0, -1.0, 0.0]) / radius_m
+    return np.interp(np.linspace(0.0, length_m, _FINE), corners, values)
+
+
+BUILTIN_SHAPES: Mapping[str, Callable[[float], Array]] = {"I": _straight, "S": _two_arcs}
+"""Built-in shapes: name → curvature (_FINE,) [1/m] along an arc of the given length [m]."""
+
+
+def _random_curve(rng: np.random.Generator, length_m: float, peak_limit: float) -> Array:
+    """A random curve (_FINE, 2) [m], anywhere, of random heading and of a curvature up to `peak_limit` [1/m]."""
+    order = np.arange(1, _HARMONICS + 1)
+    amplitudes = rng.normal(size=_HARMONICS) / order
+    series = np.sin(np.pi * np.linspace(0.0, 1.0, _FINE)[:, None] * order) @ amplitudes
+    curvature = series / np.abs(series).max() * rng.uniform(0.0, peak_limit)
+    curve = _integrate(curvature, length_m)
+    heading = rng.uniform(-np.pi, np.pi)
+    cosine, sine = np.cos(heading), np.sin(heading)
+    return curve @ np.array([[cosine, sine], [-sine, cosine]])
+
+
+def _integrate(curvature: Array, length_m: float) -> Array:
+    """The planar curve (K, 2) [m] of a curvature (K,) [1/m], by the trapezoidal rule, from the origin along x."""
+    step = length_m / (len(curvature) - 1)
+    heading = np.concatenate(([0.0], np.cumsum((curvature[1:] + curvature[:-1]) / 2.0) * step))
+    middle = (heading[1:] + heading[:-1]) / 2.0
+    steps = step * np.column_stack([np.cos(middle), np.sin(middle)])
+    return np.concatenate((np.zeros((1, 2)), np.cumsum(steps, axis=0)))
+
+
+def _on_table(curvature: Array, length_m: float, count: int, centre_m: tuple[float, float], radius_m: float) -> Array:
+    """The curve of a curvature as nodes (count, 3), the line from its first to its last end along +y."""
+    curve = _integrate(curvature, length_m)
+    chord = curve[-1] - curve[0]
+    along, across = chord / np.linalg.norm(chord), np.array([chord[1], -chord[0]]) / np.linalg.norm(chord)
+    turned = np.column_stack([curve @ across, curve @ along])
+    middle = (turned.max(axis=0) + turned.min(axis=0)) / 2.0
+    return _lift(geometry.resample(turned - middle + np.array(centre_m), count), radius_m)
+
+
+def _lift(points_xy: Array, height_m: float) -> Array:
+    """Points (K, 2) [m] of the table plane as (K, 3) at a height."""
+    return np.column_stack([points_xy, np.full(len(points_xy), height_m)])
