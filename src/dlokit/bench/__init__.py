@@ -1,0 +1,1 @@
+"""The comparisons, and the evaluator, who alone reads the truth."""

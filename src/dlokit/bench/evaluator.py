@@ -1,0 +1,111 @@
+"""The evaluator: the true error of a run, from the cell's hidden truth, after the run.
+
+It reports the distance to the same goal as the system does, 2 s after each release. The system cannot know which
+end of the rope is which, and orders the nodes of its first look by a rule of its own. So the truth is brought to
+the system's order once, at the first estimate, to the order that is nearer to it, and keeps that order: a system
+that confuses the ends later is charged for it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import msgspec
+import numpy as np
+
+from dlokit import geometry
+from dlokit.bench.truth import Truth
+from dlokit.errors import InputError
+from dlokit.system.run_record import RunRecord
+from dlokit.system.run_result import RunResult
+from dlokit.types.arrays import Float64Array
+
+SETTLE_S = 2.0
+"""A released rope is judged this long after the release [s]."""
+_GRACE_NS = 100_000_000
+"""A record that ends up to 0.1 s early still counts: rope that has lain for 1.9 s moves by micrometres."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrueErrors:
+    """What the evaluator found."""
+
+    after_action_m: tuple[float | None, ...]
+    """Error 2 s after each release [m]; None for an action without a release, or that the truth does not cover."""
+    final_m: float | None
+    """Error 2 s after the last release, or at the end of the record when nothing was released [m]."""
+    reversed_order: bool
+    """Whether the system counts the nodes from the other end than the cell."""
+
+
+def evaluate(record: RunRecord, truth: Truth) -> TrueErrors:
+    """The true errors of a run. Raises `InputError` when the two do not fit."""
+    if record.start_nodes_world is None:
+        # Never seen: there is no order of the system's to take, so the nearer one is the fairer.
+        goal = record.goal_nodes_world
+        error = geometry.rmse_m(geometry.resample(truth.nodes_world[-1], len(goal)), goal, ends_interchangeable=True)
+        return TrueErrors(after_action_m=(), final_m=error, reversed_order=False)
+    return true_errors(
+        truth,
+        goal_nodes_world=record.goal_nodes_world,
+        first_nodes_world=record.start_nodes_world,
+        first_stamp_ns=record.start_stamp_ns,
+        release_stamps_ns=[action.release_stamp_ns for action in record.actions],
+        ends_interchangeable=record.ends_interchangeable,
+    )
+
+
+def true_errors(
+    truth: Truth,
+    *,
+    goal_nodes_world: Float64Array,
+    first_nodes_world: Float64Array,
+    first_stamp_ns: int,
+    release_stamps_ns: Sequence[int | None],
+    ends_interchangeable: bool = False,
+) -> TrueErrors:
+    """The true errors to a goal (M, 3) [m], in the order that fits the system's first estimate (M, 3) [m] best.
+
+    `release_stamps_ns` are on the cell's clock [ns], one an action, None for an action without a release.
+    Raises `InputError` when a stamp lies before the truth begins.
+    """
+    count = len(goal_nodes_world)
+    at_first = geometry.resample(_covered(truth, first_stamp_ns), len(first_nodes_world))
+    forward = geometry.rmse_m(at_first, first_nodes_world)
+    reversed_order = geometry.rmse_m(at_first[::-1], first_nodes_world) < forward
+
+    def error_at(stamp_ns: int) -> float | None:
+        if stamp_ns > truth.stamps_ns[-1] + _GRACE_NS:
+            return None
+        nodes = geometry.resample(_covered(truth, stamp_ns), count)
+        ordered = nodes[::-1] if reversed_order else nodes
+        return geometry.rmse_m(ordered, goal_nodes_world, ends_interchangeable=ends_interchangeable)
+
+    settle_ns = round(SETTLE_S * 1e9)
+    after = tuple(None if stamp is None else error_at(stamp + settle_ns) for stamp in release_stamps_ns)
+    releases = [stamp for stamp in release_stamps_ns if stamp is not None]
+    final_stamp_ns = max(releases) + settle_ns if releases else int(truth.stamps_ns[-1])
+    return TrueErrors(after_action_m=after, final_m=error_at(final_stamp_ns), reversed_order=reversed_order)
+
+
+def with_truth(result: RunResult, errors: TrueErrors) -> RunResult:
+    """A result with the evaluator's figures filled in. Raises `InputError` when the numbers of actions differ."""
+    if len(errors.after_action_m) != len(result.history):
+        raise InputError(
+            f"The result tells of {len(result.history)} actions, the record of {len(errors.after_action_m)}: "
+            "they are not of the same run."
+        )
+    history = tuple(
+        msgspec.structs.replace(row, true_rmse_m=error)
+        for row, error in zip(result.history, errors.after_action_m, strict=True)
+    )
+    return msgspec.structs.replace(result, history=history, true_rmse_m=errors.final_m)
+
+
+def _covered(truth: Truth, stamp_ns: int) -> Float64Array:
+    """The truth (Mc, 3) [m] at a time that it covers."""
+    if stamp_ns < truth.stamps_ns[0] - _GRACE_NS:
+        raise InputError(
+            f"The truth begins at {truth.stamps_ns[0] * 1e-9:.3f} s, after {stamp_ns * 1e-9:.3f} s: the files are "
+            "not of the same run, or the cell began to record too late."
+        )
+    return np.asarray(truth.at(stamp_ns))

@@ -1,0 +1,88 @@
+"""`result.json`: what became of a run, in figures."""
+
+import hashlib
+import math
+from pathlib import Path
+
+import msgspec
+
+from dlokit.errors import InputError
+from dlokit.types.flow import RunOutcome
+
+FILE_NAME = "result.json"
+
+
+class ActionResult(msgspec.Struct, frozen=True, kw_only=True):
+    """One action, one row of the history."""
+
+    action: int
+    """Number of the action, from 1."""
+    grasp_node: int
+    grasp_ok: bool
+    """Whether the gripper held the DLO."""
+    rmse_m: float
+    """Our own estimate of the error to the goal after the action [m]."""
+    true_rmse_m: float | None = None
+    """The evaluator's, 2 s after the release [m]; None where there is no truth."""
+    duration_s: float
+    """From the choice of the grasp to the look after the release [s], on the cell's clock."""
+
+
+class RunResult(msgspec.Struct, frozen=True, kw_only=True):
+    """A run. The fields and their order are those of the file."""
+
+    outcome: RunOutcome
+    reason: str | None = None
+    """A short name of what stood in the way; None when converged."""
+    actions: int
+    rmse_m: float | None
+    """The last estimate of the error [m]; None only when the DLO was never seen."""
+    true_rmse_m: float | None = None
+    """The evaluator's, 2 s after the last release [m]; None where there is no truth."""
+    threshold_m: float
+    seed: int
+    sim_time_s: float
+    """Time on the cell's clock [s]."""
+    wall_time_s: float
+    planning_time_s: float
+    """Wall time spent choosing actions [s]."""
+    history: tuple[ActionResult, ...] = ()
+    config_hash: str
+    version: str
+
+
+def write_result(folder: Path, result: RunResult) -> Path:
+    """Write `result.json` into a run's folder, whole or not at all. Raises `InputError` for NaN or infinity."""
+    _refuse_non_finite(result)
+    path = folder / FILE_NAME
+    part = path.with_suffix(".json.part")
+    part.write_bytes(msgspec.json.format(msgspec.json.encode(result), indent=2) + b"\n")
+    part.replace(path)
+    return path
+
+
+def read_result(folder: Path) -> RunResult:
+    """The result in a run's folder. Raises `InputError` when it is missing or is no result."""
+    path = folder / FILE_NAME
+    try:
+        return msgspec.json.decode(path.read_bytes(), type=RunResult)
+    except FileNotFoundError:
+        raise InputError(f"{folder} holds no {FILE_NAME}: give the folder of a run that has ended.") from None
+    except msgspec.DecodeError as error:
+        raise InputError(f"{path} is not the result of a run ({error}): run it again.") from error
+
+
+def config_hash(config_toml: str) -> str:
+    """Twelve hexadecimal digits that name a configuration: two runs with the same ones were set up alike."""
+    return hashlib.sha256(config_toml.encode()).hexdigest()[:12]
+
+
+def _refuse_non_finite(result: RunResult) -> None:
+    """JSON has no NaN; written as null it would look like a figure that was not asked for."""
+    for struct in (result, *result.history):
+        for name in struct.__struct_fields__:
+            value: object = getattr(struct, name)
+            if isinstance(value, float) and not math.isfinite(value):
+                raise InputError(
+                    f"{name} of a result is {value}: it must be a finite number, or None where that is allowed."
+                )
