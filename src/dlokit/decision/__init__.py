@@ -1,0 +1,1 @@
+"""The decision layer: tasks as flow charts, run by calling skills."""

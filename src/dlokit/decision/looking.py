@@ -1,0 +1,56 @@
+"""Looking at the DLO until the model's state has settled."""
+
+import asyncio
+
+import numpy as np
+
+from dlokit.decision.task import ShapeTask
+from dlokit.skills.perception import api as perception
+from dlokit.types.dlo import DloState
+from dlokit.types.outcome import Failed, Rejected, Succeeded
+
+
+async def state_after(task: ShapeTask, stamp_ns: int) -> DloState | None:
+    """The first model state that knows the cloud of `stamp_ns`; None (and a reason) when it does not come."""
+    try:
+        async with asyncio.timeout(task.config.look_timeout_s):
+            async for state in task.states:
+                if state.observed_stamp_ns >= stamp_ns:
+                    return state
+    except TimeoutError:
+        pass
+    task.reason = (
+        f"no model state within {task.config.look_timeout_s:g} s of the look at {stamp_ns / 1e9:.3f} s: "
+        "observer or model does not answer"
+    )
+    return None
+
+
+async def look(task: ShapeTask) -> DloState | None:
+    """Look once: pictures → cloud → target points → model; None (and a reason) when the DLO is not seen."""
+    seen = await task.port.call(perception.LOOK)
+    if isinstance(seen, Succeeded):
+        return await state_after(task, seen.result.stamp_ns)
+    detail = f"{seen.reason}: {seen.detail}" if isinstance(seen, Failed | Rejected) else type(seen).__name__.lower()
+    task.reason = f"perception.look {detail}"
+    return None
+
+
+async def settle(task: ShapeTask) -> bool:
+    """Look until two states in a row agree, or looks are spent; the last state is the task's."""
+    before: DloState | None = None
+    for attempt in range(task.config.max_looks):
+        if attempt:
+            await task.port.clock.sleep(task.config.look_interval_s)
+        state = await look(task)
+        if state is None:
+            return False
+        task.state = state
+        if before is not None and _rms_difference_m(before, state) < task.config.settled_m:
+            return True
+        before = state
+    return True
+
+
+def _rms_difference_m(a: DloState, b: DloState) -> float:
+    return float(np.sqrt(np.mean(np.sum((a.nodes_world - b.nodes_world) ** 2, axis=1))))

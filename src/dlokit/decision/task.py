@@ -1,0 +1,96 @@
+"""What a shape task knows while it runs, and what it leaves behind."""
+
+from collections.abc import AsyncIterator, Callable
+from dataclasses import dataclass, field
+
+from dlokit.communication.port import Port
+from dlokit.decision.config import TaskConfig
+from dlokit.types.action import PickPlace
+from dlokit.types.arrays import Float64Array
+from dlokit.types.dlo import DloState, GoalShape
+from dlokit.types.flow import RunOutcome
+
+
+@dataclass(frozen=True, kw_only=True)
+class GoalRequest:
+    """The goal as it was asked for."""
+
+    nodes_world: Float64Array  # (K, 3) [m], any K >= 2
+    name: str
+    ends_interchangeable: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class ActionRecord:
+    """One grasp-to-release, and the shape after it."""
+
+    action: int
+    """Counted from 1."""
+    grasp_node: int
+    grasp_ok: bool
+    rmse_m: float
+    duration_s: float
+    """From the decision to the next settled look, on the cell's clock [s]."""
+    release_stamp_ns: int
+    """When the fingers opened [ns]."""
+    nodes_world: Float64Array  # (M, 3) [m] after it
+
+
+@dataclass(frozen=True, kw_only=True)
+class StepTiming:
+    """How long one visit of one box took."""
+
+    step: str
+    cell_s: float
+    """On the cell's clock [s]."""
+    machine_s: float
+    """On the machine's [s]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShapeResult:
+    """How a shape task ended."""
+
+    outcome: RunOutcome
+    reason: str | None
+    """One sentence; None when converged."""
+    rmse_m: float
+    """Last RMSE of the model's state to the goal [m]; nan when the DLO was never seen."""
+    best_rmse_m: float
+    best_action: int
+    """Action after which it was best; 0: before the first."""
+    goal: GoalShape | None
+    start_nodes_world: Float64Array | None  # (M, 3) [m] as first estimated
+    start_stamp_ns: int
+    history: tuple[ActionRecord, ...]
+    timings: tuple[StepTiming, ...]
+    planning_time_s: float
+    """On the machine's clock [s]."""
+
+
+@dataclass(kw_only=True)
+class ShapeTask:
+    """The state of a running task; the steps of the flow read and write it, nobody else."""
+
+    port: Port
+    config: TaskConfig
+    request: GoalRequest | None
+    """None: the operator sets the goal in the viewer."""
+    stopwatch: Callable[[], float]
+    """The machine's monotonic clock [s], for timings alone."""
+    states: AsyncIterator[DloState]
+    commands: "AsyncIterator[object]"
+    started_ns: int = 0
+
+    goal: GoalShape | None = None
+    state: DloState | None = None
+    start: DloState | None = None
+    errors_m: list[float] = field(default_factory=list[float])
+    marks: set[int] = field(default_factory=set[int])
+    action: PickPlace | None = None
+    action_started_ns: int = 0
+    release_stamp_ns: int = 0
+    grasp_ok: bool = False
+    history: list[ActionRecord] = field(default_factory=list[ActionRecord])
+    planning_time_s: float = 0.0
+    reason: str | None = None

@@ -1,0 +1,33 @@
+"""When a shape task is over."""
+
+import pytest
+
+from dlokit.decision.config import TaskConfig
+from dlokit.decision.convergence import Progress, has_changed, progress
+
+CONFIG = TaskConfig(threshold_m=0.012, max_actions=5, max_time_s=100.0, stall_actions=3)
+
+
+@pytest.mark.parametrize(
+    ("errors_m", "elapsed_s", "expected"),
+    [
+        ([0.0119], 0.0, Progress.CONVERGED),
+        ([0.012], 0.0, Progress.NOT_YET),
+        ([0.5, 0.011], 1000.0, Progress.CONVERGED),
+        ([0.5, 0.4, 0.3, 0.2, 0.1, 0.05], 0.0, Progress.OUT_OF_ACTIONS),
+        ([0.5, 0.4], 100.0, Progress.OUT_OF_TIME),
+        ([0.5, 0.2, 0.3, 0.25], 0.0, Progress.NOT_YET),
+        ([0.5, 0.2, 0.3, 0.25, 0.2], 0.0, Progress.STALLED),
+        ([0.5, 0.2, 0.3, 0.25, 0.19], 0.0, Progress.NOT_YET),
+    ],
+)
+def test_progress_names_the_first_condition_that_holds(
+    errors_m: list[float], elapsed_s: float, expected: Progress
+) -> None:
+    assert progress(errors_m, elapsed_s, CONFIG) is expected
+
+
+def test_a_worse_error_is_a_change_too() -> None:
+    assert has_changed(0.02, 0.03, CONFIG)
+    assert has_changed(0.03, 0.02, CONFIG)
+    assert not has_changed(0.03, 0.03 + 0.9 * CONFIG.changed_m, CONFIG)

@@ -1,0 +1,81 @@
+"""Flow charts as data."""
+
+import asyncio
+import enum
+
+import pytest
+
+from dlokit.decision.flow import End, Flow, FlowError, Step, mermaid, run_flow
+from dlokit.types.flow import RunOutcome
+
+
+class Coin(enum.Enum):
+    HEADS = "heads"
+    TAILS = "tails"
+
+
+async def heads(task: list[str]) -> Coin:
+    task.append("first")
+    return Coin.HEADS
+
+
+async def tails(task: list[str]) -> Coin:
+    task.append("second")
+    return Coin.TAILS
+
+
+def flow(first_tails: str = "first") -> Flow[list[str]]:
+    return Flow(
+        name="toss",
+        start="first",
+        steps=(
+            Step("first", heads, {Coin.HEADS: "second", Coin.TAILS: first_tails}),
+            Step("second", tails, {Coin.HEADS: "first", Coin.TAILS: "done"}),
+        ),
+        ends=(End("done", RunOutcome.CONVERGED),),
+    )
+
+
+def test_a_flow_follows_its_arrows_and_tells_each_box_with_the_outcome_that_led_there() -> None:
+    visited: list[tuple[str, str]] = []
+    task: list[str] = []
+
+    async def entered(step: str, last: str) -> None:
+        visited.append((step, last))
+
+    end = asyncio.run(run_flow(flow(), task, entered))
+    assert end.outcome is RunOutcome.CONVERGED
+    assert visited == [("first", ""), ("second", "heads"), ("done", "tails")]
+    assert task == ["first", "second"]
+
+
+def test_an_arrow_to_nowhere_is_refused_when_the_flow_is_made() -> None:
+    with pytest.raises(FlowError, match="arrow to 'frist'"):
+        flow(first_tails="frist")
+
+
+def test_an_outcome_without_an_arrow_is_refused_when_the_flow_is_made() -> None:
+    with pytest.raises(FlowError, match=r"no arrow for .*TAILS"):
+        Flow(
+            name="toss",
+            start="first",
+            steps=(Step("first", heads, {Coin.HEADS: "done"}),),
+            ends=(End("done", RunOutcome.CONVERGED),),
+        )
+
+
+def test_two_boxes_of_one_name_are_refused() -> None:
+    with pytest.raises(FlowError, match="two boxes"):
+        Flow(
+            name="toss",
+            start="first",
+            steps=(Step("first", heads, {Coin.HEADS: "first", Coin.TAILS: "first"}),),
+            ends=(End("first", RunOutcome.CONVERGED),),
+        )
+
+
+def test_the_drawing_has_every_arrow_and_lights_the_current_step() -> None:
+    chart = mermaid(flow(), current="second")
+    for source, outcome, target in flow().edges():
+        assert f"{source} -->|{outcome}| {target}" in chart
+    assert "style second" in chart
