@@ -1,0 +1,105 @@
+"""DLO presets: what a rope, a hose or a wire is made of, each with the source of its numbers."""
+
+import math
+from dataclasses import dataclass
+
+from dlokit.errors import ConfigError
+
+
+@dataclass(frozen=True, kw_only=True)
+class DloPreset:
+    """One kind of deformable linear object."""
+
+    name: str
+    """Short name."""
+    length_m: float = 0.5
+    """Length along the rod [m]."""
+    radius_m: float = 0.004
+    """Radius of its round cross-section [m]."""
+    mass_per_length_kg_m: float = 0.03
+    """Mass of one metre [kg/m]."""
+    bending_stiffness_n_m2: float = 1.0e-5
+    """EI, the moment that bends it to a curvature of one radian a metre [N·m²]."""
+    poisson: float = 0.3
+    """Poisson's ratio, which sets the stiffness against twist."""
+    damping_s: float = 0.02
+    """Rayleigh damping: viscous bending moment as a share of the elastic one [s]."""
+    friction: float = 0.8
+    """Coefficient of sliding friction on the table and between its own loops."""
+    color_rgb: tuple[float, float, float] = (0.93, 0.88, 0.74)
+    """Colour, each channel 0 to 1."""
+    source: str = ""
+    """Where the numbers come from."""
+
+    def __post_init__(self) -> None:
+        for field in ("length_m", "radius_m", "mass_per_length_kg_m", "bending_stiffness_n_m2"):
+            value: float = getattr(self, field)
+            if not (math.isfinite(value) and value > 0.0):
+                raise ConfigError(f"DLO preset {self.name!r}: {field} is {value}; it must be positive.")
+
+    @property
+    def mass_kg(self) -> float:
+        """Mass of the whole rod [kg]."""
+        return self.mass_per_length_kg_m * self.length_m
+
+    @property
+    def young_pa(self) -> float:
+        """Young's modulus of a solid round rod of this bending stiffness, ``E = EI / (π r⁴ / 4)`` [Pa]."""
+        return self.bending_stiffness_n_m2 / (math.pi * self.radius_m**4 / 4.0)
+
+    @property
+    def smallest_held_radius_m(self) -> float:
+        """Radius of the tightest arc that friction on a table can hold, ``(EI / (μ w))^(1/3)`` [m].
+
+        w is the weight per length. A tighter shape springs back when it is released.
+        """
+        weight_n_m = self.mass_per_length_kg_m * 9.81
+        return (self.bending_stiffness_n_m2 / (self.friction * weight_n_m)) ** (1.0 / 3.0)
+
+
+SOFT_ROPE = DloPreset(
+    name="soft_rope",
+    source="Braided 8 mm cotton rope: catalogue weights are 30 to 45 g/m; a 10 cm overhang of a soft braid hangs "
+    "down almost freely (Peirce's cantilever: EI = w c³ with a bending length c of 3 to 4 cm gives 0.8e-5 to "
+    "2e-5 N·m²). Friction of cotton on a matt table 0.6 to 0.8.",
+)
+SILICONE_HOSE = DloPreset(
+    name="silicone_hose",
+    mass_per_length_kg_m=0.044,
+    bending_stiffness_n_m2=3.7e-4,
+    poisson=0.45,
+    friction=0.9,
+    color_rgb=(0.90, 0.90, 0.88),
+    source="Computed: tube 8 mm outside, 4 mm inside, silicone of Shore 50 A (E about 2 MPa), 1.15 g/cm³: "
+    "EI = E π (R⁴ - r⁴) / 4 = 3.8e-4 N·m², 43 g/m. Silicone on wood: friction about 0.9.",
+)
+THIN_WIRE = DloPreset(
+    name="thin_wire",
+    radius_m=0.002,
+    mass_per_length_kg_m=0.017,
+    bending_stiffness_n_m2=5.6e-5,
+    friction=0.5,
+    color_rgb=(0.92, 0.86, 0.30),
+    source="Lower end of published identified stranded wires: EI 5.6e-5 to 1.0e-3 N·m², 17 to 27 g/m.",
+)
+STIFF_WIRE = DloPreset(
+    name="stiff_wire",
+    radius_m=0.003,
+    mass_per_length_kg_m=0.027,
+    bending_stiffness_n_m2=1.0e-3,
+    friction=0.5,
+    color_rgb=(0.92, 0.86, 0.30),
+    source="Upper end of published identified stranded wires: EI 5.6e-5 to 1.0e-3 N·m², 17 to 27 g/m.",
+)
+
+PRESETS = (SOFT_ROPE, SILICONE_HOSE, THIN_WIRE, STIFF_WIRE)
+"""Every preset that ships, the default first."""
+
+
+def preset(name: str) -> DloPreset:
+    """The preset called `name`. Raises ConfigError, listing the names there are."""
+    for candidate in PRESETS:
+        if candidate.name == name:
+            return candidate
+    allowed = ", ".join(candidate.name for candidate in PRESETS)
+    raise ConfigError(f"There is no DLO preset {name!r}; choose one of {allowed}.")

@@ -1,0 +1,129 @@
+"""A DLO in MuJoCo: a 1D flex, which is a discrete elastic rod (Bergou et al., SIGGRAPH 2008).
+
+Every node is a body with three slides, every edge a hinge that twists. The rod bends and twists by
+elasticity; edge equalities keep its length. The model it is added to must use the ``discrete`` integrator.
+"""
+
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dlokit.description.dlo import DloPreset
+from dlokit.errors import ConfigError
+from dlokit.types.arrays import Float64Array, Int64Array
+
+CONTACT_SOLREF = (0.004, 1.0)
+"""Time constant [s] and damping ratio of contacts that do not creep; table, rod and pads share it."""
+CONTACT_SOLIMP = (0.99, 0.999, 0.001, 0.5, 2.0)
+"""Impedance of contacts that do not creep: static friction creeps with ``1 - solimp[0]``."""
+IMPRATIO = 100.0
+"""Ratio of frictional to normal impedance; with elliptic cones, what keeps a bent rod from sliding for ever."""
+
+
+def set_rod_physics(spec: Any, timestep_s: float) -> None:
+    """Set the options of `spec` (MjSpec) under which a rod is stable and its friction holds."""
+    spec.option.timestep = timestep_s
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_DISCRETE
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.impratio = IMPRATIO
+
+
+def add_rod(
+    spec: Any,
+    preset: DloPreset,
+    nodes: int,
+    name: str = "rod",
+    *,
+    self_collision: bool = True,
+    collision_bits: int = 1,
+) -> None:
+    """Add a straight rod of `nodes` nodes, centred at the origin along x, to `spec` (MjSpec).
+
+    Its flex is called ``{name}/flex``, its bodies ``{name}/flex_0`` and following. `collision_bits` is both contype and
+    conaffinity. Raises ConfigError when the nodes lie too close together for their radius.
+    """
+    spacing_m = preset.length_m / (nodes - 1) if nodes > 1 else 0.0
+    if nodes < 3 or spacing_m < 2.2 * preset.radius_m:
+        most = int(preset.length_m / (2.2 * preset.radius_m)) + 1
+        raise ConfigError(
+            f"A rod of {preset.length_m} m and radius {preset.radius_m} m cannot have {nodes} nodes; "
+            f"3 to {most} are allowed, or its neighbours touch. Choose fewer nodes or a thinner rod."
+        )
+    child = mujoco.MjSpec.from_string(_mjcf(preset, nodes, self_collision, collision_bits))
+    spec.attach(child, prefix=f"{name}/", frame=spec.worldbody.add_frame())
+
+
+def rod_bodies(model: Any, name: str = "rod") -> Int64Array:
+    """Body ids of the nodes of rod `name`, in order, (M,)."""
+    flex = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_FLEX, f"{name}/flex")
+    if flex < 0:
+        raise ConfigError(f"The model has no rod named {name!r}; add one with add_rod first.")
+    start, count = model.flex_vertadr[flex], model.flex_vertnum[flex]
+    return np.array(model.flex_vertbodyid[start : start + count], dtype=np.int64)
+
+
+def rod_nodes(model: Any, data: Any, name: str = "rod") -> Float64Array:
+    """Where the nodes of rod `name` are now, (M, 3) [m], in the world frame."""
+    bodies = rod_bodies(model, name)
+    return np.asarray(data.qpos[_slide_addresses(model, bodies)] + model.body_pos[bodies], dtype=np.float64)
+
+
+def rod_velocities(model: Any, data: Any, name: str = "rod") -> Float64Array:
+    """Velocities of the nodes of rod `name`, (M, 3) [m/s], in the world frame."""
+    dofs = model.jnt_dofadr[model.body_jntadr[rod_bodies(model, name)]]
+    return np.array(data.qvel[dofs[:, None] + np.arange(3)], dtype=np.float64)
+
+
+def set_rod_nodes(model: Any, data: Any, nodes_world: ArrayLike, name: str = "rod") -> None:
+    """Put the nodes of rod `name` at `nodes_world` (M, 3) [m], at rest and without twist.
+
+    Call mj_forward afterwards if derived quantities are read before the next step.
+    """
+    bodies = rod_bodies(model, name)
+    nodes = np.asarray(nodes_world, dtype=np.float64)
+    if nodes.shape != (len(bodies), 3):
+        raise ConfigError(
+            f"Rod {name!r} has {len(bodies)} nodes; nodes_world must be ({len(bodies)}, 3), not {nodes.shape}."
+        )
+    data.qpos[_slide_addresses(model, bodies)] = nodes - model.body_pos[bodies]
+    dofs = model.jnt_dofadr[model.body_jntadr[bodies]]
+    data.qvel[dofs[:, None] + np.arange(3)] = 0.0
+    for edge in range(len(bodies) - 1):
+        joint = _twist_joint(model, name, edge, len(bodies) - 1)
+        data.qpos[model.jnt_qposadr[joint]] = 0.0
+        data.qvel[model.jnt_dofadr[joint]] = 0.0
+    # Zero frames make the engine start them anew from the current tangents, free of twist.
+    data.plastic[:] = 0.0
+    data.qacc_warmstart[:] = 0.0
+
+
+def _slide_addresses(model: Any, bodies: Int64Array) -> NDArray[np.int64]:
+    """Addresses in qpos of the three slides of each body, (M, 3)."""
+    return np.asarray(model.jnt_qposadr[model.body_jntadr[bodies]][:, None] + np.arange(3), dtype=np.int64)
+
+
+def _twist_joint(model: Any, name: str, edge: int, edges: int) -> int:
+    joint = f"{name}/flex_twist" if edge == edges - 1 else f"{name}/flex_twist_{edge}"
+    return int(mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, joint))
+
+
+def _mjcf(preset: DloPreset, nodes: int, self_collision: bool, collision_bits: int) -> str:
+    return f"""
+<mujoco>
+  <worldbody>
+    <flexcomp name="flex" type="grid" dim="1" count="{nodes} 1 1" spacing="{preset.length_m / (nodes - 1):.12g} 1 1"
+              radius="{preset.radius_m:.9g}" mass="{preset.mass_kg:.9g}" rgba="{_numbers(preset.color_rgb)} 1">
+      <edge equality="true" solref="{_numbers(CONTACT_SOLREF)}"/>
+      <elasticity young="{preset.young_pa:.9g}" poisson="{preset.poisson:.9g}" damping="{preset.damping_s:.9g}"/>
+      <contact condim="3" friction="{preset.friction:.9g} 0.001 0.0001" solref="{_numbers(CONTACT_SOLREF)}"
+               solimp="{_numbers(CONTACT_SOLIMP)}" selfcollide="{"auto" if self_collision else "none"}"
+               contype="{collision_bits}" conaffinity="{collision_bits}"/>
+    </flexcomp>
+  </worldbody>
+</mujoco>"""
+
+
+def _numbers(values: tuple[float, ...]) -> str:
+    return " ".join(f"{value:.9g}" for value in values)
