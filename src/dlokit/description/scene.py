@@ -1,0 +1,106 @@
+"""The scene around arm and DLO: table, light, and where the stereo camera stands."""
+
+import mujoco
+import numpy as np
+
+from dlokit import geometry
+from dlokit.description.rod import CONTACT_SOLIMP, CONTACT_SOLREF
+from dlokit.types.arrays import UInt8Array
+from dlokit.types.image import CameraCalibration
+
+TABLE_CENTER_M = (0.45, 0.0)
+"""Middle of the table top [m], in the world frame."""
+TABLE_HALF_SIZE_M = (0.75, 0.70)
+"""Half the table's length and width [m]."""
+TABLE_THICKNESS_M = 0.05
+STEREO_BASELINE_M = 0.0998
+"""Distance of the two cameras, as published for the authors' camera [m]."""
+REFERENCE_WIDTH_PX = 640
+REFERENCE_FOCAL_PX = 722.0
+"""Focal length at `REFERENCE_WIDTH_PX` [px]; it scales with the width."""
+T_CAMERA_WORLD = (
+    (-0.9983, -0.0537, -0.0224, 0.570),
+    (-0.0343, 0.8540, -0.5191, 0.016),
+    (0.0470, -0.5174, -0.8544, 1.159),
+    (0.0, 0.0, 0.0, 1.0),
+)
+"""The authors' published camera pose, ``p_camera = T p_world``, rounded to four digits; the camera stands at
+(0.515, 0.617, 1.011) m and looks at the middle of the table."""
+
+_TEXTURE_PX = 1024
+_TEXTURE_SEED = 20220
+_TABLE_GREY = 62.0  # mean grey value of the table, dark enough for a brightness filter at 120
+_SPECKLE_GREY = 16.0  # standard deviation of its grain: what stereo matching holds on to
+
+
+def default_calibration(width_px: int = 640, height_px: int = 560) -> CameraCalibration:
+    """The rectified stereo camera of the paper's rig at a picture size; the principal point is the centre."""
+    focal_px = REFERENCE_FOCAL_PX * width_px / REFERENCE_WIDTH_PX
+    T = np.array(T_CAMERA_WORLD, dtype=np.float64)
+    # The published rotation is rounded: take the nearest true rotation.
+    u, _, vt = np.linalg.svd(T[:3, :3])
+    T[:3, :3] = u @ vt
+    return CameraCalibration(
+        width_px=width_px,
+        height_px=height_px,
+        fx_px=focal_px,
+        fy_px=focal_px,
+        cx_px=(width_px - 1) / 2.0,
+        cy_px=(height_px - 1) / 2.0,
+        T_world_camera=geometry.inverse(geometry.pose_from_matrix(T)),
+        baseline_m=STEREO_BASELINE_M,
+        serial="simulated",
+        date="2022-05-15",
+    )
+
+
+def add_table(spec: mujoco.MjSpec, *, friction: float) -> None:
+    """Add the table, its top at z = 0, dark and grained so that stereo matching finds something to match."""
+    texture = spec.add_texture(
+        name="table",
+        type=mujoco.mjtTexture.mjTEXTURE_2D,
+        width=_TEXTURE_PX,
+        height=_TEXTURE_PX,
+        nchannel=3,
+    )
+    texture.data = table_texture().tobytes()
+    material = spec.add_material(name="table", specular=0.0, shininess=0.0, reflectance=0.0)
+    material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "table"
+    spec.worldbody.add_geom(
+        name="table",
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        pos=[*TABLE_CENTER_M, -TABLE_THICKNESS_M / 2],
+        size=[*TABLE_HALF_SIZE_M, TABLE_THICKNESS_M / 2],
+        material="table",
+        friction=[friction, 0.001, 0.0001],
+        solref=CONTACT_SOLREF,
+        solimp=CONTACT_SOLIMP,
+    )
+
+
+def add_lights(spec: mujoco.MjSpec, *, shadows: bool) -> None:
+    """Add two lamps above the table, one from each side."""
+    for name, position, strength in (("lamp_left", (0.2, 1.0, 2.0), 0.45), ("lamp_right", (0.9, -0.6, 2.0), 0.30)):
+        target = np.array([TABLE_CENTER_M[0], TABLE_CENTER_M[1], 0.0])
+        spec.worldbody.add_light(
+            name=name,
+            pos=position,
+            dir=target - np.array(position),
+            type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+            diffuse=[strength] * 3,
+            specular=[0.05] * 3,
+            ambient=[0.0] * 3,
+            castshadow=shadows,
+        )
+
+
+def table_texture() -> UInt8Array:
+    """Grain at three scales around a dark grey, (1024, 1024, 3), the same every time."""
+    rng = np.random.default_rng(_TEXTURE_SEED)
+    grain = np.zeros((_TEXTURE_PX, _TEXTURE_PX))
+    for cell_px, weight in ((2, 1.0), (6, 0.8), (24, 0.5)):
+        count = -(-_TEXTURE_PX // cell_px)
+        coarse = rng.normal(size=(count, count))
+        grain += weight * np.kron(coarse, np.ones((cell_px, cell_px)))[:_TEXTURE_PX, :_TEXTURE_PX]
+    grey = _TABLE_GREY + _SPECKLE_GREY * grain / grain.std()
+    return np.repeat(np.clip(grey, 8.0, 105.0).astype(np.uint8)[:, :, None], 3, axis=2)

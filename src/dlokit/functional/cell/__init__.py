@@ -1,0 +1,1 @@
+"""The cell that stands in for reality."""

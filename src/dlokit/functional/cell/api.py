@@ -1,0 +1,75 @@
+"""The cell's socket: what the simulated camera and the simulated robot ask of it.
+
+Drivers alone call these skills. They are what cables to a real camera and a real arm are; the DLO's true shape
+is not among them.
+"""
+
+from dlokit.communication.skill import Skill
+from dlokit.types.arrays import Float64Array
+from dlokit.types.image import StereoImages
+from dlokit.types.robot import GripResult, JointTrajectory, MotionResult
+
+
+def _capture() -> StereoImages:
+    """Expose both cameras now, with the calibration that the cell's owner believes in.
+
+    Fails with: no_opengl.
+    """
+    ...
+
+
+def _follow(trajectory: JointTrajectory, lease_s: float) -> MotionResult:
+    """Move the arm along a joint trajectory, from the first of its samples to the last.
+
+    The arm brakes within its limits when the call is cancelled, on STOP, and when no RENEW came for `lease_s`
+    seconds of the machine's clock; after the last it is in fault.
+    Fails with: stopped, lost_commander. Rejected with: busy, fault, wrong_start, outside_limits, bad_trajectory.
+    """
+    ...
+
+
+def _renew() -> None:
+    """Say that the commander of the motion is still there."""
+    ...
+
+
+def _servo_to(q_rad: Float64Array, dq_rad_s: Float64Array) -> None:
+    """Set the joint angles (7,) and velocities (7,) to be at now; call again within 0.1 s, or the arm brakes.
+
+    Rejected with: busy, fault, outside_limits.
+    """
+    ...
+
+
+def _grip(width_m: float, force_n: float) -> GripResult:
+    """Bring the fingers to a width, pressing with at most `force_n` on what is between them; waits until they rest.
+
+    Rejected with: bad_width, bad_force.
+    """
+    ...
+
+
+def _stop() -> None:
+    """Brake the arm within its limits; returns when it stands."""
+    ...
+
+
+def _recover() -> None:
+    """Clear a fault; the arm stays where it is."""
+    ...
+
+
+CAPTURE = Skill("cell", "capture", _capture, timeout_s=10.0, ensures="both pictures are of the same moment")
+FOLLOW = Skill(
+    "cell",
+    "follow",
+    _follow,
+    timeout_s=120.0,
+    requires="no other motion runs, no fault, the trajectory starts at rest where the arm is and keeps its limits",
+    ensures="the arm stands at the last sample",
+)
+RENEW = Skill("cell", "renew", _renew, timeout_s=1.0)
+SERVO_TO = Skill("cell", "servo_to", _servo_to, timeout_s=1.0, requires="no trajectory runs, no fault")
+GRIP = Skill("cell", "grip", _grip, timeout_s=10.0, ensures="the fingers are at rest")
+STOP = Skill("cell", "stop", _stop, timeout_s=5.0, ensures="the arm stands")
+RECOVER = Skill("cell", "recover", _recover, timeout_s=5.0, ensures="the arm is idle")
