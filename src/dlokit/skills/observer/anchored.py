@@ -1,0 +1,235 @@
+"""Coherent point drift, then nodes put back to their places along the rod: the default observer.
+
+A mixture fits the curve but leaves its nodes free to slide along it by centimetres. What fixes them is the
+rod's own length: where a tip is seen, node i lies at arc length i / (M - 1) of the rod's length from it.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dlokit.geometry import arc_lengths
+from dlokit.skills.observer.base import nothing_seen
+from dlokit.skills.observer.cpd import CpdConfig, register, thinned
+from dlokit.skills.observer.curve import CurveConfig, FittedCurve, Segment, fit_curve, project
+from dlokit.skills.observer.hidden import fill_hidden
+from dlokit.skills.observer.visibility import VisibilityConfig, shaded, visible_nodes
+from dlokit.types.dlo import DloState, TargetPoints, Topology
+from dlokit.types.observation import Observation
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, kw_only=True)
+class AnchoredConfig:
+    """Coherent point drift, with nodes held at their arc length from the tips and pins that are seen."""
+
+    cpd: CpdConfig = field(default_factory=CpdConfig)
+    """The registration that finds the curve and which way round the rod lies."""
+    curve: CurveConfig = field(default_factory=CurveConfig)
+    """The fit of the centre line."""
+    visibility: VisibilityConfig = field(default_factory=VisibilityConfig)
+    """When a node counts as seen."""
+    length_tolerance: float = 0.06
+    """Both tips count as seen when the seen curve is shorter or longer than the rod by at most this share."""
+    tip_snap_m: float = 0.03
+    """An end of a curve that is too short counts as a tip when registration puts it so near to one [m]."""
+
+    def build(self) -> "Anchored":
+        """The strategy with these settings."""
+        return Anchored(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Anchor:
+    """A place on the fitted curve whose place on the rod is known."""
+
+    s_m: float
+    """Arc length on the fitted curve [m]."""
+    rod_m: float
+    """Arc length on the rod, from node 0 [m]."""
+
+
+class Anchored:
+    """Registration, centre line, anchors at tips and pins, nodes by arc length; hidden ones by the prior."""
+
+    def __init__(self, config: AnchoredConfig | None = None) -> None:
+        self._config = config or AnchoredConfig()
+
+    def estimate(self, seen: Observation, prior: DloState) -> TargetPoints:
+        """Target points in order along the rod.
+
+        A DLO that is not one chain is registered without anchors. Health is the share of the cloud that
+        lies on the curve, lowered when the curve is longer than the rod can be.
+        """
+        points = np.asarray(seen.points_world, dtype=np.float64)
+        if len(points) == 0:
+            return nothing_seen(seen, prior)
+        config = self._config
+        drifted = register(thinned(points, config.cpd.max_points), prior.nodes_world, config.cpd)
+        curve = fit_curve(points, drifted.nodes, config.curve) if is_chain(prior.topology) else None
+        if curve is None:
+            return TargetPoints(
+                stamp_ns=seen.stamp_ns,
+                nodes_world=drifted.nodes,
+                visible=visible_nodes(drifted.nodes, points, seen, config.visibility),
+                health=float(np.mean(drifted.inliers)),
+            )
+        rod_m = np.concatenate(([0.0], np.cumsum(prior.topology.rest_lengths_m)))
+        s_m, covered = node_places(curve, drifted.nodes, rod_m, seen, config)
+        nodes = curve.at(s_m)
+        visible = covered & visible_nodes(nodes, points, seen, config.visibility)
+        nodes = _pinned(nodes, seen)
+        return TargetPoints(
+            stamp_ns=seen.stamp_ns,
+            nodes_world=fill_hidden(nodes, visible | _pins(len(nodes), seen), prior.nodes_world),
+            visible=visible,
+            health=_health(curve, float(rod_m[-1]), config),
+        )
+
+
+def is_chain(topology: Topology) -> bool:
+    """Whether the edges join node 0 to 1 to 2 and so on."""
+    first = np.arange(len(topology.edges))
+    return len(first) > 0 and bool(np.array_equal(topology.edges, np.column_stack([first, first + 1])))
+
+
+def node_places(
+    curve: FittedCurve, drifted: Array, rod_m: Array, seen: Observation, config: AnchoredConfig
+) -> tuple[Array, Flags]:
+    """Where on the curve each node lies (M,) [m], and whether that place is within what was seen (M,).
+
+    `rod_m` (M,) are the nodes' arc lengths on the rod. Every seen stretch of the curve maps to the rod by
+    its own anchors; one without takes its offset from the anchors nearest to it, or from the registration.
+    """
+    anchors = _tips(curve, drifted, rod_m, seen, config) + _pin_anchors(curve, rod_m, seen)
+    anchors.sort(key=lambda anchor: anchor.s_m)
+    offset = _registered_offset(curve, drifted, rod_m)
+    known_s: list[float] = []
+    known_rod: list[float] = []
+    for segment in curve.segments:
+        s = np.array([segment.start_m, segment.end_m])
+        known_s += s.tolist()
+        known_rod += _on_rod(s, segment, anchors, offset).tolist()
+    # Stretches that overlap on the rod (a gap that shrank to nothing) must still run forward along it.
+    ordered = np.maximum.accumulate(np.array(known_rod) + 1e-6 * np.arange(len(known_rod)))
+    places = np.interp(rod_m, ordered, known_s)
+    places += np.minimum(rod_m - ordered[0], 0.0) + np.maximum(rod_m - ordered[-1], 0.0)
+    half = 0.5 * float(np.mean(np.diff(rod_m)))
+    covered = np.zeros(len(rod_m), dtype=np.bool_)
+    for low, high in zip(ordered[::2], ordered[1::2], strict=True):
+        covered |= (rod_m >= low - half) & (rod_m <= high + half)
+    return places, covered
+
+
+def _tips(curve: FittedCurve, drifted: Array, rod_m: Array, seen: Observation, config: AnchoredConfig) -> list[Anchor]:
+    """The ends of the seen curve that are ends of the rod.
+
+    Both, when the curve is as long as the rod. Otherwise an end is a tip when nothing hides what would
+    follow it and the registration agrees; at most one where a part in between is not missing.
+    """
+    length = float(rod_m[-1])
+    start, end = curve.segments[0].start_m, curve.segments[-1].end_m
+    first, last = Anchor(s_m=start, rod_m=0.0), Anchor(s_m=end, rod_m=length)
+    if abs(end - start - length) <= config.length_tolerance * length:
+        return [first, last]
+    onward = np.array([0.005, 0.01, 0.015])
+    cut_first = bool(np.any(shaded(curve.at(start - onward), seen, config.visibility)))
+    cut_last = bool(np.any(shaded(curve.at(end + onward), seen, config.visibility)))
+    if len(curve.segments) > 1 and not cut_first and not cut_last:
+        offset_free = abs(end - start - length) <= 3 * config.length_tolerance * length
+        if offset_free:  # the way across the gap is uncertain, not the tips
+            return [first, last]
+    offset = _registered_offset(curve, drifted, rod_m)
+    found: list[Anchor] = []
+    if not cut_first and abs(start + offset) <= config.tip_snap_m:
+        found.append(first)
+    if not cut_last and abs(end + offset - length) <= config.tip_snap_m:
+        found.append(last)
+    if len(found) == 2 and len(curve.segments) == 1:  # too short to show both: the one that fits better
+        better = 0 if abs(start + offset) <= abs(end + offset - length) else 1
+        return [found[better]]
+    return found
+
+
+def _pin_anchors(curve: FittedCurve, rod_m: Array, seen: Observation) -> list[Anchor]:
+    """The nodes held by grippers, where they project on the curve."""
+    if not seen.pins:
+        return []
+    s, distance = project(np.array([pin.position_world for pin in seen.pins], dtype=np.float64), curve.points)
+    near = 0.03  # a rod in the fingers runs through the tool centre point; farther off, the curve missed it
+    return [
+        Anchor(s_m=float(at), rod_m=float(rod_m[pin.node]))
+        for pin, at, off in zip(seen.pins, s, distance, strict=True)
+        if off < near
+    ]
+
+
+def _registered_offset(curve: FittedCurve, drifted: Array, rod_m: Array) -> float:
+    """Rod coordinate minus curve coordinate, as the registration has it: the median over its nodes [m]."""
+    s, _ = project(drifted, curve.points)
+    return float(np.median(rod_m - s))
+
+
+def _on_rod(s: Array, segment: Segment, anchors: list[Anchor], offset: float) -> Array:
+    """The rod coordinates of the two ends `s` of a seen stretch [m]."""
+    slack = 0.01  # a pin sits in the shadow of its fingers, just outside the stretch
+    inside = [a for a in anchors if segment.start_m - slack <= a.s_m <= segment.end_m + slack]
+    if len(inside) >= 2:
+        known_s = np.array([a.s_m for a in inside])
+        known = np.array([a.rod_m for a in inside])
+        past = np.minimum(s - known_s[0], 0.0) + np.maximum(s - known_s[-1], 0.0)
+        return np.interp(s, known_s, known) + past
+    if len(inside) == 1:
+        return s + inside[0].rod_m - inside[0].s_m
+    before = [a for a in anchors if a.s_m < segment.start_m][-1:]
+    after = [a for a in anchors if a.s_m > segment.end_m][:1]
+    offsets = [a.rod_m - a.s_m for a in before + after]
+    return s + (float(np.mean(offsets)) if offsets else offset)
+
+
+def _pins(count: int, seen: Observation) -> Flags:
+    """Which nodes are held, (M,)."""
+    held = np.zeros(count, dtype=np.bool_)
+    for pin in seen.pins:
+        held[pin.node] = True
+    return held
+
+
+def _pinned(nodes: Array, seen: Observation) -> Array:
+    """The nodes, the held ones where the grippers are."""
+    result = nodes.copy()
+    for pin in seen.pins:
+        result[pin.node] = pin.position_world
+    return result
+
+
+def _health(curve: FittedCurve, length_m: float, config: AnchoredConfig) -> float:
+    """The share of the cloud on the curve, times how well the curve's length fits the rod (at most 1)."""
+    share = float(np.mean(curve.used))
+    excess = max(arc_span(curve) / length_m - 1.0 - config.length_tolerance, 0.0)
+    return share * max(1.0 - 4.0 * excess, 0.0)
+
+
+def arc_span(curve: FittedCurve) -> float:
+    """Length of the curve from the first to the last seen place [m]."""
+    return curve.segments[-1].end_m - curve.segments[0].start_m
+
+
+def chain(count: int, length_m: float) -> Topology:
+    """The topology of a plain rod: `count` nodes in a row, equally spaced."""
+    first = np.arange(count - 1)
+    return Topology(
+        edges=np.column_stack([first, first + 1]).astype(np.int64),
+        rest_lengths_m=np.full(count - 1, length_m / (count - 1)),
+    )
+
+
+def chain_lengths(nodes: Array) -> Topology:
+    """The topology of a plain rod at rest in the shape of its nodes (M, 3) [m]."""
+    first = np.arange(len(nodes) - 1)
+    return Topology(
+        edges=np.column_stack([first, first + 1]).astype(np.int64), rest_lengths_m=np.diff(arc_lengths(nodes))
+    )

@@ -1,0 +1,39 @@
+"""What an observer strategy is: it turns a cloud and the old state into target points (Fig. 3)."""
+
+from typing import Protocol
+
+import numpy as np
+
+from dlokit.types.dlo import DloState, TargetPoints
+from dlokit.types.observation import Observation
+
+
+class ObserverStrategy(Protocol):
+    """One way to find the nodes of a DLO in a cloud, given where they were."""
+
+    def estimate(self, seen: Observation, prior: DloState) -> TargetPoints:
+        """The nodes (M, 3) [m] in the world, in the order of `prior`, with the stamp of `seen`.
+
+        Pure: the same arguments give the same result. Nodes that could not be seen are marked not
+        visible and stay coherent with their neighbours. An empty cloud gives the prior back, nothing
+        visible, health 0.
+        """
+        ...
+
+
+class ObserverStrategyConfig(Protocol):
+    """The settings of a strategy: a frozen dataclass that knows how to build it."""
+
+    def build(self) -> ObserverStrategy:
+        """The strategy with these settings."""
+        ...
+
+
+def nothing_seen(seen: Observation, prior: DloState) -> TargetPoints:
+    """The prior's nodes, none visible: what every strategy answers to an empty cloud."""
+    return TargetPoints(
+        stamp_ns=seen.stamp_ns,
+        nodes_world=prior.nodes_world.copy(),
+        visible=np.zeros(len(prior.nodes_world), dtype=np.bool_),
+        health=0.0,
+    )

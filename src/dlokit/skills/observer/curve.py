@@ -1,0 +1,193 @@
+"""The centre line of a thin cloud: a smooth curve fitted to points near a guide."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import make_smoothing_spline
+from scipy.spatial import KDTree
+
+from dlokit.geometry import arc_lengths
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+STEP_M = 0.002  # spacing of the fitted polyline: a tenth of the tightest bend in use
+
+
+@dataclass(frozen=True, kw_only=True)
+class CurveConfig:
+    """How a centre line is fitted."""
+
+    reach_m: float = 0.02
+    """Points farther from the guide than this do not belong to the DLO [m]; also how far ends are searched."""
+    spread_m: float = 0.008
+    """Points farther from the fitted curve than this are outliers [m]: radius and three times the noise."""
+    smoothing_m: float = 0.012
+    """Bends shorter than this are taken for noise [m]."""
+    bin_m: float = 0.005
+    """Length of curve over which points are averaged [m]."""
+    gap_m: float = 0.02
+    """A stretch without points is a gap when it is longer than this [m]."""
+    iterations: int = 3
+    """How often the curve becomes the next guide."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Segment:
+    """A stretch of curve with points, from `start_m` to `end_m` of its arc length."""
+
+    start_m: float
+    end_m: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class FittedCurve:
+    """A centre line as a dense polyline, with the stretches that were seen."""
+
+    points: Array
+    """(K, 3) [m], about 2 mm apart; reaches a little past what was seen."""
+    s_m: Array
+    """(K,) arc length from the first point [m]."""
+    segments: tuple[Segment, ...]
+    """What was seen, in order; never empty."""
+    spread_m: float
+    """Root mean square distance of its points to the curve [m]."""
+    used: Flags
+    """(N,) which points of the cloud belong to the curve."""
+
+    def at(self, s_m: Array) -> Array:
+        """Positions (n, 3) [m] at arc lengths (n,) [m]; past an end, straight on."""
+        return polyline_at(self.points, self.s_m, s_m)
+
+
+def polyline_at(points: Array, s_m: Array, wanted_m: Array) -> Array:
+    """Positions (n, 3) at arc lengths of a polyline; past an end, straight on along its last 2 cm."""
+    result = np.column_stack([np.interp(wanted_m, s_m, points[:, axis]) for axis in range(points.shape[1])])
+    reach = 0.02
+    for end, sign in ((0, 1.0), (-1, -1.0)):
+        past = sign * (s_m[end] - wanted_m)
+        inner = np.array([np.interp(s_m[end] + sign * reach, s_m, points[:, axis]) for axis in range(3)])
+        direction = points[end] - inner
+        direction /= max(float(np.linalg.norm(direction)), 1e-9)
+        result[past > 0] = points[end] + past[past > 0, None] * direction
+    return result
+
+
+def project(points: Array, polyline: Array) -> tuple[Array, Array]:
+    """Arc length of the nearest place on a polyline (K, 3) to each point (N, 3), and the distance; both (N,).
+
+    Expects a polyline whose spacing is small against its distance to itself: only the two pieces at the
+    nearest vertex are looked at.
+    """
+    s = arc_lengths(polyline)
+    _, nearest = KDTree(polyline).query(points)
+    best_s, best_d2 = s[nearest], np.sum((points - polyline[nearest]) ** 2, axis=1)
+    for offset in (-1, 0):
+        a = np.clip(nearest + offset, 0, len(polyline) - 2)
+        edge = polyline[a + 1] - polyline[a]
+        t = np.sum((points - polyline[a]) * edge, axis=1) / np.maximum(np.sum(edge**2, axis=1), 1e-18)
+        t = np.clip(t, 0.0, 1.0)
+        d2 = np.sum((points - polyline[a] - t[:, None] * edge) ** 2, axis=1)
+        better = d2 < best_d2
+        best_d2 = np.where(better, d2, best_d2)
+        best_s = np.where(better, s[a] + t * (s[a + 1] - s[a]), best_s)
+    return best_s, np.sqrt(best_d2)
+
+
+def dense(polyline: Array, past_m: float) -> Array:
+    """A polyline at steps of 2 mm, lengthened straight on by `past_m` at both ends."""
+    s = arc_lengths(polyline)
+    count = max(int(np.ceil((s[-1] + 2 * past_m) / STEP_M)), 2)
+    return polyline_at(polyline, s, np.linspace(-past_m, s[-1] + past_m, count + 1))
+
+
+def fit_curve(points: Array, guide: Array, config: CurveConfig) -> FittedCurve | None:
+    """The centre line of a cloud (N, 3) [m] near a guide (K, 3) [m] that runs along it, or None.
+
+    Each iteration projects the points on the guide, averages them over short bins of arc length, and
+    smooths the averages by a cubic spline with a penalty on its second derivative; the curve is the next
+    guide, lengthened at both ends to catch what lies beyond. None when too few points lie near the guide.
+    """
+    polyline, limit = guide, config.reach_m
+    for _ in range(config.iterations):
+        smooth = _smoothed(points, dense(polyline, config.reach_m), limit, config)
+        if smooth is None:
+            return None
+        polyline, limit = smooth, config.spread_m
+    polyline = dense(polyline, config.reach_m)
+    s, distance = project(points, polyline)
+    length = arc_lengths(polyline)[-1]
+    used = (distance < config.spread_m) & (s > 0.0) & (s < length)
+    segments = _segments(s[used], length, config)
+    if not segments:
+        return None
+    return FittedCurve(
+        points=polyline,
+        s_m=arc_lengths(polyline),
+        segments=segments,
+        spread_m=float(np.sqrt(np.mean(distance[used] ** 2))),
+        used=used,
+    )
+
+
+def _smoothed(points: Array, guide: Array, limit_m: float, config: CurveConfig) -> Array | None:
+    """The smoothed averages of the points near a dense guide, over the stretch they cover; None if too few."""
+    s, distance = project(points, guide)
+    length = arc_lengths(guide)[-1]
+    near = (distance < limit_m) & (s > 0.0) & (s < length)
+    covered = _segments(s[near], length, config)
+    if not covered:
+        return None
+    first, last = covered[0].start_m, covered[-1].end_m
+    inside = near & (s >= first) & (s <= last)
+    s, X = s[inside], points[inside]
+    bins = np.floor((s - first) / config.bin_m).astype(np.int64)
+    counts = np.bincount(bins)
+    full = counts > 0
+    if np.count_nonzero(full) < 5:
+        return None
+
+    def mean(values: Array) -> Array:
+        return np.bincount(bins, weights=values)[full] / counts[full]
+
+    means = np.column_stack([mean(X[:, axis]) for axis in range(3)])
+    # In units of the smoothing length and with weights of one per unit of length, the penalty is 1.
+    weights = np.minimum(counts[full] / np.median(counts[full]), 3.0) * config.bin_m / config.smoothing_m
+    spline = make_smoothing_spline(mean(s) / config.smoothing_m, means, weights, lam=1.0)
+    steps = max(int(np.ceil((last - first) / STEP_M)), 2)
+    return np.asarray(spline(np.linspace(first, last, steps + 1) / config.smoothing_m), dtype=np.float64)
+
+
+def _segments(s: Array, length_m: float, config: CurveConfig) -> tuple[Segment, ...]:
+    """The stretches of arc length that points cover, gaps longer than `gap_m` apart."""
+    if len(s) < 10:
+        return ()
+    width = config.bin_m
+    counts = np.bincount(np.clip((s / width).astype(np.int64), 0, None), minlength=int(np.ceil(length_m / width)))
+    # A stray point does not cover a bin: that takes a fifth of what is usual.
+    covered = np.flatnonzero(counts > 0.2 * np.median(counts[counts > 0]))
+    breaks = np.flatnonzero(np.diff(covered) > config.gap_m / width) + 1
+    found: list[Segment] = []
+    for run in np.split(covered, breaks):
+        low, high = run[0] * width, (run[-1] + 1) * width
+        inside = s[(s >= low - width) & (s <= high + width)]
+        if len(run) >= 2 and len(inside) >= 5:
+            found.append(Segment(start_m=-_edge(-inside), end_m=_edge(inside)))
+    return tuple(found)
+
+
+def _edge(s: Array) -> float:
+    """Where a stretch of points with arc lengths s (n,) ends at its upper side [m].
+
+    Noise blurs the end, symmetrically: behind a place s0 well inside, the stretch goes on for as long as
+    its density needs to hold the points that lie there, s0 + n(s > s0) / density.
+    """
+    top = float(np.quantile(s, 1.0 - min(2.0 / len(s), 0.5)))
+    inner, deep = top - 0.008, top - 0.038
+    inside = s[(s > deep) & (s <= inner)]
+    if len(inside) < 5:
+        return top
+    density = len(inside) / (inner - max(deep, float(s.min())))
+    estimate = inner + np.count_nonzero(s > inner) / density
+    return float(np.clip(estimate, top - 0.006, s.max()))

@@ -1,0 +1,80 @@
+"""Which nodes a look could see: in the picture, not behind the robot, and with points around them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import minimum_filter
+from scipy.spatial import KDTree
+
+from dlokit.geometry import inverse, transform
+from dlokit.types.image import CameraCalibration
+from dlokit.types.observation import Observation, Occlusion
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, kw_only=True)
+class VisibilityConfig:
+    """When a node counts as seen."""
+
+    radius_m: float = 0.015
+    """Points nearer than this support a node [m]; about a node spacing."""
+    least_points: int = 3
+    """A node with fewer supporting points is hidden."""
+    robot_margin_m: float = 0.01
+    """The robot hides what lies at least so far behind its surface [m]."""
+    picture_margin_px: float = 3.0
+    """A node nearer to the border of the picture than this is out of view [px]."""
+
+
+def visible_nodes(nodes_world: Array, points_world: Array, seen: Observation, config: VisibilityConfig) -> Flags:
+    """Whether each node (M, 3) [m] was seen in the cloud (N, 3) [m], (M,)."""
+    return supported(nodes_world, points_world, config) & ~shaded(nodes_world, seen, config)
+
+
+def supported(nodes_world: Array, points_world: Array, config: VisibilityConfig) -> Flags:
+    """Whether enough points lie around each node, (M,)."""
+    if len(points_world) == 0:
+        return np.zeros(len(nodes_world), dtype=np.bool_)
+    counts = KDTree(points_world).query_ball_point(nodes_world, config.radius_m, return_length=True)
+    return np.asarray(counts) >= config.least_points
+
+
+def shaded(positions_world: Array, seen: Observation, config: VisibilityConfig) -> Flags:
+    """Whether each position (K, 3) [m] is out of the picture or behind the robot, (K,).
+
+    Without a calibration nothing is known to be shaded.
+    """
+    if seen.calibration is None:
+        return np.zeros(len(positions_world), dtype=np.bool_)
+    pixels, depth_m = _projected(positions_world, seen.calibration)
+    margin = config.picture_margin_px
+    size = np.array([seen.calibration.width_px, seen.calibration.height_px])
+    outside = (depth_m <= 0.0) | np.any((pixels < margin) | (pixels > size - 1 - margin), axis=1)
+    if seen.occlusion is None:
+        return outside
+    return outside | (_robot_depth(pixels, seen.occlusion) < depth_m - config.robot_margin_m)
+
+
+def _projected(positions_world: Array, camera: CameraCalibration) -> tuple[Array, Array]:
+    """Pixels (K, 2) and depths (K,) [m] of positions, by the pinhole model."""
+    p_camera = transform(inverse(camera.T_world_camera), positions_world)
+    z = p_camera[:, 2]
+    safe = np.where(np.abs(z) < 1e-9, 1e-9, z)
+    u = camera.fx_px * p_camera[:, 0] / safe + camera.cx_px
+    v = camera.fy_px * p_camera[:, 1] / safe + camera.cy_px
+    return np.column_stack([u, v]), z
+
+
+def _robot_depth(pixels: Array, occlusion: Occlusion) -> Array:
+    """The robot's depth (K,) [m] at pixels (K, 2), inf where it is not.
+
+    One cell around counts as well: the robot's edge may lie anywhere within a cell.
+    """
+    depth = minimum_filter(occlusion.depth_m, size=3, mode="nearest")
+    rows, columns = depth.shape[0], depth.shape[1]
+    column = np.clip((pixels[:, 0] / occlusion.scale).astype(np.int64), 0, columns - 1)
+    row = np.clip((pixels[:, 1] / occlusion.scale).astype(np.int64), 0, rows - 1)
+    return depth[row, column].astype(np.float64)
