@@ -59,27 +59,30 @@ _ROBOT_BIT, _WORLD_BIT = 2, 1
 _WHITE, _DARK = (0.92, 0.93, 0.94, 1.0), (0.22, 0.23, 0.25, 1.0)
 
 
-def add_panda(spec: mujoco.MjSpec, *, name: str = "panda", T_world_base: Pose | None = None) -> None:
+def add_panda(
+    spec: mujoco.MjSpec, *, name: str = "panda", T_world_base: Pose | None = None, visual: bool = True
+) -> None:
     """Add a Panda with hand to a model, all its elements under ``name/``.
 
     Bodies ``link0`` … ``link7``, ``hand``, ``left_finger``, ``right_finger``; joints ``joint1`` … ``joint7``,
     ``finger_joint1`` and ``finger_joint2`` [m, 0 to 0.04, each finger from the middle]; site ``tcp`` (z approach,
     y the direction in which the fingers open); position actuators ``joint1`` … ``joint7`` [rad], ``finger1`` and
     ``finger2`` [m]; geoms ``pad_left`` and ``pad_right``. Gravity is compensated. Visual meshes are in group 2,
-    collision shapes in group 3. Raises `MachineError` when the visual meshes are not installed.
+    collision shapes in group 3. Raises `MachineError` when the visual meshes are not installed; without `visual` they
+    are not needed.
     """
     body = spec.worldbody.add_body(name=f"{name}/link0")
     if T_world_base is not None:
         body.pos, body.quat = T_world_base.position_m, T_world_base.wxyz
-    _dress(spec, body, name, "link0")
+    _dress(body, "link0")
     for index, joint in enumerate(PANDA_DH):
         half = joint.alpha_rad / 2
         # Craig's order: the turn about x comes first, so the offset d lies along the turned z axis.
         offset = (joint.a_m, -np.sin(joint.alpha_rad) * joint.d_m, np.cos(joint.alpha_rad) * joint.d_m)
-        body = _child(spec, body, name, f"link{index + 1}", offset, (np.cos(half), np.sin(half), 0.0, 0.0))
+        body = _child(body, name, f"link{index + 1}", offset, (np.cos(half), np.sin(half), 0.0, 0.0))
         _add_arm_joint(spec, body, name, index)
     half = PANDA_HAND_YAW_RAD / 2
-    hand = _child(spec, body, name, "hand", (0.0, 0.0, PANDA_FLANGE_M), (np.cos(half), 0.0, 0.0, np.sin(half)))
+    hand = _child(body, name, "hand", (0.0, 0.0, PANDA_FLANGE_M), (np.cos(half), 0.0, 0.0, np.sin(half)))
     hand.add_site(name=f"{name}/tcp", pos=[0.0, 0.0, PANDA_TCP_M], size=[0.003] * 3, group=4)
     _add_finger(spec, hand, name, side="left", number=1, quat=(1.0, 0.0, 0.0, 0.0))
     _add_finger(spec, hand, name, side="right", number=2, quat=(0.0, 0.0, 0.0, 1.0))
@@ -93,25 +96,15 @@ def add_panda(spec: mujoco.MjSpec, *, name: str = "panda", T_world_base: Pose | 
         solref=CONTACT_SOLREF,
         solimp=CONTACT_SOLIMP,
     )
+    if visual:
+        for link in PANDA_LINKS:
+            _add_mesh(spec, name, link)
 
 
-def _child(
-    spec: mujoco.MjSpec, parent: mujoco.MjsBody, name: str, link: str, pos: ArrayLike, quat: ArrayLike
-) -> mujoco.MjsBody:
-    body = parent.add_body(name=f"{name}/{link}", pos=pos, quat=quat)
-    _dress(spec, body, name, link)
-    return body
-
-
-def _dress(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, link: str) -> None:
-    """Give a body its inertia, its visual mesh and its collision capsules."""
-    inertia = PANDA_INERTIAS[link]
-    body.mass, body.ipos, body.fullinertia = inertia.mass_kg, inertia.center_m, inertia.inertia_kg_m2
-    body.explicitinertial = True
-    body.gravcomp = 1.0
+def _add_mesh(spec: mujoco.MjSpec, name: str, link: str) -> None:
     mesh = spec.add_mesh(name=f"{name}/{link}", file=str(panda_mesh_file(link)))
     mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL  # the surfaces are not all closed
-    body.add_geom(
+    spec.body(f"{name}/{link}").add_geom(
         type=mujoco.mjtGeom.mjGEOM_MESH,
         meshname=f"{name}/{link}",
         group=_VISUAL_GROUP,
@@ -120,6 +113,20 @@ def _dress(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, link: str) -> N
         mass=0.0,
         rgba=_DARK if link.endswith("finger") else _WHITE,
     )
+
+
+def _child(parent: mujoco.MjsBody, name: str, link: str, pos: ArrayLike, quat: ArrayLike) -> mujoco.MjsBody:
+    body = parent.add_body(name=f"{name}/{link}", pos=pos, quat=quat)
+    _dress(body, link)
+    return body
+
+
+def _dress(body: mujoco.MjsBody, link: str) -> None:
+    """Give a body its inertia and its collision capsules."""
+    inertia = PANDA_INERTIAS[link]
+    body.mass, body.ipos, body.fullinertia = inertia.mass_kg, inertia.center_m, inertia.inertia_kg_m2
+    body.explicitinertial = True
+    body.gravcomp = 1.0
     for capsule in PANDA_COLLISION:
         if capsule.link == link:
             body.add_geom(
@@ -154,7 +161,7 @@ def _add_arm_joint(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, index: 
 def _add_finger(
     spec: mujoco.MjSpec, hand: mujoco.MjsBody, name: str, *, side: str, number: int, quat: ArrayLike
 ) -> None:
-    finger = _child(spec, hand, name, f"{side}_finger", (0.0, 0.0, PANDA_FINGER_M), quat)
+    finger = _child(hand, name, f"{side}_finger", (0.0, 0.0, PANDA_FINGER_M), quat)
     finger.add_joint(
         name=f"{name}/finger_joint{number}",
         type=mujoco.mjtJoint.mjJNT_SLIDE,
