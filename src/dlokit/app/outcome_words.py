@@ -1,0 +1,29 @@
+"""What a run's outcome means, in words, for the terminal and the report."""
+
+from collections.abc import Mapping
+
+from dlokit.system.run_result import RunResult
+from dlokit.types.flow import RunOutcome
+
+MEANINGS: Mapping[RunOutcome, str] = {
+    RunOutcome.CONVERGED: "The rope has the shape that was asked for.",
+    RunOutcome.STALLED: "Further actions did not bring the rope nearer to the goal.",
+    RunOutcome.INFEASIBLE: "The goal cannot be reached from here, or no grasp was possible.",
+    RunOutcome.BUDGET: "The actions or the time allowed were used up before the goal was reached.",
+    RunOutcome.CANCELLED: "The run was stopped by the operator.",
+    RunOutcome.FAILED: "Something went wrong that the run could not recover from.",
+}
+
+
+def outcome_in_words(result: RunResult) -> str:
+    """One or two sentences: what became of the run, why, and how near the rope came."""
+    words = MEANINGS[result.outcome]
+    if result.reason:
+        words += f" Reason: {result.reason.replace('_', ' ')}."
+    if result.rmse_m is None:
+        return f"{words} The rope was never seen."
+    relation = "below" if result.rmse_m < result.threshold_m else "above"
+    return (
+        f"{words} Its nodes are {result.rmse_m * 1000:.1f} mm from their goals (RMSE), {relation} the threshold of "
+        f"{result.threshold_m * 1000:.4g} mm, after {result.actions} {'action' if result.actions == 1 else 'actions'}."
+    )

@@ -1,0 +1,208 @@
+"""The figures of a run report, as inline SVG that follows the page's colours in light and dark."""
+
+import io
+import re
+from collections.abc import Mapping
+
+import cv2
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+from matplotlib.ticker import MaxNLocator
+
+from dlokit.description import shapes
+from dlokit.system.run_record import RunRecord, StepTiming
+from dlokit.types.arrays import Float64Array, UInt8Array
+
+# Stand-ins that are written into the SVG and replaced there by the page's own colour variables.
+_VARIABLES = {
+    "#010101": "var(--ink)",
+    "#020202": "var(--muted)",
+    "#030303": "var(--grid)",
+    "#040404": "var(--goal)",
+    "#050505": "var(--start)",
+    "#060606": "var(--final)",
+    "#070707": "var(--step)",
+    "#080808": "var(--truth)",
+    "#090909": "var(--table)",
+}
+_INK, _MUTED, _GRID, _GOAL, _START, _FINAL, _STEP, _TRUTH, _TABLE = _VARIABLES
+_FONT_PT = 12
+
+
+def overlay(record: RunRecord) -> str:
+    """Start, goal and the shape after each action, seen from above, as SVG."""
+    figure, axes = _figure(7.4, 5.6)
+    _table(axes)
+    goal = record.goal_nodes_world
+    axes.plot(goal[:, 1], goal[:, 0], color=_GOAL, linewidth=9, alpha=0.35, solid_capstyle="round", label="goal")
+    if record.start_nodes_world is not None:
+        _rope(axes, record.start_nodes_world, _START, 2.0, "start", dashed=True)
+    between = record.actions[:-1]
+    for number, action in enumerate(between, start=1):
+        nodes = action.nodes_world
+        label = "after each action" if number == 1 else "_nolegend_"
+        axes.plot(
+            nodes[:, 1], nodes[:, 0], color=_STEP, linewidth=1.3, alpha=0.35 + 0.5 * number / len(between), label=label
+        )
+    for number, action in enumerate(record.actions, start=1):
+        _move(axes, number, action.grasp_world, action.place_world)
+    if record.actions:
+        _rope(axes, record.actions[-1].nodes_world, _FINAL, 3.0, "final")
+    axes.legend(
+        loc="upper left", bbox_to_anchor=(0.0, -0.11), ncols=4, frameon=False, labelcolor=_INK, fontsize=_FONT_PT
+    )
+    return _svg(figure, "Top view of the table: start, goal, and the shape after each action")
+
+
+def error_curve(record: RunRecord) -> str:
+    """The error to the goal against the number of actions, with the threshold, as SVG."""
+    figure, axes = _figure(7.4, 5.4)
+    result = record.result
+    estimates = [(row.action, row.rmse_m * 1000.0) for row in result.history]
+    if record.start_rmse_m is not None:
+        estimates.insert(0, (0, record.start_rmse_m * 1000.0))
+    truths = [(row.action, row.true_rmse_m * 1000.0) for row in result.history if row.true_rmse_m is not None]
+    threshold_mm = result.threshold_m * 1000.0
+    axes.axhline(
+        threshold_mm, color=_GOAL, linewidth=1.5, linestyle=(0, (5, 3)), label=f"threshold {threshold_mm:.4g} mm"
+    )
+    axes.axhspan(0.0, threshold_mm, color=_GOAL, alpha=0.10, linewidth=0)
+    if truths:
+        axes.plot(
+            *zip(*truths, strict=True),
+            color=_TRUTH,
+            linewidth=1.4,
+            marker="D",
+            markersize=4,
+            label="true, 2 s after release",
+        )
+    if estimates:
+        axes.plot(
+            *zip(*estimates, strict=True), color=_FINAL, linewidth=2.2, marker="o", markersize=5, label="estimated"
+        )
+    lost = [(row.action, row.rmse_m * 1000.0) for row in result.history if not row.grasp_ok]
+    if lost:
+        axes.plot(
+            *zip(*lost, strict=True), color=_INK, linestyle="none", marker="x", markersize=9, label="grasp not held"
+        )
+    axes.set_ylim(bottom=0.0)
+    last = max(1, *(number for number, _ in estimates)) if estimates else 1
+    axes.set_xlim(-0.25, last + 0.25)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.set_xlabel("actions", color=_MUTED)
+    axes.set_ylabel("RMSE [mm]", color=_MUTED)
+    axes.grid(axis="y", color=_GRID, linewidth=0.8)
+    axes.legend(frameon=False, labelcolor=_INK, fontsize=_FONT_PT)
+    return _svg(figure, "Error to the goal after each action, with the threshold")
+
+
+def timing_bars(timings: Mapping[str, StepTiming]) -> str:
+    """Time on the cell's clock and computing time of each step of the flow, as SVG."""
+    names = sorted(timings, key=lambda name: timings[name].sim_time_s + timings[name].wall_time_s)
+    figure, axes = _figure(13.0, 0.9 + 0.5 * len(names))
+    rows = np.arange(len(names))
+    for offset, color, label, seconds in (
+        (0.2, _FINAL, "cell time", [timings[name].sim_time_s for name in names]),
+        (-0.2, _TRUTH, "computing", [timings[name].wall_time_s for name in names]),
+    ):
+        bars = axes.barh(rows + offset, seconds, height=0.36, color=color, label=label)
+        axes.bar_label(bars, fmt=" %.2f s", color=_MUTED, fontsize=_FONT_PT - 1.5)
+    axes.set_yticks(rows, [f"{name} ({timings[name].calls}×)" for name in names])
+    axes.tick_params(axis="y", length=0, colors=_INK)
+    axes.set_xlim(right=1.14 * max(*axes.get_xlim(), 1e-9))
+    axes.grid(axis="x", color=_GRID, linewidth=0.8)
+    axes.set_axisbelow(True)
+    axes.legend(frameon=False, labelcolor=_INK, fontsize=_FONT_PT, loc="lower right")
+    return _svg(figure, "Time by step of the flow")
+
+
+def picture_png(image: UInt8Array) -> bytes:
+    """A picture (height, width, 3) RGB as PNG."""
+    done, encoded = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
+    if not done:
+        raise ValueError(f"a picture of shape {image.shape} and type {image.dtype} cannot be written as PNG")
+    return encoded.tobytes()
+
+
+def _figure(width_in: float, height_in: float) -> tuple[Figure, Axes]:
+    """An empty figure without pyplot, which keeps global state and is not made for threads."""
+    figure = Figure(figsize=(width_in, height_in), layout="constrained")
+    FigureCanvasSVG(figure)
+    figure.patch.set_alpha(0.0)
+    axes = figure.add_subplot()
+    axes.patch.set_alpha(0.0)
+    axes.tick_params(colors=_MUTED, labelsize=_FONT_PT - 1)
+    for side, spine in axes.spines.items():
+        spine.set_color(_GRID)
+        spine.set_visible(side in {"left", "bottom"})
+    return figure, axes
+
+
+def _table(axes: Axes) -> None:
+    """The table as the operator sees it from behind the robot: x up, y to the left."""
+    (x0, x1), (y0, y1) = shapes.TABLE_X_M, shapes.TABLE_Y_M
+    axes.add_patch(Rectangle((y0, x0), y1 - y0, x1 - x0, facecolor=_TABLE, edgecolor=_GRID, linewidth=1.0))
+    margin_m = 0.015
+    axes.set_xlim(y1 + margin_m, y0 - margin_m)
+    axes.set_ylim(x0 - margin_m, x1 + margin_m)
+    axes.set_aspect("equal")
+    axes.set_xlabel("y [m]", color=_MUTED)
+    axes.set_ylabel("x [m], away from the robot", color=_MUTED)
+    axes.grid(color=_GRID, linewidth=0.6, alpha=0.7)
+    axes.set_axisbelow(True)
+
+
+def _rope(axes: Axes, nodes: Float64Array, color: str, width: float, label: str, *, dashed: bool = False) -> None:
+    """A shape (M, 3) [m], with a dot at node 0."""
+    style = (0, (4, 2)) if dashed else "-"
+    axes.plot(
+        nodes[:, 1], nodes[:, 0], color=color, linewidth=width, linestyle=style, solid_capstyle="round", label=label
+    )
+    axes.plot(nodes[0, 1], nodes[0, 0], color=color, marker="o", markersize=3.0 + width)
+
+
+def _move(axes: Axes, number: int, grasp: Float64Array | None, place: Float64Array | None) -> None:
+    """An arrow from grasp to release, numbered."""
+    if grasp is None:
+        return
+    if place is not None:
+        axes.annotate(
+            "",
+            xy=(place[1], place[0]),
+            xytext=(grasp[1], grasp[0]),
+            arrowprops={"arrowstyle": "-|>", "color": _MUTED, "linewidth": 0.9, "shrinkA": 0, "shrinkB": 0},
+        )
+    axes.annotate(
+        str(number),
+        xy=(grasp[1], grasp[0]),
+        xytext=(4, 4),
+        textcoords="offset points",
+        color=_INK,
+        fontsize=_FONT_PT - 1,
+    )
+
+
+def _svg(figure: Figure, title: str) -> str:
+    """A figure as an SVG element that scales with the page and takes its colours from it."""
+    buffer = io.StringIO()
+    # Text stays text, in the page's own font; the salt makes equal runs give equal files.
+    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "dlokit"}):
+        figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+    text = buffer.getvalue()
+    text = text[text.index("<svg") :]
+    for stand_in, variable in _VARIABLES.items():
+        text = text.replace(stand_in, variable)
+    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
+    text = re.sub(r"font: (\d[\w.]*) [^;\"]*", r"font-size: \1", text)
+    # A page holds several figures: their ids must not meet.
+    prefix = re.sub(r"\W+", "-", title.lower())[:24]
+    text = re.sub(r'id="([^"]+)"', rf'id="{prefix}-\1"', text)
+    text = re.sub(r'(href="#|url\(#)', rf"\1{prefix}-", text)
+    box = re.search(r'viewBox="[^"]+"', text)
+    names = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
+    opening = f'<svg {names} {box.group() if box else ""} role="img" aria-label="{title}">'
+    return re.sub(r"<svg[^>]*>", opening, text, count=1)
