@@ -1,0 +1,193 @@
+"""The viewer: shows everything that is published, and lets the operator shape a goal and start the task."""
+
+import asyncio
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import viser
+
+from dlokit.communication import topics
+from dlokit.communication.clock import LoopClock
+from dlokit.communication.component import Component, on
+from dlokit.description.shapes import builtin_shape
+from dlokit.skills.viewer.config import ViewerConfig
+from dlokit.skills.viewer.error_history import ErrorHistory
+from dlokit.skills.viewer.flow_chart import Edge
+from dlokit.skills.viewer.frames import GoalFramesView
+from dlokit.skills.viewer.goal_handles import GoalHandles
+from dlokit.skills.viewer.latest import Fresh
+from dlokit.skills.viewer.loop_gate import LoopGate
+from dlokit.skills.viewer.page import close_page, open_page
+from dlokit.skills.viewer.panel import Panel
+from dlokit.skills.viewer.run_state import RunState, after_command, after_status
+from dlokit.skills.viewer.scene import Scene, thumbnail
+from dlokit.types.action import PickPlace
+from dlokit.types.dlo import DloState, GoalShape, TargetPoints
+from dlokit.types.flow import Command, FlowStatus, OperatorCommand
+from dlokit.types.image import StereoImages
+from dlokit.types.observation import Observation
+from dlokit.types.robot import RobotState
+
+
+@dataclass(frozen=True, kw_only=True)
+class RodOutline:
+    """What the viewer must know of the rod before it has seen one."""
+
+    nodes: int
+    """Nodes of the model."""
+    length_m: float
+    radius_m: float
+
+
+class ViewerComponent(Component):
+    """Serves the page while it runs. Handlers keep the newest of each topic; `run` draws what is new."""
+
+    name = "viewer"
+    publishes = (topics.COMMAND, topics.GOAL_FRAMES)
+
+    def __init__(self, config: ViewerConfig, *, flow: Sequence[Edge], rod: RodOutline, threshold_m: float) -> None:
+        """`flow` is the flow chart's table: (step, outcome, next) of every arrow."""
+        super().__init__()
+        self._config = config
+        self._flow = tuple(flow)
+        self._rod = rod
+        self._threshold_m = threshold_m
+        self._port = config.port
+        self.opened = asyncio.Event()
+        """Set while the page is served."""
+        self._run_state = RunState.WAITING
+        self._history = ErrorHistory()
+        self._handles = GoalHandles(
+            builtin_shape("I", rod.length_m, rod.nodes, radius_m=rod.radius_m), config.goal_x_m, config.goal_y_m
+        )
+        self._images = Fresh[StereoImages]()
+        self._cloud = Fresh[Observation]()
+        self._targets = Fresh[TargetPoints]()
+        self._state = Fresh[DloState]()
+        self._goal = Fresh[GoalShape]()
+        self._robots: dict[str, Fresh[RobotState]] = {}
+        self._action = Fresh[PickPlace]()
+        self._status = Fresh[FlowStatus]()
+
+    @property
+    def url(self) -> str:
+        """Where the page is, or will be; with port 0 it is known once `opened` is set."""
+        host = "localhost" if self._config.host in ("0.0.0.0", "::") else self._config.host
+        return f"http://{host}:{self._port}"
+
+    async def run(self) -> None:
+        """Serve the page and draw, until cancelled. Raises `MachineError` when the port cannot be had."""
+        server = open_page(self._config.host, self._config.port)
+        gate = LoopGate(asyncio.get_running_loop())
+        try:
+            self._port = server.get_port()
+            scene = Scene(server, self._config, self._rod.radius_m)
+            frames = GoalFramesView(server, self._handles, gate, self._publish_frames)
+            panel = Panel(
+                server,
+                gate,
+                flow=self._flow,
+                threshold_m=self._threshold_m,
+                command=self._publish_command,
+                shape_it=self._shape_it,
+                reset_frames=lambda: self._reset_frames(frames),
+                set_visible=scene.set_visible,
+            )
+            self.opened.set()
+            await self._draw_for_ever(server, scene, frames, panel)
+        finally:
+            self.opened.clear()
+            gate.shut()
+            close_page(server)
+
+    @on(topics.ROBOT_STATE)
+    async def on_robot_state(self, state: RobotState) -> None:
+        """Keep the newest of each robot."""
+        self._robots.setdefault(state.robot, Fresh()).put(state)
+
+    @on(topics.STEREO_IMAGES)
+    async def on_images(self, images: StereoImages) -> None:
+        """Keep the newest."""
+        self._images.put(images)
+
+    @on(topics.OBSERVATION)
+    async def on_observation(self, seen: Observation) -> None:
+        """Keep the newest."""
+        self._cloud.put(seen)
+
+    @on(topics.TARGETS)
+    async def on_targets(self, targets: TargetPoints) -> None:
+        """Keep the newest."""
+        self._targets.put(targets)
+
+    @on(topics.STATE)
+    async def on_state(self, state: DloState) -> None:
+        """Keep the newest."""
+        self._state.put(state)
+
+    @on(topics.GOAL)
+    async def on_goal(self, goal: GoalShape) -> None:
+        """Keep the newest; the frames lie on it until the operator drags one."""
+        self._goal.put(goal)
+        self._handles.follow(goal.nodes_world)
+
+    @on(topics.ACTION)
+    async def on_action(self, action: PickPlace) -> None:
+        """Keep the newest."""
+        self._action.put(action)
+
+    @on(topics.FLOW)
+    async def on_flow(self, status: FlowStatus) -> None:
+        """Keep the newest, and the error of every one."""
+        self._run_state = after_status(self._run_state, status)
+        self._history.record(status)
+        self._status.put(status)
+
+    async def _draw_for_ever(
+        self, server: viser.ViserServer, scene: Scene, frames: GoalFramesView, panel: Panel
+    ) -> None:
+        # The page lives by this process's clock: it must answer while the cell's stands still.
+        clock = LoopClock()
+        while True:
+            # What is new stays so while nobody looks, and is drawn for the first who comes.
+            if server.get_clients():
+                with server.atomic():
+                    self._draw_scene(scene, frames)
+                    self._draw_panel(scene, panel)
+            await clock.sleep(1.0 / self._config.draw_rate_hz)
+
+    def _draw_scene(self, scene: Scene, frames: GoalFramesView) -> None:
+        for robot in self._robots.values():
+            robot.take(scene.show_robot)
+        self._cloud.take(scene.show_cloud)
+        self._targets.take(scene.show_targets)
+        self._state.take(scene.show_state)
+        self._action.take(scene.show_action)
+        if self._goal.take(scene.show_goal) and not self._handles.dragged:
+            frames.place()
+
+    def _draw_panel(self, scene: Scene, panel: Panel) -> None:
+        if (images := self._images.value) is not None and self._images.fresh:
+            panel.draw_picture(thumbnail(images.left, self._config.picture_width_px))
+        self._images.take(scene.show_pictures)
+        if (status := self._status.value) is not None and self._status.fresh and status.outcome is not None:
+            scene.hide_action()
+        self._status.take(lambda status: panel.draw_status(self._run_state, status, self._history))
+
+    def _publish_frames(self) -> None:
+        self.port.publish(topics.GOAL_FRAMES, self._handles.message(self.port.clock.now_ns()))
+
+    def _publish_command(self, command: Command) -> None:
+        self._run_state = after_command(self._run_state, command)
+        self._status.again()
+        self.port.publish(topics.COMMAND, OperatorCommand(stamp_ns=self.port.clock.now_ns(), command=command))
+
+    def _shape_it(self) -> None:
+        # The frames once more, before the start: whoever missed the drag gets the goal that the operator sees.
+        self._publish_frames()
+        self._publish_command(Command.START)
+
+    def _reset_frames(self, frames: GoalFramesView) -> None:
+        self._handles.release()
+        frames.place()
+        self._publish_frames()

@@ -1,0 +1,35 @@
+"""Settings of the viewer."""
+
+import math
+from dataclasses import dataclass
+
+from dlokit.errors import ConfigError
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViewerConfig:
+    """The browser viewer."""
+
+    host: str = "127.0.0.1"
+    """Address that the page is served on; 0.0.0.0 lets other machines see it, and command the robot."""
+    port: int = 8080
+    """TCP port of the page; 0 takes any free one."""
+    draw_rate_hz: float = 15.0
+    """How often the scene is brought up to date, at most [Hz]; nothing is drawn while no browser looks."""
+    picture_width_px: int = 320
+    """Width of the camera picture that is sent to the browser [px]."""
+    goal_x_m: tuple[float, float] = (0.30, 0.75)
+    """Where the goal's frames may be dragged, along x of the world [m]."""
+    goal_y_m: tuple[float, float] = (-0.35, 0.35)
+    """Where the goal's frames may be dragged, along y of the world [m]."""
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.port <= 65535:
+            raise ConfigError(f"viewer.port is {self.port}; it must be 0 (any free port) to 65535.")
+        if not (math.isfinite(self.draw_rate_hz) and self.draw_rate_hz > 0.0):
+            raise ConfigError(f"viewer.draw-rate-hz is {self.draw_rate_hz}; it must be positive.")
+        if self.picture_width_px < 1:
+            raise ConfigError(f"viewer.picture-width-px is {self.picture_width_px}; it must be at least 1.")
+        for name, (low, high) in (("goal-x-m", self.goal_x_m), ("goal-y-m", self.goal_y_m)):
+            if not low < high:
+                raise ConfigError(f"viewer.{name} is ({low}, {high}); the first number must be the smaller one.")

@@ -1,0 +1,44 @@
+"""Colours of the viewer: each thing has one, in the scene, the legend and the plots."""
+
+from dataclasses import dataclass
+
+Rgb = tuple[int, int, int]
+
+
+@dataclass(frozen=True)
+class Layer:
+    """One kind of data in the scene, that can be shown and hidden."""
+
+    title: str
+    """What the legend calls it."""
+    color: Rgb
+
+    @property
+    def slug(self) -> str:
+        """Its name in the scene's tree."""
+        return self.title.lower().replace(" ", "_")
+
+
+ROBOT = Layer("Robot", (236, 238, 241))
+CAMERA = Layer("Camera", (71, 85, 105))
+CLOUD = Layer("Cloud", (245, 158, 11))
+TARGETS = Layer("Target points", (219, 39, 119))
+STATE = Layer("Model state", (37, 99, 235))
+GOAL = Layer("Goal", (22, 163, 74))
+ACTION = Layer("Next action", (147, 51, 234))
+
+LAYERS = (STATE, GOAL, TARGETS, CLOUD, ACTION, ROBOT, CAMERA)
+"""In the order of the legend."""
+
+TABLE_RGB: Rgb = (206, 198, 186)
+TABLE_AREA_RGB: Rgb = (150, 140, 124)
+GRIPPER_RGB: Rgb = (64, 68, 76)
+INK = "#1e293b"
+FAINT = "#94a3b8"
+LIT = "#fb923c"
+PAPER = "#ffffff"
+
+
+def css(color: Rgb) -> str:
+    """A colour as style sheets write it."""
+    return f"#{color[0]:02x}{color[1]:02x}{color[2]:02x}"

@@ -1,0 +1,148 @@
+"""The panel beside the scene: buttons, the flow chart, the error, the camera's picture, the legend.
+
+A tab is a function here; goal editing, replay and reports get tabs of their own, in files of their own.
+"""
+
+from collections.abc import Callable, Sequence
+from html import escape
+
+import numpy as np
+import viser
+
+from dlokit.skills.viewer import palette
+from dlokit.skills.viewer.error_history import ErrorHistory
+from dlokit.skills.viewer.error_plot import ErrorPlot
+from dlokit.skills.viewer.flow_chart import Edge, flow_chart_svg
+from dlokit.skills.viewer.loop_gate import LoopGate
+from dlokit.skills.viewer.palette import Layer
+from dlokit.skills.viewer.run_state import RunState
+from dlokit.types.arrays import UInt8Array
+from dlokit.types.flow import Command, FlowStatus
+
+_WIDTH_PX = 380
+_RUN = {"Start": Command.START, "Pause": Command.PAUSE, "Resume": Command.RESUME, "Stop": Command.STOP}
+
+
+class Panel:
+    """Buttons and read-outs. What the operator does is posted to the loop: `command`, `shape_it`, `reset`, `show`."""
+
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        gate: LoopGate,
+        *,
+        flow: Sequence[Edge],
+        threshold_m: float,
+        command: Callable[[Command], None],
+        shape_it: Callable[[], None],
+        reset_frames: Callable[[], None],
+        set_visible: Callable[[Layer, bool], None],
+    ) -> None:
+        self._gui = server.gui
+        self._gate = gate
+        self._flow = flow
+        self._threshold_m = threshold_m
+        self._gui.configure_theme(
+            show_logo=False, show_share_button=False, brand_color=palette.STATE.color, control_width="large"
+        )
+        self._gui.main_panel.dock_right()
+        self._gui.main_panel.set_width(_WIDTH_PX)
+        self._status = self._gui.add_html(status_html(RunState.WAITING, None, threshold_m))
+        self._gui.add_html(legend_html(palette.LAYERS))
+        self._add_buttons(command, shape_it, reset_frames)
+        tabs = self._gui.add_tab_group()
+        with tabs.add_tab("Task", viser.Icon.ROUTE):
+            self._plot = ErrorPlot(self._gui, threshold_m)
+            self._chart = self._gui.add_html(flow_chart_svg(flow))
+        with tabs.add_tab("View", viser.Icon.EYE):
+            self._add_view(set_visible)
+            self._picture = self._gui.add_image(
+                np.full((3, 4, 3), 230, dtype=np.uint8), label="Left camera", format="jpeg", visible=False
+            )
+
+    def draw_status(self, state: RunState, status: FlowStatus | None, history: ErrorHistory) -> None:
+        """Show where the task stands."""
+        self._status.content = status_html(state, status, self._threshold_m)
+        if status is not None:
+            self._chart.content = flow_chart_svg(self._flow, status.step, status.last_outcome)
+        self._plot.draw(history)
+
+    def draw_picture(self, picture: UInt8Array) -> None:
+        """Show what the left camera saw."""
+        self._picture.image = picture
+        self._picture.visible = True
+
+    def _add_buttons(
+        self, command: Callable[[Command], None], shape_it: Callable[[], None], reset_frames: Callable[[], None]
+    ) -> None:
+        gui = self._gui
+        with gui.add_folder("Goal"):
+            gui.add_html(_note("Drag the three frames on the table: they pull the goal rod. Then:"))
+            self._on_click(
+                gui.add_button(
+                    "Shape it", color="green", icon=viser.Icon.WAND, hint="Start the task with the goal as dragged"
+                ),
+                shape_it,
+            )
+            self._on_click(
+                gui.add_button("Reset frames", color="gray", hint="Put the frames back on the goal rod, untwisted"),
+                reset_frames,
+            )
+        run = gui.add_button_group("Run", tuple(_RUN), hint="Start uses the goal that is set; Stop halts the arm")
+
+        async def pressed(_: object) -> None:
+            self._gate.post(command, _RUN[run.value])
+
+        run.on_click(pressed)
+
+    def _add_view(self, set_visible: Callable[[Layer, bool], None]) -> None:
+        for layer in palette.LAYERS:
+            self._add_visibility(layer, set_visible)
+
+    def _add_visibility(self, layer: Layer, set_visible: Callable[[Layer, bool], None]) -> None:
+        box = self._gui.add_checkbox(layer.title, initial_value=True)
+
+        async def toggled(_: object) -> None:
+            self._gate.post(set_visible, layer, box.value)
+
+        box.on_update(toggled)
+
+    def _on_click(self, button: viser.GuiButtonHandle, act: Callable[[], None]) -> None:
+        async def clicked(_: object) -> None:
+            self._gate.post(act)
+
+        button.on_click(clicked)
+
+
+def status_html(state: RunState, status: FlowStatus | None, threshold_m: float) -> str:
+    """One line in large type, one in small, of where the task stands."""
+    title, detail = state.value, "Nothing has run yet."
+    if status is not None:
+        if status.outcome is not None:
+            title = status.outcome.value
+        elif state is RunState.RUNNING:
+            title = status.step.replace("_", " ")
+        error = "–" if status.rmse_m is None else f"{status.rmse_m * 1000.0:.1f} mm"
+        detail = f"{status.actions} actions · RMSE {error} · threshold {threshold_m * 1000.0:.1f} mm" + (
+            f"<br>{escape(status.text)}" if status.text else ""
+        )
+    return (
+        f'<div style="padding:0.4em 0.8em 0.2em"><div data-state="{state.value}" style="font-size:1.25em;'
+        f'font-weight:600;color:{palette.INK}">{escape(title)}</div><div style="font-size:0.85em;'
+        f'color:{palette.INK};opacity:0.75">{detail}</div></div>'
+    )
+
+
+def legend_html(layers: Sequence[Layer]) -> str:
+    """The colours of the scene and what they stand for."""
+    rows = "".join(
+        f'<span style="white-space:nowrap;margin-right:1em"><span style="display:inline-block;width:0.8em;'
+        f"height:0.8em;border-radius:50%;border:1px solid {palette.FAINT};margin-right:0.35em;"
+        f'background:{palette.css(layer.color)}"></span>{escape(layer.title)}</span>'
+        for layer in layers
+    )
+    return f'<div style="padding:0.2em 0.8em 0.5em;font-size:0.8em;line-height:1.7">{rows}</div>'
+
+
+def _note(text: str) -> str:
+    return f'<div style="padding:0 0.6em;font-size:0.8em;color:{palette.INK};opacity:0.75">{escape(text)}</div>'

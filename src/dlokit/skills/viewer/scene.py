@@ -1,0 +1,181 @@
+"""The scene: table, robot, camera and everything that is known of the DLO, each layer in its colour."""
+
+import cv2
+import numpy as np
+import viser
+
+from dlokit.skills.viewer import palette
+from dlokit.skills.viewer.config import ViewerConfig
+from dlokit.skills.viewer.palette import Layer
+from dlokit.skills.viewer.robot_figure import GripperGhost, MeshStore, RobotFigure, place
+from dlokit.skills.viewer.tube import tube_faces, tube_vertices
+from dlokit.types.action import PickPlace
+from dlokit.types.arrays import Float32Array, Float64Array, UInt8Array
+from dlokit.types.dlo import DloState, GoalShape, TargetPoints
+from dlokit.types.image import StereoImages
+from dlokit.types.observation import Observation
+from dlokit.types.robot import RobotState
+
+_TABLE_HALF_M = (0.45, 0.60)
+_TABLE_CENTRE_M = (0.40, 0.0)
+_TABLE_THICKNESS_M = 0.03
+_TUBE_SIDES = 10
+
+
+class Scene:
+    """What the page shows in three dimensions. Layers appear with their first message."""
+
+    def __init__(self, server: viser.ViserServer, config: ViewerConfig, dlo_radius_m: float) -> None:
+        self._scene = server.scene
+        self._picture_width_px = config.picture_width_px
+        self._radius_m = dlo_radius_m
+        self._roots = {layer: self._scene.add_frame(f"/{layer.slug}", show_axes=False) for layer in palette.LAYERS}
+        self._meshes = MeshStore()
+        self._robots: dict[str, RobotFigure] = {}
+        self._clouds: dict[Layer, viser.PointCloudHandle] = {}
+        self._tubes: dict[str, tuple[viser.MeshHandle, int]] = {}
+        self._frustum: viser.CameraFrustumHandle | None = None
+        self._ghosts: tuple[GripperGhost, GripperGhost] | None = None
+        _set_stage(server, config)
+
+    def set_visible(self, layer: Layer, visible: bool) -> None:
+        """Show or hide one layer."""
+        self._roots[layer].visible = visible
+
+    def show_robot(self, state: RobotState) -> None:
+        """Pose a robot; a new name adds one."""
+        if state.robot not in self._robots:
+            name = f"{self._roots[palette.ROBOT].name}/{state.robot}"
+            self._robots[state.robot] = RobotFigure(self._scene, name, self._meshes)
+        self._robots[state.robot].show(state.q_rad, state.finger_width_m)
+
+    def show_pictures(self, images: StereoImages) -> None:
+        """The left picture in the frustum of the camera that took it."""
+        picture = thumbnail(images.left, self._picture_width_px)
+        calibration = images.calibration
+        if self._frustum is None:
+            self._frustum = self._scene.add_camera_frustum(
+                f"{self._roots[palette.CAMERA].name}/left",
+                fov=2.0 * float(np.arctan2(calibration.height_px / 2.0, calibration.fy_px)),
+                aspect=calibration.width_px / calibration.height_px,
+                scale=0.15,
+                thickness=0.004,
+                color=palette.CAMERA.color,
+                format="jpeg",
+                jpeg_quality=80,
+                cast_shadow=False,
+            )
+        self._frustum.image = picture
+        place(self._frustum, calibration.T_world_camera)
+
+    def show_cloud(self, seen: Observation) -> None:
+        """The DLO's points of the last look."""
+        self._points(palette.CLOUD, seen.points_world, 0.003)
+
+    def show_targets(self, targets: TargetPoints) -> None:
+        """The observer's target points; hidden ones are left out."""
+        self._points(palette.TARGETS, targets.nodes_world[targets.visible].astype(np.float32), 0.009)
+
+    def show_state(self, state: DloState) -> None:
+        """The model's rod."""
+        self._tube(palette.STATE, "rod", state.nodes_world, None)
+
+    def show_goal(self, goal: GoalShape) -> None:
+        """The rod as it is wanted."""
+        self._tube(palette.GOAL, "rod", goal.nodes_world, 0.45)
+
+    def show_action(self, action: PickPlace) -> None:
+        """The proposed action: a ghost of the gripper at the grasp and at the release, and the path between."""
+        root = self._roots[palette.ACTION].name
+        color = palette.ACTION.color
+        if self._ghosts is None:
+            grasp, release = (
+                GripperGhost(self._scene, f"{root}/{name}", self._meshes, color) for name in ("grasp", "release")
+            )
+            self._ghosts = (grasp, release)
+        self._ghosts[0].show(action.grasp.T_world_tcp, action.grasp.opening_m)
+        self._ghosts[1].show(action.path[-1] if action.path else action.grasp.T_world_tcp, action.grasp.opening_m)
+        corners = np.array([p.position_m for p in (action.grasp.T_world_tcp, *action.path)], dtype=np.float32)
+        # Line segments are drawn between each pair of neighbours: (K - 1, 2, 3).
+        self._scene.add_line_segments(
+            f"{root}/path", np.stack([corners[:-1], corners[1:]], axis=1), color, thickness=0.003
+        )
+        if action.predicted_nodes_world is not None:
+            self._tube(palette.ACTION, "predicted", action.predicted_nodes_world, 0.3)
+
+    def hide_action(self) -> None:
+        """No action is proposed: a task has ended, or another has begun."""
+        if self._ghosts is not None:
+            self._ghosts = None
+            self._tubes.pop(f"{self._roots[palette.ACTION].name}/predicted", None)
+            for name in ("grasp", "release", "path", "predicted"):
+                self._scene.remove_by_name(f"{self._roots[palette.ACTION].name}/{name}")
+
+    def _points(self, layer: Layer, points_world: Float32Array, size_m: float) -> None:
+        known = self._clouds.get(layer)
+        if known is not None:
+            known.points = points_world
+            return
+        self._clouds[layer] = self._scene.add_point_cloud(
+            f"{self._roots[layer].name}/points",
+            points=points_world,
+            colors=layer.color,
+            point_size=size_m,
+            point_shape="circle",
+            # Half floats would round to 0.5 mm at the far end of the table.
+            precision="float32",
+        )
+
+    def _tube(self, layer: Layer, part: str, nodes_world: Float64Array, opacity: float | None) -> None:
+        name = f"{self._roots[layer].name}/{part}"
+        vertices = tube_vertices(nodes_world, self._radius_m, _TUBE_SIDES)
+        known = self._tubes.get(name)
+        if known is not None and known[1] == len(nodes_world):
+            known[0].vertices = vertices
+            return
+        mesh = self._scene.add_mesh_simple(
+            name,
+            vertices,
+            tube_faces(len(nodes_world), _TUBE_SIDES),
+            color=layer.color,
+            opacity=opacity,
+            cast_shadow=opacity is None,
+        )
+        self._tubes[name] = (mesh, len(nodes_world))
+
+
+def _set_stage(server: viser.ViserServer, config: ViewerConfig) -> None:
+    """Light, table, the part of it where a goal may lie, and where a visitor stands at first."""
+    scene = server.scene
+    scene.world_axes.visible = False
+    scene.configure_environment_map("studio", environment_intensity=0.3)
+    # From a cool grey above to nearly white below: white meshes stand out from it.
+    scene.set_background_image(np.linspace((205, 213, 222), (244, 246, 248), 64)[:, None].repeat(4, 1).astype(np.uint8))
+    scene.add_box(
+        "/table/top",
+        color=palette.TABLE_RGB,
+        dimensions=(2.0 * _TABLE_HALF_M[0], 2.0 * _TABLE_HALF_M[1], _TABLE_THICKNESS_M),
+        position=(*_TABLE_CENTRE_M, -_TABLE_THICKNESS_M / 2.0),
+        cast_shadow=False,
+    )
+    (x0, x1), (y0, y1) = config.goal_x_m, config.goal_y_m
+    z = 0.0005  # a hair above the table, or the two would flicker
+    corners = np.array([(x0, y0, z), (x1, y0, z), (x1, y1, z), (x0, y1, z)], dtype=np.float32)
+    scene.add_line_segments(
+        "/table/area",
+        np.stack([corners, np.roll(corners, -1, axis=0)], axis=1),
+        palette.TABLE_AREA_RGB,
+        thickness=0.002,
+    )
+    server.initial_camera.position = (1.72, -0.78, 1.08)
+    server.initial_camera.look_at = (0.34, 0.02, 0.20)
+    server.initial_camera.fov = float(np.deg2rad(45.0))
+
+
+def thumbnail(picture: UInt8Array, width_px: int) -> UInt8Array:
+    """A picture (H, W, 3) or (H, W) as RGB at most `width_px` wide, its proportions kept."""
+    rgb = picture if picture.ndim == 3 else np.repeat(picture[..., None], 3, axis=2)
+    if rgb.shape[1] <= width_px:
+        return rgb
+    height_px = max(1, round(rgb.shape[0] * width_px / rgb.shape[1]))
+    return np.asarray(cv2.resize(rgb, (width_px, height_px), interpolation=cv2.INTER_AREA), dtype=np.uint8)
