@@ -5,6 +5,7 @@ rod's own length: where a tip is seen, node i lies at arc length i / (M - 1) of 
 """
 
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,8 @@ Flags = NDArray[np.bool_]
 @dataclass(frozen=True, kw_only=True)
 class AnchoredConfig:
     """Coherent point drift, with nodes held at their arc length from the tips and pins that are seen."""
+
+    name: ClassVar[str] = "anchored"
 
     cpd: CpdConfig = field(default_factory=CpdConfig)
     """The registration that finds the curve and which way round the rod lies."""

@@ -1,6 +1,6 @@
 """What an observer strategy is: it turns a cloud and the old state into target points (Fig. 3)."""
 
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 
@@ -22,7 +22,9 @@ class ObserverStrategy(Protocol):
 
 
 class ObserverStrategyConfig(Protocol):
-    """The settings of a strategy: a frozen dataclass that knows how to build it."""
+    """The settings of a strategy: a frozen dataclass, all fields with defaults, that knows how to build it."""
+
+    name: ClassVar[str]
 
     def build(self) -> ObserverStrategy:
         """The strategy with these settings."""

@@ -10,6 +10,7 @@ weight of the uniform outlier class, beta the width of the kernel G, lambda the 
 # pyright: reportConstantRedefinition=false
 
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 import scipy.linalg
@@ -27,15 +28,17 @@ Array = NDArray[np.float64]
 class CpdConfig:
     """Coherent point drift, as in the paper: close to the curve, but nodes may slide along it."""
 
+    name: ClassVar[str] = "cpd"
+
     beta_m: float = 0.12
     """Width of the Gaussian kernel [m]: nodes nearer than this move alike."""
     lambda_per_m2: float = 100.0
     """Weight of the smoothness of the motion against the fit [1/m²]."""
     outlier_weight: float = 0.05
     """w, the share of points expected to belong to nothing, from 0 to below 1."""
-    initial_sigma_m: float | None = 0.04
+    initial_sigma_m: float = 0.04
     """Standard deviation of the Gaussians at the start [m]; about the largest motion between two clouds.
-    None takes the paper's, the mean distance of all pairs, for a registration from far."""
+    0 takes the paper's, the mean distance of all pairs, for a registration from far."""
     smallest_sigma_m: float = 0.002
     """The iteration ends below this standard deviation [m]; about the noise of the cloud."""
     tolerance: float = 1e-3
@@ -104,7 +107,7 @@ def register(X: Array, Y: Array, config: CpdConfig) -> CpdResult:
     G = kernel(Y, config.beta_m)
     D = X.shape[1]
     T = Y
-    start = initial_sigma2(X, Y) if config.initial_sigma_m is None else config.initial_sigma_m**2
+    start = initial_sigma2(X, Y) if config.initial_sigma_m == 0 else config.initial_sigma_m**2
     sigma2 = [start]
     squares = np.sum(X**2, axis=1)
     P1, Pt1, PX = expectation(X, T, start, config.outlier_weight)

@@ -74,7 +74,7 @@ def _robot_depth(pixels: Array, occlusion: Occlusion) -> Array:
     One cell around counts as well: the robot's edge may lie anywhere within a cell.
     """
     depth = minimum_filter(occlusion.depth_m, size=3, mode="nearest")
-    rows, columns = depth.shape[0], depth.shape[1]
+    rows, columns = occlusion.depth_m.shape
     column = np.clip((pixels[:, 0] / occlusion.scale).astype(np.int64), 0, columns - 1)
     row = np.clip((pixels[:, 1] / occlusion.scale).astype(np.int64), 0, rows - 1)
     return depth[row, column].astype(np.float64)

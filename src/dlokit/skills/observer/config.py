@@ -1,0 +1,23 @@
+"""Settings of the observer component."""
+
+from dataclasses import dataclass, field
+
+from dlokit.skills.observer.anchored import AnchoredConfig
+from dlokit.skills.observer.cpd import CpdConfig
+from dlokit.skills.observer.initialise import InitialiseConfig
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObserverConfig:
+    """From points to target points."""
+
+    strategy: AnchoredConfig | CpdConfig = field(default_factory=AnchoredConfig)
+    """How nodes are found in a cloud, given where they were."""
+    initialise: InitialiseConfig = field(default_factory=InitialiseConfig)
+    """How the first cloud is ordered."""
+    lost_health: float = 0.75
+    """Below this health the rod counts as lost, and the cloud is ordered anew in the direction it had."""
+    found_again_health: float = 0.5
+    """Targets of a rod that was lost and found again have at most this health."""
+    cloud_timeout_s: float = 5.0
+    """Longest wait for a cloud to start from [s]."""

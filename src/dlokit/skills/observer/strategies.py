@@ -1,0 +1,55 @@
+"""The observers there are: ours, and third parties' through the entry points ``dlokit.observers``."""
+
+from importlib.metadata import entry_points
+
+from dlokit.communication import codec
+from dlokit.errors import CommunicationError, ConfigError, SkillRejected
+from dlokit.skills.observer.anchored import AnchoredConfig
+from dlokit.skills.observer.base import ObserverStrategyConfig
+from dlokit.skills.observer.cpd import CpdConfig
+from dlokit.types.strategy import StrategySpec
+
+ENTRY_POINTS = "dlokit.observers"
+"""Group of the entry points; each names a configuration class that follows `ObserverStrategyConfig`."""
+
+OURS: tuple[type[ObserverStrategyConfig], ...] = (AnchoredConfig, CpdConfig)
+"""Strategies that ship with dlokit, the default first."""
+
+
+def strategies() -> dict[str, type[ObserverStrategyConfig]]:
+    """Every installed observer's configuration class by its name, ours first.
+
+    Raises `ConfigError` when two bear the same name.
+    """
+    found: dict[str, type[ObserverStrategyConfig]] = {}
+    theirs: list[type[ObserverStrategyConfig]] = [entry.load() for entry in entry_points(group=ENTRY_POINTS)]
+    for config in (*OURS, *theirs):
+        if config.name in found:
+            raise ConfigError(
+                f"two observers are called {config.name!r}: {found[config.name]} and {config}; "
+                f"names must differ: rename or uninstall one of them"
+            )
+        found[config.name] = config
+    return found
+
+
+def to_spec(config: ObserverStrategyConfig) -> StrategySpec:
+    """A strategy's settings, as they travel."""
+    return StrategySpec(name=config.name, settings=codec.encode(config))
+
+
+def from_spec(spec: StrategySpec) -> ObserverStrategyConfig:
+    """The settings that a spec carries.
+
+    Raises `SkillRejected` with ``unknown_strategy`` or ``bad_settings``.
+    """
+    known = strategies()
+    if spec.name not in known:
+        raise SkillRejected("unknown_strategy", f"no observer is called {spec.name!r}; there are {sorted(known)}")
+    wanted = known[spec.name]
+    if not spec.settings:
+        return wanted()
+    try:
+        return codec.decode(spec.settings, wanted)
+    except CommunicationError as error:
+        raise SkillRejected("bad_settings", f"these are not settings of {spec.name!r}: {error}") from error
