@@ -1,0 +1,1 @@
+"""The model: a discrete elastic rod that follows target points."""

@@ -1,0 +1,41 @@
+"""What the model can be asked to do."""
+
+from dlokit.communication.skill import Skill
+from dlokit.types.action import PickPlace
+from dlokit.types.arrays import Float64Array
+from dlokit.types.dlo import DloState, GoalShape
+from dlokit.types.flow import GoalFrame
+
+
+def _reset(nodes_world: Float64Array | None = None) -> None:
+    """Put the model at a curve (K, 3) [m], or, without one, at the targets that come next. Rejects: bad_shape."""
+    ...
+
+
+def _set_goal(nodes_world: Float64Array, name: str = "goal", ends_interchangeable: bool = False) -> GoalShape:
+    """Take a curve (K, 3) [m] as the goal, resampled to the model's M nodes, and publish it. Rejects: bad_shape."""
+    ...
+
+
+def _build_goal(frames: tuple[GoalFrame, ...]) -> GoalShape:
+    """Drag the goal rod by frames until it rests, and publish the goal. Rejects: bad_frames."""
+    ...
+
+
+def _predict(action: PickPlace, state: DloState) -> DloState:
+    """The shape that an action would leave, with the model's friction and stiffness. Rejects: bad_shape."""
+    ...
+
+
+def _settle(nodes_world: Float64Array) -> Float64Array:
+    """Where a rod released as a curve (K, 3) [m] comes to rest under friction, (M, 3) [m]. Rejects: bad_shape."""
+    ...
+
+
+RESET = Skill("model", "reset", _reset, timeout_s=5.0, ensures="the next state is at the nodes, or at the next targets")
+SET_GOAL = Skill("model", "set_goal", _set_goal, timeout_s=5.0, ensures="the goal is published")
+BUILD_GOAL = Skill(
+    "model", "build_goal", _build_goal, timeout_s=10.0, ensures="the goal obeys the rod; it is published"
+)
+PREDICT = Skill("model", "predict", _predict, timeout_s=20.0)
+SETTLE = Skill("model", "settle", _settle, timeout_s=20.0)

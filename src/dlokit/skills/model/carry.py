@@ -1,0 +1,79 @@
+"""The rod between two looks: held nodes follow their tools, friction and elasticity do the rest."""
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from dlokit.skills.model.config import ModelConfig
+from dlokit.skills.model.grip import Grip, take_hold
+from dlokit.skills.model.rod import RodModel, fit_length
+from dlokit.skills.model.tracking import Pin
+from dlokit.types.arrays import Float64Array
+from dlokit.types.robot import RobotState
+
+_LONGEST_GAP_S = 0.1  # after a longer silence of the robot the time between is not caught up with
+
+
+class Carry:
+    """A rod on the table whose held nodes move with the robots' tools."""
+
+    def __init__(self, config: ModelConfig) -> None:
+        self._config = config
+        self._rod = RodModel(config, timestep_s=config.rollout.timestep_s)
+        self._rod.on_table(True)
+        self._grips: dict[str, Grip] = {}
+        self._last_ns: dict[str, int] = {}
+
+    @property
+    def nodes_world(self) -> Float64Array:
+        """Nodes (M, 3) [m]."""
+        return self._rod.nodes_world
+
+    def place(self, nodes_world: Float64Array) -> None:
+        """Set the rod to what was seen, (M, 3) [m]; grips stay."""
+        self._rod.place(fit_length(self._config, nodes_world))
+
+    def take_hold(self, robot: str, node: int, tool: RobotState, nodes_world: Float64Array) -> None:
+        """Tie `node` of a rod lying as `nodes_world` (M, 3) [m] to a robot's tool."""
+        if 0 <= node < self._config.nodes:
+            self._grips[robot] = take_hold(nodes_world, node, tool.T_world_tcp)
+            self._last_ns[robot] = tool.stamp_ns
+
+    def move(self, robot: RobotState) -> bool:
+        """Follow a tool to where it is now; False when that robot holds nothing."""
+        grip = self._grips.get(robot.robot)
+        if grip is None or not robot.holding:
+            return False
+        passed_s = min((robot.stamp_ns - self._last_ns[robot.robot]) / 1e9, _LONGEST_GAP_S)
+        steps = math.floor(passed_s / self._config.rollout.timestep_s + 1e-6)
+        if steps < 1:
+            return False
+        self._last_ns[robot.robot] = robot.stamp_ns
+        targets, gains = self._rod.nodes_world, np.zeros((self._config.nodes, 3))
+        targets[grip.nodes] = grip.targets_world(robot.T_world_tcp)
+        gains[grip.nodes] = grip.gains_n_m(self._config.rollout.grip_stiffness_n_m)
+        self._rod.pull(targets, gains)
+        self._rod.step(steps)
+        return True
+
+    def release(self, robot: str) -> bool:
+        """Let go and let the rod come to rest; False when that robot held nothing."""
+        if self._grips.pop(robot, None) is None:
+            return False
+        self._rod.let_go()
+        self._rod.step(math.ceil(self._config.rollout.release_s / self._config.rollout.timestep_s))
+        return True
+
+    def forget(self) -> None:
+        """Let go of everything at once."""
+        self._grips.clear()
+        self._rod.let_go()
+
+    def pins(self, tools: Mapping[str, RobotState]) -> tuple[Pin, ...]:
+        """Where the held nodes are, by the tools of their robots."""
+        return tuple(
+            Pin(node=grip.node, position_world=grip.targets_world(tools[robot].T_world_tcp)[grip.nodes == grip.node][0])
+            for robot, grip in self._grips.items()
+            if tools[robot].holding
+        )

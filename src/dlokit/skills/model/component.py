@@ -1,0 +1,189 @@
+"""The model: the simulated DLO whose shape everybody uses.
+
+Its state follows the observer's target points by PD control; while a gripper holds a node, the state follows the tool
+between two looks. A second rod is dragged into goals by the operator's frames.
+"""
+
+import msgspec
+import numpy as np
+
+from dlokit import geometry
+from dlokit.communication import topics
+from dlokit.communication.component import Component, implements, on
+from dlokit.errors import SkillRejected
+from dlokit.skills.model import api, rollout
+from dlokit.skills.model.carry import Carry
+from dlokit.skills.model.config import ModelConfig
+from dlokit.skills.model.goal import GoalRod
+from dlokit.skills.model.rod import topology
+from dlokit.skills.model.tracking import Tracker
+from dlokit.types.action import PickPlace
+from dlokit.types.arrays import Float64Array
+from dlokit.types.dlo import DloState, GoalShape, TargetPoints
+from dlokit.types.flow import GoalFrame, GoalFrames
+from dlokit.types.observation import Gripped
+from dlokit.types.robot import RobotState
+
+_BUILD_ROUNDS = 10  # updates that a far drag takes to settle
+
+
+class ModelComponent(Component):
+    """The model as a component."""
+
+    name = "model"
+    publishes = (topics.STATE, topics.GOAL)
+
+    def __init__(self, config: ModelConfig) -> None:
+        super().__init__()
+        self._config = config
+        self._topology = topology(config)
+        self._tracker = Tracker(config)
+        self._goal_rod = GoalRod(config)
+        self._carry = Carry(config)
+        self._state: DloState | None = None
+        self._goal: GoalShape | None = None
+        self._tools: dict[str, RobotState] = {}
+
+    @on(topics.TARGETS)
+    async def on_targets(self, targets: TargetPoints) -> None:
+        """PD tracking: drag the model to the target points and publish the state."""
+        if targets.nodes_world.shape != (self._config.nodes, 3):
+            raise SkillRejected(
+                "bad_shape",
+                f"there are {len(targets.nodes_world)} target points for the model's {self._config.nodes} nodes; "
+                f"give the observer and the model the same number",
+            )
+        if self._state is None:
+            self._tracker.place(targets.nodes_world)
+        tracked = self._tracker.track(targets.nodes_world, targets.visible, self._carry.pins(self._tools))
+        self._publish(
+            DloState(
+                stamp_ns=targets.stamp_ns,
+                nodes_world=tracked.nodes_world,
+                topology=self._topology,
+                tracking_error_m=tracked.error_m,
+                visible=targets.visible,
+                observed_stamp_ns=targets.stamp_ns,
+                health=targets.health,
+            )
+        )
+
+    @on(topics.GRIPPED)
+    async def on_gripped(self, gripped: Gripped) -> None:
+        """Tie the held node to the tool, or let it go and settle."""
+        tool = self._tools.get(gripped.robot)
+        if self._state is None or tool is None:
+            return
+        if gripped.node is None:
+            if self._carry.release(gripped.robot):
+                self._follow(gripped.stamp_ns)
+            return
+        self._carry.take_hold(gripped.robot, gripped.node, tool, self._state.nodes_world)
+
+    @on(topics.ROBOT_STATE)
+    async def on_robot_state(self, robot: RobotState) -> None:
+        """Move a held node with the tool, so that the prior of the next look follows the motion."""
+        self._tools[robot.robot] = robot
+        if self._carry.move(robot) and self._state is not None:
+            since_s = (robot.stamp_ns - self._state.stamp_ns) / 1e9
+            if since_s >= self._config.rollout.publish_period_s:
+                self._follow(robot.stamp_ns)
+
+    @on(topics.GOAL_FRAMES)
+    async def on_goal_frames(self, frames: GoalFrames) -> None:
+        """One update of the goal under the operator's frames, at interactive rate."""
+        self._drag_goal(frames.frames, rounds=1)
+
+    @implements(api.RESET)
+    async def reset(self, nodes_world: Float64Array | None = None) -> None:
+        """Put the model at a curve, or at the targets that come next."""
+        self._carry.forget()
+        self._state = None
+        if nodes_world is None:
+            return
+        _require_curve(nodes_world)
+        self._tracker.place(nodes_world)
+        self._publish(
+            DloState(stamp_ns=self.port.clock.now_ns(), nodes_world=self._tracker.nodes_world, topology=self._topology)
+        )
+
+    @implements(api.SET_GOAL)
+    async def set_goal(
+        self, nodes_world: Float64Array, name: str = "goal", ends_interchangeable: bool = False
+    ) -> GoalShape:
+        """Take a curve as the goal."""
+        _require_curve(nodes_world)
+        nodes = geometry.resample(nodes_world, self._config.nodes)
+        self._goal_rod.place(nodes)
+        return self._publish_goal(nodes, name, ends_interchangeable)
+
+    @implements(api.BUILD_GOAL)
+    async def build_goal(self, frames: tuple[GoalFrame, ...]) -> GoalShape:
+        """Drag the goal rod by frames until it rests."""
+        return self._drag_goal(frames, rounds=_BUILD_ROUNDS)
+
+    @implements(api.PREDICT)
+    async def predict(self, action: PickPlace, state: DloState) -> DloState:
+        """The shape that an action would leave."""
+        _require_curve(state.nodes_world)
+        if not 0 <= action.grasp.node < self._config.nodes or len(state.nodes_world) != self._config.nodes:
+            raise SkillRejected(
+                "bad_shape",
+                f"grasp of node {action.grasp.node} of {len(state.nodes_world)}; the model has {self._config.nodes}",
+            )
+        nodes = await self.port.compute(rollout.predict, self._config, state.nodes_world, action)
+        return DloState(stamp_ns=state.stamp_ns, nodes_world=nodes, topology=self._topology)
+
+    @implements(api.SETTLE)
+    async def settle(self, nodes_world: Float64Array) -> Float64Array:
+        """Where a released rod comes to rest under friction."""
+        _require_curve(nodes_world)
+        return await self.port.compute(rollout.settle, self._config, nodes_world)
+
+    def _publish(self, state: DloState) -> None:
+        self._state = state
+        self._carry.place(state.nodes_world)
+        self.port.publish(topics.STATE, state)
+
+    def _follow(self, stamp_ns: int) -> None:
+        # What was seen, and when, stays: this is the model's own belief of what the tool has done since.
+        assert self._state is not None
+        nodes = self._carry.nodes_world
+        self._tracker.place(nodes)
+        self._state = msgspec.structs.replace(self._state, stamp_ns=stamp_ns, nodes_world=nodes)
+        self.port.publish(topics.STATE, self._state)
+
+    def _drag_goal(self, frames: tuple[GoalFrame, ...], rounds: int) -> GoalShape:
+        for frame in frames:
+            values = (frame.x_m, frame.y_m, frame.yaw_rad or 0.0)
+            if not 0 <= frame.node < self._config.nodes or not np.isfinite(values).all():
+                raise SkillRejected(
+                    "bad_frames",
+                    f"a frame pulls node {frame.node} to {values}; nodes 0 to {self._config.nodes - 1} and finite "
+                    f"numbers are allowed",
+                )
+        if self._goal is None and self._state is not None:
+            self._goal_rod.place(self._state.nodes_world)
+        for _ in range(rounds):
+            self._goal_rod.drag(frames)
+        return self._publish_goal(self._goal_rod.nodes_world, "frames", ends_interchangeable=False)
+
+    def _publish_goal(self, nodes: Float64Array, name: str, ends_interchangeable: bool) -> GoalShape:
+        goal = GoalShape(
+            stamp_ns=self.port.clock.now_ns(),
+            nodes_world=nodes,
+            name=name,
+            ends_interchangeable=ends_interchangeable,
+        )
+        self._goal = goal
+        self.port.publish(topics.GOAL, goal)
+        return goal
+
+
+def _require_curve(nodes_world: Float64Array) -> None:
+    if nodes_world.ndim != 2 or nodes_world.shape[1] != 3 or len(nodes_world) < 2:
+        raise SkillRejected("bad_shape", f"a curve is (K, 3) with K of 2 or more; this one is {nodes_world.shape}")
+    if not np.isfinite(nodes_world).all():
+        raise SkillRejected("bad_shape", "a curve needs finite numbers; this one has NaN or infinity in it")
+    if geometry.arc_lengths(nodes_world)[-1] < 1e-3:
+        raise SkillRejected("bad_shape", "all points of the curve are at one place; give points along the DLO")

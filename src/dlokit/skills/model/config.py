@@ -1,0 +1,78 @@
+"""Parameters of the model: the rod as the system believes it to be.
+
+They are deliberately not those of the simulated cell: in a lab nobody knows the DLO exactly either.
+"""
+
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrackingConfig:
+    """The PD controller that drags the model to the target points."""
+
+    stiffness_n_m: float = 20.0
+    """Proportional gain Kp of the force on a visible node [N/m]."""
+    hold_stiffness_n_m: float = 200.0
+    """Proportional gain on a node that the gripper holds [N/m]."""
+    damping_n_s_m: float = 0.2
+    """Derivative gain Kd [N·s/m]."""
+    force_limit_n: float = 0.25
+    """Largest force of one target point [N]; outliers pull no harder than this."""
+    steps: int = 120
+    """Physics steps of one update; fixed, so that runs repeat."""
+    timestep_s: float = 0.01
+    """Length of one physics step while tracking [s]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class GoalConfig:
+    """How the operator's frames drag the goal rod."""
+
+    stiffness_n_m: float = 40.0
+    """Spring between a frame and its node [N/m]."""
+    damping_n_s_m: float = 0.2
+    """Damping of the goal rod [N·s/m]."""
+    steps: int = 150
+    """Physics steps of one update."""
+    timestep_s: float = 0.01
+    """Length of one physics step while a goal is dragged [s]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RolloutConfig:
+    """How actions are predicted: the rod on a table with friction, its grasped node on the tool's path."""
+
+    grip_stiffness_n_m: float = 400.0
+    """Spring between the tool and the grasped node [N/m]."""
+    timestep_s: float = 0.004
+    """Length of one physics step [s]."""
+    release_s: float = 0.4
+    """Time that the rod is given to come to rest after the release [s]."""
+    publish_period_s: float = 0.1
+    """Time between two states while the model follows a tool [s]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelConfig:
+    """The rod as the system believes it to be, and how it is driven."""
+
+    nodes: int = 31
+    """Number of nodes M; the paper splits its DLO in 30 segments."""
+    length_m: float = 0.5
+    """Length of the DLO [m]."""
+    radius_m: float = 0.004
+    """Radius of the DLO [m]."""
+    bending_stiffness_n_m2: float = 1.3e-5
+    """Bending stiffness EI [N·m²]."""
+    mass_kg_m: float = 0.035
+    """Mass per length [kg/m]."""
+    friction: float = 0.6
+    """Sliding friction coefficient between the DLO and the table."""
+    self_collision: bool = True
+    """Whether the rod collides with itself where it lies on the table (rollouts)."""
+    tracking: TrackingConfig = field(default_factory=TrackingConfig)
+    """The PD controller."""
+    goal: GoalConfig = field(default_factory=GoalConfig)
+    """Dragging of the goal."""
+    rollout: RolloutConfig = field(default_factory=RolloutConfig)
+    """Prediction of actions."""

@@ -1,0 +1,72 @@
+"""The goal shape, dragged by the operator's frames: forces on the grabbed nodes, the rod does the rest.
+
+So that a goal obeys the DLO: its length is kept and it bends as the rod bends.
+"""
+
+import numpy as np
+
+from dlokit.skills.model.config import ModelConfig
+from dlokit.skills.model.rod import RodModel, fit_length
+from dlokit.types.arrays import Float64Array
+from dlokit.types.flow import GoalFrame
+
+
+class GoalRod:
+    """A rod in the plane of the table that frames pull into a goal."""
+
+    def __init__(self, config: ModelConfig) -> None:
+        self.config = config
+        goal = config.goal
+        self._rod = RodModel(config, timestep_s=goal.timestep_s, damping_n_s_m=goal.damping_n_s_m)
+        self._rod.on_table(False)
+
+    @property
+    def nodes_world(self) -> Float64Array:
+        """Nodes (M, 3) [m], all in the plane z = radius."""
+        nodes = self._rod.nodes_world
+        nodes[:, 2] = self.config.radius_m
+        return nodes
+
+    def place(self, nodes_world: Float64Array) -> None:
+        """Set the goal rod to a curve (K, 3) [m], brought to the rod's length."""
+        nodes = fit_length(self.config, nodes_world)
+        nodes[:, 2] = self.config.radius_m
+        self._rod.place(nodes)
+
+    def drag(self, frames: tuple[GoalFrame, ...]) -> Float64Array:
+        """One update: pull the frames' nodes, and their neighbours where a yaw is asked for; nodes (M, 3) [m].
+
+        Called again with the same frames it goes on from where it was, so that a far drag settles over several.
+        """
+        nodes = self._rod.nodes_world
+        targets, gains = nodes.copy(), np.zeros_like(nodes)
+        targets[:, 2] = self.config.radius_m
+        gains[:, 2] = self.config.goal.stiffness_n_m  # the table: an elastic rod would buckle out of the plane
+        for frame in frames:
+            self._grab(frame, targets, gains)
+        self._rod.pull(targets, gains)
+        self._rod.step(self.config.goal.steps)
+        return self.nodes_world
+
+    def _grab(self, frame: GoalFrame, targets: Float64Array, gains: Float64Array) -> None:
+        centre = np.array([frame.x_m, frame.y_m])
+        targets[frame.node, :2], gains[frame.node, :2] = centre, self.config.goal.stiffness_n_m
+        if frame.yaw_rad is None:
+            return
+        spacing = self.config.length_m / (self.config.nodes - 1)
+        along = spacing * np.array([np.cos(frame.yaw_rad), np.sin(frame.yaw_rad)])
+        for side in (-1, 1):
+            if 0 <= frame.node + side < self.config.nodes:
+                targets[frame.node + side, :2] = centre + side * along
+                gains[frame.node + side, :2] = self.config.goal.stiffness_n_m
+
+
+def settle_goal(
+    config: ModelConfig, frames: tuple[GoalFrame, ...], start_nodes_world: Float64Array, rounds: int = 10
+) -> Float64Array:
+    """The goal (M, 3) [m] that `frames` pull a rod starting at `start_nodes_world` (K, 3) into."""
+    rod = GoalRod(config)
+    rod.place(start_nodes_world)
+    for _ in range(rounds):
+        rod.drag(frames)
+    return rod.nodes_world

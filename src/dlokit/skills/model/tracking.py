@@ -1,0 +1,82 @@
+"""PD tracking: the model is dragged to the observer's target points, and its constraints reject outliers.
+
+On each visible node acts ``F = Kp (target - x) - Kd v``, limited in size; on a held node the gripper pulls
+the same way; a hidden node feels nothing but the rod. Gravity and friction are off: they would hold the model
+off its targets, and what they did to the real rod is in the targets already.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from dlokit.skills.model.config import ModelConfig
+from dlokit.skills.model.rod import RodModel, fit_length
+from dlokit.types.arrays import BoolArray, Float64Array
+
+_ROUNDS = 8  # the limit on the force is renewed this often in one update
+
+
+@dataclass(frozen=True)
+class Pin:
+    """A node that a gripper holds."""
+
+    node: int
+    position_world: Float64Array  # (3,) [m]
+
+
+@dataclass(frozen=True)
+class Tracked:
+    """The model's shape after an update."""
+
+    nodes_world: Float64Array  # (M, 3) [m]
+    error_m: float
+    """Root mean square distance of the visible nodes to their targets [m]; 0 when none is visible."""
+
+
+class Tracker:
+    """A rod that follows target points."""
+
+    def __init__(self, config: ModelConfig) -> None:
+        self.config = config
+        gains = config.tracking
+        self._rod = RodModel(config, timestep_s=gains.timestep_s, damping_n_s_m=gains.damping_n_s_m)
+        self._rod.on_table(False)
+
+    @property
+    def nodes_world(self) -> Float64Array:
+        """Nodes (M, 3) [m], none below the table."""
+        nodes = self._rod.nodes_world
+        nodes[:, 2] = np.maximum(nodes[:, 2], self.config.radius_m)
+        return nodes
+
+    def place(self, nodes_world: Float64Array) -> None:
+        """Set the model to a curve (K, 3) [m], brought to the rod's length."""
+        self._rod.place(fit_length(self.config, nodes_world))
+
+    def track(self, targets_world: Float64Array, visible: BoolArray, pins: tuple[Pin, ...] = ()) -> Tracked:
+        """Drag the model to targets (M, 3) [m]; nodes with `visible` (M,) False and no pin are left free."""
+        gains = self.config.tracking
+        targets = targets_world.copy()
+        targets[:, 2] = np.maximum(targets[:, 2], self.config.radius_m)
+        base = np.where(visible, gains.stiffness_n_m, 0.0)
+        held = np.zeros(len(base), dtype=np.bool_)
+        for pin in pins:
+            targets[pin.node], base[pin.node], held[pin.node] = pin.position_world, gains.hold_stiffness_n_m, True
+        targets[base == 0.0] = self._rod.nodes_world[base == 0.0]
+        for round_ in range(_ROUNDS):
+            pull_n = base * np.linalg.norm(targets - self._rod.nodes_world, axis=1)
+            limit = np.where(held, np.inf, gains.force_limit_n)
+            # First a target pulls no harder than the limit, so that a far shape is reached; once the shape is there,
+            # what is still beyond the limit is an outlier, and the further off it is the less it pulls.
+            power = 1 if round_ < _ROUNDS // 2 else 2
+            gain = base * np.minimum(1.0, limit / np.maximum(pull_n, 1e-12)) ** power
+            self._rod.pull(targets, np.repeat(gain[:, None], 3, axis=1))
+            self._rod.step(math.ceil(gains.steps / _ROUNDS))
+        return Tracked(nodes_world=self.nodes_world, error_m=_rms_m(self.nodes_world, targets_world, visible))
+
+
+def _rms_m(nodes: Float64Array, targets: Float64Array, visible: BoolArray) -> float:
+    if not visible.any():
+        return 0.0
+    return float(np.sqrt(np.mean(np.sum((nodes[visible] - targets[visible]) ** 2, axis=1))))

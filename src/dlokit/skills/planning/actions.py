@@ -1,0 +1,79 @@
+"""Settings that every action strategy shares: how to grasp, how to carry, what is feasible."""
+
+from dataclasses import dataclass, field
+
+from dlokit.description.panda_data import PANDA_GRASP_HEIGHT_M
+from dlokit.description.shapes import TABLE_X_M, TABLE_Y_M
+
+_TABLE_SLACK_M = 0.03  # a shape may lie a little outside of where the built-in ones do
+
+
+@dataclass(frozen=True, kw_only=True)
+class GraspConfig:
+    """Where and how the gripper takes hold."""
+
+    height_m: float = PANDA_GRASP_HEIGHT_M
+    """Height of the tool centre point over the table at grasp and release [m]."""
+    end_inset_m: float = 0.012
+    """A grasp stays this far inside the ends of the rod, so that there is rod between the pads [m]."""
+    openings_m: tuple[float, ...] = (0.05, 0.04, 0.03, 0.02)
+    """Finger openings to try, the first that fits is taken [m]."""
+    finger_width_m: float = 0.02
+    """Extent of a finger along the rod [m]."""
+    finger_thickness_m: float = 0.012
+    """Extent of a finger across the rod, outwards from its pad [m]."""
+    clearance_m: float = 0.002
+    """Free space between a finger and the rod's surface [m]."""
+    rod_radius_m: float = 0.004
+    """Radius of the DLO [m]."""
+    adjacent_m: float = 0.04
+    """Parts of the rod nearer than this along it belong to the grasped strand [m]."""
+    comfortable_yaw_rad: float = 0.785
+    """Yaw of the tool, against the bearing of its place from the robot's base, that leaves the wrist most room [rad];
+    the Panda's hand is mounted 45° off the middle of joint 7."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PathConfig:
+    """How the grasped node is carried to its goal."""
+
+    lift_m: float = 0.04
+    """Height of the carry above the grasp [m]."""
+    spacing_m: float = 0.03
+    """Largest distance of two poses on the carry [m]."""
+    turn_to_goal_tangent: bool = True
+    """Turn the gripper on the way from the rod's tangent to the goal's, where the arm can; fewer actions are needed."""
+    largest_turn_rad: float = 1.6
+    """Most that the gripper turns on one carry [rad]."""
+    overshoot: float = 0.0
+    """Release this share of the way beyond the goal, against springing back."""
+    speed_m_s: float = 0.25
+    """Speed of the tool on the carry [m/s]."""
+    acceleration_m_s2: float = 1.0
+    """Acceleration of the tool [m/s²]."""
+    jerk_m_s3: float = 10.0
+    """Jerk of the tool [m/s³]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FeasibilityConfig:
+    """What a start or goal shape must keep to."""
+
+    table_x_m: tuple[float, float] = (TABLE_X_M[0] - _TABLE_SLACK_M, TABLE_X_M[1] + _TABLE_SLACK_M)
+    """Usable table along x [m]."""
+    table_y_m: tuple[float, float] = (TABLE_Y_M[0] - _TABLE_SLACK_M, TABLE_Y_M[1] + _TABLE_SLACK_M)
+    """Usable table along y [m]."""
+    view_margin_px: float = 4.0
+    """A node must be this far inside the picture [px]."""
+    min_bend_radius_m: float = 0.03
+    """Tightest bend of a goal [m]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ActionConfig:
+    """How any pick-and-place action is made."""
+
+    grasp: GraspConfig = field(default_factory=GraspConfig)
+    """Where and how the gripper takes hold."""
+    path: PathConfig = field(default_factory=PathConfig)
+    """How the grasped node is carried."""

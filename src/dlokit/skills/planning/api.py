@@ -1,0 +1,33 @@
+"""What planning can be asked to do."""
+
+from dlokit.communication.skill import Skill
+from dlokit.types.action import Marks, PickPlace
+from dlokit.types.dlo import DloState, GoalShape
+from dlokit.types.feasibility import Verdict
+
+
+def _propose(shape: DloState, goal: GoalShape, marks: Marks, skip: int = 0) -> PickPlace:
+    """The best valid action, or the next best after `skip` others; published as well. Fails with: no_valid_grasp."""
+    ...
+
+
+def _check_goal(goal: GoalShape) -> Verdict:
+    """Whether a goal lies on the table, in reach and view, without crossing itself or bending too tightly."""
+    ...
+
+
+def _check_start(shape: DloState) -> Verdict:
+    """Whether the DLO lies on the table, in reach and view, and not across itself."""
+    ...
+
+
+PROPOSE = Skill(
+    "planning",
+    "propose",
+    _propose,
+    timeout_s=30.0,
+    requires="shape and goal have the same number of nodes",
+    ensures="the action is reachable, its gripper fits, its node is not marked",
+)
+CHECK_GOAL = Skill("planning", "check_goal", _check_goal, timeout_s=10.0, ensures="the verdict names every problem")
+CHECK_START = Skill("planning", "check_start", _check_start, timeout_s=10.0, ensures="the verdict names every problem")

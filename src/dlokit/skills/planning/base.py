@@ -1,0 +1,43 @@
+"""What an action strategy is."""
+
+from collections.abc import AsyncIterator, Callable
+from dataclasses import dataclass
+from typing import ClassVar, Protocol
+
+from dlokit.skills.planning.actions import ActionConfig
+from dlokit.types.action import Action, Marks
+from dlokit.types.dlo import DloState, GoalShape
+from dlokit.types.pose import Pose
+
+Reachable = Callable[[Pose], bool]
+"""Whether the robot can bring its tool to a pose within its joint limits."""
+
+
+class ActionStrategy(Protocol):
+    """Chooses what to do to bring a shape to a goal."""
+
+    def propose(self, shape: DloState, goal: GoalShape, marks: Marks) -> AsyncIterator[Action]:
+        """Valid actions, best first, so that Fig. 6 can take the next best; may end without any.
+
+        Both shapes have M nodes; nodes in `marks` were tried in vain and are left out. Every action says its
+        velocity profile.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class PlanningTools:
+    """What a strategy may use."""
+
+    reachable: Reachable
+    actions: ActionConfig
+
+
+class StrategyConfig(Protocol):
+    """The settings of a strategy, which know how to build it. Frozen dataclasses, one a strategy."""
+
+    name: ClassVar[str]
+
+    def build(self, tools: PlanningTools) -> ActionStrategy:
+        """The strategy with these settings."""
+        ...

@@ -1,0 +1,65 @@
+"""Planning: which node to grasp, and on which path to take it to its goal."""
+
+from dlokit.communication import topics
+from dlokit.communication.component import Component, implements
+from dlokit.errors import SkillFailure, SkillRejected
+from dlokit.skills.planning import api, feasibility
+from dlokit.skills.planning.base import PlanningTools, Reachable
+from dlokit.skills.planning.config import PlanningConfig
+from dlokit.types.action import Marks, PickPlace
+from dlokit.types.dlo import DloState, GoalShape
+from dlokit.types.feasibility import Verdict
+from dlokit.types.image import CameraCalibration
+
+
+class PlanningComponent(Component):
+    """Planning as a component. It is told whether the arm reaches a pose; all else is on the bus."""
+
+    name = "planning"
+    publishes = (topics.ACTION,)
+    reads = (topics.OBSERVATION,)
+
+    def __init__(self, config: PlanningConfig, reachable: Reachable) -> None:
+        super().__init__()
+        self._config = config
+        self._reachable = reachable
+        self._strategy = config.strategy.build(PlanningTools(reachable=reachable, actions=config.actions))
+
+    @implements(api.PROPOSE)
+    async def propose(self, shape: DloState, goal: GoalShape, marks: Marks, skip: int = 0) -> PickPlace:
+        """The best valid action, after `skip` others."""
+        if shape.nodes_world.shape != goal.nodes_world.shape:
+            raise SkillRejected(
+                "shapes_differ",
+                f"the shape has {len(shape.nodes_world)} nodes, the goal {len(goal.nodes_world)}; "
+                f"set the goal through the model, which gives it as many",
+            )
+        left = skip
+        async for action in self._strategy.propose(shape, goal, marks):
+            if left == 0:
+                self.port.publish(topics.ACTION, action)
+                return action
+            left -= 1
+        raise SkillFailure(
+            "no_valid_grasp",
+            f"none of {len(shape.nodes_world)} nodes is left: {len(marks.invalid_nodes)} are marked, {skip} were "
+            f"skipped, and at the others the gripper does not fit or the arm does not reach",
+        )
+
+    @implements(api.CHECK_GOAL)
+    async def check_goal(self, goal: GoalShape) -> Verdict:
+        """Whether a goal can be reached and seen."""
+        return feasibility.check_goal(
+            goal.nodes_world, self._config.feasibility, self._config.actions.grasp, self._reachable, self._camera()
+        )
+
+    @implements(api.CHECK_START)
+    async def check_start(self, shape: DloState) -> Verdict:
+        """Whether the DLO lies where it can be worked with."""
+        return feasibility.check_start(
+            shape.nodes_world, self._config.feasibility, self._config.actions.grasp, self._reachable, self._camera()
+        )
+
+    def _camera(self) -> CameraCalibration | None:
+        seen = self.port.latest(topics.OBSERVATION).value
+        return None if seen is None else seen.calibration

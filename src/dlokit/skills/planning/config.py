@@ -1,0 +1,18 @@
+"""Settings of planning."""
+
+from dataclasses import dataclass, field
+
+from dlokit.skills.planning.actions import ActionConfig, FeasibilityConfig
+from dlokit.skills.planning.farthest import FarthestConfig
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlanningConfig:
+    """How actions are chosen."""
+
+    strategy: FarthestConfig = field(default_factory=FarthestConfig)
+    """Which action strategy."""
+    actions: ActionConfig = field(default_factory=ActionConfig)
+    """How to grasp and carry, whatever the strategy."""
+    feasibility: FeasibilityConfig = field(default_factory=FeasibilityConfig)
+    """What start and goal must keep to."""

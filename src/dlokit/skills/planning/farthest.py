@@ -1,0 +1,43 @@
+"""The paper's strategy: grasp the node that is farthest from its goal and take it there."""
+
+from collections.abc import AsyncIterator
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from dlokit.skills.planning.base import PlanningTools
+from dlokit.skills.planning.pick_place import Invalid, goal_in_order, take_to_goal
+from dlokit.types.action import Action, Marks
+from dlokit.types.dlo import DloState, GoalShape
+
+
+@dataclass(frozen=True, kw_only=True)
+class FarthestConfig:
+    """The paper's strategy: the node farthest from its goal is taken to it."""
+
+    name: ClassVar[str] = "farthest"
+
+    def build(self, tools: PlanningTools) -> "Farthest":
+        """The strategy with these settings."""
+        return Farthest(tools)
+
+
+class Farthest:
+    """Nodes in the order of their distance to the goal, the farthest first; invalid ones are passed over (Fig. 6)."""
+
+    def __init__(self, tools: PlanningTools) -> None:
+        self._tools = tools
+
+    async def propose(self, shape: DloState, goal: GoalShape, marks: Marks) -> AsyncIterator[Action]:
+        """Valid actions, the node farthest from its goal first."""
+        goal_world = goal_in_order(shape.nodes_world, goal.nodes_world, ends_interchangeable=goal.ends_interchangeable)
+        distance_m = np.linalg.norm(shape.nodes_world - goal_world, axis=1)
+        marked = {int(node) for node in marks.invalid_nodes}
+        # A stable sort, so that equal distances are taken in the order of the rod on every machine.
+        for node in np.argsort(-distance_m, kind="stable"):
+            if int(node) in marked:
+                continue
+            action = take_to_goal(shape, goal_world, int(node), self._tools)
+            if not isinstance(action, Invalid):
+                yield action

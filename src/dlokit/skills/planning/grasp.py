@@ -1,0 +1,87 @@
+"""The grasp: straight down, turned across the rod's tangent, where the fingers land on nothing."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dlokit import geometry
+from dlokit.skills.planning.actions import GraspConfig
+from dlokit.types.arrays import Float64Array
+from dlokit.types.pose import Pose
+
+_SAMPLE_M = 0.002  # distance of the points at which the rod is checked against the fingers
+
+
+@dataclass(frozen=True)
+class RodPoint:
+    """A point of a rod."""
+
+    s_m: float
+    """Length along the rod [m]."""
+    position_world: Float64Array  # (3,) [m]
+    yaw_rad: float
+    """Direction of the rod in the table plane, from the first node to the last [rad]."""
+
+
+def rod_point(nodes_world: Float64Array, share: float) -> RodPoint:
+    """The point of a rod (M, 3) [m] at a `share` of its length, 0 to 1."""
+    s = geometry.arc_lengths(nodes_world)
+    at = share * s[-1]
+    tangents = geometry.tangents(nodes_world)
+    position = np.array([np.interp(at, s, nodes_world[:, axis]) for axis in range(3)])
+    tangent = [np.interp(at, s, tangents[:, axis]) for axis in range(2)]
+    return RodPoint(s_m=float(at), position_world=position, yaw_rad=float(np.arctan2(tangent[1], tangent[0])))
+
+
+def grasp_share(nodes_world: Float64Array, node: int, end_inset_m: float) -> float:
+    """Where to grasp for `node`, as a share of the rod's length: at the node, but never too near an end."""
+    s = geometry.arc_lengths(nodes_world)
+    inset = min(end_inset_m / s[-1], 0.5)
+    return float(np.clip(s[node] / s[-1], inset, 1.0 - inset))
+
+
+def wrapped(angle_rad: float) -> float:
+    """The same angle between -pi and pi [rad]."""
+    return float((angle_rad + np.pi) % (2.0 * np.pi) - np.pi)
+
+
+def grasp_yaw(point: RodPoint, turn_rad: float, config: GraspConfig) -> float:
+    """Yaw of the tool at `point`: of the two across the rod, the one that leaves the wrist more room [rad].
+
+    `turn_rad` is what the tool turns afterwards; the worse of both ends counts.
+    """
+    x, y = point.position_world[:2]
+    middle = float(np.arctan2(y, x)) + config.comfortable_yaw_rad
+    first = wrapped(point.yaw_rad - middle)
+    choices = (first, first - np.pi if first > 0.0 else first + np.pi)
+    return min(choices, key=lambda yaw: max(abs(yaw), abs(yaw + turn_rad))) + middle
+
+
+def grasp_pose(point: RodPoint, yaw_rad: float, config: GraspConfig) -> Pose:
+    """Tool pose that takes the rod at `point`."""
+    return geometry.downward((*point.position_world[:2], config.height_m), yaw_rad)
+
+
+def fitting_opening_m(nodes_world: Float64Array, point: RodPoint, config: GraspConfig) -> float | None:
+    """The first finger opening at which the gripper fits around the rod (M, 3) [m] at `point`; None: none does."""
+    for opening_m in config.openings_m:
+        if gripper_fits(nodes_world, point, opening_m, config):
+            return opening_m
+    return None
+
+
+def gripper_fits(nodes_world: Float64Array, point: RodPoint, opening_m: float, config: GraspConfig) -> bool:
+    """Whether both fingers come down beside the rod (M, 3) [m], on no part of it, and around one strand only."""
+    length = geometry.arc_lengths(nodes_world)[-1]
+    count = int(length / _SAMPLE_M) + 2
+    points = geometry.resample(nodes_world, count)
+    strand = np.abs(np.linspace(0.0, length, count) - point.s_m) < config.adjacent_m
+    cosine, sine = np.cos(point.yaw_rad), np.sin(point.yaw_rad)
+    offsets = points[:, :2] - point.position_world[:2]
+    along = np.abs(offsets @ np.array([cosine, sine]))
+    across = np.abs(offsets @ np.array([-sine, cosine]))
+    reach = config.rod_radius_m + config.clearance_m
+    beside = along < config.finger_width_m / 2.0 + reach
+    within_fingers = across < opening_m / 2.0 + config.finger_thickness_m + reach
+    free_between = across < opening_m / 2.0 - reach
+    return not np.any(beside & within_fingers & ~(strand & free_between))

@@ -1,0 +1,62 @@
+"""One valid pick-and-place: a node taken to its place in the goal, or the reason why not."""
+
+import enum
+
+import numpy as np
+
+from dlokit import geometry
+from dlokit.skills.planning.base import PlanningTools
+from dlokit.skills.planning.grasp import (
+    fitting_opening_m,
+    grasp_pose,
+    grasp_share,
+    grasp_yaw,
+    rod_point,
+    wrapped,
+)
+from dlokit.skills.planning.path import carry_path, velocity
+from dlokit.types.action import Grasp, PickPlace
+from dlokit.types.arrays import Float64Array
+from dlokit.types.dlo import DloState
+
+
+class Invalid(enum.Enum):
+    """Why a grasp is not valid (Fig. 6)."""
+
+    GRIPPER_DOES_NOT_FIT = "gripper_does_not_fit"
+    OUT_OF_REACH = "out_of_reach"
+
+
+def take_to_goal(shape: DloState, goal_world: Float64Array, node: int, tools: PlanningTools) -> PickPlace | Invalid:
+    """The action that takes `node` of `shape` to its place in `goal_world` (M, 3) [m], if the gripper can."""
+    grasp, path = tools.actions.grasp, tools.actions.path
+    nodes = shape.nodes_world
+    share = grasp_share(nodes, node, grasp.end_inset_m)
+    here, there = rod_point(nodes, share), rod_point(goal_world, share)
+    opening_m = fitting_opening_m(nodes, here, grasp)
+    if opening_m is None:
+        return Invalid.GRIPPER_DOES_NOT_FIT
+    turn = wrapped(there.yaw_rad - here.yaw_rad) if path.turn_to_goal_tangent else 0.0
+    # A carry with a turn may be out of reach where one without is not.
+    for turn_rad in dict.fromkeys((float(np.clip(turn, -path.largest_turn_rad, path.largest_turn_rad)), 0.0)):
+        yaw = grasp_yaw(here, turn_rad, grasp)
+        T_world_tcp = grasp_pose(here, yaw, grasp)
+        end = np.array([*there.position_world[:2], grasp.height_m])
+        poses = carry_path(T_world_tcp.position_m, end, yaw, turn_rad, path)
+        if all(tools.reachable(pose) for pose in (T_world_tcp, poses[0], poses[-2], poses[-1])):
+            return PickPlace(
+                stamp_ns=shape.stamp_ns,
+                grasp=Grasp(node=node, T_world_tcp=T_world_tcp, opening_m=opening_m),
+                path=poses,
+                velocity=velocity(path),
+            )
+    return Invalid.OUT_OF_REACH
+
+
+def goal_in_order(nodes_world: Float64Array, goal_world: Float64Array, *, ends_interchangeable: bool) -> Float64Array:
+    """The goal (M, 3) [m] in the order that is nearer to the shape (M, 3), where its ends may be exchanged."""
+    if ends_interchangeable and geometry.rmse_m(nodes_world, goal_world[::-1]) < geometry.rmse_m(
+        nodes_world, goal_world
+    ):
+        return goal_world[::-1]
+    return goal_world
