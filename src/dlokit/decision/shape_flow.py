@@ -1,9 +1,9 @@
 """The flow chart of shape manipulation (paper, Fig. 6), with the ends that the paper lacks."""
 
-from dlokit.decision import shape_steps as steps
 from dlokit.decision.convergence import Progress
 from dlokit.decision.flow import End, Flow, Step
-from dlokit.decision.shape_steps import Change, Found, GoalSet, Grasped, Marked, Moved, Released, Sight
+from dlokit.decision.steps import acting, seeing
+from dlokit.decision.steps.outcomes import Change, Found, GoalSet, Grasped, Marked, Moved, Released, Sight
 from dlokit.decision.task import ShapeTask
 from dlokit.types.flow import RunOutcome
 
@@ -13,25 +13,25 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
     steps=(
         Step(
             "find_dlo",
-            steps.find_dlo,
+            seeing.find_dlo,
             {Sight.SEEN: "set_goal", Sight.UNUSABLE: "infeasible", Sight.FAILED: "failed"},
             "Drive out of the picture, look, and order the cloud into the first shape.",
         ),
         Step(
             "set_goal",
-            steps.set_goal,
+            seeing.set_goal,
             {GoalSet.SET: "track_model", GoalSet.INFEASIBLE: "infeasible", GoalSet.FAILED: "failed"},
             "The operator's goal, in the model, so that it obeys the rod; can the cell reach it?",
         ),
         Step(
             "track_model",
-            steps.track_model,
+            seeing.track_model,
             {Sight.SEEN: "compare", Sight.UNUSABLE: "infeasible", Sight.FAILED: "failed"},
             "Look until the model, dragged to the target points, has settled.",
         ),
         Step(
             "compare",
-            steps.compare,
+            seeing.compare,
             {
                 Progress.CONVERGED: "converged",
                 Progress.NOT_YET: "choose_grasp",
@@ -43,55 +43,55 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
         ),
         Step(
             "choose_grasp",
-            steps.choose_grasp,
+            acting.choose_grasp,
             {Found.FOUND: "approach", Found.NONE_LEFT: "stalled", Found.FAILED: "failed"},
             "The unmarked node farthest from its goal that can be grasped.",
         ),
         Step(
             "approach",
-            steps.approach,
+            acting.approach,
             {Moved.DONE: "grasp", Moved.REFUSED: "mark_invalid", Moved.FAILED: "failed"},
             "Joint-space move above the grasp point.",
         ),
         Step(
             "grasp",
-            steps.grasp,
+            acting.grasp,
             {Grasped.HELD: "move_to_goal", Grasped.MISSED: "release", Grasped.FAILED: "failed"},
             "Straight down, close, and feel whether something is held.",
         ),
         Step(
             "move_to_goal",
-            steps.move_to_goal,
+            acting.move_to_goal,
             {Moved.DONE: "release", Moved.REFUSED: "release", Moved.FAILED: "failed"},
             "Lift, carry and lower along the planned path, tracking the model meanwhile.",
         ),
         Step(
             "release",
-            steps.release,
+            acting.release,
             {Released.DONE: "track_again", Released.FAILED: "failed"},
             "Open, retreat straight up, drive out of the picture.",
         ),
         Step(
             "track_again",
-            steps.track_again,
+            seeing.track_again,
             {Sight.SEEN: "has_error_changed", Sight.UNUSABLE: "infeasible", Sight.FAILED: "failed"},
             "Look again until the model has settled.",
         ),
         Step(
             "has_error_changed",
-            steps.has_error_changed,
+            acting.has_error_changed,
             {Change.CHANGED: "clear_marks", Change.UNCHANGED: "mark_invalid"},
             "Did the action change the error?",
         ),
         Step(
             "clear_marks",
-            steps.clear_marks,
+            acting.clear_marks,
             {Marked.DONE: "compare"},
             "All grasp points are valid again.",
         ),
         Step(
             "mark_invalid",
-            steps.mark_invalid,
+            acting.mark_invalid,
             {Marked.DONE: "compare"},
             "Do not take this grasp point again until the shape has changed.",
         ),

@@ -94,3 +94,9 @@ class ShapeTask:
     history: list[ActionRecord] = field(default_factory=list[ActionRecord])
     planning_time_s: float = 0.0
     reason: str | None = None
+
+    @property
+    def chosen(self) -> PickPlace:
+        """The action under way."""
+        assert self.action is not None, "an action is chosen before the robot moves"
+        return self.action

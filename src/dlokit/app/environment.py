@@ -1,0 +1,16 @@
+"""What must be set before MuJoCo, OpenBLAS and OpenCV are imported."""
+
+import os
+import platform
+
+
+def prepare_environment() -> None:
+    """Render without a display, and keep linear algebra on one thread.
+
+    The matrices here are small: more threads cost time, disturb a run beside this one, and make sums depend on
+    how many there are. What the user has set stays.
+    """
+    if platform.system() == "Linux":
+        os.environ.setdefault("MUJOCO_GL", "egl")
+    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(name, "1")

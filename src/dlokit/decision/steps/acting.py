@@ -1,0 +1,152 @@
+"""The boxes that choose, grasp, move, release and mark."""
+
+from typing import Any
+
+import numpy as np
+
+from dlokit.communication import topics
+from dlokit.decision.convergence import has_changed
+from dlokit.decision.steps.explaining import fail
+from dlokit.decision.steps.outcomes import Change, Found, Grasped, Marked, Moved, Released
+from dlokit.decision.task import ShapeTask
+from dlokit.geometry import matrix, pose_from_matrix
+from dlokit.skills.perception import api as perception
+from dlokit.skills.planning import api as planning
+from dlokit.skills.robot import api as robot
+from dlokit.types.action import Marks
+from dlokit.types.observation import Gripped
+from dlokit.types.outcome import Failed, Outcome, Rejected, Succeeded
+from dlokit.types.pose import Pose
+
+REFUSALS = frozenset(
+    {
+        "unreachable",
+        "joint_limit",
+        "velocity_limit",
+        "acceleration_limit",
+        "jerk_limit",
+        "table_collision",
+        "self_collision",
+    }
+)
+"""Reasons for which the robot refuses a motion before it moves: another grasp may do."""
+
+
+def _judge_motion(task: ShapeTask, skill: str, outcome: Outcome[Any]) -> Moved:
+    if isinstance(outcome, Succeeded):
+        return Moved.DONE
+    fail(task, skill, outcome)
+    if isinstance(outcome, Failed | Rejected) and outcome.reason in REFUSALS:
+        return Moved.REFUSED
+    return Moved.FAILED
+
+
+async def choose_grasp(task: ShapeTask) -> Found:
+    """Best valid, unmarked grasp; the planner tries the next best where one is invalid."""
+    assert task.state is not None
+    assert task.goal is not None
+    task.action_started_ns = task.port.clock.now_ns()
+    began = task.stopwatch()
+    marks = Marks(invalid_nodes=np.array(sorted(task.marks), dtype=np.int64))
+    proposed = await task.port.call(planning.PROPOSE, task.state, task.goal, marks)
+    task.planning_time_s += task.stopwatch() - began
+    if isinstance(proposed, Succeeded):
+        task.action = proposed.result
+        return Found.FOUND
+    fail(task, "planning.propose", proposed)
+    if isinstance(proposed, Failed) and proposed.reason == "no_valid_grasp":
+        return Found.NONE_LEFT
+    return Found.FAILED
+
+
+def _above(pose: Pose, height_m: float) -> Pose:
+    T = matrix(pose)
+    T[2, 3] += height_m
+    return pose_from_matrix(T)
+
+
+async def approach(task: ShapeTask) -> Moved:
+    """Open the fingers and move above the grasp in joint space."""
+    grasp_at = task.chosen.grasp
+    opened = await task.port.call(robot.RELEASE, grasp_at.opening_m)
+    if not isinstance(opened, Succeeded):
+        return _judge_motion(task, "robot.release", opened)
+    moved = await task.port.call(robot.MOVE_TO, _above(grasp_at.T_world_tcp, task.config.approach_height_m))
+    return _judge_motion(task, "robot.move_to", moved)
+
+
+async def grasp(task: ShapeTask) -> Grasped:
+    """Straight down and close."""
+    action = task.chosen
+    down = await task.port.call(robot.MOVE_LINEAR, action.grasp.T_world_tcp, action.velocity)
+    match _judge_motion(task, "robot.move_linear", down):
+        case Moved.REFUSED:
+            return Grasped.MISSED
+        case Moved.FAILED:
+            return Grasped.FAILED
+        case Moved.DONE:
+            pass
+    gripped = await task.port.call(robot.GRASP, task.config.grasp_force_n)
+    if not isinstance(gripped, Succeeded):
+        fail(task, "robot.grasp", gripped)
+        return Grasped.FAILED
+    task.grasp_ok = gripped.result.held
+    return Grasped.HELD if task.grasp_ok else Grasped.MISSED
+
+
+async def move_to_goal(task: ShapeTask) -> Moved:
+    """Carry the node along the path while perception, observer and model follow the rod."""
+    action = task.chosen
+    _say_gripped(task, action.grasp.node)
+    await task.port.call(perception.SET_TRACKING, task.config.tracking_hz)
+    try:
+        moved = await task.port.call(robot.FOLLOW_PATH, action.path, action.velocity)
+    finally:
+        await task.port.call(perception.SET_TRACKING, 0.0)
+    return _judge_motion(task, "robot.follow_path", moved)
+
+
+def _say_gripped(task: ShapeTask, node: int | None) -> None:
+    robot_name = task.chosen.robot
+    task.port.publish(topics.GRIPPED, Gripped(stamp_ns=task.port.clock.now_ns(), robot=robot_name, node=node))
+
+
+async def release(task: ShapeTask) -> Released:
+    """Open, go straight up, and leave the picture."""
+    action = task.chosen
+    opened = await task.port.call(robot.RELEASE, action.grasp.opening_m)
+    if not isinstance(opened, Succeeded):
+        fail(task, "robot.release", opened)
+        return Released.FAILED
+    task.release_stamp_ns = task.port.clock.now_ns()
+    _say_gripped(task, None)
+    state = task.port.latest(topics.ROBOT_STATE).value
+    if state is not None:
+        up = _above(state.T_world_tcp, task.config.retreat_height_m)
+        moved = await task.port.call(robot.MOVE_LINEAR, up, action.velocity)
+        if _judge_motion(task, "robot.move_linear", moved) is Moved.FAILED:
+            return Released.FAILED
+    home = await task.port.call(robot.HOME)
+    if not isinstance(home, Succeeded):
+        fail(task, "robot.home", home)
+        return Released.FAILED
+    task.reason = None
+    return Released.DONE
+
+
+async def has_error_changed(task: ShapeTask) -> Change:
+    """Compare the error with the one before the action."""
+    before_m, after_m = task.errors_m[-2:]
+    return Change.CHANGED if has_changed(before_m, after_m, task.config) else Change.UNCHANGED
+
+
+async def clear_marks(task: ShapeTask) -> Marked:
+    """All grasp points may be tried again."""
+    task.marks.clear()
+    return Marked.DONE
+
+
+async def mark_invalid(task: ShapeTask) -> Marked:
+    """This grasp point led to nothing."""
+    task.marks.add(task.chosen.grasp.node)
+    return Marked.DONE

@@ -1,0 +1,20 @@
+"""Why a skill call did not succeed, in words."""
+
+from typing import Any
+
+from dlokit.decision.task import ShapeTask
+from dlokit.types.outcome import Failed, Outcome, Rejected
+
+
+def explain(outcome: Outcome[Any]) -> str:
+    """One line of why a call did not succeed."""
+    match outcome:
+        case Failed(reason=reason, detail=detail) | Rejected(reason=reason, detail=detail):
+            return f"{reason}: {detail}" if detail else reason
+        case _:
+            return f"{type(outcome).__name__.lower()}"
+
+
+def fail(task: ShapeTask, skill: str, outcome: Outcome[Any]) -> None:
+    """Keep why a skill did not succeed as the task's reason, should it end here."""
+    task.reason = f"{skill} {explain(outcome)}"

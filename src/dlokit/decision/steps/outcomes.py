@@ -1,0 +1,63 @@
+"""How the boxes of the shape flow end."""
+
+import enum
+
+
+class Sight(enum.Enum):
+    """What a look gave."""
+
+    SEEN = "seen"
+    UNUSABLE = "unusable"
+    FAILED = "failed"
+
+
+class GoalSet(enum.Enum):
+    """What became of the goal."""
+
+    SET = "set"
+    INFEASIBLE = "infeasible"
+    FAILED = "failed"
+
+
+class Found(enum.Enum):
+    """Whether a grasp was found."""
+
+    FOUND = "valid"
+    NONE_LEFT = "none_left"
+    FAILED = "failed"
+
+
+class Moved(enum.Enum):
+    """What became of a motion."""
+
+    DONE = "done"
+    REFUSED = "refused"
+    FAILED = "failed"
+
+
+class Grasped(enum.Enum):
+    """What the fingers felt."""
+
+    HELD = "held"
+    MISSED = "missed"
+    FAILED = "failed"
+
+
+class Released(enum.Enum):
+    """What became of the release."""
+
+    DONE = "done"
+    FAILED = "failed"
+
+
+class Change(enum.Enum):
+    """Whether an action changed the error."""
+
+    CHANGED = "changed"
+    UNCHANGED = "unchanged"
+
+
+class Marked(enum.Enum):
+    """Book-keeping has one outcome."""
+
+    DONE = "done"

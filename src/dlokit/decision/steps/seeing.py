@@ -1,0 +1,170 @@
+"""The boxes that look, compare and set the goal."""
+
+from typing import Any
+
+from dlokit.communication import topics
+from dlokit.decision.convergence import Progress, progress
+from dlokit.decision.looking import settle, state_after
+from dlokit.decision.steps.explaining import explain, fail
+from dlokit.decision.steps.outcomes import GoalSet, Sight
+from dlokit.decision.task import ActionRecord, ShapeTask
+from dlokit.geometry import rmse_m
+from dlokit.skills.model import api as model
+from dlokit.skills.observer import api as observer
+from dlokit.skills.perception import api as perception
+from dlokit.skills.planning import api as planning
+from dlokit.skills.robot import api as robot
+from dlokit.types.feasibility import Verdict
+from dlokit.types.flow import Command, OperatorCommand
+from dlokit.types.outcome import Failed, Outcome, Succeeded
+
+UNUSABLE = frozenset({"no_points", "out_of_view", "crossing", "fragmented"})
+"""Reasons for which a first look gives no shape to work with, though everything works."""
+
+
+def _judge_sight(task: ShapeTask, skill: str, outcome: Outcome[Any]) -> Sight:
+    fail(task, skill, outcome)
+    if isinstance(outcome, Failed) and outcome.reason in UNUSABLE:
+        task.reason = f"start {explain(outcome)}"
+        return Sight.UNUSABLE
+    return Sight.FAILED
+
+
+async def find_dlo(task: ShapeTask) -> Sight:
+    """First look: the shape is unknown, so the observer orders the cloud into nodes."""
+    home = await task.port.call(robot.HOME)
+    if not isinstance(home, Succeeded):
+        fail(task, "robot.home", home)
+        return Sight.FAILED
+    seen = await task.port.call(perception.LOOK)
+    if not isinstance(seen, Succeeded):
+        return _judge_sight(task, "perception.look", seen)
+    first = await task.port.call(observer.INITIALISE, seen.result.stamp_ns)
+    if not isinstance(first, Succeeded):
+        return _judge_sight(task, "observer.initialise", first)
+    task.state = await state_after(task, first.result.stamp_ns)
+    if task.state is None:
+        return Sight.FAILED
+    return Sight.SEEN
+
+
+async def set_goal(task: ShapeTask) -> GoalSet:
+    """Put the goal into the model; the operator's from the viewer when none was given."""
+    if task.request is None:
+        await _operator_starts(task)
+        task.goal = task.port.latest(topics.GOAL).value
+        if task.goal is None:
+            task.reason = "no goal was set: drag a frame before pressing start"
+            return GoalSet.FAILED
+    else:
+        request = task.request
+        goal = await task.port.call(model.SET_GOAL, request.nodes_world, request.name, request.ends_interchangeable)
+        if not isinstance(goal, Succeeded):
+            fail(task, "model.set_goal", goal)
+            return GoalSet.FAILED
+        task.goal = goal.result
+    verdict = await task.port.call(planning.CHECK_GOAL, task.goal)
+    if not isinstance(verdict, Succeeded):
+        fail(task, "planning.check_goal", verdict)
+        return GoalSet.FAILED
+    if not verdict.result.feasible:
+        task.reason = f"goal {_problems(verdict.result)}"
+        return GoalSet.INFEASIBLE
+    return await _label_ends(task)
+
+
+async def _operator_starts(task: ShapeTask) -> None:
+    async for message in task.commands:
+        if isinstance(message, OperatorCommand) and message.command is Command.START:
+            return
+
+
+async def _label_ends(task: ShapeTask) -> GoalSet:
+    """Call that end node 0 which is nearer to the goal's node 0, once and for all.
+
+    A camera cannot tell the ends of a rod apart, so which is first is ours to say; the order that is nearer to
+    the goal spares turning the rod round. From here on the order is kept, and a goal that would fit the other
+    way round does not count unless its ends are interchangeable.
+    """
+    assert task.state is not None
+    assert task.goal is not None
+    nodes, goal = task.state.nodes_world, task.goal.nodes_world
+    if rmse_m(nodes, goal) <= rmse_m(nodes[::-1], goal):
+        return GoalSet.SET
+    reset = await task.port.call(model.RESET)
+    if not isinstance(reset, Succeeded):
+        fail(task, "model.reset", reset)
+        return GoalSet.FAILED
+    turned = await task.port.call(observer.INITIALISE, 0, goal)
+    if not isinstance(turned, Succeeded):
+        fail(task, "observer.initialise", turned)
+        return GoalSet.FAILED
+    task.state = await state_after(task, turned.result.stamp_ns)
+    return GoalSet.SET if task.state is not None else GoalSet.FAILED
+
+
+def _problems(verdict: Verdict) -> str:
+    return f"{', '.join(finding.problem.value for finding in verdict.findings)}: {verdict.text}"
+
+
+async def track_model(task: ShapeTask) -> Sight:
+    """The shape before the first action; may the task start from it?"""
+    if not await settle(task):
+        return Sight.FAILED
+    assert task.state is not None
+    assert task.goal is not None
+    verdict = await task.port.call(planning.CHECK_START, task.state)
+    if not isinstance(verdict, Succeeded):
+        fail(task, "planning.check_start", verdict)
+        return Sight.FAILED
+    if not verdict.result.feasible:
+        task.reason = f"start {_problems(verdict.result)}"
+        return Sight.UNUSABLE
+    task.start = task.state
+    task.errors_m.append(_error(task))
+    return Sight.SEEN
+
+
+def _error(task: ShapeTask) -> float:
+    assert task.state is not None
+    assert task.goal is not None
+    return rmse_m(task.state.nodes_world, task.goal.nodes_world, ends_interchangeable=task.goal.ends_interchangeable)
+
+
+async def compare(task: ShapeTask) -> Progress:
+    """RMSE against the threshold, then the break conditions."""
+    elapsed_s = (task.port.clock.now_ns() - task.started_ns) / 1e9
+    verdict = progress(task.errors_m, elapsed_s, task.config)
+    best = min(task.errors_m)
+    where = f"best RMSE {best * 1e3:.1f} mm after action {task.errors_m.index(best)}"
+    match verdict:
+        case Progress.OUT_OF_ACTIONS:
+            task.reason = f"{task.config.max_actions} actions are spent; {where}"
+        case Progress.OUT_OF_TIME:
+            task.reason = f"{task.config.max_time_s:g} s are spent; {where}"
+        case Progress.STALLED:
+            task.reason = f"no better shape in {task.config.stall_actions} actions; {where}"
+        case Progress.CONVERGED | Progress.NOT_YET:
+            task.reason = None
+    return verdict
+
+
+async def track_again(task: ShapeTask) -> Sight:
+    """The shape after an action; writes its record."""
+    await task.port.clock.sleep(task.config.settle_s)
+    if not await settle(task):
+        return Sight.FAILED
+    assert task.state is not None
+    task.errors_m.append(_error(task))
+    task.history.append(
+        ActionRecord(
+            action=len(task.history) + 1,
+            grasp_node=task.chosen.grasp.node,
+            grasp_ok=task.grasp_ok,
+            rmse_m=task.errors_m[-1],
+            duration_s=(task.port.clock.now_ns() - task.action_started_ns) / 1e9,
+            release_stamp_ns=task.release_stamp_ns,
+            nodes_world=task.state.nodes_world,
+        )
+    )
+    return Sight.SEEN

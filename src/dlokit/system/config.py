@@ -1,0 +1,53 @@
+"""The configuration tree of a run: everything that a run depends on, in one value."""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from dlokit.decision.config import TaskConfig
+from dlokit.functional.cell.config import CellConfig
+from dlokit.skills.model.config import ModelConfig
+from dlokit.skills.observer.config import ObserverConfig
+from dlokit.skills.perception.config import PerceptionConfig
+from dlokit.skills.planning.config import PlanningConfig
+from dlokit.skills.robot.config import RobotConfig
+from dlokit.skills.viewer.config import ViewerConfig
+
+Runtime = Literal["lockstep", "live"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunConfig:
+    """Everything that a run depends on; written to `config.toml`, read again with `--config`."""
+
+    start: str = "I"
+    """Start shape of the DLO in the simulated cell: I, S, random, or a .npy/.csv file of points [m]. The system
+    is not told: it looks."""
+    goal: str = "S"
+    """Goal shape: I, S, random, a .npy/.csv file of points [m], FILE.npy:3 of a (G, K, 3) file, or `interactive`
+    (three frames in the viewer)."""
+    fit_length: bool = False
+    """Scale a goal (or start) of another length than the rope's instead of refusing it."""
+    ends_interchangeable: bool = False
+    """Whether the rod lying the other way round is as good."""
+    runtime: Runtime = "lockstep"
+    """lockstep: one process on virtual time, repeatable to the bit. live: all processes, each at its own rate."""
+    seed: int = 0
+    """Seed of everything random: start shape, camera noise, the error of the believed camera pose."""
+    headless: bool = False
+    """Run without the browser viewer."""
+    task: TaskConfig = field(default_factory=TaskConfig)
+    """When to stop and how to look."""
+    cell: CellConfig = field(default_factory=CellConfig)
+    """The simulated cell, which stands in for reality."""
+    perception: PerceptionConfig = field(default_factory=PerceptionConfig)
+    """From pictures to the DLO's points."""
+    observer: ObserverConfig = field(default_factory=ObserverConfig)
+    """From points to target points."""
+    model: ModelConfig = field(default_factory=ModelConfig)
+    """The DLO as the system believes it to be."""
+    planning: PlanningConfig = field(default_factory=PlanningConfig)
+    """Which grasp next."""
+    robot: RobotConfig = field(default_factory=RobotConfig)
+    """How the arm moves."""
+    viewer: ViewerConfig = field(default_factory=ViewerConfig)
+    """The browser viewer."""
