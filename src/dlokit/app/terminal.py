@@ -1,0 +1,125 @@
+"""What a run shows in the terminal: a live table of actions, the present step, and the summary at the end.
+
+Where the output is no terminal (a log file, a pipe), one plain line an action is written instead.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from rich.console import Console, Group, RenderableType
+from rich.live import Live
+from rich.markup import escape
+from rich.table import Table
+from rich.text import Text
+
+from dlokit.app.outcome_words import outcome_in_words
+from dlokit.system.run_result import ActionResult, RunResult
+from dlokit.types.flow import FlowStatus, RunOutcome
+
+
+class RunDisplay:
+    """Shows one run while it goes on. Use it as a context manager around the run."""
+
+    def __init__(self, console: Console, *, title: str, threshold_m: float) -> None:
+        """Show a run named `title` on `console`; errors below `threshold_m` are marked."""
+        self._console = console
+        self._title = title
+        self._threshold_m = threshold_m
+        self._rows: list[ActionResult] = []
+        self._status: FlowStatus | None = None
+        # Refreshed when something happens rather than by a thread: a run owns its process.
+        self._live = Live(console=console, auto_refresh=False) if console.is_terminal else None
+
+    def __enter__(self) -> Self:
+        if self._live is None:
+            self._console.print(f"{self._title}: threshold {_mm(self._threshold_m)}", markup=False)
+        else:
+            self._live.start()
+            self._refresh()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._live is not None:
+            self._status = None
+            self._refresh()
+            self._live.stop()
+
+    def step(self, status: FlowStatus) -> None:
+        """The flow has come to another step."""
+        self._status = status
+        self._refresh()
+
+    def action(self, row: ActionResult) -> None:
+        """An action has ended."""
+        self._rows.append(row)
+        if self._live is None:
+            self._console.print(_plain(row), markup=False, highlight=False)
+        self._refresh()
+
+    def finish(self, result: RunResult, report: Path | None = None) -> None:
+        """The run has ended: the outcome in words, and where the report lies. Call it after the `with` block."""
+        color = "green" if result.outcome is RunOutcome.CONVERGED else "red"
+        self._console.print(
+            f"[bold {color}]{result.outcome.value}[/]  {escape(outcome_in_words(result))}", highlight=False
+        )
+        if result.true_rmse_m is not None:
+            self._console.print(f"true error {_mm(result.true_rmse_m)}, 2 s after the last release", highlight=False)
+        pace = result.sim_time_s / result.wall_time_s if result.wall_time_s > 0.0 else 0.0
+        self._console.print(
+            f"{result.sim_time_s:.1f} s on the cell's clock in {result.wall_time_s:.1f} s ({pace:.1f} times real time)",
+            highlight=False,
+        )
+        if report is not None:
+            # A path must stay in one piece, or it can neither be clicked nor copied.
+            self._console.print(f"report: {report}", markup=False, highlight=False, soft_wrap=True)
+
+    def _refresh(self) -> None:
+        if self._live is not None:
+            self._live.update(self._view(), refresh=True)
+
+    def _view(self) -> RenderableType:
+        table = action_table(self._rows, threshold_m=self._threshold_m, title=self._title)
+        if self._status is None:
+            return table
+        return Group(table, _progress(self._status))
+
+
+def action_table(rows: Sequence[ActionResult], *, threshold_m: float, title: str = "") -> Table:
+    """The table of actions with the error after each; errors below `threshold_m` are marked."""
+    with_truth = any(row.true_rmse_m is not None for row in rows)
+    table = Table(title=escape(title) or None, title_justify="left", title_style="bold")
+    table.add_column("action", justify="right")
+    table.add_column("grasp node", justify="right")
+    table.add_column("grasp")
+    table.add_column(f"RMSE after (goal < {_mm(threshold_m)})", justify="right")
+    if with_truth:
+        table.add_column("true RMSE", justify="right")
+    table.add_column("duration", justify="right")
+    for row in rows:
+        rmse = Text(_mm(row.rmse_m), style="green" if row.rmse_m < threshold_m else "")
+        held = Text("held") if row.grasp_ok else Text("not held", style="red")
+        true = [Text("–" if row.true_rmse_m is None else _mm(row.true_rmse_m))] if with_truth else []
+        table.add_row(str(row.action), str(row.grasp_node), held, rmse, *true, f"{row.duration_s:.1f} s")
+    return table
+
+
+def _progress(status: FlowStatus) -> Text:
+    text = Text.assemble(("▸ ", "cyan"), (status.step.replace("_", " "), "bold cyan"))
+    if status.rmse_m is not None:
+        text.append(f"   error {_mm(status.rmse_m)}")
+    if status.text:
+        text.append(f"   {status.text}", style="dim")
+    return text
+
+
+def _plain(row: ActionResult) -> str:
+    held = "held" if row.grasp_ok else "not held"
+    return f"action {row.action}: node {row.grasp_node} {held}, RMSE {_mm(row.rmse_m)}, {row.duration_s:.1f} s"
+
+
+def _mm(value_m: float) -> str:
+    return f"{value_m * 1000:.1f} mm"

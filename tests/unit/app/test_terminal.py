@@ -1,0 +1,123 @@
+import io
+from pathlib import Path
+
+import msgspec
+import pytest
+from rich.console import Console
+
+from dlokit.app.outcome_words import MEANINGS, outcome_in_words
+from dlokit.app.terminal import RunDisplay
+from dlokit.system.run_result import ActionResult, RunResult
+from dlokit.types.flow import FlowStatus, RunOutcome
+
+ROWS = (
+    ActionResult(action=1, grasp_node=30, grasp_ok=True, rmse_m=0.0453, duration_s=11.34),
+    ActionResult(action=2, grasp_node=7, grasp_ok=False, rmse_m=0.0101, duration_s=9.0),
+)
+RESULT = RunResult(
+    outcome=RunOutcome.CONVERGED,
+    actions=2,
+    rmse_m=0.0101,
+    true_rmse_m=0.0112,
+    threshold_m=0.012,
+    seed=0,
+    sim_time_s=30.0,
+    wall_time_s=20.0,
+    planning_time_s=0.1,
+    history=ROWS,
+    config_hash="",
+    version="0.1.0",
+)
+STATUS = FlowStatus(stamp_ns=0, flow="shape_dlo", step="choose_grasp", rmse_m=0.0453, text="node 30")
+
+
+def _console(*, terminal: bool) -> Console:
+    return Console(
+        file=io.StringIO(), force_terminal=terminal, width=100, color_system=None, _environ={"TERM": "xterm"}
+    )
+
+
+def _written(console: Console) -> str:
+    assert isinstance(console.file, io.StringIO)
+    return console.file.getvalue()
+
+
+def _show(console: Console, report: Path | None = None) -> str:
+    with RunDisplay(console, title="I to S", threshold_m=0.012) as display:
+        display.step(STATUS)
+        for row in ROWS:
+            display.action(row)
+    display.finish(RESULT, report)
+    return _written(console)
+
+
+def test_a_terminal_shows_the_table_and_the_present_step() -> None:
+    text = _show(_console(terminal=True))
+
+    assert "choose grasp" in text
+    assert "45.3 mm" in text
+    assert "goal < 12.0 mm" in text
+    assert "not held" in text
+    assert "┃" in text
+
+
+def test_the_step_is_gone_when_the_run_has_ended() -> None:
+    console = _console(terminal=True)
+    with RunDisplay(console, title="I to S", threshold_m=0.012) as display:
+        display.step(STATUS)
+        before = len(_written(console))
+
+    assert "choose grasp" not in _written(console)[before:]
+
+
+def test_a_log_file_gets_one_plain_line_an_action() -> None:
+    lines = _show(_console(terminal=False)).splitlines()
+
+    assert lines[0] == "I to S: threshold 12.0 mm"
+    assert lines[1] == "action 1: node 30 held, RMSE 45.3 mm, 11.3 s"
+    assert lines[2] == "action 2: node 7 not held, RMSE 10.1 mm, 9.0 s"
+    assert not any("choose grasp" in line or "\x1b" in line for line in lines)
+
+
+def test_the_summary_says_outcome_error_pace_and_where_the_report_lies() -> None:
+    report = Path("/somewhere/with a long name/" + "deep/" * 30 + "report.html")
+
+    text = _show(_console(terminal=False), report)
+
+    assert "converged" in text
+    assert "true error 11.2 mm" in text
+    assert "1.5 times real time" in text
+    assert f"report: {report}\n" in text  # in one piece, however narrow the terminal
+
+
+def test_brackets_in_names_and_reasons_are_shown_as_they_are() -> None:
+    console = _console(terminal=True)
+    with RunDisplay(console, title="goals[bold].npy:3", threshold_m=0.012):
+        pass
+    RunDisplay(console, title="", threshold_m=0.012).finish(msgspec.structs.replace(RESULT, reason="axis [x]"))
+
+    assert "goals[bold].npy:3" in _written(console)
+    assert "axis [x]" in _written(console)
+
+
+def test_a_run_that_raises_leaves_the_terminal_usable() -> None:
+    console = _console(terminal=True)
+    with pytest.raises(KeyboardInterrupt), RunDisplay(console, title="I to S", threshold_m=0.012):
+        raise KeyboardInterrupt
+
+    assert "\x1b[?25h" in _written(console)  # the cursor is shown again
+
+
+@pytest.mark.parametrize("outcome", RunOutcome)
+def test_every_outcome_has_words(outcome: RunOutcome) -> None:
+    words = outcome_in_words(msgspec.structs.replace(RESULT, outcome=outcome, reason="out_of_view"))
+
+    assert words.startswith(MEANINGS[outcome])
+    assert "Reason: out of view." in words
+    assert "10.1 mm" in words
+
+
+def test_words_tell_whether_the_threshold_was_met() -> None:
+    assert "below the threshold of 12 mm" in outcome_in_words(RESULT)
+    assert "above the threshold" in outcome_in_words(msgspec.structs.replace(RESULT, rmse_m=0.02))
+    assert "never seen" in outcome_in_words(msgspec.structs.replace(RESULT, rmse_m=None, outcome=RunOutcome.FAILED))
