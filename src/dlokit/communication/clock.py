@@ -3,6 +3,8 @@
 import asyncio
 import heapq
 import itertools
+from collections.abc import AsyncGenerator
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from typing import Protocol
 
 
@@ -21,6 +23,10 @@ class Clock(Protocol):
         """Wait for `duration_s` on this clock."""
         ...
 
+    def timeout(self, duration_s: float) -> AbstractAsyncContextManager[asyncio.Timeout]:
+        """Like `asyncio.timeout`, on this clock: its body is cancelled and `TimeoutError` raised."""
+        ...
+
 
 class LoopClock:
     """The running event loop's own time: virtual in lockstep, the machine's monotonic clock on hardware."""
@@ -36,6 +42,10 @@ class LoopClock:
     async def sleep(self, duration_s: float) -> None:
         """Wait for `duration_s`."""
         await asyncio.sleep(duration_s)
+
+    def timeout(self, duration_s: float) -> asyncio.Timeout:
+        """A limit of `duration_s`."""
+        return asyncio.timeout(duration_s)
 
 
 class FollowedClock:
@@ -63,10 +73,31 @@ class FollowedClock:
         if stamp_ns <= self._now_ns:
             await asyncio.sleep(0)
             return
-        future: asyncio.Future[None] = asyncio.get_running_loop().create_future()
-        heapq.heappush(self._waiting, (stamp_ns, next(self._order), future))
-        await future
+        await self._wake_at(stamp_ns)
 
     async def sleep(self, duration_s: float) -> None:
         """Wait for `duration_s` of this clock."""
         await self.sleep_until(self._now_ns + round(duration_s * 1e9))
+
+    @asynccontextmanager
+    async def timeout(self, duration_s: float) -> AsyncGenerator[asyncio.Timeout]:
+        """A limit of `duration_s` of this clock; one that stands still never ends it."""
+        async with asyncio.timeout(None) as limit:
+            due = self._wake_at(self._now_ns + round(duration_s * 1e9))
+            over = False
+
+            def expire(woken: asyncio.Future[None]) -> None:
+                if not over and not woken.cancelled():
+                    limit.reschedule(0.0)
+
+            due.add_done_callback(expire)
+            try:
+                yield limit
+            finally:
+                over = True
+                due.cancel()
+
+    def _wake_at(self, stamp_ns: int) -> asyncio.Future[None]:
+        future: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        heapq.heappush(self._waiting, (stamp_ns, next(self._order), future))
+        return future

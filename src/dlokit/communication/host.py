@@ -10,12 +10,15 @@ from dlokit.communication.component import Component
 from dlokit.communication.compute import Compute, InlineCompute
 from dlokit.communication.port import Port
 from dlokit.communication.skill import Skill, SkillCall
-from dlokit.communication.topic import Topic
+from dlokit.communication.topic import KeepLast, Topic
 from dlokit.communication.transport import Transport
 from dlokit.errors import CommunicationError, ConfigError, SkillFailure, SkillRejected
 from dlokit.types.outcome import Cancelled, Failed, Outcome, Rejected, Succeeded, TimedOut
 
 log = logging.getLogger(__name__)
+
+STOP_PATIENCE_S = 5.0
+"""A component's tasks get this long to end when the host stops."""
 
 
 class Host:
@@ -35,9 +38,15 @@ class Host:
             if topic.publisher != component.name:
                 raise ConfigError(f"{component.name} cannot publish {topic.name}: its row names {topic.publisher}")
         component.attach(
-            Port(self.transport, self.clock, self._compute, owner=component.name, publishes=component.publishes)
+            Port(
+                self.transport,
+                self.clock,
+                self._compute,
+                owner=component.name,
+                publishes=component.publishes,
+                subscribes=component.subscribes(),
+            )
         )
-        self.transport.serve(component.name, _Dispatcher(component))
         self._components.append(component)
 
     async def __aenter__(self) -> "Host":
@@ -45,16 +54,24 @@ class Host:
         # All subscriptions stand before the first component runs, so that no first message is lost.
         for component in self._components:
             for topic, method in component.handlers().items():
-                stream = self.transport.stream(topic)
+                # A state of before the component was there still holds; an event of before is past.
+                stream = self.transport.stream(topic, with_last=isinstance(topic.policy, KeepLast))
                 self._start(component, f"on {topic.name}", _handle(component, topic, method, stream))
+        for component in self._components:
+            self.transport.serve(component.name, _Dispatcher(component, self.clock))
         for component in self._components:
             self._start(component, "run", component.run())
         return self
 
-    async def __aexit__(self, *_: object) -> None:
+    async def __aexit__(self, *exc: object) -> None:
+        for component in reversed(self._components):
+            await self.transport.withdraw(component.name)
         for task in reversed(self._tasks):
             task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
+        if self._tasks:
+            _, stuck = await asyncio.wait(self._tasks, timeout=STOP_PATIENCE_S)
+            for task in stuck:
+                log.error("%s does not end though it was cancelled", task.get_name())
         if self._failed is not None and self._failed.done():
             self._failed.exception()  # retrieved, so that the loop does not complain
 
@@ -90,8 +107,9 @@ async def _handle(component: Component, topic: Topic[Any], method: str, stream: 
 class _Dispatcher:
     """Algorithm 2 for one component."""
 
-    def __init__(self, component: Component) -> None:
+    def __init__(self, component: Component, clock: Clock) -> None:
         self._component = component
+        self._clock = clock
         self._skills: dict[str, tuple[Skill[..., Any], str]] = {
             skill.name: (skill, method) for skill, method in component.skills().items()
         }
@@ -119,20 +137,20 @@ class _Dispatcher:
             arguments = skill.decode_arguments(call.arguments)
         except CommunicationError as error:
             return Rejected(reason="bad_arguments", detail=str(error))
-        return await _execute(skill, getattr(self._component, method), arguments)
+        return await _execute(skill, getattr(self._component, method), arguments, self._clock)
 
 
-async def _execute(skill: Skill[..., Any], method: Any, arguments: dict[str, Any]) -> Outcome[Any]:
-    limit = asyncio.timeout(skill.timeout_s)
+async def _execute(skill: Skill[..., Any], method: Any, arguments: dict[str, Any], clock: Clock) -> Outcome[Any]:
+    limit: asyncio.Timeout | None = None
     try:
-        async with limit:
+        async with clock.timeout(skill.timeout_s) as limit:
             return Succeeded(result=await method(**arguments))
     except SkillRejected as error:
         return Rejected(reason=error.reason, detail=error.detail)
     except SkillFailure as error:
         return Failed(reason=error.reason, detail=error.detail)
     except TimeoutError as error:
-        if limit.expired():
+        if limit is not None and limit.expired():
             return TimedOut(timeout_s=skill.timeout_s)
         return Failed(reason="timeout_inside", detail=str(error))
     except asyncio.CancelledError:

@@ -2,16 +2,18 @@
 
 import asyncio
 import itertools
+import weakref
 from collections import defaultdict
 from typing import Any, ParamSpec, TypeVar
 
 from dlokit.communication import codec
+from dlokit.communication.calls import decode_answer, encode_call
 from dlokit.communication.mailbox import Mailbox
-from dlokit.communication.skill import Skill, SkillCall
+from dlokit.communication.skill import Skill
 from dlokit.communication.topic import Topic
 from dlokit.communication.transport import CallHandler, Known, Latest, Liveness
 from dlokit.types.message import Message
-from dlokit.types.outcome import Outcome, Unreachable
+from dlokit.types.outcome import Outcome, Rejected, Unreachable
 
 T = TypeVar("T", bound=Message)
 P = ParamSpec("P")
@@ -23,16 +25,22 @@ class MemoryTransport:
 
     def __init__(self) -> None:
         self._latest: dict[str, tuple[Any, float]] = {}
-        self._mailboxes: defaultdict[str, list[Mailbox[Any]]] = defaultdict(list)
+        self._mailboxes: defaultdict[str, list[weakref.ref[Mailbox[Any]]]] = defaultdict(list)
         self._handlers: dict[str, CallHandler] = {}
         self._call_ids = itertools.count(1)
+        self._closed = False
 
     def publish(self, topic: Topic[T], message: T) -> None:
         """Hand everybody the same decoded, read-only copy."""
         copy = codec.decode(codec.encode(message), topic.type)
         self._latest[topic.name] = (copy, asyncio.get_running_loop().time())
-        for mailbox in self._mailboxes[topic.name]:
-            mailbox.put(copy)
+        readers = self._mailboxes[topic.name]
+        for reference in readers:
+            mailbox = reference()
+            if mailbox is not None:
+                mailbox.put(copy)
+        # A reader that nobody holds any more is gone.
+        readers[:] = [reference for reference in readers if reference() is not None]
 
     def latest(self, topic: Topic[T]) -> Latest[T]:
         """The newest message, whoever came when."""
@@ -41,25 +49,25 @@ class MemoryTransport:
         value, arrived = self._latest[topic.name]
         return Latest(value, asyncio.get_running_loop().time() - arrived)
 
-    def stream(self, topic: Topic[T]) -> Mailbox[T]:
-        """Messages from now on."""
+    def stream(self, topic: Topic[T], *, with_last: bool = False) -> Mailbox[T]:
+        """Messages from now on; with `with_last`, the last one before, first."""
         mailbox: Mailbox[T] = Mailbox(topic.policy)
-        self._mailboxes[topic.name].append(mailbox)
+        if with_last and topic.name in self._latest:
+            mailbox.put(self._latest[topic.name][0])
+        if self._closed:
+            mailbox.close()
+        self._mailboxes[topic.name].append(weakref.ref(mailbox))
         return mailbox
 
     async def call(self, skill: Skill[P, R], *args: P.args, **kwargs: P.kwargs) -> Outcome[R]:
         """Algorithm 1; a cancelled caller cancels the skill."""
-        call = SkillCall(
-            component=skill.component,
-            skill=skill.name,
-            arguments=skill.encode_arguments(*args, **kwargs),
-            call_id=f"memory-{next(self._call_ids)}",
-            caller="memory",
-        )
+        request = encode_call(skill, f"memory-{next(self._call_ids)}", "memory", *args, **kwargs)
+        if isinstance(request, Rejected):
+            return request
         handler = self._handlers.get(skill.component)
         if handler is None:
             return Unreachable(component=skill.component)
-        return skill.decode_outcome(await handler(codec.encode(call)))
+        return decode_answer(skill, await handler(request))
 
     def alive(self, component: str) -> Liveness:
         """A component is alive while it is served."""
@@ -69,8 +77,15 @@ class MemoryTransport:
         """Answer calls to `component`."""
         self._handlers[component] = handler
 
+    async def withdraw(self, component: str) -> None:
+        """Answer no more; calls that run belong to their callers' tasks."""
+        self._handlers.pop(component, None)
+
     async def close(self) -> None:
         """End all streams, forget all handlers."""
+        self._closed = True
         self._handlers.clear()
-        for mailbox in itertools.chain.from_iterable(self._mailboxes.values()):
-            mailbox.close()
+        for reference in itertools.chain.from_iterable(self._mailboxes.values()):
+            mailbox = reference()
+            if mailbox is not None:
+                mailbox.close()

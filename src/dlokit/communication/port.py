@@ -30,12 +30,15 @@ class Port:
         *,
         owner: str,
         publishes: tuple[Topic[Any], ...],
+        subscribes: tuple[Topic[Any], ...] | None = None,
     ) -> None:
+        """`owner` may publish `publishes` and read `subscribes`; None: read everything."""
         self._transport = transport
         self.clock = clock
         self._compute = compute
         self._owner = owner
         self._publishes = {topic.name for topic in publishes}
+        self._subscribes = None if subscribes is None else {topic.name for topic in subscribes}
         self._sequence: dict[str, int] = {}
 
     def publish(self, topic: Topic[T], message: T) -> None:
@@ -51,10 +54,12 @@ class Port:
 
     def latest(self, topic: Topic[T]) -> Latest[T]:
         """The newest message of a topic and its age."""
+        self._check_read(topic)
         return self._transport.latest(topic)
 
     def stream(self, topic: Topic[T]) -> AsyncIterator[T]:
         """Messages of a topic from now on."""
+        self._check_read(topic)
         return self._transport.stream(topic)
 
     async def call(self, skill: Skill[P, R], *args: P.args, **kwargs: P.kwargs) -> Outcome[R]:
@@ -68,3 +73,10 @@ class Port:
     async def compute(self, function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
         """Run heavy, pure work where it does not stop the loop."""
         return await self._compute(function, *args, **kwargs)
+
+    def _check_read(self, topic: Topic[Any]) -> None:
+        if self._subscribes is not None and topic.name not in self._subscribes:
+            raise CommunicationError(
+                f"{self._owner} may not read {topic.name}: it declares {sorted(self._subscribes)}; "
+                f"add the topic to its `reads`"
+            )

@@ -55,8 +55,11 @@ class Transport(Protocol):
         """The newest message; the first call on a topic subscribes to it."""
         ...
 
-    def stream(self, topic: Topic[T]) -> AsyncIterator[T]:
-        """Messages that come from now on, in order; drops as the topic's row says."""
+    def stream(self, topic: Topic[T], *, with_last: bool = False) -> AsyncIterator[T]:
+        """Messages that come from now on, in order; drops as the topic's row says.
+
+        With `with_last`, the last one of before comes first, so that whoever joins late knows it.
+        """
         ...
 
     async def call(self, skill: Skill[P, R], *args: P.args, **kwargs: P.kwargs) -> Outcome[R]:
@@ -69,6 +72,10 @@ class Transport(Protocol):
 
     def serve(self, component: str, handler: CallHandler) -> None:
         """Answer calls to a component (Algorithm 2 is the handler)."""
+        ...
+
+    async def withdraw(self, component: str) -> None:
+        """Answer no more; over a network, calls that run are cancelled."""
         ...
 
     async def close(self) -> None:

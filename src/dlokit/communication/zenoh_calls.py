@@ -1,0 +1,145 @@
+"""Skill calls over zenoh: the caller's side (Algorithm 1) and the called one's, which hands to the host.
+
+A call is a query on the component's key. An answer is an encoded outcome; no answer at all means that
+nobody is there. A caller that gives up sends the call's id to the component's cancel key.
+"""
+
+import asyncio
+import logging
+from collections import deque
+
+import zenoh
+
+from dlokit.communication.transport import CallHandler
+from dlokit.communication.zenoh_topics import call_on_loop
+
+log = logging.getLogger(__name__)
+
+NETWORK_LIMIT_S = 86_400.0
+"""Zenoh ends a query by itself after this long; earlier ends are ours, on the clock that skills live by."""
+
+CALLS_REMEMBERED = 64
+"""Cancelled calls whose request has not arrived yet, that are remembered."""
+
+
+async def ask(session: zenoh.Session, component: str, request: bytes, call_id: str) -> bytes | None:
+    """The encoded outcome; None when nobody answered. Cancelling it does not cancel the skill: see `cancel`."""
+    loop = asyncio.get_running_loop()
+    answered: asyncio.Future[bytes | None] = loop.create_future()
+
+    def settle(answer: bytes | None) -> None:
+        if not answered.done():
+            answered.set_result(answer)
+
+    def on_reply(reply: zenoh.Reply) -> None:
+        if reply.ok is not None:
+            answer = reply.ok.payload.to_bytes()
+            call_on_loop(loop, lambda: settle(answer))
+
+    def on_end() -> None:
+        call_on_loop(loop, lambda: settle(None))
+
+    try:
+        session.get(
+            f"call/{component}",
+            zenoh.handlers.Callback(on_reply, on_end),
+            payload=request,
+            attachment=call_id.encode(),
+            timeout=NETWORK_LIMIT_S,
+            # The answer goes to the loop at once, not when the query has ended.
+            consolidation=zenoh.ConsolidationMode.NONE,
+        )
+    except zenoh.ZError as error:
+        log.warning("a call to %s could not be sent: %s", component, error)
+        return None
+    return await answered
+
+
+def cancel(session: zenoh.Session, component: str, call_id: str) -> None:
+    """Ask the component to stop working on a call; its answer is then ``Cancelled``."""
+    if not session.is_closed():
+        session.put(f"cancel/{component}", call_id.encode(), congestion_control=zenoh.CongestionControl.BLOCK)
+
+
+class CallServer:
+    """Answers calls to one component on the loop; a task a call, so that it can be cancelled."""
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        component: str,
+        handler: CallHandler,
+        cancelled: bytes,
+        loop: asyncio.AbstractEventLoop,
+    ) -> None:
+        """`cancelled` is the encoded outcome of a call that was cancelled."""
+        self._handler = handler
+        self._cancelled = cancelled
+        self._loop = loop
+        self._tasks: dict[str, asyncio.Task[None]] = {}
+        self._cancelled_early: deque[str] = deque(maxlen=CALLS_REMEMBERED)
+        self._closing = False
+        # Whoever sees the token may call: it comes last.
+        self._cancels = session.declare_subscriber(f"cancel/{component}", self._on_cancel)
+        self._calls = session.declare_queryable(f"call/{component}", self._on_query)
+        self._token = session.liveliness().declare_token(f"alive/{component}/{session.zid()}")
+
+    async def close(self, patience_s: float) -> None:
+        """Take no more calls, cancel those that run, and let them answer."""
+        self._closing = True
+        self._token.undeclare()
+        tasks = list(self._tasks.values())
+        for task in tasks:
+            task.cancel()
+        if tasks:
+            await asyncio.wait(tasks, timeout=patience_s)
+        self._calls.undeclare()
+        self._cancels.undeclare()
+
+    def _on_query(self, query: zenoh.Query) -> None:
+        payload, attachment = query.payload, query.attachment
+        if payload is None or attachment is None:
+            query.drop()
+            return
+        request, call_id = payload.to_bytes(), attachment.to_bytes().decode(errors="replace")
+        call_on_loop(self._loop, lambda: self._start(query, request, call_id))
+
+    def _start(self, query: zenoh.Query, request: bytes, call_id: str) -> None:
+        if self._closing:
+            query.drop()
+            return
+        if call_id in self._cancelled_early:
+            _reply(query, self._cancelled)
+            return
+        task = self._loop.create_task(self._answer(query, request), name=f"call {call_id}")
+        self._tasks[call_id] = task
+        task.add_done_callback(lambda _: self._tasks.pop(call_id, None))
+
+    async def _answer(self, query: zenoh.Query, request: bytes) -> None:
+        answer = self._cancelled
+        try:
+            answer = await self._handler(request)
+        except asyncio.CancelledError:
+            log.debug("a call was cancelled")
+        finally:
+            _reply(query, answer)
+
+    def _on_cancel(self, sample: zenoh.Sample) -> None:
+        call_id = sample.payload.to_bytes().decode(errors="replace")
+        call_on_loop(self._loop, lambda: self._cancel(call_id))
+
+    def _cancel(self, call_id: str) -> None:
+        task = self._tasks.get(call_id)
+        if task is None:
+            self._cancelled_early.append(call_id)
+        else:
+            task.cancel()
+
+
+def _reply(query: zenoh.Query, answer: bytes) -> None:
+    try:
+        query.reply(query.key_expr, answer)
+    except zenoh.ZError as error:
+        log.warning("an answer could not be sent: %s", error)
+    finally:
+        query.drop()

@@ -1,0 +1,45 @@
+"""Who is there, by zenoh's liveliness tokens: one per served component, gone when its process is."""
+
+import asyncio
+import threading
+
+import zenoh
+
+from dlokit.communication.zenoh_topics import call_on_loop
+
+
+class Presence:
+    """The components seen on the bus. Zenoh notes from its own threads; everybody may ask."""
+
+    def __init__(self, session: zenoh.Session, loop: asyncio.AbstractEventLoop) -> None:
+        self._loop = loop
+        self._lock = threading.Lock()
+        self._tokens: set[tuple[str, str]] = set()
+        self._changed = asyncio.Event()
+        # Two processes may serve one component for a moment, while it is restarted: each token counts.
+        self._subscriber = session.liveliness().declare_subscriber("alive/*/*", self._on_token, history=True)
+
+    def has(self, component: str) -> bool:
+        """Whether the component is there."""
+        with self._lock:
+            return any(name == component for name, _ in self._tokens)
+
+    async def wait_for(self, component: str, timeout_s: float) -> bool:
+        """Wait until it is there, for at most `timeout_s` of the machine's time; whether it is."""
+        try:
+            async with asyncio.timeout(timeout_s):
+                while not self.has(component):
+                    self._changed.clear()
+                    await self._changed.wait()
+        except TimeoutError:
+            return False
+        return True
+
+    def _on_token(self, sample: zenoh.Sample) -> None:
+        name, identity = str(sample.key_expr).split("/")[-2:]
+        with self._lock:
+            if sample.kind == zenoh.SampleKind.PUT:
+                self._tokens.add((name, identity))
+            else:
+                self._tokens.discard((name, identity))
+        call_on_loop(self._loop, self._changed.set)

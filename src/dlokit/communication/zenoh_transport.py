@@ -1,0 +1,134 @@
+"""The bus between processes, over zenoh."""
+
+import asyncio
+import itertools
+from typing import Any, ParamSpec, TypeVar
+
+from dlokit.communication import codec, zenoh_calls
+from dlokit.communication.calls import decode_answer, encode_call
+from dlokit.communication.clock import Clock, LoopClock
+from dlokit.communication.mailbox import Mailbox
+from dlokit.communication.skill import Skill
+from dlokit.communication.topic import Topic
+from dlokit.communication.transport import CallHandler, Known, Latest, Liveness
+from dlokit.communication.zenoh_calls import CallServer
+from dlokit.communication.zenoh_liveness import Presence
+from dlokit.communication.zenoh_session import ZenohConfig, open_session
+from dlokit.communication.zenoh_topics import TopicReader, TopicWriter
+from dlokit.types.message import Message
+from dlokit.types.outcome import Cancelled, Outcome, Rejected, TimedOut, Unreachable
+
+T = TypeVar("T", bound=Message)
+P = ParamSpec("P")
+R = TypeVar("R")
+
+CALL_MARGIN_S = 0.5
+"""A caller waits this much longer than the called one may run, so that the called one's answer comes first."""
+
+SLOWEST_CLOCK = 20.0
+"""A clock that runs slower than the machine's by more than this, or stands, ends calls as well."""
+
+CANCEL_PATIENCE_S = 2.0
+"""A caller that gives up waits this long for the skill to have stopped (machine time)."""
+
+FOUND_PATIENCE_S = 0.5
+"""A component that was never seen gets this long to be found before it counts as unreachable."""
+
+
+class ZenohTransport:
+    """Publish, read and call between processes. Made and used on a running event loop; close it there."""
+
+    def __init__(self, config: ZenohConfig, clock: Clock | None = None) -> None:
+        """`clock` is the one that the time-outs of skills are counted on; the loop's own by default."""
+        self._loop = asyncio.get_running_loop()
+        self._clock: Clock = clock or LoopClock()
+        self._session = open_session(config)
+        self._identity = str(self._session.zid())
+        self._call_ids = itertools.count(1)
+        self._writers: dict[str, TopicWriter] = {}
+        self._readers: dict[str, TopicReader[Any]] = {}
+        self._servers: dict[str, CallServer] = {}
+        self._presence = Presence(self._session, self._loop)
+        self._closed = False
+
+    def publish(self, topic: Topic[T], message: T) -> None:
+        """Send a message to all readers in all processes."""
+        writer = self._writers.get(topic.name)
+        if writer is None:
+            writer = self._writers[topic.name] = TopicWriter(self._session, topic)
+        writer.put(codec.encode(message))
+
+    def latest(self, topic: Topic[T]) -> Latest[T]:
+        """The newest message; the first call on a topic subscribes, and a message of before arrives soon after."""
+        return self._reader(topic).latest()
+
+    def stream(self, topic: Topic[T], *, with_last: bool = False) -> Mailbox[T]:
+        """Messages from now on; with `with_last`, the last one before, first."""
+        return self._reader(topic).open_mailbox(with_last=with_last)
+
+    async def call(self, skill: Skill[P, R], *args: P.args, **kwargs: P.kwargs) -> Outcome[R]:
+        """Algorithm 1; a cancelled caller cancels the skill, and waits until it has stopped."""
+        call_id = f"{self._identity}-{next(self._call_ids)}"
+        request = encode_call(skill, call_id, self._identity, *args, **kwargs)
+        if isinstance(request, Rejected):
+            return request
+        limit_s = skill.timeout_s + CALL_MARGIN_S
+        asked = asyncio.create_task(self._ask(skill.component, request, call_id), name=f"ask {skill.key}")
+        try:
+            async with asyncio.timeout(SLOWEST_CLOCK * limit_s), self._clock.timeout(limit_s):
+                answer = await asyncio.shield(asked)
+        except TimeoutError:
+            await self._give_up(skill.component, call_id, asked)
+            return TimedOut(timeout_s=skill.timeout_s)
+        except asyncio.CancelledError:
+            await self._give_up(skill.component, call_id, asked)
+            raise
+        return Unreachable(component=skill.component) if answer is None else decode_answer(skill, answer)
+
+    def alive(self, component: str) -> Liveness:
+        """By liveliness tokens: a killed process is known within milliseconds, a frozen one after 10 s."""
+        return Known(component in self._servers or self._presence.has(component))
+
+    def serve(self, component: str, handler: CallHandler) -> None:
+        """Answer calls to `component`, from any process."""
+        cancelled = codec.encode(Cancelled())
+        self._servers[component] = CallServer(self._session, component, handler, cancelled, self._loop)
+
+    async def withdraw(self, component: str) -> None:
+        """Answer no more; calls that run are cancelled."""
+        server = self._servers.pop(component, None)
+        if server is not None:
+            await server.close(CANCEL_PATIENCE_S)
+
+    async def close(self) -> None:
+        """Cancel what runs, end all streams, leave the network."""
+        if self._closed:
+            return
+        self._closed = True
+        for component in list(self._servers):
+            await self.withdraw(component)
+        for reader in self._readers.values():
+            reader.close()
+        # Closing waits for callbacks, which may wait for the loop's thread: so it happens beside the loop.
+        await asyncio.to_thread(self._session.close)
+
+    def _reader(self, topic: Topic[T]) -> TopicReader[T]:
+        reader = self._readers.get(topic.name)
+        if reader is None:
+            reader = self._readers[topic.name] = TopicReader(self._session, topic, self._loop)
+            if self._closed:
+                reader.close()
+        return reader
+
+    async def _ask(self, component: str, request: bytes, call_id: str) -> bytes | None:
+        if not self.alive(component).alive:
+            # Just after the start, peers may not have found each other yet.
+            await self._presence.wait_for(component, FOUND_PATIENCE_S)
+        if self._closed:
+            return None
+        return await zenoh_calls.ask(self._session, component, request, call_id)
+
+    async def _give_up(self, component: str, call_id: str, asked: "asyncio.Task[bytes | None]") -> None:
+        zenoh_calls.cancel(self._session, component, call_id)
+        await asyncio.wait({asked}, timeout=CANCEL_PATIENCE_S)
+        asked.cancel()
