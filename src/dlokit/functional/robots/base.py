@@ -1,0 +1,57 @@
+"""What every robot driver is: the narrow waist between the robot skills and an arm."""
+
+from collections.abc import AsyncIterator
+from types import TracebackType
+from typing import Protocol, Self
+
+from dlokit.types.pose import Pose
+from dlokit.types.robot import GripResult, JointLimits, JointTrajectory, Lease, MotionResult, RobotState
+
+
+class Robot(Protocol):
+    """One arm with its gripper. Use as an asynchronous context manager: connected inside, at rest after it.
+
+    Failures are `SkillFailure` with a named reason; a device that is gone is ``robot_lost``.
+    """
+
+    @property
+    def limits(self) -> JointLimits:
+        """Position, velocity, acceleration and jerk of the joints."""
+        ...
+
+    async def __aenter__(self) -> Self:
+        """Connect. Raises `HardwareError` when the arm does not answer."""
+        ...
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Leave the arm at rest and disconnect."""
+        ...
+
+    def state(self) -> RobotState:
+        """The newest state, at once. Raises `HardwareError` when the arm has not been heard of."""
+        ...
+
+    async def follow(self, trajectory: JointTrajectory, lease: Lease) -> MotionResult:
+        """Run a trajectory that starts at rest where the arm is; cancelling it brakes the arm.
+
+        The arm also brakes when this driver dies: it hears from it more often than every ``lease.duration_s``.
+        """
+        ...
+
+    async def servo(self, targets: AsyncIterator[Pose], lease: Lease) -> MotionResult:
+        """Follow tool poses (``T_world_tcp``) as they come, within the limits, until they end; then brake."""
+        ...
+
+    async def grip(self, width_m: float, force_n: float) -> GripResult:
+        """Bring the fingers to a width, pressing with at most `force_n` on what is between them."""
+        ...
+
+    async def stop(self) -> None:
+        """Brake within the limits; returns when the arm stands."""
+        ...
+
+    async def recover(self) -> None:
+        """Clear a fault; the arm stays where it is."""
+        ...

@@ -1,0 +1,150 @@
+"""The Panda of the simulated cell: every verb is a call to the cell's socket."""
+
+import asyncio
+from collections.abc import AsyncGenerator, AsyncIterator
+from contextlib import asynccontextmanager
+from types import TracebackType
+from typing import Self, TypeVar
+
+import numpy as np
+
+from dlokit.communication import topics
+from dlokit.communication.port import Port
+from dlokit.description.panda_data import PANDA_LIMITS
+from dlokit.errors import HardwareError, SkillFailure
+from dlokit.functional.cell import api
+from dlokit.functional.robots.pose_servo import PoseServo
+from dlokit.types.outcome import Cancelled, Failed, Outcome, Rejected, Succeeded, TimedOut, Unreachable
+from dlokit.types.pose import Pose
+from dlokit.types.robot import GripResult, JointLimits, JointTrajectory, Lease, MotionResult, RobotState
+
+R = TypeVar("R")
+
+_RENEWALS = 4
+"""Signs of life in the time after which the arm would brake."""
+_CONNECT_S = 10.0
+_SERVO_PERIOD_S = 0.02
+
+
+class SimulatedRobot:
+    """Drives the arm of the cell through a port."""
+
+    def __init__(self, port: Port, T_world_base: Pose | None = None) -> None:
+        self._port = port
+        self._T_world_base = T_world_base
+        self._state: RobotState | None = None
+        self._heard = asyncio.Event()
+        self._reader: asyncio.Task[None] | None = None
+
+    @property
+    def limits(self) -> JointLimits:
+        """The Panda's."""
+        return PANDA_LIMITS
+
+    async def __aenter__(self) -> Self:
+        """Wait until the cell speaks. Raises `HardwareError` after 10 s of the machine's clock."""
+        self._reader = asyncio.create_task(self._read_states(), name="arm states")
+        try:
+            async with asyncio.timeout(_CONNECT_S):
+                await self._heard.wait()
+        except TimeoutError:
+            self._reader.cancel()
+            raise HardwareError(
+                f"no state of the arm came from the cell within {_CONNECT_S:.0f} s; is the cell running?"
+            ) from None
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Brake, whatever happened; an absent cell has nothing to brake."""
+        await self._port.call(api.STOP)
+        if self._reader is not None:
+            self._reader.cancel()
+
+    async def _read_states(self) -> None:
+        async for state in self._port.stream(topics.ARM_STATE):
+            self._state = state
+            self._heard.set()
+
+    def state(self) -> RobotState:
+        """What the cell said last."""
+        if self._state is None:
+            raise HardwareError("the arm has not been heard of yet; start the cell, and wait for its first state")
+        return self._state
+
+    async def follow(self, trajectory: JointTrajectory, lease: Lease) -> MotionResult:
+        """Run a trajectory, renewing the right to move all the while; a cancelled call brakes the arm."""
+        async with self._renewing(lease):
+            return _result(await self._port.call(api.FOLLOW, trajectory, lease.duration_s))
+
+    async def servo(self, targets: AsyncIterator[Pose], lease: Lease) -> MotionResult:
+        """Follow tool poses by differential inverse kinematics at 50 Hz of the cell's clock."""
+        servo = PoseServo(self.state().q_rad, PANDA_LIMITS, _SERVO_PERIOD_S, self._T_world_base)
+        reader = asyncio.create_task(_feed(servo, targets))
+        started_ns, largest = self._port.clock.now_ns(), 0.0
+        try:
+            while not (reader.done() and servo.standing):
+                if reader.done():
+                    servo.release()
+                q, dq = servo.step()
+                _result(await self._port.call(api.SERVO_TO, q, dq))
+                await self._port.clock.sleep(_SERVO_PERIOD_S)
+                largest = max(largest, float(np.max(np.abs(self.state().q_rad - q))))
+        finally:
+            reader.cancel()
+            await self._port.call(api.STOP)
+        state = self.state()
+        return MotionResult(
+            q_rad=state.q_rad,
+            T_world_tcp=state.T_world_tcp,
+            duration_s=(self._port.clock.now_ns() - started_ns) / 1e9,
+            largest_joint_error_rad=largest,
+        )
+
+    async def grip(self, width_m: float, force_n: float) -> GripResult:
+        """Bring the fingers to a width."""
+        return _result(await self._port.call(api.GRIP, width_m, force_n))
+
+    async def stop(self) -> None:
+        """Brake."""
+        _result(await self._port.call(api.STOP))
+
+    async def recover(self) -> None:
+        """Clear a fault."""
+        _result(await self._port.call(api.RECOVER))
+
+    @asynccontextmanager
+    async def _renewing(self, lease: Lease) -> AsyncGenerator[None, None]:
+        """Tell the cell that this driver lives, until the block ends."""
+
+        async def renew() -> None:
+            while True:
+                await asyncio.sleep(lease.duration_s / _RENEWALS)
+                await self._port.call(api.RENEW)
+
+        heart = asyncio.create_task(renew())
+        try:
+            yield
+        finally:
+            heart.cancel()
+
+
+async def _feed(servo: PoseServo, targets: AsyncIterator[Pose]) -> None:
+    async for target in targets:
+        servo.aim(target)
+
+
+def _result(outcome: Outcome[R]) -> R:
+    """The result of a call to the cell; anything else as a `SkillFailure`."""
+    match outcome:
+        case Succeeded(result=result):
+            return result
+        case Failed(reason=reason, detail=detail) | Rejected(reason=reason, detail=detail):
+            raise SkillFailure(reason, detail)
+        case Cancelled():
+            raise SkillFailure("stopped", "the cell stopped the motion")
+        case TimedOut(timeout_s=timeout_s):
+            raise SkillFailure("robot_lost", f"the cell did not answer within {timeout_s} s; is it overloaded?")
+        case Unreachable(component=component):
+            raise SkillFailure("robot_lost", f"{component} does not answer; is it running?")

@@ -1,0 +1,1 @@
+"""Robot control: kinematics, trajectories, checks, and the skills that move the arm and the gripper."""

@@ -1,0 +1,97 @@
+"""What the robot can be asked to do.
+
+Every motion is checked before it runs. Besides those named at each skill, a motion fails with: joint_limit,
+velocity_limit, acceleration_limit, jerk_limit, table_collision, self_collision, stopped, lease_lost, robot_lost,
+lost_commander; and is rejected with: busy (another motion runs), lease_lost (the lease taken has run out).
+Cancelling a motion brakes the arm.
+"""
+
+from dlokit.communication.skill import Skill
+from dlokit.types.action import VelocityProfile
+from dlokit.types.arrays import Float64Array
+from dlokit.types.pose import Pose
+from dlokit.types.robot import GripResult, MotionResult
+
+
+def _move_joints(q_rad: Float64Array) -> MotionResult:
+    """Move on a straight line in joint space to joint angles (7,) [rad], as fast as the limits allow."""
+    ...
+
+
+def _move_to(target: Pose, either_way: bool = True) -> MotionResult:
+    """Move in joint space to a tool pose ``T_world_tcp``, as fast as the limits allow; the way there is not straight.
+
+    The gripper is symmetric: with `either_way` it may end turned by half a turn about its own z axis, so that joint 7
+    has most room to turn afterwards. Fails with: unreachable.
+    """
+    ...
+
+
+def _move_linear(target: Pose, velocity: VelocityProfile) -> MotionResult:
+    """Move the tool on a straight line to a pose ``T_world_tcp``, or to the same turned by half a turn if nearer.
+
+    Slower than `velocity` where the joints ask for it. Fails with: unreachable (some pose on the way).
+    """
+    ...
+
+
+def _follow_path(path: tuple[Pose, ...], velocity: VelocityProfile) -> MotionResult:
+    """Move the tool on straight lines through poses ``T_world_tcp``, rounding corners by up to 5 cm before and after.
+
+    It stops at the last pose, and where the path turns back. All poses are turned by half a turn when that brings the
+    first nearer. Fails with: unreachable (some pose on the way).
+    """
+    ...
+
+
+def _grasp(force_n: float = 20.0) -> GripResult:
+    """Close the fingers with at most `force_n`; the result says whether they hold something."""
+    ...
+
+
+def _release(width_m: float = 0.04) -> GripResult:
+    """Open the fingers to `width_m`, 0 to 0.08 m. Rejected with: bad_width."""
+    ...
+
+
+def _stop() -> None:
+    """Brake now, whatever runs; the motion that ran fails with ``stopped``."""
+    ...
+
+
+def _recover() -> None:
+    """Clear a fault of the arm; it stays where it is."""
+    ...
+
+
+def _home() -> MotionResult:
+    """Move in joint space to where the arm hides nothing of the table from the camera."""
+    ...
+
+
+def _renew_lease(holder: str, duration_s: float = 0.2) -> None:
+    """Take the right to move the robot, or keep it: from now on the arm brakes when no renewal comes in time.
+
+    `duration_s` counts on the machine's monotonic clock. Rejected with: leased (another holds it).
+    """
+    ...
+
+
+def _release_lease(holder: str) -> None:
+    """Give the right back; the arm no longer waits for renewals. Rejected with: leased (another holds it)."""
+    ...
+
+
+_IDLE = "no other motion runs, and a lease that was taken has not run out"
+
+MOVE_JOINTS = Skill("robot", "move_joints", _move_joints, 30.0, _IDLE, "the arm stands at the angles")
+MOVE_TO = Skill("robot", "move_to", _move_to, 30.0, _IDLE, "the arm stands with the tool at the pose")
+MOVE_LINEAR = Skill("robot", "move_linear", _move_linear, 60.0, _IDLE, "the arm stands with the tool at the pose")
+FOLLOW_PATH = Skill("robot", "follow_path", _follow_path, 120.0, _IDLE, "the arm stands with the tool at the last pose")
+GRASP = Skill("robot", "grasp", _grasp, 10.0, _IDLE, "the fingers are at rest")
+RELEASE = Skill("robot", "release", _release, 10.0, _IDLE, "the fingers are open and at rest")
+STOP = Skill("robot", "stop", _stop, 5.0, "", "the arm stands")
+RECOVER = Skill("robot", "recover", _recover, 5.0, "", "the arm is idle")
+HOME = Skill("robot", "home", _home, 30.0, _IDLE, "the arm stands at home")
+RENEW_LEASE = Skill("robot", "renew_lease", _renew_lease, 1.0, "", "the arm brakes without a further renewal")
+RELEASE_LEASE = Skill("robot", "release_lease", _release_lease, 1.0, "", "no renewals are expected")

@@ -1,0 +1,213 @@
+"""The robot component: plans, checks and runs motions, one at a time, and brakes when its commander is lost."""
+
+import asyncio
+from collections.abc import AsyncGenerator, Callable, Coroutine
+from contextlib import asynccontextmanager
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dlokit.communication import topics
+from dlokit.communication.component import Component, implements
+from dlokit.description.panda_data import PANDA_HOME_Q_RAD, PANDA_OPEN_WIDTH_M
+from dlokit.errors import HardwareError, SkillFailure, SkillRejected
+from dlokit.functional.robots.base import Robot
+from dlokit.skills.robot import api
+from dlokit.skills.robot.checks import check_trajectory
+from dlokit.skills.robot.config import RobotConfig
+from dlokit.skills.robot.kinematics import PandaKinematics, Yaw
+from dlokit.skills.robot.lease import LeaseKeeper
+from dlokit.skills.robot.trajectories import joint_move, tool_move
+from dlokit.types.action import VelocityProfile
+from dlokit.types.arrays import Float64Array
+from dlokit.types.pose import Pose
+from dlokit.types.robot import GripResult, JointTrajectory, Lease, MotionResult
+
+R = TypeVar("R")
+
+_COMMANDED_WITHIN_RAD = 0.05
+"""A trajectory starts where the last one was told to end, unless the arm was moved away from there."""
+
+
+class RobotComponent(Component):
+    """Robot control (paper, Fig. 3): executes trajectories, moves, grasps, and exposes the robot's state."""
+
+    name = "robot"
+    publishes = (topics.ROBOT_STATE,)
+    # The simulated driver reads it through a port of its own; drivers of real arms do not.
+    reads = ()
+
+    def __init__(
+        self,
+        config: RobotConfig,
+        robot: Robot,
+        monotonic_ns: Callable[[], int],
+        kinematics: PandaKinematics | None = None,
+    ) -> None:
+        """`monotonic_ns` is the machine's clock, for leases; it stands apart from the clock of the port."""
+        super().__init__()
+        self._config = config
+        self._robot = robot
+        self._kinematics = kinematics or PandaKinematics()
+        self._lease = LeaseKeeper(monotonic_ns)
+        self._watch: asyncio.Task[None] | None = None
+        self._running = ""
+        self._motion: asyncio.Task[Any] | None = None
+        self._braked_because = ""
+        self._commanded: NDArray[np.float64] | None = None
+
+    async def run(self) -> None:
+        """Publish the robot's state."""
+        try:
+            async with self._robot:
+                while True:
+                    self.port.publish(topics.ROBOT_STATE, self._robot.state())
+                    await self.port.clock.sleep(1.0 / self._config.state_rate_hz)
+        finally:
+            if self._watch is not None:
+                self._watch.cancel()
+
+    @implements(api.MOVE_JOINTS)
+    async def move_joints(self, q_rad: Float64Array) -> MotionResult:
+        """Move in joint space."""
+        async with self._exclusively("move_joints"):
+            return await self._follow(joint_move(self._start(), _seven(q_rad), self._robot.limits))
+
+    @implements(api.MOVE_TO)
+    async def move_to(self, target: Pose, either_way: bool = True) -> MotionResult:
+        """Move in joint space to a tool pose."""
+        async with self._exclusively("move_to"):
+            start = self._start()
+            end = self._kinematics.inverse(target, start, Yaw.EITHER if either_way else Yaw.EXACT)
+            return await self._follow(joint_move(start, end, self._robot.limits))
+
+    @implements(api.MOVE_LINEAR)
+    async def move_linear(self, target: Pose, velocity: VelocityProfile) -> MotionResult:
+        """Move the tool on a straight line."""
+        async with self._exclusively("move_linear"):
+            return await self._follow(await self._plan_path((target,), velocity))
+
+    @implements(api.FOLLOW_PATH)
+    async def follow_path(self, path: tuple[Pose, ...], velocity: VelocityProfile) -> MotionResult:
+        """Move the tool through poses."""
+        async with self._exclusively("follow_path"):
+            return await self._follow(await self._plan_path(path, velocity))
+
+    @implements(api.GRASP)
+    async def grasp(self, force_n: float = 20.0) -> GripResult:
+        """Close the fingers."""
+        async with self._exclusively("grasp"):
+            return await self._interruptible(self._robot.grip(0.0, force_n))
+
+    @implements(api.RELEASE)
+    async def release(self, width_m: float = 0.04) -> GripResult:
+        """Open the fingers."""
+        if not 0.0 <= width_m <= PANDA_OPEN_WIDTH_M:
+            raise SkillRejected("bad_width", f"{width_m} m; allowed are 0 to {PANDA_OPEN_WIDTH_M} m")
+        async with self._exclusively("release"):
+            return await self._interruptible(self._robot.grip(width_m, 20.0))
+
+    @implements(api.HOME)
+    async def home(self) -> MotionResult:
+        """Move out of the camera's view."""
+        async with self._exclusively("home"):
+            return await self._follow(joint_move(self._start(), PANDA_HOME_Q_RAD, self._robot.limits))
+
+    @implements(api.STOP)
+    async def stop(self) -> None:
+        """Brake now."""
+        await self._brake("stopped")
+
+    @implements(api.RECOVER)
+    async def recover(self) -> None:
+        """Clear a fault."""
+        await self._robot.recover()
+
+    @implements(api.RENEW_LEASE)
+    async def renew_lease(self, holder: str, duration_s: float = 0.2) -> None:
+        """Take or keep the right to move."""
+        self._lease.renew(holder, duration_s)
+        if self._watch is None or self._watch.done():
+            self._watch = asyncio.create_task(self._watch_lease(), name="robot lease")
+
+    @implements(api.RELEASE_LEASE)
+    async def release_lease(self, holder: str) -> None:
+        """Give the right to move back."""
+        self._lease.release(holder)
+
+    async def _watch_lease(self) -> None:
+        """Brake once the lease has run out. On the machine's clock: the cell's may stand still."""
+        while self._lease.taken:
+            if self._lease.lost:
+                await self._brake("lease_lost")
+                return
+            await asyncio.sleep(self._config.watch_period_s)
+
+    async def _brake(self, reason: str) -> None:
+        self._braked_because = reason  # holds for a motion that is still being planned as well
+        if self._motion is not None:
+            self._motion.cancel()
+        await self._robot.stop()
+
+    @asynccontextmanager
+    async def _exclusively(self, skill: str) -> AsyncGenerator[None, None]:
+        """One motion at a time, and none for a commander who is lost."""
+        if self._running:
+            raise SkillRejected("busy", f"{self._running} runs; wait for it, or stop it")
+        if self._lease.lost:
+            raise SkillRejected("lease_lost", f"{self._lease.holder} has not renewed its lease; renew or release it")
+        self._running, self._braked_because = skill, ""
+        try:
+            yield
+        except HardwareError as error:
+            raise SkillFailure("robot_lost", str(error)) from error
+        finally:
+            self._running = ""
+
+    def _start(self) -> NDArray[np.float64]:
+        """Where the next trajectory starts: the angles last commanded, or the measured ones when those differ."""
+        measured = self._robot.state().q_rad
+        if self._commanded is not None and np.max(np.abs(self._commanded - measured)) < _COMMANDED_WITHIN_RAD:
+            return self._commanded
+        return np.clip(measured, self._robot.limits.position_lower_rad, self._robot.limits.position_upper_rad)
+
+    async def _plan_path(self, path: tuple[Pose, ...], velocity: VelocityProfile) -> JointTrajectory:
+        return await self.port.compute(tool_move, self._kinematics, self._start(), path, velocity, self._robot.limits)
+
+    async def _follow(self, trajectory: JointTrajectory) -> MotionResult:
+        """Check a trajectory, then run it."""
+        await self.port.compute(
+            check_trajectory,
+            trajectory,
+            self._robot.limits,
+            self._config.surroundings,
+            self._kinematics.T_world_base,
+        )
+        lease = Lease(holder=self._lease.holder or self.name, duration_s=self._config.driver_lease_s)
+        self._commanded = None
+        result = await self._interruptible(self._robot.follow(trajectory, lease))
+        self._commanded = trajectory.q_rad[-1].copy()
+        return result
+
+    async def _interruptible(self, motion: Coroutine[Any, Any, R]) -> R:
+        """Run a motion so that `_brake` can end it, and so that a cancelled caller leaves the arm standing."""
+        if self._braked_because:
+            motion.close()
+            raise SkillFailure(self._braked_because, "the arm was braked before the motion began")
+        self._motion = asyncio.create_task(motion)
+        try:
+            return await self._motion
+        except asyncio.CancelledError:
+            if self._braked_because:
+                raise SkillFailure(self._braked_because, "the arm was braked before the end of the motion") from None
+            await self._robot.stop()
+            raise
+        finally:
+            self._motion = None
+
+
+def _seven(q_rad: Float64Array) -> Float64Array:
+    if q_rad.shape != (7,) or not np.all(np.isfinite(q_rad)):
+        raise SkillRejected("bad_arguments", f"q_rad has shape {q_rad.shape}; seven finite angles are needed")
+    return q_rad

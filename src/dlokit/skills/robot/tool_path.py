@@ -1,0 +1,114 @@
+"""The geometry of a tool path: straight lines through poses, rounded where two of them meet. Pure."""
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from dlokit.skills.robot.kinematics import half_turned
+from dlokit.types.pose import Pose
+
+Array = NDArray[np.float64]
+
+_ROUNDING_M = 0.05
+"""Where the rounding of a corner starts and ends, before and after it [m]."""
+_TURN_LEVER_M = 0.15
+"""A turn by 1 rad counts as this much path [m], so that turning on the spot takes time."""
+_SHARPEST = np.cos(np.radians(120.0))  # a corner sharper than that is stopped at, not rounded
+_SHORTEST_M = 1e-5
+
+
+@dataclass(frozen=True)
+class ToolPath:
+    """Poses (n, at least 2) joined by lines of `lengths_m` (n - 1,); the corners between are rounded."""
+
+    positions_m: Array  # (n, 3) [m]
+    rotations: tuple[Rotation, ...]
+    lengths_m: Array  # (n - 1,) [m]
+
+    @property
+    def length_m(self) -> float:
+        """Largest path parameter [m]."""
+        return float(np.sum(self.lengths_m))
+
+    def pose(self, sigma_m: float) -> Pose:
+        """The tool pose at a path parameter from 0 to `length_m` [m]."""
+        ends = np.cumsum(self.lengths_m)
+        leg = int(np.clip(np.searchsorted(ends, sigma_m), 0, len(ends) - 1))
+        for corner in (leg, leg + 1):
+            if 0 < corner < len(self.lengths_m) + 1 and corner <= len(self.lengths_m) - 1:
+                reach = self._reach(corner)
+                after = sigma_m - (ends[corner - 1] - reach)
+                if 0.0 < after < 2 * reach:
+                    return self._rounded(corner, reach, after / (2 * reach))
+        share = (sigma_m - (ends[leg] - self.lengths_m[leg])) / self.lengths_m[leg]
+        position, rotation = self._on_leg(leg, float(np.clip(share, 0.0, 1.0)))
+        return _pose(position, rotation)
+
+    def _reach(self, corner: int) -> float:
+        return min(_ROUNDING_M, 0.5 * float(self.lengths_m[corner - 1]), 0.5 * float(self.lengths_m[corner]))
+
+    def _on_leg(self, leg: int, share: float) -> tuple[Array, Rotation]:
+        a, b = self.positions_m[leg], self.positions_m[leg + 1]
+        return a + share * (b - a), _between(self.rotations[leg], self.rotations[leg + 1], share)
+
+    def _rounded(self, corner: int, reach: float, u: float) -> Pose:
+        """A quadratic Bézier curve from `reach` before the corner to `reach` after it (De Casteljau)."""
+        before = reach / float(self.lengths_m[corner - 1])
+        after = reach / float(self.lengths_m[corner])
+        p0, r0 = self._on_leg(corner - 1, 1.0 - before * (1.0 - u))
+        p1, r1 = self._on_leg(corner, after * u)
+        return _pose((1.0 - u) * p0 + u * p1, _between(r0, r1, u))
+
+
+def split_at_turns(start: Pose, poses: tuple[Pose, ...]) -> list[ToolPath]:
+    """Paths from `start` through `poses`, cut where the tool turns back and so must stop.
+
+    All poses are turned by half a turn when that brings the first nearer to `start`: the gripper is symmetric.
+    """
+    if not poses:
+        return []
+    if _x_axis(start) @ _x_axis(poses[0]) < 0.0:
+        poses = tuple(half_turned(pose) for pose in poses)
+    points = [start]
+    for pose in poses:
+        if _distance(points[-1], pose) > _SHORTEST_M:
+            points.append(pose)
+    if len(points) < 2:
+        return []
+    cuts = [0]
+    for i in range(1, len(points) - 1):
+        before = points[i].position_m - points[i - 1].position_m
+        after = points[i + 1].position_m - points[i].position_m
+        norm = float(np.linalg.norm(before) * np.linalg.norm(after))
+        if norm > 0.0 and float(before @ after) / norm < _SHARPEST:
+            cuts.append(i)
+    cuts.append(len(points) - 1)
+    return [_path(points[a : b + 1]) for a, b in itertools.pairwise(cuts)]
+
+
+def _path(points: list[Pose]) -> ToolPath:
+    return ToolPath(
+        positions_m=np.array([pose.position_m for pose in points]),
+        rotations=tuple(Rotation.from_quat(pose.wxyz, scalar_first=True) for pose in points),
+        lengths_m=np.array([_distance(a, b) for a, b in itertools.pairwise(points)]),
+    )
+
+
+def _distance(a: Pose, b: Pose) -> float:
+    turn = 2 * np.arccos(min(1.0, abs(float(a.wxyz @ b.wxyz))))
+    return max(float(np.linalg.norm(a.position_m - b.position_m)), _TURN_LEVER_M * float(turn))
+
+
+def _between(a: Rotation, b: Rotation, share: float) -> Rotation:
+    return a * Rotation.from_rotvec(share * (a.inv() * b).as_rotvec())
+
+
+def _x_axis(T: Pose) -> Array:
+    return Rotation.from_quat(T.wxyz, scalar_first=True).as_matrix()[:, 0]
+
+
+def _pose(position: Array, rotation: Rotation) -> Pose:
+    return Pose(position_m=position, wxyz=rotation.as_quat(scalar_first=True, canonical=True))
