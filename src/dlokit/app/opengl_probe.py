@@ -9,6 +9,7 @@ import re
 import subprocess
 import sys
 from dataclasses import dataclass
+from typing import cast
 
 _SCENE = """
 <mujoco>
@@ -74,10 +75,10 @@ def _render() -> str:
     with mujoco.Renderer(model, _SIZE_PX, _SIZE_PX) as renderer:
         renderer.update_scene(data, camera="eye")
         picture = renderer.render()
-        name: object = GL.glGetString(GL.GL_RENDERER)  # PyOpenGL types it as None
+        name = cast("bytes", GL.glGetString(GL.GL_RENDERER))  # PyOpenGL declares it without a result
     if int(picture.max()) == int(picture.min()):
         raise RuntimeError("the picture is empty: OpenGL runs but draws nothing")
-    return name.decode() if isinstance(name, bytes) else str(name)
+    return name.decode()
 
 
 if __name__ == "__main__":
