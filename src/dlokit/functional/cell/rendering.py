@@ -1,0 +1,146 @@
+"""The cell's stereo camera: pictures of the scene, their noise, and what its owner believes of its pose."""
+
+import sys
+import threading
+from typing import Any
+
+import cv2
+import msgspec
+import mujoco
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from dlokit import geometry
+from dlokit.description.scene import default_calibration
+from dlokit.errors import DlokitError, MachineError
+from dlokit.functional.cell.config import CellConfig
+from dlokit.types.arrays import UInt8Array
+from dlokit.types.image import CameraCalibration, StereoImages
+
+CAMERAS = ("stereo_left", "stereo_right")
+_NOISE_COUNT = 1 << 21
+_FLIP_YZ = np.diag([1.0, -1.0, -1.0])  # OpenGL cameras look along -z, with y up
+_PIXEL_M = 1e-5  # size of a sensor's pixel; only ratios matter
+
+
+class StereoRig:
+    """Both cameras. Their true pose and the believed one differ by a small error drawn from the seed."""
+
+    def __init__(self, config: CellConfig, *, seed: int) -> None:
+        self._config = config
+        rng = np.random.default_rng([seed, 0xCA])
+        self.true_calibration = default_calibration(config.width_px, config.height_px)
+        self.calibration = _disturbed(self.true_calibration, config, rng)
+        self._noise = rng.normal(0.0, config.image_noise_sigma, _NOISE_COUNT).round().astype(np.int16)
+        self._rng = rng
+        self._renderer: _Renderer | None = None
+
+    def capture(self, model: Any, data: Any, stamp_ns: int) -> StereoImages:
+        """Both pictures of the present moment; poses in `data` must be up to date."""
+        if self._renderer is None:
+            self._renderer = _Renderer(model, self._config)
+        left, right = (self._noisy(self._renderer.render(data, camera)) for camera in CAMERAS)
+        return StereoImages(stamp_ns=stamp_ns, frame="camera", left=left, right=right, calibration=self.calibration)
+
+    def close(self) -> None:
+        """Give the OpenGL context back."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+
+    def _noisy(self, picture: UInt8Array) -> UInt8Array:
+        if self._config.image_noise_sigma == 0.0:
+            return picture
+        # A random stretch of noise drawn beforehand: fresh normals would cost as much as the rendering.
+        start = int(self._rng.integers(0, _NOISE_COUNT))
+        noise = np.take(self._noise, np.arange(start, start + picture.size), mode="wrap").reshape(picture.shape)
+        return np.asarray(cv2.add(picture, noise, dtype=cv2.CV_8U), dtype=np.uint8)
+
+
+def add_cameras(spec: Any, calibration: CameraCalibration, config: CellConfig) -> None:
+    """Add the two cameras of a calibration to `spec` (MjSpec), and the settings that their pictures need."""
+    T = geometry.matrix(calibration.T_world_camera)
+    turned = np.eye(4)
+    turned[:3, :3] = T[:3, :3] @ _FLIP_YZ
+    width, height = calibration.width_px, calibration.height_px
+    for name, along_m in zip(CAMERAS, (0.0, calibration.baseline_m or 0.0), strict=True):
+        camera = spec.worldbody.add_camera(name=name, pos=T[:3, 3] + along_m * T[:3, 0])
+        camera.quat = geometry.pose_from_matrix(turned).wxyz
+        camera.resolution = [width, height]
+        camera.sensor_size = [width * _PIXEL_M, height * _PIXEL_M]
+        camera.focal_pixel = [calibration.fx_px, calibration.fy_px]
+        # Ours counts from the centre of the first pixel, OpenGL from its corner.
+        camera.principal_pixel = [width / 2 - (calibration.cx_px + 0.5), (calibration.cy_px + 0.5) - height / 2]
+    visual = spec.visual
+    visual.global_.offwidth, visual.global_.offheight = width, height
+    visual.quality.offsamples = config.samples
+    visual.quality.shadowsize = 2048 if config.shadows else 0
+    visual.headlight.ambient, visual.headlight.diffuse, visual.headlight.specular = [0.35] * 3, [0.0] * 3, [0.0] * 3
+    # Clipping planes are multiples of the model's extent, which is fixed here so that they are 0.1 m and 6 m.
+    spec.stat.extent = 1.0
+    visual.map.znear, visual.map.zfar = 0.1, 6.0
+
+
+def _disturbed(true: CameraCalibration, config: CellConfig, rng: np.random.Generator) -> CameraCalibration:
+    """What the owner believes: off by exactly the configured distance and angle, in random directions."""
+    shift, axis = rng.normal(size=3), rng.normal(size=3)
+    error = np.eye(4)
+    turn_rad = np.radians(config.camera_error_deg)
+    error[:3, :3] = Rotation.from_rotvec(axis / np.linalg.norm(axis) * turn_rad).as_matrix()
+    error[:3, 3] = shift / np.linalg.norm(shift) * config.camera_error_m
+    believed = geometry.pose_from_matrix(geometry.matrix(true.T_world_camera) @ error)
+    return msgspec.structs.replace(true, T_world_camera=believed)
+
+
+class _Renderer:
+    """One OpenGL context, owned by the thread that made it."""
+
+    def __init__(self, model: Any, config: CellConfig) -> None:
+        self._thread = threading.get_ident()
+        self._gl = _gl_context(config.width_px, config.height_px)
+        self._gl.make_current()
+        self._model = model
+        self._scene: Any = mujoco.MjvScene(model, maxgeom=500)
+        self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = config.shadows
+        self._scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = False
+        self._scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = False
+        self._context: Any = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._context)
+        self._rectangle: Any = mujoco.MjrRect(0, 0, config.width_px, config.height_px)
+        self._option: Any = mujoco.MjvOption()
+        self._option.geomgroup[:] = (1, 0, 1, 0, 0, 0)
+        self._buffer = np.empty((config.height_px, config.width_px, 3), dtype=np.uint8)
+
+    def render(self, data: Any, camera: str) -> UInt8Array:
+        """One picture (height, width, 3)."""
+        if threading.get_ident() != self._thread:
+            raise DlokitError("The cell renders on the thread that took its first picture; call it from there alone.")
+        self._gl.make_current()
+        view: Any = mujoco.MjvCamera()
+        view.type = mujoco.mjtCamera.mjCAMERA_FIXED
+        view.fixedcamid = self._model.camera(camera).id
+        mujoco.mjv_updateScene(self._model, data, self._option, None, view, mujoco.mjtCatBit.mjCAT_ALL, self._scene)
+        mujoco.mjr_render(self._rectangle, self._scene, self._context)
+        mujoco.mjr_readPixels(self._buffer, None, self._rectangle, self._context)
+        return np.ascontiguousarray(self._buffer[::-1])
+
+    def close(self) -> None:
+        """Free the context."""
+        self._gl.make_current()
+        self._context.free()
+        self._gl.free()
+
+
+def _gl_context(width: int, height: int) -> Any:
+    """An OpenGL context without a window. Raises `MachineError` when this machine has none."""
+    try:
+        if sys.platform == "linux":
+            from mujoco.egl import GLContext
+        else:
+            from mujoco.gl_context import GLContext
+        return GLContext(width, height)
+    except Exception as error:  # every back end has its own errors; all mean the same
+        raise MachineError(
+            f"No OpenGL for the cell's cameras ({type(error).__name__}: {error}). On Linux install software "
+            "rendering: apt install libegl1 libgl1-mesa-dri; then run `dlokit doctor`."
+        ) from error

@@ -1,0 +1,110 @@
+"""What the arm is told to do over time: hold, follow a trajectory, be led, brake."""
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+import ruckig
+
+from dlokit.types.arrays import Float64Array
+from dlokit.types.robot import JointLimits, JointTrajectory
+
+
+@dataclass(frozen=True)
+class Setpoint:
+    """Where the joints should be now."""
+
+    q_rad: Float64Array  # (7,)
+    dq_rad_s: Float64Array  # (7,)
+    ddq_rad_s2: Float64Array  # (7,)
+
+
+class Program(Protocol):
+    """A motion of the joints in time."""
+
+    end_s: float
+    """When it is over, on the cell's clock [s]."""
+
+    def at(self, time_s: float) -> Setpoint:
+        """The set-point at a time on the cell's clock."""
+        ...
+
+
+class Hold:
+    """Stay."""
+
+    def __init__(self, q_rad: Float64Array) -> None:
+        self.end_s = -np.inf
+        self._setpoint = Setpoint(q_rad.copy(), np.zeros(q_rad.shape), np.zeros(q_rad.shape))
+
+    def at(self, time_s: float) -> Setpoint:
+        """Always the same."""
+        return self._setpoint
+
+
+class Follow:
+    """Sample a trajectory: cubic Hermite in position, so that position and velocity agree between samples."""
+
+    def __init__(self, trajectory: JointTrajectory, start_s: float) -> None:
+        self._trajectory = trajectory
+        self._start_s = start_s
+        self.end_s = start_s + float(trajectory.times_s[-1])
+
+    def at(self, time_s: float) -> Setpoint:
+        """The set-point, held at both ends."""
+        t = self._trajectory
+        if len(t.times_s) == 1:
+            return Setpoint(t.q_rad[0], t.dq_rad_s[0], t.ddq_rad_s2[0])
+        s = min(max(time_s - self._start_s, 0.0), float(t.times_s[-1]))
+        i = min(max(int(np.searchsorted(t.times_s, s, side="right")) - 1, 0), len(t.times_s) - 2)
+        h = float(t.times_s[i + 1] - t.times_s[i])
+        u = (s - float(t.times_s[i])) / h
+        q0, q1, v0, v1 = t.q_rad[i], t.q_rad[i + 1], t.dq_rad_s[i], t.dq_rad_s[i + 1]
+        step = q1 - q0
+        q = q0 + u * (h * v0 + u * (3 * step - h * (2 * v0 + v1) + u * (h * (v0 + v1) - 2 * step)))
+        return Setpoint(q, (1 - u) * v0 + u * v1, (1 - u) * t.ddq_rad_s2[i] + u * t.ddq_rad_s2[i + 1])
+
+
+class Servo:
+    """Be led: extrapolate the last target by its velocity until it is too old."""
+
+    KEEP_S = 0.1
+    """Longest time that a target stays good [s]."""
+
+    def __init__(self, q_rad: Float64Array, dq_rad_s: Float64Array, now_s: float) -> None:
+        self._q, self._dq, self._now_s = q_rad, dq_rad_s, now_s
+        self.end_s = now_s + self.KEEP_S
+
+    def at(self, time_s: float) -> Setpoint:
+        """The target, moved on by its velocity."""
+        ahead = min(max(time_s - self._now_s, 0.0), self.KEEP_S)
+        return Setpoint(self._q + ahead * self._dq, self._dq, np.zeros(self._q.shape))
+
+
+class Brake:
+    """Come to rest as fast as acceleration and jerk limits allow, each joint for itself."""
+
+    def __init__(self, start: Setpoint, limits: JointLimits, now_s: float) -> None:
+        joints = len(start.q_rad)
+        wanted: Any = ruckig.InputParameter(joints)
+        wanted.control_interface = ruckig.ControlInterface.Velocity
+        wanted.synchronization = ruckig.Synchronization.No
+        wanted.current_position = start.q_rad
+        wanted.current_velocity = np.clip(start.dq_rad_s, -limits.velocity_rad_s, limits.velocity_rad_s)
+        # Within the limits by a hair: on the limit itself rounding makes the problem infeasible.
+        most = 0.999 * limits.acceleration_rad_s2
+        wanted.current_acceleration = np.clip(start.ddq_rad_s2, -most, most)
+        wanted.target_velocity = np.zeros(joints)
+        wanted.target_acceleration = np.zeros(joints)
+        wanted.max_acceleration = limits.acceleration_rad_s2
+        wanted.max_jerk = limits.jerk_rad_s3
+        self._path: Any = ruckig.Trajectory(joints)
+        ruckig.Ruckig(joints).calculate(wanted, self._path)
+        self._start_s = now_s
+        self.end_s = now_s + float(self._path.duration)
+
+    def at(self, time_s: float) -> Setpoint:
+        """The set-point, at rest after the end."""
+        s = min(max(time_s - self._start_s, 0.0), float(self._path.duration))
+        q, dq, ddq = self._path.at_time(s)
+        return Setpoint(np.array(q), np.array(dq), np.array(ddq))

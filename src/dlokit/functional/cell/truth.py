@@ -1,0 +1,38 @@
+"""The record of truth: where the DLO really was. A file of its own in the run's folder, never on the bus."""
+
+from pathlib import Path
+
+import numpy as np
+
+from dlokit.functional.cell.world import Cell
+from dlokit.types.arrays import Float64Array
+
+
+class TruthRecorder:
+    """Notes the true nodes at 10 Hz and writes them to `truth.npz`: stamps_ns (T,), nodes_world (T, Mc, 3) [m]."""
+
+    PERIOD_NS = 100_000_000
+    FILE_NAME = "truth.npz"
+
+    def __init__(self, folder: Path) -> None:
+        self._path = folder / self.FILE_NAME
+        self._stamps_ns: list[int] = []
+        self._nodes_world: list[Float64Array] = []
+
+    def note(self, cell: Cell) -> None:
+        """Note the nodes now, unless the last note is too recent. Call once a tick."""
+        if self._stamps_ns and cell.time_ns - self._stamps_ns[-1] < self.PERIOD_NS:
+            return
+        self._stamps_ns.append(cell.time_ns)
+        self._nodes_world.append(cell.true_nodes_world())
+
+    def write(self) -> None:
+        """Write what was noted; a file half written never replaces a good one."""
+        if not self._stamps_ns:
+            return
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        draft = self._path.with_name("truth.partial.npz")
+        np.savez_compressed(
+            draft, stamps_ns=np.array(self._stamps_ns, dtype=np.int64), nodes_world=np.array(self._nodes_world)
+        )
+        draft.replace(self._path)

@@ -1,0 +1,142 @@
+"""The cell itself: physics of arm, table and DLO. A plain object, without clock, sockets or OpenGL."""
+
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dlokit import geometry
+from dlokit.description.panda import add_panda
+from dlokit.description.panda_data import PANDA_HOME_Q_RAD
+from dlokit.description.rod import add_rod, rod_nodes, set_rod_nodes, set_rod_physics
+from dlokit.description.scene import TABLE_CENTER_M, TABLE_HALF_SIZE_M, add_lights, add_table
+from dlokit.errors import ShapeError
+from dlokit.functional.cell.arm import CellArm
+from dlokit.functional.cell.config import CellConfig
+from dlokit.functional.cell.rendering import StereoRig, add_cameras
+from dlokit.types.arrays import Float64Array
+from dlokit.types.image import StereoImages
+from dlokit.types.robot import JointTrajectory, RobotState
+
+_LENGTH_TOLERANCE = 0.02  # of the DLO's length: what a hand-drawn curve may be off
+
+
+class Cell:
+    """Reality, simulated. Its time starts at `start_ns` and goes on by `step` alone."""
+
+    def __init__(self, config: CellConfig, *, seed: int, robot: str = "panda", start_ns: int = 0) -> None:
+        """Build the cell with the arm at home and the DLO straight in the middle of the table.
+
+        Raises `ConfigError` or `MachineError` on what cannot be built.
+        """
+        self.config = config
+        self.rig = StereoRig(config, seed=seed)
+        self._model = _build(config, self.rig, robot)
+        self._data: Any = mujoco.MjData(self._model)
+        self._start_ns = start_ns
+        self._steps = 0
+        self.arm = CellArm(self._model, self._data, name=robot, q_rad=np.array(PANDA_HOME_Q_RAD, dtype=np.float64))
+        half_m = config.dlo.length_m / 2
+        self.place_dlo([[0.5, -half_m], [0.5, half_m]], settle=False)
+
+    @property
+    def time_ns(self) -> int:
+        """The cell's time [ns]."""
+        return self._start_ns + self._steps * round(self.config.timestep_s * 1e9)
+
+    @property
+    def time_s(self) -> float:
+        """Seconds since the cell's start."""
+        return self._steps * self.config.timestep_s
+
+    def place_dlo(self, curve_world: ArrayLike, *, settle: bool = True) -> None:
+        """Lay the DLO along a curve (K, 2) or (K, 3) [m] on the table and let it come to rest.
+
+        No time passes on the cell's clock. Raises `ShapeError` when the curve has another length than the DLO, or
+        leaves the table.
+        """
+        set_rod_nodes(self._model, self._data, self._nodes_along(np.asarray(curve_world, dtype=np.float64)))
+        if settle:
+            for _ in range(round(self.config.settle_s / self.config.timestep_s)):
+                self.arm.before_step(self.time_s)
+                mujoco.mj_step(self._model, self._data)
+        self._refresh()
+
+    def step(self, duration_s: float) -> None:
+        """Let time pass: a whole number of physics steps."""
+        for _ in range(round(duration_s / self.config.timestep_s)):
+            self._steps += 1
+            self.arm.before_step(self.time_s)
+            mujoco.mj_step(self._model, self._data)
+        self._refresh()
+
+    def start_follow(self, trajectory: JointTrajectory) -> None:
+        """Begin a joint trajectory now."""
+        self.arm.start_follow(trajectory, self.time_s)
+
+    def set_servo(self, q_rad: Float64Array, dq_rad_s: Float64Array) -> None:
+        """Lead the joints: be at `q_rad` (7,) with `dq_rad_s` (7,) now."""
+        self.arm.servo_to(q_rad, dq_rad_s, self.time_s)
+
+    def brake(self, *, fault: bool = False) -> None:
+        """Bring the arm to rest within its limits; with `fault` it then needs `arm.recover`."""
+        self.arm.brake(self.time_s, fault=fault)
+
+    def set_grip(self, width_m: float, force_n: float) -> None:
+        """Begin to move the fingers to a width, pressing with at most `force_n`."""
+        self.arm.fingers.start_grip(width_m, force_n)
+
+    def arm_state(self) -> RobotState:
+        """What the arm's sensors say now."""
+        return self.arm.state(self.time_s, self.time_ns)
+
+    def capture(self) -> StereoImages:
+        """Expose both cameras now. Raises `MachineError` without OpenGL. One thread must make all calls."""
+        return self.rig.capture(self._model, self._data, self.time_ns)
+
+    def true_nodes_world(self) -> Float64Array:
+        """Where the DLO truly is, (Mc, 3) [m]. For the record of truth and for tests: never for the bus."""
+        return rod_nodes(self._model, self._data)
+
+    def close(self) -> None:
+        """Give the OpenGL context back."""
+        self.rig.close()
+
+    def _refresh(self) -> None:
+        """Bring poses up to date with the joints; a step leaves them one step behind."""
+        mujoco.mj_kinematics(self._model, self._data)
+        mujoco.mj_camlight(self._model, self._data)
+        mujoco.mj_flex(self._model, self._data)
+
+    def _nodes_along(self, curve_world: Float64Array) -> Float64Array:
+        dlo = self.config.dlo
+        if curve_world.ndim != 2 or curve_world.shape[0] < 2 or curve_world.shape[1] not in (2, 3):
+            raise ShapeError(
+                f"A start shape is (K, 2) or (K, 3) points in metres with K >= 2, not {curve_world.shape}."
+            )
+        length_m = float(geometry.arc_lengths(curve_world)[-1])
+        if not abs(length_m - dlo.length_m) <= _LENGTH_TOLERANCE * dlo.length_m:
+            raise ShapeError(
+                f"The start shape is {length_m:.3f} m long and the {dlo.name} {dlo.length_m:.3f} m: "
+                "give a curve of that length."
+            )
+        xy = geometry.resample(curve_world[:, :2], self.config.nodes)
+        off = np.abs(xy - TABLE_CENTER_M) > np.array(TABLE_HALF_SIZE_M) - dlo.radius_m
+        if off.any():
+            raise ShapeError(f"The start shape leaves the table at {xy[off.any(axis=1)][0].round(3)} m: move it.")
+        height_m = np.full(self.config.nodes, dlo.radius_m)
+        if curve_world.shape[1] == 3:
+            height_m = np.maximum(geometry.resample(curve_world, self.config.nodes)[:, 2], dlo.radius_m)
+        return np.column_stack([xy, height_m])
+
+
+def _build(config: CellConfig, rig: StereoRig, robot: str) -> Any:
+    spec: Any = mujoco.MjSpec()
+    set_rod_physics(spec, config.timestep_s)
+    add_table(spec, friction=config.table_friction)
+    add_lights(spec, shadows=config.shadows)
+    add_cameras(spec, rig.true_calibration, config)
+    add_panda(spec, name=robot)
+    add_rod(spec, config.dlo, config.nodes)
+    return spec.compile()
