@@ -44,7 +44,7 @@ def builtin_shape(name: str, length_m: float, count: int, *, radius_m: float = 0
     """A built-in shape by its name, one of `BUILTIN_SHAPES`.
 
     Returns nodes (count, 3) [m] in the world frame, equally spaced by arc length, at z = `radius_m`, centred on
-    `CENTRE_M`, from +y to -y: node 0 is where the observer begins to count. Raises `ShapeError` for an unknown name.
+    `CENTRE_M`, from -y to +y. Raises `ShapeError` for an unknown name.
     """
     if name not in BUILTIN_SHAPES:
         raise ShapeError(
@@ -169,9 +169,9 @@ def _integrate(curvature: Array, length_m: float) -> Array:
 
 
 def _on_table(curvature: Array, length_m: float, count: int, centre_m: tuple[float, float], radius_m: float) -> Array:
-    """The curve of a curvature as nodes (count, 3), the line from its first to its last end along -y."""
+    """The curve of a curvature as nodes (count, 3), the line from its first to its last end along +y."""
     curve = _integrate(curvature, length_m)
-    chord = curve[0] - curve[-1]
+    chord = curve[-1] - curve[0]
     along, across = chord / np.linalg.norm(chord), np.array([chord[1], -chord[0]]) / np.linalg.norm(chord)
     turned = np.column_stack([curve @ across, curve @ along])
     middle = (turned.max(axis=0) + turned.min(axis=0)) / 2.0

@@ -28,14 +28,14 @@ def test_builtin_shapes_have_the_length_of_the_rope_and_lie_on_the_table(name: s
     assert np.all(nodes[:, 2] == 0.003)
     spans = (nodes[:, :2].max(axis=0) + nodes[:, :2].min(axis=0)) / 2
     np.testing.assert_allclose(spans, shapes.CENTRE_M, atol=1e-3)  # resampling moves the extremes by < 1 mm
-    assert nodes[0, 1] > nodes[-1, 1]  # where the observer begins to count
+    assert nodes[0, 1] < nodes[-1, 1]
 
 
 def test_an_i_is_straight_along_y() -> None:
     nodes = shapes.builtin_shape("I", ROPE_M, 31)
 
     np.testing.assert_allclose(nodes[:, 0], shapes.CENTRE_M[0], atol=1e-12)
-    np.testing.assert_allclose(np.diff(nodes[:, 1]), -ROPE_M / 30, atol=1e-12)
+    np.testing.assert_allclose(np.diff(nodes[:, 1]), ROPE_M / 30, atol=1e-12)
 
 
 def test_an_s_is_point_symmetric_with_arcs_of_its_radius() -> None:
@@ -45,8 +45,8 @@ def test_an_s_is_point_symmetric_with_arcs_of_its_radius() -> None:
     np.testing.assert_allclose(nodes[::-1] - middle, middle - nodes, atol=1e-6)  # 1e-6 m: rounding of the quadrature
     # Sampling a circle by 5 mm chords changes its radius by less than 0.1 %.
     assert _bend_radius_m(nodes) == pytest.approx(shapes.S_RADIUS_M, rel=1e-3)
-    assert nodes[:50, 0].min() < shapes.CENTRE_M[0] - 0.05  # the half at +y bulges towards the robot
-    assert nodes[51:, 0].max() > shapes.CENTRE_M[0] + 0.05
+    assert nodes[:50, 0].max() > shapes.CENTRE_M[0] + 0.05  # the half at -y bulges away from the robot
+    assert nodes[51:, 0].min() < shapes.CENTRE_M[0] - 0.05
 
 
 def test_a_long_rope_gets_a_wider_s_instead_of_a_spiral() -> None:
@@ -102,7 +102,7 @@ def test_moving_turns_about_the_middle_then_shifts() -> None:
 
     np.testing.assert_allclose(turned.mean(axis=0), nodes.mean(axis=0) + np.array([0.1, -0.05, 0.0]), atol=1e-12)
     # Counter-clockwise seen from above: the end at +y comes to lie at -x.
-    np.testing.assert_allclose(turned[0] - turned[-1], [-ROPE_M, 0.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(turned[-1] - turned[0], [-ROPE_M, 0.0, 0.0], atol=1e-12)
 
 
 def test_fitting_the_length_keeps_the_shape_and_its_place() -> None:
