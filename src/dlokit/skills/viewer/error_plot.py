@@ -36,7 +36,7 @@ class ErrorPlot:
             ),
             title="Error after each action",
             scales={"x": uplot.Scale(time=False, auto=True), "y": uplot.Scale(auto=True)},
-            height=190,
+            height=160,
         )
 
     def draw(self, history: ErrorHistory) -> None:

@@ -10,9 +10,9 @@ from dlokit.skills.viewer import palette
 from dlokit.skills.viewer.goal_handles import GoalHandles
 from dlokit.skills.viewer.loop_gate import LoopGate
 
-_HEIGHT_M = 0.012
+HEIGHT_M = 0.012
 """The gizmos float above the rod that they pull."""
-_SCALE_M = 0.09
+SCALE_M = 0.09
 
 
 class GoalFramesView:
@@ -35,7 +35,7 @@ class GoalFramesView:
     def _add(self, server: viser.ViserServer, gate: LoopGate, index: int) -> viser.TransformControlsHandle:
         gizmo = server.scene.add_transform_controls(
             f"/goal_frames/{index}",
-            scale=_SCALE_M,
+            scale=SCALE_M,
             line_width=3.5,
             active_axes=(True, True, False),
             depth_test=False,
@@ -62,5 +62,5 @@ class GoalFramesView:
 
     def _place(self, index: int) -> None:
         handle, gizmo = self._handles.handles[index], self._gizmos[index]
-        gizmo.position = np.array([handle.x_m, handle.y_m, _HEIGHT_M])
+        gizmo.position = np.array([handle.x_m, handle.y_m, HEIGHT_M])
         gizmo.wxyz = Rotation.from_euler("z", handle.yaw_rad).as_quat(scalar_first=True)

@@ -19,7 +19,7 @@ class Layer:
         return self.title.lower().replace(" ", "_")
 
 
-ROBOT = Layer("Robot", (236, 238, 241))
+ROBOT = Layer("Robot", (214, 218, 224))
 CAMERA = Layer("Camera", (71, 85, 105))
 CLOUD = Layer("Cloud", (245, 158, 11))
 TARGETS = Layer("Target points", (219, 39, 119))
@@ -30,8 +30,8 @@ ACTION = Layer("Next action", (147, 51, 234))
 LAYERS = (STATE, GOAL, TARGETS, CLOUD, ACTION, ROBOT, CAMERA)
 """In the order of the legend."""
 
-TABLE_RGB: Rgb = (206, 198, 186)
-TABLE_AREA_RGB: Rgb = (150, 140, 124)
+TABLE_RGB: Rgb = (168, 156, 138)
+TABLE_AREA_RGB: Rgb = (120, 108, 92)
 GRIPPER_RGB: Rgb = (64, 68, 76)
 INK = "#1e293b"
 FAINT = "#94a3b8"

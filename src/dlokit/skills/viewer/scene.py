@@ -1,5 +1,7 @@
 """The scene: table, robot, camera and everything that is known of the DLO, each layer in its colour."""
 
+import math
+
 import cv2
 import numpy as np
 import viser
@@ -16,6 +18,11 @@ from dlokit.types.image import StereoImages
 from dlokit.types.observation import Observation
 from dlokit.types.robot import RobotState
 
+VISITOR_POSITION_M = (1.62, -0.70, 1.04)
+"""Where whoever opens the page stands at first, in the world [m]."""
+VISITOR_LOOK_AT_M = (0.36, 0.02, 0.20)
+VISITOR_FOV_RAD = math.radians(45.0)
+"""Angle of view from the top to the bottom of the picture."""
 _TABLE_HALF_M = (0.45, 0.60)
 _TABLE_CENTRE_M = (0.40, 0.0)
 _TABLE_THICKNESS_M = 0.03
@@ -70,11 +77,11 @@ class Scene:
 
     def show_cloud(self, seen: Observation) -> None:
         """The DLO's points of the last look."""
-        self._points(palette.CLOUD, seen.points_world, 0.003)
+        self._points(palette.CLOUD, seen.points_world, 0.002)
 
     def show_targets(self, targets: TargetPoints) -> None:
         """The observer's target points; hidden ones are left out."""
-        self._points(palette.TARGETS, targets.nodes_world[targets.visible].astype(np.float32), 0.009)
+        self._points(palette.TARGETS, targets.nodes_world[targets.visible].astype(np.float32), 0.006)
 
     def show_state(self, state: DloState) -> None:
         """The model's rod."""
@@ -82,7 +89,7 @@ class Scene:
 
     def show_goal(self, goal: GoalShape) -> None:
         """The rod as it is wanted."""
-        self._tube(palette.GOAL, "rod", goal.nodes_world, 0.45)
+        self._tube(palette.GOAL, "rod", goal.nodes_world, 0.7)
 
     def show_action(self, action: PickPlace) -> None:
         """The proposed action: a ghost of the gripper at the grasp and at the release, and the path between."""
@@ -148,7 +155,7 @@ def _set_stage(server: viser.ViserServer, config: ViewerConfig) -> None:
     """Light, table, the part of it where a goal may lie, and where a visitor stands at first."""
     scene = server.scene
     scene.world_axes.visible = False
-    scene.configure_environment_map("studio", environment_intensity=0.3)
+    scene.configure_environment_map("studio", environment_intensity=0.15)
     # From a cool grey above to nearly white below: white meshes stand out from it.
     scene.set_background_image(np.linspace((205, 213, 222), (244, 246, 248), 64)[:, None].repeat(4, 1).astype(np.uint8))
     scene.add_box(
@@ -167,9 +174,9 @@ def _set_stage(server: viser.ViserServer, config: ViewerConfig) -> None:
         palette.TABLE_AREA_RGB,
         thickness=0.002,
     )
-    server.initial_camera.position = (1.72, -0.78, 1.08)
-    server.initial_camera.look_at = (0.34, 0.02, 0.20)
-    server.initial_camera.fov = float(np.deg2rad(45.0))
+    server.initial_camera.position = VISITOR_POSITION_M
+    server.initial_camera.look_at = VISITOR_LOOK_AT_M
+    server.initial_camera.fov = VISITOR_FOV_RAD
 
 
 def thumbnail(picture: UInt8Array, width_px: int) -> UInt8Array:

@@ -1,0 +1,198 @@
+"""The viewer in a real browser, used with a real mouse."""
+
+import asyncio
+from collections.abc import AsyncGenerator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from playwright.async_api import Page, async_playwright
+
+from dlokit.communication import topics
+from dlokit.communication.clock import LoopClock
+from dlokit.communication.host import Host
+from dlokit.communication.memory import MemoryTransport
+from dlokit.description.panda_data import PANDA_HOME_Q_RAD
+from dlokit.description.shapes import builtin_shape
+from dlokit.geometry import pose, tangents
+from dlokit.skills.viewer.component import RodOutline, ViewerComponent
+from dlokit.skills.viewer.config import ViewerConfig
+from dlokit.skills.viewer.frames import HEIGHT_M, SCALE_M
+from dlokit.skills.viewer.scene import VISITOR_FOV_RAD, VISITOR_LOOK_AT_M, VISITOR_POSITION_M
+from dlokit.types.arrays import Float64Array, UInt8Array
+from dlokit.types.dlo import DloState, Topology
+from dlokit.types.flow import Command, FlowStatus, GoalFrames
+from dlokit.types.robot import RobotMode, RobotState
+
+CHROMIUM = Path("/usr/bin/chromium")
+ARGUMENTS = [
+    "--headless=new",
+    "--no-sandbox",
+    "--enable-unsafe-swiftshader",
+    "--use-angle=swiftshader",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--no-first-run",
+]
+FLOW = (
+    ("look", "seen", "compare"),
+    ("compare", "far", "move"),
+    ("compare", "close", "converged"),
+    ("move", "done", "look"),
+)
+ROD = RodOutline(nodes=31, length_m=0.5, radius_m=0.004)
+LONG_S = 60.0
+"""Software rendering on a loaded machine takes seconds a picture; nothing here waits that long when it works."""
+
+pytestmark = [
+    pytest.mark.browser,
+    pytest.mark.skipif(not CHROMIUM.exists(), reason=f"{CHROMIUM} is missing; on Debian: apt install chromium"),
+]
+
+
+class Visit:
+    """One visitor of a running viewer."""
+
+    def __init__(self, page: Page, bus: MemoryTransport, url: str, requests: list[str]) -> None:
+        self.page, self.bus, self.url, self.requests = page, bus, url, requests
+
+    async def scene_picture(self) -> UInt8Array:
+        """The scene as the browser shows it, (H, W, 3) BGR, without the panel beside it."""
+        png = await self.page.locator("canvas").first.screenshot(timeout=LONG_S * 1000)
+        picture = cv2.imdecode(np.frombuffer(png, dtype=np.uint8), cv2.IMREAD_COLOR)
+        assert picture is not None
+        return np.asarray(picture, dtype=np.uint8)
+
+    async def pixel(self, point_world: Float64Array) -> Float64Array:
+        """Where a point (3,) [m] is on the page [px]."""
+        box = await self.page.locator("canvas").first.bounding_box()
+        assert box is not None
+        right, down, forward = _visitor_axes()
+        offset = point_world - np.array(VISITOR_POSITION_M)
+        focal_px = box["height"] / 2.0 / np.tan(VISITOR_FOV_RAD / 2.0)
+        across = np.array([offset @ right, offset @ down]) / (offset @ forward) * focal_px
+        return across + np.array([box["x"] + box["width"] / 2.0, box["y"] + box["height"] / 2.0])
+
+    async def drag(self, start_px: Float64Array, end_px: Float64Array) -> None:
+        """Press, move in steps, release."""
+        await self.page.mouse.move(*start_px)
+        # The gizmo answers only after the browser has drawn it as hovered.
+        await self.page.evaluate("() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+        await self.page.mouse.down()
+        await self.page.mouse.move(*end_px, steps=8)
+        await self.page.mouse.up()
+
+
+def _visitor_axes() -> tuple[Float64Array, Float64Array, Float64Array]:
+    forward = np.array(VISITOR_LOOK_AT_M) - np.array(VISITOR_POSITION_M)
+    forward /= np.linalg.norm(forward)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    return right, np.cross(forward, right), forward
+
+
+@asynccontextmanager
+async def a_visit() -> AsyncGenerator[Visit]:
+    bus = MemoryTransport()
+    host = Host(bus, LoopClock())
+    viewer = ViewerComponent(ViewerConfig(port=0), flow=FLOW, rod=ROD, threshold_m=0.012)
+    host.add(viewer)
+    async with asyncio.timeout(2 * LONG_S), host, async_playwright() as playwright:
+        await viewer.opened.wait()
+        browser = await playwright.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
+        try:
+            page = await browser.new_page(viewport={"width": 1100, "height": 700})
+            requests: list[str] = []
+            page.on("request", lambda request: requests.append(request.url))
+            page.on("websocket", lambda socket: requests.append(socket.url.replace("ws://", "http://")))
+            await page.goto(viewer.url, timeout=LONG_S * 1000)
+            await page.get_by_role("button", name="Shape it").wait_for(timeout=LONG_S * 1000)
+            visit = Visit(page, bus, viewer.url, requests)
+            while len(np.unique((await visit.scene_picture())[::4, ::4].reshape(-1, 3), axis=0)) < 200:
+                pass  # the first frames are blank; the visit's time-out ends this
+            yield visit
+        finally:
+            await browser.close()
+
+
+def test_the_page_shows_the_robot_and_the_rod_and_asks_nobody_else() -> None:
+    async def scenario() -> None:
+        async with a_visit() as visit:
+            before = await visit.scene_picture()
+            visit.bus.publish(
+                topics.ROBOT_STATE,
+                RobotState(
+                    stamp_ns=1,
+                    robot="panda",
+                    q_rad=PANDA_HOME_Q_RAD,
+                    dq_rad_s=np.zeros(7),
+                    tau_nm=np.zeros(7),
+                    T_world_tcp=pose((0.3, 0.0, 0.4)),
+                    finger_width_m=0.08,
+                    mode=RobotMode.IDLE,
+                ),
+            )
+            visit.bus.publish(
+                topics.STATE,
+                DloState(
+                    stamp_ns=1,
+                    nodes_world=builtin_shape("S", ROD.length_m, ROD.nodes),
+                    topology=Topology(edges=np.zeros((0, 2), dtype=np.int64), rest_lengths_m=np.zeros(0)),
+                ),
+            )
+            visit.bus.publish(
+                topics.FLOW,
+                FlowStatus(stamp_ns=1, flow="shape", step="compare", last_outcome="seen", actions=1, rmse_m=0.034),
+            )
+            await visit.page.get_by_text("RMSE 34.0 mm").wait_for(timeout=LONG_S * 1000)
+            await visit.page.locator("svg[data-step=compare]").wait_for(timeout=LONG_S * 1000)
+            # The arm covers about a tenth of the picture; light and camera do not change meanwhile.
+            while np.mean(np.any(np.abs((await visit.scene_picture()).astype(int) - before) > 8, axis=2)) < 0.04:
+                pass
+            own = (visit.url, "data:", "blob:")
+            assert [url for url in visit.requests if not url.startswith(own)] == []
+            assert any(url.startswith(visit.url) for url in visit.requests)
+
+    asyncio.run(scenario())
+
+
+def test_dragging_a_frame_with_the_mouse_publishes_where_it_was_dropped() -> None:
+    async def scenario() -> None:
+        async with a_visit() as visit:
+            frames = visit.bus.stream(topics.GOAL_FRAMES)
+            rod = builtin_shape("I", ROD.length_m, ROD.nodes, radius_m=ROD.radius_m)
+            end, along = rod[-1, :2], tangents(rod)[-1, :2]
+            # The square that slides along the table sits between the arrows: a quarter of the gizmo's size from its
+            # middle along both, its x axis along the rod.
+            grip = np.array([*(end + 0.255 * SCALE_M * (along + [-along[1], along[0]])), HEIGHT_M])
+            way = np.array([0.06, -0.10 * np.sign(end[1]), 0.0])
+            await visit.drag(await visit.pixel(grip), await visit.pixel(grip + way))
+            dropped = await anext(frames)
+            while np.hypot(*(_position(dropped, 2) - end - way[:2])) > 0.01:  # a pixel is 2 mm there
+                dropped = await anext(frames)
+            assert [frame.node for frame in dropped.frames] == [0, 15, 30]
+            np.testing.assert_allclose(_position(dropped, 0), rod[0, :2])
+            assert [frame.yaw_rad for frame in dropped.frames] == [None, None, None]
+
+    asyncio.run(scenario())
+
+
+def test_shape_it_sends_the_goal_and_then_the_start() -> None:
+    async def scenario() -> None:
+        async with a_visit() as visit:
+            frames, commands = visit.bus.stream(topics.GOAL_FRAMES), visit.bus.stream(topics.COMMAND)
+            await visit.page.get_by_role("button", name="Shape it").click()
+            assert (await anext(commands)).command is Command.START
+            assert len((await anext(frames)).frames) == 3
+            for button in (Command.PAUSE, Command.RESUME, Command.STOP):
+                await visit.page.get_by_role("button", name=button.value.capitalize(), exact=True).click()
+                assert (await anext(commands)).command is button
+
+    asyncio.run(scenario())
+
+
+def _position(frames: GoalFrames, index: int) -> Float64Array:
+    return np.array([frames.frames[index].x_m, frames.frames[index].y_m])

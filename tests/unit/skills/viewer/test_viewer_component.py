@@ -1,0 +1,79 @@
+import asyncio
+import socket
+from collections.abc import Callable, Coroutine
+
+import pytest
+
+from dlokit.communication import topics
+from dlokit.communication.clock import LoopClock
+from dlokit.communication.host import Host
+from dlokit.communication.memory import MemoryTransport
+from dlokit.errors import MachineError
+from dlokit.skills.viewer.component import RodOutline, ViewerComponent
+from dlokit.skills.viewer.config import ViewerConfig
+from dlokit.skills.viewer.page import check_port
+
+LIMIT_S = 20.0
+"""Opening the page takes 0.2 s; a loaded machine gets a hundred times that."""
+
+
+def _viewer(port: int = 0) -> ViewerComponent:
+    return ViewerComponent(
+        ViewerConfig(port=port),
+        flow=(("look", "seen", "done"),),
+        rod=RodOutline(nodes=31, length_m=0.5, radius_m=0.004),
+        threshold_m=0.012,
+    )
+
+
+def _hosted(viewer: ViewerComponent, scenario: Callable[[Host], Coroutine[None, None, None]]) -> None:
+    async def run() -> None:
+        host = Host(MemoryTransport(), LoopClock())
+        host.add(viewer)
+        async with asyncio.timeout(LIMIT_S), host:
+            await scenario(host)
+
+    asyncio.run(run())
+
+
+def test_the_page_is_served_at_its_url_until_the_viewer_is_cancelled() -> None:
+    viewer = _viewer()
+
+    async def scenario(_: Host) -> None:
+        await viewer.opened.wait()
+        host, port = viewer.url.removeprefix("http://").split(":")
+        reader, writer = await asyncio.open_connection(host, int(port))
+        writer.write(b"GET / HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n")
+        assert b"200 OK" in await reader.readline()
+        writer.close()
+        await writer.wait_closed()
+
+    _hosted(viewer, scenario)
+    assert not viewer.opened.is_set()
+    check_port("127.0.0.1", int(viewer.url.rsplit(":", 1)[1]))
+
+
+def test_a_port_in_use_ends_the_viewer_with_an_error_that_the_host_reports(caplog: pytest.LogCaptureFixture) -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+
+        async def scenario(host: Host) -> None:
+            with pytest.raises(MachineError, match=r"--viewer\.port"):
+                await host.wait_failed()
+
+        _hosted(_viewer(taken.getsockname()[1]), scenario)
+
+
+def test_the_viewer_publishes_commands_and_frames_and_sees_every_layer() -> None:
+    assert set(ViewerComponent.publishes) == {topics.COMMAND, topics.GOAL_FRAMES}
+    assert set(ViewerComponent.subscribes()) == {
+        topics.ROBOT_STATE,
+        topics.STEREO_IMAGES,
+        topics.OBSERVATION,
+        topics.TARGETS,
+        topics.STATE,
+        topics.GOAL,
+        topics.ACTION,
+        topics.FLOW,
+    }
