@@ -6,6 +6,8 @@ from pathlib import Path
 
 from dlokit.errors import InputError
 
+_NAME_LIMIT = 80  # file systems allow 255 bytes; a path of many folders has less
+
 
 def new_run_folder(root: Path, name: str, started: datetime) -> Path:
     """Create `root/<time>-<name>/`, or with a number behind it where that exists already.
@@ -52,4 +54,4 @@ def _cannot_write(path: Path, error: OSError) -> InputError:
 
 def _slug(name: str) -> str:
     """A name that is safe in a path on every system."""
-    return re.sub(r"[^A-Za-z0-9._]+", "-", name).strip("-.") or "run"
+    return re.sub(r"[^A-Za-z0-9._]+", "-", name).strip("-.")[:_NAME_LIMIT] or "run"

@@ -50,3 +50,7 @@ def test_a_file_is_no_folder(tmp_path: Path) -> None:
         claim_run_folder(path)
     with pytest.raises(InputError, match=r"Cannot create|is a file"):
         new_run_folder(path, "shape", STARTED)
+
+
+def test_a_name_too_long_for_a_file_system_is_cut(tmp_path: Path) -> None:
+    assert new_run_folder(tmp_path, "deep/" * 200, STARTED).is_dir()
