@@ -21,8 +21,8 @@ def _move_joints(q_rad: Float64Array) -> MotionResult:
 def _move_to(target: Pose, either_way: bool = True) -> MotionResult:
     """Move in joint space to a tool pose ``T_world_tcp``, as fast as the limits allow; the way there is not straight.
 
-    The gripper is symmetric: with `either_way` it may end turned by half a turn about its own z axis, so that joint 7
-    has most room to turn afterwards. Fails with: unreachable.
+    The gripper is symmetric: with `either_way` it ends turned by half a turn about its own z axis where the arm does
+    not reach the pose as given. Fails with: unreachable.
     """
     ...
 

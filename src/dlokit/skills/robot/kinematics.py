@@ -46,7 +46,7 @@ class Yaw(enum.Enum):
     EXACT = "exact"
     """The one given."""
     EITHER = "either"
-    """The one that leaves joint 7 nearer to its middle: most room to turn either way."""
+    """The one given where the arm reaches it, else the other."""
 
 
 def half_turned(T: Pose) -> Pose:
@@ -81,21 +81,21 @@ class PandaKinematics:
         T = panda_kinematics.tcp_pose(q_rad)
         return T if self.T_world_base is None else geometry.compose(self.T_world_base, T)
 
-    def inverse(self, T_world_tcp: Pose, near_q_rad: ArrayLike | None = None, yaw: Yaw = Yaw.EITHER) -> Array:
+    def inverse(self, T_world_tcp: Pose, near_q_rad: ArrayLike | None = None, yaw: Yaw = Yaw.EXACT) -> Array:
         """Joint angles (7,) [rad] that bring the tool to a pose, within the limits, in the posture of `near_q_rad`.
 
         Raises `SkillFailure` ``unreachable`` when there are none.
         """
         near = PANDA_HOME_Q_RAD if near_q_rad is None else np.asarray(near_q_rad, dtype=np.float64)
         T = T_world_tcp if self._T_base_world is None else geometry.compose(self._T_base_world, T_world_tcp)
-        poses = (T,) if yaw is Yaw.EXACT else (T, half_turned(T))
         solve = self._pointing_down if points_down(T) else self._differential
-        found = [q for pose in poses if (q := solve(pose, near)) is not None]
-        if not found:
-            raise SkillFailure(UNREACHABLE, _explain(T_world_tcp, yaw))
-        return min(found, key=lambda q: abs(float(q[6])))
+        for pose in (T,) if yaw is Yaw.EXACT else (T, half_turned(T)):
+            q = solve(pose, near)
+            if q is not None:
+                return q
+        raise SkillFailure(UNREACHABLE, _explain(T_world_tcp, yaw))
 
-    def reachable(self, T_world_tcp: Pose, yaw: Yaw = Yaw.EITHER) -> bool:
+    def reachable(self, T_world_tcp: Pose, yaw: Yaw = Yaw.EXACT) -> bool:
         """Whether joint angles within the limits bring the tool there. Takes 0.1 ms for a gripper pointing down."""
         try:
             self.inverse(T_world_tcp, yaw=yaw)

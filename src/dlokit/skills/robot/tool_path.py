@@ -18,6 +18,8 @@ _TURN_LEVER_M = 0.15
 """A turn by 1 rad counts as this much path [m], so that turning on the spot takes time."""
 _SHARPEST = np.cos(np.radians(120.0))  # a corner sharper than that is stopped at, not rounded
 _SHORTEST_M = 1e-5
+_SAME_PLACE_M, _SAME_DIRECTION_RAD = 1e-4, 1e-3
+_LONGEST_TURN_RAD = 2.5  # of one line; beyond half a turn it would go the other way round
 
 
 @dataclass(frozen=True)
@@ -74,8 +76,11 @@ def split_at_turns(start: Pose, poses: tuple[Pose, ...]) -> list[ToolPath]:
         poses = tuple(half_turned(pose) for pose in poses)
     points = [start]
     for pose in poses:
-        if _distance(points[-1], pose) > _SHORTEST_M:
-            points.append(pose)
+        if _distance(points[-1], pose) <= _SHORTEST_M:
+            continue
+        if len(points) > 1 and _on_the_way(points[-2], points[-1], pose):
+            points.pop()
+        points.append(pose)
     if len(points) < 2:
         return []
     cuts = [0]
@@ -97,9 +102,25 @@ def _path(points: list[Pose]) -> ToolPath:
     )
 
 
+def _on_the_way(a: Pose, b: Pose, c: Pose) -> bool:
+    """Whether a straight line from `a` to `c` passes `b`; a line too many would make corners tighter than needed."""
+    if _turn(a, c) > _LONGEST_TURN_RAD:
+        return False
+    share = _distance(a, b) / max(_distance(a, c), _SHORTEST_M)
+    if share >= 1.0:
+        return False
+    position = a.position_m + share * (c.position_m - a.position_m)
+    first, last = (Rotation.from_quat(pose.wxyz, scalar_first=True) for pose in (a, c))
+    off = _between(first, last, share).inv() * Rotation.from_quat(b.wxyz, scalar_first=True)
+    return bool(np.linalg.norm(position - b.position_m) < _SAME_PLACE_M and off.magnitude() < _SAME_DIRECTION_RAD)
+
+
+def _turn(a: Pose, b: Pose) -> float:
+    return float(2 * np.arccos(min(1.0, abs(float(a.wxyz @ b.wxyz)))))
+
+
 def _distance(a: Pose, b: Pose) -> float:
-    turn = 2 * np.arccos(min(1.0, abs(float(a.wxyz @ b.wxyz))))
-    return max(float(np.linalg.norm(a.position_m - b.position_m)), _TURN_LEVER_M * float(turn))
+    return max(float(np.linalg.norm(a.position_m - b.position_m)), _TURN_LEVER_M * _turn(a, b))
 
 
 def _between(a: Rotation, b: Rotation, share: float) -> Rotation:

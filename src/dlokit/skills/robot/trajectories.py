@@ -102,15 +102,23 @@ def _timed(
     place = CubicSpline(sigma, np.array([path.pose(float(s)).position_m for s in sigma]))
     fine = np.linspace(0.0, sigma[-1], 4 * len(sigma))
     speed = _speed_along(fine, curve, place, velocity, limits)
-    times, travelled, rate = _smoothed(fine, speed, velocity)
+    # A wider average costs time once, at the end; a narrower one costs wherever the speed dips and rises again.
+    laws = (_time_law(fine, speed, curve, velocity, limits, width) for width in (1.0, 2.0))
+    return min(laws, key=lambda law: float(law.times_s[-1]))
+
+
+def _time_law(
+    fine: Array, speed: Array, curve: CubicSpline, velocity: VelocityProfile, limits: JointLimits, width: float
+) -> JointTrajectory:
+    """The path at these speeds, smoothed; what remains of violations is taken out by running all of it more slowly."""
+    times, travelled, rate = _smoothed(fine, speed, velocity, width)
     dt = times[1]
     gain = np.gradient(rate, dt)
     first, second = curve(travelled, 1), curve(travelled, 2)
     dq = first * rate[:, None]
     ddq = second * rate[:, None] ** 2 + first * gain[:, None]
-    # What remains of violations is taken out by running the whole more slowly: rates scale with the factor,
-    # accelerations with its square, jerks with its cube.
     jerk = np.diff(ddq, axis=0) / dt
+    # Velocities scale with the factor, accelerations with its square, jerks with its cube.
     factor = min(
         1.0,
         _MARGIN / max(_ratio(dq, limits.velocity_rad_s), 1e-9),
@@ -152,10 +160,10 @@ def _speed_along(
     return np.sqrt(square)
 
 
-def _smoothed(fine: Array, speed: Array, velocity: VelocityProfile) -> tuple[Array, Array, Array]:
+def _smoothed(fine: Array, speed: Array, velocity: VelocityProfile, width: float) -> tuple[Array, Array, Array]:
     """Times (K,) [s], path parameters (K,) [m] and speeds (K,) [m/s], with the jerk bounded by a moving average."""
     arrival = np.concatenate(([0.0], np.cumsum(2 * np.diff(fine) / np.maximum(speed[:-1] + speed[1:], 1e-6))))
-    window = max(2, int(np.ceil(velocity.acceleration_m_s2 / velocity.jerk_m_s3 / SAMPLE_S)))
+    window = max(2, int(np.ceil(width * velocity.acceleration_m_s2 / velocity.jerk_m_s3 / SAMPLE_S)))
     steps = max(2, int(np.ceil(arrival[-1] / SAMPLE_S)))
     dt = arrival[-1] / steps
     rate = np.interp(np.linspace(0.0, arrival[-1], steps + 1), arrival, speed)
