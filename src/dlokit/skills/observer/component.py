@@ -8,8 +8,9 @@ import numpy as np
 from dlokit.communication import topics
 from dlokit.communication.component import Component, implements, on
 from dlokit.errors import SkillFailure
+from dlokit.geometry import rmse_m
 from dlokit.skills.observer import api
-from dlokit.skills.observer.anchored import chain
+from dlokit.skills.observer.anchored import chain, is_chain
 from dlokit.skills.observer.base import ObserverStrategy
 from dlokit.skills.observer.config import ObserverConfig
 from dlokit.skills.observer.initialise import initial_targets
@@ -113,16 +114,21 @@ class ObserverComponent(Component):
 def follow(strategy: ObserverStrategy, seen: Observation, prior: DloState, config: ObserverConfig) -> TargetPoints:
     """The strategy's targets; where they lost the rod and the cloud shows all of it, the cloud ordered anew.
 
-    The order is then the one nearer to the prior's, and health at most `found_again_health`.
+    Targets are in doubt when their health is low or nodes are hidden: a fold of the registration looks like
+    a rod of which a part is hidden. The cloud is then ordered without a prior; if that finds a rod of full
+    length elsewhere than the targets, it is right. The order is the one nearer to the prior's, and health at
+    most `found_again_health`, so that all can see that the rod was lost and found again.
     """
     targets = strategy.estimate(seen, prior)
-    if targets.health >= config.lost_health or len(seen.points_world) == 0:
+    doubtful = targets.health < config.lost_health or not targets.visible.all()
+    if not doubtful or len(seen.points_world) == 0 or not is_chain(prior.topology):
         return targets
     length_m = float(np.sum(prior.topology.rest_lengths_m))
     try:
         found = initial_targets(seen, len(prior.nodes_world), length_m, config.initialise, prior.nodes_world)
     except SkillFailure:
         return targets
-    if found.health <= targets.health:
+    elsewhere = rmse_m(found.nodes_world, targets.nodes_world) > config.elsewhere_m
+    if not elsewhere or found.health < min(targets.health, config.lost_health):
         return targets
     return msgspec.structs.replace(found, health=min(found.health, config.found_again_health))

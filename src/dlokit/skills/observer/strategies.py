@@ -1,9 +1,11 @@
 """The observers there are: ours, and third parties' through the entry points ``dlokit.observers``."""
 
 from importlib.metadata import entry_points
+from typing import Any, get_type_hints
 
-from dlokit.communication import codec
-from dlokit.errors import CommunicationError, ConfigError, SkillRejected
+import msgspec
+
+from dlokit.errors import ConfigError, SkillRejected
 from dlokit.skills.observer.anchored import AnchoredConfig
 from dlokit.skills.observer.base import ObserverStrategyConfig
 from dlokit.skills.observer.cpd import CpdConfig
@@ -35,7 +37,7 @@ def strategies() -> dict[str, type[ObserverStrategyConfig]]:
 
 def to_spec(config: ObserverStrategyConfig) -> StrategySpec:
     """A strategy's settings, as they travel."""
-    return StrategySpec(name=config.name, settings=codec.encode(config))
+    return StrategySpec(name=config.name, settings=msgspec.json.encode(config))
 
 
 def from_spec(spec: StrategySpec) -> ObserverStrategyConfig:
@@ -47,9 +49,18 @@ def from_spec(spec: StrategySpec) -> ObserverStrategyConfig:
     if spec.name not in known:
         raise SkillRejected("unknown_strategy", f"no observer is called {spec.name!r}; there are {sorted(known)}")
     wanted = known[spec.name]
-    if not spec.settings:
-        return wanted()
     try:
-        return codec.decode(spec.settings, wanted)
-    except CommunicationError as error:
+        unknown = set(msgspec.json.decode(spec.settings, type=dict[str, Any])) - set(fields_of(wanted))
+        settings = msgspec.json.decode(spec.settings, type=wanted)
+    except msgspec.MsgspecError as error:
         raise SkillRejected("bad_settings", f"these are not settings of {spec.name!r}: {error}") from error
+    if unknown:
+        raise SkillRejected(
+            "bad_settings", f"{spec.name!r} has no setting {sorted(unknown)}; it has {list(fields_of(wanted))}"
+        )
+    return settings
+
+
+def fields_of(config: type[ObserverStrategyConfig]) -> tuple[str, ...]:
+    """The names of a strategy's settings."""
+    return tuple(name for name in get_type_hints(config) if name != "name")

@@ -1,0 +1,158 @@
+"""The observer on a bus: what it publishes, when, and how its skills end."""
+
+from collections.abc import Awaitable, Callable
+
+import msgspec
+import numpy as np
+import pytest
+from synthetic_clouds import LENGTH_M, NODES, cloud, shape, state
+
+from dlokit.communication import topics, virtual_time
+from dlokit.communication.clock import LoopClock
+from dlokit.communication.host import Host
+from dlokit.communication.memory import MemoryTransport
+from dlokit.geometry import rmse_m
+from dlokit.skills.observer import api
+from dlokit.skills.observer.anchored import Anchored, AnchoredConfig
+from dlokit.skills.observer.component import ObserverComponent, follow
+from dlokit.skills.observer.config import ObserverConfig
+from dlokit.skills.observer.cpd import CpdConfig
+from dlokit.skills.observer.strategies import from_spec, strategies, to_spec
+from dlokit.types.dlo import TargetPoints
+from dlokit.types.observation import Observation
+from dlokit.types.outcome import Failed, Rejected, Succeeded
+from dlokit.types.strategy import StrategySpec
+
+
+def play(scenario: Callable[[MemoryTransport, LoopClock], Awaitable[None]]) -> None:
+    async def main() -> None:
+        transport, clock = MemoryTransport(), LoopClock()
+        host = Host(transport, clock)
+        host.add(ObserverComponent(ObserverConfig(), nodes=NODES, length_m=LENGTH_M))
+        async with host:
+            await scenario(transport, clock)
+
+    virtual_time.run(main())
+
+
+def at(stamp_ns: int, seen: Observation) -> Observation:
+    return msgspec.structs.replace(seen, stamp_ns=stamp_ns)
+
+
+async def targets_after(transport: MemoryTransport, clock: LoopClock, seen: Observation) -> TargetPoints | None:
+    transport.publish(topics.OBSERVATION, seen)
+    await clock.sleep(0.01)
+    newest = transport.latest(topics.TARGETS).value
+    return newest if newest is not None and newest.stamp_ns == seen.stamp_ns else None
+
+
+def test_clouds_before_the_first_initialise_give_no_targets() -> None:
+    async def scenario(transport: MemoryTransport, clock: LoopClock) -> None:
+        assert await targets_after(transport, clock, at(5, cloud(shape("S")))) is None
+
+    play(scenario)
+
+
+def test_after_initialise_every_cloud_gives_targets_with_its_stamp() -> None:
+    rod = shape("S")
+
+    async def scenario(transport: MemoryTransport, clock: LoopClock) -> None:
+        transport.publish(topics.OBSERVATION, at(5, cloud(rod)))
+        first = await transport.call(api.INITIALISE)
+        assert isinstance(first, Succeeded)
+        assert first.result.stamp_ns == 5
+        published = transport.latest(topics.TARGETS).value
+        assert published is not None
+        np.testing.assert_array_equal(published.nodes_world, first.result.nodes_world)
+        next_targets = await targets_after(transport, clock, at(6, cloud(rod + np.array([0.02, 0.0, 0.0]))))
+        assert next_targets is not None
+        assert rmse_m(next_targets.nodes_world, rod + np.array([0.02, 0.0, 0.0])) < 0.004  # as in test_anchored
+
+    play(scenario)
+
+
+def test_the_prior_is_the_models_state_once_it_has_followed() -> None:
+    rod = shape("S")
+
+    async def scenario(transport: MemoryTransport, clock: LoopClock) -> None:
+        transport.publish(topics.OBSERVATION, at(5, cloud(rod)))
+        await transport.call(api.INITIALISE)
+        turned = msgspec.structs.replace(state(rod[::-1].copy()), observed_stamp_ns=5)
+        transport.publish(topics.STATE, turned)
+        targets = await targets_after(transport, clock, at(6, cloud(rod)))
+        assert targets is not None
+        assert rmse_m(targets.nodes_world, rod[::-1]) < 0.004  # the state's order, not that of the last targets
+
+    play(scenario)
+
+
+def test_initialise_waits_for_a_cloud_that_is_new_enough() -> None:
+    async def scenario(transport: MemoryTransport, clock: LoopClock) -> None:
+        transport.publish(topics.OBSERVATION, at(5, cloud(shape("S"))))
+        outcome = await transport.call(api.INITIALISE, 6)
+        assert isinstance(outcome, Failed)
+        assert outcome.reason == "no_cloud"
+
+    play(scenario)
+
+
+def test_initialise_names_what_is_wrong_with_the_cloud() -> None:
+    async def scenario(transport: MemoryTransport, clock: LoopClock) -> None:
+        transport.publish(topics.OBSERVATION, cloud(shape("S"), count=0))
+        outcome = await transport.call(api.INITIALISE)
+        assert isinstance(outcome, Failed)
+        assert outcome.reason == "no_points"
+
+    play(scenario)
+
+
+def test_a_second_initialise_keeps_the_order_unless_reset() -> None:
+    rod = shape("S")
+    half_turned = (rod - rod.mean(axis=0)) * [-1, -1, 1] + rod.mean(axis=0)
+
+    async def scenario(transport: MemoryTransport, clock: LoopClock) -> None:
+        transport.publish(topics.OBSERVATION, at(5, cloud(rod)))
+        await transport.call(api.INITIALISE)
+        transport.publish(topics.STATE, msgspec.structs.replace(state(half_turned), observed_stamp_ns=5))
+        kept = await transport.call(api.INITIALISE)
+        await transport.call(api.RESET)
+        fresh = await transport.call(api.INITIALISE)
+        assert isinstance(kept, Succeeded)
+        assert isinstance(fresh, Succeeded)
+        assert kept.result.nodes_world[0, 1] < kept.result.nodes_world[-1, 1]
+        assert fresh.result.nodes_world[0, 1] > fresh.result.nodes_world[-1, 1]
+
+    play(scenario)
+
+
+def test_the_strategy_can_be_changed_while_running() -> None:
+    async def scenario(transport: MemoryTransport, clock: LoopClock) -> None:
+        assert isinstance(await transport.call(api.SET_STRATEGY, to_spec(CpdConfig(beta_m=0.2))), Succeeded)
+        unknown = await transport.call(api.SET_STRATEGY, StrategySpec(name="guess"))
+        assert isinstance(unknown, Rejected)
+        assert unknown.reason == "unknown_strategy"
+        assert "anchored" in unknown.detail
+        for settings in (b"[]", b'{"beta_m": "wide"}', b'{"width_m": 1.0}'):
+            bad = await transport.call(api.SET_STRATEGY, StrategySpec(name="cpd", settings=settings))
+            assert isinstance(bad, Rejected)
+            assert bad.reason == "bad_settings"
+
+    play(scenario)
+
+
+@pytest.mark.parametrize("config", [AnchoredConfig(tip_snap_m=0.01), CpdConfig(beta_m=0.3)])
+def test_a_spec_brings_the_settings_back(config: AnchoredConfig | CpdConfig) -> None:
+    assert from_spec(to_spec(config)) == config
+    assert from_spec(StrategySpec(name=config.name)) == strategies()[config.name]()
+
+
+def test_a_rod_that_jumped_is_found_again_in_its_order_and_health_says_so() -> None:
+    rod = shape("I")
+    turn = np.radians(60)
+    R = np.array([[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]])
+    jumped = (rod - rod.mean(axis=0)) @ R.T + rod.mean(axis=0) + np.array([0.15, 0.1, 0.0])
+    lost = Anchored().estimate(cloud(jumped), state(rod))
+    found = follow(Anchored(), cloud(jumped), state(rod), ObserverConfig())
+    assert rmse_m(lost.nodes_world, jumped) > 0.02
+    assert rmse_m(found.nodes_world, jumped) < 0.004
+    assert found.health <= ObserverConfig().found_again_health
