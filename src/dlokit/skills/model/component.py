@@ -10,6 +10,7 @@ import numpy as np
 from dlokit import geometry
 from dlokit.communication import topics
 from dlokit.communication.component import Component, implements, on
+from dlokit.description.shapes import builtin_shape
 from dlokit.errors import SkillRejected
 from dlokit.skills.model import api, rollout
 from dlokit.skills.model.carry import Carry
@@ -162,11 +163,16 @@ class ModelComponent(Component):
                     f"a frame pulls node {frame.node} to {values}; nodes 0 to {self._config.nodes - 1} and finite "
                     f"numbers are allowed",
                 )
-        if self._goal is None and self._state is not None:
-            self._goal_rod.place(self._state.nodes_world)
+        if self._goal is None:
+            self._goal_rod.place(self._first_goal())
         for _ in range(rounds):
             self._goal_rod.drag(frames)
         return self._publish_goal(self._goal_rod.nodes_world, "frames", ends_interchangeable=False)
+
+    def _first_goal(self) -> Float64Array:
+        if self._state is not None:
+            return self._state.nodes_world
+        return builtin_shape("I", self._config.length_m, self._config.nodes, radius_m=self._config.radius_m)
 
     def _publish_goal(self, nodes: Float64Array, name: str, ends_interchangeable: bool) -> GoalShape:
         goal = GoalShape(

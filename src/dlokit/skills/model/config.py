@@ -18,6 +18,8 @@ class TrackingConfig:
     """Derivative gain Kd [N·s/m]."""
     force_limit_n: float = 0.25
     """Largest force of one target point [N]; outliers pull no harder than this."""
+    hidden_friction_share: float = 0.4
+    """Share of the table's friction that holds a hidden node where it was; 0 leaves it to the rod alone."""
     steps: int = 120
     """Physics steps of one update; fixed, so that runs repeat."""
     timestep_s: float = 0.01
@@ -30,7 +32,9 @@ class GoalConfig:
 
     stiffness_n_m: float = 40.0
     """Spring between a frame and its node [N/m]."""
-    damping_n_s_m: float = 0.2
+    force_limit_n: float = 0.1
+    """Largest force of a frame on its node [N]; more would stretch the rod."""
+    damping_n_s_m: float = 0.05
     """Damping of the goal rod [N·s/m]."""
     steps: int = 150
     """Physics steps of one update."""

@@ -3,12 +3,16 @@
 So that a goal obeys the DLO: its length is kept and it bends as the rod bends.
 """
 
+import math
+
 import numpy as np
 
 from dlokit.skills.model.config import ModelConfig
 from dlokit.skills.model.rod import RodModel, fit_length
 from dlokit.types.arrays import Float64Array
 from dlokit.types.flow import GoalFrame
+
+_ROUNDS = 5  # the limit on the force is renewed this often in one update
 
 
 class GoalRod:
@@ -44,8 +48,11 @@ class GoalRod:
         gains[:, 2] = self.config.goal.stiffness_n_m  # the table: an elastic rod would buckle out of the plane
         for frame in frames:
             self._grab(frame, targets, gains)
-        self._rod.pull(targets, gains)
-        self._rod.step(self.config.goal.steps)
+        for _ in range(_ROUNDS):
+            pull_n = gains[:, 0] * np.linalg.norm(targets - self._rod.nodes_world, axis=1)
+            share = np.minimum(1.0, self.config.goal.force_limit_n / np.maximum(pull_n, 1e-12))
+            self._rod.pull(targets, gains * np.column_stack((share, share, np.ones_like(share))))
+            self._rod.step(math.ceil(self.config.goal.steps / _ROUNDS))
         return self.nodes_world
 
     def _grab(self, frame: GoalFrame, targets: Float64Array, gains: Float64Array) -> None:

@@ -1,8 +1,9 @@
 """PD tracking: the model is dragged to the observer's target points, and its constraints reject outliers.
 
 On each visible node acts ``F = Kp (target - x) - Kd v``, limited in size; on a held node the gripper pulls
-the same way; a hidden node feels nothing but the rod. Gravity and friction are off: they would hold the model
-off its targets, and what they did to the real rod is in the targets already.
+the same way; on a hidden node acts nothing but the rod and a little friction, which keeps bends that nobody sees
+from straightening. Gravity and the table's friction are off: they would hold the model off its targets, and what
+they did to the real rod is in the targets already.
 """
 
 import math
@@ -59,21 +60,30 @@ class Tracker:
         gains = self.config.tracking
         targets = targets_world.copy()
         targets[:, 2] = np.maximum(targets[:, 2], self.config.radius_m)
-        base = np.where(visible, gains.stiffness_n_m, 0.0)
-        held = np.zeros(len(base), dtype=np.bool_)
+        base, limit = self._gains(visible)
         for pin in pins:
-            targets[pin.node], base[pin.node], held[pin.node] = pin.position_world, gains.hold_stiffness_n_m, True
-        targets[base == 0.0] = self._rod.nodes_world[base == 0.0]
+            targets[pin.node], base[pin.node], limit[pin.node] = pin.position_world, gains.hold_stiffness_n_m, np.inf
+        free = ~visible & np.isfinite(limit)
+        targets[free] = self._rod.nodes_world[free]
+        if free.all():
+            return Tracked(nodes_world=self.nodes_world, error_m=0.0)
         for round_ in range(_ROUNDS):
             pull_n = base * np.linalg.norm(targets - self._rod.nodes_world, axis=1)
-            limit = np.where(held, np.inf, gains.force_limit_n)
             # First a target pulls no harder than the limit, so that a far shape is reached; once the shape is there,
             # what is still beyond the limit is an outlier, and the further off it is the less it pulls.
-            power = 1 if round_ < _ROUNDS // 2 else 2
+            power = np.where(visible & (round_ >= _ROUNDS // 2), 2.0, 1.0)
             gain = base * np.minimum(1.0, limit / np.maximum(pull_n, 1e-12)) ** power
             self._rod.pull(targets, np.repeat(gain[:, None], 3, axis=1))
             self._rod.step(math.ceil(gains.steps / _ROUNDS))
         return Tracked(nodes_world=self.nodes_world, error_m=_rms_m(self.nodes_world, targets_world, visible))
+
+    def _gains(self, visible: BoolArray) -> tuple[Float64Array, Float64Array]:
+        """Kp (M,) [N/m] and largest force (M,) [N] of each node's target."""
+        gains = self.config.tracking
+        weight_n = 9.81 * self.config.mass_kg_m * self.config.length_m / self.config.nodes
+        friction_n = gains.hidden_friction_share * self.config.friction * weight_n
+        limit = np.where(visible, gains.force_limit_n, friction_n)
+        return np.full(len(visible), gains.stiffness_n_m), limit
 
 
 def _rms_m(nodes: Float64Array, targets: Float64Array, visible: BoolArray) -> float:

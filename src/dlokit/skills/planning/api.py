@@ -4,6 +4,7 @@ from dlokit.communication.skill import Skill
 from dlokit.types.action import Marks, PickPlace
 from dlokit.types.dlo import DloState, GoalShape
 from dlokit.types.feasibility import Verdict
+from dlokit.types.strategy import StrategySpec
 
 
 def _propose(shape: DloState, goal: GoalShape, marks: Marks, skip: int = 0) -> PickPlace:
@@ -21,6 +22,11 @@ def _check_start(shape: DloState) -> Verdict:
     ...
 
 
+def _set_strategy(spec: StrategySpec) -> None:
+    """Choose actions by another strategy from now on. Rejects: unknown_strategy, bad_settings."""
+    ...
+
+
 PROPOSE = Skill(
     "planning",
     "propose",
@@ -31,3 +37,4 @@ PROPOSE = Skill(
 )
 CHECK_GOAL = Skill("planning", "check_goal", _check_goal, timeout_s=10.0, ensures="the verdict names every problem")
 CHECK_START = Skill("planning", "check_start", _check_start, timeout_s=10.0, ensures="the verdict names every problem")
+SET_STRATEGY = Skill("planning", "set_strategy", _set_strategy, timeout_s=5.0)

@@ -4,12 +4,14 @@ from dlokit.communication import topics
 from dlokit.communication.component import Component, implements
 from dlokit.errors import SkillFailure, SkillRejected
 from dlokit.skills.planning import api, feasibility
-from dlokit.skills.planning.base import PlanningTools, Reachable
+from dlokit.skills.planning.base import ActionStrategy, PlanningTools, Reachable
 from dlokit.skills.planning.config import PlanningConfig
+from dlokit.skills.planning.strategies import from_spec
 from dlokit.types.action import Marks, PickPlace
 from dlokit.types.dlo import DloState, GoalShape
 from dlokit.types.feasibility import Verdict
 from dlokit.types.image import CameraCalibration
+from dlokit.types.strategy import StrategySpec
 
 
 class PlanningComponent(Component):
@@ -23,7 +25,8 @@ class PlanningComponent(Component):
         super().__init__()
         self._config = config
         self._reachable = reachable
-        self._strategy = config.strategy.build(PlanningTools(reachable=reachable, actions=config.actions))
+        self._tools = PlanningTools(reachable=reachable, actions=config.actions)
+        self._strategy: ActionStrategy = config.strategy.build(self._tools)
 
     @implements(api.PROPOSE)
     async def propose(self, shape: DloState, goal: GoalShape, marks: Marks, skip: int = 0) -> PickPlace:
@@ -59,6 +62,11 @@ class PlanningComponent(Component):
         return feasibility.check_start(
             shape.nodes_world, self._config.feasibility, self._config.actions.grasp, self._reachable, self._camera()
         )
+
+    @implements(api.SET_STRATEGY)
+    async def set_strategy(self, spec: StrategySpec) -> None:
+        """Take another strategy."""
+        self._strategy = from_spec(spec).build(self._tools)
 
     def _camera(self) -> CameraCalibration | None:
         seen = self.port.latest(topics.OBSERVATION).value

@@ -1,0 +1,65 @@
+"""Predicted actions: the grasped node goes where it is taken, friction keeps the rest."""
+
+import numpy as np
+import pytest
+
+from dlokit import geometry
+from dlokit.description.shapes import builtin_shape
+from dlokit.skills.model.config import ModelConfig
+from dlokit.skills.model.rollout import along, predict, settle
+from dlokit.types.action import Grasp, PickPlace, VelocityProfile
+
+CONFIG = ModelConfig()
+I_SHAPE = builtin_shape("I", CONFIG.length_m, CONFIG.nodes)
+HEIGHT_M = 0.011
+
+
+def pick(node: int, by_m: tuple[float, float]) -> PickPlace:
+    start = np.array([*I_SHAPE[node, :2], HEIGHT_M])
+    end, lift = start + np.array([*by_m, 0.0]), np.array([0.0, 0.0, 0.04])
+    yaw = np.pi / 2
+    return PickPlace(
+        stamp_ns=0,
+        grasp=Grasp(node=node, T_world_tcp=geometry.downward(start, yaw)),
+        path=(
+            geometry.downward(start + lift, yaw),
+            geometry.downward(end + lift, yaw),
+            geometry.downward(end, yaw),
+        ),
+        velocity=VelocityProfile(),
+    )
+
+
+def test_a_grasped_end_comes_to_lie_where_it_is_taken_and_the_other_stays() -> None:
+    nodes = predict(CONFIG, I_SHAPE, pick(28, (0.08, -0.05)))
+    # It springs back a little when it is released.
+    assert np.linalg.norm(nodes[28, :2] - (I_SHAPE[28, :2] + (0.08, -0.05))) < 0.012
+    # The carried end pulls at the rest through the lift; friction keeps the other end within half a diameter.
+    assert np.linalg.norm(nodes[0] - I_SHAPE[0]) < 0.008
+    assert nodes[:, 2].max() < 0.008
+
+
+def test_predictions_repeat_to_the_bit() -> None:
+    action = pick(15, (0.05, 0.0))
+    assert np.array_equal(predict(CONFIG, I_SHAPE, action), predict(CONFIG, I_SHAPE, action))
+
+
+def test_friction_holds_the_built_in_goals() -> None:
+    for name in ("I", "S"):
+        shape = builtin_shape(name, CONFIG.length_m, CONFIG.nodes)
+        # A goal that moves by more than a quarter of the threshold on its own could not be reached.
+        assert geometry.rmse_m(settle(CONFIG, shape), shape) < 0.003
+
+
+def test_friction_does_not_hold_a_bend_that_is_too_tight() -> None:
+    stiff = ModelConfig(bending_stiffness_n_m2=1e-3)
+    shape = builtin_shape("S", CONFIG.length_m, CONFIG.nodes)
+    assert geometry.rmse_m(settle(stiff, shape), shape) > 0.02
+
+
+def test_a_path_is_walked_at_its_speed_to_its_end() -> None:
+    poses = (geometry.downward((0.5, 0.0, 0.1), 0.0), geometry.downward((0.5, 0.1, 0.1), 0.5))
+    walked = list(along(poses, speed_m_s=0.25, period_s=0.02))
+    steps = np.linalg.norm(np.diff([poses[0].position_m, *(pose.position_m for pose in walked)], axis=0), axis=1)
+    assert steps.max() <= 0.25 * 0.02 + 1e-9
+    assert walked[-1].position_m == pytest.approx(poses[1].position_m)

@@ -1,0 +1,125 @@
+"""Planning on the bus."""
+
+from collections.abc import Awaitable, Callable
+
+import numpy as np
+
+from dlokit.communication import topics, virtual_time
+from dlokit.communication.clock import LoopClock
+from dlokit.communication.component import Component
+from dlokit.communication.host import Host
+from dlokit.communication.memory import MemoryTransport
+from dlokit.communication.port import Port
+from dlokit.description.shapes import builtin_shape, moved
+from dlokit.skills.planning import api
+from dlokit.skills.planning.component import PlanningComponent
+from dlokit.skills.planning.config import PlanningConfig
+from dlokit.skills.planning.farthest import FarthestConfig
+from dlokit.skills.planning.strategies import strategies, to_spec
+from dlokit.types.action import Marks
+from dlokit.types.dlo import DloState, GoalShape, Topology
+from dlokit.types.outcome import Failed, Rejected, Succeeded
+from dlokit.types.pose import Pose
+from dlokit.types.strategy import StrategySpec
+
+I_SHAPE = builtin_shape("I", 0.5, 31)
+TOPOLOGY = Topology(edges=np.zeros((0, 2), dtype=np.int64), rest_lengths_m=np.zeros(0))
+SHAPE = DloState(stamp_ns=1, nodes_world=moved(I_SHAPE, (0.0, 0.0), 0.4), topology=TOPOLOGY)
+GOAL = GoalShape(stamp_ns=0, nodes_world=I_SHAPE)
+NO_MARKS = Marks(invalid_nodes=np.zeros(0, dtype=np.int64))
+
+
+class Caller(Component):
+    """Who asks."""
+
+    name = "caller"
+    reads = (topics.ACTION,)
+
+
+def everywhere(T: Pose) -> bool:
+    return True
+
+
+def nowhere(T: Pose) -> bool:
+    return False
+
+
+def with_planning(test: Callable[[Port], Awaitable[None]], reachable: Callable[[Pose], bool] = everywhere) -> None:
+    async def main() -> None:
+        host = Host(MemoryTransport(), LoopClock())
+        caller = Caller()
+        host.add(PlanningComponent(PlanningConfig(), reachable))
+        host.add(caller)
+        async with host:
+            await test(caller.port)
+
+    virtual_time.run(main())
+
+
+def test_a_proposal_is_answered_and_published() -> None:
+    async def check(port: Port) -> None:
+        outcome = await port.call(api.PROPOSE, SHAPE, GOAL, NO_MARKS)
+        assert isinstance(outcome, Succeeded)
+        assert outcome.result.grasp.node in (0, 30)
+        published = port.latest(topics.ACTION).value
+        assert published is not None
+        assert published.grasp.node == outcome.result.grasp.node
+
+    with_planning(check)
+
+
+def test_skipping_gives_the_next_best() -> None:
+    async def check(port: Port) -> None:
+        nodes: list[int] = []
+        for skip in range(3):
+            outcome = await port.call(api.PROPOSE, SHAPE, GOAL, NO_MARKS, skip)
+            assert isinstance(outcome, Succeeded)
+            nodes.append(outcome.result.grasp.node)
+        assert sorted(nodes[:2]) == [0, 30]
+        assert len(set(nodes)) == 3
+
+    with_planning(check)
+
+
+def test_no_valid_grasp_is_a_named_failure() -> None:
+    async def check(port: Port) -> None:
+        outcome = await port.call(api.PROPOSE, SHAPE, GOAL, NO_MARKS)
+        assert isinstance(outcome, Failed)
+        assert outcome.reason == "no_valid_grasp"
+
+    with_planning(check, nowhere)
+
+
+def test_shapes_of_different_counts_are_rejected() -> None:
+    async def check(port: Port) -> None:
+        goal = GoalShape(stamp_ns=0, nodes_world=builtin_shape("I", 0.5, 20))
+        outcome = await port.call(api.PROPOSE, SHAPE, goal, NO_MARKS)
+        assert isinstance(outcome, Rejected)
+        assert outcome.reason == "shapes_differ"
+
+    with_planning(check)
+
+
+def test_verdicts_travel() -> None:
+    async def check(port: Port) -> None:
+        off = GoalShape(stamp_ns=0, nodes_world=moved(I_SHAPE, (0.0, 0.4)))
+        goal = await port.call(api.CHECK_GOAL, off)
+        assert isinstance(goal, Succeeded)
+        assert goal.result.reason == "off_table"
+        start = await port.call(api.CHECK_START, SHAPE)
+        assert isinstance(start, Succeeded)
+        assert start.result.feasible
+
+    with_planning(check)
+
+
+def test_strategies_are_chosen_by_name() -> None:
+    async def check(port: Port) -> None:
+        assert isinstance(await port.call(api.SET_STRATEGY, to_spec(FarthestConfig())), Succeeded)
+        unknown = await port.call(api.SET_STRATEGY, StrategySpec(name="nearest"))
+        assert isinstance(unknown, Rejected)
+        assert unknown.reason == "unknown_strategy"
+        assert "farthest" in unknown.detail
+
+    assert strategies()["farthest"] is FarthestConfig
+    with_planning(check)
