@@ -1,0 +1,74 @@
+"""The stereo rig of the simulated cell, asked over the bus as a real one is asked over its network."""
+
+import asyncio
+from types import TracebackType
+from typing import ParamSpec, Protocol, Self, TypeVar
+
+from dlokit.communication.skill import Skill
+from dlokit.errors import HardwareError
+from dlokit.functional.cell.api import CAPTURE
+from dlokit.types.image import CameraCalibration, StereoImages
+from dlokit.types.outcome import Failed, Outcome, Rejected, Succeeded, Unreachable
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+class Caller(Protocol):
+    """Whatever can call a skill: a transport, or a component's port."""
+
+    async def call(self, skill: Skill[P, R], *args: P.args, **kwargs: P.kwargs) -> Outcome[R]:
+        """Ask a component for a skill."""
+        ...
+
+
+class SimulatedCamera:
+    """A `Camera` whose pictures the cell renders."""
+
+    def __init__(self, caller: Caller) -> None:
+        self._caller = caller
+        self._calibration: CameraCalibration | None = None
+        self._open = True
+
+    @property
+    def calibration(self) -> CameraCalibration:
+        """The calibration of the last pictures. Raises `HardwareError` before the first."""
+        if self._calibration is None:
+            raise HardwareError("the simulated camera's calibration comes with its pictures; capture once before")
+        return self._calibration
+
+    async def capture(self, timeout_s: float) -> StereoImages:
+        """A rendered pair. Raises `HardwareError` when the cell does not give one within `timeout_s`."""
+        if not self._open:
+            raise HardwareError("the simulated camera was closed; enter it again before capturing")
+        try:
+            async with asyncio.timeout(timeout_s):
+                outcome = await self._caller.call(CAPTURE)
+        except TimeoutError as error:
+            raise HardwareError(
+                f"the simulated camera gave no pictures within {timeout_s:g} s; is the cell's process stopped or "
+                "overloaded? Look at its log, or allow more time (capture_timeout_s)"
+            ) from error
+        if isinstance(outcome, Succeeded):
+            self._calibration = outcome.result.calibration
+            return outcome.result
+        raise HardwareError(f"the simulated camera gave no pictures: {_why(outcome)}")
+
+    def __enter__(self) -> Self:
+        """Open it; nothing is sent."""
+        self._open = True
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close it."""
+        self._open = False
+
+
+def _why(outcome: Outcome[StereoImages]) -> str:
+    if isinstance(outcome, Unreachable):
+        return "the cell is not running; start it, or restart the system"
+    if isinstance(outcome, Failed | Rejected):
+        return f"the cell says {outcome.reason}: {outcome.detail}"
+    return f"the call to the cell ended as {type(outcome).__name__.lower()}; look at the cell's log"

@@ -1,0 +1,21 @@
+"""What a segmentation strategy is: it says which pixels are DLO."""
+
+from typing import Protocol
+
+from dlokit.types.image import Image, Mask
+
+
+class Segmentation(Protocol):
+    """One way to cut the DLO out of a picture."""
+
+    def mask(self, image: Image) -> Mask:
+        """The DLO's pixels in `image` (RGB or grey). Pure; the robot's own pixels are removed by others."""
+        ...
+
+
+class SegmentationConfig(Protocol):
+    """The settings of a strategy: a frozen dataclass that knows how to build it."""
+
+    def build(self) -> Segmentation:
+        """The strategy with these settings."""
+        ...

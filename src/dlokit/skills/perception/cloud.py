@@ -1,0 +1,80 @@
+"""From disparities to a clean cloud: reprojection, the centre line's depth, outliers, thinning."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from dlokit.skills.perception.projection import back_project, baseline_m
+from dlokit.skills.perception.stereo import Disparity
+from dlokit.types.arrays import BoolArray
+from dlokit.types.image import CameraCalibration
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CloudConfig:
+    """From disparities to the cloud."""
+
+    dlo_radius_m: float = 0.004
+    """Radius of the DLO [m]: the camera sees its surface, the cloud is moved to its centre line."""
+    table_height_m: float | None = 0.0
+    """Height of the table that the DLO cannot sink into [m]; None: there is none."""
+    voxel_m: float = 0.004
+    """Side of the cubes of which each keeps the mean of its points [m]; 0 keeps all points."""
+    outlier_radius_m: float = 0.012
+    """Points are outliers that have fewer than `outlier_neighbours` others within this distance [m]."""
+    outlier_neighbours: int = 4
+    """See `outlier_radius_m`; 0 keeps all points."""
+
+
+def reproject(disparity: Disparity, camera: CameraCalibration) -> Array:
+    """Points (N, 3) [m] in the world of all known disparities, by ``Z = f B / d``."""
+    rows, columns = np.nonzero(np.isfinite(disparity.pixels) & (disparity.pixels > 0.0))
+    d = disparity.pixels[rows, columns].astype(np.float64)
+    pixels = np.column_stack([columns + disparity.window.left, rows + disparity.window.top])
+    return back_project(pixels, camera.fx_px * baseline_m(camera) / d, camera)
+
+
+def to_centre_line(points_world: Array, camera: CameraCalibration, config: CloudConfig) -> Array:
+    """Surface points (N, 3) [m] moved away from the camera by the DLO's radius, but never into the table.
+
+    The table stops the centre line one radius above it; a point below is moved back along its line of sight, on
+    which a stereo camera errs most.
+    """
+    eye = camera.T_world_camera.position_m
+    view = points_world - eye
+    distance = np.linalg.norm(view, axis=1, keepdims=True)
+    centred = points_world + view * (config.dlo_radius_m / np.maximum(distance, 1e-9))
+    if config.table_height_m is None:
+        return centred
+    lowest = config.table_height_m + config.dlo_radius_m
+    drop = centred[:, 2] - eye[2]
+    sunk = (centred[:, 2] < lowest) & (drop < -1e-6)
+    scale = np.where(sunk, (lowest - eye[2]) / np.where(sunk, drop, 1.0), 1.0)
+    return eye + (centred - eye) * scale[:, None]
+
+
+def lonely(points_world: Array, config: CloudConfig) -> BoolArray:
+    """Whether each point (N, 3) [m] has too few neighbours, (N,)."""
+    if len(points_world) == 0 or config.outlier_neighbours <= 0:
+        return np.zeros(len(points_world), dtype=np.bool_)
+    tree = KDTree(points_world)
+    counts = np.asarray(tree.query_ball_point(points_world, config.outlier_radius_m, return_length=True))
+    return counts <= config.outlier_neighbours  # each point counts itself
+
+
+def thin(points_world: Array, voxel_m: float) -> Array:
+    """The mean of the points (N, 3) [m] in each cube of side `voxel_m`, in an order that repeats."""
+    if voxel_m <= 0.0 or len(points_world) == 0:
+        return points_world
+    cells = np.floor(points_world / voxel_m).astype(np.int64)
+    cells -= cells.min(axis=0)
+    extent = cells.max(axis=0) + 1
+    keys = (cells[:, 0] * extent[1] + cells[:, 1]) * extent[2] + cells[:, 2]
+    unique, member = np.unique(keys, return_inverse=True)
+    counts = np.bincount(member, minlength=len(unique))
+    sums = [np.bincount(member, weights=points_world[:, axis], minlength=len(unique)) for axis in range(3)]
+    return np.column_stack(sums) / counts[:, None]

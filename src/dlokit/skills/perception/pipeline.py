@@ -1,0 +1,121 @@
+"""From a pair of pictures to the DLO's points in the world: every step of perception, in order.
+
+Pure: the same arguments give the same result. The intermediate results are kept for reports and examples.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from dlokit.skills.perception.base import Segmentation, SegmentationConfig
+from dlokit.skills.perception.box import box_outline, inside_box
+from dlokit.skills.perception.cloud import lonely, reproject, thin, to_centre_line
+from dlokit.skills.perception.config import PerceptionConfig
+from dlokit.skills.perception.pictures import grey
+from dlokit.skills.perception.rectification import Rectifier
+from dlokit.skills.perception.robot_shape import Capsules, panda_capsules
+from dlokit.skills.perception.selffilter import occlusion_map, robot_distance_m, robot_outline
+from dlokit.skills.perception.stereo import Disparity, StereoMatcher
+from dlokit.skills.perception.table import camera_pose_from_table
+from dlokit.types.arrays import BoolArray, Float32Array, UInt8Array
+from dlokit.types.image import CameraCalibration, Image, StereoImages
+from dlokit.types.observation import GripperPin, Observation
+from dlokit.types.pose import Pose
+from dlokit.types.robot import RobotState
+
+
+@dataclass(frozen=True, kw_only=True)
+class Look:
+    """One look: its result, and what lay between."""
+
+    observation: Observation
+    rectified: StereoImages
+    segmented: BoolArray  # (height, width) what the segmentation took for DLO
+    mask: BoolArray  # (height, width) of that, what may lie in the box and is not the robot
+    disparity: Disparity | None
+    """Of the mask; None when it is empty."""
+    surface_world: Float32Array  # (K, 3) [m] every reprojected pixel, before the filters in space
+
+
+def perceive(
+    images: StereoImages,
+    robots: Sequence[RobotState],
+    config: PerceptionConfig,
+    segmentation: SegmentationConfig,
+    pins: tuple[GripperPin, ...] = (),
+) -> Look:
+    """Look at `images`, knowing where the robots are."""
+    pair = Rectifier().rectify(images)
+    camera = pair.calibration
+    strategy = segmentation.build()
+    capsules = panda_capsules(robots)
+    segmented = _segmented(pair.left, strategy)
+    mask = _cleaned(segmented & _where_dlo_may_be(capsules, camera, config), config.smallest_patch_px)
+    disparity = StereoMatcher(config.stereo).match(
+        grey(pair.left), grey(pair.right), mask, _segmented(pair.right, strategy), camera
+    )
+    surface = np.zeros((0, 3)) if disparity is None else reproject(disparity, camera)
+    keep = inside_box(surface, config.box)
+    keep[keep] = robot_distance_m(surface[keep], capsules) > config.self_filter.space_margin_m
+    points = to_centre_line(surface[keep], camera, config.cloud)
+    points = thin(points[~lonely(points, config.cloud)], config.cloud.voxel_m)
+    return Look(
+        observation=Observation(
+            stamp_ns=images.stamp_ns,
+            points_world=points.astype(np.float32),
+            calibration=camera,
+            occlusion=occlusion_map(capsules, camera, config.self_filter.occlusion_scale),
+            pins=pins,
+        ),
+        rectified=pair,
+        segmented=segmented,
+        mask=mask,
+        disparity=disparity,
+        surface_world=surface.astype(np.float32),
+    )
+
+
+def observe(
+    images: StereoImages,
+    robots: Sequence[RobotState],
+    config: PerceptionConfig,
+    segmentation: SegmentationConfig,
+    pins: tuple[GripperPin, ...] = (),
+) -> Observation:
+    """The result of `perceive` alone, for when it comes from another process."""
+    return perceive(images, robots, config, segmentation, pins).observation
+
+
+def corrected_camera_pose(
+    images: StereoImages,
+    robots: Sequence[RobotState],
+    config: PerceptionConfig,
+    segmentation: SegmentationConfig,
+) -> Pose | None:
+    """T_world_camera of `images`, corrected by the table's plane; None when it cannot be."""
+    pair = Rectifier().rectify(images)
+    capsules = panda_capsules(robots)
+    robot = robot_outline(capsules, pair.calibration, config.self_filter.picture_margin_m)
+    hidden = robot | _segmented(pair.left, segmentation.build())
+    return camera_pose_from_table(pair, hidden, config.box, config.stereo.table_height_m, config.table)
+
+
+def _segmented(picture: UInt8Array, strategy: Segmentation) -> BoolArray:
+    return strategy.mask(Image(stamp_ns=0, pixels=picture)).pixels
+
+
+def _where_dlo_may_be(capsules: Capsules, camera: CameraCalibration, config: PerceptionConfig) -> BoolArray:
+    robot = robot_outline(capsules, camera, config.self_filter.picture_margin_m)
+    return box_outline(config.box, camera) & ~robot
+
+
+def _cleaned(mask: BoolArray, smallest_px: int) -> BoolArray:
+    """The mask without its small patches."""
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
+    if count <= 1:
+        return mask
+    large = np.asarray(stats)[:, cv2.CC_STAT_AREA] >= smallest_px
+    large[0] = False  # the surroundings
+    return large[np.asarray(labels, dtype=np.int32)]

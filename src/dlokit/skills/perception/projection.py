@@ -1,0 +1,87 @@
+"""The pinhole camera: world to pixels and back. Camera frame: x right, y down, z forward."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dlokit.errors import ConfigError
+from dlokit.geometry import rotation
+from dlokit.types.image import CameraCalibration
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Projection:
+    """Where points of the world fall in the picture."""
+
+    pixels: Array  # (N, 2) u, v [px]
+    depth_m: Array  # (N,) along z of the camera [m]; not positive behind it
+
+
+def project(points_world: ArrayLike, camera: CameraCalibration) -> Projection:
+    """Points (N, 3) [m] of the world, in the (rectified left) picture of `camera`."""
+    p_camera = (np.asarray(points_world, dtype=np.float64) - camera.T_world_camera.position_m) @ rotation(
+        camera.T_world_camera
+    )
+    depth = p_camera[:, 2]
+    safe = np.where(np.abs(depth) < 1e-9, 1e-9, depth)
+    u = camera.fx_px * p_camera[:, 0] / safe + camera.cx_px
+    v = camera.fy_px * p_camera[:, 1] / safe + camera.cy_px
+    return Projection(pixels=np.column_stack([u, v]), depth_m=depth)
+
+
+def rays(pixels: ArrayLike, camera: CameraCalibration) -> Array:
+    """Directions (N, 3) in the camera frame through pixels (N, 2), scaled to z = 1."""
+    uv = np.asarray(pixels, dtype=np.float64)
+    return np.column_stack(
+        [(uv[:, 0] - camera.cx_px) / camera.fx_px, (uv[:, 1] - camera.cy_px) / camera.fy_px, np.ones(len(uv))]
+    )
+
+
+def back_project(pixels: ArrayLike, depth_m: ArrayLike, camera: CameraCalibration) -> Array:
+    """Points (N, 3) [m] of the world that are seen in pixels (N, 2) at depth (N,) [m]; inverse of `project`."""
+    p_camera = rays(pixels, camera) * np.asarray(depth_m, dtype=np.float64)[:, None]
+    return p_camera @ rotation(camera.T_world_camera).T + camera.T_world_camera.position_m
+
+
+def baseline_m(camera: CameraCalibration) -> float:
+    """Distance of the two cameras [m]. Raises `ConfigError` for a single camera."""
+    if camera.baseline_m is None or camera.baseline_m <= 0.0:
+        raise ConfigError(
+            f"the calibration of camera {camera.serial!r} has baseline {camera.baseline_m}, so it is no stereo pair; "
+            "stereo matching needs a baseline above 0 m: use a stereo camera, or set baseline_m in its calibration"
+        )
+    return camera.baseline_m
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlaneDisparity:
+    """Disparity of a plane, which is affine in the pixel: ``d = per_u * u + per_v * v + constant`` [px]."""
+
+    per_u: float
+    per_v: float
+    constant: float
+
+    def at(self, u: Array, v: Array) -> Array:
+        """Disparity [px] at columns `u` and rows `v`."""
+        return self.per_u * u + self.per_v * v + self.constant
+
+
+def plane_disparity(camera: CameraCalibration, height_m: float) -> PlaneDisparity:
+    """Disparity of the horizontal plane at `height_m` in the world, by ``d = f B / Z``.
+
+    With n the world's z axis in the camera frame and h the camera's height over the plane, a point of the plane
+    fulfils ``n · p = -h``; with ``p = Z r(u, v)`` that makes ``1 / Z = n · r(u, v) / -h``.
+    """
+    n = rotation(camera.T_world_camera)[2]
+    h = float(camera.T_world_camera.position_m[2]) - height_m
+    if h <= 0.0:
+        raise ConfigError(
+            f"the camera is believed to stand {h:.3f} m above the plane at {height_m:.3f} m; it must be above it: "
+            "check T_world_camera in its calibration"
+        )
+    scale = -camera.fx_px * baseline_m(camera) / h
+    per_u, per_v = scale * n[0] / camera.fx_px, scale * n[1] / camera.fy_px
+    return PlaneDisparity(per_u=per_u, per_v=per_v, constant=scale * n[2] - per_u * camera.cx_px - per_v * camera.cy_px)

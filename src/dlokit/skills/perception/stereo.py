@@ -1,0 +1,218 @@
+"""Semi-global matching (Hirschmüller, TPAMI 2008), in the sheared frame of the table.
+
+The right picture is first shifted, row by row, so that the table has disparity 0. What stands a few millimetres to
+centimetres on the table then has a small disparity, so a short search range suffices, and the slanted table looks
+frontal to the matcher, which assumes frontal surfaces. Only the surroundings of the mask are matched.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from dlokit.skills.perception.projection import PlaneDisparity, plane_disparity
+from dlokit.types.arrays import BoolArray, Float32Array, UInt8Array
+from dlokit.types.image import CameraCalibration
+
+_SUBPIXELS = 16
+"""OpenCV gives disparities in sixteenths of a pixel."""
+_STEP_PX = 16
+"""OpenCV wants the number of disparities to be a multiple of this."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class StereoConfig:
+    """Semi-global matching."""
+
+    block_px: int = 5
+    """Side of the matched block [px], odd; about the width of the DLO in the picture."""
+    penalty_small: float = 8.0
+    """P1 for a disparity step of one, per pixel of the block."""
+    penalty_large: float = 32.0
+    """P2 for larger steps, per pixel of the block."""
+    uniqueness_percent: int = 0
+    """How much better than the second best a match must be [%]. A plain DLO along the rows is ambiguous by nature."""
+    left_right_px: int = 2
+    """Largest difference between matching left to right and right to left [px]."""
+    lowest_m: float = -0.02
+    """Lowest height above the table that is searched [m]."""
+    highest_m: float = 0.25
+    """Greatest height above the table that is searched [m]; a lower one is faster."""
+    table_height_m: float = 0.0
+    """Height of the table's top in the world [m]."""
+    smoothing_px: int = 9
+    """Side of the window in which disparities of the mask are averaged [px], odd; 1 leaves them as they are."""
+    surroundings: float = 0.25
+    """Share of the brightness, from 0 to 1, that everything but the DLO keeps. The table's texture would draw a
+    lifted DLO that runs along the rows down to the table; without any of it, nothing holds one that lies there."""
+    largest_spread_px: float = 1.0
+    """Pixels in whose window the disparities spread more than this (standard deviation) lie at an edge [px]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Window:
+    """A rectangle of the picture: columns from `left` to below `right`, rows from `top` to below `bottom` [px]."""
+
+    left: int
+    top: int
+    right: int
+    bottom: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Disparity:
+    """Disparities of the pixels of a window."""
+
+    window: Window
+    pixels: Float32Array  # (height, width of the window) [px]; NaN where unknown
+
+
+class StereoMatcher:
+    """Finds the disparity of masked pixels."""
+
+    def __init__(self, config: StereoConfig) -> None:
+        self._config = config
+
+    def match(
+        self,
+        left: UInt8Array,
+        right: UInt8Array,
+        mask: BoolArray,
+        mask_right: BoolArray,
+        camera: CameraCalibration,
+    ) -> Disparity | None:
+        """Disparities of the masked pixels of two rectified grey pictures (height, width); None if none is masked.
+
+        `mask_right` says what is DLO in the right picture.
+        """
+        lowest, count = self._search_range(camera)
+        window = _window_around(mask, lowest + count, self._config.block_px)
+        if window is None:
+            return None
+        plane = plane_disparity(camera, self._config.table_height_m)
+        raw = self._raw(
+            _dimmed(left, mask, window, self._config.surroundings),
+            _dimmed(right, mask_right, window, self._config.surroundings),
+            window,
+            plane,
+            lowest,
+            count,
+        )
+        inside = mask[window.top : window.bottom, window.left : window.right]
+        smooth = _smoothed(np.where(inside, raw, np.float32(np.nan)), self._config)
+        return Disparity(window=window, pixels=_with_plane(smooth, window, plane))
+
+    def _raw(
+        self,
+        left: UInt8Array,
+        right: UInt8Array,
+        window: Window,
+        plane: PlaneDisparity,
+        lowest: int,
+        count: int,
+    ) -> Float32Array:
+        """Disparities relative to the table (height, width of the window) [px]; NaN where unknown."""
+        matcher = cv2.StereoSGBM_create(  # pyright: ignore[reportAttributeAccessIssue]  # missing in OpenCV's stubs
+            minDisparity=lowest,
+            numDisparities=count,
+            blockSize=self._config.block_px,
+            P1=round(self._config.penalty_small * self._config.block_px**2),
+            P2=round(self._config.penalty_large * self._config.block_px**2),
+            disp12MaxDiff=self._config.left_right_px,
+            uniquenessRatio=self._config.uniqueness_percent,
+            mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY,
+        )
+        crop = np.ascontiguousarray(left[window.top : window.bottom, window.left : window.right])
+        sixteenths = matcher.compute(crop, _sheared(right, window, plane))
+        unknown = sixteenths < lowest * _SUBPIXELS
+        result = sixteenths.astype(np.float32) / np.float32(_SUBPIXELS)
+        result[unknown] = np.nan
+        return result
+
+    def _search_range(self, camera: CameraCalibration) -> tuple[int, int]:
+        """Lowest disparity relative to the table, and how many are searched [px]."""
+        table = plane_disparity(camera, self._config.table_height_m)
+        corners = np.array([[0, 0], [1, 0], [0, 1], [1, 1]]) * [camera.width_px - 1, camera.height_px - 1]
+        spans = [
+            plane_disparity(camera, self._config.table_height_m + height).at(corners[:, 0], corners[:, 1])
+            - table.at(corners[:, 0], corners[:, 1])
+            for height in (self._config.lowest_m, self._config.highest_m)
+        ]
+        # Two pixels more on each side: the believed camera pose is a little off, and a match at the very end of
+        # the range has no neighbour to interpolate with.
+        lowest = int(np.floor(np.min(spans))) - 2
+        count = int(np.ceil(np.max(spans))) + 2 - lowest
+        return lowest, -(-count // _STEP_PX) * _STEP_PX
+
+
+def _window_around(mask: BoolArray, reach_px: int, block_px: int) -> Window | None:
+    """The smallest window with all of the mask, with what the matcher needs around it."""
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    if len(rows) == 0:
+        return None
+    height, width = mask.shape
+    margin = 4 * block_px
+    return Window(
+        left=max(0, int(columns[0]) - margin - reach_px),
+        right=min(width, int(columns[-1]) + 1 + margin),
+        top=max(0, int(rows[0]) - margin),
+        bottom=min(height, int(rows[-1]) + 1 + margin),
+    )
+
+
+def _dimmed(picture: UInt8Array, mask: BoolArray, window: Window, share: float) -> UInt8Array:
+    """The picture with all but the mask darkened in the rows of `window`, softly, as an edge in a picture is."""
+    rows = slice(window.top, window.bottom)
+    kept = np.where(mask[rows], picture[rows], np.uint8(0))
+    result = picture.copy()
+    result[rows] = cv2.addWeighted(picture[rows], share, cv2.GaussianBlur(kept, (3, 3), 0.0), 1.0 - share, 0.0)
+    return result
+
+
+def _sheared(right: UInt8Array, window: Window, plane: PlaneDisparity) -> UInt8Array:
+    """The window of the right picture in which the table has disparity 0 to the same window of the left."""
+    constant = plane.per_u * window.left + plane.per_v * window.top + plane.constant
+    window_to_picture = np.array(
+        [[1.0 - plane.per_u, -plane.per_v, window.left - constant], [0.0, 1.0, float(window.top)]]
+    )
+    size = (window.right - window.left, window.bottom - window.top)
+    return np.asarray(
+        cv2.warpAffine(
+            right,
+            window_to_picture,
+            size,
+            flags=cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP,
+            borderMode=cv2.BORDER_REPLICATE,
+        ),
+        dtype=np.uint8,
+    )
+
+
+def _with_plane(relative: Float32Array, window: Window, plane: PlaneDisparity) -> Float32Array:
+    """Disparities between the pictures from those between the left and the sheared right one."""
+    u = np.arange(window.left, window.right, dtype=np.float64)[None, :]
+    v = np.arange(window.top, window.bottom, dtype=np.float64)[:, None]
+    # Column u matches column u - r of the sheared picture, where the shift is that of u - r.
+    return (relative * (1.0 - plane.per_u) + plane.at(u, v)).astype(np.float32)
+
+
+def _smoothed(disparity: Float32Array, config: StereoConfig) -> Float32Array:
+    """Means over the known pixels of a window about each known pixel; NaN where they do not agree."""
+    if config.smoothing_px <= 1:
+        return disparity
+    known = np.isfinite(disparity)
+    values = np.where(known, disparity, np.float32(0.0))
+    count = _box_sum(known.astype(np.float32), config.smoothing_px)
+    safe = np.maximum(count, np.float32(1.0))
+    mean = _box_sum(values, config.smoothing_px) / safe
+    variance = _box_sum(values * values, config.smoothing_px) / safe - mean * mean
+    good = known & (variance <= config.largest_spread_px**2)
+    return np.where(good, mean, np.float32(np.nan)).astype(np.float32)
+
+
+def _box_sum(values: NDArray[np.float32], side_px: int) -> NDArray[np.float32]:
+    return np.asarray(
+        cv2.boxFilter(values, -1, (side_px, side_px), normalize=False, borderType=cv2.BORDER_CONSTANT),
+        dtype=np.float32,
+    )

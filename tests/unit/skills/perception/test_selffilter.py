@@ -1,0 +1,75 @@
+import mujoco
+import numpy as np
+import pytest
+from stereo_scene import calibration, robot_state
+
+from dlokit.description.panda import PANDA_HOME_Q_RAD, PANDA_LINKS, add_panda
+from dlokit.geometry import inverse, transform
+from dlokit.skills.perception.projection import project
+from dlokit.skills.perception.robot_shape import Capsules, panda_capsules, panda_link_frames
+from dlokit.skills.perception.selffilter import occlusion_map, robot_distance_m, robot_outline
+
+OVER_TABLE_Q_RAD = np.array([-0.1, 0.35, 0.05, -2.2, 0.0, 2.5, 0.8])
+
+
+@pytest.mark.parametrize("q_rad", [PANDA_HOME_Q_RAD, OVER_TABLE_Q_RAD])
+def test_the_links_stand_where_the_simulated_robot_has_them(q_rad: np.ndarray):
+    spec = mujoco.MjSpec()
+    add_panda(spec)
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    data.qpos[:7], data.qpos[7:9] = q_rad, 0.013
+    mujoco.mj_kinematics(model, data)
+    frames = panda_link_frames(q_rad, 0.026)
+    for link in PANDA_LINKS:
+        body = data.body(f"panda/{link}")
+        np.testing.assert_allclose(frames[link][:3, 3], body.xpos, atol=1e-9, err_msg=link)
+        np.testing.assert_allclose(frames[link][:3, :3], body.xmat.reshape(3, 3), atol=1e-9, err_msg=link)
+
+
+def test_distance_is_to_the_nearest_surface_and_negative_inside():
+    capsule = Capsules(
+        starts_world=np.array([[0.0, 0, 0]]), ends_world=np.array([[0.0, 0, 1]]), radii_m=np.array([0.1])
+    )
+    points = np.array([[0.3, 0.0, 0.5], [0.0, 0.0, 1.3], [0.05, 0.0, 0.5]])
+    np.testing.assert_allclose(robot_distance_m(points, capsule), [0.2, 0.2, -0.05])
+
+
+def test_points_on_the_gripper_are_the_robots_and_a_rope_two_centimetres_away_is_not():
+    frames = panda_link_frames(OVER_TABLE_Q_RAD, 0.02)
+    capsules = panda_capsules((robot_state(OVER_TABLE_Q_RAD, finger_width_m=0.02),))
+    on_pad = frames["left_finger"] @ [0.0, 0.01, 0.045, 1.0]
+    tip_below = frames["hand"] @ [0.0, 0.0, 0.1034 + 0.0089 + 0.02, 1.0]
+    assert robot_distance_m(on_pad[None, :3], capsules)[0] < 0.0
+    assert robot_distance_m(tip_below[None, :3], capsules)[0] > 0.006
+
+
+def test_without_a_robot_nothing_is_removed():
+    capsules = panda_capsules(())
+    assert np.isinf(robot_distance_m(np.zeros((3, 3)), capsules)).all()
+    assert not robot_outline(capsules, calibration(), 0.01).any()
+    assert np.isinf(occlusion_map(capsules, calibration(), 8).depth_m).all()
+
+
+def test_outline_and_occlusion_agree_on_what_the_robot_hides():
+    camera = calibration()
+    capsules = panda_capsules((robot_state(OVER_TABLE_Q_RAD),))
+    hidden = np.isfinite(occlusion_map(capsules, camera, 8).depth_m)
+    middles = robot_outline(capsules, camera, 0.0)[4::8, 4::8]
+    assert hidden.sum() > 200
+    # They may differ along the rim only, where the outline takes a sphere's picture for a circle.
+    assert np.count_nonzero(hidden != middles) < 0.1 * hidden.sum()
+
+
+def test_the_occlusion_map_has_the_depth_of_the_nearest_surface():
+    camera = calibration()
+    center = np.array([0.5, 0.1, 0.4])
+    ball = Capsules(starts_world=center[None], ends_world=center[None] + 1e-9, radii_m=np.array([0.08]))
+    seen = project(center[None], camera)
+    column, row = (seen.pixels[0] // 8).astype(int)
+    middle = (np.array([column, row]) + 0.5) * 8 - 0.5
+    # Depth of the ray through the middle of that cell into the ball, from the sphere's own equation.
+    ray = np.array([(middle[0] - camera.cx_px) / camera.fx_px, (middle[1] - camera.cy_px) / camera.fy_px, 1.0])
+    c = transform(inverse(camera.T_world_camera), center[None])[0]
+    roots = np.roots([ray @ ray, -2 * ray @ c, c @ c - 0.08**2])
+    assert occlusion_map(ball, camera, 8).depth_m[row, column] == pytest.approx(roots.min(), abs=1e-5)
