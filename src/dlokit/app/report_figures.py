@@ -45,13 +45,11 @@ def overlay(record: RunRecord) -> str:
     for number, action in enumerate(between, start=1):
         nodes = action.nodes_world
         label = "after each action" if number == 1 else "_nolegend_"
-        axes.plot(
-            nodes[:, 1], nodes[:, 0], color=_STEP, linewidth=1.3, alpha=0.35 + 0.5 * number / len(between), label=label
-        )
-    for number, action in enumerate(record.actions, start=1):
-        _move(axes, number, action.grasp_world, action.place_world)
+        shade = 0.4 + 0.5 * number / len(between)
+        axes.plot(nodes[:, 1], nodes[:, 0], color=_STEP, linewidth=1.3, alpha=shade, label=label)
     if record.actions:
         _rope(axes, record.actions[-1].nodes_world, _FINAL, 3.0, "final")
+        _moves(axes, record)
     axes.legend(
         loc="upper left", bbox_to_anchor=(0.0, -0.11), ncols=4, frameon=False, labelcolor=_INK, fontsize=_FONT_PT
     )
@@ -93,8 +91,8 @@ def error_curve(record: RunRecord) -> str:
     last = max(1, *(number for number, _ in estimates)) if estimates else 1
     axes.set_xlim(-0.25, last + 0.25)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    axes.set_xlabel("actions", color=_MUTED)
-    axes.set_ylabel("RMSE [mm]", color=_MUTED)
+    axes.set_xlabel("actions", color=_MUTED, fontsize=_FONT_PT - 1)
+    axes.set_ylabel("RMSE [mm]", color=_MUTED, fontsize=_FONT_PT - 1)
     axes.grid(axis="y", color=_GRID, linewidth=0.8)
     axes.legend(frameon=False, labelcolor=_INK, fontsize=_FONT_PT)
     return _svg(figure, "Error to the goal after each action, with the threshold")
@@ -110,7 +108,7 @@ def timing_bars(timings: Mapping[str, StepTiming]) -> str:
         (-0.2, _TRUTH, "computing", [timings[name].wall_time_s for name in names]),
     ):
         bars = axes.barh(rows + offset, seconds, height=0.36, color=color, label=label)
-        axes.bar_label(bars, fmt=" %.2f s", color=_MUTED, fontsize=_FONT_PT - 1.5)
+        axes.bar_label(bars, fmt="%.2f s", padding=4, color=_MUTED, fontsize=_FONT_PT - 2)
     axes.set_yticks(rows, [f"{name} ({timings[name].calls}×)" for name in names])
     axes.tick_params(axis="y", length=0, colors=_INK)
     axes.set_xlim(right=1.14 * max(*axes.get_xlim(), 1e-9))
@@ -150,8 +148,8 @@ def _table(axes: Axes) -> None:
     axes.set_xlim(y1 + margin_m, y0 - margin_m)
     axes.set_ylim(x0 - margin_m, x1 + margin_m)
     axes.set_aspect("equal")
-    axes.set_xlabel("y [m]", color=_MUTED)
-    axes.set_ylabel("x [m], away from the robot", color=_MUTED)
+    axes.set_xlabel("y [m]", color=_MUTED, fontsize=_FONT_PT - 1)
+    axes.set_ylabel("x [m], away from the robot", color=_MUTED, fontsize=_FONT_PT - 1)
     axes.grid(color=_GRID, linewidth=0.6, alpha=0.7)
     axes.set_axisbelow(True)
 
@@ -165,25 +163,23 @@ def _rope(axes: Axes, nodes: Float64Array, color: str, width: float, label: str,
     axes.plot(nodes[0, 1], nodes[0, 0], color=color, marker="o", markersize=3.0 + width)
 
 
-def _move(axes: Axes, number: int, grasp: Float64Array | None, place: Float64Array | None) -> None:
-    """An arrow from grasp to release, numbered."""
-    if grasp is None:
-        return
-    if place is not None:
-        axes.annotate(
-            "",
-            xy=(place[1], place[0]),
-            xytext=(grasp[1], grasp[0]),
-            arrowprops={"arrowstyle": "-|>", "color": _MUTED, "linewidth": 0.9, "shrinkA": 0, "shrinkB": 0},
-        )
-    axes.annotate(
-        str(number),
-        xy=(grasp[1], grasp[0]),
-        xytext=(4, 4),
-        textcoords="offset points",
-        color=_INK,
-        fontsize=_FONT_PT - 1,
-    )
+def _moves(axes: Axes, record: RunRecord) -> None:
+    """An arrow an action, numbered: from where the grasped node lay to where it came to lie."""
+    before = record.start_nodes_world
+    for row, action in zip(record.result.history, record.actions, strict=True):
+        if before is not None:
+            (x0, y0), (x1, y1) = before[row.grasp_node, :2], action.nodes_world[row.grasp_node, :2]
+            style = {"arrowstyle": "-|>", "color": _MUTED, "linewidth": 0.9, "shrinkA": 0, "shrinkB": 0}
+            axes.annotate("", xy=(y1, x1), xytext=(y0, x0), arrowprops=style)
+            axes.annotate(
+                str(row.action),
+                xy=(y0, x0),
+                xytext=(4, 4),
+                textcoords="offset points",
+                color=_INK,
+                fontsize=_FONT_PT - 1,
+            )
+        before = action.nodes_world
 
 
 def _svg(figure: Figure, title: str) -> str:

@@ -10,7 +10,7 @@ CSS = """
 @media (prefers-color-scheme: dark) {
   :root {
     --page: #11151c; --card: #1a202b; --ink: #e7ebf2; --muted: #9aa5b6; --grid: #333d4d; --table: #222a36;
-    --goal: #35c27f; --start: #8b95a7; --final: #6aa0ff; --step: #4f76b8; --truth: #f0a04b;
+    --goal: #35c27f; --start: #8b95a7; --final: #6aa0ff; --step: #6d93d2; --truth: #f0a04b;
     --good: #58d69a; --good-soft: #15362a; --bad: #f4a36f; --bad-soft: #3d2518;
   }
 }
@@ -41,10 +41,12 @@ table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nu
 th, td { text-align: right; padding: 5px 10px; border-bottom: 1px solid var(--grid); white-space: nowrap; }
 th:first-child, td:first-child { text-align: left; }
 th { color: var(--muted); font-weight: 600; font-size: 13px; }
-tr.met td { color: var(--good); font-weight: 600; }
+tr.met td:not(.no) { color: var(--good); font-weight: 600; }
 td.no { color: var(--bad); }
 pre { margin: 0; padding: 12px; overflow-x: auto; font-size: 12.5px; background: var(--page); border-radius: 6px; }
-details summary { cursor: pointer; font-weight: 600; } details[open] summary { margin-bottom: 10px; }
+details { margin-top: 12px; }
+details summary { cursor: pointer; font-weight: 600; }
+details[open] summary { margin-bottom: 10px; }
 .empty { color: var(--muted); }
 @media print { body { background: none; } section, .card { break-inside: avoid; } }
 """

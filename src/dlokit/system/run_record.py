@@ -15,8 +15,6 @@ class ActionShape:
     """The estimated shape after the action."""
     release_stamp_ns: int | None = None
     """When the fingers opened, on the cell's clock [ns]; None when they never closed."""
-    grasp_world: Float64Array | None = None  # (3,) [m]
-    place_world: Float64Array | None = None  # (3,) [m]
 
 
 @dataclass(frozen=True, kw_only=True)
