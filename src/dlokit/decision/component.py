@@ -9,7 +9,7 @@ from dlokit.communication.component import Component
 from dlokit.decision.config import TaskConfig
 from dlokit.decision.flow import run_flow
 from dlokit.decision.shape_flow import SHAPE_DLO
-from dlokit.decision.task import GoalRequest, ShapeResult, ShapeTask, StepTiming
+from dlokit.decision.task import ActionRecord, GoalRequest, ShapeResult, ShapeTask, StepTiming
 from dlokit.skills.perception import api as perception
 from dlokit.skills.robot import api as robot
 from dlokit.types.flow import Command, FlowStatus, OperatorCommand, RunOutcome
@@ -29,8 +29,10 @@ class DecisionComponent(Component):
         self._running = asyncio.Event()
         self._running.set()
 
-    async def shape(self, request: GoalRequest | None) -> ShapeResult:
+    async def shape(self, request: GoalRequest | None, recorded: Callable[[ActionRecord], None]) -> ShapeResult:
         """Bring the DLO into the requested shape (None: the operator's, from the viewer).
+
+        `recorded` is told of every action when its effect is known.
 
         Cancelling it stops the robot and ends with outcome `cancelled`; a second cancellation gets through.
         """
@@ -41,6 +43,7 @@ class DecisionComponent(Component):
             stopwatch=self._stopwatch,
             states=self.port.stream(topics.STATE),
             commands=self.port.stream(topics.COMMAND),
+            recorded=recorded,
             started_ns=self.port.clock.now_ns(),
         )
         diary = _Diary(self, task)
@@ -144,6 +147,7 @@ def _result(task: ShapeTask, outcome: RunOutcome, timings: tuple[StepTiming, ...
         goal=task.goal,
         start_nodes_world=task.start.nodes_world if task.start else None,
         start_stamp_ns=task.start.observed_stamp_ns if task.start else 0,
+        start_rmse_m=task.errors_m[0] if task.errors_m else None,
         history=tuple(task.history),
         timings=timings,
         planning_time_s=task.planning_time_s,

@@ -25,6 +25,8 @@ class TaskConfig:
     """Time between two of them [s]."""
     look_timeout_s: float = 20.0
     """Longest wait for the model's state after a look [s]."""
+    robot_timeout_s: float = 10.0
+    """Longest wait for the robot's first state [s]."""
     tracking_hz: float = 2.0
     """Looks a second while the rod is carried [Hz]."""
     approach_height_m: float = 0.06

@@ -39,9 +39,9 @@ async def look(task: ShapeTask) -> DloState | None:
 async def settle(task: ShapeTask) -> bool:
     """Look until two states in a row agree, or looks are spent; the last state is the task's."""
     before: DloState | None = None
-    for attempt in range(task.config.max_looks):
-        if attempt:
-            await task.port.clock.sleep(task.config.look_interval_s)
+    for _ in range(task.config.max_looks):
+        # First, too: a second look in the same instant would bring nothing new, and the observer ignores it.
+        await task.port.clock.sleep(task.config.look_interval_s)
         state = await look(task)
         if state is None:
             return False

@@ -8,7 +8,7 @@ from dlokit.decision.config import TaskConfig
 from dlokit.types.action import PickPlace
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, GoalShape
-from dlokit.types.flow import RunOutcome
+from dlokit.types.flow import OperatorCommand, RunOutcome
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,6 +62,8 @@ class ShapeResult:
     goal: GoalShape | None
     start_nodes_world: Float64Array | None  # (M, 3) [m] as first estimated
     start_stamp_ns: int
+    """Stamp of the look that it comes from [ns]."""
+    start_rmse_m: float | None
     history: tuple[ActionRecord, ...]
     timings: tuple[StepTiming, ...]
     planning_time_s: float
@@ -79,7 +81,9 @@ class ShapeTask:
     stopwatch: Callable[[], float]
     """The machine's monotonic clock [s], for timings alone."""
     states: AsyncIterator[DloState]
-    commands: "AsyncIterator[object]"
+    commands: AsyncIterator[OperatorCommand]
+    recorded: Callable[[ActionRecord], None]
+    """Told of every action when its effect is known."""
     started_ns: int = 0
 
     goal: GoalShape | None = None

@@ -1,5 +1,6 @@
 """The boxes that look, compare and set the goal."""
 
+import asyncio
 from typing import Any
 
 from dlokit.communication import topics
@@ -15,7 +16,7 @@ from dlokit.skills.perception import api as perception
 from dlokit.skills.planning import api as planning
 from dlokit.skills.robot import api as robot
 from dlokit.types.feasibility import Verdict
-from dlokit.types.flow import Command, OperatorCommand
+from dlokit.types.flow import Command
 from dlokit.types.outcome import Failed, Outcome, Succeeded
 
 UNUSABLE = frozenset({"no_points", "out_of_view", "crossing", "fragmented"})
@@ -32,6 +33,8 @@ def _judge_sight(task: ShapeTask, skill: str, outcome: Outcome[Any]) -> Sight:
 
 async def find_dlo(task: ShapeTask) -> Sight:
     """First look: the shape is unknown, so the observer orders the cloud into nodes."""
+    if not await _robot_speaks(task):
+        return Sight.FAILED
     home = await task.port.call(robot.HOME)
     if not isinstance(home, Succeeded):
         fail(task, "robot.home", home)
@@ -46,6 +49,17 @@ async def find_dlo(task: ShapeTask) -> Sight:
     if task.state is None:
         return Sight.FAILED
     return Sight.SEEN
+
+
+async def _robot_speaks(task: ShapeTask) -> bool:
+    try:
+        async with asyncio.timeout(task.config.robot_timeout_s):
+            async for _ in task.port.stream(topics.ROBOT_STATE):
+                return True
+    except TimeoutError:
+        pass
+    task.reason = f"robot_lost: no state of the robot came within {task.config.robot_timeout_s:g} s; is it running?"
+    return False
 
 
 async def set_goal(task: ShapeTask) -> GoalSet:
@@ -75,7 +89,7 @@ async def set_goal(task: ShapeTask) -> GoalSet:
 
 async def _operator_starts(task: ShapeTask) -> None:
     async for message in task.commands:
-        if isinstance(message, OperatorCommand) and message.command is Command.START:
+        if message.command is Command.START:
             return
 
 
@@ -156,15 +170,15 @@ async def track_again(task: ShapeTask) -> Sight:
         return Sight.FAILED
     assert task.state is not None
     task.errors_m.append(_error(task))
-    task.history.append(
-        ActionRecord(
-            action=len(task.history) + 1,
-            grasp_node=task.chosen.grasp.node,
-            grasp_ok=task.grasp_ok,
-            rmse_m=task.errors_m[-1],
-            duration_s=(task.port.clock.now_ns() - task.action_started_ns) / 1e9,
-            release_stamp_ns=task.release_stamp_ns,
-            nodes_world=task.state.nodes_world,
-        )
+    record = ActionRecord(
+        action=len(task.history) + 1,
+        grasp_node=task.chosen.grasp.node,
+        grasp_ok=task.grasp_ok,
+        rmse_m=task.errors_m[-1],
+        duration_s=(task.port.clock.now_ns() - task.action_started_ns) / 1e9,
+        release_stamp_ns=task.release_stamp_ns,
+        nodes_world=task.state.nodes_world,
     )
+    task.history.append(record)
+    task.recorded(record)
     return Sight.SEEN

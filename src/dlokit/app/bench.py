@@ -1,0 +1,124 @@
+"""`dlokit bench`: comparisons, printed as a table and written as JSON."""
+
+import multiprocessing
+import platform
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass, field, replace
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
+
+from dlokit.app.environment import prepare_environment
+from dlokit.app.machine import machine_facts
+from dlokit.bench.report import bench_json, figures, overview
+from dlokit.bench.shaping import PAPER_SUITE, Case, CaseResult, cases, run_case
+from dlokit.errors import ConfigError
+from dlokit.system.config import RunConfig
+from dlokit.system.run_folder import claim_run_folder, new_run_folder
+
+SUITES = {"paper": PAPER_SUITE}
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShapingArgs:
+    """Run the paper's five experiments over several seeds, in lockstep, judged by the cell's hidden truth.
+
+    Prints a table with 95 % intervals; every run leaves its files in its own folder.
+    """
+
+    suite: Literal["paper"] = "paper"
+    """Which experiments: paper = I to S, S to I, I to I (moved by 15 cm, turned by 40°), random to I, random to S."""
+    seeds: int = 5
+    """Seeds 0 to K-1 of each experiment."""
+    jobs: int = 1
+    """Runs side by side, a process each."""
+    json: Path | None = None
+    """Also write every figure to this file."""
+    out: Path | None = None
+    """Folder for the runs. [default: runs/<time>-bench-shaping/]"""
+    run: Annotated[RunConfig, tyro.conf.arg(name="")] = field(default_factory=RunConfig)
+    """Settings of every run; start, goal, seed and runtime are the bench's."""
+
+
+def run(args: ShapingArgs) -> int:
+    """Run the suite; exit code 0 when every run ended, converged or not."""
+    if args.seeds < 1 or args.jobs < 1:
+        raise ConfigError(f"--seeds {args.seeds} and --jobs {args.jobs} must be at least 1.")
+    console = Console()
+    folder = claim_run_folder(args.out) if args.out else new_run_folder(Path("runs"), "bench-shaping", datetime.now())
+    todo = list(cases(SUITES[args.suite], args.seeds))
+    results: list[CaseResult] = []
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
+        bar = progress.add_task("shaping", total=len(todo))
+        for done in _run_all(todo, args, folder):
+            results.append(done)
+            progress.advance(bar)
+            console.print(_line(done), highlight=False)
+    results.sort(key=lambda done: todo.index(done.case))
+    console.print(_table(results))
+    if args.json is not None:
+        args.json.write_bytes(bench_json("shaping", figures(results), machine_facts(), args.run))
+        console.print(f"figures: {args.json}")
+    console.print(f"runs: {folder}")
+    return 0
+
+
+def _run_all(todo: Sequence[Case], args: ShapingArgs, folder: Path) -> Iterator[CaseResult]:
+    work = [
+        (case, _config(case, args.run), folder / f"{case.experiment.name.replace(' ', '-')}-{case.seed}")
+        for case in todo
+    ]
+    if args.jobs == 1:
+        for item in work:
+            yield run_case(*item)
+        return
+    context = multiprocessing.get_context("spawn")  # a forked OpenGL context is not usable
+    with ProcessPoolExecutor(args.jobs, mp_context=context, initializer=prepare_environment) as pool:
+        for future in as_completed([pool.submit(run_case, *item) for item in work]):
+            yield future.result()
+
+
+def _config(case: Case, config: RunConfig) -> RunConfig:
+    return replace(
+        config,
+        start=case.experiment.start,
+        goal=case.experiment.goal,
+        seed=case.seed,
+        runtime="lockstep",
+        headless=True,
+    )
+
+
+def _line(done: CaseResult) -> str:
+    result = done.result
+    rmse = "-" if result.rmse_m is None else f"{result.rmse_m * 1e3:.1f} mm"
+    true = "-" if result.true_rmse_m is None else f"{result.true_rmse_m * 1e3:.1f} mm"
+    return (
+        f"{done.case.experiment.name:12} seed {done.case.seed}  {result.outcome.value:10} {result.actions:3d} actions  "
+        f"RMSE {rmse:>8}  true {true:>8}  {result.sim_time_s:6.1f} s simulated in {result.wall_time_s:6.1f} s"
+        + (f"  ({result.reason})" if result.reason else "")
+    )
+
+
+def _table(results: Sequence[CaseResult]) -> Table:
+    table = Table(title=f"shaping on {platform.machine()}", caption="median (smallest to largest) over seeds")
+    for heading in (
+        "experiment",
+        "converged",
+        "95 % interval",
+        "actions",
+        "RMSE mm",
+        "true RMSE mm",
+        "robot s",
+        "pace",
+    ):
+        table.add_column(heading, justify="left" if heading == "experiment" else "right")
+    for row in overview(results):
+        table.add_row(*row)
+    return table

@@ -1,0 +1,25 @@
+"""A run and the evaluator's word on it, in one call."""
+
+from dataclasses import replace
+from pathlib import Path
+
+from dlokit.bench.evaluator import evaluate, with_truth
+from dlokit.bench.truth import read_truth
+from dlokit.system.config import RunConfig
+from dlokit.system.run import run
+from dlokit.system.run_record import RunRecord
+from dlokit.system.run_result import write_result
+from dlokit.system.shaping import ShapeJob, Watcher
+from dlokit.system.toml_config import to_toml
+
+CONFIG_FILE = "config.toml"
+
+
+def judged_run(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher) -> RunRecord:
+    """Run a task, then compare it with the cell's hidden truth; writes `config.toml` and `result.json`."""
+    (folder / CONFIG_FILE).write_text(to_toml(config), encoding="utf-8")
+    record = run(config, job, folder, watch)
+    errors = evaluate(record, read_truth(folder))
+    record = replace(record, result=with_truth(record.result, errors))
+    write_result(folder, record.result)
+    return record

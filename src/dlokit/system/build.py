@@ -1,0 +1,111 @@
+"""The one place that knows which class stands behind a component's name, and which driver behind a protocol."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from dlokit.communication.clock import Clock
+from dlokit.communication.component import Component
+from dlokit.communication.compute import Compute, InlineCompute
+from dlokit.communication.port import Port
+from dlokit.communication.transport import Transport
+from dlokit.decision.component import DecisionComponent
+from dlokit.decision.shape_flow import SHAPE_DLO
+from dlokit.functional.cameras.simulated import SimulatedCamera
+from dlokit.functional.cell.component import CellComponent
+from dlokit.functional.robots.simulated import SimulatedRobot
+from dlokit.skills.model.component import ModelComponent
+from dlokit.skills.observer.component import ObserverComponent
+from dlokit.skills.perception.component import PerceptionComponent
+from dlokit.skills.planning.component import PlanningComponent
+from dlokit.skills.robot.component import RobotComponent
+from dlokit.skills.robot.kinematics import PandaKinematics
+from dlokit.skills.viewer.component import RodOutline, ViewerComponent
+from dlokit.system.config import RunConfig
+from dlokit.types.arrays import Float64Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wiring:
+    """What a process has to build components with."""
+
+    transport: Transport
+    clock: Clock
+    folder: Path
+    """The run's folder."""
+    start_nodes_world: Float64Array  # (K, 3) [m] where the cell lays its DLO; nobody else may look at it
+
+
+def build_component(name: str, config: RunConfig, wiring: Wiring) -> Component:
+    """The component of that name, one of `COMPONENTS`, with its drivers."""
+    return _BUILDERS[name](config, wiring)
+
+
+def _driver_port(wiring: Wiring, owner: str) -> Port:
+    # A driver's line to its device: it may call the device's socket and publishes nothing.
+    compute: Compute = InlineCompute()
+    return Port(wiring.transport, wiring.clock, compute, owner=owner, publishes=())
+
+
+def _cell(config: RunConfig, wiring: Wiring) -> Component:
+    return CellComponent(
+        config.cell,
+        wiring.start_nodes_world,
+        seed=config.seed,
+        truth_folder=wiring.folder,
+        real_time_factor=1.0 if config.runtime == "lockstep" else config.cell.real_time_factor,
+    )
+
+
+def _robot(config: RunConfig, wiring: Wiring) -> Component:
+    return RobotComponent(config.robot, SimulatedRobot(_driver_port(wiring, "robot driver")), time.monotonic_ns)
+
+
+def _perception(config: RunConfig, wiring: Wiring) -> Component:
+    return PerceptionComponent(config.perception, SimulatedCamera(wiring.transport))
+
+
+def _observer(config: RunConfig, wiring: Wiring) -> Component:
+    return ObserverComponent(config.observer, nodes=config.model.nodes, length_m=config.model.length_m)
+
+
+def _model(config: RunConfig, wiring: Wiring) -> Component:
+    return ModelComponent(config.model)
+
+
+def _planning(config: RunConfig, wiring: Wiring) -> Component:
+    return PlanningComponent(config.planning, PandaKinematics().reachable)
+
+
+def _decision(config: RunConfig, wiring: Wiring) -> Component:
+    return DecisionComponent(config.task, time.perf_counter)
+
+
+def _viewer(config: RunConfig, wiring: Wiring) -> Component:
+    rod = RodOutline(nodes=config.model.nodes, length_m=config.model.length_m, radius_m=config.model.radius_m)
+    return ViewerComponent(config.viewer, flow=SHAPE_DLO.edges(), rod=rod, threshold_m=config.task.threshold_m)
+
+
+_BUILDERS: dict[str, Callable[[RunConfig, Wiring], Component]] = {
+    "cell": _cell,
+    "robot": _robot,
+    "perception": _perception,
+    "observer": _observer,
+    "model": _model,
+    "planning": _planning,
+    "viewer": _viewer,
+    "decision": _decision,
+}
+
+COMPONENTS: dict[str, type[Component]] = {
+    "cell": CellComponent,
+    "robot": RobotComponent,
+    "perception": PerceptionComponent,
+    "observer": ObserverComponent,
+    "model": ModelComponent,
+    "planning": PlanningComponent,
+    "viewer": ViewerComponent,
+    "decision": DecisionComponent,
+}
+"""Every component by its name: the paper's Fig. 3, and the cell that stands in for its hardware."""

@@ -1,0 +1,164 @@
+"""One shape task on a running system: what both runtimes do once the components are there."""
+
+import asyncio
+import math
+import time
+from collections import defaultdict
+from collections.abc import AsyncIterator, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from dlokit import __version__
+from dlokit.communication import topics
+from dlokit.communication.clock import Clock
+from dlokit.communication.transport import Transport
+from dlokit.decision.component import DecisionComponent
+from dlokit.decision.task import ActionRecord, GoalRequest, ShapeResult
+from dlokit.decision.task import StepTiming as Visit
+from dlokit.system.config import RunConfig
+from dlokit.system.run_record import ActionShape, RunRecord, StepTiming
+from dlokit.system.run_result import ActionResult, RunResult, config_hash
+from dlokit.system.toml_config import to_toml
+from dlokit.types.arrays import Float64Array, UInt8Array
+from dlokit.types.flow import FlowStatus
+from dlokit.types.image import StereoImages
+
+LINGER_S = 2.2
+"""The cell runs on this long after the last release [s]: the evaluator judges 2 s after it."""
+
+
+class Watcher(Protocol):
+    """Whoever shows a run while it goes on, e.g. the terminal."""
+
+    def step(self, status: FlowStatus) -> None:
+        """The flow has come to another step."""
+        ...
+
+    def action(self, row: ActionResult) -> None:
+        """An action has ended, and its effect is known."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShapeJob:
+    """What to do, resolved to points."""
+
+    name: str
+    """For people, e.g. ``"I to S"``."""
+    start_nodes_world: Float64Array  # (K, 3) [m] the cell's secret
+    request: GoalRequest | None
+    """None: the operator sets the goal in the viewer."""
+
+
+class _Album:
+    """The first and the last picture of a run."""
+
+    def __init__(self, pictures: AsyncIterator[StereoImages]) -> None:
+        self._pictures = pictures
+        self.first: UInt8Array | None = None
+        self.last: UInt8Array | None = None
+
+    async def fill(self) -> None:
+        async for picture in self._pictures:
+            self.last = picture.left
+            if self.first is None:
+                self.first = picture.left
+
+
+async def shape(
+    decision: DecisionComponent,
+    transport: Transport,
+    clock: Clock,
+    config: RunConfig,
+    job: ShapeJob,
+    watch: Watcher,
+) -> RunRecord:
+    """Run the task to its end and let the cell run on until its last shape can be judged."""
+    album = _Album(transport.stream(topics.STEREO_IMAGES))
+    helpers = [asyncio.create_task(album.fill()), asyncio.create_task(_tell(transport, watch))]
+    began_s, began_ns = time.perf_counter(), clock.now_ns()
+    try:
+        result = await decision.shape(job.request, lambda record: watch.action(_row(record)))
+        last_ns = result.history[-1].release_stamp_ns if result.history else clock.now_ns()
+        await clock.sleep_until(last_ns + round(LINGER_S * 1e9))
+    finally:
+        for helper in helpers:
+            helper.cancel()
+        await asyncio.gather(*helpers, return_exceptions=True)
+    return _record(
+        config,
+        job,
+        result,
+        album,
+        sim_time_s=(clock.now_ns() - began_ns) / 1e9,
+        wall_time_s=time.perf_counter() - began_s,
+    )
+
+
+async def _tell(transport: Transport, watch: Watcher) -> None:
+    async for status in transport.stream(topics.FLOW):
+        watch.step(status)
+
+
+def _row(action: ActionRecord) -> ActionResult:
+    return ActionResult(
+        action=action.action,
+        grasp_node=action.grasp_node,
+        grasp_ok=action.grasp_ok,
+        rmse_m=action.rmse_m,
+        duration_s=action.duration_s,
+    )
+
+
+def _record(
+    config: RunConfig, job: ShapeJob, result: ShapeResult, album: _Album, *, sim_time_s: float, wall_time_s: float
+) -> RunRecord:
+    toml = to_toml(config)
+    goal = result.goal.nodes_world if result.goal is not None else None
+    if goal is None:
+        goal = job.request.nodes_world if job.request is not None else job.start_nodes_world
+    history = tuple(_row(action) for action in result.history)
+    return RunRecord(
+        name=job.name,
+        result=RunResult(
+            outcome=result.outcome,
+            reason=result.reason,
+            actions=len(history),
+            rmse_m=None if math.isnan(result.rmse_m) else result.rmse_m,
+            threshold_m=config.task.threshold_m,
+            seed=config.seed,
+            sim_time_s=sim_time_s,
+            wall_time_s=wall_time_s,
+            planning_time_s=result.planning_time_s,
+            history=history,
+            config_hash=config_hash(toml),
+            version=__version__,
+        ),
+        goal_nodes_world=goal,
+        ends_interchangeable=config.ends_interchangeable,
+        start_nodes_world=result.start_nodes_world,
+        start_stamp_ns=result.start_stamp_ns,
+        start_rmse_m=result.start_rmse_m,
+        actions=tuple(
+            ActionShape(nodes_world=action.nodes_world, release_stamp_ns=action.release_stamp_ns)
+            for action in result.history
+        ),
+        timings=_by_step(result.timings),
+        image_before=album.first,
+        image_after=album.last,
+        config_toml=toml,
+    )
+
+
+def _by_step(visits: Sequence[Visit]) -> dict[str, StepTiming]:
+    grouped: defaultdict[str, list[Visit]] = defaultdict(list)
+    for visit in visits:
+        grouped[visit.step].append(visit)
+    return {
+        step: StepTiming(
+            calls=len(group),
+            sim_time_s=sum(visit.cell_s for visit in group),
+            wall_time_s=sum(visit.machine_s for visit in group),
+        )
+        for step, group in grouped.items()
+    }
