@@ -54,11 +54,11 @@ class InitialiseConfig:
 def initial_targets(
     seen: Observation,
     count: int,
-    length_m: float,
+    length_m: float | None,
     config: InitialiseConfig | None = None,
     prior_nodes: Array | None = None,
 ) -> TargetPoints:
-    """The cloud as `count` nodes in order along a rod of known length [m].
+    """The cloud as `count` nodes in order along a rod of known length [m]; with None, whatever length is seen.
 
     With `prior_nodes` (count, 3) [m] the order is the one nearer to them; else node 0 is the end farther to
     the left (see the module). Raises `SkillFailure` with reason ``no_points``, ``out_of_view``
@@ -80,14 +80,16 @@ def initial_targets(
     if curve is None:
         raise SkillFailure("fragmented", "no curve runs through the points; look again")
     _check_crossing(kept, curve, config)
-    _check_length(curve, length_m, seen, config)
+    if length_m is not None:
+        _check_length(curve, length_m, seen, config)
     nodes = curve.at(np.linspace(curve.segments[0].start_m, curve.segments[-1].end_m, count))
     span = curve.segments[-1].end_m - curve.segments[0].start_m
+    fit = 1.0 if length_m is None else 1.0 - abs(span / length_m - 1.0)
     return TargetPoints(
         stamp_ns=seen.stamp_ns,
         nodes_world=oriented(nodes, prior_nodes),
         visible=np.ones(count, dtype=np.bool_),
-        health=float(np.mean(curve.used)) * len(kept) / len(points) * (1.0 - abs(span / length_m - 1.0)),
+        health=float(np.mean(curve.used)) * len(kept) / len(points) * fit,
     )
 
 

@@ -1,0 +1,100 @@
+"""Recorded clouds: .pcd, .ply, .npy and .csv files as points in metres."""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dlokit.app.pcd_file import read_pcd
+from dlokit.app.ply_file import read_ply
+from dlokit.errors import InputError
+
+Array = NDArray[np.float64]
+
+LARGEST_FILE_BYTES = 1 << 30
+FORMATS = (".pcd", ".ply", ".npy", ".csv")
+
+
+def read_cloud(path: Path) -> Array:
+    """The points (N, 3) [m] of a cloud file, N >= 2.
+
+    Points with a coordinate that is not finite are left out of .pcd and .ply files, where they are the
+    usual mark of an unknown depth; in .npy and .csv files they are an error. Raises `InputError`.
+    """
+    points = _read(path)
+    if path.suffix.lower() in (".pcd", ".ply"):
+        points = points[np.all(np.isfinite(points), axis=1)]
+    return _checked(points, path)
+
+
+def read_nodes(path: Path) -> Array:
+    """The nodes (M, 3) [m] of a .npy or .csv file, M >= 2. Raises `InputError`."""
+    if path.suffix.lower() not in (".npy", ".csv"):
+        raise InputError(f"{path}: nodes come as .npy or .csv, not {path.suffix or 'without an ending'}")
+    return _checked(_read(path), path)
+
+
+def _read(path: Path) -> Array:
+    ending = path.suffix.lower()
+    if ending not in FORMATS:
+        raise InputError(f"{path}: a cloud is a file that ends in {', '.join(FORMATS)}; convert it to one of these")
+    if not path.is_file():
+        raise InputError(f"{path}: there is no such file; give the path of a recorded cloud")
+    size = path.stat().st_size
+    if size == 0:
+        raise InputError(f"{path} is empty; a cloud needs at least 2 points")
+    if size > LARGEST_FILE_BYTES:
+        raise InputError(f"{path} has {size} bytes, allowed are {LARGEST_FILE_BYTES}; thin or cut the cloud first")
+    if ending == ".pcd":
+        return read_pcd(path)
+    if ending == ".ply":
+        return read_ply(path)
+    return _read_npy(path) if ending == ".npy" else _read_csv(path)
+
+
+def _read_npy(path: Path) -> Array:
+    try:
+        array = np.load(path, allow_pickle=False)
+    except (ValueError, EOFError, OSError) as error:
+        raise InputError(f"{path} is no array: {error}; write it with numpy.save, shape (N, 3), metres") from error
+    if not isinstance(array, np.ndarray) or array.dtype.kind not in "fiu":
+        raise InputError(f"{path} holds no numbers; write an array (N, 3) of metres with numpy.save")
+    return array.astype(np.float64)
+
+
+def _read_csv(path: Path) -> Array:
+    try:
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+    except (UnicodeDecodeError, OSError) as error:
+        raise InputError(f"{path} is no text: {error}; a .csv has x, y, z in metres on each line") from error
+    rows: list[list[float]] = []
+    for number, line in enumerate(lines, start=1):
+        cells = line.replace(";", ",").split(",")
+        try:
+            values = [float(cell) for cell in cells]
+        except ValueError:
+            if not line.strip() or line.lstrip().startswith("#") or not rows:
+                continue  # blank, a comment, or the heading
+            raise InputError(f"{path}, line {number}: {line.strip()[:60]!r} is not x, y, z in metres") from None
+        if rows and len(values) != len(rows[0]):
+            raise InputError(f"{path}, line {number} has {len(values)} columns, the first has {len(rows[0])}")
+        rows.append(values)
+    if not rows:
+        raise InputError(f"{path} holds no numbers; a .csv has x, y, z in metres on each line")
+    return np.array(rows, dtype=np.float64)
+
+
+def _checked(points: Array, path: Path) -> Array:
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise InputError(f"{path} has shape {points.shape}; allowed is (N, 3): x, y, z in metres for each point")
+    if len(points) < 2:
+        raise InputError(f"{path} holds {len(points)} usable point(s), at least 2 are needed")
+    bad = ~np.all(np.isfinite(points), axis=1)
+    if np.any(bad):
+        raise InputError(
+            f"{path}: {np.count_nonzero(bad)} of {len(points)} points are not finite, the first is number "
+            f"{int(np.argmax(bad)) + 1}; remove them"
+        )
+    if float(np.max(np.abs(points))) > 100.0:
+        raise InputError(f"{path}: a coordinate is larger than 100 m; are these millimetres? divide them by 1000")
+    return points
