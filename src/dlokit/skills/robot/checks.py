@@ -100,7 +100,7 @@ def check_collisions(q_rad: Array, surroundings: Surroundings | None = None, T_w
     around = surroundings or Surroundings()
     start, end = capsule_ends(q_rad)
     _check_table(start, end, around, T_world_base)
-    gap = _segment_distances(start[:, _FIRST], end[:, _FIRST], start[:, _SECOND], end[:, _SECOND])
+    gap = segment_distances(start[:, _FIRST], end[:, _FIRST], start[:, _SECOND], end[:, _SECOND])
     gap = gap - _RADII[_FIRST] - _RADII[_SECOND] - around.self_clearance_m
     if np.any(gap < 0.0):
         _, pair = np.unravel_index(int(np.argmin(gap)), gap.shape)
@@ -147,8 +147,8 @@ def _thinned(q: Array, step_rad: float) -> Array:
     return q[rows]
 
 
-def _segment_distances(a0: Array, a1: Array, b0: Array, b1: Array) -> Array:
-    """Distances between segments a and b, element by element; Ericson, Real-Time Collision Detection, 5.1.9."""
+def segment_distances(a0: Array, a1: Array, b0: Array, b1: Array) -> Array:
+    """Distances between segments a and b (…, 3) [m], pair by pair; Ericson, Real-Time Collision Detection, 5.1.9."""
     u, v, w = a1 - a0, b1 - b0, a0 - b0
     uu, vv, uv = _dot(u, u), _dot(v, v), _dot(u, v)
     uw, vw = _dot(u, w), _dot(v, w)

@@ -1,0 +1,105 @@
+"""Every reason for which a trajectory is refused, and that good ones are not."""
+
+import msgspec
+import numpy as np
+import pytest
+
+from dlokit.description.panda_data import PANDA_HOME_Q_RAD, PANDA_LIMITS
+from dlokit.errors import SkillFailure
+from dlokit.geometry import downward, pose
+from dlokit.skills.robot import checks
+from dlokit.skills.robot.checks import check_collisions, check_limits, check_trajectory
+from dlokit.skills.robot.kinematics import PandaKinematics
+from dlokit.skills.robot.trajectories import joint_move
+from dlokit.types.robot import JointTrajectory
+
+KINEMATICS = PandaKinematics()
+GOOD = joint_move(PANDA_HOME_Q_RAD, KINEMATICS.inverse(downward([0.5, 0.1, 0.1], 0.0)))
+
+
+def reason_of(trajectory: JointTrajectory) -> str:
+    with pytest.raises(SkillFailure) as failure:
+        check_trajectory(trajectory)
+    return failure.value.reason
+
+
+def test_a_planned_trajectory_passes() -> None:
+    check_trajectory(GOOD)
+
+
+def test_a_joint_beyond_its_range_is_named() -> None:
+    q = GOOD.q_rad.copy()
+    q[10, 3] = 0.0
+    assert reason_of(msgspec.structs.replace(GOOD, q_rad=q)) == checks.JOINT_LIMIT
+
+
+def test_running_a_trajectory_faster_breaks_velocity_then_acceleration_then_jerk_limits() -> None:
+    def at_pace(pace: float) -> JointTrajectory:
+        return JointTrajectory(
+            times_s=GOOD.times_s / pace,
+            q_rad=GOOD.q_rad,
+            dq_rad_s=GOOD.dq_rad_s * pace,
+            ddq_rad_s2=GOOD.ddq_rad_s2 * pace**2,
+        )
+
+    assert reason_of(at_pace(1.2)) == checks.VELOCITY_LIMIT
+    slow = msgspec.structs.replace(at_pace(1.2), dq_rad_s=GOOD.dq_rad_s)
+    assert reason_of(slow) == checks.ACCELERATION_LIMIT
+
+
+def test_a_jump_in_acceleration_is_named() -> None:
+    ddq = np.zeros_like(GOOD.ddq_rad_s2)
+    ddq[len(ddq) // 2, 1] = 0.9 * PANDA_LIMITS.acceleration_rad_s2[1]
+    times = np.linspace(0.0, 0.1, len(ddq))  # so that the step between samples asks for more than 3750 rad/s³
+    assert reason_of(msgspec.structs.replace(GOOD, times_s=times, ddq_rad_s2=ddq)) == checks.JERK_LIMIT
+
+
+@pytest.mark.parametrize("times", [[0.0, 0.0], [0.1, 0.2], [0.2, 0.1]])
+def test_times_that_do_not_rise_from_zero_are_refused(times: list[float]) -> None:
+    two = JointTrajectory(
+        times_s=np.array(times), q_rad=np.zeros((2, 7)), dq_rad_s=np.zeros((2, 7)), ddq_rad_s2=np.zeros((2, 7))
+    )
+    with pytest.raises(SkillFailure) as failure:
+        check_limits(two)
+    assert failure.value.reason == checks.BAD_TRAJECTORY
+
+
+def test_the_table_may_be_come_near_to_but_not_touched() -> None:
+    check_collisions(KINEMATICS.inverse(downward([0.5, 0.0, 0.011], 0.0))[None])
+    with pytest.raises(SkillFailure, match="raise the path") as failure:
+        check_collisions(KINEMATICS.inverse(downward([0.5, 0.0, 0.005], 0.0))[None])
+    assert failure.value.reason == checks.TABLE_COLLISION
+
+
+def test_the_table_is_the_world_s_not_the_base_s() -> None:
+    q = KINEMATICS.inverse(downward([0.5, 0.0, 0.011], 0.0))[None]
+    check_collisions(q, T_world_base=pose([0.0, 0.0, 0.02]))
+    with pytest.raises(SkillFailure):
+        check_collisions(q, T_world_base=pose([0.0, 0.0, -0.02]))
+
+
+def test_a_gripper_folded_into_the_shoulder_is_a_self_collision() -> None:
+    with pytest.raises(SkillFailure) as failure:
+        check_collisions(np.array([[0.0, -0.5, 0.0, -3.0, 0.0, 0.3, 0.0]]))
+    assert failure.value.reason == checks.SELF_COLLISION
+
+
+def test_a_collision_in_the_middle_of_a_move_is_found() -> None:
+    # Both ends are clear, the straight line in joint space between them is not.
+    near, far = (KINEMATICS.inverse(downward([x, 0.0, 0.011], 0.0)) for x in (0.30, 0.75))
+    check_collisions(np.array([near, far]))
+    assert reason_of(joint_move(near, far)) == checks.TABLE_COLLISION
+
+
+def test_segment_distances_agree_with_a_dense_search() -> None:
+    rng = np.random.default_rng(0)
+    ends = rng.normal(size=(4, 50, 3))
+    found = checks.segment_distances(*ends)
+    share = np.linspace(0.0, 1.0, 401)[:, None]
+    for i in range(50):
+        first = ends[0, i] + share * (ends[1, i] - ends[0, i])
+        second = ends[2, i] + share * (ends[3, i] - ends[2, i])
+        searched = np.linalg.norm(first[:, None] - second[None], axis=-1).min()
+        assert found[i] <= searched + 1e-12
+        # Half a step of the search on segments up to 6 long, both ways; larger where segments nearly cross.
+        assert searched - found[i] < 0.015
