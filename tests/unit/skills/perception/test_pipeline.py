@@ -17,7 +17,7 @@ from dlokit.skills.perception.config import PerceptionConfig
 from dlokit.skills.perception.pipeline import Look, corrected_camera_pose, perceive
 
 CONFIG = PerceptionConfig()
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 
 def look_at(scene: Scene, config: PerceptionConfig = CONFIG) -> Look:

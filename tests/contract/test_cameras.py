@@ -1,0 +1,195 @@
+"""One grid over every camera: what capture, calibration, entering and leaving mean."""
+
+import asyncio
+from collections.abc import AsyncGenerator, Callable
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from pathlib import Path
+
+import cv2
+import msgspec
+import numpy as np
+import pytest
+
+from dlokit.communication import virtual_time
+from dlokit.communication.clock import LoopClock
+from dlokit.communication.component import Component, implements
+from dlokit.communication.host import Host
+from dlokit.communication.memory import MemoryTransport
+from dlokit.errors import ConfigError, HardwareError, SkillFailure
+from dlokit.functional.cameras.base import Camera
+from dlokit.functional.cameras.calibration_file import read_calibration, write_calibration
+from dlokit.functional.cameras.recorded import RecordedCamera
+from dlokit.functional.cameras.simulated import SimulatedCamera
+from dlokit.functional.cell import api as cell
+from dlokit.geometry import pose
+from dlokit.types.image import CameraCalibration, StereoImages
+
+CALIBRATION = CameraCalibration(
+    width_px=8,
+    height_px=6,
+    fx_px=10.0,
+    fy_px=10.0,
+    cx_px=3.5,
+    cy_px=2.5,
+    baseline_m=0.1,
+    distortion=np.array([0.1, 0.0, 0.0, 0.0, 0.0], dtype=np.float32),
+    T_world_camera=pose((0.5, 0.6, 1.0), (0.1, 0.9, 0.3, 0.0)),
+    serial="42",
+)
+RNG = np.random.default_rng(0)
+LEFT, RIGHT = RNG.integers(0, 255, (2, 6, 8, 3), dtype=np.uint8)
+
+
+class Cell(Component):
+    """Stands where the cell does on the bus, and gives the same pictures again and again."""
+
+    name = "cell"
+
+    def __init__(self, *, delay_s: float = 0.0, broken: bool = False) -> None:
+        self._delay_s = delay_s
+        self._broken = broken
+
+    @implements(cell.CAPTURE)
+    async def capture(self) -> StereoImages:
+        await self.port.clock.sleep(0.1 + self._delay_s)
+        if self._broken:
+            raise SkillFailure("no_opengl", "no display")
+        stamp_ns = self.port.clock.now_ns()
+        return StereoImages(stamp_ns=stamp_ns, left=LEFT, right=RIGHT, calibration=CALIBRATION)
+
+
+@asynccontextmanager
+async def simulated(_: Path) -> AsyncGenerator[Camera]:
+    transport = MemoryTransport()
+    host = Host(transport, LoopClock())
+    host.add(Cell())
+    async with host:
+        yield SimulatedCamera(transport)
+
+
+@asynccontextmanager
+async def recorded(folder: Path) -> AsyncGenerator[Camera]:
+    record(folder, pairs=3)
+    yield RecordedCamera(folder)
+
+
+def record(folder: Path, pairs: int) -> None:
+    write_calibration(folder / "calibration.toml", CALIBRATION)
+    for number in range(pairs):
+        for side, picture in (("left", LEFT), ("right", RIGHT)):
+            cv2.imwrite(str(folder / f"{side}_{number:04}.png"), picture[..., ::-1])
+
+
+Maker = Callable[[Path], AbstractAsyncContextManager[Camera]]
+every_camera = pytest.mark.parametrize("make", [simulated, recorded])
+
+
+@every_camera
+def test_a_capture_gives_the_pictures_left_and_right_with_their_calibration(make: Maker, tmp_path: Path):
+    async def main() -> None:
+        async with make(tmp_path) as camera:
+            with camera:
+                pair = await camera.capture(timeout_s=1.0)
+                assert isinstance(pair, StereoImages)
+                np.testing.assert_array_equal(pair.left, LEFT)
+                np.testing.assert_array_equal(pair.right, RIGHT)
+                for known in (pair.calibration, camera.calibration):
+                    assert known.fx_px == 10.0
+                    np.testing.assert_allclose(known.T_world_camera.wxyz, CALIBRATION.T_world_camera.wxyz)
+
+    virtual_time.run(main())
+
+
+@every_camera
+def test_each_capture_has_a_later_stamp(make: Maker, tmp_path: Path):
+    async def main() -> None:
+        async with make(tmp_path) as camera:
+            with camera:
+                stamps = [(await camera.capture(timeout_s=1.0)).stamp_ns for _ in range(3)]
+        assert stamps[0] < stamps[1] < stamps[2]
+
+    virtual_time.run(main())
+
+
+@every_camera
+def test_a_camera_that_was_left_gives_nothing_until_it_is_entered_again(make: Maker, tmp_path: Path):
+    async def main() -> None:
+        async with make(tmp_path) as camera:
+            with camera:
+                pass
+            with pytest.raises(HardwareError, match="closed"):
+                await camera.capture(timeout_s=1.0)
+            with camera:
+                await camera.capture(timeout_s=1.0)
+
+    virtual_time.run(main())
+
+
+@pytest.mark.parametrize(
+    ("peer", "says"),
+    [
+        (Cell(delay_s=5.0), "within 1 s"),
+        (Cell(broken=True), "no_opengl: no display"),
+        (None, "not running"),
+    ],
+)
+def test_a_simulated_camera_says_why_it_is_gone(peer: Cell | None, says: str):
+    async def main() -> None:
+        transport = MemoryTransport()
+        host = Host(transport, LoopClock())
+        if peer is not None:
+            host.add(peer)
+        async with host:
+            camera = SimulatedCamera(transport)
+            start_s = asyncio.get_running_loop().time()
+            with camera, pytest.raises(HardwareError, match=says):
+                await camera.capture(timeout_s=1.0)
+            assert asyncio.get_running_loop().time() - start_s <= 1.0
+            with pytest.raises(HardwareError, match="capture once"):
+                _ = camera.calibration
+
+    virtual_time.run(main())
+
+
+def test_a_recording_ends_with_an_error_or_starts_over(tmp_path: Path):
+    record(tmp_path, pairs=1)
+
+    async def main() -> None:
+        once, again = RecordedCamera(tmp_path), RecordedCamera(tmp_path, repeat=True)
+        for camera in (once, again):
+            await camera.capture(timeout_s=1.0)
+        with pytest.raises(HardwareError, match="repeat"):
+            await once.capture(timeout_s=1.0)
+        assert (await again.capture(timeout_s=1.0)).stamp_ns > 0
+
+    virtual_time.run(main())
+
+
+def test_a_recording_that_lacks_something_is_refused_at_once(tmp_path: Path):
+    with pytest.raises(ConfigError, match=r"calibration\.toml"):
+        RecordedCamera(tmp_path)
+    write_calibration(tmp_path / "calibration.toml", CALIBRATION)
+    with pytest.raises(ConfigError, match="no left_"):
+        RecordedCamera(tmp_path)
+    record(tmp_path, pairs=2)
+    (tmp_path / "right_0001.png").unlink()
+    with pytest.raises(ConfigError, match=r"left_0001\.png"):
+        RecordedCamera(tmp_path)
+
+
+def test_pictures_of_another_size_than_calibrated_are_refused(tmp_path: Path):
+    record(tmp_path, pairs=1)
+    write_calibration(tmp_path / "calibration.toml", msgspec.structs.replace(CALIBRATION, width_px=9))
+    with pytest.raises(HardwareError, match="9 by 6 px"):
+        virtual_time.run(RecordedCamera(tmp_path).capture(timeout_s=1.0))
+
+
+def test_a_calibration_survives_its_file(tmp_path: Path):
+    write_calibration(tmp_path / "calibration.toml", CALIBRATION)
+    found = read_calibration(tmp_path / "calibration.toml")
+    assert found.distortion is not None
+    assert CALIBRATION.distortion is not None
+    np.testing.assert_array_equal(found.distortion, CALIBRATION.distortion)
+    assert found.distortion_right is None
+    assert found.serial == "42"
+    np.testing.assert_array_equal(found.T_world_camera.position_m, CALIBRATION.T_world_camera.position_m)

@@ -1,0 +1,233 @@
+from collections.abc import Callable, Coroutine
+from types import TracebackType
+from typing import Any, Self
+
+import msgspec
+import numpy as np
+import pytest
+from stereo_scene import Scene
+
+from dlokit.communication import topics, virtual_time
+from dlokit.communication.clock import LoopClock
+from dlokit.communication.component import Component
+from dlokit.communication.host import Host
+from dlokit.communication.memory import MemoryTransport
+from dlokit.errors import HardwareError
+from dlokit.skills.perception import api
+from dlokit.skills.perception.brightness import BrightnessConfig
+from dlokit.skills.perception.component import PerceptionComponent
+from dlokit.skills.perception.config import PerceptionConfig
+from dlokit.skills.perception.segmentations import encode_segmentation
+from dlokit.skills.perception.table import TableConfig
+from dlokit.types.image import CameraCalibration, StereoImages
+from dlokit.types.observation import Gripped
+from dlokit.types.outcome import Failed, Rejected, Succeeded
+from dlokit.types.strategy import StrategySpec
+
+NO_CORRECTION = PerceptionConfig(table=TableConfig(enabled=False))
+
+
+class ScriptedCamera:
+    """Gives one scene's pictures, after a while, stamped with the clock; or is gone."""
+
+    def __init__(self, scene: Scene, *, exposure_s: float = 0.0) -> None:
+        self.images = scene.images
+        self.exposure_s = exposure_s
+        self.gone = False
+        self.taken_ns: list[int] = []
+
+    @property
+    def calibration(self) -> CameraCalibration:
+        return self.images.calibration
+
+    async def capture(self, timeout_s: float) -> StereoImages:
+        clock = LoopClock()
+        if self.gone:
+            raise HardwareError("the cable is out")
+        self.taken_ns.append(clock.now_ns())
+        await clock.sleep(self.exposure_s)
+        return msgspec.structs.replace(self.images, stamp_ns=clock.now_ns())
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        pass
+
+
+class Others(Component):
+    """Publishes what the robot and the decision layer would."""
+
+    name = "robot"
+    publishes = (topics.ROBOT_STATE,)
+
+
+class Deciders(Component):
+    name = "decision"
+    publishes = (topics.GRIPPED,)
+
+
+Test = Callable[[MemoryTransport, ScriptedCamera], Coroutine[Any, Any, None]]
+
+
+def with_perception(
+    scene: Scene, test: Test, *, config: PerceptionConfig = NO_CORRECTION, exposure_s: float = 0.0
+) -> None:
+    async def main() -> None:
+        transport = MemoryTransport()
+        clock = LoopClock()
+        host = Host(transport, clock)
+        camera = ScriptedCamera(scene, exposure_s=exposure_s)
+        robot, decision = Others(), Deciders()
+        for component in (robot, decision, PerceptionComponent(config, camera)):
+            host.add(component)
+        async with host:
+            robot.port.publish(topics.ROBOT_STATE, scene.robot)
+            await clock.sleep(0.001)
+            await test(transport, camera)
+
+    virtual_time.run(main())
+
+
+def test_a_look_publishes_pictures_and_points_with_the_stamp_of_the_pictures(s_scene: Scene):
+    async def test(bus: MemoryTransport, camera: ScriptedCamera) -> None:
+        outcome = await bus.call(api.LOOK)
+        assert isinstance(outcome, Succeeded)
+        pictures, points = bus.latest(topics.STEREO_IMAGES).value, bus.latest(topics.OBSERVATION).value
+        assert pictures is not None
+        assert points is not None
+        assert pictures.stamp_ns == points.stamp_ns == outcome.result.stamp_ns == 51_000_000
+        assert len(points.points_world) > 100
+
+    with_perception(s_scene, test, exposure_s=0.05)
+
+
+def test_a_look_without_points_fails_by_name_and_still_publishes(s_scene: Scene):
+    async def test(bus: MemoryTransport, camera: ScriptedCamera) -> None:
+        nowhere = np.array([0.3, 0.3, 0.0]), np.array([0.4, 0.4, 0.1])
+        assert isinstance(await bus.call(api.SET_BOX, *nowhere), Succeeded)
+        outcome = await bus.call(api.LOOK)
+        assert isinstance(outcome, Failed)
+        assert outcome.reason == "no_points"
+        seen = bus.latest(topics.OBSERVATION).value
+        assert seen is not None
+        assert len(seen.points_world) == 0
+
+    with_perception(s_scene, test)
+
+
+def test_a_lost_camera_fails_by_name(s_scene: Scene):
+    async def test(bus: MemoryTransport, camera: ScriptedCamera) -> None:
+        camera.gone = True
+        outcome = await bus.call(api.LOOK)
+        assert isinstance(outcome, Failed)
+        assert (outcome.reason, outcome.detail) == ("camera_lost", "the cable is out")
+
+    with_perception(s_scene, test)
+
+
+def test_the_segmentation_is_changed_by_a_skill_call_while_running(s_scene: Scene):
+    async def test(bus: MemoryTransport, camera: ScriptedCamera) -> None:
+        assert isinstance(await bus.call(api.LOOK), Succeeded)
+        black = encode_segmentation(BrightnessConfig(lowest=255))
+        assert isinstance(await bus.call(api.SET_SEGMENTATION, black), Succeeded)
+        assert isinstance(await bus.call(api.LOOK), Failed)
+        assert isinstance(await bus.call(api.SET_SEGMENTATION, StrategySpec(name="brightness")), Succeeded)
+        assert isinstance(await bus.call(api.LOOK), Succeeded)
+
+    with_perception(s_scene, test)
+
+
+def test_bad_settings_are_rejected_by_name(s_scene: Scene):
+    async def test(bus: MemoryTransport, camera: ScriptedCamera) -> None:
+        box = await bus.call(api.SET_BOX, np.ones(3), np.zeros(3))
+        flat = await bus.call(api.SET_BOX, np.zeros(2), np.ones(2))
+        spec = await bus.call(api.SET_SEGMENTATION, StrategySpec(name="magic"))
+        rates = [await bus.call(api.SET_TRACKING, rate) for rate in (-1.0, float("nan"), 1e9)]
+        reasons = [outcome.reason for outcome in (box, flat, spec, *rates) if isinstance(outcome, Rejected)]
+        assert reasons == ["bad_box", "bad_box", "bad_segmentation", "bad_rate", "bad_rate", "bad_rate"]
+
+    with_perception(s_scene, test)
+
+
+def test_tracking_looks_at_its_rate_until_it_is_set_to_zero(s_scene: Scene):
+    async def test(bus: MemoryTransport, camera: ScriptedCamera) -> None:
+        clock = LoopClock()
+        await clock.sleep(1.0)
+        assert camera.taken_ns == []
+        await bus.call(api.SET_TRACKING, 5.0)
+        await clock.sleep(0.99)
+        assert np.diff(camera.taken_ns).tolist() == [200_000_000] * 4
+        await bus.call(api.SET_TRACKING, 0.0)
+        await clock.sleep(1.0)
+        assert len(camera.taken_ns) == 5
+
+    with_perception(s_scene, test)
+
+
+def test_a_tracking_look_that_is_due_during_another_is_left_out(s_scene: Scene):
+    async def test(bus: MemoryTransport, camera: ScriptedCamera) -> None:
+        await bus.call(api.SET_TRACKING, 10.0)
+        await LoopClock().sleep(1.0)
+        # Each takes 0.25 s, so of the ten a second every third is due on time: 0, 0.3, 0.6, 0.9 s.
+        assert np.diff(camera.taken_ns).tolist() == [300_000_000] * 3
+
+    with_perception(s_scene, test, exposure_s=0.25)
+
+
+def test_tracking_survives_a_camera_that_comes_back(s_scene: Scene, caplog: pytest.LogCaptureFixture):
+    async def test(bus: MemoryTransport, camera: ScriptedCamera) -> None:
+        camera.gone = True
+        await bus.call(api.SET_TRACKING, 5.0)
+        await LoopClock().sleep(0.5)
+        camera.gone = False
+        await LoopClock().sleep(0.5)
+        assert len(camera.taken_ns) >= 2
+
+    with_perception(s_scene, test)
+    assert "camera_lost" in caplog.text
+
+
+def test_a_look_on_demand_waits_for_the_tracking_look(s_scene: Scene):
+    async def test(bus: MemoryTransport, camera: ScriptedCamera) -> None:
+        await bus.call(api.SET_TRACKING, 1.0)
+        await LoopClock().sleep(0.1)
+        assert isinstance(await bus.call(api.LOOK), Succeeded)
+        assert np.diff(camera.taken_ns).tolist() == [250_000_000]
+
+    with_perception(s_scene, test, exposure_s=0.25)
+
+
+def test_the_table_corrects_the_pose_in_the_observation_but_not_in_the_pictures(s_scene: Scene):
+    off = msgspec.structs.replace(
+        s_scene.images.calibration.T_world_camera,
+        position_m=s_scene.images.calibration.T_world_camera.position_m + np.array([0.0, 0.0, 0.003]),
+    )
+
+    async def test(bus: MemoryTransport, camera: ScriptedCamera) -> None:
+        calibration = msgspec.structs.replace(camera.images.calibration, T_world_camera=off)
+        camera.images = msgspec.structs.replace(camera.images, calibration=calibration)
+        outcome = await bus.call(api.LOOK)
+        assert isinstance(outcome, Succeeded)
+        assert outcome.result.calibration is not None
+        corrected = outcome.result.calibration.T_world_camera.position_m[2]
+        assert abs(corrected - off.position_m[2] + 0.003) < 0.0003  # a tenth of the error put in
+        pictures = bus.latest(topics.STEREO_IMAGES).value
+        assert pictures is not None
+        assert pictures.calibration.T_world_camera.position_m[2] == off.position_m[2]
+
+    with_perception(s_scene, test, config=PerceptionConfig())
+
+
+def test_the_observation_says_which_node_the_gripper_holds(s_scene: Scene):
+    async def test(bus: MemoryTransport, camera: ScriptedCamera) -> None:
+        for node, expected in ((7, [7]), (None, [])):
+            bus.publish(topics.GRIPPED, Gripped(stamp_ns=0, robot="panda", node=node))
+            await LoopClock().sleep(0.001)
+            outcome = await bus.call(api.LOOK)
+            assert isinstance(outcome, Succeeded)
+            assert [pin.node for pin in outcome.result.pins] == expected
+
+    with_perception(s_scene, test)
