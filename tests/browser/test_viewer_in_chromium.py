@@ -102,6 +102,7 @@ async def a_visit() -> AsyncGenerator[Visit]:
     host.add(viewer)
     async with asyncio.timeout(2 * LONG_S), host, async_playwright() as playwright:
         await viewer.opened.wait()
+        bus.publish(topics.FLOW, _status("look", 0.050))
         browser = await playwright.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
         try:
             page = await browser.new_page(viewport={"width": 1100, "height": 700})
@@ -116,6 +117,18 @@ async def a_visit() -> AsyncGenerator[Visit]:
             yield visit
         finally:
             await browser.close()
+
+
+def _status(step: str, rmse_m: float) -> FlowStatus:
+    return FlowStatus(stamp_ns=1, flow="shape", step=step, actions=1, rmse_m=rmse_m)
+
+
+def test_whoever_comes_late_sees_what_was_published_before() -> None:
+    async def scenario() -> None:
+        async with a_visit() as visit:
+            await visit.page.get_by_text("RMSE 50.0 mm").wait_for(timeout=LONG_S * 1000)
+
+    asyncio.run(scenario())
 
 
 def test_the_page_shows_the_robot_and_the_rod_and_asks_nobody_else() -> None:
@@ -143,10 +156,7 @@ def test_the_page_shows_the_robot_and_the_rod_and_asks_nobody_else() -> None:
                     topology=Topology(edges=np.zeros((0, 2), dtype=np.int64), rest_lengths_m=np.zeros(0)),
                 ),
             )
-            visit.bus.publish(
-                topics.FLOW,
-                FlowStatus(stamp_ns=1, flow="shape", step="compare", last_outcome="seen", actions=1, rmse_m=0.034),
-            )
+            visit.bus.publish(topics.FLOW, _status("compare", 0.034))
             await visit.page.get_by_text("RMSE 34.0 mm").wait_for(timeout=LONG_S * 1000)
             await visit.page.locator("svg[data-step=compare]").wait_for(timeout=LONG_S * 1000)
             # The arm covers about a tenth of the picture; light and camera do not change meanwhile.
@@ -167,7 +177,7 @@ def test_dragging_a_frame_with_the_mouse_publishes_where_it_was_dropped() -> Non
             end, along = rod[-1, :2], tangents(rod)[-1, :2]
             # The square that slides along the table sits between the arrows: a quarter of the gizmo's size from its
             # middle along both, its x axis along the rod.
-            grip = np.array([*(end + 0.255 * SCALE_M * (along + [-along[1], along[0]])), HEIGHT_M])
+            grip = np.array([*(end + 0.255 * SCALE_M * (along + np.array([-along[1], along[0]]))), HEIGHT_M])
             way = np.array([0.06, -0.10 * np.sign(end[1]), 0.0])
             await visit.drag(await visit.pixel(grip), await visit.pixel(grip + way))
             dropped = await anext(frames)
@@ -176,6 +186,29 @@ def test_dragging_a_frame_with_the_mouse_publishes_where_it_was_dropped() -> Non
             assert [frame.node for frame in dropped.frames] == [0, 15, 30]
             np.testing.assert_allclose(_position(dropped, 0), rod[0, :2])
             assert [frame.yaw_rad for frame in dropped.frames] == [None, None, None]
+
+    asyncio.run(scenario())
+
+
+def test_turning_a_frame_with_the_mouse_publishes_the_direction_of_that_node_alone() -> None:
+    async def scenario() -> None:
+        async with a_visit() as visit:
+            frames = visit.bus.stream(topics.GOAL_FRAMES)
+            rod = builtin_shape("I", ROD.length_m, ROD.nodes, radius_m=ROD.radius_m)
+            yaw_rad = float(np.arctan2(*tangents(rod)[15, 1::-1]))
+            turn_rad = 0.4
+            # The arc that turns it lies at 0.65 of the gizmo's size, between the arrows.
+            start, end = (
+                rod[15] * [1.0, 1.0, 0.0] + [*(0.65 * SCALE_M * np.array([np.cos(a), np.sin(a)])), HEIGHT_M]
+                for a in (yaw_rad + np.pi / 4, yaw_rad + np.pi / 4 + turn_rad)
+            )
+            await visit.drag(await visit.pixel(start), await visit.pixel(end))
+            turned = await anext(frames)
+            # A pixel is 2 mm there, at a radius of 58 mm: 0.035 rad; twice that for both ends of the drag.
+            while abs((turned.frames[1].yaw_rad or yaw_rad) - yaw_rad - turn_rad) > 0.07:
+                turned = await anext(frames)
+            assert (turned.frames[0].yaw_rad, turned.frames[2].yaw_rad) == (None, None)
+            np.testing.assert_allclose(_position(turned, 1), rod[15, :2], atol=1e-6)
 
     asyncio.run(scenario())
 

@@ -25,6 +25,6 @@ def after_command(state: RunState, command: Command) -> RunState:
     """What a button does to a running or pausing task; it starts and ends when the flow says so."""
     if command is Command.PAUSE and state is RunState.RUNNING:
         return RunState.PAUSED
-    if command is not Command.PAUSE and state is RunState.PAUSED:
+    if command in (Command.RESUME, Command.STOP) and state is RunState.PAUSED:
         return RunState.RUNNING
     return state

@@ -19,9 +19,13 @@ def test_a_late_report_does_not_end_a_pause_but_an_outcome_does() -> None:
     assert after_status(RunState.PAUSED, _status(RunOutcome.CANCELLED)) is RunState.ENDED
 
 
-@pytest.mark.parametrize("command", [Command.RESUME, Command.START, Command.STOP])
-def test_a_pause_ends_with_any_other_command(command: Command) -> None:
+@pytest.mark.parametrize("command", [Command.RESUME, Command.STOP])
+def test_a_pause_ends_with_resume_and_stop(command: Command) -> None:
     assert after_command(RunState.PAUSED, command) is RunState.RUNNING
+
+
+def test_a_start_does_not_end_a_pause() -> None:
+    assert after_command(RunState.PAUSED, Command.START) is RunState.PAUSED
 
 
 def test_only_a_running_task_can_pause() -> None:

@@ -1,0 +1,84 @@
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+import viser
+
+from dlokit import geometry
+from dlokit.skills.viewer import palette
+from dlokit.skills.viewer.config import ViewerConfig
+from dlokit.skills.viewer.page import close_page, open_page
+from dlokit.skills.viewer.scene import Scene
+from dlokit.types.action import Grasp, PickPlace, VelocityProfile
+from dlokit.types.arrays import Float64Array
+from dlokit.types.dlo import DloState, GoalShape, TargetPoints, Topology
+from dlokit.types.image import CameraCalibration, StereoImages
+from dlokit.types.observation import Observation
+
+
+@pytest.fixture
+def server() -> Iterator[viser.ViserServer]:
+    server = open_page("127.0.0.1", 0)
+    yield server
+    close_page(server)
+
+
+@pytest.fixture
+def scene(server: viser.ViserServer) -> Scene:
+    return Scene(server, ViewerConfig(), 0.004)
+
+
+def _action(predicted: Float64Array | None) -> PickPlace:
+    poses = [geometry.downward((0.4, y, z), 0.3) for y, z in ((0.0, 0.01), (0.0, 0.1), (0.1, 0.1), (0.1, 0.01))]
+    return PickPlace(
+        stamp_ns=1,
+        grasp=Grasp(node=3, T_world_tcp=poses[0]),
+        path=tuple(poses[1:]),
+        velocity=VelocityProfile(),
+        predicted_nodes_world=predicted,
+    )
+
+
+def _straight(count: int) -> Float64Array:
+    return np.linspace([0.5, -0.25, 0.004], [0.5, 0.25, 0.004], count)
+
+
+@pytest.mark.parametrize("count", [2, 31])
+def test_a_rod_of_any_number_of_nodes_is_drawn_and_may_change_it(scene: Scene, count: int) -> None:
+    topology = Topology(edges=np.zeros((0, 2), dtype=np.int64), rest_lengths_m=np.zeros(0))
+    for nodes in (_straight(count), _straight(count), _straight(count + 5)):
+        scene.show_state(DloState(stamp_ns=1, nodes_world=nodes, topology=topology))
+        scene.show_goal(GoalShape(stamp_ns=1, nodes_world=nodes))
+
+
+def test_clouds_may_be_empty_and_change_their_size(scene: Scene) -> None:
+    for count in (0, 50, 20, 0):
+        scene.show_cloud(Observation(stamp_ns=1, points_world=np.zeros((count, 3), dtype=np.float32)))
+    nodes = _straight(31)
+    for visible in (np.ones(31, dtype=np.bool_), np.zeros(31, dtype=np.bool_)):
+        scene.show_targets(TargetPoints(stamp_ns=1, nodes_world=nodes, visible=visible))
+
+
+def test_an_action_can_be_hidden_and_another_shown_after_it(scene: Scene) -> None:
+    scene.hide_action()
+    for predicted in (_straight(31), None):
+        scene.show_action(_action(predicted))
+        scene.show_action(_action(predicted))
+        scene.hide_action()
+
+
+def test_pictures_follow_one_another_and_every_layer_can_be_hidden(scene: Scene) -> None:
+    pixels = np.zeros((56, 64, 3), dtype=np.uint8)
+    calibration = CameraCalibration(
+        width_px=64,
+        height_px=56,
+        fx_px=72.0,
+        fy_px=72.0,
+        cx_px=31.5,
+        cy_px=27.5,
+        T_world_camera=geometry.pose((0.5, 0.6, 1.0)),
+    )
+    for _ in range(2):
+        scene.show_pictures(StereoImages(stamp_ns=1, left=pixels, right=pixels, calibration=calibration))
+    for layer in palette.LAYERS:
+        scene.set_visible(layer, False)
