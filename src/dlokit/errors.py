@@ -9,7 +9,8 @@
     ├── SkillRejected         a skill's precondition does not hold         (outcome ``Rejected``)
     ├── CommunicationError    a message cannot be encoded, decoded, or sent
     │   └── SchemaMismatch    it was written by another version
-    └── HardwareError         a driver lost or refused by its device
+    ├── HardwareError         a driver lost or refused by its device
+    └── ProcessFailure        a process of the live system died, froze, or did not start   (outcome ``failed``)
 
 A message says what was wrong, what was allowed, and what to do.
 """
@@ -65,3 +66,13 @@ class SchemaMismatch(CommunicationError):
 
 class HardwareError(DlokitError):
     """A device that is gone or refuses."""
+
+
+class ProcessFailure(DlokitError):
+    """A process of the live system that died, froze, or did not start."""
+
+    def __init__(self, reason: str, detail: str = "") -> None:
+        """Name what happened by `reason`, e.g. ``"process_died: camera"``; `detail` is for people."""
+        super().__init__(f"{reason}: {detail}" if detail else reason)
+        self.reason = reason
+        self.detail = detail

@@ -89,6 +89,10 @@ class ZenohTransport:
         """By liveliness tokens: a killed process is known within milliseconds, a frozen one after 10 s."""
         return Known(component in self._servers or self._presence.has(component))
 
+    async def wait_for(self, component: str, timeout_s: float) -> bool:
+        """Wait until a component is there, for at most `timeout_s` of the machine's time; whether it is."""
+        return component in self._servers or await self._presence.wait_for(component, timeout_s)
+
     def serve(self, component: str, handler: CallHandler) -> None:
         """Answer calls to `component`, from any process."""
         cancelled = codec.encode(Cancelled())

@@ -1,0 +1,84 @@
+"""What every started process does around its components: bus, clock, heartbeat, and an end in any case."""
+
+import asyncio
+import contextlib
+import logging
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable
+from typing import Any
+
+from dlokit.communication.component import Component
+from dlokit.communication.host import Host
+from dlokit.system.child_spec import BEAT, BEAT_PERIOD_S, READY, STOP_GRACE_S, ChildSpec, decode_spec
+from dlokit.system.joined_bus import JoinedBus, join_bus
+from dlokit.system.tasks import end_tasks
+from dlokit.system.worker_pool import worker_pool
+
+log = logging.getLogger(__name__)
+
+Build = Callable[[str, ChildSpec, JoinedBus], Component]
+"""Makes the component of a name."""
+
+
+def run_child(build: Build) -> None:
+    """Serve the components that standard input asks for, until standard input ends or SIGTERM comes."""
+    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
+    spec = decode_spec(sys.stdin.buffer.readline())
+    asyncio.run(_serve(spec, build))
+
+
+async def _serve(spec: ChildSpec, build: Build) -> None:
+    stop = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    loop.add_signal_handler(signal.SIGTERM, stop.set)
+    # A daemon, because nothing can wake it but the end of the pipe.
+    threading.Thread(target=_end_with_parent, args=(loop, stop), daemon=True).start()
+    with worker_pool() as compute:
+        async with join_bus(spec.bus, spec.time_base) as bus:
+            host = Host(bus.transport, bus.clock, compute)
+            for name in spec.components:
+                host.add(build(name, spec, bus))
+            await bus.first_tick(spec.first_tick_within_s)
+            async with host:
+                await _until_stopped(stop, host, spec.beat_fd)
+    log.info("%s has ended", spec.process)
+
+
+async def _until_stopped(stop: asyncio.Event, host: Host, beat_fd: int) -> None:
+    """Beat until `stop` is set; raises what a component's own loop raises."""
+    tasks: set[asyncio.Task[Any]] = {
+        asyncio.create_task(stop.wait(), name="stop"),
+        asyncio.create_task(host.wait_failed(), name="failed"),
+        asyncio.create_task(_beat(beat_fd), name="beat"),
+    }
+    try:
+        done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        for task in done:
+            task.result()
+    finally:
+        await end_tasks(*tasks)
+
+
+async def _beat(beat_fd: int) -> None:
+    """On the loop that serves the components, so that the heart stops when the loop does."""
+    os.set_blocking(beat_fd, False)
+    mark = READY
+    while True:
+        with contextlib.suppress(BlockingIOError):  # the pipe is full: the supervisor sleeps, not we
+            os.write(beat_fd, mark)
+        mark = BEAT
+        await asyncio.sleep(BEAT_PERIOD_S)
+
+
+def _end_with_parent(loop: asyncio.AbstractEventLoop, stop: asyncio.Event) -> None:
+    """Wait for the end of standard input, which is the end of the process that started this one."""
+    while os.read(sys.stdin.fileno(), 1024):
+        pass
+    with contextlib.suppress(RuntimeError):  # the loop has ended already
+        loop.call_soon_threadsafe(stop.set)
+    # A loop that hangs is not asked twice; the session holds this process and its own workers.
+    threading.Event().wait(STOP_GRACE_S)
+    os.killpg(0, signal.SIGKILL)

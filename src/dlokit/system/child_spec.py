@@ -1,0 +1,42 @@
+"""What a process is told when it is started, on the first line of its standard input."""
+
+import msgspec
+
+from dlokit.communication.zenoh_session import ZenohConfig
+from dlokit.system.processes import TimeBase
+
+
+class ChildSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """All that differs from one process to another."""
+
+    process: str
+    components: tuple[str, ...]
+    bus: ZenohConfig
+    time_base: TimeBase
+    config_file: str
+    """Path of the run's configuration."""
+    run_dir: str
+    beat_fd: int
+    """Inherited pipe: `READY` once, then `BEAT` again and again."""
+    first_tick_within_s: float = 30.0
+    """A process that follows the cell's clock waits so long for its first tick."""
+
+
+READY = b"r"
+BEAT = b"."
+
+BEAT_PERIOD_S = 0.5
+"""Heartbeat period, on the machine's clock."""
+
+STOP_GRACE_S = 5.0
+"""A process that is asked to end gets this long before it is killed: the arm brakes, files are closed."""
+
+
+def encode_spec(spec: ChildSpec) -> bytes:
+    """One line."""
+    return msgspec.json.encode(spec) + b"\n"
+
+
+def decode_spec(line: bytes) -> ChildSpec:
+    """The spec in a line."""
+    return msgspec.json.decode(line, type=ChildSpec)

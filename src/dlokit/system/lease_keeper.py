@@ -1,0 +1,44 @@
+"""The decision process holds the robot's lease: while it lives, it renews; when it is gone, the arm brakes."""
+
+import asyncio
+import logging
+from collections.abc import AsyncGenerator
+from contextlib import asynccontextmanager
+
+from dlokit.communication.transport import Transport
+from dlokit.errors import ProcessFailure
+from dlokit.skills.robot import api
+from dlokit.system.tasks import end_tasks
+from dlokit.types.outcome import Succeeded
+
+log = logging.getLogger(__name__)
+
+HOLDER = "decision"
+
+LEASE_S = 1.0
+"""Heartbeats of loaded machines have gaps of 0.2 s; a hand's breadth of motion at full speed is 0.25 s."""
+
+RENEW_EVERY_S = 0.2
+
+
+@asynccontextmanager
+async def lease_held(transport: Transport) -> AsyncGenerator[None]:
+    """Hold the lease meanwhile. Raises `ProcessFailure` when the robot does not give it."""
+    taken = await transport.call(api.RENEW_LEASE, HOLDER, LEASE_S)
+    if not isinstance(taken, Succeeded):
+        raise ProcessFailure("no_lease", f"the robot does not take commands: {taken}")
+    renewing = asyncio.create_task(_renew(transport), name="renew the lease")
+    try:
+        yield
+    finally:
+        await end_tasks(renewing)
+        await transport.call(api.RELEASE_LEASE, HOLDER)
+
+
+async def _renew(transport: Transport) -> None:
+    while True:
+        # On the machine's clock, as the lease itself: a slow cell is no reason to brake.
+        await asyncio.sleep(RENEW_EVERY_S)
+        outcome = await transport.call(api.RENEW_LEASE, HOLDER, LEASE_S)
+        if not isinstance(outcome, Succeeded):
+            log.warning("the robot's lease was not renewed: %s", outcome)

@@ -1,0 +1,61 @@
+"""Live: every process of the table at its own rate, over zenoh; the task runs in this one."""
+
+import asyncio
+import logging
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+
+from dlokit.communication.host import Host
+from dlokit.decision.component import DecisionComponent
+from dlokit.errors import ProcessFailure
+from dlokit.system.build import Wiring, build_component
+from dlokit.system.config import RunConfig
+from dlokit.system.lease_keeper import lease_held
+from dlokit.system.live_system import LiveSystem, live_system, namespace_of
+from dlokit.system.processes import DECISION, processes_of_run
+from dlokit.system.run_record import RunRecord
+from dlokit.system.shaping import ShapeJob, Watcher, shape
+from dlokit.system.start_file import NOBODYS_BUSINESS, write_start
+from dlokit.system.supervisor import Launch
+from dlokit.system.toml_config import to_toml
+from dlokit.types.flow import RunOutcome
+
+log = logging.getLogger(__name__)
+
+CONFIG_FILE = "config.toml"
+
+
+def run_live(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher) -> RunRecord:
+    """Run a task to its end; Ctrl-C ends it with outcome `cancelled`. Raises `ProcessFailure` when a process dies."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / CONFIG_FILE).write_text(to_toml(config), encoding="utf-8")
+    write_start(folder, job.start_nodes_world)
+    return asyncio.run(_run(config, job, folder, watch))
+
+
+async def _run(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher) -> RunRecord:
+    rows = processes_of_run(simulated=True, watched=not config.headless)
+    launch = Launch(namespace=namespace_of(folder), config_file=folder / CONFIG_FILE, run_dir=folder)
+    async with live_system(rows, launch) as live:
+        return await live.run(_decide(live, config, job, folder, watch), _failed)
+
+
+def _failed(record: RunRecord, failure: ProcessFailure) -> RunRecord:
+    """The record of a task that a dead process ended."""
+    log.error("%s", failure)
+    result = msgspec.structs.replace(record.result, outcome=RunOutcome.FAILED, reason=failure.reason)
+    return replace(record, result=result)
+
+
+async def _decide(live: LiveSystem, config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher) -> RunRecord:
+    wiring = Wiring(transport=live.transport, clock=live.clock, folder=folder, start_nodes_world=NOBODYS_BUSINESS)
+    host = Host(live.transport, live.clock, live.compute)
+    components = {name: build_component(name, config, wiring) for name in DECISION.components}
+    for component in components.values():
+        host.add(component)
+    decision = components["decision"]
+    assert isinstance(decision, DecisionComponent)
+    async with host, lease_held(live.transport):
+        return await shape(decision, live.transport, live.clock, config, job, watch)

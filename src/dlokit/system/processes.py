@@ -1,0 +1,76 @@
+"""The table of processes: who runs where when the system is live, a row each.
+
+The decision process is the one that the user started. It starts the others from the top of the table to the
+bottom, and stops them the other way round.
+"""
+
+import enum
+from dataclasses import dataclass
+
+
+class Needed(enum.Enum):
+    """When a process is part of the system."""
+
+    ALWAYS = "always"
+    SIMULATED = "when there is no hardware"
+    WATCHED = "when somebody watches"
+
+
+class TimeBase(enum.Enum):
+    """The clock that a process's components wait on."""
+
+    CELL = "the cell's ticks"
+    MACHINE = "the machine's monotonic clock"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Restart:
+    """How often a process that has died is started again within a window, each time after a wait."""
+
+    times: int
+    window_s: float
+    wait_s: float
+
+
+NEVER = Restart(times=0, window_s=1.0, wait_s=0.0)
+AGAIN = Restart(times=3, window_s=60.0, wait_s=1.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProcessRow:
+    """One row of the process table."""
+
+    name: str
+    components: tuple[str, ...]
+    """Names of the components that it runs."""
+    after: tuple[str, ...] = ()
+    """Processes that must be ready before it is started, where they are part of the system."""
+    needed: Needed = Needed.ALWAYS
+    essential: bool = True
+    """Whether the run fails when it is dead for good."""
+    restart: Restart = NEVER
+    """A process whose components remember something cannot be restarted without losing it."""
+    time_base: TimeBase = TimeBase.CELL
+    ready_within_s: float = 60.0
+    """From its start; imports on a loaded machine take tens of seconds."""
+    silent_for_s: float = 15.0
+    """A process whose event loop gives no heartbeat for so long counts as frozen [s of the machine's clock]."""
+
+
+# fmt: off
+DECISION   = ProcessRow(name="decision",   components=("decision", "planning"))
+CELL       = ProcessRow(name="cell",       components=("cell",), needed=Needed.SIMULATED, time_base=TimeBase.MACHINE)
+SIMULATION = ProcessRow(name="simulation", components=("model",))
+OBSERVER   = ProcessRow(name="observer",   components=("observer",))
+ROBOT      = ProcessRow(name="robot",      components=("robot",), after=("cell",))
+CAMERA     = ProcessRow(name="camera",     components=("perception",), after=("cell",))
+VIEWER     = ProcessRow(name="viewer", components=("viewer",), needed=Needed.WATCHED, essential=False, restart=AGAIN)
+# fmt: on
+
+PROCESSES: tuple[ProcessRow, ...] = (DECISION, CELL, SIMULATION, OBSERVER, ROBOT, CAMERA, VIEWER)
+
+
+def processes_of_run(*, simulated: bool, watched: bool) -> tuple[ProcessRow, ...]:
+    """The rows that a run needs, the decision process first."""
+    wanted = {Needed.ALWAYS: True, Needed.SIMULATED: simulated, Needed.WATCHED: watched}
+    return tuple(row for row in PROCESSES if wanted[row.needed])

@@ -1,0 +1,181 @@
+"""Starts the processes of a run, watches them, and stops them: none is left behind.
+
+Time here is the machine's monotonic clock, whatever the cell's clock does.
+"""
+
+import asyncio
+import contextlib
+import logging
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from dlokit.communication.zenoh_session import ZenohConfig
+from dlokit.errors import ProcessFailure
+from dlokit.system.child_process import ChildProcess
+from dlokit.system.child_spec import ChildSpec
+from dlokit.system.processes import ProcessRow, Restart
+from dlokit.system.tasks import end_tasks
+
+log = logging.getLogger(__name__)
+
+WATCH_PERIOD_S = 0.1
+
+
+@dataclass(frozen=True, kw_only=True)
+class Launch:
+    """How the processes of a run are started."""
+
+    namespace: str
+    """Of the run, on the bus."""
+    config_file: Path
+    run_dir: Path
+    """Logs go to `logs/` in it."""
+    command: tuple[str, ...] = (sys.executable, "-m", "dlokit.system.process_main")
+    """What is run; it finds its `ChildSpec` on its standard input."""
+
+
+@dataclass
+class _Watched:
+    row: ProcessRow
+    child: ChildProcess
+    started_s: list[float] = field(default_factory=list[float])
+    restart_at_s: float | None = None
+    """When a dead process is started again; None: it is not dead."""
+    given_up: bool = False
+
+
+class Supervisor:
+    """Owner of the processes of one run. Use as an async context manager, on the main thread's loop."""
+
+    def __init__(self, rows: tuple[ProcessRow, ...], launch: Launch, bus: ZenohConfig) -> None:
+        self._rows = rows
+        self._launch = launch
+        self._bus = bus
+        self._watched: dict[str, _Watched] = {}
+        self._watching: asyncio.Task[None] | None = None
+        self._failed: asyncio.Future[None] | None = None
+
+    @property
+    def pids(self) -> dict[str, int]:
+        """Process numbers by name."""
+        return {name: watched.child.pid for name, watched in self._watched.items()}
+
+    async def __aenter__(self) -> "Supervisor":
+        self._failed = asyncio.get_running_loop().create_future()
+        try:
+            await self._start_all()
+        except BaseException:
+            await self._stop_all()
+            raise
+        self._watching = asyncio.create_task(self._watch(), name="watch processes")
+        return self
+
+    async def __aexit__(self, *exc: object) -> None:
+        if self._watching is not None:
+            await end_tasks(self._watching)
+        await self._stop_all()
+        if self._failed is not None and self._failed.done():
+            self._failed.exception()  # retrieved, so that the loop does not complain
+
+    async def wait_failed(self) -> None:
+        """Return never, but raise `ProcessFailure` when an essential process is dead for good."""
+        assert self._failed is not None, "the supervisor is not started"
+        await asyncio.shield(self._failed)
+
+    async def _start_all(self) -> None:
+        names = {row.name for row in self._rows}
+        waiting = list(self._rows)
+        ready: set[str] = set()
+        while waiting:
+            wave = [row for row in waiting if names.intersection(row.after) <= ready]
+            if not wave:
+                raise ProcessFailure("start_order", f"{[row.name for row in waiting]} wait for one another")
+            for row in wave:
+                self._watched[row.name] = _Watched(row, self._spawn(row), [asyncio.get_running_loop().time()])
+            for row in wave:
+                await self._until_ready(self._watched[row.name])
+                ready.add(row.name)
+            waiting = [row for row in waiting if row not in wave]
+
+    def _spawn(self, row: ProcessRow) -> ChildProcess:
+        spec = ChildSpec(
+            process=row.name,
+            components=row.components,
+            bus=self._bus,
+            time_base=row.time_base,
+            config_file=str(self._launch.config_file),
+            run_dir=str(self._launch.run_dir),
+            beat_fd=-1,
+        )
+        child = ChildProcess(self._launch.command, spec, self._launch.run_dir / "logs" / f"{row.name}.log")
+        log.info("%s started as process %d", row.name, child.pid)
+        return child
+
+    async def _until_ready(self, watched: _Watched) -> None:
+        row, child = watched.row, watched.child
+        end_s = watched.started_s[-1] + row.ready_within_s
+        while not child.ready.is_set():
+            if child.exit_code is not None:
+                raise ProcessFailure(f"process_died: {row.name}", _obituary(child))
+            left_s = end_s - asyncio.get_running_loop().time()
+            if left_s <= 0:
+                raise ProcessFailure(
+                    f"process_not_ready: {row.name}", f"not ready within {row.ready_within_s:g} s\n{child.tail()}"
+                )
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(child.ready.wait(), min(WATCH_PERIOD_S, left_s))
+
+    async def _watch(self) -> None:
+        while True:
+            await asyncio.sleep(WATCH_PERIOD_S)
+            for watched in self._watched.values():
+                if not watched.given_up:
+                    self._examine(watched, asyncio.get_running_loop().time())
+
+    def _examine(self, watched: _Watched, now_s: float) -> None:
+        row, child = watched.row, watched.child
+        if watched.restart_at_s is not None:
+            if now_s >= watched.restart_at_s:
+                watched.restart_at_s = None
+                watched.started_s.append(now_s)
+                watched.child = self._spawn(row)
+        elif child.exit_code is not None:
+            self._bury(watched, now_s, f"process_died: {row.name}", _obituary(child))
+        elif child.ready.is_set() and child.silent_s() > row.silent_for_s:
+            detail = f"no heartbeat for {child.silent_s():.0f} s; see {child.log_file}\n{child.tail()}"
+            self._bury(watched, now_s, f"process_frozen: {row.name}", detail)
+        elif not child.ready.is_set() and now_s - watched.started_s[-1] > row.ready_within_s:
+            detail = f"not ready within {row.ready_within_s:g} s; see {child.log_file}\n{child.tail()}"
+            self._bury(watched, now_s, f"process_not_ready: {row.name}", detail)
+
+    def _bury(self, watched: _Watched, now_s: float, reason: str, detail: str) -> None:
+        watched.child.release()
+        log.error("%s: %s", reason, detail)
+        if may_restart(watched.row.restart, watched.started_s, now_s):
+            watched.restart_at_s = now_s + watched.row.restart.wait_s
+            return
+        watched.given_up = True
+        if watched.row.essential and self._failed is not None and not self._failed.done():
+            self._failed.set_exception(ProcessFailure(reason, detail))
+
+    async def _stop_all(self) -> None:
+        try:
+            for watched in reversed(self._watched.values()):
+                await watched.child.stop()
+        finally:
+            # Also when the stopping itself is cancelled: none is left behind.
+            for watched in self._watched.values():
+                watched.child.release()
+
+
+def may_restart(policy: Restart, started_s: list[float], now_s: float) -> bool:
+    """Whether a process that was started at these times may be started once more; the first start is free."""
+    recent = [start for start in started_s[1:] if now_s - start <= policy.window_s]
+    return len(recent) < policy.times
+
+
+def _obituary(child: ChildProcess) -> str:
+    code = child.exit_code
+    how = f"signal {-code}" if code is not None and code < 0 else f"exit code {code}"
+    return f"{child.name} ended with {how}; the end of {child.log_file}:\n{child.tail()}"

@@ -1,0 +1,81 @@
+"""A started process whose components are as small as can be: a clock, an echo, and things that go wrong."""
+
+import asyncio
+import os
+import sys
+
+from dlokit.communication import topics
+from dlokit.communication.component import Component, implements
+from dlokit.communication.skill import Skill
+from dlokit.system.child_runtime import run_child
+from dlokit.system.child_spec import ChildSpec
+from dlokit.system.joined_bus import JoinedBus
+from dlokit.types.clock import ClockTick
+
+TICK_S = 0.01
+
+
+def _echo(text: str) -> str:
+    """The same text."""
+    ...
+
+
+def _process() -> int:
+    """Number of the process that answers."""
+    ...
+
+
+def _hang() -> None:
+    """Stop the event loop, as a component that never gives way does."""
+    ...
+
+
+ECHO = Skill("echo", "echo", _echo, timeout_s=5.0)
+WORKER = Skill("echo", "worker", _process, timeout_s=30.0)
+HANG = Skill("echo", "hang", _hang, timeout_s=5.0)
+
+
+class TinyCell(Component):
+    name = "cell"
+    publishes = (topics.CLOCK,)
+
+    async def run(self) -> None:
+        while True:
+            await self.port.clock.sleep(TICK_S)
+            self.port.publish(topics.CLOCK, ClockTick(stamp_ns=self.port.clock.now_ns()))
+
+
+class Echo(Component):
+    name = "echo"
+
+    @implements(ECHO)
+    async def echo(self, text: str) -> str:
+        await self.port.clock.sleep(TICK_S)
+        return text
+
+    @implements(WORKER)
+    async def worker(self) -> int:
+        return await self.port.compute(os.getpid)
+
+    @implements(HANG)
+    async def hang(self) -> None:
+        sys.stderr.write("now hanging\n")
+        sys.stderr.flush()
+        while True:
+            pass
+
+
+class Broken(Component):
+    name = "broken"
+
+    async def run(self) -> None:
+        await asyncio.sleep(0)
+        raise RuntimeError("the lamp is not plugged in")
+
+
+def build(name: str, spec: ChildSpec, bus: JoinedBus) -> Component:
+    return {"cell": TinyCell, "echo": Echo, "broken": Broken}[name]()
+
+
+if __name__ == "__main__":
+    run_child(build)

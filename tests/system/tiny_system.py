@@ -1,0 +1,51 @@
+"""Tables and launches of tiny processes; run as a program, a whole tiny system that waits to be ended."""
+
+import asyncio
+import sys
+from contextlib import AbstractAsyncContextManager
+from pathlib import Path
+
+from dlokit.errors import ProcessFailure
+from dlokit.system.live_system import LiveSystem, live_system, namespace_of
+from dlokit.system.processes import NEVER, ProcessRow, Restart, TimeBase
+from dlokit.system.supervisor import Launch
+
+OWN = ProcessRow(name="main", components=())
+CELL = ProcessRow(name="cell", components=("cell",), time_base=TimeBase.MACHINE)
+BROKEN = ProcessRow(name="lamp", components=("broken",), after=("cell",))
+
+
+def echo_row(*, essential: bool = True, restart: Restart = NEVER, silent_for_s: float = 10.0) -> ProcessRow:
+    return ProcessRow(
+        name="echo",
+        components=("echo",),
+        after=("cell",),
+        essential=essential,
+        restart=restart,
+        silent_for_s=silent_for_s,
+    )
+
+
+def tiny_system(run_dir: Path, *rows: ProcessRow) -> AbstractAsyncContextManager[LiveSystem]:
+    launch = Launch(
+        namespace=namespace_of(run_dir),
+        config_file=run_dir / "config.toml",
+        run_dir=run_dir,
+        command=(sys.executable, str(Path(__file__).with_name("tiny_process.py"))),
+    )
+    return live_system((OWN, CELL, *rows), launch)
+
+
+async def for_ever(run_dir: Path) -> None:
+    async with tiny_system(run_dir, echo_row()) as live:
+        print(*live.supervisor.pids.values(), flush=True)
+        await live.run(asyncio.Event().wait(), lambda result, failure: result)
+
+
+if __name__ == "__main__":
+    try:
+        asyncio.run(for_ever(Path(sys.argv[1])))
+    except (KeyboardInterrupt, asyncio.CancelledError):
+        sys.exit(130)
+    except ProcessFailure as failure:
+        sys.exit(str(failure))
