@@ -18,7 +18,7 @@ PROFILE = VelocityProfile()
 
 
 def raised(T: Pose, height_m: float) -> Pose:
-    return Pose(position_m=T.position_m + [0.0, 0.0, height_m], wxyz=T.wxyz)
+    return Pose(position_m=T.position_m + np.array([0.0, 0.0, height_m]), wxyz=T.wxyz)
 
 
 def tool_track(trajectory: JointTrajectory) -> np.ndarray:
