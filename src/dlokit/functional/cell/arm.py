@@ -44,6 +44,11 @@ class CellArm:
         return self._mode
 
     @property
+    def led(self) -> bool:
+        """Whether it follows servo targets."""
+        return self._mode == RobotMode.MOVING and isinstance(self._program, Servo)
+
+    @property
     def q_rad(self) -> Float64Array:
         """Measured joint angles (7,)."""
         return np.array(self._data.qpos[self._qpos], dtype=np.float64)

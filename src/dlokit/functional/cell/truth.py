@@ -13,11 +13,14 @@ class TruthRecorder:
 
     PERIOD_NS = 100_000_000
     FILE_NAME = "truth.npz"
+    WRITE_NS = 30_000_000_000
+    """The file is renewed this often, so that a killed cell leaves most of it."""
 
     def __init__(self, folder: Path) -> None:
         self._path = folder / self.FILE_NAME
         self._stamps_ns: list[int] = []
         self._nodes_world: list[Float64Array] = []
+        self._written_ns = 0
 
     def note(self, cell: Cell) -> None:
         """Note the nodes now, unless the last note is too recent. Call once a tick."""
@@ -25,6 +28,8 @@ class TruthRecorder:
             return
         self._stamps_ns.append(cell.time_ns)
         self._nodes_world.append(cell.true_nodes_world())
+        if cell.time_ns - self._written_ns >= self.WRITE_NS:
+            self.write()
 
     def write(self) -> None:
         """Write what was noted; a file half written never replaces a good one."""
@@ -32,7 +37,6 @@ class TruthRecorder:
             return
         self._path.parent.mkdir(parents=True, exist_ok=True)
         draft = self._path.with_name("truth.partial.npz")
-        np.savez_compressed(
-            draft, stamps_ns=np.array(self._stamps_ns, dtype=np.int64), nodes_world=np.array(self._nodes_world)
-        )
+        np.savez(draft, stamps_ns=np.array(self._stamps_ns, dtype=np.int64), nodes_world=np.array(self._nodes_world))
         draft.replace(self._path)
+        self._written_ns = self._stamps_ns[-1]

@@ -23,9 +23,9 @@ _LENGTH_TOLERANCE = 0.02  # of the DLO's length: what a hand-drawn curve may be 
 
 
 class Cell:
-    """Reality, simulated. Its time starts at `start_ns` and goes on by `step` alone."""
+    """Reality, simulated. Its time starts at 0 and goes on by `step` alone."""
 
-    def __init__(self, config: CellConfig, *, seed: int, robot: str = "panda", start_ns: int = 0) -> None:
+    def __init__(self, config: CellConfig, *, seed: int, robot: str = "panda") -> None:
         """Build the cell with the arm at home and the DLO straight in the middle of the table.
 
         Raises `ConfigError` or `MachineError` on what cannot be built.
@@ -34,7 +34,7 @@ class Cell:
         self.rig = StereoRig(config, seed=seed)
         self._model = _build(config, self.rig, robot)
         self._data: Any = mujoco.MjData(self._model)
-        self._start_ns = start_ns
+        self._start_ns = 0
         self._steps = 0
         self.arm = CellArm(self._model, self._data, name=robot, q_rad=np.array(PANDA_HOME_Q_RAD, dtype=np.float64))
         half_m = config.dlo.length_m / 2
@@ -49,6 +49,10 @@ class Cell:
     def time_s(self) -> float:
         """Seconds since the cell's start."""
         return self._steps * self.config.timestep_s
+
+    def begin_at(self, stamp_ns: int) -> None:
+        """Count stamps from `stamp_ns` on. Before the first step."""
+        self._start_ns = stamp_ns
 
     def place_dlo(self, curve_world: ArrayLike, *, settle: bool = True) -> None:
         """Lay the DLO along a curve (K, 2) or (K, 3) [m] on the table and let it come to rest.
