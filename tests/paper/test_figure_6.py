@@ -1,0 +1,225 @@
+"""The flow chart of Fig. 6, edge by edge, and the ends that the paper lacks."""
+
+
+import numpy as np
+import pytest
+from ideal_lab import LENGTH_M, NODES, Lab, shape
+
+from dlokit.decision.config import TaskConfig
+from dlokit.decision.shape_flow import SHAPE_DLO
+from dlokit.description.shapes import builtin_shape, moved
+from dlokit.types.flow import Command, FlowStatus, RunOutcome
+
+I = builtin_shape("I", LENGTH_M, NODES)  # noqa: E741  the shape is called so
+S = builtin_shape("S", LENGTH_M, NODES)
+
+EDGES = {
+    ("find_dlo", "seen", "set_goal"),
+    ("find_dlo", "unusable", "infeasible"),
+    ("find_dlo", "failed", "failed"),
+    ("set_goal", "set", "track_model"),
+    ("set_goal", "infeasible", "infeasible"),
+    ("set_goal", "failed", "failed"),
+    ("track_model", "seen", "compare"),
+    ("track_model", "unusable", "infeasible"),
+    ("track_model", "failed", "failed"),
+    ("compare", "converged", "converged"),
+    ("compare", "not_yet", "choose_grasp"),
+    ("compare", "out_of_actions", "budget_spent"),
+    ("compare", "out_of_time", "budget_spent"),
+    ("compare", "stalled", "stalled"),
+    ("choose_grasp", "valid", "approach"),
+    ("choose_grasp", "none_left", "stalled"),
+    ("choose_grasp", "failed", "failed"),
+    ("approach", "done", "grasp"),
+    ("approach", "refused", "mark_invalid"),
+    ("approach", "failed", "failed"),
+    ("grasp", "held", "move_to_goal"),
+    ("grasp", "missed", "release"),
+    ("grasp", "failed", "failed"),
+    ("move_to_goal", "done", "release"),
+    ("move_to_goal", "refused", "release"),
+    ("move_to_goal", "failed", "failed"),
+    ("release", "done", "track_again"),
+    ("release", "failed", "failed"),
+    ("track_again", "seen", "has_error_changed"),
+    ("track_again", "unusable", "infeasible"),
+    ("track_again", "failed", "failed"),
+    ("has_error_changed", "changed", "clear_marks"),
+    ("has_error_changed", "unchanged", "mark_invalid"),
+    ("clear_marks", "done", "compare"),
+    ("mark_invalid", "done", "compare"),
+}
+
+
+def lab(nodes: np.ndarray = I) -> Lab:
+    return Lab(nodes=nodes.copy())
+
+
+def test_the_chart_has_these_arrows_and_no_others() -> None:
+    assert set(SHAPE_DLO.edges()) == EDGES
+
+
+def test_a_rope_at_its_goal_needs_no_action() -> None:
+    trace = shape(lab(I), I)
+    assert trace.result.outcome is RunOutcome.CONVERGED
+    assert trace.result.history == ()
+    assert ("compare", "converged", "converged") in trace.edges()
+    assert "grasp" not in trace.calls
+
+
+def test_one_action_is_grasp_carry_release_and_look_in_the_order_of_the_paper() -> None:
+    trace = shape(lab(I), moved(I, (0.05, 0.0)), TaskConfig(max_actions=1))
+    boxes = [step for step, _ in trace.steps]
+    first = boxes.index("choose_grasp")
+    assert boxes[first : first + 9] == [
+        "choose_grasp",
+        "approach",
+        "grasp",
+        "move_to_goal",
+        "release",
+        "track_again",
+        "has_error_changed",
+        "clear_marks",
+        "compare",
+    ]
+
+
+def test_the_loop_reaches_a_goal_that_obeys_the_rope() -> None:
+    trace = shape(lab(I), moved(I, (0.08, 0.05), 0.3))
+    assert trace.result.outcome is RunOutcome.CONVERGED
+    assert trace.result.rmse_m < TaskConfig().threshold_m
+    assert trace.result.history[-1].rmse_m == trace.result.rmse_m
+
+
+def test_the_model_is_tracked_while_the_rope_is_carried_and_not_afterwards() -> None:
+    calls = shape(lab(I), moved(I, (0.05, 0.0)), TaskConfig(max_actions=1, tracking_hz=3.0)).calls
+    carry = calls.index("follow_path")
+    assert calls[carry - 1] == "tracking 3"
+    assert calls[carry + 1] == "tracking 0"
+
+
+def test_an_action_that_changes_nothing_marks_its_grasp_and_the_next_best_is_taken() -> None:
+    stubborn = lab(I)
+    stubborn.obeys = False
+    trace = shape(stubborn, S, TaskConfig(max_actions=3))
+    assert ("has_error_changed", "unchanged", "mark_invalid") in trace.edges()
+    nodes = [record.grasp_node for record in trace.result.history]
+    assert len(set(nodes)) == 3, "a marked node was taken again"
+
+
+def test_marks_are_cleared_once_the_error_has_changed() -> None:
+    # The arm refuses the best node once: it is marked. The next action changes the shape and clears the mark.
+    refusing = lab(I)
+    refusing.fails["move_to"] = ["unreachable"]
+    trace = shape(refusing, S, TaskConfig(max_actions=2))
+    assert ("approach", "refused", "mark_invalid") in trace.edges()
+    assert ("has_error_changed", "changed", "clear_marks") in trace.edges()
+    assert len(trace.result.history) == 2
+
+
+def test_when_every_grasp_is_marked_the_task_ends_as_stalled() -> None:
+    trace = shape(lab(I), S, reachable=lambda pose: abs(pose.position_m[1]) < 0.3 and pose.position_m[2] > 1.0)
+    assert trace.result.outcome in (RunOutcome.STALLED, RunOutcome.INFEASIBLE)
+    assert trace.result.reason
+
+
+def test_a_missed_grasp_opens_the_fingers_counts_as_an_action_and_goes_on() -> None:
+    slippery = lab(I)
+    slippery.holds = False
+    trace = shape(slippery, S, TaskConfig(max_actions=2))
+    assert ("grasp", "missed", "release") in trace.edges()
+    assert [record.grasp_ok for record in trace.result.history] == [False, False]
+    assert trace.result.outcome is RunOutcome.BUDGET
+
+
+def test_a_carry_that_the_robot_refuses_is_released_where_it_is() -> None:
+    refusing = lab(I)
+    refusing.fails["follow_path"] = ["table_collision"]
+    trace = shape(refusing, S, TaskConfig(max_actions=1))
+    assert ("move_to_goal", "refused", "release") in trace.edges()
+
+
+@pytest.mark.parametrize(
+    ("skill", "reason", "edge"),
+    [
+        ("look", "camera_lost", ("find_dlo", "failed", "failed")),
+        ("look", "no_points", ("find_dlo", "unusable", "infeasible")),
+        ("home", "robot_lost", ("find_dlo", "failed", "failed")),
+        ("move_to", "robot_lost", ("approach", "failed", "failed")),
+        ("move_linear", "robot_lost", ("grasp", "failed", "failed")),
+        ("grasp", "robot_lost", ("grasp", "failed", "failed")),
+        ("follow_path", "stopped", ("move_to_goal", "failed", "failed")),
+    ],
+)
+def test_a_failing_skill_ends_the_task_with_its_name_and_a_safe_robot(
+    skill: str, reason: str, edge: tuple[str, str, str]
+) -> None:
+    broken = lab(I)
+    broken.fails[skill] = [reason]
+    trace = shape(broken, S)
+    assert edge in trace.edges()
+    assert trace.result.reason is not None
+    assert reason in trace.result.reason
+    if trace.result.outcome is RunOutcome.FAILED:
+        assert trace.calls[-1] == "stop"
+
+
+def test_a_camera_lost_between_actions_fails_the_task() -> None:
+    broken = lab(I)
+    seen_before = 3  # one to find the rope and two to see that it rests
+    broken.fails["look"] = [""] * seen_before + ["camera_lost"]
+    trace = shape(broken, S)
+    assert ("track_again", "failed", "failed") in trace.edges()
+
+
+def test_a_goal_off_the_table_is_infeasible_before_the_robot_moves() -> None:
+    trace = shape(lab(I), moved(I, (0.6, 0.0)))
+    assert ("set_goal", "infeasible", "infeasible") in trace.edges()
+    assert trace.result.outcome is RunOutcome.INFEASIBLE
+    assert trace.result.reason is not None
+    assert "off_table" in trace.result.reason
+    assert "grasp" not in trace.calls
+
+
+def test_a_rope_out_of_reach_at_the_start_is_infeasible() -> None:
+    trace = shape(lab(moved(I, (0.32, 0.0))), I)
+    assert ("track_model", "unusable", "infeasible") in trace.edges()
+
+
+def test_the_action_budget_ends_the_task() -> None:
+    trace = shape(lab(I), S, TaskConfig(max_actions=1, threshold_m=1e-4))
+    assert ("compare", "out_of_actions", "budget_spent") in trace.edges()
+    assert trace.result.outcome is RunOutcome.BUDGET
+    assert trace.result.reason is not None
+    assert "best RMSE" in trace.result.reason
+
+
+def test_the_time_budget_ends_the_task() -> None:
+    trace = shape(lab(I), S, TaskConfig(max_time_s=1.0, threshold_m=1e-4))
+    assert ("compare", "out_of_time", "budget_spent") in trace.edges()
+
+
+def test_a_threshold_set_too_low_stalls_instead_of_refining_for_ever() -> None:
+    stubborn = lab(I)
+    stubborn.obeys = False
+    trace = shape(stubborn, S, TaskConfig(stall_actions=2, threshold_m=1e-4))
+    assert ("compare", "stalled", "stalled") in trace.edges()
+
+
+def test_the_operator_stops_the_task_and_the_robot_is_left_safe() -> None:
+    def presses_stop(status: FlowStatus) -> Command | None:
+        return Command.STOP if status.step == "approach" else None
+
+    trace = shape(lab(I), S, operator=presses_stop)
+    assert trace.result.outcome is RunOutcome.CANCELLED
+    assert trace.calls[-1] == "stop"
+
+
+def test_the_ends_are_labelled_towards_the_goal_so_that_the_rope_is_not_turned_round() -> None:
+    goal = I[::-1].copy()
+    trace = shape(lab(I), goal)
+    assert trace.result.outcome is RunOutcome.CONVERGED
+    assert trace.result.history == ()
+
+
