@@ -160,6 +160,14 @@ def test_every_shape_is_drawn(record: RunRecord) -> None:
         assert f"var({variable})" in overlay
 
 
+def test_every_action_is_an_arrow_with_its_number(record: RunRecord) -> None:
+    texts = re.findall(r"<text[^>]*>([^<]*)</text>", report_figures.overlay(record))
+    unseen = re.findall(r"<text[^>]*>([^<]*)</text>", report_figures.overlay(replace(record, start_nodes_world=None)))
+
+    assert [text for text in texts if text.isdecimal()] == ["1", "2", "3"]
+    assert [text for text in unseen if text.isdecimal()] == ["2", "3"]  # where the first came from is not known
+
+
 def test_the_threshold_and_the_start_are_in_the_error_curve(record: RunRecord) -> None:
     curve = report_figures.error_curve(record)
 

@@ -69,6 +69,13 @@ def test_csv_is_read_with_or_without_a_header(tmp_path: Path, separator: str) ->
     np.testing.assert_array_equal(_shape(plain), _shape(headed))
 
 
+def test_csv_of_a_spreadsheet_with_a_byte_order_mark_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "goal.csv"
+    path.write_text("0.5,-0.25\n0.5,0.25\n", encoding="utf-8-sig")
+
+    np.testing.assert_array_equal(read_points(str(path)), [[0.5, -0.25], [0.5, 0.25]])
+
+
 def test_one_of_several_shapes_is_taken_by_its_index(tmp_path: Path) -> None:
     several = _npy(tmp_path, np.stack([ON_TABLE, shapes.moved(ON_TABLE, (0.02, 0.0))]))
 

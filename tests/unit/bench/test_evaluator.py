@@ -4,10 +4,14 @@ import msgspec
 import numpy as np
 import pytest
 
+from dlokit import geometry
 from dlokit.bench.evaluator import SETTLE_S, evaluate, true_errors, with_truth
 from dlokit.bench.truth import Truth, read_truth
 from dlokit.description import shapes
 from dlokit.errors import InputError
+from dlokit.functional.cell.config import CellConfig
+from dlokit.functional.cell.truth import TruthRecorder
+from dlokit.functional.cell.world import Cell
 from dlokit.system.run_record import ActionShape, RunRecord
 from dlokit.system.run_result import ActionResult, RunResult
 from dlokit.types.flow import RunOutcome
@@ -168,6 +172,23 @@ def test_truth_is_read_from_the_runs_folder(tmp_path: Path) -> None:
 
     np.testing.assert_array_equal(read.stamps_ns, truth.stamps_ns)
     np.testing.assert_array_equal(read.nodes_world, truth.nodes_world)
+
+
+def test_what_the_cell_records_is_what_the_evaluator_reads(tmp_path: Path) -> None:
+    cell = Cell(CellConfig(), seed=0)
+    recorder = TruthRecorder(tmp_path)
+    cell.place_dlo(CELL_GOAL)
+    for _ in range(3):
+        recorder.note(cell)
+        cell.step(0.1)
+    recorder.write()
+
+    truth = read_truth(tmp_path)
+
+    np.testing.assert_array_equal(truth.stamps_ns, [0, S // 10, S // 5])
+    assert truth.nodes_world.shape == (3, 41, 3)
+    assert geometry.rmse_m(truth.at(0), CELL_GOAL) < 1e-3  # what an S springs back while it comes to rest
+    cell.close()
 
 
 def test_missing_or_foreign_truth_is_one_clear_error(tmp_path: Path) -> None:
