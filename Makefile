@@ -1,0 +1,48 @@
+# Everything runs in .venv, which `make setup` makes and every other target renews when the lock file has changed.
+
+PYTHON ?= python3.11
+BIN := .venv/bin
+# OpenGL without a screen for the cell's pictures; a browser for the tests of the viewer.
+SYSTEM_PACKAGES := libegl1 libgl1-mesa-dri chromium
+
+.PHONY: help setup system-packages demo test check lock clean
+.DEFAULT_GOAL := help
+
+help:
+	@echo "make demo     the whole loop in a simulated cell, with the browser viewer"
+	@echo "make test     all tests"
+	@echo "make check    style, strict types, layers"
+	@echo "make setup    .venv and the system packages, for all of the above"
+	@echo "make lock     requirements.lock anew, from pyproject.toml"
+	@echo "make clean    everything that can be made again"
+
+setup: .venv/.ready
+
+.venv/.ready: requirements.lock pyproject.toml | system-packages
+	test -x $(BIN)/python || $(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps -e .
+	touch $@
+
+system-packages:
+	@PYTHON=$(PYTHON) .ci/system-packages $(SYSTEM_PACKAGES)
+
+demo: setup
+	$(BIN)/dlokit demo
+
+test: setup
+	$(BIN)/pytest
+
+check: setup
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/pyright
+	$(BIN)/lint-imports
+
+lock:
+	@command -v uv >/dev/null || { echo "make lock needs uv: python3 -m pip install --user uv"; exit 1; }
+	uv pip compile --universal --all-extras --no-header --no-annotate --no-emit-index-url -o requirements.lock pyproject.toml
+
+clean:
+	rm -rf .venv .pytest_cache .ruff_cache .import_linter_cache build dist
+	find src tests examples -name __pycache__ -type d -prune -exec rm -rf {} + 2>/dev/null || true
