@@ -1,7 +1,7 @@
 """The viewer in a real browser, used with a real mouse."""
 
 import asyncio
-from collections.abc import AsyncGenerator
+from collections.abc import AsyncGenerator, AsyncIterator, Iterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 
@@ -22,7 +22,6 @@ from dlokit.skills.viewer.config import ViewerConfig
 from dlokit.skills.viewer.frames import HEIGHT_M, SCALE_M
 from dlokit.skills.viewer.scene import VISITOR_FOV_RAD, VISITOR_LOOK_AT_M, VISITOR_POSITION_M
 from dlokit.types.arrays import Float64Array, UInt8Array
-from dlokit.types.dlo import DloState, Topology
 from dlokit.types.flow import Command, FlowStatus, GoalFrames
 from dlokit.types.robot import RobotMode, RobotState
 
@@ -44,7 +43,9 @@ FLOW = (
     ("move", "done", "look"),
 )
 ROD = RodOutline(nodes=31, length_m=0.5, radius_m=0.004)
-LONG_S = 60.0
+STRAIGHT = builtin_shape("I", ROD.length_m, ROD.nodes, radius_m=ROD.radius_m)
+"""Where the frames lie before anybody has set a goal, (31, 3) [m]."""
+LONG_S = 120.0
 """Software rendering on a loaded machine takes seconds a picture; nothing here waits that long when it works."""
 
 pytestmark = [
@@ -95,137 +96,154 @@ def _visitor_axes() -> tuple[Float64Array, Float64Array, Float64Array]:
 
 
 @asynccontextmanager
-async def a_visit() -> AsyncGenerator[Visit]:
+async def _a_visit() -> AsyncGenerator[Visit]:
     bus = MemoryTransport()
     host = Host(bus, LoopClock())
     viewer = ViewerComponent(ViewerConfig(port=0), flow=FLOW, rod=ROD, threshold_m=0.012)
     host.add(viewer)
-    async with asyncio.timeout(2 * LONG_S), host, async_playwright() as playwright:
-        await viewer.opened.wait()
+    async with host, async_playwright() as playwright:
+        await asyncio.wait_for(viewer.opened.wait(), LONG_S)
         bus.publish(topics.FLOW, _status("look", 0.050))
         browser = await playwright.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
         try:
-            page = await browser.new_page(viewport={"width": 1100, "height": 700})
+            page = await browser.new_page(viewport={"width": 1000, "height": 600})
             requests: list[str] = []
             page.on("request", lambda request: requests.append(request.url))
             page.on("websocket", lambda socket: requests.append(socket.url.replace("ws://", "http://")))
             await page.goto(viewer.url, timeout=LONG_S * 1000)
             await page.get_by_role("button", name="Shape it").wait_for(timeout=LONG_S * 1000)
-            visit = Visit(page, bus, viewer.url, requests)
-            while len(np.unique((await visit.scene_picture())[::4, ::4].reshape(-1, 3), axis=0)) < 200:
-                pass  # the first frames are blank; the visit's time-out ends this
-            yield visit
+            yield Visit(page, bus, viewer.url, requests)
         finally:
             await browser.close()
+
+
+@pytest.fixture(scope="module")
+def runner() -> Iterator[asyncio.Runner]:
+    """One event loop for all tests: opening a page in software rendering takes longest."""
+    with asyncio.Runner() as runner:
+        yield runner
+
+
+@pytest.fixture(scope="module")
+def visit(runner: asyncio.Runner) -> Iterator[Visit]:
+    context = _a_visit()
+    visit = runner.run(context.__aenter__())
+    yield visit
+    runner.run(context.__aexit__(None, None, None))
 
 
 def _status(step: str, rmse_m: float) -> FlowStatus:
     return FlowStatus(stamp_ns=1, flow="shape", step=step, actions=1, rmse_m=rmse_m)
 
 
-def test_whoever_comes_late_sees_what_was_published_before() -> None:
-    async def scenario() -> None:
-        async with a_visit() as visit:
-            await visit.page.get_by_text("RMSE 50.0 mm").wait_for(timeout=LONG_S * 1000)
-
-    asyncio.run(scenario())
-
-
-def test_the_page_shows_the_robot_and_the_rod_and_asks_nobody_else() -> None:
-    async def scenario() -> None:
-        async with a_visit() as visit:
-            before = await visit.scene_picture()
-            visit.bus.publish(
-                topics.ROBOT_STATE,
-                RobotState(
-                    stamp_ns=1,
-                    robot="panda",
-                    q_rad=PANDA_HOME_Q_RAD,
-                    dq_rad_s=np.zeros(7),
-                    tau_nm=np.zeros(7),
-                    T_world_tcp=pose((0.3, 0.0, 0.4)),
-                    finger_width_m=0.08,
-                    mode=RobotMode.IDLE,
-                ),
-            )
-            visit.bus.publish(
-                topics.STATE,
-                DloState(
-                    stamp_ns=1,
-                    nodes_world=builtin_shape("S", ROD.length_m, ROD.nodes),
-                    topology=Topology(edges=np.zeros((0, 2), dtype=np.int64), rest_lengths_m=np.zeros(0)),
-                ),
-            )
-            visit.bus.publish(topics.FLOW, _status("compare", 0.034))
-            await visit.page.get_by_text("RMSE 34.0 mm").wait_for(timeout=LONG_S * 1000)
-            await visit.page.locator("svg[data-step=compare]").wait_for(timeout=LONG_S * 1000)
-            # The arm covers about a tenth of the picture; light and camera do not change meanwhile.
-            while np.mean(np.any(np.abs((await visit.scene_picture()).astype(int) - before) > 8, axis=2)) < 0.04:
-                pass
-            own = (visit.url, "data:", "blob:")
-            assert [url for url in visit.requests if not url.startswith(own)] == []
-            assert any(url.startswith(visit.url) for url in visit.requests)
-
-    asyncio.run(scenario())
-
-
-def test_dragging_a_frame_with_the_mouse_publishes_where_it_was_dropped() -> None:
-    async def scenario() -> None:
-        async with a_visit() as visit:
-            frames = visit.bus.stream(topics.GOAL_FRAMES)
-            rod = builtin_shape("I", ROD.length_m, ROD.nodes, radius_m=ROD.radius_m)
-            end, along = rod[-1, :2], tangents(rod)[-1, :2]
-            # The square that slides along the table sits between the arrows: a quarter of the gizmo's size from its
-            # middle along both, its x axis along the rod.
-            grip = np.array([*(end + 0.255 * SCALE_M * (along + np.array([-along[1], along[0]]))), HEIGHT_M])
-            way = np.array([0.06, -0.10 * np.sign(end[1]), 0.0])
-            await visit.drag(await visit.pixel(grip), await visit.pixel(grip + way))
-            dropped = await anext(frames)
-            while np.hypot(*(_position(dropped, 2) - end - way[:2])) > 0.01:  # a pixel is 2 mm there
-                dropped = await anext(frames)
-            assert [frame.node for frame in dropped.frames] == [0, 15, 30]
-            np.testing.assert_allclose(_position(dropped, 0), rod[0, :2])
-            assert [frame.yaw_rad for frame in dropped.frames] == [None, None, None]
-
-    asyncio.run(scenario())
-
-
-def test_turning_a_frame_with_the_mouse_publishes_the_direction_of_that_node_alone() -> None:
-    async def scenario() -> None:
-        async with a_visit() as visit:
-            frames = visit.bus.stream(topics.GOAL_FRAMES)
-            rod = builtin_shape("I", ROD.length_m, ROD.nodes, radius_m=ROD.radius_m)
-            yaw_rad = float(np.arctan2(*tangents(rod)[15, 1::-1]))
-            turn_rad = 0.4
-            # The arc that turns it lies at 0.65 of the gizmo's size, between the arrows.
-            start, end = (
-                rod[15] * [1.0, 1.0, 0.0] + [*(0.65 * SCALE_M * np.array([np.cos(a), np.sin(a)])), HEIGHT_M]
-                for a in (yaw_rad + np.pi / 4, yaw_rad + np.pi / 4 + turn_rad)
-            )
-            await visit.drag(await visit.pixel(start), await visit.pixel(end))
-            turned = await anext(frames)
-            # A pixel is 2 mm there, at a radius of 58 mm: 0.035 rad; twice that for both ends of the drag.
-            while abs((turned.frames[1].yaw_rad or yaw_rad) - yaw_rad - turn_rad) > 0.07:
-                turned = await anext(frames)
-            assert (turned.frames[0].yaw_rad, turned.frames[2].yaw_rad) == (None, None)
-            np.testing.assert_allclose(_position(turned, 1), rod[15, :2], atol=1e-6)
-
-    asyncio.run(scenario())
-
-
-def test_shape_it_sends_the_goal_and_then_the_start() -> None:
-    async def scenario() -> None:
-        async with a_visit() as visit:
-            frames, commands = visit.bus.stream(topics.GOAL_FRAMES), visit.bus.stream(topics.COMMAND)
-            await visit.page.get_by_role("button", name="Shape it").click()
-            assert (await anext(commands)).command is Command.START
-            assert len((await anext(frames)).frames) == 3
-            for button in (Command.PAUSE, Command.RESUME, Command.STOP):
-                await visit.page.get_by_role("button", name=button.value.capitalize(), exact=True).click()
-                assert (await anext(commands)).command is button
-
-    asyncio.run(scenario())
-
-
 def _position(frames: GoalFrames, index: int) -> Float64Array:
     return np.array([frames.frames[index].x_m, frames.frames[index].y_m])
+
+
+async def _frames_on_the_rod(visit: Visit) -> AsyncIterator[GoalFrames]:
+    """The frames' messages from now on, after an operator has put the frames back on the built-in I."""
+    frames = visit.bus.stream(topics.GOAL_FRAMES)
+    await visit.page.get_by_role("button", name="Reset frames").click(timeout=LONG_S * 1000)
+    reset = await anext(frames)
+    np.testing.assert_allclose([_position(reset, index) for index in range(3)], STRAIGHT[[0, 15, 30], :2])
+    assert [frame.yaw_rad for frame in reset.frames] == [None, None, None]
+    return frames
+
+
+def test_whoever_comes_late_sees_what_was_published_before(runner: asyncio.Runner, visit: Visit) -> None:
+    runner.run(visit.page.get_by_text("RMSE 50.0 mm").wait_for(timeout=LONG_S * 1000))
+
+
+def test_the_page_shows_the_robot_and_asks_nobody_else(runner: asyncio.Runner, visit: Visit) -> None:
+    async def scenario() -> None:
+        # The first pictures are blank.
+        while len(np.unique((before := await visit.scene_picture())[::4, ::4].reshape(-1, 3), axis=0)) < 200:
+            pass
+        visit.bus.publish(
+            topics.ROBOT_STATE,
+            RobotState(
+                stamp_ns=1,
+                robot="panda",
+                q_rad=PANDA_HOME_Q_RAD,
+                dq_rad_s=np.zeros(7),
+                tau_nm=np.zeros(7),
+                T_world_tcp=pose((0.3, 0.0, 0.4)),
+                finger_width_m=0.08,
+                mode=RobotMode.IDLE,
+            ),
+        )
+        # The arm covers 4 % of the picture; light and camera do not change meanwhile.
+        while np.mean(np.any(np.abs((await visit.scene_picture()).astype(int) - before) > 8, axis=2)) < 0.02:
+            pass
+        own = (visit.url, "data:", "blob:")
+        assert [url for url in visit.requests if not url.startswith(own)] == []
+        assert any(url.startswith(visit.url) for url in visit.requests)
+
+    runner.run(asyncio.wait_for(scenario(), LONG_S))
+
+
+def test_the_step_that_runs_is_lit_in_the_flow_chart(runner: asyncio.Runner, visit: Visit) -> None:
+    async def scenario() -> None:
+        visit.bus.publish(topics.FLOW, _status("compare", 0.034))
+        await visit.page.get_by_text("RMSE 34.0 mm").wait_for(timeout=LONG_S * 1000)
+        await visit.page.locator("svg[data-step=compare]").wait_for(timeout=LONG_S * 1000)
+
+    runner.run(scenario())
+
+
+def test_dragging_a_frame_with_the_mouse_publishes_where_it_was_dropped(runner: asyncio.Runner, visit: Visit) -> None:
+    async def scenario() -> None:
+        frames = await _frames_on_the_rod(visit)
+        end, along = STRAIGHT[-1, :2], tangents(STRAIGHT)[-1, :2]
+        # The square that slides along the table sits between the arrows: a quarter of the gizmo's size from its
+        # middle along both, its x axis along the rod.
+        grip = np.array([*(end + 0.255 * SCALE_M * (along + np.array([-along[1], along[0]]))), HEIGHT_M])
+        way = np.array([0.06, -0.10 * np.sign(end[1]), 0.0])
+        await visit.drag(await visit.pixel(grip), await visit.pixel(grip + way))
+        dropped = await anext(frames)
+        while np.hypot(*(_position(dropped, 2) - end - way[:2])) > 0.01:  # a pixel is 2 mm there
+            dropped = await anext(frames)
+        assert [frame.node for frame in dropped.frames] == [0, 15, 30]
+        np.testing.assert_allclose(_position(dropped, 0), STRAIGHT[0, :2])
+        assert [frame.yaw_rad for frame in dropped.frames] == [None, None, None]
+
+    runner.run(asyncio.wait_for(scenario(), LONG_S))
+
+
+def test_turning_a_frame_with_the_mouse_publishes_the_direction_of_that_node_alone(
+    runner: asyncio.Runner, visit: Visit
+) -> None:
+    async def scenario() -> None:
+        frames = await _frames_on_the_rod(visit)
+        middle, along = STRAIGHT[15], tangents(STRAIGHT)[15]
+        yaw_rad, turn_rad = float(np.arctan2(along[1], along[0])), 0.4
+        # The arc that turns it lies at 0.65 of the gizmo's size, between the arrows.
+        start, end = (
+            np.array([*(middle[:2] + 0.65 * SCALE_M * np.array([np.cos(a), np.sin(a)])), HEIGHT_M])
+            for a in (yaw_rad + np.pi / 4, yaw_rad + np.pi / 4 + turn_rad)
+        )
+        await visit.drag(await visit.pixel(start), await visit.pixel(end))
+        turned = await anext(frames)
+        # A pixel is 2 mm there, at a radius of 58 mm: 0.035 rad; twice that for both ends of the drag.
+        while abs((turned.frames[1].yaw_rad or yaw_rad) - yaw_rad - turn_rad) > 0.07:
+            turned = await anext(frames)
+        assert (turned.frames[0].yaw_rad, turned.frames[2].yaw_rad) == (None, None)
+        np.testing.assert_allclose(_position(turned, 1), middle[:2], atol=1e-6)  # single precision in the browser
+
+    runner.run(asyncio.wait_for(scenario(), LONG_S))
+
+
+def test_shape_it_sends_the_goal_and_the_start_and_each_button_its_command(
+    runner: asyncio.Runner, visit: Visit
+) -> None:
+    async def scenario() -> None:
+        frames, commands = visit.bus.stream(topics.GOAL_FRAMES), visit.bus.stream(topics.COMMAND)
+        await visit.page.get_by_role("button", name="Shape it").click(timeout=LONG_S * 1000)
+        assert (await anext(commands)).command is Command.START
+        assert len((await anext(frames)).frames) == 3
+        for button in Command:
+            name = button.value.capitalize()
+            await visit.page.get_by_role("button", name=name, exact=True).click(timeout=LONG_S * 1000)
+            assert (await anext(commands)).command is button
+
+    runner.run(asyncio.wait_for(scenario(), LONG_S))
