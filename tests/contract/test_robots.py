@@ -1,0 +1,219 @@
+"""What every robot driver must do: one grid over all of them. Another driver is one more row in `ROBOTS`."""
+
+import asyncio
+from collections.abc import AsyncGenerator, AsyncIterator, Awaitable, Callable
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from typing import ParamSpec, TypeVar
+
+import numpy as np
+import pytest
+
+from dlokit.communication import virtual_time
+from dlokit.communication.clock import LoopClock
+from dlokit.communication.compute import InlineCompute
+from dlokit.communication.host import Host
+from dlokit.communication.memory import MemoryTransport
+from dlokit.communication.port import Port
+from dlokit.communication.skill import Skill
+from dlokit.description.panda_data import PANDA_HOME_Q_RAD
+from dlokit.errors import HardwareError, SkillFailure
+from dlokit.functional.cell import api as cell_api
+from dlokit.functional.cell.component import CellComponent
+from dlokit.functional.cell.config import CellConfig
+from dlokit.functional.robots.base import Robot
+from dlokit.functional.robots.simulated import SimulatedRobot
+from dlokit.geometry import downward, matrix
+from dlokit.skills.robot.kinematics import PandaKinematics
+from dlokit.skills.robot.trajectories import joint_move, tool_move
+from dlokit.types.action import VelocityProfile
+from dlokit.types.outcome import Outcome, TimedOut
+from dlokit.types.pose import Pose
+from dlokit.types.robot import Lease, RobotMode
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+KINEMATICS = PandaKinematics()
+LEASE = Lease(holder="test", duration_s=0.2)
+ROD_Y_M = np.linspace(-0.25, 0.25, 41)
+AWAY = KINEMATICS.inverse(downward([0.45, 0.2, 0.15], 0.4))
+
+
+@asynccontextmanager
+async def simulated() -> AsyncGenerator[Robot, None]:
+    """The Panda of a cell whose rope lies along y at x = 0.5 m."""
+    transport, clock = MemoryTransport(), LoopClock()
+    host = Host(transport, clock)
+    rod = np.column_stack([np.full(41, 0.5), ROD_Y_M])
+    host.add(CellComponent(CellConfig(settle_s=0.2), rod, seed=0))
+    port = Port(transport, clock, InlineCompute(), owner="driver", publishes=())
+    async with host, SimulatedRobot(port) as robot:
+        yield robot
+
+
+ROBOTS: dict[str, Callable[[], AbstractAsyncContextManager[Robot]]] = {"simulated": simulated}
+
+
+@pytest.fixture(params=ROBOTS)
+def with_robot(request: pytest.FixtureRequest) -> Callable[[Callable[[Robot], Awaitable[None]]], None]:
+    """Runs a scenario on one of the robots, on virtual time."""
+
+    def run(scenario: Callable[[Robot], Awaitable[None]]) -> None:
+        async def main() -> None:
+            async with ROBOTS[request.param]() as robot:
+                await scenario(robot)
+
+        virtual_time.run(main())
+
+    return run
+
+
+WithRobot = Callable[[Callable[[Robot], Awaitable[None]]], None]
+
+
+def test_it_knows_its_state_as_soon_as_it_is_connected(with_robot: WithRobot) -> None:
+    async def scenario(robot: Robot) -> None:
+        state = robot.state()
+        assert state.mode is RobotMode.IDLE
+        np.testing.assert_allclose(state.q_rad, PANDA_HOME_Q_RAD, atol=1e-3)
+        np.testing.assert_allclose(matrix(state.T_world_tcp), matrix(KINEMATICS.forward(state.q_rad)), atol=1e-3)
+        assert np.all(robot.limits.position_lower_rad < robot.limits.position_upper_rad)
+
+    with_robot(scenario)
+
+
+def test_it_follows_a_trajectory_closely_and_says_how_closely(with_robot: WithRobot) -> None:
+    async def scenario(robot: Robot) -> None:
+        trajectory = joint_move(PANDA_HOME_Q_RAD, AWAY)
+        result = await robot.follow(trajectory, LEASE)
+        np.testing.assert_allclose(result.q_rad, AWAY, atol=2e-3)  # still swinging in by about a millimetre
+        # Accelerating at the limit of 7.5 rad/s² bends the position controller by about 5 mrad.
+        assert 0.0 < result.largest_joint_error_rad < 0.02
+        assert result.duration_s == pytest.approx(trajectory.times_s[-1], abs=0.05)
+
+    with_robot(scenario)
+
+
+def test_a_cancelled_motion_brakes_and_leaves_the_arm_usable(with_robot: WithRobot) -> None:
+    async def scenario(robot: Robot) -> None:
+        moving = asyncio.create_task(robot.follow(joint_move(PANDA_HOME_Q_RAD, AWAY), LEASE))
+        await asyncio.sleep(0.3)
+        moving.cancel()
+        await asyncio.gather(moving, return_exceptions=True)
+        await robot.stop()
+        await asyncio.sleep(0.2)
+        state = robot.state()
+        assert state.mode is RobotMode.IDLE
+        assert np.max(np.abs(state.dq_rad_s)) < 0.01
+        assert np.max(np.abs(state.q_rad - AWAY)) > 0.1
+        await robot.follow(joint_move(state.q_rad, PANDA_HOME_Q_RAD), LEASE)
+
+    with_robot(scenario)
+
+
+def test_stop_ends_a_motion_as_a_named_failure(with_robot: WithRobot) -> None:
+    async def scenario(robot: Robot) -> None:
+        moving = asyncio.create_task(robot.follow(joint_move(PANDA_HOME_Q_RAD, AWAY), LEASE))
+        await asyncio.sleep(0.3)
+        await robot.stop()
+        with pytest.raises(SkillFailure) as failure:
+            await moving
+        assert failure.value.reason == "stopped"
+
+    with_robot(scenario)
+
+
+def test_a_motion_is_refused_while_another_runs_or_when_it_starts_elsewhere(with_robot: WithRobot) -> None:
+    async def scenario(robot: Robot) -> None:
+        with pytest.raises(SkillFailure) as failure:
+            await robot.follow(joint_move(AWAY, PANDA_HOME_Q_RAD), LEASE)
+        assert failure.value.reason == "wrong_start"
+        trajectory = joint_move(PANDA_HOME_Q_RAD, AWAY)
+        moving = asyncio.create_task(robot.follow(trajectory, LEASE))
+        await asyncio.sleep(0.1)
+        with pytest.raises(SkillFailure) as failure:
+            await robot.follow(trajectory, LEASE)
+        assert failure.value.reason == "busy"
+        await moving
+
+    with_robot(scenario)
+
+
+def test_it_grips_lifts_and_releases_a_rope_and_knows_air_from_rope(with_robot: WithRobot) -> None:
+    async def scenario(robot: Robot) -> None:
+        empty = await robot.grip(0.0, 20.0)
+        assert not empty.held
+        await robot.grip(0.04, 20.0)
+        assert robot.state().finger_width_m == pytest.approx(0.04, abs=1e-3)
+        above = KINEMATICS.inverse(downward([0.5, 0.1, 0.1], np.pi / 2))
+        await robot.follow(joint_move(PANDA_HOME_Q_RAD, above), LEASE)
+        down = tool_move(KINEMATICS, above, (downward([0.5, 0.1, 0.011], np.pi / 2),), VelocityProfile())
+        await robot.follow(down, LEASE)
+        gripped = await robot.grip(0.0, 20.0)
+        assert gripped.held
+        assert gripped.width_m == pytest.approx(0.008, abs=1.5e-3)  # the rope is 8 mm thick and its skin gives a little
+        path = (downward([0.5, 0.1, 0.06], np.pi / 2), downward([0.45, 0.15, 0.06], np.pi / 2))
+        carry = tool_move(KINEMATICS, down.q_rad[-1], path, VelocityProfile())
+        await robot.follow(carry, LEASE)
+        await asyncio.sleep(0.1)
+        assert robot.state().holding
+        released = await robot.grip(0.04, 20.0)
+        assert not released.held
+        assert not robot.state().holding
+
+    with_robot(scenario)
+
+
+def test_it_follows_poses_as_they_come_and_stands_when_they_end(with_robot: WithRobot) -> None:
+    target = downward([0.4, 0.1, 0.3], 0.3)
+
+    async def targets() -> AsyncIterator[Pose]:
+        for _ in range(100):
+            yield target
+            await asyncio.sleep(0.02)
+
+    async def scenario(robot: Robot) -> None:
+        result = await robot.servo(targets(), LEASE)
+        np.testing.assert_allclose(result.T_world_tcp.position_m, target.position_m, atol=2e-3)
+        await asyncio.sleep(0.2)
+        assert robot.state().mode is RobotMode.IDLE
+
+    with_robot(scenario)
+
+
+class _SilentPort(Port):
+    """A driver that has died: its signs of life no longer arrive."""
+
+    async def call(self, skill: Skill[P, R], *args: P.args, **kwargs: P.kwargs) -> Outcome[R]:
+        if skill.key == cell_api.RENEW.key:
+            return TimedOut(timeout_s=skill.timeout_s)
+        return await super().call(skill, *args, **kwargs)
+
+
+def test_the_arm_brakes_when_its_driver_dies_and_moves_again_once_recovered() -> None:
+    async def main() -> None:
+        transport, clock = MemoryTransport(), LoopClock()
+        host = Host(transport, clock)
+        host.add(CellComponent(CellConfig(settle_s=0.2), np.column_stack([np.full(41, 0.5), ROD_Y_M]), seed=0))
+        port = _SilentPort(transport, clock, InlineCompute(), owner="driver", publishes=())
+        async with host, SimulatedRobot(port) as robot:
+            with pytest.raises(SkillFailure) as failure:
+                await robot.follow(joint_move(PANDA_HOME_Q_RAD, AWAY), LEASE)
+            assert failure.value.reason == "lost_commander"
+            await asyncio.sleep(0.1)
+            assert robot.state().mode is RobotMode.FAULT
+            await robot.recover()
+            await asyncio.sleep(0.1)
+            assert robot.state().mode is RobotMode.IDLE
+
+    virtual_time.run(main())
+
+
+def test_a_driver_without_a_cell_says_so() -> None:
+    async def main() -> None:
+        port = Port(MemoryTransport(), LoopClock(), InlineCompute(), owner="driver", publishes=())
+        with pytest.raises(HardwareError, match="is the cell running"):
+            async with SimulatedRobot(port):
+                pass
+
+    virtual_time.run(main())
