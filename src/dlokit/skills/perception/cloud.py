@@ -57,6 +57,11 @@ def to_centre_line(points_world: Array, camera: CameraCalibration, config: Cloud
     return eye + (centred - eye) * scale[:, None]
 
 
+def clean(points_world: Array, config: CloudConfig) -> Array:
+    """Points (N, 3) [m] without outliers, thinned: what an observer wants of any cloud, recorded ones too."""
+    return thin(points_world[~lonely(points_world, config)], config.voxel_m)
+
+
 def lonely(points_world: Array, config: CloudConfig) -> BoolArray:
     """Whether each point (N, 3) [m] has too few neighbours, (N,)."""
     if len(points_world) == 0 or config.outlier_neighbours <= 0:

@@ -11,7 +11,7 @@ import numpy as np
 
 from dlokit.skills.perception.base import Segmentation, SegmentationConfig
 from dlokit.skills.perception.box import box_outline, inside_box
-from dlokit.skills.perception.cloud import lonely, reproject, thin, to_centre_line
+from dlokit.skills.perception.cloud import clean, reproject, to_centre_line
 from dlokit.skills.perception.config import PerceptionConfig
 from dlokit.skills.perception.pictures import grey
 from dlokit.skills.perception.rectification import Rectifier
@@ -59,8 +59,7 @@ def perceive(
     surface = np.zeros((0, 3)) if disparity is None else reproject(disparity, camera)
     keep = inside_box(surface, config.box)
     keep[keep] = robot_distance_m(surface[keep], capsules) > config.self_filter.space_margin_m
-    points = to_centre_line(surface[keep], camera, config.cloud)
-    points = thin(points[~lonely(points, config.cloud)], config.cloud.voxel_m)
+    points = clean(to_centre_line(surface[keep], camera, config.cloud), config.cloud)
     return Look(
         observation=Observation(
             stamp_ns=images.stamp_ns,

@@ -72,6 +72,18 @@ def test_the_robots_own_points_are_removed():
     assert np.max(distance_m(look.observation.points_world, scene)) < 0.02
 
 
+def test_a_rope_in_the_gripper_keeps_its_points_on_both_sides():
+    at_node_20 = np.array([-0.203, 0.415, -0.005, -2.577, 0.013, 2.993, 0.564])  # pads around it, 7 mm above
+    scene = render(s_curve(), q_rad=at_node_20)
+    points = look_at(scene).observation.points_world
+    assert np.max(distance_m(points, scene)) < 0.006  # nothing of the gripper is left
+    gaps = np.asarray(KDTree(points).query(scene.nodes_world)[0])
+    hidden = np.flatnonzero(gaps > 0.006)
+    # Hand and wrist hide a stretch of 0.1 m; the rest of the 0.56 m is seen, to both tips.
+    assert len(hidden) < 20
+    assert 5 < hidden.min() < 20 < hidden.max() < 30
+
+
 def test_a_box_around_one_half_leaves_that_half(s_scene: Scene):
     box = BoxConfig(lower_world=(0.2, -0.4, -0.02), upper_world=(0.52, 0.4, 0.25))
     points = look_at(s_scene, dataclasses.replace(CONFIG, box=box)).observation.points_world
