@@ -16,6 +16,7 @@ from dlokit.skills.viewer.flow_chart import Edge
 from dlokit.skills.viewer.frames import GoalFramesView
 from dlokit.skills.viewer.goal_handles import GoalHandles
 from dlokit.skills.viewer.latest import Fresh
+from dlokit.skills.viewer.lit_step import LitStep
 from dlokit.skills.viewer.loop_gate import LoopGate
 from dlokit.skills.viewer.page import close_page, open_page
 from dlokit.skills.viewer.panel import Panel
@@ -57,6 +58,7 @@ class ViewerComponent(Component):
         """Set while the page is served."""
         self._run_state = RunState.WAITING
         self._history = ErrorHistory()
+        self._lit = LitStep(self._flow)
         self._handles = GoalHandles(
             builtin_shape("I", rod.length_m, rod.nodes, radius_m=rod.radius_m), config.goal_x_m, config.goal_y_m
         )
@@ -141,6 +143,7 @@ class ViewerComponent(Component):
         """Keep the newest, and the error of every one."""
         self._run_state = after_status(self._run_state, status)
         self._history.record(status)
+        self._lit.record(status)
         self._status.put(status)
 
     async def _draw_for_ever(
@@ -172,7 +175,7 @@ class ViewerComponent(Component):
         self._images.take(scene.show_pictures)
         if (status := self._status.value) is not None and self._status.fresh and status.outcome is not None:
             scene.hide_action()
-        self._status.take(lambda status: panel.draw_status(self._run_state, status, self._history))
+        self._status.take(lambda status: panel.draw_status(self._run_state, status, self._lit, self._history))
 
     def _publish_frames(self) -> None:
         self.port.publish(topics.GOAL_FRAMES, self._handles.message(self.port.clock.now_ns()))

@@ -13,6 +13,7 @@ from dlokit.skills.viewer import palette
 from dlokit.skills.viewer.error_history import ErrorHistory
 from dlokit.skills.viewer.error_plot import ErrorPlot
 from dlokit.skills.viewer.flow_chart import Edge, flow_chart_svg
+from dlokit.skills.viewer.lit_step import LitStep
 from dlokit.skills.viewer.loop_gate import LoopGate
 from dlokit.skills.viewer.palette import Layer
 from dlokit.skills.viewer.run_state import RunState
@@ -60,11 +61,10 @@ class Panel:
                 np.full((3, 4, 3), 230, dtype=np.uint8), label="Left camera", format="jpeg", visible=False
             )
 
-    def draw_status(self, state: RunState, status: FlowStatus | None, history: ErrorHistory) -> None:
+    def draw_status(self, state: RunState, status: FlowStatus, lit: LitStep, history: ErrorHistory) -> None:
         """Show where the task stands."""
         self._status.content = status_html(state, status, self._threshold_m)
-        if status is not None:
-            self._chart.content = flow_chart_svg(self._flow, status.step, status.last_outcome)
+        self._chart.content = flow_chart_svg(self._flow, lit.step, lit.last_outcome)
         self._plot.draw(history)
 
     def draw_picture(self, picture: UInt8Array) -> None:
