@@ -81,9 +81,9 @@ def _pictures(record: RunRecord) -> str:
 def _picture(image: UInt8Array | None, caption: str) -> str:
     if image is None:
         return '<p class="empty">No picture was taken.</p>'
-    data = base64.b64encode(report_figures.picture_png(image)).decode("ascii")
+    data = base64.b64encode(report_figures.picture_jpeg(image)).decode("ascii")
     return (
-        f'<figure><img alt="{caption}" src="data:image/png;base64,{data}"><figcaption>{caption}</figcaption></figure>'
+        f'<figure><img alt="{caption}" src="data:image/jpeg;base64,{data}"><figcaption>{caption}</figcaption></figure>'
     )
 
 
@@ -114,7 +114,14 @@ def _action_row(row: ActionResult, threshold_m: float) -> str:
 def _timings(record: RunRecord) -> str:
     if not record.timings:
         return ""
-    return f"<section><h2>Time by step of the flow</h2>{report_figures.timing_bars(record.timings)}</section>"
+    quick = [
+        f"{name.replace('_', ' ')} ({timing.calls}×)"
+        for name, timing in record.timings.items()
+        if timing.sim_time_s + timing.wall_time_s < report_figures.QUICK_S
+    ]
+    note = f'<p class="empty">Below {report_figures.QUICK_S} s in all: {escape(", ".join(quick))}.</p>' if quick else ""
+    bars = report_figures.timing_bars(record.timings)
+    return f"<section><h2>Time by step of the flow</h2>{bars}{note}</section>"
 
 
 def _setup(record: RunRecord) -> str:

@@ -32,13 +32,16 @@ _VARIABLES = {
 _INK, _MUTED, _GRID, _GOAL, _START, _FINAL, _STEP, _TRUTH, _TABLE = _VARIABLES
 _FONT_PT = 12
 
+QUICK_S = 0.02
+"""Steps that took less than this over the whole run [s] are named rather than drawn."""
+
 
 def overlay(record: RunRecord) -> str:
     """Start, goal and the shape after each action, seen from above, as SVG."""
-    figure, axes = _figure(7.4, 5.6)
+    figure, axes = _figure(7.4, 6.4)
     _table(axes)
     goal = record.goal_nodes_world
-    axes.plot(goal[:, 1], goal[:, 0], color=_GOAL, linewidth=9, alpha=0.35, solid_capstyle="round", label="goal")
+    axes.plot(goal[:, 0], goal[:, 1], color=_GOAL, linewidth=9, alpha=0.35, solid_capstyle="round", label="goal")
     if record.start_nodes_world is not None:
         _rope(axes, record.start_nodes_world, _START, 2.0, "start", dashed=True)
     between = record.actions[:-1]
@@ -46,19 +49,24 @@ def overlay(record: RunRecord) -> str:
         nodes = action.nodes_world
         label = "after each action" if number == 1 else "_nolegend_"
         shade = 0.4 + 0.5 * number / len(between)
-        axes.plot(nodes[:, 1], nodes[:, 0], color=_STEP, linewidth=1.3, alpha=shade, label=label)
+        axes.plot(nodes[:, 0], nodes[:, 1], color=_STEP, linewidth=1.3, alpha=shade, label=label)
     if record.actions:
         _rope(axes, record.actions[-1].nodes_world, _FINAL, 3.0, "final")
         _moves(axes, record)
     axes.legend(
-        loc="upper left", bbox_to_anchor=(0.0, -0.11), ncols=4, frameon=False, labelcolor=_INK, fontsize=_FONT_PT
+        loc="upper left",
+        bbox_to_anchor=(1.02, 1.0),
+        frameon=False,
+        labelcolor=_INK,
+        fontsize=_FONT_PT,
+        handlelength=2.5,
     )
     return _svg(figure, "Top view of the table: start, goal, and the shape after each action")
 
 
 def error_curve(record: RunRecord) -> str:
     """The error to the goal against the number of actions, with the threshold, as SVG."""
-    figure, axes = _figure(7.4, 5.4)
+    figure, axes = _figure(7.4, 6.2)
     result = record.result
     estimates = [(row.action, row.rmse_m * 1000.0) for row in result.history]
     if record.start_rmse_m is not None:
@@ -99,8 +107,9 @@ def error_curve(record: RunRecord) -> str:
 
 
 def timing_bars(timings: Mapping[str, StepTiming]) -> str:
-    """Time on the cell's clock and computing time of each step of the flow, as SVG."""
-    names = sorted(timings, key=lambda name: timings[name].sim_time_s + timings[name].wall_time_s)
+    """Time on the cell's clock and computing time of each step of the flow, as SVG. Quick steps are left out."""
+    shown = [name for name, timing in timings.items() if timing.sim_time_s + timing.wall_time_s >= QUICK_S]
+    names = sorted(shown, key=lambda name: timings[name].sim_time_s + timings[name].wall_time_s)
     figure, axes = _figure(13.0, 0.9 + 0.5 * len(names))
     rows = np.arange(len(names))
     for offset, color, label, seconds in (
@@ -109,7 +118,7 @@ def timing_bars(timings: Mapping[str, StepTiming]) -> str:
     ):
         bars = axes.barh(rows + offset, seconds, height=0.36, color=color, label=label)
         axes.bar_label(bars, fmt="%.2f s", padding=4, color=_MUTED, fontsize=_FONT_PT - 2)
-    axes.set_yticks(rows, [f"{name} ({timings[name].calls}×)" for name in names])
+    axes.set_yticks(rows, [f"{name.replace('_', ' ')} ({timings[name].calls}×)" for name in names])
     axes.tick_params(axis="y", length=0, colors=_INK)
     axes.set_xlim(right=1.14 * max(*axes.get_xlim(), 1e-9))
     axes.grid(axis="x", color=_GRID, linewidth=0.8)
@@ -118,11 +127,11 @@ def timing_bars(timings: Mapping[str, StepTiming]) -> str:
     return _svg(figure, "Time by step of the flow")
 
 
-def picture_png(image: UInt8Array) -> bytes:
-    """A picture (height, width, 3) RGB as PNG."""
-    done, encoded = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
+def picture_jpeg(image: UInt8Array) -> bytes:
+    """A picture (height, width, 3) RGB as JPEG: the camera's noise would make a PNG seven times as large."""
+    done, encoded = cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, 90])
     if not done:
-        raise ValueError(f"a picture of shape {image.shape} and type {image.dtype} cannot be written as PNG")
+        raise ValueError(f"a picture of shape {image.shape} and type {image.dtype} cannot be written as JPEG")
     return encoded.tobytes()
 
 
@@ -141,15 +150,15 @@ def _figure(width_in: float, height_in: float) -> tuple[Figure, Axes]:
 
 
 def _table(axes: Axes) -> None:
-    """The table as the operator sees it from behind the robot: x up, y to the left."""
+    """The table from above, turned as the camera's pictures are: the robot on the right, far from the camera on top."""
     (x0, x1), (y0, y1) = shapes.TABLE_X_M, shapes.TABLE_Y_M
-    axes.add_patch(Rectangle((y0, x0), y1 - y0, x1 - x0, facecolor=_TABLE, edgecolor=_GRID, linewidth=1.0))
+    axes.add_patch(Rectangle((x0, y0), x1 - x0, y1 - y0, facecolor=_TABLE, edgecolor=_GRID, linewidth=1.0))
     margin_m = 0.015
-    axes.set_xlim(y1 + margin_m, y0 - margin_m)
-    axes.set_ylim(x0 - margin_m, x1 + margin_m)
+    axes.set_xlim(x1 + margin_m, x0 - margin_m)
+    axes.set_ylim(y1 + margin_m, y0 - margin_m)
     axes.set_aspect("equal")
-    axes.set_xlabel("y [m]", color=_MUTED, fontsize=_FONT_PT - 1)
-    axes.set_ylabel("x [m], away from the robot", color=_MUTED, fontsize=_FONT_PT - 1)
+    axes.set_xlabel("x [m], robot on the right", color=_MUTED, fontsize=_FONT_PT - 1)
+    axes.set_ylabel("y [m]", color=_MUTED, fontsize=_FONT_PT - 1)
     axes.grid(color=_GRID, linewidth=0.6, alpha=0.7)
     axes.set_axisbelow(True)
 
@@ -158,9 +167,9 @@ def _rope(axes: Axes, nodes: Float64Array, color: str, width: float, label: str,
     """A shape (M, 3) [m], with a dot at node 0."""
     style = (0, (4, 2)) if dashed else "-"
     axes.plot(
-        nodes[:, 1], nodes[:, 0], color=color, linewidth=width, linestyle=style, solid_capstyle="round", label=label
+        nodes[:, 0], nodes[:, 1], color=color, linewidth=width, linestyle=style, solid_capstyle="round", label=label
     )
-    axes.plot(nodes[0, 1], nodes[0, 0], color=color, marker="o", markersize=3.0 + width)
+    axes.plot(nodes[0, 0], nodes[0, 1], color=color, marker="o", markersize=3.0 + width)
 
 
 def _moves(axes: Axes, record: RunRecord) -> None:
@@ -170,10 +179,10 @@ def _moves(axes: Axes, record: RunRecord) -> None:
         if before is not None:
             (x0, y0), (x1, y1) = before[row.grasp_node, :2], action.nodes_world[row.grasp_node, :2]
             style = {"arrowstyle": "-|>", "color": _MUTED, "linewidth": 0.9, "shrinkA": 0, "shrinkB": 0}
-            axes.annotate("", xy=(y1, x1), xytext=(y0, x0), arrowprops=style)
+            axes.annotate("", xy=(x1, y1), xytext=(x0, y0), arrowprops=style)
             axes.annotate(
                 str(row.action),
-                xy=(y0, x0),
+                xy=(x0, y0),
                 xytext=(4, 4),
                 textcoords="offset points",
                 color=_INK,
