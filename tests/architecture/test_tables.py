@@ -1,0 +1,161 @@
+"""The two tables, walked: whatever a component says of itself is a row, and each row is somebody's."""
+
+import ast
+import importlib
+import inspect
+from collections import Counter
+from pathlib import Path
+from typing import Any, get_args, get_type_hints
+
+import msgspec
+import pytest
+
+import dlokit
+from dlokit.communication import codec, topics
+from dlokit.communication.skill import Skill
+from dlokit.communication.topic import Topic
+from dlokit.communication.topics import TOPICS
+from dlokit.errors import CommunicationError
+from dlokit.system.build import COMPONENTS
+from dlokit.system.processes import DECISION, PROCESSES, processes_of_run
+from dlokit.types.dlo import DloState
+from dlokit.types.outcome import Succeeded
+
+SOURCE = Path(dlokit.__file__).parent
+API_MODULES = sorted(
+    ".".join(("dlokit", *path.relative_to(SOURCE).with_suffix("").parts))
+    for layer in ("skills", "functional", "decision")
+    for path in (SOURCE / layer).rglob("api.py")
+)
+SKILLS: list[Skill[..., Any]] = [
+    value for name in API_MODULES for value in vars(importlib.import_module(name)).values() if isinstance(value, Skill)
+]
+
+
+def skill_id(skill: Skill[..., Any]) -> str:
+    return skill.key
+
+
+def topic_id(topic: Topic[Any]) -> str:
+    return topic.name
+
+
+def test_every_row_of_the_topic_module_is_in_the_table_and_named_once() -> None:
+    rows = [value for value in vars(topics).values() if isinstance(value, Topic)]
+    assert set(rows) == set(TOPICS)
+    assert max(Counter(topic.name for topic in TOPICS).values()) == 1
+
+
+@pytest.mark.parametrize("topic", TOPICS, ids=topic_id)
+def test_a_topic_is_published_by_the_component_of_its_row_and_no_other(topic: Topic[Any]) -> None:
+    publishers = [name for name, component in COMPONENTS.items() if topic in component.publishes]
+    assert publishers == [topic.publisher]
+
+
+@pytest.mark.parametrize("name", COMPONENTS)
+def test_what_a_component_reads_and_publishes_are_rows(name: str) -> None:
+    component = COMPONENTS[name]
+    assert component.name == name
+    assert set(component.subscribes()) <= set(TOPICS)
+    assert set(component.publishes) <= set(TOPICS)
+
+
+@pytest.mark.parametrize("topic", TOPICS, ids=topic_id)
+def test_a_topic_has_a_reader(topic: Topic[Any]) -> None:
+    # The simulated drivers read the cell's arm through a port of their own; they stand for a cable.
+    by_a_driver = {topics.CLOCK, topics.ARM_STATE}
+    readers = [name for name, component in COMPONENTS.items() if topic in component.subscribes()]
+    assert readers or topic in by_a_driver
+
+
+def test_the_cell_tells_its_time_and_its_arm_and_nothing_of_the_dlo() -> None:
+    assert set(COMPONENTS["cell"].publishes) == {topics.CLOCK, topics.ARM_STATE}
+    for skill in COMPONENTS["cell"].skills():
+        result = get_type_hints(skill.signature)["return"]
+        assert "nodes_world" not in names_within(result)
+
+
+def names_within(kind: Any) -> set[str]:
+    """Names of all fields of a message and of the messages within it."""
+    if not (inspect.isclass(kind) and issubclass(kind, msgspec.Struct)):
+        return set[str]().union(*(names_within(part) for part in get_args(kind)))
+    hints = get_type_hints(kind)
+    return set(hints).union(*(names_within(hint) for hint in hints.values()))
+
+
+def test_the_search_for_truth_would_find_it() -> None:
+    assert "nodes_world" in names_within(DloState)
+    assert "nodes_world" in names_within(tuple[DloState, ...])
+
+
+def test_only_the_cell_records_truth_and_only_the_bench_reads_it() -> None:
+    users = {
+        path.relative_to(SOURCE).parts[:2]
+        for path in SOURCE.rglob("*.py")
+        if any(name.endswith(".truth") for name in imported(path))
+    }
+    assert users
+    assert all(parts[0] == "bench" or parts == ("functional", "cell") for parts in users), users
+
+
+def imported(path: Path) -> set[str]:
+    nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+    modules = {node.module for node in nodes if isinstance(node, ast.ImportFrom) and node.module}
+    return modules | {
+        f"{node.module}.{alias.name}" for node in nodes if isinstance(node, ast.ImportFrom) for alias in node.names
+    }
+
+
+@pytest.mark.parametrize("topic", TOPICS, ids=topic_id)
+def test_what_a_topic_carries_can_be_decoded(topic: Topic[Any]) -> None:
+    # Nil is refused as a wrong value; a type that msgspec does not know would be refused before it looks.
+    with pytest.raises(CommunicationError, match="Expected `object`"):
+        codec.decode(b"\xc0", topic.type)
+
+
+@pytest.mark.parametrize("skill", SKILLS, ids=skill_id)
+def test_a_skill_is_implemented_by_its_component_with_the_same_signature(skill: Skill[..., Any]) -> None:
+    component = COMPONENTS[skill.component]
+    method = getattr(component, component.skills()[skill])
+    wanted, found = inspect.signature(skill.signature), inspect.signature(method)
+    parameters = list(found.parameters.values())[1:]
+    assert [(p.name, p.default) for p in parameters] == [(p.name, p.default) for p in wanted.parameters.values()]
+    assert get_type_hints(method) == get_type_hints(skill.signature)
+
+
+@pytest.mark.parametrize("skill", SKILLS, ids=skill_id)
+def test_a_skill_is_documented_bounded_in_time_and_can_cross_a_process_border(skill: Skill[..., Any]) -> None:
+    assert skill.doc.endswith(".")
+    assert 0.0 < skill.timeout_s <= 600.0
+    hints = get_type_hints(skill.signature)
+    assert set(hints) == {*inspect.signature(skill.signature).parameters, "return"}
+    # The inspection fails on what msgspec cannot encode.
+    msgspec.inspect.multi_type_info([hint for name, hint in hints.items() if name != "return"])
+    msgspec.inspect.type_info(Succeeded[hints["return"]])
+
+
+@pytest.mark.parametrize("name", COMPONENTS)
+def test_every_skill_that_a_component_implements_is_in_an_api(name: str) -> None:
+    for skill in COMPONENTS[name].skills():
+        assert skill in SKILLS
+        assert skill.component == name
+
+
+def test_every_component_runs_in_exactly_one_process() -> None:
+    placed = Counter(component for row in PROCESSES for component in row.components)
+    assert placed == Counter(COMPONENTS.keys())
+
+
+def test_a_process_starts_after_rows_above_it_and_the_decision_process_is_the_first() -> None:
+    assert PROCESSES[0] is DECISION
+    seen: set[str] = set()
+    for row in PROCESSES:
+        assert set(row.after) <= seen, f"{row.name} waits for a process that the table starts later"
+        seen.add(row.name)
+
+
+def test_the_cell_runs_only_without_hardware_and_the_viewer_only_when_watched() -> None:
+    everything = {row.name for row in processes_of_run(simulated=True, watched=True)}
+    assert everything == {row.name for row in PROCESSES}
+    assert everything - {row.name for row in processes_of_run(simulated=False, watched=True)} == {"cell"}
+    assert everything - {row.name for row in processes_of_run(simulated=True, watched=False)} == {"viewer"}
