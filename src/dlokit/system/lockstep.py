@@ -1,18 +1,54 @@
 """Lockstep: every component in one process on virtual time, repeatable to the bit for one seed."""
 
 import asyncio
+from collections.abc import AsyncGenerator
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 from dlokit.communication import virtual_time
-from dlokit.communication.clock import LoopClock
+from dlokit.communication.clock import Clock, LoopClock
 from dlokit.communication.host import Host
 from dlokit.communication.memory import MemoryTransport
+from dlokit.communication.transport import Transport
 from dlokit.decision.component import DecisionComponent
 from dlokit.errors import DlokitError
 from dlokit.system.build import COMPONENTS, Wiring, build_component
 from dlokit.system.config import RunConfig
 from dlokit.system.run_record import RunRecord
 from dlokit.system.shaping import ShapeJob, Watcher, shape
+from dlokit.types.arrays import Float64Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class LockstepSystem:
+    """A running system in this process: call its skills and read its topics through `transport`."""
+
+    transport: Transport
+    clock: Clock
+    decision: DecisionComponent
+    host: Host
+
+
+@asynccontextmanager
+async def lockstep_system(
+    config: RunConfig, start_nodes_world: Float64Array, folder: Path
+) -> AsyncGenerator[LockstepSystem, None]:
+    """Every component, started; for use under `virtual_time.run`.
+
+    The cell lays its DLO along `start_nodes_world` (K, 3) [m] and leaves its truth in `folder`.
+    """
+    clock, transport = LoopClock(), MemoryTransport()
+    host = Host(transport, clock)
+    wiring = Wiring(transport=transport, clock=clock, folder=folder, start_nodes_world=start_nodes_world)
+    names = [name for name in COMPONENTS if not (name == "viewer" and config.headless)]
+    components = {name: build_component(name, config, wiring) for name in names}
+    for component in components.values():
+        host.add(component)
+    decision = components["decision"]
+    assert isinstance(decision, DecisionComponent)
+    async with host:
+        yield LockstepSystem(transport=transport, clock=clock, decision=decision, host=host)
 
 
 def run_lockstep(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher) -> RunRecord:
@@ -21,25 +57,13 @@ def run_lockstep(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher)
 
 
 async def _run(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher) -> RunRecord:
-    clock, transport = LoopClock(), MemoryTransport()
-    host = Host(transport, clock)
-    wiring = Wiring(transport=transport, clock=clock, folder=folder, start_nodes_world=job.start_nodes_world)
-    decision: DecisionComponent | None = None
-    for name in COMPONENTS:
-        if name == "viewer" and config.headless:
-            continue
-        component = build_component(name, config, wiring)
-        if isinstance(component, DecisionComponent):
-            decision = component
-        host.add(component)
-    assert decision is not None
-    async with host:
-        task = asyncio.create_task(shape(decision, transport, clock, config, job, watch))
-        fault = asyncio.create_task(host.wait_failed())
+    async with lockstep_system(config, job.start_nodes_world, folder) as system:
+        task = asyncio.create_task(shape(system.decision, system.transport, system.clock, config, job, watch))
+        fault = asyncio.create_task(system.host.wait_failed())
         try:
             await asyncio.wait({task, fault}, return_when=asyncio.FIRST_COMPLETED)
             if not task.done():
-                _raise_fault(fault)
+                raise fault.exception() or DlokitError("a component ended early without an error")
             return task.result()
         except asyncio.CancelledError:
             # Ctrl-C: the task itself stops the robot, and ends with outcome `cancelled`.
@@ -49,10 +73,3 @@ async def _run(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher) -
             task.cancel()
             fault.cancel()
             await asyncio.gather(task, fault, return_exceptions=True)
-
-
-def _raise_fault(fault: "asyncio.Task[None]") -> None:
-    error = fault.exception()
-    if error is not None:
-        raise error
-    raise DlokitError("a component ended without an error; this is a mistake of dlokit's")

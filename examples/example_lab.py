@@ -1,0 +1,83 @@
+"""What the numbered examples share: a simulated cell in lockstep, and a place for the picture."""
+
+import tempfile
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+import matplotlib as mpl
+
+from dlokit.app.environment import prepare_environment
+
+prepare_environment()
+mpl.use("Agg")
+
+import tyro  # noqa: E402
+from matplotlib.axes import Axes  # noqa: E402
+
+from dlokit.app.job import job_from_config  # noqa: E402
+from dlokit.communication import virtual_time  # noqa: E402
+from dlokit.system.config import RunConfig  # noqa: E402
+from dlokit.system.lockstep import LockstepSystem, lockstep_system  # noqa: E402
+from dlokit.types.arrays import Float32Array, Float64Array  # noqa: E402
+from dlokit.types.outcome import Outcome, Succeeded  # noqa: E402
+
+R = TypeVar("R")
+
+
+@dataclass(frozen=True)
+class ExampleArgs:
+    """One skill of the paper's section 5.1, alone, on the simulated cell."""
+
+    out: Path = Path("runs/examples")
+    """Folder for the picture."""
+    start: str = "S"
+    """Shape in which the rope lies."""
+    seed: int = 0
+    """Seed of the camera's noise and error."""
+
+
+def run_example(picture: str, example: Callable[[LockstepSystem, Path], Awaitable[None]], start: str = "S") -> None:
+    """Start the cell and all components on virtual time, run the example, and say where its picture is."""
+    args = tyro.cli(ExampleArgs, default=ExampleArgs(start=start))
+    args.out.mkdir(parents=True, exist_ok=True)
+    config = RunConfig(start=args.start, seed=args.seed, headless=True)
+
+    async def main() -> None:
+        with tempfile.TemporaryDirectory() as folder:
+            job = job_from_config(config)
+            async with lockstep_system(config, job.start_nodes_world, Path(folder)) as system:
+                await system.clock.sleep(0.1)  # the robot has told where it is
+                await example(system, args.out / picture)
+
+    virtual_time.run(main())
+    print(f"picture: {args.out / picture}")
+
+
+def result_of(outcome: Outcome[R]) -> R:
+    """The result of a skill call, or the end of the example with what became of it."""
+    if not isinstance(outcome, Succeeded):
+        raise SystemExit(f"the skill did not succeed: {outcome}")
+    return outcome.result
+
+
+def draw_table(axes: Axes, title: str) -> None:
+    """The table from above, in metres, as the operator stands behind the robot."""
+    axes.set_title(title)
+    axes.set_xlabel("y [m]")
+    axes.set_ylabel("x [m]")
+    axes.set_aspect("equal")
+    axes.set_xlim(0.4, -0.4)
+    axes.set_ylim(0.25, 0.8)
+    axes.grid(alpha=0.3)
+
+
+def draw_nodes(axes: Axes, nodes_world: Float64Array, style: str, label: str) -> None:
+    """A rod (M, 3) [m] from above."""
+    axes.plot(nodes_world[:, 1], nodes_world[:, 0], style, label=label)
+
+
+def draw_points(axes: Axes, points_world: Float32Array, label: str) -> None:
+    """A cloud (N, 3) [m] from above."""
+    axes.scatter(points_world[:, 1], points_world[:, 0], s=2, c="0.6", label=label)

@@ -1,0 +1,35 @@
+"""Steps that the later examples have in common."""
+
+import asyncio
+
+from example_lab import result_of
+
+from dlokit.communication import topics
+from dlokit.description.shapes import builtin_shape
+from dlokit.skills.model import api as model
+from dlokit.skills.observer import api as observer
+from dlokit.skills.perception import api as perception
+from dlokit.skills.planning import api as planning
+from dlokit.system.lockstep import LockstepSystem
+from dlokit.types.action import Marks, PickPlace
+from dlokit.types.arrays import Int64Array
+from dlokit.types.dlo import DloState, GoalShape
+
+
+async def tracked_state(system: LockstepSystem) -> DloState:
+    """Look once and give the model's state."""
+    states = system.transport.stream(topics.STATE)
+    seen = result_of(await system.transport.call(perception.LOOK))
+    result_of(await system.transport.call(observer.INITIALISE, seen.stamp_ns))
+    async with asyncio.timeout(5.0):
+        return await anext(states)
+
+
+async def goal_named(system: LockstepSystem, name: str) -> GoalShape:
+    """One of the built-in shapes as the goal."""
+    return result_of(await system.transport.call(model.SET_GOAL, builtin_shape(name, 0.5, 101), name))
+
+
+async def proposed(system: LockstepSystem, state: DloState, goal: GoalShape, marked: Int64Array) -> PickPlace:
+    """The planner's best action, grasps at `marked` nodes left out."""
+    return result_of(await system.transport.call(planning.PROPOSE, state, goal, Marks(invalid_nodes=marked)))

@@ -1,0 +1,27 @@
+"""Every numbered example runs as a newcomer would run it, and leaves its picture."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import pytest
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+NUMBERED = sorted(EXAMPLES.glob("[0-9]*.py"))
+
+
+def test_there_is_an_example_for_each_skill_of_the_paper() -> None:
+    assert [path.name[:2] for path in NUMBERED] == [f"{number:02d}" for number in range(1, 9)]
+
+
+@pytest.mark.parametrize("script", NUMBERED, ids=lambda path: path.stem)
+def test_an_example_runs_and_leaves_its_picture(script: Path, tmp_path: Path) -> None:
+    ended = subprocess.run(
+        [sys.executable, str(script), "--out", str(tmp_path)], capture_output=True, text=True, timeout=300, check=False
+    )
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+    picture = cv2.imread(str(tmp_path / f"{script.stem}.png"))
+    assert picture is not None
+    # An empty page of matplotlib is all white: something must be drawn on it.
+    assert picture.std() > 5.0
