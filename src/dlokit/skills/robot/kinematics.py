@@ -57,8 +57,10 @@ def half_turned(T: Pose) -> Pose:
 
 def points_down(T: Pose) -> bool:
     """Whether the tool's z axis points straight down."""
-    approach = geometry.rotation(T)[:, 2]
-    return bool(np.hypot(approach[0], approach[1]) < _DOWN_TOLERANCE_RAD and approach[2] < 0.0)
+    w, x, y, z = T.wxyz
+    # The z axis of a unit quaternion's rotation, written out: this is asked for every pose of every path.
+    sideways = 2.0 * float(np.hypot(x * z + w * y, y * z - w * x))
+    return sideways < _DOWN_TOLERANCE_RAD and float(w * w + z * z) < float(x * x + y * y)
 
 
 class PandaKinematics:
@@ -119,8 +121,7 @@ class PandaKinematics:
         forward = _ELBOW_OFFSET_M - _ELBOW_OFFSET_M * np.cos(bend) + _FOREARM_M * np.sin(bend)
         upward = _UPPER_ARM_M + _ELBOW_OFFSET_M * np.sin(bend) + _FOREARM_M * np.cos(bend)
         q1, q2 = np.arctan2(y, x), np.arctan2(across, up) - np.arctan2(forward, upward)
-        x_axis = geometry.rotation(T_base_tcp)[:, 0]
-        q7 = q1 + np.pi / 4 - np.arctan2(x_axis[1], x_axis[0])
+        q7 = q1 + np.pi / 4 - _heading(T_base_tcp)
         # A whole turn more or less is the same pose; near the limit the previous angle decides.
         q7 = min((q7 + turn for turn in (-4 * np.pi, -2 * np.pi, 0.0, 2 * np.pi)), key=lambda a: abs(a - near[6]))
         if not self.lower_rad[6] <= q7 <= self.upper_rad[6]:
@@ -158,8 +159,9 @@ def _explain(T: Pose, yaw: Yaw) -> str:
 
 
 def _heading(T: Pose) -> float:
-    x_axis = geometry.rotation(T)[:, 0]
-    return float(np.arctan2(x_axis[1], x_axis[0]))
+    """Direction of the x axis in the horizontal plane [rad]."""
+    w, x, y, z = T.wxyz
+    return float(np.arctan2(2.0 * (x * y + w * z), w * w + x * x - y * y - z * z))
 
 
 class _DifferentialSolver:

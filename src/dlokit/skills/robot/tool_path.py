@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from dlokit.skills.robot.kinematics import half_turned
 from dlokit.types.pose import Pose
@@ -27,7 +26,7 @@ class ToolPath:
     """Poses (n, at least 2) joined by lines of `lengths_m` (n - 1,); the corners between are rounded."""
 
     positions_m: Array  # (n, 3) [m]
-    rotations: tuple[Rotation, ...]
+    turns_wxyz: Array  # (n, 4) unit quaternions
     lengths_m: Array  # (n - 1,) [m]
 
     @property
@@ -47,14 +46,14 @@ class ToolPath:
                     return self._rounded(corner, reach, after / (2 * reach))
         share = (sigma_m - (ends[leg] - self.lengths_m[leg])) / self.lengths_m[leg]
         position, rotation = self._on_leg(leg, float(np.clip(share, 0.0, 1.0)))
-        return _pose(position, rotation)
+        return Pose(position_m=position, wxyz=rotation)
 
     def _reach(self, corner: int) -> float:
         return min(_ROUNDING_M, 0.5 * float(self.lengths_m[corner - 1]), 0.5 * float(self.lengths_m[corner]))
 
-    def _on_leg(self, leg: int, share: float) -> tuple[Array, Rotation]:
+    def _on_leg(self, leg: int, share: float) -> tuple[Array, Array]:
         a, b = self.positions_m[leg], self.positions_m[leg + 1]
-        return a + share * (b - a), _between(self.rotations[leg], self.rotations[leg + 1], share)
+        return a + share * (b - a), _between(self.turns_wxyz[leg], self.turns_wxyz[leg + 1], share)
 
     def _rounded(self, corner: int, reach: float, u: float) -> Pose:
         """A quadratic Bézier curve from `reach` before the corner to `reach` after it (De Casteljau)."""
@@ -62,7 +61,7 @@ class ToolPath:
         after = reach / float(self.lengths_m[corner])
         p0, r0 = self._on_leg(corner - 1, 1.0 - before * (1.0 - u))
         p1, r1 = self._on_leg(corner, after * u)
-        return _pose((1.0 - u) * p0 + u * p1, _between(r0, r1, u))
+        return Pose(position_m=(1.0 - u) * p0 + u * p1, wxyz=_between(r0, r1, u))
 
 
 def split_at_turns(start: Pose, poses: tuple[Pose, ...]) -> list[ToolPath]:
@@ -97,7 +96,7 @@ def split_at_turns(start: Pose, poses: tuple[Pose, ...]) -> list[ToolPath]:
 def _path(points: list[Pose]) -> ToolPath:
     return ToolPath(
         positions_m=np.array([pose.position_m for pose in points]),
-        rotations=tuple(Rotation.from_quat(pose.wxyz, scalar_first=True) for pose in points),
+        turns_wxyz=np.array([pose.wxyz for pose in points]),
         lengths_m=np.array([_distance(a, b) for a, b in itertools.pairwise(points)]),
     )
 
@@ -110,26 +109,31 @@ def _on_the_way(a: Pose, b: Pose, c: Pose) -> bool:
     if share >= 1.0:
         return False
     position = a.position_m + share * (c.position_m - a.position_m)
-    first, last = (Rotation.from_quat(pose.wxyz, scalar_first=True) for pose in (a, c))
-    off = _between(first, last, share).inv() * Rotation.from_quat(b.wxyz, scalar_first=True)
-    return bool(np.linalg.norm(position - b.position_m) < _SAME_PLACE_M and off.magnitude() < _SAME_DIRECTION_RAD)
+    there = Pose(position_m=position, wxyz=_between(a.wxyz, c.wxyz, share))
+    return float(np.linalg.norm(position - b.position_m)) < _SAME_PLACE_M and _turn(there, b) < _SAME_DIRECTION_RAD
 
 
 def _turn(a: Pose, b: Pose) -> float:
-    return float(2 * np.arccos(min(1.0, abs(float(a.wxyz @ b.wxyz)))))
+    # From the sine: near zero the cosine of a small angle is 1 to rounding.
+    apart = min(float(np.linalg.norm(a.wxyz - b.wxyz)), float(np.linalg.norm(a.wxyz + b.wxyz)))
+    return 4.0 * float(np.arcsin(min(1.0, apart / 2.0)))
 
 
 def _distance(a: Pose, b: Pose) -> float:
     return max(float(np.linalg.norm(a.position_m - b.position_m)), _TURN_LEVER_M * _turn(a, b))
 
 
-def _between(a: Rotation, b: Rotation, share: float) -> Rotation:
-    return a * Rotation.from_rotvec(share * (a.inv() * b).as_rotvec())
+def _between(a: Array, b: Array, share: float) -> Array:
+    """A unit quaternion (4,) on the shorter turn from `a` to `b`; Shoemake, SIGGRAPH 1985."""
+    cosine = float(a @ b)
+    nearer = b if cosine >= 0.0 else -b
+    angle = np.arccos(min(1.0, abs(cosine)))
+    if angle < 1e-6:
+        return a
+    mixed = (np.sin((1.0 - share) * angle) * a + np.sin(share * angle) * nearer) / np.sin(angle)
+    return mixed / np.linalg.norm(mixed)
 
 
 def _x_axis(T: Pose) -> Array:
-    return Rotation.from_quat(T.wxyz, scalar_first=True).as_matrix()[:, 0]
-
-
-def _pose(position: Array, rotation: Rotation) -> Pose:
-    return Pose(position_m=position, wxyz=rotation.as_quat(scalar_first=True, canonical=True))
+    w, x, y, z = T.wxyz
+    return np.array([w * w + x * x - y * y - z * z, 2 * (x * y + w * z), 2 * (x * z - w * y)])
