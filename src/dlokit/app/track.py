@@ -12,7 +12,6 @@ import tyro
 from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
-from scipy.spatial import KDTree
 
 from dlokit.app.cloud_files import read_cloud, read_nodes
 from dlokit.app.track_picture import draw_tracks
@@ -23,6 +22,7 @@ from dlokit.skills.observer.component import follow
 from dlokit.skills.observer.config import ObserverConfig
 from dlokit.skills.observer.initialise import initial_targets, spanning_tree
 from dlokit.skills.observer.strategies import strategies
+from dlokit.skills.observer.visibility import distance_to_dlo_m
 from dlokit.skills.perception.box import BoxConfig, inside_box
 from dlokit.skills.perception.cloud import CloudConfig, lonely, thin
 from dlokit.system.run_folder import claim_run_folder, new_run_folder
@@ -148,7 +148,10 @@ def track_clouds(
         visible=np.stack([targets.visible for targets in found]),
         health=np.array([targets.health for targets in found]),
         distance_m=np.array(
-            [cloud_distance_m(p, t.nodes_world, topology) for p, t in zip(filtered, found, strict=True)]
+            [
+                float(np.sqrt(np.mean(distance_to_dlo_m(points, targets.nodes_world, topology) ** 2)))
+                for points, targets in zip(filtered, found, strict=True)
+            ]
         ),
         seconds=np.array(seconds),
         topology=topology,
@@ -181,14 +184,6 @@ def topology_of(nodes: Array) -> Topology:
         raise InputError("two of the initial nodes lie at the same place; give each node once")
     lengths = np.linalg.norm(nodes[edges[:, 0]] - nodes[edges[:, 1]], axis=1)
     return Topology(edges=edges, rest_lengths_m=lengths)
-
-
-def cloud_distance_m(points: Array, nodes: Array, topology: Topology) -> float:
-    """Root mean square distance of points (N, 3) [m] to the nearest edge between nodes (M, 3) [m]."""
-    a, b = nodes[topology.edges[:, 0]], nodes[topology.edges[:, 1]]
-    steps = np.linspace(0.0, 1.0, 9)[:, None, None]  # an eighth of an edge is finer than the clouds
-    distance, _ = KDTree((a + steps * (b - a)).reshape(-1, 3)).query(points)
-    return float(np.sqrt(np.mean(np.square(distance))))
 
 
 def write_result(result: TrackResult, clouds: Sequence[Path], out: Path) -> None:

@@ -15,6 +15,7 @@ from dlokit.skills.observer.base import nothing_seen
 from dlokit.skills.observer.cpd import CpdConfig, register, thinned
 from dlokit.skills.observer.curve import CurveConfig, FittedCurve, Segment, fit_curve, project
 from dlokit.skills.observer.hidden import fill_hidden
+from dlokit.skills.observer.partial import register_visible
 from dlokit.skills.observer.visibility import VisibilityConfig, shaded, visible_nodes
 from dlokit.types.dlo import DloState, TargetPoints, Topology
 from dlokit.types.observation import Observation
@@ -74,12 +75,7 @@ class Anchored:
         drifted = register(thinned(points, config.cpd.max_points), prior.nodes_world, config.cpd)
         curve = fit_curve(points, drifted.nodes, config.curve) if is_chain(prior.topology) else None
         if curve is None:
-            return TargetPoints(
-                stamp_ns=seen.stamp_ns,
-                nodes_world=drifted.nodes,
-                visible=visible_nodes(drifted.nodes, points, seen, config.visibility),
-                health=float(np.mean(drifted.inliers)),
-            )
+            return register_visible(points, drifted, seen, prior, config.cpd, config.visibility)
         rod_m = np.concatenate(([0.0], np.cumsum(prior.topology.rest_lengths_m)))
         s_m, covered = node_places(curve, drifted.nodes, rod_m, seen, config)
         nodes = curve.at(s_m)

@@ -17,7 +17,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from dlokit.skills.observer.base import nothing_seen
-from dlokit.skills.observer.visibility import VisibilityConfig, visible_nodes
+from dlokit.skills.observer.visibility import VisibilityConfig, explained_share, visible_nodes
 from dlokit.types.dlo import DloState, TargetPoints
 from dlokit.types.observation import Observation
 
@@ -32,7 +32,7 @@ class CpdConfig:
 
     beta_m: float = 0.12
     """Width of the Gaussian kernel [m]: nodes nearer than this move alike."""
-    lambda_per_m2: float = 100.0
+    lambda_per_m2: float = 300.0
     """Weight of the smoothness of the motion against the fit [1/m²]."""
     outlier_weight: float = 0.05
     """w, the share of points expected to belong to nothing, from 0 to below 1."""
@@ -65,6 +65,8 @@ class CpdResult:
     """P 1 (M,): how many points each node explains."""
     inliers: Array
     """Pᵀ 1 (N,): the probability that a point belongs to the DLO."""
+    coefficients: Array
+    """W (M, D) [m]: the motion anywhere is v(z) = sum_m exp(-|z - y_m|² / (2 beta²)) w_m, eq. 18 ff."""
     sigma2: Array
     """sigma² before the first and after each iteration (iterations + 1,) [m²]."""
 
@@ -106,7 +108,7 @@ def register(X: Array, Y: Array, config: CpdConfig) -> CpdResult:
     X, Y = X - origin, Y - origin
     G = kernel(Y, config.beta_m)
     D = X.shape[1]
-    T = Y
+    T, W = Y, np.zeros_like(Y)
     start = initial_sigma2(X, Y) if config.initial_sigma_m == 0 else config.initial_sigma_m**2
     sigma2 = [start]
     squares = np.sum(X**2, axis=1)
@@ -123,7 +125,14 @@ def register(X: Array, Y: Array, config: CpdConfig) -> CpdResult:
         settled = abs(sigma2[-2] - sigma2[-1]) < config.tolerance * sigma2[-2]
         if settled or sigma2[-1] < config.smallest_sigma_m**2:
             break
-    return CpdResult(nodes=T + origin, weights=P1, inliers=Pt1, sigma2=np.array(sigma2))
+    return CpdResult(nodes=T + origin, weights=P1, inliers=Pt1, coefficients=W, sigma2=np.array(sigma2))
+
+
+def motion(places: Array, Y: Array, result: CpdResult, beta_m: float) -> Array:
+    """How the registration of the nodes Y moves other places (K, D) [m]: the displacement (K, D) [m]."""
+    return np.exp(_squared_distances(places - Y.mean(axis=0), Y - Y.mean(axis=0)) / (-2.0 * beta_m**2)) @ (
+        result.coefficients
+    )
 
 
 class Cpd:
@@ -133,7 +142,7 @@ class Cpd:
         self._config = config or CpdConfig()
 
     def estimate(self, seen: Observation, prior: DloState) -> TargetPoints:
-        """The prior's nodes, drifted coherently onto the cloud. Health is the share of points explained."""
+        """The prior's nodes, drifted coherently onto the cloud. Health is the share of points near them."""
         points = np.asarray(seen.points_world, dtype=np.float64)
         if len(points) == 0:
             return nothing_seen(seen, prior)
@@ -142,7 +151,7 @@ class Cpd:
             stamp_ns=seen.stamp_ns,
             nodes_world=result.nodes,
             visible=visible_nodes(result.nodes, points, seen, self._config.visibility),
-            health=float(np.mean(result.inliers)),
+            health=explained_share(points, result.nodes, prior.topology, self._config.visibility),
         )
 
 

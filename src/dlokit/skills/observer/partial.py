@@ -1,0 +1,63 @@
+"""Registration without the nodes that the cloud does not show, for DLOs of any topology."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dlokit.skills.observer.cpd import CpdConfig, CpdResult, motion, register, thinned
+from dlokit.skills.observer.visibility import VisibilityConfig, explained_share, supported, visible_nodes
+from dlokit.types.dlo import DloState, TargetPoints, Topology
+from dlokit.types.observation import Observation
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+SQUEEZED = 0.6  # a rod hardly shortens; a mixture whose branch is hidden folds it onto its neighbour
+
+
+def register_visible(
+    points: Array,
+    first: CpdResult,
+    seen: Observation,
+    prior: DloState,
+    cpd: CpdConfig,
+    visibility: VisibilityConfig,
+) -> TargetPoints:
+    """Target points of a DLO of which parts may be hidden, from a `first` registration of all its nodes.
+
+    A mixture draws the nodes of a hidden part to points of other parts. Nodes that had no points near them
+    and ended in none, or with their edges squeezed or torn, are taken out; the others are registered again,
+    and their coherent motion carries the hidden ones.
+    """
+    hidden = hidden_nodes(points, first.nodes, prior, cpd, visibility)
+    shown = ~hidden
+    nodes = first.nodes
+    if hidden.any() and np.count_nonzero(shown) >= 3:
+        Y = prior.nodes_world
+        result = register(thinned(points, cpd.max_points), Y[shown], cpd)
+        nodes = Y + motion(Y, Y[shown], result, cpd.beta_m)
+    return TargetPoints(
+        stamp_ns=seen.stamp_ns,
+        nodes_world=nodes,
+        visible=shown & visible_nodes(nodes, points, seen, visibility),
+        health=explained_share(points, nodes, prior.topology, visibility),
+    )
+
+
+def hidden_nodes(points: Array, drifted: Array, prior: DloState, cpd: CpdConfig, visibility: VisibilityConfig) -> Flags:
+    """Which nodes (M,) the cloud (N, 3) [m] does not show, judged by where a registration put them (M, 3) [m]."""
+    near = replace(visibility, radius_m=1.5 * visibility.radius_m)
+    alone_before = ~supported(prior.nodes_world, points, near)
+    alone_after = ~supported(drifted, points, visibility)
+    return alone_before & (alone_after | distorted_nodes(drifted, prior.topology))
+
+
+def distorted_nodes(nodes: Array, topology: Topology) -> Flags:
+    """Which nodes (M,) have an edge much shorter or longer than at rest."""
+    a, b = topology.edges[:, 0], topology.edges[:, 1]
+    ratio = np.linalg.norm(nodes[a] - nodes[b], axis=1) / np.maximum(topology.rest_lengths_m, 1e-9)
+    wrong = (ratio < SQUEEZED) | (ratio > 1.0 / SQUEEZED)
+    flags = np.zeros(len(nodes), dtype=np.bool_)
+    flags[topology.edges[wrong].ravel()] = True
+    return flags
