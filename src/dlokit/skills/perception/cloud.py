@@ -20,8 +20,6 @@ class CloudConfig:
 
     dlo_radius_m: float = 0.004
     """Radius of the DLO [m]: the camera sees its surface, the cloud is moved to its centre line."""
-    table_height_m: float | None = 0.0
-    """Height of the table that the DLO cannot sink into [m]; None: there is none."""
     voxel_m: float = 0.004
     """Side of the cubes of which each keeps the mean of its points [m]; 0 keeps all points."""
     outlier_radius_m: float = 0.012
@@ -38,19 +36,21 @@ def reproject(disparity: Disparity, camera: CameraCalibration) -> Array:
     return back_project(pixels, camera.fx_px * baseline_m(camera) / d, camera)
 
 
-def to_centre_line(points_world: Array, camera: CameraCalibration, config: CloudConfig) -> Array:
+def to_centre_line(
+    points_world: Array, camera: CameraCalibration, radius_m: float, table_height_m: float | None
+) -> Array:
     """Surface points (N, 3) [m] moved away from the camera by the DLO's radius, but never into the table.
 
     The table stops the centre line one radius above it; a point below is moved back along its line of sight, on
-    which a stereo camera errs most.
+    which a stereo camera errs most. Without a table (None) points may lie as low as they are seen.
     """
     eye = camera.T_world_camera.position_m
     view = points_world - eye
     distance = np.linalg.norm(view, axis=1, keepdims=True)
-    centred = points_world + view * (config.dlo_radius_m / np.maximum(distance, 1e-9))
-    if config.table_height_m is None:
+    centred = points_world + view * (radius_m / np.maximum(distance, 1e-9))
+    if table_height_m is None:
         return centred
-    lowest = config.table_height_m + config.dlo_radius_m
+    lowest = table_height_m + radius_m
     drop = centred[:, 2] - eye[2]
     sunk = (centred[:, 2] < lowest) & (drop < -1e-6)
     scale = np.where(sunk, (lowest - eye[2]) / np.where(sunk, drop, 1.0), 1.0)

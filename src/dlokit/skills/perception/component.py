@@ -103,19 +103,25 @@ class PerceptionComponent(Component):
             self._gripped[gripped.robot] = gripped.node
 
     async def run(self) -> None:
-        """Look at the set rate; a look that is due while another is under way is left out."""
-        while True:
-            if self._rate_hz <= 0.0:
-                self._rate_changed.clear()
-                await self._rate_changed.wait()
-                continue
-            due_ns = self.port.clock.now_ns() + round(1e9 / self._rate_hz)
-            if not self._looking.locked():
-                await self._tracking_look()
-            period_ns = round(1e9 / self._rate_hz) if self._rate_hz > 0.0 else 0
-            while period_ns and due_ns < self.port.clock.now_ns():
-                due_ns += period_ns
-            await self.port.clock.sleep_until(due_ns)
+        """Hold the camera open, and look at the set rate."""
+        with self._camera:
+            while True:
+                if self._rate_hz > 0.0:
+                    await self._track()
+                else:
+                    self._rate_changed.clear()
+                    await self._rate_changed.wait()
+
+    async def _track(self) -> None:
+        """One look and the wait for the next; looks that are due while another is under way are left out."""
+        period_ns = round(1e9 / self._rate_hz)
+        due_ns = self.port.clock.now_ns() + period_ns
+        if not self._looking.locked():
+            await self._tracking_look()
+        late_ns = self.port.clock.now_ns() - due_ns
+        if late_ns > 0:
+            due_ns += -(-late_ns // period_ns) * period_ns
+        await self.port.clock.sleep_until(due_ns)
 
     async def _tracking_look(self) -> None:
         async with self._looking:
@@ -149,7 +155,7 @@ class PerceptionComponent(Component):
     async def _with_corrected_pose(self, images: StereoImages, robots: tuple[RobotState, ...]) -> StereoImages:
         """The pair with the camera pose corrected by the table, which is looked for now and then."""
         table = self._config.table
-        if not table.enabled:
+        if not table.correct_pose:
             return images
         if self._looks % table.every_looks == 0:
             found = await self.port.compute(corrected_camera_pose, images, robots, self._config, self._segmentation)

@@ -26,7 +26,7 @@ class PerceptionConfig:
     cloud: CloudConfig = field(default_factory=CloudConfig)
     """From disparities to the cloud."""
     table: TableConfig = field(default_factory=TableConfig)
-    """Correction of the believed camera pose."""
+    """What the table says."""
     smallest_patch_px: int = 20
     """Patches of the mask with fewer pixels than this are noise."""
     capture_timeout_s: float = 2.0

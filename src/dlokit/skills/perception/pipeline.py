@@ -17,7 +17,7 @@ from dlokit.skills.perception.pictures import grey
 from dlokit.skills.perception.rectification import Rectifier
 from dlokit.skills.perception.robot_shape import Capsules, panda_capsules
 from dlokit.skills.perception.selffilter import occlusion_map, robot_distance_m, robot_outline
-from dlokit.skills.perception.stereo import Disparity, StereoMatcher
+from dlokit.skills.perception.stereo import Disparity, StereoMatcher, window_around
 from dlokit.skills.perception.table import camera_pose_from_table
 from dlokit.types.arrays import BoolArray, Float32Array, UInt8Array
 from dlokit.types.image import CameraCalibration, Image, StereoImages
@@ -53,13 +53,14 @@ def perceive(
     capsules = panda_capsules(robots)
     segmented = _segmented(pair.left, strategy)
     mask = _cleaned(segmented & _where_dlo_may_be(capsules, camera, config), config.smallest_patch_px)
-    disparity = StereoMatcher(config.stereo).match(
+    disparity = StereoMatcher(config.stereo, config.table.height_m).match(
         grey(pair.left), grey(pair.right), mask, _segmented(pair.right, strategy), camera
     )
     surface = np.zeros((0, 3)) if disparity is None else reproject(disparity, camera)
     keep = inside_box(surface, config.box)
     keep[keep] = robot_distance_m(surface[keep], capsules) > config.self_filter.space_margin_m
-    points = clean(to_centre_line(surface[keep], camera, config.cloud), config.cloud)
+    floor_m = config.table.height_m if config.table.supports else None
+    points = clean(to_centre_line(surface[keep], camera, config.cloud.dlo_radius_m, floor_m), config.cloud)
     return Look(
         observation=Observation(
             stamp_ns=images.stamp_ns,
@@ -98,7 +99,7 @@ def corrected_camera_pose(
     capsules = panda_capsules(robots)
     robot = robot_outline(capsules, pair.calibration, config.self_filter.picture_margin_m)
     hidden = robot | _segmented(pair.left, segmentation.build())
-    return camera_pose_from_table(pair, hidden, config.box, config.stereo.table_height_m, config.table)
+    return camera_pose_from_table(pair, hidden, config.box, config.table)
 
 
 def _segmented(picture: UInt8Array, strategy: Segmentation) -> BoolArray:
@@ -112,9 +113,13 @@ def _where_dlo_may_be(capsules: Capsules, camera: CameraCalibration, config: Per
 
 def _cleaned(mask: BoolArray, smallest_px: int) -> BoolArray:
     """The mask without its small patches."""
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
-    if count <= 1:
+    window = window_around(mask, margin_px=0)
+    if window is None:
         return mask
+    part = mask[window.top : window.bottom, window.left : window.right]
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(part.astype(np.uint8), connectivity=8)
     large = np.asarray(stats)[:, cv2.CC_STAT_AREA] >= smallest_px
     large[0] = False  # the surroundings
-    return large[np.asarray(labels, dtype=np.int32)]
+    result = np.zeros_like(mask)
+    result[window.top : window.bottom, window.left : window.right] = large[np.asarray(labels, dtype=np.int32)]
+    return result

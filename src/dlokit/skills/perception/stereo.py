@@ -39,8 +39,6 @@ class StereoConfig:
     """Lowest height above the table that is searched [m]."""
     highest_m: float = 0.25
     """Greatest height above the table that is searched [m]; a lower one is faster."""
-    table_height_m: float = 0.0
-    """Height of the table's top in the world [m]."""
     smoothing_px: int = 9
     """Side of the window in which disparities of the mask are averaged [px], odd; 1 leaves them as they are."""
     surroundings: float = 0.25
@@ -69,10 +67,11 @@ class Disparity:
 
 
 class StereoMatcher:
-    """Finds the disparity of masked pixels."""
+    """Finds the disparity of masked pixels, over a table whose top is at `table_height_m` in the world."""
 
-    def __init__(self, config: StereoConfig) -> None:
+    def __init__(self, config: StereoConfig, table_height_m: float = 0.0) -> None:
         self._config = config
+        self._table_m = table_height_m
 
     def match(
         self,
@@ -87,10 +86,10 @@ class StereoMatcher:
         `mask_right` says what is DLO in the right picture.
         """
         lowest, count = self._search_range(camera)
-        window = _window_around(mask, lowest + count, self._config.block_px)
+        window = window_around(mask, 4 * self._config.block_px, lowest + count)
         if window is None:
             return None
-        plane = plane_disparity(camera, self._config.table_height_m)
+        plane = plane_disparity(camera, self._table_m)
         raw = self._raw(
             _dimmed(left, mask, window, self._config.surroundings),
             _dimmed(right, mask_right, window, self._config.surroundings),
@@ -132,10 +131,10 @@ class StereoMatcher:
 
     def _search_range(self, camera: CameraCalibration) -> tuple[int, int]:
         """Lowest disparity relative to the table, and how many are searched [px]."""
-        table = plane_disparity(camera, self._config.table_height_m)
+        table = plane_disparity(camera, self._table_m)
         corners = np.array([[0, 0], [1, 0], [0, 1], [1, 1]]) * [camera.width_px - 1, camera.height_px - 1]
         spans = [
-            plane_disparity(camera, self._config.table_height_m + height).at(corners[:, 0], corners[:, 1])
+            plane_disparity(camera, self._table_m + height).at(corners[:, 0], corners[:, 1])
             - table.at(corners[:, 0], corners[:, 1])
             for height in (self._config.lowest_m, self._config.highest_m)
         ]
@@ -146,18 +145,17 @@ class StereoMatcher:
         return lowest, -(-count // _STEP_PX) * _STEP_PX
 
 
-def _window_around(mask: BoolArray, reach_px: int, block_px: int) -> Window | None:
-    """The smallest window with all of the mask, with what the matcher needs around it."""
+def window_around(mask: BoolArray, margin_px: int, reach_px: int = 0) -> Window | None:
+    """The smallest window with all of the mask, a margin around it, and `reach_px` more at its left; None if empty."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     if len(rows) == 0:
         return None
     height, width = mask.shape
-    margin = 4 * block_px
     return Window(
-        left=max(0, int(columns[0]) - margin - reach_px),
-        right=min(width, int(columns[-1]) + 1 + margin),
-        top=max(0, int(rows[0]) - margin),
-        bottom=min(height, int(rows[-1]) + 1 + margin),
+        left=max(0, int(columns[0]) - margin_px - reach_px),
+        right=min(width, int(columns[-1]) + 1 + margin_px),
+        top=max(0, int(rows[0]) - margin_px),
+        bottom=min(height, int(rows[-1]) + 1 + margin_px),
     )
 
 

@@ -31,10 +31,14 @@ _LEAST_PIXELS = 1000
 
 @dataclass(frozen=True, kw_only=True)
 class TableConfig:
-    """Correction of the believed camera pose by the table's plane."""
+    """The table: what it says of the camera's pose, and that nothing can be in it."""
 
-    enabled: bool = True
-    """Whether to correct it. The table needs texture, and must be level."""
+    height_m: float = 0.0
+    """Height of its top in the world [m]."""
+    supports: bool = True
+    """Whether the DLO cannot be below its top; turn it off for a DLO that may hang over the edge."""
+    correct_pose: bool = True
+    """Whether to correct the believed camera pose by it. The table needs texture, and must be level."""
     every_looks: int = 50
     """The table is looked for in the first look, and again after so many."""
     largest_angle_rad: float = 0.02
@@ -47,22 +51,20 @@ class TableConfig:
     """Standard deviation of the table's brightness, 0 to 255, below which it has too little texture."""
 
 
-def camera_pose_from_table(
-    images: StereoImages, hidden: BoolArray, box: BoxConfig, height_m: float, config: TableConfig
-) -> Pose | None:
+def camera_pose_from_table(images: StereoImages, hidden: BoolArray, box: BoxConfig, config: TableConfig) -> Pose | None:
     """The corrected T_world_camera of a rectified pair; None when no plane near the believed one is found.
 
-    `hidden` (height, width) are pixels that do not show the table: the DLO's and the robot's. The table's top is at
-    `height_m` in the world, wherever the box stands on it.
+    `hidden` (height, width) are pixels that do not show the table: the DLO's and the robot's. The table is
+    what the box stands on.
     """
     camera = images.calibration
     footprint = BoxConfig(
-        lower_world=(box.lower_world[0], box.lower_world[1], height_m - 0.001),
-        upper_world=(box.upper_world[0], box.upper_world[1], height_m + 0.001),
+        lower_world=(box.lower_world[0], box.lower_world[1], config.height_m - 0.001),
+        upper_world=(box.upper_world[0], box.upper_world[1], config.height_m + 0.001),
     )
     shown = box_outline(footprint, camera) & ~hidden
-    plane = _aligned(grey(images.left), grey(images.right), shown, plane_disparity(camera, height_m), config)
-    return None if plane is None else _corrected(camera, plane, height_m, config)
+    plane = _aligned(grey(images.left), grey(images.right), shown, plane_disparity(camera, config.height_m), config)
+    return None if plane is None else _corrected(camera, plane, config)
 
 
 def _aligned(
@@ -108,7 +110,7 @@ def _sheared(picture: Float32Array, p: Array) -> Float32Array:
     )
 
 
-def _corrected(camera: CameraCalibration, plane: PlaneDisparity, table_m: float, config: TableConfig) -> Pose | None:
+def _corrected(camera: CameraCalibration, plane: PlaneDisparity, config: TableConfig) -> Pose | None:
     """The believed pose, turned and lifted the shortest way so that the plane is level and at its height."""
     fB = camera.fx_px * baseline_m(camera)
     # 1 / Z = n · r / -h, with r = ((u - cx) / fx, (v - cy) / fy, 1); so -n / h can be read off the coefficients.
@@ -118,7 +120,7 @@ def _corrected(camera: CameraCalibration, plane: PlaneDisparity, table_m: float,
     normal_camera = toward * height_m
     R = rotation(camera.T_world_camera)
     turn = Rotation.align_vectors(R[2][None, :], normal_camera[None, :])[0]
-    lift = height_m + table_m - float(camera.T_world_camera.position_m[2])
+    lift = height_m + config.height_m - float(camera.T_world_camera.position_m[2])
     if turn.magnitude() > config.largest_angle_rad or abs(lift) > config.largest_height_m:
         return None
     position = camera.T_world_camera.position_m + np.array([0.0, 0.0, lift])

@@ -52,7 +52,7 @@ def test_an_empty_cloud_stays_empty():
 def test_lifted_points_move_one_radius_away_from_the_camera():
     camera = calibration()
     points = np.array([[0.5, 0.0, 0.2]])
-    moved = to_centre_line(points, camera, CONFIG)
+    moved = to_centre_line(points, camera, 0.004, 0.0)
     eye = camera.T_world_camera.position_m
     assert np.isclose(np.linalg.norm(moved - eye) - np.linalg.norm(points - eye), 0.004)
 
@@ -60,7 +60,7 @@ def test_lifted_points_move_one_radius_away_from_the_camera():
 def test_points_in_the_table_come_up_along_their_line_of_sight():
     camera = calibration()
     point = np.array([[0.5, 0.0, -0.006]])
-    moved = to_centre_line(point, camera, CONFIG)[0]
+    moved = to_centre_line(point, camera, 0.004, 0.0)[0]
     assert np.isclose(moved[2], 0.004)
     eye = camera.T_world_camera.position_m
     np.testing.assert_allclose(np.cross(moved - eye, point[0] - eye), 0.0, atol=1e-12)
@@ -68,5 +68,4 @@ def test_points_in_the_table_come_up_along_their_line_of_sight():
 
 def test_without_a_table_points_may_lie_as_low_as_they_are_seen():
     camera = calibration()
-    config = CloudConfig(table_height_m=None)
-    assert to_centre_line(np.array([[0.5, 0.0, -0.1]]), camera, config)[0, 2] < -0.1
+    assert to_centre_line(np.array([[0.5, 0.0, -0.1]]), camera, 0.004, None)[0, 2] < -0.1

@@ -24,7 +24,7 @@ from dlokit.types.observation import Gripped
 from dlokit.types.outcome import Failed, Rejected, Succeeded
 from dlokit.types.strategy import StrategySpec
 
-NO_CORRECTION = PerceptionConfig(table=TableConfig(enabled=False))
+NO_CORRECTION = PerceptionConfig(table=TableConfig(correct_pose=False))
 
 
 class ScriptedCamera:
@@ -35,6 +35,7 @@ class ScriptedCamera:
         self.exposure_s = exposure_s
         self.gone = False
         self.taken_ns: list[int] = []
+        self.steps: list[str] = []
 
     @property
     def calibration(self) -> CameraCalibration:
@@ -49,12 +50,13 @@ class ScriptedCamera:
         return msgspec.structs.replace(self.images, stamp_ns=clock.now_ns())
 
     def __enter__(self) -> Self:
+        self.steps.append("entered")
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        pass
+        self.steps.append("left")
 
 
 class Others(Component):
@@ -74,12 +76,14 @@ Test = Callable[[MemoryTransport, ScriptedCamera], Coroutine[Any, Any, None]]
 
 def with_perception(
     scene: Scene, test: Test, *, config: PerceptionConfig = NO_CORRECTION, exposure_s: float = 0.0
-) -> None:
+) -> ScriptedCamera:
+    """Run a test on a bus with perception; returns the camera."""
+    camera = ScriptedCamera(scene, exposure_s=exposure_s)
+
     async def main() -> None:
         transport = MemoryTransport()
         clock = LoopClock()
         host = Host(transport, clock)
-        camera = ScriptedCamera(scene, exposure_s=exposure_s)
         robot, decision = Others(), Deciders()
         for component in (robot, decision, PerceptionComponent(config, camera)):
             host.add(component)
@@ -89,6 +93,24 @@ def with_perception(
             await test(transport, camera)
 
     virtual_time.run(main())
+    return camera
+
+
+def test_the_camera_is_open_while_the_component_runs_and_left_at_its_end(s_scene: Scene):
+    async def test(bus: MemoryTransport, camera: ScriptedCamera) -> None:
+        assert camera.steps == ["entered"]
+
+    assert with_perception(s_scene, test).steps == ["entered", "left"]
+
+
+def test_a_look_knows_where_the_robot_is(s_scene: Scene):
+    async def test(bus: MemoryTransport, camera: ScriptedCamera) -> None:
+        outcome = await bus.call(api.LOOK)
+        assert isinstance(outcome, Succeeded)
+        assert outcome.result.occlusion is not None
+        assert np.isfinite(outcome.result.occlusion.depth_m).any()  # the arm, in a corner of the picture
+
+    with_perception(s_scene, test)
 
 
 def test_a_look_publishes_pictures_and_points_with_the_stamp_of_the_pictures(s_scene: Scene):
