@@ -2,7 +2,8 @@
 
 Every motion is checked before it runs. Besides those named at each skill, a motion fails with: joint_limit,
 velocity_limit, acceleration_limit, jerk_limit, table_collision, self_collision, stopped, lease_lost, robot_lost,
-lost_commander; and is rejected with: busy (another motion runs), lease_lost (the lease taken has run out).
+lost_commander, wrong_start, fault (call recover); and is rejected with: busy (another motion runs), lease_lost (the
+lease taken has run out).
 Cancelling a motion brakes the arm.
 """
 

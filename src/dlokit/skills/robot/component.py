@@ -58,11 +58,15 @@ class RobotComponent(Component):
         self._commanded: NDArray[np.float64] | None = None
 
     async def run(self) -> None:
-        """Publish the robot's state."""
+        """Publish the robot's state, each once: when the arm falls silent, so does the topic, and its age tells."""
+        published_ns = -1
         try:
             async with self._robot:
                 while True:
-                    self.port.publish(topics.ROBOT_STATE, self._robot.state())
+                    state = self._robot.state()
+                    if state.stamp_ns != published_ns:
+                        self.port.publish(topics.ROBOT_STATE, state)
+                        published_ns = state.stamp_ns
                     await self.port.clock.sleep(1.0 / self._config.state_rate_hz)
         finally:
             if self._watch is not None:

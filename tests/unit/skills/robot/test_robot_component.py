@@ -3,14 +3,14 @@
 import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, ParamSpec, Self, TypeVar
 
 import numpy as np
 import pytest
 
 from dlokit.communication import topics, virtual_time
 from dlokit.communication.clock import LoopClock
-from dlokit.communication.compute import InlineCompute
+from dlokit.communication.compute import Compute, InlineCompute
 from dlokit.communication.host import Host
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.port import Port
@@ -20,6 +20,7 @@ from dlokit.geometry import downward, matrix
 from dlokit.skills.robot import api
 from dlokit.skills.robot.component import RobotComponent
 from dlokit.skills.robot.config import RobotConfig
+from dlokit.skills.robot.kinematics import PandaKinematics
 from dlokit.types.action import VelocityProfile
 from dlokit.types.outcome import Cancelled, Failed, Outcome, Rejected, Succeeded
 from dlokit.types.pose import Pose
@@ -33,6 +34,9 @@ from dlokit.types.robot import (
     RobotState,
 )
 
+P = ParamSpec("P")
+R = TypeVar("R")
+
 
 class PerfectArm:
     """Follows to the letter on the loop's clock, and notes what was asked of it."""
@@ -43,6 +47,7 @@ class PerfectArm:
         self.q = PANDA_HOME_Q_RAD.copy()
         self.width_m = 0.08
         self.stops = 0
+        self.silent = False
         self.followed: list[JointTrajectory] = []
 
     async def __aenter__(self) -> Self:
@@ -55,7 +60,7 @@ class PerfectArm:
 
     def state(self) -> RobotState:
         return RobotState(
-            stamp_ns=0,
+            stamp_ns=0 if self.silent else round(asyncio.get_running_loop().time() * 1e9),
             robot="panda",
             q_rad=self.q,
             dq_rad_s=np.zeros(7),
@@ -93,18 +98,26 @@ class PerfectArm:
 class Bench:
     """A component on a bus of its own, and a caller."""
 
-    def __init__(self) -> None:
+    def __init__(self, compute: Compute | None = None) -> None:
         self.arm = PerfectArm()
         self.machine_s = 0.0  # the machine's clock, which stands still unless a test moves it
         transport, clock = MemoryTransport(), LoopClock()
-        self.host = Host(transport, clock)
+        self.host = Host(transport, clock, compute)
         self.host.add(RobotComponent(RobotConfig(), self.arm, lambda: round(self.machine_s * 1e9)))
         self.port = Port(transport, clock, InlineCompute(), owner="test", publishes=())
 
 
-def on_bench(scenario: Callable[[Bench], Awaitable[None]]) -> None:
+class SlowCompute:
+    """Planning takes a second."""
+
+    async def __call__(self, function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
+        await asyncio.sleep(1.0)
+        return function(*args, **kwargs)
+
+
+def on_bench(scenario: Callable[[Bench], Awaitable[None]], compute: Compute | None = None) -> None:
     async def main() -> None:
-        bench = Bench()
+        bench = Bench(compute)
         async with bench.host:
             await scenario(bench)
 
@@ -114,6 +127,7 @@ def on_bench(scenario: Callable[[Bench], Awaitable[None]]) -> None:
 ABOVE = downward([0.5, 0.1, 0.1], 0.3)
 FAR = PANDA_HOME_Q_RAD + np.array([1.0, 0.2, 0.0, 0.3, 0.0, 0.0, 0.0])
 PROFILE = VelocityProfile()
+KINEMATICS = PandaKinematics()
 
 
 def reason(outcome: Outcome[Any]) -> str:
@@ -153,6 +167,26 @@ def test_it_publishes_the_robot_s_state_at_its_rate() -> None:
         assert asyncio.get_running_loop().time() == pytest.approx(1.0, abs=0.021)  # 50 periods of 20 ms
 
     on_bench(scenario)
+
+
+def test_an_arm_that_falls_silent_is_not_repeated() -> None:
+    async def scenario(bench: Bench) -> None:
+        bench.arm.silent = True
+        await asyncio.sleep(0.5)
+        assert bench.port.latest(topics.ROBOT_STATE).age_s > 0.4
+
+    on_bench(scenario)
+
+
+def test_a_motion_that_is_stopped_while_it_is_planned_never_starts() -> None:
+    async def scenario(bench: Bench) -> None:
+        moving = asyncio.create_task(bench.port.call(api.MOVE_LINEAR, KINEMATICS.forward(bench.arm.q), PROFILE))
+        await asyncio.sleep(0.5)
+        await bench.port.call(api.STOP)
+        assert reason(await moving) == "stopped"
+        assert bench.arm.followed == []
+
+    on_bench(scenario, SlowCompute())
 
 
 def test_a_second_motion_is_rejected_while_one_runs() -> None:
