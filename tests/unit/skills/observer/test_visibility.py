@@ -1,0 +1,103 @@
+"""What a look could see, and where hidden nodes go."""
+
+import msgspec
+import numpy as np
+from synthetic_clouds import cloud, shape, state
+
+from dlokit.geometry import downward, transform
+from dlokit.skills.observer.anchored import Anchored
+from dlokit.skills.observer.hidden import fill_hidden
+from dlokit.skills.observer.visibility import VisibilityConfig, shaded, supported
+from dlokit.types.image import CameraCalibration
+from dlokit.types.observation import Observation, Occlusion
+
+CONFIG = VisibilityConfig()
+CAMERA = CameraCalibration(
+    width_px=640,
+    height_px=480,
+    fx_px=600.0,
+    fy_px=600.0,
+    cx_px=319.5,
+    cy_px=239.5,
+    T_world_camera=downward([0.5, 0.0, 1.0], 0.0),
+)
+
+
+def look(occlusion: Occlusion | None = None) -> Observation:
+    return Observation(
+        stamp_ns=1, points_world=np.zeros((0, 3), dtype=np.float32), calibration=CAMERA, occlusion=occlusion
+    )
+
+
+def robot_at(pixel: tuple[int, int], depth_m: float) -> Occlusion:
+    """A robot that covers one cell of 8 px."""
+    depth = np.full((60, 80), np.inf, dtype=np.float32)
+    depth[pixel[1] // 8, pixel[0] // 8] = depth_m
+    return Occlusion(depth_m=depth, scale=8)
+
+
+def at_pixel(u: float, v: float, depth_m: float) -> np.ndarray:
+    p_camera = np.array([[(u - CAMERA.cx_px) * depth_m / 600.0, (v - CAMERA.cy_px) * depth_m / 600.0, depth_m]])
+    return transform(CAMERA.T_world_camera, p_camera)
+
+
+def test_what_is_out_of_the_picture_or_behind_the_camera_is_shaded() -> None:
+    inside, left, border = at_pixel(320, 240, 1.0), at_pixel(-5, 240, 1.0), at_pixel(320, 478.5, 1.0)
+    behind = at_pixel(320, 240, -0.5)
+    flags = shaded(np.vstack([inside, left, border, behind]), look(), CONFIG)
+    assert flags.tolist() == [False, True, True, True]
+
+
+def test_what_is_behind_the_robot_is_shaded_and_what_is_before_it_is_not() -> None:
+    occlusion = robot_at((320, 240), 0.8)
+    far, near = at_pixel(320, 240, 1.0), at_pixel(320, 240, 0.7)
+    touching, beside = at_pixel(320, 240, 0.805), at_pixel(400, 240, 1.0)
+    flags = shaded(np.vstack([far, near, touching, beside]), look(occlusion), CONFIG)
+    assert flags.tolist() == [True, False, False, False]
+
+
+def test_without_a_camera_nothing_is_known_to_be_shaded() -> None:
+    seen = msgspec.structs.replace(look(), calibration=None)
+    assert not shaded(np.array([[9.0, 9.0, 9.0]]), seen, CONFIG).any()
+
+
+def test_a_node_needs_points_around_it() -> None:
+    points = np.array([[0.0, 0.0, 0.0]] * CONFIG.least_points + [[1.0, 0.0, 0.0]])
+    assert supported(np.array([[0.005, 0.0, 0.0], [1.0, 0.0, 0.0]]), points, CONFIG).tolist() == [True, False]
+    assert not supported(points, np.zeros((0, 3)), CONFIG).any()
+
+
+def test_an_end_out_of_the_picture_is_not_taken_for_the_tip() -> None:
+    rod = shape("I") + np.array([0.0, 0.28, 0.0])  # its first 0.13 m lie beyond y = 0.4, the border of the picture
+    seen = cloud(rod)
+    inside = seen.points_world[:, 1] < 0.385
+    seen = msgspec.structs.replace(seen, points_world=seen.points_world[inside], calibration=CAMERA)
+    # The registration pulls the nodes into what is seen; only the picture's border tells that the tip is beyond.
+    result = Anchored().estimate(seen, state(rod + np.array([0.01, -0.01, 0.0])))
+    assert np.sqrt(np.mean(np.sum((result.nodes_world - rod) ** 2, axis=1))) < 0.010  # the bar for hidden parts
+    assert not result.visible[:5].any()
+    assert result.visible[12:].all()
+
+
+def test_hidden_nodes_move_as_their_neighbours_moved() -> None:
+    prior = shape("S")
+    nodes = prior + np.array([0.03, -0.01, 0.0])
+    known = np.ones(len(prior), dtype=np.bool_)
+    known[[0, 1, 12, 13, 14, 30]] = False
+    spoiled = nodes.copy()
+    spoiled[~known] = 9.0
+    np.testing.assert_allclose(fill_hidden(spoiled, known, prior), nodes, atol=1e-9)  # a shift is exact
+
+
+def test_a_hidden_end_turns_with_the_rod() -> None:
+    prior = shape("I")
+    turn = 0.3
+    R = np.array([[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]])
+    nodes = prior @ R.T
+    known = np.arange(len(prior)) < 24
+    np.testing.assert_allclose(fill_hidden(nodes, known, prior), nodes, atol=1e-9)  # a turn is exact
+
+
+def test_with_nothing_known_the_prior_stays() -> None:
+    prior = shape("S")
+    np.testing.assert_array_equal(fill_hidden(prior + 1.0, np.zeros(len(prior), dtype=np.bool_), prior), prior)
