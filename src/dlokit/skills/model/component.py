@@ -19,7 +19,7 @@ from dlokit.skills.model.goal import GoalRod
 from dlokit.skills.model.rod import topology
 from dlokit.skills.model.tracking import Tracker
 from dlokit.types.action import PickPlace
-from dlokit.types.arrays import Float64Array
+from dlokit.types.arrays import BoolArray, Float64Array
 from dlokit.types.dlo import DloState, GoalShape, TargetPoints
 from dlokit.types.flow import GoalFrame, GoalFrames
 from dlokit.types.observation import Gripped
@@ -56,7 +56,9 @@ class ModelComponent(Component):
             )
         if self._state is None:
             self._tracker.place(targets.nodes_world)
-        tracked = self._tracker.track(targets.nodes_world, targets.visible, self._carry.pins(self._tools))
+        pins = self._carry.pins(self._tools)
+        believed = self._believed(targets) if pins else targets.visible
+        tracked = self._tracker.track(targets.nodes_world, believed, pins)
         self._publish(
             DloState(
                 stamp_ns=targets.stamp_ns,
@@ -140,6 +142,11 @@ class ModelComponent(Component):
         """Where a released rod comes to rest under friction."""
         _require_curve(nodes_world)
         return await self.port.compute(rollout.settle, self._config, nodes_world)
+
+    def _believed(self, targets: TargetPoints) -> BoolArray:
+        """Which targets (M,) may be true of a rod that a tool holds and that the model has followed."""
+        moved_m = np.linalg.norm(targets.nodes_world - self._carry.nodes_world, axis=1)
+        return targets.visible & (moved_m < self._config.tracking.held_gate_m)
 
     def _publish(self, state: DloState) -> None:
         self._state = state

@@ -18,6 +18,9 @@ class TrackingConfig:
     """Derivative gain Kd [N·s/m]."""
     force_limit_n: float = 0.25
     """Largest force of one target point [N]; outliers pull no harder than this."""
+    held_gate_m: float = 0.06
+    """While a gripper holds the rod, the model follows the tool and is never further off than this [m]; a target
+    that asks for more is a mistake of an observer who sees the rod half behind the arm, and is left out."""
     hidden_friction_share: float = 0.4
     """Share of the table's friction that holds a hidden node where it was; 0 leaves it to the rod alone."""
     steps: int = 120

@@ -134,6 +134,26 @@ def test_a_held_node_follows_the_tool_between_two_looks() -> None:
     with_model(check)
 
 
+@pytest.mark.parametrize(("held", "follows"), [(True, False), (False, True)])
+def test_targets_that_no_held_rod_can_have_come_to_are_left_out(held: bool, follows: bool) -> None:
+    async def check(port: Port, bus: MemoryTransport) -> None:
+        bus.publish(topics.TARGETS, targets(I_SHAPE))
+        bus.publish(topics.ROBOT_STATE, robot_at(np.array([*I_SHAPE[28, :2], 0.011]), 1_000))
+        await port.clock.sleep(0.01)
+        if held:
+            bus.publish(topics.GRIPPED, Gripped(stamp_ns=2_000, robot="panda", node=28))
+        await port.clock.sleep(0.01)
+        far = I_SHAPE + np.array([0.1, 0.0, 0.0])
+        bus.publish(topics.TARGETS, targets(far, 3_000))
+        state = await state_after_a_moment(port)
+        assert state is not None
+        assert state.observed_stamp_ns == 3_000
+        wanted = far if follows else I_SHAPE
+        assert geometry.rmse_m(state.nodes_world, wanted) < 1e-3
+
+    with_model(check)
+
+
 def test_a_tool_that_lost_its_grip_does_not_move_the_model() -> None:
     async def check(port: Port, bus: MemoryTransport) -> None:
         bus.publish(topics.TARGETS, targets(I_SHAPE))
