@@ -22,7 +22,7 @@ class DloPreset:
     """EI, the moment that bends it to a curvature of one radian a metre [N·m²]."""
     poisson: float = 0.3
     """Poisson's ratio, which sets the stiffness against twist."""
-    damping_s: float = 0.02
+    damping_s: float = 0.05
     """Rayleigh damping: viscous bending moment as a share of the elastic one [s]."""
     friction: float = 0.8
     """Coefficient of sliding friction on the table and between its own loops."""
@@ -59,9 +59,9 @@ class DloPreset:
 
 SOFT_ROPE = DloPreset(
     name="soft_rope",
-    source="Braided 8 mm cotton rope: catalogue weights are 30 to 45 g/m; a 10 cm overhang of a soft braid hangs "
-    "down almost freely (Peirce's cantilever: EI = w c³ with a bending length c of 3 to 4 cm gives 0.8e-5 to "
-    "2e-5 N·m²). Friction of cotton on a matt table 0.6 to 0.8.",
+    source="Estimate for a braided 8 mm cotton rope. Catalogue weights are 30 to 45 g/m. Bending stiffness by Peirce's "
+    "cantilever, EI = w c³, with a bending length c of 3.2 cm: a soft braid. Friction of cotton on "
+    "a matt table 0.6 to 0.8; here the upper end.",
 )
 SILICONE_HOSE = DloPreset(
     name="silicone_hose",

@@ -21,6 +21,9 @@ CONTACT_SOLIMP = (0.99, 0.999, 0.001, 0.5, 2.0)
 IMPRATIO = 100.0
 """Ratio of frictional to normal impedance; with elliptic cones, what keeps a bent rod from sliding for ever."""
 
+ROLLING_M = 0.001
+"""Resistance to rolling and turning on the spot [m]: without it a released rod rolls away like a steel bar."""
+
 
 def set_rod_physics(spec: Any, timestep_s: float) -> None:
     """Set the options of `spec` (MjSpec) under which a rod is stable and its friction holds."""
@@ -117,9 +120,9 @@ def _mjcf(preset: DloPreset, nodes: int, self_collision: bool, collision_bits: i
               radius="{preset.radius_m:.9g}" mass="{preset.mass_kg:.9g}" rgba="{_numbers(preset.color_rgb)} 1">
       <edge equality="true" solref="{_numbers(CONTACT_SOLREF)}"/>
       <elasticity young="{preset.young_pa:.9g}" poisson="{preset.poisson:.9g}" damping="{preset.damping_s:.9g}"/>
-      <contact condim="3" friction="{preset.friction:.9g} 0.001 0.0001" solref="{_numbers(CONTACT_SOLREF)}"
-               solimp="{_numbers(CONTACT_SOLIMP)}" selfcollide="{"auto" if self_collision else "none"}"
-               contype="{collision_bits}" conaffinity="{collision_bits}"/>
+      <contact condim="6" friction="{preset.friction:.9g} {ROLLING_M:.9g} {ROLLING_M:.9g}"
+               solref="{_numbers(CONTACT_SOLREF)}" solimp="{_numbers(CONTACT_SOLIMP)}"
+               selfcollide="{"auto" if self_collision else "none"}" contype="{collision_bits}" conaffinity="{collision_bits}"/>
     </flexcomp>
   </worldbody>
 </mujoco>"""

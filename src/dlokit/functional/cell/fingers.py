@@ -55,7 +55,7 @@ class Fingers:
     def start_grip(self, width_m: float, force_n: float) -> None:
         """Move to a width, pressing with at most `force_n` on whatever blocks the way."""
         self._goal_m, self._force_n = width_m / 2.0, force_n
-        self._ramp_m = float(self._data.qpos[self._qpos].mean())
+        self._ramp_m = self.width_m / 2.0
         self._slow_s, self._pressing = 0.0, False
 
     def result(self) -> GripResult:
@@ -64,11 +64,11 @@ class Fingers:
 
     def before_step(self, timestep_s: float) -> None:
         """Set the controls for the next physics step."""
-        if self._pressing:
+        if self._pressing or self.at_rest:
             return
         step = self._speed_m_s * timestep_s
-        self._ramp_m += float(np.clip(self._goal_m - self._ramp_m, -step, step))
-        measured = float(self._data.qpos[self._qpos].mean())
+        self._ramp_m += min(max(self._goal_m - self._ramp_m, -step), step)
+        measured = self.width_m / 2.0
         reach = self._force_n / self._stiffness_n_m
         command = min(max(self._ramp_m, measured - reach), measured + reach)
         slow = bool(np.abs(self._data.qvel[self._dofs]).max() < _REST_SPEED_M_S)
