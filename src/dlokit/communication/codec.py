@@ -84,5 +84,5 @@ def decode(data: bytes, wanted: type[T]) -> T:
         return _decoder(wanted)(data)
     except CommunicationError:
         raise
-    except (msgspec.MsgspecError, ValueError, TypeError) as error:
+    except (msgspec.MsgspecError, ValueError, TypeError, RecursionError) as error:
         raise CommunicationError(f"cannot decode {getattr(wanted, '__name__', wanted)}: {error}") from error
