@@ -91,6 +91,15 @@ def test_a_box_around_one_half_leaves_that_half(s_scene: Scene):
     assert points[:, 0].max() < 0.525  # the move to the centre line comes after the box, and is one radius
 
 
+def test_a_speck_of_light_on_the_table_is_not_dlo(s_scene: Scene):
+    left = s_scene.images.left.copy()
+    left[400:404, 300:304] = 255
+    images = msgspec.structs.replace(s_scene.images, left=left)
+    look = perceive(images, (s_scene.robot,), CONFIG, CONFIG.segmentation)
+    assert look.segmented[402, 302]
+    assert not look.mask[402, 302]
+
+
 def test_colour_sees_the_yellow_rope_and_not_the_white_robot(s_scene: Scene):
     yellow = ColourConfig(lowest_hue_deg=35, highest_hue_deg=70)
     look = look_at(s_scene, dataclasses.replace(CONFIG, segmentation=yellow))
