@@ -1,0 +1,68 @@
+import inspect
+
+import msgspec
+import numpy as np
+import pytest
+
+from dlokit.communication import codec
+from dlokit.communication.skill import Skill
+from dlokit.errors import CommunicationError
+from dlokit.types.arrays import Float64Array
+from dlokit.types.outcome import Cancelled, Failed, Rejected, Succeeded, TimedOut, Unreachable
+from dlokit.types.pose import Pose
+
+
+def _move(target: Pose, speed_m_s: float = 0.25) -> Float64Array:
+    """Move the tool."""
+    ...
+
+
+MOVE = Skill("robot", "move", _move, timeout_s=5.0)
+POSE = Pose(position_m=np.array([0.4, 0.0, 0.1]), wxyz=np.array([1.0, 0.0, 0.0, 0.0]))
+
+
+def test_arguments_come_back_by_name_with_their_defaults() -> None:
+    arguments = MOVE.decode_arguments(MOVE.encode_arguments(POSE))
+    assert list(arguments) == ["target", "speed_m_s"]
+    np.testing.assert_array_equal(arguments["target"].position_m, POSE.position_m)
+    assert arguments["speed_m_s"] == 0.25
+
+
+def test_arguments_that_do_not_fit_are_refused_with_the_signature() -> None:
+    for wrong in ({}, {"target": 1}, {"target": POSE, "sped_m_s": 0.1}):
+        with pytest.raises(CommunicationError, match=r"arguments of robot\.move do not fit") as refusal:
+            MOVE.decode_arguments(codec.encode(wrong))
+        assert "speed_m_s: float = 0.25" in str(refusal.value)
+
+
+def test_a_result_of_another_type_than_declared_is_refused() -> None:
+    with pytest.raises(CommunicationError):
+        MOVE.decode_outcome(codec.encode(Succeeded(result="there")))
+
+
+@pytest.mark.parametrize(
+    "outcome",
+    [
+        Failed(reason="blocked", detail="by a cup"),
+        Rejected(reason="busy"),
+        Cancelled(),
+        TimedOut(timeout_s=5.0),
+        Unreachable(component="robot"),
+    ],
+    ids=lambda outcome: type(outcome).__name__,
+)
+def test_every_outcome_crosses_the_bus(outcome: msgspec.Struct) -> None:
+    back = MOVE.decode_outcome(codec.encode(outcome))
+    assert type(back) is type(outcome)
+    assert msgspec.structs.asdict(back) == msgspec.structs.asdict(outcome)
+
+
+def test_a_result_crosses_the_bus() -> None:
+    back = MOVE.decode_outcome(codec.encode(Succeeded(result=np.array([1.0, 2.0]))))
+    assert isinstance(back, Succeeded)
+    np.testing.assert_array_equal(back.result, [1.0, 2.0])
+
+
+def test_a_skill_is_known_by_its_component_name_and_says_what_it_does() -> None:
+    assert MOVE.key == "robot.move"
+    assert inspect.getdoc(_move) == MOVE.doc == "Move the tool."
