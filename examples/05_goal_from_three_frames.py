@@ -11,9 +11,9 @@ from dlokit.system.lockstep import LockstepSystem
 from dlokit.types.flow import GoalFrame
 
 FRAMES = (
-    GoalFrame(node=0, x_m=0.45, y_m=0.15),
-    GoalFrame(node=15, x_m=0.60, y_m=0.0, yaw_rad=-math.pi / 2),
-    GoalFrame(node=30, x_m=0.45, y_m=-0.15),
+    GoalFrame(node=0, x_m=0.45, y_m=-0.2),
+    GoalFrame(node=15, x_m=0.60, y_m=0.0, yaw_rad=math.pi / 2),
+    GoalFrame(node=30, x_m=0.45, y_m=0.2),
 )
 
 

@@ -11,7 +11,8 @@ from dlokit.system.lockstep import LockstepSystem
 
 
 async def example(system: LockstepSystem, picture: Path) -> None:
-    state, goal = await tracked_state(system), await goal_named(system, "I")
+    goal = await goal_named(system, "I")
+    state = await tracked_state(system, goal)
     best = await proposed(system, state, goal, np.array([], dtype=np.int64))
     next_best = await proposed(system, state, goal, np.array([best.grasp.node]))
     print(f"best node {best.grasp.node}; with it marked, node {next_best.grasp.node}")

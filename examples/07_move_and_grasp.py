@@ -16,7 +16,8 @@ ABOVE_M = 0.06
 
 
 async def example(system: LockstepSystem, picture: Path) -> None:
-    state, goal = await tracked_state(system), await goal_named(system, "I")
+    goal = await goal_named(system, "I")
+    state = await tracked_state(system, goal)
     action = await proposed(system, state, goal, np.array([], dtype=np.int64))
     above = matrix(action.grasp.T_world_tcp)
     above[2, 3] += ABOVE_M

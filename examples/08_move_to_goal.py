@@ -16,7 +16,8 @@ ABOVE_M = 0.06
 
 async def example(system: LockstepSystem, picture: Path) -> None:
     call = system.transport.call
-    before, goal = await tracked_state(system), await goal_named(system, "S")
+    goal = await goal_named(system, "S")
+    before = await tracked_state(system, goal)
     action = await proposed(system, before, goal, np.array([], dtype=np.int64))
     above = matrix(action.grasp.T_world_tcp)
     above[2, 3] += ABOVE_M
@@ -31,7 +32,7 @@ async def example(system: LockstepSystem, picture: Path) -> None:
     up[2, 3] += ABOVE_M
     result_of(await call(robot.MOVE_LINEAR, pose_from_matrix(up), action.velocity))
     result_of(await call(robot.HOME))
-    after = await tracked_state(system)
+    after = await tracked_state(system, goal)
     errors = [rmse_m(state.nodes_world, goal.nodes_world) * 1e3 for state in (before, after)]
     print(f"held: {grip.held}; carried in {carried.duration_s:.2f} s; RMSE {errors[0]:.1f} mm, then {errors[1]:.1f} mm")
 

@@ -16,11 +16,11 @@ from dlokit.types.arrays import Int64Array
 from dlokit.types.dlo import DloState, GoalShape
 
 
-async def tracked_state(system: LockstepSystem) -> DloState:
-    """Look once and give the model's state."""
+async def tracked_state(system: LockstepSystem, goal: GoalShape) -> DloState:
+    """Look once and give the model's state, its nodes counted from the end that is nearer to the goal's node 0."""
     states = system.transport.stream(topics.STATE)
     seen = result_of(await system.transport.call(perception.LOOK))
-    result_of(await system.transport.call(observer.INITIALISE, seen.stamp_ns))
+    result_of(await system.transport.call(observer.INITIALISE, seen.stamp_ns, goal.nodes_world))
     async with asyncio.timeout(5.0):
         return await anext(states)
 

@@ -16,8 +16,9 @@ from rich.table import Table
 
 from dlokit.app.environment import prepare_environment
 from dlokit.app.machine import machine_facts
-from dlokit.bench.report import bench_json, figures, overview
+from dlokit.bench.report import bench_json, figures, overview, spread, timing_figures
 from dlokit.bench.shaping import PAPER_SUITE, Case, CaseResult, cases, run_case
+from dlokit.bench.simulation import measure
 from dlokit.errors import ConfigError
 from dlokit.system.config import RunConfig
 from dlokit.system.run_folder import claim_run_folder, new_run_folder
@@ -46,7 +47,7 @@ class ShapingArgs:
     """Settings of every run; start, goal, seed and runtime are the bench's."""
 
 
-def run(args: ShapingArgs) -> int:
+def run_shaping(args: ShapingArgs) -> int:
     """Run the suite; exit code 0 when every run ended, converged or not."""
     if args.seeds < 1 or args.jobs < 1:
         raise ConfigError(f"--seeds {args.seeds} and --jobs {args.jobs} must be at least 1.")
@@ -122,3 +123,54 @@ def _table(results: Sequence[CaseResult]) -> Table:
     for row in overview(results):
         table.add_row(*row)
     return table
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulationArgs:
+    """Measure where the time of a lockstep run goes: physics, rendering, perception, observer, model."""
+
+    repeats: int = 20
+    """Repetitions of each part."""
+    json: Path | None = None
+    """Also write every figure to this file."""
+    run: Annotated[RunConfig, tyro.conf.arg(name="")] = field(default_factory=RunConfig)
+    """Settings of the parts."""
+
+
+def run_simulation(args: SimulationArgs) -> int:
+    """Measure and print; exit code 0."""
+    if args.repeats < 1:
+        raise ConfigError(f"--repeats {args.repeats} must be at least 1.")
+    timings = measure(args.run, args.repeats)
+    table = Table(title="one thread", caption="median (smallest to largest)")
+    for heading in ("part", "time ms", "per"):
+        table.add_column(heading, justify="right" if heading == "time ms" else "left")
+    for timing in timings:
+        table.add_row(timing.part, spread([value * 1e3 for value in timing.seconds], "{:.1f}"), timing.per)
+    console = Console()
+    console.print(table)
+    if args.json is not None:
+        args.json.write_bytes(bench_json("simulation", timing_figures(timings), machine_facts(), args.run))
+        console.print(f"figures: {args.json}")
+    return 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class BenchArgs:
+    """Compare and measure; every bench prints a table and writes JSON with --json."""
+
+    which: Annotated[
+        Annotated[ShapingArgs, tyro.conf.subcommand("shaping")]
+        | Annotated[SimulationArgs, tyro.conf.subcommand("simulation")],
+        tyro.conf.arg(name=""),
+    ]
+    """Which bench."""
+
+
+def run(args: BenchArgs) -> int:
+    """Run the bench that was named."""
+    match args.which:
+        case ShapingArgs() as shaping:
+            return run_shaping(shaping)
+        case SimulationArgs() as simulation:
+            return run_simulation(simulation)

@@ -23,23 +23,22 @@ EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
 EXIT_FAULT = 1
 
-Command = shape.ShapeArgs | demo.DemoArgs | track.TrackArgs | graph.GraphArgs | doctor.DoctorArgs | bench.ShapingArgs
+Command = shape.ShapeArgs | demo.DemoArgs | track.TrackArgs | graph.GraphArgs | doctor.DoctorArgs | bench.BenchArgs
 
 
 def parse(arguments: Sequence[str]) -> Command:
     """Arguments to one of the commands' argument classes; exits with 2 and a hint on a mistake."""
     shape_default = shape.ShapeArgs(run=_configured(arguments))
-    bench_command = Annotated[
-        Annotated[bench.ShapingArgs, tyro.conf.subcommand("shaping")],
-        tyro.conf.subcommand("bench"),
-    ]
-    return tyro.cli(
-        Annotated[shape.ShapeArgs, tyro.conf.subcommand("shape", default=shape_default)]  # type: ignore[arg-type]
+    commands = (
+        Annotated[shape.ShapeArgs, tyro.conf.subcommand("shape", default=shape_default)]
         | Annotated[demo.DemoArgs, tyro.conf.subcommand("demo")]
         | Annotated[track.TrackArgs, tyro.conf.subcommand("track")]
+        | Annotated[bench.BenchArgs, tyro.conf.subcommand("bench")]
         | Annotated[graph.GraphArgs, tyro.conf.subcommand("graph")]
         | Annotated[doctor.DoctorArgs, tyro.conf.subcommand("doctor")]
-        | bench_command,
+    )
+    return tyro.cli(
+        commands,  # type: ignore[arg-type]  # a union is a type form, which tyro takes
         args=list(arguments),
         prog="dlokit",
         description="Bring cables, ropes and wires into the shape you want with a robot and a camera.",
@@ -72,7 +71,7 @@ def execute(arguments: Sequence[str]) -> int:
             return graph.run(args)
         case doctor.DoctorArgs() as args:
             return doctor.run(args)
-        case bench.ShapingArgs() as args:
+        case bench.BenchArgs() as args:
             return bench.run(args)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from dlokit import __version__
 from dlokit.bench.shaping import CaseResult
+from dlokit.bench.simulation import Timing
 from dlokit.bench.statistics import Interval, bootstrap, success_rate
 from dlokit.system.config import RunConfig
 from dlokit.system.run_result import RunResult
@@ -49,6 +50,11 @@ def figures(results: Sequence[CaseResult]) -> list[Figure]:
     return rows
 
 
+def timing_figures(timings: Sequence[Timing]) -> list[Figure]:
+    """Median time of each part."""
+    return [_figure(timing.part, f"median time a {timing.per}", _median(timing.seconds), "s") for timing in timings]
+
+
 def bench_json(bench: str, rows: Sequence[Figure], machine: Mapping[str, str], config: RunConfig) -> bytes:
     """The file that ``--json`` writes."""
     content = {
@@ -70,11 +76,11 @@ def overview(results: Sequence[CaseResult]) -> Iterator[tuple[str, ...]]:
             name,
             f"{wins}/{len(runs)}",
             f"{rate.low:.2f} to {rate.high:.2f}",
-            _spread([run.actions for run in runs], "{:.0f}"),
-            _spread([run.rmse_m * 1e3 for run in runs if run.rmse_m is not None], "{:.1f}"),
-            _spread([run.true_rmse_m * 1e3 for run in runs if run.true_rmse_m is not None], "{:.1f}"),
-            _spread([run.sim_time_s for run in runs], "{:.0f}"),
-            _spread([run.sim_time_s / run.wall_time_s for run in runs], "{:.1f}") + " ×",
+            spread([run.actions for run in runs], "{:.0f}"),
+            spread([run.rmse_m * 1e3 for run in runs if run.rmse_m is not None], "{:.1f}"),
+            spread([run.true_rmse_m * 1e3 for run in runs if run.true_rmse_m is not None], "{:.1f}"),
+            spread([run.sim_time_s for run in runs], "{:.0f}"),
+            spread([run.sim_time_s / run.wall_time_s for run in runs], "{:.1f}") + " ×",
         )
 
 
@@ -83,7 +89,8 @@ def _median(values: Sequence[float]) -> Interval:
     return bootstrap(values, np.random.default_rng(0), statistic=lambda samples: np.median(samples, axis=1))
 
 
-def _spread(values: Sequence[float], form: str) -> str:
+def spread(values: Sequence[float], form: str) -> str:
+    """Median, smallest and largest, each in the format `form`."""
     if not values:
         return "-"
     return f"{form.format(np.median(values))} ({form.format(min(values))} to {form.format(max(values))})"
@@ -97,7 +104,7 @@ def _by_experiment(results: Sequence[CaseResult]) -> Iterator[tuple[str, list[Ru
 def _figure(case: str, metric: str, interval: Interval, unit: str) -> Figure:
     return Figure(
         case=case,
-        method="farthest",
+        method="dlokit",
         metric=metric,
         value=interval.value,
         low=interval.low,
