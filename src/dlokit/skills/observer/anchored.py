@@ -126,31 +126,30 @@ def node_places(
 def _tips(curve: FittedCurve, drifted: Array, rod_m: Array, seen: Observation, config: AnchoredConfig) -> list[Anchor]:
     """The ends of the seen curve that are ends of the rod.
 
-    Both, when the curve is as long as the rod. Otherwise an end is a tip when nothing hides what would
-    follow it and the registration agrees; at most one where a part in between is not missing.
+    Both, when the curve is as long as the rod; where it leads across a gap, whose way is uncertain, a coarser
+    agreement will do if nothing is known to hide what follows the ends. Otherwise an end is a tip when nothing
+    hides what would follow it and the registration puts it near to one; of an unbroken curve that is too
+    short only the better.
     """
     length = float(rod_m[-1])
     start, end = curve.segments[0].start_m, curve.segments[-1].end_m
     first, last = Anchor(s_m=start, rod_m=0.0), Anchor(s_m=end, rod_m=length)
-    if abs(end - start - length) <= config.length_tolerance * length:
+    misfit = abs(end - start - length) / length
+    if misfit <= config.length_tolerance:
         return [first, last]
-    onward = np.array([0.005, 0.01, 0.015])
+    onward = np.array([0.005, 0.01, 0.015])  # hidden within a node spacing
     cut_first = bool(np.any(shaded(curve.at(start - onward), seen, config.visibility)))
     cut_last = bool(np.any(shaded(curve.at(end + onward), seen, config.visibility)))
-    if len(curve.segments) > 1 and not cut_first and not cut_last:
-        offset_free = abs(end - start - length) <= 3 * config.length_tolerance * length
-        if offset_free:  # the way across the gap is uncertain, not the tips
-            return [first, last]
+    broken = len(curve.segments) > 1
+    if broken and not cut_first and not cut_last and misfit <= 3 * config.length_tolerance:
+        return [first, last]
     offset = _registered_offset(curve, drifted, rod_m)
-    found: list[Anchor] = []
-    if not cut_first and abs(start + offset) <= config.tip_snap_m:
-        found.append(first)
-    if not cut_last and abs(end + offset - length) <= config.tip_snap_m:
-        found.append(last)
-    if len(found) == 2 and len(curve.segments) == 1:  # too short to show both: the one that fits better
-        better = 0 if abs(start + offset) <= abs(end + offset - length) else 1
-        return [found[better]]
-    return found
+    off_first, off_last = abs(start + offset), abs(end + offset - length)
+    is_first = not cut_first and off_first <= config.tip_snap_m
+    is_last = not cut_last and off_last <= config.tip_snap_m
+    if is_first and is_last and not broken:
+        return [first] if off_first <= off_last else [last]
+    return [first] * is_first + [last] * is_last
 
 
 def _pin_anchors(curve: FittedCurve, rod_m: Array, seen: Observation) -> list[Anchor]:
