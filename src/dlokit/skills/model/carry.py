@@ -23,12 +23,19 @@ class Carry:
         self._rod = RodModel(config, timestep_s=config.rollout.timestep_s)
         self._rod.on_table(True)
         self._grips: dict[str, Grip] = {}
-        self._last_ns: dict[str, int] = {}
+        self._last: dict[str, RobotState] = {}
+        self.travelled_m = 0.0
+        """Path of the tools since the rod was last free [m]."""
 
     @property
     def nodes_world(self) -> Float64Array:
         """Nodes (M, 3) [m]."""
         return self._rod.nodes_world
+
+    @property
+    def holds(self) -> bool:
+        """Whether any robot is said to hold the rod."""
+        return bool(self._grips)
 
     def place(self, nodes_world: Float64Array) -> None:
         """Set the rod to what was seen, (M, 3) [m]; grips stay."""
@@ -36,20 +43,24 @@ class Carry:
 
     def take_hold(self, robot: str, node: int, tool: RobotState, nodes_world: Float64Array) -> None:
         """Tie `node` of a rod lying as `nodes_world` (M, 3) [m] to a robot's tool."""
+        if not self._grips:
+            self.travelled_m = 0.0
         if 0 <= node < self._config.nodes:
             self._grips[robot] = take_hold(nodes_world, node, tool.T_world_tcp)
-            self._last_ns[robot] = tool.stamp_ns
+            self._last[robot] = tool
 
     def move(self, robot: RobotState) -> bool:
         """Follow a tool to where it is now; False when that robot holds nothing."""
         grip = self._grips.get(robot.robot)
         if grip is None or not robot.holding:
             return False
-        passed_s = min((robot.stamp_ns - self._last_ns[robot.robot]) / 1e9, _LONGEST_GAP_S)
+        last = self._last[robot.robot]
+        passed_s = min((robot.stamp_ns - last.stamp_ns) / 1e9, _LONGEST_GAP_S)
         steps = math.floor(passed_s / self._config.rollout.timestep_s + 1e-6)
         if steps < 1:
             return False
-        self._last_ns[robot.robot] = robot.stamp_ns
+        self._last[robot.robot] = robot
+        self.travelled_m += float(np.linalg.norm(robot.T_world_tcp.position_m - last.T_world_tcp.position_m))
         targets, gains = self._rod.nodes_world, np.zeros((self._config.nodes, 3))
         targets[grip.nodes] = grip.targets_world(robot.T_world_tcp)
         gains[grip.nodes] = grip.gains_n_m(self._config.rollout.grip_stiffness_n_m)
@@ -75,5 +86,6 @@ class Carry:
         return tuple(
             Pin(node=grip.node, position_world=grip.targets_world(tools[robot].T_world_tcp)[grip.nodes == grip.node][0])
             for robot, grip in self._grips.items()
-            if tools[robot].holding
+            # A state from before the grip cannot know of it.
+            if tools[robot].holding or tools[robot].stamp_ns <= self._last[robot].stamp_ns
         )

@@ -56,9 +56,8 @@ class ModelComponent(Component):
             )
         if self._state is None:
             self._tracker.place(targets.nodes_world)
-        pins = self._carry.pins(self._tools)
-        believed = self._believed(targets) if pins else targets.visible
-        tracked = self._tracker.track(targets.nodes_world, believed, pins)
+        believed = self._believed(targets) if self._carry.holds else targets.visible
+        tracked = self._tracker.track(targets.nodes_world, believed, self._carry.pins(self._tools))
         self._publish(
             DloState(
                 stamp_ns=targets.stamp_ns,
@@ -146,7 +145,8 @@ class ModelComponent(Component):
     def _believed(self, targets: TargetPoints) -> BoolArray:
         """Which targets (M,) may be true of a rod that a tool holds and that the model has followed."""
         moved_m = np.linalg.norm(targets.nodes_world - self._carry.nodes_world, axis=1)
-        return targets.visible & (moved_m < self._config.tracking.held_gate_m)
+        gains = self._config.tracking
+        return targets.visible & (moved_m < gains.held_gate_m + gains.held_gate_per_m * self._carry.travelled_m)
 
     def _publish(self, state: DloState) -> None:
         self._state = state

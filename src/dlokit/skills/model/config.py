@@ -18,9 +18,11 @@ class TrackingConfig:
     """Derivative gain Kd [N·s/m]."""
     force_limit_n: float = 0.25
     """Largest force of one target point [N]; outliers pull no harder than this."""
-    held_gate_m: float = 0.06
-    """While a gripper holds the rod, the model follows the tool and is never further off than this [m]; a target
-    that asks for more is a mistake of an observer who sees the rod half behind the arm, and is left out."""
+    held_gate_m: float = 0.02
+    """Distance of a target to the model beyond which it is left out while a gripper holds the rod [m]: the model
+    follows the tool, so such a target is a mistake of an observer who sees the rod half behind the arm."""
+    held_gate_per_m: float = 0.15
+    """Growth of that distance with the path of the tool [m/m]: the model's friction is not the table's."""
     hidden_friction_share: float = 0.4
     """Share of the table's friction that holds a hidden node where it was; 0 leaves it to the rod alone."""
     steps: int = 120

@@ -138,7 +138,8 @@ def test_a_held_node_follows_the_tool_between_two_looks() -> None:
 def test_targets_that_no_held_rod_can_have_come_to_are_left_out(held: bool, follows: bool) -> None:
     async def check(port: Port, bus: MemoryTransport) -> None:
         bus.publish(topics.TARGETS, targets(I_SHAPE))
-        bus.publish(topics.ROBOT_STATE, robot_at(np.array([*I_SHAPE[28, :2], 0.011]), 1_000))
+        # The robot's newest state is from before the fingers closed.
+        bus.publish(topics.ROBOT_STATE, robot_at(np.array([*I_SHAPE[28, :2], 0.011]), 1_000, holding=False))
         await port.clock.sleep(0.01)
         if held:
             bus.publish(topics.GRIPPED, Gripped(stamp_ns=2_000, robot="panda", node=28))
