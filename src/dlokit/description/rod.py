@@ -122,7 +122,8 @@ def _mjcf(preset: DloPreset, nodes: int, self_collision: bool, collision_bits: i
       <elasticity young="{preset.young_pa:.9g}" poisson="{preset.poisson:.9g}" damping="{preset.damping_s:.9g}"/>
       <contact condim="6" friction="{preset.friction:.9g} {ROLLING_M:.9g} {ROLLING_M:.9g}"
                solref="{_numbers(CONTACT_SOLREF)}" solimp="{_numbers(CONTACT_SOLIMP)}"
-               selfcollide="{"auto" if self_collision else "none"}" contype="{collision_bits}" conaffinity="{collision_bits}"/>
+               selfcollide="{"auto" if self_collision else "none"}"
+               contype="{collision_bits}" conaffinity="{collision_bits}"/>
     </flexcomp>
   </worldbody>
 </mujoco>"""

@@ -25,8 +25,8 @@ class CellConfig:
     """Width of each picture [px]; the focal length scales with it."""
     height_px: int = 560
     """Height of each picture [px]."""
-    samples: int = 4
-    """Samples a pixel against jagged edges: 0, 2, 4 or 8."""
+    samples: int = 0
+    """Samples a pixel against jagged edges: 0, 2, 4 or 8; 4 doubles to quadruples the time of software rendering."""
     image_noise_sigma: float = 1.5
     """Standard deviation of the noise of each pixel [grey levels of 255]."""
     camera_error_m: float = 0.003

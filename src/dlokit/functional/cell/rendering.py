@@ -31,7 +31,8 @@ class StereoRig:
         rng = np.random.default_rng([seed, 0xCA])
         self.true_calibration = default_calibration(config.width_px, config.height_px)
         self.calibration = _disturbed(self.true_calibration, config, rng)
-        self._noise = rng.normal(0.0, config.image_noise_sigma, _NOISE_COUNT).round().astype(np.int16)
+        count = _NOISE_COUNT + 3 * config.width_px * config.height_px
+        self._noise = rng.normal(0.0, config.image_noise_sigma, count).round().astype(np.int16)
         self._rng = rng
         self._renderer: _Renderer | None = None
 
@@ -53,7 +54,7 @@ class StereoRig:
             return picture
         # A random stretch of noise drawn beforehand: fresh normals would cost as much as the rendering.
         start = int(self._rng.integers(0, _NOISE_COUNT))
-        noise = np.take(self._noise, np.arange(start, start + picture.size), mode="wrap").reshape(picture.shape)
+        noise = self._noise[start : start + picture.size].reshape(picture.shape)
         return np.asarray(cv2.add(picture, noise, dtype=cv2.CV_8U), dtype=np.uint8)
 
 

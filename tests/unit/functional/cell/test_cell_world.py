@@ -101,5 +101,5 @@ def test_a_pushed_rope_does_not_roll_away():
     data.qvel[model.jnt_dofadr[model.body_jntadr[rod_bodies(model)]]] = 0.05
     cell.step(1.0)
     moved_m = np.abs(cell.true_nodes_world() - before)[:, 0].max()
-    # Sliding friction stops 5 cm/s within 0.2 mm; what rolls on without resistance goes 3 cm.
-    assert moved_m < 0.005
+    # Sliding friction and the resistance to rolling stop it within 0.4 mm; without the latter it rolls 3.4 mm.
+    assert moved_m < 0.001
