@@ -16,7 +16,6 @@ Array = NDArray[np.float64]
 
 _GAIN_PER_S = 6.0
 _DAMPING = 0.02
-_STANDING_RAD_S = 1e-3
 
 
 class PoseServo:
@@ -30,19 +29,10 @@ class PoseServo:
         self._T_base_world = None if T_world_base is None else geometry.inverse(T_world_base)
         self._target: Array | None = None
 
-    @property
-    def standing(self) -> bool:
-        """Whether the commanded joints are at rest."""
-        return bool(np.max(np.abs(self._dq)) < _STANDING_RAD_S)
-
     def aim(self, T_world_tcp: Pose) -> None:
         """Draw the tool there from now on."""
         T = T_world_tcp if self._T_base_world is None else geometry.compose(self._T_base_world, T_world_tcp)
         self._target = geometry.matrix(T)
-
-    def release(self) -> None:
-        """Come to rest from now on."""
-        self._target = None
 
     def step(self) -> tuple[Array, Array]:
         """Joint angles (7,) [rad] and velocities (7,) [rad/s] to be at, one period later."""

@@ -84,16 +84,14 @@ class SimulatedRobot:
         reader = asyncio.create_task(_feed(servo, targets))
         started_ns, largest = self._port.clock.now_ns(), 0.0
         try:
-            while not (reader.done() and servo.standing):
-                if reader.done():
-                    servo.release()
+            while not reader.done():
                 q, dq = servo.step()
                 _result(await self._port.call(api.SERVO_TO, q, dq))
                 await self._port.clock.sleep(_SERVO_PERIOD_S)
                 largest = max(largest, float(np.max(np.abs(self.state().q_rad - q))))
         finally:
             reader.cancel()
-            await self._port.call(api.STOP)
+            await self._port.call(api.STOP)  # brakes, and returns when the arm stands
         state = self.state()
         return MotionResult(
             q_rad=state.q_rad,

@@ -48,6 +48,7 @@ class PerfectArm:
         self.width_m = 0.08
         self.stops = 0
         self.silent = False
+        self.sag_rad = 0.0  # how far the measured angles are from where the arm was told to be
         self.followed: list[JointTrajectory] = []
 
     async def __aenter__(self) -> Self:
@@ -62,7 +63,7 @@ class PerfectArm:
         return RobotState(
             stamp_ns=0 if self.silent else round(asyncio.get_running_loop().time() * 1e9),
             robot="panda",
-            q_rad=self.q,
+            q_rad=self.q + self.sag_rad,
             dq_rad_s=np.zeros(7),
             tau_nm=np.zeros(7),
             T_world_tcp=tcp_pose(self.q),
@@ -151,6 +152,20 @@ def test_it_moves_to_a_pose_carries_and_returns_home() -> None:
         # Each trajectory starts where the one before ended.
         for before, after in zip(bench.arm.followed[:-1], bench.arm.followed[1:], strict=True):
             np.testing.assert_array_equal(before.q_rad[-1], after.q_rad[0])
+
+    on_bench(scenario)
+
+
+def test_a_trajectory_starts_where_the_last_was_told_to_end_not_where_the_arm_sags_to() -> None:
+    async def scenario(bench: Bench) -> None:
+        bench.arm.sag_rad = 0.002
+        await bench.port.call(api.MOVE_JOINTS, FAR)
+        await bench.port.call(api.HOME)
+        np.testing.assert_allclose(bench.arm.followed[1].q_rad[0], FAR, atol=1e-9)
+        # Somebody has moved the arm by hand: then only the measured angles are true.
+        bench.arm.sag_rad = 0.2
+        await bench.port.call(api.HOME)
+        np.testing.assert_allclose(bench.arm.followed[2].q_rad[0], PANDA_HOME_Q_RAD + 0.2, atol=1e-9)
 
     on_bench(scenario)
 
