@@ -91,6 +91,9 @@ def topology(config: ModelConfig) -> Topology:
 def fit_length(config: ModelConfig, nodes_world: Float64Array) -> Float64Array:
     """A curve (K, 3) [m] as the rod's nodes (M, 3): its ends cut or prolonged equally to the rod's length."""
     s = geometry.arc_lengths(nodes_world)
+    if len(nodes_world) == config.nodes and abs(s[-1] - config.length_m) < 0.005 * config.length_m:
+        # A rod already. Moving nodes along it would cut its corners a little every time.
+        return nodes_world.copy()
     excess = (s[-1] - config.length_m) / 2.0
     wanted = np.linspace(excess, s[-1] - excess, config.nodes)
     inside = np.clip(wanted, 0.0, s[-1])
