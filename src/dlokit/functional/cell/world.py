@@ -11,7 +11,7 @@ from dlokit.description.panda import add_panda
 from dlokit.description.panda_data import PANDA_HOME_Q_RAD
 from dlokit.description.rod import add_rod, rod_nodes, set_rod_nodes, set_rod_physics
 from dlokit.description.scene import TABLE_CENTER_M, TABLE_HALF_SIZE_M, add_lights, add_table
-from dlokit.errors import ShapeError
+from dlokit.errors import DlokitError, ShapeError
 from dlokit.functional.cell.arm import CellArm
 from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.cell.rendering import StereoRig, add_cameras
@@ -19,6 +19,7 @@ from dlokit.types.arrays import Float64Array
 from dlokit.types.image import StereoImages
 from dlokit.types.robot import JointTrajectory, RobotState
 
+_DIVERGED = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
 _LENGTH_TOLERANCE = 0.02  # of the DLO's length: what a hand-drawn curve may be off
 
 
@@ -73,6 +74,7 @@ class Cell:
             self._steps += 1
             self.arm.before_step(self.time_s)
             mujoco.mj_step(self._model, self._data)
+        self._require_sane()
         self._refresh()
 
     def start_follow(self, trajectory: JointTrajectory) -> None:
@@ -106,6 +108,14 @@ class Cell:
     def close(self) -> None:
         """Give the OpenGL context back."""
         self.rig.close()
+
+    def _require_sane(self) -> None:
+        """MuJoCo starts a diverged state anew and only counts it; nobody would notice."""
+        if any(self._data.warning[kind].number for kind in _DIVERGED):
+            raise DlokitError(
+                f"The cell's physics diverged at {self.time_s:.2f} s: this is beyond what it simulates. Use a smaller "
+                "cell.timestep_s or a softer DLO, and report how it came about."
+            )
 
     def _refresh(self) -> None:
         """Bring poses up to date with the joints; a step leaves them one step behind."""

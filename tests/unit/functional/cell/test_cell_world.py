@@ -1,11 +1,12 @@
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import pytest
 
 from dlokit.description.rod import rod_bodies
 from dlokit.description.shapes import builtin_shape, random_shape
-from dlokit.errors import ShapeError
+from dlokit.errors import ConfigError, DlokitError, ShapeError
 from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.cell.world import Cell
 from dlokit.types.arrays import Float64Array
@@ -103,3 +104,27 @@ def test_a_pushed_rope_does_not_roll_away():
     moved_m = np.abs(cell.true_nodes_world() - before)[:, 0].max()
     # Sliding friction and the resistance to rolling stop it within 0.4 mm; without the latter it rolls 3.4 mm.
     assert moved_m < 0.001
+
+
+def test_a_diverged_cell_says_so_instead_of_starting_anew():
+    cell = Cell(CONFIG, seed=0)
+    cell._data.qvel[0] = np.nan  # pyright: ignore[reportPrivateUsage]  # nothing that one may do does this
+    with pytest.raises(DlokitError, match="diverged"):
+        cell.step(0.01)
+
+
+@pytest.mark.parametrize(
+    ("values", "says"),
+    [
+        ({"timestep_s": 0.003}, "whole number"),
+        ({"timestep_s": 0.0}, "whole number"),
+        ({"width_px": 8}, "too small"),
+        ({"samples": 3}, "0, 2, 4 or 8"),
+        ({"camera_error_m": -1.0}, "camera_error_m"),
+        ({"image_noise_sigma": float("nan")}, "image_noise_sigma"),
+        ({"real_time_factor": 0.0}, "real_time_factor"),
+    ],
+)
+def test_settings_that_cannot_work_are_refused_by_name(values: dict[str, Any], says: str):
+    with pytest.raises(ConfigError, match=says):
+        CellConfig(**values)

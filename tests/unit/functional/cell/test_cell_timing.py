@@ -1,0 +1,79 @@
+"""The cell's small clocks: the lease of a motion, the pace of the ticks, set-points in time."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dlokit.functional.cell.config import TICK_S, CellConfig
+from dlokit.functional.cell.pace import Pace
+from dlokit.functional.cell.setpoints import Follow
+from dlokit.functional.cell.truth import TruthRecorder
+from dlokit.functional.cell.watchdog import Watchdog
+from dlokit.functional.cell.world import Cell
+from dlokit.types.robot import JointTrajectory
+
+
+def test_a_lease_runs_out_only_without_renewals():
+    watchdog = Watchdog(longest_tick_s=0.02)
+    watchdog.arm(0.1)
+    assert not any(watchdog.expired(k * 0.01) for k in range(10))
+    watchdog.renew()
+    assert not any(watchdog.expired(0.1 + k * 0.01) for k in range(10))
+    assert any(watchdog.expired(0.2 + k * 0.01) for k in range(3))
+
+
+def test_time_in_which_the_cell_could_not_listen_does_not_count():
+    watchdog = Watchdog(longest_tick_s=0.02)
+    watchdog.arm(0.1)
+    assert not watchdog.expired(0.0)
+    assert not watchdog.expired(5.0)  # the cell rendered, or the machine slept; renewals wait in the queue
+
+
+def test_nothing_expires_without_a_motion():
+    watchdog = Watchdog(longest_tick_s=0.02)
+    watchdog.arm(0.01)
+    watchdog.disarm()
+    assert not any(watchdog.expired(float(k)) for k in range(100))
+
+
+def test_ticks_that_are_late_are_caught_up_but_not_a_long_pause():
+    pace = Pace(1.0, 0)
+    assert pace.next_ns(0) == 10_000_000
+    assert pace.next_ns(35_000_000) == 20_000_000  # three ticks late: no delay until made good
+    assert pace.next_ns(9_000_000_000) == 8_900_000_000  # after a pause at most 0.1 s is made good
+
+
+def test_half_pace_takes_twice_the_time_and_says_so():
+    pace = Pace(0.5, 0)
+    now_ns = 0
+    for _ in range(300):
+        now_ns = pace.next_ns(now_ns)
+    assert now_ns == 300 * 20_000_000
+    assert pace.real_time_factor == pytest.approx(0.5, rel=0.01)  # a running mean of 50 ticks
+
+
+def test_following_is_smooth_between_samples():
+    times = np.linspace(0.0, 1.0, 6)
+    q, dq, ddq = np.sin(times)[:, None], np.cos(times)[:, None], -np.sin(times)[:, None]
+    follow = Follow(JointTrajectory(times_s=times, q_rad=q, dq_rad_s=dq, ddq_rad_s2=ddq), start_s=2.0)
+    # Cubic Hermite over 0.2 s errs by h⁴/384 max|q⁗| = 4e-6 rad; linear velocity by h²/8 = 5e-3 rad/s.
+    for s in np.linspace(0.0, 1.0, 31):
+        now = follow.at(2.0 + s)
+        assert now.q_rad[0] == pytest.approx(np.sin(s), abs=5e-6)
+        assert now.dq_rad_s[0] == pytest.approx(np.cos(s), abs=6e-3)
+    assert follow.at(9.0).q_rad[0] == pytest.approx(np.sin(1.0))
+
+
+def test_the_truth_is_kept_while_the_cell_runs_on(tmp_path: Path):
+    cell = Cell(CellConfig(), seed=0)
+    recorder = TruthRecorder(tmp_path / "run")
+    cell.begin_at(5_000_000_000)
+    for _ in range(25):
+        recorder.note(cell)
+        cell.step(TICK_S)
+    recorder.write()
+    with np.load(tmp_path / "run" / "truth.npz") as truth:
+        assert truth["stamps_ns"].tolist() == [5_000_000_000, 5_100_000_000, 5_200_000_000]
+        assert truth["nodes_world"].shape == (3, 41, 3)
+    assert [path.name for path in (tmp_path / "run").iterdir()] == ["truth.npz"]
