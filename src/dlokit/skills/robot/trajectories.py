@@ -119,13 +119,13 @@ def _time_law(
     ddq = second * rate[:, None] ** 2 + first * gain[:, None]
     jerk = np.diff(ddq, axis=0) / dt
     # Velocities scale with the factor, accelerations with its square, jerks with its cube.
-    factor = min(
-        1.0,
-        _MARGIN / max(_ratio(dq, limits.velocity_rad_s), 1e-9),
-        np.sqrt(_MARGIN / max(_ratio(ddq, limits.acceleration_rad_s2), 1e-9)),
-        np.cbrt(_MARGIN / max(_ratio(jerk, limits.jerk_rad_s3), 1e-9)),
-        np.cbrt(velocity.jerk_m_s3 / max(float(np.max(np.abs(np.diff(gain)))) / dt, 1e-9)),
+    joints = max(
+        _ratio(dq, limits.velocity_rad_s),
+        np.sqrt(_ratio(ddq, limits.acceleration_rad_s2)),
+        np.cbrt(_ratio(jerk, limits.jerk_rad_s3)),
     )
+    tool = np.cbrt(float(np.max(np.abs(np.diff(gain)))) / dt / velocity.jerk_m_s3)
+    factor = 1.0 / max(1.0, joints / _MARGIN, tool)
     return JointTrajectory(
         times_s=times / factor,
         q_rad=curve(travelled),

@@ -104,6 +104,22 @@ def test_any_carry_keeps_all_limits_and_ends_at_its_last_pose(seed: int, profile
     assert track[:, 2].min() > 0.011 - 1e-4
 
 
+@pytest.mark.parametrize(("leg_m", "turn_rad"), [(0.01, 0.3), (0.02, 0.6)])
+def test_a_zigzag_of_short_legs_keeps_all_limits(leg_m: float, turn_rad: float) -> None:
+    # A soft jerk smooths over many corners at once: speeds shift to places where they are too high.
+    profile = VelocityProfile(speed_m_s=3.0, acceleration_m_s2=6.0, jerk_m_s3=60.0)
+    rng = np.random.default_rng(0)
+    for _ in range(25):
+        place, yaw = np.array([rng.uniform(0.35, 0.65), rng.uniform(-0.2, 0.2), 0.2]), 0.0
+        q = KINEMATICS.inverse(downward(place, yaw))
+        path: list[Pose] = []
+        for _ in range(6):
+            place = place + np.array([*rng.uniform(-leg_m, leg_m, 2), 0.0])
+            yaw += rng.uniform(-turn_rad, turn_rad)
+            path.append(downward(place, yaw))
+        check_trajectory(tool_move(KINEMATICS, q, tuple(path), profile))
+
+
 def test_a_line_is_straight_and_reaches_the_speed_asked_for() -> None:
     q = KINEMATICS.inverse(downward([0.4, -0.25, 0.1], 0.2))
     trajectory = tool_move(KINEMATICS, q, (downward([0.5, 0.3, 0.1], 0.6),), PROFILE)
