@@ -157,6 +157,10 @@ class ScriptedRobot(Component):
         self._held = None
         return GripResult(width_m=width_m, held=False)
 
+    @implements(robot.RECOVER)
+    async def recover(self) -> None:
+        self._lab.enter("recover")
+
     @implements(robot.STOP)
     async def stop(self) -> None:
         self._lab.calls.append("stop")

@@ -1,6 +1,5 @@
 """The flow chart of Fig. 6, edge by edge, and the ends that the paper lacks."""
 
-
 import numpy as np
 import pytest
 from ideal_lab import LENGTH_M, NODES, Lab, shape
@@ -42,6 +41,13 @@ EDGES = {
     ("move_to_goal", "failed", "failed"),
     ("release", "done", "track_again"),
     ("release", "failed", "failed"),
+    ("approach", "interrupted", "recover"),
+    ("grasp", "interrupted", "recover"),
+    ("move_to_goal", "interrupted", "recover"),
+    ("release", "interrupted", "recover"),
+    ("recover", "done", "release"),
+    ("recover", "too_often", "failed"),
+    ("recover", "failed", "failed"),
     ("track_again", "seen", "has_error_changed"),
     ("track_again", "unusable", "infeasible"),
     ("track_again", "failed", "failed"),
@@ -165,6 +171,42 @@ def test_a_failing_skill_ends_the_task_with_its_name_and_a_safe_robot(
         assert trace.calls[-1] == "stop"
 
 
+@pytest.mark.parametrize(
+    ("skill", "box"),
+    [("move_to", "approach"), ("move_linear", "grasp"), ("follow_path", "move_to_goal"), ("release", "approach")],
+)
+def test_an_arm_that_braked_by_itself_is_cleared_lets_go_and_the_task_goes_on(skill: str, box: str) -> None:
+    late = lab(I)
+    late.fails[skill] = ["lost_commander"]
+    trace = shape(late, moved(I, (0.05, 0.0)))
+    assert (box, "interrupted", "recover") in trace.edges()
+    assert ("recover", "done", "release") in trace.edges()
+    assert trace.result.outcome is RunOutcome.CONVERGED
+
+
+def test_an_arm_that_brakes_again_and_again_fails_the_task_by_name() -> None:
+    late = lab(I)
+    late.fails["move_to"] = ["lost_commander"] * 3
+    trace = shape(late, S, TaskConfig(max_recoveries=2))
+    assert ("recover", "too_often", "failed") in trace.edges()
+    assert trace.result.reason is not None
+    assert "lost_commander" in trace.result.reason
+
+
+def test_an_arm_whose_fault_does_not_clear_fails_the_task() -> None:
+    broken = lab(I)
+    broken.fails = {"move_to": ["lost_commander"], "recover": ["robot_lost"]}
+    assert ("recover", "failed", "failed") in shape(broken, S).edges()
+
+
+def test_a_release_that_is_interrupted_is_done_again() -> None:
+    late = lab(I)
+    late.fails["release"] = ["", "lost_commander"]
+    trace = shape(late, moved(I, (0.05, 0.0)))
+    assert ("release", "interrupted", "recover") in trace.edges()
+    assert trace.result.outcome is RunOutcome.CONVERGED
+
+
 def test_a_camera_lost_between_actions_fails_the_task() -> None:
     broken = lab(I)
     seen_before = 3  # one to find the rope and two to see that it rests
@@ -221,5 +263,3 @@ def test_the_ends_are_labelled_towards_the_goal_so_that_the_rope_is_not_turned_r
     trace = shape(lab(I), goal)
     assert trace.result.outcome is RunOutcome.CONVERGED
     assert trace.result.history == ()
-
-

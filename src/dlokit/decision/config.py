@@ -25,6 +25,8 @@ class TaskConfig:
     """Time between two of them [s]."""
     look_timeout_s: float = 20.0
     """Longest wait for the model's state after a look [s]."""
+    max_recoveries: int = 5
+    """Times that an arm which braked by itself (a sign of life came late) is cleared and the task goes on."""
     robot_timeout_s: float = 10.0
     """Longest wait for the robot's first state [s]."""
     tracking_hz: float = 2.0

@@ -3,7 +3,7 @@
 from dlokit.decision.convergence import Progress
 from dlokit.decision.flow import End, Flow, Step
 from dlokit.decision.steps import acting, seeing
-from dlokit.decision.steps.outcomes import Change, Found, GoalSet, Grasped, Marked, Moved, Released, Sight
+from dlokit.decision.steps.outcomes import Change, Found, GoalSet, Grasped, Marked, Moved, Recovered, Released, Sight
 from dlokit.decision.task import ShapeTask
 from dlokit.types.flow import RunOutcome
 
@@ -50,26 +50,47 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
         Step(
             "approach",
             acting.approach,
-            {Moved.DONE: "grasp", Moved.REFUSED: "mark_invalid", Moved.FAILED: "failed"},
+            {
+                Moved.DONE: "grasp",
+                Moved.REFUSED: "mark_invalid",
+                Moved.INTERRUPTED: "recover",
+                Moved.FAILED: "failed",
+            },
             "Joint-space move above the grasp point.",
         ),
         Step(
             "grasp",
             acting.grasp,
-            {Grasped.HELD: "move_to_goal", Grasped.MISSED: "release", Grasped.FAILED: "failed"},
+            {
+                Grasped.HELD: "move_to_goal",
+                Grasped.MISSED: "release",
+                Grasped.INTERRUPTED: "recover",
+                Grasped.FAILED: "failed",
+            },
             "Straight down, close, and feel whether something is held.",
         ),
         Step(
             "move_to_goal",
             acting.move_to_goal,
-            {Moved.DONE: "release", Moved.REFUSED: "release", Moved.FAILED: "failed"},
+            {
+                Moved.DONE: "release",
+                Moved.REFUSED: "release",
+                Moved.INTERRUPTED: "recover",
+                Moved.FAILED: "failed",
+            },
             "Lift, carry and lower along the planned path, tracking the model meanwhile.",
         ),
         Step(
             "release",
             acting.release,
-            {Released.DONE: "track_again", Released.FAILED: "failed"},
+            {Released.DONE: "track_again", Released.INTERRUPTED: "recover", Released.FAILED: "failed"},
             "Open, retreat straight up, drive out of the picture.",
+        ),
+        Step(
+            "recover",
+            acting.recover,
+            {Recovered.DONE: "release", Recovered.TOO_OFTEN: "failed", Recovered.FAILED: "failed"},
+            "The arm braked by itself: clear the fault, let go, and look again.",
         ),
         Step(
             "track_again",

@@ -97,6 +97,7 @@ class ShapeTask:
     grasp_ok: bool = False
     history: list[ActionRecord] = field(default_factory=list[ActionRecord])
     planning_time_s: float = 0.0
+    recoveries: int = 0
     reason: str | None = None
 
     @property

@@ -7,7 +7,7 @@ import numpy as np
 from dlokit.communication import topics
 from dlokit.decision.convergence import has_changed
 from dlokit.decision.steps.explaining import fail
-from dlokit.decision.steps.outcomes import Change, Found, Grasped, Marked, Moved, Released
+from dlokit.decision.steps.outcomes import Change, Found, Grasped, Marked, Moved, Recovered, Released
 from dlokit.decision.task import ShapeTask
 from dlokit.geometry import matrix, pose_from_matrix
 from dlokit.skills.perception import api as perception
@@ -32,12 +32,18 @@ REFUSALS = frozenset(
 """Reasons for which the robot refuses a motion before it moves: another grasp may do."""
 
 
+INTERRUPTIONS = frozenset({"lost_commander", "lease_lost"})
+"""Reasons for which an arm brakes by itself though nothing is broken: on a busy machine a sign of life came late."""
+
+
 def _judge_motion(task: ShapeTask, skill: str, outcome: Outcome[Any]) -> Moved:
     if isinstance(outcome, Succeeded):
         return Moved.DONE
     fail(task, skill, outcome)
     if isinstance(outcome, Failed | Rejected) and outcome.reason in REFUSALS:
         return Moved.REFUSED
+    if isinstance(outcome, Failed | Rejected) and outcome.reason in INTERRUPTIONS:
+        return Moved.INTERRUPTED
     return Moved.FAILED
 
 
@@ -82,6 +88,8 @@ async def grasp(task: ShapeTask) -> Grasped:
     match _judge_motion(task, "robot.move_linear", down):
         case Moved.REFUSED:
             return Grasped.MISSED
+        case Moved.INTERRUPTED:
+            return Grasped.INTERRUPTED
         case Moved.FAILED:
             return Grasped.FAILED
         case Moved.DONE:
@@ -116,22 +124,42 @@ async def release(task: ShapeTask) -> Released:
     action = task.chosen
     opened = await task.port.call(robot.RELEASE, action.grasp.opening_m)
     if not isinstance(opened, Succeeded):
-        fail(task, "robot.release", opened)
-        return Released.FAILED
+        return _judge_release(_judge_motion(task, "robot.release", opened))
     task.release_stamp_ns = task.port.clock.now_ns()
     _say_gripped(task, None)
     state = task.port.latest(topics.ROBOT_STATE).value
     if state is not None:
         up = _above(state.T_world_tcp, task.config.retreat_height_m)
-        moved = await task.port.call(robot.MOVE_LINEAR, up, action.velocity)
-        if _judge_motion(task, "robot.move_linear", moved) is Moved.FAILED:
+        retreated = _judge_motion(
+            task, "robot.move_linear", await task.port.call(robot.MOVE_LINEAR, up, action.velocity)
+        )
+        # Where straight up is refused, the joint-space move home has its own checks.
+        if retreated not in (Moved.DONE, Moved.REFUSED):
+            return _judge_release(retreated)
+    return _judge_release(_judge_motion(task, "robot.home", await task.port.call(robot.HOME)))
+
+
+def _judge_release(moved: Moved) -> Released:
+    match moved:
+        case Moved.DONE:
+            return Released.DONE
+        case Moved.INTERRUPTED:
+            return Released.INTERRUPTED
+        case Moved.REFUSED | Moved.FAILED:
             return Released.FAILED
-    home = await task.port.call(robot.HOME)
-    if not isinstance(home, Succeeded):
-        fail(task, "robot.home", home)
-        return Released.FAILED
-    task.reason = None
-    return Released.DONE
+
+
+async def recover(task: ShapeTask) -> Recovered:
+    """Clear the fault of an arm that braked by itself; not for ever."""
+    task.recoveries += 1
+    if task.recoveries > task.config.max_recoveries:
+        task.reason = f"the arm braked by itself {task.recoveries} times; the last time: {task.reason}"
+        return Recovered.TOO_OFTEN
+    recovered = await task.port.call(robot.RECOVER)
+    if isinstance(recovered, Succeeded):
+        return Recovered.DONE
+    fail(task, "robot.recover", recovered)
+    return Recovered.FAILED
 
 
 async def has_error_changed(task: ShapeTask) -> Change:

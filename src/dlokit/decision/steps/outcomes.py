@@ -32,6 +32,7 @@ class Moved(enum.Enum):
 
     DONE = "done"
     REFUSED = "refused"
+    INTERRUPTED = "interrupted"
     FAILED = "failed"
 
 
@@ -40,6 +41,7 @@ class Grasped(enum.Enum):
 
     HELD = "held"
     MISSED = "missed"
+    INTERRUPTED = "interrupted"
     FAILED = "failed"
 
 
@@ -47,6 +49,7 @@ class Released(enum.Enum):
     """What became of the release."""
 
     DONE = "done"
+    INTERRUPTED = "interrupted"
     FAILED = "failed"
 
 
@@ -61,3 +64,11 @@ class Marked(enum.Enum):
     """Book-keeping has one outcome."""
 
     DONE = "done"
+
+
+class Recovered(enum.Enum):
+    """Whether an arm that braked by itself may go on."""
+
+    DONE = "done"
+    TOO_OFTEN = "too_often"
+    FAILED = "failed"
