@@ -15,9 +15,9 @@ from typing import Any
 import psutil
 import pytest
 from tiny_process import ECHO, HANG, WORKER
-from tiny_system import BROKEN, echo_row, tiny_system
+from tiny_system import BROKEN, UNPLUGGED, echo_row, tiny_system
 
-from dlokit.errors import ProcessFailure
+from dlokit.errors import InputError, ProcessFailure
 from dlokit.system.live_system import LiveSystem
 from dlokit.system.processes import ProcessRow, Restart
 from dlokit.types.outcome import Succeeded, Unreachable
@@ -161,6 +161,16 @@ def test_a_component_that_raises_ends_the_start_with_its_error_in_the_message(tm
     async def body() -> None:
         with pytest.raises(ProcessFailure, match=r"process_died: lamp[\s\S]*the lamp is not plugged in"):
             async with none_left(tmp_path, BROKEN) as system:
+                await system.run(never(), lambda result, failure: result)
+
+    live(body())
+
+
+def test_a_component_that_the_machine_cannot_run_ends_the_start_with_one_clear_line(tmp_path: Path) -> None:
+    async def body() -> None:
+        line = "port 8080 is in use: end the other viewer, or choose another port"
+        with pytest.raises(InputError, match=f"^{line}$"):
+            async with none_left(tmp_path, UNPLUGGED) as system:
                 await system.run(never(), lambda result, failure: result)
 
     live(body())

@@ -7,6 +7,7 @@ import sys
 from dlokit.communication import topics
 from dlokit.communication.component import Component, implements
 from dlokit.communication.skill import Skill
+from dlokit.errors import MachineError
 from dlokit.system.child_runtime import run_child
 from dlokit.system.child_spec import ChildSpec
 from dlokit.system.joined_bus import JoinedBus
@@ -73,8 +74,15 @@ class Broken(Component):
         raise RuntimeError("the lamp is not plugged in")
 
 
+class Unplugged(Component):
+    name = "unplugged"
+
+    async def run(self) -> None:
+        raise MachineError("port 8080 is in use: end the other viewer,\nor choose another port")
+
+
 def build(name: str, spec: ChildSpec, bus: JoinedBus) -> Component:
-    return {"cell": TinyCell, "echo": Echo, "broken": Broken}[name]()
+    return {"cell": TinyCell, "echo": Echo, "broken": Broken, "unplugged": Unplugged}[name]()
 
 
 if __name__ == "__main__":

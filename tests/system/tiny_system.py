@@ -13,6 +13,7 @@ from dlokit.system.supervisor import Launch
 OWN = ProcessRow(name="main", components=())
 CELL = ProcessRow(name="cell", components=("cell",), time_base=TimeBase.MACHINE)
 BROKEN = ProcessRow(name="lamp", components=("broken",), after=("cell",))
+UNPLUGGED = ProcessRow(name="socket", components=("unplugged",), after=("cell",))
 
 
 def echo_row(*, essential: bool = True, restart: Restart = NEVER, silent_for_s: float = 10.0) -> ProcessRow:

@@ -36,7 +36,7 @@ class ChildProcess:
         try:
             with log_file.open("ab") as log:
                 self._popen = subprocess.Popen(
-                    command,
+                    (*command, spec.process),  # the name is for people who list processes
                     stdin=subprocess.PIPE,
                     stdout=log,
                     stderr=log,
@@ -68,6 +68,10 @@ class ChildProcess:
             log.seek(max(0, self.log_file.stat().st_size - TAIL_BYTES))
             lines = log.read().decode(errors="replace").splitlines()
         return "\n".join(lines[-TAIL_LINES:])
+
+    def last_line(self) -> str:
+        """The last line of its log."""
+        return self.tail().rpartition("\n")[2]
 
     async def stop(self) -> None:
         """Ask it to end, wait, kill; and sweep up what it left behind."""

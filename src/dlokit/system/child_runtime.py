@@ -12,7 +12,8 @@ from typing import Any
 
 from dlokit.communication.component import Component
 from dlokit.communication.host import Host
-from dlokit.system.child_spec import BEAT, BEAT_PERIOD_S, READY, STOP_GRACE_S, ChildSpec, decode_spec
+from dlokit.errors import InputError
+from dlokit.system.child_spec import BEAT, BEAT_PERIOD_S, EXIT_BAD_INPUT, READY, STOP_GRACE_S, ChildSpec, decode_spec
 from dlokit.system.joined_bus import JoinedBus, join_bus
 from dlokit.system.tasks import end_tasks
 from dlokit.system.worker_pool import worker_pool
@@ -27,7 +28,11 @@ def run_child(build: Build) -> None:
     """Serve the components that standard input asks for, until standard input ends or SIGTERM comes."""
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
     spec = decode_spec(sys.stdin.buffer.readline())
-    asyncio.run(_serve(spec, build))
+    try:
+        asyncio.run(_serve(spec, build))
+    except InputError as error:
+        sys.stderr.write(" ".join(str(error).split()) + "\n")
+        sys.exit(EXIT_BAD_INPUT)
 
 
 async def _serve(spec: ChildSpec, build: Build) -> None:

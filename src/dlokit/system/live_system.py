@@ -43,7 +43,8 @@ class LiveSystem:
         """Result of `main`, which is cancelled when an essential process dies, or when the caller is (Ctrl-C).
 
         A `main` that ends with a result though it was cancelled has that result returned; after a dead process
-        `when_failed` says what it means. Raises `ProcessFailure` where there is no result.
+        `when_failed` says what it means. Raises `ProcessFailure` where there is no result, and `InputError` when a
+        process could not work on this machine or with this configuration.
         """
         task = asyncio.create_task(main, name="main")
         watch = asyncio.create_task(self.supervisor.wait_failed(), name="watch")
@@ -62,12 +63,17 @@ class LiveSystem:
         self, task: "asyncio.Task[T]", watch: "asyncio.Task[None]", when_failed: Callable[[T, ProcessFailure], T]
     ) -> T:
         failure = watch.exception()
-        assert isinstance(failure, ProcessFailure), f"only a dead process ends the watch, not {failure!r}"
+        assert failure is not None, "the watch ends only with what it has seen"
         going_on = asyncio.create_task(_let_time_go_on(self.clock), name="time goes on")
         try:
             task.cancel()
             await asyncio.wait({task}, timeout=WIND_UP_S)
-            if task.done() and not task.cancelled() and task.exception() is None:
+            if (
+                isinstance(failure, ProcessFailure)
+                and task.done()
+                and not task.cancelled()
+                and task.exception() is None
+            ):
                 return when_failed(task.result(), failure)
             raise failure
         finally:
@@ -97,8 +103,8 @@ async def live_system(rows: tuple[ProcessRow, ...], launch: Launch) -> AsyncGene
             join_bus(own_bus, own.time_base) as bus,
             Supervisor(tuple(others), launch, others_bus) as supervisor,
         ):
-            await bus.first_tick(FIRST_TICK_S)
-            await _all_seen(bus.transport, [name for row in others for name in row.components])
+            await supervisor.guard(bus.first_tick(FIRST_TICK_S))
+            await supervisor.guard(_all_seen(bus.transport, [name for row in others for name in row.components]))
             yield LiveSystem(bus.transport, bus.clock, compute, supervisor)
 
 

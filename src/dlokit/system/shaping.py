@@ -1,6 +1,7 @@
 """One shape task on a running system: what both runtimes do once the components are there."""
 
 import asyncio
+import contextlib
 import math
 import time
 from collections import defaultdict
@@ -80,7 +81,9 @@ async def shape(
     try:
         result = await decision.shape(job.request, lambda record: watch.action(_row(record)))
         last_ns = result.history[-1].release_stamp_ns if result.history else clock.now_ns()
-        await clock.sleep_until(last_ns + round(LINGER_S * 1e9))
+        # Whoever ends the run now still gets the result: it stands.
+        with contextlib.suppress(asyncio.CancelledError):
+            await clock.sleep_until(last_ns + round(LINGER_S * 1e9))
     finally:
         for helper in helpers:
             helper.cancel()

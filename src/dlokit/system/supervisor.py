@@ -7,15 +7,19 @@ import asyncio
 import contextlib
 import logging
 import sys
+from collections.abc import Coroutine
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any, TypeVar
 
 from dlokit.communication.zenoh_session import ZenohConfig
-from dlokit.errors import ProcessFailure
+from dlokit.errors import DlokitError, InputError, ProcessFailure
 from dlokit.system.child_process import ChildProcess
-from dlokit.system.child_spec import ChildSpec
+from dlokit.system.child_spec import EXIT_BAD_INPUT, ChildSpec
 from dlokit.system.processes import ProcessRow, Restart
 from dlokit.system.tasks import end_tasks
+
+T = TypeVar("T")
 
 log = logging.getLogger(__name__)
 
@@ -79,24 +83,31 @@ class Supervisor:
             self._failed.exception()  # retrieved, so that the loop does not complain
 
     async def wait_failed(self) -> None:
-        """Return never, but raise `ProcessFailure` when an essential process is dead for good."""
+        """Return never, but raise when an essential process is dead for good.
+
+        `ProcessFailure` names it; `InputError` says what of the configuration or the machine it could not work with.
+        """
         assert self._failed is not None, "the supervisor is not started"
         await asyncio.shield(self._failed)
 
+    async def guard(self, main: Coroutine[Any, Any, T]) -> T:
+        """Result of `main`, unless a process dies first: then `main` is cancelled and the failure raised."""
+        task = asyncio.create_task(main)
+        watch = asyncio.create_task(self.wait_failed())
+        try:
+            await asyncio.wait({task, watch}, return_when=asyncio.FIRST_COMPLETED)
+            if watch.done():
+                watch.result()
+            return task.result()
+        finally:
+            await end_tasks(task, watch)
+
     async def _start_all(self) -> None:
-        names = {row.name for row in self._rows}
-        waiting = list(self._rows)
-        ready: set[str] = set()
-        while waiting:
-            wave = [row for row in waiting if names.intersection(row.after) <= ready]
-            if not wave:
-                raise ProcessFailure("start_order", f"{[row.name for row in waiting]} wait for one another")
+        for wave in start_waves(self._rows):
             for row in wave:
                 self._watched[row.name] = _Watched(row, self._spawn(row), [asyncio.get_running_loop().time()])
             for row in wave:
                 await self._until_ready(self._watched[row.name])
-                ready.add(row.name)
-            waiting = [row for row in waiting if row not in wave]
 
     def _spawn(self, row: ProcessRow) -> ChildProcess:
         spec = ChildSpec(
@@ -117,7 +128,7 @@ class Supervisor:
         end_s = watched.started_s[-1] + row.ready_within_s
         while not child.ready.is_set():
             if child.exit_code is not None:
-                raise ProcessFailure(f"process_died: {row.name}", _obituary(child))
+                raise _cause_of_death(child)
             left_s = end_s - asyncio.get_running_loop().time()
             if left_s <= 0:
                 raise ProcessFailure(
@@ -141,32 +152,51 @@ class Supervisor:
                 watched.started_s.append(now_s)
                 watched.child = self._spawn(row)
         elif child.exit_code is not None:
-            self._bury(watched, now_s, f"process_died: {row.name}", _obituary(child))
+            self._bury(watched, now_s, _cause_of_death(child))
         elif child.ready.is_set() and child.silent_s() > row.silent_for_s:
             detail = f"no heartbeat for {child.silent_s():.0f} s; see {child.log_file}\n{child.tail()}"
-            self._bury(watched, now_s, f"process_frozen: {row.name}", detail)
+            self._bury(watched, now_s, ProcessFailure(f"process_frozen: {row.name}", detail))
         elif not child.ready.is_set() and now_s - watched.started_s[-1] > row.ready_within_s:
             detail = f"not ready within {row.ready_within_s:g} s; see {child.log_file}\n{child.tail()}"
-            self._bury(watched, now_s, f"process_not_ready: {row.name}", detail)
+            self._bury(watched, now_s, ProcessFailure(f"process_not_ready: {row.name}", detail))
 
-    def _bury(self, watched: _Watched, now_s: float, reason: str, detail: str) -> None:
+    def _bury(self, watched: _Watched, now_s: float, cause: DlokitError) -> None:
         watched.child.release()
-        log.error("%s: %s", reason, detail)
         if may_restart(watched.row.restart, watched.started_s, now_s):
+            log.warning("%s; it is started again", cause)
             watched.restart_at_s = now_s + watched.row.restart.wait_s
             return
+        log.error("%s", cause)
         watched.given_up = True
         if watched.row.essential and self._failed is not None and not self._failed.done():
-            self._failed.set_exception(ProcessFailure(reason, detail))
+            self._failed.set_exception(cause)
 
     async def _stop_all(self) -> None:
         try:
-            for watched in reversed(self._watched.values()):
-                await watched.child.stop()
+            for wave in reversed(start_waves(self._rows)):
+                started = [self._watched[row.name] for row in wave if row.name in self._watched]
+                await asyncio.gather(*(watched.child.stop() for watched in started))
         finally:
             # Also when the stopping itself is cancelled: none is left behind.
             for watched in self._watched.values():
                 watched.child.release()
+
+
+def start_waves(rows: tuple[ProcessRow, ...]) -> list[list[ProcessRow]]:
+    """Rows that may be started together, in the order in which to start; stopping goes the other way.
+
+    Raises `ProcessFailure` when processes wait for one another.
+    """
+    names = {row.name for row in rows}
+    waves: list[list[ProcessRow]] = []
+    ready: set[str] = set()
+    while ready != names:
+        wave = [row for row in rows if row.name not in ready and names.intersection(row.after) <= ready]
+        if not wave:
+            raise ProcessFailure("start_order", f"{sorted(names - ready)} wait for one another; see the process table")
+        waves.append(wave)
+        ready.update(row.name for row in wave)
+    return waves
 
 
 def may_restart(policy: Restart, started_s: list[float], now_s: float) -> bool:
@@ -175,7 +205,10 @@ def may_restart(policy: Restart, started_s: list[float], now_s: float) -> bool:
     return len(recent) < policy.times
 
 
-def _obituary(child: ChildProcess) -> str:
+def _cause_of_death(child: ChildProcess) -> DlokitError:
     code = child.exit_code
+    if code == EXIT_BAD_INPUT:
+        return InputError(child.last_line())
     how = f"signal {-code}" if code is not None and code < 0 else f"exit code {code}"
-    return f"{child.name} ended with {how}; the end of {child.log_file}:\n{child.tail()}"
+    detail = f"{child.name} ended with {how}; the end of {child.log_file}:\n{child.tail()}"
+    return ProcessFailure(f"process_died: {child.name}", detail)

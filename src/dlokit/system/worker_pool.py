@@ -3,22 +3,45 @@
 import multiprocessing
 import os
 import threading
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from multiprocessing.connection import wait
+from typing import ParamSpec, TypeVar
 
 from dlokit.communication.compute import PoolCompute
 
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+class WorkerCompute:
+    """A compute port whose worker starts with the first task; most components have none."""
+
+    def __init__(self) -> None:
+        self._pool: ProcessPoolExecutor | None = None
+
+    async def __call__(self, function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
+        """Result of ``function(*args, **kwargs)``, computed in the worker."""
+        if self._pool is None:
+            spawn = multiprocessing.get_context("spawn")
+            self._pool = ProcessPoolExecutor(1, mp_context=spawn, initializer=_end_with_parent)
+        return await PoolCompute(self._pool)(function, *args, **kwargs)
+
+    def close(self) -> None:
+        """Take no more tasks; what runs is finished, what waits is dropped."""
+        if self._pool is not None:
+            self._pool.shutdown(wait=False, cancel_futures=True)
+
 
 @contextmanager
-def worker_pool() -> Generator[PoolCompute]:
-    """A compute port; its worker starts with the first task and ends with the process that owns it."""
-    pool = ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"), initializer=_end_with_parent)
+def worker_pool() -> Generator[WorkerCompute]:
+    """A compute port whose worker ends with the process that owns it, however that ends."""
+    compute = WorkerCompute()
     try:
-        yield PoolCompute(pool)
+        yield compute
     finally:
-        pool.shutdown(wait=False, cancel_futures=True)
+        compute.close()
 
 
 def _end_with_parent() -> None:

@@ -1,0 +1,91 @@
+"""The real processes: the rope is shaped, a dead process is named, Ctrl-C leaves nothing behind."""
+
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import psutil
+import pytest
+
+from dlokit.app.job import job_from_config
+from dlokit.bench.judged_run import judged_run
+from dlokit.system.config import RunConfig
+from dlokit.system.run_result import ActionResult
+from dlokit.types.flow import FlowStatus, RunOutcome
+
+pytestmark = pytest.mark.system
+
+WAIT_S = 120.0  # all processes are up within 15 s of two idle cores
+LIVE = RunConfig(runtime="live", headless=True)
+
+
+def started_by(pid: int) -> dict[str, psutil.Process]:
+    """The processes of the table that a process has started, by name."""
+    children = (child for child in psutil.Process(pid).children() if child.status() != psutil.STATUS_ZOMBIE)
+    return {line[-1]: child for child in children if "dlokit.system.process_main" in (line := child.cmdline())}
+
+
+class Silent:
+    """Watches and says nothing."""
+
+    def step(self, status: FlowStatus) -> None:
+        pass
+
+    def action(self, row: ActionResult) -> None:
+        pass
+
+
+class Killer(Silent):
+    """Kills a process of this one's in the middle of an action."""
+
+    def __init__(self, victim: str) -> None:
+        self._victim = victim
+
+    def step(self, status: FlowStatus) -> None:
+        if status.step == "move_to_goal":
+            started_by(psutil.Process().pid)[self._victim].kill()
+
+
+def test_the_rope_is_shaped_by_all_processes_together(tmp_path: Path) -> None:
+    record = judged_run(LIVE, job_from_config(LIVE), tmp_path, Silent())
+    result = record.result
+    assert result.outcome is RunOutcome.CONVERGED, result
+    assert result.rmse_m is not None
+    assert result.rmse_m < result.threshold_m
+    # The bar of the shaping task: what the system believes is true to 2 mm.
+    assert result.true_rmse_m is not None
+    assert result.true_rmse_m < 0.014
+    assert not started_by(psutil.Process().pid)
+
+
+@pytest.mark.parametrize("victim", ["camera", "cell"])
+def test_a_process_killed_during_an_action_fails_the_run_by_name(tmp_path: Path, victim: str) -> None:
+    record = judged_run(LIVE, job_from_config(LIVE), tmp_path, Killer(victim))
+    assert record.result.outcome is RunOutcome.FAILED
+    assert record.result.reason == f"process_died: {victim}"
+    assert not started_by(psutil.Process().pid)
+
+
+def test_ctrl_c_ends_a_run_as_cancelled_with_its_result_written_and_no_process_left(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    command = (
+        str(Path(sys.executable).with_name("dlokit")),
+        "shape",
+        "--runtime",
+        "live",
+        "--headless",
+        "--out",
+        str(out),
+    )
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as run:
+        end_s = time.monotonic() + WAIT_S
+        while "camera" not in (children := started_by(run.pid)):
+            assert time.monotonic() < end_s
+            assert run.poll() is None
+        run.send_signal(signal.SIGINT)
+        output, _ = run.communicate(timeout=WAIT_S)
+    assert run.returncode in (3, 130), output.decode()
+    _, alive = psutil.wait_procs(list(children.values()), timeout=10.0)
+    assert not alive
