@@ -15,6 +15,7 @@ class Presence:
         self._loop = loop
         self._lock = threading.Lock()
         self._tokens: set[tuple[str, str]] = set()
+        self._ever: set[str] = set()
         self._changed = asyncio.Event()
         # Two processes may serve one component for a moment, while it is restarted: each token counts.
         self._subscriber = session.liveliness().declare_subscriber("alive/*/*", self._on_token, history=True)
@@ -23,6 +24,11 @@ class Presence:
         """Whether the component is there."""
         with self._lock:
             return any(name == component for name, _ in self._tokens)
+
+    def had(self, component: str) -> bool:
+        """Whether the component has ever been there."""
+        with self._lock:
+            return component in self._ever
 
     async def wait_for(self, component: str, timeout_s: float) -> bool:
         """Wait until it is there, for at most `timeout_s` of the machine's time; whether it is."""
@@ -40,6 +46,7 @@ class Presence:
         with self._lock:
             if sample.kind == zenoh.SampleKind.PUT:
                 self._tokens.add((name, identity))
+                self._ever.add(name)
             else:
                 self._tokens.discard((name, identity))
         call_on_loop(self._loop, self._changed.set)

@@ -125,7 +125,7 @@ class ZenohTransport:
         return reader
 
     async def _ask(self, component: str, request: bytes, call_id: str) -> bytes | None:
-        if not self.alive(component).alive:
+        if not self.alive(component).alive and not self._presence.had(component):
             # Just after the start, peers may not have found each other yet.
             await self._presence.wait_for(component, FOUND_PATIENCE_S)
         if self._closed:

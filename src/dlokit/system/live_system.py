@@ -22,6 +22,8 @@ from dlokit.system.worker_pool import worker_pool
 T = TypeVar("T")
 
 FIRST_TICK_S = 30.0
+NOTICE_S = 4.0
+"""A task whose call was not answered knows already, and makes the arm safe: it is not disturbed at once."""
 WIND_UP_S = 10.0
 """Time for a task to end and to say what became of it, once a process has died."""
 TICK_S = 0.02
@@ -66,6 +68,7 @@ class LiveSystem:
         assert failure is not None, "the watch ends only with what it has seen"
         going_on = asyncio.create_task(_let_time_go_on(self.clock), name="time goes on")
         try:
+            await asyncio.wait({task}, timeout=NOTICE_S)
             task.cancel()
             await asyncio.wait({task}, timeout=WIND_UP_S)
             if (
