@@ -23,6 +23,7 @@ from dlokit.errors import ConfigError
 from dlokit.system.config import RunConfig
 from dlokit.system.run_folder import claim_run_folder, new_run_folder
 
+TABLE_WIDTH = 132
 SUITES = {"paper": PAPER_SUITE}
 
 
@@ -60,9 +61,10 @@ def run_shaping(args: ShapingArgs) -> int:
         for done in _run_all(todo, args, folder):
             results.append(done)
             progress.advance(bar)
-            console.print(_line(done), highlight=False)
+            console.print(_line(done), highlight=False, soft_wrap=True)
     results.sort(key=lambda done: todo.index(done.case))
-    console.print(_table(results))
+    # A table that folds its figures cannot be read: a narrow or unknown width is overruled.
+    Console(width=max(console.width, TABLE_WIDTH)).print(_table(results))
     if args.json is not None:
         args.json.write_bytes(bench_json("shaping", figures(results), machine_facts(), args.run))
         console.print(f"figures: {args.json}")
@@ -119,7 +121,7 @@ def _table(results: Sequence[CaseResult]) -> Table:
         "robot s",
         "pace",
     ):
-        table.add_column(heading, justify="left" if heading == "experiment" else "right")
+        table.add_column(heading, justify="left" if heading == "experiment" else "right", no_wrap=True)
     for row in overview(results):
         table.add_row(*row)
     return table
