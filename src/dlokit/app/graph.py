@@ -1,11 +1,14 @@
 """`dlokit graph`: the system drawn from its own tables."""
 
+import re
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
 from dlokit.communication.topics import TOPICS
 from dlokit.decision.flow import mermaid
 from dlokit.decision.shape_flow import SHAPE_DLO
+from dlokit.errors import InputError
 from dlokit.system.build import COMPONENTS
 from dlokit.system.processes import PROCESSES
 
@@ -22,6 +25,9 @@ class GraphArgs:
     what: Drawing = "all"
     """flow: the chart of the shape task (the paper's Fig. 6). topics: who publishes and who reads (Fig. 3).
     processes: what runs where when live."""
+    write: Path | None = None
+    """Instead of printing, renew the charts in this Markdown file: what stands between
+    `<!-- dlokit graph flow -->` and `<!-- end -->`, for each chart that the file has a place for."""
 
 
 def topics_mermaid() -> str:
@@ -52,11 +58,42 @@ DRAWINGS = {
 }
 
 
+_PLACE = re.compile(r"(<!-- dlokit graph (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
+
+
+def with_charts(page: str) -> str:
+    """A Markdown page with every chart that it has a place for as the tables are now.
+
+    Raises `InputError` when it has no place, or one for a chart that there is not.
+    """
+    names = [place.group(2) for place in _PLACE.finditer(page)]
+    if not names or not set(names) <= set(DRAWINGS):
+        raise InputError(
+            f"the page has places for the charts {names}; write at least one of "
+            + ", ".join(f"`<!-- dlokit graph {name} -->`" for name in DRAWINGS)
+            + ", each with `<!-- end -->` on a later line."
+        )
+    return _PLACE.sub(
+        lambda place: f"{place.group(1)}```mermaid\n{DRAWINGS[place.group(2)]()}```\n{place.group(3)}", page
+    )
+
+
 def run(args: GraphArgs) -> int:
-    """Print the charts."""
+    """Print the charts, or write them into a page."""
+    if args.write is not None:
+        _write(args.write)
+        return 0
     names = list(DRAWINGS) if args.what == "all" else [args.what]
     for name in names:
         if len(names) > 1:
             print(f"%% {name}")
         print(DRAWINGS[name]())
     return 0
+
+
+def _write(path: Path) -> None:
+    try:
+        page = path.read_text(encoding="utf-8")
+        path.write_text(with_charts(page), encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"--write {path}: {error}; name a Markdown file that may be changed.") from error
