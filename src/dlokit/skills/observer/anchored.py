@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from dlokit.geometry import arc_lengths
 from dlokit.skills.observer.base import nothing_seen
-from dlokit.skills.observer.cpd import CpdConfig, register, thinned
+from dlokit.skills.observer.cpd import CpdConfig, register
 from dlokit.skills.observer.curve import CurveConfig, FittedCurve, Segment, fit_curve, project
 from dlokit.skills.observer.hidden import fill_hidden
+from dlokit.skills.observer.mixture import thinned
 from dlokit.skills.observer.partial import register_visible
 from dlokit.skills.observer.visibility import VisibilityConfig, shaded, visible_nodes
 from dlokit.types.dlo import DloState, TargetPoints, Topology

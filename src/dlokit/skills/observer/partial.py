@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dlokit.skills.observer.cpd import CpdConfig, CpdResult, motion, register, thinned
+from dlokit.skills.observer.cpd import CpdConfig, register
+from dlokit.skills.observer.mixture import Registration, motion, thinned
 from dlokit.skills.observer.visibility import VisibilityConfig, explained_share, supported, visible_nodes
 from dlokit.types.dlo import DloState, TargetPoints, Topology
 from dlokit.types.observation import Observation
@@ -18,7 +19,7 @@ SQUEEZED = 0.6  # a rod hardly shortens; a mixture whose branch is hidden folds 
 
 def register_visible(
     points: Array,
-    first: CpdResult,
+    first: Registration,
     seen: Observation,
     prior: DloState,
     cpd: CpdConfig,

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from synthetic_clouds import cloud, shape, state
 
-from dlokit.skills.observer.cpd import Cpd, CpdConfig, expectation, initial_sigma2, kernel, register
+from dlokit.skills.observer.cpd import Cpd, CpdConfig, register
+from dlokit.skills.observer.mixture import expectation, initial_sigma2, kernel
 
 FAITHFUL = CpdConfig(initial_sigma_m=0, smallest_sigma_m=1e-6, tolerance=0.0, max_iterations=30)
 
