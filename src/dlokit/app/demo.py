@@ -28,4 +28,4 @@ def run(args: DemoArgs) -> int:
     """Run it; the exit code is that of `dlokit shape`."""
     config = RunConfig(runtime="live", seed=args.seed, headless=args.headless)
     config = replace(config, viewer=replace(config.viewer, port=args.port))
-    return shape.run(shape.ShapeArgs(run=config, out=args.out))
+    return shape.run(shape.ShapeArgs(run=config, choices=shape.ShapeChoices(out=args.out)))

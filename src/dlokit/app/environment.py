@@ -8,9 +8,12 @@ def prepare_environment() -> None:
     """Render without a display, and keep linear algebra on one thread.
 
     The matrices here are small: more threads cost time, disturb a run beside this one, and make sums depend on
-    how many there are. What the user has set stays.
+    how many there are. What the user has set of these stays.
     """
     if platform.system() == "Linux":
-        os.environ.setdefault("MUJOCO_GL", "egl")
+        # The cell opens EGL itself when it takes its first picture. MuJoCo is told to load no OpenGL on import,
+        # whatever the shell says for other programs: without a driver that import would end `dlokit doctor` too.
+        os.environ["MUJOCO_GL"] = "disable"
+        os.environ["PYOPENGL_PLATFORM"] = "egl"
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")

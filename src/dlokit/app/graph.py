@@ -3,7 +3,9 @@
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
+
+import tyro
 
 from dlokit.communication.topics import TOPICS
 from dlokit.decision.flow import mermaid
@@ -22,7 +24,7 @@ class GraphArgs:
     Paste the output into any Mermaid viewer, or into Markdown between ```mermaid fences.
     """
 
-    what: Drawing = "all"
+    what: Annotated[Drawing, tyro.conf.Positional] = "all"
     """flow: the chart of the shape task (the paper's Fig. 6). topics: who publishes and who reads (Fig. 3).
     processes: what runs where when live."""
     write: Path | None = None

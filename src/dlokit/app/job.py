@@ -1,15 +1,16 @@
 """From what the user typed to what a run does."""
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 
-from dlokit.app.shape_input import shape_from_text
+from dlokit.app.shape_input import is_file_name, shape_from_text
 from dlokit.decision.task import GoalRequest
-from dlokit.system.config import RunConfig
+from dlokit.system.config import INTERACTIVE, RunConfig
 from dlokit.system.shaping import ShapeJob
 from dlokit.types.arrays import Float64Array
 
-INTERACTIVE = "interactive"
-"""The goal that the operator drags in the viewer."""
 _CURVE_POINTS = 101  # start and goal are kept finer than either rod and resampled by each
 
 
@@ -19,12 +20,21 @@ def job_from_config(config: RunConfig) -> ShapeJob:
     The start is as long as the cell's DLO, the goal as long as the system believes it to be.
     """
     start = _shape(config, config.start, config.cell.dlo.length_m, config.cell.dlo.radius_m, stream=0)
-    name = f"{config.start} to {config.goal}"
+    name = f"{Path(config.start).name} to {Path(config.goal).name}"
     if config.goal == INTERACTIVE:
         return ShapeJob(name=name, start_nodes_world=start, request=None)
     goal = _shape(config, config.goal, config.model.length_m, config.model.radius_m, stream=1)
     request = GoalRequest(nodes_world=goal, name=config.goal, ends_interchangeable=config.ends_interchangeable)
     return ShapeJob(name=name, start_nodes_world=start, request=request)
+
+
+def with_absolute_files(config: RunConfig) -> RunConfig:
+    """Shape files by their absolute paths, so that the configuration of the run holds in every folder."""
+    return replace(config, start=_absolute(config.start), goal=_absolute(config.goal))
+
+
+def _absolute(text: str) -> str:
+    return str(Path(text).expanduser().absolute()) if is_file_name(text) else text
 
 
 def _shape(config: RunConfig, text: str, length_m: float, radius_m: float, *, stream: int) -> Float64Array:

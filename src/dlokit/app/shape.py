@@ -10,12 +10,13 @@ from typing import Annotated
 import tyro
 from rich.console import Console
 
-from dlokit.app.job import job_from_config
+from dlokit.app.job import job_from_config, with_absolute_files
 from dlokit.app.machine import machine_facts
+from dlokit.app.preflight import check_before_start
 from dlokit.app.report import write_report
 from dlokit.app.terminal import RunDisplay
 from dlokit.bench.judged_run import judged_run
-from dlokit.system.config import RunConfig
+from dlokit.system.config import INTERACTIVE, RunConfig
 from dlokit.system.run_folder import claim_run_folder, new_run_folder
 from dlokit.types.flow import RunOutcome
 
@@ -25,13 +26,34 @@ EXIT_ENDED_OTHERWISE = 3
 
 
 @dataclass(frozen=True, kw_only=True)
+class ShapeChoices:
+    """What `dlokit shape` takes beside the configuration itself."""
+
+    out: Annotated[Path | None, tyro.conf.arg(metavar="DIR", help_behavior_hint="(default: runs/<time>-<name>/)")] = (
+        None
+    )
+    """Folder for result.json, config.toml, report.html and truth.npz; must be empty or not exist yet."""
+    config: Annotated[Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint="")] = None
+    """The config.toml of an earlier run: its settings hold where this command line says nothing else."""
+    dlo: Annotated[str | None, tyro.conf.arg(metavar="PRESET", help_behavior_hint="(default: soft_rope)")] = None
+    """What lies on the table: soft_rope, silicone_hose, thin_wire or stiff_wire. The system's own model is told
+    its length and radius, which a ruler tells, and nothing else."""
+    observer: Annotated[str | None, tyro.conf.arg(metavar="NAME", help_behavior_hint="(default: anchored)")] = None
+    """How nodes are found in a cloud: anchored, or cpd (the paper's). `--observer cpd --help` shows its settings."""
+    segmentation: Annotated[str | None, tyro.conf.arg(metavar="NAME", help_behavior_hint="(default: brightness)")] = (
+        None
+    )
+    """Which pixels are DLO: by brightness (the paper's) or by colour."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class ShapeArgs:
     """Bring the DLO from a start to a goal shape by looking at it with the stereo camera.
 
     Examples:
-      dlokit shape                                  from I to S, in lockstep
-      dlokit shape --start random --seed 3          from a random start
-      dlokit shape --goal curve.csv --fit-length    to a curve of your own
+      dlokit shape                                     from I to S, in lockstep
+      dlokit shape --start random --seed 3             from a random start
+      dlokit shape --goal curve.csv --fit-length       to a curve of your own
       dlokit shape --runtime live --goal interactive   drag the goal in the browser
 
     Exit code: 0 converged, 3 ended otherwise (the outcome says how), 2 bad input.
@@ -39,22 +61,31 @@ class ShapeArgs:
 
     run: Annotated[RunConfig, tyro.conf.arg(name="")] = field(default_factory=RunConfig)
     """The run."""
-    out: Path | None = None
-    """Folder for result.json, config.toml, report.html and truth.npz; must be empty or not exist yet.
-    [default: runs/<time>-<name>/]"""
-    config: Path | None = None
-    """A config.toml of an earlier run, as defaults for everything else on this command line."""
+    choices: Annotated[ShapeChoices, tyro.conf.arg(name="")] = field(default_factory=ShapeChoices)
+    """Files, and choices by name."""
 
 
 def run(args: ShapeArgs) -> int:
     """Run the task, write what it leaves, and say how it ended."""
-    config = args.run
+    config = with_absolute_files(args.run)
     job = job_from_config(config)
-    folder = claim_run_folder(args.out) if args.out else new_run_folder(RUNS, job.name, datetime.now())
+    check_before_start(config, job)
+    out = args.choices.out
+    folder = claim_run_folder(out) if out else new_run_folder(RUNS, job.name, datetime.now())
     console = Console()
+    _invite(console, config)
     with RunDisplay(console, title=job.name, threshold_m=config.task.threshold_m) as display:
         record = judged_run(config, job, folder, display)
     record = replace(record, command=shlex.join(["dlokit", *sys.argv[1:]]), machine=machine_facts())
     report = write_report(folder, record)
     display.finish(record.result, report)
     return EXIT_CONVERGED if record.result.outcome is RunOutcome.CONVERGED else EXIT_ENDED_OTHERWISE
+
+
+def _invite(console: Console, config: RunConfig) -> None:
+    """Say where the viewer is, and what to do there."""
+    if config.headless:
+        return
+    console.print(f"viewer: {config.viewer.url}", markup=False, soft_wrap=True)
+    if config.goal == INTERACTIVE:
+        console.print("Open it in a browser, drag the three frames to the goal you want, and press “Shape it”.")

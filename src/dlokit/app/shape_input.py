@@ -20,6 +20,7 @@ MAX_LIFT_M = 0.05
 """A shape that rises higher above the table than this is not one that lies on it [m]."""
 _MILLIMETRES_OVER_M = 5.0  # a rope longer than this on a table of 0.7 m was not given in metres
 _SAMPLES = ("I, S, random", "a .npy or .csv file with (K, 3) or (K, 2) points in metres")
+_SUFFIXES = frozenset({".npy", ".csv"})
 _INDEXED = re.compile(r"^(?P<path>.+\.npy):(?P<index>-?\w*)$", re.IGNORECASE)
 
 
@@ -49,11 +50,17 @@ def shape_from_text(
     return nodes
 
 
+def is_file_name(text: str) -> bool:
+    """Whether a shape's name is that of a file, there or not, with or without an index behind it."""
+    indexed = _INDEXED.match(text)
+    return Path(indexed["path"] if indexed else text).suffix.lower() in _SUFFIXES
+
+
 def read_points(text: str) -> Array:
     """The points of ``FILE`` or ``FILE:3`` as they are, (K, 3) or (K, 2) [m], K ≥ 2. Raises `ShapeError`."""
     indexed = _INDEXED.match(text)
     path = Path(indexed["path"] if indexed else text).expanduser()
-    if path.suffix.lower() not in {".npy", ".csv"}:
+    if path.suffix.lower() not in _SUFFIXES:
         raise _unknown(text, path)
     if not path.is_file():
         raise ShapeError(f"Shape file {path} does not exist (looked in {Path.cwd()}): check the path.")

@@ -29,8 +29,9 @@ class RunDisplay:
         self._threshold_m = threshold_m
         self._rows: list[ActionResult] = []
         self._status: FlowStatus | None = None
-        # Refreshed when something happens rather than by a thread: a run owns its process.
-        self._live = Live(console=console, auto_refresh=False) if console.is_terminal else None
+        # Refreshed when something happens rather than by a thread: a run owns its process. It makes room for the
+        # table at the end, which has the evaluator's column.
+        self._live = Live(console=console, auto_refresh=False, transient=True) if console.is_terminal else None
 
     def __enter__(self) -> Self:
         if self._live is None:
@@ -61,7 +62,12 @@ class RunDisplay:
         self._refresh()
 
     def finish(self, result: RunResult, report: Path | None = None) -> None:
-        """The run has ended: the outcome in words, and where the report lies. Call it after the `with` block."""
+        """The run has ended: the table, the outcome in words, and where the report lies.
+
+        Call it after the `with` block.
+        """
+        if result.history:
+            self._console.print(action_table(result.history, threshold_m=self._threshold_m, title=self._title))
         color = "green" if result.outcome is RunOutcome.CONVERGED else "red"
         self._console.print(
             f"[bold {color}]{result.outcome.value}[/]  {escape(outcome_in_words(result))}", highlight=False

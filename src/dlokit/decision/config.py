@@ -1,15 +1,22 @@
 """Settings of the shape task."""
 
+import math
 from dataclasses import dataclass
+from typing import Annotated
+
+import tyro
+
+from dlokit.errors import ConfigError
 
 
 @dataclass(frozen=True, kw_only=True)
 class TaskConfig:
     """When to stop, and how to look."""
 
-    threshold_m: float = 0.012
+    # Asked for so often that the command line has them without the prefix `task.`.
+    threshold_m: Annotated[float, tyro.conf.arg(prefix_name=False)] = 0.012
     """RMSE below which the goal counts as reached [m] (the paper's 1.2 cm)."""
-    max_actions: int = 40
+    max_actions: Annotated[int, tyro.conf.arg(prefix_name=False)] = 40
     """Action budget: grasp-to-release cycles after which the task ends with outcome `budget`."""
     max_time_s: float = 1800.0
     """Time budget on the cell's clock [s]; the task ends with outcome `budget` when it is spent."""
@@ -39,3 +46,31 @@ class TaskConfig:
     """Grip force [N]."""
     settle_s: float = 0.5
     """Wait after the release before looking [s]."""
+
+    def __post_init__(self) -> None:
+        for name in ("max_actions", "stall_actions", "max_looks"):
+            count: int = getattr(self, name)
+            if count < 1:
+                raise ConfigError(f"{_flag(name)} is {count}; it must be 1 or more.")
+        for name in ("threshold_m", "max_time_s", "look_timeout_s", "robot_timeout_s", "grasp_force_n"):
+            value: float = getattr(self, name)
+            if not (math.isfinite(value) and value > 0.0):
+                raise ConfigError(f"{_flag(name)} is {value}; it must be a number above 0.")
+        for name in (
+            "changed_m",
+            "settled_m",
+            "look_interval_s",
+            "max_recoveries",
+            "tracking_hz",
+            "approach_height_m",
+            "retreat_height_m",
+            "settle_s",
+        ):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value >= 0.0):
+                raise ConfigError(f"{_flag(name)} is {value}; it must be a number, 0 or more.")
+
+
+def _flag(name: str) -> str:
+    prefix = "" if name in ("threshold_m", "max_actions") else "task."
+    return f"--{prefix}{name.replace('_', '-')}"

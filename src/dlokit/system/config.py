@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from dlokit.decision.config import TaskConfig
+from dlokit.errors import ConfigError
 from dlokit.functional.cell.config import CellConfig
 from dlokit.skills.model.config import ModelConfig
 from dlokit.skills.observer.config import ObserverConfig
@@ -12,6 +13,8 @@ from dlokit.skills.planning.config import PlanningConfig
 from dlokit.skills.robot.config import RobotConfig
 from dlokit.skills.viewer.config import ViewerConfig
 
+INTERACTIVE = "interactive"
+"""The goal that the operator drags in the viewer."""
 Runtime = Literal["lockstep", "live"]
 
 
@@ -25,16 +28,16 @@ class RunConfig:
     goal: str = "S"
     """Goal shape: I, S, random, a .npy/.csv file of points [m], FILE.npy:3 of a (G, K, 3) file, or `interactive`
     (three frames in the viewer)."""
-    fit_length: bool = False
-    """Scale a goal (or start) of another length than the rope's instead of refusing it."""
-    ends_interchangeable: bool = False
-    """Whether the rod lying the other way round is as good."""
     runtime: Runtime = "lockstep"
     """lockstep: one process on virtual time, repeatable to the bit. live: all processes, each at its own rate."""
     seed: int = 0
     """Seed of everything random: start shape, camera noise, the error of the believed camera pose."""
     headless: bool = False
     """Run without the browser viewer."""
+    fit_length: bool = False
+    """Scale a goal (or start) of another length than the rope's instead of refusing it."""
+    ends_interchangeable: bool = False
+    """Whether the rod lying the other way round is as good."""
     task: TaskConfig = field(default_factory=TaskConfig)
     """When to stop and how to look."""
     cell: CellConfig = field(default_factory=CellConfig)
@@ -51,3 +54,11 @@ class RunConfig:
     """How the arm moves."""
     viewer: ViewerConfig = field(default_factory=ViewerConfig)
     """The browser viewer."""
+
+    def __post_init__(self) -> None:
+        if self.seed < 0:
+            raise ConfigError(f"--seed is {self.seed}; it must be 0 or more.")
+        if self.goal == INTERACTIVE and self.headless:
+            raise ConfigError(
+                "--goal interactive needs the viewer, where the goal is dragged; leave --headless away, or name a goal."
+            )

@@ -132,6 +132,13 @@ class _Renderer:
         self._gl.free()
 
 
+def check_opengl() -> None:
+    """Raise `MachineError` when this machine cannot render the cell's pictures."""
+    context = _gl_context(64, 64)
+    context.make_current()
+    context.free()
+
+
 def _gl_context(width: int, height: int) -> Any:
     """An OpenGL context without a window. Raises `MachineError` when this machine has none."""
     try:
@@ -143,5 +150,5 @@ def _gl_context(width: int, height: int) -> Any:
     except Exception as error:  # every back end has its own errors; all mean the same
         raise MachineError(
             f"No OpenGL for the cell's cameras ({type(error).__name__}: {error}). On Linux install software "
-            "rendering: apt install libegl1 libgl1-mesa-dri; then run `dlokit doctor`."
+            "rendering: apt install libegl1 libgl1-mesa-dri; `dlokit doctor` tells more."
         ) from error

@@ -3,7 +3,10 @@
 They are deliberately not those of the simulated cell: in a lab nobody knows the DLO exactly either.
 """
 
+import math
 from dataclasses import dataclass, field
+
+from dlokit.errors import ConfigError
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,3 +88,11 @@ class ModelConfig:
     """Dragging of the goal."""
     rollout: RolloutConfig = field(default_factory=RolloutConfig)
     """Prediction of actions."""
+
+    def __post_init__(self) -> None:
+        if self.nodes < 3:
+            raise ConfigError(f"--model.nodes is {self.nodes}; it must be 3 or more.")
+        for name in ("length_m", "radius_m", "bending_stiffness_n_m2", "mass_kg_m", "friction"):
+            value: float = getattr(self, name)
+            if not (math.isfinite(value) and value > 0.0):
+                raise ConfigError(f"--model.{name.replace('_', '-')} is {value}; it must be a number above 0.")

@@ -1,0 +1,49 @@
+"""The commands of `dlokit`, and what their arguments mean."""
+
+from collections.abc import Sequence
+from typing import Annotated
+
+import tyro
+
+from dlokit.app import bench, demo, doctor, graph, shape, track
+from dlokit.app.shape_defaults import shape_defaults
+
+Command = shape.ShapeArgs | demo.DemoArgs | track.TrackArgs | graph.GraphArgs | doctor.DoctorArgs | bench.BenchArgs
+
+
+def parse(arguments: Sequence[str]) -> Command:
+    """Arguments to one of the commands' argument classes; exits with 2 and a hint on a mistake."""
+    defaults = shape_defaults(arguments) if "shape" in arguments[:1] else shape.ShapeArgs()
+    commands = (
+        Annotated[shape.ShapeArgs, tyro.conf.subcommand("shape", default=defaults)]
+        | Annotated[demo.DemoArgs, tyro.conf.subcommand("demo")]
+        | Annotated[track.TrackArgs, tyro.conf.subcommand("track")]
+        | Annotated[bench.BenchArgs, tyro.conf.subcommand("bench")]
+        | Annotated[graph.GraphArgs, tyro.conf.subcommand("graph")]
+        | Annotated[doctor.DoctorArgs, tyro.conf.subcommand("doctor")]
+    )
+    return tyro.cli(
+        commands,  # type: ignore[arg-type]  # a union is a type form, which tyro takes
+        args=list(arguments),
+        prog="dlokit",
+        description="Bring cables, ropes and wires into the shape you want with a robot and a camera.",
+        # A strategy is chosen by its flag (`--observer cpd`); its settings are flags like all others.
+        config=(tyro.conf.AvoidSubcommands, tyro.conf.FlagCreatePairsOff),
+    )
+
+
+def execute(arguments: Sequence[str]) -> int:
+    """Run one command and give its exit code."""
+    match parse(arguments):
+        case shape.ShapeArgs() as args:
+            return shape.run(args)
+        case demo.DemoArgs() as args:
+            return demo.run(args)
+        case track.TrackArgs() as args:
+            return track.run(args)
+        case graph.GraphArgs() as args:
+            return graph.run(args)
+        case doctor.DoctorArgs() as args:
+            return doctor.run(args)
+        case bench.BenchArgs() as args:
+            return bench.run(args)
