@@ -42,7 +42,8 @@ async def ask(session: zenoh.Session, component: str, request: bytes, call_id: s
     try:
         session.get(
             f"call/{component}",
-            zenoh.handlers.Callback(on_reply, on_end),
+            # On zenoh's own thread: both only wake the loop, and a thread for every call costs 0.7 ms.
+            zenoh.handlers.Callback(on_reply, on_end, indirect=False),
             payload=request,
             attachment=call_id.encode(),
             timeout=NETWORK_LIMIT_S,
