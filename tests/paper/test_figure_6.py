@@ -168,7 +168,7 @@ def test_a_failing_skill_ends_the_task_with_its_name_and_a_safe_robot(
     assert trace.result.reason is not None
     assert reason in trace.result.reason
     if trace.result.outcome is RunOutcome.FAILED:
-        assert trace.calls[-1] == "stop"
+        assert trace.calls[-2:] == ["stop", "tracking 0"]
 
 
 @pytest.mark.parametrize(
@@ -255,7 +255,7 @@ def test_the_operator_stops_the_task_and_the_robot_is_left_safe() -> None:
 
     trace = shape(lab(I), S, operator=presses_stop)
     assert trace.result.outcome is RunOutcome.CANCELLED
-    assert trace.calls[-1] == "stop"
+    assert trace.calls[-2:] == ["stop", "tracking 0"]
 
 
 def test_the_ends_are_labelled_towards_the_goal_so_that_the_rope_is_not_turned_round() -> None:

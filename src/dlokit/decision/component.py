@@ -1,6 +1,8 @@
 """The decision component: runs flows, tells everybody where it is, obeys the operator."""
 
 import asyncio
+import contextlib
+import logging
 import math
 from collections.abc import Callable
 
@@ -13,6 +15,8 @@ from dlokit.decision.task import ActionRecord, GoalRequest, ShapeResult, ShapeTa
 from dlokit.skills.perception import api as perception
 from dlokit.skills.robot import api as robot
 from dlokit.types.flow import Command, FlowStatus, OperatorCommand, RunOutcome
+
+log = logging.getLogger(__name__)
 
 
 class DecisionComponent(Component):
@@ -56,8 +60,8 @@ class DecisionComponent(Component):
             await asyncio.gather(flow, return_exceptions=True)
             outcome = RunOutcome.CANCELLED
             task.reason = "stopped by the operator"
-        except Exception as error:
-            await self._make_safe()
+        except Exception as error:  # a mistake of ours must not leave the arm moving, nor lose what was done so far
+            log.exception("the flow raised")
             outcome = RunOutcome.FAILED
             task.reason = f"{type(error).__name__}: {error}"
         finally:
@@ -73,8 +77,14 @@ class DecisionComponent(Component):
         await self._running.wait()
 
     async def _make_safe(self) -> None:
-        await self.port.call(perception.SET_TRACKING, 0.0)
-        await self.port.call(robot.STOP)
+        """Brake, and stop looking. Another cancellation ends the wait for it, but neither the braking nor the record."""
+
+        async def stop_all() -> None:
+            await self.port.call(robot.STOP)
+            await self.port.call(perception.SET_TRACKING, 0.0)
+
+        with contextlib.suppress(asyncio.CancelledError):
+            await asyncio.shield(stop_all())
 
     async def _obey(self, flow: "asyncio.Task[object]") -> None:
         async for message in self.port.stream(topics.COMMAND):
