@@ -77,7 +77,7 @@ class DecisionComponent(Component):
         await self._running.wait()
 
     async def _make_safe(self) -> None:
-        """Brake, and stop looking. Another cancellation ends the wait for it, but neither the braking nor the record."""
+        """Brake, and stop looking. Another cancellation ends the wait, but neither the braking nor the record."""
 
         async def stop_all() -> None:
             await self.port.call(robot.STOP)
