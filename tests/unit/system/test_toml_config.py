@@ -32,7 +32,7 @@ def test_a_configuration_survives_the_round_trip_whichever_strategy_it_holds() -
 
 
 def test_an_unknown_key_is_named_beside_the_allowed_ones() -> None:
-    with pytest.raises(ConfigError, match="sid_m.*allowed: side_m"):
+    with pytest.raises(ConfigError, match=r"sid_m.*allowed: side_m"):
         from_toml("[nested]\nsid_m = 1.0\n", Tree, "test")
 
 
