@@ -9,12 +9,14 @@ from dlokit.errors import ConfigError, SkillRejected
 from dlokit.skills.observer.anchored import AnchoredConfig
 from dlokit.skills.observer.base import ObserverStrategyConfig
 from dlokit.skills.observer.cpd import CpdConfig
+from dlokit.skills.observer.som import SomConfig
+from dlokit.skills.observer.spr import SprConfig
 from dlokit.types.strategy import StrategySpec
 
 ENTRY_POINTS = "dlokit.observers"
 """Group of the entry points; each names a configuration class that follows `ObserverStrategyConfig`."""
 
-OURS: tuple[type[ObserverStrategyConfig], ...] = (AnchoredConfig, CpdConfig)
+OURS: tuple[type[ObserverStrategyConfig], ...] = (AnchoredConfig, CpdConfig, SprConfig, SomConfig)
 """Strategies that ship with dlokit, the default first."""
 
 

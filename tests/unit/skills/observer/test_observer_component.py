@@ -18,6 +18,8 @@ from dlokit.skills.observer.anchored import Anchored, AnchoredConfig
 from dlokit.skills.observer.component import ObserverComponent, follow
 from dlokit.skills.observer.config import ObserverConfig
 from dlokit.skills.observer.cpd import CpdConfig
+from dlokit.skills.observer.som import SomConfig
+from dlokit.skills.observer.spr import SprConfig
 from dlokit.skills.observer.strategies import from_spec, strategies, to_spec
 from dlokit.types.dlo import TargetPoints
 from dlokit.types.observation import Observation
@@ -141,8 +143,11 @@ def test_the_strategy_can_be_changed_while_running() -> None:
     play(scenario)
 
 
-@pytest.mark.parametrize("config", [AnchoredConfig(tip_snap_m=0.01), CpdConfig(beta_m=0.3)])
-def test_a_spec_brings_the_settings_back(config: AnchoredConfig | CpdConfig) -> None:
+@pytest.mark.parametrize(
+    "config",
+    [AnchoredConfig(tip_snap_m=0.01), CpdConfig(beta_m=0.3), SprConfig(tau_per_m2=5.0), SomConfig(iterations=9)],
+)
+def test_a_spec_brings_the_settings_back(config: AnchoredConfig | CpdConfig | SprConfig | SomConfig) -> None:
     assert from_spec(to_spec(config)) == config
     assert from_spec(StrategySpec(name=config.name)) == strategies()[config.name]()
 
@@ -168,7 +173,7 @@ def test_installed_observers_are_found_by_name_and_may_not_take_ours(monkeypatch
         return lambda group: [Installed(config)] if group == "dlokit.observers" else []
 
     monkeypatch.setattr("dlokit.skills.observer.strategies.entry_points", installed(TheirConfig))
-    assert list(strategies()) == ["anchored", "cpd", "theirs"]
+    assert list(strategies()) == ["anchored", "cpd", "spr", "som", "theirs"]
     assert isinstance(from_spec(StrategySpec(name="theirs")), TheirConfig)
     monkeypatch.setattr("dlokit.skills.observer.strategies.entry_points", installed(CpdConfig))
     with pytest.raises(ConfigError, match="cpd"):

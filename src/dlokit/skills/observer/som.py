@@ -1,0 +1,173 @@
+"""A self-organising map: the nodes are neurons that the points draw, together with their neighbours on the DLO.
+
+Kohonen: *The self-organizing map*, Proc. IEEE 78 (1990), doi 10.1109/5.58325, and its batch form in Kohonen:
+*Essentials of the self-organizing map*, Neural Networks 37 (2013), doi 10.1016/j.neunet.2012.09.018. The
+paper names Zürn et al., CASE 2021, for its use on DLOs. Symbols: X (N, 3) the cloud, T (M, 3) the neurons,
+c(n) the winner of point n, d_ij the number of edges between nodes i and j, r the radius of the neighbourhood.
+"""
+
+# The papers' capital letters are variables here, not constants.
+# pyright: reportConstantRedefinition=false
+
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import shortest_path
+
+from dlokit.skills.observer.base import nothing_seen
+from dlokit.skills.observer.mixture import squared_distances, thinned
+from dlokit.skills.observer.visibility import VisibilityConfig, explained_share, visible_nodes
+from dlokit.types.dlo import DloState, TargetPoints, Topology
+from dlokit.types.observation import Observation
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SomConfig:
+    """Self-organising map: no assumption on the motion; nodes spread as evenly as the points do."""
+
+    name: ClassVar[str] = "som"
+
+    initial_radius: float = 3.0
+    """r at the first iteration, in edges of the DLO: about how many neighbours a point draws along."""
+    final_radius: float = 0.5
+    """r at the last iteration, in edges; below 0.3 neighbours hardly count."""
+    iterations: int = 40
+    """How often the neurons are updated while r shrinks by a constant factor."""
+    initial_gate_m: float = 0.06
+    """Points farther than this from all neurons draw none, at the first iteration [m]; more than the largest
+    motion between two clouds."""
+    final_gate_m: float = 0.03
+    """The same at the last iteration [m]; several times the noise. In between it shrinks by a constant factor."""
+    shrunk: float = 0.85
+    """Nodes may be hidden where the map's edges are in all shorter than this share of their length at rest."""
+    torn: float = 2.0
+    """Nodes may be hidden where an edge of the map is longer than so many times its length at rest."""
+    empty: float = 0.25
+    """Where nodes may be hidden, those are that at the prior win fewer points than this share of the median."""
+    max_points: int = 700
+    """Larger clouds are thinned, evenly over their index, to so many points."""
+    visibility: VisibilityConfig = field(default_factory=VisibilityConfig)
+    """When a node counts as seen."""
+
+    def build(self) -> "Som":
+        """The strategy with these settings."""
+        return Som(self)
+
+
+def graph_distances(topology: Topology, count: int) -> Array:
+    """d (M, M): edges on the shortest way between nodes, inf where there is none; any topology."""
+    a, b = topology.edges[:, 0], topology.edges[:, 1]
+    graph = coo_array((np.ones(len(a)), (a, b)), shape=(count, count))
+    return np.asarray(shortest_path(graph, directed=False, unweighted=True), dtype=np.float64)
+
+
+def neighbourhood(d: Array, radius: float) -> Array:
+    """h (M, M) with h_ij = exp(-d_ij² / (2 r²)): how much a point won by node j draws node i."""
+    return np.exp(d**2 / (-2.0 * radius**2))
+
+
+def batch_update(X: Array, T: Array, h: Array, gate_m: float) -> Array:
+    """One step of the batch map: the neurons (M, 3) [m] after it.
+
+    c(n) = argmin_j |x_n - t_j|;  t_i = sum_n h_i,c(n) x_n / sum_n h_i,c(n), over the points within the gate.
+    A neuron that no point reaches stays.
+    """
+    winner, near = _winners(X, T, gate_m)
+    won = np.bincount(winner[near], minlength=len(T)).astype(np.float64)
+    total = np.zeros_like(T)
+    np.add.at(total, winner[near], X[near])
+    weight = h @ won
+    reached = weight > 1e-9  # of one point
+    after = T.copy()
+    after[reached] = (h @ total)[reached] / weight[reached, None]
+    return after
+
+
+def points_won(X: Array, T: Array, gate_m: float) -> Array:
+    """How many points within the gate each neuron wins (M,)."""
+    winner, near = _winners(X, T, gate_m)
+    return np.bincount(winner[near], minlength=len(T)).astype(np.float64)
+
+
+def _winners(X: Array, T: Array, gate_m: float) -> tuple[NDArray[np.int64], Flags]:
+    """Each point's nearest neuron (N,), and whether it is nearer than the gate (N,)."""
+    squared = squared_distances(X, T)
+    winner = np.argmin(squared, axis=1)
+    return winner, squared[np.arange(len(X)), winner] < gate_m**2
+
+
+def organise(X: Array, Y: Array, d: Array, config: SomConfig) -> Array:
+    """The neurons (M, 3) [m] after all iterations over the cloud X (N, 3), N >= 1, from the nodes Y (M, 3)."""
+    origin = Y.mean(axis=0)  # distances by products lose digits far from the origin
+    X, T = X - origin, Y - origin
+    radii = np.geomspace(config.initial_radius, config.final_radius, config.iterations)
+    gates = np.geomspace(config.initial_gate_m, config.final_gate_m, config.iterations)
+    for radius, gate in zip(radii, gates, strict=True):
+        T = batch_update(X, T, neighbourhood(d, float(radius)), float(gate))
+    return T + origin
+
+
+def carried(Y: Array, T: Array, shown: Flags, d: Array, radius: float) -> Array:
+    """All nodes (M, 3) [m]: those `shown` (M,) are T, the others move from Y as the shown near them on the DLO.
+
+    Their displacement is the mean of the shown nodes', weighted by the neighbourhood.
+    """
+    exponent = d[:, shown] ** 2 / (-2.0 * radius**2)
+    highest = np.max(exponent, axis=1, keepdims=True)
+    reached = np.isfinite(highest[:, 0])  # not a part of which no node is shown
+    weight = np.exp(exponent[reached] - highest[reached])  # of one node at least 1, however far it is
+    nodes = Y.copy()
+    nodes[reached] += weight / weight.sum(axis=1, keepdims=True) @ (T - Y)[shown]
+    nodes[shown] = T[shown]
+    return nodes
+
+
+class Som:
+    """The batch map as an observer: neurons start at the prior's nodes, on the DLO's own topology."""
+
+    def __init__(self, config: SomConfig | None = None) -> None:
+        self._config = config or SomConfig()
+
+    def estimate(self, seen: Observation, prior: DloState) -> TargetPoints:
+        """The prior's nodes, organised on the cloud. Health is the share of points near them."""
+        points = np.asarray(seen.points_world, dtype=np.float64)
+        if len(points) == 0:
+            return nothing_seen(seen, prior)
+        nodes, shown = self._organised(thinned(points, self._config.max_points), prior)
+        return TargetPoints(
+            stamp_ns=seen.stamp_ns,
+            nodes_world=nodes,
+            visible=shown & visible_nodes(nodes, points, seen, self._config.visibility),
+            health=explained_share(points, nodes, prior.topology, self._config.visibility),
+        )
+
+    def _organised(self, X: Array, prior: DloState) -> tuple[Array, Flags]:
+        """The nodes (M, 3) [m], and which of them were not hidden (M,).
+
+        A map spreads over all the points there are: of a DLO that is partly hidden, it draws the hidden
+        nodes to the shown part. They are taken out, and the others organised again.
+        """
+        Y = prior.nodes_world
+        d = graph_distances(prior.topology, len(Y))
+        nodes = organise(X, Y, d, self._config)
+        won = points_won(X, Y, self._config.initial_gate_m)
+        shown = won >= max(self._config.empty * float(np.median(won)), 1.0)
+        if shown.all() or not shown.any() or not is_partial(nodes, prior.topology, self._config):
+            return nodes, np.ones(len(Y), dtype=np.bool_)
+        T = Y.copy()
+        T[shown] = organise(X, Y[shown], d[np.ix_(shown, shown)], self._config)
+        return carried(Y, T, shown, d, self._config.initial_radius), shown
+
+
+def is_partial(nodes: Array, topology: Topology, config: SomConfig) -> bool:
+    """Whether a map (M, 3) [m] is shrunk or torn, so that a part of the DLO must be hidden."""
+    a, b = topology.edges[:, 0], topology.edges[:, 1]
+    lengths = np.linalg.norm(nodes[a] - nodes[b], axis=1)
+    torn = bool(np.any(lengths > config.torn * topology.rest_lengths_m))
+    return torn or float(lengths.sum()) < config.shrunk * float(topology.rest_lengths_m.sum())

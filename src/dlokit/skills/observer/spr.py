@@ -1,0 +1,93 @@
+"""Structure preserved registration: coherent point drift that keeps the shape's local structure.
+
+Tang, Tomizuka: *Track deformable objects from point clouds with structure preserved registration*, IJRR
+(2019), doi 10.1177/0278364919841431; before it Tang, Wang, Tomizuka, ICRA 2017. Symbols as in `mixture`, and
+M the structure matrix of the nodes before, tau the weight of the local structure, lambda that of the global.
+
+It maximises the likelihood of the cloud less  lambda/2 tr Wᵀ G W + tau/2 tr Tᵀ M T,  T = Y + G W: motion
+is smooth over the whole shape, and each node stays the same combination of its neighbours.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from dlokit.skills.observer.base import nothing_seen
+from dlokit.skills.observer.local_structure import lle_weights, structure_matrix
+from dlokit.skills.observer.mixture import MixtureConfig, MStep, Registration, fit_mixture, thinned
+from dlokit.skills.observer.visibility import explained_share, visible_nodes
+from dlokit.types.dlo import DloState, TargetPoints
+from dlokit.types.observation import Observation
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SprConfig(MixtureConfig):
+    """Structure preserved registration, as in the paper: keeps the local shape, also where little is seen."""
+
+    name: ClassVar[str] = "spr"
+
+    tau_per_m2: float = 1e7
+    """tau, weight of the local structure against the fit at the first iteration [1/m²]; 0 leaves it out."""
+    neighbours: int = 10
+    """K, how many nearest nodes a node is put together from."""
+    regularisation: float = 1e-3
+    """What is added to the diagonal of the local Gram matrices, as a share of their trace."""
+    tau_annealing: float = 0.97
+    """In iteration k, from 0, tau counts `tau_annealing` to the power of k; above 0, at most 1 (constant)."""
+    lambda_annealing: float = 0.97
+    """In iteration k, from 0, lambda counts `lambda_annealing` to the power of k; above 0, at most 1 (constant)."""
+
+    def build(self) -> "Spr":
+        """The strategy with these settings."""
+        return Spr(self)
+
+
+def register(X: Array, Y: Array, config: SprConfig) -> Registration:
+    """Move the nodes Y (M, D) [m] onto the cloud X (N, D) [m], N >= 1.
+
+    M-step, from the derivative by W at fixed P, times sigma² G^-1:
+    (d(P1) G + lambda sigma² I + tau sigma² M G) W = P X - d(P1) Y - tau sigma² M Y.
+    lambda and tau are annealed from their settings in every registration.
+    """
+    # The weights of a row sum to one: M Y does not change with the origin, which `fit_mixture` moves.
+    M = structure_matrix(lle_weights(Y, config.neighbours, config.regularisation))
+
+    def m_step(given: MStep) -> Array:
+        tau = config.tau_per_m2 * config.tau_annealing**given.iteration
+        lambda_ = config.lambda_per_m2 * config.lambda_annealing**given.iteration
+        stiffness = tau * given.sigma2 * M
+        A = given.P1[:, None] * given.G + stiffness @ given.G
+        A[np.diag_indices_from(A)] += lambda_ * given.sigma2
+        B = given.PX - given.P1[:, None] * given.Y - stiffness @ given.Y
+        return scipy.linalg.solve(A, B, check_finite=False)
+
+    return fit_mixture(X, Y, config, m_step)
+
+
+class Spr:
+    """Structure preserved registration as an observer: each cloud is registered from the prior's nodes.
+
+    The prior's shape is the reference of the local structure, as in the paper, where a simulation corrects
+    the nodes between two clouds. Nothing else is kept from one cloud to the next.
+    """
+
+    def __init__(self, config: SprConfig | None = None) -> None:
+        self._config = config or SprConfig()
+
+    def estimate(self, seen: Observation, prior: DloState) -> TargetPoints:
+        """The prior's nodes, registered on the cloud. Health is the share of points near them."""
+        points = np.asarray(seen.points_world, dtype=np.float64)
+        if len(points) == 0:
+            return nothing_seen(seen, prior)
+        result = register(thinned(points, self._config.max_points), prior.nodes_world, self._config)
+        return TargetPoints(
+            stamp_ns=seen.stamp_ns,
+            nodes_world=result.nodes,
+            visible=visible_nodes(result.nodes, points, seen, self._config.visibility),
+            health=explained_share(points, result.nodes, prior.topology, self._config.visibility),
+        )
