@@ -36,7 +36,7 @@ def main() -> None:
         _say(errors, f"{type(error).__name__}: {error}")
         code = EXIT_FAULT
     except KeyboardInterrupt:
-        _say(errors, "stopped before there was a result")
+        _say(errors, "stopped")
         code = EXIT_INTERRUPTED
     sys.exit(code)
 

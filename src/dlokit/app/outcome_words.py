@@ -18,8 +18,8 @@ MEANINGS: Mapping[RunOutcome, str] = {
 def outcome_in_words(result: RunResult) -> str:
     """One or two sentences: what became of the run, why, and how near the rope came."""
     words = MEANINGS[result.outcome]
-    if result.reason:
-        words += f" Reason: {result.reason.replace('_', ' ')}."
+    if result.reason and result.reason not in words:
+        words += f" Reason: {result.reason.replace('_', ' ').rstrip('.')}."
     if result.rmse_m is None:
         return f"{words} The rope was never seen."
     relation = "below" if result.rmse_m < result.threshold_m else "above"

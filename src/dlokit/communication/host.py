@@ -57,6 +57,9 @@ class Host:
                 # A state of before the component was there still holds; an event of before is past.
                 stream = self.transport.stream(topic, with_last=isinstance(topic.policy, KeepLast))
                 self._start(component, f"on {topic.name}", _handle(component, topic, method, stream))
+            for topic in component.reads:
+                # The first look at a topic subscribes to it and finds nothing yet: it must not be the component's.
+                self.transport.latest(topic)
         for component in self._components:
             self.transport.serve(component.name, _Dispatcher(component, self.clock))
         for component in self._components:

@@ -24,7 +24,7 @@ class DecisionComponent(Component):
 
     name = "decision"
     publishes = (topics.FLOW, topics.GRIPPED)
-    reads = (topics.STATE, topics.GOAL, topics.ROBOT_STATE, topics.COMMAND)
+    reads = (topics.STATE, topics.GOAL, topics.GOAL_FRAMES, topics.ROBOT_STATE, topics.COMMAND)
 
     def __init__(self, config: TaskConfig, stopwatch: Callable[[], float]) -> None:
         """`stopwatch` gives the machine's monotonic time [s]; it is used for timings alone."""

@@ -66,9 +66,7 @@ async def set_goal(task: ShapeTask) -> GoalSet:
     """Put the goal into the model; the operator's from the viewer when none was given."""
     if task.request is None:
         await _operator_starts(task)
-        task.goal = task.port.latest(topics.GOAL).value
-        if task.goal is None:
-            task.reason = "no goal was set: drag a frame before pressing start"
+        if not await _take_goal_of_operator(task):
             return GoalSet.FAILED
     else:
         request = task.request
@@ -77,6 +75,7 @@ async def set_goal(task: ShapeTask) -> GoalSet:
             fail(task, "model.set_goal", goal)
             return GoalSet.FAILED
         task.goal = goal.result
+    assert task.goal is not None
     verdict = await task.port.call(planning.CHECK_GOAL, task.goal)
     if not isinstance(verdict, Succeeded):
         fail(task, "planning.check_goal", verdict)
@@ -91,6 +90,23 @@ async def _operator_starts(task: ShapeTask) -> None:
     async for message in task.commands:
         if message.command is Command.START:
             return
+
+
+async def _take_goal_of_operator(task: ShapeTask) -> bool:
+    """The goal that the frames pull the rod into, once it rests; without frames, the one that is set."""
+    task.started_ns = task.port.clock.now_ns()  # the time that the operator took is not the task's
+    frames = task.port.latest(topics.GOAL_FRAMES).value
+    if frames is None:
+        task.goal = task.port.latest(topics.GOAL).value
+        if task.goal is None:
+            task.reason = "no_goal: no goal was set; drag a frame, then press Shape it"
+        return task.goal is not None
+    built = await task.port.call(model.BUILD_GOAL, frames.frames)
+    if not isinstance(built, Succeeded):
+        fail(task, "model.build_goal", built)
+        return False
+    task.goal = built.result
+    return True
 
 
 async def _label_ends(task: ShapeTask) -> GoalSet:

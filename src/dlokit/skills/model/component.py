@@ -4,6 +4,8 @@ Its state follows the observer's target points by PD control; while a gripper ho
 between two looks. A second rod is dragged into goals by the operator's frames.
 """
 
+import math
+
 import msgspec
 import numpy as np
 
@@ -171,14 +173,17 @@ class ModelComponent(Component):
                     f"numbers are allowed",
                 )
         if self._goal is None:
-            self._goal_rod.place(self._first_goal())
+            self._goal_rod.place(self._first_goal(frames))
         for _ in range(rounds):
             self._goal_rod.drag(frames)
         return self._publish_goal(self._goal_rod.nodes_world, "frames", ends_interchangeable=False)
 
-    def _first_goal(self) -> Float64Array:
+    def _first_goal(self, frames: tuple[GoalFrame, ...]) -> Float64Array:
         if self._state is not None:
-            return self._state.nodes_world
+            # Which end of a rod is the first is not seen: the one that the frames take for it, or they would
+            # turn the rod round on its way, which leaves it in a loop.
+            nodes = self._state.nodes_world
+            return min((nodes, nodes[::-1]), key=lambda order: _distance_m(order, frames))
         return builtin_shape("I", self._config.length_m, self._config.nodes, radius_m=self._config.radius_m)
 
     def _publish_goal(self, nodes: Float64Array, name: str, ends_interchangeable: bool) -> GoalShape:
@@ -191,6 +196,10 @@ class ModelComponent(Component):
         self._goal = goal
         self.port.publish(topics.GOAL, goal)
         return goal
+
+
+def _distance_m(nodes_world: Float64Array, frames: tuple[GoalFrame, ...]) -> float:
+    return sum(math.dist(nodes_world[frame.node, :2], (frame.x_m, frame.y_m)) for frame in frames)
 
 
 def _require_curve(nodes_world: Float64Array) -> None:

@@ -209,6 +209,19 @@ def test_frames_drag_the_goal_from_where_the_rod_lies() -> None:
     with_model(check)
 
 
+def test_frames_at_the_other_ends_take_the_rod_the_other_way_round() -> None:
+    async def scenario(port: Port, bus: MemoryTransport) -> None:
+        bus.publish(topics.TARGETS, targets(I_SHAPE[::-1]))
+        await state_after_a_moment(port)
+        frames = tuple(GoalFrame(node=node, x_m=I_SHAPE[node, 0], y_m=I_SHAPE[node, 1]) for node in (0, 15, 30))
+        outcome = await port.call(api.BUILD_GOAL, frames)
+        assert isinstance(outcome, Succeeded)
+        # The frames lie on the rod: it stays where it is, but for what a damped rod swings by.
+        assert geometry.rmse_m(outcome.result.nodes_world, I_SHAPE) < 0.002
+
+    with_model(scenario)
+
+
 def test_frames_before_any_look_drag_a_straight_rod_in_the_middle_of_the_table() -> None:
     async def check(port: Port, bus: MemoryTransport) -> None:
         outcome = await port.call(api.BUILD_GOAL, (GoalFrame(node=15, x_m=0.52, y_m=0.0),))
