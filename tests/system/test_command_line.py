@@ -226,6 +226,7 @@ def test_the_command_line_goes_before_the_configuration(tmp_path: Path) -> None:
     written = tmp_path / "nan.csv"
     written.write_text(to_toml(RunConfig(seed=5, headless=True)))
 
+    assert _shape_args("--config", str(written), "--headless").run.headless
     run = _shape_args("--config", str(written), "--seed", "6", "--no-headless").run
 
     assert run.seed == 6

@@ -28,7 +28,7 @@ def parse(arguments: Sequence[str]) -> Command:
         prog="dlokit",
         description="Bring cables, ropes and wires into the shape you want with a robot and a camera.",
         # A strategy is chosen by its flag (`--observer cpd`); its settings are flags like all others.
-        config=(tyro.conf.AvoidSubcommands, tyro.conf.FlagCreatePairsOff),
+        config=(tyro.conf.AvoidSubcommands,),
     )
 
 

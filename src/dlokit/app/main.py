@@ -5,6 +5,7 @@ from dlokit.app.environment import prepare_environment
 prepare_environment()  # before anything below imports MuJoCo or NumPy's linear algebra
 
 import logging  # noqa: E402
+import os  # noqa: E402
 import signal  # noqa: E402
 import sys  # noqa: E402
 
@@ -18,6 +19,7 @@ from dlokit.errors import DlokitError, InputError  # noqa: E402
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
 EXIT_FAULT = 1
+EXIT_UNREAD = 141  # as a shell reports SIGPIPE
 
 
 def main() -> None:
@@ -38,6 +40,10 @@ def main() -> None:
     except KeyboardInterrupt:
         _say(errors, "stopped")
         code = EXIT_INTERRUPTED
+    except BrokenPipeError:
+        # Whoever read our output has seen enough (`dlokit graph | head`); the interpreter must not flush into it.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        code = EXIT_UNREAD
     sys.exit(code)
 
 

@@ -1,7 +1,6 @@
 """`dlokit shape`: one task, from a start to a goal."""
 
 import shlex
-import sys
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
@@ -15,7 +14,7 @@ from dlokit.app.machine import machine_facts
 from dlokit.app.preflight import check_before_start
 from dlokit.app.report import write_report
 from dlokit.app.terminal import RunDisplay
-from dlokit.bench.judged_run import judged_run
+from dlokit.bench.judged_run import CONFIG_FILE, judged_run
 from dlokit.system.config import INTERACTIVE, RunConfig
 from dlokit.system.run_folder import claim_run_folder, new_run_folder
 from dlokit.types.flow import RunOutcome
@@ -51,7 +50,7 @@ class ShapeChoices:
 class ShapeArgs:
     """Bring the DLO from a start to a goal shape by looking at it with the stereo camera.
 
-    Examples:
+    Try
       dlokit shape                                     from I to S, in lockstep
       dlokit shape --start random --seed 3             from a random start
       dlokit shape --goal curve.csv --fit-length       to a curve of your own
@@ -77,7 +76,9 @@ def run(args: ShapeArgs) -> int:
     _invite(console, config)
     with RunDisplay(console, title=job.name, threshold_m=config.task.threshold_m) as display:
         record = judged_run(config, job, folder, display)
-    record = replace(record, command=shlex.join(["dlokit", *sys.argv[1:]]), machine=machine_facts())
+    # Not what was typed: its --out has been used, and its files may be named from another folder.
+    again = shlex.join(["dlokit", "shape", "--config", str((folder / CONFIG_FILE).absolute())])
+    record = replace(record, command=again, machine=machine_facts())
     report = write_report(folder, record)
     display.finish(record.result, report)
     return EXIT_CONVERGED if record.result.outcome is RunOutcome.CONVERGED else EXIT_ENDED_OTHERWISE

@@ -101,7 +101,7 @@ def action_table(rows: Sequence[ActionResult], *, threshold_m: float, title: str
     table.add_column("action", justify="right")
     table.add_column("grasp node", justify="right")
     table.add_column("grasp")
-    table.add_column(f"RMSE after (goal < {_mm(threshold_m)})", justify="right")
+    table.add_column(f"RMSE (< {_mm(threshold_m)})", justify="right")
     if with_truth:
         table.add_column("true RMSE", justify="right")
     table.add_column("duration", justify="right")

@@ -242,7 +242,7 @@ def _settings(args: TrackArgs) -> TrackSettings:
 
 
 def _print(result: TrackResult, clouds: Sequence[Path], out: Path) -> None:
-    table = Table("cloud", "points", "visible", "health", "distance [mm]", "time [ms]")
+    table = Table("cloud", "points", "visible", "health", "distance, mm", "time, ms")
     for number, path in enumerate(clouds):
         table.add_row(
             path.name,

@@ -56,7 +56,7 @@ def test_a_terminal_shows_the_table_and_the_present_step() -> None:
 
     assert "choose grasp" in text
     assert "45.3 mm" in text
-    assert "goal < 12.0 mm" in text
+    assert "RMSE (< 12.0 mm)" in text
     assert "not held" in text
     assert "┃" in text
 

@@ -1,0 +1,63 @@
+"""`dlokit shape` as a whole: repeatable side by side, re-runnable, and stopped by a signal with its result written."""
+
+import json
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from dlokit.system.run_result import read_result
+from dlokit.types.flow import RunOutcome
+
+pytestmark = pytest.mark.system
+
+DLOKIT = str(Path(sys.executable).with_name("dlokit"))
+LIMIT_S = 180.0  # an action takes 3 s of an idle core
+MACHINE_TIMES = ("wall_time_s", "planning_time_s")
+
+
+def _start(*arguments: str) -> subprocess.Popen[str]:
+    command = (DLOKIT, "shape", "--headless", *arguments)
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+
+
+def _figures(folder: Path) -> dict[str, Any]:
+    figures: dict[str, Any] = json.loads((folder / "result.json").read_text())
+    return {name: value for name, value in figures.items() if name not in MACHINE_TIMES}
+
+
+def test_two_runs_side_by_side_and_one_from_the_configuration_give_the_same_figures(tmp_path: Path) -> None:
+    folders = [tmp_path / name for name in ("one", "two", "again")]
+    both = [_start("--max-actions", "1", "--seed", "7", "--out", str(folder)) for folder in folders[:2]]
+    for run in both:
+        output, _ = run.communicate(timeout=LIMIT_S)
+        assert run.returncode == 3, output
+    again = _start("--config", str(folders[0] / "config.toml"), "--out", str(folders[2]))
+    again.communicate(timeout=LIMIT_S)
+
+    first = _figures(folders[0])
+    assert first["outcome"] == "budget"
+    assert first["actions"] == 1
+    assert _figures(folders[1]) == first
+    assert _figures(folders[2]) == first
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_a_run_as_cancelled_with_result_and_report(tmp_path: Path, number: signal.Signals) -> None:
+    with _start("--threshold-m", "0.0001", "--out", str(tmp_path / "out")) as run:
+        assert run.stdout is not None
+        for line in run.stdout:
+            if line.startswith("action 1"):
+                break
+        run.send_signal(number)
+        output, _ = run.communicate(timeout=LIMIT_S)
+
+    assert run.returncode == 3, output
+    result = read_result(tmp_path / "out")
+    assert result.outcome is RunOutcome.CANCELLED
+    assert result.actions >= 1
+    assert (tmp_path / "out" / "report.html").is_file()
+    assert "stopped by the operator" in output
