@@ -3,7 +3,8 @@
 Kohonen: *The self-organizing map*, Proc. IEEE 78 (1990), doi 10.1109/5.58325, and its batch form in Kohonen:
 *Essentials of the self-organizing map*, Neural Networks 37 (2013), doi 10.1016/j.neunet.2012.09.018. The
 paper names Zürn et al., CASE 2021, for its use on DLOs. Symbols: X (N, 3) the cloud, T (M, 3) the neurons,
-c(n) the winner of point n, d_ij the number of edges between nodes i and j, r the radius of the neighbourhood.
+c(n) the winner of point n, d_ij the way along the DLO between nodes i and j, r the radius of the
+neighbourhood; both in mean edges at rest.
 """
 
 # The papers' capital letters are variables here, not constants.
@@ -34,20 +35,19 @@ class SomConfig:
     name: ClassVar[str] = "som"
 
     initial_radius: float = 3.0
-    """r at the first iteration, in edges of the DLO: about how many neighbours a point draws along."""
+    """r at the first iteration, in mean edges of the DLO: about how many neighbours a point draws along."""
     final_radius: float = 0.5
-    """r at the last iteration, in edges; below 0.3 neighbours hardly count."""
+    """r at the last iteration, in mean edges; below 0.3 neighbours hardly count."""
     iterations: int = 40
     """How often the neurons are updated while r shrinks by a constant factor."""
-    initial_gate_m: float = 0.06
-    """Points farther than this from all neurons draw none, at the first iteration [m]; more than the largest
-    motion between two clouds."""
-    final_gate_m: float = 0.03
-    """The same at the last iteration [m]; several times the noise. In between it shrinks by a constant factor."""
+    gate_m: float = 0.02
+    """Points farther from all neurons than this and r edges draw none [m]; several times the noise. The edges,
+    at their mean length at rest, are by how much a neighbourhood pulls in the tips, and the motion at first."""
     shrunk: float = 0.85
     """Nodes may be hidden where the map's edges are in all shorter than this share of their length at rest."""
-    torn: float = 2.0
-    """Nodes may be hidden where an edge of the map is longer than so many times its length at rest."""
+    torn: float = 2.5
+    """Nodes may be hidden where an edge of the map is longer than so many times its length at rest,
+    or, if that is more, the mean length of all edges."""
     empty: float = 0.25
     """Where nodes may be hidden, those are that at the prior win fewer points than this share of the median."""
     max_points: int = 700
@@ -61,10 +61,14 @@ class SomConfig:
 
 
 def graph_distances(topology: Topology, count: int) -> Array:
-    """d (M, M): edges on the shortest way between nodes, inf where there is none; any topology."""
+    """d (M, M): the shortest way between nodes along the DLO, inf where there is none; any topology.
+
+    In mean edges at rest, so that on an evenly spaced chain it is the number of edges.
+    """
     a, b = topology.edges[:, 0], topology.edges[:, 1]
-    graph = coo_array((np.ones(len(a)), (a, b)), shape=(count, count))
-    return np.asarray(shortest_path(graph, directed=False, unweighted=True), dtype=np.float64)
+    steps = np.maximum(topology.rest_lengths_m / topology.rest_lengths_m.mean(), 1e-6)  # 0 would mean no edge
+    graph = coo_array((steps, (a, b)), shape=(count, count))
+    return np.asarray(shortest_path(graph, directed=False), dtype=np.float64)
 
 
 def neighbourhood(d: Array, radius: float) -> Array:
@@ -102,14 +106,15 @@ def _winners(X: Array, T: Array, gate_m: float) -> tuple[NDArray[np.int64], Flag
     return winner, squared[np.arange(len(X)), winner] < gate_m**2
 
 
-def organise(X: Array, Y: Array, d: Array, config: SomConfig) -> Array:
-    """The neurons (M, 3) [m] after all iterations over the cloud X (N, 3), N >= 1, from the nodes Y (M, 3)."""
+def organise(X: Array, Y: Array, d: Array, edge_m: float, config: SomConfig) -> Array:
+    """The neurons (M, 3) [m] after all iterations over the cloud X (N, 3), N >= 1, from the nodes Y (M, 3).
+
+    `edge_m` is the mean length of an edge at rest.
+    """
     origin = Y.mean(axis=0)  # distances by products lose digits far from the origin
     X, T = X - origin, Y - origin
-    radii = np.geomspace(config.initial_radius, config.final_radius, config.iterations)
-    gates = np.geomspace(config.initial_gate_m, config.final_gate_m, config.iterations)
-    for radius, gate in zip(radii, gates, strict=True):
-        T = batch_update(X, T, neighbourhood(d, float(radius)), float(gate))
+    for radius in np.geomspace(config.initial_radius, config.final_radius, config.iterations).tolist():
+        T = batch_update(X, T, neighbourhood(d, radius), config.gate_m + radius * edge_m)
     return T + origin
 
 
@@ -155,13 +160,14 @@ class Som:
         """
         Y = prior.nodes_world
         d = graph_distances(prior.topology, len(Y))
-        nodes = organise(X, Y, d, self._config)
-        won = points_won(X, Y, self._config.initial_gate_m)
+        edge_m = float(np.mean(prior.topology.rest_lengths_m))
+        nodes = organise(X, Y, d, edge_m, self._config)
+        won = points_won(X, Y, self._config.gate_m + self._config.initial_radius * edge_m)
         shown = won >= max(self._config.empty * float(np.median(won)), 1.0)
         if shown.all() or not shown.any() or not is_partial(nodes, prior.topology, self._config):
             return nodes, np.ones(len(Y), dtype=np.bool_)
         T = Y.copy()
-        T[shown] = organise(X, Y[shown], d[np.ix_(shown, shown)], self._config)
+        T[shown] = organise(X, Y[shown], d[np.ix_(shown, shown)], edge_m, self._config)
         return carried(Y, T, shown, d, self._config.initial_radius), shown
 
 
@@ -169,5 +175,6 @@ def is_partial(nodes: Array, topology: Topology, config: SomConfig) -> bool:
     """Whether a map (M, 3) [m] is shrunk or torn, so that a part of the DLO must be hidden."""
     a, b = topology.edges[:, 0], topology.edges[:, 1]
     lengths = np.linalg.norm(nodes[a] - nodes[b], axis=1)
-    torn = bool(np.any(lengths > config.torn * topology.rest_lengths_m))
-    return torn or float(lengths.sum()) < config.shrunk * float(topology.rest_lengths_m.sum())
+    rest = topology.rest_lengths_m
+    torn = bool(np.any(lengths > config.torn * np.maximum(rest, rest.mean())))  # a short edge stretches easily
+    return torn or float(lengths.sum()) < config.shrunk * float(rest.sum())

@@ -37,7 +37,7 @@ class SprConfig(MixtureConfig):
     """K, how many nearest nodes a node is put together from."""
     regularisation: float = 1e-3
     """What is added to the diagonal of the local Gram matrices, as a share of their trace."""
-    tau_annealing: float = 0.97
+    tau_annealing: float = 0.9
     """In iteration k, from 0, tau counts `tau_annealing` to the power of k; above 0, at most 1 (constant)."""
     lambda_annealing: float = 0.97
     """In iteration k, from 0, lambda counts `lambda_annealing` to the power of k; above 0, at most 1 (constant)."""

@@ -93,8 +93,8 @@ def test_the_neighbourhood_is_what_keeps_nodes_evenly_spread() -> None:
     prior = unwound(curve, 0.2)
     d = graph_distances(chain(NODES, 0.5), NODES)
     points = cloud(curve, outliers=0.0).points_world.astype(np.float64)
-    alone = organise(points, prior, d, SomConfig(initial_radius=0.05, final_radius=0.05))
-    together = organise(points, prior, d, SomConfig())
+    alone = organise(points, prior, d, 0.5 / 30, SomConfig(initial_radius=0.05, final_radius=0.05))
+    together = organise(points, prior, d, 0.5 / 30, SomConfig())
     spread = [np.linalg.norm(np.diff(nodes, axis=0), axis=1).std() for nodes in (alone, together)]
     assert spread[1] < 0.5 * spread[0]
 
@@ -145,3 +145,8 @@ def test_an_empty_cloud_gives_the_prior_back_and_no_trust() -> None:
     np.testing.assert_array_equal(result.nodes_world, curve)
     assert not result.visible.any()
     assert result.health == 0.0
+
+
+def test_a_long_edge_parts_nodes_more_than_a_short_one() -> None:
+    d = graph_distances(Topology(edges=chain(3, 0.3).edges, rest_lengths_m=np.array([0.1, 0.3])), 3)
+    np.testing.assert_allclose(d[0], [0.0, 0.5, 2.0])  # the mean edge is 0.2 m
