@@ -72,9 +72,11 @@ def test_it_converges_on_a_spiral_from_a_prior_that_is_almost_straight(share: fl
     prior = unwound(curve, share)
     assert rmse_m(prior, curve) > 0.07  # a fifth, or half, of the bend: far away
     result = Som().estimate(cloud(curve), state(prior))
-    # Nodes spread as evenly as the points, so that a tip's node lies half a spacing, 8 mm, inside.
-    assert rmse_m(result.nodes_world, curve) < 0.015
-    distance = np.linalg.norm(result.nodes_world[:, None] - resample(curve, 600)[None], axis=2).min(axis=1)
+    # Nodes spread as evenly as the points, a tip's node half a spacing inside: in all less than a spacing, 16.7 mm.
+    assert rmse_m(result.nodes_world, curve) < 0.0167
+    distances = np.linalg.norm(result.nodes_world[:, None] - resample(curve, 600)[None], axis=2)
+    assert np.all(np.diff(np.argmin(distances, axis=1)) > 0)
+    distance = distances.min(axis=1)
     assert np.sqrt(np.mean(distance**2)) < 0.002  # the noise of the points, of which 22 make a node's mean
 
 
