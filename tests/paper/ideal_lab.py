@@ -20,8 +20,10 @@ from dlokit.decision.component import DecisionComponent
 from dlokit.decision.config import TaskConfig
 from dlokit.decision.task import ActionRecord, GoalRequest, ShapeResult
 from dlokit.errors import SkillFailure
+from dlokit.skills.model import api as model
 from dlokit.skills.model.component import ModelComponent
 from dlokit.skills.model.config import ModelConfig
+from dlokit.skills.observer import api as observer
 from dlokit.skills.observer.component import ObserverComponent
 from dlokit.skills.observer.config import ObserverConfig
 from dlokit.skills.perception import api as perception
@@ -50,6 +52,8 @@ class Lab:
     """Whether the gripper takes hold."""
     obeys: bool = True
     """Whether the rope follows the gripper."""
+    confuses_ends: bool = False
+    """Whether the model loses track behind the arm and takes the rope for lying the other way round."""
     calls: list[str] = field(default_factory=list[str])
 
     def enter(self, skill: str) -> None:
@@ -149,6 +153,10 @@ class ScriptedRobot(Component):
         await self.port.clock.sleep(2.0)
         if self._held is not None and self._lab.obeys:
             self._lab.nodes = dragged(self._lab.nodes, self._held, path[-1].position_m)
+        if self._lab.confuses_ends:
+            await self.port.call(model.RESET)
+            await self.port.call(perception.LOOK)
+            await self.port.call(observer.INITIALISE, self.port.clock.now_ns(), self._lab.nodes[::-1].copy())
         return self._motion(path[-1])
 
     @implements(robot.RELEASE)
@@ -211,6 +219,7 @@ async def _shape(
     reachable: Callable[[Pose], bool],
     operator: Callable[[FlowStatus], Command | None],
 ) -> Trace:
+    rod = ModelConfig(nodes=NODES, length_m=LENGTH_M)
     transport = MemoryTransport()
     host = Host(transport, LoopClock())
     decision = DecisionComponent(config, lambda: 0.0)
@@ -235,8 +244,8 @@ async def _shape(
         ScriptedPerception(lab),
         ScriptedRobot(lab),
         ObserverComponent(ObserverConfig(), nodes=NODES, length_m=LENGTH_M),
-        ModelComponent(ModelConfig(nodes=NODES, length_m=LENGTH_M)),
-        PlanningComponent(PlanningConfig(), reachable),
+        ModelComponent(rod),
+        PlanningComponent(PlanningConfig(), reachable, rod),
         Operator(),
         decision,
     ):

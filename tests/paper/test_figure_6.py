@@ -263,3 +263,13 @@ def test_the_ends_are_labelled_towards_the_goal_so_that_the_rope_is_not_turned_r
     trace = shape(lab(I), goal)
     assert trace.result.outcome is RunOutcome.CONVERGED
     assert trace.result.history == ()
+
+
+def test_ends_confused_behind_the_arm_are_put_right_by_looking_anew() -> None:
+    confused = lab(I)
+    confused.confuses_ends = True
+    trace = shape(confused, moved(I, (0.05, 0.0)))
+    assert trace.result.outcome is RunOutcome.CONVERGED
+    last = trace.result.history[-1].nodes_world
+    # Half a rod's length is far more than any error of observer and model together.
+    assert np.linalg.norm(last[0] - confused.nodes[0]) < 0.5 * LENGTH_M

@@ -26,6 +26,8 @@ class TaskConfig:
     """Change of the RMSE [m] below which an action has changed nothing: its node is marked (Fig. 6)."""
     settled_m: float = 0.0015
     """Two looks in a row that differ by less than this (RMS over nodes) [m]: the estimate has settled."""
+    astray_m: float = 0.01
+    """A model farther than this from a rod found anew (RMS over nodes) is put there instead of dragged [m]."""
     max_looks: int = 6
     """Looks after an action, at most."""
     look_interval_s: float = 0.15

@@ -5,7 +5,10 @@ import asyncio
 import numpy as np
 
 from dlokit.decision.task import ShapeTask
+from dlokit.skills.model import api as model
+from dlokit.skills.observer import api as observer
 from dlokit.skills.perception import api as perception
+from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState
 from dlokit.types.outcome import Failed, Rejected, Succeeded
 
@@ -36,6 +39,30 @@ async def look(task: ShapeTask) -> DloState | None:
     return None
 
 
+async def look_anew(task: ShapeTask, expected_world: Float64Array) -> bool:
+    """Order the cloud from scratch, in the direction that is nearer to `expected_world` (M, 3) [m].
+
+    What was tracked behind the arm may be wrong, even the other way round. Where the cloud cannot be ordered the
+    tracked state stays. False (and a reason) when nothing is seen, or nobody answers.
+    """
+    await task.port.clock.sleep(task.config.look_interval_s)
+    tracked = await look(task)
+    if tracked is None:
+        return False
+    task.state = tracked
+    found = await task.port.call(observer.INITIALISE, tracked.observed_stamp_ns, expected_world)
+    if not isinstance(found, Succeeded):
+        return True
+    followed = await state_after(task, found.result.stamp_ns)
+    if followed is None:
+        return False
+    task.state = followed
+    if _rms_m(followed.nodes_world, found.result.nodes_world) > task.config.astray_m:
+        # Too far for the controller to drag the model there: it is put there.
+        await task.port.call(model.RESET, found.result.nodes_world)
+    return True
+
+
 async def settle(task: ShapeTask) -> bool:
     """Look until two states in a row agree, or looks are spent; the last state is the task's."""
     before: DloState | None = None
@@ -46,11 +73,11 @@ async def settle(task: ShapeTask) -> bool:
         if state is None:
             return False
         task.state = state
-        if before is not None and _rms_difference_m(before, state) < task.config.settled_m:
+        if before is not None and _rms_m(before.nodes_world, state.nodes_world) < task.config.settled_m:
             return True
         before = state
     return True
 
 
-def _rms_difference_m(a: DloState, b: DloState) -> float:
-    return float(np.sqrt(np.mean(np.sum((a.nodes_world - b.nodes_world) ** 2, axis=1))))
+def _rms_m(a: Float64Array, b: Float64Array) -> float:
+    return float(np.sqrt(np.mean(np.sum((a - b) ** 2, axis=1))))

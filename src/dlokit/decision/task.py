@@ -93,6 +93,8 @@ class ShapeTask:
     marks: set[int] = field(default_factory=set[int])
     action: PickPlace | None = None
     action_started_ns: int = 0
+    before_world: Float64Array | None = None
+    """The shape (M, 3) [m] that the action under way was chosen for."""
     release_stamp_ns: int = 0
     grasp_ok: bool = False
     history: list[ActionRecord] = field(default_factory=list[ActionRecord])
@@ -105,3 +107,10 @@ class ShapeTask:
         """The action under way."""
         assert self.action is not None, "an action is chosen before the robot moves"
         return self.action
+
+    @property
+    def expected_world(self) -> Float64Array:
+        """The shape (M, 3) [m] to expect after the action under way: predicted, or the one before it."""
+        assert self.before_world is not None, "an action is chosen for a shape"
+        predicted = self.chosen.predicted_nodes_world
+        return predicted if self.grasp_ok and predicted is not None else self.before_world

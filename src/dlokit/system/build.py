@@ -75,7 +75,7 @@ def _model(config: RunConfig, wiring: Wiring) -> Component:
 
 
 def _planning(config: RunConfig, wiring: Wiring) -> Component:
-    return PlanningComponent(config.planning, PandaKinematics().reachable)
+    return PlanningComponent(config.planning, PandaKinematics().reachable, config.model)
 
 
 def _decision(config: RunConfig, wiring: Wiring) -> Component:

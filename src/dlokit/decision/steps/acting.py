@@ -58,6 +58,7 @@ async def choose_grasp(task: ShapeTask) -> Found:
     task.planning_time_s += task.stopwatch() - began
     if isinstance(proposed, Succeeded):
         task.action = proposed.result
+        task.before_world = task.state.nodes_world
         return Found.FOUND
     fail(task, "planning.propose", proposed)
     if isinstance(proposed, Failed) and proposed.reason == "no_valid_grasp":

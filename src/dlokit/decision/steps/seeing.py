@@ -5,7 +5,7 @@ from typing import Any
 
 from dlokit.communication import topics
 from dlokit.decision.convergence import Progress, progress
-from dlokit.decision.looking import settle, state_after
+from dlokit.decision.looking import look_anew, settle, state_after
 from dlokit.decision.steps.explaining import explain, fail
 from dlokit.decision.steps.outcomes import GoalSet, Sight
 from dlokit.decision.task import ActionRecord, ShapeTask
@@ -181,10 +181,10 @@ async def compare(task: ShapeTask) -> Progress:
 
 async def track_again(task: ShapeTask) -> Sight:
     """The shape after an action; writes its record."""
-    await task.port.clock.sleep(task.config.settle_s)
-    if not await settle(task):
-        return Sight.FAILED
     assert task.state is not None
+    await task.port.clock.sleep(task.config.settle_s)
+    if not await look_anew(task, task.expected_world) or not await settle(task):
+        return Sight.FAILED
     task.errors_m.append(_error(task))
     record = ActionRecord(
         action=len(task.history) + 1,

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 
 from dlokit.skills.planning.actions import ActionConfig, FeasibilityConfig
 from dlokit.skills.planning.farthest import FarthestConfig
+from dlokit.skills.planning.foresight import ForesightConfig
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -14,5 +15,7 @@ class PlanningConfig:
     """Which action strategy."""
     actions: ActionConfig = field(default_factory=ActionConfig)
     """How to grasp and carry, whatever the strategy."""
+    foresight: ForesightConfig = field(default_factory=ForesightConfig)
+    """Actions that would tangle the rod are passed over."""
     feasibility: FeasibilityConfig = field(default_factory=FeasibilityConfig)
     """What start and goal must keep to."""

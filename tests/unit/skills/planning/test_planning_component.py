@@ -11,6 +11,7 @@ from dlokit.communication.host import Host
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.port import Port
 from dlokit.description.shapes import builtin_shape, moved
+from dlokit.skills.model.config import ModelConfig
 from dlokit.skills.planning import api
 from dlokit.skills.planning.component import PlanningComponent
 from dlokit.skills.planning.config import PlanningConfig
@@ -48,7 +49,7 @@ def with_planning(test: Callable[[Port], Awaitable[None]], reachable: Callable[[
     async def main() -> None:
         host = Host(MemoryTransport(), LoopClock())
         caller = Caller()
-        host.add(PlanningComponent(PlanningConfig(), reachable))
+        host.add(PlanningComponent(PlanningConfig(), reachable, ModelConfig()))
         host.add(caller)
         async with host:
             await test(caller.port)

@@ -1,0 +1,56 @@
+"""Look before you leap: an action that would leave the rod in a tangle is passed over for the next best.
+
+The farthest-point rule moves one node and drags the rest behind it; every so often the rest comes to lie across
+the rod. A rod across itself cannot be told apart from a picture, grasped, or undone by the same rule, so it is
+cheaper to see it coming: the model plays the action through before the robot does.
+"""
+
+from collections.abc import AsyncIterator, Awaitable, Callable
+from dataclasses import dataclass
+
+import msgspec
+
+from dlokit.description.shapes import self_clearance_m
+from dlokit.types.action import Action
+from dlokit.types.arrays import Float64Array
+
+Predict = Callable[[Action], Awaitable[Float64Array]]
+"""The shape (M, 3) [m] that the model expects of an action."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ForesightConfig:
+    """How far strands of the rod must stay apart."""
+
+    enabled: bool = True
+    """Off as in the paper: the farthest node is taken whatever becomes of the rest."""
+    clearance_m: float = 0.04
+    """Strands that are no neighbours on the rod stay this far apart after an action, as predicted [m]."""
+    goal_share: float = 0.7
+    """A goal whose strands are closer asks for no more than this share of its own clearance."""
+    node_stride: int = 3
+    """After a tangle, the next node tried is at least this far from it: neighbours fare alike."""
+    max_predictions: int = 8
+    """Actions played through, at most; then the one that keeps the strands farthest apart is taken."""
+
+
+async def untangled(
+    actions: AsyncIterator[Action], predict: Predict, goal_world: Float64Array, config: ForesightConfig
+) -> Action | None:
+    """The first of `actions` that keeps the strands apart, with its predicted shape; None when there are none.
+
+    `goal_world` (M, 3) [m]. Where none does, it is the action that keeps them farthest apart.
+    """
+    required_m = min(config.clearance_m, config.goal_share * self_clearance_m(goal_world))
+    tried: list[tuple[float, Action]] = []
+    async for action in actions:
+        if any(abs(action.grasp.node - other.grasp.node) < config.node_stride for _, other in tried):
+            continue
+        nodes = await predict(action)
+        clearance_m = self_clearance_m(nodes)
+        tried.append((clearance_m, msgspec.structs.replace(action, predicted_nodes_world=nodes)))
+        if clearance_m >= required_m or len(tried) == config.max_predictions:
+            break
+    if tried and tried[-1][0] >= required_m:
+        return tried[-1][1]
+    return max(tried, key=lambda pair: pair[0])[1] if tried else None

@@ -1,0 +1,95 @@
+"""Actions that would tangle the rod are passed over."""
+
+import asyncio
+from collections.abc import AsyncIterator, Sequence
+
+import numpy as np
+import pytest
+
+from dlokit import geometry
+from dlokit.description.shapes import builtin_shape, self_clearance_m
+from dlokit.skills.planning.foresight import ForesightConfig, untangled
+from dlokit.types.action import Action, Grasp, PickPlace, VelocityProfile
+from dlokit.types.arrays import Float64Array
+
+STRAIGHT = builtin_shape("I", 0.5, 31)
+
+
+def hairpin(gap_m: float) -> Float64Array:
+    """A rod folded once, its two halves `gap_m` apart."""
+    half = np.linspace(0.0, 0.25 - gap_m / 2, 15)
+    out = np.column_stack([half, np.zeros(15), np.full(15, 0.004)])
+    back = np.column_stack([half[::-1], np.full(15, gap_m), np.full(15, 0.004)])
+    return np.vstack([out, [[half[-1] + gap_m / 2, gap_m / 2, 0.004]], back])
+
+
+def grasps(nodes: Sequence[int]) -> AsyncIterator[Action]:
+    async def propose() -> AsyncIterator[Action]:
+        for node in nodes:
+            pose = geometry.downward([0.5, 0.0, 0.01], 0.0)
+            yield PickPlace(
+                stamp_ns=0, grasp=Grasp(node=node, T_world_tcp=pose), path=(pose,), velocity=VelocityProfile()
+            )
+
+    return propose()
+
+
+def chosen(
+    nodes: Sequence[int],
+    shapes: dict[int, Float64Array],
+    goal: Float64Array = STRAIGHT,
+    config: ForesightConfig | None = None,
+) -> tuple[Action | None, list[int]]:
+    """The action taken, and the nodes whose actions were played through."""
+    played: list[int] = []
+
+    async def predict(action: Action) -> Float64Array:
+        played.append(action.grasp.node)
+        return shapes.get(action.grasp.node, STRAIGHT)
+
+    return asyncio.run(untangled(grasps(nodes), predict, goal, config or ForesightConfig())), played
+
+
+def test_the_first_action_is_taken_when_it_tangles_nothing_and_says_what_it_will_do() -> None:
+    action, played = chosen([7, 20], {})
+    assert action is not None
+    assert action.grasp.node == 7
+    assert played == [7]
+    np.testing.assert_array_equal(action.predicted_nodes_world, STRAIGHT)
+
+
+def test_an_action_that_brings_strands_together_falls_back_to_the_next_best() -> None:
+    action, _ = chosen([7, 20], {7: hairpin(0.01)})
+    assert action is not None
+    assert action.grasp.node == 20
+
+
+def test_neighbours_of_a_node_that_tangles_are_not_played_through() -> None:
+    _, played = chosen([7, 8, 6, 9, 20], {7: hairpin(0.01)}, config=ForesightConfig(node_stride=3))
+    assert played == [7, 20]
+
+
+def test_where_every_action_tangles_the_strands_are_kept_as_far_apart_as_can_be() -> None:
+    action, _ = chosen([7, 20, 28], {7: hairpin(0.01), 20: hairpin(0.03), 28: hairpin(0.02)})
+    assert action is not None
+    assert action.grasp.node == 20
+
+
+def test_no_more_actions_are_played_through_than_allowed() -> None:
+    tangles = {node: hairpin(0.01) for node in range(31)}
+    _, played = chosen(range(0, 31, 4), tangles, config=ForesightConfig(max_predictions=3))
+    assert len(played) == 3
+
+
+def test_a_goal_with_close_strands_asks_for_no_more_than_its_own() -> None:
+    goal = hairpin(0.03)
+    # 2.5 cm is closer than the setting allows, but not closer than 70 % of what the goal itself has.
+    assert 0.7 * self_clearance_m(goal) < self_clearance_m(hairpin(0.025)) < ForesightConfig().clearance_m
+    action, _ = chosen([7, 20], {7: hairpin(0.025)}, goal)
+    assert action is not None
+    assert action.grasp.node == 7
+
+
+@pytest.mark.parametrize("nodes", [[], ()])
+def test_without_actions_there_is_none(nodes: Sequence[int]) -> None:
+    assert chosen(nodes, {}) == (None, [])
