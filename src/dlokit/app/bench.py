@@ -23,7 +23,7 @@ from dlokit.errors import ConfigError
 from dlokit.system.config import RunConfig
 from dlokit.system.run_folder import claim_run_folder, new_run_folder
 
-TABLE_WIDTH = 132
+TABLE_WIDTH = 140
 SUITES = {"paper": PAPER_SUITE}
 
 
