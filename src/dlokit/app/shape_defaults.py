@@ -11,10 +11,7 @@ from typing import TypeVar
 from dlokit.app.shape import ShapeArgs, ShapeChoices
 from dlokit.description.dlo import preset
 from dlokit.errors import ConfigError
-from dlokit.skills.observer.anchored import AnchoredConfig
-from dlokit.skills.observer.cpd import CpdConfig
-from dlokit.skills.observer.som import SomConfig
-from dlokit.skills.observer.spr import SprConfig
+from dlokit.skills.observer.strategies import OURS
 from dlokit.skills.perception.brightness import BrightnessConfig
 from dlokit.skills.perception.colour import ColourConfig
 from dlokit.system.config import RunConfig
@@ -22,12 +19,7 @@ from dlokit.system.toml_config import read_toml
 
 T = TypeVar("T")
 
-OBSERVERS: Mapping[str, type[AnchoredConfig | CpdConfig | SprConfig | SomConfig]] = {
-    "anchored": AnchoredConfig,
-    "cpd": CpdConfig,
-    "spr": SprConfig,
-    "som": SomConfig,
-}
+OBSERVERS = {config.name: config for config in OURS}
 SEGMENTATIONS: Mapping[str, type[BrightnessConfig | ColourConfig]] = {
     "brightness": BrightnessConfig,
     "colour": ColourConfig,

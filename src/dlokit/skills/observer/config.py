@@ -3,17 +3,15 @@
 from dataclasses import dataclass, field
 
 from dlokit.skills.observer.anchored import AnchoredConfig
-from dlokit.skills.observer.cpd import CpdConfig
 from dlokit.skills.observer.initialise import InitialiseConfig
-from dlokit.skills.observer.som import SomConfig
-from dlokit.skills.observer.spr import SprConfig
+from dlokit.skills.observer.strategies import OurObserver
 
 
 @dataclass(frozen=True, kw_only=True)
 class ObserverConfig:
     """From points to target points."""
 
-    strategy: AnchoredConfig | CpdConfig | SprConfig | SomConfig = field(default_factory=AnchoredConfig)
+    strategy: OurObserver = field(default_factory=AnchoredConfig)
     """How nodes are found in a cloud, given where they were."""
     initialise: InitialiseConfig = field(default_factory=InitialiseConfig)
     """How the first cloud is ordered."""

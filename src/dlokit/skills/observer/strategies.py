@@ -1,7 +1,7 @@
 """The observers there are: ours, and third parties' through the entry points ``dlokit.observers``."""
 
 from importlib.metadata import entry_points
-from typing import Any, get_type_hints
+from typing import Any, get_args, get_type_hints
 
 import msgspec
 
@@ -16,8 +16,10 @@ from dlokit.types.strategy import StrategySpec
 ENTRY_POINTS = "dlokit.observers"
 """Group of the entry points; each names a configuration class that follows `ObserverStrategyConfig`."""
 
-OURS: tuple[type[ObserverStrategyConfig], ...] = (AnchoredConfig, CpdConfig, SprConfig, SomConfig)
-"""Strategies that ship with dlokit, the default first."""
+OurObserver = AnchoredConfig | CpdConfig | SprConfig | SomConfig
+"""Strategies that ship with dlokit, the default first; the one place where they are named."""
+
+OURS: tuple[type[OurObserver], ...] = get_args(OurObserver)
 
 
 def strategies() -> dict[str, type[ObserverStrategyConfig]]:
