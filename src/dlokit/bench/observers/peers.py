@@ -27,11 +27,11 @@ class PycpdConfig:
 
     name: ClassVar[str] = "pycpd"
 
-    beta_m: float = 0.2
+    beta_m: float = 0.8
     """Width of the kernel [m]."""
-    alpha_per_m2: float = 100.0
+    alpha_per_m2: float = 3000.0
     """Weight of the smoothness of the motion [1/m²]."""
-    outlier_weight: float = 0.1
+    outlier_weight: float = 0.05
     """w, the share of points expected to belong to nothing."""
     initial_sigma_m: float = 0.03
     """Standard deviation of the Gaussians at the start [m]; 0 takes the package's own, of all pairs."""
@@ -78,11 +78,11 @@ class ProbregConfig:
 
     name: ClassVar[str] = "probreg"
 
-    beta_m: float = 0.2
+    beta_m: float = 0.8
     """Width of the kernel [m]."""
-    lambda_per_m2: float = 100.0
+    lambda_per_m2: float = 3000.0
     """Weight of the smoothness of the motion [1/m²]."""
-    outlier_weight: float = 0.1
+    outlier_weight: float = 0.05
     """w, the share of points expected to belong to nothing."""
     max_iterations: int = 50
     """Iterations a frame at most."""
