@@ -53,7 +53,7 @@ def run_observers(args: ObserversArgs) -> int:
     _check_writable(args.json)
     console = Console()
     for reason in left_out:
-        console.print(f"left out: {reason}", highlight=False, soft_wrap=True)
+        console.print(f"left out: {reason}", highlight=False, soft_wrap=True, markup=False)
     folder = claim_run_folder(args.out) if args.out else new_run_folder(Path("runs"), "bench-observers", datetime.now())
     trials = _trials(plan, console)
     if not trials:
@@ -99,6 +99,9 @@ def _trials(plan: Plan, console: Console) -> list[Trial]:
             for trial in run_plan(plan):
                 trials.append(trial)
                 progress.update(bar, advance=1, description=f"{trial.case}, seed {trial.seed}, {trial.method}")
+                if not console.is_terminal and len(trials) % len(plan.methods) == 0:
+                    # Nothing moves in a log: a line a case and seed shows that it goes on.
+                    console.print(f"{len(trials)} of {plan.trials}: {trial.case}, seed {trial.seed}", highlight=False)
         except KeyboardInterrupt:
             console.print(f"ended early: {len(trials)} of {plan.trials} trials are done; figures are of these")
     return trials

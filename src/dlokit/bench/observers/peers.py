@@ -86,8 +86,8 @@ class ProbregConfig:
     """w, the share of points expected to belong to nothing."""
     max_iterations: int = 50
     """Iterations a frame at most."""
-    tolerance: float = 1e-4
-    """The iteration ends when the function changes by less than this."""
+    tolerance_m2: float = 1e-8
+    """The iteration ends when the variance changes by less than this [m²]."""
 
     def build(self) -> "Probreg":
         """The peer with these settings. Raises `MachineError` when the package is missing."""
@@ -107,8 +107,11 @@ class Probreg:
         if len(points) < _FEWEST_POINTS:
             return nothing_seen(seen, prior)
         config = self._config
-        cpd = self._package.NonRigidCPD(prior.nodes_world, beta=config.beta_m, lmd=config.lambda_per_m2)
-        result = cpd.registration(points, w=config.outlier_weight, maxiter=config.max_iterations, tol=config.tolerance)
+        # Its kernel is exp(-d² / (2 beta)): beta is the square of the width.
+        cpd = self._package.NonRigidCPD(prior.nodes_world, beta=config.beta_m**2, lmd=config.lambda_per_m2)
+        result = cpd.registration(
+            points, w=config.outlier_weight, maxiter=config.max_iterations, tol=config.tolerance_m2
+        )
         return _targets(np.asarray(result.transformation.transform(prior.nodes_world)), seen)
 
 

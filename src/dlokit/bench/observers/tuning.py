@@ -1,8 +1,8 @@
 """Settings for the peers: a grid, scored on tuning seeds alone. Run as `python -m dlokit.bench.observers.tuning`.
 
 Each setting runs over `TUNING_CASES` with `TUNING_SEEDS`; the lowest mean node error wins. pycpd was tuned in three
-rounds: 36 settings, 18 around and beyond their best, then the 12 of `pycpd_grid`. The winner (15.1 mm) is the default of
-`PycpdConfig`, and probreg, which minimises the same function, got the same values of the settings they share.
+rounds: 36 settings, 18 around and beyond their best, then the 12 of `pycpd_grid`. The winner (15.1 mm) is the default
+of `PycpdConfig`, and probreg, which minimises the same function, got the same values of the settings they share.
 """
 
 import itertools
