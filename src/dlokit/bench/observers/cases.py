@@ -79,7 +79,7 @@ def external_cases(files: tuple[Path, ...]) -> tuple[Case, ...]:
             cases.append(Case(name=file.stem, file=file))
             continue
         cases += [
-            Case(name=f"{file.stem}, hidden {share:.0%}", file=file, conditions=Conditions(hidden=share))
+            Case(name=f"{file.stem}, hidden {100 * share:.0f} %", file=file, conditions=Conditions(hidden=share))
             for share in (0.0, 0.3, 0.5, 0.7)
         ]
     return tuple(cases)

@@ -60,7 +60,7 @@ def looks(sequence: Sequence, conditions: Conditions, seed: int) -> list[Look]:
     """Every frame of a sequence as a cloud; the same for the same seed."""
     camera = camera_of(sequence)
     return [
-        _given(sequence, frame)
+        _given(sequence, frame, camera)
         if sequence.clouds_world is not None
         else _simulated(sequence, frame, conditions, camera, np.random.default_rng([seed, frame]))
         for frame in range(sequence.frames)
@@ -92,14 +92,12 @@ def _seeing_all(positions_world: Float64Array, T_world_camera: Pose) -> CameraCa
     )
 
 
-def _given(sequence: Sequence, frame: int) -> Look:
+def _given(sequence: Sequence, frame: int, camera: CameraCalibration | None) -> Look:
     assert sequence.clouds_world is not None
     points, nodes = sequence.clouds_world[frame], sequence.nodes_world[frame]
     # Nobody says what was hidden in a recorded cloud: a node is where points are.
     near = np.linalg.norm(points[None, :, :] - nodes[:, None, :], axis=2).min(axis=1, initial=np.inf) < 0.015
-    seen = Observation(
-        stamp_ns=_stamp_ns(sequence, frame), points_world=points.astype(np.float32), calibration=camera_of(sequence)
-    )
+    seen = Observation(stamp_ns=_stamp_ns(sequence, frame), points_world=points.astype(np.float32), calibration=camera)
     return Look(seen=seen, pins=_pins(sequence, frame), visible=near)
 
 
