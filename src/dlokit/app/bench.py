@@ -14,6 +14,7 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
+from dlokit.app.bench_observers import ObserversArgs, run_observers
 from dlokit.app.environment import prepare_environment
 from dlokit.app.machine import machine_facts
 from dlokit.bench.report import bench_json, figures, overview, spread, timing_figures
@@ -163,7 +164,8 @@ class BenchArgs:
 
     which: Annotated[
         Annotated[ShapingArgs, tyro.conf.subcommand("shaping")]
-        | Annotated[SimulationArgs, tyro.conf.subcommand("simulation")],
+        | Annotated[SimulationArgs, tyro.conf.subcommand("simulation")]
+        | Annotated[ObserversArgs, tyro.conf.subcommand("observers")],
         tyro.conf.arg(name=""),
     ]
     """Which bench."""
@@ -176,3 +178,5 @@ def run(args: BenchArgs) -> int:
             return run_shaping(shaping)
         case SimulationArgs() as simulation:
             return run_simulation(simulation)
+        case ObserversArgs() as observers:
+            return run_observers(observers)

@@ -1,0 +1,155 @@
+"""Simulated clouds: noise along the view ray, the share hidden that was asked for, by real view rays."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dlokit.bench.observers.clouds import NOISE_DEPTH_M, Conditions, Look, Place, camera_of, looks, stereo_cloud
+from dlokit.bench.observers.rays import Ball, ball_hiding, depth_image, depths_m, hides
+from dlokit.bench.observers.sequence import Sequence
+from dlokit.description.scene import default_calibration
+from dlokit.description.shapes import builtin_shape
+from dlokit.skills.observer.visibility import VisibilityConfig, shaded
+
+CAMERA = default_calibration()
+EYE = CAMERA.T_world_camera.position_m
+CLEAN = Conditions(hidden=0.0, noise_m=0.0, outliers=0.0)
+
+
+def _sequence(frames: int = 2) -> Sequence:
+    nodes = builtin_shape("S", 0.5, 50)
+    return Sequence(
+        name="still",
+        rate_hz=25.0,
+        nodes_world=np.broadcast_to(nodes, (frames, *nodes.shape)).copy(),
+        radius_m=0.004,
+        pin_nodes=(0,),
+        pins_world=np.array([nodes[:1], np.full((1, 3), np.nan)])[:frames],
+        T_world_camera=CAMERA.T_world_camera,
+    )
+
+
+def _look(conditions: Conditions, seed: int = 0) -> Look:
+    return looks(_sequence(), conditions, seed)[0]
+
+
+def _cloud(noise_m: float) -> np.ndarray:
+    line = builtin_shape("I", 0.5, 401)
+    conditions = replace(CLEAN, noise_m=noise_m, points=4000)
+    # The same random numbers: point i with noise is point i without, moved.
+    return stereo_cloud(line, np.ones(401, dtype=np.bool_), 0.004, conditions, CAMERA, np.random.default_rng(3))
+
+
+def test_noise_moves_points_along_their_view_rays_alone() -> None:
+    clean, noisy = _cloud(0.0), _cloud(0.002)
+    rays = (clean - EYE) / np.linalg.norm(clean - EYE, axis=1, keepdims=True)
+    moved = noisy - clean
+    across = moved - np.sum(moved * rays, axis=1, keepdims=True) * rays
+    assert np.abs(moved).max() > 0.002
+    assert np.abs(across).max() < 1e-12
+
+
+def test_noise_is_as_asked_at_the_reference_depth_and_grows_with_the_square_of_depth() -> None:
+    clean, noisy = _cloud(0.0), _cloud(0.002)
+    depth = depths_m(clean, CAMERA)
+    normalised = (depths_m(noisy, CAMERA) - depth) * (NOISE_DEPTH_M / depth) ** 2
+    # 4000 samples: the standard error of a standard deviation is 1.1 %; four of them.
+    assert np.std(normalised) == pytest.approx(0.002, rel=0.045)
+    far = depth > np.median(depth)
+    assert np.std(normalised[far]) == pytest.approx(np.std(normalised[~far]), rel=0.1)
+
+
+def test_without_noise_points_lie_within_a_radius_of_the_centre_line() -> None:
+    line = builtin_shape("I", 0.5, 401)
+    distance = np.linalg.norm(_cloud(0.0)[:, None, :] - line[None, ::4, :], axis=2).min(axis=1)
+    # Perception moves the surface by one radius: at the rim, a point is off by r sideways and r behind.
+    assert distance.max() < np.sqrt(2.0) * 0.004 + 0.001
+
+
+@pytest.mark.parametrize("place", ["middle", "tip", "moving"])
+@pytest.mark.parametrize("share", [0.3, 0.5, 0.7])
+def test_the_share_hidden_is_what_was_asked_for(place: Place, share: float) -> None:
+    look = _look(Conditions(hidden=share, place=place))
+    # 50 nodes are 2 % each; a bend of the rod goes behind the ball's edge a few nodes at once.
+    assert np.mean(~look.visible) == pytest.approx(share, abs=0.06)
+    assert len(look.seen.points_world) == pytest.approx(1000 * (1.0 - share), abs=60)
+
+
+def test_what_is_hidden_is_where_it_was_asked_for() -> None:
+    assert not _look(Conditions(place="middle")).visible[25]
+    assert not _look(Conditions(place="tip")).visible[0]
+    moving = looks(replace(_sequence(26), pins_world=None, pin_nodes=()), Conditions(place="moving"), 0)
+    assert not moving[0].visible[0]
+    assert not moving[-1].visible[-1], "after half a period of 2 s, at 25 Hz"
+
+
+def test_no_point_shows_what_a_ball_hides() -> None:
+    look = _look(Conditions(hidden=0.5, noise_m=0.0, outliers=0.0))
+    points = np.asarray(look.seen.points_world, dtype=np.float64)
+    hidden = _sequence().nodes_world[0][~look.visible][2:-2]  # the outermost have visible points at one edge length
+    assert np.linalg.norm(points[None] - hidden[:, None], axis=2).min() > 0.005
+
+
+def test_a_ball_hides_what_is_behind_it_and_not_what_is_before_or_beside() -> None:
+    ball = Ball(centre_world=np.array([0.0, 0.0, 1.0]), radius_m=0.1)
+    positions = np.array([[0.0, 0.0, 2.0], [0.0, 0.0, 0.5], [0.19, 0.0, 2.0], [0.21, 0.0, 2.0]])
+    # A ray that touches the ball leaves the axis by asin(0.1): 0.201 m at 2 m.
+    assert hides(ball, np.zeros(3), positions).tolist() == [True, False, True, False]
+
+
+def test_the_observer_can_know_from_the_depth_image_what_the_ball_hides() -> None:
+    look = _look(Conditions(hidden=0.5))
+    known = shaded(_sequence().nodes_world[0], look.seen, VisibilityConfig())
+    # Cells of 8 pixels and one around: up to 16 px, 2.6 cm, at each edge of the shadow, which the rod leaves aslant.
+    assert np.all(known[~look.visible])
+    assert np.count_nonzero(known & look.visible) <= 10
+
+
+def test_the_depth_image_shows_the_nearest_point_of_the_ball() -> None:
+    line = builtin_shape("S", 0.5, 401)
+    ball = ball_hiding(0.3, line[200], line, EYE)
+    depth = depth_image(ball, CAMERA).depth_m
+    nearest = depths_m(ball.centre_world[None], CAMERA)[0] - ball.radius_m
+    # Seen under an angle the nearest ray is a little beside the axis; cells are coarse.
+    assert depth.min() == pytest.approx(nearest, abs=0.005)
+    assert np.isinf(depth).any()
+
+
+def test_outliers_are_the_share_that_was_asked_for() -> None:
+    points = np.asarray(_look(Conditions(hidden=0.0, noise_m=0.0, outliers=0.2)).seen.points_world, dtype=np.float64)
+    line = builtin_shape("S", 0.5, 401)
+    stray = np.linalg.norm(points[:, None] - line[None], axis=2).min(axis=1) > 0.008
+    # A few of them fall within 8 mm of the rod by chance: less than 1 % of the box's volume.
+    assert np.mean(stray) == pytest.approx(0.2, abs=0.005)
+
+
+def test_nothing_is_seen_in_the_dark() -> None:
+    look = _look(Conditions(blackout_s=(0.0, 0.02)))
+    assert len(look.seen.points_world) == 0
+    assert not look.visible.any()
+    after = looks(_sequence(), Conditions(blackout_s=(0.0, 0.02)), 0)[1]
+    assert len(after.seen.points_world) > 0
+
+
+def test_the_same_seed_gives_the_same_clouds_and_another_gives_others() -> None:
+    a, b, c = (_look(Conditions(), seed).seen.points_world for seed in (0, 0, 1))
+    assert np.array_equal(a, b)
+    assert not np.array_equal(a, c)
+
+
+def test_pins_are_known_only_while_a_hand_holds() -> None:
+    first, second = looks(_sequence(), CLEAN, 0)
+    assert [pin.node for pin in first.pins] == [0]
+    assert second.pins == ()
+    assert first.seen.pins == (), "the unpinned rows do not get them"
+
+
+def test_the_picture_is_as_large_as_the_sequence_needs() -> None:
+    sequence = _sequence()
+    wide = replace(sequence, nodes_world=sequence.nodes_world * [1.0, 4.0, 1.0])
+    camera = camera_of(wide)
+    assert camera is not None
+    assert camera.width_px >= CAMERA.width_px
+    look = looks(wide, CLEAN, 0)[0]
+    assert not shaded(wide.nodes_world[0], look.seen, VisibilityConfig()).any()
