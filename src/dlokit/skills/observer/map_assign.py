@@ -1,0 +1,74 @@
+"""Which point belongs where on the rod: softly and coarsely first, then to segments within a window."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dlokit.skills.observer.mixture import squared_distances
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Assignment:
+    """Every point's place on the chain."""
+
+    segment: Indices
+    """(N,) j, between nodes j and j + 1."""
+    t: Array
+    """(N,) share of the segment from node j, in [0, 1]; past the chain's ends it goes on, below 0 and above 1."""
+    distance2: Array
+    """(N,) squared distance to that place [m²]; past an end, to the line on from it."""
+
+
+def soft_places(points: Array, nodes: Array, sigma_m: float, outlier_ratio: float) -> tuple[Array, Array]:
+    """What the points say of the nodes: weights (M,) and weighted sums of points (M, 3) [m].
+
+    p_mn = exp(-|p_n - x_m|² / 2 sigma²) / (sum_k exp(-|p_n - x_k|² / 2 sigma²) + outlier_ratio): a mixture with an
+    outlier class of uniform density, `outlier_ratio` times the peak of a node's Gaussian.
+    """
+    P = squared_distances(nodes, points)
+    P *= -0.5 / sigma_m**2
+    np.exp(P, out=P)
+    P /= P.sum(axis=0) + outlier_ratio
+    return P.sum(axis=1), P @ points
+
+
+def nearest_segment(points: Array, nodes: Array) -> Indices:
+    """The segment at the node nearest to each point, (N,)."""
+    nearest = np.argmin(squared_distances(points, nodes), axis=1)
+    return np.minimum(nearest, len(nodes) - 2)
+
+
+def assign(points: Array, nodes: Array, around: Indices, first: Indices, window: int) -> Assignment:
+    """The nearest place of each point on the segments next to `around` (N,), not beyond `window` of `first` (N,).
+
+    The window is in segments, so in arc length: where the rod crosses itself, a point does not jump to the
+    other strand however near that comes.
+    """
+    last = len(nodes) - 2
+    low, high = np.maximum(first - window, 0), np.minimum(first + window, last)
+    candidates = np.stack([np.clip(around + step, low, high) for step in (-1, 0, 1)])
+    edges = np.diff(nodes, axis=0)
+    edge = edges[candidates]
+    off = points - nodes[candidates]
+    t = np.einsum("kni,kni->kn", off, edge) / np.maximum(np.sum(edges**2, axis=1), 1e-18)[candidates]
+    t = np.clip(t, np.where(candidates == 0, -np.inf, 0.0), np.where(candidates == last, np.inf, 1.0))
+    off -= t[:, :, None] * edge
+    distance2 = np.einsum("kni,kni->kn", off, off)
+    best = np.argmin(distance2, axis=0)
+    pick = (best, np.arange(len(points)))
+    return Assignment(segment=candidates[pick], t=t[pick], distance2=distance2[pick])
+
+
+def inlier_probability(distance2: Array, sigma_m: float, limit: float) -> Array:
+    """The probability (N,) that a point belongs to the rod, 1 / (1 + exp((d² / sigma² - limit²) / 2)).
+
+    That is a Gaussian of width sigma against a uniform outlier class, whose density is such that a point
+    `limit` sigmas away is as likely the one as the other.
+    """
+    exponent = 0.5 * (distance2 / sigma_m**2 - limit**2)
+    return 1.0 / (1.0 + np.exp(np.minimum(exponent, 50.0)))
