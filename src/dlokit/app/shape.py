@@ -39,7 +39,7 @@ class ShapeChoices:
     """What lies on the table: soft_rope, silicone_hose, thin_wire or stiff_wire. The system's own model is told
     its length and radius, which a ruler tells, and nothing else."""
     observer: Annotated[str | None, tyro.conf.arg(metavar="NAME", help_behavior_hint="(default: anchored)")] = None
-    """How nodes are found in a cloud: anchored, or cpd (the paper's). `--observer cpd --help` shows its settings."""
+    """How nodes are found in a cloud: anchored, cpd (paper's), or map. `--observer cpd --help` shows its settings."""
     segmentation: Annotated[str | None, tyro.conf.arg(metavar="NAME", help_behavior_hint="(default: brightness)")] = (
         None
     )

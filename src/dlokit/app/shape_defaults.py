@@ -13,6 +13,7 @@ from dlokit.description.dlo import preset
 from dlokit.errors import ConfigError
 from dlokit.skills.observer.anchored import AnchoredConfig
 from dlokit.skills.observer.cpd import CpdConfig
+from dlokit.skills.observer.map_observer import MapConfig
 from dlokit.skills.perception.brightness import BrightnessConfig
 from dlokit.skills.perception.colour import ColourConfig
 from dlokit.system.config import RunConfig
@@ -20,7 +21,11 @@ from dlokit.system.toml_config import read_toml
 
 T = TypeVar("T")
 
-OBSERVERS: Mapping[str, type[AnchoredConfig | CpdConfig]] = {"anchored": AnchoredConfig, "cpd": CpdConfig}
+OBSERVERS: Mapping[str, type[AnchoredConfig | CpdConfig | MapConfig]] = {
+    "anchored": AnchoredConfig,
+    "cpd": CpdConfig,
+    "map": MapConfig,
+}
 SEGMENTATIONS: Mapping[str, type[BrightnessConfig | ColourConfig]] = {
     "brightness": BrightnessConfig,
     "colour": ColourConfig,

@@ -5,13 +5,14 @@ from dataclasses import dataclass, field
 from dlokit.skills.observer.anchored import AnchoredConfig
 from dlokit.skills.observer.cpd import CpdConfig
 from dlokit.skills.observer.initialise import InitialiseConfig
+from dlokit.skills.observer.map_observer import MapConfig
 
 
 @dataclass(frozen=True, kw_only=True)
 class ObserverConfig:
     """From points to target points."""
 
-    strategy: AnchoredConfig | CpdConfig = field(default_factory=AnchoredConfig)
+    strategy: AnchoredConfig | CpdConfig | MapConfig = field(default_factory=AnchoredConfig)
     """How nodes are found in a cloud, given where they were."""
     initialise: InitialiseConfig = field(default_factory=InitialiseConfig)
     """How the first cloud is ordered."""

@@ -30,11 +30,11 @@ def soft_places(points: Array, nodes: Array, sigma_m: float, outlier_ratio: floa
     p_mn = exp(-|p_n - x_m|² / 2 sigma²) / (sum_k exp(-|p_n - x_k|² / 2 sigma²) + outlier_ratio): a mixture with an
     outlier class of uniform density, `outlier_ratio` times the peak of a node's Gaussian.
     """
-    P = squared_distances(nodes, points)
-    P *= -0.5 / sigma_m**2
-    np.exp(P, out=P)
-    P /= P.sum(axis=0) + outlier_ratio
-    return P.sum(axis=1), P @ points
+    likely = squared_distances(nodes, points)
+    likely *= -0.5 / sigma_m**2
+    np.exp(likely, out=likely)
+    likely /= likely.sum(axis=0) + outlier_ratio
+    return likely.sum(axis=1), likely @ points
 
 
 def nearest_segment(points: Array, nodes: Array) -> Indices:

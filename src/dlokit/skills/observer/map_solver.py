@@ -41,9 +41,7 @@ class ChainSystem:
 
     def solve(self) -> Array:
         """x (M, 3). H must be positive definite: every node needs some term."""
-        solution = solveh_banded(
-            self.banded(), self.rhs.ravel(), lower=True, overwrite_ab=True, check_finite=False
-        )
+        solution = solveh_banded(self.banded(), self.rhs.ravel(), lower=True, overwrite_ab=True, check_finite=False)
         return np.asarray(solution, dtype=np.float64).reshape(-1, 3)
 
     def covariance(self) -> Array:

@@ -7,6 +7,7 @@ H x - b is then the gradient of half the sum of squares (tested against finite d
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,40 +22,46 @@ Indices = NDArray[np.int64]
 class ChainPriors:
     """How much a rod may differ from what it was, whatever the cloud says."""
 
-    length_m: float = 0.0005
+    length_m: float = 0.0001
     """Standard deviation of an edge from its rest length [m]: a rod hardly stretches."""
-    strain_m05: float = 0.03
-    """Incoherence of the motion: neighbours s apart move differently by this times sqrt(s) [m^0.5]."""
-    bend_per_m05: float = 0.8
-    """Change of bend: a stretch s leaves its old shape by about this times s^1.5 [m^-0.5]."""
-    straight_per_m05: float = 4.0
-    """The rod's own bend, in the same measure: straight at rest, weakly."""
+    strain_per_m05: float = 4.0
+    """Incoherence: nodes s apart move differently by this times sqrt(s), times the way since then [m^-0.5]."""
+    bend_per_m15: float = 15.0
+    """Change of bend: a stretch s leaves its old shape by this times s^1.5, times the way since then [m^-1.5]."""
+    straight_per_m05: float = 20.0
+    """The rod's own bend: a stretch s leaves a straight line by about this times s^1.5 [m^-0.5]; weak."""
     place_m: float = 0.3
     """A node stays within this of where it was [m]; so weak that it only decides where nothing else does."""
-    pin_m: float = 0.0005
+    pin_m: float = 0.0001
     """Standard deviation of a held node from its gripper [m]."""
-    tip_m: float = 0.002
+    tip_m: float = 0.001
     """Standard deviation of a seen tip from the end of the cloud, along the rod [m]."""
-    table_m: float = 0.0005
+    table_m: float = 0.0001
     """How far a node may sink into the table [m]."""
 
 
+@lru_cache(maxsize=8)
 def coherence(count: int, step_m: float, priors: ChainPriors) -> tuple[Array, Array]:
     """K_d and K_x (M, M) of the quadratic forms dᵀ K_d d and xᵀ K_x x, the same for each coordinate.
 
-    sum |d_i|² / (M place²) + sum |d_{i+1} - d_i|² / (strain² h) + sum |d_{i+1} - 2 d_i + d_{i-1}|² / (bend² h³),
-    and sum |x_{i+1} - 2 x_i + x_{i-1}|² / (straight² h³). The powers of h make them independent of M.
+    sum |d_{i+1} - d_i|² / (strain² h) + sum |d_{i+1} - 2 d_i + d_{i-1}|² / (bend² h³), for a way of 1 m since the
+    last cloud, and sum |x_{i+1} - 2 x_i + x_{i-1}|² / (straight² h³). The powers of h make them independent of M.
     """
     D1 = np.diff(np.eye(count), axis=0)
     D2 = np.diff(D1, axis=0)
     bends = D2.T @ D2 / step_m**3
-    K_d = D1.T @ D1 / (priors.strain_m05**2 * step_m) + bends / priors.bend_per_m05**2
-    K_d[np.diag_indices(count)] += 1.0 / (count * priors.place_m**2)
+    K_d = D1.T @ D1 / (priors.strain_per_m05**2 * step_m) + bends / priors.bend_per_m15**2
     return K_d, bends / priors.straight_per_m05**2
 
 
-def add_coherence(system: ChainSystem, K_d: Array, K_x: Array, before: Array) -> None:
-    """Motion coherence and bending, `coherence`: H += (K_d + K_x) ⊗ I, b += K_d y with y `before` (M, 3) [m]."""
+def add_coherence(system: ChainSystem, before: Array, step_m: float, way_m: float, priors: ChainPriors) -> None:
+    """Motion coherence and bending: H += (K + K_x) ⊗ I and b += K y, y `before` (M, 3) [m].
+
+    K = K_d / way² + I / (M place²): what moved far may also have changed its shape.
+    """
+    unit, K_x = coherence(len(before), step_m, priors)
+    K_d = unit / way_m**2
+    K_d[np.diag_indices(len(before))] += 1.0 / (len(before) * priors.place_m**2)
     K = K_d + K_x
     for axis in range(3):
         system.diagonal[:, axis, axis] += np.diagonal(K)

@@ -98,9 +98,7 @@ def seen_tips(found: Extent, length_m: float, cut_first: bool, cut_last: bool, c
     is_last = not cut_last and off_last <= config.snap_m
     if is_first and is_last and not broken:
         is_first, is_last = off_first <= off_last, off_first > off_last
-    return Tips(
-        first_m=found.start_m if is_first else None, last_m=found.end_m if is_last else None, gap_m=found.gap_m
-    )
+    return Tips(first_m=found.start_m if is_first else None, last_m=found.end_m if is_last else None, gap_m=found.gap_m)
 
 
 def places_along(rod_m: Array, tips: Tips) -> Array:

@@ -9,12 +9,13 @@ from dlokit.errors import ConfigError, SkillRejected
 from dlokit.skills.observer.anchored import AnchoredConfig
 from dlokit.skills.observer.base import ObserverStrategyConfig
 from dlokit.skills.observer.cpd import CpdConfig
+from dlokit.skills.observer.map_observer import MapConfig
 from dlokit.types.strategy import StrategySpec
 
 ENTRY_POINTS = "dlokit.observers"
 """Group of the entry points; each names a configuration class that follows `ObserverStrategyConfig`."""
 
-OURS: tuple[type[ObserverStrategyConfig], ...] = (AnchoredConfig, CpdConfig)
+OURS: tuple[type[ObserverStrategyConfig], ...] = (AnchoredConfig, CpdConfig, MapConfig)
 """Strategies that ship with dlokit, the default first."""
 
 

@@ -93,7 +93,7 @@ def _cloud(curve: Array, case: Case, rng: np.random.Generator, frame: int) -> Ob
     if case.hidden is not None:
         at = at[(at < case.hidden[0]) | (at > case.hidden[1])]
     seen = _at(curve, at * (FINE - 1)) + rng.normal(0.0, case.noise_m, (len(at), 3))
-    low, high = curve.min(axis=0) - 0.05, curve.max(axis=0) + [0.05, 0.05, 0.03]
+    low, high = curve.min(axis=0) - 0.05, curve.max(axis=0) + np.array([0.05, 0.05, 0.03])
     stray = rng.uniform(low, high, (int(case.outliers * len(at)), 3))
     points = rng.permutation(np.vstack([seen, stray])).astype(np.float32)
     return Observation(stamp_ns=int(frame * 1e9 / case.rate_hz), points_world=points)

@@ -1,0 +1,39 @@
+"""How sure the MAP observer is: a covariance for each node and a health for all."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dlokit.skills.observer.map_fine import Fitted, add_cloud, add_tips
+from dlokit.skills.observer.map_frame import Frame, with_priors
+from dlokit.skills.observer.map_settings import MapSettings
+
+Array = NDArray[np.float64]
+
+
+def stated_covariance(frame: Frame, before: Array, fitted: Fitted, config: MapSettings) -> Array:
+    """Covariance of each node (M, 3, 3) [m²]: the diagonal blocks of H⁻¹, H with the errors that points share.
+
+    The H that finds the nodes would be overconfident: neighbouring points err alike, and what a hidden stretch
+    does between two clouds adds up while it is hidden.
+    """
+    trust = config.trust
+    way_m = frame.way_m * trust.drift * (1.0 + trust.hidden_before * frame.hidden_before)
+    system = with_priors(frame, fitted.nodes, before, way_m, config.priors.length_m, config)
+    add_cloud(system, frame.points, fitted.nodes, fitted.placed, config.noise_m, trust.independent_points, config)
+    add_tips(system, fitted.nodes, fitted.tips, trust.tip_m)
+    return system.covariance() * trust.factor**2
+
+
+def health(frame: Frame, fitted: Fitted, covariance: Array, config: MapSettings) -> float:
+    """Trust in the whole, 0 to 1: a product of three shares.
+
+    Points that lie on the rod; 1 / (1 + rms² / half²) with the root mean square of the nodes' standard deviations;
+    and, where the picture tells what hides the rod, nodes that are not missing in open view.
+    """
+    explained = float(np.mean(fitted.placed.distance2 < config.visibility.radius_m**2))
+    mean_square = float(np.mean(np.trace(covariance, axis1=1, axis2=2)))
+    sure = 1.0 / (1.0 + mean_square / config.trust.half_m**2)
+    present = 1.0
+    if frame.seen.occlusion is not None:
+        present = 1.0 - float(np.mean(~fitted.supported & ~fitted.shaded))
+    return float(np.clip(explained * sure * present, 0.0, 1.0))
