@@ -44,24 +44,36 @@ def nearest_segment(points: Array, nodes: Array) -> Indices:
 
 
 def assign(points: Array, nodes: Array, around: Indices, first: Indices, window: int) -> Assignment:
-    """The nearest place of each point on the segments next to `around` (N,), not beyond `window` of `first` (N,).
+    """The nearest place of each point on `around` (N,) or the segment next to it, not beyond `window` of `first` (N,).
 
     The window is in segments, so in arc length: where the rod crosses itself, a point does not jump to the
     other strand however near that comes.
     """
     last = len(nodes) - 2
     low, high = np.maximum(first - window, 0), np.minimum(first + window, last)
-    candidates = np.stack([np.clip(around + step, low, high) for step in (-1, 0, 1)])
+    segment = np.clip(around, low, high)
+    raw, t, distance2 = _project(points, nodes, segment)
+    onward = np.clip(segment + (raw > 1.0).astype(np.int64) - (raw < 0.0), low, high)
+    leaving = np.flatnonzero(onward != segment)
+    if len(leaving) > 0:
+        _, t_next, distance2_next = _project(points[leaving], nodes, onward[leaving])
+        nearer = distance2_next < distance2[leaving]
+        moved = leaving[nearer]
+        segment[moved], t[moved], distance2[moved] = onward[moved], t_next[nearer], distance2_next[nearer]
+    return Assignment(segment=segment, t=t, distance2=distance2)
+
+
+def _project(points: Array, nodes: Array, segment: Indices) -> tuple[Array, Array, Array]:
+    """Share along the line of each point's segment, the same kept to the chain, and squared distance to that place."""
+    last = len(nodes) - 2
     edges = np.diff(nodes, axis=0)
-    edge = edges[candidates]
-    off = points - nodes[candidates]
-    t = np.einsum("kni,kni->kn", off, edge) / np.maximum(np.sum(edges**2, axis=1), 1e-18)[candidates]
-    t = np.clip(t, np.where(candidates == 0, -np.inf, 0.0), np.where(candidates == last, np.inf, 1.0))
-    off -= t[:, :, None] * edge
-    distance2 = np.einsum("kni,kni->kn", off, off)
-    best = np.argmin(distance2, axis=0)
-    pick = (best, np.arange(len(points)))
-    return Assignment(segment=candidates[pick], t=t[pick], distance2=distance2[pick])
+    edge = edges[segment]
+    off = points - nodes[segment]
+    raw = np.einsum("ni,ni->n", off, edge) / np.maximum(np.sum(edges**2, axis=1), 1e-18)[segment]
+    t = np.where((segment > 0) & (raw < 0.0), 0.0, raw)
+    t = np.where((segment < last) & (t > 1.0), 1.0, t)
+    off -= t[:, None] * edge
+    return raw, t, np.einsum("ni,ni->n", off, off)
 
 
 def inlier_probability(distance2: Array, sigma_m: float, limit: float) -> Array:

@@ -20,8 +20,16 @@ def stated_covariance(frame: Frame, before: Array, fitted: Fitted, config: MapSe
     way_m = frame.way_m * trust.drift * (1.0 + trust.hidden_before * frame.hidden_before)
     system = with_priors(frame, fitted.nodes, before, way_m, config.priors.length_m, config)
     add_cloud(system, frame.points, fitted.nodes, fitted.placed, config.noise_m, trust.independent_points, config)
-    add_tips(system, fitted.nodes, fitted.tips, trust.tip_m)
+    add_tips(system, fitted.nodes, fitted.tips, float(np.hypot(trust.tip_m, _span_misfit_m(frame, fitted))))
     return system.covariance() * trust.factor**2
+
+
+def _span_misfit_m(frame: Frame, fitted: Fitted) -> float:
+    """By how much the way from tip to tip over the cloud differs from the rod's length, half of it at each tip [m]."""
+    first, last = fitted.tips.first_m, fitted.tips.last_m
+    if first is None or last is None:
+        return 0.0
+    return 0.5 * abs(last - first - float(frame.rod_m[-1]))
 
 
 def health(frame: Frame, fitted: Fitted, covariance: Array, config: MapSettings) -> float:
