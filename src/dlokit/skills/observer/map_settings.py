@@ -22,6 +22,10 @@ class TrustConfig:
     """The same again for a rod with nodes that were hidden in the last cloud too, by their share."""
     factor: float = 1.0
     """Scale of the standard deviations."""
+    unknown: float = 0.4
+    """How much a node without points counts as missing when nothing tells what hides it."""
+    tip: float = 0.88
+    """Factor on health for each tip that should be seen and is not."""
     half_m: float = 0.04
     """Health is halved where the root mean square of the stated standard deviations is so large [m]."""
 

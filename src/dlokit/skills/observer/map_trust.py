@@ -33,15 +33,19 @@ def _span_misfit_m(frame: Frame, fitted: Fitted) -> float:
 
 
 def health(frame: Frame, fitted: Fitted, covariance: Array, config: MapSettings) -> float:
-    """Trust in the whole, 0 to 1: a product of three shares.
+    """Trust in the whole, 0 to 1: a product of four shares.
 
-    Points that lie on the rod; 1 / (1 + rms² / half²) with the root mean square of the nodes' standard deviations;
-    and, where the picture tells what hides the rod, nodes that are not missing in open view.
+    Points that lie within 5 standard deviations of the rod; 1 / (1 + rms² / half²) with the root mean square of the
+    nodes' standard deviations; nodes with points, where one without them counts in full only if the picture
+    tells that nothing hides it; and `trust.tip` for each tip that is neither seen nor held nor known to be hidden.
     """
-    explained = float(np.mean(fitted.placed.distance2 < config.visibility.radius_m**2))
+    trust = config.trust
+    explained = float(np.mean(fitted.placed.distance2 < (5.0 * config.noise_m) ** 2))
     mean_square = float(np.mean(np.trace(covariance, axis1=1, axis2=2)))
-    sure = 1.0 / (1.0 + mean_square / config.trust.half_m**2)
-    present = 1.0
-    if frame.seen.occlusion is not None:
-        present = 1.0 - float(np.mean(~fitted.supported & ~fitted.shaded))
-    return float(np.clip(explained * sure * present, 0.0, 1.0))
+    sure = 1.0 / (1.0 + mean_square / trust.half_m**2)
+    missing = float(np.mean(~fitted.supported & ~fitted.shaded))
+    present = 1.0 - missing * (1.0 if frame.seen.occlusion is not None else trust.unknown)
+    held = {node for node, _ in frame.pins}
+    ends = ((fitted.tips.first_m, 0), (fitted.tips.last_m, len(fitted.nodes) - 1))
+    unseen = sum(known is None and node not in held and not fitted.shaded[node] for known, node in ends)
+    return float(np.clip(explained * sure * present * trust.tip**unseen, 0.0, 1.0))
