@@ -6,8 +6,7 @@ coordinates a node that is a band of 8 below the diagonal, so that H x = b costs
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solveh_banded
-from scipy.linalg.lapack import dpotrf, dpotri
+from scipy.linalg import get_lapack_funcs, solveh_banded
 
 Array = NDArray[np.float64]
 
@@ -56,8 +55,9 @@ class ChainSystem:
         column = np.arange(3 * count)
         for k in range(LOWER_BANDS):
             lower[column[k:], column[: 3 * count - k]] = band[k, : 3 * count - k]
-        factor, _ = dpotrf(lower, lower=1)
-        inverse, _ = dpotri(factor, lower=1)
+        potrf, potri = get_lapack_funcs(("potrf", "potri"), (lower,))
+        factor, _ = potrf(lower, lower=1)
+        inverse, _ = potri(factor, lower=1)
         node = np.arange(count)
         blocks = np.tril(np.asarray(inverse, dtype=np.float64).reshape(count, 3, count, 3)[node, :, node, :])
         return blocks + np.tril(blocks, -1).transpose(0, 2, 1)
