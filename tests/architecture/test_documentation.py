@@ -81,4 +81,5 @@ def test_our_observers_are_known_in_each_place_that_the_how_to_names() -> None:
 
 def test_the_map_of_the_paper_has_every_observer_of_ours() -> None:
     page = (ROOT / "docs" / "paper_map.md").read_text(encoding="utf-8")
-    assert [config.name for config in OURS if f"`skills/observer/{config.name}.py`" not in page] == []
+    files = [f"skills/observer/{config.__module__.rpartition('.')[2]}.py" for config in OURS]
+    assert [file for file in files if f"`{file}`" not in page] == []

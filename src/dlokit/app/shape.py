@@ -38,7 +38,7 @@ class ShapeChoices:
     """What lies on the table: soft_rope, silicone_hose, thin_wire or stiff_wire. The system's own model is told
     its length and radius, which a ruler tells, and nothing else."""
     observer: Annotated[str | None, tyro.conf.arg(metavar="NAME", help_behavior_hint="(default: anchored)")] = None
-    """How nodes are found in a cloud: anchored, or the paper's cpd, spr or som. `--observer cpd --help` shows the
+    """How nodes are found in a cloud: anchored, map, or the paper's cpd, spr or som. `--observer cpd --help` shows the
     settings of cpd."""
     segmentation: Annotated[str | None, tyro.conf.arg(metavar="NAME", help_behavior_hint="(default: brightness)")] = (
         None

@@ -9,6 +9,7 @@ from dlokit.errors import ConfigError, SkillRejected
 from dlokit.skills.observer.anchored import AnchoredConfig
 from dlokit.skills.observer.base import ObserverStrategyConfig
 from dlokit.skills.observer.cpd import CpdConfig
+from dlokit.skills.observer.map_observer import MapConfig
 from dlokit.skills.observer.som import SomConfig
 from dlokit.skills.observer.spr import SprConfig
 from dlokit.types.strategy import StrategySpec
@@ -16,7 +17,7 @@ from dlokit.types.strategy import StrategySpec
 ENTRY_POINTS = "dlokit.observers"
 """Group of the entry points; each names a configuration class that follows `ObserverStrategyConfig`."""
 
-OurObserver = AnchoredConfig | CpdConfig | SprConfig | SomConfig
+OurObserver = AnchoredConfig | CpdConfig | SprConfig | SomConfig | MapConfig
 """Strategies that ship with dlokit, the default first; the one place where they are named."""
 
 OURS: tuple[type[OurObserver], ...] = get_args(OurObserver)

@@ -1,0 +1,78 @@
+"""Settings of the MAP observer that its stages share."""
+
+from dataclasses import dataclass, field
+
+from dlokit.skills.observer.cpd import CpdConfig
+from dlokit.skills.observer.map_terms import ChainPriors
+from dlokit.skills.observer.map_tips import TipConfig
+from dlokit.skills.observer.visibility import VisibilityConfig
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrustConfig:
+    """How sure the observer says it is; set on sequences with known truth."""
+
+    independent_points: float = 2.0
+    """The points of a segment say as much as this many independent ones: they share the error of the model."""
+    tip_m: float = 0.002
+    """Standard deviation of a seen tip along the rod [m]."""
+    drift: float = 3.0
+    """The way since the last cloud counts this much when shapes are compared: what is hidden stays hidden for long."""
+    hidden_before: float = 2.0
+    """The same again for a rod with nodes that were hidden in the last cloud too, by their share."""
+    factor: float = 1.0
+    """Scale of the standard deviations."""
+    unknown: float = 0.4
+    """How much a node without points counts as missing when nothing tells what hides it."""
+    tip: float = 0.88
+    """Factor on health for each tip that should be seen and is not."""
+    half_m: float = 0.04
+    """Health is halved where the root mean square of the stated standard deviations is so large [m]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MapSettings:
+    """What the most probable rod is found with."""
+
+    priors: ChainPriors = field(default_factory=ChainPriors)
+    """What a rod is held to, besides the cloud."""
+    tips: TipConfig = field(default_factory=TipConfig)
+    """When the end of a cloud is a tip."""
+    trust: TrustConfig = field(default_factory=TrustConfig)
+    """How sure it says it is."""
+    visibility: VisibilityConfig = field(default_factory=VisibilityConfig)
+    """When a node counts as seen."""
+    widest_m: float = 0.05
+    """Width of the soft assignment at the start, at most [m]; about the largest motion between two clouds."""
+    least_way_m: float = 0.005
+    """The rod is taken to have moved at least so far since the last cloud [m]."""
+    narrowest_m: float = 0.008
+    """Width of the soft assignment at its end [m]; about a node spacing."""
+    narrowing: float = 0.75
+    """Factor on the width from one coarse step to the next."""
+    coarse_points: int = 300
+    """The coarse steps take at most so many points of the cloud."""
+    fine_points: int = 1000
+    """The fine steps take at most so many points of the cloud."""
+    fine_steps: int = 4
+    """Steps with points assigned to segments."""
+    noise_m: float = 0.002
+    """Standard deviation of the cloud's points from the rod [m]."""
+    outlier_limit: float = 3.5
+    """Beyond so many standard deviations a point is rather an outlier."""
+    outlier_ratio: float = 0.1
+    """Density of outliers in the coarse steps, as a share of the peak of a node's Gaussian."""
+    most_points: float = 20.0
+    """More points than this on a segment say no more than so many."""
+    window_m: float = 0.05
+    """A point's place along the rod changes by at most this during the fine steps [m]."""
+    free_space_m: float = 0.02
+    """Pull of a node that lies in open view without points towards the nearest point, as a standard deviation [m]."""
+    free_space_reach_m: float = 0.05
+    """A point farther than this hardly pulls [m]."""
+    radius_m: float = 0.004
+    """The rod's radius: nodes lie at least so high above the table [m]."""
+    table_z_m: float = 0.0
+    """Height of the table [m]."""
+    cpd: CpdConfig = field(default_factory=CpdConfig)
+    """The registration of DLOs that are not one chain."""

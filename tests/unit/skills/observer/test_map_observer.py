@@ -1,0 +1,169 @@
+"""What the most probable rod is good for: nodes in their places, lengths kept, and saying how sure it is."""
+
+import msgspec
+import numpy as np
+import pytest
+from moving_rods import Case, moving_rod
+from synthetic_clouds import LENGTH_M, cloud, shape, state
+
+from dlokit.geometry import resample, rmse_m
+from dlokit.skills.observer.cpd import Cpd
+from dlokit.skills.observer.map_assign import Assignment
+from dlokit.skills.observer.map_fine import add_free_space
+from dlokit.skills.observer.map_frame import framed
+from dlokit.skills.observer.map_observer import MapConfig, MapObserver
+from dlokit.skills.observer.map_solver import ChainSystem
+from dlokit.types.dlo import DloState, Topology
+from dlokit.types.image import CameraCalibration
+from dlokit.types.observation import GripperPin, Occlusion
+from dlokit.types.pose import Pose
+
+SHAPES = ["I", "S", "U", "random"]
+
+
+def camera() -> CameraCalibration:
+    """Straight above (0.5, 0), 1 m up; x of the picture is x of the world."""
+    down = Pose(position_m=np.array([0.5, 0.0, 1.0]), wxyz=np.array([0.0, 1.0, 0.0, 0.0]))
+    return CameraCalibration(
+        width_px=640, height_px=560, fx_px=500, fy_px=500, cx_px=319.5, cy_px=279.5, T_world_camera=down
+    )
+
+
+@pytest.mark.parametrize("name", SHAPES)
+@pytest.mark.parametrize("seed", [1, 2])
+def test_nodes_are_in_their_places_on_a_fully_visible_rod(name: str, seed: int) -> None:
+    rod = shape(name, seed)
+    result = MapObserver().estimate(cloud(rod, seed), state(rod + np.array([0.02, 0.02, 0.0])))
+    assert rmse_m(result.nodes_world, rod) < 0.004  # as for the anchored observer: 2 mm noise, 3 % outliers
+    assert result.visible.all()
+    assert result.health > 0.9
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_rest_lengths_are_kept_where_the_rod_is_seen_and_where_not(name: str) -> None:
+    rod = shape(name, 3)
+    result = MapObserver().estimate(cloud(rod, hidden=(0.4, 0.6)), state(rod + np.array([0.02, 0.0, 0.0])))
+    edges = np.linalg.norm(np.diff(result.nodes_world, axis=0), axis=1)
+    # 3 %: half a millimetre of 17, what the last linearisation leaves.
+    np.testing.assert_allclose(edges, LENGTH_M / 30, rtol=0.03)
+
+
+def test_nodes_do_not_slide_along_the_rod() -> None:
+    rod = shape("S")
+    prior = state(resample(rod, 31) + np.array([0.0, 0.03, 0.0]))  # 3 cm along the rod
+    assert rmse_m(Cpd().estimate(cloud(rod), prior).nodes_world, rod) > 0.008
+    assert rmse_m(MapObserver().estimate(cloud(rod), prior).nodes_world, rod) < 0.004
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_a_hidden_middle_stays_coherent_is_not_called_visible_and_is_less_sure(name: str) -> None:
+    rod = shape(name, 4)
+    result = MapObserver().estimate(cloud(rod, hidden=(0.4, 0.6)), state(rod + np.array([0.01, 0.0, 0.0])))
+    assert rmse_m(result.nodes_world, rod) < 0.010
+    assert not result.visible[14:17].any()
+    assert result.visible[:11].all()
+    assert result.visible[20:].all()
+    assert result.covariance is not None
+    spread = np.sqrt(np.trace(result.covariance, axis1=1, axis2=2))
+    assert spread[15] > 1.2 * spread[5]
+
+
+def test_a_crossing_that_moves_does_not_make_nodes_jump_to_the_other_strand() -> None:
+    t = np.linspace(0.0, 1.0, 400)
+    angle = -np.pi / 2 + 2 * np.pi * 1.5 * np.clip((t - 0.25) / 0.5, 0, 1) * 1.1
+    xy = np.cumsum(np.column_stack([np.cos(angle), np.sin(angle)]), axis=0) / 400
+    xyz = np.column_stack([0.5 * xy, np.full(400, 0.004)])
+    rod = resample(xyz + np.array([0.5, 0.0, 0.0]), 31)
+    nodes = rod
+    for frame in range(1, 11):
+        truth = rod + np.array([0.01, 0.008, 0.0]) * frame
+        nodes = MapObserver().estimate(cloud(truth, frame, hidden=(0.45, 0.5)), state(nodes)).nodes_world
+        assert np.linalg.norm(nodes - truth, axis=1).max() < 0.015, f"cloud {frame}"  # strands are 5 cm and more apart
+
+
+def test_a_held_node_is_where_the_gripper_is() -> None:
+    rod = shape("S")
+    pin = GripperPin(robot="panda", node=15, position_world=(rod[15] + [0, 0, 0.02]).astype(np.float32))
+    result = MapObserver().estimate(msgspec.structs.replace(cloud(rod, hidden=(0.4, 0.6)), pins=(pin,)), state(rod))
+    # 0.5 mm is the pin's standard deviation; the rest of the rod pulls at it with all its lengths.
+    np.testing.assert_allclose(result.nodes_world[15], rod[15] + [0, 0, 0.02], atol=0.002)
+
+
+def test_nodes_stay_above_the_table() -> None:
+    rod = shape("random", 2)
+    seen = cloud(rod, noise_m=0.004)
+    low = msgspec.structs.replace(seen, points_world=seen.points_world - np.array([0, 0, 0.006], dtype=np.float32))
+    result = MapObserver().estimate(low, state(rod))
+    assert result.nodes_world[:, 2].min() > 0.004 - 0.0015  # the points pull by 6 mm
+    buried = MapObserver(MapConfig(table_z_m=-1.0)).estimate(low, state(rod))
+    assert buried.nodes_world[:, 2].min() < 0.0
+
+
+def test_a_fifth_of_outliers_does_no_harm() -> None:
+    rod = shape("U")
+    result = MapObserver().estimate(cloud(rod, outliers=0.25), state(rod + np.array([0.015, 0.0, 0.0])))
+    assert rmse_m(result.nodes_world, rod) < 0.004
+
+
+def test_a_tip_at_the_border_of_the_picture_is_not_taken_for_the_end_of_the_rod() -> None:
+    rod = shape("I") + np.array([0.0, 0.33, 0.0])  # the picture ends at y = 0.55; the rod at 0.58
+    seen = cloud(rod)
+    inside = seen.points_world[:, 1] < 0.55
+    seen = msgspec.structs.replace(seen, points_world=seen.points_world[inside], calibration=camera())
+    result = MapObserver().estimate(seen, state(rod))
+    assert rmse_m(result.nodes_world, rod) < 0.004
+    assert not result.visible[0]
+    assert result.visible[5:].all()
+
+
+def test_a_node_in_open_view_without_points_is_drawn_to_the_rod_and_one_behind_the_robot_is_not() -> None:
+    rod = shape("I")
+    seen = msgspec.structs.replace(cloud(rod, outliers=0.0), calibration=camera())
+    config = MapConfig()
+    nobody = np.full((56, 64), np.inf, dtype=np.float32)
+    everywhere = np.full((56, 64), 0.5, dtype=np.float32)
+    pulled: list[bool] = []
+    for depth_m in (nobody, everywhere):
+        looked = msgspec.structs.replace(seen, occlusion=Occlusion(depth_m=depth_m, scale=10))
+        frame = framed(looked, state(rod), config)
+        few = Assignment(
+            segment=np.zeros(len(frame.points), dtype=np.int64),
+            t=np.zeros(len(frame.points)),
+            distance2=np.zeros(len(frame.points)),
+        )  # all at node 0: the other nodes have none
+        system = ChainSystem(31)
+        add_free_space(system, frame, frame.before, few, config)
+        pulled.append(bool(np.trace(system.diagonal[20]) > 0))
+        assert np.trace(system.diagonal[0]) == 0
+    assert pulled == [True, False]
+
+
+def test_a_cloud_that_is_no_rod_gives_no_health() -> None:
+    dust = np.random.default_rng(0).uniform([0.3, -0.3, 0.0], [0.7, 0.3, 0.1], (1500, 3))
+    seen = msgspec.structs.replace(cloud(shape("I")), points_world=dust.astype(np.float32))
+    assert MapObserver().estimate(seen, state(shape("S"))).health < 0.5
+
+
+def test_a_branched_dlo_is_registered_as_the_other_observers_do() -> None:
+    rod = shape("I")
+    plain = state(rod).topology
+    edges = plain.edges.copy()
+    edges[-1, 0] = 10
+    prior = msgspec.structs.replace(state(rod), topology=Topology(edges=edges, rest_lengths_m=plain.rest_lengths_m))
+    np.testing.assert_array_equal(
+        MapObserver().estimate(cloud(rod), prior).nodes_world, Cpd().estimate(cloud(rod), prior).nodes_world
+    )
+
+
+def test_a_moving_rod_with_a_hidden_middle_is_followed_better_than_by_registration() -> None:
+    sequence = moving_rod(Case(frames=20), seed=100)
+    errors: dict[str, float] = {}
+    for name, strategy in {"map": MapObserver(), "cpd": Cpd()}.items():
+        nodes, total = sequence.truth[0], 0.0
+        for seen, truth in zip(sequence.clouds, sequence.truth[1:], strict=True):
+            prior = DloState(stamp_ns=0, nodes_world=nodes, topology=sequence.topology)
+            nodes = strategy.estimate(seen, prior).nodes_world
+            total += float(np.mean(np.linalg.norm(nodes - truth, axis=1)))
+        errors[name] = total / len(sequence.clouds)
+    assert errors["map"] < 0.008  # the bar of the base case
+    assert errors["map"] < 0.5 * errors["cpd"]
