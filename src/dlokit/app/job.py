@@ -23,7 +23,8 @@ def job_from_config(config: RunConfig) -> ShapeJob:
     name = f"{Path(config.start).name} to {Path(config.goal).name}"
     if config.goal == INTERACTIVE:
         return ShapeJob(name=name, start_nodes_world=start, request=None)
-    goal = _shape(config, config.goal, config.model.length_m, config.model.radius_m, stream=1)
+    model = config.model
+    goal = _shape(config, config.goal, model.length_m, model.radius_m, stream=1, middle_m=config.goal_at_m)
     request = GoalRequest(nodes_world=goal, name=config.goal, ends_interchangeable=config.ends_interchangeable)
     return ShapeJob(name=name, start_nodes_world=start, request=request)
 
@@ -37,9 +38,23 @@ def _absolute(text: str) -> str:
     return str(Path(text).expanduser().absolute()) if is_file_name(text) else text
 
 
-def _shape(config: RunConfig, text: str, length_m: float, radius_m: float, *, stream: int) -> Float64Array:
+def _shape(
+    config: RunConfig,
+    text: str,
+    length_m: float,
+    radius_m: float,
+    *,
+    stream: int,
+    middle_m: tuple[float, float] | None = None,
+) -> Float64Array:
     # Start and goal draw from streams of their own, so that one does not change the other.
     rng = np.random.default_rng([config.seed, stream])
     return shape_from_text(
-        text, length_m=length_m, count=_CURVE_POINTS, radius_m=radius_m, rng=rng, fit_length=config.fit_length
+        text,
+        length_m=length_m,
+        count=_CURVE_POINTS,
+        radius_m=radius_m,
+        rng=rng,
+        fit_length=config.fit_length,
+        middle_m=middle_m,
     )

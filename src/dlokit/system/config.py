@@ -1,5 +1,6 @@
 """The configuration tree of a run: everything that a run depends on, in one value."""
 
+import math
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -34,6 +35,9 @@ class RunConfig:
     """Seed of everything random: start shape, camera noise, the error of the believed camera pose."""
     headless: bool = False
     """Run without the browser viewer."""
+    goal_at_m: tuple[float, float] | None = None
+    """Where on the table (x, y) the middle of the goal is moved to [m], e.g. 0.52 0 for a file whose curves lie
+    elsewhere; without it a goal stays where it is."""
     fit_length: bool = False
     """Scale a goal (or start) of another length than the rope's instead of refusing it."""
     ends_interchangeable: bool = False
@@ -58,6 +62,8 @@ class RunConfig:
     def __post_init__(self) -> None:
         if self.seed < 0:
             raise ConfigError(f"--seed is {self.seed}; it must be 0 or more.")
+        if self.goal_at_m is not None and not all(math.isfinite(value) for value in self.goal_at_m):
+            raise ConfigError(f"--goal-at-m is {self.goal_at_m}; it must be two numbers in metres, e.g. 0.52 0.")
         if self.goal == INTERACTIVE and self.headless:
             raise ConfigError(
                 "--goal interactive needs the viewer, where the goal is dragged; leave --headless away, or name a goal."

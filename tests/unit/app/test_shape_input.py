@@ -196,3 +196,17 @@ def test_recorded_goals_are_read_and_fitted_to_the_rope(tmp_path: Path) -> None:
     assert nodes.shape == (31, 3)
     with pytest.raises(ShapeError, match=r":0 to .*:49"):
         read_points(f"{RECORDED_GOALS}:50")
+
+
+def test_a_goal_that_lies_elsewhere_is_moved_by_its_middle(tmp_path: Path) -> None:
+    about_origin = ON_TABLE - ON_TABLE.mean(axis=0)
+    file = _npy(tmp_path, about_origin[:, :2])
+    with pytest.raises(ShapeError, match=r"off the table.*--goal-at-m"):
+        _shape(file)
+
+    nodes = shape_from_text(
+        str(file), length_m=0.5, count=31, radius_m=0.004, rng=np.random.default_rng(3), middle_m=(0.5, 0.1)
+    )
+
+    middle = (nodes[:, :2].min(axis=0) + nodes[:, :2].max(axis=0)) / 2.0
+    np.testing.assert_allclose(middle, (0.5, 0.1), atol=1e-12)

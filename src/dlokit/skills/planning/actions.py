@@ -65,7 +65,7 @@ class FeasibilityConfig:
     """Usable table along y [m]."""
     view_margin_px: float = 4.0
     """A node must be this far inside the picture [px]."""
-    min_bend_radius_m: float = 0.03
+    min_bend_radius_m: float = 0.008
     """Tightest bend of a goal [m]."""
 
 

@@ -72,8 +72,11 @@ def test_a_goal_out_of_view_is_named_and_views_are_not_checked_without_a_camera(
 
 
 def test_a_bend_that_is_too_tight_is_named_for_goals_only() -> None:
-    corner = np.array([[0.4, -0.2, 0.004], [0.4, 0.0, 0.004], [0.65, 0.0, 0.004]])
-    nodes = geometry.resample(corner, 31)
+    # A right angle of a rod of 31 nodes is still a bend of 10 mm, which a rope of 4 mm takes; a hairpin is not.
+    right_angle = np.array([[0.4, -0.2, 0.004], [0.4, 0.0, 0.004], [0.65, 0.0, 0.004]])
+    assert of_goal(geometry.resample(right_angle, 31)).feasible
+    hairpin = np.array([[0.4, -0.2, 0.004], [0.4, 0.05, 0.004], [0.5, -0.18, 0.004]])
+    nodes = geometry.resample(hairpin, 31)
     assert problems(of_goal(nodes)) == [Problem.BENDS_TOO_TIGHTLY]
     assert check_start(nodes, FeasibilityConfig(), GraspConfig(), everywhere, None).feasible
 
