@@ -9,6 +9,7 @@ import pytest
 from dlokit import geometry
 from dlokit.communication import codec
 from dlokit.description.shapes import builtin_shape, moved, random_shape
+from dlokit.errors import SkillRejected
 from dlokit.skills.model.config import ModelConfig
 from dlokit.skills.model.rod import topology
 from dlokit.skills.planning.actions import ActionConfig
@@ -17,6 +18,7 @@ from dlokit.skills.planning.strategies import OURS, from_spec, to_spec
 from dlokit.types.action import Marks, PickPlace
 from dlokit.types.dlo import DloState, GoalShape
 from dlokit.types.pose import Pose
+from dlokit.types.strategy import StrategySpec
 
 MODEL = ModelConfig()
 STARTS = {
@@ -91,3 +93,10 @@ def test_the_same_question_has_the_same_answer(config: type[StrategyConfig]) -> 
 
 def test_its_settings_travel(config: type[StrategyConfig]) -> None:
     assert from_spec(to_spec(config())) == config()
+    assert from_spec(StrategySpec(name=config.name)) == config()
+
+
+def test_a_setting_that_it_does_not_have_is_rejected_by_name(config: type[StrategyConfig]) -> None:
+    with pytest.raises(SkillRejected, match=r"no setting.*colour") as rejected:
+        from_spec(StrategySpec(name=config.name, settings=b'{"colour": 1}'))
+    assert rejected.value.reason == "bad_settings"

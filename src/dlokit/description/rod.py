@@ -131,3 +131,15 @@ def _mjcf(preset: DloPreset, nodes: int, self_collision: bool, collision_bits: i
 
 def _numbers(values: tuple[float, ...]) -> str:
     return " ".join(f"{value:.9g}" for value in values)
+
+
+def add_ground(spec: mujoco.MjSpec, friction: float) -> None:
+    """Add an endless ground at z = 0 whose contacts hold a rod without creeping; `friction` is that of sliding."""
+    spec.worldbody.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        size=[3.0, 3.0, 0.1],
+        condim=3,
+        friction=[friction, 0.001, 0.0001],
+        solref=list(CONTACT_SOLREF),
+        solimp=list(CONTACT_SOLIMP),
+    )

@@ -14,7 +14,7 @@ import numpy as np
 from dlokit.description.dlo import DloPreset
 from dlokit.description.rod import (
     CONTACT_SOLIMP,
-    CONTACT_SOLREF,
+    add_ground,
     add_rod,
     rod_bodies,
     rod_nodes,
@@ -129,14 +129,7 @@ class _Grip:
 def _compile(rod: DloPreset, count: int) -> Any:
     spec = mujoco.MjSpec()
     set_rod_physics(spec, TIMESTEP_S)
-    spec.worldbody.add_geom(
-        type=mujoco.mjtGeom.mjGEOM_PLANE,
-        size=[3.0, 3.0, 0.1],
-        condim=3,
-        friction=[rod.friction, 0.001, 0.0001],
-        solref=list(CONTACT_SOLREF),
-        solimp=list(CONTACT_SOLIMP),
-    )
+    add_ground(spec, rod.friction)
     add_rod(spec, rod, count)
     model: Any = spec.compile()
     # In the air the whole weight hangs on the edges: softer ones would let the rod stretch by several per cent.

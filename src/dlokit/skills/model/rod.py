@@ -13,8 +13,7 @@ import numpy as np
 from dlokit import geometry
 from dlokit.description.dlo import DloPreset
 from dlokit.description.rod import (
-    CONTACT_SOLIMP,
-    CONTACT_SOLREF,
+    add_ground,
     add_rod,
     rod_bodies,
     set_rod_physics,
@@ -105,14 +104,7 @@ def fit_length(config: ModelConfig, nodes_world: Float64Array) -> Float64Array:
 def _compile(config: ModelConfig, timestep_s: float) -> Any:
     spec = mujoco.MjSpec()
     set_rod_physics(spec, timestep_s)
-    spec.worldbody.add_geom(
-        type=mujoco.mjtGeom.mjGEOM_PLANE,
-        size=[3.0, 3.0, 0.1],
-        condim=3,
-        friction=[config.friction, 0.001, 0.0001],
-        solref=list(CONTACT_SOLREF),
-        solimp=list(CONTACT_SOLIMP),
-    )
+    add_ground(spec, config.friction)
     rope = DloPreset(
         name="model",
         length_m=config.length_m,

@@ -172,10 +172,10 @@ def test_installed_observers_are_found_by_name_and_may_not_take_ours(monkeypatch
     def installed(config: type[CpdConfig]) -> Callable[..., list[Installed]]:
         return lambda group: [Installed(config)] if group == "dlokit.observers" else []
 
-    monkeypatch.setattr("dlokit.skills.observer.strategies.entry_points", installed(TheirConfig))
+    monkeypatch.setattr("dlokit.communication.strategy_kinds.entry_points", installed(TheirConfig))
     assert list(strategies()) == ["anchored", "cpd", "spr", "som", "map", "theirs"]
     assert isinstance(from_spec(StrategySpec(name="theirs")), TheirConfig)
-    monkeypatch.setattr("dlokit.skills.observer.strategies.entry_points", installed(CpdConfig))
+    monkeypatch.setattr("dlokit.communication.strategy_kinds.entry_points", installed(CpdConfig))
     with pytest.raises(ConfigError, match="cpd"):
         strategies()
 

@@ -1,0 +1,82 @@
+"""Strategies by name: ours and third parties', and how one travels over the bus (a `StrategySpec`).
+
+A skill has one `StrategyKind` for each of its strategy protocols. Over the bus goes a name with settings as JSON; who
+receives it knows the type by the name, so decoding never executes anything.
+"""
+
+from dataclasses import dataclass
+from importlib.metadata import entry_points
+from typing import Any, ClassVar, Generic, Protocol, TypeVar, get_type_hints
+
+import msgspec
+
+from dlokit.errors import ConfigError, SkillRejected
+from dlokit.types.strategy import StrategySpec
+
+
+class NamedConfig(Protocol):
+    """The settings of a strategy: a frozen dataclass with a name of its own."""
+
+    name: ClassVar[str]
+
+
+C = TypeVar("C", bound=NamedConfig)
+
+
+@dataclass(frozen=True)
+class StrategyKind(Generic[C]):
+    """All strategies for one purpose."""
+
+    purpose: str
+    """What they are called in messages, e.g. ``"observer"``."""
+    entry_points: str
+    """Group of the entry points by which other packages add theirs; each names a configuration class."""
+    ours: tuple[type[C], ...]
+    """Strategies that ship with dlokit, the default first."""
+
+    def installed(self) -> dict[str, type[C]]:
+        """Every installed strategy's configuration class by its name, ours first.
+
+        Raises `ConfigError` when two bear the same name.
+        """
+        found: dict[str, type[C]] = {}
+        theirs: list[type[C]] = [entry.load() for entry in entry_points(group=self.entry_points)]
+        for config in (*self.ours, *theirs):
+            if config.name in found:
+                raise ConfigError(
+                    f"two strategies of kind {self.purpose} are called {config.name!r}: {found[config.name]} and "
+                    f"{config}; names must differ: rename or uninstall one of them"
+                )
+            found[config.name] = config
+        return found
+
+    def to_spec(self, config: C) -> StrategySpec:
+        """A strategy's settings, as they travel."""
+        return StrategySpec(name=config.name, settings=msgspec.json.encode(config))
+
+    def from_spec(self, spec: StrategySpec) -> C:
+        """The settings that a spec carries.
+
+        Raises `SkillRejected` with ``unknown_strategy`` or ``bad_settings``.
+        """
+        known = self.installed()
+        if spec.name not in known:
+            raise SkillRejected(
+                "unknown_strategy", f"no {self.purpose} is called {spec.name!r}; there are {sorted(known)}"
+            )
+        wanted = known[spec.name]
+        try:
+            unknown = set(msgspec.json.decode(spec.settings, type=dict[str, Any])) - set(settings_of(wanted))
+            settings = msgspec.json.decode(spec.settings, type=wanted)
+        except msgspec.MsgspecError as error:
+            raise SkillRejected("bad_settings", f"these are not settings of {spec.name!r}: {error}") from error
+        if unknown:
+            raise SkillRejected(
+                "bad_settings", f"{spec.name!r} has no setting {sorted(unknown)}; it has {list(settings_of(wanted))}"
+            )
+        return settings
+
+
+def settings_of(config: type[NamedConfig]) -> tuple[str, ...]:
+    """The names of a strategy's settings."""
+    return tuple(name for name in get_type_hints(config) if name != "name")
