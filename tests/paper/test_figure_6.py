@@ -184,6 +184,13 @@ def test_an_arm_that_braked_by_itself_is_cleared_lets_go_and_the_task_goes_on(sk
     assert trace.result.outcome is RunOutcome.CONVERGED
 
 
+def test_an_action_interrupted_before_its_grasp_does_not_count_as_held() -> None:
+    late = lab(I)
+    late.fails["move_to"] = ["", "lost_commander"]  # the first action is whole, the second ends on the way
+    trace = shape(late, S, TaskConfig(max_actions=2))
+    assert [record.grasp_ok for record in trace.result.history] == [True, False]
+
+
 def test_an_arm_that_brakes_again_and_again_fails_the_task_by_name() -> None:
     late = lab(I)
     late.fails["move_to"] = ["lost_commander"] * 3

@@ -52,6 +52,7 @@ async def choose_grasp(task: ShapeTask) -> Found:
     assert task.state is not None
     assert task.goal is not None
     task.action_started_ns = task.port.clock.now_ns()
+    task.grasp_ok = False
     began = task.stopwatch()
     marks = Marks(invalid_nodes=np.array(sorted(task.marks), dtype=np.int64))
     proposed = await task.port.call(planning.PROPOSE, task.state, task.goal, marks)
