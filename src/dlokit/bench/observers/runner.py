@@ -13,7 +13,7 @@ from dlokit.bench.observers.methods import Method
 from dlokit.bench.observers.metrics import Track, score
 from dlokit.bench.observers.sequence import Sequence
 from dlokit.skills.observer.anchored import chain_lengths
-from dlokit.skills.observer.base import ObserverStrategy
+from dlokit.skills.observer.base import ObserverStrategy, prior_from
 from dlokit.types.dlo import DloState, TargetPoints
 from dlokit.types.observation import Observation
 
@@ -75,14 +75,7 @@ def follow(sequence: Sequence, seen: list[Look], method: Method) -> Track:
         targets, taken_s = _timed(strategy, observation, state)
         nodes.append(targets.nodes_world)
         seconds.append(taken_s)
-        state = DloState(
-            stamp_ns=targets.stamp_ns,
-            nodes_world=targets.nodes_world,
-            topology=topology,
-            visible=targets.visible,
-            observed_stamp_ns=targets.stamp_ns,
-            health=targets.health,
-        )
+        state = prior_from(targets, topology)
     return Track(
         nodes_world=np.array(nodes),
         true_world=sequence.nodes_world[1:],

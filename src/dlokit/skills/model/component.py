@@ -69,6 +69,8 @@ class ModelComponent(Component):
                 visible=targets.visible,
                 observed_stamp_ns=targets.stamp_ns,
                 health=targets.health,
+                covariance=targets.covariance,
+                velocities_m_s=targets.velocities_m_s,
             )
         )
 

@@ -4,7 +4,7 @@ from typing import ClassVar, Protocol
 
 import numpy as np
 
-from dlokit.types.dlo import DloState, TargetPoints
+from dlokit.types.dlo import DloState, TargetPoints, Topology
 from dlokit.types.observation import Observation
 
 
@@ -38,4 +38,18 @@ def nothing_seen(seen: Observation, prior: DloState) -> TargetPoints:
         nodes_world=prior.nodes_world.copy(),
         visible=np.zeros(len(prior.nodes_world), dtype=np.bool_),
         health=0.0,
+    )
+
+
+def prior_from(targets: TargetPoints, topology: Topology) -> DloState:
+    """The prior for the next cloud where no model follows the targets: the targets themselves."""
+    return DloState(
+        stamp_ns=targets.stamp_ns,
+        nodes_world=targets.nodes_world,
+        topology=topology,
+        visible=targets.visible,
+        observed_stamp_ns=targets.stamp_ns,
+        health=targets.health,
+        covariance=targets.covariance,
+        velocities_m_s=targets.velocities_m_s,
     )

@@ -11,7 +11,7 @@ from dlokit.errors import SkillFailure
 from dlokit.geometry import rmse_m
 from dlokit.skills.observer import api
 from dlokit.skills.observer.anchored import chain, is_chain
-from dlokit.skills.observer.base import ObserverStrategy
+from dlokit.skills.observer.base import ObserverStrategy, prior_from
 from dlokit.skills.observer.config import ObserverConfig
 from dlokit.skills.observer.initialise import initial_targets
 from dlokit.skills.observer.strategies import from_spec
@@ -84,14 +84,7 @@ class ObserverComponent(Component):
         state = self.port.latest(topics.STATE).value
         if state is not None and state.observed_stamp_ns >= last.stamp_ns:
             return state
-        return DloState(
-            stamp_ns=last.stamp_ns,
-            nodes_world=last.nodes_world,
-            topology=self._topology,
-            visible=last.visible,
-            observed_stamp_ns=last.stamp_ns,
-            health=last.health,
-        )
+        return prior_from(last, self._topology)
 
     async def _cloud_after(self, stamp_ns: int) -> Observation:
         """The newest cloud not older than a stamp; waits for one."""
