@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import minimum_filter
 from scipy.spatial import KDTree
 
 from dlokit.geometry import inverse, transform
@@ -93,8 +92,10 @@ def _robot_depth(pixels: Array, occlusion: Occlusion) -> Array:
 
     One cell around counts as well: the robot's edge may lie anywhere within a cell.
     """
-    depth = minimum_filter(occlusion.depth_m, size=3, mode="nearest")
     rows, columns = occlusion.depth_m.shape
     column = np.clip((pixels[:, 0] / occlusion.scale).astype(np.int64), 0, columns - 1)
     row = np.clip((pixels[:, 1] / occlusion.scale).astype(np.int64), 0, rows - 1)
-    return depth[row, column].astype(np.float64)
+    around = np.arange(-1, 2)
+    near_row = np.clip(row[:, None] + around, 0, rows - 1)
+    near_column = np.clip(column[:, None] + around, 0, columns - 1)
+    return occlusion.depth_m[near_row[:, :, None], near_column[:, None, :]].min(axis=(1, 2)).astype(np.float64)
