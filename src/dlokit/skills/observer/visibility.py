@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from dlokit.geometry import inverse, transform
+from dlokit.geometry import rotation
 from dlokit.types.dlo import Topology
 from dlokit.types.image import CameraCalibration
 from dlokit.types.observation import Observation, Occlusion
@@ -77,9 +77,14 @@ def shaded(positions_world: Array, seen: Observation, config: VisibilityConfig) 
     return outside | (_robot_depth(pixels, seen.occlusion) < depth_m - config.robot_margin_m)
 
 
+def in_camera(positions_world: Array, camera: CameraCalibration) -> Array:
+    """Positions (K, 3) [m] of the world in the camera's frame: z is depth."""
+    return (positions_world - camera.T_world_camera.position_m) @ rotation(camera.T_world_camera)
+
+
 def _projected(positions_world: Array, camera: CameraCalibration) -> tuple[Array, Array]:
     """Pixels (K, 2) and depths (K,) [m] of positions, by the pinhole model."""
-    p_camera = transform(inverse(camera.T_world_camera), positions_world)
+    p_camera = in_camera(positions_world, camera)
     z = p_camera[:, 2]
     safe = np.where(np.abs(z) < 1e-9, 1e-9, z)
     u = camera.fx_px * p_camera[:, 0] / safe + camera.cx_px
