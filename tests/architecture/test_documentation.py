@@ -3,16 +3,14 @@
 import re
 import shlex
 from pathlib import Path
-from typing import Any, get_args, get_type_hints
+from typing import Any
 
 import numpy as np
 import pytest
 
 from dlokit.app.commands import parse
-from dlokit.app.shape_defaults import OBSERVERS
 from dlokit.skills.observer.anchored import chain
 from dlokit.skills.observer.base import ObserverStrategyConfig
-from dlokit.skills.observer.config import ObserverConfig
 from dlokit.skills.observer.strategies import OURS, to_spec
 from dlokit.types.dlo import DloState
 from dlokit.types.observation import Observation
@@ -71,12 +69,6 @@ def test_the_observer_of_the_how_to_works_as_it_stands() -> None:
     # Each node has one point 2 cm beside it; its neighbours' points, 5 cm along, are out of the radius.
     np.testing.assert_allclose(targets.nodes_world, seen.points_world, atol=1e-6)
     assert targets.visible.all()
-
-
-def test_our_observers_are_known_in_each_place_that_the_how_to_names() -> None:
-    in_files = get_args(get_type_hints(ObserverConfig)["strategy"])
-    assert set(in_files) == set(OURS)
-    assert list(OBSERVERS.values()) == list(OURS)
 
 
 def test_the_map_of_the_paper_has_every_observer_of_ours() -> None:

@@ -4,7 +4,7 @@ import shlex
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, TypeVar
 
 import tyro
 from rich.console import Console
@@ -15,6 +15,10 @@ from dlokit.app.preflight import check_before_start
 from dlokit.app.report import write_report
 from dlokit.app.terminal import RunDisplay
 from dlokit.bench.judged_run import CONFIG_FILE, judged_run
+from dlokit.communication.strategy_kinds import NamedConfig, StrategyKind
+from dlokit.skills.observer.strategies import OBSERVERS
+from dlokit.skills.perception.segmentations import SEGMENTATIONS
+from dlokit.skills.planning.strategies import PLANNERS
 from dlokit.system.config import INTERACTIVE, RunConfig
 from dlokit.system.run_folder import claim_run_folder, new_run_folder
 from dlokit.types.flow import RunOutcome
@@ -22,6 +26,19 @@ from dlokit.types.flow import RunOutcome
 RUNS = Path("runs")
 EXIT_CONVERGED = 0
 EXIT_ENDED_OTHERWISE = 3
+
+C = TypeVar("C", bound=NamedConfig)
+
+
+AS_SHIPPED = RunConfig()
+
+
+def _one_of(kind: StrategyKind[C], default: C) -> Any:
+    """A flag that takes the name of an installed strategy, looked up when the command line is built."""
+    return tyro.conf.arg(
+        constructor_factory=kind.names,
+        help_behavior_hint=f"(default: {default.name})",
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,13 +54,13 @@ class ShapeChoices:
     dlo: Annotated[str | None, tyro.conf.arg(metavar="PRESET", help_behavior_hint="(default: soft_rope)")] = None
     """What lies on the table: soft_rope, silicone_hose, thin_wire or stiff_wire. The system's own model is told
     its length and radius, which a ruler tells, and nothing else."""
-    observer: Annotated[str | None, tyro.conf.arg(metavar="NAME", help_behavior_hint="(default: anchored)")] = None
-    """How nodes are found in a cloud: anchored, map, or the paper's cpd, spr or som. `--observer cpd --help` shows the
-    settings of cpd."""
-    segmentation: Annotated[str | None, tyro.conf.arg(metavar="NAME", help_behavior_hint="(default: brightness)")] = (
-        None
-    )
-    """Which pixels are DLO: by brightness (the paper's) or by colour."""
+    observer: Annotated[str | None, _one_of(OBSERVERS, AS_SHIPPED.observer.strategy)] = None
+    """How nodes are found in a cloud, by one of ours (cpd, spr and som are the paper's) or of an installed package.
+    `--observer cpd --help` shows the settings of cpd."""
+    segmentation: Annotated[str | None, _one_of(SEGMENTATIONS, AS_SHIPPED.perception.segmentation)] = None
+    """Which pixels are DLO: by brightness (the paper's), by colour, or as an installed package has it."""
+    planner: Annotated[str | None, _one_of(PLANNERS, AS_SHIPPED.planning.strategy)] = None
+    """How the next action is chosen: farthest (the paper's), or as an installed package has it."""
 
 
 @dataclass(frozen=True, kw_only=True)

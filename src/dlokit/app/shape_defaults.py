@@ -3,27 +3,22 @@
 They are read before the rest, so that the other arguments change them and `--help` shows them.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
 
 from dlokit.app.shape import ShapeArgs, ShapeChoices
+from dlokit.communication.strategy_kinds import NamedConfig, StrategyKind
 from dlokit.description.dlo import preset
 from dlokit.errors import ConfigError
-from dlokit.skills.observer.strategies import OURS
-from dlokit.skills.perception.brightness import BrightnessConfig
-from dlokit.skills.perception.colour import ColourConfig
+from dlokit.skills.observer.strategies import OBSERVERS
+from dlokit.skills.perception.segmentations import SEGMENTATIONS
+from dlokit.skills.planning.strategies import PLANNERS
 from dlokit.system.config import RunConfig
 from dlokit.system.toml_config import read_toml
 
-T = TypeVar("T")
-
-OBSERVERS = {config.name: config for config in OURS}
-SEGMENTATIONS: Mapping[str, type[BrightnessConfig | ColourConfig]] = {
-    "brightness": BrightnessConfig,
-    "colour": ColourConfig,
-}
+C = TypeVar("C", bound=NamedConfig)
 
 
 def shape_defaults(arguments: Sequence[str]) -> ShapeArgs:
@@ -33,13 +28,14 @@ def shape_defaults(arguments: Sequence[str]) -> ShapeArgs:
     if (name := _value(arguments, "--dlo")) is not None:
         run = _with_dlo(run, name)
     if (name := _value(arguments, "--observer")) is not None:
-        chosen = _one_of(OBSERVERS, "--observer", name)
-        if type(run.observer.strategy) is not chosen:  # settings of the same strategy in the file stay
-            run = replace(run, observer=replace(run.observer, strategy=chosen()))
+        observer = _chosen(OBSERVERS, "--observer", name, run.observer.strategy)
+        run = replace(run, observer=replace(run.observer, strategy=observer))
     if (name := _value(arguments, "--segmentation")) is not None:
-        wanted = _one_of(SEGMENTATIONS, "--segmentation", name)
-        if type(run.perception.segmentation) is not wanted:
-            run = replace(run, perception=replace(run.perception, segmentation=wanted()))
+        segmentation = _chosen(SEGMENTATIONS, "--segmentation", name, run.perception.segmentation)
+        run = replace(run, perception=replace(run.perception, segmentation=segmentation))
+    if (name := _value(arguments, "--planner")) is not None:
+        planner = _chosen(PLANNERS, "--planner", name, run.planning.strategy)
+        run = replace(run, planning=replace(run.planning, strategy=planner))
     return ShapeArgs(run=run, choices=ShapeChoices(config=None if config_file is None else Path(config_file)))
 
 
@@ -63,7 +59,7 @@ def _value(arguments: Sequence[str], flag: str) -> str | None:
     return value
 
 
-def _one_of(table: Mapping[str, T], flag: str, name: str) -> T:
-    if name not in table:
-        raise ConfigError(f"{flag} {name!r} is not known; choose one of {', '.join(table)}.")
-    return table[name]
+def _chosen(kind: StrategyKind[C], flag: str, name: str, before: C) -> C:
+    """The strategy of that name with its defaults; where it is the one of `before`, with its settings."""
+    wanted = kind.named(name, flag)
+    return before if type(before) is wanted else wanted()

@@ -61,7 +61,7 @@ def bench_json(bench: str, rows: Sequence[Figure], machine: Mapping[str, str], c
         "bench": bench,
         "version": __version__,
         "machine": dict(machine),
-        "config": to_plain(config, union=False),
+        "config": to_plain(config),
         "rows": [asdict(row) for row in rows],
     }
     return msgspec.json.format(msgspec.json.encode(content), indent=2) + b"\n"

@@ -5,11 +5,12 @@ receives it knows the type by the name, so decoding never executes anything.
 """
 
 from dataclasses import dataclass
-from importlib.metadata import entry_points
-from typing import Any, ClassVar, Generic, Protocol, TypeVar, get_type_hints
+from functools import cached_property
+from typing import Any, ClassVar, Generic, Literal, Protocol, TypeVar, Union, get_type_hints
 
 import msgspec
 
+from dlokit.communication.strategy_packages import from_packages
 from dlokit.errors import ConfigError, SkillRejected
 from dlokit.types.strategy import StrategySpec
 
@@ -25,7 +26,7 @@ C = TypeVar("C", bound=NamedConfig)
 
 @dataclass(frozen=True)
 class StrategyKind(Generic[C]):
-    """All strategies for one purpose."""
+    """All strategies for one purpose. A configuration field marks itself with its kind: ``Annotated[…, KIND]``."""
 
     purpose: str
     """What they are called in messages, e.g. ``"observer"``."""
@@ -37,18 +38,40 @@ class StrategyKind(Generic[C]):
     def installed(self) -> dict[str, type[C]]:
         """Every installed strategy's configuration class by its name, ours first.
 
-        Raises `ConfigError` when two bear the same name.
+        One that cannot be used is left out, with a warning the first time. Raises `ConfigError` when two bear the
+        same name.
         """
         found: dict[str, type[C]] = {}
-        theirs: list[type[C]] = [entry.load() for entry in entry_points(group=self.entry_points)]
-        for config in (*self.ours, *theirs):
+        origin: dict[str, str] = {}
+        mine = [(config, f"{config.__module__}:{config.__qualname__} of dlokit") for config in self.ours]
+        for config, source in (*mine, *self._theirs):
             if config.name in found:
                 raise ConfigError(
-                    f"two strategies of kind {self.purpose} are called {config.name!r}: {found[config.name]} and "
-                    f"{config}; names must differ: rename or uninstall one of them"
+                    f"two strategies of kind {self.purpose} are called {config.name!r}: {origin[config.name]}, and "
+                    f"{source}; names must differ: rename one, or uninstall its package."
                 )
             found[config.name] = config
+            origin[config.name] = source
         return found
+
+    @cached_property
+    def _theirs(self) -> tuple[tuple[type[C], str], ...]:
+        return tuple((found.config, found.source) for found in from_packages(self.entry_points))
+
+    def union(self) -> Any:
+        """The union of all installed configuration classes, for the command line."""
+        return Union[tuple(self.installed().values())]  # noqa: UP007  # its members are known at run time only
+
+    def names(self) -> Any:
+        """The literal type of all installed names, for the command line."""
+        return Literal[tuple(self.installed())]
+
+    def named(self, name: str, asked_by: str) -> type[C]:
+        """The configuration class of that name. Raises `ConfigError`, which begins with `asked_by`."""
+        known = self.installed()
+        if name not in known:
+            raise ConfigError(f"{asked_by} {name!r} is not known; choose one of {', '.join(known)}.")
+        return known[name]
 
     def to_spec(self, config: C) -> StrategySpec:
         """A strategy's settings, as they travel."""
@@ -62,13 +85,13 @@ class StrategyKind(Generic[C]):
         known = self.installed()
         if spec.name not in known:
             raise SkillRejected(
-                "unknown_strategy", f"no {self.purpose} is called {spec.name!r}; there are {sorted(known)}"
+                "unknown_strategy", f"no {self.purpose} is called {spec.name!r}; there are {', '.join(known)}"
             )
         wanted = known[spec.name]
         try:
             unknown = set(msgspec.json.decode(spec.settings, type=dict[str, Any])) - set(settings_of(wanted))
             settings = msgspec.json.decode(spec.settings, type=wanted)
-        except msgspec.MsgspecError as error:
+        except (msgspec.MsgspecError, ConfigError) as error:
             raise SkillRejected("bad_settings", f"these are not settings of {spec.name!r}: {error}") from error
         if unknown:
             raise SkillRejected(

@@ -1,17 +1,19 @@
 """Configuration dataclasses to TOML and back, with errors that name the key, the value and what is allowed.
 
-A union of dataclasses (a strategy) is a table with ``kind = "<class name>"``. None is an absent key.
+A strategy is a table with ``kind = "<its name>"``, whichever package it comes from; any other union of dataclasses one
+with ``kind = "<class name>"``. None is an absent key.
 """
 
 import dataclasses
 import tomllib
 import types
 from pathlib import Path
-from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import msgspec
 import tomli_w
 
+from dlokit.communication.strategy_kinds import StrategyKind
 from dlokit.errors import ConfigError
 
 C = TypeVar("C")
@@ -20,7 +22,7 @@ KIND = "kind"
 
 def to_toml(config: object) -> str:
     """The whole configuration as TOML."""
-    return tomli_w.dumps(to_plain(config, union=False))
+    return tomli_w.dumps(to_plain(config))
 
 
 def from_toml(text: str, wanted: type[C], source: str) -> C:
@@ -43,18 +45,25 @@ def read_toml(path: Path, wanted: type[C]) -> C:
     return from_toml(text, wanted, str(path))
 
 
-def to_plain(value: Any, *, union: bool) -> Any:
-    """Dataclasses to dictionaries; `union` adds the kind."""
+def to_plain(value: Any, wanted: Any = None) -> Any:
+    """Dataclasses to dictionaries, with their kind where the type that is `wanted` leaves a choice."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        hints = get_type_hints(type(value))
-        plain: dict[str, Any] = {KIND: type(value).__name__} if union else {}
+        hints = get_type_hints(type(value), include_extras=True)
+        plain: dict[str, Any] = {}
+        if _is_choice(wanted):
+            plain[KIND] = next((name for name, member in _members(wanted).items() if member is type(value)), None)
+            if plain[KIND] is None:
+                raise ConfigError(
+                    f"{type(value).__name__} is none of {', '.join(_members(wanted))}: a file could not name it; "
+                    f"install its package with an entry point"
+                )
         for field in dataclasses.fields(value):
             item = getattr(value, field.name)
             if item is not None:
-                plain[field.name] = to_plain(item, union=len(_members(hints[field.name])) > 1)
+                plain[field.name] = to_plain(item, hints[field.name])
         return plain
     if isinstance(value, tuple | list):
-        return [to_plain(item, union=False) for item in value]
+        return [to_plain(item) for item in value]
     return msgspec.to_builtins(value)
 
 
@@ -63,23 +72,24 @@ def from_plain(plain: Any, wanted: Any, where: str) -> Any:
     members = _members(wanted)
     if not members:
         try:
-            return msgspec.convert(plain, wanted)
+            return msgspec.convert(plain, _bare(wanted))
         except msgspec.ValidationError as error:
             raise ConfigError(f"{where}: {error}, got {plain!r}") from error
     if not isinstance(plain, dict):
         raise ConfigError(f"{where}: a table is expected, got {plain!r}")
     table: dict[str, Any] = dict(plain)
     kind = table.pop(KIND, None)
-    names = {member.__name__: member for member in members}
-    if kind is None and len(members) > 1:
-        raise ConfigError(f"{where}: lacks `{KIND}`; allowed: {', '.join(names)}")
-    if kind is not None and kind not in names:
-        raise ConfigError(f"{where}: unknown {KIND} {kind!r}; allowed: {', '.join(names)}")
-    return _dataclass_from(table, names[kind] if kind else members[0], where)
+    if kind is None and _is_choice(wanted):
+        raise ConfigError(f"{where}: lacks `{KIND}`; allowed: {', '.join(members)}")
+    if kind is not None and kind not in members:
+        raise ConfigError(
+            f"{where}: unknown {KIND} {kind!r}; allowed: {', '.join(members)}; is a package missing that brings it?"
+        )
+    return _dataclass_from(table, next(iter(members.values())) if kind is None else members[kind], where)
 
 
 def _dataclass_from(table: dict[str, Any], wanted: type[Any], where: str) -> Any:
-    hints = get_type_hints(wanted)
+    hints = get_type_hints(wanted, include_extras=True)
     fields = {field.name for field in dataclasses.fields(wanted)}
     unknown = sorted(set(table) - fields)
     if unknown:
@@ -91,7 +101,27 @@ def _dataclass_from(table: dict[str, Any], wanted: type[Any], where: str) -> Any
         raise ConfigError(f"{where}: {error}") from error
 
 
-def _members(wanted: Any) -> list[type[Any]]:
-    """The dataclasses that `wanted` is, or is a union of; empty for scalars and tuples."""
-    options = get_args(wanted) if get_origin(wanted) in (Union, types.UnionType) else (wanted,)
-    return [option for option in options if dataclasses.is_dataclass(option) and isinstance(option, type)]
+def _bare(wanted: Any) -> Any:
+    """The type without what is noted beside it."""
+    return get_args(wanted)[0] if get_origin(wanted) is Annotated else wanted
+
+
+def _strategy_kind(wanted: Any) -> StrategyKind[Any] | None:
+    """The kind of strategy that a field marks itself with."""
+    notes = get_args(wanted)[1:] if get_origin(wanted) is Annotated else ()
+    return next((note for note in notes if isinstance(note, StrategyKind)), None)
+
+
+def _is_choice(wanted: Any) -> bool:
+    return _strategy_kind(wanted) is not None or len(_members(wanted)) > 1
+
+
+def _members(wanted: Any) -> dict[str, type[Any]]:
+    """The dataclasses that `wanted` is, or is a choice of, by their kind; empty for scalars and tuples."""
+    if (strategies := _strategy_kind(wanted)) is not None:
+        return strategies.installed()
+    bare = _bare(wanted)
+    options = get_args(bare) if get_origin(bare) in (Union, types.UnionType) else (bare,)
+    return {
+        option.__name__: option for option in options if dataclasses.is_dataclass(option) and isinstance(option, type)
+    }

@@ -1,9 +1,11 @@
 """Configuration round trips through TOML, and says what is wrong with it."""
 
 from dataclasses import dataclass, field
+from typing import Annotated, ClassVar
 
 import pytest
 
+from dlokit.communication.strategy_kinds import NamedConfig, StrategyKind
 from dlokit.errors import ConfigError
 from dlokit.system.toml_config import from_toml, to_toml
 
@@ -24,6 +26,46 @@ class Tree:
     corner: tuple[float, float] = (0.0, 1.0)
     name: str | None = None
     nested: Square = field(default_factory=Square)
+
+
+@dataclass(frozen=True)
+class Near:
+    name: ClassVar[str] = "near"
+    radius_m: float = 0.1
+
+
+@dataclass(frozen=True)
+class Far:
+    name: ClassVar[str] = "far"
+
+
+KIND: StrategyKind[NamedConfig] = StrategyKind("observer", "dlokit.nobodys_strategies", (Near, Far))
+
+
+@dataclass(frozen=True)
+class Chosen:
+    strategy: Annotated[NamedConfig, KIND] = field(default_factory=Near)
+
+
+def test_a_strategy_is_kept_by_its_name_whichever_class_it_is_of() -> None:
+    text = to_toml(Chosen(Near(radius_m=0.2)))
+    assert text == '[strategy]\nkind = "near"\nradius_m = 0.2\n'
+    assert from_toml(text, Chosen, "test") == Chosen(Near(radius_m=0.2))
+    assert from_toml(to_toml(Chosen(Far())), Chosen, "test") == Chosen(Far())
+
+
+def test_a_strategy_that_is_not_installed_is_named_beside_those_that_are() -> None:
+    with pytest.raises(ConfigError, match="'lost'; allowed: near, far; is a package missing"):
+        from_toml('[strategy]\nkind = "lost"\n', Chosen, "test")
+
+
+def test_a_strategy_that_no_file_could_name_is_not_written() -> None:
+    @dataclass(frozen=True)
+    class Unknown:
+        name: ClassVar[str] = "near"
+
+    with pytest.raises(ConfigError, match="Unknown is none of near, far"):
+        to_toml(Chosen(Unknown()))
 
 
 def test_a_configuration_survives_the_round_trip_whichever_strategy_it_holds() -> None:

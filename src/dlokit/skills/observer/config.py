@@ -4,14 +4,14 @@ from dataclasses import dataclass, field
 
 from dlokit.skills.observer.anchored import AnchoredConfig
 from dlokit.skills.observer.initialise import InitialiseConfig
-from dlokit.skills.observer.strategies import OurObserver
+from dlokit.skills.observer.strategies import Observer
 
 
 @dataclass(frozen=True, kw_only=True)
 class ObserverConfig:
     """From points to target points."""
 
-    strategy: OurObserver = field(default_factory=AnchoredConfig)
+    strategy: Observer = field(default_factory=AnchoredConfig)
     """How nodes are found in a cloud, given where they were."""
     initialise: InitialiseConfig = field(default_factory=InitialiseConfig)
     """How the first cloud is ordered."""

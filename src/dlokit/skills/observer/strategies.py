@@ -1,6 +1,8 @@
 """The observers there are: ours, and third parties' through the entry points ``dlokit.observers``."""
 
-from typing import get_args
+from typing import Annotated, get_args
+
+import tyro
 
 from dlokit.communication.strategy_kinds import StrategyKind
 from dlokit.skills.observer.anchored import AnchoredConfig
@@ -16,6 +18,9 @@ OurObserver = AnchoredConfig | CpdConfig | SprConfig | SomConfig | MapConfig
 OURS: tuple[type[OurObserver], ...] = get_args(OurObserver)
 
 OBSERVERS: StrategyKind[ObserverStrategyConfig] = StrategyKind("observer", "dlokit.observers", OURS)
+
+Observer = Annotated[ObserverStrategyConfig, OBSERVERS, tyro.conf.arg(constructor_factory=OBSERVERS.union)]
+"""The settings of any installed observer: a choice on the command line and in configuration files."""
 
 strategies = OBSERVERS.installed
 to_spec = OBSERVERS.to_spec

@@ -26,7 +26,7 @@ def _set_box(lower_world: Float64Array, upper_world: Float64Array) -> None:
 def _set_segmentation(spec: StrategySpec) -> None:
     """Segment by another strategy, or by other settings, from the next look on.
 
-    Rejected with: bad_segmentation (not installed, unknown setting, or out of range).
+    Rejected with: unknown_strategy (not installed), bad_settings (unknown, or out of range).
     """
     ...
 

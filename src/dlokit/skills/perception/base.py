@@ -1,6 +1,6 @@
 """What a segmentation strategy is: it says which pixels are DLO."""
 
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 from dlokit.types.image import Image, Mask
 
@@ -14,7 +14,9 @@ class Segmentation(Protocol):
 
 
 class SegmentationConfig(Protocol):
-    """The settings of a strategy: a frozen dataclass that knows how to build it."""
+    """The settings of a strategy: a frozen dataclass, all fields with defaults, that knows how to build it."""
+
+    name: ClassVar[str]
 
     def build(self) -> Segmentation:
         """The strategy with these settings."""

@@ -1,6 +1,7 @@
 """The paper's filter: what is bright is DLO."""
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import cv2
 import numpy as np
@@ -12,6 +13,8 @@ from dlokit.types.image import Image, Mask
 @dataclass(frozen=True, kw_only=True)
 class BrightnessConfig:
     """By brightness, as in the paper: for a light DLO on a dark table."""
+
+    name: ClassVar[str] = "brightness"
 
     lowest: int = 120
     """Least brightness of the DLO, 0 to 255."""

@@ -1,6 +1,7 @@
 """Segmentation by colour: what has the DLO's hue is DLO."""
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import cv2
 import numpy as np
@@ -11,6 +12,8 @@ from dlokit.types.image import Image, Mask
 @dataclass(frozen=True, kw_only=True)
 class ColourConfig:
     """By colour, in hue, saturation and value: for a coloured DLO, whatever the brightness around it."""
+
+    name: ClassVar[str] = "colour"
 
     lowest_hue_deg: float = 30.0
     """Where the range of hues begins [deg], 0 to 360: 0 red, 60 yellow, 120 green, 240 blue."""

@@ -10,14 +10,14 @@ import numpy as np
 
 from dlokit.communication import topics
 from dlokit.communication.component import Component, implements, on
-from dlokit.errors import ConfigError, HardwareError, SkillFailure, SkillRejected
+from dlokit.errors import HardwareError, SkillFailure, SkillRejected
 from dlokit.functional.cameras.base import Camera
 from dlokit.skills.perception import api
 from dlokit.skills.perception.base import SegmentationConfig
 from dlokit.skills.perception.box import BoxConfig
 from dlokit.skills.perception.config import PerceptionConfig
 from dlokit.skills.perception.pipeline import corrected_camera_pose, observe
-from dlokit.skills.perception.segmentations import decode_segmentation
+from dlokit.skills.perception.segmentations import from_spec
 from dlokit.types.arrays import Float64Array
 from dlokit.types.image import StereoImages
 from dlokit.types.observation import Gripped, GripperPin, Observation
@@ -76,10 +76,7 @@ class PerceptionComponent(Component):
     @implements(api.SET_SEGMENTATION)
     async def set_segmentation(self, spec: StrategySpec) -> None:
         """Change the strategy that finds the DLO's pixels."""
-        try:
-            self._segmentation = decode_segmentation(spec)
-        except ConfigError as error:
-            raise SkillRejected("bad_segmentation", str(error)) from error
+        self._segmentation = from_spec(spec)
 
     @implements(api.SET_TRACKING)
     async def set_tracking(self, rate_hz: float) -> None:

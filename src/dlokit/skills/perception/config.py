@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from dlokit.skills.perception.box import BoxConfig
 from dlokit.skills.perception.brightness import BrightnessConfig
 from dlokit.skills.perception.cloud import CloudConfig
-from dlokit.skills.perception.segmentations import OurSegmentation
+from dlokit.skills.perception.segmentations import AnySegmentation
 from dlokit.skills.perception.selffilter import SelfFilterConfig
 from dlokit.skills.perception.stereo import StereoConfig
 from dlokit.skills.perception.table import TableConfig
@@ -15,7 +15,7 @@ from dlokit.skills.perception.table import TableConfig
 class PerceptionConfig:
     """From a pair of pictures to the DLO's points."""
 
-    segmentation: OurSegmentation = field(default_factory=BrightnessConfig)
+    segmentation: AnySegmentation = field(default_factory=BrightnessConfig)
     """Which pixels are DLO."""
     box: BoxConfig = field(default_factory=BoxConfig)
     """Where in the world the DLO may be."""

@@ -5,13 +5,14 @@ from dataclasses import dataclass, field
 from dlokit.skills.planning.actions import ActionConfig, FeasibilityConfig
 from dlokit.skills.planning.farthest import FarthestConfig
 from dlokit.skills.planning.foresight import ForesightConfig
+from dlokit.skills.planning.strategies import Planner
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlanningConfig:
     """How actions are chosen."""
 
-    strategy: FarthestConfig = field(default_factory=FarthestConfig)
+    strategy: Planner = field(default_factory=FarthestConfig)
     """Which action strategy."""
     actions: ActionConfig = field(default_factory=ActionConfig)
     """How to grasp and carry, whatever the strategy."""

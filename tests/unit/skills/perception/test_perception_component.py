@@ -17,7 +17,7 @@ from dlokit.skills.perception import api
 from dlokit.skills.perception.brightness import BrightnessConfig
 from dlokit.skills.perception.component import PerceptionComponent
 from dlokit.skills.perception.config import PerceptionConfig
-from dlokit.skills.perception.segmentations import encode_segmentation
+from dlokit.skills.perception.segmentations import to_spec
 from dlokit.skills.perception.table import TableConfig
 from dlokit.types.image import CameraCalibration, StereoImages
 from dlokit.types.observation import Gripped
@@ -153,7 +153,7 @@ def test_a_lost_camera_fails_by_name(s_scene: Scene):
 def test_the_segmentation_is_changed_by_a_skill_call_while_running(s_scene: Scene):
     async def test(bus: MemoryTransport, camera: ScriptedCamera) -> None:
         assert isinstance(await bus.call(api.LOOK), Succeeded)
-        black = encode_segmentation(BrightnessConfig(lowest=255))
+        black = to_spec(BrightnessConfig(lowest=255))
         assert isinstance(await bus.call(api.SET_SEGMENTATION, black), Succeeded)
         assert isinstance(await bus.call(api.LOOK), Failed)
         assert isinstance(await bus.call(api.SET_SEGMENTATION, StrategySpec(name="brightness")), Succeeded)
@@ -169,7 +169,7 @@ def test_bad_settings_are_rejected_by_name(s_scene: Scene):
         spec = await bus.call(api.SET_SEGMENTATION, StrategySpec(name="magic"))
         rates = [await bus.call(api.SET_TRACKING, rate) for rate in (-1.0, float("nan"), 1e9)]
         reasons = [outcome.reason for outcome in (box, flat, spec, *rates) if isinstance(outcome, Rejected)]
-        assert reasons == ["bad_box", "bad_box", "bad_segmentation", "bad_rate", "bad_rate", "bad_rate"]
+        assert reasons == ["bad_box", "bad_box", "unknown_strategy", "bad_rate", "bad_rate", "bad_rate"]
 
     with_perception(s_scene, test)
 
