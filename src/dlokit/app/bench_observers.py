@@ -11,6 +11,7 @@ from rich.table import Table
 
 from dlokit.app.machine import machine_facts
 from dlokit.bench.observers.cases import CASES, TUNING_SEED, external_cases
+from dlokit.bench.observers.external import unread_arrays
 from dlokit.bench.observers.methods import choose, default_name
 from dlokit.bench.observers.metrics import METRICS
 from dlokit.bench.observers.report import case_table, draw, figures, methods_of, metric_table, observers_json
@@ -54,6 +55,9 @@ def run_observers(args: ObserversArgs) -> int:
     console = Console()
     for reason in left_out:
         console.print(f"left out: {reason}", highlight=False, soft_wrap=True, markup=False)
+    for file in args.sequence:
+        if unread := unread_arrays(file):
+            console.print(f"{file}: not read: {', '.join(unread)}", highlight=False, soft_wrap=True, markup=False)
     folder = claim_run_folder(args.out) if args.out else new_run_folder(Path("runs"), "bench-observers", datetime.now())
     trials = _trials(plan, console)
     if not trials:

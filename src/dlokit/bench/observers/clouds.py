@@ -1,16 +1,18 @@
 """Clouds as the paper's stereo rig would give them: the surface that it sees, wrong along the view ray, thinned."""
 
+from collections.abc import Sequence as Ordered
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, overload
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
+from scipy.spatial import KDTree
 
+from dlokit.bench.observers.centre_line import FINE, centre_line
 from dlokit.bench.observers.rays import Ball, ball_hiding, depth_image, depths_m, hides
 from dlokit.bench.observers.sequence import Sequence
 from dlokit.description.scene import default_calibration
-from dlokit.geometry import arc_lengths, inverse, tangents, transform
+from dlokit.geometry import inverse, tangents, transform
 from dlokit.types.arrays import Float64Array
 from dlokit.types.image import CameraCalibration
 from dlokit.types.observation import GripperPin, Observation
@@ -23,9 +25,10 @@ NOISE_DEPTH_M = 1.2
 """Depth at which the noise is what was asked for [m]: the table's middle. It grows with the depth's square."""
 STRAY_MARGIN_M = 0.10
 """Outliers lie anywhere in the box around the DLO, so much wider on each side [m]."""
-_FINE = 401
 _BORDER_PX = 20.0  # room around the DLO in the picture
 _MOVING_PERIOD_S = 2.0  # in which a moving ball goes along the DLO and back
+_KEPT_LOOKS = 200  # of some 60 kB; later ones of a long sequence are made anew for every method
+_SHOWN_WITHIN_M = 0.015  # a node of a recorded cloud counts as visible with a point so near
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,15 +59,45 @@ class Look:
     visible: Flags  # (K,) the truth
 
 
-def looks(sequence: Sequence, conditions: Conditions, seed: int) -> list[Look]:
+class Looks(Ordered[Look]):
+    """Every frame of a sequence as a cloud; made when it is asked for, and the same each time."""
+
+    def __init__(self, sequence: Sequence, conditions: Conditions, seed: int) -> None:
+        """The clouds that a seed stands for."""
+        self._sequence = sequence
+        self._conditions = conditions
+        self._seed = seed
+        self._camera = camera_of(sequence)
+        self._kept: dict[int, Look] = {}
+
+    def __len__(self) -> int:
+        """The frames of the sequence."""
+        return self._sequence.frames
+
+    @overload
+    def __getitem__(self, index: int) -> Look: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[Look]: ...
+    def __getitem__(self, index: int | slice) -> Look | list[Look]:
+        """The look of a frame, or of some."""
+        if isinstance(index, slice):
+            return [self[frame] for frame in range(len(self))[index]]
+        frame = range(len(self))[index]
+        look = self._kept.get(frame) or self._made(frame)
+        if frame < _KEPT_LOOKS:
+            self._kept[frame] = look
+        return look
+
+    def _made(self, frame: int) -> Look:
+        if self._sequence.clouds_world is not None:
+            return _given(self._sequence, frame, self._camera)
+        rng = np.random.default_rng([self._seed, frame])
+        return _simulated(self._sequence, frame, self._conditions, self._camera, rng)
+
+
+def looks(sequence: Sequence, conditions: Conditions, seed: int) -> Looks:
     """Every frame of a sequence as a cloud; the same for the same seed."""
-    camera = camera_of(sequence)
-    return [
-        _given(sequence, frame, camera)
-        if sequence.clouds_world is not None
-        else _simulated(sequence, frame, conditions, camera, np.random.default_rng([seed, frame]))
-        for frame in range(sequence.frames)
-    ]
+    return Looks(sequence, conditions, seed)
 
 
 def camera_of(sequence: Sequence) -> CameraCalibration | None:
@@ -94,9 +127,12 @@ def _seeing_all(positions_world: Float64Array, T_world_camera: Pose) -> CameraCa
 
 def _given(sequence: Sequence, frame: int, camera: CameraCalibration | None) -> Look:
     assert sequence.clouds_world is not None
-    points, nodes = sequence.clouds_world[frame], sequence.nodes_world[frame]
-    # Nobody says what was hidden in a recorded cloud: a node is where points are.
-    near = np.linalg.norm(points[None, :, :] - nodes[:, None, :], axis=2).min(axis=1, initial=np.inf) < 0.015
+    padded = np.asarray(sequence.clouds_world[frame], dtype=np.float64)
+    points = padded[np.all(np.isfinite(padded), axis=1)]
+    # Nobody says what was hidden in a recorded cloud: a node is seen where points are.
+    near = np.zeros(sequence.count, dtype=np.bool_)
+    if len(points) > 0:
+        near = np.asarray(KDTree(points).query(sequence.nodes_world[frame])[0]) < _SHOWN_WITHIN_M
     seen = Observation(stamp_ns=_stamp_ns(sequence, frame), points_world=points.astype(np.float32), calibration=camera)
     return Look(seen=seen, pins=_pins(sequence, frame), visible=near)
 
@@ -105,23 +141,21 @@ def _simulated(
     sequence: Sequence, frame: int, conditions: Conditions, camera: CameraCalibration | None, rng: np.random.Generator
 ) -> Look:
     assert camera is not None
-    nodes, eye = sequence.nodes_world[frame], camera.T_world_camera.position_m
+    line, eye = centre_line(sequence.nodes_world[frame]), camera.T_world_camera.position_m
     seconds = frame / sequence.rate_hz
-    line = _centre_line(nodes)
     dark = conditions.blackout_s is not None and conditions.blackout_s[0] <= seconds < conditions.blackout_s[1]
-    ball = _ball(conditions, line, eye, seconds)
-    shown = np.ones(_FINE, dtype=np.bool_) if ball is None else ~hides(ball, eye, line)
+    ball = _ball(conditions, line.points_world, eye, seconds)
+    shown = np.ones(FINE, dtype=np.bool_) if ball is None else ~hides(ball, eye, line.points_world)
     if dark:
         shown[:] = False
-    points = stereo_cloud(line, shown, sequence.radius_m, conditions, camera, rng)
+    points = stereo_cloud(line.points_world, shown, sequence.radius_m, conditions, camera, rng)
     seen = Observation(
         stamp_ns=_stamp_ns(sequence, frame),
         points_world=points.astype(np.float32),
         calibration=camera,
         occlusion=None if ball is None else depth_image(ball, camera),
     )
-    visible = np.ones(len(nodes), dtype=np.bool_) if ball is None else ~hides(ball, eye, nodes)
-    return Look(seen=seen, pins=_pins(sequence, frame), visible=visible & (not dark))
+    return Look(seen=seen, pins=_pins(sequence, frame), visible=shown[line.nodes_at])
 
 
 def stereo_cloud(
@@ -165,13 +199,7 @@ def _ball(conditions: Conditions, line: Float64Array, eye: Float64Array, seconds
             at = 0.0
         case "moving":
             at = 0.5 - 0.5 * np.cos(2.0 * np.pi * seconds / _MOVING_PERIOD_S)
-    return ball_hiding(conditions.hidden, line[round(at * (_FINE - 1))], line, eye)
-
-
-def _centre_line(nodes: Float64Array) -> Float64Array:
-    """A smooth curve through the nodes (K, 3), equally spaced along the arc, (_FINE, 3)."""
-    s = arc_lengths(nodes)
-    return np.asarray(CubicSpline(s, nodes)(np.linspace(0.0, s[-1], _FINE)), dtype=np.float64)
+    return ball_hiding(conditions.hidden, line[round(at * (FINE - 1))], line, eye)
 
 
 def _pins(sequence: Sequence, frame: int) -> tuple[GripperPin, ...]:

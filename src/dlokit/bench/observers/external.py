@@ -4,6 +4,7 @@ import zipfile
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dlokit.bench.observers.sequence import Sequence
 from dlokit.errors import InputError
@@ -14,15 +15,18 @@ from dlokit.types.pose import Pose
 RADIUS_M = 0.004
 """Radius taken for a DLO of which only the nodes are known [m]."""
 _LARGEST_M = 20.0  # nothing a camera sees of a DLO is further from the origin; millimetres are
-_KNOWN = ("nodes", "rate_hz", "clouds", "pins", "T_world_camera")
+_THICKEST_M = 0.1
+_NEEDED = ("nodes", "rate_hz")
+_UNREADABLE = (ValueError, EOFError, OSError, zipfile.BadZipFile, AttributeError)
+_OPTIONAL = ("clouds", "pins", "T_world_camera", "radius_m")
 
 
 def read_sequence(path: Path, frames: int | None = None) -> Sequence:
     """A sequence from a file, its first `frames` frames.
 
     Arrays: `nodes` (T, K, 3) [m], `rate_hz`; optionally `clouds` (T, N, 3) [m] with NaN rows as padding, `pins`
-    (T, 2, 3) [m] of the first and the last node, `T_world_camera` (4, 4). Raises `InputError` that says what
-    does not fit.
+    (T, 2, 3) [m] of the first and the last node, `T_world_camera` (4, 4), `radius_m`. Others are not read. Raises
+    `InputError` that says what does not fit.
     """
     arrays = _load(path)
     nodes = _nodes(arrays, path)[:frames]
@@ -37,9 +41,9 @@ def read_sequence(path: Path, frames: int | None = None) -> Sequence:
         )
     return Sequence(
         name=path.stem,
-        rate_hz=_rate(arrays, path),
+        rate_hz=_number(arrays["rate_hz"], "rate_hz", 10_000.0, path),
         nodes_world=nodes,
-        radius_m=RADIUS_M,
+        radius_m=_number(arrays["radius_m"], "radius_m", _THICKEST_M, path) if "radius_m" in arrays else RADIUS_M,
         pin_nodes=() if pins is None else (0, nodes.shape[1] - 1),
         pins_world=None if pins is None else pins[:count],
         T_world_camera=camera,
@@ -47,20 +51,28 @@ def read_sequence(path: Path, frames: int | None = None) -> Sequence:
     )
 
 
+def unread_arrays(path: Path) -> tuple[str, ...]:
+    """The arrays of a file that are none of a sequence's: perhaps a name that was misspelt."""
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            return tuple(name for name in file.files if name not in (*_NEEDED, *_OPTIONAL))
+    except _UNREADABLE:
+        return ()
+
+
 def _load(path: Path) -> dict[str, np.ndarray]:
     try:
         with np.load(path, allow_pickle=False) as file:
-            arrays = {name: np.asarray(file[name]) for name in file.files}
+            arrays = {name: np.asarray(file[name]) for name in (*_NEEDED, *_OPTIONAL) if name in file.files}
     except FileNotFoundError:
         raise InputError(f"There is no file {path}; --sequence takes .npz files.") from None
-    except (ValueError, EOFError, OSError, zipfile.BadZipFile, AttributeError) as error:
+    except _UNREADABLE as error:
         raise InputError(f"{path} is no .npz file of plain arrays ({error}): write it with numpy.savez.") from error
-    unknown = sorted(set(arrays) - set(_KNOWN))
-    missing = [name for name in ("nodes", "rate_hz") if name not in arrays]
-    if unknown or missing:
+    missing = [name for name in _NEEDED if name not in arrays]
+    if missing:
         raise InputError(
-            f"{path} lacks {missing} and has unknown {unknown}: needed are nodes and rate_hz, "
-            f"allowed besides are {', '.join(_KNOWN[2:])}."
+            f"{path} lacks {' and '.join(missing)}: needed are nodes and rate_hz, "
+            f"allowed besides are {', '.join(_OPTIONAL)}."
         )
     for name, array in arrays.items():
         if array.dtype.kind not in "fiu":
@@ -84,14 +96,15 @@ def _nodes(arrays: dict[str, np.ndarray], path: Path) -> Float64Array:
     return nodes
 
 
-def _clouds(arrays: dict[str, np.ndarray], path: Path) -> tuple[Float64Array, ...] | None:
+def _clouds(arrays: dict[str, np.ndarray], path: Path) -> NDArray[np.floating] | None:
     if "clouds" not in arrays:
         return None
-    clouds = arrays["clouds"].astype(np.float64)
+    clouds = arrays["clouds"]
     frames = len(arrays["nodes"])
     if clouds.ndim != 3 or clouds.shape[::2] != (frames, 3):
         raise InputError(f"{path}: clouds is {clouds.shape}; it must be ({frames}, N, 3), padded with NaN rows.")
-    return tuple(cloud[np.all(np.isfinite(cloud), axis=1)] for cloud in clouds)
+    # As they are in the file: thousands of frames in float32 would take twice the room in float64.
+    return clouds if clouds.dtype.kind == "f" else clouds.astype(np.float32)
 
 
 def _camera(arrays: dict[str, np.ndarray], path: Path) -> Pose | None:
@@ -115,11 +128,10 @@ def _camera(arrays: dict[str, np.ndarray], path: Path) -> Pose | None:
     return pose
 
 
-def _rate(arrays: dict[str, np.ndarray], path: Path) -> float:
-    rate = arrays["rate_hz"]
-    if rate.size != 1 or not np.isfinite(rate.item()) or not 0.0 < float(rate.item()) <= 10_000.0:
-        raise InputError(f"{path}: rate_hz is {rate}; it must be one number above 0 and at most 10000.")
-    return float(rate.item())
+def _number(array: np.ndarray, name: str, most: float, path: Path) -> float:
+    if array.size != 1 or not np.isfinite(array.item()) or not 0.0 < float(array.item()) <= most:
+        raise InputError(f"{path}: {name} is {array}; it must be one number above 0 and at most {most:g}.")
+    return float(array.item())
 
 
 def _shaped(arrays: dict[str, np.ndarray], name: str, shape: tuple[int, ...], path: Path) -> Float64Array | None:

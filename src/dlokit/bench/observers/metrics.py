@@ -6,10 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dlokit.bench.observers.centre_line import smooth_line
 from dlokit.types.arrays import Float64Array
 
 LOST_M = 0.05
 """A frame whose nodes are further off than this, in the mean, counts as lost [m]."""
+_LINE_POINTS = 64
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,8 +72,13 @@ def score(track: Track) -> Mapping[str, float]:
 
 
 def curve_error_m(nodes: Float64Array, true: Float64Array) -> float:
-    """Two-way curve error [m]: mean distance of the nodes of each polyline (K, 3) [m] to the other polyline."""
-    return float((to_polyline_m(nodes, true).mean() + to_polyline_m(true, nodes).mean()) / 2.0)
+    """Two-way curve error [m]: mean distance of the nodes of each (K, 3) [m] to the other's curve.
+
+    Few nodes are far apart: the curve between them is the smooth one, not its chords.
+    """
+    there = to_polyline_m(nodes, smooth_line(true, _LINE_POINTS))
+    back = to_polyline_m(true, smooth_line(nodes, _LINE_POINTS))
+    return float((there.mean() + back.mean()) / 2.0)
 
 
 def to_polyline_m(points: Float64Array, line: Float64Array) -> Float64Array:

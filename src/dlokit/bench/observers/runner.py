@@ -8,11 +8,10 @@ import msgspec
 import numpy as np
 
 from dlokit.bench.observers.cases import Case
-from dlokit.bench.observers.clouds import Look, looks
+from dlokit.bench.observers.clouds import Look, Looks, looks
 from dlokit.bench.observers.methods import Method
 from dlokit.bench.observers.metrics import Track, score
 from dlokit.bench.observers.sequence import Sequence
-from dlokit.skills.observer.anchored import chain_lengths
 from dlokit.skills.observer.base import ObserverStrategy, prior_from
 from dlokit.types.dlo import DloState, TargetPoints
 from dlokit.types.observation import Observation
@@ -62,9 +61,9 @@ def run_plan(plan: Plan) -> Iterator[Trial]:
                 yield Trial(case=case.name, seed=seed, method=method.name, frames=len(seen), figures=dict(score(track)))
 
 
-def follow(sequence: Sequence, seen: list[Look], method: Method) -> Track:
+def follow(sequence: Sequence, seen: Looks | list[Look], method: Method) -> Track:
     """Track a sequence from its first frame's nodes on; each prior is the previous frame's targets."""
-    topology = chain_lengths(sequence.nodes_world[0])
+    topology = sequence.topology
     state = DloState(stamp_ns=seen[0].seen.stamp_ns, nodes_world=sequence.nodes_world[0].copy(), topology=topology)
     # What a first call loads or compiles is not the time of a frame.
     method.config.build().estimate(seen[0].seen, state)

@@ -25,7 +25,7 @@ def _sequence(frames: int = 2) -> Sequence:
         nodes_world=np.broadcast_to(nodes, (frames, *nodes.shape)).copy(),
         radius_m=0.004,
         pin_nodes=(0,),
-        pins_world=np.array([nodes[:1], np.full((1, 3), np.nan)])[:frames],
+        pins_world=np.concatenate([nodes[None, :1], np.full((frames - 1, 1, 3), np.nan)]),
         T_world_camera=CAMERA.T_world_camera,
     )
 
@@ -143,6 +143,21 @@ def test_pins_are_known_only_while_a_hand_holds() -> None:
     assert [pin.node for pin in first.pins] == [0]
     assert second.pins == ()
     assert first.seen.pins == (), "the unpinned rows do not get them"
+
+
+def test_a_look_is_the_same_however_often_and_in_whatever_order_it_is_asked_for() -> None:
+    once, again = looks(_sequence(), Conditions(), 0), looks(_sequence(), Conditions(), 0)
+    later = again[1].seen.points_world
+    assert np.array_equal(once[0].seen.points_world, again[0].seen.points_world)
+    assert np.array_equal(once[1].seen.points_world, later)
+    assert len(once) == len(list(once)) == 2
+
+
+def test_a_long_sequence_is_not_kept_in_memory() -> None:
+    seen = looks(_sequence(500), Conditions(), 0)
+    assert seen[3] is seen[3], "the first frames are made once for all methods"
+    assert seen[499] is not seen[499], "later ones are made anew"
+    assert np.array_equal(seen[499].seen.points_world, seen[499].seen.points_world)
 
 
 def test_the_picture_is_as_large_as_the_sequence_needs() -> None:

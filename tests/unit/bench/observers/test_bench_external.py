@@ -5,10 +5,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from cables import LENGTH_M, cable_arrays, write_cable
 
-from dlokit.bench.observers.cases import external_cases
+from dlokit.bench.observers.cases import Case, external_cases
 from dlokit.bench.observers.clouds import Conditions, looks
-from dlokit.bench.observers.external import read_sequence
+from dlokit.bench.observers.external import RADIUS_M, read_sequence, unread_arrays
+from dlokit.bench.observers.methods import choose
+from dlokit.bench.observers.runner import Plan, run_plan
 from dlokit.description.scene import default_calibration
 from dlokit.description.shapes import builtin_shape
 from dlokit.errors import InputError
@@ -54,12 +57,31 @@ def test_rows_of_nan_are_padding_of_clouds(tmp_path: Path) -> None:
     assert len(external_cases((path,))) == 1, "what its clouds show is as it is"
 
 
+def test_a_recorded_cloud_shows_the_nodes_that_points_are_near_to(tmp_path: Path) -> None:
+    clouds = _arrays()["nodes"][:, :7] + [0.0, 0.0, 0.01]
+    clouds[2] = np.nan
+    seen = looks(read_sequence(_written(tmp_path, clouds=clouds, T_world_camera=None)), Conditions(), 0)
+    assert seen[1].visible.tolist() == [True] * 7 + [False] * 5
+    assert not seen[2].visible.any(), "a frame may have no points at all"
+
+
+def test_the_radius_is_the_file_s_or_a_common_one(tmp_path: Path) -> None:
+    assert read_sequence(_written(tmp_path)).radius_m == RADIUS_M
+    assert read_sequence(_written(tmp_path, radius_m=0.002)).radius_m == 0.002
+
+
+def test_arrays_of_other_names_are_not_read_but_said(tmp_path: Path) -> None:
+    path = _written(tmp_path, pin=np.array(["left"]))
+    assert read_sequence(path).pins_world is None
+    assert unread_arrays(path) == ("pin",)
+
+
 @pytest.mark.parametrize(
     ("changed", "said"),
     [
         ({"nodes": None}, "lacks"),
         ({"rate_hz": None}, "lacks"),
-        ({"speed": np.ones(3)}, "unknown"),
+        ({"radius_m": -0.001}, "radius_m"),
         ({"nodes": np.zeros((FRAMES, NODES, 2))}, r"\(T, K, 3\)"),
         ({"nodes": _arrays()["nodes"][:1]}, "T >= 2"),
         ({"nodes": _arrays()["nodes"] * 1000.0}, "metres"),
@@ -91,3 +113,32 @@ def test_a_file_that_is_missing_or_something_else_is_named(tmp_path: Path) -> No
     np.savez(pickled, nodes=np.array([object()]), rate_hz=30.0)
     with pytest.raises(InputError, match="plain arrays"):
         read_sequence(pickled)
+
+
+def test_a_sparse_fast_sequence_runs_unpinned_and_pinned_at_its_own_rate(tmp_path: Path) -> None:
+    path = write_cable(tmp_path / "cable.npz", frames=8, rate_hz=100.0)
+    methods = choose(("anchored",)).methods
+    plan = Plan(cases=(Case(name="cable", file=path),), methods=methods, seeds=10, frames=None)
+    free, pinned = run_plan(plan)
+    assert free.frames == 8, "a file has one seed, and all of its frames are run"
+    # 7 frames of 10 ms: within them the cable moves by 2 cm, and an observer follows.
+    assert free.figures["node error"] < 0.01
+    assert pinned.figures["tip error"] < 1e-4
+    stamps = [look.seen.stamp_ns for look in looks(read_sequence(path), Conditions(), 0)]
+    assert np.diff(stamps).tolist() == [10_000_000] * 7
+
+
+def test_rest_lengths_add_up_to_the_cable_s_length(tmp_path: Path) -> None:
+    sequence = read_sequence(write_cable(tmp_path / "cable.npz", frames=2))
+    assert sequence.topology.rest_lengths_m.sum() == pytest.approx(LENGTH_M, abs=2e-5)
+
+
+def test_a_sparse_sequence_with_clouds_and_no_camera_runs(tmp_path: Path) -> None:
+    arrays = cable_arrays(4)
+    seen = looks(read_sequence(write_cable(tmp_path / "seen.npz", frames=4)), Conditions(hidden=0.0), 0)
+    arrays["clouds"] = np.array([look.seen.points_world for look in seen])
+    del arrays["T_world_camera"]
+    np.savez(tmp_path / "cable.npz", **arrays)
+    (case,) = external_cases((tmp_path / "cable.npz",))
+    (trial, _) = run_plan(Plan(cases=(case,), methods=choose(("anchored",)).methods, seeds=1, frames=None))
+    assert trial.figures["node error"] < 0.01

@@ -79,5 +79,18 @@ def test_the_curve_error_is_the_same_both_ways() -> None:
     assert curve_error_m(a, b) > 0.0, "a curve that covers half is wrong, though all of it lies on the other"
 
 
+def test_between_few_nodes_the_curve_is_smooth_not_its_chords() -> None:
+    def arc(count: int) -> np.ndarray:
+        angle = np.linspace(0.0, 2.0, count)
+        return 0.3 * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(count)])
+
+    # The chord of a quarter radian lies up to 0.3 (1 - cos(1/8)) = 2.3 mm inside the arc.
+    assert curve_error_m(arc(9), arc(8)) < 0.0004
+
+
+def test_an_estimate_whose_nodes_coincide_has_an_error_too() -> None:
+    assert curve_error_m(np.zeros((9, 3)), _straight()) > 0.1
+
+
 def test_times_are_percentiles_over_frames() -> None:
     assert score(_track(np.broadcast_to(_straight(), (FRAMES, NODES, 3))))["time p50"] == pytest.approx(0.025)
