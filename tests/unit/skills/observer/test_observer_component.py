@@ -11,7 +11,6 @@ from dlokit.communication import topics, virtual_time
 from dlokit.communication.clock import LoopClock
 from dlokit.communication.host import Host
 from dlokit.communication.memory import MemoryTransport
-from dlokit.errors import ConfigError
 from dlokit.geometry import rmse_m
 from dlokit.skills.observer import api
 from dlokit.skills.observer.anchored import Anchored, AnchoredConfig
@@ -150,34 +149,6 @@ def test_the_strategy_can_be_changed_while_running() -> None:
 def test_a_spec_brings_the_settings_back(config: AnchoredConfig | CpdConfig | SprConfig | SomConfig) -> None:
     assert from_spec(to_spec(config)) == config
     assert from_spec(StrategySpec(name=config.name)) == strategies()[config.name]()
-
-
-class Installed:
-    """An entry point of another package."""
-
-    def __init__(self, config: type[CpdConfig]) -> None:
-        self._config = config
-
-    def load(self) -> type[CpdConfig]:
-        return self._config
-
-
-class TheirConfig(CpdConfig):
-    """An observer of another package."""
-
-    name = "theirs"
-
-
-def test_installed_observers_are_found_by_name_and_may_not_take_ours(monkeypatch: pytest.MonkeyPatch) -> None:
-    def installed(config: type[CpdConfig]) -> Callable[..., list[Installed]]:
-        return lambda group: [Installed(config)] if group == "dlokit.observers" else []
-
-    monkeypatch.setattr("dlokit.communication.strategy_kinds.entry_points", installed(TheirConfig))
-    assert list(strategies()) == ["anchored", "cpd", "spr", "som", "map", "theirs"]
-    assert isinstance(from_spec(StrategySpec(name="theirs")), TheirConfig)
-    monkeypatch.setattr("dlokit.communication.strategy_kinds.entry_points", installed(CpdConfig))
-    with pytest.raises(ConfigError, match="cpd"):
-        strategies()
 
 
 def test_a_rod_that_jumped_is_found_again_in_its_order_and_health_says_so() -> None:
