@@ -24,6 +24,11 @@ class DloPreset:
     """Poisson's ratio, which sets the stiffness against twist."""
     damping_s: float = 0.05
     """Rayleigh damping: viscous bending moment as a share of the elastic one [s]."""
+    yield_curvature_1_m: float | None = None
+    """Curvature up to which it springs back [1/m]; what it is bent beyond stays. None: it always springs back.
+    Only the elastoplastic chain takes a set; an elastic rod never does."""
+    curl_1_m: float = 0.0
+    """Curvature that it has without load, from the reel it came on [1/m]."""
     friction: float = 0.8
     """Coefficient of sliding friction on the table and between its own loops."""
     color_rgb: tuple[float, float, float] = (0.93, 0.88, 0.74)
@@ -36,6 +41,16 @@ class DloPreset:
             value: float = getattr(self, field)
             if not (math.isfinite(value) and value > 0.0):
                 raise ConfigError(f"DLO preset {self.name!r}: {field} is {value}; it must be positive.")
+        if self.yield_curvature_1_m is not None and not self.yield_curvature_1_m > 0.0:
+            raise ConfigError(
+                f"DLO preset {self.name!r}: yield_curvature_1_m is {self.yield_curvature_1_m}; it must be positive, or "
+                "left away for a DLO that takes no set."
+            )
+        if not abs(self.curl_1_m) * self.length_m < 2.0 * math.pi:
+            raise ConfigError(
+                f"DLO preset {self.name!r}: curl_1_m is {self.curl_1_m}; over its length it must turn by less than a "
+                "full circle."
+            )
 
     @property
     def mass_kg(self) -> float:

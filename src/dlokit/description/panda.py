@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
+from dlokit.description.collision_bits import ROBOT_BIT, WORLD_BIT
 from dlokit.description.panda_data import (
     PANDA_DH,
     PANDA_FINGER_M,
@@ -53,9 +54,6 @@ FINGER_FORCE_N = 70.0
 """Largest continuous force of the hand; set a lower ``actuator_forcerange`` to grip more gently."""
 _VISUAL_GROUP = 2
 _COLLISION_GROUP = 3
-# The robot's shapes meet the rest of the world (bit 1) but not one another: they overlap at the joints, and
-# trajectories are checked for self collision before they run.
-_ROBOT_BIT, _WORLD_BIT = 2, 1
 _WHITE, _DARK = (0.92, 0.93, 0.94, 1.0), (0.22, 0.23, 0.25, 1.0)
 
 
@@ -134,9 +132,9 @@ def _dress(body: mujoco.MjsBody, link: str) -> None:
                 fromto=[*capsule.start_m, *capsule.end_m],
                 size=[capsule.radius_m, 0.0, 0.0],
                 group=_COLLISION_GROUP,
-                # The base stands on the table.
-                contype=0 if link == "link0" else _ROBOT_BIT,
-                conaffinity=0 if link == "link0" else _WORLD_BIT,
+                # The base stands on the table. Trajectories are checked for self collision before they run.
+                contype=0 if link == "link0" else ROBOT_BIT,
+                conaffinity=0 if link == "link0" else WORLD_BIT,
                 mass=0.0,
                 rgba=(0.2, 0.5, 0.9, 0.3),
             )
@@ -176,8 +174,8 @@ def _add_finger(
         pos=PAD_CENTER_M,
         size=PAD_HALF_SIZE_M,
         group=_COLLISION_GROUP,
-        contype=_ROBOT_BIT,
-        conaffinity=_WORLD_BIT,
+        contype=ROBOT_BIT,
+        conaffinity=WORLD_BIT,
         condim=4,
         friction=(1.2, 0.005, 0.0001),  # rubber; the second resists turning about the finger's direction [m]
         solref=CONTACT_SOLREF,

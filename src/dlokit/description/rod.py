@@ -4,6 +4,7 @@ Every node is a body with three slides, every edge a hinge that twists. The rod 
 elasticity; edge equalities keep its length. The model it is added to must use the ``discrete`` integrator.
 """
 
+from collections.abc import Iterable
 from typing import Any
 
 import mujoco
@@ -47,6 +48,13 @@ def add_rod(
     Its flex is called ``{name}/flex``, its bodies ``{name}/flex_0`` and following. `collision_bits` is both contype and
     conaffinity. Raises ConfigError when the nodes lie too close together for their radius.
     """
+    check_spacing(preset, nodes)
+    child = mujoco.MjSpec.from_string(_mjcf(preset, nodes, self_collision, collision_bits))
+    spec.attach(child, prefix=f"{name}/", frame=spec.worldbody.add_frame())
+
+
+def check_spacing(preset: DloPreset, nodes: int) -> None:
+    """Raise ConfigError when `nodes` nodes lie too close together for their radius."""
     spacing_m = preset.length_m / (nodes - 1) if nodes > 1 else 0.0
     if nodes < 3 or spacing_m < 2.2 * preset.radius_m:
         most = int(preset.length_m / (2.2 * preset.radius_m)) + 1
@@ -54,8 +62,6 @@ def add_rod(
             f"A rod of {preset.length_m} m and radius {preset.radius_m} m cannot have {nodes} nodes; "
             f"3 to {most} are allowed, or its neighbours touch. Choose fewer nodes or a thinner rod."
         )
-    child = mujoco.MjSpec.from_string(_mjcf(preset, nodes, self_collision, collision_bits))
-    spec.attach(child, prefix=f"{name}/", frame=spec.worldbody.add_frame())
 
 
 def rod_bodies(model: Any, name: str = "rod") -> Int64Array:
@@ -116,7 +122,7 @@ def _mjcf(preset: DloPreset, nodes: int, self_collision: bool, collision_bits: i
     return f"""
 <mujoco>
   <worldbody>
-    <flexcomp name="flex" type="grid" dim="1" count="{nodes} 1 1" spacing="{preset.length_m / (nodes - 1):.12g} 1 1"
+    <flexcomp name="flex" dim="1" {_vertices(preset, nodes)}
               radius="{preset.radius_m:.9g}" mass="{preset.mass_kg:.9g}" rgba="{_numbers(preset.color_rgb)} 1">
       <edge equality="true" solref="{_numbers(CONTACT_SOLREF)}"/>
       <elasticity young="{preset.young_pa:.9g}" poisson="{preset.poisson:.9g}" damping="{preset.damping_s:.9g}"/>
@@ -129,7 +135,20 @@ def _mjcf(preset: DloPreset, nodes: int, self_collision: bool, collision_bits: i
 </mujoco>"""
 
 
-def _numbers(values: tuple[float, ...]) -> str:
+def _vertices(preset: DloPreset, nodes: int) -> str:
+    """The rod's shape without load: straight along x, or with its curl, in the xy plane."""
+    if preset.curl_1_m == 0.0:
+        return f'type="grid" count="{nodes} 1 1" spacing="{preset.length_m / (nodes - 1):.12g} 1 1"'
+    turns = preset.curl_1_m * np.linspace(-preset.length_m / 2.0, preset.length_m / 2.0, nodes)
+    points = np.column_stack((np.sin(turns), 1.0 - np.cos(turns), np.zeros(nodes))) / preset.curl_1_m
+    # On the arc the nodes are a chord apart; their distance is the rod's.
+    chord_m = np.linalg.norm(points[1] - points[0])
+    points *= preset.length_m / (nodes - 1) / chord_m
+    edges = " ".join(f"{i} {i + 1}" for i in range(nodes - 1))
+    return f'type="direct" point="{_numbers(points.ravel())}" element="{edges}"'
+
+
+def _numbers(values: Iterable[float]) -> str:
     return " ".join(f"{value:.9g}" for value in values)
 
 

@@ -1,0 +1,12 @@
+"""Who meets whom: the bits of ``contype`` and ``conaffinity``, named in one place.
+
+Two shapes meet when the type of one shares a bit with the affinity of the other. Everything that has no bits of its own
+has `WORLD_BIT` in both.
+"""
+
+WORLD_BIT = 1
+"""Table, rod, and whatever else there is."""
+ROBOT_BIT = 2
+"""A robot's shapes meet the world but not one another: they overlap at the joints."""
+LINK_BIT = 4
+"""Links of a chain meet one another and the robot; on the table they stand on feet."""
