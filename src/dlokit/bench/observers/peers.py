@@ -50,7 +50,7 @@ class Pycpd:
 
     def __init__(self, config: PycpdConfig) -> None:
         self._config = config
-        self._package = _imported("pycpd")
+        self._package = imported("pycpd")
 
     def estimate(self, seen: Observation, prior: DloState) -> TargetPoints:
         """The prior's nodes registered onto the cloud; it does not say what it could see, so all count as visible."""
@@ -99,7 +99,7 @@ class Probreg:
 
     def __init__(self, config: ProbregConfig) -> None:
         self._config = config
-        self._package = _imported("probreg.cpd")
+        self._package = imported("probreg.cpd")
 
     def estimate(self, seen: Observation, prior: DloState) -> TargetPoints:
         """The prior's nodes registered onto the cloud; it does not say what it could see, so all count as visible."""
@@ -129,7 +129,8 @@ def missing(name: str) -> str | None:
     return None
 
 
-def _imported(package: str) -> Any:
+def imported(package: str) -> Any:
+    """The package of a peer. Raises `MachineError`, which says how to install it, when it is missing."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", SyntaxWarning)  # pycpd compares numbers by `is`

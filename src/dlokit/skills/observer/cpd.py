@@ -1,18 +1,17 @@
 """Coherent point drift: the nodes are centroids of a Gaussian mixture that is fitted to the cloud.
 
 Myronenko, Song: *Point Set Registration: Coherent Point Drift*, TPAMI 32 (2010), doi 10.1109/TPAMI.2010.46;
-the non-rigid algorithm of its Fig. 4, with its symbols; the E-step and the loop are in `mixture`.
+the non-rigid algorithm of its Fig. 4, with its symbols; the loop is in `mixture`.
 """
 
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 
 from dlokit.skills.observer.base import nothing_seen
-from dlokit.skills.observer.mixture import MixtureConfig, MStep, Registration, fit_mixture, thinned
+from dlokit.skills.observer.mixture import MixtureConfig, Registration, Weights, fit_mixture, thinned
 from dlokit.skills.observer.visibility import explained_share, visible_nodes
 from dlokit.types.dlo import DloState, TargetPoints
 from dlokit.types.observation import Observation
@@ -32,18 +31,12 @@ class CpdConfig(MixtureConfig):
 
 
 def register(X: Array, Y: Array, config: CpdConfig) -> Registration:
-    """Move the nodes Y (M, D) [m] onto the cloud X (N, D) [m], N >= 1; the algorithm of Fig. 4.
+    """Move the nodes Y (M, 3) [m] onto the cloud X (N, 3) [m], N >= 1; the algorithm of Fig. 4.
 
-    M-step: (d(P1) G + lambda sigma² I) W = P X - d(P1) Y (eq. 22 times d(P1), so that nodes without points
-    need no division).
+    E-step eq. 6, M-step eq. 22: (d(P1) G + lambda sigma² I) W = P X - d(P1) Y; sigma² by eq. 23.
     """
-
-    def m_step(given: MStep) -> Array:
-        A = given.P1[:, None] * given.G
-        A[np.diag_indices_from(A)] += config.lambda_per_m2 * given.sigma2
-        return scipy.linalg.solve(A, given.PX - given.P1[:, None] * given.Y, check_finite=False)
-
-    return fit_mixture(X, Y, config, m_step)
+    weights = Weights(lambda_per_m2=config.lambda_per_m2)
+    return fit_mixture(X, Y, config, lambda iteration: weights)
 
 
 class Cpd:

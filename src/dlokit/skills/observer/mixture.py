@@ -1,9 +1,10 @@
 """A Gaussian mixture whose centroids are the nodes, fitted to a cloud: what CPD and SPR have in common.
 
 Myronenko, Song: *Point Set Registration: Coherent Point Drift*, TPAMI 32 (2010), doi 10.1109/TPAMI.2010.46.
-Symbols as there: X (N, D) the cloud, Y (M, D) the nodes before, T = Y + G W the nodes after, P the posterior
+Symbols as there: X (N, 3) the cloud, Y (M, 3) the nodes before, T = Y + G W the nodes after, P the posterior
 probabilities, sigma² the one variance of all Gaussians, w the weight of the uniform outlier class, beta the
-width of the kernel G. The methods differ in how the M-step finds W.
+width of the kernel G. SPR adds a penalty to the M-step; all else is shared. The E-step is compiled
+(`mixture_kernels`), the M-step in `coherent_motion`.
 """
 
 # The paper's capital letters are variables here, not constants.
@@ -15,6 +16,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from dlokit.skills.observer.coherent_motion import CoherentMotion
+from dlokit.skills.observer.mixture_kernels import expectation, sorted_blocks
 from dlokit.skills.observer.visibility import VisibilityConfig
 
 Array = NDArray[np.float64]
@@ -44,23 +47,21 @@ class MixtureConfig:
     visibility: VisibilityConfig = field(default_factory=VisibilityConfig)
     """When a node counts as seen."""
 
+    def __post_init__(self) -> None:
+        if self.beta_m <= 0.0 or self.lambda_per_m2 <= 0.0:
+            raise ValueError(f"beta_m {self.beta_m:g} and lambda_per_m2 {self.lambda_per_m2:g}: both must be above 0")
+        if not 0.0 <= self.outlier_weight < 1.0:
+            raise ValueError(f"outlier_weight {self.outlier_weight:g}: from 0 to below 1 is allowed")
+
 
 @dataclass(frozen=True, kw_only=True)
-class MStep:
-    """What an M-step starts from."""
+class Weights:
+    """What an iteration weighs against the fit."""
 
-    Y: Array
-    """The nodes before (M, D) [m], about their centre."""
-    G: Array
-    """The kernel between them (M, M)."""
-    P1: Array
-    """P 1 (M,)."""
-    PX: Array
-    """P X (M, D) [m], about the same centre."""
-    sigma2: float
-    """The variance that P was found with [m²]."""
-    iteration: int
-    """0 at the first."""
+    lambda_per_m2: float
+    """Of the smoothness of the motion [1/m²]."""
+    tau_per_m2: float = 0.0
+    """Of the local structure [1/m²]; SPR's."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,59 +69,77 @@ class Registration:
     """The outcome of one fit."""
 
     nodes: Array
-    """T (M, D) [m]."""
-    weights: Array
-    """P 1 (M,): how many points each node explains."""
-    inliers: Array
-    """Pᵀ 1 (N,): the probability that a point belongs to the DLO."""
+    """T (M, 3) [m]."""
     coefficients: Array
-    """W (M, D) [m]: the motion anywhere is v(z) = sum_m exp(-|z - y_m|² / (2 beta²)) w_m, eq. 18 ff."""
+    """W (M, 3) [m]: the motion anywhere is v(z) = sum_m exp(-|z - y_m|² / (2 beta²)) w_m, eq. 18 ff."""
     sigma2: Array
     """sigma² before the first and after each iteration (iterations + 1,) [m²]."""
 
 
-def fit_mixture(X: Array, Y: Array, config: MixtureConfig, m_step: Callable[[MStep], Array]) -> Registration:
-    """Move the nodes Y (M, D) [m] onto the cloud X (N, D) [m], N >= 1; the loop of Fig. 4.
+class MixtureFit:
+    """A fit of the nodes Y (M, 3) [m] to the cloud X (N, 3) [m], N >= 1, iteration by iteration.
 
-    `m_step` gives W (M, D). Then T = Y + G W and
-    sigma² = (tr Xᵀ d(Pᵀ1) X - 2 tr (PX)ᵀ T + tr Tᵀ d(P1) T) / (N_P D).
+    `weights` are those of an iteration, counted from 0; `structure` (M, M) is SPR's matrix of the local structure.
     """
-    origin = Y.mean(axis=0)  # distances by products lose digits far from the origin
-    X, Y = X - origin, Y - origin
-    G = kernel(Y, config.beta_m)
-    D = X.shape[1]
-    T, W = Y, np.zeros_like(Y)
-    start = initial_sigma2(X, Y) if config.initial_sigma_m == 0 else config.initial_sigma_m**2
-    sigma2 = [start]
-    squares = np.sum(X**2, axis=1)
-    P1, Pt1, PX = expectation(X, T, start, config.outlier_weight)
-    for iteration in range(config.max_iterations):
-        W = m_step(MStep(Y=Y, G=G, P1=P1, PX=PX, sigma2=sigma2[-1], iteration=iteration))
-        T = Y + G @ W
+
+    def __init__(
+        self,
+        X: Array,
+        Y: Array,
+        config: MixtureConfig,
+        weights: Callable[[int], Weights],
+        structure: Array | None = None,
+    ) -> None:
+        self._config, self._weights = config, weights
+        self._origin = Y.mean(axis=0)  # distances by products lose digits far from the origin
+        X, Y = X - self._origin, Y - self._origin
+        self._motions = CoherentMotion(Y, kernel(Y, config.beta_m), structure)
+        self._columns, self._boxes = sorted_blocks(X, longest_axis(Y))
+        self._T = Y
+        self._last = (np.zeros(len(Y)), np.zeros_like(Y), Y, 1.0, 0.0)  # what W is reckoned from: at first 0
+        self._sigma2 = [initial_sigma2(X, Y) if config.initial_sigma_m == 0 else config.initial_sigma_m**2]
+
+    def iterate(self) -> bool:
+        """One E-step and one M-step of Fig. 4; whether there is more to do.
+
+        sigma² = (tr Xᵀ d(Pᵀ1) X - 2 tr (PX)ᵀ T + tr Tᵀ d(P1) T) / (N_P D), eq. 23.
+        """
+        config, before = self._config, self._sigma2[-1]
+        P1, PX, squares = expectation(self._columns, self._boxes, self._T, before, config.outlier_weight)
+        weights = self._weights(len(self._sigma2) - 1)
+        ridge, stiffness = weights.lambda_per_m2 * before, weights.tau_per_m2 * before
+        T = self._motions.nodes(P1, PX, ridge, stiffness)
+        self._T, self._last = T, (P1, PX, T, ridge, stiffness)
+        misfit = squares - 2.0 * np.vdot(PX, T) + P1 @ np.einsum("md,md->m", T, T)
         explained = max(float(P1.sum()), np.finfo(np.float64).tiny)
-        misfit = Pt1 @ squares - 2.0 * np.sum(PX * T) + P1 @ np.sum(T**2, axis=1)
-        sigma2.append(max(float(misfit) / (explained * D), config.smallest_sigma_m**2 / 4))
-        P1, Pt1, PX = expectation(X, T, sigma2[-1], config.outlier_weight)
-        settled = abs(sigma2[-2] - sigma2[-1]) < config.tolerance * sigma2[-2]
-        if settled or sigma2[-1] < config.smallest_sigma_m**2:
-            break
-    return Registration(nodes=T + origin, weights=P1, inliers=Pt1, coefficients=W, sigma2=np.array(sigma2))
+        after = max(float(misfit) / (explained * T.shape[1]), config.smallest_sigma_m**2 / 4)
+        self._sigma2.append(after)
+        settled = abs(before - after) < config.tolerance * before
+        return not settled and after >= config.smallest_sigma_m**2
+
+    def result(self) -> Registration:
+        """What the iterations so far have found."""
+        W = self._motions.coefficients(*self._last)
+        return Registration(nodes=self._T + self._origin, coefficients=W, sigma2=np.array(self._sigma2))
 
 
-def expectation(X: Array, T: Array, sigma2: float, outlier_weight: float) -> tuple[Array, Array, Array]:
-    """The E-step, eq. 6, with the three products of P that the M-step needs, without keeping P.
+def fit_mixture(
+    X: Array, Y: Array, config: MixtureConfig, weights: Callable[[int], Weights], structure: Array | None = None
+) -> Registration:
+    """Move the nodes Y (M, 3) [m] onto the cloud X (N, 3) [m], N >= 1; the loop of Fig. 4.
 
-    p_mn = exp(-|x_n - t_m|² / 2 sigma²) / (sum_k exp(-|x_n - t_k|² / 2 sigma²) + c),
-    c = (2 pi sigma²)^(D/2) w / (1 - w) M / N. Returns P 1 (M,), Pᵀ 1 (N,) and P X (M, D).
+    Arguments as those of `MixtureFit`.
     """
-    (N, D), M = X.shape, len(T)
-    P = squared_distances(T, X)
-    P *= -0.5 / sigma2
-    np.exp(P, out=P)
-    c = (2.0 * np.pi * sigma2) ** (D / 2) * outlier_weight / (1.0 - outlier_weight) * M / N
-    near = P.sum(axis=0)
-    share = 1.0 / np.maximum(near + c, np.finfo(np.float64).tiny)
-    return P @ share, near * share, P @ (X * share[:, None])
+    fit = MixtureFit(X, Y, config, weights, structure)
+    for _ in range(config.max_iterations):
+        if not fit.iterate():
+            break
+    return fit.result()
+
+
+def longest_axis(Y: Array) -> Array:
+    """The direction (3,) in which the nodes (M, 3) about their centre extend most."""
+    return np.linalg.eigh(Y.T @ Y)[1][:, -1]
 
 
 def kernel(Y: Array, beta_m: float) -> Array:

@@ -12,12 +12,11 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 
 from dlokit.skills.observer.base import nothing_seen
 from dlokit.skills.observer.local_structure import lle_weights, structure_matrix
-from dlokit.skills.observer.mixture import MixtureConfig, MStep, Registration, fit_mixture, thinned
+from dlokit.skills.observer.mixture import MixtureConfig, Registration, Weights, fit_mixture, thinned
 from dlokit.skills.observer.visibility import explained_share, visible_nodes
 from dlokit.types.dlo import DloState, TargetPoints
 from dlokit.types.observation import Observation
@@ -48,7 +47,7 @@ class SprConfig(MixtureConfig):
 
 
 def register(X: Array, Y: Array, config: SprConfig) -> Registration:
-    """Move the nodes Y (M, D) [m] onto the cloud X (N, D) [m], N >= 1.
+    """Move the nodes Y (M, 3) [m] onto the cloud X (N, 3) [m], N >= 1.
 
     M-step, from the derivative by W at fixed P, times sigma² G^-1:
     (d(P1) G + lambda sigma² I + tau sigma² M G) W = P X - d(P1) Y - tau sigma² M Y.
@@ -57,16 +56,13 @@ def register(X: Array, Y: Array, config: SprConfig) -> Registration:
     # The weights of a row sum to one: M Y does not change with the origin, which `fit_mixture` moves.
     M = structure_matrix(lle_weights(Y, config.neighbours, config.regularisation))
 
-    def m_step(given: MStep) -> Array:
-        tau = config.tau_per_m2 * config.tau_annealing**given.iteration
-        lambda_ = config.lambda_per_m2 * config.lambda_annealing**given.iteration
-        stiffness = tau * given.sigma2 * M
-        A = given.P1[:, None] * given.G + stiffness @ given.G
-        A[np.diag_indices_from(A)] += lambda_ * given.sigma2
-        B = given.PX - given.P1[:, None] * given.Y - stiffness @ given.Y
-        return scipy.linalg.solve(A, B, check_finite=False)
+    def weights(iteration: int) -> Weights:
+        return Weights(
+            lambda_per_m2=config.lambda_per_m2 * config.lambda_annealing**iteration,
+            tau_per_m2=config.tau_per_m2 * config.tau_annealing**iteration,
+        )
 
-    return fit_mixture(X, Y, config, m_step)
+    return fit_mixture(X, Y, config, weights, M)
 
 
 class Spr:

@@ -124,7 +124,7 @@ def test_a_missing_peer_is_left_out_unless_it_was_asked_for(monkeypatch: pytest.
     def absent(package: str) -> None:
         raise MachineError(f"The peer {package} is not installed")
 
-    monkeypatch.setattr(peers, "_imported", absent)
+    monkeypatch.setattr(peers, "imported", absent)
     choice = choose()
     assert {"pycpd", "probreg"}.isdisjoint(method.name for method in choice.methods)
     assert len(choice.left_out) == 2
@@ -134,7 +134,7 @@ def test_a_missing_peer_is_left_out_unless_it_was_asked_for(monkeypatch: pytest.
 
 def test_a_package_that_is_not_there_is_told_how_to_install() -> None:
     with pytest.raises(MachineError, match="pip install"):
-        peers._imported("no_such_package_of_a_peer")  # pyright: ignore[reportPrivateUsage]  # the one place of the message
+        peers.imported("no_such_package_of_a_peer")  # pyright: ignore[reportPrivateUsage]  # the one place of the message
 
 
 def test_pycpd_follows_a_small_shift() -> None:

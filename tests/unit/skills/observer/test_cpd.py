@@ -1,13 +1,14 @@
 """Coherent point drift against its paper and against another implementation."""
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from synthetic_clouds import cloud, shape, state
 
 from dlokit.skills.observer.cpd import Cpd, CpdConfig, register
-from dlokit.skills.observer.mixture import expectation, initial_sigma2, kernel
+from dlokit.skills.observer.mixture import initial_sigma2, kernel
 
 FAITHFUL = CpdConfig(initial_sigma_m=0, smallest_sigma_m=1e-6, tolerance=0.0, max_iterations=30)
 
@@ -34,18 +35,6 @@ def test_it_agrees_with_pycpd_on_the_same_cloud() -> None:
     assert ours.sigma2[-1] == pytest.approx(theirs.sigma2, rel=1e-4)
 
 
-def test_posteriors_of_a_point_and_its_outlier_share_add_up_to_one() -> None:
-    X, T = cloud(shape("S")).points_world.astype(np.float64), shape("I")
-    sigma2, w = 0.01**2, 0.1
-    P1, Pt1, PX = expectation(X, T, sigma2, w)
-    near = np.exp(-np.sum((T[:, None] - X[None]) ** 2, axis=2) / (2 * sigma2))
-    c = (2 * np.pi * sigma2) ** 1.5 * w / (1 - w) * len(T) / len(X)
-    P = near / (near.sum(axis=0) + c)
-    np.testing.assert_allclose(P1, P.sum(axis=1), rtol=1e-9)  # written out: equal to rounding
-    np.testing.assert_allclose(Pt1, P.sum(axis=0), rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(PX, P @ X, rtol=1e-9, atol=1e-12)
-
-
 def test_the_variance_starts_as_the_mean_over_all_pairs_and_falls() -> None:
     X, Y = cloud(shape("S")).points_world.astype(np.float64), shape("I")
     pairs = np.sum((X[:, None] - Y[None]) ** 2, axis=2)
@@ -54,6 +43,12 @@ def test_the_variance_starts_as_the_mean_over_all_pairs_and_falls() -> None:
     # The penalty's weight changes with sigma², so that at the end it may creep up again, by less than a thousandth.
     assert np.all(np.diff(sigma2) <= 1e-3 * sigma2[:-1])
     assert sigma2[-1] < 0.01 * sigma2[0]
+
+
+@pytest.mark.parametrize("bad", [{"lambda_per_m2": 0.0}, {"beta_m": 0.0}, {"outlier_weight": 1.0}])
+def test_settings_without_a_solution_are_refused(bad: dict[str, float]) -> None:
+    with pytest.raises(ValueError, match=next(iter(bad))):
+        replace(CpdConfig(), **bad)
 
 
 def test_the_kernel_is_one_on_the_diagonal_and_falls_with_distance() -> None:

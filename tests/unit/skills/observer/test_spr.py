@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+from mixture_reference import expectation
 from numpy.typing import NDArray
 from synthetic_clouds import cloud, shape, state
 
@@ -10,7 +11,7 @@ from dlokit.geometry import rmse_m
 from dlokit.skills.observer import cpd
 from dlokit.skills.observer.cpd import Cpd, CpdConfig
 from dlokit.skills.observer.local_structure import lle_weights, structure_matrix
-from dlokit.skills.observer.mixture import expectation, kernel
+from dlokit.skills.observer.mixture import kernel
 from dlokit.skills.observer.spr import Spr, SprConfig, register
 
 
