@@ -82,6 +82,7 @@ def examine(args: DoctorArgs) -> tuple[Finding, ...]:
         memory_finding(psutil.virtual_memory().available / 2**30),
         port_finding(args.viewer_host, args.viewer_port),
         *dependency_findings(),
+        kernels_finding(),
         *(hardware_finding(package, _importable) for package in HARDWARE),
         browser_finding(shutil.which),
     )
@@ -167,6 +168,17 @@ def port_finding(host: str, port: int) -> Finding:
     except (ImportError, MachineError) as error:
         return Finding(what=what, standing=Standing.ADVICE, found=str(error), mend="dlokit demo --viewer.port 0")
     return Finding(what=what, standing=Standing.READY, found=f"free on {host}")
+
+
+def kernels_finding() -> Finding:
+    """The observers' compiled code, which is made here if it is not there yet, so that no first frame waits for it."""
+    what = "observers' kernels"
+    try:
+        # Here, because the doctor must be able to tell that a package of the observers is missing.
+        from dlokit.skills.observer.kernels import warm
+    except ImportError as error:
+        return Finding(what=what, standing=Standing.ADVICE, found=str(error), mend="pip install dlokit")
+    return Finding(what=what, standing=Standing.READY, found=f"compiled, kept on disk, loaded in {warm():.1f} s")
 
 
 def dependency_findings(distribution: str = "dlokit") -> tuple[Finding, ...]:

@@ -1,3 +1,4 @@
+import re
 import socket
 from collections.abc import Callable
 
@@ -99,6 +100,13 @@ def test_a_port_in_use_is_told_with_a_way_out() -> None:
     assert str(port) in finding.what
     assert "--viewer.port" in finding.mend
     assert doctor.port_finding("127.0.0.1", port).standing is Standing.READY
+
+
+def test_the_observers_kernels_are_compiled_and_their_time_told() -> None:
+    finding = doctor.kernels_finding()
+
+    assert finding.standing is Standing.READY
+    assert re.search(r"loaded in \d+\.\d s", finding.found)
 
 
 LACKING = Finding(what="OpenGL (EGL)", standing=Standing.LACKING, found="no EGL", mend="sudo apt install libegl1")

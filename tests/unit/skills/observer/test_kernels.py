@@ -1,0 +1,28 @@
+"""What is compiled before the first frame is all that the first frame needs."""
+
+import pytest
+from synthetic_clouds import cloud, shape, state
+
+from dlokit.skills.observer import coherent_motion, mixture_kernels
+from dlokit.skills.observer.base import ObserverStrategyConfig
+from dlokit.skills.observer.kernels import warm
+from dlokit.skills.observer.strategies import OURS
+
+
+def compiled() -> dict[str, int]:
+    """How many versions of each kernel there are, one for each combination of argument types."""
+    return {
+        f"{module.__name__}.{name}": len(kernel.signatures)
+        for module in (coherent_motion, mixture_kernels)
+        for name, kernel in vars(module).items()
+        if hasattr(kernel, "signatures")
+    }
+
+
+@pytest.mark.parametrize("config", OURS, ids=[config.name for config in OURS])
+def test_after_warming_no_observer_compiles_anything(config: type[ObserverStrategyConfig]) -> None:
+    warm()
+    before = compiled()
+    assert before["dlokit.skills.observer.mixture_kernels.expectation"] == 1
+    config().build().estimate(cloud(shape("S")), state(shape("S")))
+    assert compiled() == before
