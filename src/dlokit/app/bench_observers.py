@@ -1,27 +1,33 @@
 """`dlokit bench observers`: every observer and the published peers on the same clouds."""
 
-from collections.abc import Sequence
+import time
+from contextlib import closing
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-from rich.table import Table
 
+from dlokit.app.bench_observers_tables import print_figures, print_summary
 from dlokit.app.machine import machine_facts
-from dlokit.bench.observers.cases import CASES, TUNING_SEED, external_cases
+from dlokit.bench.observers.cases import CASES, TUNING_SEED, Case, external_cases
+from dlokit.bench.observers.conditions import long_enough
 from dlokit.bench.observers.external import unread_arrays
-from dlokit.bench.observers.methods import choose, default_name
-from dlokit.bench.observers.metrics import METRICS
-from dlokit.bench.observers.report import case_table, draw, figures, methods_of, metric_table, observers_json
-from dlokit.bench.observers.runner import Plan, Trial, run_plan
-from dlokit.bench.report import Figure
-from dlokit.errors import ConfigError, InputError
+from dlokit.bench.observers.figures import figures
+from dlokit.bench.observers.methods import choose
+from dlokit.bench.observers.pictures import draw
+from dlokit.bench.observers.report import observers_json
+from dlokit.bench.observers.runner import Plan, Trial
+from dlokit.bench.observers.sequences import RATE_HZ
+from dlokit.bench.observers.summary import compare
+from dlokit.bench.observers.workers import Said, run_in_workers
+from dlokit.errors import ConfigError, InputError, MachineError
 from dlokit.system.run_folder import claim_run_folder, new_run_folder
 
 FULL_SEEDS, FULL_FRAMES = 10, 100
-QUICK_SEEDS, QUICK_FRAMES = 2, 40
+QUICK_SEEDS, QUICK_FRAMES = 2, 50
+_LOG_EVERY_S = 30.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,15 +39,17 @@ class ObserversArgs:
     """
 
     quick: bool = False
-    """Fewer seeds and shorter sequences: about three minutes, for a first look."""
+    """Fewer seeds and shorter sequences: some minutes, for a first look."""
     seeds: int | None = None
     """Seeds 0 to K-1 of each case. [default: 10; 2 with --quick]"""
     frames: int | None = None
-    """Frames of each sequence at most. [default: 100, which are 4 s; 40 with --quick; all of a --sequence]"""
+    """Frames of each sequence at most. [default: 100, which are 4 s; 50 with --quick; all of a --sequence]"""
     sequence: tuple[Path, ...] = ()
     """External sequences (.npz) in place of the simulated ones."""
     methods: str = ""
     """Observers and peers to run, e.g. anchored,cpd,pycpd. [default: all that are installed]"""
+    jobs: int = 1
+    """Cases side by side, a process each. With more than one, times are not comparable."""
     json: Path | None = None
     """Also write every figure to this file."""
     out: Path | None = None
@@ -55,22 +63,23 @@ def run_observers(args: ObserversArgs) -> int:
     console = Console()
     for reason in left_out:
         console.print(f"left out: {reason}", highlight=False, soft_wrap=True, markup=False)
-    for file in args.sequence:
-        if unread := unread_arrays(file):
-            console.print(f"{file}: not read: {', '.join(unread)}", highlight=False, soft_wrap=True, markup=False)
     folder = claim_run_folder(args.out) if args.out else new_run_folder(Path("runs"), "bench-observers", datetime.now())
-    trials = _trials(plan, console)
+    trials, whole = _trials(plan, args.jobs, console)
     if not trials:
         console.print("ended before anything was done")
-        return 0
+        return 0 if whole else 1
     rows = figures(trials)
-    _print(rows, console)
+    compared = list(compare(trials, plan.cases))
+    if args.json is not None:
+        all_rows = [*rows, *(one.figure for one in compared)]
+        args.json.write_bytes(observers_json(all_rows, machine_facts(), plan, jobs=args.jobs))
+    print_figures(rows, console, comparable=args.jobs == 1)
+    print_summary(rows, compared, plan, console)
     pictures = draw(rows, folder)
     if args.json is not None:
-        args.json.write_bytes(observers_json(rows, machine_facts(), plan))
         console.print(f"figures: {args.json}")
     console.print(f"pictures: {len(pictures)} in {folder}")
-    return 0
+    return 0 if whole else 1
 
 
 def _plan(args: ObserversArgs) -> tuple[Plan, tuple[str, ...]]:
@@ -81,11 +90,26 @@ def _plan(args: ObserversArgs) -> tuple[Plan, tuple[str, ...]]:
             f"--seeds {seeds} and --frames {frames}: needed are 1 to {TUNING_SEED} seeds (those above are for tuning) "
             "and at least 2 frames."
         )
+    if args.jobs < 1:
+        raise ConfigError(f"--jobs {args.jobs}: at least 1 is needed.")
     choice = choose(tuple(name.strip() for name in args.methods.split(",") if name.strip()))
-    cases = external_cases(args.sequence) if args.sequence else CASES
-    whole = bool(args.sequence) and args.frames is None and not args.quick
-    plan = Plan(cases=cases, methods=choice.methods, seeds=seeds, frames=None if whole else frames)
-    return plan, choice.left_out
+    if args.sequence:
+        whole = args.frames is None and not args.quick
+        cases = external_cases(args.sequence)
+        left_out = tuple(
+            f"arrays of {path}: {', '.join(names)}" for path in args.sequence if (names := unread_arrays(path))
+        )
+        plan = Plan(cases=cases, methods=choice.methods, seeds=seeds, frames=None if whole else frames)
+        return plan, (*choice.left_out, *left_out)
+    short = [case for case in CASES if not long_enough(case.conditions, frames, RATE_HZ)]
+    plan = Plan(
+        cases=tuple(case for case in CASES if case not in short), methods=choice.methods, seeds=seeds, frames=frames
+    )
+    return plan, (*choice.left_out, *(_too_short(case, frames) for case in short))
+
+
+def _too_short(case: Case, frames: int) -> str:
+    return f"the case {case.name!r}: {frames} frames are too few for what comes before and after; use more --frames"
 
 
 def _check_writable(path: Path | None) -> None:
@@ -94,42 +118,33 @@ def _check_writable(path: Path | None) -> None:
         raise InputError(f"--json {path}: there is no folder {path.resolve().parent}; create it or name another.")
 
 
-def _trials(plan: Plan, console: Console) -> list[Trial]:
+def _trials(plan: Plan, jobs: int, console: Console) -> tuple[list[Trial], bool]:
+    """What was done, and whether nothing broke."""
     trials: list[Trial] = []
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
+    with (
+        Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress,
+        closing(run_in_workers(plan, jobs)) as said,
+    ):
         bar = progress.add_task("observers", total=plan.trials)
+        logged_s = time.monotonic()
         try:
-            for trial in run_plan(plan):
-                trials.append(trial)
-                progress.update(bar, advance=1, description=f"{trial.case}, seed {trial.seed}, {trial.method}")
-                if not console.is_terminal and len(trials) % len(plan.methods) == 0:
-                    # Nothing moves in a log: a line a case and seed shows that it goes on.
-                    console.print(f"{len(trials)} of {plan.trials}: {trial.case}, seed {trial.seed}", highlight=False)
+            for item in said:
+                if isinstance(item, Trial):
+                    trials.append(item)
+                progress.update(bar, completed=len(trials), description=_where(item))
+                if not console.is_terminal and time.monotonic() - logged_s > _LOG_EVERY_S:
+                    # Nothing moves in a log: a line now and then shows that it goes on.
+                    logged_s = time.monotonic()
+                    console.print(f"{len(trials)} of {plan.trials}: {_where(item)}", highlight=False, soft_wrap=True)
         except KeyboardInterrupt:
             console.print(f"ended early: {len(trials)} of {plan.trials} trials are done; figures are of these")
-    return trials
+        except MachineError as error:
+            console.print(f"{error} Figures are of the {len(trials)} of {plan.trials} trials done.", soft_wrap=True)
+            return trials, False
+    return trials, True
 
 
-def _print(rows: Sequence[Figure], console: Console) -> None:
-    methods = methods_of(rows)
-    first = rows[0].case
-    tables = [
-        _table(f"node error, {METRICS[0].shown}", "case", methods, list(case_table(rows, METRICS[0]))),
-        _table(f"case {first!r}, every metric", "metric", methods, list(metric_table(rows, first))),
-    ]
-    # A table that folds its figures cannot be read: a narrow or unknown width is overruled.
-    wide = Console(width=max(console.width, 30 + 24 * len(methods)))
-    for table in tables:
-        wide.print(table)
-    console.print(f"default observer: {default_name()}; times are processor time a frame", highlight=False)
-
-
-def _table(title: str, first: str, methods: Sequence[str], lines: Sequence[tuple[str, ...]]) -> Table:
-    table = Table(title=title, caption="mean over sequences (95 % interval)")
-    table.add_column(first, no_wrap=True)
-    for method in methods:
-        table.add_column(method, justify="right", no_wrap=True)
-    for line in lines:
-        table.add_row(*line)
-    return table
+def _where(item: Said) -> str:
+    where = f"{item.case}, seed {item.seed}, {item.method}"
+    return where if isinstance(item, Trial) else f"{where}, frame {item.frame} of {item.frames}"

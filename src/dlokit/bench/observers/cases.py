@@ -4,7 +4,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
-from dlokit.bench.observers.clouds import Conditions
+import numpy as np
+
+from dlokit.bench.observers.conditions import Conditions
 from dlokit.bench.observers.external import read_sequence
 from dlokit.bench.observers.sequence import Sequence
 from dlokit.bench.observers.sequences import Motion, simulate
@@ -26,6 +28,8 @@ class Case:
     pace: float = 1.0
     """Share of the full speed."""
     conditions: Conditions = field(default_factory=Conditions)
+    extra: bool = False
+    """Whether no bar is set for it: what errs here, no observer can see."""
     file: Path | None = None
     """An external sequence, in place of a motion; it has one seed."""
 
@@ -66,7 +70,10 @@ CASES: tuple[Case, ...] = (
     replace(BASE, name="swing 1 m/s", motion="swing"),
     replace(BASE, name="crossing", motion="crossing"),
     _with("2000 points", Conditions(points=2000)),
-    _with("dark for 1 s", Conditions(blackout_s=(0.2, 1.2))),
+    _with("dark for 1 s", Conditions(dark_s=1.0)),
+    replace(
+        _with("camera error", Conditions(camera_error_m=0.003, camera_error_rad=float(np.deg2rad(0.3)))), extra=True
+    ),
 )
 """Base: 30 % hidden in the middle, 2 mm, 5 % outliers, full speed, 1000 points."""
 

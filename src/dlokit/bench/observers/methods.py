@@ -6,10 +6,17 @@ from dlokit.bench.observers.peers import PEERS, missing
 from dlokit.errors import ConfigError, MachineError
 from dlokit.skills.observer.base import ObserverStrategyConfig
 from dlokit.skills.observer.config import ObserverConfig
+from dlokit.skills.observer.cpd import CpdConfig
+from dlokit.skills.observer.som import SomConfig
+from dlokit.skills.observer.spr import SprConfig
 from dlokit.skills.observer.strategies import strategies
 
 PINNED = ", pinned"
 """Behind the name of an observer that was told where the grippers hold the DLO."""
+
+
+PUBLISHED = (*(peer.name for peer in PEERS), CpdConfig.name, SprConfig.name, SomConfig.name)
+"""The methods of others: packages, and our own implementations of papers."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -18,6 +25,11 @@ class Method:
 
     config: ObserverStrategyConfig
     pinned: bool = False
+
+    @property
+    def states_trust(self) -> bool:
+        """Whether its health is its own: the packages of others state none, and their adapters make none up."""
+        return not isinstance(self.config, PEERS)
 
     @property
     def name(self) -> str:

@@ -7,11 +7,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlokit.bench.observers.centre_line import smooth_line
+from dlokit.bench.observers.trust import rank_correlation
 from dlokit.types.arrays import Float64Array
 
 LOST_M = 0.05
 """A frame whose nodes are further off than this, in the mean, counts as lost [m]."""
 _LINE_POINTS = 64
+
+
+CORRELATION = "health: rank correlation"
+CORRELATION_FRAMES = "health: rank correlation, frames"
+FLAGGED = "lost tracks flagged"
+SETTLED = 1.5
+"""A track has settled when its error is below so many times the median before the dark."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,6 +30,20 @@ class Track:
     true_world: Float64Array  # (T, K, 3) [m]
     visible: NDArray[np.bool_]  # (T, K) whether a node could be seen, in truth
     seconds: Float64Array  # (T,) processor time of each estimate [s]
+    dark: NDArray[np.bool_]  # (T,) frames in which the case let nothing be seen
+    failed: NDArray[np.bool_]  # (T,) frames without an answer, for which the answer before was taken
+    health: Float64Array | None = None  # (T,) None: the method states none
+    stated_m: Float64Array | None = None  # (T, K) stated standard deviations [m], NaN where none; None: never any
+
+    @property
+    def errors_m(self) -> Float64Array:
+        """Distance of node i to the true node i, (T, K) [m]."""
+        return np.linalg.norm(self.nodes_world - self.true_world, axis=2)
+
+    @property
+    def lost(self) -> NDArray[np.bool_]:
+        """Frames (T,) whose nodes are off by more than `LOST_M` in the mean."""
+        return self.errors_m.mean(axis=1) > LOST_M
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,6 +55,9 @@ class Metric:
     factor: float
     """From the unit of the figure to the one shown."""
     shown: str
+    digits: int = 1
+    rare: bool = False
+    """Shown only where it is not 0."""
 
 
 METRICS: tuple[Metric, ...] = (
@@ -42,9 +67,15 @@ METRICS: tuple[Metric, ...] = (
     Metric(name="curve error", unit="m", factor=1e3, shown="mm"),
     Metric(name="tip error", unit="m", factor=1e3, shown="mm"),
     Metric(name="frames over 50 mm", unit="", factor=1e2, shown="%"),
+    Metric(name="longest loss", unit="frames", factor=1.0, shown="frames"),
     Metric(name="frames to recover", unit="frames", factor=1.0, shown="frames"),
-    Metric(name="time p50", unit="s", factor=1e3, shown="ms"),
-    Metric(name="time p99", unit="s", factor=1e3, shown="ms"),
+    Metric(name="frames to settle", unit="frames", factor=1.0, shown="frames"),
+    Metric(name=CORRELATION, unit="", factor=1.0, shown="", digits=2),
+    Metric(name=CORRELATION_FRAMES, unit="", factor=1.0, shown="", digits=2),
+    Metric(name=FLAGGED, unit="", factor=1e2, shown="%"),
+    Metric(name="frames without an answer", unit="", factor=1e2, shown="%", rare=True),
+    Metric(name="time p50", unit="s", factor=1e3, shown="ms", digits=2),
+    Metric(name="time p99", unit="s", factor=1e3, shown="ms", digits=2),
 )
 
 
@@ -53,7 +84,7 @@ def score(track: Track) -> Mapping[str, float]:
 
     Node errors are mean distances of node i to the true node i, in the order of the DLO.
     """
-    errors = np.linalg.norm(track.nodes_world - track.true_world, axis=2)  # (T, K)
+    errors = track.errors_m  # (T, K)
     per_frame = errors.mean(axis=1)
     figures = {"node error": float(per_frame.mean())}
     if track.visible.any():
@@ -63,12 +94,41 @@ def score(track: Track) -> Mapping[str, float]:
     pairs = zip(track.nodes_world, track.true_world, strict=True)
     figures["curve error"] = float(np.mean([curve_error_m(nodes, true) for nodes, true in pairs]))
     figures["tip error"] = float(errors[:, [0, -1]].mean())
-    lost = per_frame > LOST_M
-    figures["frames over 50 mm"] = float(lost.mean())
-    figures["frames to recover"] = float(frames_to_recover(lost, np.asarray(track.visible.any(axis=1))))
+    figures["frames over 50 mm"] = float(track.lost.mean())
+    figures["longest loss"] = float(longest_loss(track.lost, np.asarray(track.visible.any(axis=1))))
+    figures["frames without an answer"] = float(track.failed.mean())
     figures["time p50"] = float(np.percentile(track.seconds, 50))
     figures["time p99"] = float(np.percentile(track.seconds, 99))
+    return figures | _recovery(per_frame, track.dark) | _trust(track)
+
+
+def _recovery(error_m: Float64Array, dark: NDArray[np.bool_]) -> dict[str, float]:
+    """Frames after the dark until the track is found, and until it is as good as before; for a case with a dark."""
+    if not dark.any():
+        return {}
+    first, last = np.flatnonzero(dark)[[0, -1]]
+    after = error_m[last + 1 :]
+    figures = {"frames to recover": float(_until(after < LOST_M))}
+    if first > 0:
+        as_before = SETTLED * float(np.median(error_m[:first]))
+        figures["frames to settle"] = float(_until(after < min(LOST_M, as_before)))
     return figures
+
+
+def _until(reached: NDArray[np.bool_]) -> int:
+    """How many frames (T,) pass before the first that reached it; all of them when none did."""
+    return int(np.argmax(reached)) if reached.any() else len(reached)
+
+
+def _trust(track: Track) -> dict[str, float]:
+    """Rank correlations of what is stated with what is wrong, over nodes, and over the means of frames."""
+    if track.stated_m is None:
+        return {}
+    errors = track.errors_m
+    known = np.isfinite(track.stated_m).all(axis=1)
+    nodes = rank_correlation(track.stated_m.ravel(), errors.ravel())
+    frames = rank_correlation(track.stated_m[known].mean(axis=1), errors[known].mean(axis=1))
+    return {name: value for name, value in ((CORRELATION, nodes), (CORRELATION_FRAMES, frames)) if value is not None}
 
 
 def curve_error_m(nodes: Float64Array, true: Float64Array) -> float:
@@ -90,7 +150,7 @@ def to_polyline_m(points: Float64Array, line: Float64Array) -> Float64Array:
     return np.linalg.norm(rest, axis=2).min(axis=1)
 
 
-def frames_to_recover(lost: NDArray[np.bool_], shown: NDArray[np.bool_]) -> int:
+def longest_loss(lost: NDArray[np.bool_], shown: NDArray[np.bool_]) -> int:
     """The longest row of lost frames (T,); frames in which nothing was shown (T,) do not count, nor end a row.
 
     A track that is lost for good counts to the end of the sequence. 0: never lost while anything was shown.

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
 from dlokit.geometry import rotation
 from dlokit.types.arrays import Float64Array
@@ -79,6 +80,28 @@ def _cells(aside_m: float, ahead_m: float, radius_m: float, focal_px: float, cen
         return 0, count
     at = (np.tan(np.array([middle - half, middle + half])) * focal_px + centre_px) / SCALE
     return int(np.clip(np.floor(at[0]), 0, count)), int(np.clip(np.ceil(at[1]), 0, count))
+
+
+def behind_itself(line_world: Float64Array, radius_m: float, camera: CameraCalibration) -> Flags:
+    """Which points of a rod's centre line (K, 3) [m], equally spaced, another part of the rod hides, (K,).
+
+    A point is hidden where it lies within a radius of the other part in the picture and more than a radius behind it;
+    parts nearer than two diameters along the rod are the same part.
+    """
+    T = camera.T_world_camera
+    p = (line_world - T.position_m) @ rotation(T)
+    picture = p[:, :2] / p[:, 2:]
+    step_m = float(np.linalg.norm(line_world[1] - line_world[0]))
+    # The line is points, not a line: one may pass between two of them.
+    wide_m = float(np.hypot(radius_m, step_m / 2.0))
+    a, b = KDTree(picture).query_pairs(wide_m / float(p[:, 2].min()), output_type="ndarray").T
+    other = np.abs(a - b) * step_m > 4.0 * radius_m
+    a, b = a[other], b[other]
+    front, back = np.where(p[a, 2] < p[b, 2], a, b), np.where(p[a, 2] < p[b, 2], b, a)
+    aside_m = np.linalg.norm(picture[front] - picture[back], axis=1) * p[front, 2]
+    hidden = np.zeros(len(line_world), dtype=np.bool_)
+    hidden[back[(aside_m < wide_m) & (p[back, 2] - p[front, 2] > radius_m)]] = True
+    return hidden
 
 
 def depths_m(positions_world: Float64Array, camera: CameraCalibration) -> Float64Array:

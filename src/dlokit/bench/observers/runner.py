@@ -1,20 +1,27 @@
 """Every method over every case: the same clouds for all, one frame after another, timed."""
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-import msgspec
 import numpy as np
 
 from dlokit.bench.observers.cases import Case
-from dlokit.bench.observers.clouds import Look, Looks, looks
+from dlokit.bench.observers.clouds import Look, Looks, looks, with_pins
 from dlokit.bench.observers.methods import Method
 from dlokit.bench.observers.metrics import Track, score
 from dlokit.bench.observers.sequence import Sequence
-from dlokit.skills.observer.base import ObserverStrategy, prior_from
+from dlokit.bench.observers.trust import Losses, losses
+from dlokit.skills.observer.base import ObserverStrategy, nothing_seen, prior_from
+from dlokit.skills.observer.config import ObserverConfig
+from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, TargetPoints
 from dlokit.types.observation import Observation
+
+WARM_UP_FRAMES = 3
+
+Told = Callable[[str, int, int], None]
+"""Told how far a long trial is: its method, frames done, frames in all."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,6 +33,16 @@ class Trial:
     method: str
     frames: int
     figures: dict[str, float]
+    losses: Losses | None = None
+    """None where the method states no health."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Task:
+    """One case with one seed, for every method."""
+
+    case: Case
+    seed: int
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,51 +57,127 @@ class Plan:
     first_seed: int = 0
 
     @property
+    def tasks(self) -> tuple[Task, ...]:
+        """Seed by seed, so that what is done before an end by Ctrl-C has all cases in it; a file has one seed."""
+        return tuple(
+            Task(case=case, seed=seed)
+            for seed in range(self.first_seed, self.first_seed + self.seeds)
+            for case in self.cases
+            if case.file is None or seed == self.first_seed
+        )
+
+    @property
     def trials(self) -> int:
         """How many trials there will be."""
-        return len(self.methods) * sum(1 if case.file else self.seeds for case in self.cases)
+        return len(self.methods) * len(self.tasks)
+
+
+class Sequences:
+    """The sequences of one seed after another: most cases differ in their clouds alone."""
+
+    def __init__(self, frames: int | None) -> None:
+        """Sequences of at most `frames` frames."""
+        self._frames = frames
+        self._seed: int | None = None
+        self._made: dict[tuple[str, float], Sequence] = {}
+
+    def of(self, task: Task) -> Sequence:
+        """The sequence of a case and seed, simulated or read once."""
+        if task.seed != self._seed:
+            self._made.clear()
+            self._seed = task.seed
+        key = (str(task.case.file or task.case.motion), task.case.pace)
+        if key not in self._made:
+            self._made[key] = task.case.sequence(task.seed, self._frames)
+        return self._made[key]
 
 
 def run_plan(plan: Plan) -> Iterator[Trial]:
-    """Every trial, seed by seed, so that what is done before an end by Ctrl-C has all cases in it."""
-    for seed in range(plan.first_seed, plan.first_seed + plan.seeds):
-        moved: dict[tuple[str, float], Sequence] = {}  # most cases differ in their clouds alone
-        for case in plan.cases:
-            if case.file is not None and seed > plan.first_seed:
-                continue
-            motion = (str(case.file or case.motion), case.pace)
-            sequence = moved.get(motion) or case.sequence(seed, plan.frames)
-            moved[motion] = sequence
-            seen = looks(sequence, case.conditions, seed)
-            for method in plan.methods:
-                track = follow(sequence, seen, method)
-                yield Trial(case=case.name, seed=seed, method=method.name, frames=len(seen), figures=dict(score(track)))
+    """Every trial, one after another, in this process."""
+    sequences = Sequences(plan.frames)
+    for task in plan.tasks:
+        yield from run_task(task, sequences.of(task), plan.methods)
 
 
-def follow(sequence: Sequence, seen: Looks | list[Look], method: Method) -> Track:
+def run_task(task: Task, sequence: Sequence, methods: tuple[Method, ...], told: Told | None = None) -> Iterator[Trial]:
+    """The trials of one case with one seed: every method gets the same clouds."""
+    seen = looks(sequence, task.case.conditions, task.seed)
+    for method in methods:
+        track = follow(sequence, seen, method, told)
+        stated = None
+        if track.health is not None:
+            stated = losses(track.lost, track.health, ObserverConfig().lost_health)
+        yield Trial(
+            case=task.case.name,
+            seed=task.seed,
+            method=method.name,
+            frames=len(seen),
+            figures=dict(score(track)),
+            losses=stated,
+        )
+
+
+def follow(sequence: Sequence, seen: Looks | list[Look], method: Method, told: Told | None = None) -> Track:
     """Track a sequence from its first frame's nodes on; each prior is the previous frame's targets."""
     topology = sequence.topology
     state = DloState(stamp_ns=seen[0].seen.stamp_ns, nodes_world=sequence.nodes_world[0].copy(), topology=topology)
-    # What a first call loads or compiles is not the time of a frame.
-    method.config.build().estimate(seen[0].seen, state)
+    _warm_up(method, seen[:WARM_UP_FRAMES], state)
     strategy = method.config.build()
-    nodes, seconds = [], []
-    for look in seen[1:]:
-        observation = msgspec.structs.replace(look.seen, pins=look.pins) if method.pinned else look.seen
-        targets, taken_s = _timed(strategy, observation, state)
-        nodes.append(targets.nodes_world)
-        seconds.append(taken_s)
+    answers: list[TargetPoints] = []
+    seconds, failed = np.zeros(len(seen) - 1), np.zeros(len(seen) - 1, dtype=np.bool_)
+    for frame in range(1, len(seen)):
+        answer, seconds[frame - 1] = _timed(strategy, _given(method, seen[frame]), state)
+        failed[frame - 1] = answer is None
+        targets = nothing_seen(seen[frame].seen, state) if answer is None else answer
+        answers.append(targets)
         state = prior_from(targets, topology)
+        if told is not None:
+            told(method.name, frame, len(seen) - 1)
     return Track(
-        nodes_world=np.array(nodes),
+        nodes_world=np.array([targets.nodes_world for targets in answers]),
         true_world=sequence.nodes_world[1:],
         visible=np.array([look.visible for look in seen[1:]]),
-        seconds=np.array(seconds),
+        seconds=seconds,
+        dark=np.array([look.dark for look in seen[1:]]),
+        failed=failed,
+        health=np.array([targets.health for targets in answers]) if method.states_trust else None,
+        stated_m=_stated_m(answers) if method.states_trust else None,
     )
 
 
-def _timed(strategy: ObserverStrategy, seen: Observation, state: DloState) -> tuple[TargetPoints, float]:
+def _stated_m(answers: list[TargetPoints]) -> Float64Array | None:
+    """The stated standard deviation of each node (T, K) [m]: the root of its covariance's trace."""
+    if all(targets.covariance is None for targets in answers):
+        return None
+    unknown = np.full(len(answers[0].nodes_world), np.nan)
+    traces = [
+        unknown if targets.covariance is None else np.trace(targets.covariance, axis1=1, axis2=2) for targets in answers
+    ]
+    return np.sqrt(np.maximum(np.array(traces), 0.0))
+
+
+def _warm_up(method: Method, seen: list[Look], state: DloState) -> None:
+    """What first calls load or compile is not the time of a frame."""
+    strategy = method.config.build()
+    for look in seen:
+        _timed(strategy, _given(method, look), state)
+
+
+def _given(method: Method, look: Look) -> Observation:
+    return with_pins(look) if method.pinned else look.seen
+
+
+def _timed(strategy: ObserverStrategy, seen: Observation, state: DloState) -> tuple[TargetPoints | None, float]:
+    """An answer and its processor time [s]; None where there is none that is finite.
+
+    A package that gives up at one frame (a singular matrix) has lost that frame, not hours of all others' work.
+    """
     # Processor time of the process: what runs beside this does not count, threads of a method do.
     began = time.process_time()
-    targets = strategy.estimate(seen, state)
-    return targets, time.process_time() - began
+    try:
+        targets = strategy.estimate(seen, state)
+    except (ArithmeticError, ValueError):
+        return None, time.process_time() - began
+    taken_s = time.process_time() - began
+    usable = targets.nodes_world.shape == state.nodes_world.shape and bool(np.all(np.isfinite(targets.nodes_world)))
+    return targets if usable else None, taken_s

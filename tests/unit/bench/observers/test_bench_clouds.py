@@ -5,12 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dlokit.bench.observers.clouds import NOISE_DEPTH_M, Conditions, Look, Place, camera_of, looks, stereo_cloud
-from dlokit.bench.observers.rays import Ball, ball_hiding, depth_image, depths_m, hides
+from dlokit.bench.observers.clouds import Look, looks
+from dlokit.bench.observers.conditions import Conditions, Place, dark_frames, long_enough
+from dlokit.bench.observers.rays import Ball, ball_hiding, behind_itself, depth_image, depths_m, hides
 from dlokit.bench.observers.sequence import Sequence
+from dlokit.bench.observers.stereo import NOISE_DEPTH_M, camera_of, moved, stereo_cloud
 from dlokit.description.scene import default_calibration
 from dlokit.description.shapes import builtin_shape
+from dlokit.geometry import pose
 from dlokit.skills.observer.visibility import VisibilityConfig, shaded
+from dlokit.types.image import CameraCalibration
 
 CAMERA = default_calibration()
 EYE = CAMERA.T_world_camera.position_m
@@ -30,6 +34,11 @@ def _sequence(frames: int = 2) -> Sequence:
     )
 
 
+def _camera_above(place_world: np.ndarray) -> CameraCalibration:
+    """The rig 1 m above a place, looking straight down."""
+    return moved(CAMERA, pose(place_world + np.array([0.0, 0.0, 1.0]), [0.0, 1.0, 0.0, 0.0]))
+
+
 def _look(conditions: Conditions, seed: int = 0) -> Look:
     return looks(_sequence(), conditions, seed)[0]
 
@@ -44,9 +53,9 @@ def _cloud(noise_m: float) -> np.ndarray:
 def test_noise_moves_points_along_their_view_rays_alone() -> None:
     clean, noisy = _cloud(0.0), _cloud(0.002)
     rays = (clean - EYE) / np.linalg.norm(clean - EYE, axis=1, keepdims=True)
-    moved = noisy - clean
-    across = moved - np.sum(moved * rays, axis=1, keepdims=True) * rays
-    assert np.abs(moved).max() > 0.002
+    off = noisy - clean
+    across = off - np.sum(off * rays, axis=1, keepdims=True) * rays
+    assert np.abs(off).max() > 0.002
     assert np.abs(across).max() < 1e-12
 
 
@@ -125,11 +134,78 @@ def test_outliers_are_the_share_that_was_asked_for() -> None:
 
 
 def test_nothing_is_seen_in_the_dark() -> None:
-    look = _look(Conditions(blackout_s=(0.0, 0.02)))
-    assert len(look.seen.points_world) == 0
-    assert not look.visible.any()
-    after = looks(_sequence(), Conditions(blackout_s=(0.0, 0.02)), 0)[1]
-    assert len(after.seen.points_world) > 0
+    seen = looks(_sequence(12), Conditions(dark_s=0.12), 0)
+    assert [frame for frame, look in enumerate(seen) if look.dark] == [3, 4, 5]
+    assert len(seen[4].seen.points_world) == 0
+    assert not seen[4].visible.any()
+    assert len(seen[6].seen.points_world) > 0
+
+
+def test_the_dark_is_as_long_as_asked_and_leaves_light_before_and_more_after() -> None:
+    dark = dark_frames(Conditions(dark_s=1.0), 100, 25.0)
+    assert (dark.start, len(dark), 100 - dark.stop) == (25, 25, 50)
+    assert long_enough(Conditions(dark_s=1.0), 50, 25.0), "the quick run"
+    assert not long_enough(Conditions(dark_s=1.0), 38, 25.0), "a track may take 10 frames to recover"
+    assert long_enough(Conditions(), 2, 25.0)
+
+
+def _crossing_line(gap_m: float) -> np.ndarray:
+    """Half a turn of a helix around a ring, which comes back `gap_m` above its beginning."""
+    angle = np.linspace(-0.3, 2.0 * np.pi + 0.3, 401)
+    height = 0.3 + gap_m * np.clip((angle - np.pi) / 2.0, 0.0, 1.0)
+    return np.column_stack([0.5 + 0.08 * np.cos(angle), 0.05 * np.sin(2.0 * angle), height])
+
+
+def test_a_rod_hides_the_part_that_lies_under_its_crossing() -> None:
+    line = _crossing_line(0.02)
+    above = _camera_above(line.mean(axis=0))
+    hidden = behind_itself(line, 0.004, above)
+    apart = np.linalg.norm(line[hidden][:, None, :2] - line[None, ~hidden, :2], axis=2).min(axis=1)
+    assert hidden.any()
+    assert np.all(line[hidden, 2] < 0.32 - 0.01), "the lower part is hidden, never the upper"
+    assert np.all(apart < 0.0075), "only where it crosses: within a radius and the steps of the line"
+
+
+def test_a_rod_that_does_not_cross_itself_in_the_picture_hides_nothing() -> None:
+    line = builtin_shape("S", 0.5, 401)
+    assert not behind_itself(line, 0.004, CAMERA).any()
+
+
+def test_parts_that_cross_at_one_depth_do_not_hide_one_another() -> None:
+    line = _crossing_line(0.001)
+    assert not behind_itself(line, 0.004, _camera_above(line.mean(axis=0))).any()
+
+
+def test_a_node_under_a_crossing_is_not_visible_and_has_no_points() -> None:
+    nodes = _crossing_line(0.05)[::8]
+    sequence = replace(
+        _sequence(2),
+        nodes_world=np.array([nodes, nodes]),
+        pins_world=None,
+        pin_nodes=(),
+        T_world_camera=_camera_above(nodes.mean(axis=0)).T_world_camera,
+    )
+    look = looks(sequence, CLEAN, 0)[0]
+    assert 1 <= np.count_nonzero(~look.visible) <= 6
+    points = np.asarray(look.seen.points_world, dtype=np.float64)
+    middle = nodes[~look.visible].mean(axis=0)
+    assert np.linalg.norm(points - middle, axis=1).min() > 0.004
+
+
+def test_a_camera_that_is_elsewhere_than_believed_displaces_all_points_rigidly() -> None:
+    off = replace(CLEAN, camera_error_m=0.003, camera_error_rad=float(np.deg2rad(0.3)))
+    right, wrong = _look(CLEAN).seen, _look(off).seen
+    a, b = (np.asarray(seen.points_world, dtype=np.float64) for seen in (right, wrong))
+    far = np.linalg.norm(a - b, axis=1)
+    # 3 mm, and 0.3° at 1.3 m, in whatever directions; clouds are in single precision.
+    assert 0.0005 < far.mean() < 0.003 + 0.0053 * 1.4
+    assert np.linalg.norm(a[0] - a, axis=1) == pytest.approx(np.linalg.norm(b[0] - b, axis=1), abs=1e-6)
+    assert wrong.calibration is not None
+    shift = wrong.calibration.T_world_camera.position_m - EYE
+    assert np.linalg.norm(shift) == pytest.approx(0.003), "the observer is told the camera that is believed"
+    again = looks(_sequence(), off, 0)[1].seen.calibration
+    assert again is not None
+    assert np.array_equal(again.T_world_camera.position_m, wrong.calibration.T_world_camera.position_m)
 
 
 def test_the_same_seed_gives_the_same_clouds_and_another_gives_others() -> None:

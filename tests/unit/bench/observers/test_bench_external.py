@@ -8,7 +8,8 @@ import pytest
 from cables import LENGTH_M, cable_arrays, write_cable
 
 from dlokit.bench.observers.cases import Case, external_cases
-from dlokit.bench.observers.clouds import Conditions, looks
+from dlokit.bench.observers.clouds import looks
+from dlokit.bench.observers.conditions import Conditions
 from dlokit.bench.observers.external import RADIUS_M, read_sequence, unread_arrays
 from dlokit.bench.observers.methods import choose
 from dlokit.bench.observers.runner import Plan, run_plan

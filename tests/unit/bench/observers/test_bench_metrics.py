@@ -1,9 +1,20 @@
 """Metrics of the observers' bench on cases that can be reckoned by hand."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from dlokit.bench.observers.metrics import Track, curve_error_m, frames_to_recover, score, to_polyline_m
+from dlokit.bench.observers.metrics import (
+    CORRELATION,
+    CORRELATION_FRAMES,
+    Track,
+    curve_error_m,
+    longest_loss,
+    score,
+    to_polyline_m,
+)
+from dlokit.bench.observers.trust import Losses, losses, rank_correlation
 
 FRAMES, NODES = 4, 11
 
@@ -12,10 +23,21 @@ def _straight() -> np.ndarray:
     return np.column_stack([np.linspace(0.0, 0.5, NODES), np.zeros(NODES), np.zeros(NODES)])
 
 
-def _track(nodes: np.ndarray, visible: np.ndarray | None = None) -> Track:
-    true = np.broadcast_to(_straight(), (FRAMES, NODES, 3)).copy()
-    shown = np.ones((FRAMES, NODES), dtype=np.bool_) if visible is None else visible
-    return Track(nodes_world=nodes, true_world=true, visible=shown, seconds=np.array([0.01, 0.02, 0.03, 0.04]))
+def _track(nodes: np.ndarray, visible: np.ndarray | None = None, dark: list[int] | None = None) -> Track:
+    true = np.broadcast_to(_straight(), nodes.shape).copy()
+    return Track(
+        nodes_world=nodes,
+        true_world=true,
+        visible=np.ones(nodes.shape[:2], dtype=np.bool_) if visible is None else visible,
+        seconds=np.linspace(0.01, 0.04, len(nodes)),
+        dark=np.isin(np.arange(len(nodes)), dark or []),
+        failed=np.zeros(len(nodes), dtype=np.bool_),
+    )
+
+
+def _off_by(errors_m: list[float]) -> np.ndarray:
+    """A track whose every node is off by so much, frame by frame."""
+    return _straight() + np.array(errors_m)[:, None, None] * [0.0, 1.0, 0.0]
 
 
 def test_nodes_that_slide_along_the_curve_are_wrong_in_order_and_right_as_a_curve() -> None:
@@ -53,19 +75,83 @@ def test_lost_frames_are_those_over_50_mm_in_the_mean() -> None:
     nodes[2, :, 1] += 0.049
     figures = score(_track(nodes))
     assert figures["frames over 50 mm"] == pytest.approx(0.25)
-    assert figures["frames to recover"] == 1.0
+    assert figures["longest loss"] == 1.0
 
 
-def test_frames_to_recover_are_the_longest_row_and_dark_frames_do_not_count() -> None:
+def test_the_longest_loss_is_the_longest_row_and_frames_that_show_nothing_do_not_count() -> None:
     lost = np.array([True, False, True, True, True, True, False])
     shown = np.array([True, True, False, False, True, True, True])
-    assert frames_to_recover(lost, shown) == 2
-    assert frames_to_recover(lost, np.ones(7, dtype=np.bool_)) == 4
+    assert longest_loss(lost, shown) == 2
+    assert longest_loss(lost, np.ones(7, dtype=np.bool_)) == 4
 
 
 def test_a_track_that_is_never_found_again_counts_to_the_end() -> None:
     lost = np.array([False, True, True, True])
-    assert frames_to_recover(lost, np.ones(4, dtype=np.bool_)) == 3
+    assert longest_loss(lost, np.ones(4, dtype=np.bool_)) == 3
+
+
+def test_frames_to_recover_count_from_the_light_s_return() -> None:
+    errors = [0.004, 0.006, 0.005, 0.2, 0.3, 0.3, 0.2, 0.04, 0.009, 0.007, 0.02]
+    figures = score(_track(_off_by(errors), dark=[3, 4]))
+    assert figures["frames to recover"] == 2.0, "0.3 and 0.2 m, then it is below 50 mm"
+    assert figures["frames to settle"] == 4.0, "1.5 times the median of 5 mm are 7.5 mm"
+
+
+def test_a_track_that_never_recovers_counts_to_the_end() -> None:
+    figures = score(_track(_off_by([0.004, 0.1, 0.1, 0.1, 0.1]), dark=[1]))
+    assert (figures["frames to recover"], figures["frames to settle"]) == (3.0, 3.0)
+
+
+def test_a_track_that_the_dark_did_not_disturb_recovers_at_once() -> None:
+    figures = score(_track(_off_by([0.004, 0.004, 0.004, 0.004]), dark=[1, 2]))
+    assert (figures["frames to recover"], figures["frames to settle"]) == (0.0, 0.0)
+
+
+def test_a_case_without_a_dark_has_no_recovery() -> None:
+    figures = score(_track(_off_by([0.2, 0.004])))
+    assert "frames to recover" not in figures
+    assert "frames to settle" not in figures
+
+
+def test_stated_deviations_that_rank_as_errors_do_correlate_by_one_whatever_their_size() -> None:
+    track = _track(_off_by([0.001, 0.002, 0.004, 0.03]))
+    figures = score(replace(track, stated_m=track.errors_m**2))
+    assert figures[CORRELATION] == pytest.approx(1.0)
+    assert figures[CORRELATION_FRAMES] == pytest.approx(1.0)
+    figures = score(replace(track, stated_m=-track.errors_m))
+    assert figures[CORRELATION] == pytest.approx(-1.0)
+
+
+def test_a_method_that_states_nothing_has_no_correlation() -> None:
+    assert CORRELATION not in score(_track(_off_by([0.001, 0.002])))
+
+
+def test_frames_without_a_covariance_are_left_out_of_the_correlation() -> None:
+    track = _track(_off_by([0.001, 0.002, 0.004, 0.5]))
+    stated = track.errors_m.copy()
+    stated[3] = np.nan
+    assert score(replace(track, stated_m=stated))[CORRELATION] == pytest.approx(1.0)
+
+
+def test_what_never_varies_correlates_with_nothing() -> None:
+    assert rank_correlation(np.ones(5), np.arange(5.0)) is None
+    assert rank_correlation(np.arange(2.0), np.arange(2.0)) is None
+
+
+def test_a_loss_is_flagged_when_health_falls_within_five_frames() -> None:
+    lost = np.zeros(40, dtype=np.bool_)
+    lost[[2, 3, 4]] = lost[[15, 16]] = lost[30] = True
+    health = np.ones(40)
+    health[7] = 0.1  # the fifth frame after the first loss
+    health[21] = 0.1  # the sixth after the second
+    health[30] = 0.1
+    assert losses(lost, health, 0.75) == Losses(count=3, flagged=2)
+
+
+def test_a_loss_at_the_very_end_cannot_be_judged() -> None:
+    lost = np.zeros(10, dtype=np.bool_)
+    lost[5:] = True
+    assert losses(lost, np.ones(10), 0.75) == Losses(count=0, flagged=0)
 
 
 def test_the_distance_to_a_polyline_is_to_its_edges_not_to_its_nodes() -> None:

@@ -1,5 +1,6 @@
 """The run and its report: the same input for all, what was done is kept, figures with intervals."""
 
+import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar
@@ -7,18 +8,24 @@ from typing import ClassVar
 import msgspec
 import numpy as np
 import pytest
+from cables import write_cable
 
 from dlokit.app import bench_observers
 from dlokit.app.bench_observers import ObserversArgs, run_observers
 from dlokit.bench.observers import peers
 from dlokit.bench.observers.cases import BASE, Case
-from dlokit.bench.observers.clouds import Conditions
+from dlokit.bench.observers.conditions import Conditions
+from dlokit.bench.observers.figures import ALL_CASES, figures
 from dlokit.bench.observers.methods import Method, choose, default_name
-from dlokit.bench.observers.metrics import METRICS
+from dlokit.bench.observers.metrics import CORRELATION, FLAGGED, METRICS
 from dlokit.bench.observers.peers import PycpdConfig
-from dlokit.bench.observers.report import case_table, draw, figures, observers_json
-from dlokit.bench.observers.runner import Plan, Trial, run_plan
-from dlokit.errors import ConfigError, MachineError
+from dlokit.bench.observers.pictures import draw
+from dlokit.bench.observers.report import observers_json
+from dlokit.bench.observers.runner import WARM_UP_FRAMES, Plan, Trial, run_plan
+from dlokit.bench.observers.tables import case_table, metric_table
+from dlokit.bench.observers.trust import Losses
+from dlokit.bench.observers.workers import THREAD_VARIABLES, one_thread, run_in_workers
+from dlokit.errors import ConfigError, InputError, MachineError
 from dlokit.skills.observer.base import ObserverStrategy, nothing_seen
 from dlokit.types.dlo import DloState, TargetPoints
 from dlokit.types.observation import Observation
@@ -56,7 +63,7 @@ def test_every_method_gets_the_same_clouds_and_only_pinned_ones_the_pins() -> No
     plan = _plan(Method(config=StillConfig(label="a")), Method(config=StillConfig(label="b"), pinned=True))
     trials = list(run_plan(plan))
     assert [trial.method for trial in trials] == ["still", "still, pinned"]
-    for (seen_a, _), (seen_b, _) in zip(GIVEN["a"][1:], GIVEN["b"][1:], strict=True):  # [0] is the warm-up
+    for (seen_a, _), (seen_b, _) in zip(GIVEN["a"], GIVEN["b"], strict=True):
         assert np.array_equal(seen_a.points_world, seen_b.points_world)
         assert seen_a.pins == ()
         assert [pin.node for pin in seen_b.pins] == [0, 49]
@@ -66,8 +73,8 @@ def test_the_first_frame_s_nodes_are_the_first_prior() -> None:
     GIVEN.clear()
     list(run_plan(_plan(Method(config=StillConfig()))))
     truth = BASE.sequence(0, 4).nodes_world[0]
-    assert np.array_equal(GIVEN["still"][1][1].nodes_world, truth)
-    assert len(GIVEN["still"]) == 4, "one warm-up and three frames after the first"
+    assert np.array_equal(GIVEN["still"][WARM_UP_FRAMES][1].nodes_world, truth)
+    assert len(GIVEN["still"]) == WARM_UP_FRAMES + 3, "a warm-up, and three frames after the first"
 
 
 def test_an_observer_that_never_moves_is_wrong_by_how_far_the_rod_moved() -> None:
@@ -147,14 +154,128 @@ def test_pycpd_follows_a_small_shift() -> None:
 def test_an_early_end_keeps_what_was_done(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     done = Trial(case="base", seed=0, method="cpd", frames=3, figures={"node error": 0.01})
 
-    def interrupted(plan: Plan):  # a generator of trials
+    def interrupted(plan: Plan, jobs: int):  # a generator of trials
         yield done
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(bench_observers, "run_plan", interrupted)
+    monkeypatch.setattr(bench_observers, "run_in_workers", interrupted)
     file = tmp_path / "figures.json"
     assert run_observers(ObserversArgs(quick=True, methods="cpd", json=file, out=tmp_path / "out")) == 0
     assert len(msgspec.json.decode(file.read_bytes())["rows"]) == 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class FailingConfig:
+    """A package that gives up, or answers with what is no number, at every other frame."""
+
+    name: ClassVar[str] = "failing"
+
+    not_finite: bool = False
+
+    def build(self) -> ObserverStrategy:
+        return Failing(self.not_finite)
+
+
+class Failing:
+    def __init__(self, not_finite: bool) -> None:
+        self._not_finite = not_finite
+        self._calls = 0
+
+    def estimate(self, seen: Observation, prior: DloState) -> TargetPoints:
+        self._calls += 1
+        if self._calls % 2 == 0:
+            if not self._not_finite:
+                raise np.linalg.LinAlgError("singular matrix")
+            return TargetPoints(
+                stamp_ns=1, nodes_world=prior.nodes_world * np.nan, visible=np.ones(len(prior.nodes_world), np.bool_)
+            )
+        return nothing_seen(seen, prior)
+
+
+@pytest.mark.parametrize("not_finite", [False, True])
+def test_a_frame_that_a_method_gives_up_at_keeps_the_answer_before_and_is_counted(not_finite: bool) -> None:
+    (trial,) = run_plan(_plan(Method(config=FailingConfig(not_finite=not_finite))))
+    (still,) = run_plan(_plan(Method(config=StillConfig())))
+    assert trial.figures["frames without an answer"] == pytest.approx(1.0 / 3.0)
+    assert trial.figures["node error"] == still.figures["node error"]
+
+
+def _lossy(seed: int, count: int, flagged: int, case: str = "base", correlation: float = 0.5) -> Trial:
+    return Trial(
+        case=case,
+        seed=seed,
+        method="m",
+        frames=100,
+        figures={CORRELATION: correlation},
+        losses=Losses(count=count, flagged=flagged),
+    )
+
+
+def test_the_share_of_lost_tracks_flagged_is_over_losses_and_says_how_many() -> None:
+    rows = figures([_lossy(0, 3, 3), _lossy(1, 1, 0), _lossy(2, 0, 0)])
+    (row,) = [row for row in rows if row.metric == FLAGGED]
+    assert (row.value, row.n) == (0.75, 4)
+    assert (row.low, row.high) == (0.0, 1.0), "resampled over the two sequences with losses"
+
+
+def test_without_a_loss_or_without_health_nothing_is_said_of_flags() -> None:
+    silent = Trial(case="base", seed=0, method="peer", frames=9, figures={"node error": 0.1})
+    rows = figures([_lossy(0, 0, 0), silent])
+    assert all(row.metric != FLAGGED for row in rows)
+    assert list(metric_table(rows, "base"))[1] == ("health: rank correlation", "0.50", "-")
+
+
+def test_over_all_cases_a_unit_is_a_seed() -> None:
+    rows = figures([_lossy(s, 1, s, case, 0.2 + 0.4 * s) for s in (0, 1) for case in ("base", "other")])
+    over_all = {row.metric: row for row in rows if row.case == ALL_CASES}
+    assert (over_all[CORRELATION].value, over_all[CORRELATION].n) == (pytest.approx(0.4), 2)
+    assert (over_all[FLAGGED].value, over_all[FLAGGED].n) == (0.5, 4)
+
+
+def test_methods_that_state_no_health_are_not_judged_by_it() -> None:
+    assert not Method(config=PycpdConfig()).states_trust
+    (trial,) = run_plan(_plan(Method(config=StillConfig())))
+    assert trial.losses == Losses(count=0, flagged=0)
+
+
+def test_a_worker_process_gives_what_this_process_gives_and_what_it_raises_is_raised_here(tmp_path: Path) -> None:
+    file = write_cable(tmp_path / "cable.npz", 4)
+    good = tuple(Case(name=str(share), file=file, conditions=Conditions(hidden=share)) for share in (0.0, 0.3))
+    missing = Case(name="none", file=tmp_path / "none.npz")
+    methods = choose(("anchored",)).methods[:1]
+    there: dict[str, float] = {}
+
+    def run_there() -> None:
+        for said in run_in_workers(Plan(cases=(*good, missing), methods=methods, seeds=1, frames=None), 1):
+            if isinstance(said, Trial):
+                there[said.case] = said.figures["node error"]
+
+    with pytest.raises(InputError, match="no file"):  # one process for both, because starting one takes seconds
+        run_there()
+    here = run_plan(Plan(cases=good, methods=methods, seeds=1, frames=None))
+    assert there == {trial.case: trial.figures["node error"] for trial in here}
+
+
+def test_processes_are_started_with_one_thread_for_linear_algebra(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("OMP_NUM_THREADS", "7")
+    monkeypatch.delenv("NUMBA_NUM_THREADS", raising=False)
+    with one_thread():
+        assert [os.environ[name] for name in THREAD_VARIABLES] == ["1"] * len(THREAD_VARIABLES)
+    assert os.environ["OMP_NUM_THREADS"] == "7"
+    assert "NUMBA_NUM_THREADS" not in os.environ
+
+
+def test_a_case_that_is_too_long_for_few_frames_is_left_out_and_named() -> None:
+    plan, left_out = bench_observers._plan(ObserversArgs(frames=30))  # pyright: ignore[reportPrivateUsage]
+    assert all(case.conditions.dark_s == 0.0 for case in plan.cases)
+    assert any("dark for 1 s" in reason for reason in left_out)
+    plan, _ = bench_observers._plan(ObserversArgs(quick=True))  # pyright: ignore[reportPrivateUsage]
+    assert any(case.conditions.dark_s == 1.0 for case in plan.cases)
+
+
+def test_no_processes_at_all_are_refused() -> None:
+    with pytest.raises(ConfigError, match="--jobs 0"):
+        run_observers(ObserversArgs(jobs=0))
 
 
 @pytest.mark.parametrize("args", [ObserversArgs(seeds=0), ObserversArgs(frames=1), ObserversArgs(seeds=2000)])

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from dlokit.bench.observers.cases import CASES, TUNING_SEED
-from dlokit.bench.observers.clouds import camera_of
 from dlokit.bench.observers.sequence import Sequence
 from dlokit.bench.observers.sequences import RATE_HZ, SPEED_M_S, SWING_M_S, Motion, simulate
+from dlokit.bench.observers.stereo import camera_of
 from dlokit.description.scene import default_calibration
 from dlokit.errors import ConfigError
 
@@ -100,7 +100,7 @@ def test_the_cases_change_one_factor_of_the_base_at_a_time() -> None:
         changed = [name for name in ("motion", "pace") if getattr(case, name) != getattr(base, name)]
         changed += [
             name
-            for name in ("hidden", "place", "noise_m", "outliers", "points", "blackout_s")
+            for name in ("hidden", "place", "noise_m", "outliers", "points", "dark_s", "camera_error_m")
             if getattr(case.conditions, name) != getattr(base.conditions, name)
         ]
         assert len(changed) == 1, case.name
