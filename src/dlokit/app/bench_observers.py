@@ -11,6 +11,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from dlokit.app.bench_observers_tables import print_figures, print_summary
 from dlokit.app.machine import machine_facts
+from dlokit.bench.observers import iterations
 from dlokit.bench.observers.cases import CASES, TUNING_SEED, Case, external_cases
 from dlokit.bench.observers.conditions import long_enough
 from dlokit.bench.observers.external import unread_arrays
@@ -21,7 +22,7 @@ from dlokit.bench.observers.report import observers_json
 from dlokit.bench.observers.runner import Plan, Trial
 from dlokit.bench.observers.sequences import RATE_HZ
 from dlokit.bench.observers.summary import compare
-from dlokit.bench.observers.workers import Said, run_in_workers
+from dlokit.bench.observers.workers import Said, in_a_worker, run_in_workers
 from dlokit.errors import ConfigError, InputError, MachineError
 from dlokit.system.run_folder import claim_run_folder, new_run_folder
 
@@ -64,22 +65,32 @@ def run_observers(args: ObserversArgs) -> int:
     for reason in left_out:
         console.print(f"left out: {reason}", highlight=False, soft_wrap=True, markup=False)
     folder = claim_run_folder(args.out) if args.out else new_run_folder(Path("runs"), "bench-observers", datetime.now())
+    times = _iterations(args)
     trials, whole = _trials(plan, args.jobs, console)
     if not trials:
         console.print("ended before anything was done")
         return 0 if whole else 1
-    rows = figures(trials)
+    rows, apart = figures(trials), iterations.figures(times)
     compared = list(compare(trials, plan.cases))
     if args.json is not None:
-        all_rows = [*rows, *(one.figure for one in compared)]
+        all_rows = [*rows, *(one.figure for one in compared), *apart]
         args.json.write_bytes(observers_json(all_rows, machine_facts(), plan, jobs=args.jobs))
     print_figures(rows, console, comparable=args.jobs == 1)
-    print_summary(rows, compared, plan, console)
+    if times:
+        console.print(iterations.table(times))
+    print_summary([*rows, *apart], compared, plan, console)
     pictures = draw(rows, folder)
     if args.json is not None:
         console.print(f"figures: {args.json}")
     console.print(f"pictures: {len(pictures)} in {folder}")
     return 0 if whole else 1
+
+
+def _iterations(args: ObserversArgs) -> list[iterations.IterationTimes]:
+    """One iteration of CPD, ours and the packages', where all methods are compared."""
+    if args.sequence or args.methods:
+        return []
+    return in_a_worker(iterations.measure)
 
 
 def _plan(args: ObserversArgs) -> tuple[Plan, tuple[str, ...]]:

@@ -7,7 +7,7 @@ from rich.table import Table
 
 from dlokit.bench.observers.figures import ALL_CASES
 from dlokit.bench.observers.methods import default_name
-from dlokit.bench.observers.metrics import METRICS
+from dlokit.bench.observers.metrics import METRICS, Metric
 from dlokit.bench.observers.runner import Plan
 from dlokit.bench.observers.summary import HALF, Bar, Compared, bars
 from dlokit.bench.observers.tables import by_key, case_table, methods_of, metric_table, shown
@@ -52,7 +52,7 @@ def print_summary(rows: Sequence[Figure], compared: Sequence[Compared], plan: Pl
         wide.print(table)
     lines = [line for bar in bars(plan.cases) if (line := _bar_line(bar, rows)) is not None]
     if lines:
-        table = Table(title=f"{default_name()}, bars")
+        table = Table(title=f"bars, default observer {default_name()}")
         for heading in ("case", "metric", "figure", "bar", ""):
             table.add_column(heading, no_wrap=True, justify="right" if heading in ("figure", "bar") else "left")
         for line in lines:
@@ -61,12 +61,13 @@ def print_summary(rows: Sequence[Figure], compared: Sequence[Compared], plan: Pl
 
 
 def _bar_line(bar: Bar, rows: Sequence[Figure]) -> tuple[str, ...] | None:
-    row = by_key(rows).get((bar.case, default_name(), bar.metric))
+    row = by_key(rows).get((bar.case, bar.method or default_name(), bar.metric))
     if row is None:
         return None
-    metric = _METRIC[bar.metric]
+    metric = _METRIC.get(bar.metric) or Metric(name=bar.metric, unit=row.unit, factor=1.0, shown="")
     limit = f"{'≥' if bar.is_least else '≤'} {shown(bar.most, metric)} {metric.shown}".rstrip()
-    return bar.case, bar.metric, shown(row.value, metric), limit, "met" if bar.met(row.value) else "MISSED"
+    what = bar.metric if bar.method is None else f"{bar.metric}, {bar.method}"
+    return bar.case, what, shown(row.value, metric), limit, "met" if bar.met(row.value) else "MISSED"
 
 
 def _table(title: str, first: str, methods: Sequence[str], lines: Sequence[tuple[str, ...]]) -> Table:

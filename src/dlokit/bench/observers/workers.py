@@ -6,11 +6,12 @@ import queue
 import signal
 import time
 import traceback
-from collections.abc import Generator
+from collections.abc import Callable, Generator
+from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing.context import SpawnProcess
-from typing import Any
+from typing import Any, TypeVar
 
 from dlokit.bench.observers.runner import Plan, Sequences, Task, Trial, run_task
 from dlokit.errors import DlokitError, MachineError
@@ -39,6 +40,7 @@ class Stage:
 
 
 Said = Trial | Stage
+Result = TypeVar("Result")
 
 
 def run_in_workers(plan: Plan, jobs: int) -> Generator[Said]:
@@ -68,6 +70,12 @@ def run_in_workers(plan: Plan, jobs: int) -> Generator[Said]:
             worker.terminate()
         for done in (tasks, said):
             done.cancel_join_thread()
+
+
+def in_a_worker(work: Callable[[], Result]) -> Result:
+    """What a function of a module gives in a process whose linear algebra has one thread."""
+    with one_thread(), ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
+        return pool.submit(work).result()
 
 
 def _next(said: Any, workers: list[SpawnProcess]) -> Any:

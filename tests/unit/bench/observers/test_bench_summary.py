@@ -1,10 +1,15 @@
 """The summary: the default observer against the best peer of each case, and against the bars."""
 
+import numpy as np
 import pytest
 
+from dlokit.bench.observers import iterations
 from dlokit.bench.observers.cases import CASES, Case
 from dlokit.bench.observers.conditions import Conditions
+from dlokit.bench.observers.figures import ALL_CASES
+from dlokit.bench.observers.iterations import IterationTimes
 from dlokit.bench.observers.methods import PUBLISHED, default_name
+from dlokit.bench.observers.metrics import METRICS
 from dlokit.bench.observers.runner import Trial
 from dlokit.bench.observers.summary import Bar, bars, compare
 
@@ -70,6 +75,9 @@ def test_a_bar_is_met_from_below_or_from_above() -> None:
     assert not Bar(case="base", metric="m", most=0.6, is_least=True).met(0.59)
 
 
-def test_every_bar_is_of_a_case_there_is() -> None:
-    known = {case.name for case in CASES} | {"all cases"}
-    assert {bar.case for bar in bars(CASES)} <= known
+def test_every_bar_is_of_a_case_and_metric_there_are() -> None:
+    once = np.array([1.0])
+    times = [IterationTimes(method=m, points=2000, iterations_s=once, setups_s=once) for m in ("cpd", "pycpd")]
+    known = {(row.case, row.metric) for row in iterations.figures(times)}
+    known |= {(case, metric.name) for case in (*(case.name for case in CASES), ALL_CASES) for metric in METRICS}
+    assert {(bar.case, bar.metric) for bar in bars(CASES)} <= known
