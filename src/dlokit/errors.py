@@ -10,7 +10,8 @@
     ├── CommunicationError    a message cannot be encoded, decoded, or sent
     │   └── SchemaMismatch    it was written by another version
     ├── HardwareError         a driver lost or refused by its device
-    └── ProcessFailure        a process of the live system died, froze, or did not start   (outcome ``failed``)
+    ├── ProcessFailure        a process of the live system died, froze, or did not start   (outcome ``failed``)
+    └── CheckFailed           a part of another package does not keep to its protocol (`dlokit.testing`)
 
 A message says what was wrong, what was allowed, and what to do.
 """
@@ -76,3 +77,7 @@ class ProcessFailure(DlokitError):
         super().__init__(f"{reason}: {detail}" if detail else reason)
         self.reason = reason
         self.detail = detail
+
+
+class CheckFailed(DlokitError, AssertionError):
+    """What `dlokit.testing` found: every requirement that a part does not keep to, in one message."""
