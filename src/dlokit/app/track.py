@@ -20,7 +20,8 @@ from dlokit.skills.observer.anchored import chain_lengths
 from dlokit.skills.observer.base import ObserverStrategyConfig
 from dlokit.skills.observer.component import follow
 from dlokit.skills.observer.config import ObserverConfig
-from dlokit.skills.observer.initialise import initial_targets, spanning_tree
+from dlokit.skills.observer.initialise import initial_targets
+from dlokit.skills.observer.skeleton import spanning_tree
 from dlokit.skills.observer.strategies import strategies
 from dlokit.skills.observer.visibility import distance_to_dlo_m
 from dlokit.skills.perception.box import BoxConfig, inside_box

@@ -13,7 +13,7 @@ def _initialise(after_stamp_ns: int = 0, towards_world: Float64Array | None = No
     end farther to the robot's left (larger y in the world; of two ends within 2 cm, the smaller x), unless
     the rod was observed before: then the order stays. With `towards_world` (K, 3) [m] node 0 is the end that
     makes the rod's order the nearer one to that curve. Fails with: no_cloud (none came), no_points,
-    out_of_view (an end is cut off), crossing (the rod lies across itself), fragmented.
+    out_of_view (an end is cut off), crossing (the rod lies across itself in more than one possible order), fragmented.
     """
     ...
 
@@ -33,7 +33,7 @@ INITIALISE = Skill(
     "initialise",
     _initialise,
     timeout_s=10.0,
-    requires="the rod lies in view, not across itself",
+    requires="the rod lies in view",
     ensures="the targets are published, with the stamp of the cloud; every later cloud gives targets",
 )
 SET_STRATEGY = Skill("observer", "set_strategy", _set_strategy, timeout_s=5.0)

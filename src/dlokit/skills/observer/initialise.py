@@ -1,54 +1,60 @@
 """The first shape: a cloud of unknown order becomes nodes, with no prior.
 
-Thin the cloud, join neighbours by a minimum spanning tree, take the tree's longest path, and let the smooth
-centre line around it be the rod. Node 0 is the end farther to the robot's left (larger y in the world); of
-two ends within 2 cm in y, the one nearer to the robot's base (smaller x).
+Draw the cloud together to a skeleton, cut it where it branches, put the pieces in the order of the way that bends
+least and has the rod's length (`ordering`), and let the smooth centre line along that way be the rod. Node 0 is the
+end farther to the robot's left (larger y in the world); of two ends within 2 cm in y, the one nearer to the
+robot's base (smaller x).
 """
 
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix, csr_matrix
-from scipy.sparse.csgraph import connected_components, dijkstra, minimum_spanning_tree
 from scipy.spatial import KDTree
 
 from dlokit.errors import SkillFailure
-from dlokit.geometry import rmse_m
-from dlokit.skills.observer.curve import CurveConfig, FittedCurve, fit_curve, project
-from dlokit.skills.observer.visibility import VisibilityConfig, shaded
+from dlokit.geometry import arc_lengths, resample, rmse_m
+from dlokit.skills.observer.curve import CurveConfig, FittedCurve, fit_curve
+from dlokit.skills.observer.ordering import OrderingConfig, Way, faces_itself, links, polyline, ways
+from dlokit.skills.observer.skeleton import SkeletonConfig, skeleton
+from dlokit.skills.observer.visibility import VisibilityConfig, shaded, supported
 from dlokit.types.dlo import TargetPoints
 from dlokit.types.observation import Observation
 
 Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-Indices = NDArray[np.int64]
+
+
+def _first_curve() -> CurveConfig:
+    # The skeleton ends where the rod does: a longer reach would catch what another part of the rod lies beyond it.
+    return CurveConfig(reach_m=0.006, iterations=2)
 
 
 @dataclass(frozen=True, kw_only=True)
 class InitialiseConfig:
     """How the first cloud is ordered."""
 
-    voxel_m: float = 0.006
-    """The cloud is thinned to one point in a cube of this edge [m]; about the rod's diameter."""
     least_points: int = 60
     """Fewer points than this are no DLO."""
     lone_radius_m: float = 0.01
     """A point with less than a quarter of the usual number of points in this radius is an outlier [m]."""
-    bridge_m: float = 0.04
-    """A gap up to this is bridged [m]."""
-    stray_share: float = 0.12
-    """Pieces with a smaller share of the points than this are outliers; larger ones are parts of the rod."""
+    most_pieces: int = 24
+    """A skeleton of more pieces than this is no rod, but an area or many things."""
     branch_m: float = 0.03
-    """A stretch of points beside the centre line longer than this means that the rod lies across itself [m]."""
-    touch_m: float = 0.012
-    """Two places of the rod nearer than this touch [m]; about one and a half diameters."""
-    length_tolerance: float = 0.12
+    """Pieces that no order of the rod has room for may together be so long [m]; longer ones are no outliers."""
+    ambiguity: float = 6.0
+    """Two orders whose costs differ by less than this cannot be told apart [1/m]; see `ordering`."""
+    same_order_m: float = 0.01
+    """Two orders whose curves differ by less than this are the same [m], root mean square."""
+    length_tolerance: float = 0.06
     """The curve may be shorter or longer than the rod by this share."""
-    curve: CurveConfig = field(default_factory=CurveConfig)
+    skeleton: SkeletonConfig = field(default_factory=SkeletonConfig)
+    """How the cloud becomes pieces of line."""
+    ordering: OrderingConfig = field(default_factory=OrderingConfig)
+    """What an order of these pieces costs."""
+    curve: CurveConfig = field(default_factory=_first_curve)
     """The fit of the centre line."""
     visibility: VisibilityConfig = field(default_factory=VisibilityConfig)
-    """What tells that an end lies at the border of the picture or behind the robot."""
+    """What tells that an end lies at the border of the picture or behind the robot, and which nodes lie in a gap."""
 
 
 def initial_targets(
@@ -61,9 +67,10 @@ def initial_targets(
     """The cloud as `count` nodes in order along a rod of known length [m]; with None, whatever length is seen.
 
     With `prior_nodes` (count, 3) [m] the order is the one nearer to them; else node 0 is the end farther to
-    the left (see the module). Raises `SkillFailure` with reason ``no_points``, ``out_of_view``
-    (an end is cut off by the picture or the robot, or much of the rod is missing), ``crossing`` (the rod
-    lies across or against itself) or ``fragmented`` (pieces too far apart to be one rod).
+    the left (see the module). Nodes in a gap are marked not visible. Raises `SkillFailure` with reason
+    ``no_points``, ``out_of_view`` (an end is cut off by the picture or the robot, or much of the rod is missing),
+    ``crossing`` (the rod lies across or against itself in a way that leaves more than one order) or
+    ``fragmented`` (pieces too far apart or too many to be one rod).
     """
     config = config or InitialiseConfig()
     points = np.asarray(seen.points_world, dtype=np.float64)
@@ -74,21 +81,19 @@ def initial_targets(
             f"{len(kept)} points of the DLO in the cloud, at least {config.least_points} are needed; "
             f"is it in view, and do the filters fit its colour?",
         )
-    thin = thinned_by_voxel(kept, config.voxel_m)
-    path = _longest_path(thin, config)
-    curve = fit_curve(kept, _relaxed(thin[path]), config.curve)
+    curve = fit_curve(kept, _ordered(kept, length_m, config), config.curve)
     if curve is None:
         raise SkillFailure("fragmented", "no curve runs through the points; look again")
-    _check_crossing(kept, curve, config)
     if length_m is not None:
         _check_length(curve, length_m, seen, config)
     nodes = curve.at(np.linspace(curve.segments[0].start_m, curve.segments[-1].end_m, count))
     span = curve.segments[-1].end_m - curve.segments[0].start_m
     fit = 1.0 if length_m is None else 1.0 - abs(span / length_m - 1.0)
+    nodes = oriented(nodes, prior_nodes)
     return TargetPoints(
         stamp_ns=seen.stamp_ns,
-        nodes_world=oriented(nodes, prior_nodes),
-        visible=np.ones(count, dtype=np.bool_),
+        nodes_world=nodes,
+        visible=supported(nodes, kept, config.visibility),
         health=float(np.mean(curve.used)) * len(kept) / len(points) * fit,
     )
 
@@ -111,79 +116,54 @@ def without_lone_points(points: Array, config: InitialiseConfig) -> Array:
     return points[counts > 0.25 * np.median(counts)]
 
 
-def thinned_by_voxel(points: Array, voxel_m: float) -> Array:
-    """The mean (K, 3) of the points in each occupied cube."""
-    _, cube, counts = np.unique(
-        np.floor(points / voxel_m).astype(np.int64), axis=0, return_inverse=True, return_counts=True
-    )
-    cube = cube.reshape(-1)
-    return np.column_stack([np.bincount(cube, weights=points[:, axis]) / counts for axis in range(3)])
-
-
-def _longest_path(points: Array, config: InitialiseConfig) -> Indices:
-    """Indices along the longest path of the minimum spanning tree of the points (K, 3)."""
-    tree = spanning_tree(points, config.bridge_m)
-    pieces, label = connected_components(tree, directed=False)
-    sizes = np.bincount(label, minlength=pieces)
-    large = np.flatnonzero(sizes >= config.stray_share * len(points))
-    if len(large) > 1:
+def _ordered(points: Array, length_m: float | None, config: InitialiseConfig) -> Array:
+    """A line (K, 3) [m] along the rod, from tip to tip, through the points (N, 3) [m]."""
+    pieces = skeleton(points, config.skeleton)
+    if not 1 <= len(pieces) <= config.most_pieces:
         raise SkillFailure(
             "fragmented",
-            f"{len(large)} pieces lie more than {config.bridge_m * 1000:.0f} mm apart; something hides the "
-            f"rod between them, or there is more than one: clear the view and look again",
+            f"the cloud falls into {len(pieces)} pieces of line, 1 to {config.most_pieces} are allowed: it shows an "
+            f"area or many things; check the box and the segmentation",
         )
-    start = int(np.flatnonzero(label == np.argmax(sizes))[0])
-    one_end = _farthest(tree, start)[0]
-    other_end, before = _farthest(tree, one_end)
-    path = [other_end]
-    while path[-1] != one_end:
-        path.append(int(before[path[-1]]))
-    return np.array(path, dtype=np.int64)
-
-
-def spanning_tree(points: Array, longest_m: float) -> csr_matrix:
-    """The minimum spanning tree (K, K) of the points, or forest, by edges up to `longest_m`, weights [m]."""
-    edges = KDTree(points).query_pairs(longest_m, output_type="ndarray")
-    lengths = np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1)
-    graph = coo_matrix((lengths, (edges[:, 0], edges[:, 1])), shape=(len(points), len(points)))
-    return csr_matrix(minimum_spanning_tree(graph.tocsr()))
-
-
-def _farthest(tree: csr_matrix, start: int) -> tuple[int, Indices]:
-    """The point farthest from `start` along the tree, and each point's predecessor (K,)."""
-    distance, before = dijkstra(tree, directed=False, indices=start, return_predecessors=True)
-    distance = np.where(np.isfinite(distance), distance, -1.0)
-    return int(np.argmax(distance)), np.asarray(before, dtype=np.int64)
-
-
-def _relaxed(path: Array) -> Array:
-    """The zigzag of a path through a thick cloud, evened out; its ends stay."""
-    relaxed = path.copy()
-    for _ in range(4):
-        relaxed[1:-1] = (relaxed[:-2] + relaxed[1:-1] + relaxed[2:]) / 3.0
-    return relaxed
-
-
-def _check_crossing(points: Array, curve: FittedCurve, config: InitialiseConfig) -> None:
-    """Raise ``crossing`` when points branch off the curve or the curve comes near itself again."""
-    low, high = curve.segments[0].start_m, curve.segments[-1].end_m
-    inside = curve.points[(curve.s_m >= low) & (curve.s_m <= high)]
-    s = curve.s_m[(curve.s_m >= low) & (curve.s_m <= high)]
-    pairs = KDTree(inside).query_pairs(config.touch_m, output_type="ndarray")
-    if len(pairs) > 0 and bool(np.any(np.abs(s[pairs[:, 0]] - s[pairs[:, 1]]) > 4 * config.touch_m)):
-        raise SkillFailure("crossing", "the rod touches or crosses itself; lay it out without loops")
-    beside = points[project(points, curve.points)[1] > config.touch_m]
-    if len(beside) < 5:
-        return
-    _, label = connected_components(spanning_tree(beside, config.voxel_m * 2), directed=False)
-    for piece in range(int(label.max()) + 1):
-        member = beside[label == piece]
-        if len(member) >= 10 and float(np.linalg.norm(np.ptp(member, axis=0))) > config.branch_m:
+    rod_m = length_m or sum(float(arc_lengths(piece)[-1]) for piece in pieces)
+    joined = links(pieces, points, config.ordering.gap_share * rod_m, config.ordering)
+    found = ways(pieces, joined, length_m, config.ordering, config.ambiguity)
+    best = polyline(found[0], pieces, joined)
+    _check_left_out(found[0], pieces, best, config)
+    if faces_itself(best, config.ordering):
+        raise SkillFailure("crossing", "the rod's ends touch, so that it has no beginning; lay them apart")
+    for other in found[1:]:
+        if not _same(best, polyline(other, pieces, joined), config.same_order_m):
             raise SkillFailure(
                 "crossing",
-                f"{len(member)} points branch off the rod near ({member[0, 0]:.2f}, {member[0, 1]:.2f}) m; "
-                f"it lies across itself, or something of its colour lies there: lay it out without loops",
+                "the rod lies across or against itself such that two orders are equally likely; lay it out",
             )
+    return best
+
+
+def _same(a: Array, b: Array, tolerance_m: float) -> bool:
+    """Whether two lines (K, 3) [m] run the same way, from whichever end."""
+    return rmse_m(resample(a, 50), resample(b, 50), ends_interchangeable=True) < tolerance_m
+
+
+def _check_left_out(way: Way, pieces: list[Array], line: Array, config: InitialiseConfig) -> None:
+    """Raise ``fragmented`` or ``crossing`` when much of what was seen is not part of the rod."""
+    others = [piece for number, piece in enumerate(pieces) if number not in way.pieces]
+    left_out_m = sum(float(arc_lengths(piece)[-1]) for piece in others)
+    if left_out_m <= config.branch_m:
+        return
+    apart_m = float(np.min(KDTree(line).query(np.vstack(others))[0]))
+    if apart_m > 0.02:
+        raise SkillFailure(
+            "fragmented",
+            f"{left_out_m:.2f} m of what is seen lies {apart_m * 1000:.0f} mm apart from the rest; something hides "
+            f"the rod between them, or there is more than one: clear the view and look again",
+        )
+    raise SkillFailure(
+        "crossing",
+        f"{left_out_m:.2f} m of what is seen branch off the rod; it lies across itself, or something of its "
+        f"colour lies there: lay it out without loops",
+    )
 
 
 def _check_length(curve: FittedCurve, length_m: float, seen: Observation, config: InitialiseConfig) -> None:

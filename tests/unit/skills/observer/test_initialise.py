@@ -3,11 +3,13 @@
 import msgspec
 import numpy as np
 import pytest
+from order_figures import SCENES, figures
 from synthetic_clouds import LENGTH_M, NODES, cloud, rod, shape
 
 from dlokit.errors import SkillFailure
-from dlokit.geometry import rmse_m
+from dlokit.geometry import resample, rmse_m
 from dlokit.skills.observer.initialise import initial_targets, oriented
+from dlokit.types.observation import Observation
 
 
 @pytest.mark.parametrize("name", ["I", "S", "U", "random"])
@@ -63,10 +65,16 @@ def eight() -> np.ndarray:
     return rod(np.column_stack([np.sin(a), 0.6 * np.sin(2 * a)]), 101)
 
 
-@pytest.mark.parametrize("nodes", [loop(40), loop(70), ring(), eight()], ids=["loop", "tails", "ring", "eight"])
+@pytest.mark.parametrize("nodes", [loop(40), loop(70), eight()], ids=["loop", "tails", "eight"])
 @pytest.mark.parametrize("seed", [0, 1, 2])
-def test_a_rod_across_itself_is_named(nodes: np.ndarray, seed: int) -> None:
-    assert failure(nodes, seed=seed) == "crossing"
+def test_a_rod_across_itself_goes_straight_on_where_it_crosses(nodes: np.ndarray, seed: int) -> None:
+    result = initial_targets(cloud(nodes, seed), NODES, LENGTH_M)
+    assert rmse_m(result.nodes_world, resample(nodes, NODES), ends_interchangeable=True) < 0.006
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_a_ring_has_no_first_node(seed: int) -> None:
+    assert failure(ring(), seed=seed) == "crossing"
 
 
 def test_too_few_points_are_named() -> None:
@@ -80,3 +88,27 @@ def test_an_end_that_is_cut_off_is_named() -> None:
 
 def test_pieces_far_apart_are_named() -> None:
     assert failure(shape("I"), hidden=(0.4, 0.6)) == "fragmented"
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_rods_with_crossings_gaps_and_outliers_are_ordered_rightly_or_refused(name: str) -> None:
+    # The whole figures are printed by order_figures.py; here a few seeds, of which one may be refused.
+    found = figures(SCENES[name], range(20, 23 if SCENES[name].crossings > 1 else 28))
+    assert found.right > 0.8
+    assert found.wrong == 0.0
+
+
+def test_nodes_in_a_gap_are_not_visible() -> None:
+    result = initial_targets(cloud(shape("I"), hidden=(0.5, 0.6)), NODES, LENGTH_M)
+    assert rmse_m(result.nodes_world, shape("I")) < 0.005
+    # 5 cm are hidden; nodes within 15 mm of seen points still have support.
+    assert np.flatnonzero(~result.visible).tolist() == [16, 17]
+
+
+def test_an_area_is_no_rod() -> None:
+    rng = np.random.default_rng(0)
+    points = rng.uniform([0.2, -0.4, 0.0], [0.8, 0.4, 0.004], (20_000, 3))
+    table = Observation(stamp_ns=1, points_world=points.astype(np.float32))
+    with pytest.raises(SkillFailure) as failed:
+        initial_targets(table, NODES, LENGTH_M)
+    assert failed.value.reason == "fragmented"
