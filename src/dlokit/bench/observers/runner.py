@@ -124,11 +124,15 @@ def follow(sequence: Sequence, seen: Looks | list[Look], method: Method, told: T
     _warm_up(method, seen[:WARM_UP_FRAMES], state)
     strategy = method.config.build()
     answers: list[TargetPoints] = []
-    seconds, failed = np.zeros(len(seen) - 1), np.zeros(len(seen) - 1, dtype=np.bool_)
+    visible = np.zeros((len(seen) - 1, sequence.count), dtype=np.bool_)
+    seconds = np.zeros(len(seen) - 1)
+    dark, failed = np.zeros((2, len(seen) - 1), dtype=np.bool_)
     for frame in range(1, len(seen)):
-        answer, seconds[frame - 1] = _timed(strategy, _given(method, seen[frame]), state)
+        look = seen[frame]  # one at a time: those of a long sequence do not fit into memory
+        visible[frame - 1], dark[frame - 1] = look.visible, look.dark
+        answer, seconds[frame - 1] = _timed(strategy, _given(method, look), state)
         failed[frame - 1] = answer is None
-        targets = nothing_seen(seen[frame].seen, state) if answer is None else answer
+        targets = nothing_seen(look.seen, state) if answer is None else answer
         answers.append(targets)
         state = prior_from(targets, topology)
         if told is not None:
@@ -136,9 +140,9 @@ def follow(sequence: Sequence, seen: Looks | list[Look], method: Method, told: T
     return Track(
         nodes_world=np.array([targets.nodes_world for targets in answers]),
         true_world=sequence.nodes_world[1:],
-        visible=np.array([look.visible for look in seen[1:]]),
+        visible=visible,
         seconds=seconds,
-        dark=np.array([look.dark for look in seen[1:]]),
+        dark=dark,
         failed=failed,
         health=np.array([targets.health for targets in answers]) if method.states_trust else None,
         stated_m=_stated_m(answers) if method.states_trust else None,

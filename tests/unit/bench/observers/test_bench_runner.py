@@ -3,7 +3,7 @@
 import os
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import msgspec
 import numpy as np
@@ -14,6 +14,7 @@ from dlokit.app import bench_observers
 from dlokit.app.bench_observers import ObserversArgs, run_observers
 from dlokit.bench.observers import peers
 from dlokit.bench.observers.cases import BASE, Case
+from dlokit.bench.observers.clouds import Looks
 from dlokit.bench.observers.conditions import Conditions
 from dlokit.bench.observers.figures import ALL_CASES, figures
 from dlokit.bench.observers.methods import Method, choose, default_name
@@ -21,7 +22,7 @@ from dlokit.bench.observers.metrics import CORRELATION, FLAGGED, METRICS
 from dlokit.bench.observers.peers import PycpdConfig
 from dlokit.bench.observers.pictures import draw
 from dlokit.bench.observers.report import observers_json
-from dlokit.bench.observers.runner import WARM_UP_FRAMES, Plan, Trial, run_plan
+from dlokit.bench.observers.runner import WARM_UP_FRAMES, Plan, Trial, follow, run_plan
 from dlokit.bench.observers.tables import case_table, metric_table
 from dlokit.bench.observers.trust import Losses
 from dlokit.bench.observers.workers import THREAD_VARIABLES, one_thread, run_in_workers
@@ -81,6 +82,19 @@ def test_an_observer_that_never_moves_is_wrong_by_how_far_the_rod_moved() -> Non
     trial = next(iter(run_plan(_plan(Method(config=StillConfig())))))
     nodes = BASE.sequence(0, 4).nodes_world
     assert trial.figures["node error"] == pytest.approx(np.linalg.norm(nodes[1:] - nodes[0], axis=2).mean())
+
+
+def test_the_looks_of_a_sequence_are_never_asked_for_all_at_once() -> None:
+    asked: list[int] = []
+
+    class Watched(Looks):
+        def __getitem__(self, index: Any) -> Any:
+            asked.append(1 if isinstance(index, int) else len(range(len(self))[index]))
+            return super().__getitem__(index)
+
+    sequence = BASE.sequence(0, 8)
+    follow(sequence, Watched(sequence, BASE.conditions, 0), Method(config=StillConfig()))
+    assert max(asked) == WARM_UP_FRAMES
 
 
 def test_intervals_are_over_sequences() -> None:
