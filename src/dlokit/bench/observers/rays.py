@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from dlokit.geometry import rotation
+from dlokit.geometry import rotation, tangents
 from dlokit.types.arrays import Float64Array
 from dlokit.types.image import CameraCalibration
 from dlokit.types.observation import Occlusion
@@ -83,24 +83,29 @@ def _cells(aside_m: float, ahead_m: float, radius_m: float, focal_px: float, cen
 
 
 def behind_itself(line_world: Float64Array, radius_m: float, camera: CameraCalibration) -> Flags:
-    """Which points of a rod's centre line (K, 3) [m], equally spaced, another part of the rod hides, (K,).
+    """Which points of a rod's centre line (K, 3) [m], closer than its radius, another part of the rod hides, (K,).
 
-    A point is hidden where it lies within a radius of the other part in the picture and more than a radius behind it;
-    parts nearer than two diameters along the rod are the same part.
+    A point is hidden when the ray to the side of it that faces the camera goes through the rod elsewhere. So a steep
+    part that comes straight at the camera does not hide itself, as none of its middle but all of its side is seen.
     """
     T = camera.T_world_camera
-    p = (line_world - T.position_m) @ rotation(T)
-    picture = p[:, :2] / p[:, 2:]
-    step_m = float(np.linalg.norm(line_world[1] - line_world[0]))
-    # The line is points, not a line: one may pass between two of them.
-    wide_m = float(np.hypot(radius_m, step_m / 2.0))
-    a, b = KDTree(picture).query_pairs(wide_m / float(p[:, 2].min()), output_type="ndarray").T
-    other = np.abs(a - b) * step_m > 4.0 * radius_m
-    a, b = a[other], b[other]
-    front, back = np.where(p[a, 2] < p[b, 2], a, b), np.where(p[a, 2] < p[b, 2], b, a)
-    aside_m = np.linalg.norm(picture[front] - picture[back], axis=1) * p[front, 2]
-    hidden = np.zeros(len(line_world), dtype=np.bool_)
-    hidden[back[(aside_m < wide_m) & (p[back, 2] - p[front, 2] > radius_m)]] = True
+    R = rotation(T)
+    line = (line_world - T.position_m) @ R
+    along = tangents(line)
+    facing = -line + np.sum(line * along, axis=1, keepdims=True) * along
+    surface = line + radius_m * facing / np.maximum(np.linalg.norm(facing, axis=1, keepdims=True), 1e-12)
+    seen, middle = surface[:, :2] / surface[:, 2:], line[:, :2] / line[:, 2:]
+    pairs = KDTree(np.concatenate([seen, middle])).query_pairs(
+        radius_m / float(line[:, 2].min()), output_type="ndarray"
+    )
+    back, front = pairs.min(axis=1), pairs.max(axis=1) - len(line)
+    of_both = (back < len(line)) & (front >= 0)
+    back, front = back[of_both], front[of_both]
+    # Short of the radius: the line is points, and its own side is a radius away.
+    through = np.linalg.norm(seen[back] - middle[front], axis=1) * line[front, 2] < 0.9 * radius_m
+    nearer = surface[back, 2] - line[front, 2] > 0.25 * radius_m
+    hidden = np.zeros(len(line), dtype=np.bool_)
+    hidden[back[through & nearer]] = True
     return hidden
 
 
