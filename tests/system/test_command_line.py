@@ -5,6 +5,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Generator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,9 @@ from dlokit.app import shape as shape_command
 from dlokit.app.commands import execute, parse
 from dlokit.app.shape import ShapeArgs
 from dlokit.description.shapes import builtin_shape
-from dlokit.errors import InputError
+from dlokit.errors import ConfigError, InputError
+from dlokit.functional.cell.dlo_physics import ElasticRod, ElastoplasticChain
+from dlokit.functional.cell.randomisation import RANDOMISED, Randomisation
 from dlokit.skills.observer.cpd import CpdConfig
 from dlokit.skills.perception.colour import ColourConfig
 from dlokit.system.config import RunConfig
@@ -205,10 +208,26 @@ def test_a_dlo_preset_tells_the_model_what_a_ruler_tells_and_no_more() -> None:
     assert run.model.friction == RunConfig().model.friction
 
 
+def test_a_wire_takes_a_set_in_the_cell_unless_told_otherwise() -> None:
+    assert _shape_args("--dlo", "wire-a").run.cell.physics == ElastoplasticChain()
+    assert _shape_args("--dlo", "wire_a", "--physics", "rod").run.cell.physics == ElasticRod()
+    assert _shape_args("--physics", "chain").run.cell.physics == ElastoplasticChain()
+    assert _shape_args("--dlo", "silicone_hose").run.cell.physics == ElasticRod()
+    with pytest.raises(ConfigError, match="rod, chain"):
+        _shape_args("--physics", "glue")
+
+
+def test_a_randomised_cell_is_asked_for_and_each_factor_can_be_switched_off() -> None:
+    assert _shape_args().run.cell.randomisation == Randomisation()
+    run = _shape_args("--randomised", "--cell.randomisation.light", "0").run
+    assert run.cell.randomisation == replace(RANDOMISED, light=0.0)
+
+
 @pytest.mark.parametrize(
     "arguments",
     [
         [],
+        ["--randomised", "--dlo", "wire_b"],
         ["--observer", "cpd", "--segmentation", "colour", "--dlo", "stiff_wire"],
         ["--seed", "4", "--start", "random", "--ends-interchangeable", "--threshold-m", "0.01"],
     ],

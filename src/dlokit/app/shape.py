@@ -52,8 +52,16 @@ class ShapeChoices:
     config: Annotated[Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint="")] = None
     """The config.toml of an earlier run: its settings hold where this command line says nothing else."""
     dlo: Annotated[str | None, tyro.conf.arg(metavar="PRESET", help_behavior_hint="(default: soft_rope)")] = None
-    """What lies on the table: soft_rope, silicone_hose, thin_wire or stiff_wire. The system's own model is told
-    its length and radius, which a ruler tells, and nothing else."""
+    """What lies on the table: soft_rope, silicone_hose, wire_a, wire_b, wire_c, thin_wire or stiff_wire. The system's
+    own model is told its length and radius, which a ruler tells, and nothing else."""
+    physics: Annotated[
+        str | None, tyro.conf.arg(metavar="NAME", help_behavior_hint="(default: chain for wires, else rod)")
+    ] = None
+    """How the DLO in the cell behaves: rod, which always springs back, or chain, which takes a set. The system's own
+    model is a rod in any case."""
+    randomised: bool = False
+    """Draw friction, stiffness, weight, curl, hand-eye error, tilt of the table, light and colour from the seed;
+    `--cell.randomisation.…` changes or switches off each."""
     observer: Annotated[str | None, _one_of(OBSERVERS, AS_SHIPPED.observer.strategy)] = None
     """How nodes are found in a cloud, by one of ours (cpd, spr and som are the paper's) or of an installed package.
     `--observer cpd --help` shows the settings of cpd."""

@@ -12,6 +12,8 @@ from dlokit.app.shape import ShapeArgs, ShapeChoices
 from dlokit.communication.strategy_kinds import NamedConfig, StrategyKind
 from dlokit.description.dlo import preset
 from dlokit.errors import ConfigError
+from dlokit.functional.cell.dlo_physics import PHYSICS, ElasticRod, ElastoplasticChain
+from dlokit.functional.cell.randomisation import RANDOMISED
 from dlokit.skills.observer.strategies import OBSERVERS
 from dlokit.skills.perception.segmentations import SEGMENTATIONS
 from dlokit.skills.planning.strategies import PLANNERS
@@ -27,6 +29,10 @@ def shape_defaults(arguments: Sequence[str]) -> ShapeArgs:
     run = RunConfig() if config_file is None else read_toml(Path(config_file), RunConfig)
     if (name := _value(arguments, "--dlo")) is not None:
         run = _with_dlo(run, name)
+    if (name := _value(arguments, "--physics")) is not None:
+        run = _with_physics(run, name)
+    if "--randomised" in arguments:
+        run = replace(run, cell=replace(run.cell, randomisation=RANDOMISED))
     if (name := _value(arguments, "--observer")) is not None:
         observer = _chosen(OBSERVERS, "--observer", name, run.observer.strategy)
         run = replace(run, observer=replace(run.observer, strategy=observer))
@@ -42,8 +48,15 @@ def shape_defaults(arguments: Sequence[str]) -> ShapeArgs:
 def _with_dlo(run: RunConfig, name: str) -> RunConfig:
     """Lay another DLO on the table; the system is told what a ruler tells, and no more."""
     dlo = preset(name)
+    physics = ElasticRod() if dlo.yield_curvature_1_m is None else ElastoplasticChain()
     model = replace(run.model, length_m=dlo.length_m, radius_m=dlo.radius_m)
-    return replace(run, cell=replace(run.cell, dlo=dlo), model=model)
+    return replace(run, cell=replace(run.cell, dlo=dlo, physics=physics), model=model)
+
+
+def _with_physics(run: RunConfig, name: str) -> RunConfig:
+    if name not in PHYSICS:
+        raise ConfigError(f"--physics {name!r} is not known; choose one of {', '.join(PHYSICS)}.")
+    return replace(run, cell=replace(run.cell, physics=PHYSICS[name]()))
 
 
 def _value(arguments: Sequence[str], flag: str) -> str | None:

@@ -3,8 +3,12 @@
 from dataclasses import replace
 from pathlib import Path
 
+import msgspec
+
 from dlokit.bench.evaluator import evaluate, with_truth
 from dlokit.bench.truth import read_truth
+from dlokit.functional.cell.episode import draw_episode
+from dlokit.functional.cell.randomisation import Randomisation
 from dlokit.system.config import RunConfig
 from dlokit.system.run import run
 from dlokit.system.run_record import RunRecord
@@ -16,10 +20,15 @@ CONFIG_FILE = "config.toml"
 
 
 def judged_run(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher) -> RunRecord:
-    """Run a task, then compare it with the cell's hidden truth; writes `config.toml` and `result.json`."""
+    """Run a task, then compare it with the cell's hidden truth; writes `config.toml` and `result.json`.
+
+    What a randomised cell drew is truth as well, and is told in the result.
+    """
     (folder / CONFIG_FILE).write_text(to_toml(config), encoding="utf-8")
     record = run(config, job, folder, watch)
     errors = evaluate(record, read_truth(folder))
-    record = replace(record, result=with_truth(record.result, errors))
+    episode = draw_episode(config.cell, config.seed) if config.cell.randomisation != Randomisation() else None
+    result = msgspec.structs.replace(with_truth(record.result, errors), episode=episode)
+    record = replace(record, result=result)
     write_result(folder, record.result)
     return record

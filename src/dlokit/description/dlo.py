@@ -88,33 +88,74 @@ SILICONE_HOSE = DloPreset(
     source="Computed: tube 8 mm outside, 4 mm inside, silicone of Shore 50 A (E about 2 MPa), 1.15 g/cm³: "
     "EI = E π (R⁴ - r⁴) / 4 = 3.8e-4 N·m², 43 g/m. Silicone on wood: friction about 0.9.",
 )
+_IDENTIFIED = (
+    "identified with a discrete elastic rod by Q. J. Chen, T. Bretl, Q.-C. Pham, Accurate Simulation and Parameter "
+    "Identification of Deformable Linear Objects using Discrete Elastic Rods in Generalized Coordinates, "
+    "arXiv:2310.00911; figures from their repository qj25/adapteddlo_muj (February 2025). Thickness as they simulate "
+    "it. Yield curvature and friction are estimates: neither is published."
+)
+_WIRE_YIELD_1_M = 1.0  # a bend of 8 cm radius keeps 92 % of its curvature, as copper does
+WIRE_A = DloPreset(
+    name="wire_a",
+    radius_m=0.003,
+    mass_per_length_kg_m=0.0174,
+    bending_stiffness_n_m2=1.22e-4,
+    yield_curvature_1_m=_WIRE_YIELD_1_M,
+    friction=0.5,
+    color_rgb=(0.93, 0.93, 0.93),
+    source=f"White wire, 0.087 kg on 5.0 m, twist over bending stiffness 0.82, {_IDENTIFIED}",
+)
+WIRE_B = DloPreset(
+    name="wire_b",
+    radius_m=0.003,
+    mass_per_length_kg_m=0.0215,
+    bending_stiffness_n_m2=9.3e-4,
+    yield_curvature_1_m=_WIRE_YIELD_1_M,
+    friction=0.5,
+    color_rgb=(0.95, 0.72, 0.66),
+    source=f"Red wire, 0.043 kg on 2.0 m, twist over bending stiffness 1.64, {_IDENTIFIED}",
+)
+WIRE_C = DloPreset(
+    name="wire_c",
+    radius_m=0.003,
+    mass_per_length_kg_m=0.0272,
+    bending_stiffness_n_m2=1.20e-3,
+    yield_curvature_1_m=_WIRE_YIELD_1_M,
+    friction=0.5,
+    color_rgb=(0.80, 0.88, 0.95),
+    source=f"Black wire, 0.081 kg on 2.98 m, twist over bending stiffness 1.46, {_IDENTIFIED}",
+)
 THIN_WIRE = DloPreset(
     name="thin_wire",
-    radius_m=0.002,
+    radius_m=0.003,
     mass_per_length_kg_m=0.017,
     bending_stiffness_n_m2=5.6e-5,
+    yield_curvature_1_m=_WIRE_YIELD_1_M,
     friction=0.5,
     color_rgb=(0.92, 0.86, 0.30),
-    source="Lower end of published identified stranded wires: EI 5.6e-5 to 1.0e-3 N·m², 17 to 27 g/m.",
+    source="Lower end of published wires, 5.6e-5 to 1.0e-3 N·m² and 17 to 27 g/m; see wire_a to wire_c. "
+    "Yield curvature and friction are estimates.",
 )
 STIFF_WIRE = DloPreset(
     name="stiff_wire",
     radius_m=0.003,
     mass_per_length_kg_m=0.027,
     bending_stiffness_n_m2=1.0e-3,
+    yield_curvature_1_m=_WIRE_YIELD_1_M,
     friction=0.5,
     color_rgb=(0.92, 0.86, 0.30),
-    source="Upper end of published identified stranded wires: EI 5.6e-5 to 1.0e-3 N·m², 17 to 27 g/m.",
+    source="Upper end of published wires, 5.6e-5 to 1.0e-3 N·m² and 17 to 27 g/m; see wire_a to wire_c. "
+    "Yield curvature and friction are estimates.",
 )
 
-PRESETS = (SOFT_ROPE, SILICONE_HOSE, THIN_WIRE, STIFF_WIRE)
+PRESETS = (SOFT_ROPE, SILICONE_HOSE, WIRE_A, WIRE_B, WIRE_C, THIN_WIRE, STIFF_WIRE)
 """Every preset that ships, the default first."""
 
 
 def preset(name: str) -> DloPreset:
-    """The preset called `name`. Raises ConfigError, listing the names there are."""
+    """The preset called `name`, with hyphens or underscores. Raises ConfigError, listing the names there are."""
     for candidate in PRESETS:
-        if candidate.name == name:
+        if candidate.name == name.replace("-", "_"):
             return candidate
     allowed = ", ".join(candidate.name for candidate in PRESETS)
     raise ConfigError(f"There is no DLO preset {name!r}; choose one of {allowed}.")

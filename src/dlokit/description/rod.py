@@ -85,6 +85,11 @@ def rod_velocities(model: Any, data: Any, name: str = "rod") -> Float64Array:
     return np.array(data.qvel[dofs[:, None] + np.arange(3)], dtype=np.float64)
 
 
+def set_rod_friction(model: Any, friction: float, name: str = "rod") -> None:
+    """Set the coefficient of sliding friction of rod `name`, everywhere alike."""
+    model.flex_friction[mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_FLEX, f"{name}/flex"), 0] = friction
+
+
 def set_rod_nodes(model: Any, data: Any, nodes_world: ArrayLike, name: str = "rod") -> None:
     """Put the nodes of rod `name` at `nodes_world` (M, 3) [m], at rest and without twist.
 

@@ -2,10 +2,12 @@
 
 import mujoco
 import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
 
 from dlokit import geometry
 from dlokit.description.rod import CONTACT_SOLIMP, CONTACT_SOLREF
-from dlokit.types.arrays import UInt8Array
+from dlokit.types.arrays import Float64Array, UInt8Array
 from dlokit.types.image import CameraCalibration
 
 TABLE_CENTER_M = (0.45, 0.0)
@@ -54,8 +56,24 @@ def default_calibration(width_px: int = 640, height_px: int = 560) -> CameraCali
     )
 
 
-def add_table(spec: mujoco.MjSpec, *, friction: float) -> None:
-    """Add the table, its top at z = 0, dark and grained so that stereo matching finds something to match."""
+def table_rotation(tilt_deg: tuple[float, float]) -> Rotation:
+    """How a table tilted about x and y [°] is turned, about the middle of its top."""
+    return Rotation.from_rotvec([tilt_deg[0], tilt_deg[1], 0.0], degrees=True)
+
+
+def table_height_m(places_world: ArrayLike, tilt_deg: tuple[float, float]) -> Float64Array:
+    """Height of a tilted table's top (K,) [m] at places (K, 2) [m]."""
+    normal = table_rotation(tilt_deg).apply([0.0, 0.0, 1.0])
+    return -(np.asarray(places_world, dtype=np.float64) - TABLE_CENTER_M) @ normal[:2] / normal[2]
+
+
+def add_table(spec: mujoco.MjSpec, *, friction: float, tilt_deg: tuple[float, float] = (0.0, 0.0)) -> None:
+    """Add the table, its top at z = 0, dark and grained so that stereo matching finds something to match.
+
+    A tilted table turns about the middle of its top.
+    """
+    rotation = table_rotation(tilt_deg)
+    quat = rotation.as_quat(scalar_first=True)
     texture = spec.add_texture(
         name="table",
         type=mujoco.mjtTexture.mjTEXTURE_2D,
@@ -69,7 +87,8 @@ def add_table(spec: mujoco.MjSpec, *, friction: float) -> None:
     spec.worldbody.add_geom(
         name="table",
         type=mujoco.mjtGeom.mjGEOM_BOX,
-        pos=[*TABLE_CENTER_M, -TABLE_THICKNESS_M / 2],
+        pos=rotation.apply([0.0, 0.0, -TABLE_THICKNESS_M / 2]) + np.array([*TABLE_CENTER_M, 0.0]),
+        quat=quat,
         size=[*TABLE_HALF_SIZE_M, TABLE_THICKNESS_M / 2],
         material="table",
         contype=0,
@@ -82,6 +101,7 @@ def add_table(spec: mujoco.MjSpec, *, friction: float) -> None:
         type=mujoco.mjtGeom.mjGEOM_PLANE,
         size=[*TABLE_HALF_SIZE_M, 0.1],
         pos=[*TABLE_CENTER_M, 0.0],
+        quat=quat,
         group=3,
         friction=[friction, 0.001, 0.0001],
         solref=CONTACT_SOLREF,
@@ -89,8 +109,8 @@ def add_table(spec: mujoco.MjSpec, *, friction: float) -> None:
     )
 
 
-def add_lights(spec: mujoco.MjSpec, *, shadows: bool) -> None:
-    """Add two lamps above the table, one from each side."""
+def add_lights(spec: mujoco.MjSpec, *, shadows: bool, light: float = 1.0) -> None:
+    """Add two lamps above the table, one from each side; `light` is a factor on their strength."""
     for name, position, strength in (("lamp_left", (0.2, 1.0, 2.0), 0.45), ("lamp_right", (0.9, -0.6, 2.0), 0.30)):
         target = np.array([TABLE_CENTER_M[0], TABLE_CENTER_M[1], 0.0])
         spec.worldbody.add_light(
@@ -98,7 +118,7 @@ def add_lights(spec: mujoco.MjSpec, *, shadows: bool) -> None:
             pos=position,
             dir=target - np.array(position),
             type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
-            diffuse=[strength] * 3,
+            diffuse=[light * strength] * 3,
             specular=[0.05] * 3,
             ambient=[0.0] * 3,
             castshadow=shadows,

@@ -7,6 +7,7 @@ from pathlib import Path
 import msgspec
 
 from dlokit.errors import InputError
+from dlokit.functional.cell.episode import Episode
 from dlokit.types.flow import RunOutcome
 
 FILE_NAME = "result.json"
@@ -49,6 +50,8 @@ class RunResult(msgspec.Struct, frozen=True, kw_only=True):
     history: tuple[ActionResult, ...] = ()
     config_hash: str
     version: str
+    episode: Episode | None = None
+    """What was drawn for the cell, which the system was not told; None when nothing is randomised."""
 
 
 def write_result(folder: Path, result: RunResult) -> Path:

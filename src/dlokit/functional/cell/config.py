@@ -5,6 +5,8 @@ from dataclasses import dataclass, field
 
 from dlokit.description.dlo import SOFT_ROPE, DloPreset
 from dlokit.errors import ConfigError
+from dlokit.functional.cell.dlo_physics import DloPhysics, ElasticRod
+from dlokit.functional.cell.randomisation import Randomisation
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -13,12 +15,23 @@ class CellConfig:
 
     dlo: DloPreset = field(default_factory=lambda: SOFT_ROPE)
     """What lies on the table."""
+    physics: DloPhysics = field(default_factory=ElasticRod)
+    """How it behaves: as an elastic rod, or as a chain that takes a set."""
     nodes: int = 41
-    """Nodes of the cell's rod; the system's own model has another number."""
+    """Nodes of the cell's DLO; the system's own model has another number."""
     timestep_s: float = 0.0025
     """Step of the physics [s]; a whole number of them makes one tick of 10 ms."""
     table_friction: float = 0.5
     """Friction of the table; with the DLO's, the larger counts."""
+    table_regions: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)
+    """Factors on the friction in each quarter of the table: near right, near left, far right, far left of the robot.
+    An elastic rod feels the mean of where its nodes lie."""
+    table_tilt_deg: tuple[float, float] = (0.0, 0.0)
+    """Tilt of the table about x and y [°]; nobody tells the system."""
+    light: float = 1.0
+    """Factor on all light."""
+    randomisation: Randomisation = field(default_factory=Randomisation)
+    """What is drawn anew for each seed; nothing, unless asked for."""
     settle_s: float = 2.0
     """Time the DLO is given to come to rest before the run starts [s]."""
     width_px: int = 640
@@ -49,7 +62,11 @@ class CellConfig:
             raise ConfigError(f"Pictures of {self.width_px}x{self.height_px} px are too small; use 64x64 or more.")
         if self.samples not in (0, 2, 4, 8):
             raise ConfigError(f"cell.samples is {self.samples}; use 0, 2, 4 or 8.")
-        for name in ("settle_s", "image_noise_sigma", "camera_error_m", "camera_error_deg", "table_friction"):
+        if not all(math.isfinite(factor) and factor >= 0.0 for factor in self.table_regions):
+            raise ConfigError(f"cell.table_regions are {self.table_regions}; each must be 0 or more.")
+        if not all(abs(angle) <= 5.0 for angle in self.table_tilt_deg):
+            raise ConfigError(f"cell.table_tilt_deg is {self.table_tilt_deg}; up to 5 degrees about each axis.")
+        for name in ("light", "settle_s", "image_noise_sigma", "camera_error_m", "camera_error_deg", "table_friction"):
             value: float = getattr(self, name)
             if not (math.isfinite(value) and value >= 0.0):
                 raise ConfigError(f"cell.{name} is {value}; it must be 0 or more.")

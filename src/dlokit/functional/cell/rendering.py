@@ -20,6 +20,7 @@ from dlokit.types.image import CameraCalibration, StereoImages
 CAMERAS = ("stereo_left", "stereo_right")
 _NOISE_COUNT = 1 << 21
 _FLIP_YZ = np.diag([1.0, -1.0, -1.0])  # OpenGL cameras look along -z, with y up
+_AMBIENT = 0.35  # light from everywhere
 _PIXEL_M = 1e-5  # size of a sensor's pixel; only ratios matter
 
 
@@ -76,7 +77,8 @@ def add_cameras(spec: Any, calibration: CameraCalibration, config: CellConfig) -
     visual.global_.offwidth, visual.global_.offheight = width, height
     visual.quality.offsamples = config.samples
     visual.quality.shadowsize = 2048 if config.shadows else 0
-    visual.headlight.ambient, visual.headlight.diffuse, visual.headlight.specular = [0.35] * 3, [0.0] * 3, [0.0] * 3
+    visual.headlight.ambient = [_AMBIENT * config.light] * 3
+    visual.headlight.diffuse, visual.headlight.specular = [0.0] * 3, [0.0] * 3
     # Clipping planes are multiples of the model's extent, which is fixed here so that they are 0.1 m and 6 m.
     spec.stat.extent = 1.0
     visual.map.znear, visual.map.zfar = 0.1, 6.0

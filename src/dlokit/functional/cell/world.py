@@ -9,12 +9,14 @@ from numpy.typing import ArrayLike
 from dlokit import geometry
 from dlokit.description.panda import add_panda
 from dlokit.description.panda_data import PANDA_HOME_Q_RAD
-from dlokit.description.rod import add_rod, rod_nodes, set_rod_nodes, set_rod_physics
-from dlokit.description.scene import TABLE_CENTER_M, TABLE_HALF_SIZE_M, add_lights, add_table
+from dlokit.description.rod import set_rod_physics
+from dlokit.description.scene import TABLE_CENTER_M, TABLE_HALF_SIZE_M, add_lights, add_table, table_height_m
 from dlokit.errors import DlokitError, ShapeError
 from dlokit.functional.cell.arm import CellArm
-from dlokit.functional.cell.config import CellConfig
+from dlokit.functional.cell.config import TICK_S, CellConfig
+from dlokit.functional.cell.episode import apply_episode, draw_episode
 from dlokit.functional.cell.rendering import StereoRig, add_cameras
+from dlokit.functional.cell.table_friction import TableFriction
 from dlokit.types.arrays import Float64Array
 from dlokit.types.image import StereoImages
 from dlokit.types.robot import JointTrajectory, RobotState
@@ -29,12 +31,16 @@ class Cell:
     def __init__(self, config: CellConfig, *, seed: int, robot: str = "panda") -> None:
         """Build the cell with the arm at home and the DLO straight in the middle of the table.
 
-        Raises `ConfigError` or `MachineError` on what cannot be built.
+        What `config.randomisation` lets differ is drawn from the seed. Raises `ConfigError` or `MachineError` on what
+        cannot be built.
         """
+        config = apply_episode(config, draw_episode(config, seed))
         self.config = config
         self.rig = StereoRig(config, seed=seed)
         self._model = _build(config, self.rig, robot)
         self._data: Any = mujoco.MjData(self._model)
+        self._dlo = config.physics.take_over(self._model, self._data, config.dlo)
+        self._friction = TableFriction(self._model, self._dlo, config)
         self._start_ns = 0
         self._steps = 0
         self.arm = CellArm(self._model, self._data, name=robot, q_rad=np.array(PANDA_HOME_Q_RAD, dtype=np.float64))
@@ -61,12 +67,13 @@ class Cell:
         No time passes on the cell's clock. Raises `ShapeError` when the curve has another length than the DLO, or
         leaves the table.
         """
-        set_rod_nodes(self._model, self._data, self._nodes_along(np.asarray(curve_world, dtype=np.float64)))
-        if settle:
-            for _ in range(round(self.config.settle_s / self.config.timestep_s)):
+        self._dlo.place(self._nodes_along(np.asarray(curve_world, dtype=np.float64)))
+        self._refresh()
+        for _ in range(round(self.config.settle_s / TICK_S) if settle else 0):
+            for _ in range(self.config.steps_per_tick):
                 self.arm.before_step(self.time_s)
                 mujoco.mj_step(self._model, self._data)
-        self._refresh()
+            self._refresh()
 
     def step(self, duration_s: float) -> None:
         """Let time pass: a whole number of physics steps."""
@@ -103,7 +110,7 @@ class Cell:
 
     def true_nodes_world(self) -> Float64Array:
         """Where the DLO truly is, (Mc, 3) [m]. For the record of truth and for tests: never for the bus."""
-        return rod_nodes(self._model, self._data)
+        return self._dlo.nodes_world
 
     def close(self) -> None:
         """Give the OpenGL context back."""
@@ -122,6 +129,7 @@ class Cell:
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_camlight(self._model, self._data)
         mujoco.mj_flex(self._model, self._data)
+        self._friction.update()
 
     def _nodes_along(self, curve_world: Float64Array) -> Float64Array:
         dlo = self.config.dlo
@@ -139,18 +147,18 @@ class Cell:
         off = np.abs(xy - TABLE_CENTER_M) > np.array(TABLE_HALF_SIZE_M) - dlo.radius_m
         if off.any():
             raise ShapeError(f"The start shape leaves the table at {xy[off.any(axis=1)][0].round(3)} m: move it.")
-        height_m = np.full(self.config.nodes, dlo.radius_m)
-        if curve_world.shape[1] == 3:
-            height_m = np.maximum(geometry.resample(curve_world, self.config.nodes)[:, 2], dlo.radius_m)
-        return np.column_stack([xy, height_m])
+        lowest_m = table_height_m(xy, self.config.table_tilt_deg) + dlo.radius_m
+        if curve_world.shape[1] == 2:
+            return np.column_stack([xy, lowest_m])
+        return np.column_stack([xy, np.maximum(geometry.resample(curve_world, self.config.nodes)[:, 2], lowest_m)])
 
 
 def _build(config: CellConfig, rig: StereoRig, robot: str) -> Any:
     spec: Any = mujoco.MjSpec()
     set_rod_physics(spec, config.timestep_s)
-    add_table(spec, friction=config.table_friction)
-    add_lights(spec, shadows=config.shadows)
+    add_table(spec, friction=config.table_friction, tilt_deg=config.table_tilt_deg)
+    add_lights(spec, shadows=config.shadows, light=config.light)
     add_cameras(spec, rig.true_calibration, config)
     add_panda(spec, name=robot)
-    add_rod(spec, config.dlo, config.nodes)
+    config.physics.add(spec, config.dlo, config.nodes)
     return spec.compile()

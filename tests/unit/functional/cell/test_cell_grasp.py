@@ -6,10 +6,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from dlokit import geometry
+from dlokit.description.dlo import SOFT_ROPE, WIRE_A, DloPreset
 from dlokit.description.panda import add_panda
 from dlokit.description.panda_data import PANDA_GRASP_HEIGHT_M, PANDA_LIMITS
 from dlokit.description.shapes import builtin_shape
 from dlokit.functional.cell.config import CellConfig
+from dlokit.functional.cell.dlo_physics import DloPhysics, ElasticRod, ElastoplasticChain
 from dlokit.functional.cell.world import Cell
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
@@ -67,8 +69,13 @@ def move(cell: Cell, start: Pose, end: Pose, duration_s: float) -> None:
     cell.step(duration_s + 0.2)
 
 
-def test_a_frictional_grasp_lifts_carries_and_releases_the_rope():
-    cell = Cell(CellConfig(), seed=0)
+@pytest.mark.parametrize(
+    ("physics", "dlo"),
+    [(ElasticRod(), SOFT_ROPE), (ElastoplasticChain(), WIRE_A)],
+    ids=["rod, soft rope", "chain, wire"],
+)
+def test_a_frictional_grasp_lifts_carries_and_releases_the_rope(physics: DloPhysics, dlo: DloPreset):
+    cell = Cell(CellConfig(physics=physics, dlo=dlo), seed=0)
     cell.place_dlo(builtin_shape("I", 0.5, 200))
     place = cell.true_nodes_world()[NODE, :2]
     goal = place + CARRY_M * (-1, 1)

@@ -1,14 +1,18 @@
+import dataclasses
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import pytest
 
+from dlokit.description.dlo import WIRE_A
 from dlokit.description.rod import rod_bodies
 from dlokit.description.shapes import builtin_shape, random_shape
 from dlokit.errors import ConfigError, DlokitError, ShapeError
 from dlokit.functional.cell.config import CellConfig
+from dlokit.functional.cell.dlo_physics import ElastoplasticChain
 from dlokit.functional.cell.world import Cell
+from dlokit.geometry import rmse_m
 from dlokit.types.arrays import Float64Array
 
 CONFIG = CellConfig()
@@ -30,6 +34,26 @@ def test_a_shape_at_rest_moves_less_than_a_millimetre_from_2_to_30_s(name: str, 
     cell.step(28.0)
     moved_m = np.linalg.norm(cell.true_nodes_world() - before, axis=1).max()
     assert moved_m < 1e-3  # the bar; measured 0.02 mm
+
+
+def test_a_chain_at_rest_lies_as_still_as_the_rod():
+    cell = Cell(CellConfig(physics=ElastoplasticChain()), seed=0)
+    cell.place_dlo(builtin_shape("S", 0.5, 200))
+    before = cell.true_nodes_world()
+    cell.step(3.0)
+    assert np.linalg.norm(cell.true_nodes_world() - before, axis=1).max() < 1e-4  # measured 2 um in a second
+
+
+def test_a_wire_keeps_an_s_that_an_elastic_one_of_its_stiffness_does_not():
+    curve = builtin_shape("S", 0.5, 41, radius_m=WIRE_A.radius_m)
+    away_m: list[float] = []
+    for yield_1_m in (WIRE_A.yield_curvature_1_m, None):
+        dlo = dataclasses.replace(WIRE_A, yield_curvature_1_m=yield_1_m)
+        cell = Cell(CellConfig(dlo=dlo, physics=ElastoplasticChain()), seed=0)
+        cell.place_dlo(curve)
+        away_m.append(rmse_m(cell.true_nodes_world(), curve))
+    assert away_m[0] < 0.002  # measured 0.5 mm
+    assert away_m[1] > 0.03  # measured 53 mm
 
 
 def test_a_start_shape_stays_close_to_what_was_asked_for():
@@ -123,6 +147,9 @@ def test_a_diverged_cell_says_so_instead_of_starting_anew():
         ({"camera_error_m": -1.0}, "camera_error_m"),
         ({"image_noise_sigma": float("nan")}, "image_noise_sigma"),
         ({"real_time_factor": 0.0}, "real_time_factor"),
+        ({"light": -0.1}, "cell.light"),
+        ({"table_tilt_deg": (0.0, 6.0)}, "table_tilt_deg"),
+        ({"table_regions": (1.0, 1.0, -1.0, 1.0)}, "table_regions"),
     ],
 )
 def test_settings_that_cannot_work_are_refused_by_name(values: dict[str, Any], says: str):

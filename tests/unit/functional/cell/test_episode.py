@@ -1,0 +1,129 @@
+"""What is drawn from the seed, and that a cell is built of it."""
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dlokit.description.shapes import builtin_shape
+from dlokit.errors import ConfigError
+from dlokit.functional.cell.config import CellConfig
+from dlokit.functional.cell.dlo_physics import DloPhysics, ElasticRod, ElastoplasticChain
+from dlokit.functional.cell.episode import Episode, apply_episode, draw_episode
+from dlokit.functional.cell.randomisation import RANDOMISED, Randomisation
+from dlokit.functional.cell.world import Cell
+
+NOMINAL = CellConfig()
+EVERYTHING = CellConfig(randomisation=RANDOMISED)
+OFF: dict[str, dict[str, float]] = {
+    **{
+        name: {name: 0.0}
+        for name in (
+            "friction",
+            "friction_regions",
+            "stiffness",
+            "weight",
+            "curl_1_m",
+            "table_tilt_deg",
+            "light",
+            "color",
+        )
+    },
+    "hand_eye": {"hand_eye_from_m": 0.0, "hand_eye_to_m": 0.0},
+}
+DRAWN = {
+    **{"friction": "friction_factor", "stiffness": "stiffness_factor", "weight": "weight_factor"},
+    **{"light": "light_factor", "color": "color_rgb", "hand_eye": "hand_eye_m"},
+}
+
+
+def test_nothing_is_drawn_unless_asked_for():
+    assert draw_episode(NOMINAL, seed=3) == Episode()
+    assert apply_episode(NOMINAL, Episode()) == NOMINAL
+
+
+def test_a_seed_draws_the_same_again_and_another_seed_something_else():
+    assert draw_episode(EVERYTHING, seed=3) == draw_episode(EVERYTHING, seed=3)
+    one, other = (dataclasses.asdict(draw_episode(EVERYTHING, seed=seed)) for seed in (3, 4))
+    assert [name for name in one if one[name] == other[name]] == []
+
+
+@pytest.mark.parametrize("factor", OFF)
+def test_a_factor_is_switched_off_without_changing_the_others(factor: str):
+    everything = dataclasses.asdict(draw_episode(EVERYTHING, seed=5))
+    without = CellConfig(randomisation=dataclasses.replace(RANDOMISED, **OFF[factor]))
+    drawn = dataclasses.asdict(draw_episode(without, seed=5))
+    changed = [name for name in drawn if drawn[name] != everything[name]]
+    assert changed == [DRAWN.get(factor, factor)]
+    assert drawn[changed[0]] == getattr(Episode(), changed[0])
+
+
+def test_what_is_drawn_stays_within_what_was_allowed():
+    episodes = [draw_episode(EVERYTHING, seed) for seed in range(200)]
+    for name, share in (("friction", 0.25), ("stiffness", 0.5), ("weight", 0.2), ("light", 0.15)):
+        values = np.array([getattr(episode, f"{name}_factor") for episode in episodes])
+        assert 1 / (1 + share) <= values.min() < 1.0 < values.max() <= 1 + share
+    hand_eye = np.array([episode.hand_eye_m for episode in episodes])
+    assert 0.002 <= hand_eye.min() < 0.0025
+    assert 0.0045 < hand_eye.max() <= 0.005
+    assert np.abs([episode.table_tilt_deg for episode in episodes]).max() <= 0.2
+    assert all(-0.5 <= episode.curl_1_m <= 0.5 for episode in episodes if episode.curl_1_m is not None)
+    colors = np.array([episode.color_rgb for episode in episodes])
+    assert np.abs(colors - NOMINAL.dlo.color_rgb).max() <= 0.1
+    assert colors.max() <= 1.0
+
+
+def test_the_cell_is_the_one_that_was_drawn():
+    episode = draw_episode(EVERYTHING, seed=5)
+    cell = Cell(EVERYTHING, seed=5)
+    dlo = cell.config.dlo
+    assert dlo.bending_stiffness_n_m2 == NOMINAL.dlo.bending_stiffness_n_m2 * episode.stiffness_factor
+    assert dlo.mass_per_length_kg_m == NOMINAL.dlo.mass_per_length_kg_m * episode.weight_factor
+    assert (dlo.curl_1_m, dlo.color_rgb) == (episode.curl_1_m, episode.color_rgb)
+    assert cell.config.table_regions == episode.friction_regions
+    off_m = cell.rig.calibration.T_world_camera.position_m - cell.rig.true_calibration.T_world_camera.position_m
+    assert np.linalg.norm(off_m) == pytest.approx(episode.hand_eye_m)
+    assert cell.config.randomisation == Randomisation()
+
+
+@pytest.mark.parametrize("physics", [ElasticRod(), ElastoplasticChain()], ids=lambda physics: physics.name)
+def test_a_dlo_lies_flat_on_a_tilted_table(physics: DloPhysics):
+    cell = Cell(CellConfig(physics=physics, table_tilt_deg=(0.5, 0.0), settle_s=0.3), seed=0)
+    cell.place_dlo(builtin_shape("I", 0.5, 41)[:, :2])
+    nodes = cell.true_nodes_world()
+    slope = np.polyfit(nodes[:, 1], nodes[:, 2], 1)[0]
+    assert slope == pytest.approx(np.tan(np.radians(0.5)), rel=0.01)
+    assert np.median(nodes[:, 2]) == pytest.approx(0.004 / np.cos(np.radians(0.5)), abs=2e-5)  # it sinks in by 2 um
+
+
+@pytest.mark.parametrize(
+    ("physics", "travel"), [(ElasticRod(), "alike"), (ElastoplasticChain(), "differs")], ids=["rod", "chain"]
+)
+def test_half_a_dlo_slides_on_where_the_table_is_slippery(physics: DloPhysics, travel: str):
+    regions = (1.0, 0.1, 1.0, 0.1)  # the left of the table is ice
+    cell = Cell(CellConfig(physics=physics, table_regions=regions), seed=0)
+    cell.place_dlo(builtin_shape("I", 0.5, 41))
+    model, data = cell._model, cell._data  # pyright: ignore[reportPrivateUsage]  # no skill can push a rope
+    friction = {round(float(contact.friction[0]), 3) for contact in data.contact if contact.dim == 6}
+    assert friction == ({0.08, 0.8} if travel == "differs" else {pytest.approx(0.8 * 0.55, abs=0.01)})
+    assert model.geom_friction[model.geom("table_top").id, 0] == 0.0
+
+
+def test_a_table_without_regions_keeps_its_own_friction():
+    cell = Cell(CellConfig(table_friction=0.9), seed=0)
+    model = cell._model  # pyright: ignore[reportPrivateUsage]
+    assert model.geom_friction[model.geom("table_top").id, 0] == 0.9
+
+
+@pytest.mark.parametrize(
+    ("values", "says"),
+    [
+        ({"friction": -0.1}, "randomisation.friction"),
+        ({"light": float("nan")}, "randomisation.light"),
+        ({"hand_eye_from_m": 0.004, "hand_eye_to_m": 0.003}, "exchange"),
+    ],
+)
+def test_a_randomisation_that_cannot_be_is_refused_by_name(values: dict[str, Any], says: str):
+    with pytest.raises(ConfigError, match=says):
+        Randomisation(**values)
