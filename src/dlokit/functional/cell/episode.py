@@ -57,6 +57,8 @@ def draw_episode(config: CellConfig, seed: int) -> Episode:
 def apply_episode(config: CellConfig, episode: Episode) -> CellConfig:
     """The cell of an episode: nothing is left to draw."""
     nominal = config.dlo
+    near_right, near_left, far_right, far_left = np.multiply(config.table_regions, episode.friction_regions).tolist()
+    tilt_x, tilt_y = np.add(config.table_tilt_deg, episode.table_tilt_deg).tolist()
     dlo = replace(
         nominal,
         bending_stiffness_n_m2=nominal.bending_stiffness_n_m2 * episode.stiffness_factor,
@@ -69,8 +71,8 @@ def apply_episode(config: CellConfig, episode: Episode) -> CellConfig:
         config,
         dlo=dlo,
         table_friction=config.table_friction * episode.friction_factor,
-        table_regions=episode.friction_regions,
-        table_tilt_deg=episode.table_tilt_deg,
+        table_regions=(near_right, near_left, far_right, far_left),
+        table_tilt_deg=(tilt_x, tilt_y),
         light=config.light * episode.light_factor,
         camera_error_m=config.camera_error_m if episode.hand_eye_m is None else episode.hand_eye_m,
         randomisation=Randomisation(),
