@@ -42,7 +42,7 @@ class MixtureConfig:
     """The iteration ends when sigma² changes by a smaller share than this."""
     max_iterations: int = 60
     """The iteration ends at the latest after so many steps."""
-    max_points: int = 700
+    max_points: int = 2000
     """Larger clouds are thinned, evenly over their index, to so many points before registration."""
     visibility: VisibilityConfig = field(default_factory=VisibilityConfig)
     """When a node counts as seen."""

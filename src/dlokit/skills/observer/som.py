@@ -2,9 +2,11 @@
 
 Kohonen: *The self-organizing map*, Proc. IEEE 78 (1990), doi 10.1109/5.58325, and its batch form in Kohonen:
 *Essentials of the self-organizing map*, Neural Networks 37 (2013), doi 10.1016/j.neunet.2012.09.018. The
-paper names Zürn et al., CASE 2021, for its use on DLOs. Symbols: X (N, 3) the cloud, T (M, 3) the neurons,
-c(n) the winner of point n, d_ij the way along the DLO between nodes i and j, r the radius of the
-neighbourhood; both in mean edges at rest.
+paper names Zürn et al., CASE 2021, for its use on DLOs. A neighbourhood no wider than the map is wrong is the idea
+of Berglund, Sitte: *The parameterless self-organizing map algorithm*, IEEE Trans. Neural Networks 17 (2006).
+
+Symbols: X (N, 3) the cloud, T (M, 3) the neurons, c(n) the winner of point n, d_ij the way along the DLO between
+nodes i and j, r the radius of the neighbourhood; both in mean edges at rest.
 """
 
 # The papers' capital letters are variables here, not constants.
@@ -26,6 +28,7 @@ from dlokit.types.observation import Observation
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,12 +37,14 @@ class SomConfig:
 
     name: ClassVar[str] = "som"
 
-    initial_radius: float = 3.0
+    initial_radius: float = 5.0
     """r at the first iteration, in mean edges of the DLO: about how many neighbours a point draws along."""
     final_radius: float = 0.5
     """r at the last iteration, in mean edges; below 0.3 neighbours hardly count."""
     iterations: int = 40
     """How often the neurons are updated while r shrinks by a constant factor."""
+    misfit_share: float = 0.95
+    """r is at most the distance that this share of the points is nearer to their neuron than, in mean edges."""
     gate_m: float = 0.02
     """Points farther from all neurons than this and r edges draw none [m]; several times the noise. The edges,
     at their mean length at rest, are by how much a neighbourhood pulls in the tips, and the motion at first."""
@@ -76,16 +81,14 @@ def neighbourhood(d: Array, radius: float) -> Array:
     return np.exp(d**2 / (-2.0 * radius**2))
 
 
-def batch_update(X: Array, T: Array, h: Array, gate_m: float) -> Array:
+def batch_update(X: Array, T: Array, h: Array, winner: Indices, near: Flags) -> Array:
     """One step of the batch map: the neurons (M, 3) [m] after it.
 
-    c(n) = argmin_j |x_n - t_j|;  t_i = sum_n h_i,c(n) x_n / sum_n h_i,c(n), over the points within the gate.
-    A neuron that no point reaches stays.
+    t_i = sum_n h_i,c(n) x_n / sum_n h_i,c(n), over the points that are `near` (N,), with their `winner` (N,). A
+    neuron that no point reaches stays.
     """
-    winner, near = _winners(X, T, gate_m)
     won = np.bincount(winner[near], minlength=len(T)).astype(np.float64)
-    total = np.zeros_like(T)
-    np.add.at(total, winner[near], X[near])
+    total = np.column_stack([np.bincount(winner[near], weights=x, minlength=len(T)) for x in X[near].T])
     weight = h @ won
     reached = weight > 1e-9  # of one point
     after = T.copy()
@@ -95,26 +98,34 @@ def batch_update(X: Array, T: Array, h: Array, gate_m: float) -> Array:
 
 def points_won(X: Array, T: Array, gate_m: float) -> Array:
     """How many points within the gate each neuron wins (M,)."""
-    winner, near = _winners(X, T, gate_m)
-    return np.bincount(winner[near], minlength=len(T)).astype(np.float64)
+    winner, distance_m = winners(X, T)
+    return np.bincount(winner[distance_m < gate_m], minlength=len(T)).astype(np.float64)
 
 
-def _winners(X: Array, T: Array, gate_m: float) -> tuple[NDArray[np.int64], Flags]:
-    """Each point's nearest neuron (N,), and whether it is nearer than the gate (N,)."""
+def winners(X: Array, T: Array) -> tuple[Indices, Array]:
+    """Each point's nearest neuron (N,), c(n) = argmin_j |x_n - t_j|, and its distance (N,) [m]."""
     squared = squared_distances(X, T)
     winner = np.argmin(squared, axis=1)
-    return winner, squared[np.arange(len(X)), winner] < gate_m**2
+    return winner, np.sqrt(squared[np.arange(len(X)), winner])
 
 
 def organise(X: Array, Y: Array, d: Array, edge_m: float, config: SomConfig) -> Array:
     """The neurons (M, 3) [m] after all iterations over the cloud X (N, 3), N >= 1, from the nodes Y (M, 3).
 
-    `edge_m` is the mean length of an edge at rest.
+    `edge_m` is the mean length of an edge at rest. The radius shrinks by a constant factor, and is never wider than
+    the map is wrong: in a tight coil a wide neighbourhood draws the nodes of one turn to the next, and a map that
+    was nearly right would be folded.
     """
     origin = Y.mean(axis=0)  # distances by products lose digits far from the origin
     X, T = X - origin, Y - origin
-    for radius in np.geomspace(config.initial_radius, config.final_radius, config.iterations).tolist():
-        T = batch_update(X, T, neighbourhood(d, radius), config.gate_m + radius * edge_m)
+    for widest in np.geomspace(config.initial_radius, config.final_radius, config.iterations).tolist():
+        winner, distance_m = winners(X, T)
+        near = distance_m < config.gate_m + widest * edge_m
+        if not near.any():
+            break
+        misfit = float(np.quantile(distance_m[near], config.misfit_share)) / edge_m
+        radius = min(widest, max(misfit, config.final_radius))
+        T = batch_update(X, T, neighbourhood(d, radius), winner, near)
     return T + origin
 
 

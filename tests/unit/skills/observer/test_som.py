@@ -16,15 +16,16 @@ from dlokit.skills.observer.som import (
     graph_distances,
     neighbourhood,
     organise,
+    winners,
 )
 from dlokit.types.dlo import Topology
 
 Array = NDArray[np.float64]
 
 
-def spiral() -> Array:
-    """One turn inwards, to a third of the radius."""
-    angle = np.linspace(0.0, 2.0 * np.pi, 400)
+def spiral(turns: float = 1.0) -> Array:
+    """Turning inwards, to a third of the radius."""
+    angle = np.linspace(0.0, 2.0 * np.pi * turns, 800)
     radius = 1.0 - 0.7 * angle / angle[-1]
     return rod(np.column_stack([radius * np.cos(angle), radius * np.sin(angle)]))
 
@@ -39,6 +40,11 @@ def unwound(nodes: Array, share: float) -> Array:
     return np.column_stack([xy - xy.mean(axis=0), np.zeros(len(xy))]) + nodes.mean(axis=0)
 
 
+def step(X: Array, T: Array, h: Array, gate_m: float) -> Array:
+    winner, distance_m = winners(X, T)
+    return batch_update(X, T, h, winner, distance_m < gate_m)
+
+
 def test_the_batch_update_is_its_definition() -> None:
     T = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]])
     X = np.array([[0.1, 0.2, 0.0], [-0.1, 0.0, 0.0], [1.1, 0.0, 0.1], [0.9, 9.0, 0.0]])
@@ -48,12 +54,12 @@ def test_the_batch_update_is_its_definition() -> None:
     for i in range(3):
         weights = [np.exp(-((i - c) ** 2) / (2 * 0.8**2)) for c in (0, 0, 1)]  # winners 0, 0, 1; the last too far
         expected[i] = sum(w * x for w, x in zip(weights, X, strict=False)) / sum(weights)
-    np.testing.assert_allclose(batch_update(X, T, h, 1.5), expected, atol=1e-12)  # written out: rounding only
+    np.testing.assert_allclose(step(X, T, h, 1.5), expected, atol=1e-12)  # written out: rounding only
 
 
 def test_a_neuron_that_no_point_reaches_stays() -> None:
     T = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [9.0, 0.0, 0.0]])
-    after = batch_update(np.array([[0.1, 0.0, 0.0]]), T, neighbourhood(graph_distances(chain(3, 9.0), 3), 0.1), 1.0)
+    after = step(np.array([[0.1, 0.0, 0.0]]), T, neighbourhood(graph_distances(chain(3, 9.0), 3), 0.1), 1.0)
     np.testing.assert_allclose(after, [[0.1, 0.0, 0.0], [1.0, 0.0, 0.0], [9.0, 0.0, 0.0]], atol=1e-12)
 
 
@@ -78,6 +84,25 @@ def test_it_converges_on_a_spiral_from_a_prior_that_is_almost_straight(share: fl
     assert np.all(np.diff(np.argmin(distances, axis=1)) > 0)
     distance = distances.min(axis=1)
     assert np.sqrt(np.mean(distance**2)) < 0.002  # the noise of the points, of which 22 make a node's mean
+
+
+@pytest.mark.parametrize("turns", [1.5, 2.0, 2.5])
+def test_in_a_tight_coil_it_stays_where_the_prior_was_nearly_right(turns: float) -> None:
+    curve = spiral(turns)
+    prior = unwound(curve, 0.95)
+    # Turns are about 2 cm apart. From less than 9 tenths of the bend it ends on the wrong turn: that is its limit,
+    # as it is any tracker's whose prior is nearer to the next turn than to its own.
+    assert rmse_m(Som().estimate(cloud(curve), state(prior)).nodes_world, curve) < 0.0167  # a spacing
+
+
+def test_a_neighbourhood_wider_than_the_map_is_wrong_would_fold_it() -> None:
+    curve, d = spiral(2.0), graph_distances(chain(NODES, 0.5), NODES)
+    points = cloud(curve, outliers=0.0).points_world.astype(np.float64)
+    wide = organise(
+        points, unwound(curve, 0.95), d, 0.5 / 30, SomConfig(misfit_share=1.0, gate_m=1.0, final_radius=3.0)
+    )
+    fitting = organise(points, unwound(curve, 0.95), d, 0.5 / 30, SomConfig())
+    assert rmse_m(wide, curve) > 2.0 * rmse_m(fitting, curve)
 
 
 @pytest.mark.parametrize("name", ["I", "S", "U", "random"])
