@@ -1,8 +1,8 @@
-"""Published implementations that are run beside ours, when they are installed (extra `bench`).
+"""Published implementations that are run beside ours, when they are installed.
 
-pycpd 2.0 and probreg 0.3 implement coherent point drift (Myronenko and Song, TPAMI 2010). They get the same cloud
-and the same prior, and know nothing of pins, cameras, or what hides. Their settings were chosen by `tuning`: a
-grid on its own seeds, never on those that are reported. Lengths are in metres throughout.
+pycpd 2.0 (extra `bench`) and probreg 0.3 implement coherent point drift (Myronenko and Song, TPAMI 2010). They get the
+same cloud and the same prior, and know nothing of pins, cameras, or what hides. Their settings were chosen by `tuning`
+on its own seeds, never on those that are reported. Lengths are in metres throughout.
 """
 
 import importlib
@@ -19,6 +19,12 @@ from dlokit.types.dlo import DloState, TargetPoints
 from dlokit.types.observation import Observation
 
 _FEWEST_POINTS = 3
+
+_INSTALL = {
+    "pycpd": "pip install 'dlokit[bench]'",
+    # A source distribution with C++, and open3d, whose wheel wants libusb of the system.
+    "probreg": "sudo apt install g++ python3-dev libusb-1.0-0; pip install probreg",
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,15 +80,15 @@ class Pycpd:
 
 @dataclass(frozen=True, kw_only=True)
 class ProbregConfig:
-    """probreg's non-rigid CPD. Settings are those found for pycpd, which minimises the same function."""
+    """probreg's non-rigid CPD; each frame starts from the mean distance of all pairs, which cannot be set."""
 
     name: ClassVar[str] = "probreg"
 
-    beta_m: float = 0.8
+    beta_m: float = 1.44
     """Width of the kernel [m]."""
-    lambda_per_m2: float = 3000.0
+    lambda_per_m2: float = 320.0
     """Weight of the smoothness of the motion [1/m²]."""
-    outlier_weight: float = 0.05
+    outlier_weight: float = 0.14
     """w, the share of points expected to belong to nothing."""
     max_iterations: int = 50
     """Iterations a frame at most."""
@@ -139,7 +145,7 @@ def imported(package: str) -> Any:
         name = package.partition(".")[0]
         raise MachineError(
             f"The peer {name} is not installed or cannot be loaded ({error}): install it with "
-            f"`pip install 'dlokit[bench]'` or `pip install {name}`, or leave it out with --methods."
+            f"`{_INSTALL.get(name, f'pip install {name}')}`, or leave it out with --methods."
         ) from error
 
 

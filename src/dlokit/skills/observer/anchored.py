@@ -25,13 +25,18 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 
+def pliable() -> CpdConfig:
+    """Registration that follows every bend; what slides along the curve, the anchors put back. CPD alone is stiffer."""
+    return CpdConfig(beta_m=0.12, lambda_per_m2=300.0, outlier_weight=0.05, initial_sigma_m=0.04, max_points=700)
+
+
 @dataclass(frozen=True, kw_only=True)
 class AnchoredConfig:
     """Coherent point drift, with nodes held at their arc length from the tips and pins that are seen."""
 
     name: ClassVar[str] = "anchored"
 
-    cpd: CpdConfig = field(default_factory=CpdConfig)
+    cpd: CpdConfig = field(default_factory=pliable)
     """The registration that finds the curve and which way round the rod lies."""
     curve: CurveConfig = field(default_factory=CurveConfig)
     """The fit of the centre line."""

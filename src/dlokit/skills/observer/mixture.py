@@ -27,13 +27,13 @@ Array = NDArray[np.float64]
 class MixtureConfig:
     """The fit of a mixture whose nodes move coherently."""
 
-    beta_m: float = 0.12
+    beta_m: float = 0.83
     """Width of the Gaussian kernel [m]: nodes nearer than this move alike."""
-    lambda_per_m2: float = 300.0
+    lambda_per_m2: float = 2300.0
     """Weight of the smoothness of the motion against the fit [1/m²]."""
-    outlier_weight: float = 0.05
+    outlier_weight: float = 0.023
     """w, the share of points expected to belong to nothing, from 0 to below 1."""
-    initial_sigma_m: float = 0.04
+    initial_sigma_m: float = 0.036
     """Standard deviation of the Gaussians at the start [m]; about the largest motion between two clouds.
     0 takes the paper's, the mean distance of all pairs, for a registration from far."""
     smallest_sigma_m: float = 0.002

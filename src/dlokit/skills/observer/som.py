@@ -16,12 +16,13 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import shortest_path
 
 from dlokit.skills.observer.base import nothing_seen
-from dlokit.skills.observer.mixture import squared_distances, thinned
+from dlokit.skills.observer.mixture import thinned
 from dlokit.skills.observer.visibility import VisibilityConfig, explained_share, visible_nodes
 from dlokit.types.dlo import DloState, TargetPoints, Topology
 from dlokit.types.observation import Observation
@@ -37,23 +38,23 @@ class SomConfig:
 
     name: ClassVar[str] = "som"
 
-    initial_radius: float = 5.0
+    initial_radius: float = 4.6
     """r at the first iteration, in mean edges of the DLO: about how many neighbours a point draws along."""
-    final_radius: float = 0.5
+    final_radius: float = 1.1
     """r at the last iteration, in mean edges; below 0.3 neighbours hardly count."""
     iterations: int = 40
     """How often the neurons are updated while r shrinks by a constant factor."""
     misfit_share: float = 0.95
     """r is at most the distance that this share of the points is nearer to their neuron than, in mean edges."""
-    gate_m: float = 0.02
+    gate_m: float = 0.021
     """Points farther from all neurons than this and r edges draw none [m]; several times the noise. The edges,
     at their mean length at rest, are by how much a neighbourhood pulls in the tips, and the motion at first."""
-    shrunk: float = 0.85
+    shrunk: float = 0.74
     """Nodes may be hidden where the map's edges are in all shorter than this share of their length at rest."""
-    torn: float = 2.5
+    torn: float = 2.8
     """Nodes may be hidden where an edge of the map is longer than so many times its length at rest,
     or, if that is more, the mean length of all edges."""
-    empty: float = 0.25
+    empty: float = 0.32
     """Where nodes may be hidden, those are that at the prior win fewer points than this share of the median."""
     max_points: int = 700
     """Larger clouds are thinned, evenly over their index, to so many points."""
@@ -102,11 +103,20 @@ def points_won(X: Array, T: Array, gate_m: float) -> Array:
     return np.bincount(winner[distance_m < gate_m], minlength=len(T)).astype(np.float64)
 
 
+@njit(cache=True)
 def winners(X: Array, T: Array) -> tuple[Indices, Array]:
     """Each point's nearest neuron (N,), c(n) = argmin_j |x_n - t_j|, and its distance (N,) [m]."""
-    squared = squared_distances(X, T)
-    winner = np.argmin(squared, axis=1)
-    return winner, np.sqrt(squared[np.arange(len(X)), winner])
+    winner, distance_m = np.zeros(len(X), dtype=np.int64), np.empty(len(X))
+    for n in range(len(X)):
+        nearest = np.inf
+        for j in range(len(T)):
+            dx, dy, dz = X[n, 0] - T[j, 0], X[n, 1] - T[j, 1], X[n, 2] - T[j, 2]
+            squared = dx * dx + dy * dy + dz * dz
+            if squared < nearest:
+                nearest = squared
+                winner[n] = j
+        distance_m[n] = np.sqrt(nearest)
+    return winner, distance_m
 
 
 def organise(X: Array, Y: Array, d: Array, edge_m: float, config: SomConfig) -> Array:
@@ -116,17 +126,22 @@ def organise(X: Array, Y: Array, d: Array, edge_m: float, config: SomConfig) -> 
     the map is wrong: in a tight coil a wide neighbourhood draws the nodes of one turn to the next, and a map that
     was nearly right would be folded.
     """
-    origin = Y.mean(axis=0)  # distances by products lose digits far from the origin
-    X, T = X - origin, Y - origin
+    T = Y
     for widest in np.geomspace(config.initial_radius, config.final_radius, config.iterations).tolist():
         winner, distance_m = winners(X, T)
         near = distance_m < config.gate_m + widest * edge_m
         if not near.any():
             break
-        misfit = float(np.quantile(distance_m[near], config.misfit_share)) / edge_m
+        misfit = _at_share(distance_m[near], config.misfit_share) / edge_m
         radius = min(widest, max(misfit, config.final_radius))
         T = batch_update(X, T, neighbourhood(d, radius), winner, near)
-    return T + origin
+    return T
+
+
+def _at_share(values: Array, share: float) -> float:
+    """The value that this share of the values does not exceed."""
+    last = round(share * (len(values) - 1))
+    return float(np.partition(values, last)[last])
 
 
 def carried(Y: Array, T: Array, shown: Flags, d: Array, radius: float) -> Array:

@@ -10,7 +10,15 @@ from synthetic_clouds import cloud, shape, state
 from dlokit.skills.observer.cpd import Cpd, CpdConfig, register
 from dlokit.skills.observer.mixture import initial_sigma2, kernel
 
-FAITHFUL = CpdConfig(initial_sigma_m=0, smallest_sigma_m=1e-6, tolerance=0.0, max_iterations=30)
+FAITHFUL = CpdConfig(
+    beta_m=0.12,  # an I must be able to become an S
+    lambda_per_m2=300.0,
+    outlier_weight=0.05,
+    initial_sigma_m=0,
+    smallest_sigma_m=1e-6,
+    tolerance=0.0,
+    max_iterations=30,
+)
 
 
 def test_it_agrees_with_pycpd_on_the_same_cloud() -> None:
