@@ -15,7 +15,8 @@ import numpy as np
 from scipy.stats import qmc
 
 from dlokit.bench.observers.cases import BASE, TUNING_SEED, Case
-from dlokit.bench.observers.clouds import Conditions, Looks, looks
+from dlokit.bench.observers.clouds import Looks, looks
+from dlokit.bench.observers.conditions import Conditions
 from dlokit.bench.observers.methods import Method
 from dlokit.bench.observers.metrics import score
 from dlokit.bench.observers.peers import ProbregConfig, PycpdConfig
