@@ -18,8 +18,8 @@ from dlokit.app.track_picture import draw_tracks
 from dlokit.errors import InputError, SkillFailure
 from dlokit.skills.observer.anchored import chain_lengths
 from dlokit.skills.observer.base import ObserverStrategyConfig
-from dlokit.skills.observer.component import follow
 from dlokit.skills.observer.config import ObserverConfig
+from dlokit.skills.observer.following import follow
 from dlokit.skills.observer.initialise import initial_targets
 from dlokit.skills.observer.skeleton import spanning_tree
 from dlokit.skills.observer.strategies import strategies

@@ -12,6 +12,7 @@ from dlokit.types.dlo import DloState, GoalShape, TargetPoints
 from dlokit.types.flow import FlowStatus, GoalFrames, OperatorCommand
 from dlokit.types.image import StereoImages
 from dlokit.types.observation import Gripped, Observation
+from dlokit.types.observer_event import ObserverEvent
 from dlokit.types.robot import RobotState
 
 LAST = KeepLast()
@@ -23,6 +24,7 @@ ROBOT_STATE   = Topic("robot/state",       RobotState,      "robot",      50.0, 
 STEREO_IMAGES = Topic("perception/images", StereoImages,    "perception", None,  LAST,       "the pair of pictures last taken")
 OBSERVATION   = Topic("perception/cloud",  Observation,     "perception", None,  Every(4),   "the DLO's points in the world")
 TARGETS       = Topic("observer/targets",  TargetPoints,    "observer",   None,  Every(4),   "where the nodes are believed to be")
+OBSERVER_EVENT = Topic("observer/events",  ObserverEvent,   "observer",   None,  Every(16),  "that the DLO was lost, or found again")
 STATE         = Topic("model/state",       DloState,        "model",      None,  Every(16),  "the shape everybody uses")
 GOAL          = Topic("model/goal",        GoalShape,       "model",      None,  LAST,       "the shape the operator wants")
 ACTION        = Topic("planning/action",   PickPlace,       "planning",   None,  LAST,       "the grasp and path chosen")
@@ -39,6 +41,7 @@ TOPICS: tuple[Topic[Any], ...] = (
     STEREO_IMAGES,
     OBSERVATION,
     TARGETS,
+    OBSERVER_EVENT,
     STATE,
     GOAL,
     ACTION,

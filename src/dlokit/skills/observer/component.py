@@ -2,22 +2,21 @@
 
 import asyncio
 
-import msgspec
-import numpy as np
-
 from dlokit.communication import topics
 from dlokit.communication.component import Component, implements, on
 from dlokit.errors import SkillFailure
-from dlokit.geometry import rmse_m
 from dlokit.skills.observer import api
-from dlokit.skills.observer.anchored import chain, is_chain
+from dlokit.skills.observer.anchored import chain
 from dlokit.skills.observer.base import ObserverStrategy, prior_from
+from dlokit.skills.observer.cleaning import cleaned
 from dlokit.skills.observer.config import ObserverConfig
+from dlokit.skills.observer.following import followed
 from dlokit.skills.observer.initialise import initial_targets
 from dlokit.skills.observer.strategies import from_spec
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, TargetPoints
 from dlokit.types.observation import Observation
+from dlokit.types.observer_event import Doubt, ObserverEvent, ObserverEventKind
 from dlokit.types.strategy import StrategySpec
 
 
@@ -25,7 +24,7 @@ class ObserverComponent(Component):
     """Orders the first cloud into nodes; then follows them from cloud to cloud."""
 
     name = "observer"
-    publishes = (topics.TARGETS,)
+    publishes = (topics.TARGETS, topics.OBSERVER_EVENT)
     reads = (topics.STATE,)
 
     def __init__(self, config: ObserverConfig, *, nodes: int, length_m: float) -> None:
@@ -40,17 +39,25 @@ class ObserverComponent(Component):
         self._arrived = asyncio.Event()
         self._last: TargetPoints | None = None
         """The targets published last; None before the rod was found."""
+        self._lost = False
+        self._refusing = False
 
     @on(topics.OBSERVATION)
     async def on_observation(self, seen: Observation) -> None:
         """Estimate from the newest state and publish; nothing before the first `INITIALISE`."""
         self._newest = seen
         self._arrived.set()
-        if self._last is None or seen.stamp_ns <= self._last.stamp_ns:
+        if self._last is None:
             return
+        if seen.stamp_ns <= self._last.stamp_ns:
+            if seen.stamp_ns < self._last.stamp_ns:  # an equal one is the cloud that `INITIALISE` took
+                self._refuse(seen)
+            return
+        self._refusing = False
         prior = self._prior(self._last)
-        targets = await self.port.compute(follow, self._strategy, seen, prior, self._config)
-        self._publish(targets)
+        answer = await self.port.compute(followed, self._strategy, seen, prior, self._config)
+        self._publish(answer.targets)
+        self._tell(answer.targets, answer.doubt)
 
     @implements(api.INITIALISE)
     async def initialise(self, after_stamp_ns: int = 0, towards_world: Float64Array | None = None) -> TargetPoints:
@@ -60,9 +67,15 @@ class ObserverComponent(Component):
         if before is None and self._last is not None:
             before = self._prior(self._last).nodes_world
         targets = await self.port.compute(
-            initial_targets, seen, self._count, self._length_m, self._config.initialise, before
+            initial_targets,
+            cleaned(seen, self._config.most_points),
+            self._count,
+            self._length_m,
+            self._config.initialise,
+            before,
         )
         self._publish(targets)
+        self._lost = self._refusing = False
         return targets
 
     @implements(api.SET_STRATEGY)
@@ -79,10 +92,29 @@ class ObserverComponent(Component):
         self._last = targets
         self.port.publish(topics.TARGETS, targets)
 
+    def _tell(self, targets: TargetPoints, doubt: Doubt | None) -> None:
+        """An event when the rod is lost or found again, none while that lasts."""
+        lost = targets.health < self._config.lost_health
+        if lost is not self._lost:
+            self._lost = lost
+            kind = ObserverEventKind.LOST if lost else ObserverEventKind.FOUND_AGAIN
+            self._publish_event(targets.stamp_ns, kind, doubt if lost else None, targets.health)
+
+    def _refuse(self, seen: Observation) -> None:
+        """An event at the first of several clouds that are not newer than the targets."""
+        if not self._refusing and self._last is not None:
+            self._refusing = True
+            self._publish_event(seen.stamp_ns, ObserverEventKind.REFUSED, Doubt.OLD_STAMP, self._last.health)
+
+    def _publish_event(self, stamp_ns: int, kind: ObserverEventKind, reason: Doubt | None, health: float) -> None:
+        event = ObserverEvent(stamp_ns=stamp_ns, kind=kind, reason=reason, health=health)
+        self.port.publish(topics.OBSERVER_EVENT, event)
+
     def _prior(self, last: TargetPoints) -> DloState:
         """The model's state, or the targets published last where the model has not followed them yet."""
         state = self.port.latest(topics.STATE).value
-        if state is not None and state.observed_stamp_ns >= last.stamp_ns:
+        same_nodes = state is not None and len(state.nodes_world) == self._count
+        if state is not None and same_nodes and state.observed_stamp_ns >= last.stamp_ns:
             return state
         return prior_from(last, self._topology)
 
@@ -102,26 +134,3 @@ class ObserverComponent(Component):
                 f"and was it asked to look?",
             ) from error
         return seen
-
-
-def follow(strategy: ObserverStrategy, seen: Observation, prior: DloState, config: ObserverConfig) -> TargetPoints:
-    """The strategy's targets; where they lost the rod and the cloud shows all of it, the cloud ordered anew.
-
-    Targets are in doubt when their health is low or nodes are hidden: a fold of the registration looks like
-    a rod of which a part is hidden. The cloud is then ordered without a prior; if that finds a rod of full
-    length elsewhere than the targets, it is right. The order is the one nearer to the prior's, and health at
-    most `found_again_health`, so that all can see that the rod was lost and found again.
-    """
-    targets = strategy.estimate(seen, prior)
-    doubtful = targets.health < config.lost_health or not targets.visible.all()
-    if not doubtful or len(seen.points_world) == 0 or not is_chain(prior.topology):
-        return targets
-    length_m = float(np.sum(prior.topology.rest_lengths_m))
-    try:
-        found = initial_targets(seen, len(prior.nodes_world), length_m, config.initialise, prior.nodes_world)
-    except SkillFailure:
-        return targets
-    elsewhere = rmse_m(found.nodes_world, targets.nodes_world) > config.elsewhere_m
-    if not elsewhere or found.health < min(targets.health, config.lost_health):
-        return targets
-    return msgspec.structs.replace(found, health=min(found.health, config.found_again_health))

@@ -21,5 +21,15 @@ class ObserverConfig:
     """A cloud ordered anew is preferred where it differs from the targets by more than this [m], root mean square."""
     found_again_health: float = 0.5
     """Targets of a rod that was lost and found again have at most this health."""
+    hopeless_health: float = 0.25
+    """Targets of less health are not used: the last state is kept, unseen and less and less certain."""
+    most_points: int = 20_000
+    """A larger cloud is thinned to so many points, drawn evenly."""
+    least_points: int = 10
+    """Fewer points than this tell nothing."""
+    reach_m: float = 1.0
+    """Points farther than this from where the rod was are not its own [m]; a cloud of which most are is refused."""
+    drift_m_s: float = 0.2
+    """How fast a rod may move that is not seen: its nodes' standard deviation grows by so much a second [m/s]."""
     cloud_timeout_s: float = 5.0
     """Longest wait for a cloud to start from [s]."""

@@ -27,6 +27,7 @@ from dlokit.types.dlo import DloState, GoalShape, TargetPoints
 from dlokit.types.flow import Command, FlowStatus, OperatorCommand
 from dlokit.types.image import StereoImages
 from dlokit.types.observation import Observation
+from dlokit.types.observer_event import ObserverEvent
 from dlokit.types.robot import RobotState
 
 
@@ -65,6 +66,7 @@ class ViewerComponent(Component):
         self._images = Fresh[StereoImages]()
         self._cloud = Fresh[Observation]()
         self._targets = Fresh[TargetPoints]()
+        self._event = Fresh[ObserverEvent]()
         self._state = Fresh[DloState]()
         self._goal = Fresh[GoalShape]()
         self._robots: dict[str, Fresh[RobotState]] = {}
@@ -122,6 +124,11 @@ class ViewerComponent(Component):
         """Keep the newest."""
         self._targets.put(targets)
 
+    @on(topics.OBSERVER_EVENT)
+    async def on_observer_event(self, event: ObserverEvent) -> None:
+        """Keep the newest."""
+        self._event.put(event)
+
     @on(topics.STATE)
     async def on_state(self, state: DloState) -> None:
         """Keep the newest."""
@@ -173,6 +180,7 @@ class ViewerComponent(Component):
         if (images := self._images.value) is not None and self._images.fresh:
             panel.draw_picture(thumbnail(images.left, self._config.picture_width_px))
         self._images.take(scene.show_pictures)
+        self._event.take(panel.draw_observer_event)
         if (status := self._status.value) is not None and self._status.fresh and status.outcome is not None:
             scene.hide_action()
         self._status.take(lambda status: panel.draw_status(self._run_state, status, self._lit, self._history))

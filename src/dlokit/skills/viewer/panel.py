@@ -19,6 +19,7 @@ from dlokit.skills.viewer.palette import Layer
 from dlokit.skills.viewer.run_state import RunState
 from dlokit.types.arrays import UInt8Array
 from dlokit.types.flow import Command, FlowStatus
+from dlokit.types.observer_event import ObserverEvent, ObserverEventKind
 
 _WIDTH_PX = 380
 _RUN = {"Start": Command.START, "Pause": Command.PAUSE, "Resume": Command.RESUME, "Stop": Command.STOP}
@@ -49,6 +50,7 @@ class Panel:
         self._gui.main_panel.dock_right()
         self._gui.main_panel.set_width(_WIDTH_PX)
         self._status = self._gui.add_html(status_html(RunState.WAITING, None, threshold_m))
+        self._observer = self._gui.add_html("", visible=False)
         self._gui.add_html(legend_html(palette.LAYERS))
         self._add_buttons(command, shape_it, reset_frames)
         tabs = self._gui.add_tab_group()
@@ -66,6 +68,11 @@ class Panel:
         self._status.content = status_html(state, status, self._threshold_m)
         self._chart.content = flow_chart_svg(self._flow, lit.step, lit.last_outcome)
         self._plot.draw(history)
+
+    def draw_observer_event(self, event: ObserverEvent) -> None:
+        """Show that the observer lost the DLO, until it has found it again."""
+        self._observer.content = observer_html(event)
+        self._observer.visible = event.kind is not ObserverEventKind.FOUND_AGAIN
 
     def draw_picture(self, picture: UInt8Array) -> None:
         """Show what the left camera saw."""
@@ -131,6 +138,12 @@ def status_html(state: RunState, status: FlowStatus | None, threshold_m: float) 
         f'font-weight:600;color:{palette.INK}">{escape(title)}</div><div style="font-size:0.85em;'
         f'color:{palette.INK};opacity:0.75">{detail}</div></div>'
     )
+
+
+def observer_html(event: ObserverEvent) -> str:
+    """One line of what the observer tells."""
+    reason = "" if event.reason is None else f": {event.reason.value.replace('_', ' ')}"
+    return _note(f"Observer, {event.kind.value.replace('_', ' ')}{reason} (health {event.health:.2f})")
 
 
 def legend_html(layers: Sequence[Layer]) -> str:

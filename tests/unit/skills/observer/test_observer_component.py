@@ -1,5 +1,6 @@
 """The observer on a bus: what it publishes, when, and how its skills end."""
 
+import asyncio
 from collections.abc import Awaitable, Callable
 
 import msgspec
@@ -14,14 +15,16 @@ from dlokit.communication.memory import MemoryTransport
 from dlokit.geometry import rmse_m
 from dlokit.skills.observer import api
 from dlokit.skills.observer.anchored import Anchored, AnchoredConfig
-from dlokit.skills.observer.component import ObserverComponent, follow
+from dlokit.skills.observer.component import ObserverComponent
 from dlokit.skills.observer.config import ObserverConfig
 from dlokit.skills.observer.cpd import CpdConfig
+from dlokit.skills.observer.following import follow
 from dlokit.skills.observer.som import SomConfig
 from dlokit.skills.observer.spr import SprConfig
 from dlokit.skills.observer.strategies import from_spec, strategies, to_spec
 from dlokit.types.dlo import TargetPoints
 from dlokit.types.observation import Observation
+from dlokit.types.observer_event import Doubt, ObserverEventKind
 from dlokit.types.outcome import Failed, Rejected, Succeeded
 from dlokit.types.strategy import StrategySpec
 
@@ -161,3 +164,50 @@ def test_a_rod_that_jumped_is_found_again_in_its_order_and_health_says_so() -> N
     assert rmse_m(lost.nodes_world, jumped) > 0.02
     assert rmse_m(found.nodes_world, jumped) < 0.004
     assert found.health <= ObserverConfig().found_again_health
+
+
+def test_a_rod_hidden_for_a_second_and_moved_meanwhile_is_lost_once_and_found_again_once() -> None:
+    rod = shape("S")
+    moved = rod + np.array([0.12, 0.06, 0.0])
+
+    async def scenario(transport: MemoryTransport, clock: LoopClock) -> None:
+        stream = aiter(transport.stream(topics.OBSERVER_EVENT))
+        transport.publish(topics.OBSERVATION, at(1, cloud(rod)))
+        await transport.call(api.INITIALISE)
+        frame_ns = 100_000_000
+        widest = []
+        for frame in range(1, 11):
+            targets = await targets_after(transport, clock, at(frame * frame_ns, cloud(rod, count=0)))
+            assert targets is not None
+            assert targets.covariance is not None
+            assert targets.health == 0.0
+            assert not targets.visible.any()
+            widest.append(float(targets.covariance[:, 0, 0].max()))
+        assert np.all(np.diff(widest) > 0.0)
+        for frame in range(11, 16):
+            targets = await targets_after(transport, clock, at(frame * frame_ns, cloud(moved, frame)))
+        assert targets is not None
+        assert rmse_m(targets.nodes_world, moved) < 0.005  # as after a first look
+        lost, found = await anext(stream), await anext(stream)
+        assert (lost.kind, lost.reason, lost.stamp_ns) == (ObserverEventKind.LOST, Doubt.NO_POINTS, frame_ns)
+        assert (found.kind, found.reason) == (ObserverEventKind.FOUND_AGAIN, None)
+        with pytest.raises(TimeoutError):
+            await asyncio.wait_for(anext(stream), 1.0)  # of virtual time: there are no others
+
+    play(scenario)
+
+
+def test_clouds_with_old_stamps_are_refused_by_one_event_and_change_nothing() -> None:
+    rod = shape("S")
+
+    async def scenario(transport: MemoryTransport, clock: LoopClock) -> None:
+        transport.publish(topics.OBSERVATION, at(5, cloud(rod)))
+        await transport.call(api.INITIALISE)
+        assert await targets_after(transport, clock, at(3, cloud(rod + 0.02))) is None
+        first = transport.latest(topics.OBSERVER_EVENT).value
+        assert await targets_after(transport, clock, at(4, cloud(rod + 0.02))) is None
+        assert first is not None
+        assert (first.kind, first.reason) == (ObserverEventKind.REFUSED, Doubt.OLD_STAMP)
+        assert transport.latest(topics.OBSERVER_EVENT).value is first
+
+    play(scenario)

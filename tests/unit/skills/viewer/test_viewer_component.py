@@ -72,6 +72,7 @@ def test_the_viewer_publishes_commands_and_frames_and_sees_every_layer() -> None
         topics.STEREO_IMAGES,
         topics.OBSERVATION,
         topics.TARGETS,
+        topics.OBSERVER_EVENT,
         topics.STATE,
         topics.GOAL,
         topics.ACTION,

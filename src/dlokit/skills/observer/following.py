@@ -1,0 +1,91 @@
+"""One cloud after another, whatever it holds: cleaned, given to the strategy, its answer judged. Pure."""
+
+import logging
+from dataclasses import dataclass
+
+import msgspec
+import numpy as np
+
+from dlokit.errors import SkillFailure
+from dlokit.geometry import rmse_m
+from dlokit.skills.observer.anchored import is_chain
+from dlokit.skills.observer.base import ObserverStrategy
+from dlokit.skills.observer.cleaning import cleaned, doubt_of, near
+from dlokit.skills.observer.config import ObserverConfig
+from dlokit.skills.observer.initialise import initial_targets
+from dlokit.skills.observer.unseen import kept
+from dlokit.types.dlo import DloState, TargetPoints
+from dlokit.types.observation import Observation
+from dlokit.types.observer_event import Doubt
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Followed:
+    """The answer to one cloud."""
+
+    targets: TargetPoints
+    doubt: Doubt | None
+    """Why they are not to be trusted; None when they are."""
+
+
+def follow(strategy: ObserverStrategy, seen: Observation, prior: DloState, config: ObserverConfig) -> TargetPoints:
+    """The targets of `followed`."""
+    return followed(strategy, seen, prior, config).targets
+
+
+def followed(strategy: ObserverStrategy, seen: Observation, prior: DloState, config: ObserverConfig) -> Followed:
+    """The strategy's targets; where they lost the DLO and the cloud shows all of it, the cloud ordered anew.
+
+    A cloud that cannot be used, or shows nothing of the DLO, leaves the prior as it is: not visible, health 0, with a
+    covariance that grows with the time.
+    """
+    usable = cleaned(seen, config.most_points)
+    around = near(usable, prior, config.reach_m)
+    doubt = doubt_of(usable, around, prior, config.least_points)
+    if doubt is not None:
+        return Followed(targets=kept(seen.stamp_ns, prior, config.drift_m_s), doubt=doubt)
+    targets = _estimated(strategy, around, prior)
+    if targets is None:
+        return Followed(targets=kept(seen.stamp_ns, prior, config.drift_m_s), doubt=Doubt.BAD_TARGETS)
+    found = _elsewhere(targets, around, prior, config)
+    if found is not None:
+        return Followed(targets=found, doubt=Doubt.ELSEWHERE)
+    if targets.health < config.hopeless_health:
+        return Followed(targets=kept(seen.stamp_ns, prior, config.drift_m_s), doubt=Doubt.NOT_THE_DLO)
+    return Followed(targets=targets, doubt=Doubt.LOW_HEALTH if targets.health < config.lost_health else None)
+
+
+def _estimated(strategy: ObserverStrategy, seen: Observation, prior: DloState) -> TargetPoints | None:
+    """The strategy's targets; None when it fails or they are no targets."""
+    try:
+        targets = strategy.estimate(seen, prior)
+    except Exception:  # a strategy may be anybody's, and one cloud it cannot take must not end the run
+        log.exception("the strategy failed; the last state is kept")
+        return None
+    sound = targets.nodes_world.shape == prior.nodes_world.shape and bool(np.isfinite(targets.nodes_world).all())
+    return targets if sound and np.isfinite(targets.health) else None
+
+
+def _elsewhere(
+    targets: TargetPoints, seen: Observation, prior: DloState, config: ObserverConfig
+) -> TargetPoints | None:
+    """The cloud ordered without a prior, when targets in doubt are not where it shows the DLO.
+
+    Targets are in doubt when their health is low or nodes are hidden: a fold of the registration looks like
+    a rod of which a part is hidden. If a rod of full length is found elsewhere than the targets, it is right. The
+    order is the one nearer to the prior's, and health at most `found_again_health`.
+    """
+    doubtful = targets.health < config.lost_health or not targets.visible.all()
+    if not doubtful or not is_chain(prior.topology):
+        return None
+    length_m = float(np.sum(prior.topology.rest_lengths_m))
+    try:
+        found = initial_targets(seen, len(prior.nodes_world), length_m, config.initialise, prior.nodes_world)
+    except SkillFailure:
+        return None
+    elsewhere = rmse_m(found.nodes_world, targets.nodes_world) > config.elsewhere_m
+    if not elsewhere or found.health < min(targets.health, config.lost_health):
+        return None
+    return msgspec.structs.replace(found, health=min(found.health, config.found_again_health))

@@ -1,0 +1,123 @@
+"""Clouds that no strategy should see: every one of ours keeps the last state, and nobody is told it was seen."""
+
+from collections.abc import Callable
+
+import msgspec
+import numpy as np
+import pytest
+from synthetic_clouds import cloud, shape, state
+
+from dlokit.skills.observer.base import ObserverStrategyConfig
+from dlokit.skills.observer.cleaning import cleaned
+from dlokit.skills.observer.config import ObserverConfig
+from dlokit.skills.observer.following import followed
+from dlokit.skills.observer.strategies import OURS
+from dlokit.skills.observer.unseen import grown_covariance
+from dlokit.types.dlo import DloState, TargetPoints
+from dlokit.types.observation import Observation
+from dlokit.types.observer_event import Doubt
+
+ROD = shape("S")
+SECOND_NS = 1_000_000_000
+CONFIG = ObserverConfig()
+
+
+def prior() -> DloState:
+    return msgspec.structs.replace(state(ROD), observed_stamp_ns=SECOND_NS, stamp_ns=SECOND_NS)
+
+
+def seen(points: np.ndarray, stamp_ns: int = 2 * SECOND_NS) -> Observation:
+    return Observation(stamp_ns=stamp_ns, points_world=points.astype(np.float32))
+
+
+def table() -> Observation:
+    return seen(np.random.default_rng(0).uniform([0.2, -0.4, 0.0], [0.8, 0.4, 0.004], (4000, 3)))
+
+
+BAD: dict[str, tuple[Callable[[], Observation], Doubt]] = {
+    "empty": (lambda: seen(np.zeros((0, 3))), Doubt.NO_POINTS),
+    "all NaN": (lambda: seen(np.full((500, 3), np.nan)), Doubt.NO_POINTS),
+    "one point": (lambda: seen(ROD[:1]), Doubt.NO_POINTS),
+    "another frame": (lambda: seen(cloud(ROD).points_world + np.float32(3.0)), Doubt.FAR_POINTS),
+    "millimetres": (lambda: seen(cloud(ROD).points_world * 1000.0), Doubt.FAR_POINTS),
+    "a stamp that repeats": (lambda: seen(cloud(ROD).points_world, SECOND_NS), Doubt.OLD_STAMP),
+    "a stamp that goes backwards": (lambda: seen(cloud(ROD).points_world, 5), Doubt.OLD_STAMP),
+    "the table alone": (table, Doubt.NOT_THE_DLO),
+}
+
+
+@pytest.mark.parametrize("config", OURS, ids=[config.name for config in OURS])
+@pytest.mark.parametrize("name", BAD)
+def test_a_bad_cloud_is_named_and_the_last_state_is_kept_less_and_less_certain(
+    config: type[ObserverStrategyConfig], name: str
+) -> None:
+    make, doubt = BAD[name]
+    answer = followed(config().build(), make(), prior(), CONFIG)
+    assert answer.doubt is doubt
+    np.testing.assert_array_equal(answer.targets.nodes_world, ROD)
+    assert not answer.targets.visible.any()
+    assert answer.targets.health == 0.0
+    assert answer.targets.covariance is not None
+    # A second at the drift speed; none passes between equal stamps, or backwards.
+    grown_m = 0.0 if doubt is Doubt.OLD_STAMP else CONFIG.drift_m_s
+    assert np.sqrt(answer.targets.covariance[0, 0, 0]) == pytest.approx(0.005 + grown_m)
+
+
+def test_ten_million_points_are_thinned_before_anybody_looks_at_them() -> None:
+    rng = np.random.default_rng(0)
+    points = np.tile(cloud(ROD).points_world, (6000, 1))[:10_000_000]
+    points[rng.integers(0, len(points), 1000)] = np.nan
+    usable = cleaned(seen(points), CONFIG.most_points)
+    assert 0.9 * CONFIG.most_points < len(usable.points_world) <= CONFIG.most_points
+    assert np.isfinite(usable.points_world).all()
+
+
+@pytest.mark.parametrize("config", OURS, ids=[config.name for config in OURS])
+def test_nan_among_good_points_does_no_harm(config: type[ObserverStrategyConfig]) -> None:
+    points = cloud(ROD).points_world.copy()
+    points[::7] = np.nan
+    answer = followed(config().build(), seen(points), prior(), CONFIG)
+    assert answer.doubt is None
+    assert np.isfinite(answer.targets.nodes_world).all()
+
+
+class Broken:
+    """A strategy that answers with what it was given."""
+
+    def __init__(self, answer: Callable[[], TargetPoints]) -> None:
+        self._answer = answer
+
+    def estimate(self, seen: Observation, prior: DloState) -> TargetPoints:
+        return self._answer()
+
+
+def fails() -> TargetPoints:
+    raise ZeroDivisionError("no points on this side")
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        fails,
+        lambda: TargetPoints(stamp_ns=1, nodes_world=ROD[:5], visible=np.ones(5, dtype=np.bool_)),
+        lambda: TargetPoints(stamp_ns=1, nodes_world=ROD * np.nan, visible=np.ones(len(ROD), dtype=np.bool_)),
+        lambda: TargetPoints(stamp_ns=1, nodes_world=ROD, visible=np.ones(len(ROD), dtype=np.bool_), health=np.nan),
+    ],
+    ids=["raises", "too few nodes", "NaN nodes", "NaN health"],
+)
+def test_a_strategy_that_fails_loses_the_rod_and_not_the_run(answer: Callable[[], TargetPoints]) -> None:
+    result = followed(Broken(answer), seen(cloud(ROD).points_world), prior(), CONFIG)
+    assert result.doubt is Doubt.BAD_TARGETS
+    np.testing.assert_array_equal(result.targets.nodes_world, ROD)
+    assert result.targets.health == 0.0
+
+
+def test_uncertainty_grows_the_same_in_one_step_as_in_many_and_never_shrinks() -> None:
+    stated = np.broadcast_to(np.diag([1e-6, 4e-6, 9e-6]), (len(ROD), 3, 3))
+    once = grown_covariance(msgspec.structs.replace(prior(), covariance=stated), 0.5, 0.1)
+    steps = stated
+    for _ in range(10):
+        steps = grown_covariance(msgspec.structs.replace(prior(), covariance=steps), 0.05, 0.1)
+    np.testing.assert_allclose(steps, once, rtol=1e-9)
+    wide = grown_covariance(msgspec.structs.replace(prior(), covariance=once * 1e4), 9.0, 0.1)
+    np.testing.assert_array_equal(wide, once * 1e4)
