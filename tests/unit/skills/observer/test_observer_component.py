@@ -175,7 +175,8 @@ def test_a_rod_hidden_for_a_second_and_moved_meanwhile_is_lost_once_and_found_ag
         transport.publish(topics.OBSERVATION, at(1, cloud(rod)))
         await transport.call(api.INITIALISE)
         frame_ns = 100_000_000
-        widest = []
+        widest: list[float] = []
+        targets = None
         for frame in range(1, 11):
             targets = await targets_after(transport, clock, at(frame * frame_ns, cloud(rod, count=0)))
             assert targets is not None
