@@ -73,5 +73,5 @@ def test_the_observer_of_the_how_to_works_as_it_stands() -> None:
 
 def test_the_map_of_the_paper_has_every_observer_of_ours() -> None:
     page = (ROOT / "docs" / "paper_map.md").read_text(encoding="utf-8")
-    files = [f"skills/observer/{config.__module__.rpartition('.')[2]}.py" for config in OURS]
+    files = [f"{config.__module__.removeprefix('dlokit.').replace('.', '/')}.py" for config in OURS]
     assert [file for file in files if f"`{file}`" not in page] == []

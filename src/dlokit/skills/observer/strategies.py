@@ -8,7 +8,7 @@ from dlokit.communication.strategy_kinds import StrategyKind
 from dlokit.skills.observer.anchored import AnchoredConfig
 from dlokit.skills.observer.base import ObserverStrategyConfig
 from dlokit.skills.observer.cpd import CpdConfig
-from dlokit.skills.observer.map_observer import MapConfig
+from dlokit.skills.observer.map.observer import MapConfig
 from dlokit.skills.observer.som import SomConfig
 from dlokit.skills.observer.spr import SprConfig
 

@@ -6,20 +6,21 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dlokit.skills.observer.map_align import moved_rigidly
-from dlokit.skills.observer.map_assign import assign, inlier_probability
-from dlokit.skills.observer.map_solver import ChainSystem
-from dlokit.skills.observer.map_terms import (
+from dlokit.skills.observer.map.align import moved_rigidly
+from dlokit.skills.observer.map.assign import assign, inlier_probability, moments, soft_places
+from dlokit.skills.observer.map.band import BELOW, ChainSystem
+from dlokit.skills.observer.map.terms import (
     ChainPriors,
-    add_along,
     add_coherence,
     add_lengths,
     add_place,
     add_places,
     add_points,
     add_table,
+    add_tip,
+    coherence,
 )
-from dlokit.skills.observer.map_tips import TipConfig, Tips, extent, places_along, seen_tips
+from dlokit.skills.observer.map.tips import TipConfig, Tips, extent, places_along, seen_tips
 
 Array = NDArray[np.float64]
 M = 8
@@ -30,18 +31,15 @@ REST = RNG.uniform(0.008, 0.012, M - 1)
 POINTS = NODES[RNG.integers(0, M, 40)] + RNG.normal(0.0, 0.003, (40, 3))
 FIRST = np.argmin(((POINTS[:, None] - 0.5 * (NODES[1:] + NODES[:-1])) ** 2).sum(axis=2), axis=1)
 WEIGHTS = RNG.uniform(0.5, 2.0, 40)
-DIRECTION = np.array([0.6, 0.0, 0.8])
 PRIORS = ChainPriors()
 
 
 def dense(system: ChainSystem) -> Array:
-    """H as a full matrix, from its blocks."""
+    """H as a full matrix, from its band."""
     H = np.zeros((3 * M, 3 * M))
-    for offset, blocks in enumerate((system.diagonal, system.first, system.second)):
-        for i, block in enumerate(blocks):
-            a, b = 3 * (i + offset), 3 * i
-            H[a : a + 3, b : b + 3] = block
-            H[b : b + 3, a : a + 3] = block.T
+    for r in range(3 * M):
+        for c in range(max(0, r - BELOW), r + 1):
+            H[r, c] = H[c, r] = system.band[r, BELOW - r + c]
     return H
 
 
@@ -70,24 +68,39 @@ def across(x: Array) -> float:
 def points_term(system: ChainSystem) -> None:
     edge = np.diff(NODES, axis=0)[FIRST]
     t = np.sum((POINTS - NODES[FIRST]) * edge, axis=1) / np.sum(edge**2, axis=1)
-    add_points(system, NODES, POINTS, FIRST, t, WEIGHTS)
+    columns = [WEIGHTS, WEIGHTS * t, WEIGHTS * t**2, *(WEIGHTS * POINTS.T), *(WEIGHTS * t * POINTS.T)]
+    sums = np.column_stack([np.bincount(FIRST, column, M - 1) for column in columns]).astype(np.float64)
+    add_points(system.band, system.rhs, NODES, sums)
+
+
+def coherence_term(system: ChainSystem) -> None:
+    K_d, K_x = coherence(M, 0.01, PRIORS)
+    K = K_d / 0.02**2
+    K[:, 0] += 1.0 / (M * PRIORS.place_m**2)
+    add_coherence(system.band, system.rhs, BEFORE, K, K_x)
+
+
+def along_the_end(x: Array) -> float:
+    """The last node's way along the direction of the last two edges; it is to stay."""
+    along = NODES[-1] - NODES[-3]
+    return float((along / np.linalg.norm(along)) @ (x[-1] - NODES[-1])) ** 2 / 0.1**2
 
 
 TERMS: dict[str, tuple[Callable[[ChainSystem], None], Callable[[Array], float]]] = {
-    "lengths": (lambda s: add_lengths(s, NODES, REST, 0.01), lengths),
-    "coherence": (lambda s: add_coherence(s, BEFORE, 0.01, 0.02, PRIORS), moved),
+    "lengths": (lambda s: add_lengths(s.band, s.rhs, NODES, REST, 0.01), lengths),
+    "coherence": (coherence_term, moved),
     "points": (points_term, across),
     "places": (
-        lambda s: add_places(s, WEIGHTS[:M], WEIGHTS[:M, None] * BEFORE),
-        lambda x: float(WEIGHTS[:M] @ np.sum((x - BEFORE) ** 2, axis=1)),
+        lambda s: add_places(s.band, s.rhs, WEIGHTS[:M], WEIGHTS[:M, None] * BEFORE, 2.0),
+        lambda x: float(2.0 * WEIGHTS[:M] @ np.sum((x - BEFORE) ** 2, axis=1)),
     ),
-    "pin": (lambda s: add_place(s, 3, BEFORE[3], 0.1), lambda x: float(np.sum((x[3] - BEFORE[3]) ** 2)) / 0.1**2),
-    "along": (
-        lambda s: add_along(s, 2, BEFORE[2], DIRECTION, 0.1),
-        lambda x: float((DIRECTION @ (x[2] - BEFORE[2])) ** 2) / 0.1**2,
+    "pin": (
+        lambda s: add_place(s.band, s.rhs, 3, BEFORE[3], 0.1),
+        lambda x: float(np.sum((x[3] - BEFORE[3]) ** 2)) / 0.1**2,
     ),
+    "tip": (lambda s: add_tip(s.band, s.rhs, NODES, M - 1, M - 3, 0.1), along_the_end),
     "table": (
-        lambda s: add_table(s, NODES, 0.003, 0.1),
+        lambda s: add_table(s.band, s.rhs, NODES, 0.003, 0.1),
         lambda x: float(np.sum(np.minimum(x[:, 2] - 0.003, 0.0) ** 2)) / 0.1**2,
     ),
 }
@@ -157,8 +170,27 @@ def test_a_point_does_not_leave_its_window_however_near_the_other_strand_is() ->
 
 
 def test_inliers_weigh_one_and_outliers_nothing() -> None:
-    weights = inlier_probability(np.array([0.0, 0.007**2, 0.02**2]), 0.002, 3.5)
+    weights = [inlier_probability(d**2, 0.002, 3.5) for d in (0.0, 0.007, 0.02)]
     np.testing.assert_allclose(weights, [1.0, 0.5, 0.0], atol=0.003)  # exp(-3.5² / 2) = 0.002
+
+
+def test_the_soft_assignment_is_that_of_a_gaussian_mixture_with_outliers() -> None:
+    weights, sums = soft_places(POINTS, NODES, 0.01, 0.1)
+    likely = np.exp(-np.sum((POINTS[:, None] - NODES[None]) ** 2, axis=2) / (2 * 0.01**2))
+    p = likely / (likely.sum(axis=1, keepdims=True) + 0.1)
+    # The bell in place of the Gaussian differs by at most 0.02 for a node, of the 1 that a point shares out.
+    np.testing.assert_allclose(weights, p.sum(axis=0), atol=0.02 * len(POINTS))
+    np.testing.assert_allclose(sums / weights[:, None], (p.T @ POINTS) / p.sum(axis=0)[:, None], atol=0.001)
+
+
+def test_a_segment_with_many_points_counts_as_one_with_the_most_allowed() -> None:
+    nodes = np.array([[0.0, 0, 0], [0.01, 0, 0], [0.02, 0, 0]])
+    points = np.column_stack([np.linspace(0.0, 0.01, 100), np.zeros(100), np.zeros(100)])
+    zero = np.zeros(100, dtype=np.int64)
+    placed = assign(points, nodes, zero, zero, 1)
+    sums = moments(points, placed.segment, placed.t, placed.distance2, 2, 0.002, 3.5, 20.0)
+    assert sums[0, 0] * 0.002**2 == pytest.approx(20.0)
+    assert sums[0, 3] / sums[0, 0] == pytest.approx(0.005)  # the mean of the points stays
 
 
 def test_the_extent_of_a_cloud_is_found_despite_noise_and_its_gap_named() -> None:
@@ -176,9 +208,17 @@ def test_the_extent_of_a_cloud_is_found_despite_noise_and_its_gap_named() -> Non
 def test_a_tip_behind_something_known_is_no_tip() -> None:
     found = extent(np.random.default_rng(0).uniform(0.01, 0.4, 1500), 0.5, TipConfig())
     assert found is not None
-    assert seen_tips(found, 0.5, False, False, TipConfig()).first_m == found.start_m
-    assert seen_tips(found, 0.5, True, False, TipConfig()).first_m is None
-    assert seen_tips(found, 0.5, False, False, TipConfig()).last_m is None  # 10 cm short
+    assert seen_tips(found, 0.5, False, False, 0.03, TipConfig()).first_m == found.start_m
+    assert seen_tips(found, 0.5, True, False, 0.03, TipConfig()).first_m is None
+    assert seen_tips(found, 0.5, False, False, 0.03, TipConfig()).last_m is None  # 10 cm short
+
+
+def test_the_length_across_a_gap_does_not_make_a_hidden_end_a_tip() -> None:
+    s = np.random.default_rng(0).uniform(0.0, 0.49, 1500)
+    found = extent(s[(s < 0.2) | (s > 0.3)], 0.5, TipConfig())
+    assert found is not None
+    assert seen_tips(found, 0.5, False, True, 0.12, TipConfig()).last_m is None
+    assert seen_tips(found, 0.5, False, False, 0.12, TipConfig()).last_m == found.end_m
 
 
 def test_what_does_not_fit_between_two_tips_is_taken_up_by_the_gap() -> None:

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -14,8 +15,10 @@ class TipConfig:
 
     length_tolerance: float = 0.06
     """Both ends are tips when the cloud is shorter or longer than the rod by at most this share."""
-    snap_m: float = 0.03
-    """An end of a cloud that is too short is a tip when it lies so near to one [m]."""
+    snap_m: float = 0.12
+    """An end of a cloud that nothing hides is a tip when it lies so near to one [m]."""
+    snap_blind_m: float = 0.03
+    """The same where nobody knows what hides the rod [m]."""
     bin_m: float = 0.005
     """Length of rod over which points are counted [m]."""
     gap_m: float = 0.02
@@ -45,57 +48,78 @@ class Tips:
 
 def extent(s: Array, length_m: float, config: TipConfig) -> Extent | None:
     """What points at arc lengths s (n,) [m] cover; None when they are too few to tell."""
-    low = -config.reach_m
     bins = int(np.ceil((length_m + 2 * config.reach_m) / config.bin_m))
-    index = ((s - low) / config.bin_m).astype(np.int64)
-    counts = np.bincount(index[(index >= 0) & (index < bins)], minlength=bins)
-    if np.count_nonzero(counts) < 6:
+    start, end, low, high = _extent(s, -config.reach_m, config.bin_m, bins)
+    if np.isnan(start):
         return None
-    full = counts > 0.2 * np.median(counts[counts > 0])  # a stray point does not cover a bin
-    pair = full[:-1] & full[1:]
-    runs = np.flatnonzero(pair)
-    if len(runs) < 3:
-        return None
-    start = low + runs[0] * config.bin_m
-    end = low + (runs[-1] + 2) * config.bin_m
-    covered = np.flatnonzero(full[runs[0] : runs[-1] + 2]) + runs[0]
-    jumps = np.diff(covered)
-    widest = int(np.argmax(jumps))
-    gap = None
-    if (jumps[widest] - 1) * config.bin_m > config.gap_m:
-        gap = (low + (covered[widest] + 1) * config.bin_m, low + covered[widest + 1] * config.bin_m)
-    near = s[(s > start - config.bin_m) & (s < end + config.bin_m)]
-    return Extent(start_m=-_edge(-near), end_m=_edge(near), gap_m=gap)
+    return Extent(start_m=start, end_m=end, gap_m=(low, high) if high - low > config.gap_m else None)
 
 
+@njit(cache=True)
+def _extent(s: Array, low: float, bin_m: float, bins: int) -> tuple[float, float, float, float]:
+    """Start, end, and begin and end of the longest stretch without points; NaN when there are too few."""
+    nothing = (np.nan, np.nan, np.nan, np.nan)
+    counts = np.zeros(bins)
+    for place in s:
+        index = int((place - low) / bin_m)
+        if place >= low and index < bins:
+            counts[index] += 1.0
+    filled = counts[counts > 0.0]
+    if filled.shape[0] < 6:
+        return nothing
+    full = counts > 0.2 * np.median(filled)  # a stray point does not cover a bin
+    first, last, runs = bins, 0, 0
+    for k in range(bins - 1):
+        if full[k] and full[k + 1]:
+            first, last, runs = min(first, k), k + 1, runs + 1
+    if runs < 3:
+        return nothing
+    begin, widest, gap = first, 0, first
+    for k in range(first, last + 1):
+        if full[k]:
+            if k - begin > widest:
+                widest, gap = k - begin, begin
+            begin = k
+    start, end = low + first * bin_m, low + (last + 1) * bin_m
+    near = s[(s > start - bin_m) & (s < end + bin_m)]
+    return -_edge(-near), _edge(near), low + (gap + 1) * bin_m, low + (gap + widest) * bin_m
+
+
+@njit(cache=True)
 def _edge(s: Array) -> float:
     """Where points with arc lengths s (n,) end at the upper side [m], although noise blurs the end.
 
     Behind a place s0 well inside, they go on for as long as their density needs to hold the points that lie
     there: s0 + n(s > s0) / density.
     """
-    top = float(np.max(s))
+    top = np.max(s)
     inner, deep = top - 0.012, top - 0.042
-    inside = np.count_nonzero((s > deep) & (s <= inner))
+    inside, beyond = 0, 0
+    for place in s:
+        if place > inner:
+            beyond += 1
+        elif place > deep:
+            inside += 1
     if inside < 5:
         return top
-    return min(inner + np.count_nonzero(s > inner) * (inner - deep) / inside, top)
+    return min(inner + beyond * (inner - deep) / inside, top)
 
 
-def seen_tips(found: Extent, length_m: float, cut_first: bool, cut_last: bool, config: TipConfig) -> Tips:
+def seen_tips(
+    found: Extent, length_m: float, cut_first: bool, cut_last: bool, snap_m: float, config: TipConfig
+) -> Tips:
     """Which ends of the cloud are tips of a rod of `length_m`; `cut`: something known hides what follows the end.
 
     Both, when the cloud is as long as the rod. Otherwise an end is one when nothing hides what would follow and it
     lies near to the curve's; of an unbroken cloud that is too short, only the better end.
     """
     misfit = abs(found.end_m - found.start_m - length_m) / length_m
-    both = misfit <= config.length_tolerance
     broken = found.gap_m is not None
-    if both or (broken and not cut_first and not cut_last and misfit <= 3 * config.length_tolerance):
-        return Tips(first_m=found.start_m, last_m=found.end_m, gap_m=found.gap_m)
+    if not broken and misfit <= config.length_tolerance:
+        return Tips(first_m=found.start_m, last_m=found.end_m)
     off_first, off_last = abs(found.start_m), abs(found.end_m - length_m)
-    is_first = not cut_first and off_first <= config.snap_m
-    is_last = not cut_last and off_last <= config.snap_m
+    is_first = not cut_first and off_first <= snap_m
+    is_last = not cut_last and off_last <= snap_m
     if is_first and is_last and not broken:
         is_first, is_last = off_first <= off_last, off_first > off_last
     return Tips(first_m=found.start_m if is_first else None, last_m=found.end_m if is_last else None, gap_m=found.gap_m)

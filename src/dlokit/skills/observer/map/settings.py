@@ -3,8 +3,8 @@
 from dataclasses import dataclass, field
 
 from dlokit.skills.observer.cpd import CpdConfig
-from dlokit.skills.observer.map_terms import ChainPriors
-from dlokit.skills.observer.map_tips import TipConfig
+from dlokit.skills.observer.map.terms import ChainPriors
+from dlokit.skills.observer.map.tips import TipConfig
 from dlokit.skills.observer.visibility import VisibilityConfig
 
 
@@ -44,6 +44,8 @@ class MapSettings:
     """When a node counts as seen."""
     widest_m: float = 0.05
     """Width of the soft assignment at the start, at most [m]; about the largest motion between two clouds."""
+    longest_edge_m: float = 0.02
+    """Chains with longer edges are refined [m]."""
     least_way_m: float = 0.005
     """The rod is taken to have moved at least so far since the last cloud [m]."""
     narrowest_m: float = 0.008
@@ -66,7 +68,7 @@ class MapSettings:
     """More points than this on a segment say no more than so many."""
     window_m: float = 0.05
     """A point's place along the rod changes by at most this during the fine steps [m]."""
-    free_space_m: float = 0.02
+    free_space_m: float = 0.01
     """Pull of a node that lies in open view without points towards the nearest point, as a standard deviation [m]."""
     free_space_reach_m: float = 0.05
     """A point farther than this hardly pulls [m]."""

@@ -1,0 +1,1 @@
+"""The default observer: the most probable nodes of a rod."""

@@ -1,0 +1,159 @@
+"""The fine stage of the MAP observer: points on segments, tips at the ends of the cloud."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from dlokit.skills.observer.map.assign import Assignment, assign, moments, nearest_segment
+from dlokit.skills.observer.map.band import ChainSystem
+from dlokit.skills.observer.map.chain import arc_lengths, places
+from dlokit.skills.observer.map.problem import Problem, with_priors
+from dlokit.skills.observer.map.settings import MapSettings
+from dlokit.skills.observer.map.terms import add_place, add_points, add_tip
+from dlokit.skills.observer.map.tips import Tips, extent, places_along, seen_tips
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fitted:
+    """The most probable nodes, and what the cloud said at the end."""
+
+    nodes: Array
+    """(M, 3) [m] about the problem's origin."""
+    placed: Assignment
+    tips: Tips
+    supported: Flags
+    """(M,) whether enough points lie at the node's part of the rod."""
+    shaded: Flags
+    """(M,) whether the node is out of the picture or behind the robot."""
+
+
+def fine(problem: Problem, nodes: Array, before: Array, config: MapSettings) -> Fitted:
+    """Gauss-Newton from the coarse nodes; every other step begins with the nodes at their places from the tips."""
+    points = problem.points
+    window = max(int(np.ceil(config.window_m / np.mean(np.diff(problem.rod_m)))), 1)
+    first = nearest_segment(points, nodes)
+    placed = assign(points, nodes, first, first, window)
+    tips = Tips()
+    for step in range(config.fine_steps):
+        sigma = config.noise_m * (2.0 if step == 0 else 1.0)
+        if step % 2 == 0:
+            tips = find_tips(problem, nodes, placed, sigma, config)
+            wanted = places_along(problem.rod_m, tips)
+            nodes, before = slid(nodes, wanted), slid(before, wanted)
+            placed = assign(points, nodes, placed.segment, placed.segment, window)
+            first = placed.segment
+        system = with_priors(problem, nodes, before, problem.way_m, config.priors.length_m, config)
+        add_cloud(system, points, nodes, placed, sigma, config.most_points, config)
+        add_tips(system, nodes, tips, config.priors.tip_m)
+        add_free_space(system, problem, nodes, placed, config)
+        nodes = system.solve()
+        placed = assign(points, nodes, placed.segment, first, window)
+    return Fitted(
+        nodes=nodes,
+        placed=placed,
+        tips=tips,
+        supported=supports(placed, len(nodes), config),
+        shaded=problem.shaded(nodes, config.visibility),
+    )
+
+
+def slid(nodes: Array, wanted_m: Array) -> Array:
+    """The nodes (M, 3) moved along their own curve to arc lengths (M,) [m]."""
+    return places(nodes, arc_lengths(nodes), wanted_m)
+
+
+def add_cloud(
+    system: ChainSystem,
+    points: Array,
+    nodes: Array,
+    placed: Assignment,
+    sigma_m: float,
+    most_points: float,
+    config: MapSettings,
+) -> None:
+    """The points on their segments: weight p / sigma², p the inlier probability, at most `most_points` a segment."""
+    sums = moments(
+        points,
+        placed.segment,
+        placed.t,
+        placed.distance2,
+        len(nodes) - 1,
+        sigma_m,
+        config.outlier_limit,
+        most_points,
+    )
+    add_points(system.band, system.rhs, nodes, sums)
+
+
+def add_tips(system: ChainSystem, nodes: Array, tips: Tips, sigma_m: float) -> None:
+    """Seen tips stay where `places_along` has put them, along the rod."""
+    last = len(nodes) - 1
+    for known, end, inner in ((tips.first_m, 0, 2), (tips.last_m, last, last - 2)):
+        if known is not None:
+            add_tip(system.band, system.rhs, nodes, end, inner, sigma_m)
+
+
+def add_free_space(
+    system: ChainSystem, problem: Problem, nodes: Array, placed: Assignment, config: MapSettings
+) -> None:
+    """Nodes in open view without points cannot be there: each is drawn to the nearest point of the rod.
+
+    Only where the picture tells what hides the rod. Robustly (Geman-McClure): standard deviation
+    free_space (1 + d² / reach²) at distance d.
+    """
+    if problem.view is None or not problem.view.tells:
+        return
+    alone = np.flatnonzero(~supports(placed, len(nodes), config))
+    alone = alone[~problem.shaded(nodes[alone], config.visibility)]
+    rod = problem.points[placed.distance2 < config.visibility.radius_m**2]
+    if len(alone) == 0 or len(rod) == 0:
+        return
+    reach = config.free_space_reach_m
+    for node in alone.tolist():
+        away = rod - nodes[node]
+        squared = np.einsum("ij,ij->i", away, away)
+        at = int(np.argmin(squared))
+        place, far2 = rod[at], float(squared[at])
+        shade = problem.view.nearest_shade(nodes[node], min(np.sqrt(far2), 2.0 * reach), config.visibility)
+        if shade is not None:
+            place, far2 = shade, float(np.sum((shade - nodes[node]) ** 2))
+        add_place(system.band, system.rhs, node, place, config.free_space_m * (1.0 + far2 / reach**2))
+
+
+def find_tips(problem: Problem, nodes: Array, placed: Assignment, sigma_m: float, config: MapSettings) -> Tips:
+    """The tips that the cloud shows, on the polyline of the nodes (M, 3) [m]."""
+    s = arc_lengths(nodes)
+    near = placed.distance2 < (config.outlier_limit * sigma_m) ** 2
+    along = (s[placed.segment] + placed.t * np.diff(s)[placed.segment])[near]
+    found = extent(along, float(s[-1]), config.tips)
+    if found is None:
+        return Tips()
+    onward = np.array([0.005, 0.01, 0.015])  # hidden within a node spacing
+    ends = places(nodes, s, np.concatenate([found.start_m - onward, found.end_m + onward]))
+    cut = problem.shaded(ends, config.visibility)
+    tells = problem.view is not None and problem.view.tells
+    snap_m = config.tips.snap_m if tells else config.tips.snap_blind_m
+    return seen_tips(found, float(problem.rod_m[-1]), bool(cut[:3].any()), bool(cut[3:].any()), snap_m, config.tips)
+
+
+def supports(placed: Assignment, count: int, config: MapSettings) -> Flags:
+    """Which nodes (count,) have enough points at their part of the rod."""
+    return _supporting(placed.segment, placed.t, placed.distance2, config.visibility.radius_m, count) >= (
+        config.visibility.least_points
+    )
+
+
+@njit(cache=True)
+def _supporting(segment: Indices, t: Array, distance2: Array, radius_m: float, count: int) -> Indices:
+    """How many points lie at each node's part of the rod, (count,)."""
+    found = np.zeros(count, dtype=np.int64)
+    for n in range(segment.shape[0]):
+        if distance2[n] < radius_m**2 and -1.0 < t[n] < 2.0:
+            found[segment[n] + (1 if t[n] > 0.5 else 0)] += 1
+    return found

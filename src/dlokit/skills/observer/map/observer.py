@@ -1,0 +1,95 @@
+"""The most probable nodes given the cloud and what a rod is: an iterated Gauss-Newton MAP with a banded solve.
+
+Two stages a cloud, each with x from H x = b of `terms` at every step. Coarse (`coarse`): points belong to
+nodes softly, with a Gaussian that narrows. Fine (`fine`): nodes take the places along the rod that the
+seen tips give them, and points lie on segments, within a window of arc length, outliers weighed down. H also
+gives each node's covariance (`trust`). docs/explanations/map-observer.md has the whole.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dlokit.skills.observer.anchored import is_chain
+from dlokit.skills.observer.base import nothing_seen
+from dlokit.skills.observer.cpd import register
+from dlokit.skills.observer.map.coarse import coarse
+from dlokit.skills.observer.map.fine import Fitted, fine
+from dlokit.skills.observer.map.problem import Problem, posed
+from dlokit.skills.observer.map.refine import refined, refined_pins, refinement
+from dlokit.skills.observer.map.settings import MapSettings
+from dlokit.skills.observer.map.trust import explained, health, missing, stated_covariance
+from dlokit.skills.observer.mixture import thinned
+from dlokit.skills.observer.partial import register_visible
+from dlokit.types.dlo import DloState, TargetPoints
+from dlokit.types.observation import Observation
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class MapConfig(MapSettings):
+    """The most probable rod: stiff lengths, coherent motion, seen tips; says how sure it is of each node."""
+
+    name: ClassVar[str] = "map"
+
+    def build(self) -> "MapObserver":
+        """The strategy with these settings."""
+        return MapObserver(self)
+
+
+class MapObserver:
+    """Coarse stage, fine stage, covariance and health."""
+
+    def __init__(self, config: MapConfig | None = None) -> None:
+        self._config = config or MapConfig()
+
+    def estimate(self, seen: Observation, prior: DloState) -> TargetPoints:
+        """The most probable nodes in the order of `prior`, their covariance (M, 3, 3) [m²], and health.
+
+        A DLO that is not one chain of at least 4 nodes is registered by coherent point drift, without covariance.
+        """
+        config = self._config
+        if len(seen.points_world) == 0:
+            return nothing_seen(seen, prior)
+        if not is_chain(prior.topology) or len(prior.nodes_world) < 4:
+            points = seen.points_world.astype("float64")
+            first = register(thinned(points, config.cpd.max_points), prior.nodes_world, config.cpd)
+            return register_visible(points, first, seen, prior, config.cpd, config.visibility)
+        pieces = refinement(prior, config.longest_edge_m)
+        problem = posed(seen, refined(prior, pieces), refined_pins(seen.pins, pieces), config)
+        found = tracked(problem, config)
+        return TargetPoints(
+            stamp_ns=seen.stamp_ns,
+            nodes_world=found.fitted.nodes[::pieces] + problem.origin,
+            visible=(found.fitted.supported & ~found.fitted.shaded)[::pieces],
+            covariance=found.covariance[::pieces],
+            health=found.health,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Found:
+    """One answer to a problem."""
+
+    fitted: Fitted
+    covariance: Array
+    """(M, 3, 3) [m²]."""
+    health: float
+    fits: float
+    """Share of the points on the rod, less the share of the nodes that should have points and have none."""
+
+
+def tracked(problem: Problem, config: MapSettings) -> Found:
+    """The most probable nodes near the problem's nodes before."""
+    nodes, before = coarse(problem, config)
+    fitted = fine(problem, nodes, before, config)
+    covariance = stated_covariance(problem, before, fitted, config)
+    return Found(
+        fitted=fitted,
+        covariance=covariance,
+        health=health(problem, fitted, covariance, config),
+        fits=explained(fitted, config) - missing(problem, fitted, config),
+    )

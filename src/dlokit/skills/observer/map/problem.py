@@ -1,0 +1,119 @@
+"""The problem that one cloud poses, and what does not depend on which point belongs where."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from dlokit.skills.observer.map.band import ChainSystem
+from dlokit.skills.observer.map.settings import MapSettings
+from dlokit.skills.observer.map.terms import add_coherence, add_lengths, add_place, add_table, coherence
+from dlokit.skills.observer.map.view import View, view_of
+from dlokit.skills.observer.mixture import thinned
+from dlokit.skills.observer.visibility import VisibilityConfig
+from dlokit.types.dlo import DloState
+from dlokit.types.observation import GripperPin, Observation
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Problem:
+    """One cloud and what was known before; positions about `origin`."""
+
+    view: View | None
+    """The camera; None where nobody knows it."""
+    origin: Array
+    """(3,) [m] in the world."""
+    points: Array
+    """(N, 3) [m], thinned."""
+    before: Array
+    """The nodes before (M, 3) [m]."""
+    hidden_before: float
+    """Share of the nodes that the last cloud did not show."""
+    rod_m: Array
+    """Arc length of the nodes on the rod (M,) [m]."""
+    rest_m: Array
+    """Rest lengths (M - 1,) [m]."""
+    K_d: Array
+    K_x: Array
+    """Coherence and bending, as `terms.coherence` gives them (M, 3)."""
+    way_m: float
+    """How far the rod is from where it was [m]: `way_since`, or what its grippers went."""
+    pins: tuple[tuple[int, Array], ...]
+    """Held nodes and where (3,) [m]."""
+    floor_m: float
+    """Lowest z of a node [m]."""
+
+    def shaded(self, positions: Array, config: VisibilityConfig) -> Flags:
+        """Whether each position (K, 3) [m] is known to be hidden: out of the picture or behind the robot, (K,)."""
+        return np.zeros(len(positions), dtype=np.bool_) if self.view is None else self.view.shaded(positions, config)
+
+
+def posed(seen: Observation, prior: DloState, held: tuple[GripperPin, ...], config: MapSettings) -> Problem:
+    """The problem of one cloud with at least one point."""
+    origin = prior.nodes_world.mean(axis=0)
+    before = prior.nodes_world - origin
+    pins = tuple((pin.node, np.asarray(pin.position_world, dtype=np.float64) - origin) for pin in held)
+    carried = max((float(np.linalg.norm(place - before[node])) for node, place in pins), default=0.0)
+    points = thinned(np.asarray(seen.points_world, dtype=np.float64), config.fine_points) - origin
+    rest = np.array(prior.topology.rest_lengths_m, dtype=np.float64)
+    K_d, K_x = coherence(len(before), float(np.mean(rest)), config.priors)
+    return Problem(
+        view=view_of(seen, origin),
+        origin=origin,
+        points=points,
+        before=before,
+        hidden_before=0.0 if prior.visible is None else 1.0 - float(np.mean(prior.visible)),
+        rod_m=np.concatenate(([0.0], np.cumsum(rest))),
+        rest_m=rest,
+        K_d=K_d,
+        K_x=K_x,
+        way_m=max(way_since(thinned(points, config.coarse_points), before, config), min(carried, config.widest_m)),
+        pins=pins,
+        floor_m=config.table_z_m + config.radius_m - float(origin[2]),
+    )
+
+
+def way_since(points: Array, before: Array, config: MapSettings) -> float:
+    """How far the rod went: 1.5 times the distance of four points in five to the nodes before, within limits [m].
+
+    Points (n, 3) see only the way across the rod, hence the 1.5.
+    """
+    nearest = np.sort(to_nodes_m(points, before))
+    far = nearest[min(int(0.8 * len(nearest)), len(nearest) - 1)]
+    return float(min(max(1.5 * far, config.least_way_m), config.widest_m))
+
+
+@njit(cache=True)
+def to_nodes_m(points: Array, nodes: Array) -> Array:
+    """Distance (N,) [m] of points (N, 3) to the nearest of the nodes (M, 3)."""
+    distance = np.empty(points.shape[0])
+    for n in range(points.shape[0]):
+        best = np.inf
+        for m in range(nodes.shape[0]):
+            a, b, c = nodes[m, 0] - points[n, 0], nodes[m, 1] - points[n, 1], nodes[m, 2] - points[n, 2]
+            best = min(best, a * a + b * b + c * c)
+        distance[n] = np.sqrt(best)
+    return distance
+
+
+def with_priors(
+    problem: Problem, nodes: Array, before: Array, way_m: float, length_sigma_m: float, config: MapSettings
+) -> ChainSystem:
+    """Normal equations at `nodes` with all that does not come from the cloud; `before` moved rigidly.
+
+    Coherence is K = K_d / way² + I / (M place²): what moved far may also have changed its shape.
+    """
+    system = ChainSystem(len(nodes))
+    priors = config.priors
+    K = problem.K_d / way_m**2
+    K[:, 0] += 1.0 / (len(nodes) * priors.place_m**2)
+    add_coherence(system.band, system.rhs, before, K, problem.K_x)
+    add_lengths(system.band, system.rhs, nodes, problem.rest_m, length_sigma_m)
+    add_table(system.band, system.rhs, nodes, problem.floor_m, priors.table_m)
+    for node, place in problem.pins:
+        add_place(system.band, system.rhs, node, place, priors.pin_m)
+    return system

@@ -1,0 +1,168 @@
+"""What a rod is held to, term by term: each adds its Gauss-Newton part to the normal equations H x = b.
+
+Symbols: x_i the nodes, y_i the nodes before, moved rigidly (`align`), d_i = x_i - y_i, l_j the rest length of
+edge j, h the mean edge, u_j the unit vector along edge j, I the identity. A residual r with standard deviation
+sigma adds Jᵀ J / sigma² to H; since every residual here is written as J x - target, b gets Jᵀ target / sigma².
+H x - b is then the gradient of half the sum of squares (tested against finite differences).
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from dlokit.skills.observer.map.band import BELOW, add_block
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChainPriors:
+    """How much a rod may differ from what it was, whatever the cloud says."""
+
+    length_m: float = 0.0001
+    """Standard deviation of an edge from its rest length [m]: a rod hardly stretches."""
+    strain_per_m05: float = 8.0
+    """Incoherence: nodes s apart move differently by this times sqrt(s), times the way since then [m^-0.5]."""
+    bend_per_m15: float = 15.0
+    """Change of bend: a stretch s leaves its old shape by this times s^1.5, times the way since then [m^-1.5]."""
+    straight_per_m05: float = 20.0
+    """The rod's own bend: a stretch s leaves a straight line by about this times s^1.5 [m^-0.5]; weak."""
+    place_m: float = 0.3
+    """A node stays within this of where it was [m]; so weak that it only decides where nothing else does."""
+    pin_m: float = 0.0001
+    """Standard deviation of a held node from its gripper [m]."""
+    tip_m: float = 0.001
+    """Standard deviation of a seen tip from the end of the cloud, along the rod [m]."""
+    table_m: float = 0.0001
+    """How far a node may sink into the table [m]."""
+
+
+@lru_cache(maxsize=8)
+def coherence(count: int, step_m: float, priors: ChainPriors) -> tuple[Array, Array]:
+    """K_d and K_x of the quadratic forms dᵀ K_d d and xᵀ K_x x, the same for each coordinate, as bands (M, 3).
+
+    sum |d_{i+1} - d_i|² / (strain² h) + sum |d_{i+1} - 2 d_i + d_{i-1}|² / (bend² h³), for a way of 1 m since the
+    last cloud, and sum |x_{i+1} - 2 x_i + x_{i-1}|² / (straight² h³). The powers of h make them independent of M.
+    Entry [i, k] of a band is K[i, i - k].
+    """
+    D1 = np.diff(np.eye(count), axis=0)
+    D2 = np.diff(D1, axis=0)
+    bends = D2.T @ D2 / step_m**3
+    K_d = D1.T @ D1 / (priors.strain_per_m05**2 * step_m) + bends / priors.bend_per_m15**2
+    return _lower_band(K_d), _lower_band(bends / priors.straight_per_m05**2)
+
+
+def _lower_band(K: Array) -> Array:
+    band = np.zeros((len(K), 3))
+    for k in range(3):
+        band[k:, k] = np.diagonal(K, -k)
+    return band
+
+
+@njit(cache=True)
+def add_coherence(band: Array, rhs: Array, before: Array, K: Array, K_x: Array) -> None:
+    """Motion coherence and bending: H += (K + K_x) ⊗ I and b += K y, y `before` (M, 3) [m]; K, K_x as bands (M, 3)."""
+    for i in range(K.shape[0]):
+        for k in range(min(i, 2) + 1):
+            for axis in range(3):
+                band[3 * i + axis, BELOW - 3 * k] += K[i, k] + K_x[i, k]
+                rhs[i, axis] += K[i, k] * before[i - k, axis]
+                if k > 0:
+                    rhs[i - k, axis] += K[i, k] * before[i, axis]
+
+
+@njit(cache=True)
+def add_lengths(band: Array, rhs: Array, nodes: Array, rest_m: Array, sigma_m: float) -> None:
+    """Rest lengths: r_j = u_jᵀ (x_{j+1} - x_j) - l_j, which is |x_{j+1} - x_j| - l_j at `nodes` (M, 3) [m]."""
+    block, weight = np.empty((3, 3)), 1.0 / sigma_m**2
+    for j in range(nodes.shape[0] - 1):
+        u = direction(nodes, j)
+        for p in range(3):
+            for q in range(3):
+                block[p, q] = u[p] * u[q]
+            pull = u[p] * rest_m[j] * weight
+            rhs[j, p] -= pull
+            rhs[j + 1, p] += pull
+        add_block(band, j, j, weight, block)
+        add_block(band, j + 1, j + 1, weight, block)
+        add_block(band, j + 1, j, -weight, block)
+
+
+@njit(cache=True)
+def direction(nodes: Array, j: int) -> tuple[float, float, float]:
+    """The unit vector u_j along edge j of `nodes` (M, 3)."""
+    a = nodes[j + 1, 0] - nodes[j, 0]
+    b = nodes[j + 1, 1] - nodes[j, 1]
+    c = nodes[j + 1, 2] - nodes[j, 2]
+    length = max(np.sqrt(a * a + b * b + c * c), 1e-9)
+    return a / length, b / length, c / length
+
+
+@njit(cache=True)
+def add_places(band: Array, rhs: Array, weights: Array, sums: Array, scale: float) -> None:
+    """Nodes drawn to places: scale w_i (x_i - a_i), with `weights` w (M,) [1/m²] and `sums` w a (M, 3) [1/m]."""
+    for i in range(weights.shape[0]):
+        for axis in range(3):
+            band[3 * i + axis, BELOW] += scale * weights[i]
+            rhs[i, axis] += scale * sums[i, axis]
+
+
+@njit(cache=True)
+def add_points(band: Array, rhs: Array, nodes: Array, moments: Array) -> None:
+    """Distances of points p_n to their segments: r_n = N_j (p_n - (1 - t_n) x_j - t_n x_{j+1}).
+
+    N_j = I - u_j u_jᵀ takes the part along the segment away, so that nodes are free to slide: a point says where
+    the rod runs and not where along it. A row of `moments` (M - 1, 9) has, of the points of segment j, the sums of
+    w, w t, w t², w p and w t p; w [1/m²] has the robust part in.
+    """
+    normal = np.empty((3, 3))
+    for j in range(moments.shape[0]):
+        w0, w1, w2 = moments[j, 0], moments[j, 1], moments[j, 2]
+        if w0 <= 0.0:
+            continue
+        u = direction(nodes, j)
+        for p in range(3):
+            for q in range(3):
+                normal[p, q] = (1.0 if p == q else 0.0) - u[p] * u[q]
+        add_block(band, j, j, w0 - 2.0 * w1 + w2, normal)
+        add_block(band, j + 1, j + 1, w2, normal)
+        add_block(band, j + 1, j, w1 - w2, normal)
+        for p in range(3):
+            for q in range(3):
+                rhs[j, p] += normal[p, q] * (moments[j, 3 + q] - moments[j, 6 + q])
+                rhs[j + 1, p] += normal[p, q] * moments[j, 6 + q]
+
+
+@njit(cache=True)
+def add_place(band: Array, rhs: Array, node: int, place: Array, sigma_m: float) -> None:
+    """A node at a place (3,) [m] that is known in all directions, as in a gripper: r = x_i - place."""
+    for axis in range(3):
+        band[3 * node + axis, BELOW] += 1.0 / sigma_m**2
+        rhs[node, axis] += place[axis] / sigma_m**2
+
+
+@njit(cache=True)
+def add_tip(band: Array, rhs: Array, nodes: Array, end: int, inner: int, sigma_m: float) -> None:
+    """A node that is to stay where it is along the rod: r = uᵀ (x_end - now), u the direction from node `inner`."""
+    along = nodes[end] - nodes[inner]
+    along /= max(np.sqrt(np.sum(along**2)), 1e-9)
+    at = along[0] * nodes[end, 0] + along[1] * nodes[end, 1] + along[2] * nodes[end, 2]
+    block = np.empty((3, 3))
+    for p in range(3):
+        for q in range(3):
+            block[p, q] = along[p] * along[q]
+        rhs[end, p] += along[p] * at / sigma_m**2
+    add_block(band, end, end, 1.0 / sigma_m**2, block)
+
+
+@njit(cache=True)
+def add_table(band: Array, rhs: Array, nodes: Array, height_m: float, sigma_m: float) -> None:
+    """The table as a half-space: r_i = z_i - height where `nodes` (M, 3) [m] lie below it, else nothing."""
+    for i in range(nodes.shape[0]):
+        if nodes[i, 2] < height_m:
+            band[3 * i + 2, BELOW] += 1.0 / sigma_m**2
+            rhs[i, 2] += height_m / sigma_m**2

@@ -1,0 +1,148 @@
+"""Where the camera could not have seen a node: out of the picture, or behind the robot."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from dlokit.geometry import rotation
+from dlokit.skills.observer.visibility import VisibilityConfig
+from dlokit.types.observation import Observation
+
+Array = NDArray[np.float64]
+Floats = NDArray[np.float32]
+Flags = NDArray[np.bool_]
+
+_NO_ROBOT = np.full((1, 1), np.inf, dtype=np.float32)
+
+
+@dataclass(frozen=True, kw_only=True)
+class View:
+    """The camera of one cloud; positions about the problem's origin."""
+
+    R_world_camera: Array
+    """(3, 3)."""
+    eye: Array
+    """(3,) [m]."""
+    pinhole: Array
+    """(6,): fx, fy, cx, cy, width, height [px]."""
+    depth_m: Floats
+    """(rows, columns) of the robot, inf where there is none [m]."""
+    scale: int
+    """Pixels a cell of `depth_m`."""
+    tells: bool
+    """Whether it is known what the robot hides."""
+
+    def shaded(self, positions: Array, config: VisibilityConfig) -> Flags:
+        """Whether each position (K, 3) [m] is out of the picture or behind the robot, (K,)."""
+        return _shaded(
+            positions,
+            self.R_world_camera,
+            self.eye,
+            self.pinhole,
+            self.depth_m,
+            self.scale,
+            config.picture_margin_px,
+            config.robot_margin_m,
+        )
+
+    def nearest_shade(self, position: Array, reach_m: float, config: VisibilityConfig) -> Array | None:
+        """The nearest place (3,) [m] in front of the same plane that the robot hides; None beyond `reach_m`."""
+        found = _nearest_shade(
+            position,
+            self.R_world_camera,
+            self.eye,
+            self.pinhole,
+            self.depth_m,
+            self.scale,
+            reach_m,
+            config.robot_margin_m,
+        )
+        return found if np.isfinite(found[0]) else None
+
+
+def view_of(seen: Observation, origin: Array) -> View | None:
+    """The view of a cloud; None where nobody knows the camera."""
+    camera = seen.calibration
+    if camera is None:
+        return None
+    size = (camera.width_px, camera.height_px)
+    return View(
+        R_world_camera=rotation(camera.T_world_camera),
+        eye=np.asarray(camera.T_world_camera.position_m, dtype=np.float64) - origin,
+        pinhole=np.array([camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px, *size]),
+        depth_m=_NO_ROBOT if seen.occlusion is None else np.array(seen.occlusion.depth_m, dtype=np.float32),
+        scale=1 if seen.occlusion is None else seen.occlusion.scale,
+        tells=seen.occlusion is not None,
+    )
+
+
+@njit(cache=True)
+def _shaded(
+    positions: Array,
+    R: Array,
+    eye: Array,
+    pinhole: Array,
+    depth_m: Floats,
+    scale: int,
+    margin_px: float,
+    behind_m: float,
+) -> Flags:
+    fx, fy, cx, cy, width, height = pinhole
+    rows, columns = depth_m.shape
+    hidden = np.zeros(positions.shape[0], dtype=np.bool_)
+    for k in range(positions.shape[0]):
+        a, b, c = positions[k, 0] - eye[0], positions[k, 1] - eye[1], positions[k, 2] - eye[2]
+        x = R[0, 0] * a + R[1, 0] * b + R[2, 0] * c
+        y = R[0, 1] * a + R[1, 1] * b + R[2, 1] * c
+        z = R[0, 2] * a + R[1, 2] * b + R[2, 2] * c
+        if z <= 1e-9:
+            hidden[k] = True
+            continue
+        u, v = fx * x / z + cx, fy * y / z + cy
+        if u < margin_px or u > width - 1.0 - margin_px or v < margin_px or v > height - 1.0 - margin_px:
+            hidden[k] = True
+            continue
+        # One cell around counts as well: the robot's edge may lie anywhere within a cell.
+        row, column = min(max(int(v / scale), 0), rows - 1), min(max(int(u / scale), 0), columns - 1)
+        nearest = np.inf
+        for i in range(max(row - 1, 0), min(row + 2, rows)):
+            for j in range(max(column - 1, 0), min(column + 2, columns)):
+                nearest = min(nearest, depth_m[i, j])
+        hidden[k] = nearest < z - behind_m
+    return hidden
+
+
+@njit(cache=True)
+def _nearest_shade(
+    position: Array,
+    R: Array,
+    eye: Array,
+    pinhole: Array,
+    depth_m: Floats,
+    scale: int,
+    reach_m: float,
+    behind_m: float,
+) -> Array:
+    fx, fy, cx, cy, _, _ = pinhole
+    rows, columns = depth_m.shape
+    place = np.full(3, np.nan)
+    p = R.T @ (position - eye)
+    if p[2] <= 1e-9:
+        return place
+    u, v = fx * p[0] / p[2] + cx, fy * p[1] / p[2] + cy
+    span = int(reach_m * fx / p[2] / scale) + 1
+    row, column = int(v / scale), int(u / scale)
+    best = reach_m**2
+    for i in range(max(row - span, 0), min(row + span + 1, rows)):
+        for j in range(max(column - span, 0), min(column + span + 1, columns)):
+            if depth_m[i, j] >= p[2] - behind_m:
+                continue
+            across = ((j + 0.5) * scale - u) * p[2] / fx
+            down = ((i + 0.5) * scale - v) * p[2] / fy
+            d2 = across * across + down * down
+            if d2 < best:
+                best = d2
+                place = position + R @ np.array([across, down, 0.0])
+    return place
