@@ -12,12 +12,12 @@ from dlokit.app.shape import ShapeArgs, ShapeChoices
 from dlokit.communication.strategy_kinds import NamedConfig, StrategyKind
 from dlokit.description.dlo import preset
 from dlokit.errors import ConfigError
-from dlokit.functional.cell.dlo_physics import PHYSICS, ElasticRod, ElastoplasticChain
+from dlokit.functional.cell.dlo_physics import PHYSICS
 from dlokit.functional.cell.randomisation import RANDOMISED
 from dlokit.skills.observer.strategies import OBSERVERS
 from dlokit.skills.perception.segmentations import SEGMENTATIONS
 from dlokit.skills.planning.strategies import PLANNERS
-from dlokit.system.config import RunConfig
+from dlokit.system.config import RunConfig, with_dlo
 from dlokit.system.toml_config import read_toml
 
 C = TypeVar("C", bound=NamedConfig)
@@ -28,7 +28,7 @@ def shape_defaults(arguments: Sequence[str]) -> ShapeArgs:
     config_file = _value(arguments, "--config")
     run = RunConfig() if config_file is None else read_toml(Path(config_file), RunConfig)
     if (name := _value(arguments, "--dlo")) is not None:
-        run = _with_dlo(run, name)
+        run = with_dlo(run, preset(name))
     if (name := _value(arguments, "--physics")) is not None:
         run = _with_physics(run, name)
     if "--randomised" in arguments:
@@ -43,14 +43,6 @@ def shape_defaults(arguments: Sequence[str]) -> ShapeArgs:
         planner = _chosen(PLANNERS, "--planner", name, run.planning.strategy)
         run = replace(run, planning=replace(run.planning, strategy=planner))
     return ShapeArgs(run=run, choices=ShapeChoices(config=None if config_file is None else Path(config_file)))
-
-
-def _with_dlo(run: RunConfig, name: str) -> RunConfig:
-    """Lay another DLO on the table; the system is told what a ruler tells, and no more."""
-    dlo = preset(name)
-    physics = ElasticRod() if dlo.yield_curvature_1_m is None else ElastoplasticChain()
-    model = replace(run.model, length_m=dlo.length_m, radius_m=dlo.radius_m)
-    return replace(run, cell=replace(run.cell, dlo=dlo, physics=physics), model=model)
 
 
 def _with_physics(run: RunConfig, name: str) -> RunConfig:

@@ -1,12 +1,14 @@
 """The configuration tree of a run: everything that a run depends on, in one value."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from dlokit.decision.config import TaskConfig
+from dlokit.description.dlo import DloPreset
 from dlokit.errors import ConfigError
 from dlokit.functional.cell.config import CellConfig
+from dlokit.functional.cell.dlo_physics import ElasticRod, ElastoplasticChain
 from dlokit.skills.model.config import ModelConfig
 from dlokit.skills.observer.config import ObserverConfig
 from dlokit.skills.perception.config import PerceptionConfig
@@ -68,3 +70,10 @@ class RunConfig:
             raise ConfigError(
                 "--goal interactive needs the viewer, where the goal is dragged; leave --headless away, or name a goal."
             )
+
+
+def with_dlo(run: RunConfig, dlo: DloPreset) -> RunConfig:
+    """Lay another DLO on the table, a chain if it takes a set; the system is told what a ruler tells, and no more."""
+    physics = ElasticRod() if dlo.yield_curvature_1_m is None else ElastoplasticChain()
+    model = replace(run.model, length_m=dlo.length_m, radius_m=dlo.radius_m)
+    return replace(run, cell=replace(run.cell, dlo=dlo, physics=physics), model=model)

@@ -83,6 +83,17 @@ def test_both_halves_of_a_held_chain_sag_as_cantilevers_do(nodes: int):
     assert sag_m == pytest.approx([euler_bernoulli_m] * 2, rel=0.01)
 
 
+def test_a_chain_twists_as_stiffly_as_it_bends():
+    model, data, chain = build(dataclasses.replace(STIFF_WIRE, damping_s=0.1), held=True)
+    torque_nm = 1e-3
+    data.xfrc_applied[model.body("chain/link_39").id, 3] = torque_nm
+    settled(model, data, chain, 1.5)
+    side = data.xmat[model.body("chain/link_39").id].reshape(3, 3)[:, 1]  # of the last link, which pointed along y
+    joints = 19  # between the middle link, which is held, and the last
+    expected_rad = torque_nm * joints * LINK_M / STIFF_WIRE.bending_stiffness_n_m2
+    assert np.arctan2(side[2], side[1]) == pytest.approx(expected_rad, rel=0.001)
+
+
 def test_a_bend_below_yield_springs_back():
     model, data, chain = build(WIRE)
     chain.place(arc(3.5))

@@ -5,9 +5,11 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
-from dlokit.description.dlo import PRESETS, DloPreset
+from dlokit.description.dlo import PRESETS, WIRE_A
 from dlokit.description.shapes import builtin_shape
 from dlokit.functional.cell.config import CellConfig
+from dlokit.functional.cell.dlo_physics import ElastoplasticChain
+from dlokit.functional.cell.randomisation import RANDOMISED
 from dlokit.functional.cell.world import Cell
 from dlokit.geometry import resample
 from dlokit.skills.perception.config import PerceptionConfig
@@ -16,9 +18,14 @@ from dlokit.skills.perception.pipeline import corrected_camera_pose, perceive
 CONFIG = PerceptionConfig()
 
 
-@pytest.mark.parametrize("preset", PRESETS, ids=lambda preset: preset.name)
-def test_every_preset_is_seen_whole_and_where_it_is_despite_the_error_of_the_camera_pose(preset: DloPreset):
-    cell = Cell(CellConfig(dlo=preset), seed=1)
+NOMINAL = [pytest.param(CellConfig(dlo=preset), id=preset.name) for preset in PRESETS]
+RANDOM = CellConfig(dlo=WIRE_A, physics=ElastoplasticChain(), randomisation=RANDOMISED)
+
+
+@pytest.mark.parametrize("config", [*NOMINAL, pytest.param(RANDOM, id="randomised")])
+def test_every_preset_is_seen_whole_and_where_it_is_despite_the_error_of_the_camera_pose(config: CellConfig):
+    preset = config.dlo
+    cell = Cell(config, seed=1)
     cell.place_dlo(builtin_shape("S", preset.length_m, 81), settle=False)
     images, robots = cell.capture(), (cell.arm_state(),)
     cell.close()
@@ -31,6 +38,7 @@ def test_every_preset_is_seen_whole_and_where_it_is_despite_the_error_of_the_cam
     line = resample(cell.true_nodes_world(), 2000)
     # The table cannot correct a shift of up to 3 mm along it, nor a turn of 0.2 deg, which is 3 mm at 0.8 m; the
     # points spread by the radius of 4 mm around what is left.
-    assert np.median(KDTree(line).query(points)[0]) < 0.004
+    # The randomised hand-eye error is 3.5 mm with this seed.
+    assert np.median(KDTree(line).query(points)[0]) < (0.005 if config is RANDOM else 0.004)
     assert np.max(KDTree(line).query(points)[0]) < 0.012
     assert np.max(KDTree(points).query(line)[0]) < 0.010
