@@ -7,7 +7,7 @@ import msgspec
 
 from dlokit.bench.evaluator import evaluate, with_truth
 from dlokit.bench.truth import read_truth
-from dlokit.functional.cell.episode import draw_episode
+from dlokit.functional.cell.episode import Episode, draw_episode
 from dlokit.functional.cell.randomisation import Randomisation
 from dlokit.system.config import RunConfig
 from dlokit.system.run import run
@@ -27,8 +27,14 @@ def judged_run(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher) -
     (folder / CONFIG_FILE).write_text(to_toml(config), encoding="utf-8")
     record = run(config, job, folder, watch)
     errors = evaluate(record, read_truth(folder))
-    episode = draw_episode(config.cell, config.seed) if config.cell.randomisation != Randomisation() else None
-    result = msgspec.structs.replace(with_truth(record.result, errors), episode=episode)
+    result = msgspec.structs.replace(with_truth(record.result, errors), episode=drawn(config))
     record = replace(record, result=result)
     write_result(folder, record.result)
     return record
+
+
+def drawn(config: RunConfig) -> Episode | None:
+    """What the cell of a run drew; None where nothing is randomised."""
+    if config.cell.randomisation == Randomisation():
+        return None
+    return draw_episode(config.cell, config.seed)
