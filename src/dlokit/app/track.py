@@ -49,8 +49,8 @@ class TrackArgs:
     """Number of nodes M, where no initial ones are given."""
     length_m: float | None = None
     """Length of the DLO [m], where no initial nodes are given; by default what the first cloud shows."""
-    observer: str = "anchored"
-    """Strategy: anchored, map, cpd, spr, som, or another that is installed."""
+    observer: str = "map"
+    """Strategy: map, anchored, cpd, spr, som, or another that is installed."""
     box_lower: Corner | None = None
     """Corner of the box filter with the smallest coordinates [m]; by default there is no box."""
     box_upper: Corner | None = None

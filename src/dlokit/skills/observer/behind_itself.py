@@ -20,11 +20,11 @@ def behind_itself(nodes_world: Array, radius_m: float, calibration: CameraCalibr
     """
     if calibration is None or len(nodes_world) < 4:
         return np.zeros(len(nodes_world), dtype=np.bool_)
-    return _behind(in_camera(nodes_world, calibration), radius_m)
+    return behind_in_camera(in_camera(nodes_world, calibration), radius_m)
 
 
 @njit(cache=True)
-def _behind(p_camera: Array, radius_m: float) -> Flags:
+def behind_in_camera(p_camera: Array, radius_m: float) -> Flags:
     """`behind_itself` for nodes (M, 3) [m] in the camera's frame, in its picture u = x / z, v = y / z."""
     count = len(p_camera)
     hidden = np.zeros(count, dtype=np.bool_)

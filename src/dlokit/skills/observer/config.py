@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass, field
 
-from dlokit.skills.observer.anchored import AnchoredConfig
 from dlokit.skills.observer.initialise import InitialiseConfig
+from dlokit.skills.observer.map.observer import MapConfig
 from dlokit.skills.observer.strategies import Observer
 
 
@@ -11,7 +11,7 @@ from dlokit.skills.observer.strategies import Observer
 class ObserverConfig:
     """From points to target points."""
 
-    strategy: Observer = field(default_factory=AnchoredConfig)
+    strategy: Observer = field(default_factory=MapConfig)
     """How nodes are found in a cloud, given where they were."""
     initialise: InitialiseConfig = field(default_factory=InitialiseConfig)
     """How the first cloud is ordered."""

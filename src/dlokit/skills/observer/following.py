@@ -73,17 +73,20 @@ def _elsewhere(
 ) -> TargetPoints | None:
     """The cloud ordered without a prior, when targets in doubt are not where it shows the DLO.
 
-    Targets are in doubt when their health is low or nodes are hidden: a fold of the registration looks like
-    a rod of which a part is hidden. If a rod of full length is found elsewhere than the targets, it is right. The
-    order is the one nearer to the prior's, and health at most `found_again_health`.
+    Targets are in doubt when their health is low, or when nodes are hidden although the cloud shows the whole rod
+    without a gap: a fold of the registration looks like a rod of which a part is hidden. If a rod of full length is
+    found elsewhere than the targets, it is right. The order is the one nearer to the prior's, and health at most
+    `found_again_health`.
     """
-    doubtful = targets.health < config.lost_health or not targets.visible.all()
-    if not doubtful or not is_chain(prior.topology):
+    low = targets.health < config.lost_health
+    if not (low or not targets.visible.all()) or not is_chain(prior.topology):
         return None
     length_m = float(np.sum(prior.topology.rest_lengths_m))
     try:
         found = initial_targets(seen, len(prior.nodes_world), length_m, config.initialise, prior.nodes_world)
     except SkillFailure:
+        return None
+    if not low and not found.visible.all():
         return None
     elsewhere = rmse_m(found.nodes_world, targets.nodes_world) > config.elsewhere_m
     if not elsewhere or found.health < min(targets.health, config.lost_health):

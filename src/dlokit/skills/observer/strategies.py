@@ -12,7 +12,7 @@ from dlokit.skills.observer.map.observer import MapConfig
 from dlokit.skills.observer.som import SomConfig
 from dlokit.skills.observer.spr import SprConfig
 
-OurObserver = AnchoredConfig | CpdConfig | SprConfig | SomConfig | MapConfig
+OurObserver = MapConfig | AnchoredConfig | CpdConfig | SprConfig | SomConfig
 """Strategies that ship with dlokit, the default first; the one place where they are named."""
 
 OURS: tuple[type[OurObserver], ...] = get_args(OurObserver)

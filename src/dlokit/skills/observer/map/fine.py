@@ -30,7 +30,7 @@ class Fitted:
     supported: Flags
     """(M,) whether enough points lie at the node's part of the rod."""
     shaded: Flags
-    """(M,) whether the node is out of the picture or behind the robot."""
+    """(M,) whether the node is out of the picture, behind the robot, or behind the rod itself."""
 
 
 def fine(problem: Problem, nodes: Array, before: Array, config: MapSettings) -> Fitted:
@@ -54,12 +54,13 @@ def fine(problem: Problem, nodes: Array, before: Array, config: MapSettings) -> 
         add_free_space(system, problem, nodes, placed, config)
         nodes = system.solve()
         placed = assign(points, nodes, placed.segment, first, window)
+    supported = supports(placed, len(nodes), config)
     return Fitted(
         nodes=nodes,
         placed=placed,
         tips=tips,
-        supported=supports(placed, len(nodes), config),
-        shaded=problem.shaded(nodes, config.visibility),
+        supported=supported,
+        shaded=problem.hidden(nodes, ~supported, config),
     )
 
 
@@ -109,8 +110,8 @@ def add_free_space(
     """
     if problem.view is None or not problem.view.tells:
         return
-    alone = np.flatnonzero(~supports(placed, len(nodes), config))
-    alone = alone[~problem.shaded(nodes[alone], config.visibility)]
+    unsupported = ~supports(placed, len(nodes), config)
+    alone = np.flatnonzero(unsupported & ~problem.hidden(nodes, unsupported, config))
     rod = problem.points[placed.distance2 < config.visibility.radius_m**2]
     if len(alone) == 0 or len(rod) == 0:
         return

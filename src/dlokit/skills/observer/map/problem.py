@@ -51,6 +51,13 @@ class Problem:
         """Whether each position (K, 3) [m] is known to be hidden: out of the picture or behind the robot, (K,)."""
         return np.zeros(len(positions), dtype=np.bool_) if self.view is None else self.view.shaded(positions, config)
 
+    def hidden(self, nodes: Array, alone: Flags, config: MapSettings) -> Flags:
+        """Whether each node (M, 3) [m] is known to be hidden, (M,); by the rod itself only nodes `alone` (M,)."""
+        shaded = self.shaded(nodes, config.visibility)
+        if self.view is None or not np.any(alone & ~shaded):
+            return shaded
+        return shaded | (alone & self.view.behind_itself(nodes, config.radius_m))
+
 
 def posed(seen: Observation, prior: DloState, held: tuple[GripperPin, ...], config: MapSettings) -> Problem:
     """The problem of one cloud with at least one point."""

@@ -7,6 +7,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from dlokit.geometry import rotation
+from dlokit.skills.observer.behind_itself import behind_in_camera
 from dlokit.skills.observer.visibility import VisibilityConfig
 from dlokit.types.observation import Observation
 
@@ -46,6 +47,10 @@ class View:
             config.picture_margin_px,
             config.robot_margin_m,
         )
+
+    def behind_itself(self, nodes: Array, radius_m: float) -> Flags:
+        """Whether another part of the chain hides each node (M, 3) [m], (M,)."""
+        return behind_in_camera((nodes - self.eye) @ self.R_world_camera, radius_m)
 
     def nearest_shade(self, position: Array, reach_m: float, config: VisibilityConfig) -> Array | None:
         """The nearest place (3,) [m] in front of the same plane that the robot hides; None beyond `reach_m`."""
