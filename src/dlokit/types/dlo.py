@@ -24,7 +24,6 @@ class DloState(Message, frozen=True, kw_only=True, eq=False):
     health: float = 1.0
     """The observer's trust in its targets, 0 (lost) to 1."""
     covariance: Float64Array | None = None  # (M, 3, 3) [m²] of the targets it was last corrected with
-    velocities_m_s: Float64Array | None = None  # (M, 3) [m/s] when they were observed; NaN where not known
 
 
 class TargetPoints(Message, frozen=True, kw_only=True, eq=False):
@@ -35,7 +34,6 @@ class TargetPoints(Message, frozen=True, kw_only=True, eq=False):
     covariance: Float64Array | None = None  # (M, 3, 3) [m²]
     health: float = 1.0
     """0 (lost) to 1."""
-    velocities_m_s: Float64Array | None = None  # (M, 3) [m/s]; NaN where not known; None: the observer has none
 
 
 class GoalShape(Message, frozen=True, kw_only=True, eq=False):

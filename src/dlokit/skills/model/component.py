@@ -70,7 +70,6 @@ class ModelComponent(Component):
                 observed_stamp_ns=targets.stamp_ns,
                 health=targets.health,
                 covariance=targets.covariance,
-                velocities_m_s=targets.velocities_m_s,
             )
         )
 

@@ -51,5 +51,4 @@ def prior_from(targets: TargetPoints, topology: Topology) -> DloState:
         observed_stamp_ns=targets.stamp_ns,
         health=targets.health,
         covariance=targets.covariance,
-        velocities_m_s=targets.velocities_m_s,
     )

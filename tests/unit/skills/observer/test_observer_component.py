@@ -136,7 +136,7 @@ def test_the_strategy_can_be_changed_while_running() -> None:
         unknown = await transport.call(api.SET_STRATEGY, StrategySpec(name="guess"))
         assert isinstance(unknown, Rejected)
         assert unknown.reason == "unknown_strategy"
-        assert "anchored" in unknown.detail
+        assert "map" in unknown.detail
         for settings in (b"[]", b'{"beta_m": "wide"}', b'{"width_m": 1.0}'):
             bad = await transport.call(api.SET_STRATEGY, StrategySpec(name="cpd", settings=settings))
             assert isinstance(bad, Rejected)
