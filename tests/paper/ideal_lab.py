@@ -31,7 +31,7 @@ from dlokit.skills.planning.component import PlanningComponent
 from dlokit.skills.planning.config import PlanningConfig
 from dlokit.skills.robot import api as robot
 from dlokit.types.action import VelocityProfile
-from dlokit.types.flow import Command, FlowStatus, OperatorCommand
+from dlokit.types.flow import Command, FlowStatus, GoalFrames, OperatorCommand
 from dlokit.types.observation import Observation
 from dlokit.types.pose import Pose
 from dlokit.types.robot import GripResult, MotionResult, RobotMode, RobotState
@@ -201,25 +201,33 @@ class Trace:
         return {(a, outcome, b) for (a, _), (b, outcome) in zip(self.steps, self.steps[1:], strict=False)}
 
 
+ROD = ModelConfig(nodes=NODES, length_m=LENGTH_M)
+
+
 def shape(
     lab: Lab,
-    goal: Array,
+    goal: Array | None,
     config: TaskConfig | None = None,
     reachable: Callable[[Pose], bool] = lambda pose: True,
-    operator: Callable[[FlowStatus], Command | None] = lambda status: None,
+    operator: Callable[[FlowStatus], Command | GoalFrames | None] = lambda status: None,
+    rod: ModelConfig = ROD,
 ) -> Trace:
-    """Run the shape task in the ideal lab on virtual time. `operator` may press a button at each step."""
-    return virtual_time.run(_shape(lab, goal, config or TaskConfig(), reachable, operator))
+    """Run the shape task in the ideal lab on virtual time; without a goal it is the operator's.
+
+    `operator` may press a button at each step, or drag the frames and press "Shape it". `rod` is the DLO as the
+    system believes it to be.
+    """
+    return virtual_time.run(_shape(lab, goal, config or TaskConfig(), reachable, operator, rod))
 
 
 async def _shape(
     lab: Lab,
-    goal: Array,
+    goal: Array | None,
     config: TaskConfig,
     reachable: Callable[[Pose], bool],
-    operator: Callable[[FlowStatus], Command | None],
+    operator: Callable[[FlowStatus], Command | GoalFrames | None],
+    rod: ModelConfig,
 ) -> Trace:
-    rod = ModelConfig(nodes=NODES, length_m=LENGTH_M)
     transport = MemoryTransport()
     host = Host(transport, LoopClock())
     decision = DecisionComponent(config, lambda: 0.0)
@@ -228,7 +236,7 @@ async def _shape(
 
     class Operator(Component):
         name = "viewer"
-        publishes = (topics.COMMAND,)
+        publishes = (topics.COMMAND, topics.GOAL_FRAMES)
         reads = (topics.FLOW,)
 
         async def run(self) -> None:
@@ -236,6 +244,9 @@ async def _shape(
                 if status.outcome is None:
                     steps.append((status.step, status.last_outcome))
                 command = operator(status)
+                if isinstance(command, GoalFrames):
+                    self.port.publish(topics.GOAL_FRAMES, command)
+                    command = Command.START
                 if command is not None:
                     now_ns = self.port.clock.now_ns()
                     self.port.publish(topics.COMMAND, OperatorCommand(stamp_ns=now_ns, command=command))
@@ -252,7 +263,8 @@ async def _shape(
         host.add(component)
     async with host:
         await host.clock.sleep(0.1)
-        result = await decision.shape(GoalRequest(nodes_world=goal, name="goal"), recorded.append)
+        request = None if goal is None else GoalRequest(nodes_world=goal, name="goal")
+        result = await decision.shape(request, recorded.append)
         await host.clock.sleep(0.1)
     assert [record.action for record in recorded] == list(range(1, len(result.history) + 1))
     return Trace(result=result, steps=steps, calls=lab.calls)

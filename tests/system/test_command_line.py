@@ -80,8 +80,6 @@ BAD = {
     "another length": (["--goal", "short.csv"], "--fit-length"),
     "a goal off the table": (["--goal", "off.npy"], "off the table"),
     "a start off the table": (["--start", "off.npy"], "off the table"),
-    "a goal out of reach": (["--goal", "far.npy"], "out of the arm's reach"),
-    "a goal with corners": (["--goal", "zigzag.npy"], "bends too tightly"),
     "a configuration that is not there": (["--config", "missing.toml"], "missing.toml"),
     "a configuration with an unknown key": (["--config", "unknown.toml"], "unknown key colour"),
     "a configuration with a wrong type": (["--config", "wrong.toml"], "seed"),

@@ -24,7 +24,16 @@ def job_from_config(config: RunConfig) -> ShapeJob:
     if config.goal == INTERACTIVE:
         return ShapeJob(name=name, start_nodes_world=start, request=None)
     model = config.model
-    goal = _shape(config, config.goal, model.length_m, model.radius_m, stream=1, middle_m=config.goal_at_m)
+    goal = _shape(
+        config,
+        config.goal,
+        model.length_m,
+        model.radius_m,
+        stream=1,
+        middle_m=config.goal_at_m,
+        # A goal off the table is refused at once, unless it shall be moved, or tried where it is.
+        on_table=config.task.infeasible == "reject",
+    )
     request = GoalRequest(nodes_world=goal, name=config.goal, ends_interchangeable=config.ends_interchangeable)
     return ShapeJob(name=name, start_nodes_world=start, request=request)
 
@@ -46,6 +55,7 @@ def _shape(
     *,
     stream: int,
     middle_m: tuple[float, float] | None = None,
+    on_table: bool = True,
 ) -> Float64Array:
     # Start and goal draw from streams of their own, so that one does not change the other.
     rng = np.random.default_rng([config.seed, stream])
@@ -57,4 +67,5 @@ def _shape(
         rng=rng,
         fit_length=config.fit_length,
         middle_m=middle_m,
+        on_table=on_table,
     )

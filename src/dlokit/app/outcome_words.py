@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 
+from dlokit.system.goal_result import VerdictResult
 from dlokit.system.run_result import RunResult
 from dlokit.types.flow import RunOutcome
 
@@ -21,9 +22,21 @@ def outcome_in_words(result: RunResult) -> str:
     if result.reason and result.reason not in words:
         words += f" Reason: {result.reason.replace('_', ' ').rstrip('.')}."
     if result.rmse_m is None:
-        return f"{words} The rope was never seen."
+        # The goal is judged before the rope is measured against it.
+        return words if result.goal_verdict is not None else f"{words} The rope was never seen."
+    words += _instead(result.goal_verdict)
     relation = "below" if result.rmse_m < result.threshold_m else "above"
     return (
         f"{words} Its nodes are {result.rmse_m * 1000:.1f} mm from their goals (RMSE), {relation} the threshold of "
         f"{result.threshold_m * 1000:.4g} mm, after {result.actions} {'action' if result.actions == 1 else 'actions'}."
+    )
+
+
+def _instead(verdict: VerdictResult | None) -> str:
+    """A sentence when the run went for another goal than the one that was asked for."""
+    if verdict is None or not verdict.projected or verdict.asked_rmse_m is None:
+        return ""
+    return (
+        f" It went for the nearest shape that holds; the rope is {verdict.asked_rmse_m * 1000:.1f} mm (RMSE) from the "
+        "goal that was asked for."
     )

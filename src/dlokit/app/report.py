@@ -7,6 +7,7 @@ from pathlib import Path
 from dlokit.app import report_figures
 from dlokit.app.outcome_words import outcome_in_words
 from dlokit.app.report_style import CSS
+from dlokit.app.report_verdict import verdict_section
 from dlokit.system.run_record import RunRecord
 from dlokit.system.run_result import ActionResult
 from dlokit.types.arrays import UInt8Array
@@ -32,6 +33,7 @@ def report_html(record: RunRecord) -> str:
             '<meta name="viewport" content="width=device-width, initial-scale=1">',
             f"<style>{CSS}</style></head><body><main>",
             _head(record),
+            verdict_section(record),
             _figures(record),
             _pictures(record),
             _actions(record),

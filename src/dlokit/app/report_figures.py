@@ -16,6 +16,7 @@ from matplotlib.ticker import MaxNLocator
 from dlokit.description import shapes
 from dlokit.system.run_record import RunRecord, StepTiming
 from dlokit.types.arrays import Float64Array, UInt8Array
+from dlokit.types.feasibility import GoalVerdict
 
 # Stand-ins that are written into the SVG and replaced there by the page's own colour variables.
 _VARIABLES = {
@@ -62,6 +63,22 @@ def overlay(record: RunRecord) -> str:
         handlelength=2.5,
     )
     return _svg(figure, "Top view of the table: start, goal, and the shape after each action")
+
+
+def spring_back(verdict: GoalVerdict) -> str:
+    """A goal, where the DLO comes to rest when it is released there, and the nearest shape that holds, as SVG."""
+    figure, axes = _figure(7.4, 6.4)
+    _table(axes)
+    goal = verdict.goal_world
+    axes.plot(goal[:, 0], goal[:, 1], color=_GOAL, linewidth=9, alpha=0.35, solid_capstyle="round", label="goal")
+    for number, release in enumerate(verdict.releases):
+        nodes, label = release.nodes_world, "released there" if number == 0 else "in doubt"
+        style = {"color": _TRUTH, "linewidth": 2.2} if number == 0 else {"color": _MUTED, "linewidth": 1.0}
+        axes.plot(nodes[:, 0], nodes[:, 1], label=label if number < 2 else "_nolegend_", **style)
+    if verdict.nearest_world is not None:
+        _rope(axes, verdict.nearest_world, _FINAL, 2.0, "nearest that holds", dashed=True)
+    axes.legend(loc="upper left", bbox_to_anchor=(1.02, 1.0), frameon=False, labelcolor=_INK, fontsize=_FONT_PT)
+    return _svg(figure, "Top view of the table: the goal, and where the DLO springs back to")
 
 
 def error_curve(record: RunRecord) -> str:

@@ -20,6 +20,7 @@ from dlokit.skills.observer.strategies import OBSERVERS
 from dlokit.skills.perception.segmentations import SEGMENTATIONS
 from dlokit.skills.planning.strategies import PLANNERS
 from dlokit.system.config import INTERACTIVE, RunConfig
+from dlokit.system.goal_result import NEAREST_FILE_NAME
 from dlokit.system.run_folder import claim_run_folder, new_run_folder
 from dlokit.types.flow import RunOutcome
 
@@ -79,7 +80,11 @@ class ShapeArgs:
       dlokit shape                                     from I to S, in lockstep
       dlokit shape --start random --seed 3             from a random start
       dlokit shape --goal curve.csv --fit-length       to a curve of your own
+      dlokit shape --goal curve.csv --infeasible project   or to the nearest shape that holds
       dlokit shape --runtime live --goal interactive   drag the goal in the browser
+
+    Before the arm moves the goal is tried in the model: does the rope stay there when it is released? `--infeasible`
+    says what to do with a goal that does not hold.
 
     Exit code: 0 converged, 3 ended otherwise (the outcome says how), 2 bad input.
     """
@@ -94,7 +99,7 @@ def run(args: ShapeArgs) -> int:
     """Run the task, write what it leaves, and say how it ended."""
     config = with_absolute_files(args.run)
     job = job_from_config(config)
-    check_before_start(config, job)
+    check_before_start(config)
     out = args.choices.out
     folder = claim_run_folder(out) if out else new_run_folder(RUNS, job.name, datetime.now())
     console = Console()
@@ -105,7 +110,8 @@ def run(args: ShapeArgs) -> int:
     again = shlex.join(["dlokit", "shape", "--config", str((folder / CONFIG_FILE).absolute())])
     record = replace(record, command=again, machine=machine_facts())
     report = write_report(folder, record)
-    display.finish(record.result, report)
+    nearest = folder / NEAREST_FILE_NAME
+    display.finish(record.result, report, nearest if nearest.exists() else None)
     return EXIT_CONVERGED if record.result.outcome is RunOutcome.CONVERGED else EXIT_ENDED_OTHERWISE
 
 

@@ -33,12 +33,13 @@ def shape_from_text(
     rng: np.random.Generator,
     fit_length: bool = False,
     middle_m: tuple[float, float] | None = None,
+    on_table: bool = True,
 ) -> Array:
     """The shape that a user names, for a rope of `length_m` and `radius_m`.
 
-    `middle_m` is where on the table (x, y) [m] the middle of the shape's extent is moved to, if anywhere. `rng` draws
-    ``random`` shapes and nothing else. Returns nodes (count, 3) [m] in the world frame, equally spaced
-    by arc length, of exactly the rope's length. Raises `ShapeError`.
+    Without `on_table` it may lie anywhere. `middle_m` is where on the table (x, y) [m] the middle of the shape's extent
+    is moved to, if anywhere. `rng` draws ``random`` shapes and nothing else. Returns nodes (count, 3) [m] in the world
+    frame, equally spaced by arc length, of exactly the rope's length. Raises `ShapeError`.
     """
     name = text.strip()
     if name in shapes.BUILTIN_SHAPES:
@@ -51,7 +52,8 @@ def shape_from_text(
     if middle_m is not None:
         extent = (nodes[:, :2].min(axis=0) + nodes[:, :2].max(axis=0)) / 2.0
         nodes = shapes.moved(nodes, np.asarray(middle_m) - extent)
-    _require_on_table(nodes, name)
+    if on_table:
+        _require_on_table(nodes, name)
     return nodes
 
 
@@ -197,5 +199,5 @@ def _require_on_table(nodes: Array, text: str) -> None:
         raise ShapeError(
             f"Shape {text} lies off the table: it spans x {x.min():.3f} to {x.max():.3f} m and y {y.min():.3f} to "
             f"{y.max():.3f} m (world frame, at the robot's base); allowed are x {x0} to {x1} m and y {y0} to {y1} m. "
-            "Move it there; a goal is moved by --goal-at-m 0.52 0."
+            "Move it there; a goal is moved by --goal-at-m 0.52 0, or to the nearest place by --infeasible project."
         )

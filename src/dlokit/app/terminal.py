@@ -16,7 +16,11 @@ from rich.text import Text
 
 from dlokit.app.outcome_words import outcome_in_words
 from dlokit.system.run_result import ActionResult, RunResult
+from dlokit.types.feasibility import Standing
 from dlokit.types.flow import FlowStatus, RunOutcome
+
+_WARNS = frozenset({"set_goal", "track_model"})
+"""Boxes before which something may have been said of the goal that the operator should read."""
 
 
 class RunDisplay:
@@ -51,6 +55,8 @@ class RunDisplay:
 
     def step(self, status: FlowStatus) -> None:
         """The flow has come to another step."""
+        if self._live is None and status.step in _WARNS and status.text:
+            self._console.print(status.text, markup=False, highlight=False, soft_wrap=True)
         self._status = status
         self._refresh()
 
@@ -61,8 +67,8 @@ class RunDisplay:
             self._console.print(_plain(row), markup=False, highlight=False)
         self._refresh()
 
-    def finish(self, result: RunResult, report: Path | None = None) -> None:
-        """The run has ended: the table, the outcome in words, and where the report lies.
+    def finish(self, result: RunResult, report: Path | None = None, nearest: Path | None = None) -> None:
+        """The run has ended: the table, the outcome in words, where the report lies, and the nearest goal that holds.
 
         Call it after the `with` block.
         """
@@ -79,6 +85,11 @@ class RunDisplay:
             f"{result.sim_time_s:.1f} s on the cell's clock in {result.wall_time_s:.1f} s ({pace:.1f} times real time)",
             highlight=False,
         )
+        verdict = result.goal_verdict if result.outcome is not RunOutcome.INFEASIBLE else None
+        if verdict is not None and verdict.standing is not Standing.HOLDS:
+            self._console.print(f"[bold yellow]goal[/]  {escape(verdict.text)}", highlight=False)
+        if nearest is not None:
+            self._console.print(f"nearest goal that holds: {nearest}", markup=False, highlight=False, soft_wrap=True)
         if report is not None:
             # A path must stay in one piece, or it can neither be clicked nor copied.
             self._console.print(f"report: {report}", markup=False, highlight=False, soft_wrap=True)

@@ -10,6 +10,7 @@ from dlokit.bench.truth import read_truth
 from dlokit.functional.cell.episode import Episode, draw_episode
 from dlokit.functional.cell.randomisation import Randomisation
 from dlokit.system.config import RunConfig
+from dlokit.system.goal_result import write_nearest
 from dlokit.system.run import run
 from dlokit.system.run_record import RunRecord
 from dlokit.system.run_result import write_result
@@ -23,6 +24,7 @@ def judged_run(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher) -
     """Run a task, then compare it with the cell's hidden truth; writes `config.toml` and `result.json`.
 
     What a randomised cell drew is truth as well, and is told in the result.
+    Where the goal does not hold and a shape near it does, that is written as `nearest_goal.csv`.
     """
     (folder / CONFIG_FILE).write_text(to_toml(config), encoding="utf-8")
     record = run(config, job, folder, watch)
@@ -30,6 +32,8 @@ def judged_run(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher) -
     result = msgspec.structs.replace(with_truth(record.result, errors), episode=drawn(config))
     record = replace(record, result=result)
     write_result(folder, record.result)
+    if record.verdict is not None:
+        write_nearest(folder, record.verdict)
     return record
 
 

@@ -9,6 +9,7 @@ from dlokit.communication.topic import Every, KeepLast, Topic
 from dlokit.types.action import PickPlace
 from dlokit.types.clock import ClockTick
 from dlokit.types.dlo import DloState, GoalShape, TargetPoints
+from dlokit.types.feasibility import GoalVerdict
 from dlokit.types.flow import FlowStatus, GoalFrames, OperatorCommand
 from dlokit.types.image import StereoImages
 from dlokit.types.observation import Gripped, Observation
@@ -28,6 +29,7 @@ OBSERVER_EVENT = Topic("observer/events",  ObserverEvent,   "observer",   None, 
 STATE         = Topic("model/state",       DloState,        "model",      None,  Every(16),  "the shape everybody uses")
 GOAL          = Topic("model/goal",        GoalShape,       "model",      None,  LAST,       "the shape the operator wants")
 ACTION        = Topic("planning/action",   PickPlace,       "planning",   None,  LAST,       "the grasp and path chosen")
+GOAL_VERDICT  = Topic("planning/verdict",  GoalVerdict,     "planning",   None,  LAST,       "whether the goal can be reached and will hold")
 GRIPPED       = Topic("decision/gripped",  Gripped,         "decision",   None,  Every(16),  "which node the gripper holds")
 FLOW          = Topic("decision/flow",     FlowStatus,      "decision",   None,  Every(64),  "the step of the flow chart that runs")
 COMMAND       = Topic("viewer/command",    OperatorCommand, "viewer",     None,  Every(16),  "the operator's buttons")
@@ -45,6 +47,7 @@ TOPICS: tuple[Topic[Any], ...] = (
     STATE,
     GOAL,
     ACTION,
+    GOAL_VERDICT,
     GRIPPED,
     FLOW,
     COMMAND,

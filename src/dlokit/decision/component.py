@@ -12,6 +12,7 @@ from dlokit.decision.config import TaskConfig
 from dlokit.decision.flow import run_flow
 from dlokit.decision.shape_flow import SHAPE_DLO
 from dlokit.decision.task import ActionRecord, GoalRequest, ShapeResult, ShapeTask, StepTiming
+from dlokit.geometry import rmse_m
 from dlokit.skills.perception import api as perception
 from dlokit.skills.robot import api as robot
 from dlokit.types.flow import Command, FlowStatus, OperatorCommand, RunOutcome
@@ -145,6 +146,13 @@ class _Diary:
         )
 
 
+def _error_to_asked(task: ShapeTask) -> float | None:
+    if task.asked is None or task.state is None:
+        return None
+    asked = task.asked
+    return rmse_m(task.state.nodes_world, asked.nodes_world, ends_interchangeable=asked.ends_interchangeable)
+
+
 def _result(task: ShapeTask, outcome: RunOutcome, timings: tuple[StepTiming, ...]) -> ShapeResult:
     errors = task.errors_m or [math.nan]
     best = min(errors)
@@ -159,6 +167,9 @@ def _result(task: ShapeTask, outcome: RunOutcome, timings: tuple[StepTiming, ...
         start_stamp_ns=task.start.observed_stamp_ns if task.start else 0,
         start_rmse_m=task.errors_m[0] if task.errors_m else None,
         history=tuple(task.history),
+        verdict=task.verdict,
+        asked=task.asked,
+        asked_rmse_m=_error_to_asked(task),
         timings=timings,
         planning_time_s=task.planning_time_s,
     )

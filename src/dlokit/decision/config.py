@@ -2,11 +2,13 @@
 
 import math
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Literal
 
 import tyro
 
 from dlokit.errors import ConfigError
+
+Infeasible = Literal["reject", "project", "try"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,6 +24,12 @@ class TaskConfig:
     """Time budget on the cell's clock [s]; the task ends with outcome `budget` when it is spent."""
     stall_actions: int = 15
     """Actions without a new best RMSE after which the task ends with outcome `stalled`."""
+    watched_stall_actions: int = 3
+    """The same for a goal that may not hold: the verdict on it was doubtful, or infeasible and it is tried all the
+    same."""
+    infeasible: Annotated[Infeasible, tyro.conf.arg(prefix_name=False)] = "reject"
+    """What to do with a goal that cannot hold, or that the arm cannot reach. reject: end, or ask the operator again,
+    and say which is the nearest shape that holds. project: shape to that one instead. try: go on all the same."""
     changed_m: float = 0.0005
     """Change of the RMSE [m] below which an action has changed nothing: its node is marked (Fig. 6)."""
     settled_m: float = 0.0015
@@ -50,7 +58,7 @@ class TaskConfig:
     """Wait after the release before looking [s]."""
 
     def __post_init__(self) -> None:
-        for name in ("max_actions", "stall_actions", "max_looks"):
+        for name in ("max_actions", "stall_actions", "watched_stall_actions", "max_looks"):
             count: int = getattr(self, name)
             if count < 1:
                 raise ConfigError(f"{_flag(name)} is {count}; it must be 1 or more.")

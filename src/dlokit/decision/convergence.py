@@ -16,10 +16,11 @@ class Progress(enum.Enum):
     STALLED = "stalled"
 
 
-def progress(errors_m: Sequence[float], elapsed_s: float, config: TaskConfig) -> Progress:
+def progress(errors_m: Sequence[float], elapsed_s: float, config: TaskConfig, *, watched: bool = False) -> Progress:
     """Judge a task by its RMSE before the first action and after each [m], and by its age on the cell's clock.
 
-    Stalled means: none of the last ``stall_actions`` actions brought a new best.
+    Stalled means: the last ``stall_actions`` actions brought no new best that differs by ``changed_m``. For a task
+    that is `watched`, because its goal may not hold, the last ``watched_stall_actions`` are enough.
     """
     if errors_m[-1] < config.threshold_m:
         return Progress.CONVERGED
@@ -27,10 +28,23 @@ def progress(errors_m: Sequence[float], elapsed_s: float, config: TaskConfig) ->
         return Progress.OUT_OF_ACTIONS
     if elapsed_s >= config.max_time_s:
         return Progress.OUT_OF_TIME
-    best = min(range(len(errors_m)), key=errors_m.__getitem__)
-    if len(errors_m) - 1 - best >= config.stall_actions:
+    if len(errors_m) - 1 - _last_progress(errors_m, config) >= patience(config, watched=watched):
         return Progress.STALLED
     return Progress.NOT_YET
+
+
+def _last_progress(errors_m: Sequence[float], config: TaskConfig) -> int:
+    """Number of the action that last brought a best RMSE, better by more than what counts as a change at all."""
+    best_m, last = errors_m[0], 0
+    for action, error_m in enumerate(errors_m):
+        if error_m < best_m - config.changed_m:
+            best_m, last = error_m, action
+    return last
+
+
+def patience(config: TaskConfig, *, watched: bool) -> int:
+    """Actions without a new best RMSE that a task is allowed."""
+    return min(config.stall_actions, config.watched_stall_actions) if watched else config.stall_actions
 
 
 def has_changed(before_m: float, after_m: float, config: TaskConfig) -> bool:

@@ -2,8 +2,19 @@
 
 from dlokit.decision.convergence import Progress
 from dlokit.decision.flow import End, Flow, Step
-from dlokit.decision.steps import acting, seeing
-from dlokit.decision.steps.outcomes import Change, Found, GoalSet, Grasped, Marked, Moved, Recovered, Released, Sight
+from dlokit.decision.steps import acting, judging, seeing
+from dlokit.decision.steps.outcomes import (
+    Change,
+    Found,
+    GoalJudged,
+    GoalSet,
+    Grasped,
+    Marked,
+    Moved,
+    Recovered,
+    Released,
+    Sight,
+)
 from dlokit.decision.task import ShapeTask
 from dlokit.types.flow import RunOutcome
 
@@ -20,8 +31,22 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
         Step(
             "set_goal",
             seeing.set_goal,
-            {GoalSet.SET: "track_model", GoalSet.INFEASIBLE: "infeasible", GoalSet.FAILED: "failed"},
-            "The operator's goal, in the model, so that it obeys the rod; can the cell reach it?",
+            {GoalSet.SET: "judge_goal", GoalSet.FAILED: "failed"},
+            "The operator's goal, in the model, so that it obeys the rod.",
+        ),
+        Step(
+            "judge_goal",
+            judging.judge_goal,
+            {
+                GoalJudged.HOLDS: "track_model",
+                GoalJudged.DOUBTFUL: "track_model",
+                GoalJudged.PROJECTED: "track_model",
+                GoalJudged.TRIED: "track_model",
+                GoalJudged.REJECTED: "infeasible",
+                GoalJudged.ASKED_AGAIN: "set_goal",
+                GoalJudged.FAILED: "failed",
+            },
+            "Released in the goal, in the model: does the rod stay? Does the arm get there?",
         ),
         Step(
             "track_model",

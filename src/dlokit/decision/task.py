@@ -8,6 +8,7 @@ from dlokit.decision.config import TaskConfig
 from dlokit.types.action import PickPlace
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, GoalShape
+from dlokit.types.feasibility import GoalVerdict, Standing
 from dlokit.types.flow import OperatorCommand, RunOutcome
 
 
@@ -65,6 +66,12 @@ class ShapeResult:
     """Stamp of the look that it comes from [ns]."""
     start_rmse_m: float | None
     history: tuple[ActionRecord, ...]
+    verdict: GoalVerdict | None
+    """On the goal that was asked for; None when the task ended before it was judged."""
+    asked: GoalShape | None
+    """The goal that was asked for, when another one that holds took its place."""
+    asked_rmse_m: float | None
+    """Last RMSE to that one [m]."""
     timings: tuple[StepTiming, ...]
     planning_time_s: float
     """On the machine's clock [s]."""
@@ -87,6 +94,9 @@ class ShapeTask:
     started_ns: int = 0
 
     goal: GoalShape | None = None
+    asked: GoalShape | None = None
+    """The goal that was asked for, when another one that holds took its place."""
+    verdict: GoalVerdict | None = None
     state: DloState | None = None
     start: DloState | None = None
     errors_m: list[float] = field(default_factory=list[float])
@@ -101,6 +111,13 @@ class ShapeTask:
     planning_time_s: float = 0.0
     recoveries: int = 0
     reason: str | None = None
+
+    @property
+    def watched(self) -> bool:
+        """Whether the goal may not hold, so that the task must not go on for long without progress."""
+        if self.verdict is None or self.asked is not None:
+            return False
+        return self.verdict.standing is not Standing.HOLDS
 
     @property
     def chosen(self) -> PickPlace:

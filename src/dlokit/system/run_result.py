@@ -8,6 +8,7 @@ import msgspec
 
 from dlokit.errors import InputError
 from dlokit.functional.cell.episode import Episode
+from dlokit.system.goal_result import VerdictResult
 from dlokit.types.flow import RunOutcome
 
 FILE_NAME = "result.json"
@@ -52,6 +53,8 @@ class RunResult(msgspec.Struct, frozen=True, kw_only=True):
     version: str
     episode: Episode | None = None
     """What was drawn for the cell, which the system was not told; None when nothing is randomised."""
+    goal_verdict: VerdictResult | None = None
+    """What was said of the goal; None when the run ended before it was judged."""
 
 
 def write_result(folder: Path, result: RunResult) -> Path:
@@ -82,7 +85,9 @@ def config_hash(config_toml: str) -> str:
 
 def _refuse_non_finite(result: RunResult) -> None:
     """JSON has no NaN; written as null it would look like a figure that was not asked for."""
-    for struct in (result, *result.history):
+    verdict = result.goal_verdict
+    verdicts = () if verdict is None else (verdict, *verdict.findings)
+    for struct in (result, *result.history, *verdicts):
         for name in struct.__struct_fields__:
             value: object = getattr(struct, name)
             if isinstance(value, float) and not math.isfinite(value):

@@ -17,6 +17,7 @@ from dlokit.decision.component import DecisionComponent
 from dlokit.decision.task import ActionRecord, GoalRequest, ShapeResult
 from dlokit.decision.task import StepTiming as Visit
 from dlokit.system.config import RunConfig
+from dlokit.system.goal_result import VerdictResult, verdict_result
 from dlokit.system.run_record import ActionShape, RunRecord, StepTiming
 from dlokit.system.run_result import ActionResult, RunResult, config_hash
 from dlokit.system.toml_config import to_toml
@@ -136,7 +137,10 @@ def _record(
             history=history,
             config_hash=config_hash(toml),
             version=__version__,
+            goal_verdict=_goal_verdict(result),
         ),
+        verdict=result.verdict,
+        asked_nodes_world=None if result.asked is None else result.asked.nodes_world,
         goal_nodes_world=goal,
         ends_interchangeable=config.ends_interchangeable,
         start_nodes_world=result.start_nodes_world,
@@ -151,6 +155,12 @@ def _record(
         image_after=album.last,
         config_toml=toml,
     )
+
+
+def _goal_verdict(result: ShapeResult) -> VerdictResult | None:
+    if result.verdict is None:
+        return None
+    return verdict_result(result.verdict, projected=result.asked is not None, asked_rmse_m=result.asked_rmse_m)
 
 
 def _by_step(visits: Sequence[Visit]) -> dict[str, StepTiming]:

@@ -15,7 +15,18 @@ class GoalSet(enum.Enum):
     """What became of the goal."""
 
     SET = "set"
-    INFEASIBLE = "infeasible"
+    FAILED = "failed"
+
+
+class GoalJudged(enum.Enum):
+    """What the model says of the goal, and what is done with one that does not hold."""
+
+    HOLDS = "holds"
+    DOUBTFUL = "doubtful"
+    PROJECTED = "projected"
+    TRIED = "tried"
+    REJECTED = "rejected"
+    ASKED_AGAIN = "asked_again"
     FAILED = "failed"
 
 

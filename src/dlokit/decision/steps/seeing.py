@@ -4,7 +4,7 @@ import asyncio
 from typing import Any
 
 from dlokit.communication import topics
-from dlokit.decision.convergence import Progress, progress
+from dlokit.decision.convergence import Progress, patience, progress
 from dlokit.decision.looking import look_anew, settle, state_after
 from dlokit.decision.steps.explaining import explain, fail
 from dlokit.decision.steps.outcomes import GoalSet, Sight
@@ -15,7 +15,6 @@ from dlokit.skills.observer import api as observer
 from dlokit.skills.perception import api as perception
 from dlokit.skills.planning import api as planning
 from dlokit.skills.robot import api as robot
-from dlokit.types.feasibility import Verdict
 from dlokit.types.flow import Command
 from dlokit.types.outcome import Failed, Outcome, Succeeded
 
@@ -75,14 +74,6 @@ async def set_goal(task: ShapeTask) -> GoalSet:
             fail(task, "model.set_goal", goal)
             return GoalSet.FAILED
         task.goal = goal.result
-    assert task.goal is not None
-    verdict = await task.port.call(planning.CHECK_GOAL, task.goal)
-    if not isinstance(verdict, Succeeded):
-        fail(task, "planning.check_goal", verdict)
-        return GoalSet.FAILED
-    if not verdict.result.feasible:
-        task.reason = f"goal {_problems(verdict.result)}"
-        return GoalSet.INFEASIBLE
     return await _label_ends(task)
 
 
@@ -133,10 +124,6 @@ async def _label_ends(task: ShapeTask) -> GoalSet:
     return GoalSet.SET if task.state is not None else GoalSet.FAILED
 
 
-def _problems(verdict: Verdict) -> str:
-    return f"{', '.join(finding.problem.value for finding in verdict.findings)}: {verdict.text}"
-
-
 async def track_model(task: ShapeTask) -> Sight:
     """The shape before the first action; may the task start from it?"""
     if not await settle(task):
@@ -148,7 +135,8 @@ async def track_model(task: ShapeTask) -> Sight:
         fail(task, "planning.check_start", verdict)
         return Sight.FAILED
     if not verdict.result.feasible:
-        task.reason = f"start {_problems(verdict.result)}"
+        problems = ", ".join(finding.problem.value for finding in verdict.result.findings)
+        task.reason = f"start {problems}: {verdict.result.text}"
         return Sight.UNUSABLE
     task.start = task.state
     task.errors_m.append(_error(task))
@@ -164,7 +152,7 @@ def _error(task: ShapeTask) -> float:
 async def compare(task: ShapeTask) -> Progress:
     """RMSE against the threshold, then the break conditions."""
     elapsed_s = (task.port.clock.now_ns() - task.started_ns) / 1e9
-    verdict = progress(task.errors_m, elapsed_s, task.config)
+    verdict = progress(task.errors_m, elapsed_s, task.config, watched=task.watched)
     best = min(task.errors_m)
     where = f"best RMSE {best * 1e3:.1f} mm after action {task.errors_m.index(best)}"
     match verdict:
@@ -173,7 +161,7 @@ async def compare(task: ShapeTask) -> Progress:
         case Progress.OUT_OF_TIME:
             task.reason = f"{task.config.max_time_s:g} s are spent; {where}"
         case Progress.STALLED:
-            task.reason = f"no better shape in {task.config.stall_actions} actions; {where}"
+            task.reason = f"no better shape in {patience(task.config, watched=task.watched)} actions; {where}"
         case Progress.CONVERGED | Progress.NOT_YET:
             task.reason = None
     return verdict

@@ -14,7 +14,7 @@ from dlokit.communication import topics
 from dlokit.communication.component import Component, implements, on
 from dlokit.description.shapes import builtin_shape
 from dlokit.errors import SkillRejected
-from dlokit.skills.model import api, rollout
+from dlokit.skills.model import api, rollout, settling
 from dlokit.skills.model.carry import Carry
 from dlokit.skills.model.config import ModelConfig
 from dlokit.skills.model.goal import GoalRod
@@ -143,7 +143,7 @@ class ModelComponent(Component):
     async def settle(self, nodes_world: Float64Array) -> Float64Array:
         """Where a released rod comes to rest under friction."""
         _require_curve(nodes_world)
-        return await self.port.compute(rollout.settle, self._config, nodes_world)
+        return await self.port.compute(settling.settle, self._config, nodes_world)
 
     def _believed(self, targets: TargetPoints) -> BoolArray:
         """Which targets (M,) may be true of a rod that a tool holds and that the model has followed."""

@@ -65,6 +65,20 @@ class RolloutConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
+class SettleConfig:
+    """How it is found out where a released rod comes to rest."""
+
+    duration_s: float = 2.0
+    """Longest time that it is given [s]: as long as the evaluator waits."""
+    timestep_s: float = 0.0025
+    """Length of one physics step [s]; at 4 ms a strained rod on a rough table may buzz instead of coming to rest."""
+    rest_m_s: float = 2e-4
+    """A rod whose nodes have all moved on by less than this rests [m/s]."""
+    relax_rate_1_s: float = 15.0
+    """How fast a node loses its speed while the nearest shape that holds is sought [1/s]."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class ModelConfig:
     """The rod as the system believes it to be, and how it is driven."""
 
@@ -88,6 +102,8 @@ class ModelConfig:
     """Dragging of the goal."""
     rollout: RolloutConfig = field(default_factory=RolloutConfig)
     """Prediction of actions."""
+    settle: SettleConfig = field(default_factory=SettleConfig)
+    """Where a released rod comes to rest."""
 
     def __post_init__(self) -> None:
         if self.nodes < 3:

@@ -35,13 +35,6 @@ def predict(config: ModelConfig, nodes_world: Float64Array, action: PickPlace) -
     return rod.nodes_world
 
 
-def settle(config: ModelConfig, nodes_world: Float64Array, duration_s: float = 2.0) -> Float64Array:
-    """Where a rod laid down as `nodes_world` (M, 3) [m] is after `duration_s`: friction may not hold it."""
-    rod = rod_on_table(config, nodes_world)
-    rod.step(math.ceil(duration_s / config.rollout.timestep_s))
-    return rod.nodes_world
-
-
 def along(poses: tuple[Pose, ...], speed_m_s: float, period_s: float) -> Iterator[Pose]:
     """Poses on a polyline, one every `period_s` at constant speed, the last one included."""
     for start, end in itertools.pairwise(poses):

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 
 from dlokit.description.panda_data import PANDA_GRASP_HEIGHT_M
 from dlokit.description.shapes import TABLE_X_M, TABLE_Y_M
+from dlokit.errors import ConfigError
 
 _TABLE_SLACK_M = 0.03  # a shape may lie a little outside of where the built-in ones do
 
@@ -67,6 +68,36 @@ class FeasibilityConfig:
     """A node must be this far inside the picture [px]."""
     min_bend_radius_m: float = 0.008
     """Tightest bend of a goal [m]."""
+    length_tolerance: float = 0.02
+    """A goal may be this share longer or shorter than the rod."""
+    handled_from_m: float = 0.05
+    """A node of a goal that cannot be grasped is no harm when one this near along the rod can be [m]."""
+    hold_share: float = 0.5
+    """A goal holds when the rod, released there, springs back by no more than this share of the threshold."""
+    stiffness_doubt: float = 1.3
+    """The rod may be stiffer, or softer, than believed by this factor."""
+    friction_doubt: float = 0.7
+    """The table may be smoother than believed by this factor, or rougher by its inverse."""
+    hopeless_factor: float = 1.25
+    """A goal is hopeless when even at best no shape holds that is within this many thresholds of it: what is placed in
+    another way than laid down may stay a little nearer."""
+    nearest_margin: float = 1.1
+    """The nearest shape that holds is sought for a rod that much stiffer still, so that it lies well inside."""
+    nearest_rounds: int = 3
+    """Shapes tried, at most, for the nearest one that holds."""
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.hold_share <= 1.0:
+            raise ConfigError(f"--planning.feasibility.hold-share is {self.hold_share}; it must be above 0, at most 1.")
+        if not self.stiffness_doubt >= 1.0:
+            raise ConfigError(
+                f"--planning.feasibility.stiffness-doubt is {self.stiffness_doubt}; it must be 1 (no doubt) or more."
+            )
+        if not 0.0 < self.friction_doubt <= 1.0:
+            raise ConfigError(
+                f"--planning.feasibility.friction-doubt is {self.friction_doubt}; it must be above 0, at most 1 "
+                f"(no doubt)."
+            )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,7 +3,7 @@
 from dlokit.communication.skill import Skill
 from dlokit.types.action import Marks, PickPlace
 from dlokit.types.dlo import DloState, GoalShape
-from dlokit.types.feasibility import Verdict
+from dlokit.types.feasibility import GoalVerdict, Verdict
 from dlokit.types.strategy import StrategySpec
 
 
@@ -12,8 +12,12 @@ def _propose(shape: DloState, goal: GoalShape, marks: Marks, skip: int = 0) -> P
     ...
 
 
-def _check_goal(goal: GoalShape) -> Verdict:
-    """Whether a goal lies on the table, in reach and view, without crossing itself or bending too tightly."""
+def _judge_goal(goal: GoalShape, threshold_m: float) -> GoalVerdict:
+    """Whether a goal, to be met to `threshold_m` (RMSE) [m], can be reached and would hold; published as well.
+
+    Table, reach, view, self-collision, bends, room for the fingers, and what friction holds, tried in the model.
+    Rejects: bad_shape, bad_threshold.
+    """
     ...
 
 
@@ -35,6 +39,13 @@ PROPOSE = Skill(
     requires="shape and goal have the same number of nodes",
     ensures="the action is reachable, its gripper fits, its node is not marked",
 )
-CHECK_GOAL = Skill("planning", "check_goal", _check_goal, timeout_s=10.0, ensures="the verdict names every problem")
+JUDGE_GOAL = Skill(
+    "planning",
+    "judge_goal",
+    _judge_goal,
+    timeout_s=30.0,
+    requires="the goal has the model's number of nodes",
+    ensures="the verdict names every problem, and the nearest shape found that holds, if any",
+)
 CHECK_START = Skill("planning", "check_start", _check_start, timeout_s=10.0, ensures="the verdict names every problem")
 SET_STRATEGY = Skill("planning", "set_strategy", _set_strategy, timeout_s=5.0)

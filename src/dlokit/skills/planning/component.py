@@ -1,5 +1,6 @@
 """Planning: which node to grasp, and on which path to take it to its goal."""
 
+import math
 from collections.abc import AsyncIterator
 
 from dlokit.communication import topics
@@ -7,16 +8,18 @@ from dlokit.communication.component import Component, implements
 from dlokit.errors import SkillFailure, SkillRejected
 from dlokit.skills.model import rollout
 from dlokit.skills.model.config import ModelConfig
-from dlokit.skills.planning import api, feasibility
+from dlokit.skills.planning import api, holding
 from dlokit.skills.planning.base import ActionStrategy, PlanningTools, Reachable
 from dlokit.skills.planning.config import PlanningConfig
+from dlokit.skills.planning.feasibility import Workplace, check_start
 from dlokit.skills.planning.foresight import untangled
+from dlokit.skills.planning.goal_verdict import judge
+from dlokit.skills.planning.holding import Hold
 from dlokit.skills.planning.strategies import from_spec
 from dlokit.types.action import Action, Marks, PickPlace
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, GoalShape
-from dlokit.types.feasibility import Verdict
-from dlokit.types.image import CameraCalibration
+from dlokit.types.feasibility import GoalVerdict, Verdict
 from dlokit.types.strategy import StrategySpec
 
 
@@ -24,7 +27,7 @@ class PlanningComponent(Component):
     """Planning as a component. It is told whether the arm reaches a pose; all else is on the bus."""
 
     name = "planning"
-    publishes = (topics.ACTION,)
+    publishes = (topics.ACTION, topics.GOAL_VERDICT)
     reads = (topics.OBSERVATION,)
 
     def __init__(self, config: PlanningConfig, reachable: Reachable, model: ModelConfig) -> None:
@@ -64,28 +67,52 @@ class PlanningComponent(Component):
 
         return await untangled(actions, predict, goal.nodes_world, self._config.foresight)
 
-    @implements(api.CHECK_GOAL)
-    async def check_goal(self, goal: GoalShape) -> Verdict:
-        """Whether a goal can be reached and seen."""
-        return feasibility.check_goal(
-            goal.nodes_world, self._config.feasibility, self._config.actions.grasp, self._reachable, self._camera()
+    @implements(api.JUDGE_GOAL)
+    async def judge_goal(self, goal: GoalShape, threshold_m: float) -> GoalVerdict:
+        """Whether a goal can be reached and would hold."""
+        if goal.nodes_world.shape != (self._model.nodes, 3):
+            raise SkillRejected(
+                "bad_shape",
+                f"the goal is {goal.nodes_world.shape} and the model has {self._model.nodes} nodes; "
+                f"set the goal through the model, which gives it as many",
+            )
+        if not (math.isfinite(threshold_m) and threshold_m > 0.0):
+            raise SkillRejected("bad_threshold", f"it is {threshold_m}; it must be a number above 0 [m]")
+
+        async def try_goal(nodes_world: Float64Array) -> Hold:
+            return await self.port.compute(
+                holding.try_goal, self._model, nodes_world, threshold_m, self._config.feasibility
+            )
+
+        verdict = await judge(
+            goal,
+            threshold_m,
+            place=self._workplace(),
+            length_m=self._model.length_m,
+            radius_m=self._model.radius_m,
+            try_goal=try_goal,
         )
+        self.port.publish(topics.GOAL_VERDICT, verdict)
+        return verdict
 
     @implements(api.CHECK_START)
     async def check_start(self, shape: DloState) -> Verdict:
         """Whether the DLO lies where it can be worked with."""
-        return feasibility.check_start(
-            shape.nodes_world, self._config.feasibility, self._config.actions.grasp, self._reachable, self._camera()
-        )
+        return check_start(shape.nodes_world, self._workplace())
 
     @implements(api.SET_STRATEGY)
     async def set_strategy(self, spec: StrategySpec) -> None:
         """Take another strategy."""
         self._strategy = from_spec(spec).build(self._tools)
 
-    def _camera(self) -> CameraCalibration | None:
+    def _workplace(self) -> Workplace:
         seen = self.port.latest(topics.OBSERVATION).value
-        return None if seen is None else seen.calibration
+        return Workplace(
+            config=self._config.feasibility,
+            grasp=self._config.actions.grasp,
+            reachable=self._reachable,
+            calibration=None if seen is None else seen.calibration,
+        )
 
 
 async def _after(actions: AsyncIterator[Action], skip: int) -> AsyncIterator[Action]:

@@ -24,6 +24,7 @@ from dlokit.skills.viewer.run_state import RunState, after_command, after_status
 from dlokit.skills.viewer.scene import Scene, thumbnail
 from dlokit.types.action import PickPlace
 from dlokit.types.dlo import DloState, GoalShape, TargetPoints
+from dlokit.types.feasibility import GoalVerdict
 from dlokit.types.flow import Command, FlowStatus, OperatorCommand
 from dlokit.types.image import StereoImages
 from dlokit.types.observation import Observation
@@ -71,6 +72,7 @@ class ViewerComponent(Component):
         self._goal = Fresh[GoalShape]()
         self._robots: dict[str, Fresh[RobotState]] = {}
         self._action = Fresh[PickPlace]()
+        self._verdict = Fresh[GoalVerdict]()
         self._status = Fresh[FlowStatus]()
 
     @property
@@ -140,6 +142,11 @@ class ViewerComponent(Component):
         self._goal.put(goal)
         self._handles.follow(goal.nodes_world)
 
+    @on(topics.GOAL_VERDICT)
+    async def on_goal_verdict(self, verdict: GoalVerdict) -> None:
+        """Keep the newest."""
+        self._verdict.put(verdict)
+
     @on(topics.ACTION)
     async def on_action(self, action: PickPlace) -> None:
         """Keep the newest."""
@@ -173,6 +180,8 @@ class ViewerComponent(Component):
         self._targets.take(scene.show_targets)
         self._state.take(scene.show_state)
         self._action.take(scene.show_action)
+        if (verdict := self._verdict.value) is not None and self._verdict.fresh:
+            scene.show_verdict(verdict)
         if self._goal.take(scene.show_goal) and not self._handles.dragged:
             frames.place()
 
@@ -183,6 +192,7 @@ class ViewerComponent(Component):
         self._event.take(panel.draw_observer_event)
         if (status := self._status.value) is not None and self._status.fresh and status.outcome is not None:
             scene.hide_action()
+        self._verdict.take(panel.draw_verdict)
         self._status.take(lambda status: panel.draw_status(self._run_state, status, self._lit, self._history))
 
     def _publish_frames(self) -> None:

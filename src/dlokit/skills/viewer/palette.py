@@ -1,6 +1,9 @@
 """Colours of the viewer: each thing has one, in the scene, the legend and the plots."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+
+from dlokit.types.feasibility import Standing
 
 Rgb = tuple[int, int, int]
 
@@ -25,10 +28,18 @@ CLOUD = Layer("Cloud", (245, 158, 11))
 TARGETS = Layer("Target points", (219, 39, 119))
 STATE = Layer("Model state", (37, 99, 235))
 GOAL = Layer("Goal", (22, 163, 74))
+NEAREST = Layer("Nearest that holds", (13, 148, 136))
 ACTION = Layer("Next action", (147, 51, 234))
 
-LAYERS = (STATE, GOAL, TARGETS, CLOUD, ACTION, ROBOT, CAMERA)
+LAYERS = (STATE, GOAL, NEAREST, TARGETS, CLOUD, ACTION, ROBOT, CAMERA)
 """In the order of the legend."""
+
+VERDICTS: Mapping[Standing, Rgb] = {
+    Standing.HOLDS: (22, 163, 74),
+    Standing.DOUBTFUL: (217, 119, 6),
+    Standing.INFEASIBLE: (220, 38, 38),
+}
+"""What is to be expected of a goal."""
 
 TABLE_RGB: Rgb = (168, 156, 138)
 TABLE_AREA_RGB: Rgb = (120, 108, 92)

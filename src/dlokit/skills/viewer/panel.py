@@ -18,6 +18,7 @@ from dlokit.skills.viewer.loop_gate import LoopGate
 from dlokit.skills.viewer.palette import Layer
 from dlokit.skills.viewer.run_state import RunState
 from dlokit.types.arrays import UInt8Array
+from dlokit.types.feasibility import GoalVerdict
 from dlokit.types.flow import Command, FlowStatus
 from dlokit.types.observer_event import ObserverEvent, ObserverEventKind
 
@@ -51,6 +52,7 @@ class Panel:
         self._gui.main_panel.set_width(_WIDTH_PX)
         self._status = self._gui.add_html(status_html(RunState.WAITING, None, threshold_m))
         self._observer = self._gui.add_html("", visible=False)
+        self._verdict = self._gui.add_html("")
         self._gui.add_html(legend_html(palette.LAYERS))
         self._add_buttons(command, shape_it, reset_frames)
         tabs = self._gui.add_tab_group()
@@ -73,6 +75,10 @@ class Panel:
         """Show that the observer lost the DLO, until it has found it again."""
         self._observer.content = observer_html(event)
         self._observer.visible = event.kind is not ObserverEventKind.FOUND_AGAIN
+
+    def draw_verdict(self, verdict: GoalVerdict) -> None:
+        """Show what was said of the goal."""
+        self._verdict.content = verdict_html(verdict)
 
     def draw_picture(self, picture: UInt8Array) -> None:
         """Show what the left camera saw."""
@@ -144,6 +150,15 @@ def observer_html(event: ObserverEvent) -> str:
     """One line of what the observer tells."""
     reason = "" if event.reason is None else f": {event.reason.value.replace('_', ' ')}"
     return _note(f"Observer, {event.kind.value.replace('_', ' ')}{reason} (health {event.health:.2f})")
+
+
+def verdict_html(verdict: GoalVerdict) -> str:
+    """What was said of the goal: the verdict, and why."""
+    return (
+        f'<div data-verdict="{verdict.standing.value}" style="margin:0.2em 0.8em;padding:0.3em 0.6em;font-size:0.85em;'
+        f"color:{palette.INK};border-left:0.3em solid {palette.css(palette.VERDICTS[verdict.standing])}"
+        f'">{escape(verdict.text)}</div>'
+    )
 
 
 def legend_html(layers: Sequence[Layer]) -> str:

@@ -14,6 +14,7 @@ from dlokit.skills.viewer.tube import tube_faces, tube_vertices
 from dlokit.types.action import PickPlace
 from dlokit.types.arrays import Float32Array, Float64Array, UInt8Array
 from dlokit.types.dlo import DloState, GoalShape, TargetPoints
+from dlokit.types.feasibility import GoalVerdict
 from dlokit.types.image import StereoImages
 from dlokit.types.observation import Observation
 from dlokit.types.robot import RobotState
@@ -90,6 +91,15 @@ class Scene:
     def show_goal(self, goal: GoalShape) -> None:
         """The rod as it is wanted."""
         self._tube(palette.GOAL, "rod", goal.nodes_world, 0.7)
+
+    def show_verdict(self, verdict: GoalVerdict) -> None:
+        """The nearest shape that holds, as a ghost beside a goal that does not; nothing beside one that does."""
+        if verdict.nearest_world is None:
+            name = f"{self._roots[palette.NEAREST].name}/rod"
+            if self._tubes.pop(name, None) is not None:
+                self._scene.remove_by_name(name)
+            return
+        self._tube(palette.NEAREST, "rod", verdict.nearest_world, 0.4)
 
     def show_action(self, action: PickPlace) -> None:
         """The proposed action: a ghost of the gripper at the grasp and at the release, and the path between."""

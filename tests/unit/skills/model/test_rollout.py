@@ -6,7 +6,8 @@ import pytest
 from dlokit import geometry
 from dlokit.description.shapes import builtin_shape
 from dlokit.skills.model.config import ModelConfig
-from dlokit.skills.model.rollout import along, predict, settle
+from dlokit.skills.model.rollout import along, predict
+from dlokit.skills.model.settling import settle
 from dlokit.types.action import Grasp, PickPlace, VelocityProfile
 
 CONFIG = ModelConfig()

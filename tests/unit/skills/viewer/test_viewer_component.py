@@ -76,5 +76,6 @@ def test_the_viewer_publishes_commands_and_frames_and_sees_every_layer() -> None
         topics.STATE,
         topics.GOAL,
         topics.ACTION,
+        topics.GOAL_VERDICT,
         topics.FLOW,
     }
