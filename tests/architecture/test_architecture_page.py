@@ -29,12 +29,12 @@ def test_the_page_fits_a_page_without_its_charts() -> None:
 
 def test_a_stale_chart_is_renewed_and_the_text_around_it_stays(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
-    page.write_text("before\n<!-- dlokit graph flow -->\nold\n<!-- end -->\nafter\n", encoding="utf-8")
+    page.write_text("before\n<!-- dlokit graph flow -->\nstale\n<!-- end -->\nafter\n", encoding="utf-8")
     assert run(GraphArgs(write=page)) == 0
     written = page.read_text(encoding="utf-8")
     assert written.startswith("before\n<!-- dlokit graph flow -->\n```mermaid\nflowchart TD\n")
     assert written.endswith("```\n<!-- end -->\nafter\n")
-    assert "old" not in written
+    assert "stale" not in written
     assert with_charts(written) == written
 
 

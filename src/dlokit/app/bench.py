@@ -14,6 +14,7 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
+from dlokit.app.bench_feasibility import FeasibilityArgs, run_feasibility
 from dlokit.app.bench_observers import ObserversArgs, run_observers
 from dlokit.app.environment import prepare_environment
 from dlokit.app.machine import machine_facts
@@ -165,7 +166,8 @@ class BenchArgs:
     which: Annotated[
         Annotated[ShapingArgs, tyro.conf.subcommand("shaping")]
         | Annotated[SimulationArgs, tyro.conf.subcommand("simulation")]
-        | Annotated[ObserversArgs, tyro.conf.subcommand("observers")],
+        | Annotated[ObserversArgs, tyro.conf.subcommand("observers")]
+        | Annotated[FeasibilityArgs, tyro.conf.subcommand("feasibility")],
         tyro.conf.arg(name=""),
     ]
     """Which bench."""
@@ -180,3 +182,5 @@ def run(args: BenchArgs) -> int:
             return run_simulation(simulation)
         case ObserversArgs() as observers:
             return run_observers(observers)
+        case FeasibilityArgs() as feasibility:
+            return run_feasibility(feasibility)

@@ -72,9 +72,9 @@ def spring_back(verdict: GoalVerdict) -> str:
     goal = verdict.goal_world
     axes.plot(goal[:, 0], goal[:, 1], color=_GOAL, linewidth=9, alpha=0.35, solid_capstyle="round", label="goal")
     for number, release in enumerate(verdict.releases):
-        nodes, label = release.nodes_world, "released there" if number == 0 else "in doubt"
-        style = {"color": _TRUTH, "linewidth": 2.2} if number == 0 else {"color": _MUTED, "linewidth": 1.0}
-        axes.plot(nodes[:, 0], nodes[:, 1], label=label if number < 2 else "_nolegend_", **style)
+        nodes, label = release.nodes_world, ("released there", "in doubt", "_nolegend_")[min(number, 2)]
+        color, width = (_TRUTH, 2.2) if number == 0 else (_MUTED, 1.0)
+        axes.plot(nodes[:, 0], nodes[:, 1], color=color, linewidth=width, label=label)
     if verdict.nearest_world is not None:
         _rope(axes, verdict.nearest_world, _FINAL, 2.0, "nearest that holds", dashed=True)
     axes.legend(loc="upper left", bbox_to_anchor=(1.02, 1.0), frameon=False, labelcolor=_INK, fontsize=_FONT_PT)

@@ -11,7 +11,7 @@ from dlokit.types.flow import RunOutcome
 
 FIELDS = [
     *("outcome", "reason", "actions", "rmse_m", "true_rmse_m", "threshold_m", "seed", "sim_time_s"),
-    *("wall_time_s", "planning_time_s", "history", "config_hash", "version", "episode"),
+    *("wall_time_s", "planning_time_s", "history", "config_hash", "version", "episode", "goal_verdict"),
 ]
 ACTION_FIELDS = ["action", "grasp_node", "grasp_ok", "rmse_m", "true_rmse_m", "duration_s"]
 

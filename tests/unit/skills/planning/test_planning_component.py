@@ -19,6 +19,7 @@ from dlokit.skills.planning.farthest import FarthestConfig
 from dlokit.skills.planning.strategies import strategies, to_spec
 from dlokit.types.action import Marks
 from dlokit.types.dlo import DloState, GoalShape, Topology
+from dlokit.types.feasibility import Standing
 from dlokit.types.outcome import Failed, Rejected, Succeeded
 from dlokit.types.pose import Pose
 from dlokit.types.strategy import StrategySpec
@@ -34,7 +35,7 @@ class Caller(Component):
     """Who asks."""
 
     name = "caller"
-    reads = (topics.ACTION,)
+    reads = (topics.ACTION, topics.GOAL_VERDICT)
 
 
 def everywhere(T: Pose) -> bool:
@@ -104,12 +105,28 @@ def test_shapes_of_different_counts_are_rejected() -> None:
 def test_verdicts_travel() -> None:
     async def check(port: Port) -> None:
         off = GoalShape(stamp_ns=0, nodes_world=moved(I_SHAPE, (0.0, 0.4)))
-        goal = await port.call(api.CHECK_GOAL, off)
+        goal = await port.call(api.JUDGE_GOAL, off, 0.012)
         assert isinstance(goal, Succeeded)
+        assert goal.result.standing is Standing.INFEASIBLE
         assert goal.result.reason == "off_table"
+        published = port.latest(topics.GOAL_VERDICT).value
+        assert published is not None
+        assert published.text == goal.result.text
         start = await port.call(api.CHECK_START, SHAPE)
         assert isinstance(start, Succeeded)
         assert start.result.feasible
+
+    with_planning(check)
+
+
+def test_what_cannot_be_judged_is_rejected_with_what_is_allowed() -> None:
+    async def check(port: Port) -> None:
+        few = await port.call(api.JUDGE_GOAL, GoalShape(stamp_ns=0, nodes_world=I_SHAPE[:20]), 0.012)
+        assert isinstance(few, Rejected)
+        assert few.reason == "bad_shape"
+        none = await port.call(api.JUDGE_GOAL, GOAL, 0.0)
+        assert isinstance(none, Rejected)
+        assert none.reason == "bad_threshold"
 
     with_planning(check)
 
