@@ -11,7 +11,7 @@ from dlokit.skills.observer import api as observer
 from dlokit.skills.perception import api as perception
 from dlokit.skills.planning import api as planning
 from dlokit.system.lockstep import LockstepSystem
-from dlokit.types.action import Marks, PickPlace
+from dlokit.types.action import Action, Marks
 from dlokit.types.arrays import Int64Array
 from dlokit.types.dlo import DloState, GoalShape
 
@@ -30,6 +30,6 @@ async def goal_named(system: LockstepSystem, name: str) -> GoalShape:
     return result_of(await system.transport.call(model.SET_GOAL, builtin_shape(name, 0.5, 101), name))
 
 
-async def proposed(system: LockstepSystem, state: DloState, goal: GoalShape, marked: Int64Array) -> PickPlace:
+async def proposed(system: LockstepSystem, state: DloState, goal: GoalShape, marked: Int64Array) -> Action:
     """The planner's best action, grasps at `marked` nodes left out."""
     return result_of(await system.transport.call(planning.PROPOSE, state, goal, Marks(invalid_nodes=marked)))

@@ -14,8 +14,11 @@ from dlokit.skills.model.config import ModelConfig
 from dlokit.skills.model.rod import topology
 from dlokit.skills.planning.actions import ActionConfig
 from dlokit.skills.planning.base import PlanningTools, StrategyConfig
+from dlokit.skills.planning.rollouts.search import SearchConfig
+from dlokit.skills.planning.rollouts.strategy import RolloutConfig
 from dlokit.skills.planning.strategies import OURS, from_spec, to_spec
-from dlokit.types.action import Marks, PickPlace
+from dlokit.types.action import Action, Drag, Marks
+from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, GoalShape
 from dlokit.types.pose import Pose
 from dlokit.types.strategy import StrategySpec
@@ -26,6 +29,8 @@ STARTS = {
     "moved": moved(builtin_shape("I", MODEL.length_m, MODEL.nodes), (0.05, 0.05), 0.7),
     "random": random_shape(np.random.default_rng(3), MODEL.length_m, MODEL.nodes),
 }
+SHORT = RolloutConfig(search=SearchConfig(rollouts=40, finalists=2, generations=1))
+"""What holds of every action needs no long search."""
 GOAL = GoalShape(stamp_ns=0, nodes_world=builtin_shape("S", MODEL.length_m, MODEL.nodes))
 
 pytestmark = pytest.mark.parametrize("config", OURS, ids=lambda config: config.name)
@@ -40,15 +45,25 @@ def proposals(
     start: str,
     marked: tuple[int, ...] = (),
     reachable: Callable[[Pose], bool] = everywhere,
-) -> list[PickPlace]:
-    strategy = config().build(PlanningTools(reachable=reachable, actions=ActionConfig()))
+) -> list[Action]:
+    settings = SHORT if config is RolloutConfig else config()
+    strategy = settings.build(PlanningTools(reachable=reachable, actions=ActionConfig(), model=MODEL))
     shape = DloState(stamp_ns=5, nodes_world=STARTS[start], topology=topology(MODEL))
     marks = Marks(invalid_nodes=np.array(marked, dtype=np.int64))
 
-    async def collect() -> list[PickPlace]:
+    async def collect() -> list[Action]:
         return [action async for action in strategy.propose(shape, GOAL, marks)]
 
     return asyncio.run(collect())
+
+
+def yaw_rad(T: Pose) -> float:
+    R = geometry.rotation(T)
+    return float(np.arctan2(R[1, 0], R[0, 0]))
+
+
+def wrapped(angles_rad: Float64Array) -> Float64Array:
+    return (angles_rad + np.pi) % (2.0 * np.pi) - np.pi
 
 
 @pytest.mark.parametrize("start", list(STARTS))
@@ -61,10 +76,14 @@ def test_every_action_can_be_executed_as_it_stands(config: type[StrategyConfig],
         # The grasp is on the rod, at most the inset from an end and half a segment off its node.
         distance = np.linalg.norm(action.grasp.T_world_tcp.position_m[:2] - STARTS[start][action.grasp.node, :2])
         assert distance < 0.02
+        yaws = [yaw_rad(pose) for pose in (action.grasp.T_world_tcp, *action.path)]
+        # Further apart, the arm could turn the short way round where the long one is meant.
+        assert np.abs(wrapped(np.diff(yaws))).max() < 0.5
         for pose in (action.grasp.T_world_tcp, *action.path):
             assert geometry.rotation(pose)[2, 2] == pytest.approx(-1.0)
         assert action.path[-1].position_m[2] == pytest.approx(action.grasp.T_world_tcp.position_m[2])
-        assert max(pose.position_m[2] for pose in action.path) > action.path[-1].position_m[2] + 0.02
+        lifted_m = max(pose.position_m[2] for pose in action.path) - action.path[-1].position_m[2]
+        assert lifted_m < 0.01 if isinstance(action, Drag) else lifted_m > 0.019
         assert min(action.velocity.speed_m_s, action.velocity.acceleration_m_s2, action.velocity.jerk_m_s3) > 0.0
 
 

@@ -5,4 +5,11 @@ from typing import TypeVar
 
 _F = TypeVar("_F", bound=Callable[..., object])
 
-def njit(*, cache: bool = False, fastmath: bool | set[str] = False, inline: str = "never") -> Callable[[_F], _F]: ...
+def njit(
+    *,
+    cache: bool = False,
+    fastmath: bool | set[str] = False,
+    inline: str = "never",
+    nogil: bool = False,
+    error_model: str = "python",
+) -> Callable[[_F], _F]: ...

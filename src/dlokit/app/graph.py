@@ -3,10 +3,11 @@
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal, get_args
 
 import tyro
 
+from dlokit.communication.topic import Topic
 from dlokit.communication.topics import TOPICS
 from dlokit.decision.flow import mermaid
 from dlokit.decision.shape_flow import SHAPE_DLO
@@ -38,9 +39,14 @@ def topics_mermaid() -> str:
     lines += [f"    {name}[{name}]" for name in sorted(COMPONENTS)]
     for topic in TOPICS:
         readers = [name for name, component in COMPONENTS.items() if topic in component.subscribes()]
-        label = f"{topic.name}<br/>{topic.type.__name__}"
+        label = f"{topic.name}<br/>{_type_name(topic)}"
         lines += [f'    {topic.publisher} -->|"{label}"| {reader}' for reader in sorted(readers)]
     return "\n".join(lines) + "\n"
+
+
+def _type_name(topic: Topic[Any]) -> str:
+    members = get_args(topic.type) or (topic.type,)
+    return " or ".join(member.__name__ for member in members)
 
 
 def processes_mermaid() -> str:

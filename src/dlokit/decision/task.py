@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 from dlokit.communication.port import Port
 from dlokit.decision.config import TaskConfig
-from dlokit.types.action import PickPlace
+from dlokit.types.action import Action
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, GoalShape
 from dlokit.types.feasibility import GoalVerdict, Standing
@@ -101,7 +101,7 @@ class ShapeTask:
     start: DloState | None = None
     errors_m: list[float] = field(default_factory=list[float])
     marks: set[int] = field(default_factory=set[int])
-    action: PickPlace | None = None
+    action: Action | None = None
     action_started_ns: int = 0
     before_world: Float64Array | None = None
     """The shape (M, 3) [m] that the action under way was chosen for."""
@@ -120,7 +120,7 @@ class ShapeTask:
         return self.verdict.standing is not Standing.HOLDS
 
     @property
-    def chosen(self) -> PickPlace:
+    def chosen(self) -> Action:
         """The action under way."""
         assert self.action is not None, "an action is chosen before the robot moves"
         return self.action

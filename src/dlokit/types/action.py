@@ -23,19 +23,36 @@ class Grasp(Value, frozen=True, kw_only=True, eq=False):
     """Finger opening on approach [m]."""
 
 
-class PickPlace(Message, frozen=True, kw_only=True, eq=False, tag=True):
-    """Grasp a node, carry it along a path above the table, release it."""
+class Held(Message, frozen=True, kw_only=True, eq=False):
+    """One grasp-to-release: take hold of a node, move on a path, let go. Its kinds differ in what the path does."""
 
     grasp: Grasp
     path: tuple[Pose, ...]
-    """Tool poses from the grasp to the release, without the grasp itself: lift, carry, lower."""
+    """Tool poses from the grasp to the release, without the grasp itself."""
     velocity: VelocityProfile
     predicted_nodes_world: Float64Array | None = None  # (M, 3) [m] shape expected after it; None: not predicted
     robot: str = "panda"
 
 
-Action = PickPlace
-"""Every kind of action; becomes a tagged union as kinds are added."""
+class PickPlace(Held, frozen=True, kw_only=True, eq=False, tag="pick-and-place"):
+    """Grasp a node, carry it along a path above the table, release it."""
+
+
+class Drag(Held, frozen=True, kw_only=True, eq=False, tag="drag"):
+    """Grasp a node and draw it over the table, without lifting the rod."""
+
+
+class LayDown(Held, frozen=True, kw_only=True, eq=False, tag="lay-down"):
+    """Grasp near an end, lift most of the rod, and lay it down along a curve."""
+
+
+Action = PickPlace | Drag | LayDown
+"""Every kind of action."""
+
+
+def kind_of(action: Action) -> str:
+    """The kind of an action, in words."""
+    return str(action.__struct_config__.tag)
 
 
 class Marks(Value, frozen=True, kw_only=True, eq=False):

@@ -1,7 +1,7 @@
 """What the model can be asked to do."""
 
 from dlokit.communication.skill import Skill
-from dlokit.types.action import PickPlace
+from dlokit.types.action import Action
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, GoalShape
 from dlokit.types.flow import GoalFrame
@@ -22,7 +22,7 @@ def _build_goal(frames: tuple[GoalFrame, ...]) -> GoalShape:
     ...
 
 
-def _predict(action: PickPlace, state: DloState) -> DloState:
+def _predict(action: Action, state: DloState) -> DloState:
     """The shape that an action would leave, with the model's friction and stiffness. Rejects: bad_shape."""
     ...
 

@@ -20,7 +20,7 @@ from dlokit.skills.model.config import ModelConfig
 from dlokit.skills.model.goal import GoalRod
 from dlokit.skills.model.rod import topology
 from dlokit.skills.model.tracking import Tracker
-from dlokit.types.action import PickPlace
+from dlokit.types.action import Action
 from dlokit.types.arrays import BoolArray, Float64Array
 from dlokit.types.dlo import DloState, GoalShape, TargetPoints
 from dlokit.types.flow import GoalFrame, GoalFrames
@@ -128,7 +128,7 @@ class ModelComponent(Component):
         return self._drag_goal(frames, rounds=_BUILD_ROUNDS)
 
     @implements(api.PREDICT)
-    async def predict(self, action: PickPlace, state: DloState) -> DloState:
+    async def predict(self, action: Action, state: DloState) -> DloState:
         """The shape that an action would leave."""
         _require_curve(state.nodes_world)
         if not 0 <= action.grasp.node < self._config.nodes or len(state.nodes_world) != self._config.nodes:

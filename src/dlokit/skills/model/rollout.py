@@ -11,14 +11,14 @@ from dlokit import geometry
 from dlokit.skills.model.config import ModelConfig
 from dlokit.skills.model.grip import take_hold
 from dlokit.skills.model.rod import RodModel, fit_length
-from dlokit.types.action import PickPlace
+from dlokit.types.action import Action
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
 
 _STRIDE = 4  # physics steps between two updates of the tool's pose
 
 
-def predict(config: ModelConfig, nodes_world: Float64Array, action: PickPlace) -> Float64Array:
+def predict(config: ModelConfig, nodes_world: Float64Array, action: Action) -> Float64Array:
     """The shape (M, 3) [m] some time after `action` was done to a rod at `nodes_world` (M, 3)."""
     rod = rod_on_table(config, nodes_world)
     poses = (action.grasp.T_world_tcp, *action.path)

@@ -1,13 +1,13 @@
 """What planning can be asked to do."""
 
 from dlokit.communication.skill import Skill
-from dlokit.types.action import Marks, PickPlace
+from dlokit.types.action import Action, Marks
 from dlokit.types.dlo import DloState, GoalShape
 from dlokit.types.feasibility import GoalVerdict, Verdict
 from dlokit.types.strategy import StrategySpec
 
 
-def _propose(shape: DloState, goal: GoalShape, marks: Marks, skip: int = 0) -> PickPlace:
+def _propose(shape: DloState, goal: GoalShape, marks: Marks, skip: int = 0) -> Action:
     """The best valid action, or the next best after `skip` others; published as well. Fails with: no_valid_grasp."""
     ...
 

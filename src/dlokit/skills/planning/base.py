@@ -1,10 +1,12 @@
 """What an action strategy is."""
 
 from collections.abc import AsyncIterator, Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar, Protocol
 
-from dlokit.skills.planning.actions import ActionConfig
+from dlokit.communication.compute import Compute, InlineCompute
+from dlokit.skills.model.config import ModelConfig
+from dlokit.skills.planning.actions import ActionConfig, FeasibilityConfig
 from dlokit.types.action import Action, Marks
 from dlokit.types.dlo import DloState, GoalShape
 from dlokit.types.pose import Pose
@@ -31,6 +33,12 @@ class PlanningTools:
 
     reachable: Reachable
     actions: ActionConfig
+    model: ModelConfig = field(default_factory=ModelConfig)
+    """The rod that actions are played through with."""
+    table: FeasibilityConfig = field(default_factory=FeasibilityConfig)
+    """Where the rod may lie."""
+    compute: Compute = field(default_factory=InlineCompute)
+    """Where heavy work goes."""
 
 
 class StrategyConfig(Protocol):

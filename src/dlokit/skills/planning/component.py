@@ -1,7 +1,8 @@
 """Planning: which node to grasp, and on which path to take it to its goal."""
 
 import math
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
+from typing import ParamSpec, TypeVar
 
 from dlokit.communication import topics
 from dlokit.communication.component import Component, implements
@@ -16,11 +17,14 @@ from dlokit.skills.planning.foresight import untangled
 from dlokit.skills.planning.goal_verdict import judge
 from dlokit.skills.planning.holding import Hold
 from dlokit.skills.planning.strategies import from_spec
-from dlokit.types.action import Action, Marks, PickPlace
+from dlokit.types.action import Action, Marks
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, GoalShape
 from dlokit.types.feasibility import GoalVerdict, Verdict
 from dlokit.types.strategy import StrategySpec
+
+P = ParamSpec("P")
+R = TypeVar("R")
 
 
 class PlanningComponent(Component):
@@ -36,11 +40,17 @@ class PlanningComponent(Component):
         self._model = model
         self._config = config
         self._reachable = reachable
-        self._tools = PlanningTools(reachable=reachable, actions=config.actions)
+        self._tools = PlanningTools(
+            reachable=reachable,
+            actions=config.actions,
+            model=model,
+            table=config.feasibility,
+            compute=self._compute,
+        )
         self._strategy: ActionStrategy = config.strategy.build(self._tools)
 
     @implements(api.PROPOSE)
-    async def propose(self, shape: DloState, goal: GoalShape, marks: Marks, skip: int = 0) -> PickPlace:
+    async def propose(self, shape: DloState, goal: GoalShape, marks: Marks, skip: int = 0) -> Action:
         """The best valid action, after `skip` others."""
         if shape.nodes_world.shape != goal.nodes_world.shape:
             raise SkillRejected(
@@ -63,9 +73,15 @@ class PlanningComponent(Component):
             return await anext(actions, None)
 
         async def predict(action: Action) -> Float64Array:
+            if action.predicted_nodes_world is not None:
+                return action.predicted_nodes_world
             return await self.port.compute(rollout.predict, self._model, shape.nodes_world, action)
 
         return await untangled(actions, predict, goal.nodes_world, self._config.foresight)
+
+    async def _compute(self, function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
+        # Strategies are built before there is a port.
+        return await self.port.compute(function, *args, **kwargs)
 
     @implements(api.JUDGE_GOAL)
     async def judge_goal(self, goal: GoalShape, threshold_m: float) -> GoalVerdict:

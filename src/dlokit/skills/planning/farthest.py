@@ -23,11 +23,22 @@ class FarthestConfig:
         return Farthest(tools)
 
 
+@dataclass(frozen=True, kw_only=True)
+class FarthestTangentConfig:
+    """As farthest, but only with nodes that the gripper can turn all the way to the goal's tangent."""
+
+    name: ClassVar[str] = "farthest-tangent"
+
+    def build(self, tools: PlanningTools) -> "Farthest":
+        """The strategy with these settings."""
+        return Farthest(tools, whole_turn=True)
+
+
 class Farthest:
     """Nodes in the order of their distance to the goal, the farthest first; invalid ones are passed over (Fig. 6)."""
 
-    def __init__(self, tools: PlanningTools) -> None:
-        self._tools = tools
+    def __init__(self, tools: PlanningTools, *, whole_turn: bool = False) -> None:
+        self._tools, self._whole_turn = tools, whole_turn
 
     async def propose(self, shape: DloState, goal: GoalShape, marks: Marks) -> AsyncIterator[Action]:
         """Valid actions, the node farthest from its goal first."""
@@ -38,6 +49,6 @@ class Farthest:
         for node in np.argsort(-distance_m, kind="stable"):
             if int(node) in marked:
                 continue
-            action = take_to_goal(shape, goal_world, int(node), self._tools)
+            action = take_to_goal(shape, goal_world, int(node), self._tools, whole_turn=self._whole_turn)
             if not isinstance(action, Invalid):
                 yield action

@@ -27,8 +27,13 @@ class Invalid(enum.Enum):
     OUT_OF_REACH = "out_of_reach"
 
 
-def take_to_goal(shape: DloState, goal_world: Float64Array, node: int, tools: PlanningTools) -> PickPlace | Invalid:
-    """The action that takes `node` of `shape` to its place in `goal_world` (M, 3) [m], if the gripper can."""
+def take_to_goal(
+    shape: DloState, goal_world: Float64Array, node: int, tools: PlanningTools, *, whole_turn: bool = False
+) -> PickPlace | Invalid:
+    """The action that takes `node` of `shape` to its place in `goal_world` (M, 3) [m], if the gripper can.
+
+    With `whole_turn` the gripper turns the rod all the way to the goal's tangent, or the action is invalid.
+    """
     grasp, path = tools.actions.grasp, tools.actions.path
     nodes = shape.nodes_world
     share = grasp_share(nodes, node, grasp.end_inset_m)
@@ -36,9 +41,10 @@ def take_to_goal(shape: DloState, goal_world: Float64Array, node: int, tools: Pl
     opening_m = fitting_opening_m(nodes, here, grasp)
     if opening_m is None:
         return Invalid.GRIPPER_DOES_NOT_FIT
-    turn = wrapped(there.yaw_rad - here.yaw_rad) if path.turn_to_goal_tangent else 0.0
+    whole = wrapped(there.yaw_rad - here.yaw_rad)
+    part = float(np.clip(whole, -path.largest_turn_rad, path.largest_turn_rad)) if path.turn_to_goal_tangent else 0.0
     # A carry with a turn may be out of reach where one without is not.
-    for turn_rad in dict.fromkeys((float(np.clip(turn, -path.largest_turn_rad, path.largest_turn_rad)), 0.0)):
+    for turn_rad in (whole,) if whole_turn else dict.fromkeys((part, 0.0)):
         yaw = grasp_yaw(here, turn_rad, grasp)
         T_world_tcp = grasp_pose(here, yaw, grasp)
         end = np.array([*there.position_world[:2], grasp.height_m])

@@ -6,9 +6,10 @@ import tyro
 
 from dlokit.communication.strategy_kinds import StrategyKind
 from dlokit.skills.planning.base import StrategyConfig
-from dlokit.skills.planning.farthest import FarthestConfig
+from dlokit.skills.planning.farthest import FarthestConfig, FarthestTangentConfig
+from dlokit.skills.planning.rollouts.strategy import RolloutConfig
 
-OURS: tuple[type[StrategyConfig], ...] = (FarthestConfig,)
+OURS: tuple[type[StrategyConfig], ...] = (FarthestConfig, FarthestTangentConfig, RolloutConfig)
 """Strategies that ship with dlokit, the paper's first."""
 
 PLANNERS: StrategyKind[StrategyConfig] = StrategyKind("action strategy", "dlokit.planners", OURS)

@@ -22,7 +22,7 @@ from dlokit.skills.viewer.page import close_page, open_page
 from dlokit.skills.viewer.panel import Panel
 from dlokit.skills.viewer.run_state import RunState, after_command, after_status
 from dlokit.skills.viewer.scene import Scene, thumbnail
-from dlokit.types.action import PickPlace
+from dlokit.types.action import Action
 from dlokit.types.dlo import DloState, GoalShape, TargetPoints
 from dlokit.types.feasibility import GoalVerdict
 from dlokit.types.flow import Command, FlowStatus, OperatorCommand
@@ -71,7 +71,7 @@ class ViewerComponent(Component):
         self._state = Fresh[DloState]()
         self._goal = Fresh[GoalShape]()
         self._robots: dict[str, Fresh[RobotState]] = {}
-        self._action = Fresh[PickPlace]()
+        self._action = Fresh[Action]()
         self._verdict = Fresh[GoalVerdict]()
         self._status = Fresh[FlowStatus]()
 
@@ -148,7 +148,7 @@ class ViewerComponent(Component):
         self._verdict.put(verdict)
 
     @on(topics.ACTION)
-    async def on_action(self, action: PickPlace) -> None:
+    async def on_action(self, action: Action) -> None:
         """Keep the newest."""
         self._action.put(action)
 

@@ -11,7 +11,7 @@ from dlokit.skills.viewer.config import ViewerConfig
 from dlokit.skills.viewer.palette import Layer
 from dlokit.skills.viewer.robot_figure import GripperGhost, MeshStore, RobotFigure, place
 from dlokit.skills.viewer.tube import tube_faces, tube_vertices
-from dlokit.types.action import PickPlace
+from dlokit.types.action import Action
 from dlokit.types.arrays import Float32Array, Float64Array, UInt8Array
 from dlokit.types.dlo import DloState, GoalShape, TargetPoints
 from dlokit.types.feasibility import GoalVerdict
@@ -101,7 +101,7 @@ class Scene:
             return
         self._tube(palette.NEAREST, "rod", verdict.nearest_world, 0.4)
 
-    def show_action(self, action: PickPlace) -> None:
+    def show_action(self, action: Action) -> None:
         """The proposed action: a ghost of the gripper at the grasp and at the release, and the path between."""
         root = self._roots[palette.ACTION].name
         color = palette.ACTION.color

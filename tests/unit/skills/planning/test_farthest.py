@@ -4,11 +4,12 @@ import asyncio
 
 import numpy as np
 
-from dlokit.description.shapes import builtin_shape
+from dlokit import geometry
+from dlokit.description.shapes import builtin_shape, moved
 from dlokit.skills.planning.actions import ActionConfig, PathConfig
 from dlokit.skills.planning.base import PlanningTools
-from dlokit.skills.planning.farthest import Farthest
-from dlokit.types.action import Marks, PickPlace
+from dlokit.skills.planning.farthest import Farthest, FarthestConfig, FarthestTangentConfig
+from dlokit.types.action import Action, Marks
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, GoalShape, Topology
 from dlokit.types.pose import Pose
@@ -35,7 +36,7 @@ def proposals(
     config: ActionConfig | None = None,
     unreachable_x_m: float = 9.0,
     ends_interchangeable: bool = False,
-) -> list[PickPlace]:
+) -> list[Action]:
     def reachable(T: Pose) -> bool:
         return float(T.position_m[0]) < unreachable_x_m
 
@@ -44,7 +45,7 @@ def proposals(
     wanted = GoalShape(stamp_ns=0, nodes_world=goal, ends_interchangeable=ends_interchangeable)
     marks = Marks(invalid_nodes=np.array(marked, dtype=np.int64))
 
-    async def collect() -> list[PickPlace]:
+    async def collect() -> list[Action]:
         return [action async for action in strategy.propose(shape, wanted, marks)]
 
     return asyncio.run(collect())
@@ -102,3 +103,21 @@ def test_the_gripper_keeps_its_orientation_when_it_is_told_to() -> None:
     assert np.allclose(node_24.path[-1].wxyz, node_24.grasp.T_world_tcp.wxyz)
     turned = next(action for action in proposals(bulged(20), I_SHAPE) if action.grasp.node == 24)
     assert not np.allclose(turned.path[-1].wxyz, turned.grasp.T_world_tcp.wxyz, atol=1e-3)
+
+
+def test_with_the_whole_tangent_nodes_are_passed_over_for_which_the_wrist_has_no_room() -> None:
+    def narrow(T: Pose) -> bool:
+        # Room for half of the turn that the goal asks for, from where the rod lies.
+        R = geometry.rotation(T)
+        return bool(abs(abs(np.arctan2(R[1, 0], R[0, 0])) - np.pi / 2) < 0.6)
+
+    tools = PlanningTools(reachable=narrow, actions=ActionConfig())
+    shape = DloState(stamp_ns=7, nodes_world=I_SHAPE, topology=TOPOLOGY)
+    goal = GoalShape(stamp_ns=0, nodes_world=moved(I_SHAPE, (0.0, 0.0), 1.2))
+    marks = Marks(invalid_nodes=np.array([], dtype=np.int64))
+
+    async def count(strategy: Farthest) -> int:
+        return len([action async for action in strategy.propose(shape, goal, marks)])
+
+    assert asyncio.run(count(FarthestConfig().build(tools))) > 0  # it carries the node without turning it
+    assert asyncio.run(count(FarthestTangentConfig().build(tools))) == 0

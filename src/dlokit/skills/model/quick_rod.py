@@ -1,0 +1,207 @@
+"""The rod of planning: fast enough to play hundreds of actions through where the model of the state plays a few.
+
+Node i has a position x_i and a roll u_i (its angle times the radius). One implicit Euler step of length h solves
+
+    (M + h C + h² K) v' = M v + h f(x),    x' = x + h v',
+
+with the linear bending energy EI / (2 l³) Σ |x_{i-1} - 2 x_i + x_{i+1}|² (Bergou et al., *A Quadratic Bending Model
+for Inextensible Surfaces*, SGP 2006), twist GJ / (2 l) Σ (φ_{i+1} - φ_i)², stiff edges, Rayleigh damping, a stiff
+table, and Coulomb friction with rolling, in which the speed that divides is that of the step before. A round rod rolls:
+sideways it meets the resistance to rolling, along itself that to sliding. The matrix has a band of eight, so a step is
+one Cholesky sweep over the nodes. The rod does not collide with itself; how near its strands came is told instead.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+BAND = 8
+STRETCH_N_M = 2000.0
+"""Stiffness of an edge [N/m]."""
+GRIP_N_M = 2000.0
+"""Stiffness of the pads under each of their points [N/m]."""
+_TABLE_N_M = 40.0  # of the table under a node
+_CREEP_M_S = 2e-4  # slower than this, friction is viscous
+_GRAVITY_M_S2 = 9.81
+_NEIGHBOURS_M = 0.06  # parts nearer than this along the rod are one strand
+_LOOK_EVERY = 5  # steps between two looks at how near the strands are
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def play_motion(
+    nodes: Array, rod: Array, step_s: float, rest_steps: int, tool: Array, pads: Array, end: Array
+) -> float:
+    """Play one motion of the tool on a rod lying as `nodes` (M, 3) [m] and write where it ends to `end` (M, 3).
+
+    `rod` (8,): length of an edge [m], mass of a node [kg], bending EI / l³ and twist GJ / (l r²) [N/m], damping [s],
+    friction, rolling resistance over radius, radius [m]. `tool` (T, 4): x, y, z [m] and yaw [rad] at every step;
+    then the rod is free for `rest_steps`. `pads` (n, 3): points of the rod between the pads, as a number of nodes from
+    the first, and where they are from the tool (along, up) [m]. Returns how near two strands came [m].
+    """
+    count = len(nodes)
+    x, v = np.zeros((count, 4)), np.zeros((count, 4))
+    x[:, :3] = nodes
+    band, right, column = np.zeros((4 * count + BAND, BAND + 1)), np.zeros(4 * count + BAND), np.zeros(BAND + 1)
+    nearest = np.inf
+    for step in range(len(tool) + rest_steps):
+        band[:], right[:] = 0.0, 0.0
+        _inertia_and_table(x, v, rod, step_s, band, right)
+        _elasticity(x, rod, step_s, band, right)
+        _edges(x, rod[0], step_s, band, right)
+        if step < len(tool):
+            _grip(x, tool[step], pads, step_s, band, right)
+        _solve(band, right, column, 4 * count)
+        for i in range(count):
+            for a in range(4):
+                v[i, a] = right[4 * i + a]
+                x[i, a] += step_s * v[i, a]
+        if step % _LOOK_EVERY == 0:
+            nearest = min(nearest, _nearest(x, rod[0]))
+    end[:] = x[:, :3]
+    return nearest
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _inertia_and_table(x: Array, v: Array, rod: Array, h: float, band: Array, right: Array) -> None:
+    """Masses, gravity, and the table with its friction: nodes slide along the rod and roll across it."""
+    mass, friction, rolling, radius = rod[1], rod[5], rod[6], rod[7]
+    last = len(x) - 1
+    for i in range(len(x)):
+        row = 4 * i
+        for a in range(3):
+            band[row + a, 0] = mass
+            right[row + a] = mass * v[i, a]
+        # A solid cylinder: its inertia about the axis is half of what a ring would have.
+        band[row + 3, 0] = 0.5 * mass
+        right[row + 3] = 0.5 * mass * v[i, 3]
+        right[row + 2] -= h * mass * _GRAVITY_M_S2
+        normal = _TABLE_N_M * (radius - x[i, 2])
+        if normal <= 0.0:
+            continue
+        right[row + 2] += h * normal
+        band[row + 2, 0] += h * h * _TABLE_N_M + h * math.sqrt(_TABLE_N_M * mass)
+        tx = x[min(i + 1, last), 0] - x[max(i - 1, 0), 0]
+        ty = x[min(i + 1, last), 1] - x[max(i - 1, 0), 1]
+        norm = math.sqrt(tx * tx + ty * ty) + 1e-12
+        tx, ty = tx / norm, ty / norm
+        along, across = v[i, 0] * tx + v[i, 1] * ty, v[i, 1] * tx - v[i, 0] * ty + v[i, 3]
+        speed = math.sqrt(friction**2 * (along**2 + across**2) + (rolling * v[i, 3]) ** 2)
+        speed = max(speed, _CREEP_M_S * friction)
+        slide, roll = h * normal * friction**2 / speed, h * normal * rolling**2 / speed
+        band[row, 0] += slide
+        band[row + 1, 0] += slide
+        band[row + 3, 0] += slide + roll
+        band[row, 3] -= slide * ty
+        band[row + 1, 2] += slide * tx
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _elasticity(x: Array, rod: Array, h: float, band: Array, right: Array) -> None:
+    """Bending and twist, with damping as a share of the stiffness."""
+    bending, twist, implicit = rod[2], rod[3], h * h + h * rod[4]
+    for i in range(len(x) - 1):
+        row, force, gain = 4 * i + 3, h * twist * (x[i + 1, 3] - x[i, 3]), implicit * twist
+        right[row] += force
+        right[row + 4] -= force
+        band[row, 0] += gain
+        band[row + 4, 0] += gain
+        band[row, 4] -= gain
+    gain = implicit * bending
+    for i in range(1, len(x) - 1):
+        for a in range(3):
+            row = 4 * (i - 1) + a
+            force = h * bending * (x[i - 1, a] - 2.0 * x[i, a] + x[i + 1, a])
+            right[row] -= force
+            right[row + 4] += 2.0 * force
+            right[row + 8] -= force
+            band[row, 0] += gain
+            band[row + 4, 0] += 4.0 * gain
+            band[row + 8, 0] += gain
+            band[row, 4] -= 2.0 * gain
+            band[row + 4, 4] -= 2.0 * gain
+            band[row, 8] += gain
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _edges(x: Array, length: float, h: float, band: Array, right: Array) -> None:
+    """Stiff edges; their geometric stiffness only where it is positive, so that the matrix stays so."""
+    t = np.zeros(3)
+    for i in range(len(x) - 1):
+        for a in range(3):
+            t[a] = x[i + 1, a] - x[i, a]
+        now = math.sqrt(t[0] ** 2 + t[1] ** 2 + t[2] ** 2)
+        force = h * STRETCH_N_M * (now - length)
+        sideways = max(0.0, h * force / now)
+        for a in range(3):
+            t[a] /= now
+        for a in range(3):
+            right[4 * i + a] += force * t[a]
+            right[4 * i + 4 + a] -= force * t[a]
+            for b in range(3):
+                value = (h * h * STRETCH_N_M - sideways) * t[a] * t[b]
+                if a == b:
+                    value += sideways
+                if b <= a:
+                    band[4 * i + b, a - b] += value
+                    band[4 * i + 4 + b, a - b] += value
+                band[4 * i + b, 4 + a - b] -= value
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _grip(x: Array, tool: Array, pads: Array, h: float, band: Array, right: Array) -> None:
+    """Springs from the tool to the points between its pads, which keep the rod from turning as well."""
+    cosine, sine = math.cos(tool[3]), math.sin(tool[3])
+    target = np.zeros(4)
+    for k in range(len(pads)):
+        i = min(int(pads[k, 0]), len(x) - 2)
+        share = pads[k, 0] - i
+        target[0], target[1] = tool[0] + cosine * pads[k, 1], tool[1] + sine * pads[k, 1]
+        target[2] = tool[2] + pads[k, 2]
+        for a in range(4):
+            row = 4 * i + a
+            force = h * GRIP_N_M * (target[a] - (1.0 - share) * x[i, a] - share * x[i + 1, a])
+            gain = h * h * GRIP_N_M
+            right[row] += (1.0 - share) * force
+            right[row + 4] += share * force
+            band[row, 0] += (1.0 - share) ** 2 * gain
+            band[row + 4, 0] += share**2 * gain
+            band[row, 4] += (1.0 - share) * share * gain
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _solve(band: Array, right: Array, column: Array, size: int) -> None:
+    """Solve in place by Cholesky; `band[c, d]` is element (c + d, c). Both have `BAND` spare rows, so that all loops
+    have fixed lengths."""
+    for c in range(size):
+        inverse = 1.0 / math.sqrt(band[c, 0])
+        value = right[c] * inverse
+        band[c, 0], right[c] = inverse, value
+        for d in range(1, 9):
+            column[d] = band[c, d] * inverse
+            band[c, d] = column[d]
+            right[c + d] -= column[d] * value
+        for e in range(1, 9):
+            factor = column[e]
+            for d in range(9 - e):
+                band[c + e, d] -= factor * column[e + d]
+    for c in range(size - 1, -1, -1):
+        value = right[c]
+        for d in range(1, 9):
+            value -= band[c, d] * right[c + d]
+        right[c] = value * band[c, 0]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _nearest(x: Array, length: float) -> float:
+    """Distance [m] of the two nodes nearest to each other that are not on one strand."""
+    apart = math.ceil(_NEIGHBOURS_M / length)
+    nearest = np.inf
+    for i in range(len(x) - apart):
+        for j in range(i + apart, len(x)):
+            square = (x[i, 0] - x[j, 0]) ** 2 + (x[i, 1] - x[j, 1]) ** 2 + (x[i, 2] - x[j, 2]) ** 2
+            nearest = min(nearest, square)
+    return math.sqrt(nearest)

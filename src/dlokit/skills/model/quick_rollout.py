@@ -1,0 +1,112 @@
+"""Many motions of a tool on many rods at once, by the rod of planning; every core takes its share."""
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+
+from dlokit.description.rod import ROLLING_M
+from dlokit.skills.model.config import ModelConfig
+from dlokit.skills.model.quick_rod import play_motion
+from dlokit.skills.model.rod import fit_length
+from dlokit.skills.model.tool_track import tool_track
+from dlokit.types.action import VelocityProfile
+from dlokit.types.arrays import Float64Array
+
+_POISSON = 0.3
+_DAMPING_S = 0.05
+_PAD_M = 0.02  # length of the pads along the rod
+_SINK_M = 2e-4  # how deep a resting node lies in the table of the quick rod
+
+
+@dataclass(frozen=True, kw_only=True)
+class QuickRod:
+    """What a rod may be like, if it is not quite as the model has it."""
+
+    friction_share: float = 1.0
+    """Friction and rolling resistance, against the model's."""
+    stiffness_share: float = 1.0
+    """Stiffness against bending and twist, against the model's."""
+
+    def numbers(self, config: ModelConfig) -> Float64Array:
+        """The eight numbers that `play_motion` takes."""
+        edge_m = config.length_m / (config.nodes - 1)
+        bending = self.stiffness_share * config.bending_stiffness_n_m2
+        return np.array(
+            [
+                edge_m,
+                config.mass_kg_m * edge_m,
+                bending / edge_m**3,
+                bending / (1.0 + _POISSON) / (edge_m * config.radius_m**2),
+                _DAMPING_S,
+                self.friction_share * config.friction,
+                self.friction_share * ROLLING_M / config.radius_m,
+                config.radius_m,
+            ]
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Motion:
+    """A tool that takes hold of a rod, moves, and lets go."""
+
+    node: int
+    waypoints: Float64Array
+    """(W, 4): x, y, z [m], yaw [rad] of the tool, which points down; the first is the grasp."""
+    velocity: VelocityProfile
+
+
+@dataclass(frozen=True)
+class Played:
+    """What motions did to rods: R rods, C motions."""
+
+    nodes_world: Float64Array  # (R, C, M, 3) [m] where each rod came to lie
+    nearest_m: Float64Array  # (R, C) how near two strands came on the way [m]
+
+
+def play(
+    config: ModelConfig,
+    nodes_world: Float64Array,
+    rods: tuple[QuickRod, ...],
+    motions: tuple[Motion, ...],
+    timestep_s: float,
+    threads: int = 0,
+) -> Played:
+    """Play every motion through on every rod, all of them lying as `nodes_world` (K, 3) [m].
+
+    `threads` 0: as many as there are cores. The result is the same for any number.
+    """
+    start = fit_length(config, nodes_world)
+    start[:, 2] = config.radius_m - _SINK_M
+    ends = np.empty((len(rods), len(motions), config.nodes, 3))
+    nearest = np.empty((len(rods), len(motions)))
+    numbers = [rod.numbers(config) for rod in rods]
+    rest = round(config.rollout.release_s / timestep_s)
+
+    def one(motion_index: int) -> None:
+        motion = motions[motion_index]
+        pace = motion.velocity
+        tool = tool_track(motion.waypoints, pace.speed_m_s, pace.acceleration_m_s2, pace.jerk_m_s3, timestep_s)
+        pads = _between_pads(start, motion)
+        for k, rod in enumerate(numbers):
+            nearest[k, motion_index] = play_motion(start, rod, timestep_s, rest, tool, pads, ends[k, motion_index])
+
+    with ThreadPoolExecutor(threads or len(os.sched_getaffinity(0))) as pool:
+        for _ in pool.map(one, range(len(motions))):
+            pass
+    ends[..., 2] = np.maximum(ends[..., 2], config.radius_m)
+    return Played(nodes_world=ends, nearest_m=nearest)
+
+
+def _between_pads(nodes_world: Float64Array, motion: Motion) -> Float64Array:
+    """Points of a rod (M, 3) [m] between the pads, as `play_motion` takes them: their ends and middle."""
+    tool, length_m = motion.waypoints[0], float(np.linalg.norm(nodes_world[1] - nodes_world[0]))
+    axis = np.array([np.cos(tool[3]), np.sin(tool[3])])
+    low, high = max(motion.node - 1, 0), min(motion.node + 1, len(nodes_world) - 1)
+    same_way = 1.0 if (nodes_world[high] - nodes_world[low])[:2] @ axis > 0.0 else -1.0
+    held_m = motion.node * length_m - same_way * float((nodes_world[motion.node, :2] - tool[:2]) @ axis)
+    at_m = held_m + np.array([-0.5, 0.0, 0.5]) * _PAD_M
+    at_m = np.clip(at_m, 0.0, (len(nodes_world) - 1) * length_m)
+    up_m = float(nodes_world[motion.node, 2] - tool[2])
+    return np.column_stack((at_m / length_m, same_way * (at_m - held_m), np.full(3, up_m)))

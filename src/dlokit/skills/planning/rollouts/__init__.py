@@ -1,0 +1,1 @@
+"""Actions chosen by playing candidates through in the model."""

@@ -1,0 +1,79 @@
+"""What remains to be done after an action, as one length; less is better."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dlokit.description.shapes import self_clearance_m
+from dlokit.skills.model.quick_rollout import Played
+from dlokit.skills.planning.actions import FeasibilityConfig
+from dlokit.types.arrays import Float64Array
+
+_TANGLED = 0.3  # metres of score a metre of missing clearance: a tangle is worse than any error that it saves
+_TOUCHING_DIAMETERS = 1.3  # strands whose nodes came nearer than this may have gone through one another
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScoreConfig:
+    """What an action is judged by."""
+
+    next_action: float = 0.5
+    """Weight of the error that one more ideal pick-and-place would leave, beside the error itself."""
+    reach_m: float = 0.08
+    """Distance along the rod over which a pick-and-place takes its neighbours with it [m]."""
+    clearance_m: float = 0.04
+    """Strands that are no neighbours on the rod stay this far apart after an action [m]."""
+    goal_share: float = 0.7
+    """A goal whose strands are closer asks for no more than this share of its own clearance."""
+    caution: float = 1.0
+    """Standard deviations, over rods that the DLO may be, by which an action must be better."""
+
+
+def remaining_m(
+    played: Played, goal_world: Float64Array, radius_m: float, config: ScoreConfig, table: FeasibilityConfig
+) -> Float64Array:
+    """What remains after each motion on each rod (R, C) [m], for a goal (M, 3) [m].
+
+    The RMSE, and the RMSE that one more ideal action would leave: of two shapes with one error, that is better whose
+    error sits in one place. Tangles and shapes off the table are dear.
+    """
+    nodes = played.nodes_world
+    error = goal_world[:, :2] - nodes[..., :2]  # (R, C, M, 2)
+    score = _rms(error) + config.next_action * _after_one_more(error, goal_world, config.reach_m)
+    required_m = min(config.clearance_m, config.goal_share * self_clearance_m(goal_world))
+    flat = nodes.reshape(-1, *nodes.shape[2:])
+    clearance = np.array([self_clearance_m(shape) for shape in flat]).reshape(score.shape)
+    clearance = np.where(played.nearest_m < _TOUCHING_DIAMETERS * 2.0 * radius_m, 0.0, clearance)
+    score += _TANGLED * np.maximum(required_m - clearance, 0.0) / required_m
+    return score + _off_table(nodes, table)
+
+
+def cautious_m(score_m: Float64Array, caution: float) -> Float64Array:
+    """One score (C,) [m] from those on several rods (R, C): the mean, and `caution` standard deviations more."""
+    return score_m.mean(axis=0) + caution * score_m.std(axis=0)
+
+
+def _rms(error: Float64Array) -> Float64Array:
+    return np.sqrt(np.mean(np.sum(error**2, axis=-1), axis=-1))
+
+
+def _after_one_more(error: Float64Array, goal_world: Float64Array, reach_m: float) -> Float64Array:
+    """The least RMSE (…,) [m] that moving one node to its goal leaves of errors (…, M, 2) [m].
+
+    Its neighbours are taken to follow it by exp(-(s / reach)²) at a distance s along the rod.
+    """
+    s = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(goal_world, axis=0), axis=1))))
+    follow = np.exp(-(((s[:, None] - s[None, :]) / reach_m) ** 2))  # (M grasped, M moved)
+    # |e_i - w_ni e_n|² summed over i, without making the (M, M, 2) differences.
+    square = np.sum(error**2, axis=-1)
+    total = square.sum(axis=-1)[..., None] + square * np.sum(follow**2, axis=1)
+    total -= 2.0 * np.einsum("...na,ni,...ia->...n", error, follow, error, optimize=True)
+    return np.sqrt(np.maximum(total.min(axis=-1), 0.0) / len(goal_world))
+
+
+def _off_table(nodes: Float64Array, table: FeasibilityConfig) -> Float64Array:
+    """How far the farthest node lies off the usable table (R, C) [m]."""
+    outside = np.zeros(nodes.shape[:-1])
+    for axis, (low, high) in enumerate((table.table_x_m, table.table_y_m)):
+        outside = np.maximum(outside, np.maximum(low - nodes[..., axis], nodes[..., axis] - high))
+    return outside.max(axis=-1)

@@ -1,0 +1,169 @@
+"""The search: candidates of every family, the promising ones refined, the best tried on rods that the DLO may be."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from dlokit.communication.compute import Compute
+from dlokit.errors import ConfigError
+from dlokit.skills.model.config import ModelConfig
+from dlokit.skills.model.quick_rollout import Motion, Played, QuickRod, play
+from dlokit.skills.planning.rollouts.candidates import Candidate, Family
+from dlokit.types.arrays import Float64Array
+
+_TRIES = 3  # as many numbers are drawn for a candidate that can be done
+_ELITE = 6  # candidates of a family that are refined
+_WORTH_IT = 1.6  # a family is refined while its best is no worse than this times the best of all
+_AT_ONCE = 2  # families refined in one generation
+_NARROWER = 0.6  # spread of a generation against the one before
+_LEAST = 16  # rollouts besides those of the finalists
+
+
+@dataclass(frozen=True, kw_only=True)
+class SearchConfig:
+    """How many rollouts, and for what."""
+
+    rollouts: int = 280
+    """Motions played through for one decision."""
+    generations: int = 3
+    """Refinements."""
+    finalists: int = 8
+    """Candidates that are tried on other rods."""
+    doubt: float = 1.4
+    """Factor by which friction and stiffness of the DLO may be other than the model's, up or down: every finalist is
+    played on the four rods that this makes; 1: the model is believed."""
+    timestep_s: float = 0.005
+    """Step of the quick rod [s]."""
+    threads: int = 0
+    """Threads that play; 0: one a core. The result is the same."""
+
+    def __post_init__(self) -> None:
+        if self.finalists < 1 or self.generations < 0 or self.threads < 0:
+            raise ConfigError(
+                f"a search has finalists {self.finalists}, generations {self.generations}, threads {self.threads}; "
+                f"at least 1, 0 and 0 are allowed."
+            )
+        if self.rollouts < _LEAST + self.finalists * len(self.doubtful_rods):
+            raise ConfigError(
+                f"a search of {self.rollouts} rollouts is too short: {self.finalists} finalists take "
+                f"{self.finalists * len(self.doubtful_rods)}, and {_LEAST} more are needed; allow more rollouts."
+            )
+        if not (self.doubt >= 1.0 and 0.0 < self.timestep_s <= 0.02):
+            raise ConfigError(
+                f"a search has doubt {self.doubt} and timestep_s {self.timestep_s}; the doubt is a factor of 1 or "
+                f"more, the time step above 0 and up to 0.02 s."
+            )
+
+    @property
+    def doubtful_rods(self) -> tuple[QuickRod, ...]:
+        """What the DLO may be like besides what the model says."""
+        if self.doubt == 1.0:
+            return ()
+        shares = (1.0 / self.doubt, self.doubt)
+        return tuple(QuickRod(friction_share=a, stiffness_share=b) for a in shares for b in shares)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Choice:
+    """A candidate with its score and the shape (M, 3) [m] expected after it."""
+
+    candidate: Candidate
+    score_m: float
+    nodes_world: Float64Array
+
+
+@dataclass
+class _Pool:
+    """A family and what was tried of it."""
+
+    family: Family
+    choices: list[Choice] = field(default_factory=list[Choice])
+
+    def best(self, count: int) -> list[Choice]:
+        return sorted(self.choices, key=lambda choice: choice.score_m)[:count]
+
+
+class Search:
+    """One decision: rollouts are spent generation by generation."""
+
+    def __init__(
+        self,
+        nodes_world: Float64Array,
+        model: ModelConfig,
+        config: SearchConfig,
+        score: Callable[[Played], Float64Array],
+        judge: Callable[[Float64Array], Float64Array],
+        compute: Compute,
+    ) -> None:
+        """`score` gives (R, C) of what was played; `judge` makes (C,) of that."""
+        self._nodes, self._model, self._config = nodes_world, model, config
+        self._score, self._judge, self._compute = score, judge, compute
+        self.spent = 0
+        """Rollouts so far."""
+
+    async def run(self, families: Sequence[Family], rng: np.random.Generator) -> list[Choice]:
+        """Choices, the best first."""
+        config = self._config
+        budget = config.rollouts - config.finalists * len(config.doubtful_rods)
+        pools = [_Pool(family) for family in families]
+        share = max(1, budget // (2 * len(pools)))
+        for pool in pools:
+            await self._try(pool, pool.family.first(_TRIES * share, rng), share)
+        pools = [pool for pool in pools if pool.choices]
+        if not pools:
+            return []
+        for generation in range(config.generations):
+            left = (budget - self.spent) // (config.generations - generation)
+            promising = self._promising(pools)
+            for pool in promising:
+                count = max(1, left // len(promising))
+                spread = pool.family.spread * _NARROWER**generation
+                await self._try(pool, _around(pool.best(_ELITE), spread, _TRIES * count, rng), count)
+        ranked = sorted((choice for pool in pools for choice in pool.choices), key=lambda choice: choice.score_m)
+        return [*await self._finals(ranked[: config.finalists]), *ranked[config.finalists :]]
+
+    def _promising(self, pools: list[_Pool]) -> list[_Pool]:
+        ranked = sorted(pools, key=lambda pool: pool.best(1)[0].score_m)
+        return [
+            pool for pool in ranked[:_AT_ONCE] if pool.best(1)[0].score_m <= _WORTH_IT * ranked[0].best(1)[0].score_m
+        ]
+
+    async def _try(self, pool: _Pool, numbers: Sequence[Float64Array], count: int) -> None:
+        """Play the first `count` of these numbers that make a candidate."""
+        made: list[Candidate] = []
+        for row in numbers:
+            candidate = pool.family.make(row)
+            if candidate is not None:
+                made.append(candidate)
+            if len(made) == count:
+                break
+        if not made:
+            return
+        played = await self._play(made, (QuickRod(),))
+        for candidate, score, nodes in zip(made, self._score(played)[0], played.nodes_world[0], strict=True):
+            pool.choices.append(Choice(candidate=candidate, score_m=float(score), nodes_world=nodes))
+
+    async def _finals(self, finalists: list[Choice]) -> list[Choice]:
+        """The finalists in the order of their score on every rod that the DLO may be."""
+        rods = self._config.doubtful_rods
+        if not finalists or not rods:
+            return finalists
+        played = await self._play([choice.candidate for choice in finalists], rods)
+        expected = np.array([[choice.score_m for choice in finalists]])
+        judged = self._judge(np.concatenate((expected, self._score(played))))
+        return [finalists[k] for k in np.argsort(judged, kind="stable")]
+
+    async def _play(self, candidates: Sequence[Candidate], rods: tuple[QuickRod, ...]) -> Played:
+        motions: tuple[Motion, ...] = tuple(candidate.motion for candidate in candidates)
+        self.spent += len(motions) * len(rods)
+        config = self._config
+        return await self._compute(play, self._model, self._nodes, rods, motions, config.timestep_s, config.threads)
+
+
+def _around(parents: list[Choice], spread: Float64Array, count: int, rng: np.random.Generator) -> list[Float64Array]:
+    """Numbers of `count` children, each of one parent."""
+    return [
+        parents[int(rng.integers(len(parents)))].candidate.numbers + spread * rng.standard_normal(len(spread))
+        for _ in range(count)
+    ]

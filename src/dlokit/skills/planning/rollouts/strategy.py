@@ -1,0 +1,78 @@
+"""The strategy `rollout`: play candidates through in the model, take the one that leaves least to be done."""
+
+from collections.abc import AsyncIterator
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+
+from dlokit.skills.model.quick_rollout import Played
+from dlokit.skills.planning.base import PlanningTools
+from dlokit.skills.planning.pick_place import goal_in_order
+from dlokit.skills.planning.rollouts.candidates import Family, Scene, to_action
+from dlokit.skills.planning.rollouts.carrying import Carrying
+from dlokit.skills.planning.rollouts.laying import Laying
+from dlokit.skills.planning.rollouts.score import ScoreConfig, cautious_m, remaining_m
+from dlokit.skills.planning.rollouts.search import Search, SearchConfig
+from dlokit.types.action import Action, Marks
+from dlokit.types.arrays import Float64Array
+from dlokit.types.dlo import DloState, GoalShape
+
+
+@dataclass(frozen=True, kw_only=True)
+class RolloutConfig:
+    """Candidates of every kind are played through in the model; the one that leaves least to be done is taken."""
+
+    name: ClassVar[str] = "rollout"
+
+    search: SearchConfig = field(default_factory=SearchConfig)
+    """How many rollouts, and for what."""
+    score: ScoreConfig = field(default_factory=ScoreConfig)
+    """What an action is judged by."""
+    pick_place: bool = True
+    """Consider pick-and-place."""
+    drag: bool = True
+    """Consider dragging the rod along the table."""
+    lay_down: bool = True
+    """Consider laying the whole rod down along the goal."""
+    seed: int = 0
+    """Seed of the candidates; the same question has the same answer."""
+
+    def build(self, tools: PlanningTools) -> "Rollout":
+        """The strategy with these settings."""
+        return Rollout(self, tools)
+
+
+class Rollout:
+    """Candidates, played through and refined; see docs/explanations/planning.md."""
+
+    def __init__(self, config: RolloutConfig, tools: PlanningTools) -> None:
+        self._config, self._tools = config, tools
+
+    async def propose(self, shape: DloState, goal: GoalShape, marks: Marks) -> AsyncIterator[Action]:
+        """Actions of any kind, the one that leaves least to be done first; each with its predicted shape."""
+        config, tools = self._config, self._tools
+        goal_world = goal_in_order(shape.nodes_world, goal.nodes_world, ends_interchangeable=goal.ends_interchangeable)
+        marked = frozenset(int(node) for node in marks.invalid_nodes)
+        scene = Scene(shape.nodes_world, goal_world, marked, tools)
+
+        def score(played: Played) -> Float64Array:
+            return remaining_m(played, goal_world, tools.model.radius_m, config.score, tools.table)
+
+        def judge(scores_m: Float64Array) -> Float64Array:
+            return cautious_m(scores_m, config.score.caution)
+
+        search = Search(shape.nodes_world, tools.model, config.search, score, judge, tools.compute)
+        for choice in await search.run(self._families(scene), np.random.default_rng(config.seed)):
+            yield to_action(choice.candidate, shape.stamp_ns, choice.nodes_world, tools)
+
+    def _families(self, scene: Scene) -> list[Family]:
+        config = self._config
+        families: list[Family] = []
+        if config.lay_down:
+            families += [Laying(scene, from_last=False), Laying(scene, from_last=True)]
+        if config.pick_place:
+            families.append(Carrying(scene, dragging=False))
+        if config.drag:
+            families.append(Carrying(scene, dragging=True))
+        return families

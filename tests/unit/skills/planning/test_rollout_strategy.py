@@ -1,0 +1,173 @@
+"""The strategy `rollout`: candidates, score, search."""
+
+import asyncio
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from dlokit import geometry
+from dlokit.communication import codec
+from dlokit.communication.compute import InlineCompute
+from dlokit.description.shapes import builtin_shape, moved
+from dlokit.errors import ConfigError
+from dlokit.skills.model.config import ModelConfig
+from dlokit.skills.model.quick_rollout import Played
+from dlokit.skills.model.rod import topology
+from dlokit.skills.planning.actions import ActionConfig, FeasibilityConfig
+from dlokit.skills.planning.base import PlanningTools
+from dlokit.skills.planning.rollouts.candidates import Scene, to_action
+from dlokit.skills.planning.rollouts.carrying import Carrying
+from dlokit.skills.planning.rollouts.laying import Laying
+from dlokit.skills.planning.rollouts.score import ScoreConfig, cautious_m, remaining_m
+from dlokit.skills.planning.rollouts.search import Search, SearchConfig
+from dlokit.skills.planning.rollouts.strategy import RolloutConfig
+from dlokit.types.action import Action, Drag, LayDown, Marks, PickPlace, kind_of
+from dlokit.types.arrays import Float64Array
+from dlokit.types.dlo import DloState, GoalShape
+from dlokit.types.pose import Pose
+
+MODEL = ModelConfig()
+I_SHAPE = builtin_shape("I", MODEL.length_m, MODEL.nodes)
+S_SHAPE = builtin_shape("S", MODEL.length_m, MODEL.nodes)
+SHORT = SearchConfig(rollouts=60, finalists=2, generations=1)
+
+
+def tools(reachable: Callable[[Pose], bool] = lambda T: True) -> PlanningTools:
+    return PlanningTools(reachable=reachable, actions=ActionConfig(), model=MODEL)
+
+
+def scene(goal: Float64Array = S_SHAPE, marked: tuple[int, ...] = ()) -> Scene:
+    return Scene(I_SHAPE, goal, frozenset(marked), tools())
+
+
+def best(config: RolloutConfig, start: Float64Array, goal: Float64Array) -> Action:
+    async def first() -> Action:
+        shape = DloState(stamp_ns=0, nodes_world=start, topology=topology(MODEL))
+        marks = Marks(invalid_nodes=np.zeros(0, dtype=np.int64))
+        proposals = config.build(tools()).propose(shape, GoalShape(stamp_ns=0, nodes_world=goal), marks)
+        return await anext(aiter(proposals))
+
+    return asyncio.run(first())
+
+
+def lying(*shapes: Float64Array, nearest_m: float = 0.1) -> Played:
+    return Played(nodes_world=np.stack(shapes)[None], nearest_m=np.full((1, len(shapes)), nearest_m))
+
+
+def scored(played: Played, config: ScoreConfig | None = None, goal: Float64Array = S_SHAPE) -> Float64Array:
+    return remaining_m(played, goal, MODEL.radius_m, config or ScoreConfig(), FeasibilityConfig())[0]
+
+
+def test_a_far_rod_is_laid_down_whole_and_expected_near_its_goal() -> None:
+    goal = moved(I_SHAPE, (0.06, 0.1375), 0.7)
+    action = best(RolloutConfig(search=SearchConfig(rollouts=160)), I_SHAPE, goal)
+    assert isinstance(action, LayDown)
+    assert action.predicted_nodes_world is not None
+    # The farthest node taken to its goal leaves 10 cm; so short a search a quarter of that.
+    assert geometry.rmse_m(action.predicted_nodes_world, goal) < 0.025
+
+
+def test_a_rod_near_its_goal_is_corrected_and_not_laid_down_anew() -> None:
+    start = S_SHAPE.copy()
+    start[:8, 0] += 0.02 * np.linspace(1.0, 0.0, 8)
+    action = best(RolloutConfig(search=SHORT), start, S_SHAPE)
+    assert isinstance(action, PickPlace | Drag)
+    assert action.grasp.node < 12
+
+
+@pytest.mark.parametrize("kind", ["pick_place", "drag", "lay_down"])
+def test_kinds_can_be_left_out(kind: str) -> None:
+    config = RolloutConfig(
+        search=SHORT, pick_place=kind == "pick_place", drag=kind == "drag", lay_down=kind == "lay_down"
+    )
+    action = best(config, I_SHAPE, moved(I_SHAPE, (0.05, 0.02)))
+    assert kind_of(action) == {"pick_place": "pick-and-place", "drag": "drag", "lay_down": "lay-down"}[kind]
+
+
+def test_every_kind_travels_over_the_bus_as_what_it_is() -> None:
+    families = (Carrying(scene(), dragging=False), Carrying(scene(), dragging=True), Laying(scene(), from_last=True))
+    for family in families:
+        candidate = family.make(family.first(1, np.random.default_rng(0))[0])
+        assert candidate is not None
+        action = to_action(candidate, 7, S_SHAPE, tools())
+        back = codec.decode(codec.encode(action), Action)  # type: ignore[arg-type]  # a union, which decodes like a type
+        assert type(back) is family.kind
+
+
+def test_a_lay_down_ends_with_the_held_end_at_its_goal_and_the_rest_behind_it() -> None:
+    for from_last, node in ((False, 0), (True, 30)):
+        family = Laying(scene(), from_last=from_last)
+        candidate = family.make(family.first(1, np.random.default_rng(0))[0])
+        assert candidate is not None
+        assert candidate.motion.node == node
+        tool = candidate.motion.waypoints
+        assert np.linalg.norm(tool[-1, :2] - S_SHAPE[node, :2]) < 0.013  # held 12 mm from the end
+        assert np.linalg.norm(tool[2, :2] - S_SHAPE[30 - node, :2]) < 0.05  # it starts above the other end, with a lead
+        assert np.all(np.diff(tool[2:, 2]) < 0.0)
+
+
+def test_where_the_end_is_marked_the_next_node_is_held() -> None:
+    family = Laying(scene(marked=(0,)), from_last=False)
+    candidate = family.make(family.first(1, np.random.default_rng(0))[0])
+    assert candidate is not None
+    assert candidate.motion.node == 1
+
+
+def test_a_waypoint_out_of_reach_makes_no_candidate() -> None:
+    low = Scene(I_SHAPE, S_SHAPE, frozenset(), tools(lambda T: float(T.position_m[2]) < 0.3))
+    family = Laying(low, from_last=False)
+    assert family.make(family.first(1, np.random.default_rng(0))[0]) is None
+
+
+def test_of_two_shapes_with_one_error_that_is_better_whose_error_sits_in_one_place() -> None:
+    here, everywhere = S_SHAPE.copy(), S_SHAPE.copy()
+    here[:6, 0] += 0.03
+    everywhere[:, 0] += geometry.rmse_m(here, S_SHAPE)
+    score = scored(lying(here, everywhere))
+    assert score[0] < score[1] - 0.002
+    without = scored(lying(here, everywhere), ScoreConfig(next_action=0.0))
+    assert without[0] == pytest.approx(without[1])
+
+
+def test_a_tangle_and_a_rod_off_the_table_are_dear() -> None:
+    off = S_SHAPE + np.array([0.3, 0.0, 0.0])
+    clean, crossed, outside = (
+        scored(lying(S_SHAPE))[0],
+        scored(lying(S_SHAPE, nearest_m=0.008))[0],  # as near as a diameter: one strand went through another
+        scored(lying(off))[0],
+    )
+    assert crossed > clean + 0.2
+    assert outside > geometry.rmse_m(off, S_SHAPE) + 0.05
+
+
+def test_a_doubtful_action_counts_for_less_than_a_sure_one_of_the_same_mean() -> None:
+    scores = np.array([[0.01, 0.02], [0.03, 0.02]])
+    assert cautious_m(scores, 0.0)[0] == pytest.approx(cautious_m(scores, 0.0)[1])
+    assert cautious_m(scores, 1.0)[0] > cautious_m(scores, 1.0)[1]
+
+
+def test_the_search_keeps_to_its_budget_and_refining_helps() -> None:
+    def run(generations: int, rollouts: int) -> tuple[int, float]:
+        config = SearchConfig(rollouts=rollouts, finalists=2, generations=generations)
+
+        def score(played: Played) -> Float64Array:
+            return remaining_m(played, S_SHAPE, MODEL.radius_m, ScoreConfig(), FeasibilityConfig())
+
+        search = Search(I_SHAPE, MODEL, config, score, lambda scores: scores[0], InlineCompute())
+        found = asyncio.run(search.run([Carrying(scene(), dragging=False)], np.random.default_rng(0)))
+        return search.spent, found[0].score_m
+
+    few, first = run(1, 40)
+    many, refined = run(3, 120)
+    assert 20 < few <= 40
+    assert 80 < many <= 120
+    assert refined < first
+
+
+def test_settings_that_cannot_be_are_refused() -> None:
+    with pytest.raises(ConfigError, match="too short"):
+        SearchConfig(rollouts=30)
+    with pytest.raises(ConfigError, match="doubt"):
+        SearchConfig(doubt=0.5)
+    assert SearchConfig(doubt=1.0).doubtful_rods == ()
