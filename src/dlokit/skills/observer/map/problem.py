@@ -11,6 +11,7 @@ from dlokit.skills.observer.map.settings import MapSettings
 from dlokit.skills.observer.map.terms import add_coherence, add_lengths, add_place, add_table, coherence
 from dlokit.skills.observer.map.view import View, view_of
 from dlokit.skills.observer.mixture import thinned
+from dlokit.skills.observer.unseen import SURE_M
 from dlokit.skills.observer.visibility import VisibilityConfig
 from dlokit.types.dlo import DloState
 from dlokit.types.observation import GripperPin, Observation
@@ -31,8 +32,8 @@ class Problem:
     """(N, 3) [m], thinned."""
     before: Array
     """The nodes before (M, 3) [m]."""
-    hidden_before: float
-    """Share of the nodes that the last cloud did not show."""
+    variance_before: Array
+    """How unsure the nodes before were, in all directions together (M,) [m²]; inf where nobody knows."""
     rod_m: Array
     """Arc length of the nodes on the rod (M,) [m]."""
     rest_m: Array
@@ -73,7 +74,7 @@ def posed(seen: Observation, prior: DloState, held: tuple[GripperPin, ...], conf
         origin=origin,
         points=points,
         before=before,
-        hidden_before=0.0 if prior.visible is None else 1.0 - float(np.mean(prior.visible)),
+        variance_before=_variance(prior),
         rod_m=np.concatenate(([0.0], np.cumsum(rest))),
         rest_m=rest,
         K_d=K_d,
@@ -82,6 +83,17 @@ def posed(seen: Observation, prior: DloState, held: tuple[GripperPin, ...], conf
         pins=pins,
         floor_m=config.table_z_m + config.radius_m - float(origin[2]),
     )
+
+
+def _variance(prior: DloState) -> Array:
+    """How unsure the prior's nodes are, in all directions together (M,) [m²]; inf where nobody knows.
+
+    An observer without covariance is taken to know the nodes that it saw to `SURE_M`.
+    """
+    if prior.covariance is not None:
+        return np.trace(prior.covariance, axis1=1, axis2=2)
+    sure = np.full(len(prior.nodes_world), 3.0 * SURE_M**2)
+    return sure if prior.visible is None else np.where(prior.visible, sure, np.inf)
 
 
 def way_since(points: Array, before: Array, config: MapSettings) -> float:

@@ -26,13 +26,15 @@ def refined(prior: DloState, pieces: int) -> DloState:
     at = np.concatenate(([0.0], np.cumsum(rest)))
     first = np.arange(len(rest))
     spline = CubicSpline(at[::pieces], prior.nodes_world)
+    nearest = np.rint(np.arange(len(at)) / pieces).astype(np.int64)
     return DloState(
         stamp_ns=prior.stamp_ns,
         nodes_world=np.asarray(spline(at), dtype=np.float64),
         topology=Topology(edges=np.column_stack([first, first + 1]).astype(np.int64), rest_lengths_m=rest),
-        visible=None if prior.visible is None else prior.visible[np.rint(np.arange(len(at)) / pieces).astype(np.int64)],
+        visible=None if prior.visible is None else prior.visible[nearest],
         observed_stamp_ns=prior.observed_stamp_ns,
         health=prior.health,
+        covariance=None if prior.covariance is None else prior.covariance[nearest],
     )
 
 

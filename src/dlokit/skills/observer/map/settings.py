@@ -12,21 +12,21 @@ from dlokit.skills.observer.visibility import VisibilityConfig
 class TrustConfig:
     """How sure the observer says it is; set on sequences with known truth."""
 
-    independent_points: float = 2.0
+    independent_points: float = 1.0
     """The points of a segment say as much as this many independent ones: they share the error of the model."""
-    tip_m: float = 0.002
-    """Standard deviation of a seen tip along the rod [m]."""
-    drift: float = 3.0
-    """The way since the last cloud counts this much when shapes are compared: what is hidden stays hidden for long."""
-    hidden_before: float = 2.0
-    """The same again for a rod with nodes that were hidden in the last cloud too, by their share."""
-    factor: float = 1.0
-    """Scale of the standard deviations."""
+    remembered: float = 0.9
+    """Share of a node's variance before that the shape before hands on to it, as long as the cloud does not show it."""
+    forgotten_m: float = 0.5
+    """A rod that went so far may have any shape [m]: what the cloud alone says of a node is found with this way."""
     unknown: float = 0.4
     """How much a node without points counts as missing when nothing tells what hides it."""
+    usual_share: float = 0.85
+    """Health does not suffer while at least this share of the points lies on the rod: others are outliers."""
+    missing: float = 5.0
+    """Factor on the share of missing nodes in health: a rod in its place has none where nothing hides it."""
     tip: float = 0.88
     """Factor on health for each tip that should be seen and is not."""
-    half_m: float = 0.04
+    half_m: float = 0.05
     """Health is halved where the root mean square of the stated standard deviations is so large [m]."""
 
 
