@@ -23,7 +23,9 @@ class TrustConfig:
     usual_share: float = 0.85
     """Health does not suffer while at least this share of the points lies on the rod: others are outliers."""
     missing: float = 5.0
-    """Factor on the share of missing nodes in health: a rod in its place has none where nothing hides it."""
+    """Factor on the share of missing nodes in health, where the picture tells that nothing hides them."""
+    present_least: float = 0.6
+    """Health falls to no less than this for missing nodes alone: something that nobody knows may hide them."""
     tip: float = 0.88
     """Factor on health for each tip that should be seen and is not."""
     half_m: float = 0.05

@@ -1,11 +1,13 @@
 """How sure the MAP observer is: a covariance for each node and a health for all."""
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from dlokit.skills.observer.map.fine import Fitted, add_cloud, add_tips
 from dlokit.skills.observer.map.problem import Problem, with_priors
 from dlokit.skills.observer.map.settings import MapSettings
+from dlokit.skills.observer.map.terms import add_coherence
 
 Array = NDArray[np.float64]
 
@@ -13,61 +15,76 @@ Array = NDArray[np.float64]
 def stated_covariance(problem: Problem, before: Array, fitted: Fitted, config: MapSettings) -> Array:
     """Covariance of each node (M, 3, 3) [m²].
 
-    Of a node's variances, traces of blocks of H⁻¹: `fresh`, were the shape before exactly right; `alone`, did it say
-    nothing. Its own is min(fresh + remembered x before, alone): it grows from cloud to cloud while the node is
-    hidden, up to what lengths and bending allow, and is what the cloud says once the cloud shows it. What
-    fits nowhere (`astray_m`) is added to all.
+    A node's own is `carried`, of H⁻¹ with the shape before and without; what fits nowhere (`astray_m`) is added to all.
     """
-    trust = config.trust
-    fresh = _shape_covariance(problem, before, fitted, problem.way_m, config)
-    alone = _shape_covariance(problem, before, fitted, trust.forgotten_m, config)
-    variance, most = _traces(fresh), _traces(alone)
-    own = np.minimum(variance + trust.remembered * problem.variance_before, most)
-    share = np.where(own < most, own / variance, 1.0)
-    blocks = np.where((own < most)[:, None, None], fresh, alone) * share[:, None, None]
-    return blocks + np.eye(3) * (astray_m(problem, fitted, config) ** 2 / 3.0)
+    fresh, alone = _shape_covariances(problem, before, fitted, config)
+    astray2 = astray_m(problem, fitted, config) ** 2
+    return carried(fresh, alone, problem.variance_before, config.trust.remembered, astray2)
 
 
-def _shape_covariance(problem: Problem, before: Array, fitted: Fitted, way_m: float, config: MapSettings) -> Array:
-    """The diagonal blocks of H⁻¹ (M, 3, 3) [m²] for a rod that went `way_m`, with the errors that points share.
+@njit(cache=True)
+def carried(fresh: Array, alone: Array, before: Array, remembered: float, common: float) -> Array:
+    """Covariance of each node (M, 3, 3) [m²], given its variance `before` (M,) [m²], all directions together.
+
+    `fresh` (M, 3, 3) would be right were the shape before exactly right, `alone` did it say nothing. With traces, a
+    variance is min(fresh + remembered x before, alone): it grows from cloud to cloud while the node is hidden, up
+    to what lengths and bending allow, and is what the cloud says once the cloud shows it. `common` [m²] is added.
+    """
+    blocks = alone.copy()
+    for node in range(before.shape[0]):
+        new = fresh[node, 0, 0] + fresh[node, 1, 1] + fresh[node, 2, 2]
+        most = alone[node, 0, 0] + alone[node, 1, 1] + alone[node, 2, 2]
+        own = new + remembered * before[node]
+        if own < most:
+            blocks[node] = fresh[node] * (own / new)
+        for axis in range(3):
+            blocks[node, axis, axis] += common / 3.0
+    return blocks
+
+
+def _shape_covariances(problem: Problem, before: Array, fitted: Fitted, config: MapSettings) -> tuple[Array, Array]:
+    """The diagonal blocks of H⁻¹ (M, 3, 3) [m²], for a rod that keeps its shape as usual, and for one that does not.
 
     The H that finds the nodes would be overconfident: neighbouring points err alike.
     """
-    system = with_priors(problem, fitted.nodes, before, way_m, config.priors.length_m, config)
-    few = config.trust.independent_points
+    trust, priors = config.trust, config.priors
+    system = with_priors(problem, fitted.nodes, before, trust.forgotten_m, priors.length_m, config)
+    few = trust.independent_points
     add_cloud(system, problem.points, fitted.nodes, fitted.placed, config.noise_m, few, config)
-    add_tips(system, fitted.nodes, fitted.tips, config.priors.tip_m)
-    return system.covariance()
-
-
-def _traces(blocks: Array) -> Array:
-    """Variance in all directions together (M,) of blocks (M, 3, 3)."""
-    return np.trace(blocks, axis1=1, axis2=2)
+    add_tips(system, fitted.nodes, fitted.tips, priors.tip_m)
+    alone = system.covariance()
+    kept = problem.K_d * (1.0 / problem.way_m**2 - 1.0 / trust.forgotten_m**2)
+    add_coherence(system.band, system.rhs, before, kept, np.zeros_like(kept))
+    return system.covariance(), alone
 
 
 def astray_m(problem: Problem, fitted: Fitted, config: MapSettings) -> float:
     """How much of the rod fits nowhere [m]: a rod that lies where it is said to be has its length where it is seen.
 
-    The length of the nodes in open view without points, and half of what the way from tip to tip over the cloud
-    differs from the rod's length: the nodes between slid by as much.
+    The length of the nodes in open view without points, where the picture tells that nothing hides them, and half
+    of what the way from tip to tip over the cloud differs from the rod's length: the nodes between slid by as much.
+    At most `half_m`, for what is missing may also be hidden by something that nobody knows.
     """
     length_m = float(problem.rod_m[-1])
     first, last = fitted.tips.first_m, fitted.tips.last_m
     misfit_m = 0.0 if first is None or last is None else 0.5 * abs(last - first - length_m)
-    return float(np.hypot(missing(problem, fitted, config) * length_m, misfit_m))
+    gone_m = missing(problem, fitted, config) * length_m if _tells(problem) else 0.0
+    return min(float(np.hypot(gone_m, misfit_m)), config.trust.half_m)
 
 
 def health(problem: Problem, fitted: Fitted, covariance: Array, config: MapSettings) -> float:
     """Trust in the whole, 0 to 1: a product of four shares.
 
     Points that lie within 5 standard deviations of the rod, by the share that is usual; 1 / (1 + rms² / half²) with the
-    root mean square of the nodes' standard deviations; 1 less `trust.missing` times the share of missing nodes; and
-    `trust.tip` for each tip that is neither seen nor held nor known to be hidden.
+    root mean square of the nodes' standard deviations; 1 less the share of missing nodes, times `trust.missing` but not
+    below `trust.present_least` where the picture tells that nothing hides them; and `trust.tip` for each tip that is
+    neither seen nor held nor known to be hidden.
     """
     trust = config.trust
-    mean_square = float(np.mean(_traces(covariance)))
+    mean_square = float(np.einsum("nii->", covariance)) / len(covariance)
     sure = 1.0 / (1.0 + mean_square / trust.half_m**2)
-    present = max(1.0 - trust.missing * missing(problem, fitted, config), 0.0)
+    gone = missing(problem, fitted, config)
+    present = max(1.0 - trust.missing * gone, trust.present_least) if _tells(problem) else 1.0 - gone
     usual = min(explained(fitted, config) / trust.usual_share, 1.0)
     held = {node for node, _ in problem.pins}
     ends = ((fitted.tips.first_m, 0), (fitted.tips.last_m, len(fitted.nodes) - 1))
@@ -82,5 +99,9 @@ def explained(fitted: Fitted, config: MapSettings) -> float:
 
 def missing(problem: Problem, fitted: Fitted, config: MapSettings) -> float:
     """Share of the nodes that should have points and have none; less where nothing tells what hides them."""
-    tells = problem.view is not None and problem.view.tells
-    return float(np.mean(~fitted.supported & ~fitted.shaded)) * (1.0 if tells else config.trust.unknown)
+    return float(np.mean(~fitted.supported & ~fitted.shaded)) * (1.0 if _tells(problem) else config.trust.unknown)
+
+
+def _tells(problem: Problem) -> bool:
+    """Whether it is known what hides the rod."""
+    return problem.view is not None and problem.view.tells
