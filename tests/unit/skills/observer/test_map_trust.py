@@ -79,8 +79,9 @@ def test_what_is_hidden_is_less_sure_from_cloud_to_cloud_and_sure_again_when_it_
     full = seen_by_camera(cloud(rod, 9))
     clouds = [full] + [hidden_by_robot(rod, (0.35, 0.65), seed) for seed in range(8)]
     prior, middle = state(resample(rod, count)), count // 2
-    soon, late, again = (spread_m(after(row, prior))[middle] for row in (clouds[:2], clouds, [*clouds, full]))
-    assert late > 1.2 * soon
+    rows = (clouds[:2], clouds[:4], clouds, [*clouds, full])
+    soon, then, late, again = (spread_m(after(row, prior))[middle] for row in rows)
+    assert late > 1.05 * then > 1.1 * soon  # gradually: not known at first and unknown from then on
     assert again < soon
 
 
@@ -108,9 +109,9 @@ def test_a_rod_is_trusted_with_half_of_it_or_a_tip_behind_the_robot(name: str) -
         assert after(clouds, state(rod)).health > LOST_HEALTH, hidden
 
 
-def test_a_rod_is_trusted_among_a_fifth_of_outliers() -> None:
+def test_a_rod_is_trusted_among_a_quarter_of_outliers() -> None:
     rod = shape("S")
-    assert after([seen_by_camera(cloud(rod, outliers=0.25))], state(rod)).health > LOST_HEALTH
+    assert after([seen_by_camera(cloud(rod, outliers=0.35))], state(rod)).health > LOST_HEALTH
 
 
 @pytest.mark.parametrize(("name", "turned_rad"), [("S", np.pi / 2), ("U", np.pi / 1.5)])
