@@ -94,7 +94,7 @@ BAD = {
     "a negative seed": (["--seed", "-1"], "--seed is -1"),
     "an interactive goal without a viewer": (["--goal", "interactive"], "needs the viewer"),
     "an unknown DLO": (["--dlo", "spaghetti"], "soft_rope"),
-    "an unknown observer": (["--observer", "crystal_ball"], "anchored, cpd, spr, som, map"),
+    "an unknown observer": (["--observer", "crystal_ball"], "map, anchored, cpd, spr, som"),
     "an unknown segmentation": (["--segmentation", "smell"], "brightness, colour"),
     "a flag without its value": (["--config"], "lacks its value"),
     "a model of no length": (["--model.length-m", "0"], "length"),

@@ -19,13 +19,13 @@ from dlokit.app.bench_observers import ObserversArgs, run_observers
 from dlokit.app.environment import prepare_environment
 from dlokit.app.machine import machine_facts
 from dlokit.bench.report import bench_json, figures, overview, spread, timing_figures
-from dlokit.bench.shaping import PAPER_SUITE, Case, CaseResult, cases, run_case
+from dlokit.bench.shaping import PAPER_SUITE, Case, CaseResult, Method, cases, methods_of, run_case, with_method
 from dlokit.bench.simulation import measure
 from dlokit.errors import ConfigError
 from dlokit.system.config import RunConfig
 from dlokit.system.run_folder import claim_run_folder, new_run_folder
 
-TABLE_WIDTH = 140
+TABLE_WIDTH = 160
 SUITES = {"paper": PAPER_SUITE}
 
 
@@ -40,6 +40,12 @@ class ShapingArgs:
     """Which experiments: paper = I to S, S to I, I to I (moved by 15 cm, turned by 40°), random to I, random to S."""
     seeds: int = 5
     """Seeds 0 to K-1 of each experiment."""
+    first_seed: int = 0
+    """Seeds F to F+K-1 in place of 0 to K-1; what was tuned on some is reported on others."""
+    planner: str = ""
+    """Planners to compare on the same starts, e.g. farthest,rollout. [default: the configuration's]"""
+    observer: str = ""
+    """Observers to compare, each with every planner, e.g. map,cpd. [default: the configuration's]"""
     jobs: int = 1
     """Runs side by side, a process each."""
     json: Path | None = None
@@ -52,11 +58,14 @@ class ShapingArgs:
 
 def run_shaping(args: ShapingArgs) -> int:
     """Run the suite; exit code 0 when every run ended, converged or not."""
-    if args.seeds < 1 or args.jobs < 1:
-        raise ConfigError(f"--seeds {args.seeds} and --jobs {args.jobs} must be at least 1.")
+    if args.seeds < 1 or args.jobs < 1 or args.first_seed < 0:
+        raise ConfigError(
+            f"--seeds {args.seeds} and --jobs {args.jobs} must be at least 1, "
+            f"--first-seed {args.first_seed} at least 0."
+        )
     console = Console()
     folder = claim_run_folder(args.out) if args.out else new_run_folder(Path("runs"), "bench-shaping", datetime.now())
-    todo = list(cases(SUITES[args.suite], args.seeds))
+    todo = list(cases(SUITES[args.suite], args.seeds, _methods(args), first_seed=args.first_seed))
     results: list[CaseResult] = []
     with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
         bar = progress.add_task("shaping", total=len(todo))
@@ -74,11 +83,20 @@ def run_shaping(args: ShapingArgs) -> int:
     return 0
 
 
+def _methods(args: ShapingArgs) -> tuple[Method, ...]:
+    """Who is compared; a name that is not known is told before anything runs."""
+    methods = methods_of(args.run, _names(args.observer), _names(args.planner))
+    for method in methods:
+        with_method(args.run, method)
+    return methods
+
+
+def _names(listed: str) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(name.strip() for name in listed.split(",") if name.strip()))
+
+
 def _run_all(todo: Sequence[Case], args: ShapingArgs, folder: Path) -> Iterator[CaseResult]:
-    work = [
-        (case, _config(case, args.run), folder / f"{case.experiment.name.replace(' ', '-')}-{case.seed}")
-        for case in todo
-    ]
+    work = [(case, _config(case, args.run), folder / _folder_name(case)) for case in todo]
     if args.jobs == 1:
         for item in work:
             yield run_case(*item)
@@ -89,9 +107,13 @@ def _run_all(todo: Sequence[Case], args: ShapingArgs, folder: Path) -> Iterator[
             yield future.result()
 
 
+def _folder_name(case: Case) -> str:
+    return f"{case.experiment.name.replace(' ', '-')}-{case.seed}-{case.method.planner}-{case.method.observer}"
+
+
 def _config(case: Case, config: RunConfig) -> RunConfig:
     return replace(
-        config,
+        with_method(config, case.method),
         start=case.experiment.start,
         goal=case.experiment.goal,
         seed=case.seed,
@@ -101,12 +123,13 @@ def _config(case: Case, config: RunConfig) -> RunConfig:
 
 
 def _line(done: CaseResult) -> str:
-    result = done.result
+    case, result = done.case, done.result
     rmse = "-" if result.rmse_m is None else f"{result.rmse_m * 1e3:.1f} mm"
     true = "-" if result.true_rmse_m is None else f"{result.true_rmse_m * 1e3:.1f} mm"
     return (
-        f"{done.case.experiment.name:12} seed {done.case.seed}  {result.outcome.value:10} {result.actions:3d} actions  "
-        f"RMSE {rmse:>8}  true {true:>8}  {result.sim_time_s:6.1f} s simulated in {result.wall_time_s:6.1f} s"
+        f"{case.experiment.name:12} seed {case.seed}  {case.method.name:14}  {result.outcome.value:10} "
+        f"{result.actions:3d} actions  RMSE {rmse:>8}  true {true:>8}  "
+        f"{result.sim_time_s:6.1f} s simulated in {result.wall_time_s:6.1f} s"
         + (f"  ({result.reason})" if result.reason else "")
     )
 
@@ -115,6 +138,7 @@ def _table(results: Sequence[CaseResult]) -> Table:
     table = Table(title=f"shaping on {platform.machine()}", caption="median (smallest to largest) over seeds")
     for heading in (
         "experiment",
+        "planner, observer",
         "converged",
         "95 % interval",
         "actions",
@@ -123,7 +147,9 @@ def _table(results: Sequence[CaseResult]) -> Table:
         "robot s",
         "pace",
     ):
-        table.add_column(heading, justify="left" if heading == "experiment" else "right", no_wrap=True)
+        table.add_column(
+            heading, justify="left" if heading in ("experiment", "planner, observer") else "right", no_wrap=True
+        )
     for row in overview(results):
         table.add_row(*row)
     return table

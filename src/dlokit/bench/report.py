@@ -33,9 +33,9 @@ class Figure:
 def figures(results: Sequence[CaseResult]) -> list[Figure]:
     """Success rate, and medians over the runs of each experiment."""
     rows: list[Figure] = []
-    for name, runs in _by_experiment(results):
+    for name, method, runs in _by_experiment(results):
         wins = sum(run.outcome is RunOutcome.CONVERGED for run in runs)
-        rows.append(_figure(name, "converged", success_rate(wins, len(runs)), ""))
+        rows.append(_figure(name, "converged", success_rate(wins, len(runs)), "", method))
         for metric, unit in (
             ("actions", ""),
             ("rmse_m", "m"),
@@ -46,7 +46,7 @@ def figures(results: Sequence[CaseResult]) -> list[Figure]:
         ):
             values = [float(value) for run in runs if (value := getattr(run, metric)) is not None]
             if values:
-                rows.append(_figure(name, f"median {metric}", _median(values), unit))
+                rows.append(_figure(name, f"median {metric}", _median(values), unit, method))
     return rows
 
 
@@ -68,12 +68,13 @@ def bench_json(bench: str, rows: Sequence[Figure], machine: Mapping[str, str], c
 
 
 def overview(results: Sequence[CaseResult]) -> Iterator[tuple[str, ...]]:
-    """A row an experiment: name, converged, interval, actions, RMSE, true RMSE, robot seconds, pace."""
-    for name, runs in _by_experiment(results):
+    """A row an experiment and method: both, converged, interval, actions, RMSE, true RMSE, robot seconds, pace."""
+    for name, method, runs in _by_experiment(results):
         wins = sum(run.outcome is RunOutcome.CONVERGED for run in runs)
         rate = success_rate(wins, len(runs))
         yield (
             name,
+            method,
             f"{wins}/{len(runs)}",
             f"{rate.low:.2f} to {rate.high:.2f}",
             spread([run.actions for run in runs], "{:.0f}"),
@@ -96,15 +97,19 @@ def spread(values: Sequence[float], form: str) -> str:
     return f"{form.format(np.median(values))} ({form.format(min(values))} to {form.format(max(values))})"
 
 
-def _by_experiment(results: Sequence[CaseResult]) -> Iterator[tuple[str, list[RunResult]]]:
-    for name in dict.fromkeys(done.case.experiment.name for done in results):
-        yield name, [done.result for done in results if done.case.experiment.name == name]
+def _by_experiment(results: Sequence[CaseResult]) -> Iterator[tuple[str, str, list[RunResult]]]:
+    for name, method in dict.fromkeys((done.case.experiment.name, done.case.method.name) for done in results):
+        yield (
+            name,
+            method,
+            [done.result for done in results if done.case.experiment.name == name and done.case.method.name == method],
+        )
 
 
-def _figure(case: str, metric: str, interval: Interval, unit: str) -> Figure:
+def _figure(case: str, metric: str, interval: Interval, unit: str, method: str = "dlokit") -> Figure:
     return Figure(
         case=case,
-        method="dlokit",
+        method=method,
         metric=metric,
         value=interval.value,
         low=interval.low,

@@ -1,7 +1,7 @@
 """`dlokit bench shaping`: the paper's five experiments, each over several seeds, judged by the hidden truth."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +9,8 @@ import numpy as np
 from dlokit.bench.judged_run import judged_run
 from dlokit.decision.task import GoalRequest
 from dlokit.description import shapes
+from dlokit.skills.observer.strategies import OBSERVERS
+from dlokit.skills.planning.strategies import PLANNERS
 from dlokit.system.config import RunConfig
 from dlokit.system.run_result import ActionResult, RunResult
 from dlokit.system.shaping import ShapeJob
@@ -41,11 +43,25 @@ PAPER_SUITE: tuple[Experiment, ...] = (
 
 
 @dataclass(frozen=True, kw_only=True)
+class Method:
+    """Who sees and who chooses, by the names of the strategies."""
+
+    observer: str
+    planner: str
+
+    @property
+    def name(self) -> str:
+        """As tables call it."""
+        return f"{self.planner}, {self.observer}"
+
+
+@dataclass(frozen=True, kw_only=True)
 class Case:
-    """One experiment with one seed."""
+    """One experiment with one seed, by one method."""
 
     experiment: Experiment
     seed: int
+    method: Method
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,11 +80,34 @@ class _Silent:
         pass
 
 
-def cases(suite: Sequence[Experiment], seeds: int) -> Iterator[Case]:
-    """Every experiment with every seed."""
+def methods_of(config: RunConfig, observers: Sequence[str], planners: Sequence[str]) -> tuple[Method, ...]:
+    """Every planner with every observer; where none is named, the configuration's."""
+    return tuple(
+        Method(observer=observer, planner=planner)
+        for planner in planners or (config.planning.strategy.name,)
+        for observer in observers or (config.observer.strategy.name,)
+    )
+
+
+def with_method(config: RunConfig, method: Method) -> RunConfig:
+    """The configuration with a method's strategies, those that it had with their settings, others with their defaults.
+
+    Raises `ConfigError` for a name that is not known.
+    """
+    observer, planning = config.observer, config.planning
+    if method.observer != observer.strategy.name:
+        observer = replace(observer, strategy=OBSERVERS.named(method.observer, "--observer")())
+    if method.planner != planning.strategy.name:
+        planning = replace(planning, strategy=PLANNERS.named(method.planner, "--planner")())
+    return replace(config, observer=observer, planning=planning)
+
+
+def cases(suite: Sequence[Experiment], seeds: int, methods: Sequence[Method], *, first_seed: int = 0) -> Iterator[Case]:
+    """Every experiment with every seed, from the same start by every method."""
     for experiment in suite:
-        for seed in range(seeds):
-            yield Case(experiment=experiment, seed=seed)
+        for seed in range(first_seed, first_seed + seeds):
+            for method in methods:
+                yield Case(experiment=experiment, seed=seed, method=method)
 
 
 def run_case(case: Case, config: RunConfig, folder: Path) -> CaseResult:

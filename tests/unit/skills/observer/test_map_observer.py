@@ -152,7 +152,7 @@ def test_a_branched_dlo_is_registered_as_the_other_observers_do() -> None:
     edges[-1, 0] = 10
     prior = msgspec.structs.replace(state(rod), topology=Topology(edges=edges, rest_lengths_m=plain.rest_lengths_m))
     np.testing.assert_array_equal(
-        MapObserver().estimate(cloud(rod), prior).nodes_world, Cpd().estimate(cloud(rod), prior).nodes_world
+        MapObserver().estimate(cloud(rod), prior).nodes_world, Cpd(pliable()).estimate(cloud(rod), prior).nodes_world
     )
 
 

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 
+from dlokit.skills.observer.anchored import pliable
 from dlokit.skills.observer.cpd import CpdConfig
 from dlokit.skills.observer.map.terms import ChainPriors
 from dlokit.skills.observer.map.tips import TipConfig
@@ -78,5 +79,5 @@ class MapSettings:
     """The rod's radius: nodes lie at least so high above the table [m]."""
     table_z_m: float = 0.0
     """Height of the table [m]."""
-    cpd: CpdConfig = field(default_factory=CpdConfig)
+    cpd: CpdConfig = field(default_factory=pliable)
     """The registration of DLOs that are not one chain."""

@@ -1,0 +1,41 @@
+"""Planners and observers are compared on the same starts, by name."""
+
+from dataclasses import replace
+
+import pytest
+
+from dlokit.bench.shaping import PAPER_SUITE, Method, cases, methods_of, with_method
+from dlokit.errors import ConfigError
+from dlokit.skills.observer.cpd import CpdConfig
+from dlokit.system.config import RunConfig
+
+
+def test_every_method_meets_every_start() -> None:
+    methods = methods_of(RunConfig(), ["map", "cpd"], ["farthest", "rollout"])
+    todo = list(cases(PAPER_SUITE, 3, methods, first_seed=100))
+    assert len(todo) == len(PAPER_SUITE) * 3 * 4
+    met = {method: {(case.experiment.name, case.seed) for case in todo if case.method == method} for method in methods}
+    assert len(met) == 4
+    assert len({frozenset(starts) for starts in met.values()}) == 1
+    assert {case.seed for case in todo} == {100, 101, 102}
+
+
+def test_where_nothing_is_named_the_configuration_is_the_method() -> None:
+    config = RunConfig()
+    (method,) = methods_of(config, [], [])
+    assert method == Method(observer=config.observer.strategy.name, planner=config.planning.strategy.name)
+    assert with_method(config, method) == config
+
+
+def test_a_strategy_that_is_configured_keeps_its_settings_and_another_has_its_own() -> None:
+    config = RunConfig()
+    config = replace(config, observer=replace(config.observer, strategy=CpdConfig(beta_m=0.3)))
+    planner = config.planning.strategy.name
+    assert with_method(config, Method(observer="cpd", planner=planner)).observer.strategy == CpdConfig(beta_m=0.3)
+    assert with_method(config, Method(observer="map", planner=planner)).observer.strategy.name == "map"
+    assert with_method(config, Method(observer="map", planner="rollout")).planning.strategy.name == "rollout"
+
+
+def test_a_method_that_is_not_known_is_told_with_those_that_are() -> None:
+    with pytest.raises(ConfigError, match="farthest"):
+        with_method(RunConfig(), Method(observer="map", planner="crystal_ball"))
