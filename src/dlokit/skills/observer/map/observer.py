@@ -20,7 +20,7 @@ from dlokit.skills.observer.map.fine import Fitted, fine
 from dlokit.skills.observer.map.problem import Problem, posed
 from dlokit.skills.observer.map.refine import refined, refined_pins, refinement
 from dlokit.skills.observer.map.settings import MapSettings
-from dlokit.skills.observer.map.trust import explained, health, missing, stated_covariance
+from dlokit.skills.observer.map.trust import health, stated_covariance
 from dlokit.skills.observer.mixture import thinned
 from dlokit.skills.observer.partial import register_visible
 from dlokit.types.dlo import DloState, TargetPoints
@@ -78,8 +78,6 @@ class Found:
     covariance: Array
     """(M, 3, 3) [m²]."""
     health: float
-    fits: float
-    """Share of the points on the rod, less the share of the nodes that should have points and have none."""
 
 
 def tracked(problem: Problem, config: MapSettings) -> Found:
@@ -87,9 +85,4 @@ def tracked(problem: Problem, config: MapSettings) -> Found:
     nodes, before = coarse(problem, config)
     fitted = fine(problem, nodes, before, config)
     covariance = stated_covariance(problem, before, fitted, config)
-    return Found(
-        fitted=fitted,
-        covariance=covariance,
-        health=health(problem, fitted, covariance, config),
-        fits=explained(fitted, config) - missing(problem, fitted, config),
-    )
+    return Found(fitted=fitted, covariance=covariance, health=health(problem, fitted, covariance, config))
