@@ -1,11 +1,14 @@
 """What is compiled before the first frame is all that the first frame needs."""
 
+from typing import Any
+
 import pytest
 from synthetic_clouds import cloud, shape, state
 
-from dlokit.skills.observer import coherent_motion, mixture_kernels
+from dlokit.skills.observer import behind_itself, coherent_motion, mixture_kernels
 from dlokit.skills.observer.base import ObserverStrategyConfig
 from dlokit.skills.observer.kernels import warm
+from dlokit.skills.observer.map import terms, view
 from dlokit.skills.observer.strategies import OURS
 
 
@@ -26,3 +29,19 @@ def test_after_warming_no_observer_compiles_anything(config: type[ObserverStrate
     assert before["dlokit.skills.observer.mixture_kernels.expectation"] == 1
     config().build().estimate(cloud(shape("S")), state(shape("S")))
     assert compiled() == before
+
+
+@pytest.mark.parametrize(
+    "kernel",
+    [
+        vars(view)["_shaded"],
+        vars(view)["_nearest_shade"],
+        behind_itself.behind_in_camera,
+        vars(terms)["add_tip"],
+        vars(terms)["add_place"],
+    ],
+    ids=lambda kernel: kernel.__name__,
+)
+def test_warming_needs_what_only_hidden_parts_tips_and_pins_need(kernel: Any) -> None:
+    warm()
+    assert kernel.signatures
