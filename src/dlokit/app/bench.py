@@ -52,8 +52,8 @@ class ShapingArgs:
     """Also write every figure to this file."""
     out: Path | None = None
     """Folder for the runs. [default: runs/<time>-bench-shaping/]"""
-    run: Annotated[RunConfig, tyro.conf.arg(name="")] = field(default_factory=RunConfig)
-    """Settings of every run; start, goal, seed and runtime are the bench's."""
+    run: Annotated[RunConfig, tyro.conf.arg(name="")] = field(default_factory=lambda: RunConfig(record=False))
+    """Settings of every run; start, goal, seed and runtime are the bench's. Recorded only with `--record`."""
 
 
 def run_shaping(args: ShapingArgs) -> int:

@@ -5,10 +5,18 @@ from typing import Annotated
 
 import tyro
 
-from dlokit.app import bench, demo, doctor, graph, shape, track
+from dlokit.app import bench, demo, doctor, graph, info, shape, track
 from dlokit.app.shape_defaults import shape_defaults
 
-Command = shape.ShapeArgs | demo.DemoArgs | track.TrackArgs | graph.GraphArgs | doctor.DoctorArgs | bench.BenchArgs
+Command = (
+    shape.ShapeArgs
+    | demo.DemoArgs
+    | track.TrackArgs
+    | info.InfoArgs
+    | graph.GraphArgs
+    | doctor.DoctorArgs
+    | bench.BenchArgs
+)
 
 
 def parse(arguments: Sequence[str]) -> Command:
@@ -19,6 +27,7 @@ def parse(arguments: Sequence[str]) -> Command:
         | Annotated[demo.DemoArgs, tyro.conf.subcommand("demo")]
         | Annotated[track.TrackArgs, tyro.conf.subcommand("track")]
         | Annotated[bench.BenchArgs, tyro.conf.subcommand("bench")]
+        | Annotated[info.InfoArgs, tyro.conf.subcommand("info")]
         | Annotated[graph.GraphArgs, tyro.conf.subcommand("graph")]
         | Annotated[doctor.DoctorArgs, tyro.conf.subcommand("doctor")]
     )
@@ -41,6 +50,8 @@ def execute(arguments: Sequence[str]) -> int:
             return demo.run(args)
         case track.TrackArgs() as args:
             return track.run(args)
+        case info.InfoArgs() as args:
+            return info.run(args)
         case graph.GraphArgs() as args:
             return graph.run(args)
         case doctor.DoctorArgs() as args:

@@ -4,6 +4,7 @@ import asyncio
 import itertools
 import weakref
 from collections import defaultdict
+from collections.abc import Callable
 from typing import Any, ParamSpec, TypeVar
 
 from dlokit.communication import codec
@@ -23,7 +24,9 @@ R = TypeVar("R")
 class MemoryTransport:
     """Publish, read and call within one event loop; one instance is one bus."""
 
-    def __init__(self) -> None:
+    def __init__(self, tap: Callable[[Topic[Any], Message], None] | None = None) -> None:
+        """`tap` sees every message as its readers get it."""
+        self._tap = tap
         self._latest: dict[str, tuple[Any, float]] = {}
         self._mailboxes: defaultdict[str, list[weakref.ref[Mailbox[Any]]]] = defaultdict(list)
         self._handlers: dict[str, CallHandler] = {}
@@ -34,6 +37,8 @@ class MemoryTransport:
         """Hand everybody the same decoded, read-only copy."""
         copy = codec.decode(codec.encode(message), topic.type)
         self._latest[topic.name] = (copy, asyncio.get_running_loop().time())
+        if self._tap is not None:
+            self._tap(topic, copy)
         readers = self._mailboxes[topic.name]
         for reference in readers:
             mailbox = reference()

@@ -59,11 +59,15 @@ class Skill(Generic[P, R]):
         result = self._hints["return"]
         return Succeeded[result] | Failed | Rejected | Cancelled | TimedOut | Unreachable
 
-    def encode_arguments(self, *args: P.args, **kwargs: P.kwargs) -> bytes:
-        """Serialized arguments (Algorithm 1, first line)."""
+    def name_arguments(self, *args: P.args, **kwargs: P.kwargs) -> dict[str, Any]:
+        """Arguments by name, defaults filled in. Raises `TypeError` when they do not fit the signature."""
         bound = inspect.signature(self.signature).bind(*args, **kwargs)
         bound.apply_defaults()
-        return codec.encode(self._arguments_type(**bound.arguments))
+        return dict(bound.arguments)
+
+    def encode_arguments(self, *args: P.args, **kwargs: P.kwargs) -> bytes:
+        """Serialized arguments (Algorithm 1, first line)."""
+        return codec.encode(self._arguments_type(**self.name_arguments(*args, **kwargs)))
 
     def decode_arguments(self, data: bytes) -> dict[str, Any]:
         """Arguments by name (Algorithm 2). Raises `CommunicationError` when they do not fit."""

@@ -2,7 +2,10 @@
 
 import asyncio
 import itertools
+from collections.abc import Callable
 from typing import Any, ParamSpec, TypeVar
+
+import zenoh
 
 from dlokit.communication import codec, zenoh_calls
 from dlokit.communication.calls import decode_answer, encode_call
@@ -48,6 +51,7 @@ class ZenohTransport:
         self._writers: dict[str, TopicWriter] = {}
         self._readers: dict[str, TopicReader[Any]] = {}
         self._servers: dict[str, CallServer] = {}
+        self._taps: list[zenoh.Subscriber[Any]] = []
         self._presence = Presence(self._session, self._loop)
         self._closed = False
 
@@ -65,6 +69,15 @@ class ZenohTransport:
     def stream(self, topic: Topic[T], *, with_last: bool = False) -> Mailbox[T]:
         """Messages from now on; with `with_last`, the last one before, first."""
         return self._reader(topic).open_mailbox(with_last=with_last)
+
+    def tap(self, topic: Topic[Any], listener: Callable[[bytes], None]) -> None:
+        """Hand every message of a topic, still encoded, to `listener`, on a thread of the network's.
+
+        Unlike a reader it misses none when this process's loop is busy.
+        """
+        self._taps.append(
+            self._session.declare_subscriber(f"topic/{topic.name}", lambda sample: listener(sample.payload.to_bytes()))
+        )
 
     async def call(self, skill: Skill[P, R], *args: P.args, **kwargs: P.kwargs) -> Outcome[R]:
         """Algorithm 1; a cancelled caller cancels the skill, and waits until it has stopped."""

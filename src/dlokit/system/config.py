@@ -37,6 +37,8 @@ class RunConfig:
     """Seed of everything random: start shape, camera noise, the error of the believed camera pose."""
     headless: bool = False
     """Run without the browser viewer."""
+    record: bool = True
+    """Write everything that goes over the bus to `recording.mcap` in the run's folder; `dlokit info` reads it."""
     goal_at_m: tuple[float, float] | None = None
     """Where on the table (x, y) the middle of the goal is moved to [m], e.g. 0.52 0 for a file whose curves lie
     elsewhere; without it a goal stays where it is."""

@@ -8,6 +8,7 @@ from pathlib import Path
 import msgspec
 
 from dlokit.communication.host import Host
+from dlokit.communication.recording.recorder import Recorder
 from dlokit.decision.component import DecisionComponent
 from dlokit.errors import ProcessFailure
 from dlokit.system.build import Wiring, build_component
@@ -15,6 +16,7 @@ from dlokit.system.config import RunConfig
 from dlokit.system.lease_keeper import lease_held
 from dlokit.system.live_system import LiveSystem, live_system, namespace_of
 from dlokit.system.processes import DECISION, processes_of_run
+from dlokit.system.recording import live_recorder, with_calls_recorded
 from dlokit.system.run_record import RunRecord
 from dlokit.system.shaping import ShapeJob, Watcher, shape
 from dlokit.system.start_file import NOBODYS_BUSINESS, write_start
@@ -39,7 +41,8 @@ async def _run(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher) -
     rows = processes_of_run(simulated=True, watched=not config.headless)
     launch = Launch(namespace=namespace_of(folder), config_file=folder / CONFIG_FILE, run_dir=folder)
     async with live_system(rows, launch) as live:
-        return await live.run(_decide(live, config, job, folder, watch), _failed)
+        with live_recorder(config, job.name, folder, live.clock, live.transport) as recorder:
+            return await live.run(_decide(live, config, job, folder, watch, recorder), _failed)
 
 
 def _failed(record: RunRecord, failure: ProcessFailure) -> RunRecord:
@@ -49,13 +52,16 @@ def _failed(record: RunRecord, failure: ProcessFailure) -> RunRecord:
     return replace(record, result=result)
 
 
-async def _decide(live: LiveSystem, config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher) -> RunRecord:
-    wiring = Wiring(transport=live.transport, clock=live.clock, folder=folder, start_nodes_world=NOBODYS_BUSINESS)
-    host = Host(live.transport, live.clock, live.compute)
+async def _decide(
+    live: LiveSystem, config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher, recorder: Recorder | None
+) -> RunRecord:
+    transport = with_calls_recorded(live.transport, live.clock, recorder)
+    wiring = Wiring(transport=transport, clock=live.clock, folder=folder, start_nodes_world=NOBODYS_BUSINESS)
+    host = Host(transport, live.clock, live.compute)
     components = {name: build_component(name, config, wiring) for name in DECISION.components}
     for component in components.values():
         host.add(component)
     decision = components["decision"]
     assert isinstance(decision, DecisionComponent)
     async with host, lease_held(live.transport):
-        return await shape(decision, live.transport, live.clock, config, job, watch)
+        return await shape(decision, transport, live.clock, config, job, watch)

@@ -10,11 +10,13 @@ from dlokit.communication import virtual_time
 from dlokit.communication.clock import Clock, LoopClock
 from dlokit.communication.host import Host
 from dlokit.communication.memory import MemoryTransport
+from dlokit.communication.recording.recorder import Recorder
 from dlokit.communication.transport import Transport
 from dlokit.decision.component import DecisionComponent
 from dlokit.errors import DlokitError
 from dlokit.system.build import COMPONENTS, Wiring, build_component
 from dlokit.system.config import RunConfig
+from dlokit.system.recording import lockstep_recorder, with_calls_recorded
 from dlokit.system.run_record import RunRecord
 from dlokit.system.shaping import ShapeJob, Watcher, shape
 from dlokit.types.arrays import Float64Array
@@ -32,13 +34,15 @@ class LockstepSystem:
 
 @asynccontextmanager
 async def lockstep_system(
-    config: RunConfig, start_nodes_world: Float64Array, folder: Path
+    config: RunConfig, start_nodes_world: Float64Array, folder: Path, recorder: Recorder | None = None
 ) -> AsyncGenerator[LockstepSystem, None]:
     """Every component, started; for use under `virtual_time.run`.
 
-    The cell lays its DLO along `start_nodes_world` (K, 3) [m] and leaves its truth in `folder`.
+    The cell lays its DLO along `start_nodes_world` (K, 3) [m] and leaves its truth in `folder`. `recorder` is told of
+    every message and call.
     """
-    clock, transport = LoopClock(), MemoryTransport()
+    clock, bus = LoopClock(), MemoryTransport(None if recorder is None else recorder.put)
+    transport = with_calls_recorded(bus, clock, recorder)
     host = Host(transport, clock)
     wiring = Wiring(transport=transport, clock=clock, folder=folder, start_nodes_world=start_nodes_world)
     names = [name for name in COMPONENTS if not (name == "viewer" and config.headless)]
@@ -57,7 +61,14 @@ def run_lockstep(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher)
 
 
 async def _run(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher) -> RunRecord:
-    async with lockstep_system(config, job.start_nodes_world, folder) as system:
+    with lockstep_recorder(config, job.name, folder, LoopClock()) as recorder:
+        return await _run_recorded(config, job, folder, watch, recorder)
+
+
+async def _run_recorded(
+    config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher, recorder: Recorder | None
+) -> RunRecord:
+    async with lockstep_system(config, job.start_nodes_world, folder, recorder) as system:
         task = asyncio.create_task(shape(system.decision, system.transport, system.clock, config, job, watch))
         fault = asyncio.create_task(system.host.wait_failed())
         try:

@@ -1,0 +1,77 @@
+"""The recording of a run: which file, on which clock, and what it says of the run itself."""
+
+import platform
+import time
+from collections.abc import Generator
+from contextlib import contextmanager
+from importlib.metadata import version
+from pathlib import Path
+
+from dlokit import __version__
+from dlokit.communication.clock import Clock, FollowedClock
+from dlokit.communication.recording.call_log import CallLog
+from dlokit.communication.recording.channels import FILE_NAME, SKILL_CALLS
+from dlokit.communication.recording.recorder import Recorder
+from dlokit.communication.topics import TOPICS
+from dlokit.communication.transport import Transport
+from dlokit.communication.zenoh_transport import ZenohTransport
+from dlokit.system.config import RunConfig
+from dlokit.system.run_result import config_hash
+from dlokit.system.toml_config import to_toml
+
+LIBRARIES = ("mcap", "mujoco", "numpy", "eclipse-zenoh", "msgspec")
+
+CABLES = frozenset({"cell"})
+"""What drivers ask of the cell goes over a cable in a laboratory, and is not recorded."""
+
+
+def run_metadata(config: RunConfig, name: str) -> dict[str, dict[str, str]]:
+    """What the file says of the run: its name, its versions, its configuration."""
+    toml = to_toml(config)
+    return {
+        "run": {
+            "name": name,
+            "runtime": config.runtime,
+            "seed": str(config.seed),
+            "config_hash": config_hash(toml),
+        },
+        "versions": {
+            "dlokit": __version__,
+            "python": platform.python_version(),
+            **{library: version(library) for library in LIBRARIES},
+        },
+        "configuration": {"config.toml": toml},
+    }
+
+
+@contextmanager
+def lockstep_recorder(config: RunConfig, name: str, folder: Path, clock: Clock) -> Generator[Recorder | None]:
+    """The recorder of a lockstep run, which waits for it; None when the configuration wants no recording."""
+    if not config.record:
+        yield None
+        return
+    with Recorder(folder / FILE_NAME, clock.now_ns, run_metadata(config, name), patient=True) as recorder:
+        yield recorder
+
+
+@contextmanager
+def live_recorder(
+    config: RunConfig, name: str, folder: Path, clock: Clock, transport: ZenohTransport
+) -> Generator[Recorder | None]:
+    """The recorder of a live run, hearing every topic; None when the configuration wants no recording."""
+    if not config.record:
+        yield None
+        return
+    # The network's threads have no running loop to ask.
+    now_ns = clock.now_ns if isinstance(clock, FollowedClock) else time.monotonic_ns
+    with Recorder(folder / FILE_NAME, now_ns, run_metadata(config, name), patient=False) as recorder:
+        for topic in TOPICS:
+            transport.tap(topic, lambda data, topic=topic: recorder.put(topic, data))
+        yield recorder
+
+
+def with_calls_recorded(transport: Transport, clock: Clock, recorder: Recorder | None) -> Transport:
+    """The same transport, whose calls the recorder is told of."""
+    if recorder is None:
+        return transport
+    return CallLog(transport, clock.now_ns, lambda call: recorder.put(SKILL_CALLS, call), untold=CABLES)
