@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
-from mcap.records import Channel, Footer, McapRecord, Metadata, Schema
+from mcap.records import Channel, McapRecord, Metadata, Schema
 from mcap.records import Message as McapMessage
 from mcap.stream_reader import StreamReader
 
@@ -71,18 +71,16 @@ class RawRecording:
                     self.schemas[record.id] = record.name
                 case Metadata():
                     self.metadata[record.name] = record.metadata
-                case Footer():
-                    self.whole = True
                 case _:
                     pass
 
-    @staticmethod
-    def _until_cut(reader: StreamReader) -> Iterator[McapRecord]:
+    def _until_cut(self, reader: StreamReader) -> Iterator[McapRecord]:
         records = reader.records
         while True:
             try:
                 record = next(records)
             except StopIteration:
+                self.whole = True
                 return
             except Exception:  # whatever the parser stumbles over is where the file was cut
                 return

@@ -1,0 +1,158 @@
+"""What is recorded comes back the same, in files that Foxglove's reader takes."""
+
+import enum
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+from example_messages import EXAMPLES
+from mcap.reader import make_reader
+
+from dlokit.communication.recording.channels import RECORDED, SKILL_CALLS
+from dlokit.communication.recording.plain import from_json, json_schema, to_json
+from dlokit.communication.recording.reader import read_recording
+from dlokit.communication.recording.views import VIEWS
+from dlokit.communication.recording.writer import RecordingWriter
+from dlokit.communication.topics import STEREO_IMAGES, TOPICS
+from dlokit.errors import CommunicationError
+from dlokit.types.clock import ClockTick
+from dlokit.types.message import Message
+from dlokit.types.robot import RobotState
+
+JPEG_ERROR = 4  # of 255, on a picture of one colour
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """One message of every channel."""
+    path = tmp_path_factory.mktemp("recording") / "all.mcap"
+    writer = RecordingWriter(path, {"run": {"name": "I to S"}})
+    for number, (name, message) in enumerate(EXAMPLES.items()):
+        writer.add(RECORDED[name], number, message)
+    writer.close()
+    return path
+
+
+def assert_same(one: Any, other: Any) -> None:
+    assert type(one) is type(other)
+    if isinstance(one, np.ndarray):
+        assert one.dtype == other.dtype
+        np.testing.assert_array_equal(one, other, strict=True)
+    elif isinstance(one, msgspec.Struct):
+        for name in one.__struct_fields__:
+            assert_same(getattr(one, name), getattr(other, name))
+    elif isinstance(one, tuple):
+        assert len(one) == len(other)
+        for mine, theirs in zip(one, other, strict=True):
+            assert_same(mine, theirs)
+    else:
+        assert one == other or (one != one and other != other)
+
+
+def test_the_topics_of_the_table_and_the_skill_calls_are_recorded_and_nothing_else() -> None:
+    # The cell's true shape is on no topic of the table: tests/architecture/test_tables.py.
+    assert set(RECORDED) == {topic.name for topic in TOPICS} | {SKILL_CALLS.name}
+    assert set(EXAMPLES) == set(RECORDED)
+
+
+@pytest.mark.parametrize("name", [name for name in EXAMPLES if name != STEREO_IMAGES.name])
+def test_a_message_comes_back_the_same(name: str) -> None:
+    assert_same(EXAMPLES[name], from_json(to_json(EXAMPLES[name]), RECORDED[name].type))
+
+
+def test_a_file_gives_every_message_back_in_order_with_the_time_it_came(recording: Path) -> None:
+    back = list(read_recording(recording))
+    assert [one.topic for one in back] == list(EXAMPLES)
+    assert [one.log_ns for one in back] == list(range(len(EXAMPLES)))
+    for one in back:
+        if one.topic != STEREO_IMAGES.name:
+            assert_same(EXAMPLES[one.topic], one.message)
+
+
+def test_pictures_come_back_as_good_as_their_files_and_the_rest_of_their_message_the_same(recording: Path) -> None:
+    (pair,) = [one.message for one in read_recording(recording) if one.topic == STEREO_IMAGES.name]
+    sent: Any = EXAMPLES[STEREO_IMAGES.name]
+    for side in ("left", "right"):
+        difference = getattr(pair, side).astype(int) - getattr(sent, side)
+        assert np.abs(difference).max() <= JPEG_ERROR
+        pair = msgspec.structs.replace(pair, **{side: getattr(sent, side)})
+    assert_same(sent, pair)
+
+
+def test_every_channel_has_a_schema_that_foxglove_reads_and_its_messages_have_its_fields(recording: Path) -> None:
+    seen: set[str] = set()
+    with recording.open("rb") as stream:
+        for schema, channel, message in make_reader(stream).iter_messages():
+            assert schema is not None
+            assert (channel.message_encoding, schema.encoding) == ("json", "jsonschema")
+            check_readable(msgspec.json.decode(schema.data), msgspec.json.decode(message.data))
+            kind = VIEWS.get(channel.topic) or RECORDED[channel.topic].type
+            assert schema.name == f"{'foxglove' if channel.topic in VIEWS else 'dlokit'}.{kind.__name__}"
+            seen.add(channel.topic)
+    assert seen == set(VIEWS) | set(RECORDED)
+
+
+def check_readable(schema: dict[str, Any], value: Any) -> None:
+    """Foxglove takes objects of primitives, of objects, and of arrays of either; no unions, no arrays of arrays."""
+    if value is None:
+        return
+    match schema["type"]:
+        case "object":
+            tag = {"type"} if isinstance(value, dict) and value.get("type") == "PickPlace" else set[str]()
+            assert set(value) - tag == set(schema["properties"])
+            for name, part in schema["properties"].items():
+                check_readable(part, value[name])
+        case "array":
+            assert schema["items"]["type"] != "array"
+            for item in value:
+                check_readable(schema["items"], item)
+        case primitive:
+            python = {"boolean": bool, "integer": int, "number": float | int | str, "string": str}
+            assert isinstance(value, python[primitive])
+
+
+def test_what_is_no_number_in_json_is_one_again() -> None:
+    text = to_json(EXAMPLES["cell/clock"])
+    assert b'"Infinity"' in text
+    assert from_json(text, ClockTick).real_time_factor == float("inf")
+
+
+@pytest.mark.parametrize(
+    ("array", "match"),
+    [
+        ({"dtype": "<f4", "shape": [1], "values": [1.0], "base64": ""}, "array of float64 expected"),
+        ({"dtype": "O", "shape": [1], "values": [1.0], "base64": ""}, "refused; allowed"),
+        ({"dtype": "<f8", "shape": [2], "values": [1.0], "base64": ""}, "cannot reshape"),
+        ({"dtype": "<f8", "shape": [1], "values": [], "base64": "AAAA"}, "cannot decode"),
+        ({"dtype": "<f8"}, "cannot decode"),
+    ],
+)
+def test_an_array_that_is_none_is_refused(array: dict[str, Any], match: str) -> None:
+    plain = msgspec.json.decode(to_json(EXAMPLES["robot/state"])) | {"q_rad": array}
+    with pytest.raises(CommunicationError, match=match):
+        from_json(msgspec.json.encode(plain), RobotState)
+
+
+def test_a_type_that_json_has_no_schema_for_is_not_forgotten() -> None:
+    class Either(Message, frozen=True, kw_only=True, eq=False):
+        value: int | str
+
+    with pytest.raises(ValueError, match="too many values"):
+        json_schema(Either)
+
+
+def test_numbers_of_messages_that_are_missing_are_counted(tmp_path: Path) -> None:
+    writer = RecordingWriter(tmp_path / "gaps.mcap", {})
+    for seq in (4, 5, 8, 1, 2):  # the publisher was started again after 8
+        writer.add(RECORDED["cell/clock"], seq, ClockTick(stamp_ns=seq, seq=seq))
+    writer.close()
+    assert writer.lost == {"cell/clock": 2}
+
+
+def test_an_enumeration_is_written_by_its_value() -> None:
+    class Colour(enum.Enum):
+        RED = "red"
+
+    assert to_json(Colour.RED) == b'"red"'

@@ -1,0 +1,75 @@
+"""Lockstep recordings: all topics and calls that were, the same for the same seed, and nothing of the truth."""
+
+from pathlib import Path
+
+import pytest
+
+from dlokit.bench.shaping import PAPER_SUITE, Case, job_of
+from dlokit.communication import virtual_time
+from dlokit.communication.clock import LoopClock
+from dlokit.communication.recording.channels import FILE_NAME, SKILL_CALLS
+from dlokit.communication.recording.plain import to_json
+from dlokit.communication.recording.reader import RawRecording, read_recording
+from dlokit.communication.recording.views import VIEWS
+from dlokit.communication.topics import ARM_STATE, CLOCK, OBSERVATION, ROBOT_STATE, STEREO_IMAGES, TOPICS
+from dlokit.skills.perception import api as perception
+from dlokit.skills.robot import api as robot
+from dlokit.system.config import RunConfig
+from dlokit.system.lockstep import lockstep_system
+from dlokit.system.recording import lockstep_recorder
+from dlokit.system.toml_config import from_toml
+from dlokit.types.outcome import Succeeded
+
+CONFIG = RunConfig(headless=True, seed=3)
+
+
+async def look_once(folder: Path, config: RunConfig) -> None:
+    job = job_of(Case(experiment=PAPER_SUITE[0], seed=config.seed), config)
+    with lockstep_recorder(config, job.name, folder, LoopClock()) as recorder:
+        async with lockstep_system(config, job.start_nodes_world, folder, recorder) as system:
+            await system.clock.sleep(0.1)  # the arm's first state
+            assert isinstance(await system.transport.call(robot.HOME), Succeeded)
+            assert isinstance(await system.transport.call(perception.LOOK), Succeeded)
+
+
+def recorded(folder: Path, config: RunConfig) -> Path:
+    folder.mkdir()
+    virtual_time.run(look_once(folder, config))
+    return folder / FILE_NAME
+
+
+@pytest.fixture(scope="module")
+def twice(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    root = tmp_path_factory.mktemp("runs")
+    return [recorded(root / name, CONFIG) for name in ("one", "two")]
+
+
+def test_two_recordings_of_one_seed_have_the_same_messages_at_the_same_times(twice: list[Path]) -> None:
+    one, two = ([(r.topic, r.log_ns, to_json(r.message)) for r in read_recording(path)] for path in twice)
+    assert one == two
+
+
+def test_a_recording_has_what_went_over_the_bus_and_of_the_cell_its_clock_and_arm_alone(twice: list[Path]) -> None:
+    channels = {channel for channel, _ in RawRecording(path=twice[0])}
+    assert channels >= {CLOCK.name, ARM_STATE.name, ROBOT_STATE.name, STEREO_IMAGES.name, OBSERVATION.name}
+    assert channels >= {SKILL_CALLS.name, "view/left", "view/cloud", "view/tool"}
+    assert channels <= {topic.name for topic in TOPICS} | {SKILL_CALLS.name} | set(VIEWS)
+    assert {channel for channel in channels if channel.startswith("cell")} == {CLOCK.name, ARM_STATE.name}
+
+
+def test_a_recording_holds_the_configuration_and_the_versions_of_its_run(twice: list[Path]) -> None:
+    raw = RawRecording(path=twice[0])
+    assert list(raw)
+    assert from_toml(raw.metadata["configuration"]["config.toml"], RunConfig, "the recording") == CONFIG
+    assert raw.metadata["run"]["name"] == "I to S"
+    assert set(raw.metadata["versions"]) >= {"dlokit", "python", "mujoco", "numpy"}
+
+
+def test_no_record_records_nothing(tmp_path: Path) -> None:
+    async def nothing() -> None:
+        config = RunConfig(headless=True, record=False)
+        with lockstep_recorder(config, "I to S", tmp_path, LoopClock()) as recorder:
+            assert recorder is None
+
+    virtual_time.run(nothing())
+    assert list(tmp_path.iterdir()) == []
