@@ -11,6 +11,9 @@ import pytest
 
 from dlokit.app.job import job_from_config
 from dlokit.bench.judged_run import judged_run
+from dlokit.communication.recording.channels import FILE_NAME
+from dlokit.communication.recording.summary import summarise
+from dlokit.communication.topics import OBSERVER_EVENT, TOPICS
 from dlokit.system.config import RunConfig
 from dlokit.system.run_result import ActionResult
 from dlokit.types.flow import FlowStatus, RunOutcome
@@ -58,6 +61,14 @@ def test_the_rope_is_shaped_by_all_processes_together(tmp_path: Path) -> None:
     assert result.true_rmse_m is not None
     assert result.true_rmse_m < 0.014
     assert not started_by(psutil.Process().pid)
+    recorded = summarise(tmp_path / FILE_NAME)
+    assert recorded.whole
+    assert set(recorded.channels) >= {topic.name for topic in TOPICS if topic.publisher != "viewer"} - {
+        OBSERVER_EVENT.name  # the DLO was not lost
+    }
+    assert recorded.calls["robot.follow_path"]["succeeded"] == result.actions
+    assert recorded.last_step is not None
+    assert recorded.last_step.outcome is RunOutcome.CONVERGED
 
 
 @pytest.mark.parametrize("victim", ["camera", "cell"])

@@ -22,6 +22,8 @@ log = logging.getLogger(__name__)
 
 FLUSH_EVERY_S = 0.5
 """A process that is killed loses what came since, on the machine's clock."""
+BATCH_EVERY_S = 0.1
+"""A thread that woke for each message would cost the run more than writing does."""
 WAITING = 1024
 """Messages that may wait for the disk: 5 s of a live run."""
 PATIENCE_S = 10.0
@@ -52,7 +54,8 @@ class Recorder:
         self._now_ns = now_ns
         self._metadata = metadata
         self._patient = patient
-        self._waiting: queue.Queue[_Item | None] = queue.Queue(WAITING)
+        self._waiting: queue.Queue[_Item] = queue.Queue(WAITING)
+        self._ending = threading.Event()
         self._lock = threading.Lock()
         self._last_pair_ns: int | None = None
         self._thinned = 0
@@ -65,12 +68,10 @@ class Recorder:
 
     def __exit__(self, *exc: object) -> None:
         self._closed = True
-        try:
-            self._waiting.put(None, timeout=PATIENCE_S)
-        except queue.Full:
-            log.warning("recording_slow: %s is not written to its end: the disk does not answer", self._path)
-            return
+        self._ending.set()
         self._thread.join(PATIENCE_S)
+        if self._thread.is_alive():
+            log.warning("recording_slow: %s is not written to its end: the disk does not answer", self._path)
 
     def put(self, topic: Topic[Any], message: Message | bytes) -> None:
         """Record a message that nobody changes any more; returns at once where the run may not wait."""
@@ -82,12 +83,13 @@ class Recorder:
         try:
             self._waiting.put(_Item(topic, log_ns, message), self._patient, PATIENCE_S)
         except queue.Full:
-            log.debug("the disk is slow: a message on %s is not recorded", topic.name)
+            if self._patient:
+                log.warning("recording_failed: %s: the disk does not answer; the run goes on without it", self._path)
+                self._closed = True
 
     def _thinned_out(self, log_ns: int) -> bool:
         with self._lock:
             last = self._last_pair_ns
-            # A clock's tick is 10 ms: half a period less would let no more than one through either.
             if last is not None and 0 <= log_ns - last < 1e9 / IMAGES_PER_S:
                 self._thinned += 1
                 return True
@@ -114,14 +116,12 @@ class Recorder:
 
     def _write_until_end(self, writer: RecordingWriter) -> None:
         flush_at_s = time.monotonic() + FLUSH_EVERY_S
-        while True:
-            try:
-                item = self._waiting.get(timeout=max(0.0, flush_at_s - time.monotonic()))
-                if item is None:
-                    return
-                self._write(writer, item)
-            except queue.Empty:
-                pass
+        ending = False
+        while not ending:
+            ending = self._ending.wait(BATCH_EVERY_S)
+            # No more than wait now: a flush must not be put off by what comes meanwhile.
+            for _ in range(self._waiting.qsize()):
+                self._write(writer, self._waiting.get())
             if time.monotonic() >= flush_at_s:
                 writer.flush()
                 flush_at_s = time.monotonic() + FLUSH_EVERY_S
