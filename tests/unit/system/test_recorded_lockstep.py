@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from dlokit.bench.shaping import PAPER_SUITE, Case, job_of
+from dlokit.app.job import job_from_config
 from dlokit.communication import virtual_time
 from dlokit.communication.clock import LoopClock
 from dlokit.communication.recording.channels import FILE_NAME, SKILL_CALLS
@@ -24,7 +24,7 @@ CONFIG = RunConfig(headless=True, seed=3)
 
 
 async def look_once(folder: Path, config: RunConfig) -> None:
-    job = job_of(Case(experiment=PAPER_SUITE[0], seed=config.seed), config)
+    job = job_from_config(config)
     with lockstep_recorder(config, job.name, folder, LoopClock()) as recorder:
         async with lockstep_system(config, job.start_nodes_world, folder, recorder) as system:
             await system.clock.sleep(0.1)  # the arm's first state

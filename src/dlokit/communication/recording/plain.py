@@ -52,7 +52,7 @@ def from_json(data: bytes, wanted: type[T]) -> T:
     try:
         return from_plain(msgspec.json.decode(data), wanted)
     except msgspec.MsgspecError as error:
-        raise CommunicationError(f"cannot decode {wanted.__name__} from JSON: {error}") from error
+        raise CommunicationError(f"cannot decode {kind_name(wanted)} from JSON: {error}") from error
 
 
 def from_plain(plain: object, wanted: type[T]) -> T:
@@ -61,12 +61,17 @@ def from_plain(plain: object, wanted: type[T]) -> T:
         # Not strict: a number that JSON does not have came as a string.
         return msgspec.convert(plain, wanted, strict=False, dec_hook=_array_hook)
     except (msgspec.MsgspecError, ValueError, TypeError, KeyError) as error:
-        raise CommunicationError(f"cannot decode {wanted.__name__} from JSON: {error}") from error
+        raise CommunicationError(f"cannot decode {kind_name(wanted)} from JSON: {error}") from error
 
 
 def json_schema(kind: Any, titles: Mapping[type, str] | None = None) -> bytes:
     """The JSON schema of a message type; `titles` renames types within it."""
     return msgspec.json.encode(_schema(kind, titles or {}))
+
+
+def kind_name(kind: Any) -> str:
+    """Name of a type; of a union, those of its members."""
+    return "|".join(part.__name__ for part in get_args(kind) or (kind,))
 
 
 def _plain(value: Any) -> Any:
@@ -133,14 +138,27 @@ def _schema(kind: Any, titles: Mapping[type, str]) -> dict[str, Any]:
     if origin is np.ndarray:
         return _ARRAY_SCHEMA
     if origin in (Union, types.UnionType):
-        (one,) = [part for part in parts if part is not types.NoneType]  # more than one needs a schema of its own
-        return _schema(one, titles)
+        kinds = [part for part in parts if part is not types.NoneType]
+        return _schema(kinds[0], titles) if len(kinds) == 1 else _all_of(kinds, titles)
     if origin in (tuple, list):
         return {"type": "array", "items": _schema(parts[0], titles)}
     if issubclass(kind, enum.Enum):
         return {"type": "string"}
-    properties = {name: _schema(hint, titles) for name, hint in _fields(kind).items()}
+    tag_field = kind.__struct_config__.tag_field
+    properties = {} if tag_field is None else {tag_field: _PRIMITIVES[str]}
+    properties |= {name: _schema(hint, titles) for name, hint in _fields(kind).items()}
     return {"title": titles.get(kind, kind.__name__), "type": "object", "properties": properties}
+
+
+def _all_of(kinds: list[Any], titles: Mapping[type, str]) -> dict[str, Any]:
+    """One object with the fields of all: of kinds of messages each has its own beside those of the others."""
+    merged: dict[str, Any] = {}
+    for kind in kinds:
+        schema = _schema(kind, titles)
+        if schema["type"] != "object":
+            raise CommunicationError(f"{kinds} have no schema in common; allowed: unions of messages, and with None")
+        merged |= schema["properties"]
+    return {"type": "object", "properties": merged}
 
 
 @lru_cache(maxsize=128)

@@ -5,6 +5,7 @@ import numpy as np
 from dlokit.communication.recording import foxglove as fox
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, GoalShape, TargetPoints
+from dlokit.types.feasibility import GoalVerdict, Standing
 from dlokit.types.flow import FlowStatus, RunOutcome
 from dlokit.types.image import CameraCalibration, StereoImages
 from dlokit.types.message import Message
@@ -56,7 +57,7 @@ def views_of(message: Message) -> list[tuple[str, View]]:
             return [("view/scene", _rod(message.stamp_ns, "goal", message.nodes_world, _GOAL))]
         case TargetPoints():
             return [("view/scene", _points(message.stamp_ns, "targets", message.nodes_world[message.visible]))]
-        case FlowStatus() | ObserverEvent() | CallRecord():
+        case FlowStatus() | ObserverEvent() | GoalVerdict() | CallRecord():
             return [("view/log", _log(message))]
         case _:
             return []
@@ -129,7 +130,7 @@ def _points(stamp_ns: int, name: str, points_world: Float64Array) -> fox.SceneUp
     return fox.SceneUpdate(entities=[entity])
 
 
-def _log(message: FlowStatus | ObserverEvent | CallRecord) -> fox.Log:
+def _log(message: FlowStatus | ObserverEvent | GoalVerdict | CallRecord) -> fox.Log:
     match message:
         case FlowStatus():
             level = fox.WARNING if message.outcome not in (None, RunOutcome.CONVERGED) else fox.INFO
@@ -137,6 +138,9 @@ def _log(message: FlowStatus | ObserverEvent | CallRecord) -> fox.Log:
         case ObserverEvent():
             level, name = fox.WARNING, "observer"
             text = message.kind.value if message.reason is None else f"{message.kind.value}: {message.reason.value}"
+        case GoalVerdict():
+            level = fox.INFO if message.standing is Standing.HOLDS else fox.WARNING
+            name, text = "planning", message.text
         case CallRecord():
             level = fox.INFO if message.outcome is CallEnd.SUCCEEDED else fox.WARNING
             name = message.skill

@@ -13,7 +13,7 @@ from dlokit import __version__
 from dlokit.communication.recording import foxglove
 from dlokit.communication.recording.channels import IMAGE_FORMAT, RECORDED
 from dlokit.communication.recording.pictures import to_jpeg
-from dlokit.communication.recording.plain import json_schema, to_json
+from dlokit.communication.recording.plain import json_schema, kind_name, to_json
 from dlokit.communication.recording.views import CAMERA, VIEWS, View, views_of
 from dlokit.communication.topic import Topic
 from dlokit.communication.topics import ARM_STATE
@@ -102,5 +102,5 @@ class RecordingWriter:
             name, schema = foxglove.schema_name(VIEWS[channel]), foxglove.schema_of(VIEWS[channel])
         else:
             kind = RECORDED[channel].type
-            name, schema = f"dlokit.{kind.__name__}", json_schema(kind)
+            name, schema = f"dlokit.{kind_name(kind)}", json_schema(kind)
         return self._writer.register_channel(channel, "json", self._writer.register_schema(name, "jsonschema", schema))

@@ -7,6 +7,7 @@ from dlokit.communication.recording.channels import SKILL_CALLS
 from dlokit.types.action import Grasp, PickPlace, VelocityProfile
 from dlokit.types.clock import ClockTick
 from dlokit.types.dlo import DloState, GoalShape, TargetPoints, Topology
+from dlokit.types.feasibility import Finding, GoalVerdict, Problem, Standing
 from dlokit.types.flow import Command, FlowStatus, GoalFrame, GoalFrames, OperatorCommand, RunOutcome
 from dlokit.types.image import CameraCalibration, StereoImages
 from dlokit.types.message import Message
@@ -44,7 +45,6 @@ ROBOT = RobotState(
     finger_width_m=0.04,
     mode=RobotMode.MOVING,
 )
-VELOCITIES = np.full((NODES, 3), np.nan)
 
 EXAMPLES: dict[str, Message] = {
     topics.CLOCK.name: ClockTick(stamp_ns=10_000_000, seq=1, real_time_factor=float("inf")),
@@ -67,7 +67,6 @@ EXAMPLES: dict[str, Message] = {
         nodes_world=RNG.normal(size=(NODES, 3)),
         visible=RNG.random(NODES) < 0.5,
         covariance=RNG.normal(size=(NODES, 3, 3)),
-        velocities_m_s=VELOCITIES,
     ),
     topics.OBSERVER_EVENT.name: ObserverEvent(
         stamp_ns=30_000_000, seq=1, kind=ObserverEventKind.LOST, reason=Doubt.NO_POINTS, health=0.0
@@ -87,6 +86,16 @@ EXAMPLES: dict[str, Message] = {
         path=(POSE, POSE),
         velocity=VelocityProfile(),
         predicted_nodes_world=RNG.normal(size=(NODES, 3)),
+    ),
+    topics.GOAL_VERDICT.name: GoalVerdict(
+        stamp_ns=40_000_000,
+        seq=1,
+        standing=Standing.DOUBTFUL,
+        threshold_m=0.012,
+        goal_world=RNG.normal(size=(NODES, 3)),
+        findings=(
+            Finding(problem=Problem.SPRINGS_BACK, node=4, amount=0.02, limit=0.01, unit="m", text="It springs back."),
+        ),
     ),
     topics.GRIPPED.name: Gripped(stamp_ns=50_000_000, seq=1, robot="panda", node=None),
     topics.FLOW.name: FlowStatus(
