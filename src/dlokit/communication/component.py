@@ -65,6 +65,13 @@ class Component:
     async def run(self) -> None:
         """Background behaviour; started and cancelled by the host. May return."""
 
+    def preparation(self) -> Callable[[], object] | None:
+        """What ``port.compute`` does before anyone calls, where it has a process of its own: load what the work needs.
+
+        None: the component computes nothing there, or nothing that is slow the first time.
+        """
+        return None
+
     @classmethod
     def skills(cls) -> dict[Skill[..., Any], str]:
         """Skill → name of the method that implements it."""

@@ -49,6 +49,17 @@ class Host:
         )
         self._components.append(component)
 
+    async def prepare(self) -> None:
+        """Let the components' compute port load what they need; live, before anyone is told that they are ready."""
+        for component in self._components:
+            preparation = component.preparation()
+            if preparation is None:
+                continue
+            try:
+                await self._compute(preparation)
+            except Exception:
+                log.exception("%s could not be prepared; its first work will take longer", component.name)
+
     async def __aenter__(self) -> "Host":
         self._failed = asyncio.get_running_loop().create_future()
         # All subscriptions stand before the first component runs, so that no first message is lost.

@@ -47,6 +47,8 @@ async def _serve(spec: ChildSpec, build: Build) -> None:
             for name in spec.components:
                 host.add(build(name, spec, bus))
             await bus.first_tick(spec.first_tick_within_s)
+            # The first look of a loaded machine would else wait for a process to start, and time out.
+            await host.prepare()
             async with host:
                 await _until_stopped(stop, host, spec.beat_fd)
     log.info("%s has ended", spec.process)

@@ -63,5 +63,6 @@ async def _decide(
         host.add(component)
     decision = components["decision"]
     assert isinstance(decision, DecisionComponent)
+    await host.prepare()
     async with host, lease_held(live.transport):
         return await shape(decision, transport, live.clock, config, job, watch)

@@ -1,7 +1,7 @@
 """The host: what is wired, in which order, and what happens when a component goes wrong."""
 
 import asyncio
-from collections.abc import Coroutine
+from collections.abc import Callable, Coroutine
 from typing import Any
 
 import pytest
@@ -279,3 +279,37 @@ def test_every_kind_of_result_crosses_the_bus() -> None:
             assert empty.result == (0, None)
 
     in_lockstep(main())
+
+
+def test_what_a_component_needs_is_loaded_where_its_work_is_done_and_failing_to_is_told(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    loaded: list[str] = []
+
+    def broken() -> None:
+        raise ImportError("no such library")
+
+    class Broken(Speaker):
+        def preparation(self) -> Callable[[], object]:
+            return broken
+
+    class Careful(Component):
+        name = "planning"
+
+        def preparation(self) -> Callable[[], object]:
+            return lambda: loaded.append("loaded")
+
+    async def compute(function: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
+        loaded.append("asked for")
+        return function(*args, **kwargs)
+
+    async def scenario() -> None:
+        host = Host(MemoryTransport(), LoopClock(), compute)
+        host.add(Listener())
+        host.add(Broken())
+        host.add(Careful())
+        await host.prepare()
+
+    in_lockstep(scenario())
+    assert loaded == ["asked for", "asked for", "loaded"]
+    assert "no such library" in caplog.text

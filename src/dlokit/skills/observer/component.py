@@ -1,6 +1,8 @@
 """The observer component: every cloud and the model's state give target points."""
 
 import asyncio
+from collections.abc import Callable
+from functools import partial
 
 from dlokit.communication import topics
 from dlokit.communication.component import Component, implements, on
@@ -12,6 +14,7 @@ from dlokit.skills.observer.cleaning import cleaned
 from dlokit.skills.observer.config import ObserverConfig
 from dlokit.skills.observer.following import followed
 from dlokit.skills.observer.initialise import initial_targets
+from dlokit.skills.observer.kernels import warm
 from dlokit.skills.observer.strategies import from_spec
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, TargetPoints
@@ -41,6 +44,10 @@ class ObserverComponent(Component):
         """The targets published last; None before the rod was found."""
         self._lost = False
         self._refusing = False
+
+    def preparation(self) -> Callable[[], object]:
+        """Load the compiled code of the strategy."""
+        return partial(warm, (self._config.strategy,))
 
     @on(topics.OBSERVATION)
     async def on_observation(self, seen: Observation) -> None:

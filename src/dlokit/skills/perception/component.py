@@ -4,6 +4,7 @@ import asyncio
 import dataclasses
 import logging
 import math
+from collections.abc import Callable
 
 import msgspec
 import numpy as np
@@ -16,7 +17,7 @@ from dlokit.skills.perception import api
 from dlokit.skills.perception.base import SegmentationConfig
 from dlokit.skills.perception.box import BoxConfig
 from dlokit.skills.perception.config import PerceptionConfig
-from dlokit.skills.perception.pipeline import corrected_camera_pose, observe
+from dlokit.skills.perception.pipeline import corrected_camera_pose, loaded, observe
 from dlokit.skills.perception.segmentations import from_spec
 from dlokit.types.arrays import Float64Array
 from dlokit.types.image import StereoImages
@@ -85,6 +86,10 @@ class PerceptionComponent(Component):
             raise SkillRejected("bad_rate", f"{rate_hz} Hz; 0 (off) to {FASTEST_RATE_HZ:g} Hz is allowed")
         self._rate_hz = rate_hz
         self._rate_changed.set()
+
+    def preparation(self) -> Callable[[], object]:
+        """Load the libraries that a look needs."""
+        return loaded
 
     @on(topics.ROBOT_STATE)
     async def on_robot_state(self, state: RobotState) -> None:

@@ -39,6 +39,10 @@ class Look:
     surface_world: Float32Array  # (K, 3) [m] every reprojected pixel, before the filters in space
 
 
+def loaded() -> None:
+    """Nothing: where it could be called, all that a look needs has been imported."""
+
+
 def perceive(
     images: StereoImages,
     robots: Sequence[RobotState],
