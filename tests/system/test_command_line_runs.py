@@ -47,7 +47,7 @@ def test_two_runs_side_by_side_and_one_from_the_configuration_give_the_same_figu
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_a_run_as_cancelled_with_result_and_report(tmp_path: Path, number: signal.Signals) -> None:
-    with _start("--threshold-m", "0.0001", "--out", str(tmp_path / "out")) as run:
+    with _start("--threshold-m", "0.0001", "--infeasible", "try", "--out", str(tmp_path / "out")) as run:
         assert run.stdout is not None
         for line in run.stdout:
             if line.startswith("action 1"):
