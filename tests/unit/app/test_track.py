@@ -10,11 +10,11 @@ from scipy.spatial import KDTree
 from dlokit.app.track import TrackArgs, TrackSettings, run, topology_of, track
 from dlokit.errors import InputError
 from dlokit.geometry import resample, rmse_m
-from dlokit.skills.observer.anchored import AnchoredConfig, is_chain
+from dlokit.skills.observer.anchored import AnchoredConfig, is_chain, pliable
 from dlokit.skills.observer.base import ObserverStrategyConfig
 from dlokit.skills.observer.cpd import CpdConfig
 from dlokit.skills.observer.spr import SprConfig
-from dlokit.skills.observer.strategies import OURS
+from dlokit.skills.observer.strategies import OURS, OurObserver
 from dlokit.skills.perception.box import BoxConfig
 
 Array = NDArray[np.float64]
@@ -115,17 +115,23 @@ def test_edges_follow_the_nodes_of_a_rod_and_branch_where_they_branch() -> None:
         topology_of(np.vstack([rod, rod[3]]))
 
 
+def for_branches(config: type[OurObserver]) -> OurObserver:
+    """The settings for a harness: the mixtures' kernel, tuned on single rods and 0.8 m wide, is too stiff for it."""
+    if config in (CpdConfig, SprConfig):
+        narrow = pliable()
+        return config(beta_m=narrow.beta_m, lambda_per_m2=narrow.lambda_per_m2, initial_sigma_m=narrow.initial_sigma_m)
+    return config()
+
+
 @pytest.mark.skipif(not HARNESS.is_dir(), reason="the recorded harness clouds lie beside the repository, not in it")
-@pytest.mark.parametrize("strategy", [config() for config in OURS], ids=[config.name for config in OURS])
+@pytest.mark.parametrize("strategy", [for_branches(config) for config in OURS], ids=[config.name for config in OURS])
 def test_the_recorded_wire_harness_is_followed(strategy: ObserverStrategyConfig, tmp_path: Path) -> None:
     clouds = [HARNESS / "test_cloud.pcd", HARNESS / "test_cloud_occluded.pcd"]
     result = track(clouds, HARNESS / "Xinit.csv", tmp_path / "out", TrackSettings(observer=strategy))
     assert result.nodes_world.shape == (2, 89, 3)
     assert np.isfinite(result.nodes_world).all()
-    # Bundles of the harness are up to 2 cm thick; the initial nodes are 17 mm off (root mean square). The kernel of
-    # the two mixtures is tuned on single rods, 0.8 m wide: too stiff for its branches.
-    stiff = isinstance(strategy, CpdConfig | SprConfig)
-    assert np.all(result.distance_m < (0.015 if stiff else 0.010))
+    # Bundles of the harness are up to 2 cm thick; the initial nodes are 17 mm off (root mean square).
+    assert np.all(result.distance_m < 0.010)
     assert result.visible[0].sum() >= 85
     assert result.visible[1].sum() < result.visible[0].sum()
     if isinstance(strategy, CpdConfig | SprConfig):
