@@ -57,7 +57,7 @@ class Host:
                 continue
             try:
                 await self._compute(preparation)
-            except Exception:
+            except Exception:  # what cannot be loaded is told again, by name, by the call that needs it
                 log.exception("%s could not be prepared; its first work will take longer", component.name)
 
     async def __aenter__(self) -> "Host":

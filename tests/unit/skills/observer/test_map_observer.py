@@ -100,6 +100,27 @@ def test_nodes_stay_above_the_table() -> None:
     assert buried.nodes_world[:, 2].min() < 0.0
 
 
+@pytest.mark.parametrize("depth_m", [0.05, 1.0])
+def test_where_the_rod_lies_below_the_table_there_is_no_table(depth_m: float) -> None:
+    rod = shape("S") - np.array([0.0, 0.0, depth_m])
+    result = MapObserver().estimate(cloud(rod), state(rod + np.array([0.02, 0.0, 0.0])))
+    assert rmse_m(result.nodes_world, rod) < 0.004  # as on the table
+    # A rod that comes from above, as far as it goes between two clouds: the cloud alone tells.
+    lowered = MapObserver().estimate(cloud(rod), state(rod + np.array([0.0, 0.0, 0.04])))
+    assert np.abs(lowered.nodes_world[:, 2] - rod[:, 2]).max() < 0.01
+
+
+def test_strays_below_the_table_do_not_take_it_away() -> None:
+    rod = shape("S")
+    seen = cloud(rod)
+    few = len(seen.points_world) // 12
+    below = seen.points_world.copy()
+    below[:few, 2] -= 0.05
+    below[few:, 2] -= 0.006
+    result = MapObserver().estimate(msgspec.structs.replace(seen, points_world=below), state(rod))
+    assert result.nodes_world[:, 2].min() > 0.004 - 0.0015  # the points pull by 6 mm
+
+
 def test_a_fifth_of_outliers_does_no_harm() -> None:
     rod = shape("U")
     result = MapObserver().estimate(cloud(rod, outliers=0.25), state(rod + np.array([0.015, 0.0, 0.0])))

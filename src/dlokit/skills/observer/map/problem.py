@@ -46,7 +46,7 @@ class Problem:
     pins: tuple[tuple[int, Array], ...]
     """Held nodes and where (3,) [m]."""
     floor_m: float
-    """Lowest z of a node [m]."""
+    """Lowest z of a node [m]; -inf where there is no table."""
 
     def shaded(self, positions: Array, config: VisibilityConfig) -> Flags:
         """Whether each position (K, 3) [m] is known to be hidden: out of the picture or behind the robot, (K,)."""
@@ -81,8 +81,18 @@ def posed(seen: Observation, prior: DloState, held: tuple[GripperPin, ...], conf
         K_x=K_x,
         way_m=max(way_since(thinned(points, config.coarse_points), before, config), min(carried, config.widest_m)),
         pins=pins,
-        floor_m=config.table_z_m + config.radius_m - float(origin[2]),
+        floor_m=_floor_m(points, before, config.table_z_m + config.radius_m - float(origin[2]), config),
     )
+
+
+def _floor_m(points: Array, before: Array, table_m: float, config: MapSettings) -> float:
+    """Lowest z of a node [m]: `table_m`, or none where the cloud (N, 3) or the nodes before (M, 3) [m] lie below it.
+
+    Then there is no table, as under a cable that hangs between two hands in a frame of another origin.
+    """
+    deep_m = table_m - config.below_table_m
+    is_below = np.mean(points[:, 2] < deep_m) > config.share_below_table or bool(np.any(before[:, 2] < deep_m))
+    return -np.inf if is_below else table_m
 
 
 def _variance(prior: DloState) -> Array:

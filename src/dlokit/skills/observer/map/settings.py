@@ -72,12 +72,16 @@ class MapSettings:
     window_m: float = 0.05
     """A point's place along the rod changes by at most this during the fine steps [m]."""
     free_space_m: float = 0.01
-    """Pull of a node that lies in open view without points towards the nearest point, as a standard deviation [m]."""
+    """Pull of a node in open view without points to the nearest shade or point, as a standard deviation [m]."""
     free_space_reach_m: float = 0.05
     """A point farther than this hardly pulls [m]."""
     radius_m: float = 0.004
     """The rod's radius: nodes lie at least so high above the table [m]."""
     table_z_m: float = 0.0
     """Height of the table [m]."""
+    below_table_m: float = 0.02
+    """What lies so far below the table shows that there is none [m]; ten times the noise."""
+    share_below_table: float = 0.1
+    """If it is a larger share of the points than this; outliers, a fifth of a cloud, lie above and below."""
     cpd: CpdConfig = field(default_factory=pliable)
     """The registration of DLOs that are not one chain."""

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from dlokit.skills.observer.map.band import BELOW, add_block
 
 Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -110,8 +110,9 @@ def seen_tips(
 ) -> Tips:
     """Which ends of the cloud are tips of a rod of `length_m`; `cut`: something known hides what follows the end.
 
-    Both, when the cloud is as long as the rod. Otherwise an end is one when nothing hides what would follow and it
-    lies near to the curve's; of an unbroken cloud that is too short, only the better end.
+    Both, when the cloud is unbroken and as long as the rod. (Across a gap the length is the chain's own, and tells
+    nothing.) Otherwise an end is one when nothing hides what would follow and it lies within `snap_m` of the
+    chain's; of an unbroken cloud that is too short, only the better end.
     """
     misfit = abs(found.end_m - found.start_m - length_m) / length_m
     broken = found.gap_m is not None
