@@ -14,6 +14,7 @@ from dlokit.skills.observer.map.band import ChainSystem
 from dlokit.skills.observer.map.fine import add_free_space
 from dlokit.skills.observer.map.observer import MapConfig, MapObserver
 from dlokit.skills.observer.map.problem import posed
+from dlokit.skills.observer.map.view import view_of
 from dlokit.types.dlo import DloState, Topology
 from dlokit.types.image import CameraCalibration
 from dlokit.types.observation import GripperPin, Occlusion
@@ -158,6 +159,38 @@ def test_a_node_in_open_view_without_points_is_drawn_to_the_rod_and_one_behind_t
         pulled.append(bool(np.any(system.band[60:63])))
         assert not system.band[0:3].any()
     assert pulled == [True, False]
+
+
+def test_a_node_in_open_view_without_points_is_drawn_into_the_shade_where_that_is_nearer() -> None:
+    depth_m = np.full((56, 64), np.inf, dtype=np.float32)
+    depth_m[:, 40:] = 0.5  # hides what lies at x > 0.66: (400 - 319.5) px of 500 px a metre at 1 m
+    seen = msgspec.structs.replace(
+        cloud(shape("I")), calibration=camera(), occlusion=Occlusion(depth_m=depth_m, scale=10)
+    )
+    view = view_of(seen, np.zeros(3))
+    assert view is not None
+    shade = view.nearest_shade(np.array([0.63, 0.1, 0.0]), 0.1, MapConfig().visibility)
+    assert shade is not None
+    np.testing.assert_allclose(shade, [0.67, 0.1, 0.0], atol=0.02)  # a cell is 2 cm
+    assert view.nearest_shade(np.array([0.50, 0.1, 0.0]), 0.1, MapConfig().visibility) is None  # 16 cm away
+
+
+def test_few_nodes_on_a_bent_rod_are_as_good_as_many() -> None:
+    dense = shape("S")
+    seen, start = cloud(dense), state(dense).topology
+    every = 5
+    sparse = dense[::every]
+    few = np.arange(len(sparse) - 1)
+    topology = Topology(
+        edges=np.column_stack([few, few + 1]), rest_lengths_m=start.rest_lengths_m.reshape(-1, every).sum(axis=1)
+    )
+    prior = DloState(stamp_ns=0, nodes_world=sparse + np.array([0.01, 0.0, 0.0]), topology=topology)
+    fine = MapObserver().estimate(seen, prior)
+    assert fine.nodes_world.shape == sparse.shape
+    assert fine.visible.shape == (len(sparse),)
+    # Straight segments of 8 cm cut the bends short: without nodes in between all are drawn inwards.
+    straight = MapObserver(MapConfig(longest_edge_m=1.0)).estimate(seen, prior)
+    assert rmse_m(fine.nodes_world, sparse) < 0.5 * rmse_m(straight.nodes_world, sparse)
 
 
 def test_a_cloud_that_is_no_rod_gives_no_health() -> None:

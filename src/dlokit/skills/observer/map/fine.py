@@ -103,7 +103,7 @@ def add_tips(system: ChainSystem, nodes: Array, tips: Tips, sigma_m: float) -> N
 def add_free_space(
     system: ChainSystem, problem: Problem, nodes: Array, placed: Assignment, config: MapSettings
 ) -> None:
-    """Nodes in open view without points cannot be there: each is drawn to the nearest point of the rod.
+    """Nodes in open view without points cannot be there: each is drawn to the nearest shade or point of the rod.
 
     Only where the picture tells what hides the rod. Robustly (Geman-McClure): standard deviation
     free_space (1 + d² / reach²) at distance d.
