@@ -20,7 +20,7 @@ from dlokit.skills.viewer.run_state import RunState
 from dlokit.types.arrays import UInt8Array
 from dlokit.types.feasibility import GoalVerdict
 from dlokit.types.flow import Command, FlowStatus
-from dlokit.types.observer_event import ObserverEvent, ObserverEventKind
+from dlokit.types.observer_event import Doubt, ObserverEvent, ObserverEventKind
 
 _WIDTH_PX = 380
 _RUN = {"Start": Command.START, "Pause": Command.PAUSE, "Resume": Command.RESUME, "Stop": Command.STOP}
@@ -149,7 +149,9 @@ def status_html(state: RunState, status: FlowStatus | None, threshold_m: float) 
 def observer_html(event: ObserverEvent) -> str:
     """One line of what the observer tells."""
     reason = "" if event.reason is None else f": {event.reason.value.replace('_', ' ')}"
-    return _note(f"Observer, {event.kind.value.replace('_', ' ')}{reason} (health {event.health:.2f})")
+    # What is carried is half hidden by the fingers: low health alone is a doubt, and people take "lost" for a failure.
+    what = "in doubt" if event.reason is Doubt.LOW_HEALTH else event.kind.value.replace("_", " ")
+    return _note(f"Observer, {what}{reason} (health {event.health:.2f})")
 
 
 def verdict_html(verdict: GoalVerdict) -> str:

@@ -1,0 +1,21 @@
+"""What the panel says of the observer's events."""
+
+import pytest
+
+from dlokit.skills.viewer.panel import observer_html
+from dlokit.types.observer_event import Doubt, ObserverEvent, ObserverEventKind
+
+
+@pytest.mark.parametrize(
+    ("kind", "reason", "said"),
+    [
+        (ObserverEventKind.LOST, Doubt.LOW_HEALTH, "Observer, in doubt: low health (health 0.70)"),
+        (ObserverEventKind.LOST, Doubt.ELSEWHERE, "Observer, lost: elsewhere (health 0.70)"),
+        (ObserverEventKind.FOUND_AGAIN, None, "Observer, found again (health 0.70)"),
+        (ObserverEventKind.REFUSED, Doubt.OLD_STAMP, "Observer, refused: old stamp (health 0.70)"),
+    ],
+)
+def test_only_a_rod_that_is_not_where_it_was_followed_to_is_called_lost(
+    kind: ObserverEventKind, reason: Doubt | None, said: str
+) -> None:
+    assert said in observer_html(ObserverEvent(stamp_ns=1, kind=kind, reason=reason, health=0.7))
