@@ -1,11 +1,13 @@
 """`dlokit bench observers`: every observer and the published peers on the same clouds."""
 
+import itertools
 import time
 from contextlib import closing
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
+import tyro
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -45,8 +47,8 @@ class ObserversArgs:
     """Seeds 0 to K-1 of each case. [default: 10; 2 with --quick]"""
     frames: int | None = None
     """Frames of each sequence at most. [default: 100, which are 4 s; 50 with --quick; all of a --sequence]"""
-    sequence: tuple[Path, ...] = ()
-    """External sequences (.npz) in place of the simulated ones."""
+    sequence: tyro.conf.UseAppendAction[tuple[tuple[Path, ...], ...]] = ()
+    """External sequences (.npz) in place of the simulated ones; one or more, and again."""
     methods: str = ""
     """Observers and peers to run, e.g. anchored,cpd,pycpd. [default: all that are installed]"""
     jobs: int = 1
@@ -106,10 +108,9 @@ def _plan(args: ObserversArgs) -> tuple[Plan, tuple[str, ...]]:
     choice = choose(tuple(name.strip() for name in args.methods.split(",") if name.strip()))
     if args.sequence:
         whole = args.frames is None and not args.quick
-        cases = external_cases(args.sequence)
-        left_out = tuple(
-            f"arrays of {path}: {', '.join(names)}" for path in args.sequence if (names := unread_arrays(path))
-        )
+        paths = tuple(dict.fromkeys(itertools.chain.from_iterable(args.sequence)))
+        cases = external_cases(paths)
+        left_out = tuple(f"arrays of {path}: {', '.join(names)}" for path in paths if (names := unread_arrays(path)))
         plan = Plan(cases=cases, methods=choice.methods, seeds=seeds, frames=None if whole else frames)
         return plan, (*choice.left_out, *left_out)
     short = [case for case in CASES if not long_enough(case.conditions, frames, RATE_HZ)]

@@ -101,7 +101,8 @@ class ObserverComponent(Component):
 
     def _tell(self, targets: TargetPoints, doubt: Doubt | None) -> None:
         """An event when the rod is lost or found again, none while that lasts."""
-        lost = targets.health < self._config.lost_health
+        limit = self._config.sound_health if self._lost else self._config.lost_health
+        lost = targets.health < limit
         if lost is not self._lost:
             self._lost = lost
             kind = ObserverEventKind.LOST if lost else ObserverEventKind.FOUND_AGAIN

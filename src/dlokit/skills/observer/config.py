@@ -17,6 +17,9 @@ class ObserverConfig:
     """How the first cloud is ordered."""
     lost_health: float = 0.75
     """Below this health the rod may be lost: the cloud is ordered anew, in the direction the rod had."""
+    sound_health: float = 0.8
+    """A lost rod counts as found again from this health on; above `lost_health`, so that one whose health wavers is not
+    told of again and again."""
     elsewhere_m: float = 0.01
     """A cloud ordered anew is preferred where it differs from the targets by more than this [m], root mean square."""
     found_again_health: float = 0.5

@@ -2,6 +2,8 @@
 
 import asyncio
 from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from typing import ClassVar
 
 import msgspec
 import numpy as np
@@ -22,18 +24,22 @@ from dlokit.skills.observer.following import follow
 from dlokit.skills.observer.som import SomConfig
 from dlokit.skills.observer.spr import SprConfig
 from dlokit.skills.observer.strategies import from_spec, strategies, to_spec
-from dlokit.types.dlo import TargetPoints
+from dlokit.types.dlo import DloState, TargetPoints
 from dlokit.types.observation import Observation
 from dlokit.types.observer_event import Doubt, ObserverEventKind
 from dlokit.types.outcome import Failed, Rejected, Succeeded
 from dlokit.types.strategy import StrategySpec
 
+FRAME_NS = 100_000_000
 
-def play(scenario: Callable[[MemoryTransport, LoopClock], Awaitable[None]]) -> None:
+
+def play(
+    scenario: Callable[[MemoryTransport, LoopClock], Awaitable[None]], config: ObserverConfig | None = None
+) -> None:
     async def main() -> None:
         transport, clock = MemoryTransport(), LoopClock()
         host = Host(transport, clock)
-        host.add(ObserverComponent(ObserverConfig(), nodes=NODES, length_m=LENGTH_M))
+        host.add(ObserverComponent(config or ObserverConfig(), nodes=NODES, length_m=LENGTH_M))
         async with host:
             await scenario(transport, clock)
 
@@ -196,6 +202,39 @@ def test_a_rod_hidden_for_a_second_and_moved_meanwhile_is_lost_once_and_found_ag
             await asyncio.wait_for(anext(stream), 1.0)  # of virtual time: there are no others
 
     play(scenario)
+
+
+@dataclass(frozen=True)
+class Wavering:
+    """A strategy that finds the rod and says of each cloud, in turn, how healthy that is."""
+
+    name: ClassVar[str] = "wavering"
+    healths: tuple[float, ...] = ()
+
+    def build(self) -> "Wavering":
+        return self
+
+    def estimate(self, seen: Observation, prior: DloState) -> TargetPoints:
+        health = self.healths[seen.stamp_ns // FRAME_NS - 1]
+        return msgspec.structs.replace(Anchored().estimate(seen, prior), health=health)
+
+
+def test_a_health_that_wavers_about_the_limit_is_told_of_once() -> None:
+    limits = ObserverConfig()
+    low, between, sound = limits.lost_health - 0.01, limits.lost_health + 0.01, limits.sound_health + 0.01
+    rod = shape("S")
+
+    async def scenario(transport: MemoryTransport, clock: LoopClock) -> None:
+        stream = aiter(transport.stream(topics.OBSERVER_EVENT))
+        transport.publish(topics.OBSERVATION, at(1, cloud(rod)))
+        await transport.call(api.INITIALISE)
+        for frame in range(1, 7):
+            assert await targets_after(transport, clock, at(frame * FRAME_NS, cloud(rod, frame))) is not None
+        lost, found = await anext(stream), await anext(stream)
+        assert (lost.kind, lost.stamp_ns) == (ObserverEventKind.LOST, 2 * FRAME_NS)
+        assert (found.kind, found.stamp_ns) == (ObserverEventKind.FOUND_AGAIN, 6 * FRAME_NS)
+
+    play(scenario, ObserverConfig(strategy=Wavering(healths=(sound, low, between, low, between, sound))))
 
 
 def test_clouds_with_old_stamps_are_refused_by_one_event_and_change_nothing() -> None:
