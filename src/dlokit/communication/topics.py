@@ -9,6 +9,7 @@ from dlokit.communication.topic import Every, KeepLast, Topic
 from dlokit.types.action import Action
 from dlokit.types.clock import ClockTick
 from dlokit.types.dlo import DloState, GoalShape, TargetPoints
+from dlokit.types.dlo_belief import DloBelief
 from dlokit.types.feasibility import GoalVerdict
 from dlokit.types.flow import FlowStatus, GoalFrames, OperatorCommand
 from dlokit.types.image import StereoImages
@@ -29,6 +30,7 @@ TARGETS       = Topic("observer/targets",  TargetPoints,    "observer",   None, 
 OBSERVER_EVENT = Topic("observer/events",  ObserverEvent,   "observer",   None,  Every(16),  "that the DLO was lost, or found again")
 STATE         = Topic("model/state",       DloState,        "model",      None,  Every(16),  "the shape everybody uses")
 GOAL          = Topic("model/goal",        GoalShape,       "model",      None,  LAST,       "the shape the operator wants")
+BELIEF        = Topic("model/belief",      DloBelief,       "model",      None,  LAST,       "what is believed of the DLO, and how surely")
 ACTION        = Topic("planning/action",   ANY_ACTION,      "planning",   None,  LAST,       "the grasp and path chosen")
 GOAL_VERDICT  = Topic("planning/verdict",  GoalVerdict,     "planning",   None,  LAST,       "whether the goal can be reached and will hold")
 GRIPPED       = Topic("decision/gripped",  Gripped,         "decision",   None,  Every(16),  "which node the gripper holds")
@@ -47,6 +49,7 @@ TOPICS: tuple[Topic[Any], ...] = (
     OBSERVER_EVENT,
     STATE,
     GOAL,
+    BELIEF,
     ACTION,
     GOAL_VERDICT,
     GRIPPED,

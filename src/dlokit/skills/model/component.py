@@ -15,6 +15,7 @@ from dlokit.communication.component import Component, implements, on
 from dlokit.description.shapes import builtin_shape
 from dlokit.errors import SkillRejected
 from dlokit.skills.model import api, rollout, settling
+from dlokit.skills.model.belief import as_configured
 from dlokit.skills.model.carry import Carry
 from dlokit.skills.model.config import ModelConfig
 from dlokit.skills.model.goal import GoalRod
@@ -34,7 +35,7 @@ class ModelComponent(Component):
     """The model as a component."""
 
     name = "model"
-    publishes = (topics.STATE, topics.GOAL)
+    publishes = (topics.STATE, topics.GOAL, topics.BELIEF)
 
     def __init__(self, config: ModelConfig) -> None:
         super().__init__()
@@ -46,6 +47,10 @@ class ModelComponent(Component):
         self._state: DloState | None = None
         self._goal: GoalShape | None = None
         self._tools: dict[str, RobotState] = {}
+
+    async def run(self) -> None:
+        """Say what is believed of the DLO; a late reader gets it too."""
+        self.port.publish(topics.BELIEF, as_configured(self._config, self.port.clock.now_ns()))
 
     @on(topics.TARGETS)
     async def on_targets(self, targets: TargetPoints) -> None:

@@ -4,7 +4,7 @@ They are deliberately not those of the simulated cell: in a lab nobody knows the
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 from dlokit.errors import ConfigError
 
@@ -79,6 +79,29 @@ class SettleConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
+class BeliefConfig:
+    """How sure the figures of the model are: standard deviations of their logarithms, 0.1 is about 10 %."""
+
+    length_log_sd: float = 0.01
+    """Of the length."""
+    radius_log_sd: float = 0.05
+    """Of the radius."""
+    stiffness_log_sd: float = 0.35
+    """Of the bending stiffness."""
+    weight_log_sd: float = 0.15
+    """Of the mass per length."""
+    friction_log_sd: float = 0.25
+    """Of the friction."""
+
+    def __post_init__(self) -> None:
+        for field_ in fields(self):
+            value: float = getattr(self, field_.name)
+            if not (math.isfinite(value) and value >= 0.0):
+                name = field_.name.replace("_", "-")
+                raise ConfigError(f"--model.belief.{name} is {value}; it must be a number, 0 or more.")
+
+
+@dataclass(frozen=True, kw_only=True)
 class ModelConfig:
     """The rod as the system believes it to be, and how it is driven."""
 
@@ -96,6 +119,8 @@ class ModelConfig:
     """Sliding friction coefficient between the DLO and the table."""
     self_collision: bool = True
     """Whether the rod collides with itself where it lies on the table (rollouts)."""
+    belief: BeliefConfig = field(default_factory=BeliefConfig)
+    """How sure these figures are."""
     tracking: TrackingConfig = field(default_factory=TrackingConfig)
     """The PD controller."""
     goal: GoalConfig = field(default_factory=GoalConfig)

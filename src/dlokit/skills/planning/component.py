@@ -32,7 +32,7 @@ class PlanningComponent(Component):
 
     name = "planning"
     publishes = (topics.ACTION, topics.GOAL_VERDICT)
-    reads = (topics.OBSERVATION,)
+    reads = (topics.OBSERVATION, topics.BELIEF)
 
     def __init__(self, config: PlanningConfig, reachable: Reachable, model: ModelConfig) -> None:
         """`reachable` is the arm's kinematics; `model` the rod that actions are played through with."""

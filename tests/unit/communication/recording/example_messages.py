@@ -7,6 +7,7 @@ from dlokit.communication.recording.channels import SKILL_CALLS
 from dlokit.types.action import Grasp, PickPlace, VelocityProfile
 from dlokit.types.clock import ClockTick
 from dlokit.types.dlo import DloState, GoalShape, TargetPoints, Topology
+from dlokit.types.dlo_belief import DloBelief, Figure
 from dlokit.types.feasibility import Finding, GoalVerdict, Problem, Standing
 from dlokit.types.flow import Command, FlowStatus, GoalFrame, GoalFrames, OperatorCommand, RunOutcome
 from dlokit.types.image import CameraCalibration, StereoImages
@@ -79,6 +80,18 @@ EXAMPLES: dict[str, Message] = {
         tracking_error_m=float("nan"),
     ),
     topics.GOAL.name: GoalShape(stamp_ns=40_000_000, seq=1, nodes_world=np.empty((0, 3)), name="leer"),
+    topics.BELIEF.name: DloBelief(
+        stamp_ns=45_000_000,
+        seq=1,
+        length_m=Figure(value=0.5, log_sd=0.01),
+        radius_m=Figure(value=0.004),
+        bending_stiffness_n_m2=Figure(value=1.3e-5, log_sd=0.3),
+        weight_n_m=Figure(value=0.34, log_sd=0.2),
+        friction=Figure(value=0.6, log_sd=0.25),
+        elastic_m3=Figure(value=6.4e-5, log_sd=0.2),
+        yield_curvature_1_m=None,
+        actions=3,
+    ),
     topics.ACTION.name: PickPlace(
         stamp_ns=50_000_000,
         seq=1,

@@ -33,7 +33,7 @@ class Others(Component):
     """Everybody that the model listens to, one after the other."""
 
     name = "others"
-    reads = (topics.STATE, topics.GOAL)
+    reads = (topics.STATE, topics.GOAL, topics.BELIEF)
 
 
 def with_model(test: Callable[[Port, MemoryTransport], Awaitable[None]]) -> None:
@@ -71,6 +71,24 @@ def robot_at(position: Float64Array, stamp_ns: int, holding: bool = True) -> Rob
 async def state_after_a_moment(port: Port) -> DloState | None:
     await port.clock.sleep(0.01)
     return port.latest(topics.STATE).value
+
+
+def test_what_is_configured_is_told_as_the_first_belief() -> None:
+    async def check(port: Port, bus: MemoryTransport) -> None:
+        await port.clock.sleep(0.01)
+        belief = port.latest(topics.BELIEF).value
+        assert belief is not None
+        assert belief.actions == 0
+        assert belief.bending_stiffness_n_m2.value == CONFIG.bending_stiffness_n_m2
+        assert belief.elastic_m3.value == pytest.approx(
+            CONFIG.bending_stiffness_n_m2 / (CONFIG.friction * 9.81 * CONFIG.mass_kg_m)
+        )
+        # A ratio is less sure than any of its parts.
+        assert belief.elastic_m3.log_sd > CONFIG.belief.stiffness_log_sd
+        low, high = belief.length_m.between()
+        assert low < CONFIG.length_m < high
+
+    with_model(check)
 
 
 def test_the_first_targets_become_the_state_and_later_ones_drag_it() -> None:
