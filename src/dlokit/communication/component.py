@@ -56,7 +56,15 @@ class Component:
     reads: ClassVar[tuple[Topic[Any], ...]] = ()
     """Topics read through ``port.latest`` or ``port.stream``, beside those with a handler."""
 
+    instance: str = ""
+    """Which of its kind it is, where there is more than one; empty: the first."""
+
     port: Port
+
+    @property
+    def address(self) -> str:
+        """What it is called on the bus."""
+        return f"{self.name}.{self.instance}" if self.instance else self.name
 
     def attach(self, port: Port) -> None:
         """Called once by the host, before anything runs."""

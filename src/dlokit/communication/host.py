@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+from collections.abc import Mapping
 from typing import Any
 
 from dlokit.communication import codec
@@ -24,7 +25,15 @@ STOP_PATIENCE_S = 5.0
 class Host:
     """Runs components of one process on one event loop. Use as an async context manager."""
 
-    def __init__(self, transport: Transport, clock: Clock, compute: Compute | None = None) -> None:
+    def __init__(
+        self,
+        transport: Transport,
+        clock: Clock,
+        compute: Compute | None = None,
+        instances: Mapping[str, tuple[str, ...]] | None = None,
+    ) -> None:
+        """`instances` names, by component, those that there are besides the first; who reads one reads them all."""
+        self._instances = instances or {}
         self.transport = transport
         self.clock = clock
         self._compute: Compute = compute or InlineCompute()
@@ -42,9 +51,10 @@ class Host:
                 self.transport,
                 self.clock,
                 self._compute,
-                owner=component.name,
+                owner=component.address,
                 publishes=component.publishes,
                 subscribes=component.subscribes(),
+                instance=component.instance,
             )
         )
         self._components.append(component)
@@ -58,28 +68,30 @@ class Host:
             try:
                 await self._compute(preparation)
             except Exception:  # what cannot be loaded is told again, by name, by the call that needs it
-                log.exception("%s could not be prepared; its first work will take longer", component.name)
+                log.exception("%s could not be prepared; its first work will take longer", component.address)
 
     async def __aenter__(self) -> "Host":
         self._failed = asyncio.get_running_loop().create_future()
         # All subscriptions stand before the first component runs, so that no first message is lost.
         for component in self._components:
-            for topic, method in component.handlers().items():
-                # A state of before the component was there still holds; an event of before is past.
-                stream = self.transport.stream(topic, with_last=isinstance(topic.policy, KeepLast))
-                self._start(component, f"on {topic.name}", _handle(component, topic, method, stream))
-            for topic in component.reads:
-                # The first look at a topic subscribes to it and finds nothing yet: it must not be the component's.
-                self.transport.latest(topic)
+            for row, method in component.handlers().items():
+                for topic in self._of_all(row):
+                    # A state of before the component was there still holds; an event of before is past.
+                    stream = self.transport.stream(topic, with_last=isinstance(topic.policy, KeepLast))
+                    self._start(component, f"on {topic.name}", _handle(component, topic, method, stream))
+            for row in component.reads:
+                for topic in self._of_all(row):
+                    # The first look at a topic subscribes to it and finds nothing yet: it must not be the component's.
+                    self.transport.latest(topic)
         for component in self._components:
-            self.transport.serve(component.name, _Dispatcher(component, self.clock))
+            self.transport.serve(component.address, _Dispatcher(component, self.clock))
         for component in self._components:
             self._start(component, "run", component.run())
         return self
 
     async def __aexit__(self, *exc: object) -> None:
         for component in reversed(self._components):
-            await self.transport.withdraw(component.name)
+            await self.transport.withdraw(component.address)
         for task in reversed(self._tasks):
             task.cancel()
         if self._tasks:
@@ -94,8 +106,11 @@ class Host:
         assert self._failed is not None, "the host is not started"
         await asyncio.shield(self._failed)
 
+    def _of_all(self, topic: Topic[Any]) -> tuple[Topic[Any], ...]:
+        return (topic, *(topic.at(instance) for instance in self._instances.get(topic.publisher, ())))
+
     def _start(self, component: Component, what: str, coroutine: Any) -> None:
-        task: asyncio.Task[None] = asyncio.create_task(coroutine, name=f"{component.name} {what}")
+        task: asyncio.Task[None] = asyncio.create_task(coroutine, name=f"{component.address} {what}")
         task.add_done_callback(self._note)
         self._tasks.append(task)
 
@@ -115,7 +130,7 @@ async def _handle(component: Component, topic: Topic[Any], method: str, stream: 
             await handler(message)
         except (SkillFailure, SkillRejected, CommunicationError) as error:
             # One bad message must not end the component: it waits for the next.
-            log.warning("%s on %s: %s", component.name, topic.name, error)
+            log.warning("%s on %s: %s", component.address, topic.name, error)
 
 
 class _Dispatcher:
@@ -140,9 +155,9 @@ class _Dispatcher:
             call = codec.decode(request, SkillCall)
         except CommunicationError as error:
             return Rejected(reason="malformed_call", detail=str(error))
-        if call.component != self._component.name:
+        if call.component != self._component.address:
             return Rejected(
-                reason="wrong_component", detail=f"{call.component} was meant, this is {self._component.name}"
+                reason="wrong_component", detail=f"{call.component} was meant, this is {self._component.address}"
             )
         if call.skill not in self._skills:
             return Rejected(reason="unknown_skill", detail=f"{call.skill}; {call.component} has {sorted(self._skills)}")

@@ -31,23 +31,30 @@ class Port:
         owner: str,
         publishes: tuple[Topic[Any], ...],
         subscribes: tuple[Topic[Any], ...] | None = None,
+        instance: str = "",
     ) -> None:
-        """`owner` may publish `publishes` and read `subscribes`; None: read everything."""
+        """`owner` may publish `publishes` and read `subscribes` (None: everything), whosever they are.
+
+        What it publishes is its own `instance`'s, unless it says whose it is.
+        """
         self._transport = transport
         self.clock = clock
         self._compute = compute
         self._owner = owner
-        self._publishes = {topic.name for topic in publishes}
-        self._subscribes = None if subscribes is None else {topic.name for topic in subscribes}
+        self._instance = instance
+        self._publishes = {topic.row for topic in publishes}
+        self._subscribes = None if subscribes is None else {topic.row for topic in subscribes}
         self._sequence: dict[str, int] = {}
 
     def publish(self, topic: Topic[T], message: T) -> None:
         """Send a message, numbered on its topic. Only topics that the component declares are allowed."""
-        if topic.name not in self._publishes:
+        if topic.row not in self._publishes:
             raise CommunicationError(
                 f"{self._owner} may not publish {topic.name}: it declares {sorted(self._publishes)}; "
                 f"add the topic to its `publishes`"
             )
+        if self._instance and not topic.instance:
+            topic = topic.at(self._instance)
         number = self._sequence.get(topic.name, 0) + 1
         self._sequence[topic.name] = number
         self._transport.publish(topic, msgspec.structs.replace(message, seq=number))
@@ -75,7 +82,7 @@ class Port:
         return await self._compute(function, *args, **kwargs)
 
     def _check_read(self, topic: Topic[Any]) -> None:
-        if self._subscribes is not None and topic.name not in self._subscribes:
+        if self._subscribes is not None and topic.row not in self._subscribes:
             raise CommunicationError(
                 f"{self._owner} may not read {topic.name}: it declares {sorted(self._subscribes)}; "
                 f"add the topic to its `reads`"

@@ -2,8 +2,8 @@
 
 import inspect
 from collections.abc import Callable
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
 from typing import Any, Generic, ParamSpec, TypeVar, get_type_hints
 
 import msgspec
@@ -25,7 +25,7 @@ class Skill(Generic[P, R]):
     """
 
     component: str
-    """Who has it."""
+    """Who has it: a component, or `component.instance` where there is more than one of a kind."""
     name: str
     signature: Callable[P, R]
     timeout_s: float
@@ -39,6 +39,10 @@ class Skill(Generic[P, R]):
     def key(self) -> str:
         """``component.skill``."""
         return f"{self.component}.{self.name}"
+
+    def at(self, instance: str) -> "Skill[P, R]":
+        """The same skill of another of its kind: `MOVE_TO.at("opposite")`; an empty name is the first one."""
+        return _addressed(self, instance)
 
     @property
     def doc(self) -> str:
@@ -81,6 +85,12 @@ class Skill(Generic[P, R]):
     def decode_outcome(self, data: bytes) -> Outcome[R]:
         """An outcome with a result of the declared type."""
         return codec.decode(data, self._outcome_type)
+
+
+@cache  # its types for encoding are made once; there are as many as skills and instances
+def _addressed(skill: Skill[..., Any], instance: str) -> Skill[..., Any]:
+    kind = skill.component.partition(".")[0]
+    return replace(skill, component=f"{kind}.{instance}" if instance else kind)
 
 
 class SkillCall(msgspec.Struct, frozen=True, kw_only=True):

@@ -1,6 +1,6 @@
 """What a topic is."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
 from dlokit.types.message import Message
@@ -40,3 +40,14 @@ class Topic(Generic[T]):
     """What a slow reader misses."""
     doc: str = ""
     """One line of what it says."""
+    instance: str = ""
+    """Whose it is, where there is more than one of its kind; empty: the first one's."""
+
+    @property
+    def row(self) -> str:
+        """Name of its row in the table, whosever it is."""
+        return self.name.removesuffix(f"/{self.instance}") if self.instance else self.name
+
+    def at(self, instance: str) -> "Topic[T]":
+        """The same topic of another of its kind: `ROBOT_STATE.at("opposite")`; an empty name is the first one."""
+        return replace(self, name=f"{self.row}/{instance}" if instance else self.row, instance=instance)

@@ -22,5 +22,9 @@ IMAGES_PER_S = 2.0
 
 
 def type_of(channel: str) -> type[Message] | None:
-    """What a channel holds; None for a view or a channel that this version does not know."""
-    return RECORDED[channel].type if channel in RECORDED else None
+    """What a channel holds; None for a view or a channel that this version does not know.
+
+    A topic of which there is more than one has a channel for each: `robot/state` and `robot/state/opposite`.
+    """
+    row = RECORDED.get(channel) or RECORDED.get(channel.rpartition("/")[0])
+    return None if row is None else row.type

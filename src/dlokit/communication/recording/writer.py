@@ -11,7 +11,7 @@ from mcap.writer import CompressionType, Writer
 
 from dlokit import __version__
 from dlokit.communication.recording import foxglove
-from dlokit.communication.recording.channels import IMAGE_FORMAT, RECORDED
+from dlokit.communication.recording.channels import IMAGE_FORMAT, type_of
 from dlokit.communication.recording.pictures import to_jpeg
 from dlokit.communication.recording.plain import json_schema, kind_name, to_json
 from dlokit.communication.recording.views import CAMERA, VIEWS, View, views_of
@@ -55,7 +55,7 @@ class RecordingWriter:
             self._add_picture("view/left", log_ns, message.stamp_ns, to_jpeg(message.left))
             self._add_picture("view/right", log_ns, message.stamp_ns, to_jpeg(message.right))
         # The arm's sensors say again what the robot says: shown is the robot.
-        for channel, view in () if topic is ARM_STATE else views_of(message):
+        for channel, view in () if topic.row == ARM_STATE.row else views_of(message):
             self._add(channel, log_ns, message.stamp_ns, 0, view)
         if isinstance(message, StereoImages):
             message = msgspec.structs.replace(message, left=_NO_PIXELS, right=_NO_PIXELS)
@@ -101,6 +101,7 @@ class RecordingWriter:
         if channel in VIEWS:
             name, schema = foxglove.schema_name(VIEWS[channel]), foxglove.schema_of(VIEWS[channel])
         else:
-            kind = RECORDED[channel].type
+            kind = type_of(channel)
+            assert kind is not None, f"{channel} is no topic"
             name, schema = f"dlokit.{kind_name(kind)}", json_schema(kind)
         return self._writer.register_channel(channel, "json", self._writer.register_schema(name, "jsonschema", schema))
