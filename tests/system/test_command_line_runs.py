@@ -26,6 +26,8 @@ def _start(*arguments: str) -> subprocess.Popen[str]:
 
 def _figures(folder: Path) -> dict[str, Any]:
     figures: dict[str, Any] = json.loads((folder / "result.json").read_text())
+    for row in figures["history"]:
+        del row["planning_time_s"]
     return {name: value for name, value in figures.items() if name not in MACHINE_TIMES}
 
 

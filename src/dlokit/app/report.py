@@ -94,7 +94,7 @@ def _actions(record: RunRecord) -> str:
     if not result.history:
         return '<section><h2>Actions</h2><p class="empty">The run ended without any action.</p></section>'
     rows = "".join(_action_row(row, result.threshold_m) for row in result.history)
-    heads = ("action", "grasp node", "grasp", "RMSE after", "true RMSE after", "duration")
+    heads = ("action", "kind", "grasp node", "grasp", "RMSE after", "true RMSE after", "duration")
     head = "".join(f"<th>{text}</th>" for text in heads)
     return (
         '<section><h2>Actions</h2><div class="scroll"><table>'
@@ -105,7 +105,7 @@ def _actions(record: RunRecord) -> str:
 def _action_row(row: ActionResult, threshold_m: float) -> str:
     kind = ' class="met"' if row.rmse_m < threshold_m else ""
     cells = (
-        f"<td>{row.action}</td><td>{row.grasp_node}</td>",
+        f"<td>{row.action}</td><td>{escape(row.kind)}</td><td>{row.grasp_node}</td>",
         "<td>held</td>" if row.grasp_ok else '<td class="no">not held</td>',
         f"<td>{_millimetres(row.rmse_m)}</td><td>{_millimetres(row.true_rmse_m)}</td>",
         f"<td>{row.duration_s:.1f} s</td>",

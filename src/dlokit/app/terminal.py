@@ -110,6 +110,7 @@ def action_table(rows: Sequence[ActionResult], *, threshold_m: float, title: str
     with_truth = any(row.true_rmse_m is not None for row in rows)
     table = Table(title=escape(title) or None, title_justify="left", title_style="bold")
     table.add_column("action", justify="right")
+    table.add_column("kind", min_width=len("pick-and-place"))
     table.add_column("grasp node", justify="right")
     table.add_column("grasp")
     table.add_column(f"RMSE (< {_mm(threshold_m)})", justify="right")
@@ -120,7 +121,7 @@ def action_table(rows: Sequence[ActionResult], *, threshold_m: float, title: str
         rmse = Text(_mm(row.rmse_m), style="green" if row.rmse_m < threshold_m else "")
         held = Text("held") if row.grasp_ok else Text("not held", style="red")
         true = [Text("–" if row.true_rmse_m is None else _mm(row.true_rmse_m))] if with_truth else []
-        table.add_row(str(row.action), str(row.grasp_node), held, rmse, *true, f"{row.duration_s:.1f} s")
+        table.add_row(str(row.action), row.kind, str(row.grasp_node), held, rmse, *true, f"{row.duration_s:.1f} s")
     return table
 
 
@@ -135,7 +136,9 @@ def _progress(status: FlowStatus) -> Text:
 
 def _plain(row: ActionResult) -> str:
     held = "held" if row.grasp_ok else "not held"
-    return f"action {row.action}: node {row.grasp_node} {held}, RMSE {_mm(row.rmse_m)}, {row.duration_s:.1f} s"
+    return (
+        f"action {row.action}: {row.kind}, node {row.grasp_node} {held}, RMSE {_mm(row.rmse_m)}, {row.duration_s:.1f} s"
+    )
 
 
 def _mm(value_m: float) -> str:

@@ -33,6 +33,8 @@ class TrueErrors:
     """Error 2 s after each release [m]; None for an action without a release, or that the truth does not cover."""
     final_m: float | None
     """Error 2 s after the last release, or at the end of the record when nothing was released [m]."""
+    final_largest_m: float | None
+    """Distance of the farthest node from its goal node then [m]."""
     reversed_order: bool
     """Whether the system counts the nodes from the other end than the cell."""
 
@@ -42,8 +44,9 @@ def evaluate(record: RunRecord, truth: Truth) -> TrueErrors:
     if record.start_nodes_world is None:
         # Never seen: there is no order of the system's to take, so the nearer one is the fairer.
         goal = record.goal_nodes_world
-        error = geometry.rmse_m(geometry.resample(truth.nodes_world[-1], len(goal)), goal, ends_interchangeable=True)
-        return TrueErrors(after_action_m=(), final_m=error, reversed_order=False)
+        nodes = geometry.resample(truth.nodes_world[-1], len(goal))
+        rmse_m, largest_m = _errors(nodes, goal, ends_interchangeable=True)
+        return TrueErrors(after_action_m=(), final_m=rmse_m, final_largest_m=largest_m, reversed_order=False)
     return true_errors(
         truth,
         goal_nodes_world=record.goal_nodes_world,
@@ -73,18 +76,28 @@ def true_errors(
     forward = geometry.rmse_m(at_first, first_nodes_world)
     reversed_order = geometry.rmse_m(at_first[::-1], first_nodes_world) < forward
 
-    def error_at(stamp_ns: int) -> float | None:
+    def errors_at(stamp_ns: int) -> tuple[float, float] | tuple[None, None]:
         if stamp_ns > truth.stamps_ns[-1] + _GRACE_NS:
-            return None
+            return None, None
         nodes = geometry.resample(_covered(truth, stamp_ns), count)
         ordered = nodes[::-1] if reversed_order else nodes
-        return geometry.rmse_m(ordered, goal_nodes_world, ends_interchangeable=ends_interchangeable)
+        return _errors(ordered, goal_nodes_world, ends_interchangeable=ends_interchangeable)
 
     settle_ns = round(SETTLE_S * 1e9)
-    after = tuple(None if stamp is None else error_at(stamp + settle_ns) for stamp in release_stamps_ns)
+    after = tuple(None if stamp is None else errors_at(stamp + settle_ns)[0] for stamp in release_stamps_ns)
     releases = [stamp for stamp in release_stamps_ns if stamp is not None]
     final_stamp_ns = max(releases) + settle_ns if releases else int(truth.stamps_ns[-1])
-    return TrueErrors(after_action_m=after, final_m=error_at(final_stamp_ns), reversed_order=reversed_order)
+    final_m, final_largest_m = errors_at(final_stamp_ns)
+    return TrueErrors(
+        after_action_m=after, final_m=final_m, final_largest_m=final_largest_m, reversed_order=reversed_order
+    )
+
+
+def _errors(nodes: Float64Array, goal: Float64Array, *, ends_interchangeable: bool) -> tuple[float, float]:
+    """RMSE and largest distance [m] of nodes (M, 3) to goal nodes (M, 3) [m], the nearer order if both are allowed."""
+    orders = [nodes, nodes[::-1]] if ends_interchangeable else [nodes]
+    nearer = min(orders, key=lambda ordered: geometry.rmse_m(ordered, goal))
+    return geometry.rmse_m(nearer, goal), float(np.linalg.norm(nearer - goal, axis=1).max())
 
 
 def with_truth(result: RunResult, errors: TrueErrors) -> RunResult:
@@ -98,7 +111,9 @@ def with_truth(result: RunResult, errors: TrueErrors) -> RunResult:
         msgspec.structs.replace(row, true_rmse_m=error)
         for row, error in zip(result.history, errors.after_action_m, strict=True)
     )
-    return msgspec.structs.replace(result, history=history, true_rmse_m=errors.final_m)
+    return msgspec.structs.replace(
+        result, history=history, true_rmse_m=errors.final_m, true_largest_m=errors.final_largest_m
+    )
 
 
 def _covered(truth: Truth, stamp_ns: int) -> Float64Array:

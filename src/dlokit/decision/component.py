@@ -10,6 +10,7 @@ from dlokit.communication import topics
 from dlokit.communication.component import Component
 from dlokit.decision.config import TaskConfig
 from dlokit.decision.flow import run_flow
+from dlokit.decision.odometer import Odometer
 from dlokit.decision.shape_flow import SHAPE_DLO
 from dlokit.decision.task import ActionRecord, GoalRequest, ShapeResult, ShapeTask, StepTiming
 from dlokit.geometry import rmse_m
@@ -41,6 +42,7 @@ class DecisionComponent(Component):
 
         Cancelling it stops the robot and ends with outcome `cancelled`; a second cancellation gets through.
         """
+        odometer = Odometer()
         task = ShapeTask(
             port=self.port,
             config=self._config,
@@ -48,10 +50,12 @@ class DecisionComponent(Component):
             stopwatch=self._stopwatch,
             states=self.port.stream(topics.STATE),
             commands=self.port.stream(topics.COMMAND),
+            odometer=odometer,
             recorded=recorded,
             started_ns=self.port.clock.now_ns(),
         )
         diary = _Diary(self, task)
+        riding = asyncio.create_task(odometer.follow(self.port.stream(topics.ROBOT_STATE)), name="odometer")
         flow = asyncio.create_task(run_flow(SHAPE_DLO, task, diary.entered), name="shape_dlo")
         watch = asyncio.create_task(self._obey(flow), name="operator")
         try:
@@ -67,7 +71,8 @@ class DecisionComponent(Component):
             task.reason = f"{type(error).__name__}: {error}"
         finally:
             watch.cancel()
-            await asyncio.gather(watch, return_exceptions=True)
+            riding.cancel()
+            await asyncio.gather(watch, riding, return_exceptions=True)
         if outcome in (RunOutcome.CANCELLED, RunOutcome.FAILED):
             await self._make_safe()
         diary.close(outcome)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 from dlokit.communication.port import Port
 from dlokit.decision.config import TaskConfig
+from dlokit.decision.odometer import Odometer
 from dlokit.types.action import Action
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, GoalShape
@@ -27,11 +28,21 @@ class ActionRecord:
 
     action: int
     """Counted from 1."""
+    kind: str
+    """In words, as `types.action.kind_of` has it."""
     grasp_node: int
     grasp_ok: bool
     rmse_m: float
+    predicted_rmse_m: float | None
+    """Of the shape that was expected when the action was chosen [m]; None where none was predicted."""
     duration_s: float
     """From the decision to the next settled look, on the cell's clock [s]."""
+    robot_time_s: float
+    """From the decision until the arm is out of the picture again, on the cell's clock [s]."""
+    path_length_m: float
+    """What the tool travelled in that time [m]."""
+    planning_time_s: float
+    """What choosing it took, on the machine's clock [s]."""
     release_stamp_ns: int
     """When the fingers opened [ns]."""
     nodes_world: Float64Array  # (M, 3) [m] after it
@@ -89,6 +100,7 @@ class ShapeTask:
     """The machine's monotonic clock [s], for timings alone."""
     states: AsyncIterator[DloState]
     commands: AsyncIterator[OperatorCommand]
+    odometer: Odometer
     recorded: Callable[[ActionRecord], None]
     """Told of every action when its effect is known."""
     started_ns: int = 0
@@ -103,6 +115,12 @@ class ShapeTask:
     marks: set[int] = field(default_factory=set[int])
     action: Action | None = None
     action_started_ns: int = 0
+    robot_started_ns: int = 0
+    """When the action under way was chosen [ns]."""
+    tool_started_m: float = 0.0
+    """What the tool had travelled by then [m]."""
+    decision_time_s: float = 0.0
+    """What choosing it took, on the machine's clock [s]."""
     before_world: Float64Array | None = None
     """The shape (M, 3) [m] that the action under way was chosen for."""
     release_stamp_ns: int = 0

@@ -19,15 +19,25 @@ class ActionResult(msgspec.Struct, frozen=True, kw_only=True):
 
     action: int
     """Number of the action, from 1."""
+    kind: str
+    """What the action did, in words: pick-and-place, drag, lay-down, …"""
     grasp_node: int
     grasp_ok: bool
     """Whether the gripper held the DLO."""
     rmse_m: float
     """Our own estimate of the error to the goal after the action [m]."""
+    predicted_rmse_m: float | None = None
+    """What was expected of it when it was chosen [m]; None where the planner predicts nothing."""
     true_rmse_m: float | None = None
     """The evaluator's, 2 s after the release [m]; None where there is no truth."""
     duration_s: float
     """From the choice of the grasp to the look after the release [s], on the cell's clock."""
+    robot_time_s: float
+    """From the choice of the grasp until the arm is out of the picture again [s], on the cell's clock."""
+    path_length_m: float
+    """What the tool travelled in that time [m]."""
+    planning_time_s: float
+    """Wall time spent choosing it [s]."""
 
 
 class RunResult(msgspec.Struct, frozen=True, kw_only=True):
@@ -41,6 +51,8 @@ class RunResult(msgspec.Struct, frozen=True, kw_only=True):
     """The last estimate of the error [m]; None only when the DLO was never seen."""
     true_rmse_m: float | None = None
     """The evaluator's, 2 s after the last release [m]; None where there is no truth."""
+    true_largest_m: float | None = None
+    """Distance of the node that is farthest from its goal then [m]; None where there is no truth."""
     threshold_m: float
     seed: int
     sim_time_s: float

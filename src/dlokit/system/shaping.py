@@ -107,10 +107,15 @@ async def _tell(transport: Transport, watch: Watcher) -> None:
 def _row(action: ActionRecord) -> ActionResult:
     return ActionResult(
         action=action.action,
+        kind=action.kind,
         grasp_node=action.grasp_node,
         grasp_ok=action.grasp_ok,
         rmse_m=action.rmse_m,
+        predicted_rmse_m=action.predicted_rmse_m,
         duration_s=action.duration_s,
+        robot_time_s=action.robot_time_s,
+        path_length_m=action.path_length_m,
+        planning_time_s=action.planning_time_s,
     )
 
 

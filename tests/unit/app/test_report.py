@@ -55,12 +55,29 @@ def _parse(page: str) -> _Balance:
     return parser
 
 
+def _action(
+    action: int, kind: str, *, grasp_ok: bool, rmse_m: float, duration_s: float, true_rmse_m: float | None = None
+) -> ActionResult:
+    return ActionResult(
+        action=action,
+        kind=kind,
+        grasp_node=30 if action == 1 else 7,
+        grasp_ok=grasp_ok,
+        rmse_m=rmse_m,
+        true_rmse_m=true_rmse_m,
+        duration_s=duration_s,
+        robot_time_s=duration_s - 1.0,
+        path_length_m=1.0,
+        planning_time_s=0.1,
+    )
+
+
 @pytest.fixture(scope="module")
 def record() -> RunRecord:
     history = (
-        ActionResult(action=1, grasp_node=30, grasp_ok=True, rmse_m=0.0311, true_rmse_m=0.0322, duration_s=11.0),
-        ActionResult(action=2, grasp_node=7, grasp_ok=False, rmse_m=0.0311, duration_s=6.0),
-        ActionResult(action=3, grasp_node=7, grasp_ok=True, rmse_m=0.0088, true_rmse_m=0.0099, duration_s=12.0),
+        _action(1, "lay-down", grasp_ok=True, rmse_m=0.0311, true_rmse_m=0.0322, duration_s=11.0),
+        _action(2, "drag", grasp_ok=False, rmse_m=0.0311, duration_s=6.0),
+        _action(3, "pick-and-place", grasp_ok=True, rmse_m=0.0088, true_rmse_m=0.0099, duration_s=12.0),
     )
     result = RunResult(
         outcome=RunOutcome.CONVERGED,
@@ -117,7 +134,7 @@ def test_the_page_tells_outcome_figures_actions_and_setup(record: RunRecord) -> 
     page = report_html(record)
 
     for text in (
-        *("I to S", "converged", "8.8 mm", "9.9 mm", "31.1 mm", "not held", "12 mm", "2.0× real time"),
+        *("I to S", "converged", "8.8 mm", "9.9 mm", "31.1 mm", "lay-down", "not held", "12 mm", "2.0× real time"),
         *("dlokit shape --start I --goal S --seed 4", "0123456789ab", "mujoco", "4.0.0", "move to goal (3×)"),
     ):
         assert text in page, text

@@ -10,9 +10,24 @@ from dlokit.app.terminal import RunDisplay
 from dlokit.system.run_result import ActionResult, RunResult
 from dlokit.types.flow import FlowStatus, RunOutcome
 
+
+def _action(action: int, kind: str, *, grasp_ok: bool, rmse_m: float, duration_s: float) -> ActionResult:
+    return ActionResult(
+        action=action,
+        kind=kind,
+        grasp_node=30 if action == 1 else 7,
+        grasp_ok=grasp_ok,
+        rmse_m=rmse_m,
+        duration_s=duration_s,
+        robot_time_s=duration_s - 1.0,
+        path_length_m=1.0,
+        planning_time_s=0.1,
+    )
+
+
 ROWS = (
-    ActionResult(action=1, grasp_node=30, grasp_ok=True, rmse_m=0.0453, duration_s=11.34),
-    ActionResult(action=2, grasp_node=7, grasp_ok=False, rmse_m=0.0101, duration_s=9.0),
+    _action(1, "lay-down", grasp_ok=True, rmse_m=0.0453, duration_s=11.34),
+    _action(2, "drag", grasp_ok=False, rmse_m=0.0101, duration_s=9.0),
 )
 RESULT = RunResult(
     outcome=RunOutcome.CONVERGED,
@@ -74,8 +89,8 @@ def test_a_log_file_gets_one_plain_line_an_action() -> None:
     lines = _show(_console(terminal=False)).splitlines()
 
     assert lines[0] == "I to S: threshold 12.0 mm"
-    assert lines[1] == "action 1: node 30 held, RMSE 45.3 mm, 11.3 s"
-    assert lines[2] == "action 2: node 7 not held, RMSE 10.1 mm, 9.0 s"
+    assert lines[1] == "action 1: lay-down, node 30 held, RMSE 45.3 mm, 11.3 s"
+    assert lines[2] == "action 2: drag, node 7 not held, RMSE 10.1 mm, 9.0 s"
     assert not any("choose grasp" in line or "\x1b" in line for line in lines)
 
 

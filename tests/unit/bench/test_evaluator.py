@@ -50,6 +50,7 @@ def test_each_release_is_judged_two_seconds_later_in_the_nodes_of_the_goal() -> 
 
     assert errors.after_action_m == pytest.approx((0.03, 0.0), abs=RESAMPLING_M)
     assert errors.final_m == errors.after_action_m[-1]
+    assert errors.final_largest_m == pytest.approx(0.0, abs=2 * RESAMPLING_M)
     assert not errors.reversed_order
 
 
@@ -57,6 +58,17 @@ def test_the_time_after_the_release_is_the_settling_time() -> None:
     still_moving = _truth((0, START), (10, START), (10 + SETTLE_S, CELL_GOAL), (20, START))
 
     assert _errors(still_moving, [10 * S]).final_m == pytest.approx(0.0, abs=RESAMPLING_M)
+
+
+def test_the_largest_error_is_that_of_the_node_farthest_from_its_goal() -> None:
+    bent = CELL_GOAL.copy()
+    bent[0, 1] += 0.05
+
+    errors = _errors(_truth((0, START), (10, bent), (14, bent)), [10 * S])
+
+    assert errors.final_largest_m == pytest.approx(0.05, abs=RESAMPLING_M)
+    assert errors.final_m is not None
+    assert errors.final_m < 0.03  # the others are nearer
 
 
 def test_between_two_records_the_truth_is_interpolated() -> None:
@@ -115,7 +127,17 @@ def test_truth_that_begins_after_the_run_is_refused() -> None:
 
 def _record(start: np.ndarray | None, releases: list[int]) -> RunRecord:
     rows = tuple(
-        ActionResult(action=i + 1, grasp_node=0, grasp_ok=True, rmse_m=0.01, duration_s=9.0)
+        ActionResult(
+            action=i + 1,
+            kind="drag",
+            grasp_node=0,
+            grasp_ok=True,
+            rmse_m=0.01,
+            duration_s=9.0,
+            robot_time_s=8.0,
+            path_length_m=1.0,
+            planning_time_s=0.0,
+        )
         for i in range(len(releases))
     )
     result = RunResult(

@@ -10,10 +10,25 @@ from dlokit.system.run_result import ActionResult, RunResult, config_hash, read_
 from dlokit.types.flow import RunOutcome
 
 FIELDS = [
-    *("outcome", "reason", "actions", "rmse_m", "true_rmse_m", "threshold_m", "seed", "sim_time_s"),
+    *("outcome", "reason", "actions", "rmse_m", "true_rmse_m", "true_largest_m", "threshold_m", "seed", "sim_time_s"),
     *("wall_time_s", "planning_time_s", "history", "config_hash", "version", "episode", "goal_verdict"),
 ]
-ACTION_FIELDS = ["action", "grasp_node", "grasp_ok", "rmse_m", "true_rmse_m", "duration_s"]
+ACTION_FIELDS = [
+    *("action", "kind", "grasp_node", "grasp_ok", "rmse_m", "predicted_rmse_m", "true_rmse_m", "duration_s"),
+    *("robot_time_s", "path_length_m", "planning_time_s"),
+]
+ACTION = ActionResult(
+    action=1,
+    kind="lay-down",
+    grasp_node=30,
+    grasp_ok=True,
+    rmse_m=0.0085,
+    predicted_rmse_m=0.007,
+    duration_s=12.0,
+    robot_time_s=11.0,
+    path_length_m=1.5,
+    planning_time_s=0.2,
+)
 
 
 def _result() -> RunResult:
@@ -26,7 +41,7 @@ def _result() -> RunResult:
         sim_time_s=20.5,
         wall_time_s=9.0,
         planning_time_s=0.2,
-        history=(ActionResult(action=1, grasp_node=30, grasp_ok=True, rmse_m=0.0085, duration_s=12.0),),
+        history=(ACTION,),
         config_hash=config_hash("seed = 3"),
         version="0.1.0",
     )

@@ -56,9 +56,12 @@ async def choose_grasp(task: ShapeTask) -> Found:
     began = task.stopwatch()
     marks = Marks(invalid_nodes=np.array(sorted(task.marks), dtype=np.int64))
     proposed = await task.port.call(planning.PROPOSE, task.state, task.goal, marks)
-    task.planning_time_s += task.stopwatch() - began
+    task.decision_time_s = task.stopwatch() - began
+    task.planning_time_s += task.decision_time_s
     if isinstance(proposed, Succeeded):
         task.action = proposed.result
+        task.robot_started_ns = task.port.clock.now_ns()
+        task.tool_started_m = task.odometer.travelled_m
         task.before_world = task.state.nodes_world
         return Found.FOUND
     fail(task, "planning.propose", proposed)

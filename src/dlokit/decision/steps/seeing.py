@@ -15,6 +15,9 @@ from dlokit.skills.observer import api as observer
 from dlokit.skills.perception import api as perception
 from dlokit.skills.planning import api as planning
 from dlokit.skills.robot import api as robot
+from dlokit.types.action import kind_of
+from dlokit.types.arrays import Float64Array
+from dlokit.types.dlo import GoalShape
 from dlokit.types.flow import Command
 from dlokit.types.outcome import Failed, Outcome, Succeeded
 
@@ -146,7 +149,11 @@ async def track_model(task: ShapeTask) -> Sight:
 def _error(task: ShapeTask) -> float:
     assert task.state is not None
     assert task.goal is not None
-    return rmse_m(task.state.nodes_world, task.goal.nodes_world, ends_interchangeable=task.goal.ends_interchangeable)
+    return _error_of(task.state.nodes_world, task.goal)
+
+
+def _error_of(nodes_world: Float64Array, goal: GoalShape) -> float:
+    return rmse_m(nodes_world, goal.nodes_world, ends_interchangeable=goal.ends_interchangeable)
 
 
 async def compare(task: ShapeTask) -> Progress:
@@ -170,16 +177,25 @@ async def compare(task: ShapeTask) -> Progress:
 async def track_again(task: ShapeTask) -> Sight:
     """The shape after an action; writes its record."""
     assert task.state is not None
+    assert task.goal is not None
+    robot_time_s = (task.port.clock.now_ns() - task.robot_started_ns) / 1e9
+    path_length_m = task.odometer.travelled_m - task.tool_started_m
     await task.port.clock.sleep(task.config.settle_s)
     if not await look_anew(task, task.expected_world) or not await settle(task):
         return Sight.FAILED
     task.errors_m.append(_error(task))
+    predicted = task.chosen.predicted_nodes_world
     record = ActionRecord(
         action=len(task.history) + 1,
+        kind=kind_of(task.chosen),
         grasp_node=task.chosen.grasp.node,
         grasp_ok=task.grasp_ok,
         rmse_m=task.errors_m[-1],
+        predicted_rmse_m=None if predicted is None else _error_of(predicted, task.goal),
         duration_s=(task.port.clock.now_ns() - task.action_started_ns) / 1e9,
+        robot_time_s=robot_time_s,
+        path_length_m=path_length_m,
+        planning_time_s=task.decision_time_s,
         release_stamp_ns=task.release_stamp_ns,
         nodes_world=task.state.nodes_world,
     )

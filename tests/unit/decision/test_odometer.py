@@ -1,0 +1,44 @@
+import asyncio
+from collections.abc import AsyncIterator
+
+import numpy as np
+import pytest
+
+from dlokit.decision.odometer import Odometer
+from dlokit.geometry import downward
+from dlokit.types.robot import RobotMode, RobotState
+
+
+def _state(robot: str, x_m: float, y_m: float) -> RobotState:
+    zeros = np.zeros(7)
+    return RobotState(
+        stamp_ns=0,
+        robot=robot,
+        q_rad=zeros,
+        dq_rad_s=zeros,
+        tau_nm=zeros,
+        T_world_tcp=downward([x_m, y_m, 0.4], 0.0),
+        finger_width_m=0.04,
+        mode=RobotMode.MOVING,
+    )
+
+
+async def _states(*states: RobotState) -> AsyncIterator[RobotState]:
+    for state in states:
+        yield state
+
+
+def test_the_way_there_and_back_counts_twice() -> None:
+    odometer = Odometer()
+
+    asyncio.run(odometer.follow(_states(_state("a", 0.3, 0.0), _state("a", 0.6, 0.4), _state("a", 0.3, 0.0))))
+
+    assert odometer.travelled_m == pytest.approx(1.0)
+
+
+def test_two_arms_far_apart_that_stand_still_have_travelled_nowhere() -> None:
+    odometer = Odometer()
+
+    asyncio.run(odometer.follow(_states(_state("a", 0.3, 0.0), _state("b", 0.9, 0.0), _state("a", 0.3, 0.0))))
+
+    assert odometer.travelled_m == 0.0
