@@ -4,6 +4,7 @@ Observer, model, planning and decision are the real ones; only the hardware's si
 so that each branch of the flow chart can be brought about.
 """
 
+import asyncio
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -50,6 +51,10 @@ class Lab:
     """Skill → the named failures of its next calls; an empty name succeeds."""
     holds: bool = True
     """Whether the gripper takes hold."""
+    feels: bool = False
+    """Whether the state of the arm says that the fingers hold something; the model then follows the tool."""
+    slips: int = 0
+    """How many of the next carries lose the rope half way."""
     obeys: bool = True
     """Whether the rope follows the gripper."""
     confuses_ends: bool = False
@@ -96,6 +101,7 @@ class ScriptedRobot(Component):
         self._lab = lab
         self._tcp = geometry.downward([0.3, 0.0, 0.4], 0.0)
         self._held: int | None = None
+        self._stopped = asyncio.Event()
 
     async def run(self) -> None:
         while True:
@@ -119,6 +125,7 @@ class ScriptedRobot(Component):
                 T_world_tcp=self._tcp,
                 finger_width_m=0.04,
                 mode=RobotMode.IDLE,
+                holding=self._lab.feels and self._held is not None,
             ),
         )
 
@@ -150,6 +157,8 @@ class ScriptedRobot(Component):
     @implements(robot.FOLLOW_PATH)
     async def follow_path(self, path: tuple[Pose, ...], velocity: VelocityProfile) -> MotionResult:
         self._lab.enter("follow_path")
+        if self._lab.slips > 0:
+            await self._lose()
         await self.port.clock.sleep(2.0)
         if self._held is not None and self._lab.obeys:
             self._lab.nodes = dragged(self._lab.nodes, self._held, path[-1].position_m)
@@ -158,6 +167,16 @@ class ScriptedRobot(Component):
             await self.port.call(perception.LOOK)
             await self.port.call(observer.INITIALISE, self.port.clock.now_ns(), self._lab.nodes[::-1].copy())
         return self._motion(path[-1])
+
+    async def _lose(self) -> None:
+        """The fingers close, and the arm goes on until it is told to stop."""
+        self._lab.slips -= 1
+        await self.port.clock.sleep(1.0)
+        self._held = None
+        await self.port.clock.sleep(5.0)
+        if self._stopped.is_set():
+            self._stopped.clear()
+            raise SkillFailure("stopped", "as it was told")
 
     @implements(robot.RELEASE)
     async def release(self, width_m: float = 0.04) -> GripResult:
@@ -172,6 +191,7 @@ class ScriptedRobot(Component):
     @implements(robot.STOP)
     async def stop(self) -> None:
         self._lab.calls.append("stop")
+        self._stopped.set()
 
 
 def dragged(nodes: Array, held: int, to: Array) -> Array:

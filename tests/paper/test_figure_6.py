@@ -54,6 +54,7 @@ EDGES = {
     ("grasp", "missed", "release"),
     ("grasp", "failed", "failed"),
     ("move_to_goal", "done", "release"),
+    ("move_to_goal", "slipped", "release"),
     ("move_to_goal", "refused", "release"),
     ("move_to_goal", "failed", "failed"),
     ("release", "done", "track_again"),
@@ -129,6 +130,38 @@ def test_an_action_that_changes_nothing_marks_its_grasp_and_the_next_best_is_tak
     assert ("has_error_changed", "unchanged", "mark_invalid") in trace.edges()
     nodes = [record.grasp_node for record in trace.result.history]
     assert len(set(nodes)) == 3, "a marked node was taken again"
+
+
+def test_a_rope_that_slips_out_on_the_way_is_let_go_and_looked_for_again() -> None:
+    slippery = lab(I)
+    slippery.feels = True
+    slippery.slips = 1
+    trace = shape(slippery, S, TaskConfig(max_actions=2))
+    assert ("move_to_goal", "slipped", "release") in trace.edges()
+    assert [record.slipped for record in trace.result.history] == [True, False]
+    assert trace.result.history[0].grasp_ok
+    carry = trace.calls.index("follow_path")
+    assert trace.calls[carry + 1 : carry + 4] == ["stop", "tracking 0", "release"]
+
+
+def test_a_node_at_which_the_rope_slipped_twice_is_not_grasped_again() -> None:
+    slippery = lab(I)
+    slippery.feels = True
+    slippery.slips = 20
+    # Whatever changes the error clears the marks of Fig. 6: only what slipped is left out here.
+    trace = shape(slippery, S, TaskConfig(max_actions=7, changed_m=0.0))
+    nodes = [record.grasp_node for record in trace.result.history]
+    assert all(record.slipped for record in trace.result.history)
+    assert max(nodes.count(node) for node in nodes) <= 2
+
+
+def test_a_rope_that_lies_where_it_was_though_it_seemed_held_has_slipped() -> None:
+    stubborn = lab(I)
+    stubborn.obeys = False
+    trace = shape(stubborn, S, TaskConfig(max_actions=1))
+    (record,) = trace.result.history
+    assert record.grasp_ok
+    assert record.slipped
 
 
 def test_marks_are_cleared_once_the_error_has_changed() -> None:

@@ -4,6 +4,7 @@ from dlokit.decision.convergence import Progress
 from dlokit.decision.flow import End, Flow, Step
 from dlokit.decision.steps import acting, judging, seeing
 from dlokit.decision.steps.outcomes import (
+    Carried,
     Change,
     Found,
     GoalJudged,
@@ -98,12 +99,13 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
             "move_to_goal",
             acting.move_to_goal,
             {
-                Moved.DONE: "release",
-                Moved.REFUSED: "release",
-                Moved.INTERRUPTED: "recover",
-                Moved.FAILED: "failed",
+                Carried.DONE: "release",
+                Carried.SLIPPED: "release",
+                Carried.REFUSED: "release",
+                Carried.INTERRUPTED: "recover",
+                Carried.FAILED: "failed",
             },
-            "Lift, carry and lower along the planned path, tracking the model meanwhile.",
+            "Lift, carry and lower along the planned path, tracking the model and watching the fingers meanwhile.",
         ),
         Step(
             "release",

@@ -12,6 +12,8 @@ from dlokit.types.dlo import DloState, GoalShape
 from dlokit.types.feasibility import GoalVerdict, Standing
 from dlokit.types.flow import OperatorCommand, RunOutcome
 
+_SLIPS_ENOUGH = 2
+
 
 @dataclass(frozen=True, kw_only=True)
 class GoalRequest:
@@ -46,6 +48,8 @@ class ActionRecord:
     release_stamp_ns: int
     """When the fingers opened [ns]."""
     nodes_world: Float64Array  # (M, 3) [m] after it
+    slipped: bool = False
+    """Whether the DLO slipped out of the gripper on the way."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,6 +129,10 @@ class ShapeTask:
     """The shape (M, 3) [m] that the action under way was chosen for."""
     release_stamp_ns: int = 0
     grasp_ok: bool = False
+    slipped: bool = False
+    """Whether the DLO slipped out of the gripper in the action under way."""
+    slips: dict[int, int] = field(default_factory=dict[int, int])
+    """Grasp node → how often it slipped out there."""
     history: list[ActionRecord] = field(default_factory=list[ActionRecord])
     planning_time_s: float = 0.0
     recoveries: int = 0
@@ -138,6 +146,11 @@ class ShapeTask:
         return self.verdict.standing is not Standing.HOLDS
 
     @property
+    def slippery(self) -> set[int]:
+        """Nodes at which the DLO slipped out again after it had done so once: they are not grasped any more."""
+        return {node for node, times in self.slips.items() if times >= _SLIPS_ENOUGH}
+
+    @property
     def chosen(self) -> Action:
         """The action under way."""
         assert self.action is not None, "an action is chosen before the robot moves"
@@ -148,4 +161,5 @@ class ShapeTask:
         """The shape (M, 3) [m] to expect after the action under way: predicted, or the one before it."""
         assert self.before_world is not None, "an action is chosen for a shape"
         predicted = self.chosen.predicted_nodes_world
-        return predicted if self.grasp_ok and predicted is not None else self.before_world
+        moved = self.grasp_ok and not self.slipped
+        return predicted if moved and predicted is not None else self.before_world

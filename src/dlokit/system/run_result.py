@@ -24,6 +24,8 @@ class ActionResult(msgspec.Struct, frozen=True, kw_only=True):
     grasp_node: int
     grasp_ok: bool
     """Whether the gripper held the DLO."""
+    slipped: bool = False
+    """Whether the DLO slipped out of the gripper on the way."""
     rmse_m: float
     """Our own estimate of the error to the goal after the action [m]."""
     predicted_rmse_m: float | None = None

@@ -110,6 +110,7 @@ def _row(action: ActionRecord) -> ActionResult:
         kind=action.kind,
         grasp_node=action.grasp_node,
         grasp_ok=action.grasp_ok,
+        slipped=action.slipped,
         rmse_m=action.rmse_m,
         predicted_rmse_m=action.predicted_rmse_m,
         duration_s=action.duration_s,

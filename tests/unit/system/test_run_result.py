@@ -14,8 +14,8 @@ FIELDS = [
     *("wall_time_s", "planning_time_s", "history", "config_hash", "version", "episode", "goal_verdict"),
 ]
 ACTION_FIELDS = [
-    *("action", "kind", "grasp_node", "grasp_ok", "rmse_m", "predicted_rmse_m", "true_rmse_m", "duration_s"),
-    *("robot_time_s", "path_length_m", "planning_time_s"),
+    *("action", "kind", "grasp_node", "grasp_ok", "slipped", "rmse_m", "predicted_rmse_m", "true_rmse_m"),
+    *("duration_s", "robot_time_s", "path_length_m", "planning_time_s"),
 ]
 ACTION = ActionResult(
     action=1,

@@ -7,7 +7,8 @@ import numpy as np
 from dlokit.communication import topics
 from dlokit.decision.convergence import has_changed
 from dlokit.decision.steps.explaining import fail
-from dlokit.decision.steps.outcomes import Change, Found, Grasped, Marked, Moved, Recovered, Released
+from dlokit.decision.steps.outcomes import Carried, Change, Found, Grasped, Marked, Moved, Recovered, Released
+from dlokit.decision.steps.slipping import follow_while_held
 from dlokit.decision.task import ShapeTask
 from dlokit.geometry import matrix, pose_from_matrix
 from dlokit.skills.perception import api as perception
@@ -52,9 +53,9 @@ async def choose_grasp(task: ShapeTask) -> Found:
     assert task.state is not None
     assert task.goal is not None
     task.action_started_ns = task.port.clock.now_ns()
-    task.grasp_ok = False
+    task.grasp_ok = task.slipped = False
     began = task.stopwatch()
-    marks = Marks(invalid_nodes=np.array(sorted(task.marks), dtype=np.int64))
+    marks = Marks(invalid_nodes=np.array(sorted(task.marks | task.slippery), dtype=np.int64))
     proposed = await task.port.call(planning.PROPOSE, task.state, task.goal, marks)
     task.decision_time_s = task.stopwatch() - began
     task.planning_time_s += task.decision_time_s
@@ -107,16 +108,26 @@ async def grasp(task: ShapeTask) -> Grasped:
     return Grasped.HELD if task.grasp_ok else Grasped.MISSED
 
 
-async def move_to_goal(task: ShapeTask) -> Moved:
+async def move_to_goal(task: ShapeTask) -> Carried:
     """Carry the node along the path while perception, observer and model follow the rod."""
     action = task.chosen
     _say_gripped(task, action.grasp.node)
     await task.port.call(perception.SET_TRACKING, task.config.tracking_hz)
     try:
-        moved = await task.port.call(robot.FOLLOW_PATH, action.path, action.velocity)
+        moved = await follow_while_held(task)
     finally:
         await task.port.call(perception.SET_TRACKING, 0.0)
-    return _judge_motion(task, "robot.follow_path", moved)
+    if task.slipped:
+        return Carried.SLIPPED
+    match _judge_motion(task, "robot.follow_path", moved):
+        case Moved.DONE:
+            return Carried.DONE
+        case Moved.REFUSED:
+            return Carried.REFUSED
+        case Moved.INTERRUPTED:
+            return Carried.INTERRUPTED
+        case Moved.FAILED:
+            return Carried.FAILED
 
 
 def _say_gripped(task: ShapeTask, node: int | None) -> None:

@@ -47,6 +47,16 @@ class Moved(enum.Enum):
     FAILED = "failed"
 
 
+class Carried(enum.Enum):
+    """What became of the carry."""
+
+    DONE = "done"
+    SLIPPED = "slipped"
+    REFUSED = "refused"
+    INTERRUPTED = "interrupted"
+    FAILED = "failed"
+
+
 class Grasped(enum.Enum):
     """What the fingers felt."""
 

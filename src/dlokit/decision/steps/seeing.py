@@ -8,6 +8,7 @@ from dlokit.decision.convergence import Progress, patience, progress
 from dlokit.decision.looking import look_anew, settle, state_after
 from dlokit.decision.steps.explaining import explain, fail
 from dlokit.decision.steps.outcomes import GoalSet, Sight
+from dlokit.decision.steps.slipping import note_slip, stayed_behind
 from dlokit.decision.task import ActionRecord, ShapeTask
 from dlokit.geometry import rmse_m
 from dlokit.skills.model import api as model
@@ -183,6 +184,8 @@ async def track_again(task: ShapeTask) -> Sight:
     await task.port.clock.sleep(task.config.settle_s)
     if not await look_anew(task, task.expected_world) or not await settle(task):
         return Sight.FAILED
+    if stayed_behind(task, task.state.nodes_world):
+        note_slip(task)
     task.errors_m.append(_error(task))
     predicted = task.chosen.predicted_nodes_world
     record = ActionRecord(
@@ -190,6 +193,7 @@ async def track_again(task: ShapeTask) -> Sight:
         kind=kind_of(task.chosen),
         grasp_node=task.chosen.grasp.node,
         grasp_ok=task.grasp_ok,
+        slipped=task.slipped,
         rmse_m=task.errors_m[-1],
         predicted_rmse_m=None if predicted is None else _error_of(predicted, task.goal),
         duration_s=(task.port.clock.now_ns() - task.action_started_ns) / 1e9,

@@ -160,3 +160,19 @@ def test_a_servo_without_new_targets_brakes():
     assert cell.arm.mode == RobotMode.MOVING
     cell.step(1.0)
     assert cell.arm.mode == RobotMode.IDLE
+
+
+def test_fingers_that_lost_the_rope_close_and_no_longer_hold() -> None:
+    cell = Cell(CellConfig(), seed=0)
+    cell.place_dlo(builtin_shape("I", 0.5, 200), settle=False)
+    place = cell.true_nodes_world()[NODE, :2]
+    low = geometry.downward([*place, PANDA_GRASP_HEIGHT_M], np.pi / 2)
+    cell.set_grip(0.04, 20.0)
+    move(cell, cell.arm_state().T_world_tcp, low, 2.0)
+    cell.set_grip(0.0, 20.0)
+    cell.step(1.0)
+    assert cell.arm_state().holding
+    # It slips out: from one step to the next it lies elsewhere.
+    cell.place_dlo(builtin_shape("I", 0.5, 200) + np.array([0.15, 0.0, 0.0]), settle=False)
+    cell.step(0.3)
+    assert not cell.arm_state().holding

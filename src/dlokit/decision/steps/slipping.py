@@ -1,0 +1,61 @@
+"""Noticing that the DLO slipped out: by the fingers on the way, and by what the camera sees afterwards."""
+
+import asyncio
+
+import numpy as np
+
+from dlokit.communication import topics
+from dlokit.decision.task import ShapeTask
+from dlokit.skills.robot import api as robot
+from dlokit.types.arrays import Float64Array
+from dlokit.types.outcome import Outcome
+from dlokit.types.robot import MotionResult
+
+_STILL_M = 0.008  # a DLO no node of which moved by more than this has not moved, as far as a camera can tell
+_MOVED_M = 0.03  # a tool that came to rest nearer than this to the grasp need not have moved the DLO visibly
+
+
+async def follow_while_held(task: ShapeTask) -> Outcome[MotionResult]:
+    """Follow the path of the action; where the fingers close on nothing the arm is stopped and the slip noted."""
+    action = task.chosen
+    follow = asyncio.ensure_future(task.port.call(robot.FOLLOW_PATH, action.path, action.velocity))
+    watch = asyncio.create_task(_fingers_close(task), name="slip")
+    try:
+        await asyncio.wait((follow, watch), return_when=asyncio.FIRST_COMPLETED)
+        if watch.done() and not follow.done():
+            note_slip(task)
+            await task.port.call(robot.STOP)
+        return await follow
+    finally:
+        for waiting in (follow, watch):
+            waiting.cancel()
+        await asyncio.gather(follow, watch, return_exceptions=True)
+
+
+async def _fingers_close(task: ShapeTask) -> None:
+    """Return when fingers that held something hold nothing; a robot that does not feel it is not waited for."""
+    held = False
+    async for state in task.port.stream(topics.ROBOT_STATE):
+        if state.robot != task.chosen.robot:
+            continue
+        if held and not state.holding:
+            return
+        held = held or state.holding
+    await asyncio.Event().wait()  # the stream has ended: nothing more will be felt
+
+
+def note_slip(task: ShapeTask) -> None:
+    """The action under way has lost the DLO; a node that lost it twice is not grasped again."""
+    node = task.chosen.grasp.node
+    task.slipped = True
+    task.slips[node] = task.slips.get(node, 0) + 1
+
+
+def stayed_behind(task: ShapeTask, after_world: Float64Array) -> bool:
+    """Whether the tool went away and the DLO, now lying as `after_world` (M, 3) [m], did not come with it."""
+    if not task.grasp_ok or task.slipped or task.before_world is None:
+        return False
+    action = task.chosen
+    way_m = np.linalg.norm(action.path[-1].position_m[:2] - action.grasp.T_world_tcp.position_m[:2])
+    moved_m = np.linalg.norm((after_world - task.before_world)[:, :2], axis=1).max()
+    return bool(way_m > _MOVED_M and moved_m < _STILL_M)
