@@ -171,14 +171,16 @@ def port_finding(host: str, port: int) -> Finding:
 
 
 def kernels_finding() -> Finding:
-    """The observers' compiled code, which is made here if it is not there yet, so that no first frame waits for it."""
-    what = "observers' kernels"
+    """The compiled code of observers and planners, made here if it is not there yet, so that nothing waits for it."""
+    what = "compiled kernels"
     try:
-        # Here, because the doctor must be able to tell that a package of the observers is missing.
+        # Here, because the doctor must be able to tell that a package which they need is missing.
+        from dlokit.skills.model.quick_kernels import warm as warm_planning
         from dlokit.skills.observer.kernels import warm
     except ImportError as error:
         return Finding(what=what, standing=Standing.ADVICE, found=str(error), mend="pip install dlokit")
-    return Finding(what=what, standing=Standing.READY, found=f"compiled, kept on disk, loaded in {warm():.1f} s")
+    loaded_s = warm() + warm_planning()
+    return Finding(what=what, standing=Standing.READY, found=f"compiled, kept on disk, loaded in {loaded_s:.1f} s")
 
 
 def dependency_findings(distribution: str = "dlokit") -> tuple[Finding, ...]:

@@ -12,11 +12,11 @@ from rich.console import Console
 from dlokit.app.job import job_from_config, with_absolute_files
 from dlokit.app.machine import machine_facts
 from dlokit.app.preflight import check_before_start
+from dlokit.app.preparing import prepare
 from dlokit.app.report import write_report
 from dlokit.app.terminal import RunDisplay
 from dlokit.bench.judged_run import CONFIG_FILE, judged_run
 from dlokit.communication.strategy_kinds import NamedConfig, StrategyKind
-from dlokit.skills.observer.kernels import warm
 from dlokit.skills.observer.strategies import OBSERVERS
 from dlokit.skills.perception.segmentations import SEGMENTATIONS
 from dlokit.skills.planning.strategies import PLANNERS
@@ -104,8 +104,7 @@ def run(args: ShapeArgs) -> int:
     out = args.choices.out
     folder = claim_run_folder(out) if out else new_run_folder(RUNS, job.name, datetime.now())
     console = Console()
-    with console.status("loading the observer; the first time on a machine it is compiled, for about 20 s"):
-        warm((config.observer.strategy,))
+    prepare(console, config)
     _invite(console, config)
     with RunDisplay(console, title=job.name, threshold_m=config.task.threshold_m) as display:
         record = judged_run(config, job, folder, display)

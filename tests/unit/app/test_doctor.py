@@ -102,7 +102,7 @@ def test_a_port_in_use_is_told_with_a_way_out() -> None:
     assert doctor.port_finding("127.0.0.1", port).standing is Standing.READY
 
 
-def test_the_observers_kernels_are_compiled_and_their_time_told() -> None:
+def test_the_kernels_of_observers_and_planners_are_compiled_and_their_time_told() -> None:
     finding = doctor.kernels_finding()
 
     assert finding.standing is Standing.READY

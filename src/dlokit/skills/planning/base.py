@@ -2,7 +2,7 @@
 
 from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass, field
-from typing import ClassVar, Protocol
+from typing import ClassVar, Protocol, runtime_checkable
 
 from dlokit.communication.compute import Compute, InlineCompute
 from dlokit.skills.model.config import ModelConfig
@@ -48,4 +48,13 @@ class StrategyConfig(Protocol):
 
     def build(self, tools: PlanningTools) -> ActionStrategy:
         """The strategy with these settings."""
+        ...
+
+
+@runtime_checkable
+class Loaded(Protocol):
+    """The settings of a strategy whose first decision would wait for a compiler."""
+
+    def load(self) -> object:
+        """Compile what the strategy needs, or load it where that was done before."""
         ...

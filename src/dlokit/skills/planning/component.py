@@ -10,7 +10,7 @@ from dlokit.errors import SkillFailure, SkillRejected
 from dlokit.skills.model import rollout
 from dlokit.skills.model.config import ModelConfig
 from dlokit.skills.planning import api, holding
-from dlokit.skills.planning.base import ActionStrategy, PlanningTools, Reachable
+from dlokit.skills.planning.base import ActionStrategy, Loaded, PlanningTools, Reachable
 from dlokit.skills.planning.config import PlanningConfig
 from dlokit.skills.planning.feasibility import Workplace, check_start
 from dlokit.skills.planning.foresight import untangled
@@ -48,6 +48,11 @@ class PlanningComponent(Component):
             compute=self._compute,
         )
         self._strategy: ActionStrategy = config.strategy.build(self._tools)
+
+    def preparation(self) -> Callable[[], object] | None:
+        """Load the compiled code of the strategy, where it has any."""
+        strategy = self._config.strategy
+        return strategy.load if isinstance(strategy, Loaded) else None
 
     @implements(api.PROPOSE)
     async def propose(self, shape: DloState, goal: GoalShape, marks: Marks, skip: int = 0) -> Action:

@@ -16,6 +16,7 @@ from dlokit.skills.planning import api
 from dlokit.skills.planning.component import PlanningComponent
 from dlokit.skills.planning.config import PlanningConfig
 from dlokit.skills.planning.farthest import FarthestConfig
+from dlokit.skills.planning.rollouts.strategy import RolloutConfig
 from dlokit.skills.planning.strategies import strategies, to_spec
 from dlokit.types.action import Marks
 from dlokit.types.dlo import DloState, GoalShape, Topology
@@ -141,3 +142,11 @@ def test_strategies_are_chosen_by_name() -> None:
 
     assert strategies()["farthest"] is FarthestConfig
     with_planning(check)
+
+
+def test_only_a_strategy_that_is_compiled_has_its_code_loaded_before_it_is_asked() -> None:
+    def preparation(config: PlanningConfig) -> object:
+        return PlanningComponent(config, everywhere, ModelConfig()).preparation()
+
+    assert preparation(PlanningConfig(strategy=FarthestConfig())) is None
+    assert preparation(PlanningConfig(strategy=RolloutConfig())) is not None

@@ -6,6 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from dlokit.skills.model.quick_kernels import warm
 from dlokit.skills.model.quick_rollout import Played
 from dlokit.skills.planning.base import PlanningTools
 from dlokit.skills.planning.pick_place import goal_in_order
@@ -41,6 +42,10 @@ class RolloutConfig:
     def build(self, tools: PlanningTools) -> "Rollout":
         """The strategy with these settings."""
         return Rollout(self, tools)
+
+    def load(self) -> float:
+        """Compile and load the rod that candidates are played with; the seconds that took."""
+        return warm()
 
 
 class Rollout:
