@@ -1,11 +1,14 @@
 """Many motions of a tool on many rods at once, by the rod of planning; every core takes its share."""
 
+import math
 import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
+from dlokit import geometry
 from dlokit.description.rod import ROLLING_M
 from dlokit.skills.model.config import ModelConfig
 from dlokit.skills.model.quick_rod import play_motion
@@ -18,6 +21,7 @@ _POISSON = 0.3
 _DAMPING_S = 0.05
 _PAD_M = 0.02  # length of the pads along the rod
 _SINK_M = 2e-4  # how deep a resting node lies in the table of the quick rod
+_EDGE_M = 0.0125  # longest edge: a hanging rod bends too easily where longer ones meet the pads and the table
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,9 +33,9 @@ class QuickRod:
     stiffness_share: float = 1.0
     """Stiffness against bending and twist, against the model's."""
 
-    def numbers(self, config: ModelConfig) -> Float64Array:
-        """The eight numbers that `play_motion` takes."""
-        edge_m = config.length_m / (config.nodes - 1)
+    def numbers(self, config: ModelConfig, nodes: int) -> Float64Array:
+        """The eight numbers that `play_motion` takes, for a rod of so many nodes."""
+        edge_m = config.length_m / (nodes - 1)
         bending = self.stiffness_share * config.bending_stiffness_n_m2
         return np.array(
             [
@@ -77,20 +81,22 @@ def play(
 
     `threads` 0: as many as there are cores. The result is the same for any number.
     """
-    start = fit_length(config, nodes_world)
+    fine = max(config.nodes, math.ceil(config.length_m / _EDGE_M) + 1)
+    start = _finer(fit_length(config, nodes_world), fine)
     start[:, 2] = config.radius_m - _SINK_M
     ends = np.empty((len(rods), len(motions), config.nodes, 3))
     nearest = np.empty((len(rods), len(motions)))
-    numbers = [rod.numbers(config) for rod in rods]
+    numbers = [rod.numbers(config, fine) for rod in rods]
     rest = round(config.rollout.release_s / timestep_s)
 
     def one(motion_index: int) -> None:
         motion = motions[motion_index]
         pace = motion.velocity
         tool = tool_track(motion.waypoints, pace.speed_m_s, pace.acceleration_m_s2, pace.jerk_m_s3, timestep_s)
-        pads = _between_pads(start, motion)
+        pads, end = _between_pads(start, motion, config.nodes), np.empty_like(start)
         for k, rod in enumerate(numbers):
-            nearest[k, motion_index] = play_motion(start, rod, timestep_s, rest, tool, pads, ends[k, motion_index])
+            nearest[k, motion_index] = play_motion(start, rod, timestep_s, rest, tool, pads, end)
+            ends[k, motion_index] = geometry.resample(end, config.nodes)
 
     with ThreadPoolExecutor(threads or len(os.sched_getaffinity(0))) as pool:
         for _ in pool.map(one, range(len(motions))):
@@ -99,14 +105,24 @@ def play(
     return Played(nodes_world=ends, nearest_m=nearest)
 
 
-def _between_pads(nodes_world: Float64Array, motion: Motion) -> Float64Array:
-    """Points of a rod (M, 3) [m] between the pads, as `play_motion` takes them: their ends and middle."""
-    tool, length_m = motion.waypoints[0], float(np.linalg.norm(nodes_world[1] - nodes_world[0]))
+def _finer(nodes_world: Float64Array, count: int) -> Float64Array:
+    """A rod (M, 3) [m] with `count` nodes on a smooth curve: on straight edges it would have kinks."""
+    share = np.linspace(0.0, 1.0, len(nodes_world))
+    return np.asarray(CubicSpline(share, nodes_world)(np.linspace(0.0, 1.0, count)), dtype=np.float64)
+
+
+def _between_pads(nodes_world: Float64Array, motion: Motion, count: int) -> Float64Array:
+    """Points of a rod (M, 3) [m] between the pads, as `play_motion` takes them: their ends and middle.
+
+    The motion counts its node among `count` nodes.
+    """
+    tool, edge_m = motion.waypoints[0], float(np.linalg.norm(nodes_world[1] - nodes_world[0]))
+    last = len(nodes_world) - 1
     axis = np.array([np.cos(tool[3]), np.sin(tool[3])])
-    low, high = max(motion.node - 1, 0), min(motion.node + 1, len(nodes_world) - 1)
-    same_way = 1.0 if (nodes_world[high] - nodes_world[low])[:2] @ axis > 0.0 else -1.0
-    held_m = motion.node * length_m - same_way * float((nodes_world[motion.node, :2] - tool[:2]) @ axis)
-    at_m = held_m + np.array([-0.5, 0.0, 0.5]) * _PAD_M
-    at_m = np.clip(at_m, 0.0, (len(nodes_world) - 1) * length_m)
-    up_m = float(nodes_world[motion.node, 2] - tool[2])
-    return np.column_stack((at_m / length_m, same_way * (at_m - held_m), np.full(3, up_m)))
+    near = round(motion.node * last / (count - 1))
+    way = (nodes_world[min(near + 1, last)] - nodes_world[max(near - 1, 0)])[:2]
+    same_way = 1.0 if way @ axis > 0.0 else -1.0
+    held_m = near * edge_m - same_way * float((nodes_world[near, :2] - tool[:2]) @ axis)
+    at_m = np.clip(held_m + np.array([-0.5, 0.0, 0.5]) * _PAD_M, 0.0, last * edge_m)
+    up_m = float(nodes_world[near, 2] - tool[2])
+    return np.column_stack((at_m / edge_m, same_way * (at_m - held_m), np.full(3, up_m)))

@@ -12,7 +12,7 @@ from dlokit.communication.compute import InlineCompute
 from dlokit.description.shapes import builtin_shape, moved
 from dlokit.errors import ConfigError
 from dlokit.skills.model.config import ModelConfig
-from dlokit.skills.model.quick_rollout import Played
+from dlokit.skills.model.quick_rollout import Played, QuickRod, play
 from dlokit.skills.model.rod import topology
 from dlokit.skills.planning.actions import ActionConfig, FeasibilityConfig
 from dlokit.skills.planning.base import PlanningTools
@@ -105,6 +105,27 @@ def test_a_lay_down_ends_with_the_held_end_at_its_goal_and_the_rest_behind_it() 
         assert np.linalg.norm(tool[-1, :2] - S_SHAPE[node, :2]) < 0.013  # held 12 mm from the end
         assert np.linalg.norm(tool[2, :2] - S_SHAPE[30 - node, :2]) < 0.05  # it starts above the other end, with a lead
         assert np.all(np.diff(tool[2:, 2]) < 0.0)
+
+
+def test_a_lay_down_that_missed_is_aimed_better() -> None:
+    family, errors_m = Laying(scene(), from_last=True), list[float]()
+    numbers = family.first(1, np.random.default_rng(0))[0]
+    for _ in range(4):
+        candidate = family.make(numbers)
+        assert candidate is not None
+        nodes = play(MODEL, I_SHAPE, (QuickRod(),), (candidate.motion,), 0.01).nodes_world[0, 0]
+        errors_m.append(geometry.rmse_m(nodes, S_SHAPE))
+        numbers = family.aimed(candidate.numbers, nodes)
+    assert errors_m[-1] < 0.35 * errors_m[0]
+
+
+def test_a_carry_that_fell_short_is_released_farther() -> None:
+    family = Carrying(scene(), dragging=True)
+    numbers = family.first(1, np.random.default_rng(0))[0]
+    short = S_SHAPE - np.array([0.01, 0.0, 0.0])
+    more = family.aimed(numbers, short) - numbers
+    assert more[1] > 0.005
+    assert np.abs(np.delete(more, 1)).max() == 0.0
 
 
 def test_where_the_end_is_marked_the_next_node_is_held() -> None:

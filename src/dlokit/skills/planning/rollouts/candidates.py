@@ -54,6 +54,10 @@ class Family(Protocol):
         """How far the numbers of a first refinement lie around those of a good candidate."""
         ...
 
+    def aimed(self, numbers: Float64Array, nodes_world: Float64Array) -> Float64Array:
+        """The numbers, corrected by where they brought the rod (M, 3) [m] instead of to the goal."""
+        ...
+
     def make(self, numbers: Float64Array) -> Candidate | None:
         """The candidate of these numbers; None when the gripper does not fit or the arm does not reach."""
         ...

@@ -9,16 +9,19 @@ from dlokit.types.arrays import Float64Array
 
 _PIECES = 8  # straight pieces of the path along the goal
 _LIFT_M = (0.05, 0.5)
+_EXPONENT = (0.5, 2.0)
 _SPEED_M_S = (0.15, 0.32)
-_USUAL = np.array([0.35, 0.0, 0.0, 1.0, 0.03, 0.0, 0.0, 0.0, 0.0, 0.0, 0.25])
-_SPREAD = np.array([0.12, 0.03, 0.03, 0.25, 0.03, 0.02, 0.02, 0.4, 0.02, 0.02, 0.05])
+_USUAL = np.array([0.44, 1.0, 0.02, 0.0, 0.22])
+_SPREAD = np.array([0.05, 0.12, 0.015, 0.4, 0.04])
+_SHIFT_M = 0.004  # spread of the shifts
+_AIM = 0.7  # share of an error by which the path is shifted; more overshoots where the rod slides
 _INNER_NODES = 4  # where the end cannot be grasped, one of the next may be
+_PLAIN = len(_USUAL)
 
 
 class Laying:
-    """Numbers: lift [m], where the laying starts (x, y) from the far end of the goal [m], how the height falls
-    (exponent), lead of the tool along the goal [m], release (x, y) from the near end [m], turn beyond the goal's
-    tangent [rad], bow of the path in one and in two waves [m], speed [m/s].
+    """Numbers: lift [m], how the height falls (exponent), lead of the tool along the goal [m], turn beyond the goal's
+    tangent [rad], speed [m/s]; then how far each corner of the path is shifted beside the goal (x, y) [m].
     """
 
     def __init__(self, scene: Scene, *, from_last: bool) -> None:
@@ -31,13 +34,25 @@ class Laying:
     @property
     def spread(self) -> Float64Array:
         """Spread of the numbers."""
-        return 0.5 * _SPREAD
+        return np.concatenate((0.5 * _SPREAD, np.full(2 * (_PIECES + 1), _SHIFT_M)))
 
     def first(self, count: int, rng: np.random.Generator) -> list[Float64Array]:
-        """The usual lay-down, and others around it."""
+        """The usual lay-down, and others around it, none of them shifted."""
         if self._hold is None:
             return []
-        return [_USUAL, *(_USUAL + _SPREAD * rng.standard_normal((count - 1, len(_USUAL))))]
+        plain = [_USUAL, *(_USUAL + _SPREAD * rng.standard_normal((count - 1, _PLAIN)))]
+        return [np.concatenate((numbers, np.zeros(2 * (_PIECES + 1)))) for numbers in plain]
+
+    def aimed(self, numbers: Float64Array, nodes_world: Float64Array) -> Float64Array:
+        """The path shifted against the error of each node, where the tool was when the node was laid.
+
+        `nodes_world` (M, 3) [m] is what became of the rod.
+        """
+        error = (self._scene.goal_world - nodes_world)[:, :2]
+        error = error if self._from_last else error[::-1]  # the far end is laid first
+        share, known = np.linspace(0.0, 1.0, _PIECES + 1), np.linspace(0.0, 1.0, len(error))
+        shift = np.column_stack([np.interp(share, known, error[:, axis]) for axis in range(2)])
+        return np.concatenate((numbers[:_PLAIN], numbers[_PLAIN:] + _AIM * shift.ravel()))
 
     def make(self, numbers: Float64Array) -> Candidate | None:
         """The candidate of these numbers."""
@@ -45,33 +60,31 @@ class Laying:
         if hold is None:
             return None
         clean = numbers.copy()
-        clean[0], clean[3] = min(max(numbers[0], _LIFT_M[0]), _LIFT_M[1]), min(max(numbers[3], 0.5), 2.0)
-        first, turn = scene.start(hold, float(clean[7]))
+        for k, (low, high) in ((0, _LIFT_M), (1, _EXPONENT), (4, _SPEED_M_S)):
+            clean[k] = min(max(numbers[k], low), high)
+        lift, exponent, lead, more_turn, speed = (float(number) for number in clean[:_PLAIN])
+        first, turn = scene.start(hold, more_turn)
         share = np.linspace(0.0, 1.0, _PIECES + 1)
         tool = np.empty((_PIECES + 3, 4))
         tool[0] = first
-        tool[1] = first + np.array([0.0, 0.0, clean[0], 0.0])
-        tool[2:, :2] = self._along_goal(share, clean)
-        tool[2:, 2] = first[2] + clean[0] * (1.0 - share) ** clean[3]
+        tool[1] = first + np.array([0.0, 0.0, lift, 0.0])
+        tool[2:, :2] = self._along_goal(share, lead) + clean[_PLAIN:].reshape(-1, 2)
+        tool[2:, 2] = first[2] + lift * (1.0 - share) ** exponent
         tool[2:, 3] = first[3] + turn * share
         # Gently, so that the joints can follow and a hanging rod does not swing: the rollout knows of no joints.
-        speed = min(max(float(clean[10]), _SPEED_M_S[0]), _SPEED_M_S[1])
         velocity = VelocityProfile(speed_m_s=speed, acceleration_m_s2=0.6, jerk_m_s3=6.0)
         return scene.candidate(self.kind, clean, hold, tool, velocity)
 
-    def _along_goal(self, share: Float64Array, numbers: Float64Array) -> Float64Array:
-        """Places of the tool (K, 2) [m]: the goal curve, led, bowed and shifted."""
+    def _along_goal(self, share: Float64Array, lead_m: float) -> Float64Array:
+        """Places of the tool (K, 2) [m]: the goal curve, from its far end on, led."""
         assert self._hold is not None
         scene = self._scene
         goal = scene.goal_world[:, :2] if self._from_last else scene.goal_world[::-1, :2]
         held_at = abs(self._hold.node - (0 if self._from_last else scene.count - 1)) / (scene.count - 1)
-        lead = float(numbers[4]) / scene.length_m
+        lead = lead_m / scene.length_m
         at = np.clip(held_at * share + lead * (np.sin(np.pi * share) + 1.0 - share), -0.2, 1.2)
         inside, known = np.clip(at, 0.0, 1.0), np.linspace(0.0, 1.0, scene.count)
         tangents = geometry.tangents(goal)
         place = np.column_stack([np.interp(inside, known, goal[:, axis]) for axis in range(2)])
         along = np.column_stack([np.interp(inside, known, tangents[:, axis]) for axis in range(2)])
-        across = np.column_stack((-along[:, 1], along[:, 0]))
-        bow = numbers[8] * np.sin(np.pi * share) + numbers[9] * np.sin(2.0 * np.pi * share)
-        place += ((at - inside) * scene.length_m)[:, None] * along + bow[:, None] * across
-        return place + np.outer(1.0 - share, numbers[1:3]) + np.outer(share**2, numbers[5:7])
+        return place + ((at - inside) * scene.length_m)[:, None] * along

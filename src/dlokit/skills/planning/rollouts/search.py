@@ -16,7 +16,7 @@ _TRIES = 3  # as many numbers are drawn for a candidate that can be done
 _ELITE = 6  # candidates of a family that are refined
 _WORTH_IT = 1.6  # a family is refined while its best is no worse than this times the best of all
 _AT_ONCE = 2  # families refined in one generation
-_NARROWER = 0.6  # spread of a generation against the one before
+_NARROWER = 0.75  # spread of a generation against the one before
 _LEAST = 16  # rollouts besides those of the finalists
 
 
@@ -24,16 +24,16 @@ _LEAST = 16  # rollouts besides those of the finalists
 class SearchConfig:
     """How many rollouts, and for what."""
 
-    rollouts: int = 280
+    rollouts: int = 480
     """Motions played through for one decision."""
-    generations: int = 3
+    generations: int = 8
     """Refinements."""
     finalists: int = 8
     """Candidates that are tried on other rods."""
     doubt: float = 1.4
     """Factor by which friction and stiffness of the DLO may be other than the model's, up or down: every finalist is
     played on the four rods that this makes; 1: the model is believed."""
-    timestep_s: float = 0.005
+    timestep_s: float = 0.01
     """Step of the quick rod [s]."""
     threads: int = 0
     """Threads that play; 0: one a core. The result is the same."""
@@ -119,7 +119,7 @@ class Search:
             for pool in promising:
                 count = max(1, left // len(promising))
                 spread = pool.family.spread * _NARROWER**generation
-                await self._try(pool, _around(pool.best(_ELITE), spread, _TRIES * count, rng), count)
+                await self._try(pool, _around(pool, spread, _TRIES * count, rng), count)
         ranked = sorted((choice for pool in pools for choice in pool.choices), key=lambda choice: choice.score_m)
         return [*await self._finals(ranked[: config.finalists]), *ranked[config.finalists :]]
 
@@ -161,9 +161,9 @@ class Search:
         return await self._compute(play, self._model, self._nodes, rods, motions, config.timestep_s, config.threads)
 
 
-def _around(parents: list[Choice], spread: Float64Array, count: int, rng: np.random.Generator) -> list[Float64Array]:
-    """Numbers of `count` children, each of one parent."""
-    return [
-        parents[int(rng.integers(len(parents)))].candidate.numbers + spread * rng.standard_normal(len(spread))
-        for _ in range(count)
-    ]
+def _around(pool: _Pool, spread: Float64Array, count: int, rng: np.random.Generator) -> list[Float64Array]:
+    """Numbers of `count` children: the aim of each parent corrected; then the same with others around it."""
+    parents = pool.best(_ELITE)
+    aimed = [pool.family.aimed(parent.candidate.numbers, parent.nodes_world) for parent in parents]
+    more = (rng.integers(len(aimed), size=max(0, count - len(aimed)))).tolist()
+    return [*aimed, *(aimed[k] + spread * rng.standard_normal(len(spread)) for k in more)]
