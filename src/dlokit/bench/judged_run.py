@@ -1,5 +1,6 @@
 """A run and the evaluator's word on it, in one call."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,16 +19,17 @@ from dlokit.system.shaping import ShapeJob, Watcher
 from dlokit.system.toml_config import to_toml
 
 CONFIG_FILE = "config.toml"
+Runner = Callable[[RunConfig, ShapeJob, Path, Watcher], RunRecord]
 
 
-def judged_run(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher) -> RunRecord:
-    """Run a task, then compare it with the cell's hidden truth; writes `config.toml` and `result.json`.
+def judged_run(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher, runner: Runner = run) -> RunRecord:
+    """Run a task with `runner`, then compare it with the cell's hidden truth; writes `config.toml` and `result.json`.
 
     What a randomised cell drew is truth as well, and is told in the result.
     Where the goal does not hold and a shape near it does, that is written as `nearest_goal.csv`.
     """
     (folder / CONFIG_FILE).write_text(to_toml(config), encoding="utf-8")
-    record = run(config, job, folder, watch)
+    record = runner(config, job, folder, watch)
     errors = evaluate(record, read_truth(folder))
     result = msgspec.structs.replace(with_truth(record.result, errors), episode=drawn(config))
     record = replace(record, result=result)

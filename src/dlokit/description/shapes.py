@@ -53,6 +53,11 @@ def builtin_shape(name: str, length_m: float, count: int, *, radius_m: float = 0
     return _on_table(BUILTIN_SHAPES[name](length_m), length_m, count, CENTRE_M, radius_m)
 
 
+def from_curvature(curvature_1_m: ArrayLike, length_m: float, count: int, *, radius_m: float = 0.004) -> Array:
+    """The planar curve of a curvature (K,) [1/m], at equal steps of the arc; nodes as `builtin_shape` has them."""
+    return _on_table(np.asarray(curvature_1_m, dtype=np.float64), length_m, count, CENTRE_M, radius_m)
+
+
 def random_shape(
     rng: np.random.Generator,
     length_m: float,

@@ -98,6 +98,9 @@ _BUILDERS: dict[str, Callable[[RunConfig, Wiring], Component]] = {
     "decision": _decision,
 }
 
+Build = Callable[[str, RunConfig, Wiring], Component]
+"""Gives the component of a name, as `build_component` does."""
+
 COMPONENTS: dict[str, type[Component]] = {
     "cell": CellComponent,
     "robot": RobotComponent,

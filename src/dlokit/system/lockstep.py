@@ -14,7 +14,7 @@ from dlokit.communication.recording.recorder import Recorder
 from dlokit.communication.transport import Transport
 from dlokit.decision.component import DecisionComponent
 from dlokit.errors import DlokitError
-from dlokit.system.build import COMPONENTS, Wiring, build_component
+from dlokit.system.build import COMPONENTS, Build, Wiring, build_component
 from dlokit.system.config import RunConfig
 from dlokit.system.recording import lockstep_recorder, with_calls_recorded
 from dlokit.system.run_record import RunRecord
@@ -34,19 +34,23 @@ class LockstepSystem:
 
 @asynccontextmanager
 async def lockstep_system(
-    config: RunConfig, start_nodes_world: Float64Array, folder: Path, recorder: Recorder | None = None
+    config: RunConfig,
+    start_nodes_world: Float64Array,
+    folder: Path,
+    recorder: Recorder | None = None,
+    build: Build = build_component,
 ) -> AsyncGenerator[LockstepSystem, None]:
     """Every component, started; for use under `virtual_time.run`.
 
     The cell lays its DLO along `start_nodes_world` (K, 3) [m] and leaves its truth in `folder`. `recorder` is told of
-    every message and call.
+    every message and call. `build` gives each component by its name, the cell first.
     """
     clock, bus = LoopClock(), MemoryTransport(None if recorder is None else recorder.put)
     transport = with_calls_recorded(bus, clock, recorder)
     host = Host(transport, clock)
     wiring = Wiring(transport=transport, clock=clock, folder=folder, start_nodes_world=start_nodes_world)
     names = [name for name in COMPONENTS if not (name == "viewer" and config.headless)]
-    components = {name: build_component(name, config, wiring) for name in names}
+    components = {name: build(name, config, wiring) for name in names}
     for component in components.values():
         host.add(component)
     decision = components["decision"]
@@ -55,20 +59,22 @@ async def lockstep_system(
         yield LockstepSystem(transport=transport, clock=clock, decision=decision, host=host)
 
 
-def run_lockstep(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher) -> RunRecord:
+def run_lockstep(
+    config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher, build: Build = build_component
+) -> RunRecord:
     """Run a task in this process; Ctrl-C ends it with outcome `cancelled`."""
-    return virtual_time.run(_run(config, job, folder, watch))
+    return virtual_time.run(_run(config, job, folder, watch, build))
 
 
-async def _run(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher) -> RunRecord:
+async def _run(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher, build: Build) -> RunRecord:
     with lockstep_recorder(config, job.name, folder, LoopClock()) as recorder:
-        return await _run_recorded(config, job, folder, watch, recorder)
+        return await _run_recorded(config, job, folder, watch, recorder, build)
 
 
 async def _run_recorded(
-    config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher, recorder: Recorder | None
+    config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher, recorder: Recorder | None, build: Build
 ) -> RunRecord:
-    async with lockstep_system(config, job.start_nodes_world, folder, recorder) as system:
+    async with lockstep_system(config, job.start_nodes_world, folder, recorder, build) as system:
         task = asyncio.create_task(shape(system.decision, system.transport, system.clock, config, job, watch))
         fault = asyncio.create_task(system.host.wait_failed())
         try:

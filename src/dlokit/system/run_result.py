@@ -51,6 +51,8 @@ class RunResult(msgspec.Struct, frozen=True, kw_only=True):
     actions: int
     rmse_m: float | None
     """The last estimate of the error [m]; None only when the DLO was never seen."""
+    start_rmse_m: float | None = None
+    """The first estimate, before any action [m]; None when the run ended before it."""
     true_rmse_m: float | None = None
     """The evaluator's, 2 s after the last release [m]; None where there is no truth."""
     true_largest_m: float | None = None

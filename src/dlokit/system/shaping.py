@@ -135,6 +135,7 @@ def _record(
             reason=result.reason,
             actions=len(history),
             rmse_m=None if math.isnan(result.rmse_m) else result.rmse_m,
+            start_rmse_m=result.start_rmse_m,
             threshold_m=config.task.threshold_m,
             seed=config.seed,
             sim_time_s=sim_time_s,

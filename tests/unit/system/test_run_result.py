@@ -10,7 +10,18 @@ from dlokit.system.run_result import ActionResult, RunResult, config_hash, read_
 from dlokit.types.flow import RunOutcome
 
 FIELDS = [
-    *("outcome", "reason", "actions", "rmse_m", "true_rmse_m", "true_largest_m", "threshold_m", "seed", "sim_time_s"),
+    *(
+        "outcome",
+        "reason",
+        "actions",
+        "rmse_m",
+        "start_rmse_m",
+        "true_rmse_m",
+        "true_largest_m",
+        "threshold_m",
+        "seed",
+        "sim_time_s",
+    ),
     *("wall_time_s", "planning_time_s", "history", "config_hash", "version", "episode", "goal_verdict"),
 ]
 ACTION_FIELDS = [

@@ -73,6 +73,10 @@ class CellComponent(Component):
                 self._truth.write()
             self._cell.close()
 
+    def true_nodes_world(self) -> Float64Array:
+        """Where the DLO truly is, (Mc, 3) [m]. For the bench's oracle and for tests: no skill tells it."""
+        return self._cell.true_nodes_world()
+
     @implements(api.CAPTURE)
     async def capture(self) -> StereoImages:
         """Expose both cameras."""

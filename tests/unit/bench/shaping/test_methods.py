@@ -4,7 +4,9 @@ from dataclasses import replace
 
 import pytest
 
-from dlokit.bench.shaping import PAPER_SUITE, Method, cases, methods_of, with_method
+from dlokit.bench.shaping.cases import cases
+from dlokit.bench.shaping.methods import Method, methods_of, with_method
+from dlokit.bench.shaping.suites import paper_suite
 from dlokit.errors import ConfigError
 from dlokit.skills.observer.cpd import CpdConfig
 from dlokit.system.config import RunConfig
@@ -12,8 +14,8 @@ from dlokit.system.config import RunConfig
 
 def test_every_method_meets_every_start() -> None:
     methods = methods_of(RunConfig(), ["map", "cpd"], ["farthest", "rollout"])
-    todo = list(cases(PAPER_SUITE, 3, methods, first_seed=100))
-    assert len(todo) == len(PAPER_SUITE) * 3 * 4
+    todo = list(cases(paper_suite(), 3, methods, first_seed=100))
+    assert len(todo) == len(paper_suite()) * 3 * 4
     met = {method: {(case.experiment.name, case.seed) for case in todo if case.method == method} for method in methods}
     assert len(met) == 4
     assert len({frozenset(starts) for starts in met.values()}) == 1

@@ -1,0 +1,1 @@
+"""The bench of shaping: suites, sweeps that resume, figures and pictures."""

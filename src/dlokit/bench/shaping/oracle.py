@@ -1,0 +1,154 @@
+"""`--oracle`: the state is taken from the cell's truth, in place of camera, perception and observer.
+
+It shows what planning and control are worth without what seeing costs. The truth goes over the bus as targets, in this
+process alone; nothing but this bench builds such a system.
+"""
+
+import asyncio
+from collections.abc import Callable
+
+import numpy as np
+
+from dlokit import geometry
+from dlokit.communication import topics
+from dlokit.communication.component import Component, implements, on
+from dlokit.description.scene import default_calibration
+from dlokit.errors import SkillRejected
+from dlokit.functional.cell.component import CellComponent
+from dlokit.skills.observer import api as observer
+from dlokit.skills.perception import api as perception
+from dlokit.system.build import Wiring, build_component
+from dlokit.system.config import RunConfig
+from dlokit.types.arrays import Float64Array
+from dlokit.types.dlo import TargetPoints
+from dlokit.types.observation import Observation
+from dlokit.types.strategy import StrategySpec
+
+Truth = Callable[[], Float64Array]
+"""Where the DLO is now, (Mc, 3) [m]."""
+_POINTS = 600
+
+
+class OracleBuild:
+    """Builds a system like any other, but for perception and observer, who are told the truth."""
+
+    def __init__(self) -> None:
+        self._cell: CellComponent | None = None
+
+    def __call__(self, name: str, config: RunConfig, wiring: Wiring) -> Component:
+        """The component of that name; the cell comes first."""
+        match name:
+            case "perception":
+                return OraclePerception(self._truth)
+            case "observer":
+                return OracleObserver(self._truth, nodes=config.model.nodes)
+            case _:
+                component = build_component(name, config, wiring)
+                if isinstance(component, CellComponent):
+                    self._cell = component
+                return component
+
+    def _truth(self) -> Float64Array:
+        assert self._cell is not None, "the cell is built before anybody looks"
+        return self._cell.true_nodes_world()
+
+
+class OraclePerception(Component):
+    """Sees the middle line of the DLO, all of it, at any time."""
+
+    name = "perception"
+    publishes = (topics.OBSERVATION,)
+
+    def __init__(self, truth: Truth) -> None:
+        self._truth = truth
+        self._rate_hz = 0.0
+        self._rate_changed = asyncio.Event()
+
+    @implements(perception.LOOK)
+    async def look(self) -> Observation:
+        """Look now."""
+        seen = Observation(
+            stamp_ns=self.port.clock.now_ns(),
+            points_world=geometry.resample(self._truth(), _POINTS).astype(np.float32),
+            calibration=default_calibration(),
+        )
+        self.port.publish(topics.OBSERVATION, seen)
+        return seen
+
+    @implements(perception.SET_TRACKING)
+    async def set_tracking(self, rate_hz: float) -> None:
+        """Look at a rate."""
+        self._rate_hz = rate_hz
+        self._rate_changed.set()
+
+    @implements(perception.SET_BOX)
+    async def set_box(self, lower_world: Float64Array, upper_world: Float64Array) -> None:
+        """Nothing is left out."""
+
+    @implements(perception.SET_SEGMENTATION)
+    async def set_segmentation(self, spec: StrategySpec) -> None:
+        """There are no pictures."""
+        raise SkillRejected("unknown_strategy", "an oracle has no pictures to segment")
+
+    async def run(self) -> None:
+        """Look at the set rate."""
+        while True:
+            if self._rate_hz > 0.0:
+                await self.look()
+                await self.port.clock.sleep(1.0 / self._rate_hz)
+            else:
+                self._rate_changed.clear()
+                await self._rate_changed.wait()
+
+
+class OracleObserver(Component):
+    """Gives the true nodes as targets, in an order of its own choice, as an observer has to."""
+
+    name = "observer"
+    publishes = (topics.TARGETS,)
+
+    def __init__(self, truth: Truth, *, nodes: int) -> None:
+        """`nodes` M are the model's."""
+        self._truth = truth
+        self._count = nodes
+        self._last: TargetPoints | None = None
+
+    @on(topics.OBSERVATION)
+    async def on_observation(self, seen: Observation) -> None:
+        """Follow, once initialised."""
+        if self._last is not None and seen.stamp_ns > self._last.stamp_ns:
+            self._publish(self._last.nodes_world)
+
+    @implements(observer.INITIALISE)
+    async def initialise(self, after_stamp_ns: int = 0, towards_world: Float64Array | None = None) -> TargetPoints:
+        """Choose the order: the nearer to a curve, or to the shape before, else the left end first."""
+        if towards_world is not None:
+            return self._publish(geometry.resample(towards_world, self._count))
+        if self._last is not None:
+            return self._publish(self._last.nodes_world)
+        nodes = geometry.resample(self._truth(), self._count)
+        return self._publish(nodes if nodes[0, 1] >= nodes[-1, 1] else nodes[::-1])
+
+    @implements(observer.SET_STRATEGY)
+    async def set_strategy(self, spec: StrategySpec) -> None:
+        """There is nothing to choose."""
+        raise SkillRejected("unknown_strategy", "an oracle needs no strategy")
+
+    @implements(observer.RESET)
+    async def reset(self) -> None:
+        """Forget the order."""
+        self._last = None
+
+    def _publish(self, like_world: Float64Array) -> TargetPoints:
+        """The truth in the order that is nearer to a curve (M, 3) [m]."""
+        nodes = geometry.resample(self._truth(), self._count)
+        if geometry.rmse_m(nodes[::-1], like_world) < geometry.rmse_m(nodes, like_world):
+            nodes = nodes[::-1]
+        targets = TargetPoints(
+            stamp_ns=self.port.clock.now_ns(),
+            nodes_world=nodes.copy(),
+            visible=np.ones(self._count, dtype=np.bool_),
+        )
+        self._last = targets
+        self.port.publish(topics.TARGETS, targets)
+        return targets
