@@ -12,6 +12,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from dlokit.app.bench_shaping_tables import line_of, print_results
 from dlokit.app.machine import machine_facts
+from dlokit.app.preparing import prepare
 from dlokit.bench.report import bench_json
 from dlokit.bench.shaping.cases import Case, CaseResult, cases
 from dlokit.bench.shaping.experiments import Experiment
@@ -23,7 +24,6 @@ from dlokit.bench.shaping.sweep import Workers, claim_sweep_folder, describe, ru
 from dlokit.decision.config import TaskConfig
 from dlokit.errors import ConfigError, InputError
 from dlokit.functional.cell.randomisation import RANDOMISED, Randomisation
-from dlokit.skills.observer.kernels import warm
 from dlokit.system.config import RunConfig
 from dlokit.system.run_folder import new_run_folder
 
@@ -91,8 +91,8 @@ def run_shaping(args: ShapingArgs) -> int:
     claim_sweep_folder(folder, config, suite, experiments, oracle=args.oracle)
     console.print(_headline(args, suite, config, todo), highlight=False, soft_wrap=True)
     if not args.cluster:
-        with console.status("loading the observer; the first time on a machine it is compiled, for about 20 s"):
-            warm(tuple(with_method(config, method).observer.strategy for method in methods if not method.sees_truth))
+        for method in methods:
+            prepare(console, with_method(config, method))
     results = _run(todo, config, folder, workers, console)
     results.sort(key=_order(todo))
     print_results(results, console)

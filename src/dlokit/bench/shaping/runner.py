@@ -20,6 +20,8 @@ from dlokit.bench.shaping.oracle import OracleBuild
 from dlokit.bench.truth import read_truth
 from dlokit.decision.task import GoalRequest
 from dlokit.errors import InputError
+from dlokit.skills.observer.kernels import warm
+from dlokit.skills.planning.base import Loaded
 from dlokit.system.build import build_component
 from dlokit.system.config import RunConfig
 from dlokit.system.lockstep import run_lockstep
@@ -63,6 +65,7 @@ def run_case(case: Case, config: RunConfig, folder: Path) -> CaseResult:
     """Run one case in lockstep; its files are left in `folder`, the one that says that it is done at last."""
     config = case_config(case, config, folder)
     job = job_of(case, config)
+    _load(config)
     for name, nodes in ((START_FILE, job.start_nodes_world), (GOAL_FILE, _goal(case, config))):
         if str((folder / name).absolute()) in (config.start, config.goal):
             np.save(folder / name, nodes)
@@ -123,6 +126,13 @@ def job_of(case: Case, config: RunConfig) -> ShapeJob:
             ends_interchangeable=config.ends_interchangeable,
         ),
     )
+
+
+def _load(config: RunConfig) -> None:
+    """Load what is compiled, which a fresh process would else do in the first decision, and in its time."""
+    warm((config.observer.strategy,))
+    if isinstance(config.planning.strategy, Loaded):
+        config.planning.strategy.load()
 
 
 def _goal(case: Case, config: RunConfig) -> Float64Array:
