@@ -5,7 +5,7 @@ from typing import Annotated
 
 import tyro
 
-from dlokit.app import bench, demo, doctor, graph, info, shape, track
+from dlokit.app import bench, demo, doctor, graph, identify, info, shape, track
 from dlokit.app.shape_defaults import shape_defaults
 
 Command = (
@@ -13,6 +13,7 @@ Command = (
     | demo.DemoArgs
     | track.TrackArgs
     | info.InfoArgs
+    | identify.IdentifyArgs
     | graph.GraphArgs
     | doctor.DoctorArgs
     | bench.BenchArgs
@@ -28,6 +29,7 @@ def parse(arguments: Sequence[str]) -> Command:
         | Annotated[track.TrackArgs, tyro.conf.subcommand("track")]
         | Annotated[bench.BenchArgs, tyro.conf.subcommand("bench")]
         | Annotated[info.InfoArgs, tyro.conf.subcommand("info")]
+        | Annotated[identify.IdentifyArgs, tyro.conf.subcommand("identify")]
         | Annotated[graph.GraphArgs, tyro.conf.subcommand("graph")]
         | Annotated[doctor.DoctorArgs, tyro.conf.subcommand("doctor")]
     )
@@ -52,6 +54,8 @@ def execute(arguments: Sequence[str]) -> int:
             return track.run(args)
         case info.InfoArgs() as args:
             return info.run(args)
+        case identify.IdentifyArgs() as args:
+            return identify.run(args)
         case graph.GraphArgs() as args:
             return graph.run(args)
         case doctor.DoctorArgs() as args:

@@ -27,6 +27,8 @@ class TaskConfig:
     watched_stall_actions: int = 3
     """The same for a goal that may not hold: the verdict on it was doubtful, or infeasible and it is tried all the
     same."""
+    learn: Annotated[bool, tyro.conf.arg(prefix_name=False)] = False
+    """Learn stiffness, friction and set of the DLO from what the actions do, and plan with what was learnt."""
     infeasible: Annotated[Infeasible, tyro.conf.arg(prefix_name=False)] = "reject"
     """What to do with a goal that cannot hold, or that the arm cannot reach. reject: end, or ask the operator again,
     and say which is the nearest shape that holds. project: shape to that one instead. try: go on all the same."""

@@ -9,6 +9,7 @@ from dlokit.decision.odometer import Odometer
 from dlokit.types.action import Action
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, GoalShape
+from dlokit.types.dlo_belief import DloBelief
 from dlokit.types.feasibility import GoalVerdict, Standing
 from dlokit.types.flow import OperatorCommand, RunOutcome
 
@@ -131,6 +132,8 @@ class ShapeTask:
     grasp_ok: bool = False
     slipped: bool = False
     """Whether the DLO slipped out of the gripper in the action under way."""
+    belief: DloBelief | None = None
+    """What was learnt of the DLO so far."""
     slips: dict[int, int] = field(default_factory=dict[int, int])
     """Grasp node → how often it slipped out there."""
     history: list[ActionRecord] = field(default_factory=list[ActionRecord])

@@ -19,6 +19,7 @@ from dlokit.skills.robot import api as robot
 from dlokit.types.action import kind_of
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import GoalShape
+from dlokit.types.dlo_belief import DloBelief
 from dlokit.types.flow import Command
 from dlokit.types.outcome import Failed, Outcome, Succeeded
 
@@ -203,6 +204,15 @@ async def track_again(task: ShapeTask) -> Sight:
         release_stamp_ns=task.release_stamp_ns,
         nodes_world=task.state.nodes_world,
     )
+    task.belief = await _learnt(task) or task.belief
     task.history.append(record)
     task.recorded(record)
     return Sight.SEEN
+
+
+async def _learnt(task: ShapeTask) -> DloBelief | None:
+    """What the action said of the DLO; None where nothing is learnt, which stops nothing."""
+    if not (task.config.learn and task.grasp_ok) or task.slipped or task.before_world is None or task.state is None:
+        return None
+    said = await task.port.call(model.LEARN, task.before_world, task.state.nodes_world)
+    return said.result if isinstance(said, Succeeded) else None

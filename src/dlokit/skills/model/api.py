@@ -4,6 +4,7 @@ from dlokit.communication.skill import Skill
 from dlokit.types.action import Action
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, GoalShape
+from dlokit.types.dlo_belief import DloBelief
 from dlokit.types.flow import GoalFrame
 
 
@@ -32,6 +33,15 @@ def _settle(nodes_world: Float64Array) -> Float64Array:
     ...
 
 
+def _learn(before_world: Float64Array, after_world: Float64Array) -> DloBelief:
+    """Learn from the last grasp-to-release: the shapes (M, 3) [m] at rest before and after it; publishes the belief.
+
+    Rejects: bad_shape. Fails with: nothing_held (no grip has ended since the last time, or the DLO was lost on the
+    way), nothing_moved (an action that moved nothing tells nothing).
+    """
+    ...
+
+
 RESET = Skill("model", "reset", _reset, timeout_s=5.0, ensures="the next state is at the nodes, or at the next targets")
 SET_GOAL = Skill("model", "set_goal", _set_goal, timeout_s=5.0, ensures="the goal is published")
 BUILD_GOAL = Skill(
@@ -39,3 +49,11 @@ BUILD_GOAL = Skill(
 )
 PREDICT = Skill("model", "predict", _predict, timeout_s=20.0)
 SETTLE = Skill("model", "settle", _settle, timeout_s=20.0)
+LEARN = Skill(
+    "model",
+    "learn",
+    _learn,
+    timeout_s=60.0,
+    requires="the node held was told of, from the grasp to the release",
+    ensures="the belief is published, and goes into whatever is predicted from then on",
+)

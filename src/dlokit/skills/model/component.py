@@ -13,17 +13,21 @@ from dlokit import geometry
 from dlokit.communication import topics
 from dlokit.communication.component import Component, implements, on
 from dlokit.description.shapes import builtin_shape
-from dlokit.errors import SkillRejected
+from dlokit.errors import SkillFailure, SkillRejected
 from dlokit.skills.model import api, rollout, settling
 from dlokit.skills.model.belief import as_configured
 from dlokit.skills.model.carry import Carry
 from dlokit.skills.model.config import ModelConfig
 from dlokit.skills.model.goal import GoalRod
+from dlokit.skills.model.identification.evidence import Evidence, evidence
+from dlokit.skills.model.identification.grips import Grips
+from dlokit.skills.model.identification.posterior import believed, posterior
 from dlokit.skills.model.rod import topology
 from dlokit.skills.model.tracking import Tracker
 from dlokit.types.action import Action
 from dlokit.types.arrays import BoolArray, Float64Array
 from dlokit.types.dlo import DloState, GoalShape, TargetPoints
+from dlokit.types.dlo_belief import DloBelief
 from dlokit.types.flow import GoalFrame, GoalFrames
 from dlokit.types.observation import Gripped
 from dlokit.types.robot import RobotState
@@ -47,6 +51,8 @@ class ModelComponent(Component):
         self._state: DloState | None = None
         self._goal: GoalShape | None = None
         self._tools: dict[str, RobotState] = {}
+        self._grips = Grips()
+        self._heard: list[Evidence] = []
 
     async def run(self) -> None:
         """Say what is believed of the DLO; a late reader gets it too."""
@@ -81,6 +87,7 @@ class ModelComponent(Component):
     @on(topics.GRIPPED)
     async def on_gripped(self, gripped: Gripped) -> None:
         """Tie the held node to the tool, or let it go and settle."""
+        self._grips.gripped(gripped)
         tool = self._tools.get(gripped.robot)
         if self._state is None or tool is None:
             return
@@ -94,6 +101,7 @@ class ModelComponent(Component):
     async def on_robot_state(self, robot: RobotState) -> None:
         """Move a held node with the tool, so that the prior of the next look follows the motion."""
         self._tools[robot.robot] = robot
+        self._grips.moved(robot)
         if self._carry.move(robot) and self._state is not None:
             since_s = (robot.stamp_ns - self._state.stamp_ns) / 1e9
             if since_s >= self._config.rollout.publish_period_s:
@@ -149,6 +157,25 @@ class ModelComponent(Component):
         """Where a released rod comes to rest under friction."""
         _require_curve(nodes_world)
         return await self.port.compute(settling.settle, self._config, nodes_world)
+
+    @implements(api.LEARN)
+    async def learn(self, before_world: Float64Array, after_world: Float64Array) -> DloBelief:
+        """Learn from the last grasp-to-release."""
+        wanted = (self._config.nodes, 3)
+        if before_world.shape != wanted or after_world.shape != wanted:
+            raise SkillRejected("bad_shape", f"{before_world.shape} and {after_world.shape}; {wanted} is needed")
+        grip = self._grips.take()
+        if grip is None:
+            raise SkillFailure("nothing_held", "no grip has ended since the last time, or the DLO was lost on the way")
+        seen = grip.experience(before_world, after_world)
+        heard = await self.port.compute(evidence, self._config, seen)
+        if heard is None:
+            raise SkillFailure("nothing_moved", "the action moved the DLO too little to tell anything of it")
+        self._heard.append(heard)
+        of = posterior(self._config, self._heard)
+        belief = believed(self._config, of, len(self._heard), self.port.clock.now_ns())
+        self.port.publish(topics.BELIEF, belief)
+        return belief
 
     def _believed(self, targets: TargetPoints) -> BoolArray:
         """Which targets (M,) may be true of a rod that a tool holds and that the model has followed."""

@@ -117,6 +117,9 @@ class ModelConfig:
     """Mass per length [kg/m]."""
     friction: float = 0.6
     """Sliding friction coefficient between the DLO and the table."""
+    yield_curvature_1_m: float | None = None
+    """Curvature beyond which the DLO keeps a bend [1/m], 1 for a copper wire; without it the DLO is taken to spring
+    back always. Rollouts of actions alone look at it."""
     self_collision: bool = True
     """Whether the rod collides with itself where it lies on the table (rollouts)."""
     belief: BeliefConfig = field(default_factory=BeliefConfig)
@@ -133,6 +136,11 @@ class ModelConfig:
     def __post_init__(self) -> None:
         if self.nodes < 3:
             raise ConfigError(f"--model.nodes is {self.nodes}; it must be 3 or more.")
+        if self.yield_curvature_1_m is not None and not self.yield_curvature_1_m > 0.0:
+            raise ConfigError(
+                f"--model.yield-curvature-1-m is {self.yield_curvature_1_m}; it must be a number above 0, or left away "
+                f"for a DLO that takes no set."
+            )
         for name in ("length_m", "radius_m", "bending_stiffness_n_m2", "mass_kg_m", "friction"):
             value: float = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):

@@ -9,6 +9,10 @@ for Inextensible Surfaces*, SGP 2006), twist GJ / (2 l) Σ (φ_{i+1} - φ_i)², 
 table, and Coulomb friction with rolling, in which the speed that divides is that of the step before. A round rod rolls:
 sideways it meets the resistance to rolling, along itself that to sliding. The matrix has a band of eight, so a step is
 one Cholesky sweep over the nodes. The rod does not collide with itself; how near its strands came is told instead.
+
+A rod that takes a set has a rest curvature κ0 about the vertical: where its curvature differs from that by more than
+the yield curvature, κ0 follows (ideal plasticity). It is counted as a force of the step before. Bends out of the
+plane of the table are elastic.
 """
 
 import math
@@ -28,6 +32,7 @@ _TABLE_N_M = 40.0  # of the table under a node
 _CREEP_M_S = 2e-4  # slower than this, friction is viscous
 _GRAVITY_M_S2 = 9.81
 _NEIGHBOURS_M = 0.06  # parts nearer than this along the rod are one strand
+_UPRIGHT = 0.3  # share of its length that an edge is long from above, below which its bend is not one in the plane
 _LOOK_EVERY = 5  # steps between two looks at how near the strands are
 
 
@@ -37,20 +42,24 @@ def play_motion(
 ) -> float:
     """Play one motion of the tool on a rod lying as `nodes` (M, 3) [m] and write where it ends to `end` (M, 3).
 
-    `rod` (8,): length of an edge [m], mass of a node [kg], bending EI / l³ and twist GJ / (l r²) [N/m], damping [s],
-    friction, rolling resistance over radius, radius [m]. `tool` (T, 4): x, y, z [m] and yaw [rad] at every step;
-    then the rod is free for `rest_steps`. `pads` (n, 3): points of the rod between the pads, as a number of nodes from
-    the first, and where they are from the tool (along, up) [m]. Returns how near two strands came [m].
+    `rod` (9,): length of an edge [m], mass of a node [kg], bending EI / l³ and twist GJ / (l r²) [N/m], damping [s],
+    friction, rolling resistance over radius, radius [m], yield curvature [1/m] (infinite: it always springs back).
+    `tool` (T, 4): x, y, z [m] and yaw [rad] at every step; then the rod is free for `rest_steps`. `pads` (n, 3): points
+    of the rod between the pads, as a number of nodes from the first, and where they are from the tool (along, up) [m].
+    Returns how near two strands came [m].
     """
     count = len(nodes)
     x, v = np.zeros((count, 4)), np.zeros((count, 4))
+    plastic, rest, bend = math.isfinite(rod[8]), np.zeros(count), np.zeros((count, 3))
     x[:, :3] = nodes
     band, right, column = np.zeros((4 * count + BAND, BAND + 1)), np.zeros(4 * count + BAND), np.zeros(BAND + 1)
     nearest = np.inf
     for step in range(len(tool) + rest_steps):
         band[:], right[:] = 0.0, 0.0
         _inertia_and_table(x, v, rod, step_s, band, right)
-        _elasticity(x, rod, step_s, band, right)
+        if plastic:
+            _set(x, rod, rest, bend)
+        _elasticity(x, rod, bend, step_s, band, right)
         _edges(x, rod[0], step_s, band, right)
         if step < len(tool):
             _grip(x, tool[step], pads, step_s, band, right)
@@ -100,8 +109,25 @@ def _inertia_and_table(x: Array, v: Array, rod: Array, h: float, band: Array, ri
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _elasticity(x: Array, rod: Array, h: float, band: Array, right: Array) -> None:
-    """Bending and twist, with damping as a share of the stiffness."""
+def _set(x: Array, rod: Array, rest: Array, bend: Array) -> None:
+    """Let the rest curvature `rest` (M,) [1/m] follow what is beyond yield; `bend` (M, 3) [m] is x'' l² of it now."""
+    square = rod[0] * rod[0]
+    for i in range(1, len(x) - 1):
+        tx, ty = x[i + 1, 0] - x[i - 1, 0], x[i + 1, 1] - x[i - 1, 1]
+        norm = math.sqrt(tx * tx + ty * ty)
+        bend[i, 0] = bend[i, 1] = 0.0
+        if norm < _UPRIGHT * 2.0 * rod[0]:
+            continue
+        nx, ny = -ty / norm, tx / norm
+        curvature = nx * (x[i - 1, 0] - 2.0 * x[i, 0] + x[i + 1, 0]) + ny * (x[i - 1, 1] - 2.0 * x[i, 1] + x[i + 1, 1])
+        curvature /= square
+        rest[i] = min(max(rest[i], curvature - rod[8]), curvature + rod[8])
+        bend[i, 0], bend[i, 1] = square * rest[i] * nx, square * rest[i] * ny
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _elasticity(x: Array, rod: Array, bend: Array, h: float, band: Array, right: Array) -> None:
+    """Bending away from what it rests in, and twist, with damping as a share of the stiffness."""
     bending, twist, implicit = rod[2], rod[3], h * h + h * rod[4]
     for i in range(len(x) - 1):
         row, force, gain = 4 * i + 3, h * twist * (x[i + 1, 3] - x[i, 3]), implicit * twist
@@ -114,7 +140,7 @@ def _elasticity(x: Array, rod: Array, h: float, band: Array, right: Array) -> No
     for i in range(1, len(x) - 1):
         for a in range(3):
             row = 4 * (i - 1) + a
-            force = h * bending * (x[i - 1, a] - 2.0 * x[i, a] + x[i + 1, a])
+            force = h * bending * (x[i - 1, a] - 2.0 * x[i, a] + x[i + 1, a] - bend[i, a])
             right[row] -= force
             right[row + 4] += 2.0 * force
             right[row + 8] -= force

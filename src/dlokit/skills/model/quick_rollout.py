@@ -33,9 +33,13 @@ class QuickRod:
     stiffness_share: float = 1.0
     """Stiffness against bending and twist, against the model's."""
 
+    yield_curvature_1_m: float | None = None
+    """Curvature beyond which it keeps a bend [1/m]; infinite: it always springs back; None: the model's."""
+
     def numbers(self, config: ModelConfig, nodes: int) -> Float64Array:
-        """The eight numbers that `play_motion` takes, for a rod of so many nodes."""
+        """The nine numbers that `play_motion` takes, for a rod of so many nodes."""
         edge_m = config.length_m / (nodes - 1)
+        taken_for = self.yield_curvature_1_m or config.yield_curvature_1_m or math.inf
         bending = self.stiffness_share * config.bending_stiffness_n_m2
         return np.array(
             [
@@ -47,6 +51,7 @@ class QuickRod:
                 self.friction_share * config.friction,
                 self.friction_share * ROLLING_M / config.radius_m,
                 config.radius_m,
+                taken_for,
             ]
         )
 
@@ -59,6 +64,8 @@ class Motion:
     waypoints: Float64Array
     """(W, 4): x, y, z [m], yaw [rad] of the tool, which points down; the first is the grasp."""
     velocity: VelocityProfile
+    track: Float64Array | None = None
+    """(T, 4): where the tool was at every time step, when that is known; the waypoints are not looked at then."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +99,9 @@ def play(
     def one(motion_index: int) -> None:
         motion = motions[motion_index]
         pace = motion.velocity
-        tool = tool_track(motion.waypoints, pace.speed_m_s, pace.acceleration_m_s2, pace.jerk_m_s3, timestep_s)
+        tool = motion.track
+        if tool is None:
+            tool = tool_track(motion.waypoints, pace.speed_m_s, pace.acceleration_m_s2, pace.jerk_m_s3, timestep_s)
         pads, end = _between_pads(start, motion, config.nodes), np.empty_like(start)
         for k, rod in enumerate(numbers):
             nearest[k, motion_index] = play_motion(start, rod, timestep_s, rest, tool, pads, end)

@@ -2,15 +2,17 @@
 
 import math
 from collections.abc import AsyncIterator, Callable
+from dataclasses import replace
 from typing import ParamSpec, TypeVar
 
 from dlokit.communication import topics
-from dlokit.communication.component import Component, implements
+from dlokit.communication.component import Component, implements, on
 from dlokit.errors import SkillFailure, SkillRejected
 from dlokit.skills.model import rollout
 from dlokit.skills.model.config import ModelConfig
+from dlokit.skills.model.identification.posterior import as_believed
 from dlokit.skills.planning import api, holding
-from dlokit.skills.planning.base import ActionStrategy, Loaded, PlanningTools, Reachable
+from dlokit.skills.planning.base import ActionStrategy, Loaded, PlanningTools, Reachable, StrategyConfig
 from dlokit.skills.planning.config import PlanningConfig
 from dlokit.skills.planning.feasibility import Workplace, check_start
 from dlokit.skills.planning.foresight import untangled
@@ -20,6 +22,7 @@ from dlokit.skills.planning.strategies import from_spec
 from dlokit.types.action import Action, Marks
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, GoalShape
+from dlokit.types.dlo_belief import DloBelief
 from dlokit.types.feasibility import GoalVerdict, Verdict
 from dlokit.types.strategy import StrategySpec
 
@@ -32,7 +35,7 @@ class PlanningComponent(Component):
 
     name = "planning"
     publishes = (topics.ACTION, topics.GOAL_VERDICT)
-    reads = (topics.OBSERVATION, topics.BELIEF)
+    reads = (topics.OBSERVATION,)
 
     def __init__(self, config: PlanningConfig, reachable: Reachable, model: ModelConfig) -> None:
         """`reachable` is the arm's kinematics; `model` the rod that actions are played through with."""
@@ -47,7 +50,16 @@ class PlanningComponent(Component):
             table=config.feasibility,
             compute=self._compute,
         )
-        self._strategy: ActionStrategy = config.strategy.build(self._tools)
+        self._settings: StrategyConfig = config.strategy
+        self._strategy: ActionStrategy = self._settings.build(self._tools)
+
+    @on(topics.BELIEF)
+    async def on_belief(self, belief: DloBelief) -> None:
+        """Plan with what was learnt of the DLO."""
+        if belief.actions > 0:
+            self._model = as_believed(self._model, belief)
+            self._tools = replace(self._tools, model=self._model)
+            self._strategy = self._settings.build(self._tools)
 
     def preparation(self) -> Callable[[], object] | None:
         """Load the compiled code of the strategy, where it has any."""
@@ -124,7 +136,8 @@ class PlanningComponent(Component):
     @implements(api.SET_STRATEGY)
     async def set_strategy(self, spec: StrategySpec) -> None:
         """Take another strategy."""
-        self._strategy = from_spec(spec).build(self._tools)
+        self._settings = from_spec(spec)
+        self._strategy = self._settings.build(self._tools)
 
     def _workplace(self) -> Workplace:
         seen = self.port.latest(topics.OBSERVATION).value

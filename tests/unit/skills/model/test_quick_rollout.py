@@ -119,3 +119,16 @@ def test_a_path_that_turns_back_is_stopped_at() -> None:
     waypoints = np.array([[0.5, 0.0, 0.01, 0.0], [0.5, 0.0, 0.11, 0.0], [0.5, 0.0, 0.01, 0.0]])
     track = tool_track(waypoints, 0.25, 1.0, 10.0, STEP_S)
     assert track[:, 2].max() == pytest.approx(0.11, abs=1e-6)
+
+
+def test_a_rod_that_takes_a_set_keeps_what_it_was_bent_beyond_yield() -> None:
+    curve = builtin_shape("S", MODEL.length_m, MODEL.nodes)
+    away = Motion(node=0, waypoints=np.array([[*curve[0, :2], 0.011, 0.0]] * 2), velocity=PACE)
+    stiff = 100.0  # elastic, it would spring far back
+    rods = tuple(QuickRod(stiffness_share=stiff, yield_curvature_1_m=bend) for bend in (1.0, 3.0, 1e6, np.inf))
+    ends = play(MODEL, curve, rods, (away,), STEP_S).nodes_world[:, 0]
+    kept_m = [geometry.rmse_m(end, curve) for end in ends]
+    assert kept_m[0] < kept_m[1] < kept_m[2]
+    assert kept_m[0] < 0.2 * kept_m[3]
+    # A yield that is never met is none.
+    assert np.abs(ends[2] - ends[3]).max() < 1e-9

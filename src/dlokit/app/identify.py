@@ -1,0 +1,119 @@
+"""`dlokit identify`: what the actions of recorded runs say of the DLO."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from rich.console import Console
+from rich.table import Table
+
+from dlokit.app.identify_picture import write_picture
+from dlokit.communication.recording.channels import FILE_NAME
+from dlokit.communication.recording.reader import read_recording
+from dlokit.errors import InputError
+from dlokit.skills.model.identification.history import Lesson, lessons
+from dlokit.skills.model.identification.posterior import as_believed
+from dlokit.skills.model.identification.recorded import experiences
+from dlokit.system.config import RunConfig
+from dlokit.system.toml_config import read_toml, to_toml
+from dlokit.types.dlo_belief import DloBelief, Figure
+
+CONFIG_FILE = "config.toml"
+LEARNT_FILE = "identified.toml"
+PICTURE_FILE = "identified.png"
+TABLE_WIDTH = 100
+
+
+@dataclass(frozen=True, kw_only=True)
+class IdentifyArgs:
+    """Say what the actions of one DLO's runs tell of it: stiffness, friction, and whether it takes a set.
+
+    Each action is played again in the rod of planning, for many rods, and compared with what the camera saw.
+
+    Try
+      dlokit identify runs/<run>
+      dlokit identify runs/<run> runs/<other run of the same DLO>
+      dlokit shape --config runs/<run>/identified.toml --goal S      a run that knows the DLO
+
+    Written are identified.toml, the configuration of the last run with the figures found, and identified.png.
+    Exit code: 0; 2 when a folder holds no recorded run, or no action says anything.
+    """
+
+    runs: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    """Folders of runs of one DLO, in their order."""
+    out: Annotated[Path | None, tyro.conf.arg(metavar="DIR", help_behavior_hint="(default: the last run's folder)")] = (
+        None
+    )
+    """Folder for what is written."""
+
+
+def run(args: IdentifyArgs) -> int:
+    """Read, learn, print and write."""
+    if not args.runs:
+        raise InputError("no run is named; give the folders of one or more runs, e.g. dlokit identify runs/<run>.")
+    config = read_toml(args.runs[-1] / CONFIG_FILE, RunConfig)
+    seen = [lesson for folder in args.runs for lesson in experiences(read_recording(folder / FILE_NAME))]
+    found = lessons(config.model, seen)
+    if not found:
+        raise InputError(
+            f"{', '.join(map(str, args.runs))}: no action of it held and moved the DLO; give a run with actions."
+        )
+    out = args.out or args.runs[-1]
+    out.mkdir(parents=True, exist_ok=True)
+    learnt = replace(config, model=as_believed(config.model, found[-1].belief))
+    (out / LEARNT_FILE).write_text(to_toml(learnt), encoding="utf-8")
+    write_picture(out / PICTURE_FILE, found)
+    console = Console()
+    console = Console(width=max(console.width, TABLE_WIDTH))
+    console.print(_actions(found))
+    console.print(_figures(found[-1].belief, config))
+    console.print(f"written: {out / LEARNT_FILE}, {out / PICTURE_FILE}", highlight=False, markup=False, soft_wrap=True)
+    return 0
+
+
+def _actions(found: list[Lesson]) -> Table:
+    table = Table(title="actions", caption="prediction error: of all nodes, RMSE; as learnt: from the actions before")
+    for heading in ("action", "moved, mm", "as configured, mm", "as learnt, mm", "EI/(μ w), cm³", "takes a set"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for lesson in found:
+        low, high = lesson.belief.elastic_m3.between()
+        bend = lesson.belief.yield_curvature_1_m
+        table.add_row(
+            str(lesson.action),
+            f"{lesson.moved_m * 1e3:.0f}",
+            f"{lesson.configured_m * 1e3:.1f}",
+            f"{lesson.learnt_m * 1e3:.1f}",
+            f"{lesson.belief.elastic_m3.value * 1e6:.0f} ({low * 1e6:.0f} to {high * 1e6:.0f})",
+            "no" if bend is None else f"beyond {bend:g} /m",
+        )
+    return table
+
+
+def _figures(belief: DloBelief, config: RunConfig) -> Table:
+    table = Table(title=f"the DLO, from {belief.actions} actions")
+    for heading in ("", "configured", "found", "95 % within"):
+        table.add_column(heading, justify="left" if not heading else "right", no_wrap=True)
+    model = config.model
+    rows: tuple[tuple[str, float, Figure], ...] = (
+        ("bending stiffness EI, N·m²", model.bending_stiffness_n_m2, belief.bending_stiffness_n_m2),
+        ("friction μ", model.friction, belief.friction),
+        (
+            "EI/(μ w), m³",
+            model.bending_stiffness_n_m2 / (model.friction * belief.weight_n_m.value),
+            belief.elastic_m3,
+        ),
+    )
+    for name, before, figure in rows:
+        low, high = figure.between()
+        table.add_row(name, f"{before:.3g}", f"{figure.value:.3g}", f"{low:.3g} to {high:.3g}")
+    bend = belief.yield_curvature_1_m
+    told = model.yield_curvature_1_m
+    table.add_row(
+        "keeps a bend beyond, 1/m",
+        "never" if told is None else f"{told:g}",
+        "never" if bend is None else f"{bend:g}",
+        "",
+    )
+    table.add_row("tightest arc that friction holds, cm", "", f"{belief.held_radius_m * 100:.1f}", "")
+    return table
