@@ -32,6 +32,7 @@ from dlokit.skills.planning.component import PlanningComponent
 from dlokit.skills.planning.config import PlanningConfig
 from dlokit.skills.robot import api as robot
 from dlokit.types.action import VelocityProfile
+from dlokit.types.dlo_belief import DloBelief
 from dlokit.types.flow import Command, FlowStatus, GoalFrames, OperatorCommand
 from dlokit.types.observation import Observation
 from dlokit.types.pose import Pose
@@ -215,6 +216,8 @@ class Trace:
     steps: list[tuple[str, str]]
     """(step, outcome that led there), in order."""
     calls: list[str]
+    belief: DloBelief | None
+    """What was believed of the DLO at the end."""
 
     def edges(self) -> set[tuple[str, str, str]]:
         """Every arrow that was taken."""
@@ -281,10 +284,11 @@ async def _shape(
         decision,
     ):
         host.add(component)
+    transport.latest(topics.BELIEF)  # from here on it is kept
     async with host:
         await host.clock.sleep(0.1)
         request = None if goal is None else GoalRequest(nodes_world=goal, name="goal")
         result = await decision.shape(request, recorded.append)
         await host.clock.sleep(0.1)
     assert [record.action for record in recorded] == list(range(1, len(result.history) + 1))
-    return Trace(result=result, steps=steps, calls=lab.calls)
+    return Trace(result=result, steps=steps, calls=lab.calls, belief=transport.latest(topics.BELIEF).value)

@@ -164,6 +164,15 @@ def test_a_rope_that_lies_where_it_was_though_it_seemed_held_has_slipped() -> No
     assert record.slipped
 
 
+@pytest.mark.parametrize("learn", [True, False])
+def test_the_dlo_is_learnt_from_an_action_where_that_is_asked_for(learn: bool) -> None:
+    feeling = lab(I)
+    feeling.feels = True
+    trace = shape(feeling, S, TaskConfig(max_actions=1, learn=learn))
+    assert trace.belief is not None
+    assert trace.belief.actions == (1 if learn else 0)
+
+
 def test_marks_are_cleared_once_the_error_has_changed() -> None:
     # The arm refuses the best node once: it is marked. The next action changes the shape and clears the mark.
     refusing = lab(I)

@@ -21,7 +21,7 @@ from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, TargetPoints
 from dlokit.types.flow import GoalFrame, GoalFrames
 from dlokit.types.observation import Gripped
-from dlokit.types.outcome import Rejected, Succeeded
+from dlokit.types.outcome import Failed, Rejected, Succeeded
 from dlokit.types.robot import RobotMode, RobotState
 
 CONFIG = ModelConfig()
@@ -277,5 +277,34 @@ def test_predict_and_settle_answer_with_shapes() -> None:
         settled = await port.call(api.SETTLE, S_SHAPE)
         assert isinstance(settled, Succeeded)
         assert settled.result.shape == (CONFIG.nodes, 3)
+
+    with_model(check)
+
+
+def test_what_an_action_did_is_learnt_from_once() -> None:
+    async def check(port: Port, bus: MemoryTransport) -> None:
+        bus.publish(topics.TARGETS, targets(I_SHAPE))
+        await state_after_a_moment(port)
+        grasp = np.array([*I_SHAPE[15, :2], 0.011])
+        bus.publish(topics.ROBOT_STATE, robot_at(grasp, 0))
+        bus.publish(topics.GRIPPED, Gripped(stamp_ns=0, robot="panda", node=15))
+        await port.clock.sleep(0.01)
+        for step in range(1, 11):
+            bus.publish(topics.ROBOT_STATE, robot_at(grasp + np.array([0.005 * step, 0.0, 0.0]), step * 50_000_000))
+            await port.clock.sleep(0.01)
+        bus.publish(topics.GRIPPED, Gripped(stamp_ns=500_000_000, robot="panda", node=None))
+        await port.clock.sleep(0.01)
+        after = I_SHAPE + np.array([0.05, 0.0, 0.0]) * np.exp(-(((np.arange(31) - 15) / 8.0) ** 2))[:, None]
+        learnt = await port.call(api.LEARN, I_SHAPE, after)
+        assert isinstance(learnt, Succeeded)
+        belief = port.latest(topics.BELIEF).value
+        assert belief is not None
+        assert belief.actions == learnt.result.actions == 1
+        again = await port.call(api.LEARN, I_SHAPE, after)
+        assert isinstance(again, Failed)
+        assert again.reason == "nothing_held"
+        bad = await port.call(api.LEARN, I_SHAPE[:5], after)
+        assert isinstance(bad, Rejected)
+        assert bad.reason == "bad_shape"
 
     with_model(check)

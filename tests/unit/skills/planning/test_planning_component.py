@@ -2,6 +2,7 @@
 
 from collections.abc import Awaitable, Callable
 
+import msgspec
 import numpy as np
 
 from dlokit.communication import topics, virtual_time
@@ -11,6 +12,7 @@ from dlokit.communication.host import Host
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.port import Port
 from dlokit.description.shapes import builtin_shape, moved
+from dlokit.skills.model.belief import as_configured
 from dlokit.skills.model.config import ModelConfig
 from dlokit.skills.planning import api
 from dlokit.skills.planning.component import PlanningComponent
@@ -20,6 +22,7 @@ from dlokit.skills.planning.rollouts.strategy import RolloutConfig
 from dlokit.skills.planning.strategies import strategies, to_spec
 from dlokit.types.action import Marks
 from dlokit.types.dlo import DloState, GoalShape, Topology
+from dlokit.types.dlo_belief import Figure
 from dlokit.types.feasibility import Standing
 from dlokit.types.outcome import Failed, Rejected, Succeeded
 from dlokit.types.pose import Pose
@@ -45,6 +48,13 @@ def everywhere(T: Pose) -> bool:
 
 def nowhere(T: Pose) -> bool:
     return False
+
+
+class Believer(Component):
+    """Stands in for the model."""
+
+    name = "model"
+    publishes = (topics.BELIEF,)
 
 
 def with_planning(test: Callable[[Port], Awaitable[None]], reachable: Callable[[Pose], bool] = everywhere) -> None:
@@ -150,3 +160,26 @@ def test_only_a_strategy_that_is_compiled_has_its_code_loaded_before_it_is_asked
 
     assert preparation(PlanningConfig(strategy=FarthestConfig())) is None
     assert preparation(PlanningConfig(strategy=RolloutConfig())) is not None
+
+
+def test_what_was_learnt_of_the_dlo_is_planned_with() -> None:
+    async def main() -> None:
+        host = Host(MemoryTransport(), LoopClock())
+        caller, believer = Caller(), Believer()
+        for component in (PlanningComponent(PlanningConfig(), everywhere, ModelConfig()), believer, caller):
+            host.add(component)
+        tight = GoalShape(stamp_ns=0, nodes_world=builtin_shape("S", 0.5, 31))
+        async with host:
+            standings: list[Standing] = []
+            stiff = Figure(value=1e-3, log_sd=0.1)
+            configured = as_configured(ModelConfig(), 0)
+            learnt = msgspec.structs.replace(configured, bending_stiffness_n_m2=stiff, actions=1)
+            for belief in (configured, learnt):
+                believer.port.publish(topics.BELIEF, belief)
+                await host.clock.sleep(0.01)
+                verdict = await caller.port.call(api.JUDGE_GOAL, tight, 0.012)
+                assert isinstance(verdict, Succeeded)
+                standings.append(verdict.result.standing)
+        assert standings == [Standing.HOLDS, Standing.INFEASIBLE]
+
+    virtual_time.run(main())

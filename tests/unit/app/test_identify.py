@@ -1,0 +1,93 @@
+"""`dlokit identify` on a recording of two actions of a stiff rod."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dlokit import geometry
+from dlokit.app.commands import execute
+from dlokit.communication import topics
+from dlokit.communication.recording.channels import FILE_NAME
+from dlokit.communication.recording.writer import RecordingWriter
+from dlokit.description.shapes import builtin_shape
+from dlokit.errors import InputError
+from dlokit.skills.model.quick_rollout import Motion, QuickRod, play
+from dlokit.skills.model.rod import topology
+from dlokit.skills.model.tool_track import tool_track
+from dlokit.system.config import RunConfig
+from dlokit.system.toml_config import read_toml, to_toml
+from dlokit.types.action import VelocityProfile
+from dlokit.types.dlo import DloState
+from dlokit.types.flow import FlowStatus
+from dlokit.types.observation import Gripped
+from dlokit.types.robot import RobotMode, RobotState
+
+RUN = RunConfig()
+STIFF = 24.0
+STEP_S = 0.005
+
+
+@pytest.fixture
+def run_folder(tmp_path: Path) -> Path:
+    """A run in which node 7 was carried once."""
+    model, pace = RUN.model, VelocityProfile()
+    before = builtin_shape("I", model.length_m, model.nodes)
+    grasp = np.array([*before[7, :2], 0.011, math.pi / 2])
+    way = [(0.0, 0.0, 0.04, 0.0), (0.06, 0.02, 0.04, 0.6), (0.06, 0.02, 0.0, 0.6)]
+    waypoints = np.stack([grasp, *(grasp + np.array(step) for step in way)])
+    patient = replace(model, rollout=replace(model.rollout, release_s=1.0))
+    motion = Motion(node=7, waypoints=waypoints, velocity=pace)
+    after = play(patient, before, (QuickRod(stiffness_share=STIFF),), (motion,), STEP_S).nodes_world[0, 0]
+    track = tool_track(waypoints, pace.speed_m_s, pace.acceleration_m_s2, pace.jerk_m_s3, STEP_S)
+    writer = RecordingWriter(tmp_path / FILE_NAME, {"run": {"name": "I to S"}})
+    zeros = np.zeros(7)
+    writer.add(topics.STATE, 0, DloState(stamp_ns=0, nodes_world=before, topology=topology(model)))
+    writer.add(topics.FLOW, 1, FlowStatus(stamp_ns=1, flow="shape_dlo", step="choose_grasp"))
+    writer.add(topics.GRIPPED, 2, Gripped(stamp_ns=2, robot="panda", node=7))
+    for number, place in enumerate(track[::4]):
+        stamp_ns = 10 + round(number * 4 * STEP_S * 1e9)
+        state = RobotState(
+            stamp_ns=stamp_ns,
+            robot="panda",
+            q_rad=zeros,
+            dq_rad_s=zeros,
+            tau_nm=zeros,
+            T_world_tcp=geometry.downward(place[:3], place[3]),
+            finger_width_m=0.008,
+            mode=RobotMode.MOVING,
+            holding=True,
+        )
+        writer.add(topics.ROBOT_STATE, stamp_ns, state)
+    end_ns = 10_000_000_000
+    writer.add(topics.GRIPPED, end_ns, Gripped(stamp_ns=end_ns, robot="panda", node=None))
+    writer.add(topics.STATE, end_ns, DloState(stamp_ns=end_ns, nodes_world=after, topology=topology(model)))
+    writer.add(topics.FLOW, end_ns, FlowStatus(stamp_ns=end_ns, flow="shape_dlo", step="has_error_changed"))
+    writer.close()
+    (tmp_path / "config.toml").write_text(to_toml(RUN))
+    return tmp_path
+
+
+def test_identify_prints_figures_and_writes_a_configuration_that_holds_them(
+    run_folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert execute(["identify", str(run_folder)]) == 0
+    printed = capsys.readouterr().out
+    assert "bending stiffness" in printed
+    learnt = read_toml(run_folder / "identified.toml", RunConfig)
+    found = learnt.model.bending_stiffness_n_m2 / learnt.model.friction
+    true = STIFF * RUN.model.bending_stiffness_n_m2 / RUN.model.friction
+    assert abs(math.log(found / true)) < 0.5
+    assert replace(learnt, model=RUN.model) == RUN
+    assert (run_folder / "identified.png").stat().st_size > 5000
+
+
+def test_a_run_without_actions_is_an_error_that_says_so(tmp_path: Path) -> None:
+    RecordingWriter(tmp_path / FILE_NAME, {}).close()
+    (tmp_path / "config.toml").write_text(to_toml(RUN))
+    with pytest.raises(InputError, match="no action"):
+        execute(["identify", str(tmp_path)])
+    with pytest.raises(InputError, match=r"config\.toml"):
+        execute(["identify", str(tmp_path / "nowhere")])
