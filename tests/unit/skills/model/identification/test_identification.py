@@ -40,7 +40,11 @@ def acted(rod: QuickRod, before: Float64Array, node: int, by_m: tuple[float, flo
     after = play(patient, before, (rod,), (motion,), STEP_S).nodes_world[0, 0]
     tool = tool_track(waypoints, PACE.speed_m_s, PACE.acceleration_m_s2, PACE.jerk_m_s3, STEP_S)
     return Experience(
-        before_world=before, after_world=after, node=node, times_s=STEP_S * np.arange(len(tool)), tool=tool
+        before_world=before,
+        after_world=after,
+        node=node,
+        times_s=np.linspace(0.0, STEP_S * (len(tool) - 1), len(tool)),
+        tool=tool,
     )
 
 
