@@ -11,8 +11,8 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 NUMBERED = sorted(EXAMPLES.glob("[0-9]*.py"))
 
 
-def test_there_is_an_example_for_each_skill_of_the_paper() -> None:
-    assert [path.name[:2] for path in NUMBERED] == [f"{number:02d}" for number in range(1, 9)]
+def test_there_is_an_example_for_each_skill_of_the_paper_and_one_of_a_larger_task() -> None:
+    assert [path.name[:2] for path in NUMBERED] == [f"{number:02d}" for number in range(1, 10)]
 
 
 @pytest.mark.parametrize("script", NUMBERED, ids=lambda path: path.stem)

@@ -4,6 +4,7 @@ import ast
 import importlib
 import inspect
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
@@ -12,7 +13,7 @@ import pytest
 
 import dlokit
 from dlokit.communication import codec, topics
-from dlokit.communication.skill import Skill
+from dlokit.communication.skill import ReportingSkill, Skill
 from dlokit.communication.topic import Topic
 from dlokit.communication.topics import TOPICS
 from dlokit.errors import CommunicationError
@@ -118,20 +119,27 @@ def test_a_skill_is_implemented_by_its_component_with_the_same_signature(skill: 
     component = COMPONENTS[skill.component]
     method = getattr(component, component.skills()[skill])
     wanted, found = inspect.signature(skill.signature), inspect.signature(method)
-    parameters = list(found.parameters.values())[1:]
+    own = 2 if isinstance(skill, ReportingSkill) else 1  # self, and what progress is told to
+    parameters = list(found.parameters.values())[own:]
     assert [(p.name, p.default) for p in parameters] == [(p.name, p.default) for p in wanted.parameters.values()]
-    assert get_type_hints(method) == get_type_hints(skill.signature)
+    hints = get_type_hints(method)
+    if isinstance(skill, ReportingSkill):
+        assert hints.pop(list(found.parameters)[1]) == Callable[[skill.reports], None]
+    assert hints == get_type_hints(skill.signature)
 
 
 @pytest.mark.parametrize("skill", SKILLS, ids=skill_id)
 def test_a_skill_is_documented_bounded_in_time_and_can_cross_a_process_border(skill: Skill[..., Any]) -> None:
     assert skill.doc.endswith(".")
-    assert 0.0 < skill.timeout_s <= 600.0
+    # A skill of the decision layer is a whole task, which has a budget of its own.
+    assert 0.0 < skill.timeout_s <= (7200.0 if skill.component == "decision" else 600.0)
     hints = get_type_hints(skill.signature)
     assert set(hints) == {*inspect.signature(skill.signature).parameters, "return"}
     # The inspection fails on what msgspec cannot encode.
     msgspec.inspect.multi_type_info([hint for name, hint in hints.items() if name != "return"])
     msgspec.inspect.type_info(Succeeded[hints["return"]])
+    if isinstance(skill, ReportingSkill):
+        msgspec.inspect.type_info(skill.reports)
 
 
 @pytest.mark.parametrize("name", COMPONENTS)

@@ -154,9 +154,9 @@ async def eventually(condition: Callable[[], bool]) -> None:
 
 async def connected(bus: Bus) -> None:
     """Wait until the two ends have found each other, so that nothing published from now on is missed."""
-    bus.there.serve("probe", lambda request: asyncio.sleep(0, request))
+    bus.there.serve("probe", lambda request, report: asyncio.sleep(0, request))
     await eventually(lambda: bus.here.alive("probe").alive)
-    bus.here.serve("probe back", lambda request: asyncio.sleep(0, request))
+    bus.here.serve("probe back", lambda request, report: asyncio.sleep(0, request))
     await eventually(lambda: bus.there.alive("probe back").alive)
 
 

@@ -5,7 +5,8 @@ so that each branch of the flow chart can be brought about.
 """
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import AsyncGenerator, Callable
+from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -13,10 +14,11 @@ from numpy.typing import NDArray
 
 from dlokit import geometry
 from dlokit.communication import topics, virtual_time
-from dlokit.communication.clock import LoopClock
+from dlokit.communication.clock import Clock, LoopClock
 from dlokit.communication.component import Component, implements
 from dlokit.communication.host import Host
 from dlokit.communication.memory import MemoryTransport
+from dlokit.communication.transport import Transport
 from dlokit.decision.component import DecisionComponent
 from dlokit.decision.config import TaskConfig
 from dlokit.decision.task import ActionRecord, GoalRequest, ShapeResult
@@ -243,6 +245,34 @@ def shape(
     return virtual_time.run(_shape(lab, goal, config or TaskConfig(), reachable, operator, rod))
 
 
+@asynccontextmanager
+async def running(
+    lab: Lab,
+    transport: Transport,
+    clock: Clock,
+    config: TaskConfig | None = None,
+    reachable: Callable[[Pose], bool] = lambda pose: True,
+    rod: ModelConfig = ROD,
+    others: tuple[Component, ...] = (),
+) -> AsyncGenerator[DecisionComponent]:
+    """The ideal lab's components on a bus, the decision component among them, and `others`."""
+    host = Host(transport, clock)
+    decision = DecisionComponent(config or TaskConfig(), lambda: 0.0, length_m=rod.length_m, radius_m=rod.radius_m)
+    for component in (
+        ScriptedPerception(lab),
+        ScriptedRobot(lab),
+        ObserverComponent(ObserverConfig(), nodes=NODES, length_m=LENGTH_M),
+        ModelComponent(rod),
+        PlanningComponent(PlanningConfig(), reachable, rod),
+        *others,
+        decision,
+    ):
+        host.add(component)
+    async with host:
+        await clock.sleep(0.1)
+        yield decision
+
+
 async def _shape(
     lab: Lab,
     goal: Array | None,
@@ -251,9 +281,6 @@ async def _shape(
     operator: Callable[[FlowStatus], Command | GoalFrames | None],
     rod: ModelConfig,
 ) -> Trace:
-    transport = MemoryTransport()
-    host = Host(transport, LoopClock())
-    decision = DecisionComponent(config, lambda: 0.0)
     steps: list[tuple[str, str]] = []
     recorded: list[ActionRecord] = []
 
@@ -274,21 +301,11 @@ async def _shape(
                     now_ns = self.port.clock.now_ns()
                     self.port.publish(topics.COMMAND, OperatorCommand(stamp_ns=now_ns, command=command))
 
-    for component in (
-        ScriptedPerception(lab),
-        ScriptedRobot(lab),
-        ObserverComponent(ObserverConfig(), nodes=NODES, length_m=LENGTH_M),
-        ModelComponent(rod),
-        PlanningComponent(PlanningConfig(), reachable, rod),
-        Operator(),
-        decision,
-    ):
-        host.add(component)
+    transport = MemoryTransport()
     transport.latest(topics.BELIEF)  # from here on it is kept
-    async with host:
-        await host.clock.sleep(0.1)
+    async with running(lab, transport, LoopClock(), config, reachable, rod, (Operator(),)) as decision:
         request = None if goal is None else GoalRequest(nodes_world=goal, name="goal")
         result = await decision.shape(request, recorded.append)
-        await host.clock.sleep(0.1)
+        await decision.port.clock.sleep(0.1)
     assert [record.action for record in recorded] == list(range(1, len(result.history) + 1))
     return Trace(result=result, steps=steps, calls=lab.calls, belief=transport.latest(topics.BELIEF).value)

@@ -21,7 +21,7 @@ from dlokit.communication.component import Component, implements
 from dlokit.communication.host import Host
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.skill import Skill, SkillCall
-from dlokit.communication.transport import CallHandler, Transport
+from dlokit.communication.transport import CallHandler, Report, Transport
 from dlokit.communication.zenoh_session import ZenohConfig
 from dlokit.communication.zenoh_transport import ZenohTransport
 from dlokit.errors import SkillFailure, SkillRejected
@@ -82,7 +82,7 @@ class Lab:
     caller: Transport
     gripper: Gripper
     received: list[SkillCall]
-    deliver: Callable[[bytes], Awaitable[bytes]]
+    deliver: CallHandler
     """Hands bytes to the gripper as they come from the wire."""
 
 
@@ -93,9 +93,9 @@ async def lab(caller: Transport, called: Transport) -> AsyncGenerator[Lab]:
     serve = called.serve
 
     def serve_and_note(component: str, handler: CallHandler) -> None:
-        async def noting(request: bytes) -> bytes:
+        async def noting(request: bytes, report: Report) -> bytes:
             received.append(codec.decode(request, SkillCall))
-            return await handler(request)
+            return await handler(request, report)
 
         handlers.append(handler)
         serve(component, noting)
@@ -265,4 +265,4 @@ def request(*, component: str) -> bytes:
 
 
 async def deliver(it: Lab, data: bytes) -> Outcome[float]:
-    return GRIP.decode_outcome(await it.deliver(data))
+    return GRIP.decode_outcome(await it.deliver(data, lambda progress: None))

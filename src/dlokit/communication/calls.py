@@ -1,14 +1,20 @@
 """The caller's side of a skill call, the same on every transport (Algorithm 1)."""
 
+import logging
+from collections.abc import Callable
 from typing import ParamSpec, TypeVar
 
 from dlokit.communication import codec
-from dlokit.communication.skill import Skill, SkillCall
+from dlokit.communication.skill import ReportingSkill, Skill, SkillCall
+from dlokit.communication.transport import Report
 from dlokit.errors import CommunicationError
 from dlokit.types.outcome import Failed, Outcome, Rejected
 
 P = ParamSpec("P")
 R = TypeVar("R")
+Q = TypeVar("Q")
+
+log = logging.getLogger(__name__)
 
 
 def encode_call(skill: Skill[P, R], call_id: str, caller: str, *args: P.args, **kwargs: P.kwargs) -> bytes | Rejected:
@@ -27,3 +33,21 @@ def decode_answer(skill: Skill[P, R], answer: bytes) -> Outcome[R]:
         return skill.decode_outcome(answer)
     except CommunicationError as error:
         return Failed(reason="malformed_outcome", detail=f"{skill.key}: {error}")
+
+
+def decoding(skill: ReportingSkill[P, R, Q], told: Callable[[Q], None]) -> Report:
+    """Takes encoded progress and tells it. Neither a malformed piece nor a listener's mistake ends the call."""
+
+    def tell(data: bytes) -> None:
+        try:
+            told(skill.decode_report(data))
+        except CommunicationError as error:
+            log.warning("progress of %s cannot be understood: %s", skill.key, error)
+        except Exception:
+            log.exception("whoever follows %s raised", skill.key)
+
+    return tell
+
+
+def unheard(data: bytes) -> None:
+    """Takes progress that nobody has asked for."""

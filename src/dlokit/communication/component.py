@@ -5,12 +5,13 @@ from collections.abc import Awaitable, Callable, Coroutine
 from typing import Any, ClassVar, Concatenate, ParamSpec, TypeVar
 
 from dlokit.communication.port import Port
-from dlokit.communication.skill import Skill
+from dlokit.communication.skill import ReportingSkill, Skill
 from dlokit.communication.topic import Topic
 from dlokit.types.message import Message
 
 P = ParamSpec("P")
 R = TypeVar("R")
+Q = TypeVar("Q")
 T = TypeVar("T", bound=Message)
 C = TypeVar("C", bound="Component")
 
@@ -28,6 +29,23 @@ def implements(
     def mark(
         method: Callable[Concatenate[C, P], Coroutine[Any, Any, R]],
     ) -> Callable[Concatenate[C, P], Coroutine[Any, Any, R]]:
+        setattr(method, _SKILL, skill)
+        return method
+
+    return mark
+
+
+def implements_reporting(
+    skill: ReportingSkill[P, R, Q],
+) -> Callable[
+    [Callable[Concatenate[C, Callable[[Q], None], P], Coroutine[Any, Any, R]]],
+    Callable[Concatenate[C, Callable[[Q], None], P], Coroutine[Any, Any, R]],
+]:
+    """The same for a skill that reports: the method's first argument tells the caller how far it is."""
+
+    def mark(
+        method: Callable[Concatenate[C, Callable[[Q], None], P], Coroutine[Any, Any, R]],
+    ) -> Callable[Concatenate[C, Callable[[Q], None], P], Coroutine[Any, Any, R]]:
         setattr(method, _SKILL, skill)
         return method
 

@@ -3,6 +3,7 @@
 import asyncio
 import logging
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 from dlokit.communication import codec
@@ -10,9 +11,9 @@ from dlokit.communication.clock import Clock
 from dlokit.communication.component import Component
 from dlokit.communication.compute import Compute, InlineCompute
 from dlokit.communication.port import Port
-from dlokit.communication.skill import Skill, SkillCall
+from dlokit.communication.skill import ReportingSkill, Skill, SkillCall
 from dlokit.communication.topic import KeepLast, Topic
-from dlokit.communication.transport import Transport
+from dlokit.communication.transport import Report, Transport
 from dlokit.errors import CommunicationError, ConfigError, SkillFailure, SkillRejected
 from dlokit.types.outcome import Cancelled, Failed, Outcome, Rejected, Succeeded, TimedOut
 
@@ -143,14 +144,14 @@ class _Dispatcher:
             skill.name: (skill, method) for skill, method in component.skills().items()
         }
 
-    async def __call__(self, request: bytes) -> bytes:
-        outcome = await self._run(request)
+    async def __call__(self, request: bytes, report: Report) -> bytes:
+        outcome = await self._run(request, report)
         try:
             return codec.encode(outcome)
         except CommunicationError as error:
             return codec.encode(Failed(reason="result_not_encodable", detail=str(error)))
 
-    async def _run(self, request: bytes) -> Outcome[Any]:
+    async def _run(self, request: bytes, report: Report) -> Outcome[Any]:
         try:
             call = codec.decode(request, SkillCall)
         except CommunicationError as error:
@@ -166,7 +167,10 @@ class _Dispatcher:
             arguments = skill.decode_arguments(call.arguments)
         except CommunicationError as error:
             return Rejected(reason="bad_arguments", detail=str(error))
-        return await _execute(skill, getattr(self._component, method), arguments, self._clock)
+        run = getattr(self._component, method)
+        if isinstance(skill, ReportingSkill):
+            run = partial(run, lambda progress: report(codec.encode(progress)))
+        return await _execute(skill, run, arguments, self._clock)
 
 
 async def _execute(skill: Skill[..., Any], method: Any, arguments: dict[str, Any], clock: Clock) -> Outcome[Any]:

@@ -8,17 +8,18 @@ from collections.abc import Callable
 from typing import Any, ParamSpec, TypeVar
 
 from dlokit.communication import codec
-from dlokit.communication.calls import decode_answer, encode_call
+from dlokit.communication.calls import decode_answer, decoding, encode_call, unheard
 from dlokit.communication.mailbox import Mailbox
-from dlokit.communication.skill import Skill
+from dlokit.communication.skill import ReportingSkill, Skill
 from dlokit.communication.topic import Topic
-from dlokit.communication.transport import CallHandler, Known, Latest, Liveness
+from dlokit.communication.transport import CallHandler, Known, Latest, Liveness, Report
 from dlokit.types.message import Message
 from dlokit.types.outcome import Outcome, Rejected, Unreachable
 
 T = TypeVar("T", bound=Message)
 P = ParamSpec("P")
 R = TypeVar("R")
+Q = TypeVar("Q")
 
 
 class MemoryTransport:
@@ -66,13 +67,22 @@ class MemoryTransport:
 
     async def call(self, skill: Skill[P, R], *args: P.args, **kwargs: P.kwargs) -> Outcome[R]:
         """Algorithm 1; a cancelled caller cancels the skill."""
+        return await self._call(skill, unheard, *args, **kwargs)
+
+    async def call_reported(
+        self, skill: ReportingSkill[P, R, Q], told: Callable[[Q], None], *args: P.args, **kwargs: P.kwargs
+    ) -> Outcome[R]:
+        """Like `call`, with progress; told at once, in the skill's own task."""
+        return await self._call(skill, decoding(skill, told), *args, **kwargs)
+
+    async def _call(self, skill: Skill[P, R], report: Report, *args: P.args, **kwargs: P.kwargs) -> Outcome[R]:
         request = encode_call(skill, f"memory-{next(self._call_ids)}", "memory", *args, **kwargs)
         if isinstance(request, Rejected):
             return request
         handler = self._handlers.get(skill.component)
         if handler is None:
             return Unreachable(component=skill.component)
-        return decode_answer(skill, await handler(request))
+        return decode_answer(skill, await handler(request, report))
 
     def alive(self, component: str) -> Liveness:
         """A component is alive while it is served."""

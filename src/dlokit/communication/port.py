@@ -7,7 +7,7 @@ import msgspec
 
 from dlokit.communication.clock import Clock
 from dlokit.communication.compute import Compute
-from dlokit.communication.skill import Skill
+from dlokit.communication.skill import ReportingSkill, Skill
 from dlokit.communication.topic import Topic
 from dlokit.communication.transport import Latest, Liveness, Transport
 from dlokit.errors import CommunicationError
@@ -17,6 +17,7 @@ from dlokit.types.outcome import Outcome
 T = TypeVar("T", bound=Message)
 P = ParamSpec("P")
 R = TypeVar("R")
+Q = TypeVar("Q")
 
 
 class Port:
@@ -72,6 +73,12 @@ class Port:
     async def call(self, skill: Skill[P, R], *args: P.args, **kwargs: P.kwargs) -> Outcome[R]:
         """Ask another component for a skill."""
         return await self._transport.call(skill, *args, **kwargs)
+
+    async def call_reported(
+        self, skill: ReportingSkill[P, R, Q], told: Callable[[Q], None], *args: P.args, **kwargs: P.kwargs
+    ) -> Outcome[R]:
+        """Ask another component for a skill, and hear of its progress meanwhile."""
+        return await self._transport.call_reported(skill, told, *args, **kwargs)
 
     def alive(self, component: str) -> Liveness:
         """Whether another component is there."""

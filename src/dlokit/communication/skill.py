@@ -2,7 +2,7 @@
 
 import inspect
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from typing import Any, Generic, ParamSpec, TypeVar, get_type_hints
 
@@ -14,6 +14,7 @@ from dlokit.types.outcome import Cancelled, Failed, Outcome, Rejected, Succeeded
 
 P = ParamSpec("P")
 R = TypeVar("R")
+Q = TypeVar("Q")
 
 
 @dataclass(frozen=True)
@@ -91,6 +92,24 @@ class Skill(Generic[P, R]):
 def _addressed(skill: Skill[..., Any], instance: str) -> Skill[..., Any]:
     kind = skill.component.partition(".")[0]
     return replace(skill, component=f"{kind}.{instance}" if instance else kind)
+
+
+@dataclass(frozen=True)
+class ReportingSkill(Skill[P, R], Generic[P, R, Q]):
+    """A skill that tells its caller how far it is."""
+
+    reports: type[Q] = field(kw_only=True)
+    """What it tells, again and again until it ends."""
+
+    def at(self, instance: str) -> "ReportingSkill[P, R, Q]":
+        """The same skill of another of its kind."""
+        addressed = _addressed(self, instance)
+        assert isinstance(addressed, ReportingSkill)
+        return addressed
+
+    def decode_report(self, data: bytes) -> Q:
+        """A piece of progress of the declared type. Raises `CommunicationError` when it is anything else."""
+        return codec.decode(data, self.reports)
 
 
 class SkillCall(msgspec.Struct, frozen=True, kw_only=True):

@@ -4,7 +4,7 @@ from collections.abc import AsyncIterator, Awaitable, Callable
 from dataclasses import dataclass
 from typing import Generic, ParamSpec, Protocol, TypeVar
 
-from dlokit.communication.skill import Skill
+from dlokit.communication.skill import ReportingSkill, Skill
 from dlokit.communication.topic import Topic
 from dlokit.types.message import Message
 from dlokit.types.outcome import Outcome
@@ -12,8 +12,12 @@ from dlokit.types.outcome import Outcome
 T = TypeVar("T", bound=Message)
 P = ParamSpec("P")
 R = TypeVar("R")
+Q = TypeVar("Q")
 
-CallHandler = Callable[[bytes], Awaitable[bytes]]
+Report = Callable[[bytes], None]
+"""Sends one encoded piece of progress to the caller; returns at once."""
+
+CallHandler = Callable[[bytes, Report], Awaitable[bytes]]
 """Takes an encoded `SkillCall`, gives an encoded `Outcome`; never raises but on cancellation."""
 
 
@@ -64,6 +68,12 @@ class Transport(Protocol):
 
     async def call(self, skill: Skill[P, R], *args: P.args, **kwargs: P.kwargs) -> Outcome[R]:
         """Ask for a skill and wait for what becomes of it (Algorithm 1). Never raises but on cancellation."""
+        ...
+
+    async def call_reported(
+        self, skill: ReportingSkill[P, R, Q], told: Callable[[Q], None], *args: P.args, **kwargs: P.kwargs
+    ) -> Outcome[R]:
+        """Like `call`; `told` hears of the skill's progress in order, before the outcome, on the loop's thread."""
         ...
 
     def alive(self, component: str) -> Liveness:

@@ -10,7 +10,7 @@ from collections import deque
 
 import zenoh
 
-from dlokit.communication.transport import CallHandler
+from dlokit.communication.transport import CallHandler, Report
 from dlokit.communication.zenoh_topics import call_on_loop
 
 log = logging.getLogger(__name__)
@@ -22,7 +22,11 @@ CALLS_REMEMBERED = 64
 """Cancelled calls whose request has not arrived yet, that are remembered."""
 
 
-async def ask(session: zenoh.Session, component: str, request: bytes, call_id: str) -> bytes | None:
+PROGRESS = b"progress"
+"""What a reply carries beside its payload when the outcome is still to come."""
+
+
+async def ask(session: zenoh.Session, component: str, request: bytes, call_id: str, report: Report) -> bytes | None:
     """The encoded outcome; None when nobody answered. Cancelling it does not cancel the skill: see `cancel`."""
     loop = asyncio.get_running_loop()
     answered: asyncio.Future[bytes | None] = loop.create_future()
@@ -34,7 +38,10 @@ async def ask(session: zenoh.Session, component: str, request: bytes, call_id: s
     def on_reply(reply: zenoh.Reply) -> None:
         if reply.ok is not None:
             answer = reply.ok.payload.to_bytes()
-            call_on_loop(loop, lambda: settle(answer))
+            if reply.ok.attachment is None:
+                call_on_loop(loop, lambda: settle(answer))
+            else:
+                call_on_loop(loop, lambda: report(answer))
 
     def on_end() -> None:
         call_on_loop(loop, lambda: settle(None))
@@ -119,7 +126,7 @@ class CallServer:
     async def _answer(self, query: zenoh.Query, request: bytes) -> None:
         answer = self._cancelled
         try:
-            answer = await self._handler(request)
+            answer = await self._handler(request, lambda data: _tell(query, data))
         except asyncio.CancelledError:
             log.debug("a call was cancelled")
         finally:
@@ -135,6 +142,13 @@ class CallServer:
             self._cancelled_early.append(call_id)
         else:
             task.cancel()
+
+
+def _tell(query: zenoh.Query, progress: bytes) -> None:
+    try:
+        query.reply(query.key_expr, progress, attachment=PROGRESS)
+    except zenoh.ZError as error:
+        log.warning("progress could not be sent: %s", error)
 
 
 def _reply(query: zenoh.Query, answer: bytes) -> None:

@@ -8,12 +8,12 @@ from typing import Any, ParamSpec, TypeVar
 import zenoh
 
 from dlokit.communication import codec, zenoh_calls
-from dlokit.communication.calls import decode_answer, encode_call
+from dlokit.communication.calls import decode_answer, decoding, encode_call, unheard
 from dlokit.communication.clock import Clock, LoopClock
 from dlokit.communication.mailbox import Mailbox
-from dlokit.communication.skill import Skill
+from dlokit.communication.skill import ReportingSkill, Skill
 from dlokit.communication.topic import Topic
-from dlokit.communication.transport import CallHandler, Known, Latest, Liveness
+from dlokit.communication.transport import CallHandler, Known, Latest, Liveness, Report
 from dlokit.communication.zenoh_calls import CallServer
 from dlokit.communication.zenoh_liveness import Presence
 from dlokit.communication.zenoh_session import ZenohConfig, open_session
@@ -24,6 +24,7 @@ from dlokit.types.outcome import Cancelled, Outcome, Rejected, TimedOut, Unreach
 T = TypeVar("T", bound=Message)
 P = ParamSpec("P")
 R = TypeVar("R")
+Q = TypeVar("Q")
 
 CALL_MARGIN_S = 0.5
 """A caller waits this much longer than the called one may run, so that the called one's answer comes first."""
@@ -81,12 +82,21 @@ class ZenohTransport:
 
     async def call(self, skill: Skill[P, R], *args: P.args, **kwargs: P.kwargs) -> Outcome[R]:
         """Algorithm 1; a cancelled caller cancels the skill, and waits until it has stopped."""
+        return await self._call(skill, unheard, *args, **kwargs)
+
+    async def call_reported(
+        self, skill: ReportingSkill[P, R, Q], told: Callable[[Q], None], *args: P.args, **kwargs: P.kwargs
+    ) -> Outcome[R]:
+        """Like `call`, with progress; pieces that the network cannot take in time are dropped."""
+        return await self._call(skill, decoding(skill, told), *args, **kwargs)
+
+    async def _call(self, skill: Skill[P, R], report: Report, *args: P.args, **kwargs: P.kwargs) -> Outcome[R]:
         call_id = f"{self._identity}-{next(self._call_ids)}"
         request = encode_call(skill, call_id, self._identity, *args, **kwargs)
         if isinstance(request, Rejected):
             return request
         limit_s = skill.timeout_s + CALL_MARGIN_S
-        asked = asyncio.create_task(self._ask(skill.component, request, call_id), name=f"ask {skill.key}")
+        asked = asyncio.create_task(self._ask(skill.component, request, call_id, report), name=f"ask {skill.key}")
         try:
             async with asyncio.timeout(SLOWEST_CLOCK * limit_s), self._clock.timeout(limit_s):
                 answer = await asyncio.shield(asked)
@@ -137,13 +147,13 @@ class ZenohTransport:
                 reader.close()
         return reader
 
-    async def _ask(self, component: str, request: bytes, call_id: str) -> bytes | None:
+    async def _ask(self, component: str, request: bytes, call_id: str, report: Report) -> bytes | None:
         if not self.alive(component).alive and not self._presence.had(component):
             # Just after the start, peers may not have found each other yet.
             await self._presence.wait_for(component, FOUND_PATIENCE_S)
         if self._closed:
             return None
-        return await zenoh_calls.ask(self._session, component, request, call_id)
+        return await zenoh_calls.ask(self._session, component, request, call_id, report)
 
     async def _give_up(self, component: str, call_id: str, asked: "asyncio.Task[bytes | None]") -> None:
         zenoh_calls.cancel(self._session, component, call_id)

@@ -7,16 +7,23 @@ import math
 from collections.abc import Callable
 
 from dlokit.communication import topics
-from dlokit.communication.component import Component
-from dlokit.decision.config import TaskConfig
+from dlokit.communication.component import Component, implements_reporting
+from dlokit.decision import api
+from dlokit.decision.asked import adjusted, goal_request
+from dlokit.decision.config import Infeasible, TaskConfig
+from dlokit.decision.diary import Diary, Progress
 from dlokit.decision.flow import run_flow
 from dlokit.decision.odometer import Odometer
 from dlokit.decision.shape_flow import SHAPE_DLO
 from dlokit.decision.task import ActionRecord, GoalRequest, ShapeResult, ShapeTask, StepTiming
+from dlokit.errors import SkillFailure, SkillRejected
 from dlokit.geometry import rmse_m
 from dlokit.skills.perception import api as perception
+from dlokit.skills.planning import api as planning
 from dlokit.skills.robot import api as robot
 from dlokit.types.flow import Command, FlowStatus, OperatorCommand, RunOutcome
+from dlokit.types.outcome import Failed, Rejected, Succeeded
+from dlokit.types.strategy import StrategySpec
 
 log = logging.getLogger(__name__)
 
@@ -28,24 +35,76 @@ class DecisionComponent(Component):
     publishes = (topics.FLOW, topics.GRIPPED)
     reads = (topics.STATE, topics.GOAL, topics.GOAL_FRAMES, topics.ROBOT_STATE, topics.COMMAND)
 
-    def __init__(self, config: TaskConfig, stopwatch: Callable[[], float]) -> None:
-        """`stopwatch` gives the machine's monotonic time [s]; it is used for timings alone."""
+    def __init__(self, config: TaskConfig, stopwatch: Callable[[], float], *, length_m: float, radius_m: float) -> None:
+        """`stopwatch` gives the machine's monotonic time [s]; it is used for timings alone.
+
+        `length_m` and `radius_m` are the DLO's, as believed: goals by name are made for them.
+        """
         self._config = config
         self._stopwatch = stopwatch
+        self._length_m = length_m
+        self._radius_m = radius_m
+        self._shaping = False
         self._running = asyncio.Event()
         self._running.set()
 
-    async def shape(self, request: GoalRequest | None, recorded: Callable[[ActionRecord], None]) -> ShapeResult:
+    @implements_reporting(api.SHAPE_DLO)
+    async def shape_dlo(
+        self,
+        report: Callable[[api.ShapeProgress], None],
+        goal: str | GoalRequest,
+        threshold_m: float | None = None,
+        max_actions: int | None = None,
+        infeasible: Infeasible | None = None,
+        planner: str | StrategySpec | None = None,
+    ) -> ShapeResult:
+        """Bring the DLO into a shape, for whoever calls."""
+        self._require_idle()
+        request = goal_request(goal, length_m=self._length_m, radius_m=self._radius_m)
+        config = adjusted(self._config, threshold_m, max_actions, infeasible)
+        await self._set_planner(planner)
+        progress = Progress(report)
+        result = await self.shape(request, progress.recorded, progress.entered, config)
+        task = asyncio.current_task()
+        if task is not None and task.cancelling():
+            raise asyncio.CancelledError  # the caller's; the robot stands
+        if result.outcome is RunOutcome.FAILED:
+            raise SkillFailure("task_failed", result.reason or "")
+        return result
+
+    async def shape(
+        self,
+        request: GoalRequest | None,
+        recorded: Callable[[ActionRecord], None],
+        entered: Callable[[FlowStatus], None] = lambda status: None,
+        config: TaskConfig | None = None,
+    ) -> ShapeResult:
         """Bring the DLO into the requested shape (None: the operator's, from the viewer).
 
-        `recorded` is told of every action when its effect is known.
+        `recorded` is told of every action when its effect is known, `entered` of every box. `config` holds for this
+        task alone. Raises `SkillRejected` ``busy`` while another task runs.
 
         Cancelling it stops the robot and ends with outcome `cancelled`; a second cancellation gets through.
         """
+        self._require_idle()
+        self._shaping = True
+        self._running.set()  # a pause of before was that task's
+        try:
+            return await self._shape(request, recorded, entered, config or self._config)
+        finally:
+            self._shaping = False
+
+    async def _shape(
+        self,
+        request: GoalRequest | None,
+        recorded: Callable[[ActionRecord], None],
+        entered: Callable[[FlowStatus], None],
+        config: TaskConfig,
+    ) -> ShapeResult:
         odometer = Odometer()
         task = ShapeTask(
             port=self.port,
-            config=self._config,
+            config=config,
             request=request,
             stopwatch=self._stopwatch,
             states=self.port.stream(topics.STATE),
@@ -54,7 +113,7 @@ class DecisionComponent(Component):
             recorded=recorded,
             started_ns=self.port.clock.now_ns(),
         )
-        diary = _Diary(self, task)
+        diary = Diary(task, self.gate, entered)
         riding = asyncio.create_task(odometer.follow(self.port.stream(topics.ROBOT_STATE)), name="odometer")
         flow = asyncio.create_task(run_flow(SHAPE_DLO, task, diary.entered), name="shape_dlo")
         watch = asyncio.create_task(self._obey(flow), name="operator")
@@ -82,6 +141,23 @@ class DecisionComponent(Component):
         """Wait while the operator has paused."""
         await self._running.wait()
 
+    def _require_idle(self) -> None:
+        if self._shaping:
+            raise SkillRejected("busy", "another shape task runs; wait for it, or stop it")
+
+    async def _set_planner(self, planner: str | StrategySpec | None) -> None:
+        if planner is None:
+            return
+        spec = StrategySpec(name=planner) if isinstance(planner, str) else planner
+        chosen = await self.port.call(planning.SET_STRATEGY, spec)
+        match chosen:
+            case Succeeded():
+                return
+            case Failed(reason=reason, detail=detail) | Rejected(reason=reason, detail=detail):
+                raise SkillRejected(reason, detail)
+            case _:
+                raise SkillFailure("task_failed", f"planning.set_strategy: {chosen}")
+
     async def _make_safe(self) -> None:
         """Brake, and stop looking. Another cancellation ends the wait, but neither the braking nor the record."""
 
@@ -103,52 +179,6 @@ class DecisionComponent(Component):
                     self._running.set()
                 case _:
                     pass
-
-
-class _Diary:
-    """Publishes each box as it is entered, and measures how long it took."""
-
-    def __init__(self, component: DecisionComponent, task: ShapeTask) -> None:
-        self._component = component
-        self._task = task
-        self._since: tuple[str, int, float] | None = None
-        self.timings: list[StepTiming] = []
-
-    async def entered(self, step: str, last_outcome: str) -> None:
-        await self._component.gate()
-        self._stop_timing()
-        self._since = (step, self._component.port.clock.now_ns(), self._task.stopwatch())
-        self._publish(step, last_outcome, None)
-
-    def close(self, outcome: RunOutcome) -> None:
-        self._stop_timing()
-        self._publish(outcome.value, "", outcome)
-
-    def _stop_timing(self) -> None:
-        if self._since is None:
-            return
-        step, since_ns, since_s = self._since
-        now_ns = self._component.port.clock.now_ns()
-        self.timings.append(
-            StepTiming(step=step, cell_s=(now_ns - since_ns) / 1e9, machine_s=self._task.stopwatch() - since_s)
-        )
-        self._since = None
-
-    def _publish(self, step: str, last_outcome: str, outcome: RunOutcome | None) -> None:
-        task = self._task
-        self._component.port.publish(
-            topics.FLOW,
-            FlowStatus(
-                stamp_ns=self._component.port.clock.now_ns(),
-                flow=SHAPE_DLO.name,
-                step=step,
-                last_outcome=last_outcome,
-                actions=len(task.history),
-                rmse_m=task.errors_m[-1] if task.errors_m else None,
-                text=task.reason or "",
-                outcome=outcome,
-            ),
-        )
 
 
 def _error_to_asked(task: ShapeTask) -> float | None:

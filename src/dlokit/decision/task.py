@@ -12,12 +12,12 @@ from dlokit.types.dlo import DloState, GoalShape
 from dlokit.types.dlo_belief import DloBelief
 from dlokit.types.feasibility import GoalVerdict, Standing
 from dlokit.types.flow import OperatorCommand, RunOutcome
+from dlokit.types.message import Value
 
 _SLIPS_ENOUGH = 2
 
 
-@dataclass(frozen=True, kw_only=True)
-class GoalRequest:
+class GoalRequest(Value, frozen=True, kw_only=True, eq=False):
     """The goal as it was asked for."""
 
     nodes_world: Float64Array  # (K, 3) [m], any K >= 2
@@ -25,8 +25,7 @@ class GoalRequest:
     ends_interchangeable: bool = False
 
 
-@dataclass(frozen=True, kw_only=True)
-class ActionRecord:
+class ActionRecord(Value, frozen=True, kw_only=True, eq=False):
     """One grasp-to-release, and the shape after it."""
 
     action: int
@@ -53,8 +52,7 @@ class ActionRecord:
     """Whether the DLO slipped out of the gripper on the way."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class StepTiming:
+class StepTiming(Value, frozen=True, kw_only=True, eq=False):
     """How long one visit of one box took."""
 
     step: str
@@ -64,8 +62,7 @@ class StepTiming:
     """On the machine's [s]."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class ShapeResult:
+class ShapeResult(Value, frozen=True, kw_only=True, eq=False):
     """How a shape task ended."""
 
     outcome: RunOutcome

@@ -79,7 +79,9 @@ def _planning(config: RunConfig, wiring: Wiring) -> Component:
 
 
 def _decision(config: RunConfig, wiring: Wiring) -> Component:
-    return DecisionComponent(config.task, time.perf_counter)
+    return DecisionComponent(
+        config.task, time.perf_counter, length_m=config.model.length_m, radius_m=config.model.radius_m
+    )
 
 
 def _viewer(config: RunConfig, wiring: Wiring) -> Component:

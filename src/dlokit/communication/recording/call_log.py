@@ -1,10 +1,10 @@
 """A transport that tells of every skill call that was made through it."""
 
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable
 from typing import Any, ParamSpec, TypeVar
 
 from dlokit.communication.recording.plain import to_json
-from dlokit.communication.skill import Skill
+from dlokit.communication.skill import ReportingSkill, Skill
 from dlokit.communication.topic import Topic
 from dlokit.communication.transport import CallHandler, Latest, Liveness, Transport
 from dlokit.types.message import Message
@@ -14,6 +14,7 @@ from dlokit.types.skill_call import CallEnd, CallRecord
 T = TypeVar("T", bound=Message)
 P = ParamSpec("P")
 R = TypeVar("R")
+Q = TypeVar("Q")
 
 LARGEST_TEXT = 65_536
 """Longer arguments and results are left out [bytes]: the shapes in them are on topics as well."""
@@ -39,11 +40,22 @@ class CallLog:
 
     async def call(self, skill: Skill[P, R], *args: P.args, **kwargs: P.kwargs) -> Outcome[R]:
         """As the inner transport; a call that is cancelled is told of too."""
+        return await self._logged(self._inner.call(skill, *args, **kwargs), skill, args, kwargs)
+
+    async def call_reported(
+        self, skill: ReportingSkill[P, R, Q], told: Callable[[Q], None], *args: P.args, **kwargs: P.kwargs
+    ) -> Outcome[R]:
+        """As `call`; its progress is not told of."""
+        return await self._logged(self._inner.call_reported(skill, told, *args, **kwargs), skill, args, kwargs)
+
+    async def _logged(
+        self, call: Awaitable[Outcome[R]], skill: Skill[..., R], args: tuple[Any, ...], kwargs: dict[str, Any]
+    ) -> Outcome[R]:
         if skill.component in self._untold:
-            return await self._inner.call(skill, *args, **kwargs)
+            return await call
         began_ns, outcome = self._now_ns(), Cancelled()
         try:
-            outcome = await self._inner.call(skill, *args, **kwargs)
+            outcome = await call
         finally:
             self._told += 1
             end, reason, detail = _end_of(outcome)

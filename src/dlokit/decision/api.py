@@ -1,0 +1,54 @@
+"""What the decision layer can be asked to do: a finished flow is itself a skill, and larger tasks build on it."""
+
+from dlokit.communication.skill import ReportingSkill
+from dlokit.decision.config import Infeasible
+from dlokit.decision.task import ActionRecord, GoalRequest, ShapeResult
+from dlokit.types.message import Value
+from dlokit.types.strategy import StrategySpec
+
+
+class ShapeProgress(Value, frozen=True, kw_only=True, eq=False):
+    """Where a shape task is: told at each box of its flow chart, and after each action."""
+
+    step: str
+    """The box that is entered."""
+    actions: int
+    """Actions that have ended."""
+    rmse_m: float | None
+    """Last estimate of the error to the goal [m]; None before the first."""
+    text: str = ""
+    """One line for people."""
+    action: ActionRecord | None = None
+    """The action that has just ended, told once."""
+
+
+def _shape_dlo(
+    goal: str | GoalRequest,
+    threshold_m: float | None = None,
+    max_actions: int | None = None,
+    infeasible: Infeasible | None = None,
+    planner: str | StrategySpec | None = None,
+) -> ShapeResult:
+    """Bring the DLO into a shape by looking at it: the paper's Fig. 6 as one skill.
+
+    `goal` is a built-in shape by its name (I, S), or a curve in the world. It counts as reached below an RMSE of
+    `threshold_m` [m]; at most `max_actions` actions are tried; `infeasible` says what to do with a goal that does not
+    hold; `planner` chooses actions in this and later tasks, by its name or with settings. None: as configured.
+
+    It succeeds when the task came to an end of its own (converged, stalled, budget, infeasible, or cancelled by the
+    operator); the result's `outcome` says to which, and how near the DLO came. Cancelling it stops the robot, which
+    goes on holding what it holds. Fails with: task_failed (the robot, the camera or a component did not do its part).
+    Rejected with: busy (another task runs), unknown_shape, bad_shape, bad_settings, unknown_strategy.
+    """
+    ...
+
+
+SHAPE_DLO = ReportingSkill(
+    "decision",
+    "shape_dlo",
+    _shape_dlo,
+    timeout_s=7200.0,
+    requires="no other task runs, and nobody else moves the robot",
+    ensures="the robot stands; the DLO is within the threshold of the goal if the outcome is converged",
+    reports=ShapeProgress,
+)

@@ -1,0 +1,79 @@
+"""Where a shape task is and was: told to everybody on the bus, and to whoever called."""
+
+from collections.abc import Awaitable, Callable
+
+from dlokit.communication import topics
+from dlokit.decision import api
+from dlokit.decision.shape_flow import SHAPE_DLO
+from dlokit.decision.task import ActionRecord, ShapeTask, StepTiming
+from dlokit.types.flow import FlowStatus, RunOutcome
+
+
+class Diary:
+    """Publishes each box as it is entered, and measures how long it took."""
+
+    def __init__(
+        self, task: ShapeTask, gate: Callable[[], Awaitable[None]], told: Callable[[FlowStatus], None]
+    ) -> None:
+        """`gate` holds the flow up while the operator has paused; `told` hears what is published."""
+        self._gate = gate
+        self._task = task
+        self._told = told
+        self._since: tuple[str, int, float] | None = None
+        self.timings: list[StepTiming] = []
+
+    async def entered(self, step: str, last_outcome: str) -> None:
+        """The flow has come to a box."""
+        await self._gate()
+        self._stop_timing()
+        self._since = (step, self._task.port.clock.now_ns(), self._task.stopwatch())
+        self._publish(step, last_outcome, None)
+
+    def close(self, outcome: RunOutcome) -> None:
+        """The task has ended."""
+        self._stop_timing()
+        self._publish(outcome.value, "", outcome)
+
+    def _stop_timing(self) -> None:
+        if self._since is None:
+            return
+        step, since_ns, since_s = self._since
+        now_ns = self._task.port.clock.now_ns()
+        self.timings.append(
+            StepTiming(step=step, cell_s=(now_ns - since_ns) / 1e9, machine_s=self._task.stopwatch() - since_s)
+        )
+        self._since = None
+
+    def _publish(self, step: str, last_outcome: str, outcome: RunOutcome | None) -> None:
+        task = self._task
+        status = FlowStatus(
+            stamp_ns=self._task.port.clock.now_ns(),
+            flow=SHAPE_DLO.name,
+            step=step,
+            last_outcome=last_outcome,
+            actions=len(task.history),
+            rmse_m=task.errors_m[-1] if task.errors_m else None,
+            text=task.reason or "",
+            outcome=outcome,
+        )
+        self._task.port.publish(topics.FLOW, status)
+        self._told(status)
+
+
+class Progress:
+    """What the caller of a task is told."""
+
+    def __init__(self, report: Callable[[api.ShapeProgress], None]) -> None:
+        self._report = report
+        self._step = ""
+
+    def entered(self, status: FlowStatus) -> None:
+        """The flow has come to a box."""
+        self._step = status.step
+        self._report(
+            api.ShapeProgress(step=status.step, actions=status.actions, rmse_m=status.rmse_m, text=status.text)
+        )
+
+    def recorded(self, record: ActionRecord) -> None:
+        """An action has ended."""
+        self._report(api.ShapeProgress(step=self._step, actions=record.action, rmse_m=record.rmse_m, action=record))

@@ -1,0 +1,217 @@
+"""`shape_dlo` as a skill: called over a bus, by whoever builds a larger task, in a lab that obeys at once."""
+
+import asyncio
+import itertools
+import os
+from collections.abc import AsyncGenerator, Awaitable, Callable
+from contextlib import asynccontextmanager
+
+import numpy as np
+import pytest
+from ideal_lab import LENGTH_M, NODES, Lab, running
+
+from dlokit.communication import topics, virtual_time
+from dlokit.communication.clock import Clock, FollowedClock, LoopClock
+from dlokit.communication.component import Component
+from dlokit.communication.memory import MemoryTransport
+from dlokit.communication.transport import Transport
+from dlokit.communication.zenoh_session import ZenohConfig
+from dlokit.communication.zenoh_transport import ZenohTransport
+from dlokit.decision.api import SHAPE_DLO, ShapeProgress
+from dlokit.decision.task import GoalRequest
+from dlokit.description.shapes import builtin_shape, moved
+from dlokit.types.flow import Command, OperatorCommand, RunOutcome
+from dlokit.types.outcome import Failed, Rejected, Succeeded
+
+LIMIT_S = 60.0  # a task takes a second of the machine's time; only one that hangs needs more than this
+AWAY = moved(builtin_shape("I", LENGTH_M, NODES), (0.0, 0.03))
+"""A rope that two actions bring to the built-in I."""
+
+Body = Callable[[Transport, Lab], Awaitable[None]]
+Bus = Callable[[Body], None]
+
+
+def in_memory(body: Body) -> None:
+    async def main() -> None:
+        lab, bus = Lab(nodes=AWAY.copy()), MemoryTransport()
+        async with running(lab, bus, LoopClock()):
+            await body(bus, lab)
+
+    virtual_time.run(main())
+
+
+namespaces = (f"dlokit_test_shape_dlo/{os.getpid()}/{number}" for number in itertools.count())
+
+
+def over_zenoh(body: Body) -> None:
+    async def main() -> None:
+        lab, config = Lab(nodes=AWAY.copy()), ZenohConfig(namespace=next(namespaces))
+        async with (
+            asyncio.timeout(LIMIT_S),
+            hurried() as clock,
+            on_zenoh(config, clock) as far,
+            on_zenoh(config, clock) as near,
+            running(lab, far, clock),
+        ):
+            await body(near, lab)
+
+    asyncio.run(main())
+
+
+@asynccontextmanager
+async def on_zenoh(config: ZenohConfig, clock: Clock) -> AsyncGenerator[Transport]:
+    transport = ZenohTransport(config, clock)
+    try:
+        yield transport
+    finally:
+        await transport.close()
+
+
+@asynccontextmanager
+async def hurried() -> AsyncGenerator[Clock]:
+    """A clock that runs as fast as the loop has nothing else to do."""
+    clock = FollowedClock()
+
+    async def tick() -> None:
+        while True:
+            await asyncio.sleep(0.001)
+            clock.tick(clock.now_ns() + 20_000_000)
+
+    ticking = asyncio.create_task(tick())
+    try:
+        yield clock
+    finally:
+        ticking.cancel()
+
+
+@pytest.fixture(params=[in_memory, over_zenoh], ids=["memory", "zenoh"])
+def on_bus(request: pytest.FixtureRequest) -> Bus:
+    return request.param
+
+
+def test_a_task_called_over_the_bus_reaches_its_goal_and_tells_how_far_it_is(on_bus: Bus) -> None:
+    told: list[ShapeProgress] = []
+
+    async def body(bus: Transport, lab: Lab) -> None:
+        outcome = await bus.call_reported(SHAPE_DLO, told.append, "I", threshold_m=0.015)
+        assert isinstance(outcome, Succeeded), outcome
+        result = outcome.result
+        assert result.outcome is RunOutcome.CONVERGED
+        assert result.rmse_m < 0.015
+        assert result.history
+        assert [step.action.action for step in told if step.action is not None] == [
+            record.action for record in result.history
+        ]
+
+    on_bus(body)
+    steps = [step.step for step in told]
+    assert steps[:2] == ["find_dlo", "set_goal"]
+    assert steps[-1] == "converged"
+
+
+def test_a_task_to_a_curve_is_judged_by_what_its_caller_says(on_bus: Bus) -> None:
+    async def body(bus: Transport, lab: Lab) -> None:
+        goal = GoalRequest(nodes_world=builtin_shape("S", LENGTH_M, 60), name="mine")
+        outcome = await bus.call(SHAPE_DLO, goal, max_actions=1)
+        assert isinstance(outcome, Succeeded), outcome
+        assert outcome.result.outcome is RunOutcome.BUDGET
+        assert len(outcome.result.history) == 1
+        assert outcome.result.goal is not None
+        assert outcome.result.goal.name == "mine"
+
+    on_bus(body)
+
+
+def test_a_second_task_is_rejected_as_busy_and_the_first_goes_on(on_bus: Bus) -> None:
+    async def body(bus: Transport, lab: Lab) -> None:
+        began = asyncio.Event()
+        first = asyncio.create_task(bus.call_reported(SHAPE_DLO, lambda step: began.set(), "S", max_actions=1))
+        await began.wait()
+        second = await bus.call(SHAPE_DLO, "I")
+        assert isinstance(second, Rejected)
+        assert second.reason == "busy"
+        assert isinstance(await first, Succeeded)
+
+    on_bus(body)
+
+
+def test_a_cancelled_task_stops_the_robot_and_the_next_one_may_begin(on_bus: Bus) -> None:
+    async def body(bus: Transport, lab: Lab) -> None:
+        carrying = asyncio.Event()
+
+        def told(step: ShapeProgress) -> None:
+            if step.step == "move_to_goal":
+                carrying.set()
+
+        task = asyncio.create_task(bus.call_reported(SHAPE_DLO, told, "S"))
+        await carrying.wait()
+        assert "stop" not in lab.calls
+        task.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+        # The caller goes on when the robot stands, not before.
+        assert "stop" in lab.calls
+        assert isinstance(await bus.call(SHAPE_DLO, "I", max_actions=1), Succeeded)
+
+    on_bus(body)
+
+
+@pytest.mark.parametrize(
+    ("goal", "threshold_m", "planner", "reason"),
+    [
+        ("Z", None, None, "unknown_shape"),
+        (GoalRequest(nodes_world=np.zeros((1, 3)), name="a point"), None, None, "bad_shape"),
+        (GoalRequest(nodes_world=np.full((5, 3), np.nan), name="nowhere"), None, None, "bad_shape"),
+        ("S", -1.0, None, "bad_settings"),
+        ("S", None, "tea_leaves", "unknown_strategy"),
+    ],
+)
+def test_what_cannot_work_is_rejected_by_name_before_the_robot_moves(
+    goal: str | GoalRequest, threshold_m: float | None, planner: str | None, reason: str
+) -> None:
+    async def body(bus: Transport, lab: Lab) -> None:
+        outcome = await bus.call(SHAPE_DLO, goal, threshold_m=threshold_m, planner=planner)
+        assert isinstance(outcome, Rejected)
+        assert outcome.reason == reason
+        assert not lab.calls
+        # Nothing of it is left in the way of the next task.
+        assert isinstance(await bus.call(SHAPE_DLO, "I", max_actions=1), Succeeded)
+
+    in_memory(body)
+
+
+def test_a_task_that_the_robot_does_not_carry_out_fails_by_name() -> None:
+    async def body(bus: Transport, lab: Lab) -> None:
+        lab.fails["home"] = ["robot_lost"]
+        outcome = await bus.call(SHAPE_DLO, "S")
+        assert isinstance(outcome, Failed)
+        assert outcome.reason == "task_failed"
+        assert "robot_lost" in outcome.detail
+
+    in_memory(body)
+
+
+class Operator(Component):
+    name = "viewer"
+    publishes = (topics.COMMAND,)
+    reads = (topics.FLOW,)
+
+    async def run(self) -> None:
+        async for status in self.port.stream(topics.FLOW):
+            if status.step == "choose_grasp":
+                for command in (Command.PAUSE, Command.STOP):
+                    now_ns = self.port.clock.now_ns()
+                    self.port.publish(topics.COMMAND, OperatorCommand(stamp_ns=now_ns, command=command))
+                return
+
+
+def test_the_operators_stop_is_a_result_and_a_pause_ends_with_its_task() -> None:
+    async def main() -> None:
+        bus, lab = MemoryTransport(), Lab(nodes=AWAY.copy())
+        async with running(lab, bus, LoopClock(), others=(Operator(),)):
+            outcome = await bus.call(SHAPE_DLO, "S")
+            assert isinstance(outcome, Succeeded)
+            assert outcome.result.outcome is RunOutcome.CANCELLED
+            assert isinstance(await bus.call(SHAPE_DLO, "I", max_actions=1), Succeeded)
+
+    virtual_time.run(main())
