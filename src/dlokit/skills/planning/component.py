@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import ParamSpec, TypeVar
 
 from dlokit.communication import topics
-from dlokit.communication.component import Component, implements, on
+from dlokit.communication.component import Component, implements
 from dlokit.errors import SkillFailure, SkillRejected
 from dlokit.skills.model import rollout
 from dlokit.skills.model.config import ModelConfig
@@ -22,7 +22,6 @@ from dlokit.skills.planning.strategies import from_spec
 from dlokit.types.action import Action, Marks
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, GoalShape
-from dlokit.types.dlo_belief import DloBelief
 from dlokit.types.feasibility import GoalVerdict, Verdict
 from dlokit.types.strategy import StrategySpec
 
@@ -35,7 +34,7 @@ class PlanningComponent(Component):
 
     name = "planning"
     publishes = (topics.ACTION, topics.GOAL_VERDICT)
-    reads = (topics.OBSERVATION,)
+    reads = (topics.OBSERVATION, topics.BELIEF)
 
     def __init__(self, config: PlanningConfig, reachable: Reachable, model: ModelConfig) -> None:
         """`reachable` is the arm's kinematics; `model` the rod that actions are played through with."""
@@ -50,13 +49,15 @@ class PlanningComponent(Component):
             table=config.feasibility,
             compute=self._compute,
         )
+        self._learnt_from = 0
         self._settings: StrategyConfig = config.strategy
         self._strategy: ActionStrategy = self._settings.build(self._tools)
 
-    @on(topics.BELIEF)
-    async def on_belief(self, belief: DloBelief) -> None:
+    def _learn(self) -> None:
         """Plan with what was learnt of the DLO."""
-        if belief.actions > 0:
+        belief = self.port.latest(topics.BELIEF).value
+        if belief is not None and belief.actions > self._learnt_from:
+            self._learnt_from = belief.actions
             self._model = as_believed(self._model, belief)
             self._tools = replace(self._tools, model=self._model)
             self._strategy = self._settings.build(self._tools)
@@ -69,6 +70,7 @@ class PlanningComponent(Component):
     @implements(api.PROPOSE)
     async def propose(self, shape: DloState, goal: GoalShape, marks: Marks, skip: int = 0) -> Action:
         """The best valid action, after `skip` others."""
+        self._learn()
         if shape.nodes_world.shape != goal.nodes_world.shape:
             raise SkillRejected(
                 "shapes_differ",
@@ -103,6 +105,7 @@ class PlanningComponent(Component):
     @implements(api.JUDGE_GOAL)
     async def judge_goal(self, goal: GoalShape, threshold_m: float) -> GoalVerdict:
         """Whether a goal can be reached and would hold."""
+        self._learn()
         if goal.nodes_world.shape != (self._model.nodes, 3):
             raise SkillRejected(
                 "bad_shape",

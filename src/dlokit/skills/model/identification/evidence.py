@@ -20,6 +20,8 @@ _TIMESTEP_S = 0.005
 _REST_S = 1.0
 _SEEN_M = 0.004  # the state's own error
 _MODEL_SHARE = 0.08  # error of the rod of planning, as a share of how far a node was moved
+_LOW_LIFT_M = 0.05
+_LIFT_SHARE = 0.1  # error, as a share of a higher lift: out of the plane sets and turns in the pads are not modelled
 _FREEDOM = 3.0  # of Student's t: a mistake of the observer does not decide alone
 _INDEPENDENT = 5.0  # nodes err together: so many independent ones say as much
 _LEAST_MOVED_M = 0.01  # an action that moved less tells of noise alone
@@ -46,11 +48,13 @@ def evidence(config: ModelConfig, seen: Experience, threads: int = 0) -> Evidenc
     patient = replace(config, rollout=replace(config.rollout, release_s=_REST_S))
     played = play(patient, seen.before_world, rods, (seen.motion(_TIMESTEP_S),), _TIMESTEP_S, threads)
     residual = np.linalg.norm((played.nodes_world[:, 0] - seen.after_world)[..., :2], axis=-1)  # (R, M)
-    sigma = np.hypot(_SEEN_M, _MODEL_SHARE * seen.moved_m)
+    rmse_m = np.sqrt(np.mean(residual**2, axis=1))
+    beyond_m = max(float(np.ptp(seen.tool[:, 2])) - _LOW_LIFT_M, 0.0)
+    # What no rod of the grid explains is the fault of all of them: it must not choose between them.
+    unexplained_m = math.hypot(_SEEN_M, _LIFT_SHARE * beyond_m, float(rmse_m.min()))
+    sigma = np.hypot(unexplained_m, _MODEL_SHARE * seen.moved_m)
     square = (residual / sigma) ** 2
     # In the plane Student's t falls by (ν + 2) / 2.
     log_likelihood = -0.5 * (_FREEDOM + 2.0) * np.log1p(square / _FREEDOM).mean(axis=1) * _INDEPENDENT
     grid = (len(YIELDS_1_M), len(FRICTION_LOG), len(STIFFNESS_LOG))
-    return Evidence(
-        log_likelihood=log_likelihood.reshape(grid), rmse_m=np.sqrt(np.mean(residual**2, axis=1)).reshape(grid)
-    )
+    return Evidence(log_likelihood=log_likelihood.reshape(grid), rmse_m=rmse_m.reshape(grid))
