@@ -18,6 +18,8 @@ from matplotlib.axes import Axes  # noqa: E402
 
 from dlokit.app.job import job_from_config  # noqa: E402
 from dlokit.communication import virtual_time  # noqa: E402
+from dlokit.skills.planning.config import PlanningConfig  # noqa: E402
+from dlokit.skills.planning.farthest import FarthestConfig  # noqa: E402
 from dlokit.system.config import RunConfig  # noqa: E402
 from dlokit.system.lockstep import LockstepSystem, lockstep_system  # noqa: E402
 from dlokit.types.arrays import Float32Array, Float64Array  # noqa: E402
@@ -42,7 +44,9 @@ def run_example(picture: str, example: Callable[[LockstepSystem, Path], Awaitabl
     """Start the cell and all components on virtual time, run the example, and say where its picture is."""
     args = tyro.cli(ExampleArgs, default=ExampleArgs(start=start))
     args.out.mkdir(parents=True, exist_ok=True)
-    config = RunConfig(start=args.start, seed=args.seed, headless=True)
+    config = RunConfig(
+        start=args.start, seed=args.seed, headless=True, planning=PlanningConfig(strategy=FarthestConfig())
+    )
 
     async def main() -> None:
         with tempfile.TemporaryDirectory() as folder:

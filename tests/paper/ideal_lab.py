@@ -32,6 +32,7 @@ from dlokit.skills.observer.config import ObserverConfig
 from dlokit.skills.perception import api as perception
 from dlokit.skills.planning.component import PlanningComponent
 from dlokit.skills.planning.config import PlanningConfig
+from dlokit.skills.planning.farthest import FarthestConfig
 from dlokit.skills.robot import api as robot
 from dlokit.types.action import VelocityProfile
 from dlokit.types.dlo_belief import DloBelief
@@ -263,7 +264,7 @@ async def running(
         ScriptedRobot(lab),
         ObserverComponent(ObserverConfig(), nodes=NODES, length_m=LENGTH_M),
         ModelComponent(rod),
-        PlanningComponent(PlanningConfig(), reachable, rod),
+        PlanningComponent(PlanningConfig(strategy=FarthestConfig()), reachable, rod),
         *others,
         decision,
     ):

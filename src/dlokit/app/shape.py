@@ -70,7 +70,7 @@ class ShapeChoices:
     segmentation: Annotated[str | None, _one_of(SEGMENTATIONS, AS_SHIPPED.perception.segmentation)] = None
     """Which pixels are DLO: by brightness (the paper's), by colour, or as an installed package has it."""
     planner: Annotated[str | None, _one_of(PLANNERS, AS_SHIPPED.planning.strategy)] = None
-    """How the next action is chosen: farthest (the paper's), or as an installed package has it."""
+    """How the next action is chosen: rollout, farthest (the paper's), or as an installed package has it."""
 
 
 @dataclass(frozen=True, kw_only=True)

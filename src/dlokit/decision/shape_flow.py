@@ -71,7 +71,7 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
             "choose_grasp",
             acting.choose_grasp,
             {Found.FOUND: "approach", Found.NONE_LEFT: "stalled", Found.FAILED: "failed"},
-            "The unmarked node farthest from its goal that can be grasped.",
+            "What the planner finds best of the grasps that are not marked.",
         ),
         Step(
             "approach",

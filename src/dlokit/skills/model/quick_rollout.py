@@ -32,6 +32,8 @@ class QuickRod:
     """Friction and rolling resistance, against the model's."""
     stiffness_share: float = 1.0
     """Stiffness against bending and twist, against the model's."""
+    shift_m: tuple[float, float] = (0.0, 0.0)
+    """Where it lies against where it is believed to lie (x, y) [m]: the tool takes it a little beside."""
 
     yield_curvature_1_m: float | None = None
     """Curvature beyond which it keeps a bend [1/m]; infinite: it always springs back; None: the model's."""
@@ -94,6 +96,7 @@ def play(
     ends = np.empty((len(rods), len(motions), config.nodes, 3))
     nearest = np.empty((len(rods), len(motions)))
     numbers = [rod.numbers(config, fine) for rod in rods]
+    starts = [start + np.array([*rod.shift_m, 0.0]) for rod in rods]
     rest = round(config.rollout.release_s / timestep_s)
 
     def one(motion_index: int) -> None:
@@ -102,9 +105,10 @@ def play(
         tool = motion.track
         if tool is None:
             tool = tool_track(motion.waypoints, pace.speed_m_s, pace.acceleration_m_s2, pace.jerk_m_s3, timestep_s)
-        pads, end = _between_pads(start, motion, config.nodes), np.empty_like(start)
+        end = np.empty_like(start)
         for k, rod in enumerate(numbers):
-            nearest[k, motion_index] = play_motion(start, rod, timestep_s, rest, tool, pads, end)
+            pads = _between_pads(starts[k], motion, config.nodes)
+            nearest[k, motion_index] = play_motion(starts[k], rod, timestep_s, rest, tool, pads, end)
             ends[k, motion_index] = geometry.resample(end, config.nodes)
 
     with ThreadPoolExecutor(threads or len(os.sched_getaffinity(0))) as pool:

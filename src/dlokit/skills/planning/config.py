@@ -3,8 +3,8 @@
 from dataclasses import dataclass, field
 
 from dlokit.skills.planning.actions import ActionConfig, FeasibilityConfig
-from dlokit.skills.planning.farthest import FarthestConfig
 from dlokit.skills.planning.foresight import ForesightConfig
+from dlokit.skills.planning.rollouts.strategy import RolloutConfig
 from dlokit.skills.planning.strategies import Planner
 
 
@@ -12,7 +12,7 @@ from dlokit.skills.planning.strategies import Planner
 class PlanningConfig:
     """How actions are chosen."""
 
-    strategy: Planner = field(default_factory=FarthestConfig)
+    strategy: Planner = field(default_factory=RolloutConfig)
     """Which action strategy."""
     actions: ActionConfig = field(default_factory=ActionConfig)
     """How to grasp and carry, whatever the strategy."""

@@ -61,7 +61,7 @@ def with_planning(test: Callable[[Port], Awaitable[None]], reachable: Callable[[
     async def main() -> None:
         host = Host(MemoryTransport(), LoopClock())
         caller = Caller()
-        host.add(PlanningComponent(PlanningConfig(), reachable, ModelConfig()))
+        host.add(PlanningComponent(PlanningConfig(strategy=FarthestConfig()), reachable, ModelConfig()))
         host.add(caller)
         async with host:
             await test(caller.port)

@@ -1,7 +1,8 @@
 """The strategy `rollout`: candidates, score, search."""
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -30,7 +31,7 @@ from dlokit.types.pose import Pose
 MODEL = ModelConfig()
 I_SHAPE = builtin_shape("I", MODEL.length_m, MODEL.nodes)
 S_SHAPE = builtin_shape("S", MODEL.length_m, MODEL.nodes)
-SHORT = SearchConfig(rollouts=60, finalists=2, generations=1)
+SHORT = SearchConfig(rollouts=70, finalists=2, generations=1)
 
 
 def tools(reachable: Callable[[Pose], bool] = lambda T: True) -> PlanningTools:
@@ -56,7 +57,8 @@ def lying(*shapes: Float64Array, nearest_m: float = 0.1) -> Played:
 
 
 def scored(played: Played, config: ScoreConfig | None = None, goal: Float64Array = S_SHAPE) -> Float64Array:
-    return remaining_m(played, goal, MODEL.radius_m, config or ScoreConfig(), FeasibilityConfig())[0]
+    miss_m = np.zeros(played.nearest_m.shape[1])
+    return remaining_m(played, miss_m, goal, MODEL.radius_m, config or ScoreConfig(), FeasibilityConfig())[0]
 
 
 def test_a_far_rod_is_laid_down_whole_and_expected_near_its_goal() -> None:
@@ -168,12 +170,37 @@ def test_a_doubtful_action_counts_for_less_than_a_sure_one_of_the_same_mean() ->
     assert cautious_m(scores, 1.0)[0] > cautious_m(scores, 1.0)[1]
 
 
+def test_a_lay_down_must_promise_more_than_a_small_correction_because_it_misses_by_more() -> None:
+    config = ScoreConfig()
+    assert config.miss_m(LayDown) > config.miss_m(PickPlace) > config.miss_m(Drag)
+    near = lying(S_SHAPE + np.array([0.004, 0.0, 0.0]))
+    score = [
+        remaining_m(near, np.array([config.miss_m(kind)]), S_SHAPE, MODEL.radius_m, config, FeasibilityConfig())[0, 0]
+        for kind in (LayDown, Drag)
+    ]
+    assert score[0] > score[1] + 0.004
+
+
+def test_finalists_are_of_more_than_one_kind_where_there_are_others() -> None:
+    asked: list[Sequence[type[Action]]] = []
+
+    def score(played: Played, kinds: Sequence[type[Action]]) -> Float64Array:
+        asked.append(kinds)
+        return np.array([[0.02 if kind is Drag else 0.01 for kind in kinds]] * len(played.nearest_m))
+
+    search = Search(I_SHAPE, MODEL, replace(SHORT, finalists=4), score, lambda scores: scores[0], InlineCompute())
+    families = [Carrying(scene(), dragging=dragging) for dragging in (True, False)]
+    asyncio.run(search.run(families, np.random.default_rng(0)))
+    assert set(asked[-1]) == {Drag, PickPlace}
+
+
 def test_the_search_keeps_to_its_budget_and_refining_helps() -> None:
     def run(generations: int, rollouts: int) -> tuple[int, float]:
         config = SearchConfig(rollouts=rollouts, finalists=2, generations=generations)
 
-        def score(played: Played) -> Float64Array:
-            return remaining_m(played, S_SHAPE, MODEL.radius_m, ScoreConfig(), FeasibilityConfig())
+        def score(played: Played, kinds: Sequence[type[Action]]) -> Float64Array:
+            miss_m = np.zeros(len(kinds))
+            return remaining_m(played, miss_m, S_SHAPE, MODEL.radius_m, ScoreConfig(), FeasibilityConfig())
 
         search = Search(I_SHAPE, MODEL, config, score, lambda scores: scores[0], InlineCompute())
         found = asyncio.run(search.run([Carrying(scene(), dragging=False)], np.random.default_rng(0)))

@@ -8,11 +8,11 @@ from dlokit.types.action import Action, LayDown, VelocityProfile
 from dlokit.types.arrays import Float64Array
 
 _PIECES = 8  # straight pieces of the path along the goal
-_LIFT_M = (0.05, 0.5)
+_LIFT = (0.1, 0.88)  # shares of the length: an end that hangs free swings, one that drags behind does not
 _EXPONENT = (0.5, 2.0)
 _SPEED_M_S = (0.15, 0.32)
-_USUAL = np.array([0.44, 1.0, 0.02, 0.0, 0.22])
-_SPREAD = np.array([0.05, 0.12, 0.015, 0.4, 0.04])
+_USUAL = np.array([0.86, 1.0, 0.02, 0.0, 0.22])
+_SPREAD = np.array([0.06, 0.12, 0.015, 0.4, 0.04])
 _SHIFT_M = 0.004  # spread of the shifts
 _AIM = 0.7  # share of an error by which the path is shifted; more overshoots where the rod slides
 _INNER_NODES = 4  # where the end cannot be grasped, one of the next may be
@@ -20,8 +20,8 @@ _PLAIN = len(_USUAL)
 
 
 class Laying:
-    """Numbers: lift [m], how the height falls (exponent), lead of the tool along the goal [m], turn beyond the goal's
-    tangent [rad], speed [m/s]; then how far each corner of the path is shifted beside the goal (x, y) [m].
+    """Numbers: lift as a share of the length, how the height falls (exponent), lead of the tool along the goal [m],
+    turn beyond the goal's tangent [rad], speed [m/s]; then the shift of each corner of the path beside it (x, y) [m].
     """
 
     def __init__(self, scene: Scene, *, from_last: bool) -> None:
@@ -60,16 +60,17 @@ class Laying:
         if hold is None:
             return None
         clean = numbers.copy()
-        for k, (low, high) in ((0, _LIFT_M), (1, _EXPONENT), (4, _SPEED_M_S)):
+        for k, (low, high) in ((0, _LIFT), (1, _EXPONENT), (4, _SPEED_M_S)):
             clean[k] = min(max(numbers[k], low), high)
         lift, exponent, lead, more_turn, speed = (float(number) for number in clean[:_PLAIN])
         first, turn = scene.start(hold, more_turn)
+        lift_m = lift * scene.length_m
         share = np.linspace(0.0, 1.0, _PIECES + 1)
         tool = np.empty((_PIECES + 3, 4))
         tool[0] = first
-        tool[1] = first + np.array([0.0, 0.0, lift, 0.0])
+        tool[1] = first + np.array([0.0, 0.0, lift_m, 0.0])
         tool[2:, :2] = self._along_goal(share, lead) + clean[_PLAIN:].reshape(-1, 2)
-        tool[2:, 2] = first[2] + lift * (1.0 - share) ** exponent
+        tool[2:, 2] = first[2] + lift_m * (1.0 - share) ** exponent
         tool[2:, 3] = first[3] + turn * share
         # Gently, so that the joints can follow and a hanging rod does not swing: the rollout knows of no joints.
         velocity = VelocityProfile(speed_m_s=speed, acceleration_m_s2=0.6, jerk_m_s3=6.0)

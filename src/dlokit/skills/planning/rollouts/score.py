@@ -7,6 +7,7 @@ import numpy as np
 from dlokit.description.shapes import self_clearance_m
 from dlokit.skills.model.quick_rollout import Played
 from dlokit.skills.planning.actions import FeasibilityConfig
+from dlokit.types.action import Action, Drag, LayDown
 from dlokit.types.arrays import Float64Array
 
 _TANGLED = 0.3  # metres of score a metre of missing clearance: a tangle is worse than any error that it saves
@@ -25,21 +26,41 @@ class ScoreConfig:
     """Strands that are no neighbours on the rod stay this far apart after an action [m]."""
     goal_share: float = 0.7
     """A goal whose strands are closer asks for no more than this share of its own clearance."""
+    pick_place_miss_m: float = 0.003
+    """How far a pick-and-place usually ends from what is predicted, whatever the doubt [m]; adds to its RMSE."""
+    drag_miss_m: float = 0.0015
+    """The same for a drag [m]."""
+    lay_down_miss_m: float = 0.008
+    """The same for a lay-down [m]: near the goal it is not worth its time."""
     caution: float = 1.0
     """Standard deviations, over rods that the DLO may be, by which an action must be better."""
 
+    def miss_m(self, kind: type[Action]) -> float:
+        """How far a kind of action usually ends from what is predicted [m]."""
+        if issubclass(kind, LayDown):
+            return self.lay_down_miss_m
+        return self.drag_miss_m if issubclass(kind, Drag) else self.pick_place_miss_m
+
 
 def remaining_m(
-    played: Played, goal_world: Float64Array, radius_m: float, config: ScoreConfig, table: FeasibilityConfig
+    played: Played,
+    miss_m: Float64Array,
+    goal_world: Float64Array,
+    radius_m: float,
+    config: ScoreConfig,
+    table: FeasibilityConfig,
 ) -> Float64Array:
     """What remains after each motion on each rod (R, C) [m], for a goal (M, 3) [m].
+
+    `miss_m` (C,) is how far such motions usually end from what is predicted; it adds to the RMSE as what is
+    independent does.
 
     The RMSE, and the RMSE that one more ideal action would leave: of two shapes with one error, that is better whose
     error sits in one place. Tangles and shapes off the table are dear.
     """
     nodes = played.nodes_world
     error = goal_world[:, :2] - nodes[..., :2]  # (R, C, M, 2)
-    score = _rms(error) + config.next_action * _after_one_more(error, goal_world, config.reach_m)
+    score = np.hypot(_rms(error), miss_m) + config.next_action * _after_one_more(error, goal_world, config.reach_m)
     required_m = min(config.clearance_m, config.goal_share * self_clearance_m(goal_world))
     flat = nodes.reshape(-1, *nodes.shape[2:])
     clearance = np.array([self_clearance_m(shape) for shape in flat]).reshape(score.shape)

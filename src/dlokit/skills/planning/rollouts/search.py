@@ -1,5 +1,7 @@
 """The search: candidates of every family, the promising ones refined, the best tried on rods that the DLO may be."""
 
+import itertools
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
@@ -10,6 +12,7 @@ from dlokit.errors import ConfigError
 from dlokit.skills.model.config import ModelConfig
 from dlokit.skills.model.quick_rollout import Motion, Played, QuickRod, play
 from dlokit.skills.planning.rollouts.candidates import Candidate, Family
+from dlokit.types.action import Action
 from dlokit.types.arrays import Float64Array
 
 _TRIES = 3  # as many numbers are drawn for a candidate that can be done
@@ -31,8 +34,11 @@ class SearchConfig:
     finalists: int = 8
     """Candidates that are tried on other rods."""
     doubt: float = 1.4
-    """Factor by which friction and stiffness of the DLO may be other than the model's, up or down: every finalist is
-    played on the four rods that this makes; 1: the model is believed."""
+    """Factor by which friction and stiffness of the DLO may be other than the model's, up or down; 1: the model is
+    believed."""
+    astray_m: float = 0.003
+    """Distance by which the DLO may lie beside where it is seen [m]. Every finalist is played on eight rods: each pair
+    of friction and stiffness, on either side of where it is seen."""
     timestep_s: float = 0.01
     """Step of the quick rod [s]."""
     threads: int = 0
@@ -60,11 +66,15 @@ class SearchConfig:
         """What the DLO may be like besides what the model says."""
         if self.doubt == 1.0:
             return ()
-        shares = (1.0 / self.doubt, self.doubt)
-        return tuple(QuickRod(friction_share=a, stiffness_share=b) for a in shares for b in shares)
+        shares, rods = (1.0 / self.doubt, self.doubt), list[QuickRod]()
+        for k, (friction, stiffness) in enumerate(itertools.product(shares, shares)):
+            x, y = self.astray_m * math.cos(k * math.pi / 4.0), self.astray_m * math.sin(k * math.pi / 4.0)
+            for shift_m in ((x, y), (-x, -y)):
+                rods.append(QuickRod(friction_share=friction, stiffness_share=stiffness, shift_m=shift_m))
+        return tuple(rods)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Choice:
     """A candidate with its score and the shape (M, 3) [m] expected after it."""
 
@@ -81,7 +91,7 @@ class _Pool:
     choices: list[Choice] = field(default_factory=list[Choice])
 
     def best(self, count: int) -> list[Choice]:
-        return sorted(self.choices, key=lambda choice: choice.score_m)[:count]
+        return sorted(self.choices, key=_score)[:count]
 
 
 class Search:
@@ -92,11 +102,11 @@ class Search:
         nodes_world: Float64Array,
         model: ModelConfig,
         config: SearchConfig,
-        score: Callable[[Played], Float64Array],
+        score: Callable[[Played, Sequence[type[Action]]], Float64Array],
         judge: Callable[[Float64Array], Float64Array],
         compute: Compute,
     ) -> None:
-        """`score` gives (R, C) of what was played; `judge` makes (C,) of that."""
+        """`score` gives (R, C) of what was played and the C kinds; `judge` makes (C,) of that."""
         self._nodes, self._model, self._config = nodes_world, model, config
         self._score, self._judge, self._compute = score, judge, compute
         self.spent = 0
@@ -120,8 +130,8 @@ class Search:
                 count = max(1, left // len(promising))
                 spread = pool.family.spread * _NARROWER**generation
                 await self._try(pool, _around(pool, spread, _TRIES * count, rng), count)
-        ranked = sorted((choice for pool in pools for choice in pool.choices), key=lambda choice: choice.score_m)
-        return [*await self._finals(ranked[: config.finalists]), *ranked[config.finalists :]]
+        finalists, others = _mixed(pools, config.finalists)
+        return [*await self._finals(finalists), *others]
 
     def _promising(self, pools: list[_Pool]) -> list[_Pool]:
         ranked = sorted(pools, key=lambda pool: pool.best(1)[0].score_m)
@@ -141,7 +151,9 @@ class Search:
         if not made:
             return
         played = await self._play(made, (QuickRod(),))
-        for candidate, score, nodes in zip(made, self._score(played)[0], played.nodes_world[0], strict=True):
+        for candidate, score, nodes in zip(
+            made, self._score(played, [pool.family.kind] * len(made))[0], played.nodes_world[0], strict=True
+        ):
             pool.choices.append(Choice(candidate=candidate, score_m=float(score), nodes_world=nodes))
 
     async def _finals(self, finalists: list[Choice]) -> list[Choice]:
@@ -151,7 +163,8 @@ class Search:
             return finalists
         played = await self._play([choice.candidate for choice in finalists], rods)
         expected = np.array([[choice.score_m for choice in finalists]])
-        judged = self._judge(np.concatenate((expected, self._score(played))))
+        kinds = [choice.candidate.kind for choice in finalists]
+        judged = self._judge(np.concatenate((expected, self._score(played, kinds))))
         return [finalists[k] for k in np.argsort(judged, kind="stable")]
 
     async def _play(self, candidates: Sequence[Candidate], rods: tuple[QuickRod, ...]) -> Played:
@@ -159,6 +172,21 @@ class Search:
         self.spent += len(motions) * len(rods)
         config = self._config
         return await self._compute(play, self._model, self._nodes, rods, motions, config.timestep_s, config.threads)
+
+
+def _mixed(pools: list[_Pool], count: int) -> tuple[list[Choice], list[Choice]]:
+    """The best `count` of all, no more than half from one pool where there are others, since siblings fail together;
+    and the rest, the best first."""
+    half = max(1, count // 2) if len(pools) > 1 else count
+    seeded = [choice for pool in pools for choice in pool.best(half)]
+    ranked = sorted(seeded, key=_score)
+    found = ranked[:count]
+    rest = [choice for pool in pools for choice in pool.choices if choice not in found]
+    return found, sorted(rest, key=_score)
+
+
+def _score(choice: Choice) -> float:
+    return choice.score_m
 
 
 def _around(pool: _Pool, spread: Float64Array, count: int, rng: np.random.Generator) -> list[Float64Array]:

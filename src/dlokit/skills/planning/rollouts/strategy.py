@@ -1,6 +1,6 @@
 """The strategy `rollout`: play candidates through in the model, take the one that leaves least to be done."""
 
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar
 
@@ -37,7 +37,7 @@ class RolloutConfig:
     lay_down: bool = True
     """Consider laying the whole rod down along the goal."""
     seed: int = 0
-    """Seed of the candidates; the same question has the same answer."""
+    """Seed of the candidates, with the stamp of the shape; the same question has the same answer."""
 
     def build(self, tools: PlanningTools) -> "Rollout":
         """The strategy with these settings."""
@@ -61,14 +61,17 @@ class Rollout:
         marked = frozenset(int(node) for node in marks.invalid_nodes)
         scene = Scene(shape.nodes_world, goal_world, marked, tools)
 
-        def score(played: Played) -> Float64Array:
-            return remaining_m(played, goal_world, tools.model.radius_m, config.score, tools.table)
+        def score(played: Played, kinds: Sequence[type[Action]]) -> Float64Array:
+            miss_m = np.array([config.score.miss_m(kind) for kind in kinds])
+            return remaining_m(played, miss_m, goal_world, tools.model.radius_m, config.score, tools.table)
 
         def judge(scores_m: Float64Array) -> Float64Array:
             return cautious_m(scores_m, config.score.caution)
 
         search = Search(shape.nodes_world, tools.model, config.search, score, judge, tools.compute)
-        for choice in await search.run(self._families(scene), np.random.default_rng(config.seed)):
+        # Other candidates at another time: what did not do as predicted is not tried again in just the same way.
+        rng = np.random.default_rng([config.seed, shape.stamp_ns])
+        for choice in await search.run(self._families(scene), rng):
             yield to_action(choice.candidate, shape.stamp_ns, choice.nodes_world, tools)
 
     def _families(self, scene: Scene) -> list[Family]:
