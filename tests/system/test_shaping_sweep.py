@@ -1,0 +1,83 @@
+"""A small sweep as a whole: side by side as one after another, on a Dask cluster, and continued after Ctrl-C."""
+
+import signal
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from dlokit.bench.shaping.cases import Case, CaseResult, cases
+from dlokit.bench.shaping.methods import IDEAL, Method
+from dlokit.bench.shaping.runner import SHAPES_FILE
+from dlokit.bench.shaping.suites import paper_suite
+from dlokit.bench.shaping.sweep import Workers, run_sweep
+from dlokit.system.config import RunConfig
+from dlokit.system.run_result import RunResult
+
+pytestmark = pytest.mark.system
+
+DLOKIT = str(Path(sys.executable).with_name("dlokit"))
+LIMIT_S = 180.0  # a run of one action with the oracle takes 4 s of an idle core
+CONFIG = replace(RunConfig(record=False), task=replace(RunConfig().task, max_actions=1, infeasible="try"))
+TODO: list[Case] = list(cases(paper_suite()[1:2], 2, (Method(observer=IDEAL, planner="farthest"),)))
+
+
+def _figures(results: list[CaseResult]) -> dict[int, Any]:
+    """What a run gives on any machine and in any folder."""
+    return {done.case.seed: _lasting(done.result) for done in results}
+
+
+def _lasting(result: RunResult) -> RunResult:
+    history = tuple(msgspec.structs.replace(row, planning_time_s=0.0) for row in result.history)
+    return msgspec.structs.replace(result, wall_time_s=0.0, planning_time_s=0.0, config_hash="", history=history)
+
+
+@pytest.fixture(scope="module")
+def alone(tmp_path_factory: pytest.TempPathFactory) -> dict[int, Any]:
+    return _figures(list(run_sweep(TODO, CONFIG, tmp_path_factory.mktemp("alone"), Workers())))
+
+
+def test_cases_side_by_side_give_what_they_give_one_after_another(tmp_path: Path, alone: dict[int, Any]) -> None:
+    side_by_side = list(run_sweep(TODO, CONFIG, tmp_path, Workers(jobs=2)))
+
+    assert not any(done.fault for done in side_by_side)
+    assert _figures(side_by_side) == alone
+
+
+def test_a_dask_cluster_gives_the_same(tmp_path: Path, alone: dict[int, Any]) -> None:
+    distributed = pytest.importorskip("distributed", reason="the extra `sweeps` is not installed")
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=True, dashboard_address=None, host="127.0.0.1"
+    ) as cluster:
+        address: str = cluster.scheduler_address
+        on_the_cluster = list(run_sweep(TODO, CONFIG, tmp_path, Workers(cluster=address)))
+
+    assert not any(done.fault for done in on_the_cluster)
+    assert _figures(on_the_cluster) == alone
+
+
+def test_an_interrupted_sweep_says_how_to_go_on_and_does(tmp_path: Path) -> None:
+    folder = tmp_path / "sweep"
+    command = [DLOKIT, "bench", "shaping", "--oracle", "--seeds", "1", "--max-actions", "1", "--out", str(folder)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as sweep:
+        assert sweep.stdout is not None
+        for line in sweep.stdout:
+            if line.startswith("I to S"):
+                break
+        sweep.send_signal(signal.SIGINT)
+        said, _ = sweep.communicate(timeout=LIMIT_S)
+    assert sweep.returncode == 130, said
+    assert f"--out {folder} goes on" in " ".join(said.split())
+    first = next(folder.glob(f"I-to-S-*/{SHAPES_FILE}")).stat().st_mtime_ns
+    assert not list(folder.glob(f"S-to-I-*/{SHAPES_FILE}"))
+
+    again = subprocess.run(command, capture_output=True, text=True, timeout=5 * LIMIT_S, check=False)
+
+    assert again.returncode == 0, again.stdout + again.stderr
+    assert next(folder.glob(f"I-to-S-*/{SHAPES_FILE}")).stat().st_mtime_ns == first
+    assert len(list(folder.glob(f"*/{SHAPES_FILE}"))) == 5
+    assert list(folder.glob("cases-*.png"))
