@@ -105,6 +105,7 @@ class ScriptedRobot(Component):
         self._lab = lab
         self._tcp = geometry.downward([0.3, 0.0, 0.4], 0.0)
         self._held: int | None = None
+        self._shut = False
         self._stopped = asyncio.Event()
 
     async def run(self) -> None:
@@ -154,9 +155,11 @@ class ScriptedRobot(Component):
     async def grasp(self, force_n: float = 20.0) -> GripResult:
         self._lab.enter("grasp")
         if self._lab.holds:
-            distances = np.linalg.norm(self._lab.nodes - self._tcp.position_m, axis=1)
-            self._held = int(np.argmin(distances))
+            self._hold_nearest()
         return GripResult(width_m=0.008 if self._lab.holds else 0.0, held=self._lab.holds)
+
+    def _hold_nearest(self) -> None:
+        self._held = int(np.argmin(np.linalg.norm(self._lab.nodes - self._tcp.position_m, axis=1)))
 
     @implements(robot.FOLLOW_PATH)
     async def follow_path(self, path: tuple[Pose, ...], velocity: VelocityProfile) -> MotionResult:
@@ -164,6 +167,8 @@ class ScriptedRobot(Component):
         if self._lab.slips > 0:
             await self._lose()
         await self.port.clock.sleep(2.0)
+        if self._shut:
+            self._hold_nearest()
         if self._held is not None and self._lab.obeys:
             self._lab.nodes = dragged(self._lab.nodes, self._held, path[-1].position_m)
         if self._lab.confuses_ends:
@@ -185,7 +190,7 @@ class ScriptedRobot(Component):
     @implements(robot.RELEASE)
     async def release(self, width_m: float = 0.04) -> GripResult:
         self._lab.enter("release")
-        self._held = None
+        self._held, self._shut = None, width_m == 0.0
         return GripResult(width_m=width_m, held=False)
 
     @implements(robot.RECOVER)
@@ -237,13 +242,14 @@ def shape(
     reachable: Callable[[Pose], bool] = lambda pose: True,
     operator: Callable[[FlowStatus], Command | GoalFrames | None] = lambda status: None,
     rod: ModelConfig = ROD,
+    planning: PlanningConfig | None = None,
 ) -> Trace:
     """Run the shape task in the ideal lab on virtual time; without a goal it is the operator's.
 
     `operator` may press a button at each step, or drag the frames and press "Shape it". `rod` is the DLO as the
     system believes it to be.
     """
-    return virtual_time.run(_shape(lab, goal, config or TaskConfig(), reachable, operator, rod))
+    return virtual_time.run(_shape(lab, goal, config or TaskConfig(), reachable, operator, rod, planning))
 
 
 @asynccontextmanager
@@ -255,6 +261,7 @@ async def running(
     reachable: Callable[[Pose], bool] = lambda pose: True,
     rod: ModelConfig = ROD,
     others: tuple[Component, ...] = (),
+    planning: PlanningConfig | None = None,
 ) -> AsyncGenerator[DecisionComponent]:
     """The ideal lab's components on a bus, the decision component among them, and `others`."""
     host = Host(transport, clock)
@@ -264,7 +271,7 @@ async def running(
         ScriptedRobot(lab),
         ObserverComponent(ObserverConfig(), nodes=NODES, length_m=LENGTH_M),
         ModelComponent(rod),
-        PlanningComponent(PlanningConfig(strategy=FarthestConfig()), reachable, rod),
+        PlanningComponent(planning or PlanningConfig(strategy=FarthestConfig()), reachable, rod),
         *others,
         decision,
     ):
@@ -281,6 +288,7 @@ async def _shape(
     reachable: Callable[[Pose], bool],
     operator: Callable[[FlowStatus], Command | GoalFrames | None],
     rod: ModelConfig,
+    planning: PlanningConfig | None,
 ) -> Trace:
     steps: list[tuple[str, str]] = []
     recorded: list[ActionRecord] = []
@@ -304,7 +312,7 @@ async def _shape(
 
     transport = MemoryTransport()
     transport.latest(topics.BELIEF)  # from here on it is kept
-    async with running(lab, transport, LoopClock(), config, reachable, rod, (Operator(),)) as decision:
+    async with running(lab, transport, LoopClock(), config, reachable, rod, (Operator(),), planning) as decision:
         request = None if goal is None else GoalRequest(nodes_world=goal, name="goal")
         result = await decision.shape(request, recorded.append)
         await decision.port.clock.sleep(0.1)

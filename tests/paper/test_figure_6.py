@@ -12,6 +12,9 @@ from dlokit.decision.shape_flow import SHAPE_DLO
 from dlokit.description.shapes import builtin_shape, moved
 from dlokit.geometry import rmse_m
 from dlokit.skills.model.config import SettleConfig
+from dlokit.skills.planning.config import PlanningConfig
+from dlokit.skills.planning.rollouts.search import SearchConfig
+from dlokit.skills.planning.rollouts.strategy import RolloutConfig
 from dlokit.types.feasibility import Standing
 from dlokit.types.flow import Command, FlowStatus, GoalFrame, GoalFrames, RunOutcome
 
@@ -53,6 +56,11 @@ EDGES = {
     ("grasp", "held", "move_to_goal"),
     ("grasp", "missed", "release"),
     ("grasp", "failed", "failed"),
+    ("grasp", "beside", "push"),
+    ("push", "done", "release"),
+    ("push", "refused", "release"),
+    ("push", "failed", "failed"),
+    ("push", "interrupted", "recover"),
     ("move_to_goal", "done", "release"),
     ("move_to_goal", "slipped", "release"),
     ("move_to_goal", "refused", "release"),
@@ -74,6 +82,14 @@ EDGES = {
     ("clear_marks", "done", "compare"),
     ("mark_invalid", "done", "compare"),
 }
+
+
+PUSHES = PlanningConfig(
+    strategy=RolloutConfig(
+        search=SearchConfig(rollouts=40, finalists=2, generations=1), pick_place=False, drag=False, lay_down=False
+    )
+)
+"""A planner that can do nothing but push."""
 
 
 def lab(nodes: np.ndarray = I) -> Lab:
@@ -427,3 +443,26 @@ def test_ends_confused_behind_the_arm_are_put_right_by_looking_anew() -> None:
     last = trace.result.history[-1].nodes_world
     # Half a rod's length is far more than any error of observer and model together.
     assert np.linalg.norm(last[0] - confused.nodes[0]) < 0.5 * LENGTH_M
+
+
+def test_a_push_comes_down_closed_holds_nothing_and_is_seen_afterwards() -> None:
+    trace = shape(lab(I), moved(I, (0.03, 0.0)), TaskConfig(max_actions=1), planning=PUSHES)
+    assert {("grasp", "beside", "push"), ("push", "done", "release")} <= trace.edges()
+    assert "grasp" not in trace.calls
+    (record,) = trace.result.history
+    assert (record.kind, record.grasp_ok, record.slipped) == ("push", False, False)
+    assert record.rmse_m < 0.03
+
+
+@pytest.mark.parametrize(
+    ("reason", "edge"),
+    [
+        ("unreachable", ("push", "refused", "release")),
+        ("lost_commander", ("push", "interrupted", "recover")),
+        ("fault", ("push", "failed", "failed")),
+    ],
+)
+def test_a_push_that_the_arm_does_not_do_ends_by_name(reason: str, edge: tuple[str, str, str]) -> None:
+    broken = lab(I)
+    broken.fails = {"follow_path": [reason]}
+    assert edge in shape(broken, moved(I, (0.03, 0.0)), TaskConfig(max_actions=1), planning=PUSHES).edges()

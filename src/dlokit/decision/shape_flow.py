@@ -89,11 +89,12 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
             acting.grasp,
             {
                 Grasped.HELD: "move_to_goal",
+                Grasped.BESIDE: "push",
                 Grasped.MISSED: "release",
                 Grasped.INTERRUPTED: "recover",
                 Grasped.FAILED: "failed",
             },
-            "Straight down, close, and feel whether something is held.",
+            "Straight down, close, and feel whether something is held; fingers that push come down closed.",
         ),
         Step(
             "move_to_goal",
@@ -106,6 +107,17 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
                 Carried.FAILED: "failed",
             },
             "Lift, carry and lower along the planned path, tracking the model and watching the fingers meanwhile.",
+        ),
+        Step(
+            "push",
+            acting.push,
+            {
+                Moved.DONE: "release",
+                Moved.REFUSED: "release",
+                Moved.INTERRUPTED: "recover",
+                Moved.FAILED: "failed",
+            },
+            "Move the closed fingers across the table, the rod before them.",
         ),
         Step(
             "release",

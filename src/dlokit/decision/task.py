@@ -127,6 +127,8 @@ class ShapeTask:
     """The shape (M, 3) [m] that the action under way was chosen for."""
     release_stamp_ns: int = 0
     grasp_ok: bool = False
+    pushed: bool = False
+    """Whether closed fingers have pushed the DLO in the action under way."""
     slipped: bool = False
     """Whether the DLO slipped out of the gripper in the action under way."""
     belief: DloBelief | None = None
@@ -161,5 +163,5 @@ class ShapeTask:
         """The shape (M, 3) [m] to expect after the action under way: predicted, or the one before it."""
         assert self.before_world is not None, "an action is chosen for a shape"
         predicted = self.chosen.predicted_nodes_world
-        moved = self.grasp_ok and not self.slipped
+        moved = self.pushed or (self.grasp_ok and not self.slipped)
         return predicted if moved and predicted is not None else self.before_world

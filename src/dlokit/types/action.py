@@ -23,30 +23,38 @@ class Grasp(Value, frozen=True, kw_only=True, eq=False):
     """Finger opening on approach [m]."""
 
 
-class Held(Message, frozen=True, kw_only=True, eq=False):
-    """One grasp-to-release: take hold of a node, move on a path, let go. Its kinds differ in what the path does."""
+class Handling(Message, frozen=True, kw_only=True, eq=False):
+    """One grasp-to-release: come down at a node, move on a path, go up again. Kinds differ in what the path does."""
 
     grasp: Grasp
+    """Where the tool comes down."""
     path: tuple[Pose, ...]
-    """Tool poses from the grasp to the release, without the grasp itself."""
+    """Tool poses from there to the release, without the first itself."""
     velocity: VelocityProfile
     predicted_nodes_world: Float64Array | None = None  # (M, 3) [m] shape expected after it; None: not predicted
     robot: str = "panda"
 
 
-class PickPlace(Held, frozen=True, kw_only=True, eq=False, tag="pick-and-place"):
+class PickPlace(Handling, frozen=True, kw_only=True, eq=False, tag="pick-and-place"):
     """Grasp a node, carry it along a path above the table, release it."""
 
 
-class Drag(Held, frozen=True, kw_only=True, eq=False, tag="drag"):
+class Drag(Handling, frozen=True, kw_only=True, eq=False, tag="drag"):
     """Grasp a node and draw it over the table, without lifting the rod."""
 
 
-class LayDown(Held, frozen=True, kw_only=True, eq=False, tag="lay-down"):
+class LayDown(Handling, frozen=True, kw_only=True, eq=False, tag="lay-down"):
     """Grasp near an end, lift most of the rod, and lay it down along a curve."""
 
 
-Action = PickPlace | Drag | LayDown
+class Push(Handling, frozen=True, kw_only=True, eq=False, tag="push"):
+    """Push the rod over the table with closed fingers, which come down beside it: nothing is held.
+
+    Its grasp is where they come down, with the node that they push and an opening of zero.
+    """
+
+
+Action = PickPlace | Drag | LayDown | Push
 """Every kind of action."""
 
 

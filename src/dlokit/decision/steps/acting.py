@@ -14,7 +14,7 @@ from dlokit.geometry import matrix, pose_from_matrix
 from dlokit.skills.perception import api as perception
 from dlokit.skills.planning import api as planning
 from dlokit.skills.robot import api as robot
-from dlokit.types.action import Marks
+from dlokit.types.action import Marks, Push
 from dlokit.types.observation import Gripped
 from dlokit.types.outcome import Failed, Outcome, Rejected, Succeeded
 from dlokit.types.pose import Pose
@@ -53,7 +53,7 @@ async def choose_grasp(task: ShapeTask) -> Found:
     assert task.state is not None
     assert task.goal is not None
     task.action_started_ns = task.port.clock.now_ns()
-    task.grasp_ok = task.slipped = False
+    task.grasp_ok = task.slipped = task.pushed = False
     began = task.stopwatch()
     marks = Marks(invalid_nodes=np.array(sorted(task.marks | task.slippery), dtype=np.int64))
     proposed = await task.port.call(planning.PROPOSE, task.state, task.goal, marks)
@@ -88,7 +88,7 @@ async def approach(task: ShapeTask) -> Moved:
 
 
 async def grasp(task: ShapeTask) -> Grasped:
-    """Straight down and close."""
+    """Straight down and close; to push, the fingers are closed already and have nothing to feel."""
     action = task.chosen
     down = await task.port.call(robot.MOVE_LINEAR, action.grasp.T_world_tcp, action.velocity)
     match _judge_motion(task, "robot.move_linear", down):
@@ -100,6 +100,8 @@ async def grasp(task: ShapeTask) -> Grasped:
             return Grasped.FAILED
         case Moved.DONE:
             pass
+    if isinstance(action, Push):
+        return Grasped.BESIDE
     gripped = await task.port.call(robot.GRASP, task.config.grasp_force_n)
     if not isinstance(gripped, Succeeded):
         fail(task, "robot.grasp", gripped)
@@ -128,6 +130,15 @@ async def move_to_goal(task: ShapeTask) -> Carried:
             return Carried.INTERRUPTED
         case Moved.FAILED:
             return Carried.FAILED
+
+
+async def push(task: ShapeTask) -> Moved:
+    """Move the closed fingers along the path; what became of the rod is seen afterwards."""
+    action = task.chosen
+    moved = await task.port.call(robot.FOLLOW_PATH, action.path, action.velocity)
+    judged = _judge_motion(task, "robot.follow_path", moved)
+    task.pushed = judged is Moved.DONE
+    return judged
 
 
 def _say_gripped(task: ShapeTask, node: int | None) -> None:

@@ -58,9 +58,10 @@ class Carried(enum.Enum):
 
 
 class Grasped(enum.Enum):
-    """What the fingers felt."""
+    """What the fingers felt; beside: they were to hold nothing, and push."""
 
     HELD = "held"
+    BESIDE = "beside"
     MISSED = "missed"
     INTERRUPTED = "interrupted"
     FAILED = "failed"

@@ -21,6 +21,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from dlokit.skills.model.quick_push import push
+
 Array = NDArray[np.float64]
 
 BAND = 8
@@ -38,7 +40,7 @@ _LOOK_EVERY = 5  # steps between two looks at how near the strands are
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def play_motion(
-    nodes: Array, rod: Array, step_s: float, rest_steps: int, tool: Array, pads: Array, end: Array
+    nodes: Array, rod: Array, step_s: float, rest_steps: int, tool: Array, pads: Array, fingers: Array, end: Array
 ) -> float:
     """Play one motion of the tool on a rod lying as `nodes` (M, 3) [m] and write where it ends to `end` (M, 3).
 
@@ -46,7 +48,8 @@ def play_motion(
     friction, rolling resistance over radius, radius [m], yield curvature [1/m] (infinite: it always springs back).
     `tool` (T, 4): x, y, z [m] and yaw [rad] at every step; then the rod is free for `rest_steps`. `pads` (n, 3): points
     of the rod between the pads, as a number of nodes from the first, and where they are from the tool (along, up) [m].
-    Returns how near two strands came [m].
+    `fingers` (3,): as `quick_push.FINGERS` where they are closed and push, zeros where they hold. Returns how near two
+    strands came [m].
     """
     count = len(nodes)
     x, v = np.zeros((count, 4)), np.zeros((count, 4))
@@ -63,6 +66,8 @@ def play_motion(
         _edges(x, rod[0], step_s, band, right)
         if step < len(tool):
             _grip(x, tool[step], pads, step_s, band, right)
+            if fingers[1] > 0.0:
+                push(x, tool[step], fingers, rod[7], step_s, band, right)
         _solve(band, right, column, 4 * count)
         for i in range(count):
             for a in range(4):

@@ -11,6 +11,7 @@ from scipy.interpolate import CubicSpline
 from dlokit import geometry
 from dlokit.description.rod import ROLLING_M
 from dlokit.skills.model.config import ModelConfig
+from dlokit.skills.model.quick_push import FINGERS, NO_FINGERS
 from dlokit.skills.model.quick_rod import play_motion
 from dlokit.skills.model.rod import fit_length
 from dlokit.skills.model.tool_track import tool_track
@@ -60,7 +61,7 @@ class QuickRod:
 
 @dataclass(frozen=True, kw_only=True)
 class Motion:
-    """A tool that takes hold of a rod, moves, and lets go."""
+    """A tool that takes hold of a rod, moves, and lets go; or one whose closed fingers push."""
 
     node: int
     waypoints: Float64Array
@@ -68,6 +69,8 @@ class Motion:
     velocity: VelocityProfile
     track: Float64Array | None = None
     """(T, 4): where the tool was at every time step, when that is known; the waypoints are not looked at then."""
+    holds: bool = True
+    """False: the fingers are closed, and the first waypoint is beside the node."""
 
 
 @dataclass(frozen=True)
@@ -105,10 +108,10 @@ def play(
         tool = motion.track
         if tool is None:
             tool = tool_track(motion.waypoints, pace.speed_m_s, pace.acceleration_m_s2, pace.jerk_m_s3, timestep_s)
-        end = np.empty_like(start)
+        fingers, end = NO_FINGERS if motion.holds else FINGERS, np.empty_like(start)
         for k, rod in enumerate(numbers):
-            pads = _between_pads(starts[k], motion, config.nodes)
-            nearest[k, motion_index] = play_motion(starts[k], rod, timestep_s, rest, tool, pads, end)
+            pads = _between_pads(starts[k], motion, config.nodes) if motion.holds else np.empty((0, 3))
+            nearest[k, motion_index] = play_motion(starts[k], rod, timestep_s, rest, tool, pads, fingers, end)
             ends[k, motion_index] = geometry.resample(end, config.nodes)
 
     with ThreadPoolExecutor(threads or len(os.sched_getaffinity(0))) as pool:

@@ -17,13 +17,14 @@ from dlokit.skills.model.quick_rollout import Played, QuickRod, play
 from dlokit.skills.model.rod import topology
 from dlokit.skills.planning.actions import ActionConfig, FeasibilityConfig
 from dlokit.skills.planning.base import PlanningTools
-from dlokit.skills.planning.rollouts.candidates import Scene, to_action
+from dlokit.skills.planning.rollouts.candidates import Candidate, Scene, to_action
 from dlokit.skills.planning.rollouts.carrying import Carrying
 from dlokit.skills.planning.rollouts.laying import Laying
+from dlokit.skills.planning.rollouts.pushing import Pushing
 from dlokit.skills.planning.rollouts.score import ScoreConfig, cautious_m, remaining_m
 from dlokit.skills.planning.rollouts.search import Search, SearchConfig
 from dlokit.skills.planning.rollouts.strategy import RolloutConfig
-from dlokit.types.action import Action, Drag, LayDown, Marks, PickPlace, kind_of
+from dlokit.types.action import Action, Drag, LayDown, Marks, PickPlace, Push, kind_of
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, GoalShape
 from dlokit.types.pose import Pose
@@ -74,24 +75,34 @@ def test_a_rod_near_its_goal_is_corrected_and_not_laid_down_anew() -> None:
     start = S_SHAPE.copy()
     start[:8, 0] += 0.02 * np.linspace(1.0, 0.0, 8)
     action = best(RolloutConfig(search=SHORT), start, S_SHAPE)
-    assert isinstance(action, PickPlace | Drag)
+    assert isinstance(action, PickPlace | Drag | Push)
     assert action.grasp.node < 12
 
 
-@pytest.mark.parametrize("kind", ["pick_place", "drag", "lay_down"])
+@pytest.mark.parametrize("kind", ["pick_place", "drag", "lay_down", "push"])
 def test_kinds_can_be_left_out(kind: str) -> None:
     config = RolloutConfig(
-        search=SHORT, pick_place=kind == "pick_place", drag=kind == "drag", lay_down=kind == "lay_down"
+        search=SHORT,
+        pick_place=kind == "pick_place",
+        drag=kind == "drag",
+        lay_down=kind == "lay_down",
+        push=kind == "push",
     )
     action = best(config, I_SHAPE, moved(I_SHAPE, (0.05, 0.02)))
-    assert kind_of(action) == {"pick_place": "pick-and-place", "drag": "drag", "lay_down": "lay-down"}[kind]
+    names = {"pick_place": "pick-and-place", "drag": "drag", "lay_down": "lay-down", "push": "push"}
+    assert kind_of(action) == names[kind]
 
 
 def test_every_kind_travels_over_the_bus_as_what_it_is() -> None:
-    families = (Carrying(scene(), dragging=False), Carrying(scene(), dragging=True), Laying(scene(), from_last=True))
+    families = (
+        Carrying(scene(), dragging=False),
+        Carrying(scene(), dragging=True),
+        Laying(scene(), from_last=True),
+        Pushing(scene()),
+    )
     for family in families:
-        candidate = family.make(family.first(1, np.random.default_rng(0))[0])
-        assert candidate is not None
+        made = (family.make(numbers) for numbers in family.first(20, np.random.default_rng(0)))
+        candidate = next(candidate for candidate in made if candidate is not None)
         action = to_action(candidate, 7, S_SHAPE, tools())
         back = codec.decode(codec.encode(action), Action)  # type: ignore[arg-type]  # a union, which decodes like a type
         assert type(back) is family.kind
@@ -135,6 +146,32 @@ def test_where_the_end_is_marked_the_next_node_is_held() -> None:
     candidate = family.make(family.first(1, np.random.default_rng(0))[0])
     assert candidate is not None
     assert candidate.motion.node == 1
+
+
+def push_of(direction_rad: float, length_m: float = 0.05, marked: tuple[int, ...] = ()) -> Candidate | None:
+    return Pushing(scene(marked=marked)).make(np.array([0.5, direction_rad, 0.006, length_m, 0.0, 0.0, 0.15]))
+
+
+@pytest.mark.parametrize("direction_rad", [0.0, np.pi])
+def test_a_push_moves_the_middle_by_its_length_to_the_side_it_says(direction_rad: float) -> None:
+    candidate = push_of(direction_rad)
+    assert candidate is not None
+    end = play(MODEL, I_SHAPE, (QuickRod(),), (candidate.motion,), 0.005).nodes_world[0, 0]
+    along = geometry.tangents(I_SHAPE)[15, :2]
+    way = np.cos(direction_rad) * np.array([-along[1], along[0]])
+    # The spring of the fingers gives by a millimetre, and the bend that they leave by another.
+    assert (end - I_SHAPE)[15, :2] @ way == pytest.approx(0.05, abs=0.004)
+    assert np.linalg.norm((end - I_SHAPE)[[0, 30]], axis=1).max() < 0.02
+
+
+def test_a_push_along_the_rod_onto_it_or_at_a_marked_node_is_none() -> None:
+    assert push_of(1.3) is None
+    assert push_of(0.0, marked=(15,)) is None
+    assert push_of(0.0, length_m=-0.01) is None
+    hairpin = np.concatenate((I_SHAPE[:16], I_SHAPE[:15][::-1] + np.array([0.02, 0.0, 0.0])))
+    beside = Pushing(Scene(hairpin, S_SHAPE, frozenset(), tools()))
+    tries = [beside.make(np.array([0.25, way, 0.006, 0.05, 0.0, 0.0, 0.15])) for way in (0.0, np.pi)]
+    assert [made is None for made in tries].count(True) == 1, "on one side lies the other strand"
 
 
 def test_a_waypoint_out_of_reach_makes_no_candidate() -> None:

@@ -20,7 +20,7 @@ from dlokit.skills.planning.grasp import (
     rod_point,
     wrapped,
 )
-from dlokit.types.action import Action, Grasp, VelocityProfile
+from dlokit.types.action import Action, Grasp, Push, VelocityProfile
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
 
@@ -129,7 +129,7 @@ class Scene:
         """A candidate from waypoints (W, 4) of the tool; None when the arm does not reach one of them."""
         if not all(self.tools.reachable(_pose(point)) for point in tool):
             return None
-        motion = Motion(node=hold.node, waypoints=tool, velocity=velocity)
+        motion = Motion(node=hold.node, waypoints=tool, velocity=velocity, holds=kind is not Push)
         return Candidate(kind=kind, numbers=numbers, motion=motion, opening_m=hold.opening_m)
 
 

@@ -13,6 +13,7 @@ from dlokit.skills.planning.pick_place import goal_in_order
 from dlokit.skills.planning.rollouts.candidates import Family, Scene, to_action
 from dlokit.skills.planning.rollouts.carrying import Carrying
 from dlokit.skills.planning.rollouts.laying import Laying
+from dlokit.skills.planning.rollouts.pushing import Pushing
 from dlokit.skills.planning.rollouts.score import ScoreConfig, cautious_m, remaining_m
 from dlokit.skills.planning.rollouts.search import Search, SearchConfig
 from dlokit.types.action import Action, Marks
@@ -36,6 +37,8 @@ class RolloutConfig:
     """Consider dragging the rod along the table."""
     lay_down: bool = True
     """Consider laying the whole rod down along the goal."""
+    push: bool = True
+    """Consider pushing the rod sideways with closed fingers."""
     seed: int = 0
     """Seed of the candidates, with the stamp of the shape; the same question has the same answer."""
 
@@ -83,4 +86,6 @@ class Rollout:
             families.append(Carrying(scene, dragging=False))
         if config.drag:
             families.append(Carrying(scene, dragging=True))
+        if config.push:
+            families.append(Pushing(scene))
         return families
