@@ -86,7 +86,11 @@ EDGES = {
 
 PUSHES = PlanningConfig(
     strategy=RolloutConfig(
-        search=SearchConfig(rollouts=40, finalists=2, generations=1), pick_place=False, drag=False, lay_down=False
+        search=SearchConfig(rollouts=40, finalists=2, generations=1),
+        pick_place=False,
+        drag=False,
+        lay_down=False,
+        push=True,
     )
 )
 """A planner that can do nothing but push."""
