@@ -16,8 +16,10 @@ from dlokit.communication import codec, topics
 from dlokit.communication.skill import ReportingSkill, Skill
 from dlokit.communication.topic import Topic
 from dlokit.communication.topics import TOPICS
+from dlokit.description.arms import ARMS
 from dlokit.errors import CommunicationError
-from dlokit.system.build import COMPONENTS
+from dlokit.system.build import COMPONENTS, components_of_run, instances_of_run
+from dlokit.system.config import RunConfig
 from dlokit.system.processes import DECISION, PROCESSES, processes_of_run
 from dlokit.types.dlo import DloState
 from dlokit.types.outcome import Succeeded
@@ -49,14 +51,14 @@ def test_every_row_of_the_topic_module_is_in_the_table_and_named_once() -> None:
 
 @pytest.mark.parametrize("topic", TOPICS, ids=topic_id)
 def test_a_topic_is_published_by_the_component_of_its_row_and_no_other(topic: Topic[Any]) -> None:
-    publishers = [name for name, component in COMPONENTS.items() if topic in component.publishes]
-    assert publishers == [topic.publisher]
+    publishers = {component.name for component in COMPONENTS.values() if topic in component.publishes}
+    assert publishers == {topic.publisher}
 
 
 @pytest.mark.parametrize("name", COMPONENTS)
 def test_what_a_component_reads_and_publishes_are_rows(name: str) -> None:
     component = COMPONENTS[name]
-    assert component.name == name
+    assert component.name == name.partition(".")[0]
     assert set(component.subscribes()) <= set(TOPICS)
     assert set(component.publishes) <= set(TOPICS)
 
@@ -146,7 +148,7 @@ def test_a_skill_is_documented_bounded_in_time_and_can_cross_a_process_border(sk
 def test_every_skill_that_a_component_implements_is_in_an_api(name: str) -> None:
     for skill in COMPONENTS[name].skills():
         assert skill in SKILLS
-        assert skill.component == name
+        assert skill.component == COMPONENTS[name].name
 
 
 def test_every_component_runs_in_exactly_one_process() -> None:
@@ -163,7 +165,16 @@ def test_a_process_starts_after_rows_above_it_and_the_decision_process_is_the_fi
 
 
 def test_the_cell_runs_only_without_hardware_and_the_viewer_only_when_watched() -> None:
-    everything = {row.name for row in processes_of_run(simulated=True, watched=True)}
+    everything = {row.name for row in processes_of_run(simulated=True, watched=True, arms=2)}
     assert everything == {row.name for row in PROCESSES}
-    assert everything - {row.name for row in processes_of_run(simulated=False, watched=True)} == {"cell"}
-    assert everything - {row.name for row in processes_of_run(simulated=True, watched=False)} == {"viewer"}
+    assert everything - {row.name for row in processes_of_run(simulated=False, watched=True, arms=2)} == {"cell"}
+    assert everything - {row.name for row in processes_of_run(simulated=True, watched=False, arms=2)} == {"viewer"}
+
+
+def test_the_second_arm_has_a_component_and_a_process_where_a_run_has_one() -> None:
+    for config, others in ((RunConfig(), ()), (RunConfig(arms=2), ("opposite",))):
+        arms = config.arms
+        placed = [name for row in processes_of_run(simulated=True, watched=True, arms=arms) for name in row.components]
+        assert sorted(placed) == sorted(components_of_run(config))
+        assert instances_of_run(config).get("robot", ()) == others
+        assert set(COMPONENTS) - set(placed) == {f"robot.{mount.instance}" for mount in ARMS[arms:]}

@@ -36,9 +36,11 @@ class GraphArgs:
 def topics_mermaid() -> str:
     """Components as boxes, topics as arrows from their publisher to each reader."""
     lines = ["flowchart LR"]
-    lines += [f"    {name}[{name}]" for name in sorted(COMPONENTS)]
+    # Those that there is more than one of are drawn once: each has the same topics.
+    kinds = {component.name: component for component in COMPONENTS.values()}
+    lines += [f"    {name}[{name}]" for name in sorted(kinds)]
     for topic in TOPICS:
-        readers = [name for name, component in COMPONENTS.items() if topic in component.subscribes()]
+        readers = [name for name, component in kinds.items() if topic in component.subscribes()]
         label = f"{topic.name}<br/>{_type_name(topic)}"
         lines += [f'    {topic.publisher} -->|"{label}"| {reader}' for reader in sorted(readers)]
     return "\n".join(lines) + "\n"
@@ -54,7 +56,7 @@ def processes_mermaid() -> str:
     lines = ["flowchart TB"]
     for row in PROCESSES:
         lines.append(f"    subgraph {row.name}")
-        lines += [f"        {row.name}_{component}[{component}]" for component in row.components]
+        lines += [f"        {row.name}_{name.replace('.', '_')}[{name}]" for name in row.components]
         lines.append("    end")
     return "\n".join(lines) + "\n"
 

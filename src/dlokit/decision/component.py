@@ -16,6 +16,7 @@ from dlokit.decision.flow import run_flow
 from dlokit.decision.odometer import Odometer
 from dlokit.decision.shape_flow import SHAPE_DLO
 from dlokit.decision.task import ActionRecord, GoalRequest, ShapeResult, ShapeTask, StepTiming
+from dlokit.description.arms import instance_of
 from dlokit.errors import SkillFailure, SkillRejected
 from dlokit.geometry import rmse_m
 from dlokit.skills.perception import api as perception
@@ -23,6 +24,7 @@ from dlokit.skills.planning import api as planning
 from dlokit.skills.robot import api as robot
 from dlokit.types.flow import Command, FlowStatus, OperatorCommand, RunOutcome
 from dlokit.types.outcome import Failed, Rejected, Succeeded
+from dlokit.types.robot import FIRST_ROBOT
 from dlokit.types.strategy import StrategySpec
 
 log = logging.getLogger(__name__)
@@ -35,11 +37,21 @@ class DecisionComponent(Component):
     publishes = (topics.FLOW, topics.GRIPPED)
     reads = (topics.STATE, topics.GOAL, topics.GOAL_FRAMES, topics.ROBOT_STATE, topics.COMMAND)
 
-    def __init__(self, config: TaskConfig, stopwatch: Callable[[], float], *, length_m: float, radius_m: float) -> None:
+    def __init__(
+        self,
+        config: TaskConfig,
+        stopwatch: Callable[[], float],
+        *,
+        length_m: float,
+        radius_m: float,
+        robots: tuple[str, ...] = (FIRST_ROBOT,),
+    ) -> None:
         """`stopwatch` gives the machine's monotonic time [s]; it is used for timings alone.
 
-        `length_m` and `radius_m` are the DLO's, as believed: goals by name are made for them.
+        `length_m` and `radius_m` are the DLO's, as believed: goals by name are made for them. `robots` are the names of
+        the arms that it moves.
         """
+        self._robots = robots
         self._config = config
         self._stopwatch = stopwatch
         self._length_m = length_m
@@ -111,6 +123,7 @@ class DecisionComponent(Component):
             commands=self.port.stream(topics.COMMAND),
             odometer=odometer,
             recorded=recorded,
+            robots=self._robots,
             started_ns=self.port.clock.now_ns(),
         )
         diary = Diary(task, self.gate, entered)
@@ -162,7 +175,8 @@ class DecisionComponent(Component):
         """Brake, and stop looking. Another cancellation ends the wait, but neither the braking nor the record."""
 
         async def stop_all() -> None:
-            await self.port.call(robot.STOP)
+            for name in self._robots:
+                await self.port.call(robot.STOP.at(instance_of(name)))
             await self.port.call(perception.SET_TRACKING, 0.0)
 
         with contextlib.suppress(asyncio.CancelledError):

@@ -13,6 +13,7 @@ from dlokit.types.dlo_belief import DloBelief
 from dlokit.types.feasibility import GoalVerdict, Standing
 from dlokit.types.flow import OperatorCommand, RunOutcome
 from dlokit.types.message import Value
+from dlokit.types.robot import FIRST_ROBOT
 
 _SLIPS_ENOUGH = 2
 
@@ -105,6 +106,8 @@ class ShapeTask:
     odometer: Odometer
     recorded: Callable[[ActionRecord], None]
     """Told of every action when its effect is known."""
+    robots: tuple[str, ...] = (FIRST_ROBOT,)
+    """Names of the arms."""
     started_ns: int = 0
 
     goal: GoalShape | None = None

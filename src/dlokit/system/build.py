@@ -12,6 +12,7 @@ from dlokit.communication.port import Port
 from dlokit.communication.transport import Transport
 from dlokit.decision.component import DecisionComponent
 from dlokit.decision.shape_flow import SHAPE_DLO
+from dlokit.description.arms import ARMS, OPPOSITE, ArmMount
 from dlokit.functional.cameras.simulated import SimulatedCamera
 from dlokit.functional.cell.component import CellComponent
 from dlokit.functional.robots.simulated import SimulatedRobot
@@ -55,11 +56,21 @@ def _cell(config: RunConfig, wiring: Wiring) -> Component:
         seed=config.seed,
         truth_folder=wiring.folder,
         real_time_factor=1.0 if config.runtime == "lockstep" else config.cell.real_time_factor,
+        arms=ARMS[: config.arms],
     )
 
 
-def _robot(config: RunConfig, wiring: Wiring) -> Component:
-    return RobotComponent(config.robot, SimulatedRobot(_driver_port(wiring, "robot driver")), time.monotonic_ns)
+def _robot(mount: ArmMount) -> "_Build":
+    def build(config: RunConfig, wiring: Wiring) -> Component:
+        return RobotComponent(
+            config.robot,
+            SimulatedRobot(_driver_port(wiring, "robot driver"), mount),
+            time.monotonic_ns,
+            PandaKinematics(mount.T_world_base),
+            mount.instance,
+        )
+
+    return build
 
 
 def _perception(config: RunConfig, wiring: Wiring) -> Component:
@@ -80,7 +91,11 @@ def _planning(config: RunConfig, wiring: Wiring) -> Component:
 
 def _decision(config: RunConfig, wiring: Wiring) -> Component:
     return DecisionComponent(
-        config.task, time.perf_counter, length_m=config.model.length_m, radius_m=config.model.radius_m
+        config.task,
+        time.perf_counter,
+        length_m=config.model.length_m,
+        radius_m=config.model.radius_m,
+        robots=tuple(mount.robot for mount in ARMS[: config.arms]),
     )
 
 
@@ -89,9 +104,12 @@ def _viewer(config: RunConfig, wiring: Wiring) -> Component:
     return ViewerComponent(config.viewer, flow=SHAPE_DLO.edges(), rod=rod, threshold_m=config.task.threshold_m)
 
 
-_BUILDERS: dict[str, Callable[[RunConfig, Wiring], Component]] = {
+_Build = Callable[[RunConfig, Wiring], Component]
+
+_BUILDERS: dict[str, _Build] = {
     "cell": _cell,
-    "robot": _robot,
+    "robot": _robot(ARMS[0]),
+    f"robot.{OPPOSITE}": _robot(ARMS[1]),
     "perception": _perception,
     "observer": _observer,
     "model": _model,
@@ -106,6 +124,7 @@ Build = Callable[[str, RunConfig, Wiring], Component]
 COMPONENTS: dict[str, type[Component]] = {
     "cell": CellComponent,
     "robot": RobotComponent,
+    f"robot.{OPPOSITE}": RobotComponent,
     "perception": PerceptionComponent,
     "observer": ObserverComponent,
     "model": ModelComponent,
@@ -114,3 +133,17 @@ COMPONENTS: dict[str, type[Component]] = {
     "decision": DecisionComponent,
 }
 """Every component by its name: the paper's Fig. 3, and the cell that stands in for its hardware."""
+
+
+def components_of_run(config: RunConfig) -> tuple[str, ...]:
+    """The names in `COMPONENTS` that a run needs."""
+    absent = {f"robot.{mount.instance}" for mount in ARMS[config.arms :]}
+    if config.headless:
+        absent.add("viewer")
+    return tuple(name for name in COMPONENTS if name not in absent)
+
+
+def instances_of_run(config: RunConfig) -> dict[str, tuple[str, ...]]:
+    """What there is more than one of in a run: the instances besides the first, by component."""
+    others = tuple(mount.instance for mount in ARMS[1 : config.arms])
+    return {"robot": others} if others else {}

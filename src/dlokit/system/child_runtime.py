@@ -43,7 +43,7 @@ async def _serve(spec: ChildSpec, build: Build) -> None:
     threading.Thread(target=_end_with_parent, args=(loop, stop), daemon=True).start()
     with worker_pool() as compute:
         async with join_bus(spec.bus, spec.time_base) as bus:
-            host = Host(bus.transport, bus.clock, compute)
+            host = Host(bus.transport, bus.clock, compute, spec.instances)
             for name in spec.components:
                 host.add(build(name, spec, bus))
             await bus.first_tick(spec.first_tick_within_s)

@@ -16,6 +16,8 @@ class ChildSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     config_file: str
     """Path of the run's configuration."""
     run_dir: str
+    instances: dict[str, tuple[str, ...]] = {}
+    """What there is more than one of, besides the first, by component."""
     beat_fd: int
     """Inherited pipe: `READY` once, then `BEAT` again and again."""
     first_tick_within_s: float = 30.0

@@ -37,6 +37,8 @@ class RunConfig:
     """Seed of everything random: start shape, camera noise, the error of the believed camera pose."""
     headless: bool = False
     """Run without the browser viewer."""
+    arms: Literal[1, 2] = 1
+    """Arms of the cell; a second stands opposite the first, and planner `rollout` then considers pairs of grasps."""
     record: bool = True
     """Write everything that goes over the bus to `recording.mcap` in the run's folder; `dlokit info` reads it."""
     goal_at_m: tuple[float, float] | None = None

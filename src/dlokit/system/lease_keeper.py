@@ -6,6 +6,7 @@ from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
 
 from dlokit.communication.transport import Transport
+from dlokit.description.arms import FIRST_ALONE, ArmMount
 from dlokit.errors import ProcessFailure
 from dlokit.skills.robot import api
 from dlokit.system.tasks import end_tasks
@@ -22,23 +23,25 @@ RENEW_EVERY_S = 0.2
 
 
 @asynccontextmanager
-async def lease_held(transport: Transport) -> AsyncGenerator[None]:
-    """Hold the lease meanwhile. Raises `ProcessFailure` when the robot does not give it."""
-    taken = await transport.call(api.RENEW_LEASE, HOLDER, LEASE_S)
-    if not isinstance(taken, Succeeded):
-        raise ProcessFailure("no_lease", f"the robot does not take commands: {taken}")
-    renewing = asyncio.create_task(_renew(transport), name="renew the lease")
+async def lease_held(transport: Transport, arms: tuple[ArmMount, ...] = FIRST_ALONE) -> AsyncGenerator[None]:
+    """Hold the lease of every arm meanwhile. Raises `ProcessFailure` when one does not give it."""
+    for mount in arms:
+        taken = await transport.call(api.RENEW_LEASE.at(mount.instance), HOLDER, LEASE_S)
+        if not isinstance(taken, Succeeded):
+            raise ProcessFailure("no_lease", f"the robot {mount.robot} does not take commands: {taken}")
+    renewing = [asyncio.create_task(_renew(transport, mount), name="renew the lease") for mount in arms]
     try:
         yield
     finally:
-        await end_tasks(renewing)
-        await transport.call(api.RELEASE_LEASE, HOLDER)
+        await end_tasks(*renewing)
+        for mount in arms:
+            await transport.call(api.RELEASE_LEASE.at(mount.instance), HOLDER)
 
 
-async def _renew(transport: Transport) -> None:
+async def _renew(transport: Transport, mount: ArmMount) -> None:
     while True:
         # On the machine's clock, as the lease itself: a slow cell is no reason to brake.
         await asyncio.sleep(RENEW_EVERY_S)
-        outcome = await transport.call(api.RENEW_LEASE, HOLDER, LEASE_S)
+        outcome = await transport.call(api.RENEW_LEASE.at(mount.instance), HOLDER, LEASE_S)
         if not isinstance(outcome, Succeeded):
-            log.warning("the robot's lease was not renewed: %s", outcome)
+            log.warning("the lease of the robot %s was not renewed: %s", mount.robot, outcome)

@@ -10,8 +10,9 @@ import msgspec
 from dlokit.communication.host import Host
 from dlokit.communication.recording.recorder import Recorder
 from dlokit.decision.component import DecisionComponent
+from dlokit.description.arms import ARMS
 from dlokit.errors import ProcessFailure
-from dlokit.system.build import Wiring, build_component
+from dlokit.system.build import Wiring, build_component, instances_of_run
 from dlokit.system.config import RunConfig
 from dlokit.system.lease_keeper import lease_held
 from dlokit.system.live_system import LiveSystem, live_system, namespace_of
@@ -38,8 +39,13 @@ def run_live(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher) -> 
 
 
 async def _run(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher) -> RunRecord:
-    rows = processes_of_run(simulated=True, watched=not config.headless)
-    launch = Launch(namespace=namespace_of(folder), config_file=folder / CONFIG_FILE, run_dir=folder)
+    rows = processes_of_run(simulated=True, watched=not config.headless, arms=config.arms)
+    launch = Launch(
+        namespace=namespace_of(folder),
+        config_file=folder / CONFIG_FILE,
+        run_dir=folder,
+        instances=instances_of_run(config),
+    )
     async with live_system(rows, launch) as live:
         with live_recorder(config, job.name, folder, live.clock, live.transport) as recorder:
             return await live.run(_decide(live, config, job, folder, watch, recorder), _failed)
@@ -57,12 +63,12 @@ async def _decide(
 ) -> RunRecord:
     transport = with_calls_recorded(live.transport, live.clock, recorder)
     wiring = Wiring(transport=transport, clock=live.clock, folder=folder, start_nodes_world=NOBODYS_BUSINESS)
-    host = Host(transport, live.clock, live.compute)
+    host = Host(transport, live.clock, live.compute, instances_of_run(config))
     components = {name: build_component(name, config, wiring) for name in DECISION.components}
     for component in components.values():
         host.add(component)
     decision = components["decision"]
     assert isinstance(decision, DecisionComponent)
     await host.prepare()
-    async with host, lease_held(live.transport):
+    async with host, lease_held(live.transport, ARMS[: config.arms]):
         return await shape(decision, transport, live.clock, config, job, watch)

@@ -14,7 +14,7 @@ from dlokit.communication.recording.recorder import Recorder
 from dlokit.communication.transport import Transport
 from dlokit.decision.component import DecisionComponent
 from dlokit.errors import DlokitError
-from dlokit.system.build import COMPONENTS, Build, Wiring, build_component
+from dlokit.system.build import Build, Wiring, build_component, components_of_run, instances_of_run
 from dlokit.system.config import RunConfig
 from dlokit.system.recording import lockstep_recorder, with_calls_recorded
 from dlokit.system.run_record import RunRecord
@@ -47,10 +47,9 @@ async def lockstep_system(
     """
     clock, bus = LoopClock(), MemoryTransport(None if recorder is None else recorder.put)
     transport = with_calls_recorded(bus, clock, recorder)
-    host = Host(transport, clock)
+    host = Host(transport, clock, instances=instances_of_run(config))
     wiring = Wiring(transport=transport, clock=clock, folder=folder, start_nodes_world=start_nodes_world)
-    names = [name for name in COMPONENTS if not (name == "viewer" and config.headless)]
-    components = {name: build(name, config, wiring) for name in names}
+    components = {name: build(name, config, wiring) for name in components_of_run(config)}
     for component in components.values():
         host.add(component)
     decision = components["decision"]

@@ -14,6 +14,7 @@ class Needed(enum.Enum):
     ALWAYS = "always"
     SIMULATED = "when there is no hardware"
     WATCHED = "when somebody watches"
+    TWO_ARMS = "when there are two arms"
 
 
 class TimeBase(enum.Enum):
@@ -63,14 +64,20 @@ CELL       = ProcessRow(name="cell",       components=("cell",), needed=Needed.S
 SIMULATION = ProcessRow(name="simulation", components=("model",))
 OBSERVER   = ProcessRow(name="observer",   components=("observer",))
 ROBOT      = ProcessRow(name="robot",      components=("robot",), after=("cell",))
+OPPOSITE   = ProcessRow(name="opposite",   components=("robot.opposite",), after=("cell",), needed=Needed.TWO_ARMS)
 CAMERA     = ProcessRow(name="camera",     components=("perception",), after=("cell",))
 VIEWER     = ProcessRow(name="viewer", components=("viewer",), needed=Needed.WATCHED, essential=False, restart=AGAIN)
 # fmt: on
 
-PROCESSES: tuple[ProcessRow, ...] = (DECISION, CELL, SIMULATION, OBSERVER, ROBOT, CAMERA, VIEWER)
+PROCESSES: tuple[ProcessRow, ...] = (DECISION, CELL, SIMULATION, OBSERVER, ROBOT, OPPOSITE, CAMERA, VIEWER)
 
 
-def processes_of_run(*, simulated: bool, watched: bool) -> tuple[ProcessRow, ...]:
+def processes_of_run(*, simulated: bool, watched: bool, arms: int = 1) -> tuple[ProcessRow, ...]:
     """The rows that a run needs, the decision process first."""
-    wanted = {Needed.ALWAYS: True, Needed.SIMULATED: simulated, Needed.WATCHED: watched}
+    wanted = {
+        Needed.ALWAYS: True,
+        Needed.SIMULATED: simulated,
+        Needed.WATCHED: watched,
+        Needed.TWO_ARMS: arms == 2,
+    }
     return tuple(row for row in PROCESSES if wanted[row.needed])

@@ -15,6 +15,7 @@ from dlokit.communication.recording.recorder import Recorder
 from dlokit.communication.topics import TOPICS
 from dlokit.communication.transport import Transport
 from dlokit.communication.zenoh_transport import ZenohTransport
+from dlokit.system.build import instances_of_run
 from dlokit.system.config import RunConfig
 from dlokit.system.run_result import config_hash
 from dlokit.system.toml_config import to_toml
@@ -65,8 +66,10 @@ def live_recorder(
     # The network's threads have no running loop to ask.
     now_ns = clock.now_ns if isinstance(clock, FollowedClock) else time.monotonic_ns
     with Recorder(folder / FILE_NAME, now_ns, run_metadata(config, name), patient=False) as recorder:
-        for topic in TOPICS:
-            transport.tap(topic, lambda data, topic=topic: recorder.put(topic, data))
+        others = instances_of_run(config)
+        for row in TOPICS:
+            for topic in (row, *(row.at(instance) for instance in others.get(row.publisher, ()))):
+                transport.tap(topic, lambda data, topic=topic: recorder.put(topic, data))
         yield recorder
 
 

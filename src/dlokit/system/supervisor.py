@@ -7,7 +7,7 @@ import asyncio
 import contextlib
 import logging
 import sys
-from collections.abc import Coroutine
+from collections.abc import Coroutine, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
@@ -35,6 +35,8 @@ class Launch:
     config_file: Path
     run_dir: Path
     """Logs go to `logs/` in it."""
+    instances: Mapping[str, tuple[str, ...]] = field(default_factory=dict[str, tuple[str, ...]])
+    """What there is more than one of, besides the first, by component."""
     command: tuple[str, ...] = (sys.executable, "-m", "dlokit.system.process_main")
     """What is run; it finds its `ChildSpec` on its standard input."""
 
@@ -117,6 +119,7 @@ class Supervisor:
             time_base=row.time_base,
             config_file=str(self._launch.config_file),
             run_dir=str(self._launch.run_dir),
+            instances=dict(self._launch.instances),
             beat_fd=-1,
         )
         child = ChildProcess(self._launch.command, spec, self._launch.run_dir / "logs" / f"{row.name}.log")

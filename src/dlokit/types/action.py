@@ -3,6 +3,7 @@
 from dlokit.types.arrays import Float64Array, Int64Array
 from dlokit.types.message import Message, Value
 from dlokit.types.pose import Pose
+from dlokit.types.robot import FIRST_ROBOT
 
 
 class VelocityProfile(Value, frozen=True, kw_only=True, eq=False):
@@ -32,7 +33,7 @@ class Handling(Message, frozen=True, kw_only=True, eq=False):
     """Tool poses from there to the release, without the first itself."""
     velocity: VelocityProfile
     predicted_nodes_world: Float64Array | None = None  # (M, 3) [m] shape expected after it; None: not predicted
-    robot: str = "panda"
+    robot: str = FIRST_ROBOT
 
 
 class PickPlace(Handling, frozen=True, kw_only=True, eq=False, tag="pick-and-place"):

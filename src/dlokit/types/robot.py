@@ -6,6 +6,9 @@ from dlokit.types.arrays import Float64Array
 from dlokit.types.message import Message, Value
 from dlokit.types.pose import Pose
 
+FIRST_ROBOT = "panda"
+"""Name of the arm at the world's origin."""
+
 
 class RobotMode(enum.Enum):
     """What the arm is doing."""
@@ -40,6 +43,8 @@ class RobotState(Message, frozen=True, kw_only=True, eq=False):
     wrench_world: Float64Array | None = None  # (6,) external force [N] and torque [N·m] at the TCP
     holding: bool = False
     """Whether the fingers hold something (width and force agree)."""
+    T_world_base: Pose | None = None
+    """Where the arm stands; None: at the world's origin."""
 
 
 class JointTrajectory(Value, frozen=True, kw_only=True, eq=False):

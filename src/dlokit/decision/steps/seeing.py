@@ -10,6 +10,7 @@ from dlokit.decision.steps.explaining import explain, fail
 from dlokit.decision.steps.outcomes import GoalSet, Sight
 from dlokit.decision.steps.slipping import note_slip, stayed_behind
 from dlokit.decision.task import ActionRecord, ShapeTask
+from dlokit.description.arms import instance_of
 from dlokit.geometry import rmse_m
 from dlokit.skills.model import api as model
 from dlokit.skills.observer import api as observer
@@ -39,10 +40,12 @@ async def find_dlo(task: ShapeTask) -> Sight:
     """First look: the shape is unknown, so the observer orders the cloud into nodes."""
     if not await _robot_speaks(task):
         return Sight.FAILED
-    home = await task.port.call(robot.HOME)
-    if not isinstance(home, Succeeded):
-        fail(task, "robot.home", home)
-        return Sight.FAILED
+    for name in task.robots:
+        skill = robot.HOME.at(instance_of(name))
+        home = await task.port.call(skill)
+        if not isinstance(home, Succeeded):
+            fail(task, skill.key, home)
+            return Sight.FAILED
     seen = await task.port.call(perception.LOOK)
     if not isinstance(seen, Succeeded):
         return _judge_sight(task, "perception.look", seen)
@@ -56,14 +59,16 @@ async def find_dlo(task: ShapeTask) -> Sight:
 
 
 async def _robot_speaks(task: ShapeTask) -> bool:
-    try:
-        async with asyncio.timeout(task.config.robot_timeout_s):
-            async for _ in task.port.stream(topics.ROBOT_STATE):
-                return True
-    except TimeoutError:
-        pass
-    task.reason = f"robot_lost: no state of the robot came within {task.config.robot_timeout_s:g} s; is it running?"
-    return False
+    for name in task.robots:
+        try:
+            async with asyncio.timeout(task.config.robot_timeout_s):
+                async for _ in task.port.stream(topics.ROBOT_STATE.at(instance_of(name))):
+                    break
+        except TimeoutError:
+            waited_s = task.config.robot_timeout_s
+            task.reason = f"robot_lost: no state of the robot {name} came within {waited_s:g} s; is it running?"
+            return False
+    return True
 
 
 async def set_goal(task: ShapeTask) -> GoalSet:

@@ -1,13 +1,13 @@
 """The cell's socket: what the simulated camera and the simulated robot ask of it.
 
 Drivers alone call these skills. They are what cables to a real camera and a real arm are; the DLO's true shape
-is not among them.
+is not among them. Each arm is called by its name.
 """
 
 from dlokit.communication.skill import Skill
 from dlokit.types.arrays import Float64Array
 from dlokit.types.image import StereoImages
-from dlokit.types.robot import GripResult, JointTrajectory, MotionResult
+from dlokit.types.robot import FIRST_ROBOT, GripResult, JointTrajectory, MotionResult
 
 
 def _capture() -> StereoImages:
@@ -18,22 +18,23 @@ def _capture() -> StereoImages:
     ...
 
 
-def _follow(trajectory: JointTrajectory, lease_s: float) -> MotionResult:
+def _follow(trajectory: JointTrajectory, lease_s: float, robot: str = FIRST_ROBOT) -> MotionResult:
     """Move the arm along a joint trajectory, from the first of its samples to the last.
 
     The arm brakes within its limits when the call is cancelled, on STOP, and when no RENEW came for `lease_s`
     seconds of the machine's clock; after the last it is in fault.
-    Fails with: stopped, lost_commander. Rejected with: busy, fault, wrong_start, outside_limits, bad_trajectory.
+    Fails with: stopped, lost_commander. Rejected with: no_such_robot, busy, fault, wrong_start, outside_limits,
+    bad_trajectory.
     """
     ...
 
 
-def _renew() -> None:
+def _renew(robot: str = FIRST_ROBOT) -> None:
     """Say that the commander of the motion is still there."""
     ...
 
 
-def _servo_to(q_rad: Float64Array, dq_rad_s: Float64Array) -> None:
+def _servo_to(q_rad: Float64Array, dq_rad_s: Float64Array, robot: str = FIRST_ROBOT) -> None:
     """Set the joint angles (7,) and velocities (7,) to be at now; call again within 0.1 s, or the arm brakes.
 
     Rejected with: busy, fault, outside_limits.
@@ -41,7 +42,7 @@ def _servo_to(q_rad: Float64Array, dq_rad_s: Float64Array) -> None:
     ...
 
 
-def _grip(width_m: float, force_n: float) -> GripResult:
+def _grip(width_m: float, force_n: float, robot: str = FIRST_ROBOT) -> GripResult:
     """Bring the fingers to a width, pressing with at most `force_n` on what is between them; waits until they rest.
 
     Rejected with: bad_width, bad_force.
@@ -49,12 +50,12 @@ def _grip(width_m: float, force_n: float) -> GripResult:
     ...
 
 
-def _stop() -> None:
+def _stop(robot: str = FIRST_ROBOT) -> None:
     """Brake the arm within its limits; returns when it stands."""
     ...
 
 
-def _recover() -> None:
+def _recover(robot: str = FIRST_ROBOT) -> None:
     """Clear a fault; the arm stays where it is."""
     ...
 

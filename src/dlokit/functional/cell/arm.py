@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from dlokit import geometry
+from dlokit.description.arms import ArmMount
 from dlokit.description.panda_data import PANDA_FINGER_SPEED_M_S, PANDA_LIMITS
 from dlokit.functional.cell.fingers import Fingers
 from dlokit.functional.cell.setpoints import Brake, Follow, Hold, Program, Servo, Setpoint
@@ -16,9 +17,10 @@ from dlokit.types.robot import JointTrajectory, RobotMode, RobotState
 class CellArm:
     """One arm of the cell, controlled every physics step."""
 
-    def __init__(self, model: Any, data: Any, *, name: str, q_rad: Float64Array) -> None:
-        """Take over the arm `name` of a model and put it, at rest, at the joint angles `q_rad` (7,)."""
-        self.name = name
+    def __init__(self, model: Any, data: Any, mount: ArmMount, q_rad: Float64Array) -> None:
+        """Take over an arm of a model and put it, at rest, at the joint angles `q_rad` (7,)."""
+        self.name = name = mount.robot
+        self._T_world_base = mount.T_world_base
         self.limits = PANDA_LIMITS
         self._model, self._data = model, data
         labels = [f"{name}/joint{i + 1}" for i in range(7)]
@@ -111,6 +113,7 @@ class CellArm:
             finger_width_m=self.fingers.width_m,
             mode=self._mode,
             holding=self.fingers.holding,
+            T_world_base=self._T_world_base,
         )
 
     @property

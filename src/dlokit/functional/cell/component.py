@@ -1,6 +1,7 @@
 """The cell as a component: it lets its time pass in ticks, tells it, and answers the drivers."""
 
 import asyncio
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -8,8 +9,10 @@ from numpy.typing import ArrayLike
 
 from dlokit.communication import topics
 from dlokit.communication.component import Component, implements
+from dlokit.description.arms import FIRST_ALONE, ArmMount
 from dlokit.errors import MachineError, SkillFailure, SkillRejected
 from dlokit.functional.cell import api
+from dlokit.functional.cell.arm import CellArm
 from dlokit.functional.cell.checks import check_grip, check_servo, check_trajectory
 from dlokit.functional.cell.config import TICK_S, CellConfig
 from dlokit.functional.cell.pace import Pace
@@ -19,10 +22,22 @@ from dlokit.functional.cell.world import Cell
 from dlokit.types.arrays import Float64Array
 from dlokit.types.clock import ClockTick
 from dlokit.types.image import StereoImages
-from dlokit.types.robot import GripResult, JointTrajectory, MotionResult, RobotMode
+from dlokit.types.robot import FIRST_ROBOT, GripResult, JointTrajectory, MotionResult, RobotMode
 
 _TICKS_PER_STATE = 2  # arm states at 50 Hz
 _IN_MOTION = (RobotMode.MOVING, RobotMode.BRAKING)
+
+
+@dataclass
+class _Line:
+    """What is kept of one arm."""
+
+    arm: CellArm
+    instance: str
+    """Whose topics its states go to."""
+    watchdog: Watchdog = field(default_factory=lambda: Watchdog(longest_tick_s=2 * TICK_S))
+    interrupted: str = ""
+    """Why the motion that runs was ended early."""
 
 
 class CellComponent(Component):
@@ -39,6 +54,7 @@ class CellComponent(Component):
         seed: int,
         truth_folder: Path | None = None,
         real_time_factor: float = 1.0,
+        arms: tuple[ArmMount, ...] = FIRST_ALONE,
     ) -> None:
         """Build the cell with the DLO at rest along `start_world` (K, 2) or (K, 3) [m].
 
@@ -46,15 +62,13 @@ class CellComponent(Component):
         host's; in lockstep it must be 1. Raises `ShapeError` when the DLO cannot lie there.
         """
         super().__init__()
-        self._cell = Cell(config, seed=seed)
+        self._cell = Cell(config, seed=seed, arms=arms)
         self._cell.place_dlo(start_world)
         self._truth = TruthRecorder(truth_folder) if truth_folder is not None else None
         self._factor = real_time_factor
         self._ticks = 0
         self._waiting: list[asyncio.Future[None]] = []
-        self._watchdog = Watchdog(longest_tick_s=2 * TICK_S)
-        self._interrupted = ""
-        """Why the motion that runs was ended early."""
+        self._lines = {mount.robot: _Line(arm=self._cell.arms[mount.robot], instance=mount.instance) for mount in arms}
 
     async def run(self) -> None:
         """Let time pass until cancelled."""
@@ -86,24 +100,24 @@ class CellComponent(Component):
             raise SkillFailure("no_opengl", str(error)) from error
 
     @implements(api.FOLLOW)
-    async def follow(self, trajectory: JointTrajectory, lease_s: float) -> MotionResult:
+    async def follow(self, trajectory: JointTrajectory, lease_s: float, robot: str = FIRST_ROBOT) -> MotionResult:
         """Move along a trajectory, under a lease."""
-        self._require_idle()
-        arm = self._cell.arm
+        line = self._idle(robot)
+        arm = line.arm
         check_trajectory(trajectory, arm.setpoint(self._cell.time_s), arm.limits)
         start_s = self._cell.time_s
-        self._interrupted = ""
-        self._watchdog.arm(lease_s)
-        self._cell.start_follow(trajectory)
+        line.interrupted = ""
+        line.watchdog.arm(lease_s)
+        self._cell.start_follow(trajectory, robot)
         try:
-            await self._standing()
+            await self._standing(arm)
         finally:
-            self._watchdog.disarm()
+            line.watchdog.disarm()
             if arm.mode == RobotMode.MOVING:
-                self._cell.brake()
-        if self._interrupted:
-            raise SkillFailure(self._interrupted, "the arm braked before the end of the trajectory")
-        state = self._cell.arm_state()
+                self._cell.brake(robot)
+        if line.interrupted:
+            raise SkillFailure(line.interrupted, "the arm braked before the end of the trajectory")
+        state = self._cell.arm_state(robot)
         return MotionResult(
             q_rad=state.q_rad,
             T_world_tcp=state.T_world_tcp,
@@ -112,66 +126,78 @@ class CellComponent(Component):
         )
 
     @implements(api.RENEW)
-    async def renew(self) -> None:
+    async def renew(self, robot: str = FIRST_ROBOT) -> None:
         """Renew the lease of the motion that runs."""
-        self._watchdog.renew()
+        self._line(robot).watchdog.renew()
 
     @implements(api.SERVO_TO)
-    async def servo_to(self, q_rad: Float64Array, dq_rad_s: Float64Array) -> None:
+    async def servo_to(self, q_rad: Float64Array, dq_rad_s: Float64Array, robot: str = FIRST_ROBOT) -> None:
         """Lead the joints."""
-        arm = self._cell.arm
+        arm = self._line(robot).arm
         if not arm.led:
-            self._require_idle()
+            self._idle(robot)
         check_servo(q_rad, dq_rad_s, arm.setpoint(self._cell.time_s), arm.limits)
-        self._cell.set_servo(np.array(q_rad), np.array(dq_rad_s))
+        self._cell.set_servo(np.array(q_rad), np.array(dq_rad_s), robot)
 
     @implements(api.GRIP)
-    async def grip(self, width_m: float, force_n: float) -> GripResult:
+    async def grip(self, width_m: float, force_n: float, robot: str = FIRST_ROBOT) -> GripResult:
         """Move the fingers."""
         check_grip(width_m, force_n)
-        self._cell.set_grip(width_m, force_n)
-        fingers = self._cell.arm.fingers
+        fingers = self._line(robot).arm.fingers
+        self._cell.set_grip(width_m, force_n, robot)
         while not fingers.at_rest:
             await self._next_tick()
         return fingers.result()
 
     @implements(api.STOP)
-    async def stop(self) -> None:
+    async def stop(self, robot: str = FIRST_ROBOT) -> None:
         """Brake."""
-        if self._cell.arm.mode == RobotMode.MOVING:
-            self._interrupted = "stopped"
-            self._cell.brake()
-        await self._standing()
+        line = self._line(robot)
+        if line.arm.mode == RobotMode.MOVING:
+            line.interrupted = "stopped"
+            self._cell.brake(robot)
+        await self._standing(line.arm)
 
     @implements(api.RECOVER)
-    async def recover(self) -> None:
+    async def recover(self, robot: str = FIRST_ROBOT) -> None:
         """Clear a fault."""
-        await self._standing()
-        self._cell.arm.recover()
+        arm = self._line(robot).arm
+        await self._standing(arm)
+        arm.recover()
 
-    def _require_idle(self) -> None:
-        mode = self._cell.arm.mode
+    def _line(self, robot: str) -> "_Line":
+        if robot not in self._lines:
+            raise SkillRejected("no_such_robot", f"{robot}; the cell has {', '.join(self._lines)}")
+        return self._lines[robot]
+
+    def _idle(self, robot: str) -> "_Line":
+        line = self._line(robot)
+        mode = line.arm.mode
         if mode == RobotMode.FAULT:
             raise SkillRejected("fault", "the arm stopped itself; call recover first")
         if mode != RobotMode.IDLE:
             raise SkillRejected("busy", f"the arm is {mode.value}; wait, or call stop")
+        return line
 
     def _guard(self) -> None:
-        """Brake when the commander of the motion has fallen silent."""
-        if self._watchdog.expired(asyncio.get_running_loop().time()) and self._cell.arm.mode == RobotMode.MOVING:
-            self._interrupted = "lost_commander"
-            self._cell.brake(fault=True)
+        """Brake an arm when the commander of its motion has fallen silent."""
+        now_s = asyncio.get_running_loop().time()
+        for robot, line in self._lines.items():
+            if line.watchdog.expired(now_s) and line.arm.mode == RobotMode.MOVING:
+                line.interrupted = "lost_commander"
+                self._cell.brake(robot, fault=True)
 
     def _tell(self, pace: Pace) -> None:
         stamp_ns = self._cell.time_ns
         self.port.publish(topics.CLOCK, ClockTick(stamp_ns=stamp_ns, real_time_factor=pace.real_time_factor))
         if self._ticks % _TICKS_PER_STATE == 0:
-            self.port.publish(topics.ARM_STATE, self._cell.arm_state())
+            for robot, line in self._lines.items():
+                self.port.publish(topics.ARM_STATE.at(line.instance), self._cell.arm_state(robot))
         if self._truth is not None:
             self._truth.note(self._cell)
 
-    async def _standing(self) -> None:
-        while self._cell.arm.mode in _IN_MOTION:
+    async def _standing(self, arm: CellArm) -> None:
+        while arm.mode in _IN_MOTION:
             await self._next_tick()
 
     async def _next_tick(self) -> None:

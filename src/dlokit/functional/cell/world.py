@@ -1,4 +1,4 @@
-"""The cell itself: physics of arm, table and DLO. A plain object, without clock, sockets or OpenGL."""
+"""The cell itself: physics of arms, table and DLO. A plain object, without clock, sockets or OpenGL."""
 
 from typing import Any
 
@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dlokit import geometry
+from dlokit.description.arms import FIRST_ALONE, ArmMount
 from dlokit.description.panda import add_panda
 from dlokit.description.panda_data import PANDA_HOME_Q_RAD
 from dlokit.description.rod import set_rod_physics
@@ -19,7 +20,7 @@ from dlokit.functional.cell.rendering import StereoRig, add_cameras
 from dlokit.functional.cell.table_friction import TableFriction
 from dlokit.types.arrays import Float64Array
 from dlokit.types.image import StereoImages
-from dlokit.types.robot import JointTrajectory, RobotState
+from dlokit.types.robot import FIRST_ROBOT, JointTrajectory, RobotState
 
 _DIVERGED = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
 _LENGTH_TOLERANCE = 0.02  # of the DLO's length: what a hand-drawn curve may be off
@@ -28,8 +29,8 @@ _LENGTH_TOLERANCE = 0.02  # of the DLO's length: what a hand-drawn curve may be 
 class Cell:
     """Reality, simulated. Its time starts at 0 and goes on by `step` alone."""
 
-    def __init__(self, config: CellConfig, *, seed: int, robot: str = "panda") -> None:
-        """Build the cell with the arm at home and the DLO straight in the middle of the table.
+    def __init__(self, config: CellConfig, *, seed: int, arms: tuple[ArmMount, ...] = FIRST_ALONE) -> None:
+        """Build the cell with its arms at home and the DLO straight in the middle of the table.
 
         What `config.randomisation` lets differ is drawn from the seed. Raises `ConfigError` or `MachineError` on what
         cannot be built.
@@ -37,15 +38,20 @@ class Cell:
         config = apply_episode(config, draw_episode(config, seed))
         self.config = config
         self.rig = StereoRig(config, seed=seed)
-        self._model = _build(config, self.rig, robot)
+        self._model = _build(config, self.rig, arms)
         self._data: Any = mujoco.MjData(self._model)
         self._dlo = config.physics.take_over(self._model, self._data, config.dlo)
         self._friction = TableFriction(self._model, self._dlo, config)
         self._start_ns = 0
         self._steps = 0
-        self.arm = CellArm(self._model, self._data, name=robot, q_rad=np.array(PANDA_HOME_Q_RAD, dtype=np.float64))
+        self.arms = {mount.robot: CellArm(self._model, self._data, mount, np.array(PANDA_HOME_Q_RAD)) for mount in arms}
         half_m = config.dlo.length_m / 2
         self.place_dlo([[0.5, -half_m], [0.5, half_m]], settle=False)
+
+    @property
+    def arm(self) -> CellArm:
+        """The first arm."""
+        return next(iter(self.arms.values()))
 
     @property
     def time_ns(self) -> int:
@@ -71,7 +77,7 @@ class Cell:
         self._refresh()
         for _ in range(round(self.config.settle_s / TICK_S) if settle else 0):
             for _ in range(self.config.steps_per_tick):
-                self.arm.before_step(self.time_s)
+                self._before_step()
                 mujoco.mj_step(self._model, self._data)
             self._refresh()
 
@@ -79,30 +85,30 @@ class Cell:
         """Let time pass: a whole number of physics steps."""
         for _ in range(round(duration_s / self.config.timestep_s)):
             self._steps += 1
-            self.arm.before_step(self.time_s)
+            self._before_step()
             mujoco.mj_step(self._model, self._data)
         self._require_sane()
         self._refresh()
 
-    def start_follow(self, trajectory: JointTrajectory) -> None:
-        """Begin a joint trajectory now."""
-        self.arm.start_follow(trajectory, self.time_s)
+    def start_follow(self, trajectory: JointTrajectory, robot: str = FIRST_ROBOT) -> None:
+        """Begin a joint trajectory of an arm now."""
+        self.arms[robot].start_follow(trajectory, self.time_s)
 
-    def set_servo(self, q_rad: Float64Array, dq_rad_s: Float64Array) -> None:
-        """Lead the joints: be at `q_rad` (7,) with `dq_rad_s` (7,) now."""
-        self.arm.servo_to(q_rad, dq_rad_s, self.time_s)
+    def set_servo(self, q_rad: Float64Array, dq_rad_s: Float64Array, robot: str = FIRST_ROBOT) -> None:
+        """Lead the joints of an arm: be at `q_rad` (7,) with `dq_rad_s` (7,) now."""
+        self.arms[robot].servo_to(q_rad, dq_rad_s, self.time_s)
 
-    def brake(self, *, fault: bool = False) -> None:
-        """Bring the arm to rest within its limits; with `fault` it then needs `arm.recover`."""
-        self.arm.brake(self.time_s, fault=fault)
+    def brake(self, robot: str = FIRST_ROBOT, *, fault: bool = False) -> None:
+        """Bring an arm to rest within its limits; with `fault` it then needs `CellArm.recover`."""
+        self.arms[robot].brake(self.time_s, fault=fault)
 
-    def set_grip(self, width_m: float, force_n: float) -> None:
-        """Begin to move the fingers to a width, pressing with at most `force_n`."""
-        self.arm.fingers.start_grip(width_m, force_n)
+    def set_grip(self, width_m: float, force_n: float, robot: str = FIRST_ROBOT) -> None:
+        """Begin to move an arm's fingers to a width, pressing with at most `force_n`."""
+        self.arms[robot].fingers.start_grip(width_m, force_n)
 
-    def arm_state(self) -> RobotState:
-        """What the arm's sensors say now."""
-        return self.arm.state(self.time_s, self.time_ns)
+    def arm_state(self, robot: str = FIRST_ROBOT) -> RobotState:
+        """What an arm's sensors say now."""
+        return self.arms[robot].state(self.time_s, self.time_ns)
 
     def capture(self) -> StereoImages:
         """Expose both cameras now. Raises `MachineError` without OpenGL. One thread must make all calls."""
@@ -115,6 +121,10 @@ class Cell:
     def close(self) -> None:
         """Give the OpenGL context back."""
         self.rig.close()
+
+    def _before_step(self) -> None:
+        for arm in self.arms.values():
+            arm.before_step(self.time_s)
 
     def _require_sane(self) -> None:
         """MuJoCo starts a diverged state anew and only counts it; nobody would notice."""
@@ -153,12 +163,13 @@ class Cell:
         return np.column_stack([xy, np.maximum(geometry.resample(curve_world, self.config.nodes)[:, 2], lowest_m)])
 
 
-def _build(config: CellConfig, rig: StereoRig, robot: str) -> Any:
+def _build(config: CellConfig, rig: StereoRig, arms: tuple[ArmMount, ...]) -> Any:
     spec: Any = mujoco.MjSpec()
     set_rod_physics(spec, config.timestep_s)
     add_table(spec, friction=config.table_friction, tilt_deg=config.table_tilt_deg)
     add_lights(spec, shadows=config.shadows, light=config.light)
     add_cameras(spec, rig.true_calibration, config)
-    add_panda(spec, name=robot)
+    for mount in arms:
+        add_panda(spec, name=mount.robot, T_world_base=mount.T_world_base)
     config.physics.add(spec, config.dlo, config.nodes)
     return spec.compile()

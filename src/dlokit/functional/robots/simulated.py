@@ -1,4 +1,4 @@
-"""The Panda of the simulated cell: every verb is a call to the cell's socket."""
+"""A Panda of the simulated cell: every verb is a call to the cell's socket."""
 
 import asyncio
 from collections.abc import AsyncGenerator, AsyncIterator
@@ -10,6 +10,7 @@ import numpy as np
 
 from dlokit.communication import topics
 from dlokit.communication.port import Port
+from dlokit.description.arms import ARMS, ArmMount
 from dlokit.description.panda_data import PANDA_LIMITS
 from dlokit.errors import HardwareError, SkillFailure
 from dlokit.functional.cell import api
@@ -27,11 +28,13 @@ _SERVO_PERIOD_S = 0.02
 
 
 class SimulatedRobot:
-    """Drives the arm of the cell through a port."""
+    """Drives an arm of the cell through a port."""
 
-    def __init__(self, port: Port, T_world_base: Pose | None = None) -> None:
+    def __init__(self, port: Port, mount: ArmMount = ARMS[0]) -> None:
         self._port = port
-        self._T_world_base = T_world_base
+        self._robot = mount.robot
+        self._T_world_base = mount.T_world_base
+        self._states = topics.ARM_STATE.at(mount.instance)
         self._state: RobotState | None = None
         self._heard = asyncio.Event()
         self._reader: asyncio.Task[None] | None = None
@@ -50,7 +53,7 @@ class SimulatedRobot:
         except TimeoutError:
             self._reader.cancel()
             raise HardwareError(
-                f"no state of the arm came from the cell within {_CONNECT_S:.0f} s; is the cell running?"
+                f"no state of the arm {self._robot} came from the cell within {_CONNECT_S:.0f} s; is the cell running?"
             ) from None
         return self
 
@@ -58,12 +61,12 @@ class SimulatedRobot:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """Brake, whatever happened; an absent cell has nothing to brake."""
-        await self._port.call(api.STOP)
+        await self._port.call(api.STOP, self._robot)
         if self._reader is not None:
             self._reader.cancel()
 
     async def _read_states(self) -> None:
-        async for state in self._port.stream(topics.ARM_STATE):
+        async for state in self._port.stream(self._states):
             self._state = state
             self._heard.set()
 
@@ -76,7 +79,7 @@ class SimulatedRobot:
     async def follow(self, trajectory: JointTrajectory, lease: Lease) -> MotionResult:
         """Run a trajectory, renewing the right to move all the while; a cancelled call brakes the arm."""
         async with self._renewing(lease):
-            return _result(await self._port.call(api.FOLLOW, trajectory, lease.duration_s))
+            return _result(await self._port.call(api.FOLLOW, trajectory, lease.duration_s, self._robot))
 
     async def servo(self, targets: AsyncIterator[Pose], lease: Lease) -> MotionResult:
         """Follow tool poses by differential inverse kinematics at 50 Hz of the cell's clock."""
@@ -86,12 +89,12 @@ class SimulatedRobot:
         try:
             while not reader.done():
                 q, dq = servo.step()
-                _result(await self._port.call(api.SERVO_TO, q, dq))
+                _result(await self._port.call(api.SERVO_TO, q, dq, self._robot))
                 await self._port.clock.sleep(_SERVO_PERIOD_S)
                 largest = max(largest, float(np.max(np.abs(self.state().q_rad - q))))
         finally:
             reader.cancel()
-            await self._port.call(api.STOP)  # brakes, and returns when the arm stands
+            await self._port.call(api.STOP, self._robot)  # brakes, and returns when the arm stands
         state = self.state()
         return MotionResult(
             q_rad=state.q_rad,
@@ -102,15 +105,15 @@ class SimulatedRobot:
 
     async def grip(self, width_m: float, force_n: float) -> GripResult:
         """Bring the fingers to a width."""
-        return _result(await self._port.call(api.GRIP, width_m, force_n))
+        return _result(await self._port.call(api.GRIP, width_m, force_n, self._robot))
 
     async def stop(self) -> None:
         """Brake."""
-        _result(await self._port.call(api.STOP))
+        _result(await self._port.call(api.STOP, self._robot))
 
     async def recover(self) -> None:
         """Clear a fault."""
-        _result(await self._port.call(api.RECOVER))
+        _result(await self._port.call(api.RECOVER, self._robot))
 
     @asynccontextmanager
     async def _renewing(self, lease: Lease) -> AsyncGenerator[None, None]:
@@ -119,7 +122,7 @@ class SimulatedRobot:
         async def renew() -> None:
             while True:
                 await asyncio.sleep(lease.duration_s / _RENEWALS)
-                await self._port.call(api.RENEW)
+                await self._port.call(api.RENEW, self._robot)
 
         heart = asyncio.create_task(renew())
         try:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from dlokit.description.panda_data import PANDA_DH, PANDA_FINGER_M, PANDA_FLANGE_M, PANDA_HAND_YAW_RAD
 from dlokit.description.panda_shape import PANDA_COLLISION
+from dlokit.geometry import matrix
 from dlokit.types.robot import RobotState
 
 Array = NDArray[np.float64]
@@ -33,6 +34,9 @@ def panda_capsules(robots: Sequence[RobotState]) -> Capsules:
     ends: list[Array] = []
     for state in robots:
         frames = panda_link_frames(state.q_rad, state.finger_width_m)
+        if state.T_world_base is not None:
+            T_world_base = matrix(state.T_world_base)
+            frames = {link: T_world_base @ T for link, T in frames.items()}
         for capsule in PANDA_COLLISION:
             T = frames[capsule.link]
             starts.append(T[:3, :3] @ np.array(capsule.start_m) + T[:3, 3])

@@ -44,9 +44,14 @@ class RobotComponent(Component):
         robot: Robot,
         monotonic_ns: Callable[[], int],
         kinematics: PandaKinematics | None = None,
+        instance: str = "",
     ) -> None:
-        """`monotonic_ns` is the machine's clock, for leases; it stands apart from the clock of the port."""
+        """`monotonic_ns` is the machine's clock, for leases; it stands apart from the clock of the port.
+
+        `instance` says which arm it is, where there is more than one.
+        """
         super().__init__()
+        self.instance = instance
         self._config = config
         self._robot = robot
         self._kinematics = kinematics or PandaKinematics()
@@ -188,7 +193,7 @@ class RobotComponent(Component):
             self._config.surroundings,
             self._kinematics.T_world_base,
         )
-        lease = Lease(holder=self._lease.holder or self.name, duration_s=self._config.driver_lease_s)
+        lease = Lease(holder=self._lease.holder or self.address, duration_s=self._config.driver_lease_s)
         self._commanded = None
         result = await self._interruptible(self._robot.follow(trajectory, lease))
         self._commanded = trajectory.q_rad[-1].copy()

@@ -78,7 +78,7 @@ class Gripper:
 
 
 class RobotFigure:
-    """One Panda, its base at the world frame."""
+    """One Panda; its base is where `root` is."""
 
     def __init__(self, scene: viser.SceneApi, name: str, meshes: MeshStore) -> None:
         color = palette.ROBOT.color

@@ -54,7 +54,9 @@ class Scene:
         """Pose a robot; a new name adds one."""
         if state.robot not in self._robots:
             name = f"{self._roots[palette.ROBOT].name}/{state.robot}"
-            self._robots[state.robot] = RobotFigure(self._scene, name, self._meshes)
+            self._robots[state.robot] = figure = RobotFigure(self._scene, name, self._meshes)
+            if state.T_world_base is not None:
+                place(figure.root, state.T_world_base)
         self._robots[state.robot].show(state.q_rad, state.finger_width_m)
 
     def show_pictures(self, images: StereoImages) -> None:
