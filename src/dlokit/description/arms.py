@@ -1,7 +1,8 @@
 """Which arms a cell may have, and where they stand.
 
 The second stands opposite the first, as far from the middle of the usable table as that one: what one arm reaches and
-hides from the camera, the other does turned by half a turn about the middle, so that both reach all of it.
+hides from the camera, the other does turned by half a turn about the middle. Each reaches all of the table but the
+corners far from it, which the other reaches.
 """
 
 from dataclasses import dataclass

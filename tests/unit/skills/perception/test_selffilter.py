@@ -1,10 +1,11 @@
 import mujoco
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from stereo_scene import calibration, robot_state
 
 from dlokit.description.panda import PANDA_HOME_Q_RAD, PANDA_LINKS, add_panda
-from dlokit.geometry import inverse, transform
+from dlokit.geometry import inverse, pose, transform
 from dlokit.skills.perception.projection import project
 from dlokit.skills.perception.robot_shape import Capsules, panda_capsules, panda_link_frames
 from dlokit.skills.perception.selffilter import occlusion_map, robot_distance_m, robot_outline
@@ -73,3 +74,14 @@ def test_the_occlusion_map_has_the_depth_of_the_nearest_surface():
     c = transform(inverse(camera.T_world_camera), center[None])[0]
     roots = np.roots([ray @ ray, -2 * ray @ c, c @ c - 0.08**2])
     assert occlusion_map(ball, camera, 8).depth_m[row, column] == pytest.approx(roots.min(), abs=1e-5)
+
+
+def test_a_robot_that_stands_elsewhere_is_looked_for_there():
+    base = pose((1.04, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+    state = robot_state(OVER_TABLE_Q_RAD)
+    here = panda_capsules((state,))
+    both = panda_capsules((state, replace(state, T_world_base=base)))
+    count = len(here.starts_world)
+    np.testing.assert_allclose(both.starts_world[:count], here.starts_world)
+    np.testing.assert_allclose(both.starts_world[count:], transform(base, here.starts_world), atol=1e-12)
+    np.testing.assert_allclose(both.ends_world[count:], transform(base, here.ends_world), atol=1e-12)

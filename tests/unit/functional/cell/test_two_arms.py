@@ -1,0 +1,53 @@
+"""The cell with a second arm: each by its name, and neither in the other's way."""
+
+import asyncio
+
+import numpy as np
+
+from dlokit.communication import topics, virtual_time
+from dlokit.communication.clock import LoopClock
+from dlokit.communication.compute import InlineCompute
+from dlokit.communication.host import Host
+from dlokit.communication.memory import MemoryTransport
+from dlokit.communication.port import Port
+from dlokit.description.arms import ARMS, OPPOSITE
+from dlokit.description.panda_data import PANDA_HOME_Q_RAD
+from dlokit.description.shapes import builtin_shape
+from dlokit.functional.cell import api
+from dlokit.functional.cell.component import CellComponent
+from dlokit.functional.cell.config import CellConfig
+from dlokit.functional.robots.simulated import SimulatedRobot
+from dlokit.skills.robot.kinematics import PandaKinematics
+from dlokit.skills.robot.trajectories import joint_move
+from dlokit.types.outcome import Rejected
+from dlokit.types.robot import Lease
+
+
+def test_each_driver_moves_its_own_arm_and_the_other_stays_where_it_is() -> None:
+    async def main() -> None:
+        bus, clock = MemoryTransport(), LoopClock()
+        host = Host(bus, clock)
+        host.add(CellComponent(CellConfig(settle_s=0.0), builtin_shape("I", 0.5, 100), seed=0, arms=ARMS))
+        port = Port(bus, clock, InlineCompute(), owner="drivers", publishes=())
+        async with host, SimulatedRobot(port, ARMS[0]) as first, SimulatedRobot(port, ARMS[1]) as second:
+            base_joint = np.eye(7)[0]
+            ends = PANDA_HOME_Q_RAD + 0.3 * base_joint, PANDA_HOME_Q_RAD - 0.2 * base_joint
+            await second.follow(joint_move(PANDA_HOME_Q_RAD, ends[1]), Lease(holder="test"))
+            np.testing.assert_allclose(first.state().q_rad, PANDA_HOME_Q_RAD, atol=2e-3)  # gravity is compensated
+            await asyncio.gather(
+                first.follow(joint_move(PANDA_HOME_Q_RAD, ends[0]), Lease(holder="test")),
+                second.follow(joint_move(ends[1], PANDA_HOME_Q_RAD), Lease(holder="test")),
+            )
+            await asyncio.sleep(0.3)
+            states = bus.latest(topics.ARM_STATE).value, bus.latest(topics.ARM_STATE.at(OPPOSITE)).value
+            for state, q_rad, mount in zip(states, (ends[0], PANDA_HOME_Q_RAD), ARMS, strict=True):
+                assert state is not None
+                assert state.robot == mount.robot
+                np.testing.assert_allclose(state.q_rad, q_rad, atol=2e-3)
+                believed = PandaKinematics(state.T_world_base).forward(state.q_rad)
+                np.testing.assert_allclose(state.T_world_tcp.position_m, believed.position_m, atol=1e-6)
+            absent = await bus.call(api.STOP, "middle")
+            assert isinstance(absent, Rejected)
+            assert absent.reason == "no_such_robot"
+
+    virtual_time.run(main())
