@@ -60,7 +60,7 @@ def _cell(config: RunConfig, wiring: Wiring) -> Component:
     )
 
 
-def _robot(mount: ArmMount) -> "_Build":
+def _robot(mount: ArmMount) -> "_Builder":
     def build(config: RunConfig, wiring: Wiring) -> Component:
         return RobotComponent(
             config.robot,
@@ -104,9 +104,9 @@ def _viewer(config: RunConfig, wiring: Wiring) -> Component:
     return ViewerComponent(config.viewer, flow=SHAPE_DLO.edges(), rod=rod, threshold_m=config.task.threshold_m)
 
 
-_Build = Callable[[RunConfig, Wiring], Component]
+_Builder = Callable[[RunConfig, Wiring], Component]
 
-_BUILDERS: dict[str, _Build] = {
+_BUILDERS: dict[str, _Builder] = {
     "cell": _cell,
     "robot": _robot(ARMS[0]),
     f"robot.{OPPOSITE}": _robot(ARMS[1]),
