@@ -15,6 +15,7 @@ from dlokit.app.machine import machine_facts
 from dlokit.app.preparing import prepare
 from dlokit.bench.report import bench_json
 from dlokit.bench.shaping.cases import Case, CaseResult, cases
+from dlokit.bench.shaping.cluster import check_address
 from dlokit.bench.shaping.experiments import Experiment
 from dlokit.bench.shaping.figures import figures
 from dlokit.bench.shaping.methods import IDEAL, Method, methods_of, with_method
@@ -132,6 +133,7 @@ def _plan(
     methods = methods_of(config, observers, _names(args.planner))
     for method in methods:
         with_method(config, method)
+    check_address(args.cluster)
     todo = list(cases(experiments, seeds, methods, first_seed=args.first_seed))
     return config, methods, todo, Workers(jobs=jobs, cluster=args.cluster)
 

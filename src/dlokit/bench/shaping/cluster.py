@@ -9,7 +9,16 @@ from joblib import parallel_config
 
 from dlokit.errors import ConfigError, MachineError
 
+DASK, RAY = ("tcp://", "tls://"), "ray://"
 _INSTALL = {"distributed": "pip install 'dlokit[sweeps]'", "ray": "pip install 'ray[client]'"}
+
+
+def check_address(address: str) -> None:
+    """Raise `ConfigError` where an address names neither Dask nor Ray; an empty one is this machine."""
+    if address and not address.startswith((*DASK, RAY)):
+        raise ConfigError(
+            f"--cluster {address} is no address: tcp://HOST:PORT is Dask's scheduler, ray://HOST:PORT is Ray."
+        )
 
 
 @contextmanager
@@ -20,28 +29,25 @@ def cluster_backend(address: str, jobs: int) -> Generator[int]:
     ``ray://HOST:PORT`` for Ray. Raises `ConfigError` for another, `MachineError` where the package or the cluster is
     missing.
     """
+    check_address(address)
     if not address:
         # Fresh processes, not forked ones, whose OpenGL context would not be usable.
         with parallel_config(backend="loky"):
             yield jobs
-    elif address.startswith("tcp://") or address.startswith("tls://"):
+    elif address.startswith(DASK):
         client = _dask(address)
         try:
             with parallel_config(backend="dask", client=client):
                 yield -1
         finally:
             client.close()
-    elif address.startswith("ray://"):
+    else:
         ray = _ray(address)
         try:
             with parallel_config(backend="ray"):
                 yield -1
         finally:
             ray.shutdown()
-    else:
-        raise ConfigError(
-            f"--cluster {address} is no address: tcp://HOST:PORT is Dask's scheduler, ray://HOST:PORT is Ray."
-        )
 
 
 def _dask(address: str) -> Any:
