@@ -7,7 +7,7 @@ import numpy as np
 from dlokit.description.shapes import self_clearance_m
 from dlokit.skills.model.quick_rollout import Played
 from dlokit.skills.planning.actions import FeasibilityConfig
-from dlokit.types.action import Action, Drag, LayDown
+from dlokit.types.action import Action, Drag, LayDown, Push
 from dlokit.types.arrays import Float64Array
 
 _TANGLED = 0.3  # metres of score a metre of missing clearance: a tangle is worse than any error that it saves
@@ -30,6 +30,8 @@ class ScoreConfig:
     """How far a pick-and-place usually ends from what is predicted, whatever the doubt [m]; adds to its RMSE."""
     drag_miss_m: float = 0.0015
     """The same for a drag [m]."""
+    push_miss_m: float = 0.005
+    """The same for a push, which holds nothing [m]."""
     lay_down_miss_m: float = 0.008
     """The same for a lay-down [m]: near the goal it is not worth its time."""
     caution: float = 1.0
@@ -37,9 +39,8 @@ class ScoreConfig:
 
     def miss_m(self, kind: type[Action]) -> float:
         """How far a kind of action usually ends from what is predicted [m]."""
-        if issubclass(kind, LayDown):
-            return self.lay_down_miss_m
-        return self.drag_miss_m if issubclass(kind, Drag) else self.pick_place_miss_m
+        of_kind = {LayDown: self.lay_down_miss_m, Drag: self.drag_miss_m, Push: self.push_miss_m}
+        return of_kind.get(kind, self.pick_place_miss_m)
 
 
 def remaining_m(

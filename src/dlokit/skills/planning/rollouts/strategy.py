@@ -13,6 +13,7 @@ from dlokit.skills.planning.pick_place import goal_in_order
 from dlokit.skills.planning.rollouts.candidates import Family, Scene, to_action
 from dlokit.skills.planning.rollouts.carrying import Carrying
 from dlokit.skills.planning.rollouts.laying import Laying
+from dlokit.skills.planning.rollouts.misses import Misses
 from dlokit.skills.planning.rollouts.pushing import Pushing
 from dlokit.skills.planning.rollouts.score import ScoreConfig, cautious_m, remaining_m
 from dlokit.skills.planning.rollouts.search import Search, SearchConfig
@@ -56,16 +57,18 @@ class Rollout:
 
     def __init__(self, config: RolloutConfig, tools: PlanningTools) -> None:
         self._config, self._tools = config, tools
+        self._misses = Misses(config.score)
 
     async def propose(self, shape: DloState, goal: GoalShape, marks: Marks) -> AsyncIterator[Action]:
         """Actions of any kind, the one that leaves least to be done first; each with its predicted shape."""
         config, tools = self._config, self._tools
         goal_world = goal_in_order(shape.nodes_world, goal.nodes_world, ends_interchangeable=goal.ends_interchangeable)
         marked = frozenset(int(node) for node in marks.invalid_nodes)
+        self._misses.compare(shape)
         scene = Scene(shape.nodes_world, goal_world, marked, tools)
 
         def score(played: Played, kinds: Sequence[type[Action]]) -> Float64Array:
-            miss_m = np.array([config.score.miss_m(kind) for kind in kinds])
+            miss_m = np.array([self._misses.of(kind) for kind in kinds])
             return remaining_m(played, miss_m, goal_world, tools.model.radius_m, config.score, tools.table)
 
         def judge(scores_m: Float64Array) -> Float64Array:
@@ -75,7 +78,9 @@ class Rollout:
         # Other candidates at another time: what did not do as predicted is not tried again in just the same way.
         rng = np.random.default_rng([config.seed, shape.stamp_ns])
         for choice in await search.run(self._families(scene), rng):
-            yield to_action(choice.candidate, shape.stamp_ns, choice.nodes_world, tools)
+            action = to_action(choice.candidate, shape.stamp_ns, choice.nodes_world, tools)
+            self._misses.expect(action, shape)
+            yield action
 
     def _families(self, scene: Scene) -> list[Family]:
         config = self._config

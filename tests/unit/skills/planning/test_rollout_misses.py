@@ -1,0 +1,67 @@
+"""What actions did is held against what was predicted of them."""
+
+import msgspec
+import numpy as np
+import pytest
+
+from dlokit.description.shapes import builtin_shape
+from dlokit.skills.model.config import ModelConfig
+from dlokit.skills.model.rod import topology
+from dlokit.skills.planning.rollouts.misses import Misses
+from dlokit.skills.planning.rollouts.score import ScoreConfig
+from dlokit.types.action import Action, Drag, Grasp, LayDown, VelocityProfile
+from dlokit.types.arrays import Float64Array
+from dlokit.types.dlo import DloState
+from dlokit.types.pose import Pose
+
+MODEL = ModelConfig()
+I_SHAPE = builtin_shape("I", MODEL.length_m, MODEL.nodes)
+S_SHAPE = builtin_shape("S", MODEL.length_m, MODEL.nodes)
+ASIDE = np.array([0.03, 0.0, 0.0])
+
+
+def state(nodes: Float64Array, stamp_ns: int) -> DloState:
+    return DloState(stamp_ns=stamp_ns, nodes_world=nodes, topology=topology(MODEL))
+
+
+def laid() -> Action:
+    pose = Pose(position_m=np.zeros(3), wxyz=np.array([0.0, 1.0, 0.0, 0.0]))
+    return LayDown(
+        stamp_ns=1,
+        grasp=Grasp(node=0, T_world_tcp=pose),
+        path=(pose,),
+        velocity=VelocityProfile(),
+        predicted_nodes_world=S_SHAPE,
+    )
+
+
+def after(action: Action, nodes: Float64Array, stamp_ns: int = 2) -> Misses:
+    misses = Misses(ScoreConfig())
+    misses.expect(action, state(I_SHAPE, 1))
+    misses.compare(state(nodes, stamp_ns))
+    return misses
+
+
+def test_a_kind_that_missed_by_much_is_trusted_less_and_others_as_before() -> None:
+    usual = ScoreConfig()
+    misses = after(laid(), S_SHAPE + ASIDE)
+    assert misses.of(LayDown) == pytest.approx(np.sqrt((usual.lay_down_miss_m**2 + 0.03**2) / 2.0))
+    assert misses.of(Drag) == usual.drag_miss_m
+
+
+def test_a_kind_that_does_as_predicted_is_trusted_more() -> None:
+    assert after(laid(), S_SHAPE).of(LayDown) < ScoreConfig().lay_down_miss_m
+
+
+def test_the_same_question_again_and_a_rod_that_was_not_moved_teach_nothing() -> None:
+    usual = ScoreConfig().lay_down_miss_m
+    assert after(laid(), S_SHAPE + ASIDE, stamp_ns=1).of(LayDown) == usual
+    assert after(laid(), I_SHAPE).of(LayDown) == usual
+
+
+def test_of_several_proposals_the_last_was_taken() -> None:
+    misses = Misses(ScoreConfig())
+    misses.expect(laid(), state(I_SHAPE, 1))
+    misses.expect(msgspec.structs.replace(laid(), predicted_nodes_world=S_SHAPE + ASIDE), state(I_SHAPE, 1))
+    misses.compare(state(S_SHAPE + ASIDE, 2))
+    assert misses.of(LayDown) < ScoreConfig().lay_down_miss_m
