@@ -39,7 +39,11 @@ class ScoreConfig:
 
     def miss_m(self, kind: type[Action]) -> float:
         """How far a kind of action usually ends from what is predicted [m]."""
-        of_kind = {LayDown: self.lay_down_miss_m, Drag: self.drag_miss_m, Push: self.push_miss_m}
+        of_kind: dict[type[Action], float] = {
+            LayDown: self.lay_down_miss_m,
+            Drag: self.drag_miss_m,
+            Push: self.push_miss_m,
+        }
         return of_kind.get(kind, self.pick_place_miss_m)
 
 
