@@ -9,9 +9,12 @@ from rich.console import Console
 from rich.table import Table
 
 from dlokit.app.identify_picture import write_picture
+from dlokit.app.measuring import Measures, measure
 from dlokit.communication.recording.channels import FILE_NAME
 from dlokit.communication.recording.reader import read_recording
 from dlokit.errors import InputError
+from dlokit.skills.model.belief import as_configured
+from dlokit.skills.model.config import ModelConfig
 from dlokit.skills.model.identification.history import Lesson, lessons
 from dlokit.skills.model.identification.posterior import as_believed
 from dlokit.skills.model.identification.recorded import experiences
@@ -27,9 +30,10 @@ TABLE_WIDTH = 100
 
 @dataclass(frozen=True, kw_only=True)
 class IdentifyArgs:
-    """Say what the actions of one DLO's runs tell of it: stiffness, friction, and whether it takes a set.
+    """Say what the runs of one DLO tell of it: length, radius, stiffness, friction, and whether it takes a set.
 
-    Each action is played again in the rod of planning, for many rods, and compared with what the camera saw.
+    Length and radius are measured in the pictures. Each action is played again in the rod of planning, for many rods,
+    and compared with what the camera saw.
 
     Try
       dlokit identify runs/<run>
@@ -37,7 +41,7 @@ class IdentifyArgs:
       dlokit shape --config runs/<run>/identified.toml --goal S      a run that knows the DLO
 
     Written are identified.toml, the configuration of the last run with the figures found, and identified.png.
-    Exit code: 0; 2 when a folder holds no recorded run, or no action says anything.
+    Exit code: 0; 2 when a folder holds no recorded run, or one that says nothing.
     """
 
     runs: Annotated[tuple[Path, ...], tyro.conf.Positional]
@@ -53,23 +57,37 @@ def run(args: IdentifyArgs) -> int:
     if not args.runs:
         raise InputError("no run is named; give the folders of one or more runs, e.g. dlokit identify runs/<run>.")
     config = read_toml(args.runs[-1] / CONFIG_FILE, RunConfig)
+    size = measure(read_recording(args.runs[-1] / FILE_NAME), config.perception)
+    model = config.model if size is None else _with_size(config.model, size)
     seen = [lesson for folder in args.runs for lesson in experiences(read_recording(folder / FILE_NAME))]
-    found = lessons(config.model, seen)
-    if not found:
+    found = lessons(model, seen)
+    if not found and size is None:
         raise InputError(
-            f"{', '.join(map(str, args.runs))}: no action of it held and moved the DLO; give a run with actions."
+            f"{', '.join(map(str, args.runs))}: the DLO is in no picture, and no action held and moved it; "
+            f"give a run that saw it."
         )
     out = args.out or args.runs[-1]
     out.mkdir(parents=True, exist_ok=True)
-    learnt = replace(config, model=as_believed(config.model, found[-1].belief))
+    belief = found[-1].belief if found else as_configured(model, stamp_ns=0)
+    learnt = replace(config, model=as_believed(model, belief))
     (out / LEARNT_FILE).write_text(to_toml(learnt), encoding="utf-8")
-    write_picture(out / PICTURE_FILE, found)
     console = Console()
     console = Console(width=max(console.width, TABLE_WIDTH))
-    console.print(_actions(found))
-    console.print(_figures(found[-1].belief, config))
-    console.print(f"written: {out / LEARNT_FILE}, {out / PICTURE_FILE}", highlight=False, markup=False, soft_wrap=True)
+    written = [out / LEARNT_FILE]
+    if found:
+        console.print(_actions(found))
+        write_picture(out / PICTURE_FILE, found)
+        written.append(out / PICTURE_FILE)
+    console.print(_figures(belief, config, size))
+    console.print(f"written: {', '.join(map(str, written))}", highlight=False, markup=False, soft_wrap=True)
     return 0
+
+
+def _with_size(model: ModelConfig, size: Measures) -> ModelConfig:
+    told = as_configured(model, stamp_ns=0)
+    length, radius = told.length_m.with_measured(size.length_m), told.radius_m.with_measured(size.radius_m)
+    sure = replace(model.belief, length_log_sd=length.log_sd, radius_log_sd=radius.log_sd)
+    return replace(model, length_m=length.value, radius_m=radius.value, belief=sure)
 
 
 def _actions(found: list[Lesson]) -> Table:
@@ -90,12 +108,14 @@ def _actions(found: list[Lesson]) -> Table:
     return table
 
 
-def _figures(belief: DloBelief, config: RunConfig) -> Table:
-    table = Table(title=f"the DLO, from {belief.actions} actions")
+def _figures(belief: DloBelief, config: RunConfig, size: Measures | None) -> Table:
+    table = Table(title=f"the DLO, from {0 if size is None else size.looks} looks and {belief.actions} actions")
     for heading in ("", "configured", "found", "95 % within"):
         table.add_column(heading, justify="left" if not heading else "right", no_wrap=True)
     model = config.model
     rows: tuple[tuple[str, float, Figure], ...] = (
+        ("length, m", model.length_m, belief.length_m),
+        ("radius, m", model.radius_m, belief.radius_m),
         ("bending stiffness EI, N·m²", model.bending_stiffness_n_m2, belief.bending_stiffness_n_m2),
         ("friction μ", model.friction, belief.friction),
         (

@@ -4,6 +4,8 @@ import math
 
 from dlokit.types.message import Message, Value
 
+_CONTRADICTS_SDS = 3.0
+
 
 class Figure(Value, frozen=True, kw_only=True, eq=False):
     """A number above 0 that is known to a factor: its logarithm is normally distributed."""
@@ -17,6 +19,15 @@ class Figure(Value, frozen=True, kw_only=True, eq=False):
         """The interval of so many standard deviations to either side; of two it holds 95 %."""
         factor = math.exp(sds * self.log_sd)
         return self.value / factor, self.value * factor
+
+    def with_measured(self, measured: "Figure") -> "Figure":
+        """This figure and a measured one together, as sure as each is; one that contradicts it takes its place."""
+        apart = math.log(measured.value / self.value)
+        if abs(apart) > _CONTRADICTS_SDS * math.hypot(self.log_sd, measured.log_sd) or self.log_sd == 0.0:
+            return measured if abs(apart) > _CONTRADICTS_SDS * measured.log_sd else self
+        share = self.log_sd**2 / (self.log_sd**2 + measured.log_sd**2)
+        log_sd = self.log_sd * measured.log_sd / math.hypot(self.log_sd, measured.log_sd)
+        return Figure(value=self.value * math.exp(share * apart), log_sd=log_sd)
 
 
 class DloBelief(Message, frozen=True, kw_only=True, eq=False):

@@ -1,0 +1,91 @@
+"""Length and radius of a DLO from the pictures of a run: those in which it lies free and the arm is out of the way."""
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import msgspec
+import numpy as np
+
+from dlokit import geometry
+from dlokit.communication import topics
+from dlokit.communication.recording.reader import Recorded
+from dlokit.errors import SkillFailure
+from dlokit.skills.observer.initialise import initial_targets
+from dlokit.skills.perception.config import PerceptionConfig
+from dlokit.skills.perception.pipeline import corrected_camera_pose, perceive
+from dlokit.skills.perception.thickness import radius_m
+from dlokit.types.dlo_belief import Figure
+from dlokit.types.flow import FlowStatus
+from dlokit.types.image import StereoImages
+from dlokit.types.robot import RobotState
+
+_FREE = frozenset({"find_dlo", "track_model", "track_again"})  # steps of the flow in which the DLO lies free
+_MOST_LOOKS = 6
+_NODES = 61
+# What all looks have in common, seen over lengths of 0.4 to 0.65 m and radii of 2 to 6 mm (standard deviations).
+_LENGTH_LOG_SD = 0.012
+_RADIUS_LOG_SD = 0.035
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measures:
+    """What the camera tells of the DLO's size."""
+
+    length_m: Figure
+    radius_m: Figure
+    looks: int
+
+
+def measure(messages: Iterable[Recorded], config: PerceptionConfig) -> Measures | None:
+    """Measure in the first pictures in which the DLO lies free and whole; None when there are none."""
+    lengths: list[float] = []
+    radii: list[float] = []
+    for images, robot in _free_pictures(messages):
+        size = _size(images, robot, config)
+        if size is not None:
+            lengths.append(size[0])
+            radii.append(size[1])
+        if len(lengths) == _MOST_LOOKS:
+            break
+    if not lengths:
+        return None
+    return Measures(
+        length_m=_figure(lengths, _LENGTH_LOG_SD), radius_m=_figure(radii, _RADIUS_LOG_SD), looks=len(lengths)
+    )
+
+
+def _free_pictures(messages: Iterable[Recorded]) -> Iterator[tuple[StereoImages, RobotState]]:
+    step, robot = "", None
+    for recorded in messages:
+        match recorded.message:
+            case FlowStatus() as status:
+                step = status.step
+            case RobotState() as state if recorded.topic == topics.ROBOT_STATE.name:
+                robot = state
+            case StereoImages() as images if step in _FREE and robot is not None:
+                yield images, robot
+            case _:
+                pass
+
+
+def _size(images: StereoImages, robot: RobotState, config: PerceptionConfig) -> tuple[float, float] | None:
+    """Length and radius [m] in one pair of pictures; None where the DLO is not seen whole."""
+    if config.table.correct_pose:
+        pose = corrected_camera_pose(images, (robot,), config, config.segmentation)
+        if pose is not None:
+            calibration = msgspec.structs.replace(images.calibration, T_world_camera=pose)
+            images = msgspec.structs.replace(images, calibration=calibration)
+    look = perceive(images, (robot,), config, config.segmentation)
+    try:
+        nodes = initial_targets(look.observation, _NODES, None).nodes_world
+    except SkillFailure:
+        return None
+    radius = radius_m(look, nodes)
+    return None if radius is None else (float(geometry.arc_lengths(nodes)[-1]), radius)
+
+
+def _figure(values: list[float], common_log_sd: float) -> Figure:
+    logs = np.log(values)
+    scatter = float(logs.std()) / math.sqrt(len(values))
+    return Figure(value=float(np.exp(np.median(logs))), log_sd=math.hypot(common_log_sd, scatter))
