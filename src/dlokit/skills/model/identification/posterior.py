@@ -23,6 +23,7 @@ _ANOTHER_STIFFNESS_LOG_SD = 2.5
 _ANOTHER_FRICTION_LOG_SD = 0.4
 _TAKES_SET = 0.2  # chance of a DLO that takes a set
 _MODEL_LOG_SD = 0.1  # the rod of planning is not the DLO, however often it was seen
+_SET_MODEL_LOG_SD = 0.3  # less so where it takes a set: how much is strained before an action nobody sees
 _FINER = 8  # points of the fine grid in one cell of the coarse one
 
 
@@ -65,12 +66,15 @@ def believed(config: ModelConfig, of: Posterior, actions: int, stamp_ns: int) ->
     ratio = _moments(layer, of.stiffness_log[None, :] - of.friction_log[:, None])
     before = as_configured(config, stamp_ns)
     bend = YIELDS_1_M[of.best_yield]
+    floor = _MODEL_LOG_SD if math.isinf(bend) else _SET_MODEL_LOG_SD
     return msgspec.structs.replace(
         before,
         # All that a rod on a table shows is EI / w and μ: the doubt of the weight stays in EI alone.
-        bending_stiffness_n_m2=_scaled(before.bending_stiffness_n_m2, stiffness, config.belief.weight_log_sd),
-        friction=_scaled(before.friction, friction, 0.0),
-        elastic_m3=_scaled(before.elastic_m3, ratio, 0.0),
+        bending_stiffness_n_m2=_scaled(
+            before.bending_stiffness_n_m2, stiffness, math.hypot(floor, config.belief.weight_log_sd)
+        ),
+        friction=_scaled(before.friction, friction, floor),
+        elastic_m3=_scaled(before.elastic_m3, ratio, floor),
         yield_curvature_1_m=None if math.isinf(bend) else bend,
         actions=actions,
     )
@@ -120,5 +124,5 @@ def _moments(probability: Float64Array, log: Float64Array) -> tuple[float, float
 
 
 def _scaled(before: Figure, log: tuple[float, float], doubt_log_sd: float) -> Figure:
-    log_sd = math.hypot(log[1], doubt_log_sd, _MODEL_LOG_SD)
+    log_sd = math.hypot(log[1], doubt_log_sd)
     return Figure(value=before.value * math.exp(log[0]), log_sd=log_sd)
