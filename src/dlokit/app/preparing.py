@@ -3,7 +3,7 @@
 from rich.console import Console
 
 from dlokit.skills.observer.kernels import warm
-from dlokit.skills.planning.base import Loaded
+from dlokit.skills.planning.loading import load
 from dlokit.system.config import RunConfig
 
 
@@ -12,7 +12,5 @@ def prepare(console: Console, config: RunConfig) -> None:
     once = "the first time on a machine it is compiled, for about 20 s"
     with console.status(f"preparing the observer; {once}"):
         warm((config.observer.strategy,))
-    strategy = config.planning.strategy
-    if isinstance(strategy, Loaded):
-        with console.status(f"preparing the planner; {once}"):
-            strategy.load()
+    with console.status(f"preparing the planner; {once}"):
+        load(config.planning.strategy)

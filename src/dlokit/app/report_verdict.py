@@ -14,7 +14,7 @@ def verdict_section(record: RunRecord) -> str:
         return ""
     kind = "good" if verdict.standing is Standing.HOLDS else "bad"
     rows = "".join(_row(release) for release in verdict.releases)
-    heads = ("stiffness", "friction", "springs back, RMSE", "farthest", "at node")
+    heads = ("EI / (μ w)", "springs back, RMSE", "farthest", "at node")
     head = "".join(f"<th>{text}</th>" for text in heads)
     table = (
         f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></div>'
@@ -40,7 +40,7 @@ def _instead(record: RunRecord) -> str:
 
 def _row(release: Release) -> str:
     return (
-        f"<tr><td>{release.stiffness_factor:.2f} ×</td><td>{release.friction_factor:.2f} ×</td>"
+        f"<tr><td>{release.elastic_factor:.2f} ×</td>"
         f"<td>{release.rmse_m * 1000:.1f} mm</td><td>{release.largest_m * 1000:.1f} mm</td><td>{release.node}</td></tr>"
     )
 

@@ -18,6 +18,7 @@ from dlokit.description.dlo import DloPreset
 from dlokit.description.scene import default_calibration
 from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.cell.world import Cell
+from dlokit.skills.model.belief import as_configured
 from dlokit.skills.model.config import ModelConfig
 from dlokit.skills.planning import holding
 from dlokit.skills.planning.config import PlanningConfig
@@ -104,7 +105,7 @@ async def _verdict(
     goal_world: Float64Array, model: ModelConfig, planning: PlanningConfig, threshold_m: float
 ) -> GoalVerdict:
     async def try_goal(nodes_world: Float64Array) -> holding.Hold:
-        return holding.try_goal(model, nodes_world, threshold_m, planning.feasibility)
+        return holding.try_goal(model, as_configured(model, 0), nodes_world, threshold_m, planning.feasibility)
 
     place = Workplace(planning.feasibility, planning.actions.grasp, PandaKinematics().reachable, default_calibration())
     goal = GoalShape(stamp_ns=0, nodes_world=goal_world)

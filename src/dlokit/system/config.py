@@ -76,8 +76,16 @@ class RunConfig:
             )
 
 
+UNKNOWN_STIFFNESS_LOG_SD = 2.3
+"""How sure the shipped stiffness is of a DLO of which only length and radius are known: within two of these lie ropes
+and the stiffest published wires, a hundred times as stiff."""
+
+
 def with_dlo(run: RunConfig, dlo: DloPreset) -> RunConfig:
     """Lay another DLO on the table, a chain if it takes a set; the system is told what a ruler tells, and no more."""
+    if dlo == run.cell.dlo:
+        return run
     physics = ElasticRod() if dlo.yield_curvature_1_m is None else ElastoplasticChain()
-    model = replace(run.model, length_m=dlo.length_m, radius_m=dlo.radius_m)
+    unsure = replace(run.model.belief, stiffness_log_sd=UNKNOWN_STIFFNESS_LOG_SD)
+    model = replace(run.model, length_m=dlo.length_m, radius_m=dlo.radius_m, belief=unsure)
     return replace(run, cell=replace(run.cell, dlo=dlo, physics=physics), model=model)

@@ -71,10 +71,8 @@ class Standing(enum.Enum):
 class Release(Value, frozen=True, kw_only=True, eq=False):
     """One trial in the model: the DLO laid down as the goal and let go."""
 
-    stiffness_factor: float
-    """Bending stiffness of this trial over what the model believes."""
-    friction_factor: float
-    """Friction of this trial over what the model believes."""
+    elastic_factor: float
+    """EI / (μ w) of this trial, bending stiffness over friction and weight, over what is believed."""
     nodes_world: Float64Array  # (M, 3) [m] where it came to rest
     rmse_m: float
     """How far it sprang back, over all nodes [m]."""
@@ -94,8 +92,8 @@ class GoalVerdict(Message, frozen=True, kw_only=True, eq=False):
     findings: tuple[Finding, ...] = ()
     """What stands against the goal, by name; none: it holds."""
     releases: tuple[Release, ...] = ()
-    """The trials: as believed first, then stiffer on a smoother table, then softer on a rougher one. None where
-    the DLO would lie across itself."""
+    """The trials: as believed first, then as stiff on as smooth a table as may be, then as soft on as rough a one,
+    then between. None where the DLO would lie across itself."""
     nearest_world: Float64Array | None = None  # (M, 3) [m]
     """The nearest shape found that holds, in reach; None: the goal does, or none was found."""
     nearest_rmse_m: float | None = None

@@ -23,4 +23,5 @@ def as_configured(config: ModelConfig, stamp_ns: int) -> DloBelief:
             value=config.bending_stiffness_n_m2 / (config.friction * weight_n_m),
             log_sd=math.hypot(sure.stiffness_log_sd, sure.weight_log_sd, sure.friction_log_sd),
         ),
+        yield_curvature_1_m=config.yield_curvature_1_m,
     )

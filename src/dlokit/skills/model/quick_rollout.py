@@ -21,8 +21,9 @@ from dlokit.types.arrays import Float64Array
 _POISSON = 0.3
 _DAMPING_S = 0.05
 _PAD_M = 0.02  # length of the pads along the rod
-_SINK_M = 2e-4  # how deep a resting node lies in the table of the quick rod
 _EDGE_M = 0.0125  # longest edge: a hanging rod bends too easily where longer ones meet the pads and the table
+SINK_M = 2e-4
+"""How deep a resting node lies in the table of the quick rod [m]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,7 +96,7 @@ def play(
     """
     fine = max(config.nodes, math.ceil(config.length_m / _EDGE_M) + 1)
     start = _finer(fit_length(config, nodes_world), fine)
-    start[:, 2] = config.radius_m - _SINK_M
+    start[:, 2] = config.radius_m - SINK_M
     ends = np.empty((len(rods), len(motions), config.nodes, 3))
     nearest = np.empty((len(rods), len(motions)))
     numbers = [rod.numbers(config, fine) for rod in rods]

@@ -74,29 +74,27 @@ class FeasibilityConfig:
     """A node of a goal that cannot be grasped is no harm when one this near along the rod can be [m]."""
     hold_share: float = 0.5
     """A goal holds when the rod, released there, springs back by no more than this share of the threshold."""
-    stiffness_doubt: float = 1.3
-    """The rod may be stiffer, or softer, than believed by this factor."""
-    friction_doubt: float = 0.7
-    """The table may be smoother than believed by this factor, or rougher by its inverse."""
-    hopeless_factor: float = 1.25
-    """A goal is hopeless when even at best no shape holds that is within this many thresholds of it: what is placed in
-    another way than laid down may stay a little nearer."""
-    nearest_margin: float = 1.1
-    """The nearest shape that holds is sought for a rod that much stiffer still, so that it lies well inside."""
-    nearest_rounds: int = 3
-    """Shapes tried, at most, for the nearest one that holds."""
+    doubt_sds: float = 2.0
+    """What the DLO may be: so many standard deviations of what is believed of EI / (μ w), to either side."""
+    yield_doubt: float = 1.5
+    """Factor by which the curvature where the DLO yields may be other than believed."""
+    hopeless_factor: float = 1.1
+    """A goal is hopeless when even at best no shape holds that is within this many thresholds of it."""
+    nearest_shares: tuple[float, ...] = (0.75, 0.5, 0.35)
+    """Shares of friction with which the nearest shape that holds is sought, until one holds in every trial."""
 
     def __post_init__(self) -> None:
         if not 0.0 < self.hold_share <= 1.0:
             raise ConfigError(f"--planning.feasibility.hold-share is {self.hold_share}; it must be above 0, at most 1.")
-        if not self.stiffness_doubt >= 1.0:
+        if not self.doubt_sds >= 0.0:
+            raise ConfigError(f"--planning.feasibility.doubt-sds is {self.doubt_sds}; it must be 0 (no doubt) or more.")
+        if not self.yield_doubt >= 1.0:
             raise ConfigError(
-                f"--planning.feasibility.stiffness-doubt is {self.stiffness_doubt}; it must be 1 (no doubt) or more."
+                f"--planning.feasibility.yield-doubt is {self.yield_doubt}; it must be 1 (no doubt) or more."
             )
-        if not 0.0 < self.friction_doubt <= 1.0:
+        if not all(0.0 < share <= 1.0 for share in self.nearest_shares):
             raise ConfigError(
-                f"--planning.feasibility.friction-doubt is {self.friction_doubt}; it must be above 0, at most 1 "
-                f"(no doubt)."
+                f"--planning.feasibility.nearest-shares are {self.nearest_shares}; each must be above 0, at most 1."
             )
 
 

@@ -3,25 +3,29 @@
 import math
 from collections.abc import AsyncIterator, Callable
 from dataclasses import replace
+from functools import partial
 from typing import ParamSpec, TypeVar
 
 from dlokit.communication import topics
 from dlokit.communication.component import Component, implements
 from dlokit.errors import SkillFailure, SkillRejected
 from dlokit.skills.model import rollout
+from dlokit.skills.model.belief import as_configured
 from dlokit.skills.model.config import ModelConfig
 from dlokit.skills.model.identification.posterior import as_believed
 from dlokit.skills.planning import api, holding
-from dlokit.skills.planning.base import ActionStrategy, Loaded, PlanningTools, Reachable, StrategyConfig
+from dlokit.skills.planning.base import ActionStrategy, PlanningTools, Reachable, StrategyConfig
 from dlokit.skills.planning.config import PlanningConfig
 from dlokit.skills.planning.feasibility import Workplace, check_start
 from dlokit.skills.planning.foresight import untangled
 from dlokit.skills.planning.goal_verdict import judge
 from dlokit.skills.planning.holding import Hold
+from dlokit.skills.planning.loading import load
 from dlokit.skills.planning.strategies import from_spec
 from dlokit.types.action import Action, Marks
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, GoalShape
+from dlokit.types.dlo_belief import DloBelief
 from dlokit.types.feasibility import GoalVerdict, Verdict
 from dlokit.types.strategy import StrategySpec
 
@@ -63,9 +67,8 @@ class PlanningComponent(Component):
             self._strategy = self._settings.build(self._tools)
 
     def preparation(self) -> Callable[[], object] | None:
-        """Load the compiled code of the strategy, where it has any."""
-        strategy = self._config.strategy
-        return strategy.load if isinstance(strategy, Loaded) else None
+        """Load the compiled code of the rod that goals are judged with, and of the strategy, where it has any."""
+        return partial(load, self._config.strategy)
 
     @implements(api.PROPOSE)
     async def propose(self, shape: DloState, goal: GoalShape, marks: Marks, skip: int = 0) -> Action:
@@ -117,7 +120,7 @@ class PlanningComponent(Component):
 
         async def try_goal(nodes_world: Float64Array) -> Hold:
             return await self.port.compute(
-                holding.try_goal, self._model, nodes_world, threshold_m, self._config.feasibility
+                holding.try_goal, self._model, self._belief(), nodes_world, threshold_m, self._config.feasibility
             )
 
         verdict = await judge(
@@ -141,6 +144,11 @@ class PlanningComponent(Component):
         """Take another strategy."""
         self._settings = from_spec(spec)
         self._strategy = self._settings.build(self._tools)
+
+    def _belief(self) -> DloBelief:
+        """What is believed of the DLO by now."""
+        believed = self.port.latest(topics.BELIEF).value
+        return as_configured(self._model, self.port.clock.now_ns()) if believed is None else believed
 
     def _workplace(self) -> Workplace:
         seen = self.port.latest(topics.OBSERVATION).value

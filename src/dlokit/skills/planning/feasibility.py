@@ -10,6 +10,7 @@ from dlokit.description.shapes import NEIGHBOUR_M
 from dlokit.skills.planning.actions import FeasibilityConfig, GraspConfig
 from dlokit.skills.planning.base import Reachable
 from dlokit.skills.planning.grasp import fitting_opening_m, grasp_pose, grasp_yaw, rod_point
+from dlokit.skills.planning.parting import Crossing
 from dlokit.types.arrays import BoolArray, Float64Array
 from dlokit.types.feasibility import Finding, Problem, Verdict
 from dlokit.types.image import CameraCalibration
@@ -237,7 +238,7 @@ def _touching(nodes_world: Float64Array, radius_m: float) -> Finding | None:
 
 
 def _crossing(nodes_world: Float64Array) -> Finding | None:
-    for first, second in _crossings(nodes_world[:, :2]):
+    for first, second in crossings(nodes_world[:, :2]):
         return Finding(
             problem=Problem.CROSSES_ITSELF,
             node=first,
@@ -250,7 +251,7 @@ def _crossing(nodes_world: Float64Array) -> Finding | None:
     return None
 
 
-def _crossings(nodes: Float64Array) -> Iterator[tuple[int, int]]:
+def crossings(nodes: Float64Array) -> Iterator[Crossing]:
     """Pairs of edges (M, 2) that cross, by their first nodes; neighbouring edges only touch and do not count."""
     start, along = nodes[:-1], np.diff(nodes, axis=0)
     for first in range(len(start) - 2):

@@ -6,6 +6,7 @@ from dlokit import geometry
 from dlokit.skills.planning.feasibility import (
     Workplace,
     bends,
+    crossings,
     crowded,
     is_inside,
     misfits,
@@ -15,6 +16,7 @@ from dlokit.skills.planning.feasibility import (
 )
 from dlokit.skills.planning.holding import Hold
 from dlokit.skills.planning.inside import moved_inside
+from dlokit.skills.planning.parting import parting_rmse_m
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import GoalShape
 from dlokit.types.feasibility import Finding, GoalVerdict, Problem, Standing
@@ -29,14 +31,15 @@ async def judge(
     """Judge a goal for a rod of `length_m` and `radius_m`, to be met to an RMSE of `threshold_m` [m].
 
     It holds when nothing stands against it. It is infeasible when no shape within the threshold would do, even if the
-    rod is as soft and the table as rough as may be; else it is doubtful.
+    rod is as soft and the table as rough as may be; else it is doubtful. A goal across itself is tried as if strands
+    could pass: what counts is whether an open shape is near.
     """
     nodes = goal.nodes_world
     beyond = out_of_bounds(nodes, place)
     across = overlaps(nodes, radius_m)
     bent = bends(nodes, place.config)
-    # Strands across one another would be thrown apart by their contact: nothing is learned from that.
-    hold = None if across else await try_goal(nodes)
+    apart_m = parting_rmse_m(nodes, list(crossings(nodes[:, :2])), radius_m) if across else 0.0
+    hold = None if apart_m > threshold_m else await try_goal(nodes)
     sprung = () if hold is None else _springs_back(hold, nodes, threshold_m, place)
     findings = (
         *beyond,
@@ -49,7 +52,6 @@ async def judge(
     hopeless = (
         hold is None
         or hold.attainable_rmse_m > place.config.hopeless_factor * threshold_m
-        or (bool(bent) and not sprung)
         or (
             bool(beyond) and not _within(moved_inside(nodes, lambda moved: is_inside(moved, place)), nodes, threshold_m)
         )

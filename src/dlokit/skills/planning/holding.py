@@ -1,20 +1,28 @@
-"""Whether friction holds a goal, tried in the model: released there, how far does the rod spring back, and where to?
+"""Whether friction holds a goal: released there, how far does the rod spring back, and which shape near it holds?
 
-The model's stiffness and friction are beliefs. Each goal is tried as believed, then on both sides of it: a stiffer
-rod on a smoother table, and a softer one on a rougher table. The budget is counted in trials, not in seconds.
+What the rod is, is a belief. Each goal is tried on the rods that it may be, from as stiff on as smooth a table to as
+soft on as rough a one as may be. The budget is counted in trials, not in seconds.
 """
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dlokit import geometry
 from dlokit.skills.model.config import ModelConfig
+from dlokit.skills.model.held_shape import nearest_held
+from dlokit.skills.model.quick_rollout import QuickRod
 from dlokit.skills.model.rod import fit_length
-from dlokit.skills.model.settling import Doubt, relax, settle
+from dlokit.skills.model.settling import settle
 from dlokit.skills.planning.actions import FeasibilityConfig
+from dlokit.skills.planning.feasibility import bends
 from dlokit.types.arrays import Float64Array
+from dlokit.types.dlo_belief import DloBelief
 from dlokit.types.feasibility import Release
+
+_GRAVITY_M_S2 = 9.81
+_SPREAD = (0.0, 1.0, -1.0, 0.5, -0.5)  # of the doubt: believed, stiffest, softest, between
 
 
 @dataclass(frozen=True)
@@ -22,7 +30,7 @@ class Hold:
     """What the trials say of a goal."""
 
     releases: tuple[Release, ...]
-    """As believed, at worst, at best."""
+    """As believed, stiffest, softest, between."""
     attainable_rmse_m: float
     """How near to the goal some shape holds, if the rod is as soft and the table as rough as may be [m]."""
     nearest_world: Float64Array | None  # (M, 3) [m]
@@ -30,40 +38,74 @@ class Hold:
     the rod's length, where that does. None: none was found."""
 
 
-def try_goal(model: ModelConfig, goal_world: Float64Array, threshold_m: float, config: FeasibilityConfig) -> Hold:
+@dataclass(frozen=True, kw_only=True)
+class Plausible:
+    """A rod that the DLO may be."""
+
+    elastic_factor: float
+    """Its EI / (μ w) over the believed one."""
+    yield_curvature_1_m: float
+    """Curvature beyond which it keeps a bend [1/m]; infinite: it always springs back."""
+
+    @property
+    def quick(self) -> QuickRod:
+        """The same against the model: half of it stiffness, half friction."""
+        share = math.sqrt(self.elastic_factor)
+        return QuickRod(stiffness_share=share, friction_share=1.0 / share, yield_curvature_1_m=self.yield_curvature_1_m)
+
+
+def try_goal(
+    model: ModelConfig, belief: DloBelief, goal_world: Float64Array, threshold_m: float, config: FeasibilityConfig
+) -> Hold:
     """Release the rod in a goal (M, 3) [m], and where that does not hold look for the nearest shape that does."""
-    allowed_m = config.hold_share * threshold_m
-    releases = tuple(release(model, goal_world, doubt) for doubt in doubts(config))
-    if all(trial.rmse_m <= allowed_m for trial in releases):
-        attainable_m = min(trial.rmse_m for trial in releases)
-        return Hold(releases=releases, attainable_rmse_m=attainable_m, nearest_world=fit_length(model, goal_world))
-    attainable_m = min(geometry.rmse_m(aligned(trial.nodes_world, goal_world), goal_world) for trial in releases)
-    if attainable_m > threshold_m:
-        # Led back slowly it stops nearer to the goal than let go.
-        eased = aligned(relax(doubts(config)[2].of(model), goal_world), goal_world)
-        attainable_m = min(attainable_m, geometry.rmse_m(eased, goal_world))
-    nearest = _nearest(model, goal_world, releases[1].nodes_world, allowed_m, config)
-    return Hold(releases=releases, attainable_rmse_m=attainable_m, nearest_world=nearest)
+    rod, may_be, allowed_m = as_believed(model, belief), plausible(belief, config), config.hold_share * threshold_m
+    releases = tuple(release(rod, goal_world, one) for one in may_be)
+    best_m, too_tight = min(trial.rmse_m for trial in releases), bool(bends(goal_world, config))
+    if best_m > threshold_m or too_tight:
+        led_m = attainable_rmse_m(belief, goal_world, config)
+        best_m = led_m if too_tight else min(best_m, led_m)
+    if all(trial.rmse_m <= allowed_m for trial in releases) and not too_tight:
+        return Hold(releases, best_m, fit_length(rod, goal_world))
+    return Hold(releases, best_m, _nearest(rod, belief, goal_world, allowed_m, config))
 
 
-def doubts(config: FeasibilityConfig) -> tuple[Doubt, Doubt, Doubt]:
-    """What the rod may be: as believed; stiffer on a smoother table; softer on a rougher one."""
-    stiffer, smoother = config.stiffness_doubt, config.friction_doubt
-    return (
-        Doubt(),
-        Doubt(stiffness_factor=stiffer, friction_factor=smoother),
-        Doubt(stiffness_factor=1.0 / stiffer, friction_factor=1.0 / smoother),
+def attainable_rmse_m(belief: DloBelief, goal_world: Float64Array, config: FeasibilityConfig) -> float:
+    """How near to a goal (M, 3) [m] some shape holds that bends no tighter than allowed, at best [m]."""
+    softest = min(one.elastic_factor for one in plausible(belief, config)) * belief.elastic_m3.value
+    # What keeps a bend can be bent further and comes back to any shape: friction need not hold it.
+    elastic_m3 = softest if belief.yield_curvature_1_m is None else 0.0
+    return nearest_held(goal_world, elastic_m3, min_radius_m=config.min_bend_radius_m).rmse_m
+
+
+def plausible(belief: DloBelief, config: FeasibilityConfig) -> tuple[Plausible, ...]:
+    """The rods that the DLO may be: as believed first, then stiffest, softest, and between."""
+    return tuple(
+        Plausible(
+            elastic_factor=math.exp(share * config.doubt_sds * belief.elastic_m3.log_sd),
+            yield_curvature_1_m=(belief.yield_curvature_1_m or math.inf) * config.yield_doubt**share,
+        )
+        for share in _SPREAD
     )
 
 
-def release(model: ModelConfig, goal_world: Float64Array, doubt: Doubt) -> Release:
+def as_believed(model: ModelConfig, belief: DloBelief) -> ModelConfig:
+    """The model with what is believed of the DLO by now; of EI, μ and w the surest is EI / (μ w)."""
+    friction, weight_n_m = belief.friction.value, belief.weight_n_m.value
+    return replace(
+        model,
+        bending_stiffness_n_m2=belief.elastic_m3.value * friction * weight_n_m,
+        friction=friction,
+        mass_kg_m=weight_n_m / _GRAVITY_M_S2,
+    )
+
+
+def release(model: ModelConfig, goal_world: Float64Array, rod: Plausible) -> Release:
     """Lay the rod down as a goal (M, 3) [m], let go, and measure how far it springs back."""
-    nodes = settle(doubt.of(model), goal_world)
+    nodes = settle(model, goal_world, rod.quick)
     moved_m = np.linalg.norm(nodes - goal_world, axis=1)
     node = int(moved_m.argmax())
     return Release(
-        stiffness_factor=doubt.stiffness_factor,
-        friction_factor=doubt.friction_factor,
+        elastic_factor=rod.elastic_factor,
         nodes_world=nodes,
         rmse_m=geometry.rmse_m(nodes, goal_world),
         node=node,
@@ -86,30 +128,23 @@ def aligned(nodes_world: Float64Array, goal_world: Float64Array) -> Float64Array
 
 
 def _nearest(
-    model: ModelConfig,
-    goal_world: Float64Array,
-    sprung_world: Float64Array,
-    allowed_m: float,
-    config: FeasibilityConfig,
+    rod: ModelConfig, belief: DloBelief, goal_world: Float64Array, allowed_m: float, config: FeasibilityConfig
 ) -> Float64Array | None:
     """The nearest shape found (M, 3) [m] that holds whatever of the doubts is right.
 
-    Tried are where the rod comes to rest when it is led back slowly, and where it sprang to (`sprung_world`, (M, 3)
-    [m]); what does not hold springs on, and where to is tried next.
+    It is sought for the stiffest rod with ever less of the friction, for a rod rolls more easily than it slides.
     """
-    believed, at_worst, at_best = doubts(config)
-    best: Float64Array | None = None
-    beyond = replace(at_worst, stiffness_factor=config.nearest_margin * at_worst.stiffness_factor)
-    for first in (relax(beyond.of(model), goal_world), sprung_world):
-        candidate = aligned(first, goal_world)
-        for _ in range(config.nearest_rounds):
-            if best is not None and geometry.rmse_m(candidate, goal_world) >= geometry.rmse_m(best, goal_world):
-                break
-            # The worst comes first: mostly it decides alone.
-            trials = (release(model, candidate, doubt) for doubt in (at_worst, believed, at_best))
-            failed = next((trial for trial in trials if trial.rmse_m > allowed_m), None)
-            if failed is None:
-                best = candidate
-                break
-            candidate = aligned(failed.nodes_world, goal_world)
-    return best
+    may_be = plausible(belief, config)
+    stiffest = max(may_be, key=lambda one: one.elastic_factor)
+    elastic_m3 = stiffest.elastic_factor * belief.elastic_m3.value
+    for share in config.nearest_shares:
+        held = nearest_held(
+            goal_world,
+            elastic_m3 / share,
+            min_radius_m=config.min_bend_radius_m,
+            yield_curvature_1_m=stiffest.yield_curvature_1_m,
+        )
+        # The worst comes first: mostly it decides alone.
+        if all(release(rod, held.nodes_world, one).rmse_m <= allowed_m for one in (stiffest, *may_be)):
+            return held.nodes_world
+    return None

@@ -1,6 +1,8 @@
 """Planning on the bus."""
 
+import pickle
 from collections.abc import Awaitable, Callable
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -12,13 +14,15 @@ from dlokit.communication.host import Host
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.port import Port
 from dlokit.description.shapes import builtin_shape, moved
+from dlokit.skills.model import quick_rod
 from dlokit.skills.model.belief import as_configured
 from dlokit.skills.model.config import ModelConfig
+from dlokit.skills.model.settling import settle
 from dlokit.skills.planning import api
 from dlokit.skills.planning.component import PlanningComponent
 from dlokit.skills.planning.config import PlanningConfig
 from dlokit.skills.planning.farthest import FarthestConfig
-from dlokit.skills.planning.rollouts.strategy import RolloutConfig
+from dlokit.skills.planning.loading import load
 from dlokit.skills.planning.strategies import strategies, to_spec
 from dlokit.types.action import Marks
 from dlokit.types.dlo import DloState, GoalShape, Topology
@@ -154,12 +158,25 @@ def test_strategies_are_chosen_by_name() -> None:
     with_planning(check)
 
 
-def test_only_a_strategy_that_is_compiled_has_its_code_loaded_before_it_is_asked() -> None:
-    def preparation(config: PlanningConfig) -> object:
-        return PlanningComponent(config, everywhere, ModelConfig()).preparation()
+def test_whatever_the_strategy_a_verdict_finds_its_code_compiled() -> None:
+    prepare = PlanningComponent(PlanningConfig(strategy=FarthestConfig()), everywhere, ModelConfig()).preparation()
+    assert prepare is not None
+    pickle.loads(pickle.dumps(prepare))()  # it is sent to the worker that computes
+    kernel: Any = quick_rod.play_motion
+    assert len(kernel.signatures) == 1
+    settle(ModelConfig(), GOAL.nodes_world)
+    assert len(kernel.signatures) == 1
 
-    assert preparation(PlanningConfig(strategy=FarthestConfig())) is None
-    assert preparation(PlanningConfig(strategy=RolloutConfig())) is not None
+
+def test_a_strategy_that_is_compiled_has_its_code_loaded_before_it_is_asked() -> None:
+    loaded: list[str] = []
+
+    class Loads(FarthestConfig):
+        def load(self) -> None:
+            loaded.append("strategy")
+
+    load(Loads())
+    assert loaded == ["strategy"]
 
 
 def test_what_was_learnt_of_the_dlo_is_planned_with() -> None:
@@ -171,9 +188,9 @@ def test_what_was_learnt_of_the_dlo_is_planned_with() -> None:
         tight = GoalShape(stamp_ns=0, nodes_world=builtin_shape("S", 0.5, 31))
         async with host:
             standings: list[Standing] = []
-            stiff = Figure(value=1e-3, log_sd=0.1)
+            stiff = Figure(value=5e-3, log_sd=0.1)
             configured = as_configured(ModelConfig(), 0)
-            learnt = msgspec.structs.replace(configured, bending_stiffness_n_m2=stiff, actions=1)
+            learnt = msgspec.structs.replace(configured, elastic_m3=stiff, actions=1)
             for belief in (configured, learnt):
                 believer.port.publish(topics.BELIEF, belief)
                 await host.clock.sleep(0.01)

@@ -1,0 +1,179 @@
+"""The shape nearest to a goal that friction can hold: statics of a bent rod on a level table.
+
+A rod lies still when at every node friction can balance its elastic force. With headings θ of its edges, curvature κ,
+and the shear Q = -EI κ' and tension T of each edge, the force on the node between edges i - 1 and i is
+
+    f_i = (T_i t_i + Q_i n_i) - (T_{i-1} t_{i-1} + Q_{i-1} n_{i-1}),    |f_i| ≤ μ w l,
+
+with t, n along and across an edge of length l, and w the weight per length. T is whatever suits: the rod does not
+stretch. Divided by μ w l, a rod enters with EI / (μ w) alone. The nearest shape solves min |x(θ) - goal|² under these
+bounds, by sequential quadratic programming with a trust region (Nocedal and Wright, *Numerical
+Optimization*, 2006, section 18.5).
+"""
+
+from dataclasses import dataclass
+
+import daqp
+import numpy as np
+
+from dlokit import geometry
+from dlokit.types.arrays import Float64Array
+
+_SIDES = 8  # of the polygon around the circle of friction
+_PENALTY = 2e4  # of friction that lacks, in the unit of squared RMSE over its scale
+_SCALE_M = 1e-3  # RMSE that counts as much as 1 in what is minimised
+_ITERATIONS = 16
+_TURN_RAD = 0.3  # trust region at first
+_WIDEST_RAD, _NARROWEST_RAD = 0.6, 1e-3
+_ENOUGH = 1e-3  # of a share less to minimise is no more progress
+_UNBOUNDED = 1e30
+
+
+@dataclass(frozen=True)
+class HeldShape:
+    """A shape that friction holds, near a goal."""
+
+    nodes_world: Float64Array  # (M, 3) [m]
+    rmse_m: float
+    """How far from the goal it is [m]."""
+    lacking: float
+    """Friction that lacks at the worst node, as a share of what there is (or radians that it bends too tightly there);
+    well below 0.1: it holds."""
+
+
+def nearest_held(
+    goal_world: Float64Array,
+    elastic_m3: float,
+    *,
+    min_radius_m: float = 0.0,
+    yield_curvature_1_m: float = np.inf,
+) -> HeldShape:
+    """The shape nearest to a goal (M, 3) [m] that a rod of ``EI / (μ w)`` = `elastic_m3` [m³] can keep on a table.
+
+    It need not be what a release in the goal leads to: someone who lays the rod down there can do so with any tension.
+    No bend is tighter than `min_radius_m`. A rod that yields, at a curvature [1/m], is taken to be straight before, and
+    to keep what it is bent beyond. The minimum is a local one, found from the goal; the circle of friction is taken as
+    an octagon around it, so that no shape is left out.
+    """
+    problem = _Problem(goal_world, elastic_m3, min_radius_m, yield_curvature_1_m)
+    now, within_rad = problem.at(problem.headings(), np.zeros(problem.edges)), _TURN_RAD
+    for _ in range(_ITERATIONS):
+        step = problem.step(now, within_rad)
+        then = None if step is None else problem.at(now.theta + step[0], step[1])
+        if then is None or then.cost >= now.cost:
+            within_rad /= 3.0
+            if within_rad < _NARROWEST_RAD:
+                break
+            continue
+        progress, now = now.cost - then.cost, then
+        within_rad = min(1.6 * within_rad, _WIDEST_RAD)
+        if progress < _ENOUGH * now.cost:
+            break
+    nodes = goal_world.copy()
+    nodes[:, :2] = now.nodes + goal_world[:, :2].mean(axis=0)
+    return HeldShape(nodes_world=nodes, rmse_m=geometry.rmse_m(nodes, goal_world), lacking=now.lacking)
+
+
+@dataclass(frozen=True)
+class _Point:
+    """Headings and tensions, and what follows from them."""
+
+    theta: Float64Array  # (E,) [rad]
+    tension: Float64Array  # (E,) of μ w l
+    shear: Float64Array  # (E,)
+    force: Float64Array  # (2, M) of μ w l, along and across the edge after each node
+    nodes: Float64Array  # (M, 2) [m] about their mean
+    lacking: float
+    cost: float
+
+
+class _Problem:
+    """M nodes and E = M - 1 edges of length l; forces in units of μ w l."""
+
+    def __init__(
+        self, goal_world: Float64Array, elastic_m3: float, min_radius_m: float, yield_curvature_1_m: float
+    ) -> None:
+        count = len(goal_world)
+        self.edges = count - 1
+        goal = goal_world[:, :2]
+        self._goal = goal - goal.mean(axis=0)
+        length_m = float(geometry.arc_lengths(goal)[-1]) / self.edges
+        reach = np.vstack((np.zeros(self.edges), np.tril(np.full((self.edges, self.edges), length_m))))
+        self._reach = reach - reach.mean(axis=0)  # (M, E): nodes about their mean from directions of edges
+        self._after, self._before = np.eye(count, self.edges), np.eye(count, self.edges, -1)  # edges at a node
+        self._bend = self._after - self._before  # (M, E): turning angles; the ends are free
+        self._bend[[0, -1]] = 0.0
+        self._differ = -elastic_m3 / length_m**3 * (self._after - self._before).T  # (E, M): shear from elastic turns
+        self._most_rad = length_m / min_radius_m if min_radius_m > 0.0 else np.inf  # turning angle at a node
+        self._yield_rad = yield_curvature_1_m * length_m
+        angles = 2.0 * np.pi * np.arange(_SIDES) / _SIDES
+        self._sides = np.column_stack((np.cos(angles), np.sin(angles)))  # (K, 2)
+        self._weight = 1.0 / (_SCALE_M**2 * count)
+
+    def headings(self) -> Float64Array:
+        """Headings (E,) [rad] of the goal."""
+        along = np.diff(self._goal, axis=0)
+        return np.unwrap(np.arctan2(along[:, 1], along[:, 0]))
+
+    def at(self, theta: Float64Array, tension: Float64Array) -> _Point:
+        """What follows from headings (E,) [rad] and tensions (E,)."""
+        turn = self._bend @ theta
+        shear = self._differ @ np.clip(turn, -self._yield_rad, self._yield_rad)
+        cosine, sine = np.cos(turn), np.sin(turn)
+        pulled, sheared = self._before @ tension, self._before @ shear
+        force = np.stack(
+            (
+                self._after @ tension - cosine * pulled - sine * sheared,
+                self._after @ shear + sine * pulled - cosine * sheared,
+            )
+        )
+        nodes = self._reach @ np.column_stack((np.cos(theta), np.sin(theta)))
+        lacking = max(0.0, float((self._sides @ force).max()) - 1.0, float(np.abs(turn).max()) - self._most_rad)
+        off = self._weight * float(((nodes - self._goal) ** 2).sum())
+        return _Point(theta, tension, shear, force, nodes, lacking, off / 2.0 + _PENALTY * lacking)
+
+    def step(self, point: _Point, within_rad: float) -> tuple[Float64Array, Float64Array] | None:
+        """Change of the headings (E,) and new tensions (E,) that are best to first order; None: the solver failed.
+
+        Variables are the change of θ, T, and the friction that lacks.
+        """
+        edges = self.edges
+        jacobian = np.vstack((self._reach * -np.sin(point.theta), self._reach * np.cos(point.theta)))  # (2 M, E)
+        off = (point.nodes - self._goal).T.ravel()
+        quadratic = np.diag(np.concatenate((np.full(edges, 1e-3), np.full(edges + 1, 1e-6))))
+        quadratic[:edges, :edges] += self._weight * jacobian.T @ jacobian
+        linear = np.concatenate((self._weight * jacobian.T @ off, np.zeros(edges), [_PENALTY]))
+        by_theta, by_tension = self._force_jacobians(point)
+        # Forces to first order, with all of T anew.
+        fixed = point.force - by_tension @ point.tension  # (2, M)
+        rows = np.tensordot(self._sides, np.concatenate((by_theta, by_tension), axis=2), axes=1)  # (K, M, 2 E)
+        rows = rows.reshape(-1, 2 * edges)
+        room = [1.0 - (self._sides @ fixed).ravel()]
+        if np.isfinite(self._most_rad):
+            turn, none = self._bend @ point.theta, np.zeros_like(self._bend)
+            rows = np.vstack((rows, np.hstack((self._bend, none)), np.hstack((-self._bend, none))))
+            room += [self._most_rad - turn, self._most_rad + turn]
+        rows = np.column_stack((rows, np.full(len(rows), -1.0)))  # less what may lack
+        upper = np.concatenate((np.full(edges, within_rad), np.full(edges + 1, _UNBOUNDED), *room))
+        lower = np.full(len(upper), -_UNBOUNDED)
+        lower[:edges], lower[2 * edges] = -within_rad, 0.0
+        found, _, flag, _ = daqp.solve(quadratic, linear, np.ascontiguousarray(rows), upper, lower)
+        if flag <= 0:
+            return None
+        return np.asarray(found[:edges], dtype=np.float64), np.asarray(found[edges : 2 * edges], dtype=np.float64)
+
+    def _force_jacobians(self, point: _Point) -> tuple[Float64Array, Float64Array]:
+        """Derivatives of the forces by θ and by T, both (2, M, E)."""
+        turn = self._bend @ point.theta
+        cosine, sine = np.cos(turn)[:, None], np.sin(turn)[:, None]
+        pulled, sheared = (self._before @ point.tension)[:, None], (self._before @ point.shear)[:, None]
+        by_tension = np.stack((self._after - cosine * self._before, sine * self._before))
+        elastic = self._bend * (np.abs(turn) < self._yield_rad)[:, None]
+        before, after = (edges @ self._differ @ elastic for edges in (self._before, self._after))
+        by_theta = np.stack(
+            (
+                -sine * before + (sine * pulled - cosine * sheared) * self._bend,
+                after - cosine * before + (cosine * pulled + sine * sheared) * self._bend,
+            )
+        )
+        return by_theta, by_tension
