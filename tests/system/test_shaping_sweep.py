@@ -1,5 +1,6 @@
 """A small sweep as a whole: side by side as one after another, on a Dask cluster, and continued after Ctrl-C."""
 
+import os
 import signal
 import subprocess
 import sys
@@ -10,11 +11,13 @@ from typing import Any
 import msgspec
 import pytest
 
+from dlokit.bench.shaping import sweep
 from dlokit.bench.shaping.cases import Case, CaseResult, cases
 from dlokit.bench.shaping.methods import IDEAL, Method
 from dlokit.bench.shaping.runner import SHAPES_FILE
 from dlokit.bench.shaping.suites import paper_suite
 from dlokit.bench.shaping.sweep import Workers, run_sweep
+from dlokit.errors import MachineError
 from dlokit.system.config import RunConfig
 from dlokit.system.run_result import RunResult
 
@@ -81,3 +84,14 @@ def test_an_interrupted_sweep_says_how_to_go_on_and_does(tmp_path: Path) -> None
     assert next(folder.glob(f"I-to-S-*/{SHAPES_FILE}")).stat().st_mtime_ns == first
     assert len(list(folder.glob(f"*/{SHAPES_FILE}"))) == 5
     assert list(folder.glob("cases-*.png"))
+
+
+def _die(case: Case, config: RunConfig, folder: Path) -> CaseResult:
+    os._exit(9)
+
+
+def test_a_process_that_dies_is_told_with_how_to_go_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sweep, "attempt_case", _die)
+
+    with pytest.raises(MachineError, match="fewer --jobs"):
+        list(run_sweep(TODO[:1], CONFIG, tmp_path, Workers(jobs=2)))

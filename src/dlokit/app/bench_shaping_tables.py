@@ -7,9 +7,10 @@ from rich.console import Console
 from rich.table import Table
 
 from dlokit.bench.shaping.cases import CaseResult
-from dlokit.bench.shaping.metrics import falsely_converged
-from dlokit.bench.shaping.rows import experiment_rows, group_rows
+from dlokit.bench.shaping.metrics import falsely_converged, standing
+from dlokit.bench.shaping.rows import experiment_rows, group_rows, verdict_row
 from dlokit.bench.shaping.tables import COLUMNS, outcomes, overview, verdict_lines
+from dlokit.types.feasibility import Standing
 
 TABLE_WIDTH = 190
 MOST_EXPERIMENTS = 15
@@ -52,6 +53,8 @@ def _table(results: Sequence[CaseResult]) -> Table:
         table.add_column(heading, justify="left" if at < _LEFT else "right", no_wrap=True)
     few = len({done.case.experiment.name for done in results}) <= MOST_EXPERIMENTS
     rows = chain(experiment_rows(results), group_rows(results)) if few else group_rows(results)
-    for row in overview(rows):
+    # Where all goals have the same verdict, its row says what the last one says.
+    repeated = {verdict_row(said) for said in Standing if all(standing(done.result) is said for done in results)}
+    for row in overview(row for row in rows if row.name not in repeated):
         table.add_row(*row)
     return table

@@ -32,13 +32,11 @@ def experiment_rows(results: Sequence[CaseResult]) -> Iterator[Row]:
 
 
 def group_rows(results: Sequence[CaseResult]) -> Iterator[Row]:
-    """Rows of the suite's groups, of the verdicts where they differ, and of everything."""
+    """Rows of the suite's groups, of each verdict that was given, and of everything."""
     for group in dict.fromkeys(group for done in results for group in done.case.experiment.groups):
         yield from _rows(group, [done for done in results if group in done.case.experiment.groups])
-    said = {standing(done.result) for done in results}
-    if len(said) > 1:
-        for verdict in Standing:
-            yield from _rows(verdict_row(verdict), [done for done in results if standing(done.result) is verdict])
+    for verdict in Standing:
+        yield from _rows(verdict_row(verdict), [done for done in results if standing(done.result) is verdict])
     yield from _rows(ALL, results)
 
 

@@ -2,6 +2,7 @@
 
 import hashlib
 from collections.abc import Iterator, Sequence
+from concurrent.futures import BrokenExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from dlokit.bench.shaping.cases import Case, CaseResult
 from dlokit.bench.shaping.cluster import cluster_backend
 from dlokit.bench.shaping.experiments import Experiment
 from dlokit.bench.shaping.runner import attempt_case, finished_case
-from dlokit.errors import InputError
+from dlokit.errors import InputError, MachineError
 from dlokit.system.config import RunConfig
 from dlokit.system.run_folder import claim_run_folder
 from dlokit.system.toml_config import to_plain
@@ -76,7 +77,8 @@ def describe(config: RunConfig, suite: str, experiments: Sequence[Experiment], *
 def run_sweep(todo: Sequence[Case], config: RunConfig, folder: Path, workers: Workers) -> Iterator[CaseResult]:
     """Every case as it is done, those that were finished before first.
 
-    Ctrl-C, also in the middle of a case, ends it with `KeyboardInterrupt`; what is finished stays.
+    Ctrl-C, also in the middle of a case, ends it with `KeyboardInterrupt`; what is finished stays. Raises
+    `MachineError` when a process of this machine died.
     """
     left: list[Case] = []
     for case in todo:
@@ -99,7 +101,13 @@ def _run(todo: Sequence[Case], config: RunConfig, folder: Path, workers: Workers
     calls = [delayed(attempt_case)(case, config, folder / case.folder_name) for case in todo]
     with cluster_backend(workers.cluster, workers.jobs) as jobs:
         parallel: Any = Parallel(n_jobs=jobs, return_as="generator_unordered")
-        yield from parallel(calls)
+        try:
+            yield from parallel(calls)
+        except BrokenExecutor as error:
+            raise MachineError(
+                f"A process of the sweep died, perhaps for want of memory ({error}). What is finished is kept: repeat "
+                f"the command with --out {folder} and fewer --jobs."
+            ) from error
 
 
 def _leaves(*trees: dict[str, Any]) -> list[tuple[str, ...]]:
