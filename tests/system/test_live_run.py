@@ -16,6 +16,7 @@ from dlokit.communication.recording.summary import summarise
 from dlokit.communication.topics import OBSERVER_EVENT, TOPICS
 from dlokit.system.config import RunConfig
 from dlokit.system.run_result import ActionResult
+from dlokit.types.candidates import Candidates
 from dlokit.types.flow import FlowStatus, RunOutcome
 
 pytestmark = pytest.mark.system
@@ -33,6 +34,9 @@ def started_by(pid: int) -> dict[str, psutil.Process]:
 class Silent:
     """Watches and says nothing."""
 
+    def considered(self, candidates: Candidates) -> None:
+        pass
+
     def step(self, status: FlowStatus) -> None:
         pass
 
@@ -45,6 +49,9 @@ class Killer(Silent):
 
     def __init__(self, victim: str) -> None:
         self._victim = victim
+
+    def considered(self, candidates: Candidates) -> None:
+        pass
 
     def step(self, status: FlowStatus) -> None:
         if status.step == "move_to_goal":

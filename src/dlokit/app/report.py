@@ -6,8 +6,10 @@ from pathlib import Path
 
 from dlokit.app import report_figures
 from dlokit.app.outcome_words import outcome_in_words
+from dlokit.app.report_actions import expected_section
 from dlokit.app.report_style import CSS
 from dlokit.app.report_verdict import verdict_section
+from dlokit.app.terminal import grip_in_words
 from dlokit.system.run_record import RunRecord
 from dlokit.system.run_result import ActionResult
 from dlokit.types.arrays import UInt8Array
@@ -37,6 +39,7 @@ def report_html(record: RunRecord) -> str:
             _figures(record),
             _pictures(record),
             _actions(record),
+            expected_section(record),
             _timings(record),
             _setup(record),
             "</main></body></html>\n",
@@ -94,7 +97,7 @@ def _actions(record: RunRecord) -> str:
     if not result.history:
         return '<section><h2>Actions</h2><p class="empty">The run ended without any action.</p></section>'
     rows = "".join(_action_row(row, result.threshold_m) for row in result.history)
-    heads = ("action", "kind", "grasp node", "grasp", "RMSE after", "true RMSE after", "duration")
+    heads = ("action", "kind", "grasp node", "grasp", "expected RMSE", "RMSE after", "true RMSE after", "duration")
     head = "".join(f"<th>{text}</th>" for text in heads)
     return (
         '<section><h2>Actions</h2><div class="scroll"><table>'
@@ -103,10 +106,12 @@ def _actions(record: RunRecord) -> str:
 
 
 def _action_row(row: ActionResult, threshold_m: float) -> str:
+    grip = grip_in_words(row)
     kind = ' class="met"' if row.rmse_m < threshold_m else ""
     cells = (
         f"<td>{row.action}</td><td>{escape(row.kind)}</td><td>{row.grasp_node}</td>",
-        "<td>held</td>" if row.grasp_ok else '<td class="no">not held</td>',
+        f"<td>{grip}</td>" if grip in ("held", "pushed") else f'<td class="no">{grip}</td>',
+        f"<td>{_millimetres(row.predicted_rmse_m)}</td>",
         f"<td>{_millimetres(row.rmse_m)}</td><td>{_millimetres(row.true_rmse_m)}</td>",
         f"<td>{row.duration_s:.1f} s</td>",
     )

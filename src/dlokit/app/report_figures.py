@@ -1,6 +1,7 @@
 """The figures of a run report, as inline SVG that follows the page's colours in light and dark."""
 
 import io
+import math
 import re
 from collections.abc import Mapping
 
@@ -32,6 +33,7 @@ _VARIABLES = {
 }
 _INK, _MUTED, _GRID, _GOAL, _START, _FINAL, _STEP, _TRUTH, _TABLE = _VARIABLES
 _FONT_PT = 12
+_MOST_VIEWS = 12
 
 QUICK_S = 0.02
 """Steps that took less than this over the whole run [s] are named rather than drawn."""
@@ -107,7 +109,7 @@ def error_curve(record: RunRecord) -> str:
         axes.plot(
             *zip(*estimates, strict=True), color=_FINAL, linewidth=2.2, marker="o", markersize=5, label="estimated"
         )
-    lost = [(row.action, row.rmse_m * 1000.0) for row in result.history if not row.grasp_ok]
+    lost = [(row.action, row.rmse_m * 1000.0) for row in result.history if not row.grasp_ok and row.kind != "push"]
     if lost:
         axes.plot(
             *zip(*lost, strict=True), color=_INK, linestyle="none", marker="x", markersize=9, label="grasp not held"
@@ -121,6 +123,60 @@ def error_curve(record: RunRecord) -> str:
     axes.grid(axis="y", color=_GRID, linewidth=0.8)
     axes.legend(frameon=False, labelcolor=_INK, fontsize=_FONT_PT)
     return _svg(figure, "Error to the goal after each action, with the threshold")
+
+
+def expected_shapes(record: RunRecord) -> str:
+    """One small view of the table an action: what was expected, what became of it, the goal and the tool's path."""
+    shown = record.actions[-_MOST_VIEWS:]
+    figure = Figure(figsize=(7.4, 3.3 * math.ceil(len(shown) / 2)), layout="constrained")
+    FigureCanvasSVG(figure)
+    figure.patch.set_alpha(0.0)
+    for place, action in enumerate(shown, start=1):
+        row = record.result.history[len(record.actions) - len(shown) + place - 1]
+        axes = figure.add_subplot(math.ceil(len(shown) / 2), 2, place)
+        _clear(axes)
+        _table(axes)
+        goal = record.goal_nodes_world
+        axes.plot(goal[:, 0], goal[:, 1], color=_GOAL, linewidth=6, alpha=0.3, solid_capstyle="round", label="goal")
+        if action.path_world is not None:
+            axes.plot(*action.path_world[:, :2].T, color=_MUTED, linewidth=1.0, linestyle=":", label="tool")
+        if action.expected_world is not None:
+            _rope(axes, action.expected_world, _TRUTH, 1.5, "expected", dashed=True)
+        _rope(axes, action.nodes_world, _FINAL, 2.0, "achieved")
+        axes.set_xlabel("")
+        axes.set_ylabel("")
+        axes.set_title(f"{row.action}: {row.kind}", color=_INK, fontsize=_FONT_PT)
+        if place == 1:
+            axes.legend(frameon=False, labelcolor=_INK, fontsize=_FONT_PT - 3)
+    return _svg(figure, "Expected and achieved shape of each action, from above")
+
+
+def expected_errors(record: RunRecord) -> str:
+    """The RMSE that was expected of each action against the one that was reached, as SVG."""
+    figure, axes = _figure(7.4, 6.2)
+    pairs = [
+        (row.predicted_rmse_m * 1000.0, row.rmse_m * 1000.0, str(row.action))
+        for row in record.result.history
+        if row.predicted_rmse_m is not None
+    ]
+    top = 1.1 * max([1.0, *(max(expected, reached) for expected, reached, _ in pairs)])
+    axes.plot((0.0, top), (0.0, top), color=_GRID, linewidth=1.5, label="as expected")
+    axes.plot(
+        [pair[0] for pair in pairs],
+        [pair[1] for pair in pairs],
+        color=_FINAL,
+        linestyle="none",
+        marker="o",
+        label="action",
+    )
+    for expected, reached, name in pairs:
+        axes.annotate(name, (expected, reached), (6, 4), textcoords="offset points", color=_INK, fontsize=_FONT_PT - 1)
+    axes.set_xlim(0.0, top)
+    axes.set_ylim(0.0, top)
+    axes.set_xlabel("expected RMSE [mm]", color=_MUTED, fontsize=_FONT_PT - 1)
+    axes.set_ylabel("achieved RMSE [mm]", color=_MUTED, fontsize=_FONT_PT - 1)
+    axes.legend(frameon=False, labelcolor=_INK, fontsize=_FONT_PT, loc="upper left")
+    return _svg(figure, "Expected against achieved error of each action")
 
 
 def timing_bars(timings: Mapping[str, StepTiming]) -> str:
@@ -158,12 +214,17 @@ def _figure(width_in: float, height_in: float) -> tuple[Figure, Axes]:
     FigureCanvasSVG(figure)
     figure.patch.set_alpha(0.0)
     axes = figure.add_subplot()
+    _clear(axes)
+    return figure, axes
+
+
+def _clear(axes: Axes) -> None:
+    """Axes in the page's colours, without a frame."""
     axes.patch.set_alpha(0.0)
     axes.tick_params(colors=_MUTED, labelsize=_FONT_PT - 1)
     for side, spine in axes.spines.items():
         spine.set_color(_GRID)
         spine.set_visible(side in {"left", "bottom"})
-    return figure, axes
 
 
 def _table(axes: Axes) -> None:

@@ -16,8 +16,12 @@ from rich.text import Text
 
 from dlokit.app.outcome_words import outcome_in_words
 from dlokit.system.run_result import ActionResult, RunResult
+from dlokit.types.action import Push
+from dlokit.types.candidates import Candidates
 from dlokit.types.feasibility import Standing
 from dlokit.types.flow import FlowStatus, RunOutcome
+
+PUSH = str(Push.__struct_config__.tag)
 
 _WARNS = frozenset({"set_goal", "track_model"})
 """Boxes before which something may have been said of the goal that the operator should read."""
@@ -33,6 +37,7 @@ class RunDisplay:
         self._threshold_m = threshold_m
         self._rows: list[ActionResult] = []
         self._status: FlowStatus | None = None
+        self._candidates: Candidates | None = None
         # Refreshed when something happens rather than by a thread: a run owns its process. It makes room for the
         # table at the end, which has the evaluator's column.
         self._live = Live(console=console, auto_refresh=False, transient=True) if console.is_terminal else None
@@ -57,7 +62,12 @@ class RunDisplay:
         """The flow has come to another step."""
         if self._live is None and status.step in _WARNS and status.text:
             self._console.print(status.text, markup=False, highlight=False, soft_wrap=True)
-        self._status = status
+        self._status, self._candidates = status, None
+        self._refresh()
+
+    def considered(self, candidates: Candidates) -> None:
+        """A decision has come further."""
+        self._candidates = candidates
         self._refresh()
 
     def action(self, row: ActionResult) -> None:
@@ -102,7 +112,7 @@ class RunDisplay:
         table = action_table(self._rows, threshold_m=self._threshold_m, title=self._title)
         if self._status is None:
             return table
-        return Group(table, _progress(self._status))
+        return Group(table, _progress(self._status, self._candidates))
 
 
 def action_table(rows: Sequence[ActionResult], *, threshold_m: float, title: str = "") -> Table:
@@ -119,26 +129,39 @@ def action_table(rows: Sequence[ActionResult], *, threshold_m: float, title: str
     table.add_column("duration", justify="right")
     for row in rows:
         rmse = Text(_mm(row.rmse_m), style="green" if row.rmse_m < threshold_m else "")
-        held = Text("held") if row.grasp_ok else Text("not held", style="red")
+        grip = grip_in_words(row)
+        held = Text(grip, style="" if grip in ("held", "pushed") else "red")
         true = [Text("–" if row.true_rmse_m is None else _mm(row.true_rmse_m))] if with_truth else []
         table.add_row(str(row.action), row.kind, str(row.grasp_node), held, rmse, *true, f"{row.duration_s:.1f} s")
     return table
 
 
-def _progress(status: FlowStatus) -> Text:
+def _progress(status: FlowStatus, candidates: Candidates | None) -> Text:
     text = Text.assemble(("▸ ", "cyan"), (status.step.replace("_", " "), "bold cyan"))
     if status.rmse_m is not None:
         text.append(f"   error {_mm(status.rmse_m)}")
     if status.text:
         text.append(f"   {status.text}", style="dim")
+    if candidates is not None:
+        text.append(f"   {candidates.rollouts} of {candidates.budget} rollouts", style="dim")
+        if candidates.best:
+            best = candidates.best[0]
+            text.append(f", best: {best.kind} at node {best.node}, score {_mm(best.score_m)}", style="dim")
     return text
 
 
+def grip_in_words(row: ActionResult) -> str:
+    """What became of the grip of an action: held, slipped, not held, or pushed, where nothing was to be held."""
+    if row.kind == PUSH:
+        return "pushed"
+    if row.slipped:
+        return "slipped"
+    return "held" if row.grasp_ok else "not held"
+
+
 def _plain(row: ActionResult) -> str:
-    held = "held" if row.grasp_ok else "not held"
-    return (
-        f"action {row.action}: {row.kind}, node {row.grasp_node} {held}, RMSE {_mm(row.rmse_m)}, {row.duration_s:.1f} s"
-    )
+    done = f"{row.kind}, node {row.grasp_node} {grip_in_words(row)}"
+    return f"action {row.action}: {done}, RMSE {_mm(row.rmse_m)}, {row.duration_s:.1f} s"
 
 
 def _mm(value_m: float) -> str:

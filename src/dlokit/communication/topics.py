@@ -7,6 +7,7 @@ from typing import Any, cast
 
 from dlokit.communication.topic import Every, KeepLast, Topic
 from dlokit.types.action import Action
+from dlokit.types.candidates import Candidates
 from dlokit.types.clock import ClockTick
 from dlokit.types.dlo import DloState, GoalShape, TargetPoints
 from dlokit.types.dlo_belief import DloBelief
@@ -31,6 +32,7 @@ OBSERVER_EVENT = Topic("observer/events",  ObserverEvent,   "observer",   None, 
 STATE         = Topic("model/state",       DloState,        "model",      None,  Every(16),  "the shape everybody uses")
 GOAL          = Topic("model/goal",        GoalShape,       "model",      None,  LAST,       "the shape the operator wants")
 BELIEF        = Topic("model/belief",      DloBelief,       "model",      None,  LAST,       "what is believed of the DLO, and how surely")
+CANDIDATES    = Topic("planning/candidates", Candidates,    "planning",   None,  LAST,       "how far a decision is, and the best so far")
 ACTION        = Topic("planning/action",   ANY_ACTION,      "planning",   None,  LAST,       "the grasp and path chosen")
 GOAL_VERDICT  = Topic("planning/verdict",  GoalVerdict,     "planning",   None,  LAST,       "whether the goal can be reached and will hold")
 GRIPPED       = Topic("decision/gripped",  Gripped,         "decision",   None,  Every(16),  "which node the gripper holds")
@@ -50,6 +52,7 @@ TOPICS: tuple[Topic[Any], ...] = (
     STATE,
     GOAL,
     BELIEF,
+    CANDIDATES,
     ACTION,
     GOAL_VERDICT,
     GRIPPED,

@@ -49,6 +49,10 @@ class ActionRecord(Value, frozen=True, kw_only=True, eq=False):
     release_stamp_ns: int
     """When the fingers opened [ns]."""
     nodes_world: Float64Array  # (M, 3) [m] after it
+    expected_world: Float64Array | None = None  # (M, 3) [m]
+    """The shape that was expected when it was chosen; None where none was predicted."""
+    path_world: Float64Array | None = None  # (W, 3) [m]
+    """The tool's path as it was planned, from the grasp to the release."""
     slipped: bool = False
     """Whether the DLO slipped out of the gripper on the way."""
 

@@ -86,7 +86,9 @@ def _model(config: RunConfig, wiring: Wiring) -> Component:
 
 
 def _planning(config: RunConfig, wiring: Wiring) -> Component:
-    return PlanningComponent(config.planning, PandaKinematics().reachable, config.model)
+    # In lockstep nothing may depend on how fast the machine is.
+    stopwatch = time.perf_counter if config.runtime == "live" else None
+    return PlanningComponent(config.planning, PandaKinematics().reachable, config.model, stopwatch)
 
 
 def _decision(config: RunConfig, wiring: Wiring) -> Component:

@@ -16,6 +16,10 @@ class ActionShape:
     """The estimated shape after the action."""
     release_stamp_ns: int | None = None
     """When the fingers opened, on the cell's clock [ns]; None when they never closed."""
+    expected_world: Float64Array | None = None  # (M, 3) [m]
+    """The shape that was expected when the action was chosen; None where none was predicted."""
+    path_world: Float64Array | None = None  # (W, 3) [m]
+    """The tool's path as it was planned, from the grasp to the release."""
 
 
 @dataclass(frozen=True, kw_only=True)

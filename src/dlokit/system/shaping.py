@@ -22,6 +22,7 @@ from dlokit.system.run_record import ActionShape, RunRecord, StepTiming
 from dlokit.system.run_result import ActionResult, RunResult, config_hash
 from dlokit.system.toml_config import to_toml
 from dlokit.types.arrays import Float64Array, UInt8Array
+from dlokit.types.candidates import Candidates
 from dlokit.types.flow import FlowStatus
 from dlokit.types.image import StereoImages
 
@@ -34,6 +35,10 @@ class Watcher(Protocol):
 
     def step(self, status: FlowStatus) -> None:
         """The flow has come to another step."""
+        ...
+
+    def considered(self, candidates: Candidates) -> None:
+        """A decision has come further."""
         ...
 
     def action(self, row: ActionResult) -> None:
@@ -77,7 +82,10 @@ async def shape(
 ) -> RunRecord:
     """Run the task to its end and let the cell run on until its last shape can be judged."""
     album = _Album(transport.stream(topics.STEREO_IMAGES))
-    helpers = [asyncio.create_task(album.fill()), asyncio.create_task(_tell(transport, watch))]
+    helpers = [
+        asyncio.create_task(waiting)
+        for waiting in (album.fill(), _tell(transport, watch), _tell_considered(transport, watch))
+    ]
     began_s, began_ns = time.perf_counter(), clock.now_ns()
     try:
         result = await decision.shape(job.request, lambda record: watch.action(_row(record)))
@@ -102,6 +110,11 @@ async def shape(
 async def _tell(transport: Transport, watch: Watcher) -> None:
     async for status in transport.stream(topics.FLOW):
         watch.step(status)
+
+
+async def _tell_considered(transport: Transport, watch: Watcher) -> None:
+    async for candidates in transport.stream(topics.CANDIDATES):
+        watch.considered(candidates)
 
 
 def _row(action: ActionRecord) -> ActionResult:
@@ -154,7 +167,12 @@ def _record(
         start_stamp_ns=result.start_stamp_ns,
         start_rmse_m=result.start_rmse_m,
         actions=tuple(
-            ActionShape(nodes_world=action.nodes_world, release_stamp_ns=action.release_stamp_ns)
+            ActionShape(
+                nodes_world=action.nodes_world,
+                release_stamp_ns=action.release_stamp_ns,
+                expected_world=action.expected_world,
+                path_world=action.path_world,
+            )
             for action in result.history
         ),
         timings=_by_step(result.timings),

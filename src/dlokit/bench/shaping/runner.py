@@ -29,6 +29,7 @@ from dlokit.system.run_record import RunRecord
 from dlokit.system.run_result import ActionResult, RunResult, read_result
 from dlokit.system.shaping import ShapeJob, Watcher
 from dlokit.types.arrays import Float64Array
+from dlokit.types.candidates import Candidates
 from dlokit.types.flow import FlowStatus, RunOutcome
 
 log = logging.getLogger(__name__)
@@ -39,6 +40,9 @@ START_FILE, GOAL_FILE = "start.npy", "goal.npy"
 
 
 class _Silent:
+    def considered(self, candidates: Candidates) -> None:
+        """Nobody looks."""
+
     def step(self, status: FlowStatus) -> None:
         pass
 

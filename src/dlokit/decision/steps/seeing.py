@@ -3,6 +3,8 @@
 import asyncio
 from typing import Any
 
+import numpy as np
+
 from dlokit.communication import topics
 from dlokit.decision.convergence import Progress, patience, progress
 from dlokit.decision.looking import look_anew, settle, state_after
@@ -208,6 +210,8 @@ async def track_again(task: ShapeTask) -> Sight:
         planning_time_s=task.decision_time_s,
         release_stamp_ns=task.release_stamp_ns,
         nodes_world=task.state.nodes_world,
+        expected_world=predicted,
+        path_world=np.array([pose.position_m for pose in (task.chosen.grasp.T_world_tcp, *task.chosen.path)]),
     )
     task.belief = await _learnt(task) or task.belief
     task.history.append(record)

@@ -1,6 +1,6 @@
 """What an action strategy is."""
 
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable
 from dataclasses import dataclass, field
 from typing import ClassVar, Protocol, runtime_checkable
 
@@ -8,11 +8,16 @@ from dlokit.communication.compute import Compute, InlineCompute
 from dlokit.skills.model.config import ModelConfig
 from dlokit.skills.planning.actions import ActionConfig, FeasibilityConfig
 from dlokit.types.action import Action, Marks
+from dlokit.types.candidates import Candidates
 from dlokit.types.dlo import DloState, GoalShape
 from dlokit.types.pose import Pose
 
 Reachable = Callable[[Pose], bool]
 """Whether the robot can bring its tool to a pose within its joint limits."""
+
+
+async def _tell_nobody(_: Candidates) -> None:
+    """Nobody watches."""
 
 
 class ActionStrategy(Protocol):
@@ -39,6 +44,10 @@ class PlanningTools:
     """Where the rod may lie."""
     compute: Compute = field(default_factory=InlineCompute)
     """Where heavy work goes."""
+    tell: Callable[[Candidates], Awaitable[None]] = _tell_nobody
+    """Shows what is considered, and lets others have their turn."""
+    stopwatch: Callable[[], float] | None = None
+    """The machine's time [s], where a decision must end in time; None: work is counted, and runs repeat."""
 
 
 class StrategyConfig(Protocol):

@@ -24,6 +24,7 @@ from dlokit.skills.planning.loading import load
 from dlokit.skills.planning.strategies import from_spec
 from dlokit.types.action import Action, Marks
 from dlokit.types.arrays import Float64Array
+from dlokit.types.candidates import Candidates
 from dlokit.types.dlo import DloState, GoalShape
 from dlokit.types.dlo_belief import DloBelief
 from dlokit.types.feasibility import GoalVerdict, Verdict
@@ -37,11 +38,20 @@ class PlanningComponent(Component):
     """Planning as a component. It is told whether the arm reaches a pose; all else is on the bus."""
 
     name = "planning"
-    publishes = (topics.ACTION, topics.GOAL_VERDICT)
+    publishes = (topics.CANDIDATES, topics.ACTION, topics.GOAL_VERDICT)
     reads = (topics.OBSERVATION, topics.BELIEF)
 
-    def __init__(self, config: PlanningConfig, reachable: Reachable, model: ModelConfig) -> None:
-        """`reachable` is the arm's kinematics; `model` the rod that actions are played through with."""
+    def __init__(
+        self,
+        config: PlanningConfig,
+        reachable: Reachable,
+        model: ModelConfig,
+        stopwatch: Callable[[], float] | None = None,
+    ) -> None:
+        """`reachable` is the arm's kinematics; `model` the rod that actions are played through with.
+
+        `stopwatch` gives the machine's time [s] when live; without it budgets are counted alone.
+        """
         super().__init__()
         self._model = model
         self._config = config
@@ -52,6 +62,8 @@ class PlanningComponent(Component):
             model=model,
             table=config.feasibility,
             compute=self._compute,
+            tell=self._tell,
+            stopwatch=stopwatch,
         )
         self._learnt_from = 0
         self._settings: StrategyConfig = config.strategy
@@ -100,6 +112,10 @@ class PlanningComponent(Component):
             return await self.port.compute(rollout.predict, self._model, shape.nodes_world, action)
 
         return await untangled(actions, predict, goal.nodes_world, self._config.foresight)
+
+    async def _tell(self, candidates: Candidates) -> None:
+        self.port.publish(topics.CANDIDATES, candidates)
+        await self.port.clock.sleep(0.0)  # in lockstep a decision is one long turn: whoever watches gets one now
 
     async def _compute(self, function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
         # Strategies are built before there is a port.

@@ -23,6 +23,7 @@ from dlokit.skills.viewer.panel import Panel
 from dlokit.skills.viewer.run_state import RunState, after_command, after_status
 from dlokit.skills.viewer.scene import Scene, thumbnail
 from dlokit.types.action import Action
+from dlokit.types.candidates import Candidates
 from dlokit.types.dlo import DloState, GoalShape, TargetPoints
 from dlokit.types.feasibility import GoalVerdict
 from dlokit.types.flow import Command, FlowStatus, OperatorCommand
@@ -72,6 +73,7 @@ class ViewerComponent(Component):
         self._goal = Fresh[GoalShape]()
         self._robots: dict[str, Fresh[RobotState]] = {}
         self._action = Fresh[Action]()
+        self._candidates = Fresh[Candidates]()
         self._verdict = Fresh[GoalVerdict]()
         self._status = Fresh[FlowStatus]()
 
@@ -147,6 +149,11 @@ class ViewerComponent(Component):
         """Keep the newest."""
         self._verdict.put(verdict)
 
+    @on(topics.CANDIDATES)
+    async def on_candidates(self, candidates: Candidates) -> None:
+        """Keep the newest."""
+        self._candidates.put(candidates)
+
     @on(topics.ACTION)
     async def on_action(self, action: Action) -> None:
         """Keep the newest."""
@@ -179,6 +186,8 @@ class ViewerComponent(Component):
         self._cloud.take(scene.show_cloud)
         self._targets.take(scene.show_targets)
         self._state.take(scene.show_state)
+        if (candidates := self._candidates.value) is not None and self._candidates.fresh:
+            scene.show_candidates(candidates)
         self._action.take(scene.show_action)
         if (verdict := self._verdict.value) is not None and self._verdict.fresh:
             scene.show_verdict(verdict)
@@ -190,8 +199,10 @@ class ViewerComponent(Component):
             panel.draw_picture(thumbnail(images.left, self._config.picture_width_px))
         self._images.take(scene.show_pictures)
         self._event.take(panel.draw_observer_event)
+        self._candidates.take(panel.draw_candidates)
         if (status := self._status.value) is not None and self._status.fresh and status.outcome is not None:
             scene.hide_action()
+            scene.hide_candidates(0)
         self._verdict.take(panel.draw_verdict)
         self._status.take(lambda status: panel.draw_status(self._run_state, status, self._lit, self._history))
 

@@ -29,9 +29,10 @@ TARGETS = Layer("Target points", (219, 39, 119))
 STATE = Layer("Model state", (37, 99, 235))
 GOAL = Layer("Goal", (22, 163, 74))
 NEAREST = Layer("Nearest that holds", (13, 148, 136))
+CANDIDATES = Layer("Candidates", (192, 132, 252))
 ACTION = Layer("Next action", (147, 51, 234))
 
-LAYERS = (STATE, GOAL, NEAREST, TARGETS, CLOUD, ACTION, ROBOT, CAMERA)
+LAYERS = (STATE, GOAL, NEAREST, TARGETS, CLOUD, CANDIDATES, ACTION, ROBOT, CAMERA)
 """In the order of the legend."""
 
 VERDICTS: Mapping[Standing, Rgb] = {

@@ -18,6 +18,7 @@ from dlokit.skills.viewer.loop_gate import LoopGate
 from dlokit.skills.viewer.palette import Layer
 from dlokit.skills.viewer.run_state import RunState
 from dlokit.types.arrays import UInt8Array
+from dlokit.types.candidates import Candidates
 from dlokit.types.feasibility import GoalVerdict
 from dlokit.types.flow import Command, FlowStatus
 from dlokit.types.observer_event import Doubt, ObserverEvent, ObserverEventKind
@@ -53,6 +54,7 @@ class Panel:
         self._status = self._gui.add_html(status_html(RunState.WAITING, None, threshold_m))
         self._observer = self._gui.add_html("", visible=False)
         self._verdict = self._gui.add_html("")
+        self._candidates = self._gui.add_html("")
         self._gui.add_html(legend_html(palette.LAYERS))
         self._add_buttons(command, shape_it, reset_frames)
         tabs = self._gui.add_tab_group()
@@ -79,6 +81,10 @@ class Panel:
     def draw_verdict(self, verdict: GoalVerdict) -> None:
         """Show what was said of the goal."""
         self._verdict.content = verdict_html(verdict)
+
+    def draw_candidates(self, candidates: Candidates) -> None:
+        """Show how far a decision is, and the best of it."""
+        self._candidates.content = candidates_html(candidates)
 
     def draw_picture(self, picture: UInt8Array) -> None:
         """Show what the left camera saw."""
@@ -160,6 +166,20 @@ def verdict_html(verdict: GoalVerdict) -> str:
         f'<div data-verdict="{verdict.standing.value}" style="margin:0.2em 0.8em;padding:0.3em 0.6em;font-size:0.85em;'
         f"color:{palette.INK};border-left:0.3em solid {palette.css(palette.VERDICTS[verdict.standing])}"
         f'">{escape(verdict.text)}</div>'
+    )
+
+
+def candidates_html(candidates: Candidates) -> str:
+    """How far a decision is, and the best candidates with their scores."""
+    rows = "".join(
+        f"<tr><td>{escape(one.kind)}</td><td>node {one.node}</td>"
+        f'<td style="text-align:right">{one.score_m * 1000.0:.1f} mm</td></tr>'
+        for one in candidates.best
+    )
+    return (
+        f'<div data-rollouts="{candidates.rollouts}" style="padding:0 0.8em;font-size:0.8em;color:{palette.INK}">'
+        f"Decision: {candidates.rollouts} of {candidates.budget} rollouts; what would remain:"
+        f'<table style="width:100%">{rows}</table></div>'
     )
 
 

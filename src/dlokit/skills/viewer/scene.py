@@ -13,6 +13,7 @@ from dlokit.skills.viewer.robot_figure import GripperGhost, MeshStore, RobotFigu
 from dlokit.skills.viewer.tube import tube_faces, tube_vertices
 from dlokit.types.action import Action
 from dlokit.types.arrays import Float32Array, Float64Array, UInt8Array
+from dlokit.types.candidates import Candidates
 from dlokit.types.dlo import DloState, GoalShape, TargetPoints
 from dlokit.types.feasibility import GoalVerdict
 from dlokit.types.image import StereoImages
@@ -121,6 +122,19 @@ class Scene:
         )
         if action.predicted_nodes_world is not None:
             self._tube(palette.ACTION, "predicted", action.predicted_nodes_world, 0.3)
+
+    def show_candidates(self, candidates: Candidates) -> None:
+        """The shapes expected of the best candidates so far as ghosts, the best least faint."""
+        for rank, candidate in enumerate(candidates.best):
+            self._tube(palette.CANDIDATES, f"{rank}", candidate.nodes_world, 0.35 / (1 + rank))
+        self.hide_candidates(len(candidates.best))
+
+    def hide_candidates(self, first: int) -> None:
+        """Nothing is considered any more from the candidate `first` on."""
+        root = f"{self._roots[palette.CANDIDATES].name}/"
+        for name in [name for name in self._tubes if name.startswith(root) and int(name[len(root) :]) >= first]:
+            del self._tubes[name]
+            self._scene.remove_by_name(name)
 
     def hide_action(self) -> None:
         """No action is proposed: a task has ended, or another has begun."""

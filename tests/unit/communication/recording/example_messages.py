@@ -5,6 +5,7 @@ import numpy as np
 from dlokit.communication import topics
 from dlokit.communication.recording.channels import SKILL_CALLS
 from dlokit.types.action import Grasp, PickPlace, VelocityProfile
+from dlokit.types.candidates import Candidates, CandidateSeen
 from dlokit.types.clock import ClockTick
 from dlokit.types.dlo import DloState, GoalShape, TargetPoints, Topology
 from dlokit.types.dlo_belief import DloBelief, Figure
@@ -91,6 +92,21 @@ EXAMPLES: dict[str, Message] = {
         elastic_m3=Figure(value=6.4e-5, log_sd=0.2),
         yield_curvature_1_m=None,
         actions=3,
+    ),
+    topics.CANDIDATES.name: Candidates(
+        stamp_ns=50_000_000,
+        seq=1,
+        rollouts=40,
+        budget=480,
+        best=(
+            CandidateSeen(
+                kind="drag",
+                node=4,
+                score_m=0.012,
+                nodes_world=RNG.normal(size=(NODES, 3)),
+                path_world=RNG.normal(size=(5, 3)),
+            ),
+        ),
     ),
     topics.ACTION.name: PickPlace(
         stamp_ns=50_000_000,

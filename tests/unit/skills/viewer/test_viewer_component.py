@@ -75,6 +75,7 @@ def test_the_viewer_publishes_commands_and_frames_and_sees_every_layer() -> None
         topics.OBSERVER_EVENT,
         topics.STATE,
         topics.GOAL,
+        topics.CANDIDATES,
         topics.ACTION,
         topics.GOAL_VERDICT,
         topics.FLOW,

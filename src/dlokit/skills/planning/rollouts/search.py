@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,6 +12,7 @@ from dlokit.errors import ConfigError
 from dlokit.skills.model.config import ModelConfig
 from dlokit.skills.model.quick_rollout import Motion, Played, QuickRod, play
 from dlokit.skills.planning.rollouts.candidates import Candidate, Family
+from dlokit.skills.planning.rollouts.timer import Timer
 from dlokit.types.action import Action
 from dlokit.types.arrays import Float64Array
 
@@ -20,6 +21,7 @@ _ELITE = 6  # candidates of a family that are refined
 _WORTH_IT = 1.6  # a family is refined while its best is no worse than this times the best of all
 _AT_ONCE = 2  # families refined in one generation
 _NARROWER = 0.75  # spread of a generation against the one before
+_SHOWN = 6  # candidates that are told of
 _LEAST = 16  # rollouts besides those of the finalists
 
 
@@ -28,7 +30,9 @@ class SearchConfig:
     """How many rollouts, and for what."""
 
     rollouts: int = 480
-    """Motions played through for one decision."""
+    """Motions played through for one decision, at most."""
+    seconds: float = 2.0
+    """Time for one decision when live [s]: the search ends with what it has then. Not looked at in lockstep."""
     generations: int = 8
     """Refinements."""
     finalists: int = 8
@@ -55,6 +59,8 @@ class SearchConfig:
                 f"a search of {self.rollouts} rollouts is too short: {self.finalists} finalists take "
                 f"{self.finalists * len(self.doubtful_rods)}, and {_LEAST} more are needed; allow more rollouts."
             )
+        if not self.seconds > 0.0:
+            raise ConfigError(f"a search has seconds {self.seconds}; it must be a number above 0.")
         if not (self.doubt >= 1.0 and 0.0 < self.timestep_s <= 0.02):
             raise ConfigError(
                 f"a search has doubt {self.doubt} and timestep_s {self.timestep_s}; the doubt is a factor of 1 or "
@@ -83,6 +89,20 @@ class Choice:
     nodes_world: Float64Array
 
 
+async def _tell_nobody(rollouts: int, best: Sequence[Choice]) -> None:
+    """Nobody watches."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Watch:
+    """Who is told of a search, and by what clock it ends."""
+
+    tell: Callable[[int, Sequence[Choice]], Awaitable[None]] = _tell_nobody
+    """Told of the rollouts spent and the best choices, every generation."""
+    stopwatch: Callable[[], float] | None = None
+    """The machine's time [s]; None: rollouts alone are counted."""
+
+
 @dataclass
 class _Pool:
     """A family and what was tried of it."""
@@ -105,10 +125,13 @@ class Search:
         score: Callable[[Played, Sequence[type[Action]]], Float64Array],
         judge: Callable[[Float64Array], Float64Array],
         compute: Compute,
+        watch: Watch | None = None,
     ) -> None:
         """`score` gives (R, C) of what was played and the C kinds; `judge` makes (C,) of that."""
         self._nodes, self._model, self._config = nodes_world, model, config
         self._score, self._judge, self._compute = score, judge, compute
+        self._watch = watch or Watch()
+        self._timer = Timer(config.seconds, self._watch.stopwatch)
         self.spent = 0
         """Rollouts so far."""
 
@@ -118,19 +141,24 @@ class Search:
         budget = config.rollouts - config.finalists * len(config.doubtful_rods)
         pools = [_Pool(family) for family in families]
         share = max(1, budget // (2 * len(pools)))
-        for pool in pools:
+        finals = config.finalists * len(config.doubtful_rods)
+        for k, pool in enumerate(pools):
+            self._timer.allow(0.5 * (k + 1) / len(pools), finals)
             await self._try(pool, pool.family.first(_TRIES * share, rng), share)
+            await self._tell(pools)
         pools = [pool for pool in pools if pool.choices]
         if not pools:
             return []
         for generation in range(config.generations):
+            self._timer.allow(0.5 + 0.5 * (generation + 1) / config.generations, finals)
             left = (budget - self.spent) // (config.generations - generation)
             promising = self._promising(pools)
             for pool in promising:
                 count = max(1, left // len(promising))
                 spread = pool.family.spread * _NARROWER**generation
                 await self._try(pool, _around(pool, spread, _TRIES * count, rng), count)
-        finalists, others = _mixed(pools, config.finalists)
+            await self._tell(pools)
+        finalists, others = _mixed(pools, self._timer.affordable(config.finalists, len(config.doubtful_rods)))
         return [*await self._finals(finalists), *others]
 
     def _promising(self, pools: list[_Pool]) -> list[_Pool]:
@@ -148,13 +176,21 @@ class Search:
                 made.append(candidate)
             if len(made) == count:
                 break
-        if not made:
-            return
+        for batch in self._timer.batches(made):
+            await self._play_once(pool, batch)
+
+    async def _play_once(self, pool: _Pool, made: Sequence[Candidate]) -> None:
+        """Play candidates on the rod that the model has."""
         played = await self._play(made, (QuickRod(),))
         for candidate, score, nodes in zip(
             made, self._score(played, [pool.family.kind] * len(made))[0], played.nodes_world[0], strict=True
         ):
             pool.choices.append(Choice(candidate=candidate, score_m=float(score), nodes_world=nodes))
+
+    async def _tell(self, pools: list[_Pool]) -> None:
+        """The best of all, not two of them alike."""
+        ranked = sorted((choice for pool in pools for choice in pool.best(_SHOWN)), key=_score)
+        await self._watch.tell(self.spent, ranked[:_SHOWN])
 
     async def _finals(self, finalists: list[Choice]) -> list[Choice]:
         """The finalists in the order of their score on every rod that the DLO may be."""
@@ -171,7 +207,9 @@ class Search:
         motions: tuple[Motion, ...] = tuple(candidate.motion for candidate in candidates)
         self.spent += len(motions) * len(rods)
         config = self._config
-        return await self._compute(play, self._model, self._nodes, rods, motions, config.timestep_s, config.threads)
+        played = await self._compute(play, self._model, self._nodes, rods, motions, config.timestep_s, config.threads)
+        self._timer.count(len(motions) * len(rods))
+        return played
 
 
 def _mixed(pools: list[_Pool], count: int) -> tuple[list[Choice], list[Choice]]:

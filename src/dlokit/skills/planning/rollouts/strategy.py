@@ -16,9 +16,10 @@ from dlokit.skills.planning.rollouts.laying import Laying
 from dlokit.skills.planning.rollouts.misses import Misses
 from dlokit.skills.planning.rollouts.pushing import Pushing
 from dlokit.skills.planning.rollouts.score import ScoreConfig, cautious_m, remaining_m
-from dlokit.skills.planning.rollouts.search import Search, SearchConfig
+from dlokit.skills.planning.rollouts.search import Choice, Search, SearchConfig, Watch
 from dlokit.types.action import Action, Marks
 from dlokit.types.arrays import Float64Array
+from dlokit.types.candidates import Candidates, CandidateSeen
 from dlokit.types.dlo import DloState, GoalShape
 
 
@@ -74,7 +75,14 @@ class Rollout:
         def judge(scores_m: Float64Array) -> Float64Array:
             return cautious_m(scores_m, config.score.caution)
 
-        search = Search(shape.nodes_world, tools.model, config.search, score, judge, tools.compute)
+        async def tell(rollouts: int, best: Sequence[Choice]) -> None:
+            seen = tuple(_seen(choice) for choice in best)
+            await tools.tell(
+                Candidates(stamp_ns=shape.stamp_ns, rollouts=rollouts, budget=config.search.rollouts, best=seen)
+            )
+
+        watch = Watch(tell=tell, stopwatch=tools.stopwatch)
+        search = Search(shape.nodes_world, tools.model, config.search, score, judge, tools.compute, watch)
         # Other candidates at another time: what did not do as predicted is not tried again in just the same way.
         rng = np.random.default_rng([config.seed, shape.stamp_ns])
         for choice in await search.run(self._families(scene), rng):
@@ -94,3 +102,14 @@ class Rollout:
         if config.push:
             families.append(Pushing(scene))
         return families
+
+
+def _seen(choice: Choice) -> CandidateSeen:
+    candidate = choice.candidate
+    return CandidateSeen(
+        kind=str(candidate.kind.__struct_config__.tag),
+        node=candidate.motion.node,
+        score_m=choice.score_m,
+        nodes_world=choice.nodes_world,
+        path_world=candidate.motion.waypoints[:, :3].copy(),
+    )
