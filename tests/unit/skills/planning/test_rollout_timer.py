@@ -30,7 +30,7 @@ def test_with_a_clock_the_search_ends_in_time_and_keeps_some_for_its_finals() ->
         timer.allow(1.0, played // 4)  # a quarter of what was played is still to come
     assert 0 < played < 100_000
     assert 1.4 <= now[0] <= 1.8  # 1.6 s, and a batch
-    assert timer.affordable(1000, played // 8) == 2
+    assert 1 <= timer.affordable(1000, played // 8) <= 2  # the quarter that is left, as eight parts
 
 
 def test_something_is_played_even_when_the_time_is_over_before() -> None:
