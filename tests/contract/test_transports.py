@@ -54,6 +54,7 @@ DOUBLE = Skill("worker", "double", _double, timeout_s=5.0)
 FAIL = Skill("worker", "fail", _double, timeout_s=5.0)
 REFUSE = Skill("worker", "refuse", _double, timeout_s=5.0)
 WAIT = Skill("worker", "wait", _wait, timeout_s=60.0)
+WAIT_LONGER = Skill("worker", "wait_longer", _wait, timeout_s=60.0)
 WAIT_BRIEFLY = Skill("worker", "wait_briefly", _wait, timeout_s=0.05)
 LOSE = Skill("worker", "lose", _double, timeout_s=5.0)
 
@@ -64,6 +65,7 @@ class Worker(Component):
     def __init__(self) -> None:
         self.started = asyncio.Event()
         self.cleaned_up = asyncio.Event()
+        self.waiting = 0
 
     @implements(DOUBLE)
     async def double(self, value: float) -> float:
@@ -84,10 +86,16 @@ class Worker(Component):
     @implements(WAIT)
     async def wait(self, until_released: bool = True) -> None:
         self.started.set()
+        self.waiting += 1
         try:
             await asyncio.Event().wait()
         finally:
+            self.waiting -= 1
             self.cleaned_up.set()
+
+    @implements(WAIT_LONGER)
+    async def wait_longer(self, until_released: bool = True) -> None:
+        await self.wait(until_released)
 
     @implements(WAIT_BRIEFLY)
     async def wait_briefly(self, until_released: bool = True) -> None:
@@ -387,6 +395,29 @@ def test_a_call_that_runs_when_its_component_ends_is_cancelled_and_answered() ->
         assert isinstance(await call, Cancelled)
 
     over_zenoh(body)  # in memory a call runs in its caller's own task
+
+
+def test_a_caller_that_is_gone_has_its_running_skills_cancelled_and_nobody_else() -> None:
+    async def main() -> None:
+        config = ZenohConfig(namespace=next(namespaces))
+        dies, lives, serves = ZenohTransport(config), ZenohTransport(config), ZenohTransport(config)
+        async with asyncio.timeout(WAIT_S * 2), working(Bus(dies, serves)) as worker:
+            lost = asyncio.create_task(dies.call(WAIT))
+            await worker.started.wait()
+            worker.started.clear()
+            kept = asyncio.create_task(lives.call(WAIT_LONGER))
+            await worker.started.wait()
+            await dies.close()
+            await worker.cleaned_up.wait()
+            assert worker.waiting == 1
+            await lost
+            kept.cancel()
+            await asyncio.wait({kept})
+            assert worker.waiting == 0
+        await lives.close()
+        await serves.close()
+
+    asyncio.run(main())
 
 
 def test_runs_side_by_side_do_not_hear_each_other() -> None:

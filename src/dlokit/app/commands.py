@@ -5,7 +5,7 @@ from typing import Annotated
 
 import tyro
 
-from dlokit.app import bench, demo, doctor, graph, identify, info, shape, track
+from dlokit.app import bench, demo, doctor, graph, identify, info, shape, skills, track
 from dlokit.app.shape_defaults import shape_defaults
 
 Command = (
@@ -14,6 +14,7 @@ Command = (
     | track.TrackArgs
     | info.InfoArgs
     | identify.IdentifyArgs
+    | skills.SkillsArgs
     | graph.GraphArgs
     | doctor.DoctorArgs
     | bench.BenchArgs
@@ -30,6 +31,7 @@ def parse(arguments: Sequence[str]) -> Command:
         | Annotated[bench.BenchArgs, tyro.conf.subcommand("bench")]
         | Annotated[info.InfoArgs, tyro.conf.subcommand("info")]
         | Annotated[identify.IdentifyArgs, tyro.conf.subcommand("identify")]
+        | Annotated[skills.SkillsArgs, tyro.conf.subcommand("skills")]
         | Annotated[graph.GraphArgs, tyro.conf.subcommand("graph")]
         | Annotated[doctor.DoctorArgs, tyro.conf.subcommand("doctor")]
     )
@@ -56,6 +58,8 @@ def execute(arguments: Sequence[str]) -> int:
             return info.run(args)
         case identify.IdentifyArgs() as args:
             return identify.run(args)
+        case skills.SkillsArgs() as args:
+            return skills.run(args)
         case graph.GraphArgs() as args:
             return graph.run(args)
         case doctor.DoctorArgs() as args:

@@ -4,6 +4,7 @@ import inspect
 from collections.abc import Awaitable, Callable, Coroutine
 from typing import Any, ClassVar, Concatenate, ParamSpec, TypeVar
 
+from dlokit.communication.contract import Condition
 from dlokit.communication.port import Port
 from dlokit.communication.skill import ReportingSkill, Skill
 from dlokit.communication.topic import Topic
@@ -17,6 +18,7 @@ C = TypeVar("C", bound="Component")
 
 _SKILL = "_dlokit_skill"
 _TOPIC = "_dlokit_topic"
+_CONDITION = "_dlokit_condition"
 
 
 def implements(
@@ -47,6 +49,16 @@ def implements_reporting(
         method: Callable[Concatenate[C, Callable[[Q], None], P], Coroutine[Any, Any, R]],
     ) -> Callable[Concatenate[C, Callable[[Q], None], P], Coroutine[Any, Any, R]]:
         setattr(method, _SKILL, skill)
+        return method
+
+    return mark
+
+
+def holds(condition: Condition) -> Callable[[Callable[[C, str], str | None]], Callable[[C, str], str | None]]:
+    """Mark a method that knows whether a condition holds for a caller: None, or what is wrong, for people."""
+
+    def mark(method: Callable[[C, str], str | None]) -> Callable[[C, str], str | None]:
+        setattr(method, _CONDITION, condition)
         return method
 
     return mark
@@ -107,6 +119,11 @@ class Component:
     def handlers(cls) -> dict[Topic[Any], str]:
         """Topic → name of the method that handles it."""
         return _marked(cls, _TOPIC)
+
+    @classmethod
+    def conditions(cls) -> dict[Condition, str]:
+        """Condition → name of the method that knows whether it holds."""
+        return _marked(cls, _CONDITION)
 
     @classmethod
     def subscribes(cls) -> tuple[Topic[Any], ...]:

@@ -3,19 +3,16 @@
 import asyncio
 import logging
 from collections.abc import Mapping
-from functools import partial
 from typing import Any
 
-from dlokit.communication import codec
 from dlokit.communication.clock import Clock
 from dlokit.communication.component import Component
 from dlokit.communication.compute import Compute, InlineCompute
+from dlokit.communication.dispatch import Dispatcher
 from dlokit.communication.port import Port
-from dlokit.communication.skill import ReportingSkill, Skill, SkillCall
 from dlokit.communication.topic import KeepLast, Topic
-from dlokit.communication.transport import Report, Transport
+from dlokit.communication.transport import Transport
 from dlokit.errors import CommunicationError, ConfigError, SkillFailure, SkillRejected
-from dlokit.types.outcome import Cancelled, Failed, Outcome, Rejected, Succeeded, TimedOut
 
 log = logging.getLogger(__name__)
 
@@ -85,7 +82,7 @@ class Host:
                     # The first look at a topic subscribes to it and finds nothing yet: it must not be the component's.
                     self.transport.latest(topic)
         for component in self._components:
-            self.transport.serve(component.address, _Dispatcher(component, self.clock))
+            self.transport.serve(component.address, Dispatcher(component, self.clock))
         for component in self._components:
             self._start(component, "run", component.run())
         return self
@@ -132,65 +129,3 @@ async def _handle(component: Component, topic: Topic[Any], method: str, stream: 
         except (SkillFailure, SkillRejected, CommunicationError) as error:
             # One bad message must not end the component: it waits for the next.
             log.warning("%s on %s: %s", component.address, topic.name, error)
-
-
-class _Dispatcher:
-    """Algorithm 2 for one component."""
-
-    def __init__(self, component: Component, clock: Clock) -> None:
-        self._component = component
-        self._clock = clock
-        self._skills: dict[str, tuple[Skill[..., Any], str]] = {
-            skill.name: (skill, method) for skill, method in component.skills().items()
-        }
-
-    async def __call__(self, request: bytes, report: Report) -> bytes:
-        outcome = await self._run(request, report)
-        try:
-            return codec.encode(outcome)
-        except CommunicationError as error:
-            return codec.encode(Failed(reason="result_not_encodable", detail=str(error)))
-
-    async def _run(self, request: bytes, report: Report) -> Outcome[Any]:
-        try:
-            call = codec.decode(request, SkillCall)
-        except CommunicationError as error:
-            return Rejected(reason="malformed_call", detail=str(error))
-        if call.component != self._component.address:
-            return Rejected(
-                reason="wrong_component", detail=f"{call.component} was meant, this is {self._component.address}"
-            )
-        if call.skill not in self._skills:
-            return Rejected(reason="unknown_skill", detail=f"{call.skill}; {call.component} has {sorted(self._skills)}")
-        skill, method = self._skills[call.skill]
-        try:
-            arguments = skill.decode_arguments(call.arguments)
-        except CommunicationError as error:
-            return Rejected(reason="bad_arguments", detail=str(error))
-        run = getattr(self._component, method)
-        if isinstance(skill, ReportingSkill):
-            run = partial(run, lambda progress: report(codec.encode(progress)))
-        return await _execute(skill, run, arguments, self._clock)
-
-
-async def _execute(skill: Skill[..., Any], method: Any, arguments: dict[str, Any], clock: Clock) -> Outcome[Any]:
-    limit: asyncio.Timeout | None = None
-    try:
-        async with clock.timeout(skill.timeout_s) as limit:
-            return Succeeded(result=await method(**arguments))
-    except SkillRejected as error:
-        return Rejected(reason=error.reason, detail=error.detail)
-    except SkillFailure as error:
-        return Failed(reason=error.reason, detail=error.detail)
-    except TimeoutError as error:
-        if limit is not None and limit.expired():
-            return TimedOut(timeout_s=skill.timeout_s)
-        return Failed(reason="timeout_inside", detail=str(error))
-    except asyncio.CancelledError:
-        current = asyncio.current_task()
-        if current is not None and current.cancelling():
-            raise
-        return Cancelled()
-    except Exception as error:  # a skill's error is an outcome, never a crash (Algorithm 2)
-        log.exception("%s raised", skill.key)
-        return Failed(reason="error", detail=f"{type(error).__name__}: {error}")

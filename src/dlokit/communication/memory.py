@@ -34,6 +34,11 @@ class MemoryTransport:
         self._call_ids = itertools.count(1)
         self._closed = False
 
+    @property
+    def identity(self) -> str:
+        """There is one caller: this process."""
+        return "memory"
+
     def publish(self, topic: Topic[T], message: T) -> None:
         """Hand everybody the same decoded, read-only copy."""
         copy = codec.decode(codec.encode(message), topic.type)
@@ -76,7 +81,7 @@ class MemoryTransport:
         return await self._call(skill, decoding(skill, told), *args, **kwargs)
 
     async def _call(self, skill: Skill[P, R], report: Report, *args: P.args, **kwargs: P.kwargs) -> Outcome[R]:
-        request = encode_call(skill, f"memory-{next(self._call_ids)}", "memory", *args, **kwargs)
+        request = encode_call(skill, f"memory-{next(self._call_ids)}", self.identity, *args, **kwargs)
         if isinstance(request, Rejected):
             return request
         handler = self._handlers.get(skill.component)

@@ -9,6 +9,7 @@ from typing import Any, Generic, ParamSpec, TypeVar, get_type_hints
 import msgspec
 
 from dlokit.communication import codec
+from dlokit.communication.contract import Condition, conditions
 from dlokit.errors import CommunicationError
 from dlokit.types.outcome import Cancelled, Failed, Outcome, Rejected, Succeeded, TimedOut, Unreachable
 
@@ -31,10 +32,15 @@ class Skill(Generic[P, R]):
     signature: Callable[P, R]
     timeout_s: float
     """Longest time it may run, on the clock that the host lives by."""
-    requires: str = ""
-    """What must hold before (else rejected), in words."""
-    ensures: str = ""
-    """What holds after it succeeded, in words."""
+    requires: str | tuple[Condition, ...] = ""
+    """What must hold before (else rejected): in words, or as conditions that the host checks."""
+    ensures: str | tuple[Condition, ...] = ""
+    """What holds after it succeeded (else failed)."""
+    keeps: tuple[Condition, ...] = ()
+    """What must hold all the while: the host checks it before and after, the component meanwhile."""
+    exclusive: str = ""
+    """What of the component it takes for itself, e.g. ``"motion"``: another skill that takes the same is rejected as
+    ``busy`` meanwhile."""
 
     @property
     def key(self) -> str:
@@ -44,6 +50,16 @@ class Skill(Generic[P, R]):
     def at(self, instance: str) -> "Skill[P, R]":
         """The same skill of another of its kind: `MOVE_TO.at("opposite")`; an empty name is the first one."""
         return _addressed(self, instance)
+
+    @property
+    def preconditions(self) -> tuple[Condition, ...]:
+        """`requires` as conditions."""
+        return conditions(self.requires)
+
+    @property
+    def postconditions(self) -> tuple[Condition, ...]:
+        """`ensures` as conditions."""
+        return conditions(self.ensures)
 
     @property
     def doc(self) -> str:

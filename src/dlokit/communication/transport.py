@@ -51,6 +51,11 @@ class Known:
 class Transport(Protocol):
     """Publish, read, call. Typed by the topic's and the skill's row."""
 
+    @property
+    def identity(self) -> str:
+        """Who calls through it, as the called ones see it."""
+        ...
+
     def publish(self, topic: Topic[T], message: T) -> None:
         """Send a message to all readers; returns at once."""
         ...

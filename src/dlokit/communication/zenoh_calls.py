@@ -104,6 +104,13 @@ class CallServer:
         self._calls.undeclare()
         self._cancels.undeclare()
 
+    def cancel_all_of(self, caller: str) -> None:
+        """Cancel the calls that run for a session that is gone; on the loop."""
+        for call_id, task in list(self._tasks.items()):
+            if call_id.rpartition("-")[0] == caller:
+                log.warning("%s is cancelled: its caller is gone", task.get_name())
+                task.cancel()
+
     def _on_query(self, query: zenoh.Query) -> None:
         payload, attachment = query.payload, query.attachment
         if payload is None or attachment is None:

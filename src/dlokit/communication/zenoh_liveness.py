@@ -1,7 +1,8 @@
-"""Who is there, by zenoh's liveliness tokens: one per served component, gone when its process is."""
+"""Who is there, by liveliness tokens of zenoh: one per served component and per caller, gone when their process is."""
 
 import asyncio
 import threading
+from collections.abc import Callable
 
 import zenoh
 
@@ -50,3 +51,21 @@ class Presence:
             else:
                 self._tokens.discard((name, identity))
         call_on_loop(self._loop, self._changed.set)
+
+
+def watch_callers(
+    session: zenoh.Session, loop: asyncio.AbstractEventLoop, gone: Callable[[str], None]
+) -> "zenoh.Subscriber[None]":
+    """Tell `gone`, on the loop, of every caller's session that has ended, however it did."""
+
+    def on_token(sample: zenoh.Sample) -> None:
+        if sample.kind == zenoh.SampleKind.DELETE:
+            identity = str(sample.key_expr).rpartition("/")[2]
+            call_on_loop(loop, lambda: gone(identity))
+
+    return session.liveliness().declare_subscriber("caller/*", on_token)
+
+
+def announce_caller(session: zenoh.Session) -> zenoh.LivelinessToken:
+    """Let the called ones know that this session is there, for as long as it is."""
+    return session.liveliness().declare_token(f"caller/{session.zid()}")

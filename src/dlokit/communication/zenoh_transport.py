@@ -15,7 +15,7 @@ from dlokit.communication.skill import ReportingSkill, Skill
 from dlokit.communication.topic import Topic
 from dlokit.communication.transport import CallHandler, Known, Latest, Liveness, Report
 from dlokit.communication.zenoh_calls import CallServer
-from dlokit.communication.zenoh_liveness import Presence
+from dlokit.communication.zenoh_liveness import Presence, announce_caller, watch_callers
 from dlokit.communication.zenoh_session import ZenohConfig, open_session
 from dlokit.communication.zenoh_topics import TopicReader, TopicWriter
 from dlokit.types.message import Message
@@ -40,7 +40,10 @@ FOUND_PATIENCE_S = 0.5
 
 
 class ZenohTransport:
-    """Publish, read and call between processes. Made and used on a running event loop; close it there."""
+    """Publish, read and call between processes. Made and used on a running event loop; close it there.
+
+    A caller whose session ends, because it is closed or its process is killed, has its running calls cancelled.
+    """
 
     def __init__(self, config: ZenohConfig, clock: Clock | None = None) -> None:
         """`clock` is the one that the time-outs of skills are counted on; the loop's own by default."""
@@ -55,6 +58,13 @@ class ZenohTransport:
         self._taps: list[zenoh.Subscriber[Any]] = []
         self._presence = Presence(self._session, self._loop)
         self._closed = False
+        self._calling = announce_caller(self._session)
+        self._callers = watch_callers(self._session, self._loop, self._caller_gone)
+
+    @property
+    def identity(self) -> str:
+        """The session's own."""
+        return self._identity
 
     def publish(self, topic: Topic[T], message: T) -> None:
         """Send a message to all readers in all processes."""
@@ -120,6 +130,10 @@ class ZenohTransport:
         """Answer calls to `component`, from any process."""
         cancelled = codec.encode(Cancelled())
         self._servers[component] = CallServer(self._session, component, handler, cancelled, self._loop)
+
+    def _caller_gone(self, identity: str) -> None:
+        for server in self._servers.values():
+            server.cancel_all_of(identity)
 
     async def withdraw(self, component: str) -> None:
         """Answer no more; calls that run are cancelled."""

@@ -1,5 +1,6 @@
 """What the decision layer can be asked to do: a finished flow is itself a skill, and larger tasks build on it."""
 
+from dlokit.communication.contract import Condition
 from dlokit.communication.skill import ReportingSkill
 from dlokit.decision.config import Infeasible
 from dlokit.decision.task import ActionRecord, GoalRequest, ShapeResult
@@ -43,12 +44,14 @@ def _shape_dlo(
     ...
 
 
+IDLE = Condition("no other task runs", "busy")
+
 SHAPE_DLO = ReportingSkill(
     "decision",
     "shape_dlo",
     _shape_dlo,
     timeout_s=7200.0,
-    requires="no other task runs, and nobody else moves the robot",
+    requires=(IDLE,),
     ensures="the robot stands; the DLO is within the threshold of the goal if the outcome is converged",
     reports=ShapeProgress,
 )

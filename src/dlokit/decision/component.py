@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable
 
 from dlokit.communication import topics
-from dlokit.communication.component import Component, implements_reporting
+from dlokit.communication.component import Component, holds, implements_reporting
 from dlokit.decision import api
 from dlokit.decision.asked import adjusted, goal_request
 from dlokit.decision.config import Infeasible, TaskConfig
@@ -71,7 +71,6 @@ class DecisionComponent(Component):
         planner: str | StrategySpec | None = None,
     ) -> ShapeResult:
         """Bring the DLO into a shape, for whoever calls."""
-        self._require_idle()
         request = goal_request(goal, length_m=self._length_m, radius_m=self._radius_m)
         config = adjusted(self._config, threshold_m, max_actions, infeasible)
         await self._set_planner(planner)
@@ -98,7 +97,8 @@ class DecisionComponent(Component):
 
         Cancelling it stops the robot and ends with outcome `cancelled`; a second cancellation gets through.
         """
-        self._require_idle()
+        if (wrong := self._is_idle("")) is not None:
+            raise SkillRejected(api.IDLE.reason, wrong)
         self._shaping = True
         self._running.set()  # a pause of before was that task's
         try:
@@ -154,9 +154,10 @@ class DecisionComponent(Component):
         """Wait while the operator has paused."""
         await self._running.wait()
 
-    def _require_idle(self) -> None:
-        if self._shaping:
-            raise SkillRejected("busy", "another shape task runs; wait for it, or stop it")
+    @holds(api.IDLE)
+    def _is_idle(self, caller: str) -> str | None:
+        """One task at a time."""
+        return "another shape task runs; wait for it, or stop it" if self._shaping else None
 
     async def _set_planner(self, planner: str | StrategySpec | None) -> None:
         if planner is None:

@@ -14,8 +14,6 @@ from dlokit.types.outcome import Succeeded
 
 log = logging.getLogger(__name__)
 
-HOLDER = "decision"
-
 LEASE_S = 1.0
 """Heartbeats of loaded machines have gaps of 0.2 s; a hand's breadth of motion at full speed is 0.25 s."""
 
@@ -26,7 +24,7 @@ RENEW_EVERY_S = 0.2
 async def lease_held(transport: Transport, arms: tuple[ArmMount, ...] = FIRST_ALONE) -> AsyncGenerator[None]:
     """Hold the lease of every arm meanwhile. Raises `ProcessFailure` when one does not give it."""
     for mount in arms:
-        taken = await transport.call(api.RENEW_LEASE.at(mount.instance), HOLDER, LEASE_S)
+        taken = await transport.call(api.RENEW_LEASE.at(mount.instance), transport.identity, LEASE_S)
         if not isinstance(taken, Succeeded):
             raise ProcessFailure("no_lease", f"the robot {mount.robot} does not take commands: {taken}")
     renewing = [asyncio.create_task(_renew(transport, mount), name="renew the lease") for mount in arms]
@@ -35,13 +33,13 @@ async def lease_held(transport: Transport, arms: tuple[ArmMount, ...] = FIRST_AL
     finally:
         await end_tasks(*renewing)
         for mount in arms:
-            await transport.call(api.RELEASE_LEASE.at(mount.instance), HOLDER)
+            await transport.call(api.RELEASE_LEASE.at(mount.instance), transport.identity)
 
 
 async def _renew(transport: Transport, mount: ArmMount) -> None:
     while True:
         # On the machine's clock, as the lease itself: a slow cell is no reason to brake.
         await asyncio.sleep(RENEW_EVERY_S)
-        outcome = await transport.call(api.RENEW_LEASE.at(mount.instance), HOLDER, LEASE_S)
+        outcome = await transport.call(api.RENEW_LEASE.at(mount.instance), transport.identity, LEASE_S)
         if not isinstance(outcome, Succeeded):
             log.warning("the lease of the robot %s was not renewed: %s", mount.robot, outcome)

@@ -38,6 +38,11 @@ class CallLog:
         self._untold = untold
         self._told = 0
 
+    @property
+    def identity(self) -> str:
+        """As the inner transport."""
+        return self._inner.identity
+
     async def call(self, skill: Skill[P, R], *args: P.args, **kwargs: P.kwargs) -> Outcome[R]:
         """As the inner transport; a call that is cancelled is told of too."""
         return await self._logged(self._inner.call(skill, *args, **kwargs), skill, args, kwargs)

@@ -1,5 +1,6 @@
 """What perception can be asked to do."""
 
+from dlokit.communication.contract import Condition
 from dlokit.communication.skill import Skill
 from dlokit.types.arrays import Float64Array
 from dlokit.types.observation import Observation
@@ -44,4 +45,10 @@ SET_BOX = Skill("perception", "set_box", _set_box, timeout_s=1.0, requires="lowe
 SET_SEGMENTATION = Skill(
     "perception", "set_segmentation", _set_segmentation, timeout_s=1.0, requires="the strategy is installed"
 )
-SET_TRACKING = Skill("perception", "set_tracking", _set_tracking, timeout_s=1.0, requires="0 <= rate_hz <= 60")
+SET_TRACKING = Skill(
+    "perception",
+    "set_tracking",
+    _set_tracking,
+    timeout_s=1.0,
+    requires=(Condition("rate_hz is 0 (off) to 60 Hz", "bad_rate", lambda rate_hz: 0.0 <= rate_hz <= 60.0),),
+)

@@ -3,7 +3,6 @@
 import asyncio
 import dataclasses
 import logging
-import math
 from collections.abc import Callable
 
 import msgspec
@@ -27,8 +26,6 @@ from dlokit.types.robot import RobotState
 from dlokit.types.strategy import StrategySpec
 
 log = logging.getLogger(__name__)
-
-FASTEST_RATE_HZ = 60.0
 
 
 class PerceptionComponent(Component):
@@ -82,8 +79,6 @@ class PerceptionComponent(Component):
     @implements(api.SET_TRACKING)
     async def set_tracking(self, rate_hz: float) -> None:
         """Change the rate of looks."""
-        if not (math.isfinite(rate_hz) and 0.0 <= rate_hz <= FASTEST_RATE_HZ):
-            raise SkillRejected("bad_rate", f"{rate_hz} Hz; 0 (off) to {FASTEST_RATE_HZ:g} Hz is allowed")
         self._rate_hz = rate_hz
         self._rate_changed.set()
 

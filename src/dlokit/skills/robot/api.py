@@ -2,16 +2,27 @@
 
 Every motion is checked before it runs. Besides those named at each skill, a motion fails with: joint_limit,
 velocity_limit, acceleration_limit, jerk_limit, table_collision, self_collision, stopped, lease_lost, robot_lost,
-lost_commander, wrong_start, fault (call recover); and is rejected with: busy (another motion runs), lease_lost (the
-lease taken has run out).
+lost_commander, wrong_start, fault (call recover); and is rejected with: busy (another motion runs), not_commander
+(another holds the lease), lease_lost (the lease taken has run out).
 Cancelling a motion brakes the arm.
 """
 
+import math
+from collections.abc import Callable
+from typing import ParamSpec, TypeVar
+
+import numpy as np
+
+from dlokit.communication.contract import Condition
 from dlokit.communication.skill import Skill
+from dlokit.description.panda_data import PANDA_OPEN_WIDTH_M
 from dlokit.types.action import VelocityProfile
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
 from dlokit.types.robot import GripResult, MotionResult
+
+P = ParamSpec("P")
+R = TypeVar("R")
 
 
 def _move_joints(q_rad: Float64Array) -> MotionResult:
@@ -61,7 +72,7 @@ def _stop() -> None:
 
 
 def _recover() -> None:
-    """Clear a fault of the arm; it stays where it is."""
+    """Clear a fault of the arm; it stays where it is. Rejected with: not_commander."""
     ...
 
 
@@ -83,16 +94,41 @@ def _release_lease(holder: str) -> None:
     ...
 
 
-_IDLE = "no other motion runs, and a lease that was taken has not run out"
+COMMANDER = Condition("the caller holds the lease, or nobody does", "not_commander")
+LEASE = Condition("a lease that was taken has not run out", "lease_lost")
+_SEVEN = Condition("q_rad is seven finite angles", "bad_arguments", lambda q_rad: _is_seven(q_rad))
+_WIDTH = Condition(
+    f"width_m is 0 to {PANDA_OPEN_WIDTH_M}", "bad_width", lambda width_m: 0.0 <= width_m <= PANDA_OPEN_WIDTH_M
+)
+_FORCE = Condition("force_n is above 0", "bad_force", lambda force_n: 0.0 < force_n < math.inf)
 
-MOVE_JOINTS = Skill("robot", "move_joints", _move_joints, 30.0, _IDLE, "the arm stands at the angles")
-MOVE_TO = Skill("robot", "move_to", _move_to, 30.0, _IDLE, "the arm stands with the tool at the pose")
-MOVE_LINEAR = Skill("robot", "move_linear", _move_linear, 60.0, _IDLE, "the arm stands with the tool at the pose")
-FOLLOW_PATH = Skill("robot", "follow_path", _follow_path, 120.0, _IDLE, "the arm stands with the tool at the last pose")
-GRASP = Skill("robot", "grasp", _grasp, 10.0, _IDLE, "the fingers are at rest")
-RELEASE = Skill("robot", "release", _release, 10.0, _IDLE, "the fingers are open and at rest")
+
+def _is_seven(q_rad: Float64Array) -> bool:
+    return q_rad.shape == (7,) and bool(np.isfinite(q_rad).all())
+
+
+def _motion(name: str, signature: Callable[P, R], timeout_s: float, ensures: str, *requires: Condition) -> Skill[P, R]:
+    """A skill that moves the arm: one at a time, and only for its commander."""
+    return Skill(
+        "robot",
+        name,
+        signature,
+        timeout_s,
+        requires=(*requires, COMMANDER),
+        ensures=ensures,
+        keeps=(LEASE,),
+        exclusive="motion",
+    )
+
+
+MOVE_JOINTS = _motion("move_joints", _move_joints, 30.0, "the arm stands at the angles", _SEVEN)
+MOVE_TO = _motion("move_to", _move_to, 30.0, "the arm stands with the tool at the pose")
+MOVE_LINEAR = _motion("move_linear", _move_linear, 60.0, "the arm stands with the tool at the pose")
+FOLLOW_PATH = _motion("follow_path", _follow_path, 120.0, "the arm stands with the tool at the last pose")
+GRASP = _motion("grasp", _grasp, 10.0, "the fingers are at rest", _FORCE)
+RELEASE = _motion("release", _release, 10.0, "the fingers are open and at rest", _WIDTH)
 STOP = Skill("robot", "stop", _stop, 5.0, "", "the arm stands")
-RECOVER = Skill("robot", "recover", _recover, 5.0, "", "the arm is idle")
-HOME = Skill("robot", "home", _home, 30.0, _IDLE, "the arm stands at home")
+RECOVER = Skill("robot", "recover", _recover, 5.0, (COMMANDER,), "the arm is idle")
+HOME = _motion("home", _home, 30.0, "the arm stands at home")
 RENEW_LEASE = Skill("robot", "renew_lease", _renew_lease, 1.0, "", "the arm brakes without a further renewal")
 RELEASE_LEASE = Skill("robot", "release_lease", _release_lease, 1.0, "", "no renewals are expected")

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlokit.communication import topics
-from dlokit.communication.component import Component, implements
-from dlokit.description.panda_data import PANDA_HOME_Q_RAD, PANDA_OPEN_WIDTH_M
-from dlokit.errors import HardwareError, SkillFailure, SkillRejected
+from dlokit.communication.component import Component, holds, implements
+from dlokit.description.panda_data import PANDA_HOME_Q_RAD
+from dlokit.errors import HardwareError, SkillFailure
 from dlokit.functional.robots.base import Robot
 from dlokit.skills.robot import api
 from dlokit.skills.robot.checks import check_trajectory
@@ -57,7 +57,6 @@ class RobotComponent(Component):
         self._kinematics = kinematics or PandaKinematics()
         self._lease = LeaseKeeper(monotonic_ns)
         self._watch: asyncio.Task[None] | None = None
-        self._running = ""
         self._motion: asyncio.Task[Any] | None = None
         self._braked_because = ""
         self._commanded: NDArray[np.float64] | None = None
@@ -80,13 +79,13 @@ class RobotComponent(Component):
     @implements(api.MOVE_JOINTS)
     async def move_joints(self, q_rad: Float64Array) -> MotionResult:
         """Move in joint space."""
-        async with self._exclusively("move_joints"):
-            return await self._follow(joint_move(self._start(), _seven(q_rad), self._robot.limits))
+        async with self._moving():
+            return await self._follow(joint_move(self._start(), q_rad, self._robot.limits))
 
     @implements(api.MOVE_TO)
     async def move_to(self, target: Pose, either_way: bool = True) -> MotionResult:
         """Move in joint space to a tool pose."""
-        async with self._exclusively("move_to"):
+        async with self._moving():
             start = self._start()
             end = self._kinematics.inverse(target, start, Yaw.EITHER if either_way else Yaw.EXACT)
             return await self._follow(joint_move(start, end, self._robot.limits))
@@ -94,33 +93,31 @@ class RobotComponent(Component):
     @implements(api.MOVE_LINEAR)
     async def move_linear(self, target: Pose, velocity: VelocityProfile) -> MotionResult:
         """Move the tool on a straight line."""
-        async with self._exclusively("move_linear"):
+        async with self._moving():
             return await self._follow(await self._plan_path((target,), velocity))
 
     @implements(api.FOLLOW_PATH)
     async def follow_path(self, path: tuple[Pose, ...], velocity: VelocityProfile) -> MotionResult:
         """Move the tool through poses."""
-        async with self._exclusively("follow_path"):
+        async with self._moving():
             return await self._follow(await self._plan_path(path, velocity))
 
     @implements(api.GRASP)
     async def grasp(self, force_n: float = 20.0) -> GripResult:
         """Close the fingers."""
-        async with self._exclusively("grasp"):
+        async with self._moving():
             return await self._interruptible(self._robot.grip(0.0, force_n))
 
     @implements(api.RELEASE)
     async def release(self, width_m: float = 0.04) -> GripResult:
         """Open the fingers."""
-        if not 0.0 <= width_m <= PANDA_OPEN_WIDTH_M:
-            raise SkillRejected("bad_width", f"{width_m} m; allowed are 0 to {PANDA_OPEN_WIDTH_M} m")
-        async with self._exclusively("release"):
+        async with self._moving():
             return await self._interruptible(self._robot.grip(width_m, 20.0))
 
     @implements(api.HOME)
     async def home(self) -> MotionResult:
         """Move out of the camera's view."""
-        async with self._exclusively("home"):
+        async with self._moving():
             return await self._follow(joint_move(self._start(), PANDA_HOME_Q_RAD, self._robot.limits))
 
     @implements(api.STOP)
@@ -159,20 +156,28 @@ class RobotComponent(Component):
             self._motion.cancel()
         await self._robot.stop()
 
+    @holds(api.COMMANDER)
+    def _is_commander(self, caller: str) -> str | None:
+        """Whoever holds the lease commands; without one, anybody."""
+        if self._lease.holder in ("", caller):
+            return None
+        return "another process holds this robot's lease; robot.stop is for everybody"
+
+    @holds(api.LEASE)
+    def _lease_runs(self, caller: str) -> str | None:
+        """No motion for a commander who is lost."""
+        if not self._lease.lost:
+            return None
+        return f"{self._lease.holder} has not renewed its lease; renew or release it"
+
     @asynccontextmanager
-    async def _exclusively(self, skill: str) -> AsyncGenerator[None, None]:
-        """One motion at a time, and none for a commander who is lost."""
-        if self._running:
-            raise SkillRejected("busy", f"{self._running} runs; wait for it, or stop it")
-        if self._lease.lost:
-            raise SkillRejected("lease_lost", f"{self._lease.holder} has not renewed its lease; renew or release it")
-        self._running, self._braked_because = skill, ""
+    async def _moving(self) -> AsyncGenerator[None, None]:
+        """What every motion begins with, and how it fails when the arm is gone."""
+        self._braked_because = ""
         try:
             yield
         except HardwareError as error:
             raise SkillFailure("robot_lost", str(error)) from error
-        finally:
-            self._running = ""
 
     def _start(self) -> NDArray[np.float64]:
         """Where the next trajectory starts: the angles last commanded, or the measured ones when those differ."""
@@ -214,9 +219,3 @@ class RobotComponent(Component):
             raise
         finally:
             self._motion = None
-
-
-def _seven(q_rad: Float64Array) -> Float64Array:
-    if q_rad.shape != (7,) or not np.all(np.isfinite(q_rad)):
-        raise SkillRejected("bad_arguments", f"q_rad has shape {q_rad.shape}; seven finite angles are needed")
-    return q_rad

@@ -103,6 +103,7 @@ class Bench:
         self.arm = PerfectArm()
         self.machine_s = 0.0  # the machine's clock, which stands still unless a test moves it
         transport, clock = MemoryTransport(), LoopClock()
+        self.me = transport.identity
         self.host = Host(transport, clock, compute)
         self.host.add(RobotComponent(RobotConfig(), self.arm, lambda: round(self.machine_s * 1e9)))
         self.port = Port(transport, clock, InlineCompute(), owner="test", publishes=())
@@ -245,7 +246,7 @@ def test_a_cancelled_caller_leaves_the_arm_standing() -> None:
 
 def test_the_arm_brakes_when_its_commander_s_lease_runs_out() -> None:
     async def scenario(bench: Bench) -> None:
-        assert isinstance(await bench.port.call(api.RENEW_LEASE, "decision", 0.2), Succeeded)
+        assert isinstance(await bench.port.call(api.RENEW_LEASE, bench.me, 0.2), Succeeded)
         moving = asyncio.create_task(bench.port.call(api.MOVE_JOINTS, FAR))
         await asyncio.sleep(0.1)
         assert bench.arm.stops == 0
@@ -254,7 +255,7 @@ def test_the_arm_brakes_when_its_commander_s_lease_runs_out() -> None:
         assert bench.arm.stops == 1
         assert reason(await moving) == "lease_lost"
         assert reason(await bench.port.call(api.HOME)) == "lease_lost"
-        await bench.port.call(api.RENEW_LEASE, "decision", 0.2)
+        await bench.port.call(api.RENEW_LEASE, bench.me, 0.2)
         assert isinstance(await bench.port.call(api.HOME), Succeeded)
 
     on_bench(scenario)
@@ -262,11 +263,11 @@ def test_the_arm_brakes_when_its_commander_s_lease_runs_out() -> None:
 
 def test_a_renewed_lease_keeps_the_arm_moving_however_slow_the_cell() -> None:
     async def scenario(bench: Bench) -> None:
-        await bench.port.call(api.RENEW_LEASE, "decision", 0.2)
+        await bench.port.call(api.RENEW_LEASE, bench.me, 0.2)
         moving = asyncio.create_task(bench.port.call(api.MOVE_JOINTS, FAR))
         while not moving.done():
             bench.machine_s += 0.15
-            await bench.port.call(api.RENEW_LEASE, "decision", 0.2)
+            await bench.port.call(api.RENEW_LEASE, bench.me, 0.2)
             await asyncio.sleep(0.05)
         assert isinstance(await moving, Succeeded)
 
@@ -275,12 +276,23 @@ def test_a_renewed_lease_keeps_the_arm_moving_however_slow_the_cell() -> None:
 
 def test_a_lease_is_one_commander_s_until_it_is_given_back() -> None:
     async def scenario(bench: Bench) -> None:
-        await bench.port.call(api.RENEW_LEASE, "decision", 0.2)
+        await bench.port.call(api.RENEW_LEASE, bench.me, 0.2)
         assert reason(await bench.port.call(api.RENEW_LEASE, "somebody else", 0.2)) == "leased"
         assert reason(await bench.port.call(api.RELEASE_LEASE, "somebody else")) == "leased"
-        assert isinstance(await bench.port.call(api.RELEASE_LEASE, "decision"), Succeeded)
+        assert isinstance(await bench.port.call(api.RELEASE_LEASE, bench.me), Succeeded)
         bench.machine_s = 10.0
         assert isinstance(await bench.port.call(api.HOME), Succeeded)
+
+    on_bench(scenario)
+
+
+def test_a_robot_that_another_commands_refuses_motions_but_not_to_stop() -> None:
+    async def scenario(bench: Bench) -> None:
+        assert isinstance(await bench.port.call(api.RENEW_LEASE, "the decision process", 0.2), Succeeded)
+        for refused in (bench.port.call(api.HOME), bench.port.call(api.RELEASE), bench.port.call(api.RECOVER)):
+            assert reason(await refused) == "not_commander"
+        assert bench.arm.followed == []
+        assert isinstance(await bench.port.call(api.STOP), Succeeded)
 
     on_bench(scenario)
 

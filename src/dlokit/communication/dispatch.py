@@ -1,0 +1,119 @@
+"""Algorithm 2 for one component: a call is checked against the skill's contract, run once, and answered."""
+
+import asyncio
+import logging
+from functools import partial
+from typing import Any
+
+from dlokit.communication import codec
+from dlokit.communication.answers import Answers
+from dlokit.communication.clock import Clock
+from dlokit.communication.component import Component
+from dlokit.communication.contract import Condition
+from dlokit.communication.skill import ReportingSkill, Skill, SkillCall
+from dlokit.communication.transport import Report
+from dlokit.errors import CommunicationError, SkillFailure, SkillRejected
+from dlokit.types.outcome import Cancelled, Failed, Outcome, Rejected, Succeeded, TimedOut
+
+log = logging.getLogger(__name__)
+
+_FORGOTTEN = Failed(
+    reason="answer_forgotten", detail="the call ran before, and is not run again; its outcome is no longer kept"
+)
+
+
+class Dispatcher:
+    """Algorithm 2 for one component."""
+
+    def __init__(self, component: Component, clock: Clock) -> None:
+        self._component = component
+        self._clock = clock
+        self._skills: dict[str, tuple[Skill[..., Any], str]] = {
+            skill.name: (skill, method) for skill, method in component.skills().items()
+        }
+        self._conditions = component.conditions()
+        self._answers = Answers(forgotten=codec.encode(_FORGOTTEN), cancelled=codec.encode(Cancelled()))
+        self._held: dict[str, str] = {}
+        """What may be used by one skill at a time → who uses it, in words."""
+
+    async def __call__(self, request: bytes, report: Report) -> bytes:
+        """Answer a call, once."""
+        try:
+            call = codec.decode(request, SkillCall)
+        except CommunicationError as error:
+            return codec.encode(Rejected(reason="malformed_call", detail=str(error)))
+        return await self._answers.once(call.call_id, lambda: self._answer(call, report))
+
+    async def _answer(self, call: SkillCall, report: Report) -> bytes:
+        outcome = await self._run(call, report)
+        try:
+            return codec.encode(outcome)
+        except CommunicationError as error:
+            return codec.encode(Failed(reason="result_not_encodable", detail=str(error)))
+
+    async def _run(self, call: SkillCall, report: Report) -> Outcome[Any]:
+        if call.component != self._component.address:
+            return Rejected(
+                reason="wrong_component", detail=f"{call.component} was meant, this is {self._component.address}"
+            )
+        if call.skill not in self._skills:
+            return Rejected(reason="unknown_skill", detail=f"{call.skill}; {call.component} has {sorted(self._skills)}")
+        skill, method = self._skills[call.skill]
+        try:
+            arguments = skill.decode_arguments(call.arguments)
+        except CommunicationError as error:
+            return Rejected(reason="bad_arguments", detail=str(error))
+        wrong = self._broken((*skill.preconditions, *skill.keeps), call.caller, arguments)
+        if wrong is not None:
+            return Rejected(reason=wrong[0], detail=wrong[1])
+        holder = self._held.get(skill.exclusive) if skill.exclusive else None
+        if holder is not None:
+            return Rejected(reason="busy", detail=f"{holder} runs; wait for it, or stop it")
+        run = getattr(self._component, method)
+        if isinstance(skill, ReportingSkill):
+            run = partial(run, lambda progress: report(codec.encode(progress)))
+        if skill.exclusive:
+            self._held[skill.exclusive] = skill.name
+        try:
+            outcome = await _execute(skill, run, arguments, self._clock)
+        finally:
+            self._held.pop(skill.exclusive, None)
+        if isinstance(outcome, Succeeded):
+            wrong = self._broken((*skill.keeps, *skill.postconditions), call.caller, arguments)
+            if wrong is not None:
+                return Failed(reason=wrong[0], detail=wrong[1])
+        return outcome
+
+    def _broken(self, wanted: tuple[Condition, ...], caller: str, arguments: dict[str, Any]) -> tuple[str, str] | None:
+        """Name and detail of the first condition that does not hold."""
+        for condition in wanted:
+            detail = condition.broken_by(arguments)
+            method = self._conditions.get(condition)
+            if detail is None and method is not None:
+                detail = getattr(self._component, method)(caller)
+            if detail is not None:
+                return condition.reason, detail
+        return None
+
+
+async def _execute(skill: Skill[..., Any], method: Any, arguments: dict[str, Any], clock: Clock) -> Outcome[Any]:
+    limit: asyncio.Timeout | None = None
+    try:
+        async with clock.timeout(skill.timeout_s) as limit:
+            return Succeeded(result=await method(**arguments))
+    except SkillRejected as error:
+        return Rejected(reason=error.reason, detail=error.detail)
+    except SkillFailure as error:
+        return Failed(reason=error.reason, detail=error.detail)
+    except TimeoutError as error:
+        if limit is not None and limit.expired():
+            return TimedOut(timeout_s=skill.timeout_s)
+        return Failed(reason="timeout_inside", detail=str(error))
+    except asyncio.CancelledError:
+        current = asyncio.current_task()
+        if current is not None and current.cancelling():
+            raise
+        return Cancelled()
+    except Exception as error:  # a skill's error is an outcome, never a crash (Algorithm 2)
+        log.exception("%s raised", skill.key)
+        return Failed(reason="error", detail=f"{type(error).__name__}: {error}")

@@ -1,0 +1,239 @@
+"""Contracts: what the host checks before and after a skill, one at a time, and once a call."""
+
+import asyncio
+
+import pytest
+
+from dlokit.communication import answers, codec, virtual_time
+from dlokit.communication.answers import Answers
+from dlokit.communication.clock import LoopClock
+from dlokit.communication.component import Component, holds, implements
+from dlokit.communication.contract import Condition
+from dlokit.communication.dispatch import Dispatcher
+from dlokit.communication.host import Host
+from dlokit.communication.memory import MemoryTransport
+from dlokit.communication.skill import Skill, SkillCall
+from dlokit.types.outcome import Cancelled, Failed, Outcome, Rejected, Succeeded
+
+
+def _turn(speed_rad_s: float) -> float:
+    """Turn the drill."""
+    ...
+
+
+POWER = Condition("the power is on", "no_power")
+COOL = Condition("the drill stays cool", "too_hot")
+THROUGH = Condition("the hole goes through", "blind_hole")
+SLOW = Condition("speed_rad_s is 0 to 100", "bad_speed", lambda speed_rad_s: 0.0 <= speed_rad_s <= 100.0)
+DRILL = Skill(
+    "drill", "drill", _turn, 60.0, requires=(SLOW, POWER), keeps=(COOL,), ensures=(THROUGH,), exclusive="spindle"
+)
+POLISH = Skill("drill", "polish", _turn, 60.0, exclusive="spindle")
+LIGHT = Skill("drill", "light", _turn, 60.0, requires="somebody looks")
+
+
+class Drill(Component):
+    name = "drill"
+
+    def __init__(self) -> None:
+        self.powered = self.through = True
+        self.degrees, self.heats_to = 20.0, 20.0
+        self.turned = 0
+
+    @implements(DRILL)
+    async def drill(self, speed_rad_s: float) -> float:
+        self.turned += 1
+        await self.port.clock.sleep(1.0)
+        self.degrees = self.heats_to
+        return speed_rad_s
+
+    @implements(POLISH)
+    async def polish(self, speed_rad_s: float) -> float:
+        return await self.drill(speed_rad_s)
+
+    @implements(LIGHT)
+    async def light(self, speed_rad_s: float) -> float:
+        return speed_rad_s
+
+    @holds(POWER)
+    def is_powered(self, caller: str) -> str | None:
+        return None if self.powered else f"{caller} has switched it off"
+
+    @holds(COOL)
+    def is_cool(self, caller: str) -> str | None:
+        return None if self.degrees < 90.0 else f"{self.degrees} degrees"
+
+    @holds(THROUGH)
+    def is_through(self, caller: str) -> str | None:
+        return None if self.through else "it ends in the wall"
+
+
+async def host_of(drill: Drill) -> Host:
+    host = Host(MemoryTransport(), LoopClock())
+    host.add(drill)
+    return host
+
+
+def drilled(drill: Drill, speed_rad_s: float = 10.0) -> Outcome[float]:
+    async def main() -> Outcome[float]:
+        async with await host_of(drill) as host:
+            return await host.transport.call(DRILL, speed_rad_s)
+
+    return virtual_time.run(main())
+
+
+def test_a_skill_whose_contract_holds_succeeds() -> None:
+    assert isinstance(drilled(Drill()), Succeeded)
+
+
+@pytest.mark.parametrize("speed_rad_s", [-1.0, 101.0, float("nan")])
+def test_arguments_outside_the_contract_are_rejected_by_name_with_what_is_allowed(speed_rad_s: float) -> None:
+    drill = Drill()
+    outcome = drilled(drill, speed_rad_s)
+    assert isinstance(outcome, Rejected)
+    assert outcome.reason == "bad_speed"
+    assert outcome.detail == f"needed: speed_rad_s is 0 to 100; given: speed_rad_s = {speed_rad_s}"
+    assert drill.turned == 0
+
+
+def test_a_precondition_that_the_component_knows_rejects_before_anything_runs() -> None:
+    drill = Drill()
+    drill.powered = False
+    outcome = drilled(drill)
+    assert isinstance(outcome, Rejected)
+    assert (outcome.reason, outcome.detail) == ("no_power", "memory has switched it off")
+    assert drill.turned == 0
+
+
+def test_what_must_hold_all_the_while_is_checked_before_and_after() -> None:
+    hot, heating = Drill(), Drill()
+    hot.degrees, heating.heats_to = 95.0, 95.0
+    before, after = drilled(hot), drilled(heating)
+    assert isinstance(before, Rejected)
+    assert isinstance(after, Failed)
+    assert (before.reason, after.reason) == ("too_hot", "too_hot")
+    assert (hot.turned, heating.turned) == (0, 1)
+
+
+def test_a_postcondition_that_does_not_hold_makes_a_success_a_failure() -> None:
+    drill = Drill()
+    drill.through = False
+    outcome = drilled(drill)
+    assert isinstance(outcome, Failed)
+    assert (outcome.reason, outcome.detail) == ("blind_hole", "it ends in the wall")
+
+
+def test_skills_that_take_the_same_run_one_at_a_time() -> None:
+    async def main() -> None:
+        async with await host_of(Drill()) as host:
+            first = asyncio.create_task(host.transport.call(DRILL, 1.0))
+            await asyncio.sleep(0.5)
+            second = await host.transport.call(POLISH, 1.0)
+            assert isinstance(second, Rejected)
+            assert second.reason == "busy"
+            assert "drill runs" in second.detail
+            assert isinstance(await host.transport.call(LIGHT, 1.0), Succeeded)
+            assert isinstance(await first, Succeeded)
+            assert isinstance(await host.transport.call(POLISH, 1.0), Succeeded)
+
+    virtual_time.run(main())
+
+
+def test_a_cancelled_skill_gives_back_what_it_took() -> None:
+    async def main() -> None:
+        async with await host_of(Drill()) as host:
+            first = asyncio.create_task(host.transport.call(DRILL, 1.0))
+            await asyncio.sleep(0.5)
+            first.cancel()
+            await asyncio.wait({first})
+            assert isinstance(await host.transport.call(DRILL, 1.0), Succeeded)
+
+    virtual_time.run(main())
+
+
+def request(call_id: str, speed_rad_s: float = 1.0) -> bytes:
+    return codec.encode(
+        SkillCall(
+            component="drill",
+            skill="drill",
+            arguments=DRILL.encode_arguments(speed_rad_s),
+            call_id=call_id,
+            caller="test",
+        )
+    )
+
+
+async def dispatcher_of(drill: Drill) -> Dispatcher:
+    host = await host_of(drill)
+    return Dispatcher(drill, host.clock)
+
+
+def test_a_call_that_comes_again_is_answered_from_the_record() -> None:
+    async def main() -> None:
+        drill = Drill()
+        dispatch = await dispatcher_of(drill)
+        first = await dispatch(request("a"), lambda data: None)
+        # Whatever it asks for now: it is the same call.
+        again = await dispatch(request("a", 5.0), lambda data: None)
+        assert again == first
+        assert drill.turned == 1
+        await dispatch(request("b"), lambda data: None)
+        assert drill.turned == 2
+
+    virtual_time.run(main())
+
+
+def test_a_call_that_comes_again_while_it_runs_waits_for_the_same_answer() -> None:
+    async def main() -> None:
+        drill = Drill()
+        dispatch = await dispatcher_of(drill)
+        same = await asyncio.gather(*(dispatch(request("a"), lambda data: None) for _ in range(3)))
+        assert len(set(same)) == 1
+        assert isinstance(DRILL.decode_outcome(same[0]), Succeeded)
+        assert drill.turned == 1
+
+    virtual_time.run(main())
+
+
+def test_a_call_that_was_cancelled_is_not_run_again() -> None:
+    async def main() -> None:
+        drill = Drill()
+        dispatch = await dispatcher_of(drill)
+        call = asyncio.ensure_future(dispatch(request("a"), lambda data: None))
+        await asyncio.sleep(0.5)
+        call.cancel()
+        await asyncio.wait({call})
+        assert isinstance(DRILL.decode_outcome(await dispatch(request("a"), lambda data: None)), Cancelled)
+        assert drill.turned == 1
+
+    virtual_time.run(main())
+
+
+def test_the_record_is_bounded_and_a_forgotten_answer_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(answers, "LARGEST_TOTAL_BYTES", 100)
+    monkeypatch.setattr(answers, "CALLS_KNOWN", 3)
+
+    async def main() -> None:
+        record = Answers(forgotten=b"forgotten", cancelled=b"cancelled")
+
+        async def answered(call_id: str) -> bytes:
+            async def run() -> bytes:
+                return call_id.encode() * 60
+
+            return await record.once(call_id, run)
+
+        await answered("a")
+        await answered("b")  # 120 bytes: the first is forgotten, its number is not
+        assert await answered("a") == b"forgotten"
+        assert await answered("b") == b"b" * 60
+        await answered("c")
+        await answered("d")  # four calls: the first number is forgotten too
+        assert await answered("a") == b"a" * 60
+
+    virtual_time.run(main())
+
+
+def test_a_condition_is_listed_in_words() -> None:
+    assert [condition.text for condition in DRILL.preconditions] == ["speed_rad_s is 0 to 100", "the power is on"]
+    assert [condition.text for condition in LIGHT.preconditions] == ["somebody looks"]
+    assert POLISH.postconditions == ()
