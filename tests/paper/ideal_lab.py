@@ -118,6 +118,10 @@ class ScriptedRobot(Component):
         self._tell()
         return MotionResult(q_rad=np.zeros(7), T_world_tcp=target, duration_s=1.0, largest_joint_error_rad=0.0)
 
+    def _pull(self, target: Pose) -> None:
+        if self._held is not None and self._lab.obeys:
+            self._lab.nodes = dragged(self._lab.nodes, self._held, target.position_m)
+
     def _tell(self) -> None:
         self.port.publish(
             topics.ROBOT_STATE,
@@ -149,6 +153,7 @@ class ScriptedRobot(Component):
     @implements(robot.MOVE_LINEAR)
     async def move_linear(self, target: Pose, velocity: VelocityProfile) -> MotionResult:
         self._lab.enter("move_linear")
+        self._pull(target)
         return self._motion(target)
 
     @implements(robot.GRASP)
@@ -169,8 +174,7 @@ class ScriptedRobot(Component):
         await self.port.clock.sleep(2.0)
         if self._shut:
             self._hold_nearest()
-        if self._held is not None and self._lab.obeys:
-            self._lab.nodes = dragged(self._lab.nodes, self._held, path[-1].position_m)
+        self._pull(path[-1])
         if self._lab.confuses_ends:
             await self.port.call(model.RESET)
             await self.port.call(perception.LOOK)
@@ -233,6 +237,8 @@ class Trace:
 
 
 ROD = ModelConfig(nodes=NODES, length_m=LENGTH_M)
+PATIENT = TaskConfig(stall_actions=15, hopeless_actions=15)
+"""The lab's rope has no friction, so that other shapes come about than the model promises, and it takes longer."""
 
 
 def shape(
@@ -249,7 +255,7 @@ def shape(
     `operator` may press a button at each step, or drag the frames and press "Shape it". `rod` is the DLO as the
     system believes it to be.
     """
-    return virtual_time.run(_shape(lab, goal, config or TaskConfig(), reachable, operator, rod, planning))
+    return virtual_time.run(_shape(lab, goal, config or PATIENT, reachable, operator, rod, planning))
 
 
 @asynccontextmanager

@@ -82,6 +82,18 @@ EDGES = {
     ("clear_marks", "done", "compare"),
     ("mark_invalid", "done", "compare"),
 }
+"""The chart of Fig. 6, with the ends that the paper lacks."""
+
+CONTROL = {
+    ("choose_grasp", "no_gain", "stalled"),
+    ("move_to_goal", "to_control", "control"),
+    ("control", "corrected", "control"),
+    ("control", "settled", "release"),
+    ("control", "deadlock", "release"),
+    ("control", "interrupted", "recover"),
+    ("control", "failed", "failed"),
+}
+"""What is there besides: control while the DLO is held, and the end of a task without hope."""
 
 
 PUSHES = PlanningConfig(
@@ -101,7 +113,13 @@ def lab(nodes: np.ndarray = I) -> Lab:
 
 
 def test_the_chart_has_these_arrows_and_no_others() -> None:
-    assert set(SHAPE_DLO.edges()) == EDGES
+    assert set(SHAPE_DLO.edges()) == EDGES | CONTROL
+
+
+def test_without_control_the_carry_ends_with_the_release_as_in_the_paper() -> None:
+    trace = shape(lab(I), moved(I, (0.05, 0.0)), TaskConfig(control=False))
+    assert ("move_to_goal", "done", "release") in trace.edges()
+    assert "control" not in [step for step, _ in trace.steps]
 
 
 def test_a_rope_at_its_goal_needs_no_action() -> None:
@@ -223,6 +241,70 @@ def test_a_carry_that_the_robot_refuses_is_released_where_it_is() -> None:
     refusing.fails["follow_path"] = ["table_collision"]
     trace = shape(refusing, S, TaskConfig(max_actions=1))
     assert ("move_to_goal", "refused", "release") in trace.edges()
+
+
+SERVO = TaskConfig(control=True, max_actions=1, threshold_m=0.004)
+
+
+def feeling_lab() -> Lab:
+    felt = lab(I)
+    felt.feels = True  # control goes on only while something is felt between the fingers
+    return felt
+
+
+def test_control_corrects_while_the_rope_is_held_and_then_lets_go() -> None:
+    trace = shape(feeling_lab(), moved(I, (0.04, 0.03)), SERVO)
+    assert ("move_to_goal", "to_control", "control") in trace.edges()
+    assert ("control", "corrected", "control") in trace.edges()
+    assert ("control", "settled", "release") in trace.edges()
+    [record] = trace.result.history
+    assert record.corrections
+    first = record.corrections[0]
+    assert first.predicted_m < first.before_m
+    assert first.seen_m is not None
+
+
+def test_corrections_of_one_grasp_are_bounded() -> None:
+    trace = shape(feeling_lab(), moved(I, (0.04, 0.03)), replace(SERVO, max_corrections=1))
+    [record] = trace.result.history
+    assert len(record.corrections) == 1
+    assert record.control_end in ("corrections_spent", "no_gain", "good_enough")
+
+
+def test_a_correction_that_the_robot_refuses_is_a_deadlock_and_marks_the_grasp() -> None:
+    refusing = feeling_lab()
+    refusing.fails["move_linear"] = ["", "unreachable"]  # down to the grasp, then the first correction
+    trace = shape(refusing, moved(I, (0.04, 0.03)), replace(SERVO, max_actions=2, threshold_m=0.001, infeasible="try"))
+    assert ("control", "deadlock", "release") in trace.edges()
+    first, second = trace.result.history
+    assert first.control_end == "out_of_reach"
+    assert first.grasp_node != second.grasp_node
+
+
+def test_an_arm_that_brakes_in_a_correction_is_cleared_and_lets_go() -> None:
+    late = feeling_lab()
+    late.fails["move_linear"] = ["", "lost_commander"]
+    trace = shape(late, moved(I, (0.04, 0.03)), SERVO)
+    assert ("control", "interrupted", "recover") in trace.edges()
+    assert ("recover", "done", "release") in trace.edges()
+
+
+def test_an_arm_lost_in_a_correction_fails_the_task() -> None:
+    broken = feeling_lab()
+    broken.fails["move_linear"] = ["", "robot_lost"]
+    assert ("control", "failed", "failed") in shape(broken, moved(I, (0.04, 0.03)), SERVO).edges()
+
+
+def test_a_rope_that_is_not_seen_while_held_is_let_go_uncorrected() -> None:
+    blind = feeling_lab()
+    looks_before = shape(feeling_lab(), moved(I, (0.04, 0.03)), SERVO).calls
+    before = looks_before[: looks_before.index("follow_path")].count("look")
+    blind.fails["look"] = [""] * before + ["no_points"]
+    trace = shape(blind, moved(I, (0.04, 0.03)), SERVO)
+    assert ("control", "settled", "release") in trace.edges()
+    [record] = trace.result.history
+    assert record.control_end == "not_seen"
+    assert record.corrections == ()
 
 
 @pytest.mark.parametrize(
@@ -421,6 +503,18 @@ def test_a_threshold_set_too_low_stalls_instead_of_refining_for_ever() -> None:
     stubborn.obeys = False
     trace = shape(stubborn, S, TaskConfig(stall_actions=2, threshold_m=1e-4, infeasible="try"))
     assert ("compare", "stalled", "stalled") in trace.edges()
+
+
+def test_a_task_ends_when_the_planner_promises_no_gain_after_actions_in_vain() -> None:
+    stubborn = lab(I)
+    stubborn.obeys = False
+    # A goal so near that no action of the model's rod brings it nearer by `progress_m`.
+    trace = shape(stubborn, moved(I, (0.002, 0.0)), TaskConfig(hopeless_actions=2, threshold_m=5e-4, infeasible="try"))
+    assert ("choose_grasp", "no_gain", "stalled") in trace.edges()
+    assert trace.result.outcome is RunOutcome.STALLED
+    assert len(trace.result.history) == 2
+    assert trace.result.reason is not None
+    assert "best RMSE" in trace.result.reason
 
 
 def test_the_operator_stops_the_task_and_the_robot_is_left_safe() -> None:

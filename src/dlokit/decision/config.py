@@ -22,11 +22,22 @@ class TaskConfig:
     """Action budget: grasp-to-release cycles after which the task ends with outcome `budget`."""
     max_time_s: float = 1800.0
     """Time budget on the cell's clock [s]; the task ends with outcome `budget` when it is spent."""
-    stall_actions: int = 15
+    stall_actions: int = 6
     """Actions without a new best RMSE after which the task ends with outcome `stalled`."""
     watched_stall_actions: int = 3
     """The same for a goal that may not hold: the verdict on it was doubtful, or infeasible and it is tried all the
     same."""
+    hopeless_actions: int = 3
+    """The same where the planner expects no new best of its next action either."""
+    progress_m: float = 0.001
+    """A new best RMSE is one that is better by this [m]: what estimates of one shape differ by."""
+    control: Annotated[bool, tyro.conf.arg(prefix_name=False)] = False
+    """Shape servoing: while the DLO is held after a carry, the error that is left is reduced in closed loop."""
+    max_corrections: int = 4
+    """Corrections of one grasp, at most."""
+    alike_m: float = 0.002
+    """A grasp that failed stays marked while the shape is nearer than this (RMSE) to the one from which it failed [m];
+    0, as in the paper: any change of the error clears all marks."""
     learn: Annotated[bool, tyro.conf.arg(prefix_name=False)] = False
     """Learn stiffness, friction and set of the DLO from what the actions do, and plan with what was learnt."""
     infeasible: Annotated[Infeasible, tyro.conf.arg(prefix_name=False)] = "reject"
@@ -60,7 +71,7 @@ class TaskConfig:
     """Wait after the release before looking [s]."""
 
     def __post_init__(self) -> None:
-        for name in ("max_actions", "stall_actions", "watched_stall_actions", "max_looks"):
+        for name in ("max_actions", "stall_actions", "watched_stall_actions", "hopeless_actions", "max_looks"):
             count: int = getattr(self, name)
             if count < 1:
                 raise ConfigError(f"{_flag(name)} is {count}; it must be 1 or more.")
@@ -70,6 +81,9 @@ class TaskConfig:
                 raise ConfigError(f"{_flag(name)} is {value}; it must be a number above 0.")
         for name in (
             "changed_m",
+            "progress_m",
+            "max_corrections",
+            "alike_m",
             "settled_m",
             "look_interval_s",
             "max_recoveries",

@@ -19,7 +19,7 @@ class Progress(enum.Enum):
 def progress(errors_m: Sequence[float], elapsed_s: float, config: TaskConfig, *, watched: bool = False) -> Progress:
     """Judge a task by its RMSE before the first action and after each [m], and by its age on the cell's clock.
 
-    Stalled means: the last ``stall_actions`` actions brought no new best that differs by ``changed_m``. For a task
+    Stalled means: the last ``stall_actions`` actions brought no new best that differs by ``progress_m``. For a task
     that is `watched`, because its goal may not hold, the last ``watched_stall_actions`` are enough.
     """
     if errors_m[-1] < config.threshold_m:
@@ -28,18 +28,35 @@ def progress(errors_m: Sequence[float], elapsed_s: float, config: TaskConfig, *,
         return Progress.OUT_OF_ACTIONS
     if elapsed_s >= config.max_time_s:
         return Progress.OUT_OF_TIME
-    if len(errors_m) - 1 - _last_progress(errors_m, config) >= patience(config, watched=watched):
+    if in_vain(errors_m, config) >= patience(config, watched=watched):
         return Progress.STALLED
     return Progress.NOT_YET
 
 
-def _last_progress(errors_m: Sequence[float], config: TaskConfig) -> int:
-    """Number of the action that last brought a best RMSE, better by more than what counts as a change at all."""
+def in_vain(errors_m: Sequence[float], config: TaskConfig) -> int:
+    """Number of actions since the last that brought a best RMSE, better by more than what an estimate may vary."""
     best_m, last = errors_m[0], 0
     for action, error_m in enumerate(errors_m):
-        if error_m < best_m - config.changed_m:
+        if error_m < best_m - config.progress_m:
             best_m, last = error_m, action
-    return last
+    return len(errors_m) - 1 - last
+
+
+def worth_it(errors_m: Sequence[float], promised_m: float | None, config: TaskConfig) -> bool:
+    """Whether an action that promises an RMSE of `promised_m` [m] is to be done.
+
+    It is, until ``hopeless_actions`` have been in vain; then it must promise a new best. None, a planner that does not
+    predict, is given the benefit of the doubt.
+    """
+    if promised_m is None or in_vain(errors_m, config) < config.hopeless_actions:
+        return True
+    return promised_m < min(errors_m) - config.progress_m
+
+
+def best_so_far(errors_m: Sequence[float]) -> str:
+    """The best RMSE, and after which action it was reached, in words."""
+    best_m = min(errors_m)
+    return f"best RMSE {best_m * 1e3:.1f} mm after action {errors_m.index(best_m)}"
 
 
 def patience(config: TaskConfig, *, watched: bool) -> int:

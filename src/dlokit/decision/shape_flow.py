@@ -2,10 +2,11 @@
 
 from dlokit.decision.convergence import Progress
 from dlokit.decision.flow import End, Flow, Step
-from dlokit.decision.steps import acting, judging, seeing
+from dlokit.decision.steps import acting, controlling, judging, seeing
 from dlokit.decision.steps.outcomes import (
     Carried,
     Change,
+    Controlled,
     Found,
     GoalJudged,
     GoalSet,
@@ -70,7 +71,12 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
         Step(
             "choose_grasp",
             acting.choose_grasp,
-            {Found.FOUND: "approach", Found.NONE_LEFT: "stalled", Found.FAILED: "failed"},
+            {
+                Found.FOUND: "approach",
+                Found.NONE_LEFT: "stalled",
+                Found.NO_GAIN: "stalled",
+                Found.FAILED: "failed",
+            },
             "What the planner finds best of the grasps that are not marked.",
         ),
         Step(
@@ -102,11 +108,24 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
             {
                 Carried.DONE: "release",
                 Carried.SLIPPED: "release",
+                Carried.TO_CONTROL: "control",
                 Carried.REFUSED: "release",
                 Carried.INTERRUPTED: "recover",
                 Carried.FAILED: "failed",
             },
             "Lift, carry and lower along the planned path, tracking the model and watching the fingers meanwhile.",
+        ),
+        Step(
+            "control",
+            controlling.control,
+            {
+                Controlled.CORRECTED: "control",
+                Controlled.SETTLED: "release",
+                Controlled.DEADLOCK: "release",
+                Controlled.INTERRUPTED: "recover",
+                Controlled.FAILED: "failed",
+            },
+            "Still held: look, and correct what is left by a small motion of the tool; or say why not.",
         ),
         Step(
             "push",
@@ -147,7 +166,7 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
             "clear_marks",
             acting.clear_marks,
             {Marked.DONE: "compare"},
-            "All grasp points are valid again.",
+            "Grasp points are valid again, but for those that failed from a shape like this one.",
         ),
         Step(
             "mark_invalid",

@@ -5,9 +5,11 @@ from dataclasses import dataclass, field
 
 from dlokit.communication.port import Port
 from dlokit.decision.config import TaskConfig
+from dlokit.decision.marks import FailedPair
 from dlokit.decision.odometer import Odometer
 from dlokit.types.action import Action
 from dlokit.types.arrays import Float64Array
+from dlokit.types.control import Correction
 from dlokit.types.dlo import DloState, GoalShape
 from dlokit.types.dlo_belief import DloBelief
 from dlokit.types.feasibility import GoalVerdict, Standing
@@ -24,6 +26,18 @@ class GoalRequest(Value, frozen=True, kw_only=True, eq=False):
     nodes_world: Float64Array  # (K, 3) [m], any K >= 2
     name: str
     ends_interchangeable: bool = False
+
+
+class CorrectionRecord(Value, frozen=True, kw_only=True, eq=False):
+    """One correction while the DLO was held."""
+
+    displacement: Float64Array  # (4,) x, y, z [m], yaw [rad] of the tool
+    before_m: float
+    """RMSE expected had the DLO been let go before it [m]."""
+    predicted_m: float
+    """RMSE that the model promised of it [m]."""
+    seen_m: float | None
+    """RMSE expected of letting go after it, from what the camera saw then [m]; None: nothing was seen."""
 
 
 class ActionRecord(Value, frozen=True, kw_only=True, eq=False):
@@ -55,6 +69,10 @@ class ActionRecord(Value, frozen=True, kw_only=True, eq=False):
     """The tool's path as it was planned, from the grasp to the release."""
     slipped: bool = False
     """Whether the DLO slipped out of the gripper on the way."""
+    corrections: tuple[CorrectionRecord, ...] = ()
+    """What control did before the release."""
+    control_end: str = ""
+    """Why control ended, by name; empty where it did not run."""
 
 
 class StepTiming(Value, frozen=True, kw_only=True, eq=False):
@@ -121,7 +139,7 @@ class ShapeTask:
     state: DloState | None = None
     start: DloState | None = None
     errors_m: list[float] = field(default_factory=list[float])
-    marks: set[int] = field(default_factory=set[int])
+    marks: list[FailedPair] = field(default_factory=list[FailedPair])
     action: Action | None = None
     action_started_ns: int = 0
     robot_started_ns: int = 0
@@ -142,6 +160,12 @@ class ShapeTask:
     """What was learnt of the DLO so far."""
     slips: dict[int, int] = field(default_factory=dict[int, int])
     """Grasp node → how often it slipped out there."""
+    corrections: list[Correction] = field(default_factory=list[Correction])
+    """Since the grasp."""
+    corrections_seen: list[CorrectionRecord] = field(default_factory=list[CorrectionRecord])
+    control_end: str = ""
+    deadlock: bool = False
+    """Whether control of the action under way ended in a deadlock."""
     history: list[ActionRecord] = field(default_factory=list[ActionRecord])
     planning_time_s: float = 0.0
     recoveries: int = 0
@@ -169,6 +193,6 @@ class ShapeTask:
     def expected_world(self) -> Float64Array:
         """The shape (M, 3) [m] to expect after the action under way: predicted, or the one before it."""
         assert self.before_world is not None, "an action is chosen for a shape"
-        predicted = self.chosen.predicted_nodes_world
+        predicted = self.corrections[-1].predicted_world if self.corrections else self.chosen.predicted_nodes_world
         moved = self.pushed or (self.grasp_ok and not self.slipped)
         return predicted if moved and predicted is not None else self.before_world

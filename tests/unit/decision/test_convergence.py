@@ -3,7 +3,7 @@
 import pytest
 
 from dlokit.decision.config import TaskConfig
-from dlokit.decision.convergence import Progress, has_changed, progress
+from dlokit.decision.convergence import Progress, best_so_far, has_changed, in_vain, progress, worth_it
 
 CONFIG = TaskConfig(threshold_m=0.012, max_actions=5, max_time_s=100.0, stall_actions=3)
 
@@ -31,3 +31,31 @@ def test_a_worse_error_is_a_change_too() -> None:
     assert has_changed(0.02, 0.03, CONFIG)
     assert has_changed(0.03, 0.02, CONFIG)
     assert not has_changed(0.03, 0.03 + 0.9 * CONFIG.changed_m, CONFIG)
+
+
+def test_a_new_best_within_the_noise_of_the_estimate_is_no_progress() -> None:
+    assert in_vain([0.02, 0.02 - 0.9 * CONFIG.progress_m], CONFIG) == 1
+    assert in_vain([0.02, 0.02 - 1.1 * CONFIG.progress_m], CONFIG) == 0
+
+
+IN_VAIN = [0.05, 0.02, 0.03, 0.025, 0.021]
+"""Three actions without a new best."""
+
+
+@pytest.mark.parametrize(
+    ("errors_m", "promised_m", "expected"),
+    [
+        (IN_VAIN, 0.019, False),  # better by no more than estimates differ by
+        (IN_VAIN, 0.018, True),
+        (IN_VAIN, None, True),
+        (IN_VAIN[:-1], 0.03, True),  # two are too few to give up
+    ],
+)
+def test_after_actions_in_vain_only_the_promise_of_a_new_best_is_worth_another(
+    errors_m: list[float], promised_m: float | None, expected: bool
+) -> None:
+    assert worth_it(errors_m, promised_m, CONFIG) is expected
+
+
+def test_the_best_so_far_names_its_action() -> None:
+    assert best_so_far([0.05, 0.02, 0.03]) == "best RMSE 20.0 mm after action 1"

@@ -5,16 +5,17 @@ from typing import Any
 import numpy as np
 
 from dlokit.communication import topics
-from dlokit.decision.convergence import has_changed
+from dlokit.decision.convergence import best_so_far, has_changed, worth_it
+from dlokit.decision.marks import FailedPair, still_marked
 from dlokit.decision.steps.explaining import fail
 from dlokit.decision.steps.outcomes import Carried, Change, Found, Grasped, Marked, Moved, Recovered, Released
 from dlokit.decision.steps.slipping import follow_while_held
 from dlokit.decision.task import ShapeTask
-from dlokit.geometry import matrix, pose_from_matrix
+from dlokit.geometry import matrix, pose_from_matrix, rmse_m
 from dlokit.skills.perception import api as perception
 from dlokit.skills.planning import api as planning
 from dlokit.skills.robot import api as robot
-from dlokit.types.action import Marks, Push
+from dlokit.types.action import Action, Marks, Push
 from dlokit.types.observation import Gripped
 from dlokit.types.outcome import Failed, Outcome, Rejected, Succeeded
 from dlokit.types.pose import Pose
@@ -37,7 +38,8 @@ INTERRUPTIONS = frozenset({"lost_commander", "lease_lost"})
 """Reasons for which an arm brakes by itself though nothing is broken: on a busy machine a sign of life came late."""
 
 
-def _judge_motion(task: ShapeTask, skill: str, outcome: Outcome[Any]) -> Moved:
+def judge_motion(task: ShapeTask, skill: str, outcome: Outcome[Any]) -> Moved:
+    """What became of a motion; why, where it was not done, is kept as the task's reason."""
     if isinstance(outcome, Succeeded):
         return Moved.DONE
     fail(task, skill, outcome)
@@ -53,9 +55,11 @@ async def choose_grasp(task: ShapeTask) -> Found:
     assert task.state is not None
     assert task.goal is not None
     task.action_started_ns = task.port.clock.now_ns()
-    task.grasp_ok = task.slipped = task.pushed = False
+    task.grasp_ok = task.slipped = task.pushed = task.deadlock = False
+    task.corrections, task.corrections_seen, task.control_end = [], [], ""
     began = task.stopwatch()
-    marks = Marks(invalid_nodes=np.array(sorted(task.marks | task.slippery), dtype=np.int64))
+    invalid = {pair.node for pair in task.marks} | task.slippery
+    marks = Marks(invalid_nodes=np.array(sorted(invalid), dtype=np.int64))
     proposed = await task.port.call(planning.PROPOSE, task.state, task.goal, marks)
     task.decision_time_s = task.stopwatch() - began
     task.planning_time_s += task.decision_time_s
@@ -64,11 +68,23 @@ async def choose_grasp(task: ShapeTask) -> Found:
         task.robot_started_ns = task.port.clock.now_ns()
         task.tool_started_m = task.odometer.travelled_m
         task.before_world = task.state.nodes_world
-        return Found.FOUND
+        return _weigh(task, proposed.result)
     fail(task, "planning.propose", proposed)
     if isinstance(proposed, Failed) and proposed.reason == "no_valid_grasp":
         return Found.NONE_LEFT
     return Found.FAILED
+
+
+def _weigh(task: ShapeTask, action: Action) -> Found:
+    """Whether the action is worth doing, after others that brought no progress."""
+    assert task.goal is not None
+    goal, predicted, promised_m = task.goal, action.predicted_nodes_world, None
+    if predicted is not None:
+        promised_m = rmse_m(predicted, goal.nodes_world, ends_interchangeable=goal.ends_interchangeable)
+    if worth_it(task.errors_m, promised_m, task.config):
+        return Found.FOUND
+    task.reason = f"no action is expected to bring the shape nearer; {best_so_far(task.errors_m)}"
+    return Found.NO_GAIN
 
 
 def _above(pose: Pose, height_m: float) -> Pose:
@@ -82,16 +98,16 @@ async def approach(task: ShapeTask) -> Moved:
     grasp_at = task.chosen.grasp
     opened = await task.port.call(robot.RELEASE, grasp_at.opening_m)
     if not isinstance(opened, Succeeded):
-        return _judge_motion(task, "robot.release", opened)
+        return judge_motion(task, "robot.release", opened)
     moved = await task.port.call(robot.MOVE_TO, _above(grasp_at.T_world_tcp, task.config.approach_height_m))
-    return _judge_motion(task, "robot.move_to", moved)
+    return judge_motion(task, "robot.move_to", moved)
 
 
 async def grasp(task: ShapeTask) -> Grasped:
     """Straight down and close; to push, the fingers are closed already and have nothing to feel."""
     action = task.chosen
     down = await task.port.call(robot.MOVE_LINEAR, action.grasp.T_world_tcp, action.velocity)
-    match _judge_motion(task, "robot.move_linear", down):
+    match judge_motion(task, "robot.move_linear", down):
         case Moved.REFUSED:
             return Grasped.MISSED
         case Moved.INTERRUPTED:
@@ -121,9 +137,9 @@ async def move_to_goal(task: ShapeTask) -> Carried:
         await task.port.call(perception.SET_TRACKING, 0.0)
     if task.slipped:
         return Carried.SLIPPED
-    match _judge_motion(task, "robot.follow_path", moved):
+    match judge_motion(task, "robot.follow_path", moved):
         case Moved.DONE:
-            return Carried.DONE
+            return Carried.TO_CONTROL if task.config.control else Carried.DONE
         case Moved.REFUSED:
             return Carried.REFUSED
         case Moved.INTERRUPTED:
@@ -136,7 +152,7 @@ async def push(task: ShapeTask) -> Moved:
     """Move the closed fingers along the path; what became of the rod is seen afterwards."""
     action = task.chosen
     moved = await task.port.call(robot.FOLLOW_PATH, action.path, action.velocity)
-    judged = _judge_motion(task, "robot.follow_path", moved)
+    judged = judge_motion(task, "robot.follow_path", moved)
     task.pushed = judged is Moved.DONE
     return judged
 
@@ -151,19 +167,19 @@ async def release(task: ShapeTask) -> Released:
     action = task.chosen
     opened = await task.port.call(robot.RELEASE, action.grasp.opening_m)
     if not isinstance(opened, Succeeded):
-        return _judge_release(_judge_motion(task, "robot.release", opened))
+        return _judge_release(judge_motion(task, "robot.release", opened))
     task.release_stamp_ns = task.port.clock.now_ns()
     _say_gripped(task, None)
     state = task.port.latest(topics.ROBOT_STATE).value
     if state is not None:
         up = _above(state.T_world_tcp, task.config.retreat_height_m)
-        retreated = _judge_motion(
+        retreated = judge_motion(
             task, "robot.move_linear", await task.port.call(robot.MOVE_LINEAR, up, action.velocity)
         )
         # Where straight up is refused, the joint-space move home has its own checks.
         if retreated not in (Moved.DONE, Moved.REFUSED):
             return _judge_release(retreated)
-    return _judge_release(_judge_motion(task, "robot.home", await task.port.call(robot.HOME)))
+    return _judge_release(judge_motion(task, "robot.home", await task.port.call(robot.HOME)))
 
 
 def _judge_release(moved: Moved) -> Released:
@@ -196,12 +212,20 @@ async def has_error_changed(task: ShapeTask) -> Change:
 
 
 async def clear_marks(task: ShapeTask) -> Marked:
-    """All grasp points may be tried again."""
-    task.marks.clear()
+    """Grasp points may be tried again, but for those that failed from a shape like the present one."""
+    assert task.state is not None
+    task.marks = still_marked(task.marks, task.state.nodes_world, task.config.alike_m)
+    if task.deadlock:
+        _mark(task)
     return Marked.DONE
 
 
 async def mark_invalid(task: ShapeTask) -> Marked:
-    """This grasp point led to nothing."""
-    task.marks.add(task.chosen.grasp.node)
+    """This grasp point led to nothing from this shape."""
+    _mark(task)
     return Marked.DONE
+
+
+def _mark(task: ShapeTask) -> None:
+    assert task.state is not None
+    task.marks.append(FailedPair(node=task.chosen.grasp.node, nodes_world=task.state.nodes_world))

@@ -35,6 +35,7 @@ class Found(enum.Enum):
 
     FOUND = "valid"
     NONE_LEFT = "none_left"
+    NO_GAIN = "no_gain"
     FAILED = "failed"
 
 
@@ -48,11 +49,22 @@ class Moved(enum.Enum):
 
 
 class Carried(enum.Enum):
-    """What became of the carry."""
+    """What became of the carry, and whether control takes over."""
 
     DONE = "done"
     SLIPPED = "slipped"
+    TO_CONTROL = "to_control"
     REFUSED = "refused"
+    INTERRUPTED = "interrupted"
+    FAILED = "failed"
+
+
+class Controlled(enum.Enum):
+    """What control says of the DLO that is held."""
+
+    CORRECTED = "corrected"
+    SETTLED = "settled"
+    DEADLOCK = "deadlock"
     INTERRUPTED = "interrupted"
     FAILED = "failed"
 

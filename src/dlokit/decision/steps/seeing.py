@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from dlokit.communication import topics
-from dlokit.decision.convergence import Progress, patience, progress
+from dlokit.decision.convergence import Progress, best_so_far, patience, progress
 from dlokit.decision.looking import look_anew, settle, state_after
 from dlokit.decision.steps.explaining import explain, fail
 from dlokit.decision.steps.outcomes import GoalSet, Sight
@@ -169,8 +169,7 @@ async def compare(task: ShapeTask) -> Progress:
     """RMSE against the threshold, then the break conditions."""
     elapsed_s = (task.port.clock.now_ns() - task.started_ns) / 1e9
     verdict = progress(task.errors_m, elapsed_s, task.config, watched=task.watched)
-    best = min(task.errors_m)
-    where = f"best RMSE {best * 1e3:.1f} mm after action {task.errors_m.index(best)}"
+    where = best_so_far(task.errors_m)
     match verdict:
         case Progress.OUT_OF_ACTIONS:
             task.reason = f"{task.config.max_actions} actions are spent; {where}"
@@ -212,6 +211,8 @@ async def track_again(task: ShapeTask) -> Sight:
         nodes_world=task.state.nodes_world,
         expected_world=predicted,
         path_world=np.array([pose.position_m for pose in (task.chosen.grasp.T_world_tcp, *task.chosen.path)]),
+        corrections=tuple(task.corrections_seen),
+        control_end=task.control_end,
     )
     task.belief = await _learnt(task) or task.belief
     task.history.append(record)

@@ -2,6 +2,7 @@
 
 from dlokit.communication.skill import Skill
 from dlokit.types.action import Action, Marks
+from dlokit.types.control import ControlAdvice, Correction, HeldNode
 from dlokit.types.dlo import DloState, GoalShape
 from dlokit.types.feasibility import GoalVerdict, Verdict
 from dlokit.types.strategy import StrategySpec
@@ -23,6 +24,21 @@ def _judge_goal(goal: GoalShape, threshold_m: float) -> GoalVerdict:
 
 def _check_start(shape: DloState) -> Verdict:
     """Whether the DLO lies on the table, in reach and view, and not across itself."""
+    ...
+
+
+def _correct(
+    shape: DloState,
+    goal: GoalShape,
+    grip: HeldNode,
+    done: tuple[Correction, ...],
+    threshold_m: float,
+    others: tuple[HeldNode, ...] = (),
+) -> ControlAdvice:
+    """Shape servoing: the next correction of a DLO that is held and lies on the table, or the word that it ends here.
+
+    `done` are the corrections since the grasp, `others` nodes that other robots hold. Rejects: shapes_differ, bad_grip.
+    """
     ...
 
 
@@ -48,4 +64,12 @@ JUDGE_GOAL = Skill(
     ensures="the verdict names every problem, and the nearest shape found that holds, if any",
 )
 CHECK_START = Skill("planning", "check_start", _check_start, timeout_s=10.0, ensures="the verdict names every problem")
+CORRECT = Skill(
+    "planning",
+    "correct",
+    _correct,
+    timeout_s=10.0,
+    requires="the grip's node is held where its tool is, and the shape is seen since the last correction",
+    ensures="a correction is within the limits, reachable, and expected to bring the shape nearer to the goal",
+)
 SET_STRATEGY = Skill("planning", "set_strategy", _set_strategy, timeout_s=5.0)

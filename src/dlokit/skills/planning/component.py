@@ -21,10 +21,13 @@ from dlokit.skills.planning.foresight import untangled
 from dlokit.skills.planning.goal_verdict import judge
 from dlokit.skills.planning.holding import Hold
 from dlokit.skills.planning.loading import load
+from dlokit.skills.planning.pick_place import goal_in_order
+from dlokit.skills.planning.servoing.controller import Held, advise
 from dlokit.skills.planning.strategies import from_spec
 from dlokit.types.action import Action, Marks
 from dlokit.types.arrays import Float64Array
 from dlokit.types.candidates import Candidates
+from dlokit.types.control import ControlAdvice, Correction, HeldNode
 from dlokit.types.dlo import DloState, GoalShape
 from dlokit.types.dlo_belief import DloBelief
 from dlokit.types.feasibility import GoalVerdict, Verdict
@@ -86,12 +89,7 @@ class PlanningComponent(Component):
     async def propose(self, shape: DloState, goal: GoalShape, marks: Marks, skip: int = 0) -> Action:
         """The best valid action, after `skip` others."""
         self._learn()
-        if shape.nodes_world.shape != goal.nodes_world.shape:
-            raise SkillRejected(
-                "shapes_differ",
-                f"the shape has {len(shape.nodes_world)} nodes, the goal {len(goal.nodes_world)}; "
-                f"set the goal through the model, which gives it as many",
-            )
+        _require_same_nodes(shape, goal)
         action = await self._best(_after(self._strategy.propose(shape, goal, marks), skip), shape, goal)
         if action is None:
             raise SkillFailure(
@@ -155,6 +153,28 @@ class PlanningComponent(Component):
         """Whether the DLO lies where it can be worked with."""
         return check_start(shape.nodes_world, self._workplace())
 
+    @implements(api.CORRECT)
+    async def correct(
+        self,
+        shape: DloState,
+        goal: GoalShape,
+        grip: HeldNode,
+        done: tuple[Correction, ...],
+        threshold_m: float,
+        others: tuple[HeldNode, ...] = (),
+    ) -> ControlAdvice:
+        """The next correction of a DLO that is held, or the word that control ends here."""
+        self._learn()
+        _require_same_nodes(shape, goal)
+        if not 0 <= grip.node < self._model.nodes or len(shape.nodes_world) != self._model.nodes:
+            raise SkillRejected(
+                "bad_grip",
+                f"node {grip.node} of {len(shape.nodes_world)} is held; the model has {self._model.nodes} nodes",
+            )
+        goal_world = goal_in_order(shape.nodes_world, goal.nodes_world, ends_interchangeable=goal.ends_interchangeable)
+        held = Held(shape=shape, goal_world=goal_world, grip=grip, others=others, done=done)
+        return await self.port.compute(advise, held, threshold_m, self._model, self._reachable, self._config.servo)
+
     @implements(api.SET_STRATEGY)
     async def set_strategy(self, spec: StrategySpec) -> None:
         """Take another strategy."""
@@ -173,6 +193,15 @@ class PlanningComponent(Component):
             grasp=self._config.actions.grasp,
             reachable=self._reachable,
             calibration=None if seen is None else seen.calibration,
+        )
+
+
+def _require_same_nodes(shape: DloState, goal: GoalShape) -> None:
+    if shape.nodes_world.shape != goal.nodes_world.shape:
+        raise SkillRejected(
+            "shapes_differ",
+            f"the shape has {len(shape.nodes_world)} nodes, the goal {len(goal.nodes_world)}; "
+            f"set the goal through the model, which gives it as many",
         )
 
 

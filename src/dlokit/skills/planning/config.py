@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from dlokit.skills.planning.actions import ActionConfig, FeasibilityConfig
 from dlokit.skills.planning.foresight import ForesightConfig
 from dlokit.skills.planning.rollouts.strategy import RolloutConfig
+from dlokit.skills.planning.servoing.config import ServoConfig
 from dlokit.skills.planning.strategies import Planner
 
 
@@ -20,3 +21,5 @@ class PlanningConfig:
     """Actions that would tangle the rod are passed over."""
     feasibility: FeasibilityConfig = field(default_factory=FeasibilityConfig)
     """What start and goal must keep to."""
+    servo: ServoConfig = field(default_factory=ServoConfig)
+    """How the error that is left is reduced while the DLO is held."""

@@ -1,0 +1,123 @@
+"""The controller: one correction, or why control ends here (McConachie et al., IJRR 2020).
+
+Each word is given anew from what the camera sees: the Jacobian at the present shape, what earlier corrections did, and
+the correction that leaves least error after the release, played through before it is advised.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dlokit import geometry
+from dlokit.skills.model.config import ModelConfig
+from dlokit.skills.planning.base import Reachable
+from dlokit.skills.planning.servoing.config import ServoConfig
+from dlokit.skills.planning.servoing.jacobian import (
+    Grip,
+    corrected,
+    damped_step,
+    jacobian,
+    probes,
+    released,
+)
+from dlokit.types.arrays import Float64Array
+from dlokit.types.control import ControlAdvice, ControlVerdict, Correction, HeldNode
+from dlokit.types.dlo import DloState
+from dlokit.types.pose import Pose
+
+_SHARES = (1.0, 0.5, 0.25)  # of the step: a rod that slips answers to less of it, or more
+
+
+@dataclass(frozen=True, kw_only=True)
+class Held:
+    """What is held, and what was done with it."""
+
+    shape: DloState
+    goal_world: Float64Array  # (M, 3) [m] in the order of the rod
+    grip: HeldNode
+    others: tuple[HeldNode, ...]
+    """Nodes that other robots hold."""
+    done: tuple[Correction, ...]
+    """Corrections since the grasp, the first one first."""
+
+
+def advise(
+    held: Held, threshold_m: float, model: ModelConfig, reachable: Reachable, config: ServoConfig
+) -> ControlAdvice:
+    """The next correction, or the verdict that ends control."""
+    grip = Grip(held.grip.node, _tool(held.grip.T_world_tcp))
+    nodes = held.shape.nodes_world
+    shapes = released(model, nodes, grip, probes(config), config)
+    now = shapes[0]
+    rmse_m = _rmse_m(now, held.goal_world)
+
+    def ends(verdict: ControlVerdict, reason: str) -> ControlAdvice:
+        return ControlAdvice(
+            verdict=verdict, reason=reason, rmse_m=rmse_m, then_rmse_m=rmse_m, target=held.grip.T_world_tcp
+        )
+
+    if rmse_m < config.good_share * threshold_m:
+        return ends(ControlVerdict.SETTLED, "good_enough")
+    if _badly_seen(held.shape, config):
+        return ends(ControlVerdict.SETTLED, "badly_seen")
+    if _no_progress(held, rmse_m, config):
+        return ends(ControlVerdict.DEADLOCK, "no_progress")
+    matrix = corrected(jacobian(shapes, config), held.done, now, config)
+    step = damped_step(matrix, (held.goal_world - now)[:, :2], config)
+    steps = [share * step for share in _SHARES]
+    allowed = [by for by in steps if not _overstretches(held, grip, by, model, config)]
+    if not allowed:
+        return ends(ControlVerdict.DEADLOCK, "overstretch")
+    reached = [by for by in allowed if reachable(_pose(grip.tool + by))]
+    if not reached:
+        return ends(ControlVerdict.DEADLOCK, "out_of_reach")
+    expected = released(model, nodes, grip, reached, config)
+    left_m = [_rmse_m(shape, held.goal_world) for shape in expected]
+    best = int(np.argmin(left_m))
+    if left_m[best] > rmse_m - config.least_gain_m:
+        return ends(ControlVerdict.SETTLED, "no_gain")
+    return ControlAdvice(
+        verdict=ControlVerdict.CORRECT,
+        reason="",
+        rmse_m=rmse_m,
+        then_rmse_m=left_m[best],
+        target=_pose(grip.tool + reached[best]),
+        correction=Correction(displacement=reached[best], released_world=now, predicted_world=expected[best]),
+    )
+
+
+def _badly_seen(shape: DloState, config: ServoConfig) -> bool:
+    visible = 1.0 if shape.visible is None else float(np.mean(shape.visible))
+    return visible < config.least_visible or shape.health < config.least_health
+
+
+def _no_progress(held: Held, rmse_m: float, config: ServoConfig) -> bool:
+    """Whether the last `window` corrections brought no new best error."""
+    if len(held.done) < config.window:
+        return False
+    errors = [_rmse_m(correction.released_world, held.goal_world) for correction in held.done] + [rmse_m]
+    return min(errors[-config.window :]) > min(errors[: -config.window]) - config.least_gain_m
+
+
+def _overstretches(held: Held, grip: Grip, by: Float64Array, model: ModelConfig, config: ServoConfig) -> bool:
+    """Whether the tool would come farther from another held node than the DLO between them is long."""
+    edge_m = model.length_m / (model.nodes - 1)
+    there = grip.tool + by
+    return any(
+        float(np.linalg.norm(there[:3] - other.T_world_tcp.position_m))
+        > (1.0 - config.slack_share) * abs(other.node - grip.node) * edge_m
+        for other in held.others
+    )
+
+
+def _rmse_m(nodes_world: Float64Array, goal_world: Float64Array) -> float:
+    return geometry.rmse_m(nodes_world, goal_world)
+
+
+def _tool(pose: Pose) -> Float64Array:
+    T = geometry.matrix(pose)
+    return np.array([*pose.position_m, np.arctan2(T[1, 0], T[0, 0])])
+
+
+def _pose(tool: Float64Array) -> Pose:
+    return geometry.downward(tool[:3], float(tool[3]))
