@@ -32,7 +32,7 @@ class ServoConfig:
     prediction; more is cut off."""
     least_visible: float = 0.4
     """Share of the nodes that must be seen for a correction."""
-    least_health: float = 0.5
+    least_health: float = 0.9
     """The observer's trust that is needed for one."""
     slack_share: float = 0.02
     """Two held nodes may be no farther apart than the DLO between them less this share: more would overstretch it."""

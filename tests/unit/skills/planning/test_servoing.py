@@ -1,0 +1,128 @@
+"""Shape servoing: the Jacobian of releases, its correction by what was seen, and the verdicts that end control."""
+
+import msgspec
+import numpy as np
+import pytest
+
+from dlokit.geometry import downward, rmse_m
+from dlokit.skills.model.config import ModelConfig
+from dlokit.skills.model.rod import topology
+from dlokit.skills.planning.servoing.config import ServoConfig
+from dlokit.skills.planning.servoing.controller import Held, advise
+from dlokit.skills.planning.servoing.jacobian import (
+    Grip,
+    corrected,
+    damped_step,
+    jacobian,
+    probes,
+    released,
+    scaled,
+)
+from dlokit.types.control import ControlVerdict, Correction, HeldNode
+from dlokit.types.dlo import DloState
+from dlokit.types.pose import Pose
+
+MODEL = ModelConfig()
+CONFIG = ServoConfig()
+NODES = np.column_stack((np.full(31, 0.5), np.linspace(-0.25, 0.25, 31), np.full(31, MODEL.radius_m)))
+HELD = 3
+TOOL = np.array([*NODES[HELD, :2], 0.005, np.pi / 2])
+GRIP = Grip(HELD, TOOL)
+
+
+def everywhere(pose: Pose) -> bool:
+    return True
+
+
+def held(goal: np.ndarray, **changes: object) -> Held:
+    shape = DloState(stamp_ns=0, nodes_world=NODES, topology=topology(MODEL))
+    node = HeldNode(node=HELD, T_world_tcp=downward(TOOL[:3], float(TOOL[3])))
+    base = Held(shape=shape, goal_world=goal, grip=node, others=(), done=())
+    return Held(**{**base.__dict__, **changes})  # pyright: ignore[reportArgumentType]
+
+
+def dragged(by: list[float]) -> np.ndarray:
+    """Where the rod comes to lie when it is dragged and let go."""
+    return released(MODEL, NODES, GRIP, [np.array(by)], CONFIG)[0]
+
+
+def test_the_jacobian_says_what_a_small_drag_does_to_the_released_rod() -> None:
+    matrix = jacobian(released(MODEL, NODES, GRIP, probes(CONFIG), CONFIG), CONFIG)
+    by = np.array([0.012, 0.0, 0.0, 0.0])
+    still, moved = released(MODEL, NODES, GRIP, [np.zeros(4), by], CONFIG)
+    said = (matrix @ scaled(by, CONFIG)).reshape(-1, 2)
+    # Friction is no smooth function of the way; a linear forecast is good to a third of what moves most.
+    assert np.abs(said - (moved - still)[:, :2]).max() < 0.33 * np.abs(moved - still).max()
+
+
+def test_damped_least_squares_points_to_the_goal_and_keeps_to_the_limits() -> None:
+    matrix = jacobian(released(MODEL, NODES, GRIP, probes(CONFIG), CONFIG), CONFIG)
+    error = (dragged([0.01, 0.0, 0.0, 0.0]) - NODES)[:, :2]
+    near = damped_step(matrix, error, CONFIG)
+    assert near[0] > 0.005
+    assert near[2] == 0.0
+    far = damped_step(matrix, 30.0 * error, CONFIG)
+    assert np.linalg.norm(far[:2]) <= CONFIG.largest_m + 1e-12
+    assert abs(far[3]) <= CONFIG.largest_rad + 1e-12
+
+
+def test_what_was_seen_of_a_correction_changes_the_jacobian_along_it_alone_and_no_more_than_is_trusted() -> None:
+    by = np.array([0.01, 0.0, 0.0, 0.0])
+    predicted = NODES + np.array([0.01, 0.0, 0.0])
+    done = Correction(displacement=by, released_world=NODES, predicted_world=predicted)
+    model = np.zeros((62, 3))
+    half_as_far = corrected(model, [done], NODES + 0.75 * (predicted - NODES), CONFIG)
+    # Foreseen 10 mm, seen 7.5 mm: along x a quarter less than the model said.
+    assert half_as_far[::2, 0] == pytest.approx(np.full(31, -0.25))
+    assert not half_as_far[:, 1:].any()
+    the_other_way = corrected(model, [done], NODES - 5.0 * (predicted - NODES), CONFIG)
+    assert np.abs(the_other_way).max() == pytest.approx(CONFIG.trust)
+
+
+def test_a_correction_is_advised_that_is_expected_to_bring_the_shape_nearer() -> None:
+    goal = dragged([0.02, 0.01, 0.0, 0.2])
+    advice = advise(held(goal), 0.006, MODEL, everywhere, CONFIG)
+    assert advice.verdict is ControlVerdict.CORRECT
+    assert advice.correction is not None
+    assert advice.then_rmse_m < 0.6 * advice.rmse_m
+    assert rmse_m(advice.correction.predicted_world, goal) == pytest.approx(advice.then_rmse_m)
+
+
+def test_a_shape_at_its_goal_is_let_go() -> None:
+    advice = advise(held(dragged([0.0, 0.0, 0.0, 0.0])), 0.006, MODEL, everywhere, CONFIG)
+    assert (advice.verdict, advice.reason) == (ControlVerdict.SETTLED, "good_enough")
+    assert advice.correction is None
+
+
+def test_an_error_that_the_held_node_has_no_part_in_is_not_corrected() -> None:
+    goal = NODES.copy()
+    goal[20:, 0] += 0.05
+    advice = advise(held(goal), 0.006, MODEL, everywhere, CONFIG)
+    assert (advice.verdict, advice.reason) == (ControlVerdict.SETTLED, "no_gain")
+
+
+@pytest.mark.parametrize("changes", [{"health": 0.3}, {"visible": np.arange(31) < 5}])
+def test_a_rod_that_is_badly_seen_is_not_corrected(changes: dict[str, object]) -> None:
+    shape = msgspec.structs.replace(held(NODES).shape, **changes)
+    advice = advise(held(dragged([0.02, 0.0, 0.0, 0.0]), shape=shape), 0.006, MODEL, everywhere, CONFIG)
+    assert (advice.verdict, advice.reason) == (ControlVerdict.SETTLED, "badly_seen")
+
+
+def test_corrections_that_bring_no_progress_are_a_deadlock() -> None:
+    goal = dragged([0.02, 0.0, 0.0, 0.0])
+    vain = Correction(displacement=np.array([0.02, 0.0, 0.0, 0.0]), released_world=NODES, predicted_world=goal)
+    once = advise(held(goal, done=(vain,)), 0.006, MODEL, everywhere, CONFIG)
+    assert once.verdict is ControlVerdict.CORRECT
+    again = advise(held(goal, done=(vain, vain)), 0.006, MODEL, everywhere, CONFIG)
+    assert (again.verdict, again.reason) == (ControlVerdict.DEADLOCK, "no_progress")
+
+
+def test_a_correction_out_of_reach_is_a_deadlock() -> None:
+    advice = advise(held(dragged([0.02, 0.0, 0.0, 0.0])), 0.006, MODEL, lambda pose: False, CONFIG)
+    assert (advice.verdict, advice.reason) == (ControlVerdict.DEADLOCK, "out_of_reach")
+
+
+def test_a_correction_that_would_stretch_the_rod_between_two_tools_is_a_deadlock() -> None:
+    other = HeldNode(node=20, T_world_tcp=downward(NODES[20] + [0.0, 0.004, 0.0], np.pi / 2))
+    advice = advise(held(dragged([0.02, -0.02, 0.0, 0.0]), others=(other,)), 0.006, MODEL, everywhere, CONFIG)
+    assert (advice.verdict, advice.reason) == (ControlVerdict.DEADLOCK, "overstretch")
