@@ -33,6 +33,7 @@ from dlokit.skills.perception import api as perception
 from dlokit.skills.planning.component import PlanningComponent
 from dlokit.skills.planning.config import PlanningConfig
 from dlokit.skills.planning.farthest import FarthestConfig
+from dlokit.skills.planning.servoing.config import ServoConfig
 from dlokit.skills.robot import api as robot
 from dlokit.types.action import VelocityProfile
 from dlokit.types.dlo_belief import DloBelief
@@ -237,6 +238,8 @@ class Trace:
 
 
 ROD = ModelConfig(nodes=NODES, length_m=LENGTH_M)
+EASY = ServoConfig(least_health=0.5)
+"""The same makes the observer doubt what it sees while the rope is held."""
 PATIENT = TaskConfig(stall_actions=15, hopeless_actions=15)
 """The lab's rope has no friction, so that other shapes come about than the model promises, and it takes longer."""
 
@@ -277,7 +280,7 @@ async def running(
         ScriptedRobot(lab),
         ObserverComponent(ObserverConfig(), nodes=NODES, length_m=LENGTH_M),
         ModelComponent(rod),
-        PlanningComponent(planning or PlanningConfig(strategy=FarthestConfig()), reachable, rod),
+        PlanningComponent(planning or PlanningConfig(strategy=FarthestConfig(), servo=EASY), reachable, rod),
         *others,
         decision,
     ):
