@@ -5,7 +5,7 @@ from typing import Annotated
 
 import tyro
 
-from dlokit.app import bench, demo, doctor, graph, identify, info, shape, skills, track
+from dlokit.app import bench, call, demo, doctor, graph, identify, info, shape, skills, track
 from dlokit.app.shape_defaults import shape_defaults
 
 Command = (
@@ -15,6 +15,8 @@ Command = (
     | info.InfoArgs
     | identify.IdentifyArgs
     | skills.SkillsArgs
+    | call.CallArgs
+    | call.StopArgs
     | graph.GraphArgs
     | doctor.DoctorArgs
     | bench.BenchArgs
@@ -31,6 +33,8 @@ def parse(arguments: Sequence[str]) -> Command:
         | Annotated[bench.BenchArgs, tyro.conf.subcommand("bench")]
         | Annotated[info.InfoArgs, tyro.conf.subcommand("info")]
         | Annotated[identify.IdentifyArgs, tyro.conf.subcommand("identify")]
+        | Annotated[call.CallArgs, tyro.conf.subcommand("call")]
+        | Annotated[call.StopArgs, tyro.conf.subcommand("stop")]
         | Annotated[skills.SkillsArgs, tyro.conf.subcommand("skills")]
         | Annotated[graph.GraphArgs, tyro.conf.subcommand("graph")]
         | Annotated[doctor.DoctorArgs, tyro.conf.subcommand("doctor")]
@@ -58,6 +62,10 @@ def execute(arguments: Sequence[str]) -> int:
             return info.run(args)
         case identify.IdentifyArgs() as args:
             return identify.run(args)
+        case call.CallArgs() as args:
+            return call.run_call(args)
+        case call.StopArgs() as args:
+            return call.run_stop(args)
         case skills.SkillsArgs() as args:
             return skills.run(args)
         case graph.GraphArgs() as args:

@@ -86,3 +86,15 @@ def decode(data: bytes, wanted: type[T]) -> T:
         raise
     except (msgspec.MsgspecError, ValueError, TypeError, RecursionError) as error:
         raise CommunicationError(f"cannot decode {getattr(wanted, '__name__', wanted)}: {error}") from error
+
+
+def from_plain(value: object, wanted: Any) -> Any:
+    """A value of type `wanted` from what JSON has; arrays from lists. Raises `CommunicationError`."""
+    try:
+        return msgspec.convert(value, wanted, dec_hook=_array_of_list)
+    except (msgspec.MsgspecError, ValueError, TypeError) as error:
+        raise CommunicationError(str(error)) from error
+
+
+def _array_of_list(wanted: Any, value: Any) -> Any:
+    return np.array(value, dtype=get_args(get_args(wanted)[1])[0])

@@ -1,7 +1,7 @@
 """What a skill is: a name, a typed signature, and its contract."""
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from typing import Any, Generic, ParamSpec, TypeVar, get_type_hints
@@ -85,6 +85,15 @@ class Skill(Generic[P, R]):
         bound = inspect.signature(self.signature).bind(*args, **kwargs)
         bound.apply_defaults()
         return dict(bound.arguments)
+
+    def plain_arguments(self, plain: Mapping[str, Any]) -> dict[str, Any]:
+        """Arguments from plain values, as JSON has them. Raises `CommunicationError` when they do not fit."""
+        signature = inspect.signature(self.signature)
+        try:
+            signature.bind(**plain)
+            return {name: codec.from_plain(value, self._hints[name]) for name, value in plain.items()}
+        except (TypeError, CommunicationError) as error:
+            raise CommunicationError(f"arguments of {self.key} do not fit: {error}; expected {signature}") from error
 
     def encode_arguments(self, *args: P.args, **kwargs: P.kwargs) -> bytes:
         """Serialized arguments (Algorithm 1, first line)."""

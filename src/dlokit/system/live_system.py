@@ -15,6 +15,7 @@ from dlokit.communication.zenoh_transport import ZenohTransport
 from dlokit.errors import MachineError, ProcessFailure
 from dlokit.system.joined_bus import join_bus
 from dlokit.system.processes import ProcessRow
+from dlokit.system.running import announced
 from dlokit.system.supervisor import Launch, Supervisor
 from dlokit.system.tasks import end_tasks
 from dlokit.system.worker_pool import worker_pool
@@ -108,7 +109,8 @@ async def live_system(rows: tuple[ProcessRow, ...], launch: Launch) -> AsyncGene
         ):
             await supervisor.guard(bus.first_tick(FIRST_TICK_S))
             await supervisor.guard(_all_seen(bus.transport, [name for row in others for name in row.components]))
-            yield LiveSystem(bus.transport, bus.clock, compute, supervisor)
+            with announced(launch.run_dir, launch.namespace, meeting_point[0]):
+                yield LiveSystem(bus.transport, bus.clock, compute, supervisor)
 
 
 async def _all_seen(transport: ZenohTransport, components: list[str]) -> None:

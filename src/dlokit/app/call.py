@@ -1,0 +1,160 @@
+"""`dlokit call` and `dlokit stop`: a running system, asked from any shell."""
+
+import asyncio
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+from rich.console import Console
+
+from dlokit.app.skill_table import skill_named
+from dlokit.communication import topics
+from dlokit.communication.recording.plain import to_json
+from dlokit.communication.skill import ReportingSkill, Skill
+from dlokit.description.arms import ARMS
+from dlokit.errors import CommunicationError, InputError
+from dlokit.skills.robot import api as robot
+from dlokit.system.joined_bus import JoinedBus, join_bus
+from dlokit.system.processes import TimeBase
+from dlokit.system.running import RunningSystem, running_systems, the_running_system
+from dlokit.types.flow import Command, OperatorCommand
+from dlokit.types.outcome import Failed, Outcome, Rejected, Succeeded
+
+EXIT_SUCCEEDED = 0
+EXIT_ENDED_OTHERWISE = 3
+FOUND_WITHIN_S = 5.0
+FIRST_TICK_S = 10.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class CallArgs:
+    """Call one skill on a running system, and print what became of it.
+
+    Try
+      dlokit call perception.look
+      dlokit call decision.shape_dlo goal=S threshold_m=0.01
+      dlokit call planning.set_strategy '{"spec": {"name": "rollout"}}'
+
+    `dlokit skills` lists them. A robot that a task commands rejects motions from here as not_commander, and another
+    task is rejected as busy. Ctrl-C cancels the skill. Exit code: 0 succeeded, 3 ended otherwise, 2 bad input.
+    """
+
+    skill: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="COMPONENT.SKILL")]
+    """Which skill, of which component."""
+    arguments: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="NAME=VALUE")] = ()
+    """Its arguments: NAME=VALUE, the value as JSON or plain text; or all of them as one JSON object."""
+    run: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    """The run's folder, where more than one system runs."""
+    timeout: float | None = None
+    """Cancel the skill after so many seconds; it has a time limit of its own."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class StopArgs:
+    """Brake the arms of every running system of yours, now, and end their tasks.
+
+    An arm stays where it is and holds what it holds. Exit code: 0 every arm stands, 3 one did not answer, 2 no system
+    runs.
+    """
+
+    run: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    """Only the system of this run's folder."""
+
+
+def run_call(args: CallArgs) -> int:
+    """Find the system, call, print."""
+    skill = skill_named(args.skill)
+    given = arguments_from(skill, args.arguments)
+    system = the_running_system(args.run)
+    outcome = asyncio.run(_call(system, skill, given, args.timeout, Console(stderr=True)))
+    print(in_words(outcome))
+    return EXIT_SUCCEEDED if isinstance(outcome, Succeeded) else EXIT_ENDED_OTHERWISE
+
+
+def run_stop(args: StopArgs) -> int:
+    """Brake first, ask afterwards."""
+    systems = running_systems() if args.run is None else [the_running_system(args.run)]
+    if not systems:
+        raise InputError("no system of yours runs: there is nothing to stop.")
+    outcomes = [asyncio.run(_stop(system)) for system in systems]
+    for system, said in zip(systems, outcomes, strict=True):
+        print(f"{system.folder}: {'; '.join(in_words(outcome) for outcome in said) or 'no robot answers'}")
+    stands = all(said and all(isinstance(outcome, Succeeded) for outcome in said) for said in outcomes)
+    return EXIT_SUCCEEDED if stands else EXIT_ENDED_OTHERWISE
+
+
+def arguments_from(skill: Skill[..., Any], texts: tuple[str, ...]) -> dict[str, Any]:
+    """What was typed, as the skill's types. Raises `InputError`."""
+    plain: dict[str, Any] = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if text.startswith("{"):
+            whole = _json_or_text(text)
+            if not isinstance(whole, dict):
+                raise InputError(f'{text} is no JSON object: write {{"name": value}}, or name=value.')
+            plain.update(whole)
+        elif equals:
+            plain[name] = _json_or_text(value)
+        else:
+            raise InputError(f"{text!r} is no argument: write name=value, or one JSON object with all of them.")
+    try:
+        return skill.plain_arguments(plain)
+    except CommunicationError as error:
+        raise InputError(str(error)) from error
+
+
+def in_words(outcome: Outcome[Any]) -> str:
+    """An outcome as one line; a result as JSON."""
+    match outcome:
+        case Succeeded(result=result):
+            return "succeeded" if result is None else f"succeeded {to_json(result).decode()}"
+        case Failed(reason=reason, detail=detail):
+            return f"failed {reason}: {detail}"
+        case Rejected(reason=reason, detail=detail):
+            return f"rejected {reason}: {detail}"
+        case _:
+            return " ".join((type(outcome).__name__.lower(), to_json(outcome).decode()))
+
+
+def _json_or_text(text: str) -> Any:
+    try:
+        return json.loads(text)
+    except json.JSONDecodeError:
+        return text
+
+
+async def _call(
+    system: RunningSystem, skill: Skill[..., Any], given: dict[str, Any], limit_s: float | None, console: Console
+) -> Outcome[Any]:
+    async with join_bus(system.bus, TimeBase.CELL) as bus:
+        await bus.first_tick(FIRST_TICK_S)
+        await bus.transport.wait_for(skill.component, FOUND_WITHIN_S)
+        try:
+            async with asyncio.timeout(limit_s):
+                return await _told(bus, skill, given, console)
+        except TimeoutError:
+            return Failed(reason="cancelled", detail=f"it had not ended after {limit_s:g} s, as --timeout asks")
+
+
+async def _told(bus: JoinedBus, skill: Skill[..., Any], given: dict[str, Any], console: Console) -> Outcome[Any]:
+    if not isinstance(skill, ReportingSkill):
+        return await bus.transport.call(skill, **given)
+
+    def told(progress: object) -> None:
+        console.print(to_json(progress).decode()[:200], markup=False, highlight=False, soft_wrap=True)
+
+    return await bus.transport.call_reported(skill, told, **given)
+
+
+async def _stop(system: RunningSystem) -> list[Outcome[None]]:
+    async with join_bus(system.bus, TimeBase.MACHINE) as bus:
+        transport = bus.transport
+        await transport.wait_for(robot.STOP.component, FOUND_WITHIN_S)
+        skills = [robot.STOP.at(mount.instance) for mount in ARMS]
+        there = [skill for skill in skills if transport.alive(skill.component).alive]
+        outcomes = list(await asyncio.gather(*(transport.call(skill) for skill in there)))
+        # An arm that stands between two motions would go on with the next: so the task ends as well.
+        transport.publish(topics.COMMAND, OperatorCommand(stamp_ns=bus.clock.now_ns(), command=Command.STOP))
+        return outcomes

@@ -1,0 +1,95 @@
+"""Which systems run on this machine: each leaves a note while it does, so that any shell finds it."""
+
+import os
+import tempfile
+from collections.abc import Generator
+from contextlib import contextmanager
+from pathlib import Path
+
+import msgspec
+import psutil
+
+from dlokit.communication.zenoh_session import ZenohConfig
+from dlokit.errors import InputError, MachineError
+
+
+class RunningSystem(msgspec.Struct, frozen=True, kw_only=True):
+    """How to reach one running system."""
+
+    pid: int
+    """Of its decision process."""
+    began_s: float
+    """When that began, as the operating system has it: numbers of processes are used again."""
+    folder: str
+    """Of the run."""
+    namespace: str
+    endpoint: str
+
+    @property
+    def bus(self) -> ZenohConfig:
+        """How to join its bus from another process of this machine."""
+        return ZenohConfig(namespace=self.namespace, connect=(self.endpoint,), multicast_interface=None)
+
+
+def notes_folder() -> Path:
+    """Where this user's systems leave their notes. Raises `MachineError` when it is somebody else's."""
+    folder = Path(tempfile.gettempdir()) / f"dlokit-{os.getuid()}"
+    folder.mkdir(mode=0o700, exist_ok=True)
+    if folder.stat().st_uid != os.getuid():
+        raise MachineError(f"{folder} belongs to somebody else: remove it, or set another TMPDIR.")
+    return folder
+
+
+@contextmanager
+def announced(run_dir: Path, namespace: str, endpoint: str, notes: Path | None = None) -> Generator[None]:
+    """Leave a note of this process's system meanwhile."""
+    system = RunningSystem(
+        pid=os.getpid(),
+        began_s=psutil.Process().create_time(),
+        folder=str(run_dir.resolve()),
+        namespace=namespace,
+        endpoint=endpoint,
+    )
+    note = (notes or notes_folder()) / f"{system.pid}.json"
+    part = note.with_suffix(".part")
+    part.write_bytes(msgspec.json.encode(system))
+    part.replace(note)
+    try:
+        yield
+    finally:
+        note.unlink(missing_ok=True)
+
+
+def running_systems(notes: Path | None = None) -> list[RunningSystem]:
+    """Those that run; notes of systems that were killed are removed."""
+    found: list[RunningSystem] = []
+    for note in sorted((notes or notes_folder()).glob("*.json")):
+        try:
+            system = msgspec.json.decode(note.read_bytes(), type=RunningSystem)
+        except (msgspec.DecodeError, FileNotFoundError):
+            continue
+        if _runs(system):
+            found.append(system)
+        else:
+            note.unlink(missing_ok=True)
+    return found
+
+
+def the_running_system(run: Path | None, notes: Path | None = None) -> RunningSystem:
+    """The only one, or that of the folder `run`. Raises `InputError` when there is none, or no telling which."""
+    systems = running_systems(notes)
+    if run is not None:
+        systems = [system for system in systems if system.folder == str(run.resolve())]
+    if len(systems) == 1:
+        return systems[0]
+    if not systems:
+        what = "no system runs" if run is None else f"no system runs in {run}"
+        raise InputError(f"{what}: start one, e.g. dlokit shape --runtime live.")
+    raise InputError("several systems run; say which with --run: " + ", ".join(system.folder for system in systems))
+
+
+def _runs(system: RunningSystem) -> bool:
+    try:
+        return psutil.Process(system.pid).create_time() == system.began_s
+    except psutil.NoSuchProcess:
+        return False
