@@ -65,7 +65,8 @@ def remaining_m(
     """
     nodes = played.nodes_world
     error = goal_world[:, :2] - nodes[..., :2]  # (R, C, M, 2)
-    score = np.hypot(_rms(error), miss_m) + config.next_action * _after_one_more(error, goal_world, config.reach_m)
+    after = _after_one_more(error, goal_world, config.reach_m)
+    score = np.hypot(_rms(error), miss_m) + config.next_action * np.hypot(after, miss_m)
     required_m = min(config.clearance_m, config.goal_share * self_clearance_m(goal_world))
     flat = nodes.reshape(-1, *nodes.shape[2:])
     clearance = np.array([self_clearance_m(shape) for shape in flat]).reshape(score.shape)
