@@ -14,20 +14,20 @@ from dlokit.types.outcome import Succeeded
 
 log = logging.getLogger(__name__)
 
-LEASE_S = 1.0
-"""Heartbeats of loaded machines have gaps of 0.2 s; a hand's breadth of motion at full speed is 0.25 s."""
-
-RENEW_EVERY_S = 0.2
+RENEWALS_A_LEASE = 5
+"""One that comes late, or is lost, stops no arm."""
 
 
 @asynccontextmanager
-async def lease_held(transport: Transport, arms: tuple[ArmMount, ...] = FIRST_ALONE) -> AsyncGenerator[None]:
-    """Hold the lease of every arm meanwhile. Raises `ProcessFailure` when one does not give it."""
+async def lease_held(
+    transport: Transport, lease_s: float, arms: tuple[ArmMount, ...] = FIRST_ALONE
+) -> AsyncGenerator[None]:
+    """Hold the lease of every arm meanwhile, `lease_s` at a time. Raises `ProcessFailure` when one does not give it."""
     for mount in arms:
-        taken = await transport.call(api.RENEW_LEASE.at(mount.instance), transport.identity, LEASE_S)
+        taken = await transport.call(api.RENEW_LEASE.at(mount.instance), transport.identity, lease_s)
         if not isinstance(taken, Succeeded):
             raise ProcessFailure("no_lease", f"the robot {mount.robot} does not take commands: {taken}")
-    renewing = [asyncio.create_task(_renew(transport, mount), name="renew the lease") for mount in arms]
+    renewing = [asyncio.create_task(_renew(transport, mount, lease_s), name="renew the lease") for mount in arms]
     try:
         yield
     finally:
@@ -36,10 +36,10 @@ async def lease_held(transport: Transport, arms: tuple[ArmMount, ...] = FIRST_AL
             await transport.call(api.RELEASE_LEASE.at(mount.instance), transport.identity)
 
 
-async def _renew(transport: Transport, mount: ArmMount) -> None:
+async def _renew(transport: Transport, mount: ArmMount, lease_s: float) -> None:
     while True:
         # On the machine's clock, as the lease itself: a slow cell is no reason to brake.
-        await asyncio.sleep(RENEW_EVERY_S)
-        outcome = await transport.call(api.RENEW_LEASE.at(mount.instance), transport.identity, LEASE_S)
+        await asyncio.sleep(lease_s / RENEWALS_A_LEASE)
+        outcome = await transport.call(api.RENEW_LEASE.at(mount.instance), transport.identity, lease_s)
         if not isinstance(outcome, Succeeded):
             log.warning("the lease of the robot %s was not renewed: %s", mount.robot, outcome)

@@ -70,5 +70,5 @@ async def _decide(
     decision = components["decision"]
     assert isinstance(decision, DecisionComponent)
     await host.prepare()
-    async with host, lease_held(live.transport, ARMS[: config.arms]):
+    async with host, lease_held(live.transport, config.robot.commander_lease_s, ARMS[: config.arms]):
         return await shape(decision, transport, live.clock, config, job, watch)

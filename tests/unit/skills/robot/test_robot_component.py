@@ -16,6 +16,7 @@ from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.port import Port
 from dlokit.description.panda_data import PANDA_HOME_Q_RAD, PANDA_LIMITS
 from dlokit.description.panda_kinematics import tcp_pose
+from dlokit.errors import ConfigError
 from dlokit.geometry import downward, matrix
 from dlokit.skills.robot import api
 from dlokit.skills.robot.component import RobotComponent
@@ -332,3 +333,9 @@ def test_the_gripper_opens_as_far_as_asked_and_no_further_than_it_can() -> None:
         assert not grasped.result.held
 
     on_bench(scenario)
+
+
+@pytest.mark.parametrize("lease_s", [0.0, -1.0, float("nan"), float("inf")])
+def test_a_lease_that_never_runs_out_or_at_once_is_refused(lease_s: float) -> None:
+    with pytest.raises(ConfigError, match="commander-lease-s"):
+        RobotConfig(commander_lease_s=lease_s)
