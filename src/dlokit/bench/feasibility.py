@@ -19,7 +19,7 @@ from dlokit.description.scene import default_calibration
 from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.cell.world import Cell
 from dlokit.skills.model.belief import as_configured
-from dlokit.skills.model.config import ModelConfig
+from dlokit.skills.model.config import BeliefConfig, ModelConfig
 from dlokit.skills.planning import holding
 from dlokit.skills.planning.config import PlanningConfig
 from dlokit.skills.planning.feasibility import Workplace
@@ -94,7 +94,7 @@ def judge_all(
 def beliefs(dlo: DloPreset) -> ModelConfig:
     """A model that knows a DLO as well as the shipped one knows the default rope."""
     return replace(
-        ModelConfig(length_m=dlo.length_m, radius_m=dlo.radius_m),
+        ModelConfig(length_m=dlo.length_m, radius_m=dlo.radius_m, belief=BeliefConfig(takes_set=0.0)),
         bending_stiffness_n_m2=_STIFFER * dlo.bending_stiffness_n_m2,
         mass_kg_m=_HEAVIER * dlo.mass_per_length_kg_m,
         friction=_SMOOTHER * dlo.friction,

@@ -49,6 +49,8 @@ class DloBelief(Message, frozen=True, kw_only=True, eq=False):
     """EI / (μ w) [m³]; its cube root is about the radius of the tightest arc that friction holds."""
     yield_curvature_1_m: float | None = None
     """Curvature beyond which the DLO keeps a bend [1/m]; None: it is taken to spring back always."""
+    takes_set: float = 1.0
+    """How probable it is that the DLO keeps bends at all, 0 to 1."""
     actions: int = 0
     """Actions that it was learnt from; 0: it is what was configured."""
 

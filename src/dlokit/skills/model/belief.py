@@ -24,4 +24,5 @@ def as_configured(config: ModelConfig, stamp_ns: int) -> DloBelief:
             log_sd=math.hypot(sure.stiffness_log_sd, sure.weight_log_sd, sure.friction_log_sd),
         ),
         yield_curvature_1_m=config.yield_curvature_1_m,
+        takes_set=sure.takes_set if config.yield_curvature_1_m is None else 1.0,
     )

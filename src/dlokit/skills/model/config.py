@@ -76,7 +76,7 @@ class SettleConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class BeliefConfig:
-    """How sure the figures of the model are: standard deviations of their logarithms, 0.1 is about 10 %."""
+    """How sure the figures of the model are; most are standard deviations of logarithms, 0.1 is about 10 %."""
 
     length_log_sd: float = 0.01
     """Of the length."""
@@ -88,8 +88,13 @@ class BeliefConfig:
     """Of the mass per length."""
     friction_log_sd: float = 0.25
     """Of the friction."""
+    takes_set: float = 0.2
+    """Chance, 0 to 1, that the DLO keeps bends, though no curvature is told beyond which it does. Say 0 of one that is
+    known to spring back always: without that no goal is called infeasible for springing back."""
 
     def __post_init__(self) -> None:
+        if not self.takes_set <= 1.0:
+            raise ConfigError(f"--model.belief.takes-set is {self.takes_set}; it must be a number from 0 to 1.")
         for field_ in fields(self):
             value: float = getattr(self, field_.name)
             if not (math.isfinite(value) and value >= 0.0):
@@ -115,7 +120,7 @@ class ModelConfig:
     """Sliding friction coefficient between the DLO and the table."""
     yield_curvature_1_m: float | None = None
     """Curvature beyond which the DLO keeps a bend [1/m], 1 for a copper wire; without it the DLO is taken to spring
-    back always. Rollouts of actions alone look at it."""
+    back always, but for the chance in `--model.belief.takes-set`."""
     self_collision: bool = True
     """Whether the rod collides with itself where it lies on the table (rollouts)."""
     belief: BeliefConfig = field(default_factory=BeliefConfig)

@@ -78,6 +78,8 @@ class FeasibilityConfig:
     """What the DLO may be: so many standard deviations of what is believed of EI / (μ w), to either side."""
     yield_doubt: float = 1.5
     """Factor by which the curvature where the DLO yields may be other than believed."""
+    set_doubt: float = 0.05
+    """A goal can be hopeless for springing back where the chance that the DLO keeps bends is no more than this."""
     hopeless_factor: float = 1.1
     """A goal is hopeless when even at best no shape holds that is within this many thresholds of it."""
     nearest_shares: tuple[float, ...] = (0.75, 0.5, 0.35)

@@ -3,6 +3,7 @@
 from collections.abc import Awaitable, Callable
 
 from dlokit import geometry
+from dlokit.skills.planning.beyond import beyond_rmse_m
 from dlokit.skills.planning.feasibility import (
     Workplace,
     bends,
@@ -52,9 +53,7 @@ async def judge(
     hopeless = (
         hold is None
         or hold.attainable_rmse_m > place.config.hopeless_factor * threshold_m
-        or (
-            bool(beyond) and not _within(moved_inside(nodes, lambda moved: is_inside(moved, place)), nodes, threshold_m)
-        )
+        or (bool(beyond) and beyond_rmse_m(nodes, place) > threshold_m)
     )
     nearest = None if hold is None or not findings else _nearest(hold, place, length_m, radius_m)
     return GoalVerdict(
@@ -73,10 +72,6 @@ def _standing(findings: tuple[Finding, ...], *, hopeless: bool) -> Standing:
     if hopeless:
         return Standing.INFEASIBLE
     return Standing.DOUBTFUL if findings else Standing.HOLDS
-
-
-def _within(nodes_world: Float64Array | None, goal_world: Float64Array, threshold_m: float) -> bool:
-    return nodes_world is not None and geometry.rmse_m(nodes_world, goal_world) <= threshold_m
 
 
 def _nearest(hold: Hold, place: Workplace, length_m: float, radius_m: float) -> Float64Array | None:

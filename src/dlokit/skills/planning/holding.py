@@ -73,7 +73,8 @@ def attainable_rmse_m(belief: DloBelief, goal_world: Float64Array, config: Feasi
     """How near to a goal (M, 3) [m] some shape holds that bends no tighter than allowed, at best [m]."""
     softest = min(one.elastic_factor for one in plausible(belief, config)) * belief.elastic_m3.value
     # What keeps a bend can be bent further and comes back to any shape: friction need not hold it.
-    elastic_m3 = softest if belief.yield_curvature_1_m is None else 0.0
+    springs_back = belief.yield_curvature_1_m is None and belief.takes_set <= config.set_doubt
+    elastic_m3 = softest if springs_back else 0.0
     return nearest_held(goal_world, elastic_m3, min_radius_m=config.min_bend_radius_m).rmse_m
 
 

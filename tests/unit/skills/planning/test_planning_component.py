@@ -190,7 +190,7 @@ def test_what_was_learnt_of_the_dlo_is_planned_with() -> None:
             standings: list[Standing] = []
             stiff = Figure(value=5e-3, log_sd=0.1)
             configured = as_configured(ModelConfig(), 0)
-            learnt = msgspec.structs.replace(configured, elastic_m3=stiff, actions=1)
+            learnt = msgspec.structs.replace(configured, elastic_m3=stiff, takes_set=0.0, actions=1)
             for belief in (configured, learnt):
                 believer.port.publish(topics.BELIEF, belief)
                 await host.clock.sleep(0.01)

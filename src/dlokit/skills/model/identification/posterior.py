@@ -21,7 +21,8 @@ from dlokit.types.dlo_belief import DloBelief, Figure
 _ANOTHER = 0.2  # chance of a DLO that is not what was configured
 _ANOTHER_STIFFNESS_LOG_SD = 2.5
 _ANOTHER_FRICTION_LOG_SD = 0.4
-_TAKES_SET = 0.2  # chance of a DLO that takes a set
+_OTHER_YIELD = 0.2  # chance that a DLO that is told to take a set does so at another curvature, or never
+_NO_CHANCE = 1e-12  # of what is told to be impossible
 _MODEL_LOG_SD = 0.1  # the rod of planning is not the DLO, however often it was seen
 _SET_MODEL_LOG_SD = 0.3  # less so where it takes a set: how much is strained before an action nobody sees
 _FINER = 8  # points of the fine grid in one cell of the coarse one
@@ -39,6 +40,12 @@ class Posterior:
     def best_yield(self) -> int:
         """Index of the most probable yield."""
         return int(self.probability.sum(axis=(1, 2)).argmax())
+
+    @property
+    def takes_set(self) -> float:
+        """How probable it is that the DLO keeps bends at all."""
+        finite = np.isfinite(np.array(YIELDS_1_M))
+        return min(1.0, float(self.probability[finite].sum()))
 
 
 def posterior(config: ModelConfig, heard: Sequence[Evidence]) -> Posterior:
@@ -76,6 +83,7 @@ def believed(config: ModelConfig, of: Posterior, actions: int, stamp_ns: int) ->
         friction=_scaled(before.friction, friction, floor),
         elastic_m3=_scaled(before.elastic_m3, ratio, floor),
         yield_curvature_1_m=None if math.isinf(bend) else bend,
+        takes_set=of.takes_set,
         actions=actions,
     )
 
@@ -91,6 +99,7 @@ def as_believed(config: ModelConfig, belief: DloBelief) -> ModelConfig:
             config.belief,
             stiffness_log_sd=belief.bending_stiffness_n_m2.log_sd,
             friction_log_sd=belief.friction.log_sd,
+            takes_set=belief.takes_set,
         ),
     )
 
@@ -107,9 +116,10 @@ def _log_prior(config: ModelConfig, friction_log: Float64Array, stiffness_log: F
     other = _ANOTHER * _normal(a, _ANOTHER_FRICTION_LOG_SD) * _normal(b, _ANOTHER_STIFFNESS_LOG_SD)
     plane = np.log(same + other)
     told = config.yield_curvature_1_m
-    shares = [_TAKES_SET / (len(YIELDS_1_M) - 1)] * len(YIELDS_1_M)
+    other_yield = sure.takes_set if told is None else _OTHER_YIELD
+    shares = [max(other_yield, _NO_CHANCE) / (len(YIELDS_1_M) - 1)] * len(YIELDS_1_M)
     nearest = 0 if told is None else int(np.argmin([abs(math.log(bend / told)) for bend in YIELDS_1_M]))
-    shares[nearest] = 1.0 - _TAKES_SET
+    shares[nearest] = max(1.0 - other_yield, _NO_CHANCE)
     return np.log(np.array(shares))[:, None, None] + plane
 
 

@@ -80,6 +80,7 @@ def test_the_elastic_figure_of_a_rod_that_acted_is_found_within_what_is_said(sti
 def test_a_rod_that_takes_a_set_is_told_from_one_that_does_not() -> None:
     found = wire()
     assert found[-1].belief.yield_curvature_1_m == 1.0
+    assert found[-1].belief.takes_set > 0.9
     # What was learnt of the first action predicts the second better than what was configured.
     assert found[1].learnt_m < 0.5 * found[1].configured_m
 
@@ -108,6 +109,9 @@ def test_without_evidence_what_was_configured_is_believed() -> None:
     assert belief.yield_curvature_1_m is None
     # Quite another DLO, which is mostly a stiffer one, has a share in the mean.
     assert 1.0 < belief.bending_stiffness_n_m2.value / MODEL.bending_stiffness_n_m2 < 1.8
+    assert belief.takes_set == pytest.approx(MODEL.belief.takes_set, rel=1e-6)
+    springs_back = replace(MODEL, belief=replace(MODEL.belief, takes_set=0.0))
+    assert believed(springs_back, posterior(springs_back, [_flat()]), 1, stamp_ns=0).takes_set < 1e-6
     told = replace(MODEL, yield_curvature_1_m=1.0)
     assert believed(told, posterior(told, [_flat()]), 1, stamp_ns=0).yield_curvature_1_m == 1.0
 
