@@ -16,7 +16,7 @@ from dlokit.skills.planning.config import PlanningConfig
 from dlokit.skills.planning.rollouts.search import SearchConfig
 from dlokit.skills.planning.rollouts.strategy import RolloutConfig
 from dlokit.types.feasibility import Standing
-from dlokit.types.flow import Command, FlowStatus, GoalFrame, GoalFrames, RunOutcome
+from dlokit.types.flow import Command, FlowStatus, GoalFrame, GoalFrames, Mode, RunOutcome
 
 I = builtin_shape("I", LENGTH_M, NODES)  # noqa: E741  the shape is called so
 S = builtin_shape("S", LENGTH_M, NODES)
@@ -262,6 +262,18 @@ def test_control_corrects_while_the_rope_is_held_and_then_lets_go() -> None:
     first = record.corrections[0]
     assert first.predicted_m < first.before_m
     assert first.seen_m is not None
+
+
+def test_whoever_watches_is_told_whether_it_plans_or_controls() -> None:
+    told: dict[str, Mode | None] = {}
+
+    def watch(status: FlowStatus) -> None:
+        told[status.step] = status.mode
+
+    shape(feeling_lab(), moved(I, (0.04, 0.03)), SERVO, operator=watch)
+    assert told["choose_grasp"] is told["move_to_goal"] is Mode.PLANNING
+    assert told["control"] is Mode.CONTROL
+    assert told["track_again"] is None
 
 
 def test_corrections_of_one_grasp_are_bounded() -> None:

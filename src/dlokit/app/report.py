@@ -7,6 +7,7 @@ from pathlib import Path
 from dlokit.app import report_figures
 from dlokit.app.outcome_words import outcome_in_words
 from dlokit.app.report_actions import expected_section
+from dlokit.app.report_control import control_section
 from dlokit.app.report_style import CSS
 from dlokit.app.report_verdict import verdict_section
 from dlokit.app.terminal import grip_in_words
@@ -40,6 +41,7 @@ def report_html(record: RunRecord) -> str:
             _pictures(record),
             _actions(record),
             expected_section(record),
+            control_section(record),
             _timings(record),
             _setup(record),
             "</main></body></html>\n",

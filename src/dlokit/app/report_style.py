@@ -36,10 +36,11 @@ svg { width: 100%; height: auto; display: block;
   font-family: system-ui, -apple-system, "Segoe UI", Roboto, "Helvetica Neue", Arial, sans-serif; }
 figure { margin: 0; } figure img { width: 100%; border-radius: 6px; display: block; }
 figcaption { color: var(--muted); font-size: 13px; margin-top: 6px; }
+.columns > * { min-width: 0; }
 .scroll { overflow-x: auto; }
 table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums; }
 th, td { text-align: right; padding: 5px 10px; border-bottom: 1px solid var(--grid); white-space: nowrap; }
-th:first-child, td:first-child { text-align: left; }
+th:first-child, td:first-child, td.text { text-align: left; }
 th { color: var(--muted); font-weight: 600; font-size: 13px; }
 tr.met td:not(.no) { color: var(--good); font-weight: 600; }
 td.no { color: var(--bad); }

@@ -121,11 +121,12 @@ def action_table(rows: Sequence[ActionResult], *, threshold_m: float, title: str
     table = Table(title=escape(title) or None, title_justify="left", title_style="bold")
     table.add_column("action", justify="right")
     table.add_column("kind", min_width=len("pick-and-place"))
-    table.add_column("grasp node", justify="right")
+    table.add_column("node", justify="right")
     table.add_column("grasp")
-    table.add_column(f"RMSE (< {_mm(threshold_m)})", justify="right")
+    # In two lines: the whole table must fit into 80 columns.
+    table.add_column(f"RMSE\n< {_mm(threshold_m)}", justify="right")
     if with_truth:
-        table.add_column("true RMSE", justify="right")
+        table.add_column("true\nRMSE", justify="right")
     table.add_column("duration", justify="right")
     for row in rows:
         rmse = Text(_mm(row.rmse_m), style="green" if row.rmse_m < threshold_m else "")

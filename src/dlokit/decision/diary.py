@@ -45,7 +45,7 @@ class Diary:
         self._since = None
 
     def _publish(self, step: str, last_outcome: str, outcome: RunOutcome | None) -> None:
-        task = self._task
+        task, box = self._task, SHAPE_DLO.step(step)
         status = FlowStatus(
             stamp_ns=self._task.port.clock.now_ns(),
             flow=SHAPE_DLO.name,
@@ -55,6 +55,7 @@ class Diary:
             rmse_m=task.errors_m[-1] if task.errors_m else None,
             text=task.reason or "",
             outcome=outcome,
+            mode=None if box is None else box.mode,
         )
         self._task.port.publish(topics.FLOW, status)
         self._told(status)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
 from dlokit.errors import DlokitError
-from dlokit.types.flow import RunOutcome
+from dlokit.types.flow import Mode, RunOutcome
 
 Task = TypeVar("Task")
 O = TypeVar("O", bound=enum.Enum)  # noqa: E741  the outcome of a step, as in the design
@@ -30,6 +30,8 @@ class Step(Generic[Task, O]):
     """Outcome → name of the next step, or of an end."""
     doc: str = ""
     """What the box says, for people."""
+    mode: Mode | None = None
+    """How the box changes the shape, if it does."""
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from dlokit.decision.steps.outcomes import (
     Sight,
 )
 from dlokit.decision.task import ShapeTask
-from dlokit.types.flow import RunOutcome
+from dlokit.types.flow import Mode, RunOutcome
 
 SHAPE_DLO: Flow[ShapeTask] = Flow(
     name="shape_dlo",
@@ -78,6 +78,7 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
                 Found.FAILED: "failed",
             },
             "What the planner finds best of the grasps that are not marked.",
+            mode=Mode.PLANNING,
         ),
         Step(
             "approach",
@@ -89,6 +90,7 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
                 Moved.FAILED: "failed",
             },
             "Joint-space move above the grasp point.",
+            mode=Mode.PLANNING,
         ),
         Step(
             "grasp",
@@ -101,6 +103,7 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
                 Grasped.FAILED: "failed",
             },
             "Straight down, close, and feel whether something is held; fingers that push come down closed.",
+            mode=Mode.PLANNING,
         ),
         Step(
             "move_to_goal",
@@ -114,6 +117,7 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
                 Carried.FAILED: "failed",
             },
             "Lift, carry and lower along the planned path, tracking the model and watching the fingers meanwhile.",
+            mode=Mode.PLANNING,
         ),
         Step(
             "control",
@@ -126,6 +130,7 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
                 Controlled.FAILED: "failed",
             },
             "Still held: look, and correct what is left by a small motion of the tool; or say why not.",
+            mode=Mode.CONTROL,
         ),
         Step(
             "push",
@@ -137,6 +142,7 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
                 Moved.FAILED: "failed",
             },
             "Move the closed fingers across the table, the rod before them.",
+            mode=Mode.PLANNING,
         ),
         Step(
             "release",

@@ -14,6 +14,23 @@ from dlokit.types.flow import RunOutcome
 FILE_NAME = "result.json"
 
 
+class CorrectionResult(msgspec.Struct, frozen=True, kw_only=True):
+    """One small motion of the tool while it held the DLO."""
+
+    x_m: float
+    """What the tool moved, in the world [m]."""
+    y_m: float
+    z_m: float
+    yaw_rad: float
+    """What it turned about the vertical [rad]."""
+    before_m: float
+    """The error that was to be expected had the DLO been let go before it [m]."""
+    predicted_m: float
+    """The error that was promised of it [m]."""
+    seen_m: float | None = None
+    """The error to be expected of letting go after it, by what was seen then [m]; None where nothing was seen."""
+
+
 class ActionResult(msgspec.Struct, frozen=True, kw_only=True):
     """One action, one row of the history."""
 
@@ -40,6 +57,10 @@ class ActionResult(msgspec.Struct, frozen=True, kw_only=True):
     """What the tool travelled in that time [m]."""
     planning_time_s: float
     """Wall time spent choosing it [s]."""
+    corrections: tuple[CorrectionResult, ...] = ()
+    """What control did before the release."""
+    control_end: str | None = None
+    """Why control ended, by name; None where it did not run."""
 
 
 class RunResult(msgspec.Struct, frozen=True, kw_only=True):
@@ -103,7 +124,8 @@ def _refuse_non_finite(result: RunResult) -> None:
     """JSON has no NaN; written as null it would look like a figure that was not asked for."""
     verdict = result.goal_verdict
     verdicts = () if verdict is None else (verdict, *verdict.findings)
-    for struct in (result, *result.history, *verdicts):
+    corrections = [done for row in result.history for done in row.corrections]
+    for struct in (result, *result.history, *corrections, *verdicts):
         for name in struct.__struct_fields__:
             value: object = getattr(struct, name)
             if isinstance(value, float) and not math.isfinite(value):

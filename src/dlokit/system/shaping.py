@@ -14,8 +14,9 @@ from dlokit.communication import topics
 from dlokit.communication.clock import Clock
 from dlokit.communication.transport import Transport
 from dlokit.decision.component import DecisionComponent
-from dlokit.decision.task import ActionRecord, GoalRequest, ShapeResult
+from dlokit.decision.task import GoalRequest, ShapeResult
 from dlokit.decision.task import StepTiming as Visit
+from dlokit.system.action_result import action_result
 from dlokit.system.config import RunConfig
 from dlokit.system.goal_result import VerdictResult, verdict_result
 from dlokit.system.run_record import ActionShape, RunRecord, StepTiming
@@ -88,7 +89,7 @@ async def shape(
     ]
     began_s, began_ns = time.perf_counter(), clock.now_ns()
     try:
-        result = await decision.shape(job.request, lambda record: watch.action(_row(record)))
+        result = await decision.shape(job.request, lambda record: watch.action(action_result(record)))
         last_ns = result.history[-1].release_stamp_ns if result.history else clock.now_ns()
         # Whoever ends the run now still gets the result: it stands.
         with contextlib.suppress(asyncio.CancelledError):
@@ -117,22 +118,6 @@ async def _tell_considered(transport: Transport, watch: Watcher) -> None:
         watch.considered(candidates)
 
 
-def _row(action: ActionRecord) -> ActionResult:
-    return ActionResult(
-        action=action.action,
-        kind=action.kind,
-        grasp_node=action.grasp_node,
-        grasp_ok=action.grasp_ok,
-        slipped=action.slipped,
-        rmse_m=action.rmse_m,
-        predicted_rmse_m=action.predicted_rmse_m,
-        duration_s=action.duration_s,
-        robot_time_s=action.robot_time_s,
-        path_length_m=action.path_length_m,
-        planning_time_s=action.planning_time_s,
-    )
-
-
 def _record(
     config: RunConfig, job: ShapeJob, result: ShapeResult, album: _Album, *, sim_time_s: float, wall_time_s: float
 ) -> RunRecord:
@@ -140,7 +125,7 @@ def _record(
     goal = result.goal.nodes_world if result.goal is not None else None
     if goal is None:
         goal = job.request.nodes_world if job.request is not None else job.start_nodes_world
-    history = tuple(_row(action) for action in result.history)
+    history = tuple(action_result(action) for action in result.history)
     return RunRecord(
         name=job.name,
         result=RunResult(

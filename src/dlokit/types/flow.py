@@ -16,6 +16,15 @@ class RunOutcome(enum.Enum):
     FAILED = "failed"
 
 
+class Mode(enum.Enum):
+    """How the shape is being changed."""
+
+    PLANNING = "planning"
+    """By an action that is planned from its grasp to its release."""
+    CONTROL = "control"
+    """By corrections of a DLO that is held, each from a new look."""
+
+
 class FlowStatus(Message, frozen=True, kw_only=True, eq=False):
     """The step of the flow chart that runs now, and the last outcome."""
 
@@ -29,6 +38,8 @@ class FlowStatus(Message, frozen=True, kw_only=True, eq=False):
     """One line for people."""
     outcome: RunOutcome | None = None
     """Set once, when the flow has ended."""
+    mode: Mode | None = None
+    """None in boxes that belong to neither, e.g. while the camera looks."""
 
 
 class OperatorCommand(Message, frozen=True, kw_only=True, eq=False):

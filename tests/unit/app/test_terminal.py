@@ -2,12 +2,14 @@ import io
 from pathlib import Path
 
 import msgspec
+import numpy as np
 import pytest
 from rich.console import Console
 
 from dlokit.app.outcome_words import MEANINGS, outcome_in_words
-from dlokit.app.terminal import RunDisplay
+from dlokit.app.terminal import RunDisplay, action_table
 from dlokit.system.run_result import ActionResult, RunResult
+from dlokit.types.candidates import Candidates, CandidateSeen
 from dlokit.types.flow import FlowStatus, RunOutcome
 
 
@@ -71,9 +73,44 @@ def test_a_terminal_shows_the_table_and_the_present_step() -> None:
 
     assert "choose grasp" in text
     assert "45.3 mm" in text
-    assert "RMSE (< 12.0 mm)" in text
+    assert "< 12.0 mm" in text
     assert "not held" in text
     assert "┃" in text
+
+
+def test_the_whole_table_fits_into_80_columns() -> None:
+    console = Console(file=io.StringIO(), width=80, color_system=None)
+    rows = [
+        msgspec.structs.replace(row, kind="pick-and-place", rmse_m=0.1234, true_rmse_m=0.1234, duration_s=123.4)
+        for row in ROWS
+    ]
+    console.print(action_table(rows, threshold_m=0.012))
+    for whole in ("pick-and-place", "not held", "123.4 mm", "123.4 s", "duration", "< 12.0 mm", "action"):
+        assert whole in _written(console), whole
+
+
+def test_a_decision_shows_how_far_it_is_and_its_best_candidate_until_the_next_step() -> None:
+    console = _console(terminal=True)
+    best = CandidateSeen(kind="drag", node=7, score_m=0.0123, nodes_world=np.zeros((2, 3)), path_world=np.zeros((2, 3)))
+    with RunDisplay(console, title="I to S", threshold_m=0.012) as display:
+        display.step(STATUS)
+        display.considered(Candidates(stamp_ns=0, rollouts=48, budget=480))
+        display.considered(Candidates(stamp_ns=0, rollouts=96, budget=480, best=(best,)))
+        deciding = _written(console)
+        display.step(STATUS)
+        after = _written(console)[len(deciding) :]
+
+    assert "48 of 480 rollouts" in deciding
+    assert "96 of 480 rollouts, best: drag at node 7, score 12.3 mm" in deciding
+    assert "rollouts" not in after
+
+
+def test_a_log_file_does_not_get_the_progress_of_decisions() -> None:
+    console = _console(terminal=False)
+    with RunDisplay(console, title="I to S", threshold_m=0.012) as display:
+        display.considered(Candidates(stamp_ns=0, rollouts=48, budget=480))
+
+    assert "rollouts" not in _written(console)
 
 
 def test_the_step_is_gone_when_the_run_has_ended() -> None:

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from dlokit.types.feasibility import Standing
+from dlokit.types.flow import Mode
 
 Rgb = tuple[int, int, int]
 
@@ -41,6 +42,9 @@ VERDICTS: Mapping[Standing, Rgb] = {
     Standing.INFEASIBLE: (220, 38, 38),
 }
 """What is to be expected of a goal."""
+
+MODES: Mapping[Mode, Rgb] = {Mode.PLANNING: ACTION.color, Mode.CONTROL: (194, 65, 12)}
+"""How the shape is being changed."""
 
 TABLE_RGB: Rgb = (168, 156, 138)
 TABLE_AREA_RGB: Rgb = (120, 108, 92)

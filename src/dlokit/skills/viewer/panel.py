@@ -20,7 +20,7 @@ from dlokit.skills.viewer.run_state import RunState
 from dlokit.types.arrays import UInt8Array
 from dlokit.types.candidates import Candidates
 from dlokit.types.feasibility import GoalVerdict
-from dlokit.types.flow import Command, FlowStatus
+from dlokit.types.flow import Command, FlowStatus, Mode
 from dlokit.types.observer_event import Doubt, ObserverEvent, ObserverEventKind
 
 _WIDTH_PX = 380
@@ -135,20 +135,30 @@ class Panel:
 
 def status_html(state: RunState, status: FlowStatus | None, threshold_m: float) -> str:
     """One line in large type, one in small, of where the task stands."""
-    title, detail = state.value, "Nothing has run yet."
+    title, detail, mode = state.value, "Nothing has run yet.", ""
     if status is not None:
         if status.outcome is not None:
             title = status.outcome.value
         elif state is RunState.RUNNING:
             title = status.step.replace("_", " ")
+            mode = "" if status.mode is None else _badge(status.mode)
         error = "–" if status.rmse_m is None else f"{status.rmse_m * 1000.0:.1f} mm"
         detail = f"{status.actions} actions · RMSE {error} · threshold {threshold_m * 1000.0:.1f} mm" + (
             f"<br>{escape(status.text)}" if status.text else ""
         )
     return (
         f'<div style="padding:0.4em 0.8em 0.2em"><div data-state="{state.value}" style="font-size:1.25em;'
-        f'font-weight:600;color:{palette.INK}">{escape(title)}</div><div style="font-size:0.85em;'
+        f'font-weight:600;color:{palette.INK}">{escape(title)}{mode}</div><div style="font-size:0.85em;'
         f'color:{palette.INK};opacity:0.75">{detail}</div></div>'
+    )
+
+
+def _badge(mode: Mode) -> str:
+    """Whether an action is planned or corrected, beside the name of the step."""
+    return (
+        f'<span data-mode="{mode.value}" style="margin-left:0.6em;padding:0.1em 0.6em;border-radius:1em;'
+        f"font-size:0.6em;vertical-align:middle;color:{palette.PAPER};"
+        f'background:{palette.css(palette.MODES[mode])}">{mode.value}</span>'
     )
 
 

@@ -10,7 +10,7 @@ from dlokit.types.clock import ClockTick
 from dlokit.types.dlo import DloState, GoalShape, TargetPoints, Topology
 from dlokit.types.dlo_belief import DloBelief, Figure
 from dlokit.types.feasibility import Finding, GoalVerdict, Problem, Standing
-from dlokit.types.flow import Command, FlowStatus, GoalFrame, GoalFrames, OperatorCommand, RunOutcome
+from dlokit.types.flow import Command, FlowStatus, GoalFrame, GoalFrames, Mode, OperatorCommand, RunOutcome
 from dlokit.types.image import CameraCalibration, StereoImages
 from dlokit.types.message import Message
 from dlokit.types.observation import Gripped, GripperPin, Observation, Occlusion
@@ -128,7 +128,13 @@ EXAMPLES: dict[str, Message] = {
     ),
     topics.GRIPPED.name: Gripped(stamp_ns=50_000_000, seq=1, robot="panda", node=None),
     topics.FLOW.name: FlowStatus(
-        stamp_ns=60_000_000, seq=1, flow="shape_dlo", step="converged", rmse_m=0.01, outcome=RunOutcome.CONVERGED
+        stamp_ns=60_000_000,
+        seq=1,
+        flow="shape_dlo",
+        step="converged",
+        rmse_m=0.01,
+        outcome=RunOutcome.CONVERGED,
+        mode=Mode.PLANNING,
     ),
     topics.COMMAND.name: OperatorCommand(stamp_ns=60_000_000, seq=1, command=Command.PAUSE),
     topics.GOAL_FRAMES.name: GoalFrames(stamp_ns=60_000_000, seq=1, frames=(GoalFrame(node=3, x_m=0.5, y_m=0.0),)),

@@ -1,7 +1,9 @@
+import msgspec
+
 from dlokit.skills.viewer import palette
 from dlokit.skills.viewer.panel import legend_html, status_html
 from dlokit.skills.viewer.run_state import RunState
-from dlokit.types.flow import FlowStatus, RunOutcome
+from dlokit.types.flow import FlowStatus, Mode, RunOutcome
 
 
 def _status(text: str = "", outcome: RunOutcome | None = None) -> FlowStatus:
@@ -19,6 +21,13 @@ def test_a_running_task_shows_its_step_actions_and_error_against_the_threshold()
 def test_an_ended_task_shows_its_outcome_and_a_pausing_one_that_it_pauses() -> None:
     assert ">stalled<" in status_html(RunState.ENDED, _status(outcome=RunOutcome.STALLED), 0.012)
     assert ">paused<" in status_html(RunState.PAUSED, _status(), 0.012)
+
+
+def test_the_mode_of_a_step_is_shown_while_the_task_runs_and_no_longer() -> None:
+    controlling = msgspec.structs.replace(_status(), mode=Mode.CONTROL)
+    assert 'data-mode="control"' in status_html(RunState.RUNNING, controlling, 0.012)
+    assert "data-mode" not in status_html(RunState.RUNNING, _status(), 0.012)
+    assert "data-mode" not in status_html(RunState.PAUSED, controlling, 0.012)
 
 
 def test_text_from_the_flow_cannot_become_markup() -> None:

@@ -1,0 +1,92 @@
+"""What the figures of a report have in common: the page's colours, the table from above, and inline SVG."""
+
+import io
+import re
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from dlokit.description import shapes
+from dlokit.types.arrays import Float64Array
+
+# Stand-ins that are written into the SVG and replaced there by the page's own colour variables.
+_VARIABLES = {
+    "#010101": "var(--ink)",
+    "#020202": "var(--muted)",
+    "#030303": "var(--grid)",
+    "#040404": "var(--goal)",
+    "#050505": "var(--start)",
+    "#060606": "var(--final)",
+    "#070707": "var(--step)",
+    "#080808": "var(--truth)",
+    "#090909": "var(--table)",
+}
+INK, MUTED, GRID, GOAL, START, FINAL, STEP, TRUTH, TABLE = _VARIABLES
+FONT_PT = 12
+
+
+def new_figure(width_in: float, height_in: float) -> tuple[Figure, Axes]:
+    """An empty figure without pyplot, which keeps global state and is not made for threads."""
+    figure = Figure(figsize=(width_in, height_in), layout="constrained")
+    FigureCanvasSVG(figure)
+    figure.patch.set_alpha(0.0)
+    axes = figure.add_subplot()
+    clear(axes)
+    return figure, axes
+
+
+def clear(axes: Axes) -> None:
+    """Axes in the page's colours, without a frame."""
+    axes.patch.set_alpha(0.0)
+    axes.tick_params(colors=MUTED, labelsize=FONT_PT - 1)
+    for side, spine in axes.spines.items():
+        spine.set_color(GRID)
+        spine.set_visible(side in {"left", "bottom"})
+
+
+def draw_table(axes: Axes) -> None:
+    """The table from above, turned as the camera's pictures are: the robot on the right, far from the camera on top."""
+    (x0, x1), (y0, y1) = shapes.TABLE_X_M, shapes.TABLE_Y_M
+    axes.add_patch(Rectangle((x0, y0), x1 - x0, y1 - y0, facecolor=TABLE, edgecolor=GRID, linewidth=1.0))
+    margin_m = 0.015
+    axes.set_xlim(x1 + margin_m, x0 - margin_m)
+    axes.set_ylim(y1 + margin_m, y0 - margin_m)
+    axes.set_aspect("equal")
+    axes.set_xlabel("x [m], robot on the right", color=MUTED, fontsize=FONT_PT - 1)
+    axes.set_ylabel("y [m]", color=MUTED, fontsize=FONT_PT - 1)
+    axes.grid(color=GRID, linewidth=0.6, alpha=0.7)
+    axes.set_axisbelow(True)
+
+
+def draw_rope(axes: Axes, nodes: Float64Array, color: str, width: float, label: str, *, dashed: bool = False) -> None:
+    """A shape (M, 3) [m], with a dot at node 0."""
+    style = (0, (4, 2)) if dashed else "-"
+    axes.plot(
+        nodes[:, 0], nodes[:, 1], color=color, linewidth=width, linestyle=style, solid_capstyle="round", label=label
+    )
+    axes.plot(nodes[0, 0], nodes[0, 1], color=color, marker="o", markersize=3.0 + width)
+
+
+def as_svg(figure: Figure, title: str) -> str:
+    """A figure as an SVG element that scales with the page and takes its colours from it."""
+    buffer = io.StringIO()
+    # Text stays text, in the page's own font; the salt makes equal runs give equal files.
+    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "dlokit"}):
+        figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+    text = buffer.getvalue()
+    text = text[text.index("<svg") :]
+    for stand_in, variable in _VARIABLES.items():
+        text = text.replace(stand_in, variable)
+    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
+    text = re.sub(r"font: (\d[\w.]*) [^;\"]*", r"font-size: \1", text)
+    # A page holds several figures: their ids must not meet.
+    prefix = re.sub(r"\W+", "-", title.lower())[:24]
+    text = re.sub(r'id="([^"]+)"', rf'id="{prefix}-\1"', text)
+    text = re.sub(r'(href="#|url\(#)', rf"\1{prefix}-", text)
+    box = re.search(r'viewBox="[^"]+"', text)
+    names = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
+    opening = f'<svg {names} {box.group() if box else ""} role="img" aria-label="{title}">'
+    return re.sub(r"<svg[^>]*>", opening, text, count=1)
