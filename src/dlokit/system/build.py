@@ -19,7 +19,9 @@ from dlokit.functional.robots.simulated import SimulatedRobot
 from dlokit.skills.model.component import ModelComponent
 from dlokit.skills.observer.component import ObserverComponent
 from dlokit.skills.perception.component import PerceptionComponent
+from dlokit.skills.planning.base import SecondArm
 from dlokit.skills.planning.component import PlanningComponent
+from dlokit.skills.robot.apart import Apart
 from dlokit.skills.robot.component import RobotComponent
 from dlokit.skills.robot.kinematics import PandaKinematics
 from dlokit.skills.viewer.component import RodOutline, ViewerComponent
@@ -88,7 +90,20 @@ def _model(config: RunConfig, wiring: Wiring) -> Component:
 def _planning(config: RunConfig, wiring: Wiring) -> Component:
     # In lockstep nothing may depend on how fast the machine is.
     stopwatch = time.perf_counter if config.runtime == "live" else None
-    return PlanningComponent(config.planning, PandaKinematics().reachable, config.model, stopwatch)
+    return PlanningComponent(config.planning, PandaKinematics().reachable, config.model, stopwatch, _second_arm(config))
+
+
+def _second_arm(config: RunConfig) -> SecondArm | None:
+    if config.arms == 1:
+        return None
+    mount = ARMS[1]
+    kinematics = PandaKinematics(mount.T_world_base)
+    return SecondArm(
+        robot=mount.robot,
+        reachable=kinematics.reachable,
+        place_m=mount.place_m,
+        apart_m=Apart(PandaKinematics(), kinematics).at_poses_m,
+    )
 
 
 def _decision(config: RunConfig, wiring: Wiring) -> Component:

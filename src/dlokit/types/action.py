@@ -55,7 +55,24 @@ class Push(Handling, frozen=True, kw_only=True, eq=False, tag="push"):
     """
 
 
-Action = PickPlace | Drag | LayDown | Push
+class Partner(Value, frozen=True, kw_only=True, eq=False):
+    """What the second arm does of an action."""
+
+    robot: str
+    grasp: Grasp
+    path: tuple[Pose, ...]
+    velocity: VelocityProfile
+    """Such that both paths take the same time."""
+
+
+class PairPlace(Handling, frozen=True, kw_only=True, eq=False, tag="pair"):
+    """Two arms grasp a node each, carry both at the same time, and release both. What is not the partner's is the
+    first arm's."""
+
+    partner: Partner
+
+
+Action = PickPlace | Drag | LayDown | Push | PairPlace
 """Every kind of action."""
 
 

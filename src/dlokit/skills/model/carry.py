@@ -55,23 +55,30 @@ class Carry:
         if grip is None or not robot.holding:
             return False
         last = self._last[robot.robot]
-        passed_s = min((robot.stamp_ns - last.stamp_ns) / 1e9, _LONGEST_GAP_S)
+        # Time passes once, however many robots tell of it.
+        newest_ns = max(self._last[name].stamp_ns for name in self._grips)
+        passed_s = min((robot.stamp_ns - newest_ns) / 1e9, _LONGEST_GAP_S)
         steps = math.floor(passed_s / self._config.rollout.timestep_s + 1e-6)
-        if steps < 1:
+        if steps < 1 and (len(self._grips) == 1 or robot.stamp_ns <= last.stamp_ns):
             return False
         self._last[robot.robot] = robot
         self.travelled_m += float(np.linalg.norm(robot.T_world_tcp.position_m - last.T_world_tcp.position_m))
         targets, gains = self._rod.nodes_world, np.zeros((self._config.nodes, 3))
-        targets[grip.nodes] = grip.targets_world(robot.T_world_tcp)
-        gains[grip.nodes] = grip.gains_n_m(self._config.rollout.grip_stiffness_n_m)
+        if steps < 1:
+            return False
+        for name, held in self._grips.items():
+            targets[held.nodes] = held.targets_world(self._last[name].T_world_tcp)
+            gains[held.nodes] = held.gains_n_m(self._config.rollout.grip_stiffness_n_m)
         self._rod.pull(targets, gains)
         self._rod.step(steps)
         return True
 
     def release(self, robot: str) -> bool:
-        """Let go and let the rod come to rest; False when that robot held nothing."""
+        """Let go and let the rod come to rest; False when that robot held nothing, or another holds it still."""
         if self._grips.pop(robot, None) is None:
             return False
+        if self._grips:
+            return False  # the rod comes to rest when the last one lets go
         self._rod.let_go()
         self._rod.step(math.ceil(self._config.rollout.release_s / self._config.rollout.timestep_s))
         return True

@@ -46,8 +46,9 @@ def play_motion(
 
     `rod` (9,): length of an edge [m], mass of a node [kg], bending EI / l³ and twist GJ / (l r²) [N/m], damping [s],
     friction, rolling resistance over radius, radius [m], yield curvature [1/m] (infinite: it always springs back).
-    `tool` (T, 4): x, y, z [m] and yaw [rad] at every step; then the rod is free for `rest_steps`. `pads` (n, 3): points
-    of the rod between the pads, as a number of nodes from the first, and where they are from the tool (along, up) [m].
+    `tool` (T, 4 K): x, y, z [m] and yaw [rad] of K tools at every step; then the rod is free for `rest_steps`. `pads`
+    (n, 4): points of the rod between the pads, as a number of nodes from the first, where they are from their tool
+    (along, up) [m], and which tool that is.
     `fingers` (3,): as `quick_push.FINGERS` where they are closed and push, zeros where they hold. Returns how near two
     strands came [m].
     """
@@ -184,14 +185,15 @@ def _edges(x: Array, length: float, h: float, band: Array, right: Array) -> None
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _grip(x: Array, tool: Array, pads: Array, h: float, band: Array, right: Array) -> None:
-    """Springs from the tool to the points between its pads, which keep the rod from turning as well."""
-    cosine, sine = math.cos(tool[3]), math.sin(tool[3])
+    """Springs from each tool to the points between its pads, which keep the rod from turning as well."""
     target = np.zeros(4)
     for k in range(len(pads)):
+        at = 4 * int(pads[k, 3])
+        cosine, sine = math.cos(tool[at + 3]), math.sin(tool[at + 3])
         i = min(int(pads[k, 0]), len(x) - 2)
         share = pads[k, 0] - i
-        target[0], target[1] = tool[0] + cosine * pads[k, 1], tool[1] + sine * pads[k, 1]
-        target[2] = tool[2] + pads[k, 2]
+        target[0], target[1] = tool[at] + cosine * pads[k, 1], tool[at + 1] + sine * pads[k, 1]
+        target[2] = tool[at + 2] + pads[k, 2]
         for a in range(4):
             row = 4 * i + a
             force = h * GRIP_N_M * (target[a] - (1.0 - share) * x[i, a] - share * x[i + 1, a])

@@ -72,6 +72,8 @@ class Motion:
     """(T, 4): where the tool was at every time step, when that is known; the waypoints are not looked at then."""
     holds: bool = True
     """False: the fingers are closed, and the first waypoint is beside the node."""
+    partner: "Motion | None" = None
+    """What a second tool does at the same time; both let go when the slower has arrived."""
 
 
 @dataclass(frozen=True)
@@ -105,13 +107,10 @@ def play(
 
     def one(motion_index: int) -> None:
         motion = motions[motion_index]
-        pace = motion.velocity
-        tool = motion.track
-        if tool is None:
-            tool = tool_track(motion.waypoints, pace.speed_m_s, pace.acceleration_m_s2, pace.jerk_m_s3, timestep_s)
+        tool = _track(motion, timestep_s)
         fingers, end = NO_FINGERS if motion.holds else FINGERS, np.empty_like(start)
         for k, rod in enumerate(numbers):
-            pads = _between_pads(starts[k], motion, config.nodes) if motion.holds else np.empty((0, 3))
+            pads = _all_pads(starts[k], motion, config.nodes) if motion.holds else np.empty((0, 4))
             nearest[k, motion_index] = play_motion(starts[k], rod, timestep_s, rest, tool, pads, fingers, end)
             ends[k, motion_index] = geometry.resample(end, config.nodes)
 
@@ -120,6 +119,28 @@ def play(
             pass
     ends[..., 2] = np.maximum(ends[..., 2], config.radius_m)
     return Played(nodes_world=ends, nearest_m=nearest)
+
+
+def _track(motion: Motion, timestep_s: float) -> Float64Array:
+    """The tool (T, 4) at every step; with a partner both, side by side (T, 8), the faster waiting for the other."""
+    pace, tool = motion.velocity, motion.track
+    if tool is None:
+        tool = tool_track(motion.waypoints, pace.speed_m_s, pace.acceleration_m_s2, pace.jerk_m_s3, timestep_s)
+    if motion.partner is None:
+        return tool
+    other = _track(motion.partner, timestep_s)
+    at = np.arange(max(len(tool), len(other)))
+    return np.hstack((tool[np.minimum(at, len(tool) - 1)], other[np.minimum(at, len(other) - 1)]))
+
+
+def _all_pads(nodes_world: Float64Array, motion: Motion, count: int) -> Float64Array:
+    """What is between the pads of a motion's tool, and of its partner's, as `play_motion` takes it."""
+    pads = _between_pads(nodes_world, motion, count)
+    if motion.partner is None:
+        return pads
+    other = _between_pads(nodes_world, motion.partner, count)
+    other[:, 3] = 1.0
+    return np.concatenate((pads, other))
 
 
 def _finer(nodes_world: Float64Array, count: int) -> Float64Array:
@@ -142,4 +163,4 @@ def _between_pads(nodes_world: Float64Array, motion: Motion, count: int) -> Floa
     held_m = near * edge_m - same_way * float((nodes_world[near, :2] - tool[:2]) @ axis)
     at_m = np.clip(held_m + np.array([-0.5, 0.0, 0.5]) * _PAD_M, 0.0, last * edge_m)
     up_m = float(nodes_world[near, 2] - tool[2])
-    return np.column_stack((at_m / edge_m, same_way * (at_m - held_m), np.full(3, up_m)))
+    return np.column_stack((at_m / edge_m, same_way * (at_m - held_m), np.full(3, up_m), np.zeros(3)))

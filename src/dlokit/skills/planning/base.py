@@ -1,6 +1,6 @@
 """What an action strategy is."""
 
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar, Protocol, runtime_checkable
 
@@ -33,6 +33,18 @@ class ActionStrategy(Protocol):
 
 
 @dataclass(frozen=True)
+class SecondArm:
+    """An arm besides the first, as far as planning goes."""
+
+    robot: str
+    reachable: Reachable
+    place_m: tuple[float, float]
+    """Where its base stands (x, y) [m]."""
+    apart_m: Callable[[Sequence[Pose], Sequence[Pose]], float]
+    """How near the arms come [m], the first at any of its tool poses and the second at any of its own."""
+
+
+@dataclass(frozen=True)
 class PlanningTools:
     """What a strategy may use."""
 
@@ -48,6 +60,8 @@ class PlanningTools:
     """Shows what is considered, and lets others have their turn."""
     stopwatch: Callable[[], float] | None = None
     """The machine's time [s], where a decision must end in time; None: work is counted, and runs repeat."""
+    second: SecondArm | None = None
+    """None: there is one arm."""
 
 
 class StrategyConfig(Protocol):

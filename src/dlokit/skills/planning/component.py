@@ -14,7 +14,7 @@ from dlokit.skills.model.belief import as_configured
 from dlokit.skills.model.config import ModelConfig
 from dlokit.skills.model.identification.posterior import as_believed
 from dlokit.skills.planning import api, holding
-from dlokit.skills.planning.base import ActionStrategy, PlanningTools, Reachable, StrategyConfig
+from dlokit.skills.planning.base import ActionStrategy, PlanningTools, Reachable, SecondArm, StrategyConfig
 from dlokit.skills.planning.config import PlanningConfig
 from dlokit.skills.planning.feasibility import Workplace, check_start
 from dlokit.skills.planning.foresight import untangled
@@ -50,10 +50,12 @@ class PlanningComponent(Component):
         reachable: Reachable,
         model: ModelConfig,
         stopwatch: Callable[[], float] | None = None,
+        second: SecondArm | None = None,
     ) -> None:
         """`reachable` is the arm's kinematics; `model` the rod that actions are played through with.
 
-        `stopwatch` gives the machine's time [s] when live; without it budgets are counted alone.
+        `stopwatch` gives the machine's time [s] when live; without it budgets are counted alone. `second` is
+        the other arm, where there are two.
         """
         super().__init__()
         self._model = model
@@ -67,6 +69,7 @@ class PlanningComponent(Component):
             compute=self._compute,
             tell=self._tell,
             stopwatch=stopwatch,
+            second=second,
         )
         self._learnt_from = 0
         self._settings: StrategyConfig = config.strategy

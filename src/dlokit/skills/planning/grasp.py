@@ -45,12 +45,14 @@ def wrapped(angle_rad: float) -> float:
     return float((angle_rad + np.pi) % (2.0 * np.pi) - np.pi)
 
 
-def grasp_yaw(point: RodPoint, turn_rad: float, config: GraspConfig) -> float:
+def grasp_yaw(
+    point: RodPoint, turn_rad: float, config: GraspConfig, place_m: tuple[float, float] = (0.0, 0.0)
+) -> float:
     """Yaw of the tool at `point`: of the two across the rod, the one that leaves the wrist more room [rad].
 
-    `turn_rad` is what the tool turns afterwards; the worse of both ends counts.
+    `turn_rad` is what the tool turns afterwards; the worse of both ends counts. The arm stands at `place_m`.
     """
-    x, y = point.position_world[:2]
+    x, y = point.position_world[:2] - np.array(place_m)
     middle = float(np.arctan2(y, x)) + config.comfortable_yaw_rad
     first = wrapped(point.yaw_rad - middle)
     choices = (first, first - np.pi if first > 0.0 else first + np.pi)

@@ -20,7 +20,7 @@ from dlokit.skills.planning.grasp import (
     rod_point,
     wrapped,
 )
-from dlokit.types.action import Action, Grasp, Push, VelocityProfile
+from dlokit.types.action import Action, Grasp, PairPlace, Partner, Push, VelocityProfile
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
 
@@ -38,6 +38,8 @@ class Candidate:
     motion: Motion
     opening_m: float
     """Finger opening at which the gripper fits around the rod [m]."""
+    partner_opening_m: float = 0.0
+    """The same of the partner's, where there is one [m]."""
 
 
 class Family(Protocol):
@@ -115,19 +117,24 @@ class Scene:
             return None
         return Hold(node=node, here=here, there=rod_point(self.goal_world, share), opening_m=opening_m)
 
-    def start(self, hold: Hold, more_turn_rad: float) -> tuple[Float64Array, float]:
-        """The tool at the grasp (4,): x, y, z [m], yaw [rad]; and how far it turns to the goal's tangent and more."""
+    def start(
+        self, hold: Hold, more_turn_rad: float, place_m: tuple[float, float] = (0.0, 0.0)
+    ) -> tuple[Float64Array, float]:
+        """The tool at the grasp (4,): x, y, z [m], yaw [rad]; and how far it turns to the goal's tangent and more.
+
+        The arm stands at `place_m`.
+        """
         grasp = self.tools.actions.grasp
         turn = wrapped(hold.there.yaw_rad - hold.here.yaw_rad) + more_turn_rad
         turn = min(max(turn, -_LARGEST_TURN_RAD), _LARGEST_TURN_RAD)
-        yaw = grasp_yaw(hold.here, turn, grasp)
+        yaw = grasp_yaw(hold.here, turn, grasp, place_m)
         return np.array([*hold.here.position_world[:2], grasp.height_m, yaw]), turn
 
     def candidate(
         self, kind: type[Action], numbers: Float64Array, hold: Hold, tool: Float64Array, velocity: VelocityProfile
     ) -> Candidate | None:
         """A candidate from waypoints (W, 4) of the tool; None when the arm does not reach one of them."""
-        if not all(self.tools.reachable(_pose(point)) for point in tool):
+        if not all(self.tools.reachable(tool_pose(point)) for point in tool):
             return None
         motion = Motion(node=hold.node, waypoints=tool, velocity=velocity, holds=kind is not Push)
         return Candidate(kind=kind, numbers=numbers, motion=motion, opening_m=hold.opening_m)
@@ -135,27 +142,45 @@ class Scene:
 
 def to_action(candidate: Candidate, stamp_ns: int, predicted_nodes_world: Float64Array, tools: PlanningTools) -> Action:
     """The action that a candidate stands for, with the shape (M, 3) [m] expected after it."""
-    tool = candidate.motion.waypoints
-    poses: list[Pose] = []
-    for start, end in itertools.pairwise(tool):
-        count = max(1, math.ceil(abs(end[3] - start[3]) / _POSE_EVERY_RAD))
-        poses += [_pose(start + share * (end - start)) for share in np.linspace(0.0, 1.0, count + 1)[1:]]
-    grasp = tools.actions.grasp
-    first = RodPoint(s_m=0.0, position_world=tool[0, :3], yaw_rad=0.0)
-    return candidate.kind(
+    kind, motion = candidate.kind, candidate.motion
+    grasp, path = _handled(motion, candidate.opening_m, tools)
+    if issubclass(kind, PairPlace):
+        assert motion.partner is not None
+        assert tools.second is not None
+        other_grasp, other_path = _handled(motion.partner, candidate.partner_opening_m, tools)
+        return PairPlace(
+            stamp_ns=stamp_ns,
+            grasp=grasp,
+            path=path,
+            velocity=motion.velocity,
+            predicted_nodes_world=predicted_nodes_world,
+            partner=Partner(
+                robot=tools.second.robot, grasp=other_grasp, path=other_path, velocity=motion.partner.velocity
+            ),
+        )
+    return kind(
         stamp_ns=stamp_ns,
-        grasp=Grasp(
-            node=candidate.motion.node,
-            T_world_tcp=grasp_pose(first, float(tool[0, 3]), grasp),
-            opening_m=candidate.opening_m,
-        ),
-        path=tuple(poses),
-        velocity=candidate.motion.velocity,
+        grasp=grasp,
+        path=path,
+        velocity=motion.velocity,
         predicted_nodes_world=predicted_nodes_world,
     )
 
 
-def _pose(point: Float64Array) -> Pose:
+def _handled(motion: Motion, opening_m: float, tools: PlanningTools) -> tuple[Grasp, tuple[Pose, ...]]:
+    """Grasp and path of one tool."""
+    tool = motion.waypoints
+    poses: list[Pose] = []
+    for start, end in itertools.pairwise(tool):
+        count = max(1, math.ceil(abs(end[3] - start[3]) / _POSE_EVERY_RAD))
+        poses += [tool_pose(start + share * (end - start)) for share in np.linspace(0.0, 1.0, count + 1)[1:]]
+    first = RodPoint(s_m=0.0, position_world=tool[0, :3], yaw_rad=0.0)
+    T_world_tcp = grasp_pose(first, float(tool[0, 3]), tools.actions.grasp)
+    return Grasp(node=motion.node, T_world_tcp=T_world_tcp, opening_m=opening_m), tuple(poses)
+
+
+def tool_pose(point: Float64Array) -> Pose:
+    """The pose of a tool (4,) that points down: x, y, z [m], yaw [rad]."""
     # `geometry.downward`, written out: this is asked for every waypoint of every candidate.
     half = 0.5 * point[3]
     return Pose(position_m=point[:3].copy(), wxyz=np.array([0.0, np.cos(half), np.sin(half), 0.0]))

@@ -14,6 +14,7 @@ from dlokit.skills.planning.rollouts.candidates import Family, Scene, to_action
 from dlokit.skills.planning.rollouts.carrying import Carrying
 from dlokit.skills.planning.rollouts.laying import Laying
 from dlokit.skills.planning.rollouts.misses import Misses
+from dlokit.skills.planning.rollouts.pairing import Pairing
 from dlokit.skills.planning.rollouts.pushing import Pushing
 from dlokit.skills.planning.rollouts.score import ScoreConfig, cautious_m, remaining_m
 from dlokit.skills.planning.rollouts.search import Choice, Search, SearchConfig, Watch
@@ -41,6 +42,8 @@ class RolloutConfig:
     """Consider laying the whole rod down along the goal."""
     push: bool = False
     """Consider pushing the rod sideways with closed fingers. Off, as where the rod goes then is less well predicted."""
+    pair: bool = True
+    """Consider pairs of grasps, where there are two arms."""
     seed: int = 0
     """Seed of the candidates, with the stamp of the shape; the same question has the same answer."""
 
@@ -101,6 +104,8 @@ class Rollout:
             families.append(Carrying(scene, dragging=True))
         if config.push:
             families.append(Pushing(scene))
+        if config.pair and self._tools.second is not None:
+            families.append(Pairing(scene, self._tools.second))
         return families
 
 
