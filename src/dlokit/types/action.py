@@ -24,6 +24,16 @@ class Grasp(Value, frozen=True, kw_only=True, eq=False):
     """Finger opening on approach [m]."""
 
 
+class Partner(Value, frozen=True, kw_only=True, eq=False):
+    """What the second arm does of an action."""
+
+    robot: str
+    grasp: Grasp
+    path: tuple[Pose, ...]
+    velocity: VelocityProfile
+    """Such that both paths take the same time."""
+
+
 class Handling(Message, frozen=True, kw_only=True, eq=False):
     """One grasp-to-release: come down at a node, move on a path, go up again. Kinds differ in what the path does."""
 
@@ -34,6 +44,8 @@ class Handling(Message, frozen=True, kw_only=True, eq=False):
     velocity: VelocityProfile
     predicted_nodes_world: Float64Array | None = None  # (M, 3) [m] shape expected after it; None: not predicted
     robot: str = FIRST_ROBOT
+    partner: Partner | None = None
+    """What a second arm does at the same time: in a pair, and in no other kind."""
 
 
 class PickPlace(Handling, frozen=True, kw_only=True, eq=False, tag="pick-and-place"):
@@ -55,21 +67,11 @@ class Push(Handling, frozen=True, kw_only=True, eq=False, tag="push"):
     """
 
 
-class Partner(Value, frozen=True, kw_only=True, eq=False):
-    """What the second arm does of an action."""
-
-    robot: str
-    grasp: Grasp
-    path: tuple[Pose, ...]
-    velocity: VelocityProfile
-    """Such that both paths take the same time."""
-
-
 class PairPlace(Handling, frozen=True, kw_only=True, eq=False, tag="pair"):
-    """Two arms grasp a node each, carry both at the same time, and release both. What is not the partner's is the
-    first arm's."""
+    """Two arms grasp a node each, carry both at the same time, and release both.
 
-    partner: Partner
+    What is not the partner's is the first arm's.
+    """
 
 
 Action = PickPlace | Drag | LayDown | Push | PairPlace

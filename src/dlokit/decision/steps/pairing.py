@@ -10,7 +10,7 @@ from dlokit.decision.task import ShapeTask
 from dlokit.description.arms import instance_of
 from dlokit.geometry import matrix, pose_from_matrix
 from dlokit.skills.robot import api as robot
-from dlokit.types.action import Action, Grasp, PairPlace, VelocityProfile
+from dlokit.types.action import Action, Grasp, VelocityProfile
 from dlokit.types.observation import Gripped
 from dlokit.types.outcome import Outcome, Succeeded
 from dlokit.types.pose import Pose
@@ -37,9 +37,9 @@ class Hand:
 def hands_of(action: Action) -> tuple[Hand, ...]:
     """The hands that an action needs, the first arm's first."""
     own = Hand(action.robot, action.grasp, action.path, action.velocity)
-    if not isinstance(action, PairPlace):
-        return (own,)
     other = action.partner
+    if other is None:
+        return (own,)
     return (own, Hand(other.robot, other.grasp, other.path, other.velocity))
 
 

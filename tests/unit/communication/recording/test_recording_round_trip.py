@@ -17,7 +17,7 @@ from dlokit.communication.recording.views import VIEWS
 from dlokit.communication.recording.writer import RecordingWriter
 from dlokit.communication.topics import STEREO_IMAGES, TOPICS
 from dlokit.errors import CommunicationError
-from dlokit.types.action import Drag, LayDown, PickPlace, Push
+from dlokit.types.action import Drag, LayDown, PairPlace, Partner, PickPlace, Push
 from dlokit.types.clock import ClockTick
 from dlokit.types.message import Message
 from dlokit.types.robot import RobotState
@@ -140,7 +140,10 @@ def test_every_kind_of_action_comes_back_as_itself_and_is_named() -> None:
     fields = {name: getattr(picked, name) for name in picked.__struct_fields__}
     for kind in (PickPlace, Drag, LayDown, Push):
         assert_same(kind(**fields), from_json(to_json(kind(**fields)), RECORDED["planning/action"].type))
-    assert kind_name(RECORDED["planning/action"].type) == "PickPlace|Drag|LayDown|Push"
+    partner = Partner(robot="opposite", grasp=picked.grasp, path=picked.path, velocity=picked.velocity)
+    pair = PairPlace(**fields | {"partner": partner})
+    assert_same(pair, from_json(to_json(pair), RECORDED["planning/action"].type))
+    assert kind_name(RECORDED["planning/action"].type) == "PickPlace|Drag|LayDown|Push|PairPlace"
 
 
 def test_a_type_that_json_has_no_schema_for_is_not_forgotten() -> None:
