@@ -141,7 +141,8 @@ def test_every_kind_of_action_comes_back_as_itself_and_is_named() -> None:
     for kind in (PickPlace, Drag, LayDown, Push):
         assert_same(kind(**fields), from_json(to_json(kind(**fields)), RECORDED["planning/action"].type))
     partner = Partner(robot="opposite", grasp=picked.grasp, path=picked.path, velocity=picked.velocity)
-    pair = PairPlace(**fields | {"partner": partner})
+    paired: dict[str, Any] = {**fields, "partner": partner}
+    pair = PairPlace(**paired)
     assert_same(pair, from_json(to_json(pair), RECORDED["planning/action"].type))
     assert kind_name(RECORDED["planning/action"].type) == "PickPlace|Drag|LayDown|Push|PairPlace"
 
