@@ -34,6 +34,7 @@ class ErrorPlot:
                     points=uplot.Series_Points(show=False),
                 ),
             ),
+            axes=(uplot.Axis(incrs=(1.0, 2.0, 5.0, 10.0)), uplot.Axis()),  # actions are whole numbers
             title="Error after each action",
             scales={"x": uplot.Scale(time=False, auto=True), "y": uplot.Scale(auto=True)},
             height=160,
@@ -45,6 +46,6 @@ class ErrorPlot:
 
     def _data(self, history: ErrorHistory) -> tuple[np.ndarray, ...]:
         actions, rmse_m = history.arrays()
-        if not len(actions):
-            actions, rmse_m = np.array([0.0]), np.array([np.nan])
+        if len(actions) < 2:  # a plot of one number has no scale
+            actions, rmse_m = np.array([0.0, 1.0]), np.array([*rmse_m, np.nan, np.nan])[:2]
         return actions, rmse_m * _MM_PER_M, np.full(len(actions), self._threshold_mm)

@@ -54,12 +54,12 @@ class Panel:
         self._status = self._gui.add_html(status_html(RunState.WAITING, None, threshold_m))
         self._observer = self._gui.add_html("", visible=False)
         self._verdict = self._gui.add_html("")
-        self._candidates = self._gui.add_html("")
         self._gui.add_html(legend_html(palette.LAYERS))
         self._add_buttons(command, shape_it, reset_frames)
         tabs = self._gui.add_tab_group()
         with tabs.add_tab("Task", viser.Icon.ROUTE):
             self._plot = ErrorPlot(self._gui, threshold_m)
+            self._candidates = self._gui.add_html("")
             self._chart = self._gui.add_html(flow_chart_svg(flow))
         with tabs.add_tab("View", viser.Icon.EYE):
             self._add_view(set_visible)
@@ -186,10 +186,10 @@ def candidates_html(candidates: Candidates) -> str:
         f'<td style="text-align:right">{one.score_m * 1000.0:.1f} mm</td></tr>'
         for one in candidates.best
     )
+    table = f'; what would remain:<table style="width:100%">{rows}</table>' if rows else ""
     return (
         f'<div data-rollouts="{candidates.rollouts}" style="padding:0 0.8em;font-size:0.8em;color:{palette.INK}">'
-        f"Decision: {candidates.rollouts} of {candidates.budget} rollouts; what would remain:"
-        f'<table style="width:100%">{rows}</table></div>'
+        f"Decision: {candidates.rollouts} of {candidates.budget} rollouts{table}</div>"
     )
 
 

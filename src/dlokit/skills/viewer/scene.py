@@ -105,7 +105,8 @@ class Scene:
         self._tube(palette.NEAREST, "rod", verdict.nearest_world, 0.4)
 
     def show_action(self, action: Action) -> None:
-        """The proposed action: a ghost of the gripper at the grasp and at the release, and the path between."""
+        """The chosen action, in place of the candidates: the gripper at grasp and release, the path, the expected shape."""
+        self.hide_candidates(0)
         root = self._roots[palette.ACTION].name
         color = palette.ACTION.color
         if self._ghosts is None:
@@ -121,10 +122,11 @@ class Scene:
             f"{root}/path", np.stack([corners[:-1], corners[1:]], axis=1), color, thickness=0.003
         )
         if action.predicted_nodes_world is not None:
-            self._tube(palette.ACTION, "predicted", action.predicted_nodes_world, 0.3)
+            self._tube(palette.ACTION, "predicted", action.predicted_nodes_world, 0.6)
 
     def show_candidates(self, candidates: Candidates) -> None:
-        """The shapes expected of the best candidates so far as ghosts, the best least faint."""
+        """The shapes expected of the best candidates so far, in place of the last action; the best least faint."""
+        self.hide_action()
         for rank, candidate in enumerate(candidates.best):
             self._tube(palette.CANDIDATES, f"{rank}", candidate.nodes_world, 0.35 / (1 + rank))
         self.hide_candidates(len(candidates.best))

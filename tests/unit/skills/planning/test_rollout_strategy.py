@@ -1,8 +1,11 @@
 """The strategy `rollout`: candidates, score, search."""
 
 import asyncio
+import math
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import ParamSpec, TypeVar
 
 import numpy as np
 import pytest
@@ -22,13 +25,15 @@ from dlokit.skills.planning.rollouts.carrying import Carrying
 from dlokit.skills.planning.rollouts.laying import Laying
 from dlokit.skills.planning.rollouts.pushing import Pushing
 from dlokit.skills.planning.rollouts.score import ScoreConfig, cautious_m, remaining_m
-from dlokit.skills.planning.rollouts.search import Search, SearchConfig
+from dlokit.skills.planning.rollouts.search import Search, SearchConfig, Watch
 from dlokit.skills.planning.rollouts.strategy import RolloutConfig
 from dlokit.types.action import Action, Drag, LayDown, Marks, PickPlace, Push, kind_of
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, GoalShape
 from dlokit.types.pose import Pose
 
+P = ParamSpec("P")
+R = TypeVar("R")
 MODEL = ModelConfig()
 I_SHAPE = builtin_shape("I", MODEL.length_m, MODEL.nodes)
 S_SHAPE = builtin_shape("S", MODEL.length_m, MODEL.nodes)
@@ -250,9 +255,43 @@ def test_the_search_keeps_to_its_budget_and_refining_helps() -> None:
     assert refined < first
 
 
+def test_a_slow_machine_tries_every_family_and_ends_in_time() -> None:
+    now_s = [0.0]
+
+    class SlowCompute(InlineCompute):
+        async def __call__(self, function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
+            played = await super().__call__(function, *args, **kwargs)
+            assert isinstance(played, Played)
+            now_s[0] += 0.02 * played.nearest_m.size
+            return played
+
+    def reachable(pose: Pose) -> bool:
+        now_s[0] += 0.0005
+        return True
+
+    tried: set[type[Action]] = set()
+
+    def score(played: Played, kinds: Sequence[type[Action]]) -> Float64Array:
+        tried.update(kinds)
+        return np.ones_like(played.nearest_m)
+
+    watch = Watch(stopwatch=lambda: now_s[0])
+    search = Search(I_SHAPE, MODEL, SearchConfig(), score, lambda scores: scores[0], SlowCompute(), watch)
+    here = Scene(I_SHAPE, S_SHAPE, frozenset(), tools(reachable))
+    families = [Laying(here, from_last=False), *(Carrying(here, dragging=dragging) for dragging in (True, False))]
+    asyncio.run(search.run([*families, Pushing(here)], np.random.default_rng(0)))
+    assert tried == {LayDown, PickPlace, Drag, Push}
+    # A batch takes a core's rollouts of 20 ms; finals of a core's candidates each on eight rods.
+    assert now_s[0] < 2.0 + 0.02 * 8 * len(os.sched_getaffinity(0))
+    assert search.spent > 50  # of the 100 that fit in: what takes the rest is whether the arm reaches
+
+
 def test_settings_that_cannot_be_are_refused() -> None:
     with pytest.raises(ConfigError, match="too short"):
         SearchConfig(rollouts=30)
     with pytest.raises(ConfigError, match="doubt"):
         SearchConfig(doubt=0.5)
+    for seconds in (0.0, -1.0, math.nan):
+        with pytest.raises(ConfigError, match="seconds"):
+            SearchConfig(seconds=seconds)
     assert SearchConfig(doubt=1.0).doubtful_rods == ()

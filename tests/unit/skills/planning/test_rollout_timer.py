@@ -1,39 +1,93 @@
 """When a search ends, by a clock that is set by hand."""
 
-import itertools
+import pytest
 
 from dlokit.skills.planning.rollouts.timer import Timer
 
 
+class HandClock:
+    """A stopwatch that a test moves on."""
+
+    def __init__(self) -> None:
+        self.now_s = 100.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+def _play(timer: Timer, clock: HandClock, rollouts: int, each_s: float) -> None:
+    with timer.playing(rollouts):
+        clock.now_s += rollouts * each_s
+
+
 def test_without_a_clock_nothing_is_left_out() -> None:
     timer = Timer(0.001, None)
-    timer.count(1000)
     timer.allow(0.0, 1000)
-    assert list(timer.batches([1, 2, 3])) == [[1, 2, 3]]
-    assert timer.affordable(8, 8) == 8
+    with timer.playing(1000):
+        pass
+    assert not timer.over
+    assert timer.batch(480) == 480
+    assert list(timer.rounds([1, 2, 3], 8)) == [[1, 2, 3]]
 
 
-def test_with_a_clock_the_search_ends_in_time_and_keeps_some_for_its_finals() -> None:
-    ticks = itertools.count(0.0, 0.1)
-    now = [0.0]
-
-    def stopwatch() -> float:
-        return now[0]
-
-    timer = Timer(2.0, stopwatch)
-    played = 0
+def test_the_time_for_a_part_ends_and_the_next_part_gets_more() -> None:
+    clock = HandClock()
+    timer = Timer(2.0, clock, cores=2)
+    timer.allow(0.5, 0)
+    _play(timer, clock, 10, 0.11)
+    assert timer.over
     timer.allow(1.0, 0)
-    for batch in timer.batches(list(range(100_000))):
-        now[0] = next(ticks)
-        played += len(batch)
-        timer.count(len(batch))
-        timer.allow(1.0, played // 4)  # a quarter of what was played is still to come
-    assert 0 < played < 100_000
-    assert 1.4 <= now[0] <= 1.8  # 1.6 s, and a batch
-    assert 1 <= timer.affordable(1000, played // 8) <= 2  # the quarter that is left, as eight parts
+    assert not timer.over
+
+
+def test_time_is_kept_for_the_finals_at_the_pace_of_playing_alone() -> None:
+    clock = HandClock()
+    timer = Timer(2.0, clock, cores=2)
+    clock.now_s += 1.0  # candidates were made
+    _play(timer, clock, 10, 0.01)
+    timer.allow(1.0, 40)  # 0.4 s
+    clock.now_s += 0.45
+    assert not timer.over  # 1.55 of 1.6 s
+    clock.now_s += 0.1
+    assert timer.over
+
+
+def test_finals_that_would_take_most_of_the_time_leave_the_search_its_part() -> None:
+    clock = HandClock()
+    timer = Timer(2.0, clock, cores=2)
+    _play(timer, clock, 2, 0.1)
+    timer.allow(1.0, 64)
+    assert not timer.over
+
+
+def test_batches_are_small_until_the_pace_is_known_and_then_as_it_allows() -> None:
+    clock = HandClock()
+    timer = Timer(2.0, clock, cores=2)
+    assert timer.batch(100) == 2
+    _play(timer, clock, 2, 0.2)
+    assert timer.batch(100) == 2  # slow
+    _play(timer, clock, 400, 0.001)
+    assert timer.batch(100) == 16  # quick
+    assert timer.batch(3) == 3
+
+
+def test_finals_are_played_while_the_next_of_them_will_end_in_time() -> None:
+    clock = HandClock()
+    timer = Timer(2.0, clock, cores=2)
+    _play(timer, clock, 130, 0.01)  # 1.3 s; two finalists on eight rods take 0.16 s
+    shown = list[int]()
+    for some in timer.rounds(list(range(100)), 8):
+        _play(timer, clock, 8 * len(some), 0.01)
+        shown += some
+    assert shown == list(range(8))
+    assert clock.now_s - 100.0 == pytest.approx(1.94)
 
 
 def test_something_is_played_even_when_the_time_is_over_before() -> None:
-    timer = Timer(1.0, iter([0.0, 5.0, 5.0, 5.0, 5.0]).__next__)
+    clock = HandClock()
+    timer = Timer(1.0, clock, cores=2)
+    clock.now_s += 5.0
     timer.allow(0.0, 0)
-    assert next(timer.batches([1, 2]))[0] == 1
+    assert not timer.over
+    assert timer.batch(3) == 2
+    assert next(timer.rounds([1, 2, 3], 8)) == [1, 2]

@@ -1,8 +1,10 @@
 import msgspec
+import numpy as np
 
 from dlokit.skills.viewer import palette
-from dlokit.skills.viewer.panel import legend_html, status_html
+from dlokit.skills.viewer.panel import candidates_html, legend_html, status_html
 from dlokit.skills.viewer.run_state import RunState
+from dlokit.types.candidates import Candidates, CandidateSeen
 from dlokit.types.flow import FlowStatus, Mode, RunOutcome
 
 
@@ -32,6 +34,20 @@ def test_the_mode_of_a_step_is_shown_while_the_task_runs_and_no_longer() -> None
 
 def test_text_from_the_flow_cannot_become_markup() -> None:
     assert "<script>" not in status_html(RunState.RUNNING, _status("<script>alert(1)</script>"), 0.012)
+
+
+def test_a_decision_shows_how_far_it_is_and_the_best_candidates_best_first() -> None:
+    nodes = np.zeros((2, 3))
+    best = tuple(
+        CandidateSeen(kind=kind, node=node, score_m=score_m, nodes_world=nodes, path_world=nodes)
+        for kind, node, score_m in (("lay-down", 0, 0.0123), ("<drag>", 7, 0.0456))
+    )
+    html = candidates_html(Candidates(stamp_ns=1, rollouts=96, budget=480, best=best))
+    assert "96 of 480 rollouts" in html
+    assert html.index("12.3 mm") < html.index("45.6 mm")
+    assert html.index("node 0") < html.index("node 7")
+    assert "&lt;drag&gt;" in html
+    assert "<table" not in candidates_html(Candidates(stamp_ns=1, rollouts=0, budget=480))
 
 
 def test_the_legend_names_every_layer_in_its_colour() -> None:

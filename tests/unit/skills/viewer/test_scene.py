@@ -8,9 +8,11 @@ from dlokit import geometry
 from dlokit.skills.viewer import palette
 from dlokit.skills.viewer.config import ViewerConfig
 from dlokit.skills.viewer.page import close_page, open_page
+from dlokit.skills.viewer.palette import Layer
 from dlokit.skills.viewer.scene import Scene
 from dlokit.types.action import Grasp, PickPlace, VelocityProfile
 from dlokit.types.arrays import Float64Array
+from dlokit.types.candidates import Candidates, CandidateSeen
 from dlokit.types.dlo import DloState, GoalShape, TargetPoints, Topology
 from dlokit.types.image import CameraCalibration, StereoImages
 from dlokit.types.observation import Observation
@@ -65,6 +67,36 @@ def test_an_action_can_be_hidden_and_another_shown_after_it(scene: Scene) -> Non
         scene.show_action(_action(predicted))
         scene.show_action(_action(predicted))
         scene.hide_action()
+
+
+def _candidates(count: int) -> Candidates:
+    best = tuple(
+        CandidateSeen(kind="drag", node=3, score_m=0.01, nodes_world=_straight(31), path_world=_straight(2))
+        for _ in range(count)
+    )
+    return Candidates(stamp_ns=1, rollouts=16, budget=480, best=best)
+
+
+def _shown(server: viser.ViserServer, layer: Layer) -> int:
+    """Number of ghosts of rods in a layer of the scene."""
+    parts = (*map(str, range(9)), "predicted")
+    return sum(server.scene.get_handle_by_name(f"/{layer.slug}/{part}") is not None for part in parts)
+
+
+def test_as_many_candidates_are_shown_as_are_considered(server: viser.ViserServer, scene: Scene) -> None:
+    for count in (3, 6, 2, 0):
+        scene.show_candidates(_candidates(count))
+        assert _shown(server, palette.CANDIDATES) == count
+
+
+def test_candidates_vanish_when_the_action_is_chosen_and_the_action_when_the_next_is(
+    server: viser.ViserServer, scene: Scene
+) -> None:
+    scene.show_candidates(_candidates(3))
+    scene.show_action(_action(_straight(31)))
+    assert (_shown(server, palette.CANDIDATES), _shown(server, palette.ACTION)) == (0, 1)
+    scene.show_candidates(_candidates(2))
+    assert (_shown(server, palette.CANDIDATES), _shown(server, palette.ACTION)) == (2, 0)
 
 
 def test_pictures_follow_one_another_and_every_layer_can_be_hidden(scene: Scene) -> None:

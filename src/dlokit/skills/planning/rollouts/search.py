@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -151,6 +151,8 @@ class Search:
             return []
         for generation in range(config.generations):
             self._timer.allow(0.5 + 0.5 * (generation + 1) / config.generations, finals)
+            if self._timer.over:
+                continue
             left = (budget - self.spent) // (config.generations - generation)
             promising = self._promising(pools)
             for pool in promising:
@@ -158,7 +160,7 @@ class Search:
                 spread = pool.family.spread * _NARROWER**generation
                 await self._try(pool, _around(pool, spread, _TRIES * count, rng), count)
             await self._tell(pools)
-        finalists, others = _mixed(pools, self._timer.affordable(config.finalists, len(config.doubtful_rods)))
+        finalists, others = _mixed(pools, config.finalists)
         return [*await self._finals(finalists), *others]
 
     def _promising(self, pools: list[_Pool]) -> list[_Pool]:
@@ -168,16 +170,15 @@ class Search:
         ]
 
     async def _try(self, pool: _Pool, numbers: Sequence[Float64Array], count: int) -> None:
-        """Play the first `count` of these numbers that make a candidate."""
-        made: list[Candidate] = []
-        for row in numbers:
-            candidate = pool.family.make(row)
-            if candidate is not None:
-                made.append(candidate)
-            if len(made) == count:
-                break
-        for batch in self._timer.batches(made):
-            await self._play_once(pool, batch)
+        """Play the first `count` of these numbers that make a candidate, or as many as time allows."""
+        rest, left = iter(numbers), count
+        # What is not played is not made either: the arm's reach takes as long to find out as a short rollout.
+        while left > 0 and not self._timer.over:
+            made = _made(pool.family, rest, self._timer.batch(left))
+            if not made:
+                return
+            await self._play_once(pool, made)
+            left -= len(made)
 
     async def _play_once(self, pool: _Pool, made: Sequence[Candidate]) -> None:
         """Play candidates on the rod that the model has."""
@@ -193,23 +194,30 @@ class Search:
         await self._watch.tell(self.spent, ranked[:_SHOWN])
 
     async def _finals(self, finalists: list[Choice]) -> list[Choice]:
-        """The finalists in the order of their score on every rod that the DLO may be."""
+        """The finalists in the order of their score on every rod that the DLO may be; last those left out for time."""
         rods = self._config.doubtful_rods
         if not finalists or not rods:
             return finalists
-        played = await self._play([choice.candidate for choice in finalists], rods)
-        expected = np.array([[choice.score_m for choice in finalists]])
-        kinds = [choice.candidate.kind for choice in finalists]
-        judged = self._judge(np.concatenate((expected, self._score(played, kinds))))
-        return [finalists[k] for k in np.argsort(judged, kind="stable")]
+        judged = list[float]()
+        for some in self._timer.rounds(finalists, len(rods)):
+            played = await self._play([choice.candidate for choice in some], rods)
+            expected = np.array([[choice.score_m for choice in some]])
+            kinds = [choice.candidate.kind for choice in some]
+            judged += self._judge(np.concatenate((expected, self._score(played, kinds)))).tolist()
+        return [*(finalists[k] for k in np.argsort(judged, kind="stable")), *finalists[len(judged) :]]
 
     async def _play(self, candidates: Sequence[Candidate], rods: tuple[QuickRod, ...]) -> Played:
         motions: tuple[Motion, ...] = tuple(candidate.motion for candidate in candidates)
         self.spent += len(motions) * len(rods)
         config = self._config
-        played = await self._compute(play, self._model, self._nodes, rods, motions, config.timestep_s, config.threads)
-        self._timer.count(len(motions) * len(rods))
-        return played
+        with self._timer.playing(len(motions) * len(rods)):
+            return await self._compute(play, self._model, self._nodes, rods, motions, config.timestep_s, config.threads)
+
+
+def _made(family: Family, numbers: Iterator[Float64Array], count: int) -> list[Candidate]:
+    """The next `count` candidates; fewer when the numbers are used up."""
+    candidates = (candidate for candidate in map(family.make, numbers) if candidate is not None)
+    return list(itertools.islice(candidates, count))
 
 
 def _mixed(pools: list[_Pool], count: int) -> tuple[list[Choice], list[Choice]]:

@@ -1,50 +1,67 @@
 """When a search must end: by the machine's time where it is live, never where runs are to repeat."""
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import contextmanager
 from typing import TypeVar
 
 T = TypeVar("T")
 
-_BATCH_A_CORE = 8  # rollouts between two looks at the time
+_LARGEST_BATCH = 8  # rollouts a core between two looks at the time
+_BATCH_SHARE = 0.05  # of the time, that a batch may take
+_FINALS_SHARE = 0.3  # of the time, that is kept for the finals at most
 
 
 class Timer:
     """A time for a whole decision, of which parts are allowed one after the other. Without stopwatch it never ends."""
 
-    def __init__(self, seconds: float, stopwatch: Callable[[], float] | None) -> None:
+    def __init__(self, seconds: float, stopwatch: Callable[[], float] | None, cores: int = 0) -> None:
+        """`cores` that play at once; 0: those of this machine."""
         self._seconds, self._stopwatch = seconds, stopwatch
-        self._began = stopwatch() if stopwatch is not None else 0.0
-        self._played = 0
+        self._cores = cores or len(os.sched_getaffinity(0))
+        self._began_s = stopwatch() if stopwatch is not None else 0.0
+        self._played, self._playing_s = 0, 0.0
         self._until_s = seconds
 
-    def count(self, rollouts: int) -> None:
-        """So many rollouts were played."""
+    @contextmanager
+    def playing(self, rollouts: int) -> Generator[None]:
+        """So many rollouts are played in the block."""
+        began_s = self._passed_s()
+        yield
         self._played += rollouts
+        self._playing_s += self._passed_s() - began_s
 
     def allow(self, share: float, reserved: int) -> None:
         """From now on, up to that share of the time, less what `reserved` rollouts will take at the pace so far."""
-        self._until_s = share * max(0.0, self._seconds - reserved * self._each_s())
+        kept_s = min(_FINALS_SHARE * self._seconds, reserved * self._each_s())
+        self._until_s = share * (self._seconds - kept_s)
 
-    def batches(self, items: Sequence[T]) -> Iterator[Sequence[T]]:
-        """The items in batches, until the allowed time is over; in one batch where there is no time."""
-        size = len(items) if self._stopwatch is None else _BATCH_A_CORE * len(os.sched_getaffinity(0))
+    @property
+    def over(self) -> bool:
+        """Whether the allowed time has passed. Something must be played, or there is nothing to do."""
+        return self._stopwatch is not None and self._played > 0 and self._passed_s() >= self._until_s
+
+    def batch(self, count: int) -> int:
+        """How many of `count` rollouts to play before the next look at the time: a few while the pace is not known."""
+        if self._stopwatch is None:
+            return count
+        if self._played == 0:
+            return min(count, self._cores)
+        rounds = int(_BATCH_SHARE * self._seconds / max(self._cores * self._each_s(), 1e-9))
+        return min(count, self._cores * min(max(rounds, 1), _LARGEST_BATCH))
+
+    def rounds(self, items: Sequence[T], each: int) -> Iterator[Sequence[T]]:
+        """The items, which take `each` rollouts, in parts that will end in the whole time; one part in any case."""
+        size = len(items) if self._stopwatch is None else self._cores
         for start in range(0, len(items), max(1, size)):
-            # Something must be played, or there is nothing to do.
-            if self._stopwatch is not None and self._played > 0 and self._passed_s() >= self._until_s:
+            ends_s = self._passed_s() + each * self._cores * self._each_s()
+            if self._stopwatch is not None and start > 0 and ends_s > self._seconds:
                 return
             yield items[start : start + size]
 
-    def affordable(self, count: int, each: int) -> int:
-        """How many of `count` things that take `each` rollouts fit into the time that is left; at least one."""
-        if self._stopwatch is None or each == 0:
-            return count
-        left_s = self._seconds - self._passed_s()
-        return min(count, max(1, int(left_s / max(each * self._each_s(), 1e-9))))
-
     def _passed_s(self) -> float:
-        return 0.0 if self._stopwatch is None else self._stopwatch() - self._began
+        return 0.0 if self._stopwatch is None else self._stopwatch() - self._began_s
 
     def _each_s(self) -> float:
-        """What a rollout has taken so far [s]."""
-        return self._passed_s() / self._played if self._played else 0.0
+        """What a rollout has taken so far, many at once [s]."""
+        return self._playing_s / self._played if self._played else 0.0
