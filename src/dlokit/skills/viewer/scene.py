@@ -105,7 +105,7 @@ class Scene:
         self._tube(palette.NEAREST, "rod", verdict.nearest_world, 0.4)
 
     def show_action(self, action: Action) -> None:
-        """The chosen action, in place of the candidates: the gripper at grasp and release, the path, the expected shape."""
+        """The chosen action in place of the candidates: gripper at grasp and release, path, expected shape."""
         self.hide_candidates(0)
         root = self._roots[palette.ACTION].name
         color = palette.ACTION.color
