@@ -1,54 +1,109 @@
 """`dlokit bench feasibility`: verdicts on goals against what the cell does."""
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from dlokit.app.bench_feasibility_tables import print_results
 from dlokit.app.machine import machine_facts
-from dlokit.bench.feasibility import Happened, Judged, judge_all
-from dlokit.bench.report import Figure, bench_json
-from dlokit.bench.statistics import success_rate
-from dlokit.description.dlo import PRESETS, preset
-from dlokit.errors import ConfigError, ShapeError
-from dlokit.system.config import RunConfig
+from dlokit.bench.feasibility.cases import DEFAULT_DLOS, Case, Judged, bench_dlo, judge_cases
+from dlokit.bench.feasibility.figures import figures
+from dlokit.bench.report import bench_json
+from dlokit.errors import ConfigError, InputError, ShapeError
 from dlokit.types.arrays import Float64Array
-from dlokit.types.feasibility import Standing
 
 
 @dataclass(frozen=True, kw_only=True)
 class FeasibilityArgs:
-    """Compare the verdict on each goal with what the cell's DLO does when it is laid there and released for 2 s."""
+    """Compare verdicts on goals with what the cell's DLO does, laid there and released; nobody plans, nothing is drawn.
 
+    Each seed makes four goals up and draws a cell for each DLO. A goal where the DLO does not stay is tried again by
+    shapes near it. Every goal is judged three times: with length and radius told, with nominal figures told, and with
+    beliefs drawn around the truth.
+    """
+
+    seeds: int = 3
+    """Seeds F to F + K - 1."""
+    first_seed: int = 0
+    """F: settings are tuned on seeds from 1000 on, and reported on those from 0 on."""
     goals: Path | None = None
-    """A .npy file (G, K, 3) of goals [m], scaled to the DLO; beside them the built-in shapes."""
-    dlos: tuple[str, ...] = tuple(dlo.name for dlo in PRESETS)
-    """Which DLOs."""
+    """A .npy file (G, K, 3) of goals [m] in the place of made-up ones, scaled to the DLO."""
+    dlos: tuple[str, ...] = DEFAULT_DLOS
+    """Which DLOs: presets, `firm_rope` and `stiff_rope`."""
     threshold_m: float = 0.012
     """RMSE below which a goal counts as reached [m]."""
+    jobs: int = 1
+    """Cases side by side, a process each."""
     json: Path | None = None
     """Also write every figure to this file."""
 
 
 def run_feasibility(args: FeasibilityArgs) -> int:
-    """Judge, release, print the confusion table; exit code 0."""
+    """Judge, release, print; exit code 0. Ctrl-C prints what was done until then."""
+    todo = _cases(args)
+    console = Console()
+    rows = _run(todo, args.jobs, console)
+    print_results(rows, console)
+    if args.json is not None:
+        settings = {
+            "seeds": list(range(args.first_seed, args.first_seed + args.seeds)),
+            "dlos": list(args.dlos),
+            "goals": None if args.goals is None else args.goals.name,
+            "threshold_m": args.threshold_m,
+        }
+        args.json.write_bytes(bench_json("feasibility", figures(rows), machine_facts(), settings))
+        console.print(f"figures: {args.json}", soft_wrap=True)
+    return 0
+
+
+def _cases(args: FeasibilityArgs) -> list[Case]:
+    """What is to be done; whatever is wrong with it is told before anything runs."""
     if not args.threshold_m > 0.0:
         raise ConfigError(f"--threshold-m is {args.threshold_m}; it must be a number above 0.")
-    config = RunConfig()
-    console = Console()
-    rows: list[Judged] = []
-    for name in args.dlos:
-        cell = replace(config.cell, dlo=preset(name))
-        rows += judge_all(_curves(args.goals), cell, config.planning, args.threshold_m)
-        console.print(_table(name, [row for row in rows if row.dlo == name]))
-    if args.json is not None:
-        args.json.write_bytes(bench_json("feasibility", _figures(rows), machine_facts(), config))
-        console.print(f"figures: {args.json}")
-    return 0
+    if args.seeds < 1 or args.jobs < 1 or args.first_seed < 0:
+        raise ConfigError(
+            f"--seeds {args.seeds}, --jobs {args.jobs}, --first-seed {args.first_seed}: at least 1, 1 and 0 are needed."
+        )
+    if args.json is not None and not args.json.resolve().parent.is_dir():
+        raise InputError(f"--json {args.json}: there is no folder {args.json.resolve().parent}; create it first.")
+    dlos, curves = [bench_dlo(name) for name in args.dlos], _curves(args.goals)
+    return [
+        Case(dlo=dlo, seed=seed, threshold_m=args.threshold_m, curves=curves)
+        for seed in range(args.first_seed, args.first_seed + args.seeds)
+        for dlo in dlos
+    ]
+
+
+def _run(todo: Sequence[Case], jobs: int, console: Console) -> list[Judged]:
+    done: dict[int, list[Judged]] = {}
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
+        bar = progress.add_task("feasibility", total=len(todo))
+        try:
+            for at, judged in judge_cases(todo, jobs):
+                done[at] = judged
+                progress.advance(bar)
+                console.print(
+                    f"{todo[at].dlo.name}, seed {todo[at].seed}: {_summary(judged)}", highlight=False, soft_wrap=True
+                )
+        except KeyboardInterrupt:
+            print_results(_in_order(done), console)
+            console.print(f"interrupted: these are {len(done)} of {len(todo)} cases; no file was written.")
+            raise
+    return _in_order(done)
+
+
+def _in_order(done: Mapping[int, list[Judged]]) -> list[Judged]:
+    return [row for at in sorted(done) for row in done[at]]
+
+
+def _summary(judged: Sequence[Judged]) -> str:
+    happened = dict.fromkeys((row.goal, row.happened.value) for row in judged)
+    return ", ".join(f"{goal} {what}" for goal, what in happened)
 
 
 def _curves(path: Path | None) -> Mapping[str, Float64Array]:
@@ -61,34 +116,3 @@ def _curves(path: Path | None) -> Mapping[str, Float64Array]:
     if array.ndim != 3 or array.shape[2] != 3 or array.shape[1] < 2:
         raise ShapeError(f"Goals {path} are {array.shape}; they must be (G, K, 3) points [m] with K of 2 or more.")
     return {f"{path.name}:{index}": np.asarray(curve, dtype=np.float64) for index, curve in enumerate(array)}
-
-
-def _table(title: str, rows: Sequence[Judged]) -> Table:
-    counts = Counter((row.standing, row.happened) for row in rows)
-    table = Table("verdict", *(happened.value.replace("_", " ") for happened in Happened), title=title)
-    for standing in Standing:
-        table.add_row(standing.value, *(str(counts[standing, happened]) for happened in Happened))
-    return table
-
-
-def _figures(rows: Sequence[Judged]) -> list[Figure]:
-    figures: list[Figure] = []
-    for dlo in dict.fromkeys(row.dlo for row in rows):
-        for standing, right in ((Standing.HOLDS, Happened.STAYED), (Standing.INFEASIBLE, Happened.SPRANG_BACK)):
-            said = [row for row in rows if row.dlo == dlo and row.standing is standing]
-            if not said:
-                continue
-            rate = success_rate(sum(row.happened is right for row in said), len(said))
-            figures.append(
-                Figure(
-                    case=dlo,
-                    method="dlokit",
-                    metric=f"{standing.value} is right",
-                    value=rate.value,
-                    low=rate.low,
-                    high=rate.high,
-                    unit="",
-                    n=rate.n,
-                )
-            )
-    return figures

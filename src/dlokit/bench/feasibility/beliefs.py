@@ -1,0 +1,91 @@
+"""What the system is told of the bench's DLOs: nothing but their size, what a data sheet tells, or what was learnt."""
+
+import enum
+import math
+from dataclasses import dataclass, replace
+
+import msgspec
+import numpy as np
+
+from dlokit.description.dlo import SOFT_ROPE, DloPreset
+from dlokit.functional.cell.config import CellConfig
+from dlokit.skills.model.belief import GRAVITY_M_S2, as_configured
+from dlokit.skills.model.config import BeliefConfig, ModelConfig
+from dlokit.system.config import RunConfig, with_dlo
+from dlokit.types.dlo_belief import DloBelief, Figure
+
+_STIFFER, _HEAVIER, _SMOOTHER = 1.3, 1.17, 0.75
+_LEARNT_LOG_SD, _LEARNT_YIELD_LOG_SD = 0.12, 0.2
+
+BENCH_DLOS = (
+    SOFT_ROPE,
+    replace(SOFT_ROPE, name="firm_rope", bending_stiffness_n_m2=1e-4, source="The soft rope, ten times as stiff."),
+    replace(
+        SOFT_ROPE, name="stiff_rope", bending_stiffness_n_m2=1e-3, source="The soft rope, a hundred times as stiff."
+    ),
+)
+"""Elastic ropes of rising stiffness; the last two are for this bench alone."""
+
+
+class Level(enum.Enum):
+    """How much is known of the DLO."""
+
+    RULER = "ruler"
+    """Length and radius; the rest as shipped."""
+    TOLD = "told"
+    """Nominal figures, off by what the shipped ones are off for the soft rope, and whether it takes a set."""
+    LEARNT = "learnt"
+    """Drawn around the truth of the drawn cell: EI / (μ w) to 12 %, the yield curvature to 20 % (1 sd)."""
+
+
+@dataclass(frozen=True)
+class Known:
+    """What a verdict is given."""
+
+    model: ModelConfig
+    belief: DloBelief
+
+
+def true_elastic_m3(cell: CellConfig) -> float:
+    """EI / (μ w) [m³] of the DLO in a cell as it was drawn, on all quarters of the table alike."""
+    dlo = cell.dlo
+    friction = max(cell.table_friction, dlo.friction) * float(np.mean(cell.table_regions))
+    return dlo.bending_stiffness_n_m2 / (friction * GRAVITY_M_S2 * dlo.mass_per_length_kg_m)
+
+
+def known(level: Level, nominal: DloPreset, cell: CellConfig, rng: np.random.Generator) -> Known:
+    """What is known at a level of a DLO with `nominal` figures that lies in a `cell` as it was drawn."""
+    match level:
+        case Level.RULER:
+            model = with_dlo(RunConfig(), nominal).model
+            return Known(model, as_configured(model, 0))
+        case Level.TOLD:
+            model = told(nominal)
+            return Known(model, as_configured(model, 0))
+        case Level.LEARNT:
+            return _learnt(told(nominal), cell, rng)
+
+
+def told(dlo: DloPreset) -> ModelConfig:
+    """A model that knows a DLO as well as the shipped one knows the soft rope, and whether it takes a set."""
+    return ModelConfig(
+        length_m=dlo.length_m,
+        radius_m=dlo.radius_m,
+        bending_stiffness_n_m2=_STIFFER * dlo.bending_stiffness_n_m2,
+        mass_kg_m=_HEAVIER * dlo.mass_per_length_kg_m,
+        friction=_SMOOTHER * dlo.friction,
+        yield_curvature_1_m=dlo.yield_curvature_1_m,
+        belief=BeliefConfig(takes_set=0.0),
+    )
+
+
+def _learnt(model: ModelConfig, cell: CellConfig, rng: np.random.Generator) -> Known:
+    elastic_m3 = true_elastic_m3(cell) * math.exp(rng.normal() * _LEARNT_LOG_SD)
+    bend_1_m, bend_factor = cell.dlo.yield_curvature_1_m, math.exp(rng.normal() * _LEARNT_YIELD_LOG_SD)
+    belief = msgspec.structs.replace(
+        as_configured(model, 0),
+        elastic_m3=Figure(value=elastic_m3, log_sd=_LEARNT_LOG_SD),
+        yield_curvature_1_m=None if bend_1_m is None else bend_1_m * bend_factor,
+        actions=1,
+    )
+    return Known(model, belief)
