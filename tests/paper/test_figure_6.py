@@ -21,8 +21,8 @@ from dlokit.types.flow import Command, FlowStatus, GoalFrame, GoalFrames, Mode, 
 I = builtin_shape("I", LENGTH_M, NODES)  # noqa: E741  the shape is called so
 S = builtin_shape("S", LENGTH_M, NODES)
 
-STIFF = replace(ROD, bending_stiffness_n_m2=1e-3)
-"""A stiff wire: friction holds no arc of less than 17 cm."""
+STIFF = replace(ROD, bending_stiffness_n_m2=1e-3, belief=replace(ROD.belief, takes_set=0.0))
+"""A stiff rod that always springs back: friction holds no arc of less than 17 cm."""
 DOUBTED = replace(ROD, bending_stiffness_n_m2=1e-4)
 """A rod whose S may hold or not, as far as its stiffness is known."""
 
