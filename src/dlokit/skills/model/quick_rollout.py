@@ -15,7 +15,7 @@ from dlokit.skills.model.quick_push import FINGERS, NO_FINGERS
 from dlokit.skills.model.quick_rod import play_motion
 from dlokit.skills.model.rod import fit_length
 from dlokit.skills.model.tool_track import tool_track
-from dlokit.types.action import VelocityProfile
+from dlokit.types.action import Push, VelocityProfile
 from dlokit.types.arrays import Float64Array
 
 _POISSON = 0.3
@@ -141,6 +141,15 @@ def _all_pads(nodes_world: Float64Array, motion: Motion, count: int) -> Float64A
     other = _between_pads(nodes_world, motion.partner, count)
     other[:, 3] = 1.0
     return np.concatenate((pads, other))
+
+
+def predict_push(config: ModelConfig, nodes_world: Float64Array, push: Push, timestep_s: float = 0.01) -> Float64Array:
+    """The shape (M, 3) [m] after `push` was done to a rod at `nodes_world` (K, 3) [m], in steps of `timestep_s` [s]."""
+    tools = [geometry.matrix(pose) for pose in (push.grasp.T_world_tcp, *push.path)]
+    yaws = np.unwrap([math.atan2(T[1, 0], T[0, 0]) for T in tools])
+    waypoints = np.column_stack(([T[:3, 3] for T in tools], yaws))
+    motion = Motion(node=push.grasp.node, waypoints=waypoints, velocity=push.velocity, holds=False)
+    return play(config, nodes_world, (QuickRod(),), (motion,), timestep_s).nodes_world[0, 0]
 
 
 def _finer(nodes_world: Float64Array, count: int) -> Float64Array:

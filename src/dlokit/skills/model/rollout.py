@@ -10,8 +10,9 @@ from scipy.spatial.transform import Rotation, Slerp
 from dlokit import geometry
 from dlokit.skills.model.config import ModelConfig
 from dlokit.skills.model.grip import take_hold
+from dlokit.skills.model.quick_rollout import predict_push
 from dlokit.skills.model.rod import RodModel, fit_length
-from dlokit.types.action import Action
+from dlokit.types.action import Action, Push
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
 
@@ -19,7 +20,12 @@ _STRIDE = 4  # physics steps between two updates of the tool's pose
 
 
 def predict(config: ModelConfig, nodes_world: Float64Array, action: Action) -> Float64Array:
-    """The shape (M, 3) [m] some time after `action` was done to a rod at `nodes_world` (M, 3)."""
+    """The shape (M, 3) [m] some time after `action` was done to a rod at `nodes_world` (M, 3).
+
+    It is held at the grasp; a push, which holds nothing, is played in the quick rod, which meets closed fingers.
+    """
+    if isinstance(action, Push):
+        return predict_push(config, nodes_world, action)
     rod = rod_on_table(config, nodes_world)
     poses = (action.grasp.T_world_tcp, *action.path)
     grip = take_hold(rod.nodes_world, action.grasp.node, poses[0])

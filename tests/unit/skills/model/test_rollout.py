@@ -8,7 +8,7 @@ from dlokit.description.shapes import builtin_shape
 from dlokit.skills.model.config import ModelConfig
 from dlokit.skills.model.rollout import along, predict
 from dlokit.skills.model.settling import settle
-from dlokit.types.action import Grasp, PickPlace, VelocityProfile
+from dlokit.types.action import Grasp, PickPlace, Push, VelocityProfile
 
 CONFIG = ModelConfig()
 I_SHAPE = builtin_shape("I", CONFIG.length_m, CONFIG.nodes)
@@ -64,3 +64,19 @@ def test_a_path_is_walked_at_its_speed_to_its_end() -> None:
     steps = np.linalg.norm(np.diff([poses[0].position_m, *(pose.position_m for pose in walked)], axis=0), axis=1)
     assert steps.max() <= 0.25 * 0.02 + 1e-9
     assert walked[-1].position_m == pytest.approx(poses[1].position_m)
+
+
+@pytest.mark.parametrize(("beside_m", "moved_m"), [(0.03, 0.03), (0.12, 0.0)])
+def test_a_push_moves_the_rod_only_where_the_fingers_meet_it(beside_m: float, moved_m: float) -> None:
+    here = I_SHAPE[15]
+    # The fingers are wide along their y, which lies along the rod, and move 6 cm towards it.
+    way = [geometry.downward((here[0] - x_m, here[1], 0.01), 0.0) for x_m in (beside_m, beside_m - 0.06)]
+    push = Push(
+        stamp_ns=0,
+        grasp=Grasp(node=15, T_world_tcp=way[0], opening_m=0.0),
+        path=(way[1],),
+        velocity=VelocityProfile(),
+    )
+    nodes = predict(CONFIG, I_SHAPE, push)
+    # The fingers are half as thick as 2 cm at most, and the rod rolls on a little.
+    assert nodes[15, 0] - here[0] == pytest.approx(moved_m, abs=0.015 if moved_m else 0.002)

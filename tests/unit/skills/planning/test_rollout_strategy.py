@@ -2,7 +2,6 @@
 
 import asyncio
 import math
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import ParamSpec, TypeVar
@@ -276,13 +275,12 @@ def test_a_slow_machine_tries_every_family_and_ends_in_time() -> None:
         return np.ones_like(played.nearest_m)
 
     watch = Watch(stopwatch=lambda: now_s[0])
-    search = Search(I_SHAPE, MODEL, SearchConfig(), score, lambda scores: scores[0], SlowCompute(), watch)
+    search = Search(I_SHAPE, MODEL, SearchConfig(threads=2), score, lambda scores: scores[0], SlowCompute(), watch)
     here = Scene(I_SHAPE, S_SHAPE, frozenset(), tools(reachable))
     families = [Laying(here, from_last=False), *(Carrying(here, dragging=dragging) for dragging in (True, False))]
     asyncio.run(search.run([*families, Pushing(here)], np.random.default_rng(0)))
     assert tried == {LayDown, PickPlace, Drag, Push}
-    # A batch takes a core's rollouts of 20 ms; finals of a core's candidates each on eight rods.
-    assert now_s[0] < 2.0 + 0.02 * 8 * len(os.sched_getaffinity(0))
+    assert now_s[0] < 2.0 + 0.02 * 2  # a batch more: the clock counts one rollout at a time
     assert search.spent > 50  # of the 100 that fit in: what takes the rest is whether the arm reaches
 
 

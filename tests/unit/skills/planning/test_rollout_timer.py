@@ -22,7 +22,7 @@ def _play(timer: Timer, clock: HandClock, rollouts: int, each_s: float) -> None:
 
 def test_without_a_clock_nothing_is_left_out() -> None:
     timer = Timer(0.001, None)
-    timer.allow(0.0, 1000)
+    timer.allow(0.0, 8, 8)
     with timer.playing(1000):
         pass
     assert not timer.over
@@ -33,10 +33,10 @@ def test_without_a_clock_nothing_is_left_out() -> None:
 def test_the_time_for_a_part_ends_and_the_next_part_gets_more() -> None:
     clock = HandClock()
     timer = Timer(2.0, clock, cores=2)
-    timer.allow(0.5, 0)
+    timer.allow(0.5, 0, 8)
     _play(timer, clock, 10, 0.11)
     assert timer.over
-    timer.allow(1.0, 0)
+    timer.allow(1.0, 0, 8)
     assert not timer.over
 
 
@@ -45,9 +45,9 @@ def test_time_is_kept_for_the_finals_at_the_pace_of_playing_alone() -> None:
     timer = Timer(2.0, clock, cores=2)
     clock.now_s += 1.0  # candidates were made
     _play(timer, clock, 10, 0.01)
-    timer.allow(1.0, 40)  # 0.4 s
-    clock.now_s += 0.45
-    assert not timer.over  # 1.55 of 1.6 s
+    timer.allow(1.0, 5, 8)  # three parts of two finalists, 0.48 s
+    clock.now_s += 0.4
+    assert not timer.over  # 1.50 of 1.52 s
     clock.now_s += 0.1
     assert timer.over
 
@@ -55,9 +55,18 @@ def test_time_is_kept_for_the_finals_at_the_pace_of_playing_alone() -> None:
 def test_finals_that_would_take_most_of_the_time_leave_the_search_its_part() -> None:
     clock = HandClock()
     timer = Timer(2.0, clock, cores=2)
-    _play(timer, clock, 2, 0.1)
-    timer.allow(1.0, 64)
+    _play(timer, clock, 100, 0.013)  # 1.3 s; a part of the finals takes 0.21 s, all of them 0.83 s
+    timer.allow(1.0, 8, 8)
+    assert not timer.over  # up to 1.4 s
+
+
+def test_where_no_finals_would_end_in_time_the_search_has_all_of_it() -> None:
+    clock = HandClock()
+    timer = Timer(2.0, clock, cores=2)
+    _play(timer, clock, 18, 0.1)
+    timer.allow(1.0, 8, 8)
     assert not timer.over
+    assert list(timer.rounds([1, 2, 3], 8)) == []
 
 
 def test_batches_are_small_until_the_pace_is_known_and_then_as_it_allows() -> None:
@@ -87,7 +96,6 @@ def test_something_is_played_even_when_the_time_is_over_before() -> None:
     clock = HandClock()
     timer = Timer(1.0, clock, cores=2)
     clock.now_s += 5.0
-    timer.allow(0.0, 0)
+    timer.allow(0.0, 0, 8)
     assert not timer.over
     assert timer.batch(3) == 2
-    assert next(timer.rounds([1, 2, 3], 8)) == [1, 2]

@@ -131,26 +131,26 @@ class Search:
         self._nodes, self._model, self._config = nodes_world, model, config
         self._score, self._judge, self._compute = score, judge, compute
         self._watch = watch or Watch()
-        self._timer = Timer(config.seconds, self._watch.stopwatch)
+        self._timer = Timer(config.seconds, self._watch.stopwatch, config.threads)
         self.spent = 0
         """Rollouts so far."""
 
     async def run(self, families: Sequence[Family], rng: np.random.Generator) -> list[Choice]:
         """Choices, the best first."""
         config = self._config
-        budget = config.rollouts - config.finalists * len(config.doubtful_rods)
+        each = len(config.doubtful_rods)
+        budget = config.rollouts - config.finalists * each
         pools = [_Pool(family) for family in families]
         share = max(1, budget // (2 * len(pools)))
-        finals = config.finalists * len(config.doubtful_rods)
         for k, pool in enumerate(pools):
-            self._timer.allow(0.5 * (k + 1) / len(pools), finals)
+            self._timer.allow(0.5 * (k + 1) / len(pools), config.finalists, each)
             await self._try(pool, pool.family.first(_TRIES * share, rng), share)
             await self._tell(pools)
         pools = [pool for pool in pools if pool.choices]
         if not pools:
             return []
         for generation in range(config.generations):
-            self._timer.allow(0.5 + 0.5 * (generation + 1) / config.generations, finals)
+            self._timer.allow(0.5 + 0.5 * (generation + 1) / config.generations, config.finalists, each)
             if self._timer.over:
                 continue
             left = (budget - self.spent) // (config.generations - generation)

@@ -1,5 +1,6 @@
 """When a search must end: by the machine's time where it is live, never where runs are to repeat."""
 
+import math
 import os
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
@@ -31,9 +32,13 @@ class Timer:
         self._played += rollouts
         self._playing_s += self._passed_s() - began_s
 
-    def allow(self, share: float, reserved: int) -> None:
-        """From now on, up to that share of the time, less what `reserved` rollouts will take at the pace so far."""
-        kept_s = min(_FINALS_SHARE * self._seconds, reserved * self._each_s())
+    def allow(self, share: float, finalists: int, each: int) -> None:
+        """From now on, up to that share of the time, less what finalists of `each` rollouts will take at this pace.
+
+        Where not even a part of the finals would end in its share of the time, none is kept for them.
+        """
+        part_s, most_s = each * self._cores * self._each_s(), _FINALS_SHARE * self._seconds
+        kept_s = min(math.ceil(finalists / self._cores) * part_s, most_s) if part_s <= most_s else 0.0
         self._until_s = share * (self._seconds - kept_s)
 
     @property
@@ -51,11 +56,11 @@ class Timer:
         return min(count, self._cores * min(max(rounds, 1), _LARGEST_BATCH))
 
     def rounds(self, items: Sequence[T], each: int) -> Iterator[Sequence[T]]:
-        """The items, which take `each` rollouts, in parts that will end in the whole time; one part in any case."""
+        """The items, which take `each` rollouts, in parts that will end in the whole time, at the pace so far."""
         size = len(items) if self._stopwatch is None else self._cores
         for start in range(0, len(items), max(1, size)):
             ends_s = self._passed_s() + each * self._cores * self._each_s()
-            if self._stopwatch is not None and start > 0 and ends_s > self._seconds:
+            if self._stopwatch is not None and ends_s > self._seconds:
                 return
             yield items[start : start + size]
 
