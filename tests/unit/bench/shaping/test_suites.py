@@ -63,6 +63,8 @@ def test_the_system_is_told_of_a_rod_what_a_lab_knows_and_not_what_is_so() -> No
 
     assert stiff.model.bending_stiffness_n_m2 == pytest.approx(1.3 * stiff.cell.dlo.bending_stiffness_n_m2)
     assert stiff.model.friction != stiff.cell.dlo.friction
+    assert stiff.model.belief.takes_set == 0.0
+    assert wire.model.belief.takes_set > 0.0
     assert wire.model.bending_stiffness_n_m2 == RunConfig().model.bending_stiffness_n_m2
     assert wire.model.radius_m == wire.cell.dlo.radius_m
     assert isinstance(wire.cell.physics, ElastoplasticChain)
