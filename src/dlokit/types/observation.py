@@ -1,6 +1,6 @@
 """What perception saw in one look."""
 
-from dlokit.types.arrays import Float32Array, UInt8Array
+from dlokit.types.arrays import Float32Array, Float64Array, UInt8Array
 from dlokit.types.image import CameraCalibration
 from dlokit.types.message import Message, Value
 
@@ -10,7 +10,7 @@ class GripperPin(Value, frozen=True, kw_only=True, eq=False):
 
     robot: str
     node: int
-    position_world: Float32Array  # (3,) [m] tool centre point
+    position_world: Float32Array  # (3,) [m] where the node is, by the tool's pose
 
 
 class Occlusion(Value, frozen=True, kw_only=True, eq=False):
@@ -47,3 +47,5 @@ class Gripped(Message, frozen=True, kw_only=True, eq=False):
     robot: str
     node: int | None
     """Node between the fingers; None: nothing is held."""
+    node_tcp: Float64Array | None = None  # (3,) [m]
+    """Where the node is in the tool's frame; None: at the tool centre point, or unknown."""

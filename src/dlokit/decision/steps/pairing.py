@@ -8,9 +8,10 @@ from typing import Any, TypeVar
 from dlokit.communication import topics
 from dlokit.decision.task import ShapeTask
 from dlokit.description.arms import instance_of
-from dlokit.geometry import matrix, pose_from_matrix
+from dlokit.geometry import inverse, matrix, pose_from_matrix, transform
 from dlokit.skills.robot import api as robot
 from dlokit.types.action import Action, Grasp, VelocityProfile
+from dlokit.types.arrays import Float64Array
 from dlokit.types.observation import Gripped
 from dlokit.types.outcome import Outcome, Succeeded
 from dlokit.types.pose import Pose
@@ -142,7 +143,21 @@ async def together(task: ShapeTask, *calls: Coroutine[Any, Any, Outcome[R]]) -> 
 
 
 def say_gripped(task: ShapeTask, *, held: bool) -> None:
-    """Tell everybody which nodes are held, or that none is."""
+    """Tell everybody which nodes are held and where in the fingers, or that none is."""
     for hand in hands_of(task.chosen):
-        node = hand.grasp.node if held else None
-        task.port.publish(topics.GRIPPED, Gripped(stamp_ns=task.port.clock.now_ns(), robot=hand.robot, node=node))
+        tool = task.port.latest(topics.ROBOT_STATE.at(hand.instance)).value
+        node, place = hand.grasp.node if held else None, None
+        if held and tool is not None and task.state is not None:
+            place = place_in_tool(task.state.nodes_world[hand.grasp.node], tool.T_world_tcp)
+        message = Gripped(stamp_ns=task.port.clock.now_ns(), robot=hand.robot, node=node, node_tcp=place)
+        task.port.publish(topics.GRIPPED, message)
+
+
+def place_in_tool(node_world: Float64Array, T_world_tcp: Pose) -> Float64Array:
+    """Where a grasped node (3,) [m] is in the tool's frame: closed fingers have brought it to the middle between them.
+
+    Along the fingers and along the rod it stays where it was; a grasp need not be at a node.
+    """
+    place = transform(inverse(T_world_tcp), node_world[None, :])[0]
+    place[1] = 0.0
+    return place

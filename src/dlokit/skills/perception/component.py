@@ -8,6 +8,7 @@ from collections.abc import Callable
 import msgspec
 import numpy as np
 
+from dlokit import geometry
 from dlokit.communication import topics
 from dlokit.communication.component import Component, implements, on
 from dlokit.errors import HardwareError, SkillFailure, SkillRejected
@@ -42,7 +43,7 @@ class PerceptionComponent(Component):
         self._rate_changed = asyncio.Event()
         self._looking = asyncio.Lock()
         self._robots: dict[str, RobotState] = {}
-        self._gripped: dict[str, int] = {}
+        self._gripped: dict[str, Gripped] = {}
         self._looks = 0
         self._T_world_camera: Pose | None = None
 
@@ -97,7 +98,7 @@ class PerceptionComponent(Component):
         if gripped.node is None:
             self._gripped.pop(gripped.robot, None)
         else:
-            self._gripped[gripped.robot] = gripped.node
+            self._gripped[gripped.robot] = gripped
 
     async def run(self) -> None:
         """Hold the camera open, and look at the set rate."""
@@ -166,11 +167,14 @@ class PerceptionComponent(Component):
 
     def _pins(self) -> tuple[GripperPin, ...]:
         return tuple(
-            GripperPin(
-                robot=robot,
-                node=node,
-                position_world=self._robots[robot].T_world_tcp.position_m.astype(np.float32),
-            )
-            for robot, node in self._gripped.items()
-            if robot in self._robots
+            _pin(self._robots[robot].T_world_tcp, gripped.node, gripped)
+            for robot, gripped in self._gripped.items()
+            if robot in self._robots and gripped.node is not None
         )
+
+
+def _pin(T_world_tcp: Pose, node: int, gripped: Gripped) -> GripperPin:
+    """The held node where the tool has carried it."""
+    node_tcp = np.zeros(3) if gripped.node_tcp is None else gripped.node_tcp
+    place = geometry.transform(T_world_tcp, node_tcp[None, :])[0]
+    return GripperPin(robot=gripped.robot, node=node, position_world=place.astype(np.float32))

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from stereo_scene import Scene
 
+from dlokit import geometry
 from dlokit.communication import topics, virtual_time
 from dlokit.communication.clock import LoopClock
 from dlokit.communication.component import Component
@@ -251,5 +252,22 @@ def test_the_observation_says_which_node_the_gripper_holds(s_scene: Scene):
             outcome = await bus.call(api.LOOK)
             assert isinstance(outcome, Succeeded)
             assert [pin.node for pin in outcome.result.pins] == expected
+
+    with_perception(s_scene, test)
+
+
+def test_a_held_node_is_where_the_tool_has_carried_it_not_at_the_tool_centre_point(s_scene: Scene):
+    place_tcp = np.array([0.011, 0.0, -0.003])  # a grasp of an end, 11 mm inside the node
+
+    async def test(bus: MemoryTransport, camera: ScriptedCamera) -> None:
+        bus.publish(topics.ROBOT_STATE, s_scene.robot)
+        bus.publish(topics.GRIPPED, Gripped(stamp_ns=0, robot="panda", node=7, node_tcp=place_tcp))
+        await LoopClock().sleep(0.001)
+        outcome = await bus.call(api.LOOK)
+        assert isinstance(outcome, Succeeded)
+        T = geometry.matrix(s_scene.robot.T_world_tcp)
+        expected = T[:3, :3] @ place_tcp + T[:3, 3]
+        (pin,) = outcome.result.pins
+        assert np.abs(pin.position_world - expected).max() < 1e-6  # single precision
 
     with_perception(s_scene, test)
