@@ -99,3 +99,17 @@ def test_something_is_played_even_when_the_time_is_over_before() -> None:
     timer.allow(0.0, 0, 8)
     assert not timer.over
     assert timer.batch(3) == 2
+
+
+@pytest.mark.parametrize(
+    ("each_s", "ends_s"), [(0.01, 2.0), (0.04, 4.0), (0.5, 6.0)], ids=["quick", "busy", "hopeless"]
+)
+def test_on_a_busy_machine_a_decision_takes_as_long_as_the_least_rollouts_but_no_more_than_three_times(
+    each_s: float, ends_s: float
+) -> None:
+    clock = HandClock()
+    timer = Timer(2.0, clock, cores=2, least=100)
+    timer.allow(1.0, 0, 8)
+    while not timer.over:
+        _play(timer, clock, 1, each_s)
+    assert clock.now_s - 100.0 == pytest.approx(ends_s, abs=each_s)

@@ -23,6 +23,7 @@ _AT_ONCE = 2  # families refined in one generation
 _NARROWER = 0.75  # spread of a generation against the one before
 _SHOWN = 6  # candidates that are told of
 _LEAST = 16  # rollouts besides those of the finalists
+_LEAST_SHARE = 0.25  # of the rollouts, that a live decision waits for though its time has passed
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,7 +33,8 @@ class SearchConfig:
     rollouts: int = 480
     """Motions played through for one decision, at most."""
     seconds: float = 2.0
-    """Time for one decision when live [s]: the search ends with what it has then. Not looked at in lockstep."""
+    """Time for one decision when live [s]: the search ends with what it has then. On a machine so busy that not a
+    quarter of the rollouts fits, it takes longer, up to three times. Not looked at in lockstep."""
     generations: int = 8
     """Refinements."""
     finalists: int = 8
@@ -131,7 +133,9 @@ class Search:
         self._nodes, self._model, self._config = nodes_world, model, config
         self._score, self._judge, self._compute = score, judge, compute
         self._watch = watch or Watch()
-        self._timer = Timer(config.seconds, self._watch.stopwatch, config.threads)
+        self._timer = Timer(
+            config.seconds, self._watch.stopwatch, config.threads, least=round(_LEAST_SHARE * config.rollouts)
+        )
         self.spent = 0
         """Rollouts so far."""
 

@@ -11,18 +11,26 @@ T = TypeVar("T")
 _LARGEST_BATCH = 8  # rollouts a core between two looks at the time
 _BATCH_SHARE = 0.05  # of the time, that a batch may take
 _FINALS_SHARE = 0.3  # of the time, that is kept for the finals at most
+_PATIENCE = 3.0  # times the time, that a decision on a busy machine may take at most
 
 
 class Timer:
-    """A time for a whole decision, of which parts are allowed one after the other. Without stopwatch it never ends."""
+    """A time for a whole decision, of which parts are allowed one after the other. Without stopwatch it never ends.
 
-    def __init__(self, seconds: float, stopwatch: Callable[[], float] | None, cores: int = 0) -> None:
+    On a machine so busy that fewer than the `least` rollouts would fit, the time is as much longer, up to three times:
+    an action chosen among a dozen costs the robot more than the wait.
+    """
+
+    def __init__(
+        self, seconds: float, stopwatch: Callable[[], float] | None, cores: int = 0, *, least: int = 0
+    ) -> None:
         """`cores` that play at once; 0: those of this machine."""
-        self._seconds, self._stopwatch = seconds, stopwatch
+        self._asked_s, self._least, self._stopwatch = seconds, least, stopwatch
         self._cores = cores or len(os.sched_getaffinity(0))
         self._began_s = stopwatch() if stopwatch is not None else 0.0
         self._played, self._playing_s = 0, 0.0
-        self._until_s = seconds
+        self._until = 1.0  # share of the time
+        self._kept_s = 0.0
 
     @contextmanager
     def playing(self, rollouts: int) -> Generator[None]:
@@ -39,12 +47,16 @@ class Timer:
         """
         part_s, most_s = each * self._cores * self._each_s(), _FINALS_SHARE * self._seconds
         kept_s = min(math.ceil(finalists / self._cores) * part_s, most_s) if part_s <= most_s else 0.0
-        self._until_s = share * (self._seconds - kept_s)
+        self._until, self._kept_s = share, kept_s
 
     @property
     def over(self) -> bool:
         """Whether the allowed time has passed. Something must be played, or there is nothing to do."""
-        return self._stopwatch is not None and self._played > 0 and self._passed_s() >= self._until_s
+        return (
+            self._stopwatch is not None
+            and self._played > 0
+            and self._passed_s() >= self._until * (self._seconds - self._kept_s)
+        )
 
     def batch(self, count: int) -> int:
         """How many of `count` rollouts to play before the next look at the time: a few while the pace is not known."""
@@ -63,6 +75,14 @@ class Timer:
             if self._stopwatch is not None and ends_s > self._seconds:
                 return
             yield items[start : start + size]
+
+    @property
+    def _seconds(self) -> float:
+        """The time for the decision, at the pace so far [s]."""
+        if self._played == 0:
+            return self._asked_s
+        needed_s = self._least * self._passed_s() / self._played
+        return min(max(self._asked_s, needed_s), _PATIENCE * self._asked_s)
 
     def _passed_s(self) -> float:
         return 0.0 if self._stopwatch is None else self._stopwatch() - self._began_s
