@@ -18,7 +18,9 @@ from dlokit.skills.perception.base import SegmentationConfig
 from dlokit.skills.perception.box import BoxConfig
 from dlokit.skills.perception.config import PerceptionConfig
 from dlokit.skills.perception.pipeline import corrected_camera_pose, loaded, observe
+from dlokit.skills.perception.releases import Releases
 from dlokit.skills.perception.segmentations import from_spec
+from dlokit.skills.perception.shift import Shift, offset_after_release
 from dlokit.types.arrays import Float64Array
 from dlokit.types.image import StereoImages
 from dlokit.types.observation import Gripped, GripperPin, Observation
@@ -46,6 +48,8 @@ class PerceptionComponent(Component):
         self._gripped: dict[str, Gripped] = {}
         self._looks = 0
         self._T_world_camera: Pose | None = None
+        self._releases = Releases(config.shift.highest_m)
+        self._shift = Shift.unknown(config.shift)
 
     @implements(api.LOOK)
     async def look(self) -> Observation:
@@ -91,10 +95,12 @@ class PerceptionComponent(Component):
     async def on_robot_state(self, state: RobotState) -> None:
         """Remember where the robot is."""
         self._robots[state.robot] = state
+        self._releases.moved(state)
 
     @on(topics.GRIPPED)
     async def on_gripped(self, gripped: Gripped) -> None:
-        """Remember which node is held."""
+        """Remember which node is held, or where it was let go."""
+        self._releases.gripped(gripped, self._robots.get(gripped.robot))
         if gripped.node is None:
             self._gripped.pop(gripped.robot, None)
         else:
@@ -136,6 +142,7 @@ class PerceptionComponent(Component):
         images = await self._with_corrected_pose(images, robots)
         observation = await self.port.compute(observe, images, robots, self._config, self._segmentation, self._pins())
         self._looks += 1
+        self._learn_shift(observation, robots)
         self.port.publish(topics.OBSERVATION, observation)
         return observation
 
@@ -151,19 +158,36 @@ class PerceptionComponent(Component):
         return images
 
     async def _with_corrected_pose(self, images: StereoImages, robots: tuple[RobotState, ...]) -> StereoImages:
-        """The pair with the camera pose corrected by the table, which is looked for now and then."""
+        """The pair with the camera pose corrected by the table and by what was released on it."""
+        pose = await self._by_the_table(images, robots)
+        if self._config.shift.correct:
+            pose = self._shift.corrected(pose)
+        calibration = msgspec.structs.replace(images.calibration, T_world_camera=pose)
+        return msgspec.structs.replace(images, calibration=calibration)
+
+    async def _by_the_table(self, images: StereoImages, robots: tuple[RobotState, ...]) -> Pose:
+        """T_world_camera corrected by the table, which is looked for now and then."""
         table = self._config.table
-        if not table.correct_pose:
-            return images
-        if self._looks % table.every_looks == 0:
+        if table.correct_pose and self._looks % table.every_looks == 0:
             found = await self.port.compute(corrected_camera_pose, images, robots, self._config, self._segmentation)
             if found is None:
                 log.warning("the table's plane was not found; the camera pose stays as it was")
             self._T_world_camera = found or self._T_world_camera
-        if self._T_world_camera is None:
-            return images
-        calibration = msgspec.structs.replace(images.calibration, T_world_camera=self._T_world_camera)
-        return msgspec.structs.replace(images, calibration=calibration)
+        return self._T_world_camera or images.calibration.T_world_camera
+
+    def _learn_shift(self, observation: Observation, robots: tuple[RobotState, ...]) -> None:
+        """How far the rod is seen beside where it was let go; later looks are corrected by it."""
+        settings = self._config.shift
+        for release in self._releases.in_view(robots) if settings.correct else ():
+            measured = offset_after_release(observation.points_world, release, settings)
+            if measured is None:
+                continue
+            self._shift = self._shift.after(measured, settings.gate)
+            x_mm, y_mm = (1e3 * self._shift.mean_m).tolist()
+            log.info(
+                "the released rod is seen %.1f mm beside its place; the camera is taken to be off by (%.1f, %.1f) mm",
+                1e3 * measured.offset_m, x_mm, y_mm,
+            )  # fmt: skip
 
     def _pins(self) -> tuple[GripperPin, ...]:
         return tuple(
