@@ -55,8 +55,8 @@ class ModelComponent(Component):
         self._heard: list[Evidence] = []
 
     async def run(self) -> None:
-        """Say what is believed of the DLO; a late reader gets it too."""
-        self.port.publish(topics.BELIEF, as_configured(self._config, self.port.clock.now_ns()))
+        """Say what is believed of the DLO."""
+        self._tell_belief()
 
     @on(topics.TARGETS)
     async def on_targets(self, targets: TargetPoints) -> None:
@@ -133,11 +133,13 @@ class ModelComponent(Component):
         _require_curve(nodes_world)
         nodes = geometry.resample(nodes_world, self._config.nodes)
         self._goal_rod.place(nodes)
+        self._tell_belief()  # a task begins: whoever has joined since the start hears it now
         return self._publish_goal(nodes, name, ends_interchangeable)
 
     @implements(api.BUILD_GOAL)
     async def build_goal(self, frames: tuple[GoalFrame, ...]) -> GoalShape:
         """Drag the goal rod by frames until it rests."""
+        self._tell_belief()
         return self._drag_goal(frames, rounds=_BUILD_ROUNDS)
 
     @implements(api.PREDICT)
@@ -172,8 +174,14 @@ class ModelComponent(Component):
         if heard is None:
             raise SkillFailure("nothing_moved", "the action moved the DLO too little to tell anything of it")
         self._heard.append(heard)
-        of = posterior(self._config, self._heard)
-        belief = believed(self._config, of, len(self._heard), self.port.clock.now_ns())
+        return self._tell_belief()
+
+    def _tell_belief(self) -> DloBelief:
+        now_ns = self.port.clock.now_ns()
+        if self._heard:
+            belief = believed(self._config, posterior(self._config, self._heard), len(self._heard), now_ns)
+        else:
+            belief = as_configured(self._config, now_ns)
         self.port.publish(topics.BELIEF, belief)
         return belief
 

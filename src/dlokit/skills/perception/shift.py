@@ -26,8 +26,9 @@ _ROUNDS = 4
 class ShiftConfig:
     """Correction of the camera's place along the table, by where the rod lies after a release."""
 
-    correct: bool = True
-    """Whether to correct it. The tool's pose must be more exact than the camera's."""
+    correct: bool = False
+    """Whether to correct it. Off, because few releases tell less than the springing back of the rope hides; worth it in
+    long tasks with grasps at many yaws. The tool's pose must be more exact than the camera's."""
     prior_m: float = 0.004
     """How far the camera may be off along each axis before any release (standard deviation) [m]."""
     noise_m: float = 0.002

@@ -1,5 +1,6 @@
 """The model on the bus: targets in, state out; goals; held nodes follow the tool."""
 
+import asyncio
 from collections.abc import Awaitable, Callable
 
 import numpy as np
@@ -71,6 +72,18 @@ def robot_at(position: Float64Array, stamp_ns: int, holding: bool = True) -> Rob
 async def state_after_a_moment(port: Port) -> DloState | None:
     await port.clock.sleep(0.01)
     return port.latest(topics.STATE).value
+
+
+def test_what_is_believed_is_told_again_when_a_goal_is_set_for_those_who_joined_late() -> None:
+    async def check(port: Port, bus: MemoryTransport) -> None:
+        heard = aiter(port.stream(topics.BELIEF))
+        first = await asyncio.wait_for(anext(heard), 1.0)
+        await port.call(api.SET_GOAL, I_SHAPE)
+        again = await asyncio.wait_for(anext(heard), 1.0)
+        assert again.actions == first.actions == 0
+        assert again.elastic_m3.value == first.elastic_m3.value
+
+    with_model(check)
 
 
 def test_what_is_configured_is_told_as_the_first_belief() -> None:
