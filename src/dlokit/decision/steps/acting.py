@@ -4,19 +4,16 @@ from typing import Any
 
 import numpy as np
 
-from dlokit.communication import topics
 from dlokit.decision.convergence import best_so_far, has_changed, worth_it
 from dlokit.decision.marks import FailedPair, still_marked
-from dlokit.decision.steps import pairing
+from dlokit.decision.steps import hands
 from dlokit.decision.steps.explaining import fail
 from dlokit.decision.steps.outcomes import Carried, Change, Found, Grasped, Marked, Moved, Recovered, Released
-from dlokit.decision.steps.pairing import above
 from dlokit.decision.steps.slipping import follow_while_held
 from dlokit.decision.task import ShapeTask
 from dlokit.geometry import rmse_m
 from dlokit.skills.perception import api as perception
 from dlokit.skills.planning import api as planning
-from dlokit.skills.robot import api as robot
 from dlokit.types.action import Action, Marks, PairPlace, Push
 from dlokit.types.outcome import Failed, Outcome, Rejected, Succeeded
 
@@ -89,24 +86,15 @@ def _weigh(task: ShapeTask, action: Action) -> Found:
 
 async def approach(task: ShapeTask) -> Moved:
     """Open the fingers and move above the grasp in joint space."""
-    if isinstance(task.chosen, PairPlace):
-        return judge_motion(task, "pair.approach", await pairing.approach_one_by_one(task))
-    grasp_at = task.chosen.grasp
-    opened = await task.port.call(robot.RELEASE, grasp_at.opening_m)
+    opened = await hands.open_fingers(task)
     if not isinstance(opened, Succeeded):
         return judge_motion(task, "robot.release", opened)
-    moved = await task.port.call(robot.MOVE_TO, above(grasp_at.T_world_tcp, task.config.approach_height_m))
-    return judge_motion(task, "robot.move_to", moved)
+    return judge_motion(task, "robot.move_to", await hands.go_above(task))
 
 
 async def grasp(task: ShapeTask) -> Grasped:
     """Straight down and close; to push, the fingers are closed already and have nothing to feel."""
-    action, pair = task.chosen, isinstance(task.chosen, PairPlace)
-    if pair:
-        down = await pairing.down_together(task)
-    else:
-        down = await task.port.call(robot.MOVE_LINEAR, action.grasp.T_world_tcp, action.velocity)
-    match judge_motion(task, "robot.move_linear", down):
+    match judge_motion(task, "robot.move_linear", await hands.go_down(task)):
         case Moved.REFUSED:
             return Grasped.MISSED
         case Moved.INTERRUPTED:
@@ -115,12 +103,9 @@ async def grasp(task: ShapeTask) -> Grasped:
             return Grasped.FAILED
         case Moved.DONE:
             pass
-    if isinstance(action, Push):
+    if isinstance(task.chosen, Push):
         return Grasped.BESIDE
-    if pair:
-        gripped = await pairing.grasp_together(task)
-    else:
-        gripped = await task.port.call(robot.GRASP, task.config.grasp_force_n)
+    gripped = await hands.close_fingers(task)
     if not isinstance(gripped, Succeeded):
         fail(task, "robot.grasp", gripped)
         return Grasped.FAILED
@@ -130,18 +115,19 @@ async def grasp(task: ShapeTask) -> Grasped:
 
 async def move_to_goal(task: ShapeTask) -> Carried:
     """Carry the node along the path while perception, observer and model follow the rod."""
-    pair = isinstance(task.chosen, PairPlace)
-    pairing.say_gripped(task, held=True)
+    hands.say_gripped(task, held=True)
     await task.port.call(perception.SET_TRACKING, task.config.tracking_hz)
     try:
-        moved = await (pairing.carry_together(task) if pair else follow_while_held(task))
+        moved = await follow_while_held(task)
     finally:
         await task.port.call(perception.SET_TRACKING, 0.0)
     if task.slipped:
         return Carried.SLIPPED
     match judge_motion(task, "robot.follow_path", moved):
         case Moved.DONE:
-            return Carried.TO_CONTROL if task.config.control and not pair else Carried.DONE
+            # Control moves one tool; a pair is let go where its paths end.
+            alone = not isinstance(task.chosen, PairPlace)
+            return Carried.TO_CONTROL if task.config.control and alone else Carried.DONE
         case Moved.REFUSED:
             return Carried.REFUSED
         case Moved.INTERRUPTED:
@@ -152,45 +138,23 @@ async def move_to_goal(task: ShapeTask) -> Carried:
 
 async def push(task: ShapeTask) -> Moved:
     """Move the closed fingers along the path; what became of the rod is seen afterwards."""
-    action = task.chosen
-    moved = await task.port.call(robot.FOLLOW_PATH, action.path, action.velocity)
-    judged = judge_motion(task, "robot.follow_path", moved)
+    judged = judge_motion(task, "robot.follow_path", await hands.follow_paths(task))
     task.pushed = judged is Moved.DONE
     return judged
 
 
 async def release(task: ShapeTask) -> Released:
     """Open, go straight up, and leave the picture."""
-    if isinstance(task.chosen, PairPlace):
-        return await _release_pair(task)
-    action = task.chosen
-    opened = await task.port.call(robot.RELEASE, action.grasp.opening_m)
+    opened = await hands.open_fingers(task)
     if not isinstance(opened, Succeeded):
         return _judge_release(judge_motion(task, "robot.release", opened))
     task.release_stamp_ns = task.port.clock.now_ns()
-    pairing.say_gripped(task, held=False)
-    state = task.port.latest(topics.ROBOT_STATE).value
-    if state is not None:
-        up = above(state.T_world_tcp, task.config.retreat_height_m)
-        retreated = judge_motion(
-            task, "robot.move_linear", await task.port.call(robot.MOVE_LINEAR, up, action.velocity)
-        )
-        # Where straight up is refused, the joint-space move home has its own checks.
-        if retreated not in (Moved.DONE, Moved.REFUSED):
-            return _judge_release(retreated)
-    return _judge_release(judge_motion(task, "robot.home", await task.port.call(robot.HOME)))
-
-
-async def _release_pair(task: ShapeTask) -> Released:
-    opened = await pairing.let_go(task)
-    if not isinstance(opened, Succeeded):
-        return _judge_release(judge_motion(task, "pair.release", opened))
-    task.release_stamp_ns = task.port.clock.now_ns()
-    pairing.say_gripped(task, held=False)
-    retreated = judge_motion(task, "pair.retreat", await pairing.up_together(task))
+    hands.say_gripped(task, held=False)
+    retreated = judge_motion(task, "robot.move_linear", await hands.go_up(task))
+    # Where straight up is refused, the joint-space move home has its own checks.
     if retreated not in (Moved.DONE, Moved.REFUSED):
         return _judge_release(retreated)
-    return _judge_release(judge_motion(task, "pair.home", await pairing.home_one_by_one(task)))
+    return _judge_release(judge_motion(task, "robot.home", await hands.go_home(task)))
 
 
 def _judge_release(moved: Moved) -> Released:
@@ -209,12 +173,11 @@ async def recover(task: ShapeTask) -> Recovered:
     if task.recoveries > task.config.max_recoveries:
         task.reason = f"the arm braked by itself {task.recoveries} times; the last time: {task.reason}"
         return Recovered.TOO_OFTEN
-    for hand in pairing.hands_of(task.chosen):
-        recovered = await task.port.call(robot.RECOVER.at(hand.instance))
-        if not isinstance(recovered, Succeeded):
-            fail(task, "robot.recover", recovered)
-            return Recovered.FAILED
-    return Recovered.DONE
+    recovered = await hands.clear_faults(task)
+    if isinstance(recovered, Succeeded):
+        return Recovered.DONE
+    fail(task, "robot.recover", recovered)
+    return Recovered.FAILED
 
 
 async def has_error_changed(task: ShapeTask) -> Change:
@@ -240,5 +203,5 @@ async def mark_invalid(task: ShapeTask) -> Marked:
 
 def _mark(task: ShapeTask) -> None:
     assert task.state is not None
-    for hand in pairing.hands_of(task.chosen):
+    for hand in hands.hands_of(task.chosen):
         task.marks.append(FailedPair(node=hand.grasp.node, nodes_world=task.state.nodes_world))

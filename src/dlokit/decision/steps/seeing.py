@@ -9,6 +9,7 @@ from dlokit.communication import topics
 from dlokit.decision.convergence import Progress, best_so_far, patience, progress
 from dlokit.decision.looking import look_anew, settle, state_after
 from dlokit.decision.steps.explaining import explain, fail
+from dlokit.decision.steps.hands import hands_of
 from dlokit.decision.steps.outcomes import GoalSet, Sight
 from dlokit.decision.steps.slipping import note_slip, stayed_behind
 from dlokit.decision.task import ActionRecord, ShapeTask
@@ -192,7 +193,8 @@ async def track_again(task: ShapeTask) -> Sight:
     if not await look_anew(task, task.expected_world) or not await settle(task):
         return Sight.FAILED
     if stayed_behind(task, task.state.nodes_world):
-        note_slip(task)
+        for hand in hands_of(task.chosen):
+            note_slip(task, hand.grasp.node)
     task.errors_m.append(_error(task))
     predicted = task.chosen.predicted_nodes_world
     record = ActionRecord(

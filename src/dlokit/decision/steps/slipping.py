@@ -5,8 +5,9 @@ import asyncio
 import numpy as np
 
 from dlokit.communication import topics
+from dlokit.decision.steps import hands
+from dlokit.decision.steps.hands import Hand
 from dlokit.decision.task import ShapeTask
-from dlokit.skills.robot import api as robot
 from dlokit.types.arrays import Float64Array
 from dlokit.types.outcome import Outcome
 from dlokit.types.robot import MotionResult
@@ -16,37 +17,38 @@ _MOVED_M = 0.03  # a tool that came to rest nearer than this to the grasp need n
 
 
 async def follow_while_held(task: ShapeTask) -> Outcome[MotionResult]:
-    """Follow the path of the action; where the fingers close on nothing the arm is stopped and the slip noted."""
-    action = task.chosen
-    follow = asyncio.ensure_future(task.port.call(robot.FOLLOW_PATH, action.path, action.velocity))
-    watch = asyncio.create_task(_fingers_close(task), name="slip")
+    """Follow the paths of the action; where a hand's fingers close on nothing all are stopped and the slip noted."""
+    follow = asyncio.ensure_future(hands.follow_paths(task))
+    watches = {
+        asyncio.create_task(_fingers_close(task, hand), name=f"slip {hand.robot}"): hand
+        for hand in hands.hands_of(task.chosen)
+    }
     try:
-        await asyncio.wait((follow, watch), return_when=asyncio.FIRST_COMPLETED)
-        if watch.done() and not follow.done():
-            note_slip(task)
-            await task.port.call(robot.STOP)
+        await asyncio.wait((follow, *watches), return_when=asyncio.FIRST_COMPLETED)
+        lost = [hand for watch, hand in watches.items() if watch.done()]
+        if lost and not follow.done():
+            for hand in lost:
+                note_slip(task, hand.grasp.node)
+            await hands.stop(task)
         return await follow
     finally:
-        for waiting in (follow, watch):
+        for waiting in (follow, *watches):
             waiting.cancel()
-        await asyncio.gather(follow, watch, return_exceptions=True)
+        await asyncio.gather(follow, *watches, return_exceptions=True)
 
 
-async def _fingers_close(task: ShapeTask) -> None:
+async def _fingers_close(task: ShapeTask, hand: Hand) -> None:
     """Return when fingers that held something hold nothing; a robot that does not feel it is not waited for."""
     held = False
-    async for state in task.port.stream(topics.ROBOT_STATE):
-        if state.robot != task.chosen.robot:
-            continue
+    async for state in task.port.stream(topics.ROBOT_STATE.at(hand.instance)):
         if held and not state.holding:
             return
         held = held or state.holding
     await asyncio.Event().wait()  # the stream has ended: nothing more will be felt
 
 
-def note_slip(task: ShapeTask) -> None:
-    """The action under way has lost the DLO; a node that lost it twice is not grasped again."""
-    node = task.chosen.grasp.node
+def note_slip(task: ShapeTask, node: int) -> None:
+    """The action under way has lost the DLO at that node; one that lost it twice is not grasped again."""
     task.slipped = True
     task.slips[node] = task.slips.get(node, 0) + 1
 

@@ -1,0 +1,178 @@
+"""What each hand of an action does: one arm's, or those of both arms of a pair."""
+
+import asyncio
+from collections.abc import Callable, Coroutine
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+from dlokit.communication import topics
+from dlokit.decision.task import ShapeTask
+from dlokit.description.arms import instance_of
+from dlokit.geometry import inverse, matrix, pose_from_matrix, transform
+from dlokit.skills.robot import api as robot
+from dlokit.types.action import Action, Grasp, VelocityProfile
+from dlokit.types.arrays import Float64Array
+from dlokit.types.observation import Gripped
+from dlokit.types.outcome import Outcome, Succeeded
+from dlokit.types.pose import Pose
+from dlokit.types.robot import GripResult, MotionResult
+
+R = TypeVar("R")
+
+
+@dataclass(frozen=True)
+class Hand:
+    """What one arm does of an action."""
+
+    robot: str
+    grasp: Grasp
+    path: tuple[Pose, ...]
+    velocity: VelocityProfile
+
+    @property
+    def instance(self) -> str:
+        """For `Skill.at` and `Topic.at`."""
+        return instance_of(self.robot)
+
+
+def hands_of(action: Action) -> tuple[Hand, ...]:
+    """The hands that an action needs, the first arm's first."""
+    own = Hand(action.robot, action.grasp, action.path, action.velocity)
+    other = action.partner
+    if other is None:
+        return (own,)
+    return (own, Hand(other.robot, other.grasp, other.path, other.velocity))
+
+
+def above(pose: Pose, height_m: float) -> Pose:
+    """The pose, higher."""
+    T = matrix(pose)
+    T[2, 3] += height_m
+    return pose_from_matrix(T)
+
+
+async def open_fingers(task: ShapeTask) -> Outcome[Any]:
+    """As far as each grasp asks for, all at once."""
+    return await _all_at_once(task, lambda hand: task.port.call(robot.RELEASE.at(hand.instance), hand.grasp.opening_m))
+
+
+async def go_above(task: ShapeTask) -> Outcome[MotionResult]:
+    """Joint-space moves above the grasps."""
+    height_m = task.config.approach_height_m
+    return await _one_by_one(
+        task,
+        lambda hand: task.port.call(robot.MOVE_TO.at(hand.instance), above(hand.grasp.T_world_tcp, height_m)),
+    )
+
+
+async def go_down(task: ShapeTask) -> Outcome[MotionResult]:
+    """Straight down to the grasps."""
+    return await together(
+        task,
+        lambda hand: task.port.call(robot.MOVE_LINEAR.at(hand.instance), hand.grasp.T_world_tcp, hand.velocity),
+    )
+
+
+async def close_fingers(task: ShapeTask) -> Outcome[GripResult]:
+    """Close all; the outcome of a hand that holds nothing, where there is one."""
+    force_n = task.config.grasp_force_n
+    gripped = await asyncio.gather(
+        *(task.port.call(robot.GRASP.at(hand.instance), force_n) for hand in hands_of(task.chosen))
+    )
+    return next((one for one in gripped if not (isinstance(one, Succeeded) and one.result.held)), gripped[0])
+
+
+async def follow_paths(task: ShapeTask) -> Outcome[MotionResult]:
+    """The paths of the action, at the same time."""
+    return await together(
+        task, lambda hand: task.port.call(robot.FOLLOW_PATH.at(hand.instance), hand.path, hand.velocity)
+    )
+
+
+async def go_up(task: ShapeTask) -> Outcome[MotionResult]:
+    """Straight up, from wherever the hands are."""
+
+    def up(hand: Hand) -> Coroutine[Any, Any, Outcome[MotionResult]]:
+        state = task.port.latest(topics.ROBOT_STATE.at(hand.instance)).value
+        start = hand.path[-1] if state is None else state.T_world_tcp
+        target = above(start, task.config.retreat_height_m)
+        return task.port.call(robot.MOVE_LINEAR.at(hand.instance), target, hand.velocity)
+
+    return await together(task, up)
+
+
+async def go_home(task: ShapeTask) -> Outcome[MotionResult]:
+    """Out of the picture."""
+    return await _one_by_one(task, lambda hand: task.port.call(robot.HOME.at(hand.instance)))
+
+
+async def clear_faults(task: ShapeTask) -> Outcome[Any]:
+    """Make arms that braked by themselves ready again."""
+    return await _one_by_one(task, lambda hand: task.port.call(robot.RECOVER.at(hand.instance)))
+
+
+async def together(task: ShapeTask, call: Callable[[Hand], Coroutine[Any, Any, Outcome[R]]]) -> Outcome[R]:
+    """A motion of all hands at once; when one does not succeed the others are stopped, and its outcome is told."""
+    hands = hands_of(task.chosen)
+    running = [asyncio.ensure_future(call(hand)) for hand in hands]
+    failed: Outcome[R] | None = None
+    waiting = set(running)
+    try:
+        while waiting:
+            _, waiting = await asyncio.wait(waiting, return_when=asyncio.FIRST_COMPLETED)
+            if failed is not None:
+                continue
+            # In the order of the hands, not of the set, so that runs repeat.
+            ended = [one.result() for one in running if one not in waiting]
+            failed = next((outcome for outcome in ended if not isinstance(outcome, Succeeded)), None)
+            if failed is not None:
+                await stop(task, [hand for hand, one in zip(hands, running, strict=True) if one in waiting])
+        return failed or running[0].result()
+    finally:
+        for one in running:
+            one.cancel()
+        await asyncio.gather(*running, return_exceptions=True)
+
+
+async def stop(task: ShapeTask, hands: list[Hand] | None = None) -> None:
+    """Brake these hands' arms, or all of the action's."""
+    for hand in hands_of(task.chosen) if hands is None else hands:
+        await task.port.call(robot.STOP.at(hand.instance))
+
+
+async def _one_by_one(task: ShapeTask, call: Callable[[Hand], Coroutine[Any, Any, Outcome[R]]]) -> Outcome[R]:
+    """One hand after the other, so that the second finds where the first stands; ends with the first that fails."""
+    first, *others = hands_of(task.chosen)
+    outcome = await call(first)
+    for hand in others:
+        if not isinstance(outcome, Succeeded):
+            return outcome
+        outcome = await call(hand)
+    return outcome
+
+
+async def _all_at_once(task: ShapeTask, call: Callable[[Hand], Coroutine[Any, Any, Outcome[R]]]) -> Outcome[R]:
+    """All hands, whatever becomes of the others; the first outcome that is no success is told."""
+    outcomes = await asyncio.gather(*(call(hand) for hand in hands_of(task.chosen)))
+    return next((outcome for outcome in outcomes if not isinstance(outcome, Succeeded)), outcomes[0])
+
+
+def say_gripped(task: ShapeTask, *, held: bool) -> None:
+    """Tell everybody which nodes are held and where in the fingers, or that none is."""
+    for hand in hands_of(task.chosen):
+        tool = task.port.latest(topics.ROBOT_STATE.at(hand.instance)).value
+        node, place = hand.grasp.node if held else None, None
+        if held and tool is not None and task.state is not None:
+            place = place_in_tool(task.state.nodes_world[hand.grasp.node], tool.T_world_tcp)
+        message = Gripped(stamp_ns=task.port.clock.now_ns(), robot=hand.robot, node=node, node_tcp=place)
+        task.port.publish(topics.GRIPPED, message)
+
+
+def place_in_tool(node_world: Float64Array, T_world_tcp: Pose) -> Float64Array:
+    """Where a grasped node (3,) [m] is in the tool's frame: closed fingers have brought it to the middle between them.
+
+    Along the fingers and along the rod it stays where it was; a grasp need not be at a node.
+    """
+    place = transform(inverse(T_world_tcp), node_world[None, :])[0]
+    place[1] = 0.0
+    return place

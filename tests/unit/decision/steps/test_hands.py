@@ -1,0 +1,195 @@
+"""What the hands of an action do together: a pair's, on a bus with two arms that are told how their motions end."""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+from dlokit import geometry
+from dlokit.communication import topics, virtual_time
+from dlokit.communication.clock import LoopClock
+from dlokit.communication.component import Component, implements
+from dlokit.communication.host import Host
+from dlokit.communication.memory import MemoryTransport
+from dlokit.decision.config import TaskConfig
+from dlokit.decision.odometer import Odometer
+from dlokit.decision.steps import hands
+from dlokit.decision.steps.hands import place_in_tool
+from dlokit.decision.steps.slipping import follow_while_held
+from dlokit.decision.task import ShapeTask
+from dlokit.description.arms import OPPOSITE
+from dlokit.errors import SkillFailure
+from dlokit.skills.robot import api as robot
+from dlokit.types.action import Grasp, PairPlace, Partner, VelocityProfile
+from dlokit.types.outcome import Failed, Succeeded
+from dlokit.types.pose import Pose
+from dlokit.types.robot import FIRST_ROBOT, GripResult, MotionResult, RobotMode, RobotState
+
+TOOL = geometry.downward([0.5, 0.1, 0.004], 0.0)
+NODE, PARTNERS_NODE = 3, 27
+
+
+@dataclass
+class Script:
+    """How the motions of one arm end, and what it was told."""
+
+    motion_s: float = 2.0
+    fails: str = ""
+    """Reason of the failure after half of the motion."""
+    loses_at_s: float = float("inf")
+    """When the fingers close on nothing, counted from the start of the motion."""
+    holds: bool = True
+    told: list[str] = field(default_factory=list[str])
+
+
+class Arm(Component):
+    """An arm that does as its script says."""
+
+    name = "robot"
+    publishes = (topics.ROBOT_STATE,)
+
+    def __init__(self, script: Script, instance: str) -> None:
+        self._script, self.instance = script, instance
+        self._stopped = asyncio.Event()
+
+    @implements(robot.FOLLOW_PATH)
+    async def follow_path(self, path: tuple[Pose, ...], velocity: VelocityProfile) -> MotionResult:
+        self._script.told.append("follow_path")
+        for tick in range(round(self._script.motion_s / 0.1)):
+            self._tell(holding=0.1 * tick < self._script.loses_at_s)
+            await self.port.clock.sleep(0.1)
+            if self._stopped.is_set():
+                raise SkillFailure("stopped", "as it was told")
+            if self._script.fails and 0.2 * tick > self._script.motion_s:
+                raise SkillFailure(self._script.fails, "as the script says")
+        return MotionResult(q_rad=np.zeros(7), T_world_tcp=path[-1], duration_s=2.0, largest_joint_error_rad=0.0)
+
+    @implements(robot.GRASP)
+    async def grasp(self, force_n: float = 20.0) -> GripResult:
+        return GripResult(width_m=0.008 if self._script.holds else 0.0, held=self._script.holds)
+
+    @implements(robot.STOP)
+    async def stop(self) -> None:
+        self._script.told.append("stop")
+        self._stopped.set()
+
+    def _tell(self, *, holding: bool) -> None:
+        self.port.publish(
+            topics.ROBOT_STATE.at(self.instance),
+            RobotState(
+                stamp_ns=self.port.clock.now_ns(),
+                robot=self.instance or FIRST_ROBOT,
+                q_rad=np.zeros(7),
+                dq_rad_s=np.zeros(7),
+                tau_nm=np.zeros(7),
+                T_world_tcp=TOOL,
+                finger_width_m=0.008,
+                mode=RobotMode.MOVING,
+                holding=holding,
+            ),
+        )
+
+
+class Commander(Component):
+    """Whoever runs the task."""
+
+    name = "decision"
+    reads = (topics.ROBOT_STATE, topics.STATE, topics.COMMAND)
+
+
+def _pair() -> PairPlace:
+    partner = Partner(
+        robot=OPPOSITE,
+        grasp=Grasp(node=PARTNERS_NODE, T_world_tcp=TOOL),
+        path=(TOOL,),
+        velocity=VelocityProfile(),
+    )
+    grasp = Grasp(node=NODE, T_world_tcp=TOOL)
+    return PairPlace(stamp_ns=0, grasp=grasp, path=(TOOL,), velocity=VelocityProfile(), partner=partner)
+
+
+def with_two_arms(first: Script, second: Script, test: Callable[[ShapeTask], Awaitable[None]]) -> None:
+    async def main() -> None:
+        bus, clock = MemoryTransport(), LoopClock()
+        host = Host(bus, clock, instances={"robot": (OPPOSITE,)})
+        commander = Commander()
+        for component in (Arm(first, ""), Arm(second, OPPOSITE), commander):
+            host.add(component)
+        async with host:
+            task = ShapeTask(
+                port=commander.port,
+                config=TaskConfig(),
+                request=None,
+                stopwatch=lambda: 0.0,
+                states=commander.port.stream(topics.STATE),
+                commands=commander.port.stream(topics.COMMAND),
+                odometer=Odometer(),
+                recorded=lambda row: None,
+                action=_pair(),
+            )
+            await test(task)
+
+    virtual_time.run(main())
+
+
+def test_both_hands_move_and_neither_is_stopped() -> None:
+    first, second = Script(), Script(motion_s=3.0)
+
+    async def check(task: ShapeTask) -> None:
+        assert isinstance(await hands.follow_paths(task), Succeeded)
+        assert task.port.clock.now_ns() == pytest.approx(3.0e9)  # as long as the longer, not one after the other
+
+    with_two_arms(first, second, check)
+    assert first.told == second.told == ["follow_path"]
+
+
+@pytest.mark.parametrize("fails", [0, 1])
+def test_when_one_hand_fails_the_other_is_stopped_and_the_failure_is_told(fails: int) -> None:
+    scripts = (Script(), Script())
+    scripts[fails].fails = "joint_limit"
+
+    async def check(task: ShapeTask) -> None:
+        outcome = await hands.follow_paths(task)
+        assert isinstance(outcome, Failed)
+        assert outcome.reason == "joint_limit"
+
+    with_two_arms(*scripts, check)
+    assert scripts[fails].told == ["follow_path"]
+    assert scripts[1 - fails].told == ["follow_path", "stop"]
+
+
+def test_a_pair_of_which_one_holds_nothing_is_missed() -> None:
+    async def check(task: ShapeTask) -> None:
+        gripped = await hands.close_fingers(task)
+        assert isinstance(gripped, Succeeded)
+        assert not gripped.result.held
+
+    with_two_arms(Script(), Script(holds=False), check)
+
+
+@pytest.mark.parametrize(("loses", "node"), [(0, NODE), (1, PARTNERS_NODE)])
+def test_a_slip_out_of_either_hand_stops_both_and_is_noted_at_its_node(loses: int, node: int) -> None:
+    scripts = (Script(), Script())
+    scripts[loses].loses_at_s = 1.0
+
+    async def check(task: ShapeTask) -> None:
+        outcome = await follow_while_held(task)
+        assert isinstance(outcome, Failed)
+        assert outcome.reason == "stopped"
+        assert task.slipped
+        assert task.slips == {node: 1}
+
+    with_two_arms(*scripts, check)
+    assert [script.told for script in scripts] == [["follow_path", "stop"]] * 2
+
+
+def test_a_held_node_is_beside_the_tool_centre_point_along_the_rod_and_between_the_fingers_across_it() -> None:
+    T_world_tcp = geometry.downward([0.5, 0.1, 0.004], 0.3)
+    along, across, up = geometry.rotation(T_world_tcp).T  # axes of the tool in the world
+    node = T_world_tcp.position_m + 0.012 * along + 0.004 * across + 0.002 * up
+
+    place = place_in_tool(node, T_world_tcp)
+
+    assert np.allclose(place, [0.012, 0.0, 0.002], atol=1e-12)
