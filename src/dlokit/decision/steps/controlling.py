@@ -1,5 +1,7 @@
 """The box that controls: the error that is left while the DLO is held, reduced in closed loop."""
 
+import msgspec
+
 from dlokit.communication import topics
 from dlokit.decision.looking import settle
 from dlokit.decision.steps.acting import judge_motion
@@ -69,13 +71,7 @@ def _see(task: ShapeTask, advice: ControlAdvice) -> None:
     """What became of the correction before, now that the camera has seen it."""
     if not task.corrections_seen:
         return
-    before = task.corrections_seen[-1]
-    task.corrections_seen[-1] = CorrectionRecord(
-        displacement=before.displacement,
-        before_m=before.before_m,
-        predicted_m=before.predicted_m,
-        seen_m=advice.rmse_m,
-    )
+    task.corrections_seen[-1] = msgspec.structs.replace(task.corrections_seen[-1], seen_m=advice.rmse_m)
 
 
 def _ends(task: ShapeTask, outcome: Controlled, why: str) -> Controlled:
