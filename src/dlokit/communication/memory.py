@@ -28,6 +28,8 @@ class MemoryTransport:
     def __init__(self, tap: Callable[[Topic[Any], Message], None] | None = None) -> None:
         """`tap` sees every message as its readers get it."""
         self._tap = tap
+        self._taps: defaultdict[str, list[Callable[[bytes], None]]] = defaultdict(list)
+        self._sent: set[asyncio.Task[Any]] = set()
         self._latest: dict[str, tuple[Any, float]] = {}
         self._mailboxes: defaultdict[str, list[weakref.ref[Mailbox[Any]]]] = defaultdict(list)
         self._handlers: dict[str, CallHandler] = {}
@@ -41,7 +43,10 @@ class MemoryTransport:
 
     def publish(self, topic: Topic[T], message: T) -> None:
         """Hand everybody the same decoded, read-only copy."""
-        copy = codec.decode(codec.encode(message), topic.type)
+        data = codec.encode(message)
+        for listener in self._taps[topic.name]:
+            listener(data)
+        copy = codec.decode(data, topic.type)
         self._latest[topic.name] = (copy, asyncio.get_running_loop().time())
         if self._tap is not None:
             self._tap(topic, copy)
@@ -79,6 +84,16 @@ class MemoryTransport:
     ) -> Outcome[R]:
         """Like `call`, with progress; told at once, in the skill's own task."""
         return await self._call(skill, decoding(skill, told), *args, **kwargs)
+
+    def send(self, skill: Skill[P, Any], *args: P.args, **kwargs: P.kwargs) -> None:
+        """Ask and do not wait; on the loop's thread."""
+        task = asyncio.get_running_loop().create_task(self.call(skill, *args, **kwargs), name=f"sent {skill.key}")
+        self._sent.add(task)
+        task.add_done_callback(self._sent.discard)
+
+    def tap(self, topic: Topic[Any], listener: Callable[[bytes], None]) -> None:
+        """Hand on every message before its readers get it."""
+        self._taps[topic.name].append(listener)
 
     async def _call(self, skill: Skill[P, R], report: Report, *args: P.args, **kwargs: P.kwargs) -> Outcome[R]:
         request = encode_call(skill, f"memory-{next(self._call_ids)}", self.identity, *args, **kwargs)

@@ -1,10 +1,12 @@
 """A component's window to the rest of the system: its messages, calls, clock and compute."""
 
+import logging
 from collections.abc import AsyncIterator, Callable
 from typing import Any, ParamSpec, TypeVar
 
 import msgspec
 
+from dlokit.communication import codec
 from dlokit.communication.clock import Clock
 from dlokit.communication.compute import Compute
 from dlokit.communication.skill import ReportingSkill, Skill
@@ -13,6 +15,8 @@ from dlokit.communication.transport import Latest, Liveness, Transport
 from dlokit.errors import CommunicationError
 from dlokit.types.message import Message
 from dlokit.types.outcome import Outcome
+
+log = logging.getLogger(__name__)
 
 T = TypeVar("T", bound=Message)
 P = ParamSpec("P")
@@ -79,6 +83,24 @@ class Port:
     ) -> Outcome[R]:
         """Ask another component for a skill, and hear of its progress meanwhile."""
         return await self._transport.call_reported(skill, told, *args, **kwargs)
+
+    def send(self, skill: Skill[P, Any], *args: P.args, **kwargs: P.kwargs) -> None:
+        """Ask another component for a skill and return at once; live, from any thread."""
+        self._transport.send(skill, *args, **kwargs)
+
+    def tap(self, topic: Topic[T], listener: Callable[[T], None]) -> None:
+        """Hand every message of a topic to `listener`; live, on a thread of the network's, past the loop."""
+        self._check_read(topic)
+
+        def hear(data: bytes) -> None:
+            try:
+                message = codec.decode(data, topic.type)
+            except CommunicationError as error:
+                log.warning("a message on %s was dropped: %s", topic.name, error)
+                return
+            listener(message)
+
+        self._transport.tap(topic, hear)
 
     def alive(self, component: str) -> Liveness:
         """Whether another component is there."""

@@ -13,6 +13,7 @@ from dlokit.types.dlo import DloState, GoalShape, TargetPoints
 from dlokit.types.dlo_belief import DloBelief
 from dlokit.types.feasibility import GoalVerdict
 from dlokit.types.flow import FlowStatus, GoalFrames, OperatorCommand
+from dlokit.types.heartbeat import Heartbeat
 from dlokit.types.image import StereoImages
 from dlokit.types.observation import Gripped, Observation
 from dlokit.types.observer_event import ObserverEvent
@@ -37,6 +38,7 @@ ACTION        = Topic("planning/action",   ANY_ACTION,      "planning",   None, 
 GOAL_VERDICT  = Topic("planning/verdict",  GoalVerdict,     "planning",   None,  LAST,       "whether the goal can be reached and will hold")
 GRIPPED       = Topic("decision/gripped",  Gripped,         "decision",   None,  Every(16),  "which node the gripper holds")
 FLOW          = Topic("decision/flow",     FlowStatus,      "decision",   None,  Every(64),  "the step of the flow chart that runs")
+HEARTBEAT     = Topic("decision/heartbeat", Heartbeat,      "decision",   25.0,  LAST,       "that the commander of the robots is there")
 COMMAND       = Topic("viewer/command",    OperatorCommand, "viewer",     None,  Every(16),  "the operator's buttons")
 GOAL_FRAMES   = Topic("viewer/frames",     GoalFrames,      "viewer",     None,  LAST,       "the three frames that pull the goal")
 # fmt: on
@@ -57,6 +59,7 @@ TOPICS: tuple[Topic[Any], ...] = (
     GOAL_VERDICT,
     GRIPPED,
     FLOW,
+    HEARTBEAT,
     COMMAND,
     GOAL_FRAMES,
 )

@@ -2,7 +2,7 @@
 
 from collections.abc import AsyncIterator, Awaitable, Callable
 from dataclasses import dataclass
-from typing import Generic, ParamSpec, Protocol, TypeVar
+from typing import Any, Generic, ParamSpec, Protocol, TypeVar
 
 from dlokit.communication.skill import ReportingSkill, Skill
 from dlokit.communication.topic import Topic
@@ -79,6 +79,14 @@ class Transport(Protocol):
         self, skill: ReportingSkill[P, R, Q], told: Callable[[Q], None], *args: P.args, **kwargs: P.kwargs
     ) -> Outcome[R]:
         """Like `call`; `told` hears of the skill's progress in order, before the outcome, on the loop's thread."""
+        ...
+
+    def send(self, skill: Skill[P, Any], *args: P.args, **kwargs: P.kwargs) -> None:
+        """Ask for a skill and return at once; what becomes of it is not told. Live, from any thread."""
+        ...
+
+    def tap(self, topic: Topic[Any], listener: Callable[[bytes], None]) -> None:
+        """Hand every message of a topic, still encoded, to `listener`; live, on a thread of the network's."""
         ...
 
     def alive(self, component: str) -> Liveness:

@@ -18,6 +18,9 @@ log = logging.getLogger(__name__)
 NETWORK_LIMIT_S = 86_400.0
 """Zenoh ends a query by itself after this long; earlier ends are ours, on the clock that skills live by."""
 
+SENT_LIMIT_S = 10.0
+"""The answer to a call that nobody waits for is forgotten after this long."""
+
 CALLS_REMEMBERED = 64
 """Cancelled calls whose request has not arrived yet, that are remembered."""
 
@@ -61,6 +64,19 @@ async def ask(session: zenoh.Session, component: str, request: bytes, call_id: s
         log.warning("a call to %s could not be sent: %s", component, error)
         return None
     return await answered
+
+
+def send(session: zenoh.Session, component: str, request: bytes, call_id: str) -> None:
+    """Ask without waiting for an answer; before whatever else waits to be sent."""
+    session.get(
+        f"call/{component}",
+        zenoh.handlers.Callback(lambda reply: None, indirect=False),
+        payload=request,
+        attachment=call_id.encode(),
+        timeout=SENT_LIMIT_S,
+        priority=zenoh.Priority.REAL_TIME,
+        express=True,
+    )
 
 
 def cancel(session: zenoh.Session, component: str, call_id: str) -> None:

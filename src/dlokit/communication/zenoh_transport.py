@@ -90,6 +90,13 @@ class ZenohTransport:
             self._session.declare_subscriber(f"topic/{topic.name}", lambda sample: listener(sample.payload.to_bytes()))
         )
 
+    def send(self, skill: Skill[P, Any], *args: P.args, **kwargs: P.kwargs) -> None:
+        """From any thread, past the loop: for what must get through while the loop is busy."""
+        call_id = f"{self._identity}-{next(self._call_ids)}"
+        request = encode_call(skill, call_id, self._identity, *args, **kwargs)
+        if not isinstance(request, Rejected):
+            zenoh_calls.send(self._session, skill.component, request, call_id)
+
     async def call(self, skill: Skill[P, R], *args: P.args, **kwargs: P.kwargs) -> Outcome[R]:
         """Algorithm 1; a cancelled caller cancels the skill, and waits until it has stopped."""
         return await self._call(skill, unheard, *args, **kwargs)

@@ -34,7 +34,8 @@ class DecisionComponent(Component):
     """The master: it alone calls the robot's skills."""
 
     name = "decision"
-    publishes = (topics.FLOW, topics.GRIPPED)
+    # The heartbeat is its process's, and comes from a thread of its own while the leases are held.
+    publishes = (topics.FLOW, topics.GRIPPED, topics.HEARTBEAT)
     reads = (topics.STATE, topics.GOAL, topics.GOAL_FRAMES, topics.ROBOT_STATE, topics.COMMAND)
 
     def __init__(

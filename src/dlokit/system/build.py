@@ -9,6 +9,7 @@ from dlokit.communication.clock import Clock
 from dlokit.communication.component import Component
 from dlokit.communication.compute import Compute, InlineCompute
 from dlokit.communication.port import Port
+from dlokit.communication.pulse import ThreadPulse, loop_pulse
 from dlokit.communication.transport import Transport
 from dlokit.decision.component import DecisionComponent
 from dlokit.decision.shape_flow import SHAPE_DLO
@@ -24,6 +25,7 @@ from dlokit.skills.planning.component import PlanningComponent
 from dlokit.skills.robot.apart import Apart
 from dlokit.skills.robot.component import RobotComponent
 from dlokit.skills.robot.kinematics import PandaKinematics
+from dlokit.skills.robot.lease_watch import LoopWatch, ThreadWatch
 from dlokit.skills.viewer.component import RodOutline, ViewerComponent
 from dlokit.system.config import RunConfig
 from dlokit.types.arrays import Float64Array
@@ -64,12 +66,15 @@ def _cell(config: RunConfig, wiring: Wiring) -> Component:
 
 def _robot(mount: ArmMount) -> "_Builder":
     def build(config: RunConfig, wiring: Wiring) -> Component:
+        live = config.runtime == "live"
+        pulse = ThreadPulse(config.robot.loop_silent_s) if live else loop_pulse
         return RobotComponent(
             config.robot,
-            SimulatedRobot(_driver_port(wiring, "robot driver"), mount),
+            SimulatedRobot(_driver_port(wiring, "robot driver"), mount, pulse),
             time.monotonic_ns,
             PandaKinematics(mount.T_world_base),
             mount.instance,
+            ThreadWatch() if live else LoopWatch(),
         )
 
     return build

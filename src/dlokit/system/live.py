@@ -14,7 +14,7 @@ from dlokit.description.arms import ARMS
 from dlokit.errors import ProcessFailure
 from dlokit.system.build import Wiring, build_component, instances_of_run
 from dlokit.system.config import RunConfig
-from dlokit.system.lease_keeper import lease_held
+from dlokit.system.lease_keeper import leases_held
 from dlokit.system.live_system import LiveSystem, live_system, namespace_of
 from dlokit.system.processes import DECISION, processes_of_run
 from dlokit.system.recording import live_recorder, with_calls_recorded
@@ -70,5 +70,5 @@ async def _decide(
     decision = components["decision"]
     assert isinstance(decision, DecisionComponent)
     await host.prepare()
-    async with host, lease_held(live.transport, config.robot.commander_lease_s, ARMS[: config.arms]):
+    async with host, leases_held(live.transport, live.clock, config.robot, ARMS[: config.arms]):
         return await shape(decision, transport, live.clock, config, job, watch)

@@ -52,6 +52,13 @@ class Robot(Protocol):
         """Brake within the limits; returns when the arm stands."""
         ...
 
+    def brake(self) -> None:
+        """Order the arm to brake within the limits, and return at once.
+
+        From any thread, whether the event loop comes round or not; again and again does no harm.
+        """
+        ...
+
     async def recover(self) -> None:
         """Clear a fault; the arm stays where it is."""
         ...

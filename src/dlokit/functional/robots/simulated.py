@@ -1,8 +1,8 @@
 """A Panda of the simulated cell: every verb is a call to the cell's socket."""
 
 import asyncio
-from collections.abc import AsyncGenerator, AsyncIterator
-from contextlib import asynccontextmanager
+from collections.abc import AsyncIterator
+from functools import partial
 from types import TracebackType
 from typing import Self, TypeVar
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from dlokit.communication import topics
 from dlokit.communication.port import Port
+from dlokit.communication.pulse import Pulse, loop_pulse
 from dlokit.description.arms import ARMS, ArmMount
 from dlokit.description.panda_data import PANDA_LIMITS
 from dlokit.errors import HardwareError, SkillFailure
@@ -21,7 +22,7 @@ from dlokit.types.robot import GripResult, JointLimits, JointTrajectory, Lease, 
 
 R = TypeVar("R")
 
-_RENEWALS = 4
+_RENEWALS = 5
 """Signs of life in the time after which the arm would brake."""
 _CONNECT_S = 10.0
 _SERVO_PERIOD_S = 0.02
@@ -30,8 +31,10 @@ _SERVO_PERIOD_S = 0.02
 class SimulatedRobot:
     """Drives an arm of the cell through a port."""
 
-    def __init__(self, port: Port, mount: ArmMount = ARMS[0]) -> None:
+    def __init__(self, port: Port, mount: ArmMount = ARMS[0], pulse: Pulse = loop_pulse) -> None:
+        """`pulse` gives the signs of life of a motion."""
         self._port = port
+        self._pulse = pulse
         self._robot = mount.robot
         self._T_world_base = mount.T_world_base
         self._states = topics.ARM_STATE.at(mount.instance)
@@ -78,7 +81,8 @@ class SimulatedRobot:
 
     async def follow(self, trajectory: JointTrajectory, lease: Lease) -> MotionResult:
         """Run a trajectory, renewing the right to move all the while; a cancelled call brakes the arm."""
-        async with self._renewing(lease):
+        renew = partial(self._port.send, api.RENEW, self._robot)
+        async with self._pulse(renew, lease.duration_s / _RENEWALS):
             return _result(await self._port.call(api.FOLLOW, trajectory, lease.duration_s, self._robot))
 
     async def servo(self, targets: AsyncIterator[Pose], lease: Lease) -> MotionResult:
@@ -111,24 +115,13 @@ class SimulatedRobot:
         """Brake."""
         _result(await self._port.call(api.STOP, self._robot))
 
+    def brake(self) -> None:
+        """Order the cell to brake."""
+        self._port.send(api.STOP, self._robot)
+
     async def recover(self) -> None:
         """Clear a fault."""
         _result(await self._port.call(api.RECOVER, self._robot))
-
-    @asynccontextmanager
-    async def _renewing(self, lease: Lease) -> AsyncGenerator[None, None]:
-        """Tell the cell that this driver lives, until the block ends."""
-
-        async def renew() -> None:
-            while True:
-                await asyncio.sleep(lease.duration_s / _RENEWALS)
-                await self._port.call(api.RENEW, self._robot)
-
-        heart = asyncio.create_task(renew())
-        try:
-            yield
-        finally:
-            heart.cancel()
 
 
 async def _feed(servo: PoseServo, targets: AsyncIterator[Pose]) -> None:

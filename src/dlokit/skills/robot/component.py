@@ -1,6 +1,7 @@
 """The robot component: plans, checks and runs motions, one at a time, and brakes when its commander is lost."""
 
 import asyncio
+import contextlib
 from collections.abc import AsyncGenerator, Callable, Coroutine
 from contextlib import asynccontextmanager
 from typing import Any, TypeVar
@@ -18,6 +19,7 @@ from dlokit.skills.robot.checks import check_trajectory
 from dlokit.skills.robot.config import RobotConfig
 from dlokit.skills.robot.kinematics import PandaKinematics, Yaw
 from dlokit.skills.robot.lease import LeaseKeeper
+from dlokit.skills.robot.lease_watch import LeaseWatch, LoopWatch
 from dlokit.skills.robot.trajectories import joint_move, tool_move
 from dlokit.types.action import VelocityProfile
 from dlokit.types.arrays import Float64Array
@@ -35,8 +37,7 @@ class RobotComponent(Component):
 
     name = "robot"
     publishes = (topics.ROBOT_STATE,)
-    # The simulated driver reads it through a port of its own; drivers of real arms do not.
-    reads = ()
+    reads = (topics.HEARTBEAT,)
 
     def __init__(
         self,
@@ -45,10 +46,12 @@ class RobotComponent(Component):
         monotonic_ns: Callable[[], int],
         kinematics: PandaKinematics | None = None,
         instance: str = "",
+        watch: LeaseWatch | None = None,
     ) -> None:
         """`monotonic_ns` is the machine's clock, for leases; it stands apart from the clock of the port.
 
-        `instance` says which arm it is, where there is more than one.
+        `instance` says which arm it is, where there is more than one; `watch` looks after the lease, by default on the
+        event loop.
         """
         super().__init__()
         self.instance = instance
@@ -56,7 +59,8 @@ class RobotComponent(Component):
         self._robot = robot
         self._kinematics = kinematics or PandaKinematics()
         self._lease = LeaseKeeper(monotonic_ns)
-        self._watch: asyncio.Task[None] | None = None
+        self._watch = watch or LoopWatch()
+        self._loop: asyncio.AbstractEventLoop | None = None
         self._motion: asyncio.Task[Any] | None = None
         self._braked_because = ""
         self._commanded: NDArray[np.float64] | None = None
@@ -64,6 +68,7 @@ class RobotComponent(Component):
     async def run(self) -> None:
         """Publish the robot's state, each once: when the arm falls silent, so does the topic, and its age tells."""
         published_ns = -1
+        self.port.tap(topics.HEARTBEAT, lambda heartbeat: self._lease.hear(heartbeat.holder))
         try:
             async with self._robot:
                 while True:
@@ -73,8 +78,7 @@ class RobotComponent(Component):
                         published_ns = state.stamp_ns
                     await self.port.clock.sleep(1.0 / self._config.state_rate_hz)
         finally:
-            if self._watch is not None:
-                self._watch.cancel()
+            self._watch.end()
 
     @implements(api.MOVE_JOINTS)
     async def move_joints(self, q_rad: Float64Array) -> MotionResult:
@@ -134,26 +138,29 @@ class RobotComponent(Component):
     async def renew_lease(self, holder: str, duration_s: float = 0.2) -> None:
         """Take or keep the right to move."""
         self._lease.renew(holder, duration_s)
-        if self._watch is None or self._watch.done():
-            self._watch = asyncio.create_task(self._watch_lease(), name="robot lease")
+        self._loop = asyncio.get_running_loop()
+        self._watch.begin(self._lease, self._ran_out)
 
     @implements(api.RELEASE_LEASE)
     async def release_lease(self, holder: str) -> None:
         """Give the right to move back."""
         self._lease.release(holder)
 
-    async def _watch_lease(self) -> None:
-        """Brake once the lease has run out. On the machine's clock: the cell's may stand still."""
-        while self._lease.taken:
-            if self._lease.lost:
-                await self._brake("lease_lost")
-                return
-            await asyncio.sleep(self._config.watch_period_s)
+    def _ran_out(self) -> None:
+        """Brake, from the thread of the watch: neither a busy loop nor an order that was lost keeps the arm moving."""
+        self._braked_because = api.LEASE.reason
+        self._robot.brake()
+        assert self._loop is not None, "a lease that has run out was taken"
+        with contextlib.suppress(RuntimeError):  # the loop has ended, and with it every motion
+            self._loop.call_soon_threadsafe(self._end_motion)
+
+    def _end_motion(self) -> None:
+        if self._motion is not None:
+            self._motion.cancel()
 
     async def _brake(self, reason: str) -> None:
         self._braked_because = reason  # holds for a motion that is still being planned as well
-        if self._motion is not None:
-            self._motion.cancel()
+        self._end_motion()
         await self._robot.stop()
 
     @holds(api.COMMANDER)
@@ -206,9 +213,9 @@ class RobotComponent(Component):
 
     async def _interruptible(self, motion: Coroutine[Any, Any, R]) -> R:
         """Run a motion so that `_brake` can end it, and so that a cancelled caller leaves the arm standing."""
-        if self._braked_because:
+        if self._braked_because or self._lease.lost:
             motion.close()
-            raise SkillFailure(self._braked_because, "the arm was braked before the motion began")
+            raise SkillFailure(self._braked_because or api.LEASE.reason, "the arm was braked before the motion began")
         self._motion = asyncio.create_task(motion)
         try:
             return await self._motion
@@ -216,6 +223,10 @@ class RobotComponent(Component):
             if self._braked_because:
                 raise SkillFailure(self._braked_because, "the arm was braked before the end of the motion") from None
             await self._robot.stop()
+            raise
+        except SkillFailure as error:
+            if self._braked_because:  # from another thread: the arm said so before the motion could be ended
+                raise SkillFailure(self._braked_because, error.detail) from error
             raise
         finally:
             self._motion = None

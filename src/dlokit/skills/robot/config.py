@@ -13,17 +13,21 @@ class RobotConfig:
 
     state_rate_hz: float = 50.0
     """Rate at which the robot's state is published [Hz]."""
-    commander_lease_s: float = 1.0
-    """Time without a sign of life from a decision process that is frozen after which the arm brakes [s of the machine's
-    clock]; one that dies is noticed at once. Signs of life of a machine that is overloaded have gaps of 0.2 s."""
-    driver_lease_s: float = 0.5
-    """Time without a sign of life from the driver after which the arm brakes [s]."""
-    watch_period_s: float = 0.02
-    """How often a lease that was taken is looked at [s], on the machine's clock."""
+    commander_lease_s: float = 0.2
+    """Time without a sign of life from the decision process after which the arm brakes [s of the machine's clock]: it
+    was killed, or is frozen."""
+    driver_lease_s: float = 0.2
+    """Time without a sign of life from the driver's process after which the arm itself brakes [s]."""
+    loop_silent_s: float = 1.0
+    """An event loop of one of the two that has hung for so long [s] gives no more signs of life."""
     surroundings: Surroundings = field(default_factory=Surroundings)
     """What the arm must keep clear of."""
 
     def __post_init__(self) -> None:
-        for name, value in (("commander", self.commander_lease_s), ("driver", self.driver_lease_s)):
+        for name, value in (
+            ("commander-lease", self.commander_lease_s),
+            ("driver-lease", self.driver_lease_s),
+            ("loop-silent", self.loop_silent_s),
+        ):
             if not (math.isfinite(value) and value > 0.0):
-                raise ConfigError(f"--robot.{name}-lease-s is {value}; it must be a number of seconds above 0.")
+                raise ConfigError(f"--robot.{name}-s is {value}; it must be a number of seconds above 0.")

@@ -11,6 +11,7 @@ from dlokit.types.dlo import DloState, GoalShape, TargetPoints, Topology
 from dlokit.types.dlo_belief import DloBelief, Figure
 from dlokit.types.feasibility import Finding, GoalVerdict, Problem, Standing
 from dlokit.types.flow import Command, FlowStatus, GoalFrame, GoalFrames, Mode, OperatorCommand, RunOutcome
+from dlokit.types.heartbeat import Heartbeat
 from dlokit.types.image import CameraCalibration, StereoImages
 from dlokit.types.message import Message
 from dlokit.types.observation import Gripped, GripperPin, Observation, Occlusion
@@ -136,6 +137,7 @@ EXAMPLES: dict[str, Message] = {
         outcome=RunOutcome.CONVERGED,
         mode=Mode.PLANNING,
     ),
+    topics.HEARTBEAT.name: Heartbeat(stamp_ns=60_000_000, seq=1, holder="a1b2"),
     topics.COMMAND.name: OperatorCommand(stamp_ns=60_000_000, seq=1, command=Command.PAUSE),
     topics.GOAL_FRAMES.name: GoalFrames(stamp_ns=60_000_000, seq=1, frames=(GoalFrame(node=3, x_m=0.5, y_m=0.0),)),
     SKILL_CALLS.name: CallRecord(stamp_ns=70_000_000, seq=1, skill="robot.stop", outcome=CallEnd.SUCCEEDED),

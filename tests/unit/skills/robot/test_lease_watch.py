@@ -1,0 +1,86 @@
+"""The lease on a robot, and who looks after it."""
+
+import threading
+import time
+
+import pytest
+
+from dlokit.errors import SkillRejected
+from dlokit.skills.robot.lease import LeaseKeeper
+from dlokit.skills.robot.lease_watch import ThreadWatch
+
+PATIENCE_S = 30.0  # it takes milliseconds; a test that waits in vain fails
+
+
+class Machine:
+    """A monotonic clock that stands still unless it is moved."""
+
+    def __init__(self) -> None:
+        self.now_s = 0.0
+
+    def __call__(self) -> int:
+        return round(self.now_s * 1e9)
+
+
+def test_a_sign_of_life_keeps_the_lease_for_its_duration() -> None:
+    machine = Machine()
+    keeper = LeaseKeeper(machine)
+    keeper.renew("the decision process", 0.2)
+    machine.now_s = 0.15
+    keeper.hear("the decision process")
+    machine.now_s = 0.3
+    assert not keeper.lost
+    assert keeper.left_s == pytest.approx(0.05)
+    machine.now_s = 0.35
+    assert keeper.lost
+
+
+def test_a_sign_of_life_of_somebody_else_keeps_nothing() -> None:
+    machine = Machine()
+    keeper = LeaseKeeper(machine)
+    keeper.renew("the decision process", 0.2)
+    machine.now_s = 0.15
+    keeper.hear("another system")
+    keeper.hear("")
+    machine.now_s = 0.25
+    assert keeper.lost
+    keeper.renew("another system", 0.2)  # what has run out may be taken
+    with pytest.raises(SkillRejected, match="another system moves this robot"):
+        keeper.renew("the decision process", 0.2)
+
+
+def test_nobody_s_lease_never_runs_out() -> None:
+    machine = Machine()
+    keeper = LeaseKeeper(machine)
+    keeper.renew("the decision process", 0.2)
+    keeper.release("the decision process")
+    machine.now_s = 10.0
+    assert not keeper.lost
+
+
+def test_the_thread_tells_of_a_lease_that_has_run_out_until_it_runs_again() -> None:
+    machine, told = Machine(), threading.Semaphore(0)
+    keeper, watch = LeaseKeeper(machine), ThreadWatch()
+    keeper.renew("the decision process", 0.2)
+    watch.begin(keeper, lambda: told.release())
+    try:
+        machine.now_s = 0.25
+        # Again and again: one order to brake that is lost, or that a motion has overtaken, is not the last.
+        assert told.acquire(timeout=PATIENCE_S)
+        assert told.acquire(timeout=PATIENCE_S)
+        keeper.hear("the decision process")
+        assert not keeper.lost
+    finally:
+        watch.end()
+
+
+def test_the_thread_looks_while_nothing_else_of_its_process_gets_on() -> None:
+    told, keeper, watch = threading.Event(), LeaseKeeper(time.monotonic_ns), ThreadWatch()
+    keeper.renew("the decision process", 0.05)
+    watch.begin(keeper, told.set)
+    try:
+        end_s = time.monotonic() + PATIENCE_S
+        while not told.is_set():  # this thread never waits: what looks has to come between
+            assert time.monotonic() < end_s
+    finally:
+        watch.end()
