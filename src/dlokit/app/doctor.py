@@ -16,6 +16,7 @@ from rich.table import Table
 from rich.text import Text
 
 from dlokit.app.opengl_probe import OpenGLReport, probe_opengl
+from dlokit.communication.pulse import may_be_urgent
 from dlokit.errors import MachineError
 
 NEEDED_MEMORY_GIB = 2.0
@@ -79,6 +80,7 @@ def examine(args: DoctorArgs) -> tuple[Finding, ...]:
         python_finding(sys.version_info[:3]),
         opengl_finding(probe_opengl(args.opengl_timeout_s)),
         cores_finding(_usable_cores()),
+        urgency_finding(may_be_urgent()),
         memory_finding(psutil.virtual_memory().available / 2**30),
         port_finding(args.viewer_host, args.viewer_port),
         *dependency_findings(),
@@ -154,6 +156,18 @@ def memory_finding(available_gib: float) -> Finding:
         standing=Standing.ADVICE,
         found=f"{found}; a live run wants {NEEDED_MEMORY_GIB:.0f} GiB",
         mend="close other programs, or dlokit shape --runtime lockstep",
+    )
+
+
+def urgency_finding(allowed: bool) -> Finding:
+    """Whether the threads that keep the robots' leases may go before everything else on a busy machine."""
+    if allowed:
+        return Finding(what="real-time priority", standing=Standing.READY, found="allowed, for signs of life")
+    return Finding(
+        what="real-time priority",
+        standing=Standing.ADVICE,
+        found="not allowed; on an overloaded machine a sign of life may come late, and the arm then brakes",
+        mend='echo "$USER - rtprio 10" | sudo tee /etc/security/limits.d/dlokit.conf  # then log in again',
     )
 
 

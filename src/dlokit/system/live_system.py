@@ -41,6 +41,8 @@ class LiveSystem:
     """The cell's time, or the machine's with hardware."""
     compute: Compute
     supervisor: Supervisor
+    bus: ZenohConfig
+    """How another process of this machine joins it."""
 
     async def run(self, main: Coroutine[Any, Any, T], when_failed: Callable[[T, ProcessFailure], T]) -> T:
         """Result of `main`, which is cancelled when an essential process dies, or when the caller is (Ctrl-C).
@@ -110,7 +112,7 @@ async def live_system(rows: tuple[ProcessRow, ...], launch: Launch) -> AsyncGene
             await supervisor.guard(bus.first_tick(FIRST_TICK_S))
             await supervisor.guard(_all_seen(bus.transport, [name for row in others for name in row.components]))
             with announced(launch.run_dir, launch.namespace, meeting_point[0]):
-                yield LiveSystem(bus.transport, bus.clock, compute, supervisor)
+                yield LiveSystem(bus.transport, bus.clock, compute, supervisor, others_bus)
 
 
 async def _all_seen(transport: ZenohTransport, components: list[str]) -> None:

@@ -25,7 +25,7 @@ class WorkerCompute:
         """Result of ``function(*args, **kwargs)``, computed in the worker."""
         if self._pool is None:
             spawn = multiprocessing.get_context("spawn")
-            self._pool = ProcessPoolExecutor(1, mp_context=spawn, initializer=_end_with_parent)
+            self._pool = ProcessPoolExecutor(1, mp_context=spawn, initializer=end_with_parent)
         return await PoolCompute(self._pool)(function, *args, **kwargs)
 
     def close(self) -> None:
@@ -44,7 +44,8 @@ def worker_pool() -> Generator[WorkerCompute]:
         compute.close()
 
 
-def _end_with_parent() -> None:
+def end_with_parent() -> None:
+    """In a process of `multiprocessing`: end when the one that started it has ended, however it did."""
     parent = multiprocessing.parent_process()
     assert parent is not None, "only a worker is initialised by this"
     # The queue that a worker waits on has no end when its owner is killed; the owner's sentinel has.

@@ -52,6 +52,8 @@ def test_a_picture_that_takes_too_long_is_a_finding_and_no_hang() -> None:
         (doctor.opengl_finding(OpenGLReport(works=True, text="llvmpipe")), Standing.READY),
         (doctor.cores_finding(2), Standing.READY),
         (doctor.cores_finding(1), Standing.ADVICE),
+        (doctor.urgency_finding(True), Standing.READY),
+        (doctor.urgency_finding(False), Standing.ADVICE),
         (doctor.memory_finding(8.0), Standing.READY),
         (doctor.memory_finding(0.5), Standing.ADVICE),
         (doctor.package_finding(Requirement("numpy>=2.2"), {"numpy": "2.2.1"}.get), Standing.READY),
