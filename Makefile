@@ -5,7 +5,7 @@ BIN := .venv/bin
 # OpenGL without a screen for the cell's pictures; a browser for the tests of the viewer.
 SYSTEM_PACKAGES := libegl1 libgl1-mesa-dri chromium
 
-.PHONY: help setup system-packages demo test check lock clean
+.PHONY: help setup system-packages demo test check references lock clean
 .DEFAULT_GOAL := help
 
 help:
@@ -13,6 +13,7 @@ help:
 	@echo "make test     all tests"
 	@echo "make check    style, strict types, layers"
 	@echo "make setup    .venv and the system packages, for all of the above"
+	@echo "make references  the recorded runs of tests/replay anew, after a change that is meant"
 	@echo "make lock     requirements.lock anew, from pyproject.toml"
 	@echo "make clean    everything that can be made again"
 
@@ -38,6 +39,9 @@ check: setup
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright
 	$(BIN)/lint-imports
+
+references: setup
+	$(BIN)/python tests/replay/renew_references.py
 
 lock:
 	@command -v uv >/dev/null || { echo "make lock needs uv: python3 -m pip install --user uv"; exit 1; }

@@ -67,17 +67,18 @@ class Skill(Generic[P, R]):
         return inspect.getdoc(self.signature) or ""
 
     @cached_property
-    def _hints(self) -> dict[str, Any]:
+    def types(self) -> dict[str, Any]:
+        """Types of its arguments by their names, and of its result as ``return``."""
         return get_type_hints(self.signature)
 
     @cached_property
     def _arguments_type(self) -> type[msgspec.Struct]:
-        fields = [(name, self._hints[name]) for name in inspect.signature(self.signature).parameters]
+        fields = [(name, self.types[name]) for name in inspect.signature(self.signature).parameters]
         return msgspec.defstruct(f"{self.name}_arguments", fields, forbid_unknown_fields=True, eq=False)
 
     @cached_property
     def _outcome_type(self) -> Any:
-        result = self._hints["return"]
+        result = self.types["return"]
         return Succeeded[result] | Failed | Rejected | Cancelled | TimedOut | Unreachable
 
     def name_arguments(self, *args: P.args, **kwargs: P.kwargs) -> dict[str, Any]:
@@ -91,7 +92,7 @@ class Skill(Generic[P, R]):
         signature = inspect.signature(self.signature)
         try:
             signature.bind(**plain)
-            return {name: codec.from_plain(value, self._hints[name]) for name, value in plain.items()}
+            return {name: codec.from_plain(value, self.types[name]) for name, value in plain.items()}
         except (TypeError, CommunicationError) as error:
             raise CommunicationError(f"arguments of {self.key} do not fit: {error}; expected {signature}") from error
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from dlokit import __version__
 from dlokit.communication.clock import Clock, FollowedClock
 from dlokit.communication.recording.call_log import CallLog
-from dlokit.communication.recording.channels import FILE_NAME, SKILL_CALLS
+from dlokit.communication.recording.channels import CALLS_BEGUN, FILE_NAME, SKILL_CALLS
 from dlokit.communication.recording.recorder import Recorder
 from dlokit.communication.topics import TOPICS
 from dlokit.communication.transport import Transport
@@ -19,6 +19,7 @@ from dlokit.system.build import instances_of_run
 from dlokit.system.config import RunConfig
 from dlokit.system.run_result import config_hash
 from dlokit.system.toml_config import to_toml
+from dlokit.types.skill_call import CallBegun, CallRecord
 
 LIBRARIES = ("mcap", "mujoco", "numpy", "eclipse-zenoh", "msgspec")
 
@@ -77,4 +78,8 @@ def with_calls_recorded(transport: Transport, clock: Clock, recorder: Recorder |
     """The same transport, whose calls the recorder is told of."""
     if recorder is None:
         return transport
-    return CallLog(transport, clock.now_ns, lambda call: recorder.put(SKILL_CALLS, call), untold=CABLES)
+
+    def tell(call: CallBegun | CallRecord) -> None:
+        recorder.put(CALLS_BEGUN if isinstance(call, CallBegun) else SKILL_CALLS, call)
+
+    return CallLog(transport, clock.now_ns, tell, untold=CABLES)

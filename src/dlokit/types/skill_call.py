@@ -1,4 +1,4 @@
-"""A skill call that has ended, as it is recorded."""
+"""Skill calls as they are recorded: that one has begun, and how it ended."""
 
 import enum
 
@@ -16,12 +16,27 @@ class CallEnd(enum.Enum):
     UNREACHABLE = "unreachable"
 
 
+class CallBegun(Message, frozen=True, kw_only=True, eq=False):
+    """A call was made. One that has no end in a recording ran when the recording ended."""
+
+    skill: str
+    """``component.skill``"""
+    call: int
+    """Its number among those of its caller, from 1."""
+    caller: str = ""
+    """Who called, as the bus knows it."""
+
+
 class CallRecord(Message, frozen=True, kw_only=True, eq=False):
     """One call, with the stamp of its end."""
 
     skill: str
     """``component.skill``"""
     outcome: CallEnd
+    call: int = 0
+    """Its number among those of its caller, from 1: the one with which it was told to have begun."""
+    caller: str = ""
+    """Who called, as the bus knows it."""
     reason: str = ""
     """Of a call that failed or was rejected."""
     detail: str = ""

@@ -7,7 +7,7 @@ import pytest
 from dlokit.app.job import job_from_config
 from dlokit.communication import virtual_time
 from dlokit.communication.clock import LoopClock
-from dlokit.communication.recording.channels import FILE_NAME, SKILL_CALLS
+from dlokit.communication.recording.channels import CALLS, FILE_NAME, SKILL_CALLS
 from dlokit.communication.recording.plain import to_json
 from dlokit.communication.recording.reader import RawRecording, read_recording
 from dlokit.communication.recording.views import VIEWS
@@ -53,7 +53,7 @@ def test_a_recording_has_what_went_over_the_bus_and_of_the_cell_its_clock_and_ar
     channels = {channel for channel, _ in RawRecording(path=twice[0])}
     assert channels >= {CLOCK.name, ARM_STATE.name, ROBOT_STATE.name, STEREO_IMAGES.name, OBSERVATION.name}
     assert channels >= {SKILL_CALLS.name, "view/left", "view/cloud", "view/tool"}
-    assert channels <= {topic.name for topic in TOPICS} | {SKILL_CALLS.name} | set(VIEWS)
+    assert channels <= {topic.name for topic in (*TOPICS, *CALLS)} | set(VIEWS)
     assert {channel for channel in channels if channel.startswith("cell")} == {CLOCK.name, ARM_STATE.name}
 
 

@@ -9,7 +9,7 @@ from dlokit.communication.topic import Topic
 from dlokit.communication.transport import CallHandler, Latest, Liveness, Transport
 from dlokit.types.message import Message
 from dlokit.types.outcome import Cancelled, Failed, Outcome, Rejected, Succeeded, TimedOut
-from dlokit.types.skill_call import CallEnd, CallRecord
+from dlokit.types.skill_call import CallBegun, CallEnd, CallRecord
 
 T = TypeVar("T", bound=Message)
 P = ParamSpec("P")
@@ -21,13 +21,13 @@ LARGEST_TEXT = 65_536
 
 
 class CallLog:
-    """Everything is the inner transport's, but that calls are told of when they have ended."""
+    """Everything is the inner transport's, but that calls are told of when they are made and when they have ended."""
 
     def __init__(
         self,
         inner: Transport,
         now_ns: Callable[[], int],
-        tell: Callable[[CallRecord], None],
+        tell: Callable[[CallBegun | CallRecord], None],
         *,
         untold: frozenset[str] = frozenset(),
     ) -> None:
@@ -36,7 +36,8 @@ class CallLog:
         self._now_ns = now_ns
         self._tell = tell
         self._untold = untold
-        self._told = 0
+        self._begun = 0
+        self._ended = 0
 
     @property
     def identity(self) -> str:
@@ -59,15 +60,20 @@ class CallLog:
         if skill.component in self._untold:
             return await call
         began_ns, outcome = self._now_ns(), Cancelled()
+        self._begun += 1
+        number, caller = self._begun, self.identity
+        self._tell(CallBegun(stamp_ns=began_ns, seq=number, skill=skill.key, call=number, caller=caller))
         try:
             outcome = await call
         finally:
-            self._told += 1
-            end, reason, detail = _end_of(outcome)
+            self._ended += 1
+            end, reason, detail = end_of(outcome)
             record = CallRecord(
                 stamp_ns=self._now_ns(),
-                seq=self._told,
+                seq=self._ended,
                 skill=skill.key,
+                call=number,
+                caller=caller,
                 outcome=end,
                 reason=reason,
                 detail=detail,
@@ -115,7 +121,8 @@ class CallLog:
         await self._inner.close()
 
 
-def _end_of(outcome: Outcome[Any]) -> tuple[CallEnd, str, str]:
+def end_of(outcome: Outcome[Any]) -> tuple[CallEnd, str, str]:
+    """How a call ended, its reason, and details for people."""
     match outcome:
         case Succeeded():
             return CallEnd.SUCCEEDED, "", ""

@@ -1,6 +1,6 @@
 """Recordings read again, also those whose writer was killed."""
 
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -87,8 +87,8 @@ class RawRecording:
             yield record
 
 
-def read_recording(path: Path) -> Iterator[Recorded]:
-    """Every message of every topic, and the skill calls, in the order in which they came.
+def read_recording(path: Path, only: Container[str] | None = None) -> Iterator[Recorded]:
+    """Every message of every topic, and the skill calls, in the order in which they came; or those of `only` alone.
 
     They equal what was published, but for pictures, which are as good as their JPEG files. Raises `InputError` when
     the file is no recording, and `SchemaMismatch` when another version wrote messages that this one cannot read.
@@ -97,7 +97,7 @@ def read_recording(path: Path) -> Iterator[Recorded]:
     for channel, record in RawRecording(path=path):
         if channel in ("view/left", "view/right"):
             pictures[channel] = record.data
-        elif channel not in VIEWS:
+        elif channel not in VIEWS and (only is None or channel in only):
             yield Recorded(topic=channel, log_ns=record.log_time, message=_message(channel, record.data, pictures))
 
 

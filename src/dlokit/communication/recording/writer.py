@@ -19,6 +19,7 @@ from dlokit.communication.topic import Topic
 from dlokit.communication.topics import ARM_STATE
 from dlokit.types.image import StereoImages
 from dlokit.types.message import Message
+from dlokit.types.skill_call import CallBegun, CallRecord
 
 _NO_PIXELS = np.empty((0, 0, 3), dtype=np.uint8)
 
@@ -49,7 +50,7 @@ class RecordingWriter:
 
     def add(self, topic: Topic[Any], log_ns: int, message: Message) -> None:
         """One message, with what is shown of it; `log_ns` is when it came, its stamp what it speaks of."""
-        self._count_lost(topic, message.seq)
+        self._count_lost(topic, message)
         if isinstance(message, StereoImages):
             # The pictures first: who reads the message has them then.
             self._add_picture("view/left", log_ns, message.stamp_ns, to_jpeg(message.left))
@@ -78,12 +79,14 @@ class RecordingWriter:
             # What is still buffered cannot be written either; the file is closed all the same.
             assert self._stream.closed
 
-    def _count_lost(self, topic: Topic[Any], seq: int) -> None:
-        last = self._last_seq.get(topic.name)
+    def _count_lost(self, topic: Topic[Any], message: Message) -> None:
+        # Of a topic there is one publisher, of calls there are as many as call.
+        counted = f"{topic.name} {message.caller}" if isinstance(message, CallBegun | CallRecord) else topic.name
+        last, seq = self._last_seq.get(counted), message.seq
         # A publisher that was started again counts from 1.
         if last is not None and seq > last + 1:
             self.lost[topic.name] += seq - last - 1
-        self._last_seq[topic.name] = seq
+        self._last_seq[counted] = seq
 
     def _add_picture(self, channel: str, log_ns: int, stamp_ns: int, data: bytes) -> None:
         picture = foxglove.CompressedImage(

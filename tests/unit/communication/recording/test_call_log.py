@@ -13,7 +13,7 @@ from dlokit.communication.recording.call_log import CallLog
 from dlokit.communication.skill import Skill
 from dlokit.errors import SkillFailure, SkillRejected
 from dlokit.types.outcome import Unreachable
-from dlokit.types.skill_call import CallEnd, CallRecord
+from dlokit.types.skill_call import CallBegun, CallEnd, CallRecord
 
 
 def _act(how: str, for_s: float = 0.5) -> int:
@@ -39,8 +39,8 @@ class Actor(Component):
         return 7
 
 
-def records_of(*hows: tuple[str, float]) -> list[CallRecord]:
-    records: list[CallRecord] = []
+def told_of(*hows: tuple[str, float]) -> list[CallBegun | CallRecord]:
+    records: list[CallBegun | CallRecord] = []
 
     async def main() -> None:
         clock = LoopClock()
@@ -60,6 +60,21 @@ def records_of(*hows: tuple[str, float]) -> list[CallRecord]:
 
     virtual_time.run(main())
     return records
+
+
+def records_of(*hows: tuple[str, float]) -> list[CallRecord]:
+    return [one for one in told_of(*hows) if isinstance(one, CallRecord)]
+
+
+def test_a_call_is_told_of_when_it_is_made_with_the_number_that_its_end_will_have() -> None:
+    told = told_of(("succeed", 0.5), ("fail", 0.0))
+    assert [(type(one), one.skill, one.call, one.caller) for one in told[:4]] == [
+        (CallBegun, "model.act", 1, "memory"),
+        (CallRecord, "model.act", 1, "memory"),
+        (CallBegun, "model.act", 2, "memory"),
+        (CallRecord, "model.act", 2, "memory"),
+    ]
+    assert [one.stamp_ns for one in told[:2]] == [0, 500_000_000]
 
 
 def test_every_outcome_is_told_with_its_reason_and_when_it_was_called_and_ended() -> None:

@@ -10,7 +10,7 @@ import pytest
 from example_messages import EXAMPLES
 from mcap.reader import make_reader
 
-from dlokit.communication.recording.channels import RECORDED, SKILL_CALLS
+from dlokit.communication.recording.channels import CALLS, CALLS_BEGUN, RECORDED
 from dlokit.communication.recording.plain import from_json, json_schema, kind_name, to_json
 from dlokit.communication.recording.reader import read_recording
 from dlokit.communication.recording.views import VIEWS
@@ -21,6 +21,7 @@ from dlokit.types.action import Drag, LayDown, PairPlace, Partner, PickPlace, Pu
 from dlokit.types.clock import ClockTick
 from dlokit.types.message import Message
 from dlokit.types.robot import RobotState
+from dlokit.types.skill_call import CallBegun
 
 JPEG_ERROR = 4  # of 255, on a picture of one colour
 
@@ -54,7 +55,7 @@ def assert_same(one: Any, other: Any) -> None:
 
 def test_the_topics_of_the_table_and_the_skill_calls_are_recorded_and_nothing_else() -> None:
     # The cell's true shape is on no topic of the table: tests/architecture/test_tables.py.
-    assert set(RECORDED) == {topic.name for topic in TOPICS} | {SKILL_CALLS.name}
+    assert set(RECORDED) == {topic.name for topic in (*TOPICS, *CALLS)}
     assert set(EXAMPLES) == set(RECORDED)
 
 
@@ -161,6 +162,14 @@ def test_numbers_of_messages_that_are_missing_are_counted(tmp_path: Path) -> Non
         writer.add(RECORDED["cell/clock"], seq, ClockTick(stamp_ns=seq, seq=seq))
     writer.close()
     assert writer.lost == {"cell/clock": 2}
+
+
+def test_calls_are_numbered_by_their_callers_and_none_is_missing_when_two_call_in_turn(tmp_path: Path) -> None:
+    writer = RecordingWriter(tmp_path / "calls.mcap", {})
+    for seq, caller in ((7, "one"), (1, "other"), (8, "one"), (4, "other")):
+        writer.add(CALLS_BEGUN, seq, CallBegun(stamp_ns=0, seq=seq, skill="robot.stop", call=seq, caller=caller))
+    writer.close()
+    assert writer.lost == {CALLS_BEGUN.name: 2}  # the other's second and third
 
 
 def test_an_enumeration_is_written_by_its_value() -> None:

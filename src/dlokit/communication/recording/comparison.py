@@ -1,0 +1,142 @@
+"""What a component did in a recorded run beside what it did when it was fed that run again."""
+
+import math
+from collections import defaultdict
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from dlokit.communication.recording.call_log import end_of
+from dlokit.communication.recording.deviation import deviations
+from dlokit.communication.recording.feeding import Replayed
+from dlokit.communication.recording.plain import from_json
+from dlokit.communication.recording.timeline import Asked, Heard, Timeline
+from dlokit.communication.recording.tolerances import Tolerance, tolerance_of
+from dlokit.types.message import Message
+from dlokit.types.outcome import Outcome, Succeeded
+
+MESSAGES, OUTCOME = "(messages)", "outcome"
+"""Rows beside those of fields: how many have no counterpart; how many ended in another outcome."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FieldRow:
+    """One field of one topic or skill, over the whole recording."""
+
+    what: str
+    """Topic, or ``component.skill``."""
+    field: str
+    compared: int
+    largest: float
+    """Largest deviation, as `deviations` has it; infinite when something could not be compared at all."""
+    at_ns: int
+    """Where that was: the stamp of the recorded message, or of the end of the call [ns]."""
+    tolerance: Tolerance
+
+    @property
+    def within(self) -> bool:
+        """Whether the deviation is within its tolerance."""
+        return self.largest <= self.allowed
+
+    @property
+    def allowed(self) -> float:
+        """The largest deviation that is."""
+        return self.tolerance.largest * (self.compared if self.tolerance.share else 1)
+
+
+class _Rows:
+    def __init__(self, live: bool) -> None:
+        self._live = live
+        self._found: dict[tuple[str, str], tuple[int, float, int]] = {}
+
+    def add(self, what: str, field: str, apart: float, at_ns: int, compared: int = 1) -> None:
+        count, largest, where = self._found.get((what, field), (0, -1.0, 0))
+        if apart > largest:
+            largest, where = apart, at_ns
+        self._found[what, field] = (count + compared, largest, where)
+
+    def rows(self) -> list[FieldRow]:
+        return [
+            FieldRow(
+                what=what,
+                field=field,
+                compared=count,
+                largest=largest,
+                at_ns=at_ns,
+                tolerance=tolerance_of(what, field, live=self._live),
+            )
+            for (what, field), (count, largest, at_ns) in self._found.items()
+        ]
+
+
+def compare(
+    recorded: Timeline,
+    replayed: Replayed,
+    *,
+    live: bool,
+    left_out: Collection[int] = (),
+    uncompared: Collection[str] = (),
+) -> list[FieldRow]:
+    """A row a field, topics first, in the order of their first message.
+
+    Messages with a stamp in `left_out`, and the topics and skills named in `uncompared`, are not looked at. `live` is
+    whether the run was live: tolerances differ.
+    """
+    rows = _Rows(live)
+    mine = _by_topic(recorded.said, left_out)
+    theirs = _by_topic(replayed.said, left_out)
+    for name in dict.fromkeys((*mine, *theirs)):
+        if name not in uncompared:
+            _compare_topic(rows, name, mine.get(name, []), theirs.get(name, []))
+    answered = {id(asked): outcome for asked, outcome in replayed.answers}
+    for event in recorded.events:
+        if isinstance(event, Asked) and event.skill.key not in uncompared:
+            _compare_call(rows, event, answered.get(id(event)), left_out)
+    return rows.rows()
+
+
+def _by_topic(said: Iterable[Heard], left_out: Collection[int]) -> dict[str, list[Heard]]:
+    found: defaultdict[str, list[Heard]] = defaultdict(list)
+    for one in said:
+        if one.message.stamp_ns not in left_out:
+            found[one.topic.name].append(one)
+    return found
+
+
+def _compare_topic(rows: _Rows, name: str, mine: Sequence[Heard], theirs: Sequence[Heard]) -> None:
+    pairs = _paired(mine, theirs)
+    without = len(mine) + len(theirs) - 2 * len(pairs)
+    first = next((one for one in (*mine, *theirs)), None)
+    rows.add(name, MESSAGES, float(without), 0 if first is None else first.message.stamp_ns, len(mine))
+    for one, other in pairs:
+        for field, apart in deviations(one.message, other.message):
+            if field != "seq":  # a recording may begin later than its publisher
+                rows.add(name, field, apart, one.message.stamp_ns)
+
+
+def _paired(mine: Sequence[Heard], theirs: Sequence[Heard]) -> list[tuple[Heard, Heard]]:
+    """By their order when there are as many, else by their stamps."""
+    if len(mine) == len(theirs):
+        return list(zip(mine, theirs, strict=True))
+    waiting: defaultdict[int, list[Heard]] = defaultdict(list)
+    for one in theirs:
+        waiting[one.message.stamp_ns].append(one)
+    return [(one, found.pop(0)) for one in mine if (found := waiting[one.message.stamp_ns])]
+
+
+def _compare_call(rows: _Rows, asked: Asked, outcome: Outcome[Any] | None, left_out: Collection[int]) -> None:
+    name, record = asked.skill.key, asked.answer
+    if outcome is None:
+        rows.add(name, OUTCOME, math.inf, record.stamp_ns)
+        return
+    end, reason, _ = end_of(outcome)
+    same = (end, reason) == (record.outcome, record.reason)
+    rows.add(name, OUTCOME, 0.0 if same else math.inf, record.stamp_ns)
+    if not (same and isinstance(outcome, Succeeded) and record.result):
+        return
+    if isinstance(outcome.result, Message) and outcome.result.stamp_ns in left_out:
+        return
+    result: Any = from_json(record.result.encode(), asked.skill.types["return"])
+    for field, apart in deviations(result, outcome.result, "result"):
+        if field != "result.seq":
+            rows.add(name, field, apart, record.stamp_ns)

@@ -1,0 +1,78 @@
+"""A camera that gives the pictures of a recorded run again, when they came."""
+
+import asyncio
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Self
+
+import msgspec
+
+from dlokit.communication.clock import LoopClock
+from dlokit.errors import HardwareError
+from dlokit.types.image import CameraCalibration, StereoImages
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordedPair:
+    """A pair of pictures, and when it came."""
+
+    log_ns: int
+    images: StereoImages
+
+
+class PlayedCamera:
+    """A `Camera` for a run that is replayed: one pair a look, in their order.
+
+    Recordings keep pictures at a rate; the look of a pair that was left out gets the one before, with its own stamp.
+    """
+
+    def __init__(self, pairs: Iterator[RecordedPair], looks: Sequence[tuple[int, int]]) -> None:
+        """`pairs` in their order, read when they are needed; `looks`: of each, stamp and when its cloud came [ns]."""
+        self._pairs = pairs
+        self._looks = iter(looks)
+        self._last: RecordedPair | None = None
+        self._next = next(pairs, None)
+        self.left_out: set[int] = set()
+        """Stamps of the looks whose own pictures are not there."""
+
+    @property
+    def empty(self) -> bool:
+        """Whether there are no pictures at all."""
+        return self._last is None and self._next is None
+
+    @property
+    def calibration(self) -> CameraCalibration:
+        """The first pair's. Raises `HardwareError` when no pictures were recorded."""
+        pair = self._last or self._next
+        if pair is None:
+            raise HardwareError("the recording holds no pictures; a run records them unless its camera was never asked")
+        return pair.images.calibration
+
+    async def capture(self, timeout_s: float) -> StereoImages:
+        """The pair of the next look; after the last one nothing ever comes, and the caller's time-out ends it."""
+        clock = LoopClock()
+        look = next(self._looks, None)
+        if look is None:
+            await asyncio.get_running_loop().create_future()
+            raise HardwareError("no look was recorded after this one")
+        stamp_ns, cloud_ns = look
+        while self._next is not None and self._next.images.stamp_ns <= stamp_ns:
+            self._last, self._next = self._next, next(self._pairs, None)
+        if self._last is None:
+            raise HardwareError("no pictures were recorded of the first look; replay a recording from its beginning")
+        if self._last.images.stamp_ns == stamp_ns:
+            await clock.sleep_until(self._last.log_ns)
+            return self._last.images
+        self.left_out.add(stamp_ns)
+        await clock.sleep_until(cloud_ns)
+        return msgspec.structs.replace(self._last.images, stamp_ns=stamp_ns)
+
+    def __enter__(self) -> Self:
+        """Nothing to connect."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Nothing to disconnect."""

@@ -1,0 +1,100 @@
+"""One component, built as in a recorded run, is fed that run again and compared with it."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from dlokit.communication import topics
+from dlokit.communication.clock import LoopClock
+from dlokit.communication.component import Component
+from dlokit.communication.memory import MemoryTransport
+from dlokit.communication.recording.comparison import FieldRow, compare
+from dlokit.communication.recording.feeding import feed
+from dlokit.communication.recording.reader import RawRecording, read_recording
+from dlokit.communication.recording.timeline import Timeline, read_timeline
+from dlokit.communication.topic import Topic
+from dlokit.errors import InputError
+from dlokit.functional.cameras.played import PlayedCamera, RecordedPair
+from dlokit.skills.perception.component import PerceptionComponent
+from dlokit.system.build import COMPONENTS, Wiring, build_component, instances_of_run
+from dlokit.system.config import RunConfig
+from dlokit.system.start_file import NOBODYS_BUSINESS
+from dlokit.system.toml_config import from_toml
+from dlokit.types.image import StereoImages
+
+PERCEPTION = "perception"
+REPLAYABLE = (PERCEPTION, "observer", "model", "planning")
+"""Components whose words follow from recorded messages and calls. What drivers ask of the cell is on no recording, of
+what the decision layer is answered not all is, and the viewer says what an operator does."""
+
+UNCOMPARED_LIVE = ("planning/candidates", "planning/action", "planning.propose")
+"""Live, a decision ends by the machine's clock: how much is thought through differs from time to time."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Replay:
+    """A replay that has ended."""
+
+    rows: list[FieldRow]
+    left_out: int
+    """Looks that were not compared, because their pictures are not in the recording."""
+    unknown_calls: int
+    """Calls that were not made again, because the recording does not hold all of their arguments."""
+    uncompared: tuple[str, ...]
+    """Topics and skills that cannot be compared."""
+
+
+def recorded_config(path: Path) -> RunConfig:
+    """The configuration of the run that left a recording. Raises `InputError`."""
+    raw = RawRecording(path=path)
+    for _ in raw:  # the metadata is written first
+        break
+    text = raw.metadata.get("configuration", {}).get("config.toml")
+    if text is None:
+        raise InputError(f"{path} does not say how its run was configured; give the recording.mcap of a run's folder.")
+    return from_toml(text, RunConfig, f"the configuration in {path}")
+
+
+def replay(path: Path, name: str, config: RunConfig) -> Replay:
+    """Feed the component `name`, one of `REPLAYABLE`, and compare. Raises `InputError`."""
+    kind = COMPONENTS[name]
+    # Pictures are what the camera gave, not what perception made of them.
+    said = tuple(topic for topic in kind.publishes if topic is not topics.STEREO_IMAGES)
+    line = read_timeline(path, kind, said)
+    if not line.said and not line.events:
+        raise InputError(f"{path} holds nothing of {name}: no message that it reads or publishes, and no call of it.")
+    camera = PlayedCamera(_pairs(path), _looks(line)) if name == PERCEPTION else None
+    if camera is not None and camera.empty:
+        raise InputError(f"{path} holds no pictures: perception has nothing to look at; replay into another component.")
+    replayed = feed(_build(name, config, camera), line, said, instances_of_run(config))
+    left_out = set[int]() if camera is None else camera.left_out
+    uncompared = UNCOMPARED_LIVE if config.runtime == "live" else ()
+    return Replay(
+        rows=compare(line, replayed, live=config.runtime == "live", left_out=left_out, uncompared=uncompared),
+        left_out=len(left_out),
+        unknown_calls=line.unknown,
+        uncompared=tuple(what for what in uncompared if what.startswith(name)),
+    )
+
+
+def _build(name: str, config: RunConfig, camera: PlayedCamera | None) -> Component:
+    if camera is not None:
+        return PerceptionComponent(config.perception, camera)
+    # Nothing may depend on how fast this machine is; and no component but the cell and the drivers uses the wiring.
+    wiring = Wiring(transport=MemoryTransport(), clock=LoopClock(), folder=Path(), start_nodes_world=NOBODYS_BUSINESS)
+    return build_component(name, replace(config, runtime="lockstep"), wiring)
+
+
+def _pairs(path: Path) -> Iterator[RecordedPair]:
+    for one in read_recording(path, {topics.STEREO_IMAGES.name}):
+        assert isinstance(one.message, StereoImages)
+        yield RecordedPair(log_ns=one.log_ns, images=one.message)
+
+
+def _looks(line: Timeline) -> list[tuple[int, int]]:
+    return [(one.message.stamp_ns, one.log_ns) for one in line.said if _is(one.topic, topics.OBSERVATION)]
+
+
+def _is(topic: Topic[Any], row: Topic[Any]) -> bool:
+    return topic.row == row.name

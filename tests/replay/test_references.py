@@ -1,0 +1,76 @@
+"""Recorded runs, fed to each component once more: it says what it said, or the change is meant: `make references`."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from dlokit.communication import topics
+from dlokit.communication.recording.comparison import FieldRow
+from dlokit.communication.recording.reader import read_recording
+from dlokit.errors import InputError
+from dlokit.skills.observer.config import ObserverConfig
+from dlokit.skills.observer.spr import SprConfig
+from dlokit.system.replay import REPLAYABLE, Replay, recorded_config, replay
+
+FOLDER = Path(__file__).with_name("references")
+REFERENCES = sorted(path.stem for path in FOLDER.glob("*.mcap"))
+WITH_PICTURES = "farthest"
+LARGEST_BYTES = 1_000_000  # they are in the repository, and renewed often
+
+HINT = "if the change is meant, renew the references with `make references`, and say in the commit what changed"
+
+
+def replayed(name: str, component: str) -> Replay:
+    path = FOLDER / f"{name}.mcap"
+    return replay(path, component, recorded_config(path))
+
+
+def beyond(rows: list[FieldRow]) -> list[str]:
+    return [f"{row.what} {row.field}: {row.largest:g}, allowed {row.allowed:g}" for row in rows if not row.within]
+
+
+@pytest.mark.parametrize("component", ["observer", "model", "planning"])
+@pytest.mark.parametrize("name", REFERENCES)
+def test_a_component_fed_a_recorded_run_does_what_it_did(name: str, component: str) -> None:
+    done = replayed(name, component)
+    assert not beyond(done.rows), HINT
+    said = {row.what: row.compared for row in done.rows if row.field == "(messages)"}
+    least = {"observer": ("observer/targets", 8), "model": ("model/state", 15), "planning": ("planning/action", 1)}
+    what, count = least[component]
+    assert said[what] >= count
+    assert any(row.field == "outcome" and row.what.startswith(component) for row in done.rows)
+    assert done.unknown_calls == 0
+
+
+def test_perception_fed_the_pictures_of_a_run_sees_what_it_saw() -> None:
+    done = replayed(WITH_PICTURES, "perception")
+    assert not beyond(done.rows), HINT
+    compared = {(row.what, row.field): row.compared for row in done.rows}
+    assert compared["perception/cloud", "points_world"] == 2  # as many as there are pictures
+    assert compared["perception.look", "outcome"] > 2
+    assert done.left_out > 0
+
+
+def test_another_observer_is_found_out() -> None:
+    path = FOLDER / f"{WITH_PICTURES}.mcap"
+    config = replace(recorded_config(path), observer=ObserverConfig(strategy=SprConfig()))
+    assert any(row.what == "observer/targets" and not row.within for row in replay(path, "observer", config).rows)
+
+
+def test_a_recording_without_pictures_cannot_be_seen_again() -> None:
+    with pytest.raises(InputError, match=r"no pictures.*another component"):
+        replayed("wire", "perception")
+
+
+def test_the_references_are_small_and_hold_no_truth() -> None:
+    assert len(REFERENCES) == 3
+    for name in REFERENCES:
+        path = FOLDER / f"{name}.mcap"
+        assert path.stat().st_size < LARGEST_BYTES
+        known = {topic.name for topic in topics.TOPICS} | {"skill_calls", "skill_calls_begun"}
+        assert {one.topic for one in read_recording(path)} <= known
+
+
+def test_what_can_be_replayed_is_said_on_the_command_line() -> None:
+    assert set(REPLAYABLE) == {"perception", "observer", "model", "planning"}

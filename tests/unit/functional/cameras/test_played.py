@@ -1,0 +1,73 @@
+"""The camera of a replay: each look gets the pictures it had, when it had them."""
+
+import asyncio
+
+import numpy as np
+import pytest
+
+from dlokit.communication import virtual_time
+from dlokit.communication.clock import LoopClock
+from dlokit.errors import HardwareError
+from dlokit.functional.cameras.played import PlayedCamera, RecordedPair
+from dlokit.types.image import CameraCalibration, StereoImages
+from dlokit.types.pose import Pose
+
+CALIBRATION = CameraCalibration(
+    width_px=2, height_px=1, fx_px=1.0, fy_px=1.0, cx_px=1.0, cy_px=0.5, baseline_m=0.1,
+    T_world_camera=Pose(position_m=np.zeros(3), wxyz=np.array([1.0, 0.0, 0.0, 0.0])),
+)  # fmt: skip
+
+
+def pair(stamp_ns: int) -> RecordedPair:
+    pixels = np.full((1, 2, 3), stamp_ns % 251, dtype=np.uint8)
+    images = StereoImages(stamp_ns=stamp_ns, left=pixels, right=pixels, calibration=CALIBRATION)
+    return RecordedPair(log_ns=stamp_ns + 5, images=images)
+
+
+def looks(camera: PlayedCamera, count: int) -> list[tuple[int, int, int]]:
+    """Of each look: when it had its pictures, their stamp, and what they show."""
+    seen: list[tuple[int, int, int]] = []
+
+    async def main() -> None:
+        with camera:
+            for _ in range(count):
+                images = await camera.capture(1.0)
+                seen.append((LoopClock().now_ns(), images.stamp_ns, int(images.left[0, 0, 0])))
+
+    virtual_time.run(main())
+    return seen
+
+
+def test_a_look_gets_its_own_pictures_when_they_came() -> None:
+    camera = PlayedCamera(iter([pair(10), pair(30)]), [(10, 17), (30, 37)])
+    assert looks(camera, 2) == [(15, 10, 10), (35, 30, 30)]
+    assert camera.left_out == set()
+
+
+def test_a_look_whose_pictures_were_left_out_gets_those_before_with_its_own_stamp_and_is_told_of() -> None:
+    camera = PlayedCamera(iter([pair(10), pair(30)]), [(10, 17), (20, 27), (30, 37)])
+    assert looks(camera, 3) == [(15, 10, 10), (27, 20, 10), (35, 30, 30)]
+    assert camera.left_out == {20}
+
+
+def test_pictures_of_a_look_without_a_cloud_are_passed_over() -> None:
+    assert looks(PlayedCamera(iter([pair(10), pair(20), pair(30)]), [(10, 17), (30, 37)]), 2)[1] == (35, 30, 30)
+
+
+def test_without_pictures_there_is_nothing_to_look_at() -> None:
+    camera = PlayedCamera(iter([]), [(10, 17)])
+    assert camera.empty
+    with pytest.raises(HardwareError, match="no pictures"):
+        looks(camera, 1)
+    with pytest.raises(HardwareError, match="no pictures"):
+        _ = camera.calibration
+
+
+def test_after_the_last_look_nothing_comes() -> None:
+    async def main() -> None:
+        camera = PlayedCamera(iter([pair(10)]), [])
+        async with asyncio.timeout(3.0):
+            await camera.capture(1.0)
+
+    with pytest.raises(TimeoutError):
+        virtual_time.run(main())
