@@ -11,7 +11,8 @@ from dlokit.communication.recording.reader import read_recording
 from dlokit.errors import InputError
 from dlokit.skills.observer.config import ObserverConfig
 from dlokit.skills.observer.spr import SprConfig
-from dlokit.system.replay import REPLAYABLE, Replay, recorded_config, replay
+from dlokit.system.config import RunConfig
+from dlokit.system.replay import REPLAYABLE, Replay, recorded_config, recorded_toml, replay
 
 FOLDER = Path(__file__).with_name("references")
 REFERENCES = sorted(path.stem for path in FOLDER.glob("*.mcap"))
@@ -23,7 +24,7 @@ HINT = "if the change is meant, renew the references with `make references`, and
 
 def replayed(name: str, component: str) -> Replay:
     path = FOLDER / f"{name}.mcap"
-    return replay(path, component, recorded_config(path))
+    return replay(path, component, recorded_config(path, REPLAYABLE[component]))
 
 
 def beyond(rows: list[FieldRow]) -> list[str]:
@@ -54,8 +55,17 @@ def test_perception_fed_the_pictures_of_a_run_sees_what_it_saw() -> None:
 
 def test_another_observer_is_found_out() -> None:
     path = FOLDER / f"{WITH_PICTURES}.mcap"
-    config = replace(recorded_config(path), observer=ObserverConfig(strategy=SprConfig()))
+    config = replace(recorded_config(path, REPLAYABLE["observer"]), observer=ObserverConfig(strategy=SprConfig()))
     assert any(row.what == "observer/targets" and not row.within for row in replay(path, "observer", config).rows)
+
+
+def test_a_configuration_of_another_version_is_in_the_way_of_the_component_that_it_configures_alone() -> None:
+    path = FOLDER / "wire.mcap"
+    text = recorded_toml(path)
+    assert "[cell" in text  # which no component that is replayed is built from
+    config = recorded_config(path, REPLAYABLE["model"])
+    assert config.cell == RunConfig().cell
+    assert config.model != RunConfig().model
 
 
 def test_a_recording_without_pictures_cannot_be_seen_again() -> None:

@@ -13,9 +13,9 @@ from dlokit.communication.recording.channels import FILE_NAME
 from dlokit.communication.recording.comparison import FieldRow
 from dlokit.errors import InputError
 from dlokit.system.config import RunConfig
-from dlokit.system.replay import Replay, recorded_config, replay
+from dlokit.system.replay import REPLAYABLE, Replay, recorded_config, replay
 from dlokit.system.toml_config import read_toml
-from dlokit.system.watching import watch
+from dlokit.system.watching import WATCHED_PARTS, watch
 
 EXIT_WITHIN = 0
 EXIT_BEYOND = 1
@@ -54,7 +54,8 @@ class ReplayArgs:
 def run(args: ReplayArgs) -> int:
     """Feed and compare, or show."""
     path = args.file / FILE_NAME if args.file.is_dir() else args.file
-    config = recorded_config(path) if args.config is None else read_toml(args.config, RunConfig)
+    parts = WATCHED_PARTS if args.into is None else REPLAYABLE[args.into]
+    config = recorded_config(path, parts) if args.config is None else read_toml(args.config, RunConfig)
     if args.into is None:
         return _show(path, config, args)
     if args.rate is not None:

@@ -1,6 +1,7 @@
 """One component, built as in a recorded run, is fed that run again and compared with it."""
 
-from collections.abc import Iterator
+import tomllib
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -20,13 +21,22 @@ from dlokit.skills.perception.component import PerceptionComponent
 from dlokit.system.build import COMPONENTS, Wiring, build_component, instances_of_run
 from dlokit.system.config import RunConfig
 from dlokit.system.start_file import NOBODYS_BUSINESS
-from dlokit.system.toml_config import from_toml
+from dlokit.system.toml_config import from_plain
 from dlokit.types.image import StereoImages
 
 PERCEPTION = "perception"
-REPLAYABLE = (PERCEPTION, "observer", "model", "planning")
-"""Components whose words follow from recorded messages and calls. What drivers ask of the cell is on no recording, of
-what the decision layer is answered not all is, and the viewer says what an operator does."""
+REPLAYABLE = {
+    PERCEPTION: (PERCEPTION,),
+    "observer": ("observer", "model"),
+    "model": ("model",),
+    "planning": ("planning", "model"),
+}
+"""By name, with the parts of the configuration that each is built from: components whose words follow from recorded
+messages and calls. What drivers ask of the cell is on no recording, of what the decision layer is answered not all is,
+and the viewer says what an operator does."""
+
+RUN_KEYS = ("runtime", "arms")
+"""Of the configuration, what says which processes and arms there were."""
 
 UNCOMPARED_LIVE = ("planning/candidates", "planning/action", "planning.propose")
 """Live, a decision ends by the machine's clock: how much is thought through differs from time to time."""
@@ -45,15 +55,29 @@ class Replay:
     """Topics and skills that cannot be compared."""
 
 
-def recorded_config(path: Path) -> RunConfig:
-    """The configuration of the run that left a recording. Raises `InputError`."""
+def recorded_toml(path: Path) -> str:
+    """The `config.toml` of the run that left a recording. Raises `InputError`."""
     raw = RawRecording(path=path)
-    for _ in raw:  # the metadata is written first
-        break
+    next(iter(raw), None)  # the metadata is written first
     text = raw.metadata.get("configuration", {}).get("config.toml")
     if text is None:
         raise InputError(f"{path} does not say how its run was configured; give the recording.mcap of a run's folder.")
-    return from_toml(text, RunConfig, f"the configuration in {path}")
+    return text
+
+
+def recorded_config(path: Path, parts: Collection[str]) -> RunConfig:
+    """The configuration of the run that left a recording: its `parts`, and what there was of processes and arms.
+
+    What else it was configured with may be of another version. Raises `InputError`.
+    """
+    text = recorded_toml(path)
+    source = f"the configuration in {path}"
+    try:
+        plain = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{source} is not TOML ({error}); give the recording.mcap of a run's folder.") from error
+    kept = {name: value for name, value in plain.items() if name in (*RUN_KEYS, *parts)}
+    return from_plain(kept, RunConfig, source)
 
 
 def replay(path: Path, name: str, config: RunConfig) -> Replay:

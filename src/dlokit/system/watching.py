@@ -16,6 +16,9 @@ from dlokit.system.config import RunConfig
 from dlokit.system.start_file import NOBODYS_BUSINESS
 from dlokit.system.tasks import end_tasks
 
+WATCHED_PARTS = ("viewer", "model", "task")
+"""Of the configuration, what the viewer is built from."""
+
 
 def watch(path: Path, config: RunConfig, rate: float, port: int | None, say: Callable[[str], None]) -> None:
     """Serve the page, play the recording `rate` times as fast as it was, and stay until Ctrl-C.

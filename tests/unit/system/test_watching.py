@@ -5,14 +5,14 @@ from dataclasses import replace
 from pathlib import Path
 
 from dlokit.system.replay import recorded_config
-from dlokit.system.watching import show
+from dlokit.system.watching import WATCHED_PARTS, show
 
 REFERENCE = Path(__file__).parents[2] / "replay" / "references" / "wire.mcap"
 LIMIT_S = 60.0  # it takes one
 
 
 def test_a_recording_is_played_to_its_end_on_a_page_that_stays() -> None:
-    config = recorded_config(REFERENCE)
+    config = recorded_config(REFERENCE, WATCHED_PARTS)
     config = replace(config, viewer=replace(config.viewer, port=0))
     said: list[str] = []
 
