@@ -8,7 +8,8 @@ from contextlib import asynccontextmanager
 
 import numpy as np
 import pytest
-from ideal_lab import LENGTH_M, NODES, Lab, running
+from ideal_lab import running
+from scripted_hardware import LENGTH_M, NODES, Lab
 
 from dlokit.communication import topics, virtual_time
 from dlokit.communication.clock import Clock, FollowedClock, LoopClock

@@ -1,0 +1,9 @@
+"""The grid of transports, for every test in this folder that asks for `on_bus`."""
+
+import pytest
+from transport_grid import Grid, in_memory, over_zenoh
+
+
+@pytest.fixture(params=[in_memory, over_zenoh], ids=["memory", "zenoh"])
+def on_bus(request: pytest.FixtureRequest) -> Grid:
+    return request.param

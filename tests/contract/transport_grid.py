@@ -1,0 +1,99 @@
+"""What the tests of every transport share: two ends of a bus, in memory or over zenoh, and messages to send."""
+
+import asyncio
+import itertools
+import os
+from collections.abc import AsyncGenerator, Awaitable, Callable
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+
+import numpy as np
+
+from dlokit.communication import virtual_time
+from dlokit.communication.memory import MemoryTransport
+from dlokit.communication.topic import Every, KeepLast, Topic
+from dlokit.communication.transport import Transport
+from dlokit.communication.zenoh_session import ZenohConfig
+from dlokit.communication.zenoh_transport import ZenohTransport
+from dlokit.types.arrays import Float64Array
+from dlokit.types.message import Message
+
+WAIT_S = 10.0  # a message or an answer takes a millisecond; only a broken transport needs more than this
+
+
+class Reading(Message, frozen=True, kw_only=True, eq=False):
+    values: Float64Array
+
+
+NEWEST = Topic("test/newest", Reading, "source", None, KeepLast())
+EACH = Topic("test/each", Reading, "source", None, Every(4))
+
+
+def reading(number: int) -> Reading:
+    return Reading(stamp_ns=number, seq=number, values=np.array([1.0, number]))
+
+
+@dataclass
+class Bus:
+    here: Transport
+    there: Transport
+
+
+@asynccontextmanager
+async def memory_bus() -> AsyncGenerator[Bus]:
+    bus = MemoryTransport()
+    yield Bus(bus, bus)
+    await bus.close()
+
+
+namespaces = (f"dlokit_test/{os.getpid()}/{number}" for number in itertools.count())
+
+
+@asynccontextmanager
+async def zenoh_bus() -> AsyncGenerator[Bus]:
+    config = ZenohConfig(namespace=next(namespaces))
+    here, there = ZenohTransport(config), ZenohTransport(config)
+    yield Bus(here, there)
+    await here.close()
+    await there.close()
+
+
+Body = Callable[[Bus], Awaitable[None]]
+Grid = Callable[[Body], None]
+
+
+def in_memory(body: Body) -> None:
+    async def main() -> None:
+        async with asyncio.timeout(WAIT_S * 10), memory_bus() as bus:
+            await body(bus)
+
+    virtual_time.run(main())
+
+
+def over_zenoh(body: Body) -> None:
+    async def main() -> None:
+        async with asyncio.timeout(WAIT_S * 2), zenoh_bus() as bus:
+            await body(bus)
+
+    asyncio.run(main())
+
+
+async def eventually(condition: Callable[[], bool]) -> None:
+    async with asyncio.timeout(WAIT_S):
+        for _ in itertools.count():
+            if condition():
+                return
+            await asyncio.sleep(0.001)
+
+
+async def connected(bus: Bus) -> None:
+    """Wait until the two ends have found each other, so that nothing published from now on is missed."""
+    bus.there.serve("probe", lambda request, report: asyncio.sleep(0, request))
+    await eventually(lambda: bus.here.alive("probe").alive)
+    bus.here.serve("probe back", lambda request, report: asyncio.sleep(0, request))
+    await eventually(lambda: bus.there.alive("probe back").alive)
+
+
+def newest_seq(bus: Bus, topic: Topic[Reading]) -> int:
+    value = bus.here.latest(topic).value
+    return 0 if value is None else value.seq

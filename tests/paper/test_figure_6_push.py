@@ -1,0 +1,44 @@
+"""A push in the flow chart: closed fingers that hold nothing."""
+
+import pytest
+from ideal_lab import I, lab, shape
+
+from dlokit.decision.config import TaskConfig
+from dlokit.description.shapes import moved
+from dlokit.skills.planning.config import PlanningConfig
+from dlokit.skills.planning.rollouts.search import SearchConfig
+from dlokit.skills.planning.rollouts.strategy import RolloutConfig
+
+PUSHES = PlanningConfig(
+    strategy=RolloutConfig(
+        search=SearchConfig(rollouts=40, finalists=2, generations=1),
+        pick_place=False,
+        drag=False,
+        lay_down=False,
+        push=True,
+    )
+)
+"""A planner that can do nothing but push."""
+
+
+def test_a_push_comes_down_closed_holds_nothing_and_is_seen_afterwards() -> None:
+    trace = shape(lab(I), moved(I, (0.03, 0.0)), TaskConfig(max_actions=1), planning=PUSHES)
+    assert {("grasp", "beside", "push"), ("push", "done", "release")} <= trace.edges()
+    assert "grasp" not in trace.calls
+    (record,) = trace.result.history
+    assert (record.kind, record.grasp_ok, record.slipped) == ("push", False, False)
+    assert record.rmse_m < 0.03
+
+
+@pytest.mark.parametrize(
+    ("reason", "edge"),
+    [
+        ("unreachable", ("push", "refused", "release")),
+        ("lost_commander", ("push", "interrupted", "recover")),
+        ("fault", ("push", "failed", "failed")),
+    ],
+)
+def test_a_push_that_the_arm_does_not_do_ends_by_name(reason: str, edge: tuple[str, str, str]) -> None:
+    broken = lab(I)
+    broken.fails = {"follow_path": [reason]}
+    assert edge in shape(broken, moved(I, (0.03, 0.0)), TaskConfig(max_actions=1), planning=PUSHES).edges()
