@@ -9,7 +9,7 @@ import numpy as np
 
 from dlokit import __version__
 from dlokit.bench.simulation import Timing
-from dlokit.bench.statistics import Interval, bootstrap
+from dlokit.bench.statistics import Interval, median
 from dlokit.system.config import RunConfig
 from dlokit.system.toml_config import to_plain
 
@@ -28,9 +28,25 @@ class Figure:
     n: int
 
 
+def figure(case: str, method: str, metric: str, interval: Interval, unit: str) -> Figure:
+    """The row of one figure with its interval."""
+    return Figure(
+        case=case,
+        method=method,
+        metric=metric,
+        value=interval.value,
+        low=interval.low,
+        high=interval.high,
+        unit=unit,
+        n=interval.n,
+    )
+
+
 def timing_figures(timings: Sequence[Timing]) -> list[Figure]:
     """Median time of each part."""
-    return [_figure(timing.part, f"median time a {timing.per}", _median(timing.seconds), "s") for timing in timings]
+    return [
+        figure(timing.part, "dlokit", f"median time a {timing.per}", median(timing.seconds), "s") for timing in timings
+    ]
 
 
 def bench_json(
@@ -47,26 +63,8 @@ def bench_json(
     return msgspec.json.format(msgspec.json.encode(content), indent=2) + b"\n"
 
 
-def _median(values: Sequence[float]) -> Interval:
-    # The resampling has a seed of its own: the same runs give the same interval.
-    return bootstrap(values, np.random.default_rng(0), statistic=lambda samples: np.median(samples, axis=1))
-
-
 def spread(values: Sequence[float], form: str) -> str:
     """Median, smallest and largest, each in the format `form`."""
     if not values:
         return "-"
     return f"{form.format(np.median(values))} ({form.format(min(values))} to {form.format(max(values))})"
-
-
-def _figure(case: str, metric: str, interval: Interval, unit: str, method: str = "dlokit") -> Figure:
-    return Figure(
-        case=case,
-        method=method,
-        metric=metric,
-        value=interval.value,
-        low=interval.low,
-        high=interval.high,
-        unit=unit,
-        n=interval.n,
-    )

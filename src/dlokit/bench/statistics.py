@@ -1,6 +1,6 @@
 """Intervals for what benches report: exact ones for success rates, bootstrap ones for other figures."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -61,3 +61,13 @@ def bootstrap(
     tail = 100.0 * (1.0 - confidence) / 2.0
     low, high = np.percentile(statistic(drawn), [tail, 100.0 - tail])
     return Interval(value=value, low=float(low), high=float(high), n=len(sample))
+
+
+def median(values: Sequence[float]) -> Interval:
+    """The median with its bootstrap interval; the same values give the same interval."""
+    return bootstrap(values, np.random.default_rng(0), statistic=lambda samples: np.median(samples, axis=1))
+
+
+def without_interval(value: float, n: int) -> Interval:
+    """A figure of `n` units of which no interval can be told: a largest value, or units that are not independent."""
+    return Interval(value=value, low=None, high=None, n=n)

@@ -43,7 +43,7 @@ def decoding(skill: ReportingSkill[P, R, Q], told: Callable[[Q], None]) -> Repor
             told(skill.decode_report(data))
         except CommunicationError as error:
             log.warning("progress of %s cannot be understood: %s", skill.key, error)
-        except Exception:
+        except Exception:  # it is the caller's code: its mistake must not reach the transport that delivers
             log.exception("whoever follows %s raised", skill.key)
 
     return tell

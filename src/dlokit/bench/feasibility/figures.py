@@ -7,8 +7,8 @@ import numpy as np
 from dlokit.bench.feasibility.beliefs import Level
 from dlokit.bench.feasibility.cases import Judged
 from dlokit.bench.feasibility.releases import Happened
-from dlokit.bench.report import Figure
-from dlokit.bench.statistics import success_rate
+from dlokit.bench.report import Figure, figure
+from dlokit.bench.statistics import success_rate, without_interval
 from dlokit.types.feasibility import Standing
 
 ALL = "all"
@@ -57,8 +57,7 @@ def _rate(dlo: str, level: Level, metric: str, hits: Sequence[bool]) -> list[Fig
     """A share with its Clopper-Pearson interval; none of nothing."""
     if not hits:
         return []
-    rate = success_rate(sum(hits), len(hits))
-    return [_figure(dlo, level, metric, rate.value, rate.low, rate.high, "", rate.n)]
+    return [figure(dlo, level.value, metric, success_rate(sum(hits), len(hits)), "")]
 
 
 def _seconds(level: Level, rows: Sequence[Judged]) -> list[Figure]:
@@ -67,12 +66,12 @@ def _seconds(level: Level, rows: Sequence[Judged]) -> list[Figure]:
     seconds = np.array([row.verdict_s for row in rows])
     values = {"median": np.median(seconds), "95th percentile": np.percentile(seconds, 95.0), "largest": seconds.max()}
     return [
-        _figure(ALL, level, f"processor time of a verdict, {name}", float(value), None, None, "s", len(rows))
+        figure(
+            ALL,
+            level.value,
+            f"processor time of a verdict, {name}",
+            without_interval(float(value), len(rows)),
+            "s",
+        )
         for name, value in values.items()
     ]
-
-
-def _figure(
-    case: str, level: Level, metric: str, value: float, low: float | None, high: float | None, unit: str, n: int
-) -> Figure:
-    return Figure(case=case, method=level.value, metric=metric, value=value, low=low, high=high, unit=unit, n=n)

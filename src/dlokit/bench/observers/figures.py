@@ -7,7 +7,7 @@ import numpy as np
 
 from dlokit.bench.observers.metrics import CORRELATION, CORRELATION_FRAMES, FLAGGED, METRICS, Metric
 from dlokit.bench.observers.runner import Trial
-from dlokit.bench.report import Figure
+from dlokit.bench.report import Figure, figure
 from dlokit.bench.statistics import Interval, bootstrap
 
 ALL_CASES = "all cases"
@@ -86,13 +86,4 @@ def _mean(values: Sequence[float]) -> Interval | None:
 
 
 def _row(case: str, method: str, metric: Metric, interval: Interval) -> Figure:
-    return Figure(
-        case=case,
-        method=method,
-        metric=metric.name,
-        value=interval.value,
-        low=interval.low,
-        high=interval.high,
-        unit=metric.unit,
-        n=interval.n,
-    )
+    return figure(case, method, metric.name, interval, metric.unit)

@@ -11,7 +11,7 @@ from dlokit.bench.observers.figures import ALL_CASES
 from dlokit.bench.observers.methods import PUBLISHED, default_name
 from dlokit.bench.observers.metrics import CORRELATION, FLAGGED
 from dlokit.bench.observers.runner import Trial
-from dlokit.bench.report import Figure
+from dlokit.bench.report import Figure, figure
 from dlokit.bench.statistics import bootstrap
 
 RATIO = "node error by the best peer's"
@@ -109,13 +109,4 @@ def _ratio(case: str, pairs: np.ndarray) -> Figure:
         return drawn[:, :, 0].mean(axis=1) / np.maximum(drawn[:, :, 1].mean(axis=1), 1e-12)
 
     interval = bootstrap(np.arange(len(pairs)), np.random.default_rng(0), statistic=statistic)
-    return Figure(
-        case=case,
-        method=default_name(),
-        metric=RATIO,
-        value=interval.value,
-        low=interval.low,
-        high=interval.high,
-        unit="",
-        n=interval.n,
-    )
+    return figure(case, default_name(), RATIO, interval, "")

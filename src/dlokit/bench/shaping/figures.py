@@ -6,12 +6,12 @@ from itertools import chain
 
 import numpy as np
 
-from dlokit.bench.report import Figure
+from dlokit.bench.report import Figure, figure
 from dlokit.bench.shaping import metrics
 from dlokit.bench.shaping.cases import CaseResult
 from dlokit.bench.shaping.rows import Row, experiment_rows, group_rows
 from dlokit.bench.shaping.verdicts import verdict_figures
-from dlokit.bench.statistics import Interval, bootstrap, success_rate
+from dlokit.bench.statistics import Interval, bootstrap, median, success_rate, without_interval
 from dlokit.system.run_result import RunResult
 
 Value = Callable[[RunResult], float | None]
@@ -48,13 +48,15 @@ def _row_figures(row: Row) -> Iterator[Figure]:
         values = [found for run in runs if (found := value(run)) is not None]
         if values:
             yield _figure(row, f"median {name}", median(values), unit)
-            yield _figure(row, f"max {name}", _plain(max(values), len(values)), unit)
+            yield _figure(row, f"max {name}", without_interval(max(values), len(values)), unit)
     yield from _kinds(row)
     planning = [action.planning_time_s for run in runs for action in run.history]
     if planning:
         # Decisions of one run are not independent: these two have no interval.
-        yield _figure(row, "median planning_time_s an action", _plain(float(np.median(planning)), len(planning)), "s")
-        yield _figure(row, "max planning_time_s an action", _plain(max(planning), len(planning)), "s")
+        yield _figure(
+            row, "median planning_time_s an action", without_interval(float(np.median(planning)), len(planning)), "s"
+        )
+        yield _figure(row, "max planning_time_s an action", without_interval(max(planning), len(planning)), "s")
 
 
 def _kinds(row: Row) -> Iterator[Figure]:
@@ -64,27 +66,9 @@ def _kinds(row: Row) -> Iterator[Figure]:
         yield _figure(row, f"mean actions, {kind}", bootstrap(counts, np.random.default_rng(0)), "")
 
 
-def median(values: Sequence[float]) -> Interval:
-    """The median with its bootstrap interval; the same values give the same interval."""
-    return bootstrap(values, np.random.default_rng(0), statistic=lambda samples: np.median(samples, axis=1))
-
-
-def _plain(value: float, n: int) -> Interval:
-    return Interval(value=value, low=None, high=None, n=n)
-
-
 def _rate(row: Row, metric: str, count: int, n: int) -> Figure:
     return _figure(row, metric, success_rate(count, n), "")
 
 
 def _figure(row: Row, metric: str, interval: Interval, unit: str) -> Figure:
-    return Figure(
-        case=row.name,
-        method=row.method,
-        metric=metric,
-        value=interval.value,
-        low=interval.low,
-        high=interval.high,
-        unit=unit,
-        n=interval.n,
-    )
+    return figure(row.name, row.method, metric, interval, unit)

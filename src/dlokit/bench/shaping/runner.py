@@ -59,7 +59,7 @@ def attempt_case(case: Case, config: RunConfig, folder: Path) -> CaseResult:
     folder.mkdir(parents=True)
     try:
         return run_case(case, config, folder)
-    except Exception as error:
+    except Exception as error:  # a sweep of hours keeps its other cases, whatever is wrong with this one
         (folder / FAULT_FILE).write_text(traceback.format_exc(), encoding="utf-8")
         fault = f"{type(error).__name__}: {error}"
         return CaseResult(case=case, result=_broken(case, config, fault), fault=fault)

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 
-from dlokit.bench.report import Figure
+from dlokit.bench.report import Figure, figure
 from dlokit.bench.shaping.cases import CaseResult
 from dlokit.bench.shaping.metrics import reached, standing
 from dlokit.bench.statistics import success_rate
@@ -63,7 +63,4 @@ def _goal(done: CaseResult) -> tuple[str, int]:
 
 
 def _rate(method: str, metric: str, count: int, n: int) -> Figure:
-    rate = success_rate(count, n)
-    return Figure(
-        case=VERDICTS, method=method, metric=metric, value=rate.value, low=rate.low, high=rate.high, unit="", n=rate.n
-    )
+    return figure(VERDICTS, method, metric, success_rate(count, n), "")
