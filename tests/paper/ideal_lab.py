@@ -6,7 +6,7 @@ so that each branch of the flow chart can be brought about.
 
 from collections.abc import AsyncGenerator, Callable
 from contextlib import asynccontextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from scripted_hardware import LENGTH_M, NODES, Array, Lab, ScriptedPerception, ScriptedRobot
 
@@ -94,7 +94,8 @@ async def running(
 ) -> AsyncGenerator[DecisionComponent]:
     """The ideal lab's components on a bus, the decision component among them, and `others`."""
     host = Host(transport, clock)
-    decision = DecisionComponent(config or TaskConfig(), lambda: 0.0, length_m=rod.length_m, radius_m=rod.radius_m)
+    task = replace(config or TaskConfig(), check_camera=lab.checks_camera)
+    decision = DecisionComponent(task, lambda: 0.0, length_m=rod.length_m, radius_m=rod.radius_m)
     for component in (
         ScriptedPerception(lab),
         ScriptedRobot(lab),

@@ -15,9 +15,10 @@ from dlokit.skills.observer import api as observer
 from dlokit.skills.perception import api as perception
 from dlokit.skills.robot import api as robot
 from dlokit.types.action import VelocityProfile
+from dlokit.types.camera_check import CameraCheck
 from dlokit.types.observation import Observation
 from dlokit.types.pose import Pose
-from dlokit.types.robot import GripResult, MotionResult, RobotMode, RobotState
+from dlokit.types.robot import FIRST_ROBOT, GripResult, MotionResult, RobotMode, RobotState
 
 Array = NDArray[np.float64]
 LENGTH_M = 0.5
@@ -41,6 +42,8 @@ class Lab:
     """Whether the rope follows the gripper."""
     confuses_ends: bool = False
     """Whether the model loses track behind the arm and takes the rope for lying the other way round."""
+    checks_camera: bool = False
+    """Whether the tasks in it look at the hand first."""
     calls: list[str] = field(default_factory=list[str])
 
     def enter(self, skill: str) -> None:
@@ -67,6 +70,21 @@ class ScriptedPerception(Component):
         seen = Observation(stamp_ns=self.port.clock.now_ns(), points_world=points)
         self.port.publish(topics.OBSERVATION, seen)
         return seen
+
+    @implements(perception.NOTE_BACKGROUND)
+    async def note_background(self) -> None:
+        self._lab.enter("note_background")
+
+    @implements(perception.SEE_HAND)
+    async def see_hand(self, robot: str = FIRST_ROBOT) -> None:
+        self._lab.enter("see_hand")
+
+    @implements(perception.CHECK_CAMERA)
+    async def check_camera(self) -> CameraCheck:
+        self._lab.enter("check_camera")
+        return CameraCheck(
+            offset_m=np.array([0.003, -0.004]), yaw_rad=-0.001, center_world=np.zeros(2), scatter_m=1e-4, points=1000
+        )
 
     @implements(perception.SET_TRACKING)
     async def set_tracking(self, rate_hz: float) -> None:

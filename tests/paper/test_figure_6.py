@@ -68,6 +68,10 @@ EDGES = {
 """The chart of Fig. 6, with the ends that the paper lacks."""
 
 CONTROL = {
+    ("check_camera", "corrected", "find_dlo"),
+    ("check_camera", "kept", "find_dlo"),
+    ("check_camera", "off", "find_dlo"),
+    ("check_camera", "failed", "failed"),
     ("choose_grasp", "no_gain", "stalled"),
     ("move_to_goal", "to_control", "control"),
     ("control", "corrected", "control"),
@@ -76,7 +80,7 @@ CONTROL = {
     ("control", "interrupted", "recover"),
     ("control", "failed", "failed"),
 }
-"""What is there besides: control while the DLO is held, and the end of a task without hope."""
+"""What is there besides: a look at the hand, control while the DLO is held, and the end of a task without hope."""
 
 
 def test_the_chart_has_these_arrows_and_no_others() -> None:

@@ -106,7 +106,7 @@ def test_a_task_called_over_the_bus_reaches_its_goal_and_tells_how_far_it_is(on_
 
     on_bus(body)
     steps = [step.step for step in told]
-    assert steps[:2] == ["find_dlo", "set_goal"]
+    assert steps[:3] == ["check_camera", "find_dlo", "set_goal"]
     assert steps[-1] == "converged"
 
 

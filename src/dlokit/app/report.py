@@ -64,8 +64,14 @@ def _head(record: RunRecord) -> str:
     items = "".join(f'<div class="card"><b>{value}</b><span>{label}</span></div>' for value, label in cards)
     return (
         f'<header><h1>{escape(record.name)}</h1><span class="badge {kind}">{result.outcome.value}</span></header>'
-        f'<p class="words">{escape(outcome_in_words(result))}</p><div class="cards">{items}</div>'
+        f'<p class="words">{escape(outcome_in_words(result))}</p><div class="cards">{items}</div>{_camera(record)}'
     )
+
+
+def _camera(record: RunRecord) -> str:
+    """What was said of the camera's place."""
+    said = record.result.camera
+    return "" if said is None else f'<p class="words">{escape(said.text[:1].upper() + said.text[1:])}.</p>'
 
 
 def _figures(record: RunRecord) -> str:

@@ -23,8 +23,8 @@ from dlokit.types.flow import FlowStatus, RunOutcome
 
 PUSH = str(Push.__struct_config__.tag)
 
-_WARNS = frozenset({"set_goal", "track_model"})
-"""Boxes before which something may have been said of the goal that the operator should read."""
+_WARNS = frozenset({"find_dlo", "set_goal", "track_model"})
+"""Boxes before which something may have been said of the camera, or of the goal, that the operator should read."""
 
 
 class RunDisplay:
@@ -90,6 +90,8 @@ class RunDisplay:
         )
         if result.true_rmse_m is not None:
             self._console.print(f"true error {_mm(result.true_rmse_m)}, 2 s after the last release", highlight=False)
+        if result.camera is not None:
+            self._console.print(escape(result.camera.text), highlight=False)
         pace = result.sim_time_s / result.wall_time_s if result.wall_time_s > 0.0 else 0.0
         self._console.print(
             f"{result.sim_time_s:.1f} s on the cell's clock in {result.wall_time_s:.1f} s ({pace:.1f} times real time)",

@@ -223,4 +223,5 @@ def _result(task: ShapeTask, outcome: RunOutcome, timings: tuple[StepTiming, ...
         asked_rmse_m=_error_to_asked(task),
         timings=timings,
         planning_time_s=task.planning_time_s,
+        camera=task.camera,
     )

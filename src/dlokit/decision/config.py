@@ -20,6 +20,11 @@ class TaskConfig:
     """RMSE below which the goal counts as reached [m] (the paper's 1.2 cm)."""
     max_actions: Annotated[int, tyro.conf.arg(prefix_name=False)] = 40
     """Action budget: grasp-to-release cycles after which the task ends with outcome `budget`."""
+    check_camera: Annotated[bool, tyro.conf.arg(prefix_name=False)] = True
+    """Look at the robot's own hand before anything else, and correct by it how far the camera is off along the
+    table."""
+    check_height_m: float = 0.15
+    """Height of the tool centre point over the table while the hand is looked at [m]: clear of the DLO."""
     max_time_s: float = 1800.0
     """Time budget on the cell's clock [s]; the task ends with outcome `budget` when it is spent."""
     stall_actions: int = 6
@@ -75,7 +80,14 @@ class TaskConfig:
             count: int = getattr(self, name)
             if count < 1:
                 raise ConfigError(f"{_flag(name)} is {count}; it must be 1 or more.")
-        for name in ("threshold_m", "max_time_s", "look_timeout_s", "robot_timeout_s", "grasp_force_n"):
+        for name in (
+            "threshold_m",
+            "max_time_s",
+            "look_timeout_s",
+            "robot_timeout_s",
+            "grasp_force_n",
+            "check_height_m",
+        ):
             value: float = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise ConfigError(f"{_flag(name)} is {value}; it must be a number above 0.")

@@ -2,10 +2,11 @@
 
 from dlokit.decision.convergence import Progress
 from dlokit.decision.flow import End, Flow, Step
-from dlokit.decision.steps import acting, controlling, judging, seeing
+from dlokit.decision.steps import acting, checking, controlling, judging, seeing
 from dlokit.decision.steps.outcomes import (
     Carried,
     Change,
+    Checked,
     Controlled,
     Found,
     GoalJudged,
@@ -22,8 +23,19 @@ from dlokit.types.flow import Mode, RunOutcome
 
 SHAPE_DLO: Flow[ShapeTask] = Flow(
     name="shape_dlo",
-    start="find_dlo",
+    start="check_camera",
     steps=(
+        Step(
+            "check_camera",
+            checking.check_camera,
+            {
+                Checked.CORRECTED: "find_dlo",
+                Checked.KEPT: "find_dlo",
+                Checked.OFF: "find_dlo",
+                Checked.FAILED: "failed",
+            },
+            "Look at the robot's own hand, whose place is known: how far is the camera off its calibration?",
+        ),
         Step(
             "find_dlo",
             seeing.find_dlo,

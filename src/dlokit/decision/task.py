@@ -9,6 +9,7 @@ from dlokit.decision.marks import FailedPair
 from dlokit.decision.odometer import Odometer
 from dlokit.types.action import Action
 from dlokit.types.arrays import Float64Array
+from dlokit.types.camera_check import CameraCheck
 from dlokit.types.control import Correction
 from dlokit.types.dlo import DloState, GoalShape
 from dlokit.types.dlo_belief import DloBelief
@@ -75,6 +76,15 @@ class ActionRecord(Value, frozen=True, kw_only=True, eq=False):
     """Why control ended, by name; empty where it did not run."""
 
 
+class CameraReport(Value, frozen=True, kw_only=True, eq=False):
+    """What the look at the robot's own hand said of the camera."""
+
+    text: str
+    """For people, one sentence."""
+    check: CameraCheck | None = None
+    """By how much its place was corrected; None: it was not, the text says why."""
+
+
 class StepTiming(Value, frozen=True, kw_only=True, eq=False):
     """How long one visit of one box took."""
 
@@ -111,6 +121,8 @@ class ShapeResult(Value, frozen=True, kw_only=True, eq=False):
     timings: tuple[StepTiming, ...]
     planning_time_s: float
     """On the machine's clock [s]."""
+    camera: CameraReport | None = None
+    """None: it was not checked."""
 
 
 @dataclass(kw_only=True)
@@ -132,6 +144,7 @@ class ShapeTask:
     """Names of the arms."""
     started_ns: int = 0
 
+    camera: CameraReport | None = None
     goal: GoalShape | None = None
     asked: GoalShape | None = None
     """The goal that was asked for, when another one that holds took its place."""

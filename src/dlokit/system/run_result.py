@@ -63,6 +63,20 @@ class ActionResult(msgspec.Struct, frozen=True, kw_only=True):
     """Why control ended, by name; None where it did not run."""
 
 
+class CameraResult(msgspec.Struct, frozen=True, kw_only=True):
+    """What the look at the robot's own hand said of the camera's place."""
+
+    text: str
+    """For people."""
+    offset_x_m: float | None = None
+    """How far the camera was off its calibration along the table [m], and was corrected; None where it was not."""
+    offset_y_m: float | None = None
+    yaw_rad: float | None = None
+    """How far it was turned about the vertical [rad]."""
+    scatter_m: float | None = None
+    """How far the pictures disagreed after the correction (root mean square) [m]."""
+
+
 class RunResult(msgspec.Struct, frozen=True, kw_only=True):
     """A run. The fields and their order are those of the file."""
 
@@ -92,6 +106,8 @@ class RunResult(msgspec.Struct, frozen=True, kw_only=True):
     """What was drawn for the cell, which the system was not told; None when nothing is randomised."""
     goal_verdict: VerdictResult | None = None
     """What was said of the goal; None when the run ended before it was judged."""
+    camera: CameraResult | None = None
+    """What was said of the camera's place; None when it was not checked."""
 
 
 def write_result(folder: Path, result: RunResult) -> Path:
@@ -125,7 +141,8 @@ def _refuse_non_finite(result: RunResult) -> None:
     verdict = result.goal_verdict
     verdicts = () if verdict is None else (verdict, *verdict.findings)
     corrections = [done for row in result.history for done in row.corrections]
-    for struct in (result, *result.history, *corrections, *verdicts):
+    cameras = () if result.camera is None else (result.camera,)
+    for struct in (result, *result.history, *corrections, *verdicts, *cameras):
         for name in struct.__struct_fields__:
             value: object = getattr(struct, name)
             if isinstance(value, float) and not math.isfinite(value):

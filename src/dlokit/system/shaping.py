@@ -17,6 +17,7 @@ from dlokit.decision.component import DecisionComponent
 from dlokit.decision.task import GoalRequest, ShapeResult
 from dlokit.decision.task import StepTiming as Visit
 from dlokit.system.action_result import action_result
+from dlokit.system.camera_result import camera_result
 from dlokit.system.config import RunConfig
 from dlokit.system.goal_result import VerdictResult, verdict_result
 from dlokit.system.run_record import ActionShape, RunRecord, StepTiming
@@ -143,6 +144,7 @@ def _record(
             config_hash=config_hash(toml),
             version=__version__,
             goal_verdict=_goal_verdict(result),
+            camera=None if result.camera is None else camera_result(result.camera),
         ),
         verdict=result.verdict,
         asked_nodes_world=None if result.asked is None else result.asked.nodes_world,

@@ -22,7 +22,7 @@ FIELDS = [
         "seed",
         "sim_time_s",
     ),
-    *("wall_time_s", "planning_time_s", "history", "config_hash", "version", "episode", "goal_verdict"),
+    *("wall_time_s", "planning_time_s", "history", "config_hash", "version", "episode", "goal_verdict", "camera"),
 ]
 ACTION_FIELDS = [
     *("action", "kind", "grasp_node", "grasp_ok", "slipped", "rmse_m", "predicted_rmse_m", "true_rmse_m"),

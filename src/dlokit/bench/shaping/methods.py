@@ -48,4 +48,6 @@ def with_method(config: RunConfig, method: Method) -> RunConfig:
         observer = replace(observer, strategy=OBSERVERS.named(method.observer, "--observer")())
     if method.planner != planning.strategy.name:
         planning = replace(planning, strategy=PLANNERS.named(method.planner, "--planner")())
-    return replace(config, observer=observer, planning=planning)
+    # The truth needs no camera, whose place could be checked.
+    task = replace(config.task, check_camera=config.task.check_camera and not method.sees_truth)
+    return replace(config, observer=observer, planning=planning, task=task)

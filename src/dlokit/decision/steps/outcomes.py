@@ -3,6 +3,15 @@
 import enum
 
 
+class Checked(enum.Enum):
+    """What became of the check of the camera's place; kept: it stays as calibrated, off: it was not asked for."""
+
+    CORRECTED = "corrected"
+    KEPT = "kept"
+    OFF = "off"
+    FAILED = "failed"
+
+
 class Sight(enum.Enum):
     """What a look gave."""
 

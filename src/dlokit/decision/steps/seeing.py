@@ -41,14 +41,9 @@ def _judge_sight(task: ShapeTask, skill: str, outcome: Outcome[Any]) -> Sight:
 
 async def find_dlo(task: ShapeTask) -> Sight:
     """First look: the shape is unknown, so the observer orders the cloud into nodes."""
-    if not await _robot_speaks(task):
+    task.reason = None  # what was said of the camera
+    if not await robots_out_of_the_way(task):
         return Sight.FAILED
-    for name in task.robots:
-        skill = robot.HOME.at(instance_of(name))
-        home = await task.port.call(skill)
-        if not isinstance(home, Succeeded):
-            fail(task, skill.key, home)
-            return Sight.FAILED
     seen = await task.port.call(perception.LOOK)
     if not isinstance(seen, Succeeded):
         return _judge_sight(task, "perception.look", seen)
@@ -59,6 +54,19 @@ async def find_dlo(task: ShapeTask) -> Sight:
     if task.state is None:
         return Sight.FAILED
     return Sight.SEEN
+
+
+async def robots_out_of_the_way(task: ShapeTask) -> bool:
+    """Bring all arms home; False (and a reason) where one is not there, or does not come home."""
+    if not await _robot_speaks(task):
+        return False
+    for name in task.robots:
+        skill = robot.HOME.at(instance_of(name))
+        home = await task.port.call(skill)
+        if not isinstance(home, Succeeded):
+            fail(task, skill.key, home)
+            return False
+    return True
 
 
 async def _robot_speaks(task: ShapeTask) -> bool:

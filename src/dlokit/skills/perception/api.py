@@ -3,7 +3,9 @@
 from dlokit.communication.contract import Condition
 from dlokit.communication.skill import Skill
 from dlokit.types.arrays import Float64Array
+from dlokit.types.camera_check import CameraCheck
 from dlokit.types.observation import Observation
+from dlokit.types.robot import FIRST_ROBOT
 from dlokit.types.strategy import StrategySpec
 
 
@@ -40,6 +42,34 @@ def _set_tracking(rate_hz: float) -> None:
     ...
 
 
+def _note_background() -> None:
+    """Begin to check the camera's place: take the pictures with which those of the hand will be compared.
+
+    The arms must be out of the way. Fails with: camera_lost.
+    """
+    ...
+
+
+def _see_hand(robot: str = FIRST_ROBOT) -> None:
+    """Take pictures of the hand of `robot` where it stands now, above the table and in the picture.
+
+    At two places or more, with the hand turned by half a turn between them, so that errors of its model cancel. Fails
+    with: camera_lost, robot_lost (no state of the robot since the pictures).
+    """
+    ...
+
+
+def _check_camera() -> CameraCheck:
+    """Say from the pictures of the hand how far the camera is off, and correct its place from the next look on.
+
+    The table's plane gives height and tilt; the hand, the place of which is exact, gives the offset along the table and
+    the turn about the vertical. Fails with: few_points (too little of the arm's outline was found), scattered (the
+    pictures contradict each other), too_far (beyond what is believed); the camera then stays as the table has it.
+    Rejected with: no_pictures.
+    """
+    ...
+
+
 LOOK = Skill("perception", "look", _look, timeout_s=10.0, ensures="a new observation is published")
 SET_BOX = Skill("perception", "set_box", _set_box, timeout_s=1.0, requires="lower below upper in each coordinate")
 SET_SEGMENTATION = Skill(
@@ -51,4 +81,18 @@ SET_TRACKING = Skill(
     _set_tracking,
     timeout_s=1.0,
     requires=(Condition("rate_hz is 0 (off) to 60 Hz", "bad_rate", lambda rate_hz: 0.0 <= rate_hz <= 60.0),),
+)
+NOTE_BACKGROUND = Skill(
+    "perception", "note_background", _note_background, timeout_s=10.0, requires="no arm stands over the table"
+)
+SEE_HAND = Skill(
+    "perception", "see_hand", _see_hand, timeout_s=10.0, requires="the arm stands still, its hand in the picture"
+)
+CHECK_CAMERA = Skill(
+    "perception",
+    "check_camera",
+    _check_camera,
+    timeout_s=20.0,
+    requires="the hand has been seen, and before it the table without it",
+    ensures="later looks use the corrected pose",
 )

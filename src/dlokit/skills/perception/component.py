@@ -17,18 +17,22 @@ from dlokit.skills.perception import api
 from dlokit.skills.perception.base import SegmentationConfig
 from dlokit.skills.perception.box import BoxConfig
 from dlokit.skills.perception.config import PerceptionConfig
+from dlokit.skills.perception.hand_sight import HandLook, camera_from_hand, corrected_by
 from dlokit.skills.perception.pipeline import corrected_camera_pose, loaded, observe
-from dlokit.skills.perception.releases import Releases
+from dlokit.skills.perception.rectification import Rectifier
 from dlokit.skills.perception.segmentations import from_spec
-from dlokit.skills.perception.shift import Shift, offset_after_release
 from dlokit.types.arrays import Float64Array
+from dlokit.types.camera_check import CameraCheck
 from dlokit.types.image import StereoImages
 from dlokit.types.observation import Gripped, GripperPin, Observation
 from dlokit.types.pose import Pose
-from dlokit.types.robot import RobotState
+from dlokit.types.robot import FIRST_ROBOT, RobotState
 from dlokit.types.strategy import StrategySpec
 
 log = logging.getLogger(__name__)
+
+_STATE_WAIT_S = 0.02
+_STATE_WAITS = 50
 
 
 class PerceptionComponent(Component):
@@ -48,8 +52,9 @@ class PerceptionComponent(Component):
         self._gripped: dict[str, Gripped] = {}
         self._looks = 0
         self._T_world_camera: Pose | None = None
-        self._releases = Releases(config.shift.highest_m)
-        self._shift = Shift.unknown(config.shift)
+        self._background: StereoImages | None = None
+        self._hand_looks: list[HandLook] = []
+        self._camera_check: CameraCheck | None = None
 
     @implements(api.LOOK)
     async def look(self) -> Observation:
@@ -63,6 +68,32 @@ class PerceptionComponent(Component):
                 "with their settings (set_segmentation, set_box)",
             )
         return observation
+
+    @implements(api.NOTE_BACKGROUND)
+    async def note_background(self) -> None:
+        """Begin a check of the camera's place: the scene without the hand."""
+        async with self._looking:
+            images = await self._by_the_table(await self._capture())
+        self._background = Rectifier().rectify(images)
+        self._hand_looks = []
+
+    @implements(api.SEE_HAND)
+    async def see_hand(self, robot: str = FIRST_ROBOT) -> None:
+        """Take the hand's picture, where it stands now."""
+        async with self._looking:
+            images = await self._capture()
+        state = await self._robot_at(robot, images.stamp_ns)
+        self._hand_looks.append(HandLook(images=Rectifier().rectify(images), robot=state))
+
+    @implements(api.CHECK_CAMERA)
+    async def check_camera(self) -> CameraCheck:
+        """From the pictures of the hand to the camera's place; they are used up."""
+        background, looks = self._background, self._hand_looks
+        self._background, self._hand_looks, self._camera_check = None, [], None
+        if background is None or not looks:
+            raise SkillRejected("no_pictures", "call note_background, then see_hand once or more, then check_camera")
+        self._camera_check = await self.port.compute(camera_from_hand, background, looks, self._config.hand_sight)
+        return self._camera_check
 
     @implements(api.SET_BOX)
     async def set_box(self, lower_world: Float64Array, upper_world: Float64Array) -> None:
@@ -95,12 +126,10 @@ class PerceptionComponent(Component):
     async def on_robot_state(self, state: RobotState) -> None:
         """Remember where the robot is."""
         self._robots[state.robot] = state
-        self._releases.moved(state)
 
     @on(topics.GRIPPED)
     async def on_gripped(self, gripped: Gripped) -> None:
-        """Remember which node is held, or where it was let go."""
-        self._releases.gripped(gripped, self._robots.get(gripped.robot))
+        """Remember which node is held."""
         if gripped.node is None:
             self._gripped.pop(gripped.robot, None)
         else:
@@ -138,11 +167,10 @@ class PerceptionComponent(Component):
         """Pictures and points of one look, published."""
         images = await self._capture()
         self.port.publish(topics.STEREO_IMAGES, images)
+        images = self._by_the_hand(await self._by_the_table(images))
         robots = tuple(self._robots.values())
-        images = await self._with_corrected_pose(images, robots)
         observation = await self.port.compute(observe, images, robots, self._config, self._segmentation, self._pins())
         self._looks += 1
-        self._learn_shift(observation, robots)
         self.port.publish(topics.OBSERVATION, observation)
         return observation
 
@@ -157,37 +185,30 @@ class PerceptionComponent(Component):
             )
         return images
 
-    async def _with_corrected_pose(self, images: StereoImages, robots: tuple[RobotState, ...]) -> StereoImages:
-        """The pair with the camera pose corrected by the table and by what was released on it."""
-        pose = await self._by_the_table(images, robots)
-        if self._config.shift.correct:
-            pose = self._shift.corrected(pose)
-        calibration = msgspec.structs.replace(images.calibration, T_world_camera=pose)
-        return msgspec.structs.replace(images, calibration=calibration)
-
-    async def _by_the_table(self, images: StereoImages, robots: tuple[RobotState, ...]) -> Pose:
-        """T_world_camera corrected by the table, which is looked for now and then."""
+    async def _by_the_table(self, images: StereoImages) -> StereoImages:
+        """The pair with the camera pose corrected by the table, which is looked for now and then."""
         table = self._config.table
         if table.correct_pose and self._looks % table.every_looks == 0:
+            robots = tuple(self._robots.values())
             found = await self.port.compute(corrected_camera_pose, images, robots, self._config, self._segmentation)
             if found is None:
                 log.warning("the table's plane was not found; the camera pose stays as it was")
             self._T_world_camera = found or self._T_world_camera
-        return self._T_world_camera or images.calibration.T_world_camera
+        return _seen_from(images, self._T_world_camera or images.calibration.T_world_camera)
 
-    def _learn_shift(self, observation: Observation, robots: tuple[RobotState, ...]) -> None:
-        """How far the rod is seen beside where it was let go; later looks are corrected by it."""
-        settings = self._config.shift
-        for release in self._releases.in_view(robots) if settings.correct else ():
-            measured = offset_after_release(observation.points_world, release, settings)
-            if measured is None:
-                continue
-            self._shift = self._shift.after(measured, settings.gate)
-            x_mm, y_mm = (1e3 * self._shift.mean_m).tolist()
-            log.info(
-                "the released rod is seen %.1f mm beside its place; the camera is taken to be off by (%.1f, %.1f) mm",
-                1e3 * measured.offset_m, x_mm, y_mm,
-            )  # fmt: skip
+    def _by_the_hand(self, images: StereoImages) -> StereoImages:
+        """The pair with the camera pose moved to where the look at the hand has it."""
+        check = self._camera_check
+        return images if check is None else _seen_from(images, corrected_by(images.calibration.T_world_camera, check))
+
+    async def _robot_at(self, robot: str, stamp_ns: int) -> RobotState:
+        """The first state of a robot at a time or after it; it tells them many times a second."""
+        for _ in range(_STATE_WAITS):
+            state = self._robots.get(robot)
+            if state is not None and state.stamp_ns >= stamp_ns:
+                return state
+            await self.port.clock.sleep(_STATE_WAIT_S)
+        raise SkillFailure("robot_lost", f"no state of the robot {robot} came after the pictures; is it running?")
 
     def _pins(self) -> tuple[GripperPin, ...]:
         return tuple(
@@ -202,3 +223,9 @@ def _pin(T_world_tcp: Pose, node: int, gripped: Gripped) -> GripperPin:
     node_tcp = np.zeros(3) if gripped.node_tcp is None else gripped.node_tcp
     place = geometry.transform(T_world_tcp, node_tcp[None, :])[0]
     return GripperPin(robot=gripped.robot, node=node, position_world=place.astype(np.float32))
+
+
+def _seen_from(images: StereoImages, T_world_camera: Pose) -> StereoImages:
+    """The same pair, with another belief of where it was taken from."""
+    calibration = msgspec.structs.replace(images.calibration, T_world_camera=T_world_camera)
+    return msgspec.structs.replace(images, calibration=calibration)

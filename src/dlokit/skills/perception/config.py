@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 from dlokit.skills.perception.box import BoxConfig
 from dlokit.skills.perception.brightness import BrightnessConfig
 from dlokit.skills.perception.cloud import CloudConfig
+from dlokit.skills.perception.hand_sight import HandSightConfig
 from dlokit.skills.perception.segmentations import AnySegmentation
 from dlokit.skills.perception.selffilter import SelfFilterConfig
-from dlokit.skills.perception.shift import ShiftConfig
 from dlokit.skills.perception.stereo import StereoConfig
 from dlokit.skills.perception.table import TableConfig
 
@@ -28,8 +28,8 @@ class PerceptionConfig:
     """From disparities to the cloud."""
     table: TableConfig = field(default_factory=TableConfig)
     """What the table says."""
-    shift: ShiftConfig = field(default_factory=ShiftConfig)
-    """What the released rod says of the camera's place."""
+    hand_sight: HandSightConfig = field(default_factory=HandSightConfig)
+    """What the robot's own hand says of the camera's place."""
     smallest_patch_px: int = 20
     """Patches of the mask with fewer pixels than this are noise."""
     capture_timeout_s: float = 2.0

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from dlokit.skills.perception import arm_outline
 from dlokit.skills.perception.base import Segmentation, SegmentationConfig
 from dlokit.skills.perception.box import box_outline, inside_box
 from dlokit.skills.perception.cloud import clean, reproject, to_centre_line
@@ -40,7 +41,8 @@ class Look:
 
 
 def loaded() -> None:
-    """Nothing: where it could be called, all that a look needs has been imported."""
+    """Compile what a look needs; where it could be called, all of it has been imported."""
+    arm_outline.warm()
 
 
 def perceive(

@@ -1,4 +1,3 @@
-import dataclasses
 from collections.abc import Callable, Coroutine
 from types import TracebackType
 from typing import Any, Self
@@ -20,7 +19,6 @@ from dlokit.skills.perception.brightness import BrightnessConfig
 from dlokit.skills.perception.component import PerceptionComponent
 from dlokit.skills.perception.config import PerceptionConfig
 from dlokit.skills.perception.segmentations import to_spec
-from dlokit.skills.perception.shift import ShiftConfig
 from dlokit.skills.perception.table import TableConfig
 from dlokit.types.image import CameraCalibration, StereoImages
 from dlokit.types.observation import Gripped
@@ -273,39 +271,3 @@ def test_a_held_node_is_where_the_tool_has_carried_it_not_at_the_tool_centre_poi
         assert np.abs(pin.position_world - expected).max() < 1e-6  # single precision
 
     with_perception(s_scene, test)
-
-
-@pytest.mark.parametrize("correct", [True, False])
-def test_looks_after_a_release_are_corrected_by_where_the_rod_lies(s_scene: Scene, correct: bool):
-    nodes = s_scene.nodes_world
-    middle = len(nodes) // 2
-    along = nodes[middle + 1] - nodes[middle - 1]
-    T_world_tcp = geometry.downward(nodes[middle] + np.array([0.0, 0.0, 0.005]), float(np.arctan2(along[1], along[0])))
-    across = geometry.rotation(T_world_tcp)[:, 1]
-    true = s_scene.images.calibration.T_world_camera
-    off = msgspec.structs.replace(true, position_m=true.position_m + 0.004 * across)
-    held = msgspec.structs.replace(s_scene.robot, T_world_tcp=T_world_tcp, holding=True)
-
-    async def test(bus: MemoryTransport, camera: ScriptedCamera) -> None:
-        calibration = msgspec.structs.replace(camera.images.calibration, T_world_camera=off)
-        camera.images = msgspec.structs.replace(camera.images, calibration=calibration)
-        bus.publish(topics.GRIPPED, Gripped(stamp_ns=0, robot="panda", node=7))
-        await LoopClock().sleep(0.001)
-        bus.publish(topics.ROBOT_STATE, held)
-        await LoopClock().sleep(0.001)
-        bus.publish(topics.GRIPPED, Gripped(stamp_ns=1, robot="panda", node=None))
-        await LoopClock().sleep(0.001)
-        bus.publish(topics.ROBOT_STATE, s_scene.robot)  # away again
-        await LoopClock().sleep(0.001)
-        left_m: list[float] = []
-        for _ in range(2):
-            outcome = await bus.call(api.LOOK)
-            assert isinstance(outcome, Succeeded)
-            assert outcome.result.calibration is not None
-            left_m.append(float(across @ (outcome.result.calibration.T_world_camera.position_m - true.position_m)))
-        assert abs(left_m[0] - 0.004) < 1e-6  # the look that measures is not changed by it
-        # The prior leaves a twelfth, and the cloud is exact to about 1 mm.
-        assert abs(left_m[1]) < 0.0015 if correct else abs(left_m[1] - 0.004) < 1e-6
-
-    config = dataclasses.replace(NO_CORRECTION, shift=ShiftConfig(correct=correct))
-    with_perception(s_scene, test, config=config)

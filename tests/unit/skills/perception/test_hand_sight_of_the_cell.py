@@ -1,0 +1,63 @@
+"""The camera's place from the hand, in cells drawn anew for each seed, against the true pose of the camera."""
+
+import msgspec
+import numpy as np
+import pytest
+
+from dlokit import geometry
+from dlokit.functional.cell.config import CellConfig
+from dlokit.functional.cell.randomisation import RANDOMISED
+from dlokit.functional.cell.world import Cell
+from dlokit.skills.perception.config import PerceptionConfig
+from dlokit.skills.perception.hand_sight import HandLook, camera_from_hand, corrected_by
+from dlokit.skills.perception.pipeline import corrected_camera_pose
+from dlokit.skills.perception.projection import project
+from dlokit.skills.robot.kinematics import PandaKinematics
+from dlokit.skills.robot.trajectories import joint_move
+from dlokit.types.image import CameraCalibration, StereoImages
+from dlokit.types.pose import Pose
+
+CONFIG = PerceptionConfig()
+PLACES = ((0.50, 0.14, np.pi / 2), (0.50, -0.14, -np.pi / 2))
+
+
+def table_error_m(T_world_camera: Pose, true: CameraCalibration) -> float:
+    """How far points at the table's height are seen beside their places, root mean square [m]."""
+    x, y = np.meshgrid([0.3, 0.45, 0.6], [-0.25, 0.0, 0.25])
+    places = np.column_stack([x.ravel(), y.ravel(), np.zeros(9)])
+    pixels = project(places, true).pixels
+    rays = np.column_stack([(pixels - [true.cx_px, true.cy_px]) / true.fx_px, np.ones(9)])
+    rays = rays @ geometry.rotation(T_world_camera).T
+    seen = T_world_camera.position_m - rays * (T_world_camera.position_m[2] / rays[:, 2])[:, None]
+    return float(np.sqrt(np.mean(np.sum((seen - places) ** 2, axis=1))))
+
+
+def by_the_table(cell: Cell) -> StereoImages:
+    images = cell.capture()
+    pose = corrected_camera_pose(images, (cell.arm_state(),), CONFIG, CONFIG.segmentation)
+    assert pose is not None
+    return msgspec.structs.replace(images, calibration=msgspec.structs.replace(images.calibration, T_world_camera=pose))
+
+
+def hand_look(cell: Cell, x_m: float, y_m: float, yaw_rad: float) -> HandLook:
+    q = PandaKinematics().inverse(geometry.downward([x_m, y_m, 0.15], yaw_rad))
+    trajectory = joint_move(cell.arm_state().q_rad, q)
+    cell.start_follow(trajectory)
+    cell.step(round(float(trajectory.times_s[-1]) + 0.2, 1))
+    return HandLook(images=cell.capture(), robot=cell.arm_state())
+
+
+@pytest.mark.parametrize(("seed", "shadows"), [(1000, False), (1001, True)])
+def test_the_hand_brings_the_camera_of_a_drawn_cell_from_millimetres_to_below_one(seed: int, shadows: bool):
+    cell = Cell(CellConfig(randomisation=RANDOMISED, shadows=shadows), seed=seed)
+    background = by_the_table(cell)
+    looks = [hand_look(cell, *place) for place in PLACES]
+    cell.close()
+    believed, true = background.calibration.T_world_camera, cell.rig.true_calibration
+    assert table_error_m(believed, true) > 0.005  # or there would be nothing to show
+    check = camera_from_hand(background, looks, CONFIG.hand_sight)
+    corrected = corrected_by(believed, check)
+    # What is left is the tilt of the table, told by the hand to 0.05 deg, and the grid of pixels at the arm's edge.
+    assert table_error_m(corrected, true) < 0.001
+    turn = geometry.rotation(corrected) @ geometry.rotation(true.T_world_camera).T
+    assert abs(np.degrees(turn[1, 0])) < 0.1
