@@ -223,3 +223,23 @@ def test_a_caller_that_is_gone_has_its_running_skills_cancelled_and_nobody_else(
         await serves.close()
 
     asyncio.run(main())
+
+
+def _double_and_add(value: float, more: float = 0.0) -> float:
+    """Twice the value, and more."""
+    ...
+
+
+def test_a_call_of_a_skill_that_the_called_one_knows_otherwise_is_rejected_by_name(
+    on_bus: Grid, caplog: pytest.LogCaptureFixture
+) -> None:
+    async def body(bus: Bus) -> None:
+        async with working(bus):
+            outcome = await bus.here.call(Skill("worker", "double", _double_and_add, timeout_s=5.0), 1.0)
+            assert isinstance(outcome, Rejected)
+            assert outcome.reason == "schema_mismatch"
+            assert f"{DOUBLE.schema.hex()} here" in outcome.detail
+
+    on_bus(body)
+    assert "a call of worker.double by" in caplog.text
+    assert "worker.double was not run" in caplog.text

@@ -208,7 +208,8 @@ def test_algorithm_2_a_skill_that_the_component_lacks_is_a_failure_that_names_th
 
 def test_algorithm_2_arguments_that_do_not_fit_are_a_failure_that_shows_the_signature(on_bus: Bus) -> None:
     async def body(it: Lab) -> None:
-        outcome = await it.caller.call(OTHER_ARGUMENTS, "wide")
+        assert is_rejected(await it.caller.call(OTHER_ARGUMENTS, "wide"), "schema_mismatch")
+        outcome = await deliver(it, request(component="gripper", arguments=OTHER_ARGUMENTS.encode_arguments("wide")))
         assert is_rejected(outcome, "bad_arguments")
         assert isinstance(outcome, Rejected)
         assert "width_m: float" in outcome.detail
@@ -257,9 +258,14 @@ def is_rejected(outcome: Outcome[float] | Outcome[str], reason: str) -> bool:
     return isinstance(outcome, Rejected) and outcome.reason == reason
 
 
-def request(*, component: str) -> bytes:
+def request(*, component: str, arguments: bytes | None = None) -> bytes:
     call = SkillCall(
-        component=component, skill="grip", arguments=GRIP.encode_arguments(0.04), call_id="1", caller="test"
+        component=component,
+        skill="grip",
+        arguments=arguments or GRIP.encode_arguments(0.04),
+        call_id="1",
+        caller="test",
+        schema=GRIP.schema,
     )
     return codec.encode(call)
 

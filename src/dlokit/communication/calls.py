@@ -5,7 +5,7 @@ from collections.abc import Callable
 from typing import ParamSpec, TypeVar
 
 from dlokit.communication import codec
-from dlokit.communication.skill import ReportingSkill, Skill, SkillCall
+from dlokit.communication.skill import SCHEMA_MISMATCH, ReportingSkill, Skill, SkillCall
 from dlokit.communication.transport import Report
 from dlokit.errors import CommunicationError
 from dlokit.types.outcome import Failed, Outcome, Rejected
@@ -23,16 +23,26 @@ def encode_call(skill: Skill[P, R], call_id: str, caller: str, *args: P.args, **
         arguments = skill.encode_arguments(*args, **kwargs)
     except (CommunicationError, TypeError) as error:
         return Rejected(reason="bad_arguments", detail=f"{skill.key}: {error}")
-    call = SkillCall(component=skill.component, skill=skill.name, arguments=arguments, call_id=call_id, caller=caller)
+    call = SkillCall(
+        component=skill.component,
+        skill=skill.name,
+        arguments=arguments,
+        call_id=call_id,
+        caller=caller,
+        schema=skill.schema,
+    )
     return codec.encode(call)
 
 
 def decode_answer(skill: Skill[P, R], answer: bytes) -> Outcome[R]:
     """The outcome, or the failure to understand it."""
     try:
-        return skill.decode_outcome(answer)
+        outcome = skill.decode_outcome(answer)
     except CommunicationError as error:
         return Failed(reason="malformed_outcome", detail=f"{skill.key}: {error}")
+    if isinstance(outcome, Rejected) and outcome.reason == SCHEMA_MISMATCH:
+        log.error("%s was not run: %s", skill.key, outcome.detail)
+    return outcome
 
 
 def decoding(skill: ReportingSkill[P, R, Q], told: Callable[[Q], None]) -> Report:

@@ -10,7 +10,8 @@ from dlokit.communication.answers import Answers
 from dlokit.communication.clock import Clock
 from dlokit.communication.component import Component
 from dlokit.communication.contract import Condition
-from dlokit.communication.skill import ReportingSkill, Skill, SkillCall
+from dlokit.communication.envelope import mismatch
+from dlokit.communication.skill import SCHEMA_MISMATCH, ReportingSkill, Skill, SkillCall
 from dlokit.communication.transport import Report
 from dlokit.errors import CommunicationError, SkillFailure, SkillRejected
 from dlokit.types.outcome import Cancelled, Failed, Outcome, Rejected, Succeeded, TimedOut
@@ -59,6 +60,10 @@ class Dispatcher:
         if call.skill not in self._skills:
             return Rejected(reason="unknown_skill", detail=f"{call.skill}; {call.component} has {sorted(self._skills)}")
         skill, method = self._skills[call.skill]
+        if call.schema != skill.schema:
+            error = mismatch(call.schema.hex(), skill.schema)
+            log.error("a call of %s by %s is rejected: %s", skill.key, call.caller, error)
+            return Rejected(reason=SCHEMA_MISMATCH, detail=str(error))
         try:
             arguments = skill.decode_arguments(call.arguments)
         except CommunicationError as error:

@@ -47,14 +47,15 @@ class MemoryTransport:
         for listener in self._taps[topic.name]:
             listener(data)
         copy = codec.decode(data, topic.type)
-        self._latest[topic.name] = (copy, asyncio.get_running_loop().time())
+        now_s = asyncio.get_running_loop().time()
+        self._latest[topic.name] = (copy, now_s)
         if self._tap is not None:
             self._tap(topic, copy)
         readers = self._mailboxes[topic.name]
         for reference in readers:
             mailbox = reference()
             if mailbox is not None:
-                mailbox.put(copy)
+                mailbox.put(copy, now_s)
         # A reader that nobody holds any more is gone.
         readers[:] = [reference for reference in readers if reference() is not None]
 
@@ -69,7 +70,7 @@ class MemoryTransport:
         """Messages from now on; with `with_last`, the last one before, first."""
         mailbox: Mailbox[T] = Mailbox(topic.policy)
         if with_last and topic.name in self._latest:
-            mailbox.put(self._latest[topic.name][0])
+            mailbox.put(*self._latest[topic.name])
         if self._closed:
             mailbox.close()
         self._mailboxes[topic.name].append(weakref.ref(mailbox))

@@ -1,7 +1,7 @@
 """A component's window to the rest of the system: its messages, calls, clock and compute."""
 
 import logging
-from collections.abc import AsyncIterator, Callable
+from collections.abc import Callable
 from typing import Any, ParamSpec, TypeVar
 
 import msgspec
@@ -11,7 +11,7 @@ from dlokit.communication.clock import Clock
 from dlokit.communication.compute import Compute
 from dlokit.communication.skill import ReportingSkill, Skill
 from dlokit.communication.topic import Topic
-from dlokit.communication.transport import Latest, Liveness, Transport
+from dlokit.communication.transport import Latest, Liveness, Stream, Transport
 from dlokit.errors import CommunicationError
 from dlokit.types.message import Message
 from dlokit.types.outcome import Outcome
@@ -69,8 +69,8 @@ class Port:
         self._check_read(topic)
         return self._transport.latest(topic)
 
-    def stream(self, topic: Topic[T]) -> AsyncIterator[T]:
-        """Messages of a topic from now on."""
+    def stream(self, topic: Topic[T]) -> Stream[T]:
+        """Messages of a topic from now on; it says how old the one read last is."""
         self._check_read(topic)
         return self._transport.stream(topic)
 

@@ -10,12 +10,17 @@ import msgspec
 
 from dlokit.communication import codec
 from dlokit.communication.contract import Condition, conditions
+from dlokit.communication.schema import fingerprint
 from dlokit.errors import CommunicationError
 from dlokit.types.outcome import Cancelled, Failed, Outcome, Rejected, Succeeded, TimedOut, Unreachable
 
 P = ParamSpec("P")
 R = TypeVar("R")
 Q = TypeVar("Q")
+
+
+SCHEMA_MISMATCH = "schema_mismatch"
+"""Reason why a call is rejected whose caller knows the skill otherwise."""
 
 
 @dataclass(frozen=True)
@@ -81,6 +86,11 @@ class Skill(Generic[P, R]):
         result = self.types["return"]
         return Succeeded[result] | Failed | Rejected | Cancelled | TimedOut | Unreachable
 
+    @cached_property
+    def schema(self) -> bytes:
+        """What its arguments and its result look like on the wire: caller and called one compare it."""
+        return fingerprint(self._arguments_type, self._outcome_type)
+
     def name_arguments(self, *args: P.args, **kwargs: P.kwargs) -> dict[str, Any]:
         """Arguments by name, defaults filled in. Raises `TypeError` when they do not fit the signature."""
         bound = inspect.signature(self.signature).bind(*args, **kwargs)
@@ -133,6 +143,11 @@ class ReportingSkill(Skill[P, R], Generic[P, R, Q]):
         assert isinstance(addressed, ReportingSkill)
         return addressed
 
+    @cached_property
+    def schema(self) -> bytes:
+        """With what it tells."""
+        return fingerprint(self._arguments_type, self._outcome_type, self.reports)
+
     def decode_report(self, data: bytes) -> Q:
         """A piece of progress of the declared type. Raises `CommunicationError` when it is anything else."""
         return codec.decode(data, self.reports)
@@ -146,3 +161,5 @@ class SkillCall(msgspec.Struct, frozen=True, kw_only=True):
     arguments: bytes
     call_id: str
     caller: str
+    schema: bytes = b""
+    """Of the skill, as the caller knows it; empty from versions that did not say."""

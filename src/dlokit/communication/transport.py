@@ -10,6 +10,7 @@ from dlokit.types.message import Message
 from dlokit.types.outcome import Outcome
 
 T = TypeVar("T", bound=Message)
+T_co = TypeVar("T_co", covariant=True)
 P = ParamSpec("P")
 R = TypeVar("R")
 Q = TypeVar("Q")
@@ -28,7 +29,20 @@ class Latest(Generic[T]):
     value: T | None
     """None when nothing has come yet."""
     age_s: float
-    """Time since it arrived here, on the loop's clock [s]; inf when nothing has."""
+    """Time since it was sent, on the loop's clock [s]; from another machine, since it arrived. Inf: nothing has."""
+
+
+class Stream(Protocol[T_co]):
+    """Messages of one topic for one reader: an async iterator that knows their age."""
+
+    def __aiter__(self) -> AsyncIterator[T_co]: ...
+
+    async def __anext__(self) -> T_co: ...
+
+    @property
+    def age_s(self) -> float:
+        """Time since the message that was read last was sent [s]; inf before the first."""
+        ...
 
 
 class Liveness(Protocol):
@@ -64,7 +78,7 @@ class Transport(Protocol):
         """The newest message; the first call on a topic subscribes to it."""
         ...
 
-    def stream(self, topic: Topic[T], *, with_last: bool = False) -> AsyncIterator[T]:
+    def stream(self, topic: Topic[T], *, with_last: bool = False) -> Stream[T]:
         """Messages that come from now on, in order; drops as the topic's row says.
 
         With `with_last`, the last one of before comes first, so that whoever joins late knows it.

@@ -10,8 +10,8 @@ from collections import deque
 
 import zenoh
 
+from dlokit.communication.loop_door import LoopDoor
 from dlokit.communication.transport import CallHandler, Report
-from dlokit.communication.zenoh_topics import call_on_loop
 
 log = logging.getLogger(__name__)
 
@@ -29,10 +29,11 @@ PROGRESS = b"progress"
 """What a reply carries beside its payload when the outcome is still to come."""
 
 
-async def ask(session: zenoh.Session, component: str, request: bytes, call_id: str, report: Report) -> bytes | None:
+async def ask(
+    session: zenoh.Session, door: LoopDoor, component: str, request: bytes, call_id: str, report: Report
+) -> bytes | None:
     """The encoded outcome; None when nobody answered. Cancelling it does not cancel the skill: see `cancel`."""
-    loop = asyncio.get_running_loop()
-    answered: asyncio.Future[bytes | None] = loop.create_future()
+    answered: asyncio.Future[bytes | None] = asyncio.get_running_loop().create_future()
 
     def settle(answer: bytes | None) -> None:
         if not answered.done():
@@ -41,13 +42,10 @@ async def ask(session: zenoh.Session, component: str, request: bytes, call_id: s
     def on_reply(reply: zenoh.Reply) -> None:
         if reply.ok is not None:
             answer = reply.ok.payload.to_bytes()
-            if reply.ok.attachment is None:
-                call_on_loop(loop, lambda: settle(answer))
-            else:
-                call_on_loop(loop, lambda: report(answer))
+            door.call(settle if reply.ok.attachment is None else report, answer)
 
     def on_end() -> None:
-        call_on_loop(loop, lambda: settle(None))
+        door.call(settle, None)
 
     try:
         session.get(
@@ -94,12 +92,12 @@ class CallServer:
         component: str,
         handler: CallHandler,
         cancelled: bytes,
-        loop: asyncio.AbstractEventLoop,
+        door: LoopDoor,
     ) -> None:
         """`cancelled` is the encoded outcome of a call that was cancelled."""
         self._handler = handler
         self._cancelled = cancelled
-        self._loop = loop
+        self._door = door
         self._tasks: dict[str, asyncio.Task[None]] = {}
         self._cancelled_early: deque[str] = deque(maxlen=CALLS_REMEMBERED)
         self._closing = False
@@ -133,7 +131,7 @@ class CallServer:
             query.drop()
             return
         request, call_id = payload.to_bytes(), attachment.to_bytes().decode(errors="replace")
-        call_on_loop(self._loop, lambda: self._start(query, request, call_id))
+        self._door.call(self._start, query, request, call_id)
 
     def _start(self, query: zenoh.Query, request: bytes, call_id: str) -> None:
         if self._closing:
@@ -142,7 +140,7 @@ class CallServer:
         if call_id in self._cancelled_early:
             _reply(query, self._cancelled)
             return
-        task = self._loop.create_task(self._answer(query, request), name=f"call {call_id}")
+        task = asyncio.create_task(self._answer(query, request), name=f"call {call_id}")
         self._tasks[call_id] = task
         task.add_done_callback(lambda _: self._tasks.pop(call_id, None))
 
@@ -157,7 +155,7 @@ class CallServer:
 
     def _on_cancel(self, sample: zenoh.Sample) -> None:
         call_id = sample.payload.to_bytes().decode(errors="replace")
-        call_on_loop(self._loop, lambda: self._cancel(call_id))
+        self._door.call(self._cancel, call_id)
 
     def _cancel(self, call_id: str) -> None:
         task = self._tasks.get(call_id)

@@ -6,14 +6,14 @@ from collections.abc import Callable
 
 import zenoh
 
-from dlokit.communication.zenoh_topics import call_on_loop
+from dlokit.communication.loop_door import LoopDoor
 
 
 class Presence:
     """The components seen on the bus. Zenoh notes from its own threads; everybody may ask."""
 
-    def __init__(self, session: zenoh.Session, loop: asyncio.AbstractEventLoop) -> None:
-        self._loop = loop
+    def __init__(self, session: zenoh.Session, door: LoopDoor) -> None:
+        self._door = door
         self._lock = threading.Lock()
         self._tokens: set[tuple[str, str]] = set()
         self._ever: set[str] = set()
@@ -50,20 +50,19 @@ class Presence:
                 self._ever.add(name)
             else:
                 self._tokens.discard((name, identity))
-        call_on_loop(self._loop, self._changed.set)
+        self._door.call(self._changed.set)
 
 
-def watch_callers(
-    session: zenoh.Session, loop: asyncio.AbstractEventLoop, gone: Callable[[str], None]
-) -> "zenoh.Subscriber[None]":
+def watch_callers(session: zenoh.Session, door: LoopDoor, gone: Callable[[str], None]) -> "zenoh.Subscriber[None]":
     """Tell `gone`, on the loop, of every caller's session that has ended, however it did."""
 
     def on_token(sample: zenoh.Sample) -> None:
         if sample.kind == zenoh.SampleKind.DELETE:
             identity = str(sample.key_expr).rpartition("/")[2]
-            call_on_loop(loop, lambda: gone(identity))
+            door.call(gone, identity)
 
-    return session.liveliness().declare_subscriber("caller/*", on_token)
+    # With those that are there already: zenoh tells nothing of the end of a token that it has not told of.
+    return session.liveliness().declare_subscriber("caller/*", on_token, history=True)
 
 
 def announce_caller(session: zenoh.Session) -> zenoh.LivelinessToken:

@@ -1,7 +1,8 @@
 """Topics over zenoh: writers that remember their last message, readers that never fall behind.
 
 A message published before a reader was there would be lost to it; so each writer answers for its last
-one, and announces itself by a liveliness token. A reader asks whoever it sees announced.
+one, and announces itself by a liveliness token. A reader asks whoever it sees announced. Readers announce
+themselves as well; the tokens name the schema, so that each end knows of another version at the other.
 """
 
 import asyncio
@@ -10,12 +11,17 @@ import threading
 import weakref
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
 import zenoh
 
 from dlokit.communication import codec
+from dlokit.communication.envelope import Envelope, mismatch, opened, seal
+from dlokit.communication.loop_door import LoopDoor
 from dlokit.communication.mailbox import Mailbox
+from dlokit.communication.refusals import Refusals
+from dlokit.communication.schema import fingerprint
 from dlokit.communication.topic import Every, Topic
 from dlokit.communication.transport import Latest
 from dlokit.errors import CommunicationError
@@ -27,64 +33,101 @@ T = TypeVar("T", bound=Message)
 
 ASK_TIMEOUT_S = 5.0
 """Longest wait for a writer's last message; it comes within a millisecond, or its process hangs."""
+BURST = 64
+"""Messages of a topic of which every one counts, that may come at once while no thread of ours can run."""
+
+
+@dataclass(frozen=True, slots=True)
+class Letter:
+    """A message as it came: opened only when it is wanted."""
+
+    envelope: Envelope
+    data: bytes
+    arrived_s: float
+
+
+@dataclass(frozen=True)
+class Wiring:
+    """What the topics of one process share."""
+
+    session: zenoh.Session
+    door: LoopDoor
+    refusals: Refusals
 
 
 class TopicWriter:
     """Publishes one topic and answers late readers with the last message."""
 
-    def __init__(self, session: zenoh.Session, topic: Topic[Any]) -> None:
+    def __init__(self, wiring: Wiring, topic: Topic[Any]) -> None:
+        session = wiring.session
         every = isinstance(topic.policy, Every)
         # What is kept last may be dropped under way as well: the next one comes. Of the others none may be.
         control = zenoh.CongestionControl.BLOCK if every else zenoh.CongestionControl.DROP
+        self._schema = fingerprint(topic.type)
+        self._lock = threading.Lock()
+        self._buffer = bytearray()
+        self._last: tuple[zenoh.ZBytes, bytes] | None = None
         self._publisher = session.declare_publisher(f"topic/{topic.name}", congestion_control=control)
-        self._last = b""
         self._answers = session.declare_queryable(f"last/{topic.name}", self._answer)
-        self._token = session.liveliness().declare_token(f"writer/{topic.name}/{session.zid()}")
+        self._token = session.liveliness().declare_token(f"writer/{topic.name}/{self._schema.hex()}/{session.zid()}")
+        self._readers = watch_schemas(wiring, "reader", topic.name, self._schema)
 
-    def put(self, data: bytes) -> None:
-        """Send to all readers."""
-        self._last = data
-        self._publisher.put(data)
+    def put(self, message: Message) -> None:
+        """Send to all readers; from any thread."""
+        with self._lock:
+            codec.encode_into(message, self._buffer)
+            payload, envelope = zenoh.ZBytes(self._buffer), seal(self._schema)
+            self._last = (payload, envelope)
+            self._publisher.put(payload, attachment=envelope)
 
     def _answer(self, query: zenoh.Query) -> None:
-        if self._last:
-            query.reply(query.key_expr, self._last)
+        last = self._last
+        if last is not None:
+            query.reply(query.key_expr, last[0], attachment=last[1])
         query.drop()
 
 
 class TopicReader(Generic[T]):
     """Reads one topic for all readers of this process.
 
-    Zenoh delivers on threads of its own. They only drop bytes in a bounded box and wake the loop;
-    decoding is the loop's, and only of what is still wanted by then.
+    Zenoh keeps the newest messages by itself, without Python: neither a busy loop nor a thread that holds the
+    interpreter delays the network or makes it pile up. A thread of the reader's hands them to the loop; a loop that
+    was busy fetches them itself. Decoding is the loop's, and only of what is still wanted by then.
     """
 
-    def __init__(self, session: zenoh.Session, topic: Topic[T], loop: asyncio.AbstractEventLoop) -> None:
-        self._session = session
+    def __init__(self, wiring: Wiring, topic: Topic[T], loop: asyncio.AbstractEventLoop) -> None:
+        self._wiring = wiring
         self._topic = topic
         self._loop = loop
-        self._lock = threading.Lock()
-        self._box: deque[bytes] = deque(maxlen=topic.policy.depth if isinstance(topic.policy, Every) else 1)
-        self._woken = False
-        self._received = 0
+        self._every = isinstance(topic.policy, Every)
+        depth = topic.policy.depth if isinstance(topic.policy, Every) else 1
+        self._schema = fingerprint(topic.type)
+        self._box: deque[Letter] = deque(maxlen=depth)
+        self._newest: Letter | None = None
         self._value: T | None = None
-        self._arrived_s = 0.0
         self._mailboxes: list[weakref.ref[Mailbox[T]]] = []
         self._waiting_for_last: list[weakref.ref[Mailbox[T]]] = []
-        self._subscriber = session.declare_subscriber(f"topic/{topic.name}", self._on_sample)
-        self._writers = session.liveliness().declare_subscriber(f"writer/{topic.name}/*", self._on_writer, history=True)
+        session = wiring.session
+        ring = zenoh.handlers.RingChannel(max(depth, BURST) if self._every else 1)
+        self._subscriber = session.declare_subscriber(f"topic/{topic.name}", ring)
+        self._pump = threading.Thread(target=self._hand_over, name=f"reads {topic.name}", daemon=True)
+        self._pump.start()
+        self._token = session.liveliness().declare_token(f"reader/{topic.name}/{self._schema.hex()}/{session.zid()}")
+        self._writers = watch_schemas(wiring, "writer", topic.name, self._schema, self._ask_for_last)
 
     def latest(self) -> Latest[T]:
         """The newest message and its age."""
-        if self._value is None:
+        self._refresh()
+        if self._value is None or self._newest is None:
             return Latest(None, float("inf"))
-        return Latest(self._value, self._loop.time() - self._arrived_s)
+        return Latest(self._value, self._loop.time() - self._sent_s(self._newest))
 
     def open_mailbox(self, *, with_last: bool) -> Mailbox[T]:
         """A mailbox for messages from now on, after the last one where that is wanted."""
-        mailbox: Mailbox[T] = Mailbox(self._topic.policy)
-        if with_last and self._value is not None:
-            mailbox.put(self._value)
+        self._refresh()
+        mailbox: Mailbox[T] = Mailbox(self._topic.policy, self._refresh)
+        if with_last and self._value is not None and self._newest is not None:
+            mailbox.put(self._value, self._sent_s(self._newest))
         elif with_last:
             self._waiting_for_last.append(weakref.ref(mailbox))
         self._mailboxes.append(weakref.ref(mailbox))
@@ -97,80 +140,118 @@ class TopicReader(Generic[T]):
             if mailbox is not None:
                 mailbox.close()
 
-    def _on_sample(self, sample: zenoh.Sample) -> None:
-        data = sample.payload.to_bytes()
-        with self._lock:
-            self._box.append(data)
-            if self._woken:
-                return
-            self._woken = True
-        call_on_loop(self._loop, self._drain)
+    def join(self, patience_s: float) -> bool:
+        """Wait for the thread, which ends with the session; whether it has."""
+        self._pump.join(patience_s)
+        return not self._pump.is_alive()
+
+    def _hand_over(self) -> None:
+        for sample in self._subscriber.handler:
+            letter = self._letter(sample)
+            if letter is not None:
+                self._box.append(letter)
+                self._wiring.door.call(self._drain)
+
+    def _letter(self, sample: zenoh.Sample) -> Letter | None:
+        try:
+            envelope, data = unpacked(sample, self._topic, self._schema)
+        except CommunicationError as error:
+            self._wiring.refusals.note(self._topic.name, error)
+            return None
+        return Letter(envelope, data, self._loop.time())
 
     def _drain(self) -> None:
-        with self._lock:
-            waiting = list(self._box)
-            self._box.clear()
-            self._woken = False
-        for data in waiting:
-            self._received += 1
-            message = self._decode(data)
-            if message is not None:
-                self._waiting_for_last.clear()
-                self._keep(message)
-                self._deliver(message, self._mailboxes)
+        while self._box:
+            self._take(self._box.popleft())
 
-    def _on_writer(self, sample: zenoh.Sample) -> None:
-        if sample.kind == zenoh.SampleKind.PUT:
-            call_on_loop(self._loop, self._ask_for_last)
+    def _refresh(self) -> None:
+        """Take what has arrived; of states also what the thread has had no turn for yet, which is newer."""
+        self._drain()
+        if self._every:
+            return
+        try:
+            sample = self._subscriber.handler.try_recv()
+        except zenoh.ZError:  # the session has been closed
+            return
+        letter = None if sample is None else self._letter(sample)
+        if letter is not None:
+            self._take(letter)
+
+    def _take(self, letter: Letter) -> None:
+        if not self._every and self._newest is not None and letter.envelope.not_after(self._newest.envelope):
+            return  # the loop has been faster than the thread that still held it
+        message = self._decode(letter)
+        if message is not None:
+            self._waiting_for_last.clear()
+            self._deliver(message, letter, self._mailboxes)
 
     def _ask_for_last(self) -> None:
-        if self._session.is_closed():
+        if self._wiring.session.is_closed():
             return
-        received = self._received
+        known = self._newest
 
         def on_reply(reply: zenoh.Reply) -> None:
-            if reply.ok is not None:
-                data = reply.ok.payload.to_bytes()
-                call_on_loop(self._loop, lambda: self._take_last(data, received))
+            letter = None if reply.ok is None else self._letter(reply.ok)
+            if letter is not None:
+                self._wiring.door.call(self._take_last, letter, known)
 
-        self._session.get(f"last/{self._topic.name}", on_reply, timeout=ASK_TIMEOUT_S)
+        self._wiring.session.get(f"last/{self._topic.name}", on_reply, timeout=ASK_TIMEOUT_S)
 
-    def _take_last(self, data: bytes, received: int) -> None:
-        if self._received != received:
+    def _take_last(self, letter: Letter, known: Letter | None) -> None:
+        if self._newest is not known:
             return  # a newer one has come meanwhile
-        message = self._decode(data)
+        message = self._decode(letter)
         if message is not None:
-            self._keep(message)
-            self._deliver(message, self._waiting_for_last)
+            self._deliver(message, letter, self._waiting_for_last)
             self._waiting_for_last.clear()
 
-    def _decode(self, data: bytes) -> T | None:
+    def _decode(self, letter: Letter) -> T | None:
         try:
-            return codec.decode(data, self._topic.type)
+            return codec.decode(letter.data, self._topic.type)
         except CommunicationError as error:
-            log.warning("a message on %s was dropped: %s", self._topic.name, error)
+            self._wiring.refusals.note(self._topic.name, error)
             return None
 
-    def _keep(self, message: T) -> None:
-        self._value = message
-        self._arrived_s = self._loop.time()
-
-    @staticmethod
-    def _deliver(message: T, references: list[weakref.ref[Mailbox[T]]]) -> None:
+    def _deliver(self, message: T, letter: Letter, references: list[weakref.ref[Mailbox[T]]]) -> None:
+        self._value, self._newest = message, letter
+        sent_s = self._sent_s(letter)
         gone = False
         for reference in references:
             mailbox = reference()
             if mailbox is None:
                 gone = True
             else:
-                mailbox.put(message)
+                mailbox.put(message, sent_s)
         if gone:
             references[:] = [reference for reference in references if reference() is not None]
 
+    @staticmethod
+    def _sent_s(letter: Letter) -> float:
+        return letter.envelope.sent_s(letter.arrived_s)
 
-def call_on_loop(loop: asyncio.AbstractEventLoop, function: Callable[[], object]) -> None:
-    """Run a function on the loop's thread, from any thread; nothing when the loop has ended."""
-    try:
-        loop.call_soon_threadsafe(function)
-    except RuntimeError:
-        log.debug("the loop has ended; %r is dropped", function)
+
+def unpacked(sample: zenoh.Sample, topic: Topic[Any], schema: bytes) -> tuple[Envelope, bytes]:
+    """Envelope and bytes of a message. Raises `CommunicationError` when they are another version's, or too many."""
+    attachment = sample.attachment
+    envelope = opened(None if attachment is None else attachment.to_bytes(), schema)
+    size, limit = len(sample.payload), codec.largest_bytes(topic.type)
+    if size > limit:
+        raise CommunicationError(f"a message of {size} bytes refused; the longest allowed has {limit}")
+    return envelope, sample.payload.to_bytes()
+
+
+def watch_schemas(
+    wiring: Wiring, who: str, topic: str, ours: bytes, came: Callable[[], None] | None = None
+) -> "zenoh.Subscriber[None]":
+    """Note whoever comes to the topic's other end with another schema; tell `came`, on the loop, of the others."""
+
+    def on_token(sample: zenoh.Sample) -> None:
+        if sample.kind != zenoh.SampleKind.PUT:
+            return
+        theirs = str(sample.key_expr).split("/")[-2]
+        if theirs != ours.hex():
+            wiring.door.call(wiring.refusals.note, topic, mismatch(theirs, ours))
+        elif came is not None:
+            wiring.door.call(came)
+
+    return wiring.session.liveliness().declare_subscriber(f"{who}/{topic}/*/*", on_token, history=True)

@@ -2,7 +2,8 @@
 
 import asyncio
 import itertools
-from collections.abc import Callable
+import logging
+from collections.abc import Callable, Mapping
 from typing import Any, ParamSpec, TypeVar
 
 import zenoh
@@ -10,14 +11,18 @@ import zenoh
 from dlokit.communication import codec, zenoh_calls
 from dlokit.communication.calls import decode_answer, decoding, encode_call, unheard
 from dlokit.communication.clock import Clock, LoopClock
+from dlokit.communication.loop_door import LoopDoor
 from dlokit.communication.mailbox import Mailbox
+from dlokit.communication.refusals import Refusals
+from dlokit.communication.schema import fingerprint
 from dlokit.communication.skill import ReportingSkill, Skill
 from dlokit.communication.topic import Topic
 from dlokit.communication.transport import CallHandler, Known, Latest, Liveness, Report
 from dlokit.communication.zenoh_calls import CallServer
 from dlokit.communication.zenoh_liveness import Presence, announce_caller, watch_callers
 from dlokit.communication.zenoh_session import ZenohConfig, open_session
-from dlokit.communication.zenoh_topics import TopicReader, TopicWriter
+from dlokit.communication.zenoh_topics import TopicReader, TopicWriter, Wiring, unpacked
+from dlokit.errors import CommunicationError
 from dlokit.types.message import Message
 from dlokit.types.outcome import Cancelled, Outcome, Rejected, TimedOut, Unreachable
 
@@ -38,6 +43,11 @@ CANCEL_PATIENCE_S = 2.0
 FOUND_PATIENCE_S = 0.5
 """A component that was never seen gets this long to be found before it counts as unreachable."""
 
+THREAD_PATIENCE_S = 2.0
+"""A reader's thread ends within a tenth of a second of its session."""
+
+log = logging.getLogger(__name__)
+
 
 class ZenohTransport:
     """Publish, read and call between processes. Made and used on a running event loop; close it there.
@@ -56,10 +66,13 @@ class ZenohTransport:
         self._readers: dict[str, TopicReader[Any]] = {}
         self._servers: dict[str, CallServer] = {}
         self._taps: list[zenoh.Subscriber[Any]] = []
-        self._presence = Presence(self._session, self._loop)
+        self._door = LoopDoor()
+        self._refusals = Refusals()
+        self._wiring = Wiring(self._session, self._door, self._refusals)
+        self._presence = Presence(self._session, self._door)
         self._closed = False
         self._calling = announce_caller(self._session)
-        self._callers = watch_callers(self._session, self._loop, self._caller_gone)
+        self._callers = watch_callers(self._session, self._door, self._caller_gone)
 
     @property
     def identity(self) -> str:
@@ -70,8 +83,8 @@ class ZenohTransport:
         """Send a message to all readers in all processes."""
         writer = self._writers.get(topic.name)
         if writer is None:
-            writer = self._writers[topic.name] = TopicWriter(self._session, topic)
-        writer.put(codec.encode(message))
+            writer = self._writers[topic.name] = TopicWriter(self._wiring, topic)
+        writer.put(message)
 
     def latest(self, topic: Topic[T]) -> Latest[T]:
         """The newest message; the first call on a topic subscribes, and a message of before arrives soon after."""
@@ -84,11 +97,24 @@ class ZenohTransport:
     def tap(self, topic: Topic[Any], listener: Callable[[bytes], None]) -> None:
         """Hand every message of a topic, still encoded, to `listener`, on a thread of the network's.
 
-        Unlike a reader it misses none when this process's loop is busy.
+        Unlike a reader it misses none when this process's loop is busy. Messages of another schema are left out.
         """
-        self._taps.append(
-            self._session.declare_subscriber(f"topic/{topic.name}", lambda sample: listener(sample.payload.to_bytes()))
-        )
+        schema = fingerprint(topic.type)
+
+        def on_sample(sample: zenoh.Sample) -> None:
+            try:
+                data = unpacked(sample, topic, schema)[1]
+            except CommunicationError as error:
+                self._refusals.note(topic.name, error)
+            else:
+                listener(data)
+
+        self._taps.append(self._session.declare_subscriber(f"topic/{topic.name}", on_sample))
+
+    @property
+    def refused(self) -> Mapping[tuple[str, str], int]:
+        """Messages and peers that could not be understood, by topic and name of the error."""
+        return self._refusals.counts
 
     def send(self, skill: Skill[P, Any], *args: P.args, **kwargs: P.kwargs) -> None:
         """From any thread, past the loop: for what must get through while the loop is busy."""
@@ -136,7 +162,7 @@ class ZenohTransport:
     def serve(self, component: str, handler: CallHandler) -> None:
         """Answer calls to `component`, from any process."""
         cancelled = codec.encode(Cancelled())
-        self._servers[component] = CallServer(self._session, component, handler, cancelled, self._loop)
+        self._servers[component] = CallServer(self._session, component, handler, cancelled, self._door)
 
     def _caller_gone(self, identity: str) -> None:
         for server in self._servers.values():
@@ -158,12 +184,19 @@ class ZenohTransport:
         for reader in self._readers.values():
             reader.close()
         # Closing waits for callbacks, which may wait for the loop's thread: so it happens beside the loop.
-        await asyncio.to_thread(self._session.close)
+        await asyncio.to_thread(self._leave)
+        self._door.close()
+
+    def _leave(self) -> None:
+        self._session.close()
+        for name, reader in self._readers.items():
+            if not reader.join(THREAD_PATIENCE_S):
+                log.warning("the thread that reads %s does not end", name)
 
     def _reader(self, topic: Topic[T]) -> TopicReader[T]:
         reader = self._readers.get(topic.name)
         if reader is None:
-            reader = self._readers[topic.name] = TopicReader(self._session, topic, self._loop)
+            reader = self._readers[topic.name] = TopicReader(self._wiring, topic, self._loop)
             if self._closed:
                 reader.close()
         return reader
@@ -174,7 +207,7 @@ class ZenohTransport:
             await self._presence.wait_for(component, FOUND_PATIENCE_S)
         if self._closed:
             return None
-        return await zenoh_calls.ask(self._session, component, request, call_id, report)
+        return await zenoh_calls.ask(self._session, self._door, component, request, call_id, report)
 
     async def _give_up(self, component: str, call_id: str, asked: "asyncio.Task[bytes | None]") -> None:
         zenoh_calls.cancel(self._session, component, call_id)

@@ -1,10 +1,18 @@
+import tracemalloc
+
 import msgspec
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from dlokit.communication import codec
-from dlokit.communication.codec import ALLOWED_DTYPES, ARRAY_CODE, LARGEST_RANK
+from dlokit.communication.codec import (
+    ALLOWED_DTYPES,
+    ARRAY_CODE,
+    LARGEST_LISTING_BYTES,
+    LARGEST_MESSAGE_BYTES,
+    LARGEST_RANK,
+)
 from dlokit.communication.skill import SkillCall
 from dlokit.errors import CommunicationError
 from dlokit.types.arrays import BoolArray, Float32Array, Float64Array, Int64Array, UInt8Array
@@ -24,6 +32,15 @@ class Everything(Message, frozen=True, kw_only=True, eq=False):
 
 class Vector(Value, frozen=True, kw_only=True, eq=False):
     values: Float64Array
+
+
+class Named(Value, frozen=True, kw_only=True, eq=False):
+    name: str
+    values: Float64Array
+
+
+class Flags(Value, frozen=True, kw_only=True, eq=False):
+    values: BoolArray
 
 
 class Pair(Value, frozen=True, kw_only=True, eq=False):
@@ -96,6 +113,77 @@ def test_arrays_of_a_message_cannot_be_changed_because_everybody_has_the_same() 
     decoded = codec.decode(codec.encode(Vector(values=np.zeros(3))), Vector)
     with pytest.raises(ValueError, match="read-only"):
         decoded.values[0] = 1.0
+
+
+@pytest.mark.parametrize("count", [10, 100_000], ids=["copied", "view of what came"])
+def test_small_and_large_arrays_come_back_the_same_and_aligned(count: int) -> None:
+    for offset in range(8):  # where an array begins in a message depends on what is before it
+        message = Named(name="n" * offset, values=np.arange(count, dtype=np.float64))
+        buffer = bytearray()
+        codec.encode_into(message, buffer)
+        assert bytes(buffer) == codec.encode(message)
+        decoded = codec.decode(bytes(buffer), Named)
+        np.testing.assert_array_equal(decoded.values, message.values)
+        assert decoded.values.flags.aligned
+        assert not decoded.values.flags.writeable
+
+
+def test_a_buffer_that_is_used_again_holds_the_new_message_only() -> None:
+    buffer = bytearray()
+    codec.encode_into(Vector(values=np.zeros(1000)), buffer)
+    codec.encode_into(Vector(values=np.ones(2)), buffer)
+    np.testing.assert_array_equal(codec.decode(bytes(buffer), Vector).values, [1.0, 1.0])
+
+
+def test_a_message_longer_than_allowed_is_refused_before_it_is_looked_at() -> None:
+    with pytest.raises(CommunicationError, match=r"Vector of 67108865 bytes refused; .* 67108864"):
+        codec.decode(bytes(LARGEST_MESSAGE_BYTES + 1), Vector)
+
+
+def test_a_type_of_any_number_of_items_may_be_less_long() -> None:
+    listing = tuple[float, ...]
+    with pytest.raises(CommunicationError, match="refused; the longest allowed has 2097152"):
+        codec.decode(bytes(LARGEST_LISTING_BYTES + 1), listing)
+
+
+class Floats(Value, frozen=True, kw_only=True, eq=False):
+    items: tuple[float, ...]
+
+
+class Texts(Value, frozen=True, kw_only=True, eq=False):
+    items: tuple[str, ...]
+
+
+class Vectors(Value, frozen=True, kw_only=True, eq=False):
+    items: tuple[Vector, ...]
+
+
+@pytest.mark.parametrize(
+    ("wanted", "item"),
+    [
+        (Floats, b"\x01"),
+        (Texts, b"\xa1a"),
+        (Vectors, msgspec.msgpack.encode({"values": np.zeros(0)}, enc_hook=codec._encode_hook)),  # pyright: ignore[reportPrivateUsage]
+    ],
+    ids=["floats", "texts", "arrays"],
+)
+def test_the_longest_list_takes_less_than_twice_the_longest_message(wanted: type[Value], item: bytes) -> None:
+    count = 200_000 // len(item)
+    data = b"\x81\xa5items\xdd" + count.to_bytes(4, "big") + item * count
+    tracemalloc.start()
+    try:
+        codec.decode(data, wanted)
+        _, peak_bytes = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak_bytes / len(data) * codec.largest_bytes(wanted) < 2 * LARGEST_MESSAGE_BYTES
+
+
+def test_a_bool_that_is_neither_true_nor_false_is_refused() -> None:
+    # NumPy counts on it: more than 0 and 1 makes it write past the end of what nonzero() has set aside.
+    data = msgspec.msgpack.encode({"values": array_extension("|b1", (2,), b"\x01\x02")})
+    with pytest.raises(CommunicationError, match="more than 0 and 1"):
+        codec.decode(data, Flags)
 
 
 def test_a_transposed_view_keeps_its_values() -> None:

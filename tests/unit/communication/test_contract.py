@@ -159,6 +159,7 @@ def request(call_id: str, speed_rad_s: float = 1.0) -> bytes:
             arguments=DRILL.encode_arguments(speed_rad_s),
             call_id=call_id,
             caller="test",
+            schema=DRILL.schema,
         )
     )
 

@@ -17,7 +17,7 @@ def test_the_newest_messages_stay_in_order_up_to_the_depth(depth: int, kept: lis
     async def main() -> None:
         mailbox: Mailbox[int] = Mailbox(Every(depth))
         for item in range(5):
-            mailbox.put(item)
+            mailbox.put(item, 0.0)
         assert mailbox.dropped == 5 - len(kept)
         assert await drained(mailbox) == kept
 
@@ -27,8 +27,8 @@ def test_the_newest_messages_stay_in_order_up_to_the_depth(depth: int, kept: lis
 def test_keep_last_keeps_one() -> None:
     async def main() -> None:
         mailbox: Mailbox[int] = Mailbox(KeepLast())
-        mailbox.put(1)
-        mailbox.put(2)
+        mailbox.put(1, 0.0)
+        mailbox.put(2, 0.0)
         assert await drained(mailbox) == [2]
 
     virtual_time.run(main())
@@ -40,7 +40,7 @@ def test_a_reader_that_waits_is_woken_by_a_message() -> None:
         reader = asyncio.create_task(anext(mailbox))
         await asyncio.sleep(1.0)
         assert not reader.done()
-        mailbox.put(7)
+        mailbox.put(7, 0.0)
         async with asyncio.timeout(1.0):
             assert await reader == 7
 
@@ -62,12 +62,24 @@ def test_a_reader_that_waits_when_the_box_closes_comes_to_an_end() -> None:
     virtual_time.run(main())
 
 
-def test_a_cleared_box_has_forgotten_what_waited() -> None:
+def test_a_reader_learns_the_age_of_what_it_has_read() -> None:
     async def main() -> None:
+        loop = asyncio.get_running_loop()
         mailbox: Mailbox[int] = Mailbox(Every(2))
-        mailbox.put(1)
-        mailbox.clear()
-        mailbox.put(2)
-        assert await drained(mailbox) == [2]
+        assert mailbox.age_s == float("inf")
+        mailbox.put(1, loop.time() - 0.25)
+        await asyncio.sleep(0.5)
+        assert await anext(mailbox) == 1
+        assert mailbox.age_s == pytest.approx(0.75, abs=1e-9)  # rounding of the virtual clock
+
+    virtual_time.run(main())
+
+
+def test_a_reader_that_comes_back_gets_what_has_arrived_meanwhile_and_not_what_waited() -> None:
+    async def main() -> None:
+        arrived = [2]
+        mailbox: Mailbox[int] = Mailbox(KeepLast(), lambda: mailbox.put(arrived.pop(), 0.0))
+        mailbox.put(1, 0.0)
+        assert await anext(mailbox) == 2
 
     virtual_time.run(main())

@@ -1,12 +1,12 @@
 """A transport that tells of every skill call that was made through it."""
 
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import Awaitable, Callable
 from typing import Any, ParamSpec, TypeVar
 
 from dlokit.communication.recording.plain import to_json
 from dlokit.communication.skill import ReportingSkill, Skill
 from dlokit.communication.topic import Topic
-from dlokit.communication.transport import CallHandler, Latest, Liveness, Transport
+from dlokit.communication.transport import CallHandler, Latest, Liveness, Stream, Transport
 from dlokit.types.message import Message
 from dlokit.types.outcome import Cancelled, Failed, Outcome, Rejected, Succeeded, TimedOut
 from dlokit.types.skill_call import CallBegun, CallEnd, CallRecord
@@ -92,7 +92,7 @@ class CallLog:
         """As the inner transport."""
         return self._inner.latest(topic)
 
-    def stream(self, topic: Topic[T], *, with_last: bool = False) -> AsyncIterator[T]:
+    def stream(self, topic: Topic[T], *, with_last: bool = False) -> Stream[T]:
         """As the inner transport."""
         return self._inner.stream(topic, with_last=with_last)
 

@@ -1,0 +1,33 @@
+"""Messages that were refused: told once, counted ever after."""
+
+import logging
+import threading
+from collections import Counter
+from collections.abc import Mapping
+
+from dlokit.errors import CommunicationError
+
+log = logging.getLogger(__name__)
+
+
+class Refusals:
+    """By topic and kind of error. Any thread may note one."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._counts: Counter[tuple[str, str]] = Counter()
+
+    def note(self, topic: str, error: CommunicationError) -> None:
+        """Count a message, or a peer, that cannot be understood; the first of its kind is logged."""
+        key = (topic, type(error).__name__)
+        with self._lock:
+            self._counts[key] += 1
+            first = self._counts[key] == 1
+        if first:
+            log.error("messages on %s are dropped: %s", topic, error)
+
+    @property
+    def counts(self) -> Mapping[tuple[str, str], int]:
+        """How many, by topic and name of the error."""
+        with self._lock:
+            return dict(self._counts)
