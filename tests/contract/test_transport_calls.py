@@ -204,7 +204,7 @@ def test_a_call_that_runs_when_its_component_ends_is_cancelled_and_answered() ->
 
 def test_a_caller_that_is_gone_has_its_running_skills_cancelled_and_nobody_else() -> None:
     async def main() -> None:
-        config = ZenohConfig(namespace=next(namespaces))
+        config = ZenohConfig(namespace=next(namespaces), multicast_interface="lo")
         dies, lives, serves = ZenohTransport(config), ZenohTransport(config), ZenohTransport(config)
         async with asyncio.timeout(WAIT_S * 2), working(Bus(dies, serves)) as worker:
             lost = asyncio.create_task(dies.call(WAIT))

@@ -51,7 +51,7 @@ namespaces = (f"dlokit_test/{os.getpid()}/{number}" for number in itertools.coun
 
 @asynccontextmanager
 async def zenoh_bus() -> AsyncGenerator[Bus]:
-    config = ZenohConfig(namespace=next(namespaces))
+    config = ZenohConfig(namespace=next(namespaces), multicast_interface="lo")
     here, there = ZenohTransport(config), ZenohTransport(config)
     yield Bus(here, there)
     await here.close()

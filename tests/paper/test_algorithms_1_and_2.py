@@ -127,7 +127,9 @@ def in_memory(body: Body) -> None:
 
 def over_zenoh(body: Body) -> None:
     async def main() -> None:
-        config = ZenohConfig(namespace=f"dlokit_test_algorithms/{os.getpid()}/{next(numbers)}")
+        config = ZenohConfig(
+            namespace=f"dlokit_test_algorithms/{os.getpid()}/{next(numbers)}", multicast_interface="lo"
+        )
         async with asyncio.timeout(LIMIT_S), lab(ZenohTransport(config), ZenohTransport(config)) as it:
             await body(it)
 

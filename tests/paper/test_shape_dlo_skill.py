@@ -46,7 +46,7 @@ namespaces = (f"dlokit_test_shape_dlo/{os.getpid()}/{number}" for number in iter
 
 def over_zenoh(body: Body) -> None:
     async def main() -> None:
-        lab, config = Lab(nodes=AWAY.copy()), ZenohConfig(namespace=next(namespaces))
+        lab, config = Lab(nodes=AWAY.copy()), ZenohConfig(namespace=next(namespaces), multicast_interface="lo")
         async with (
             asyncio.timeout(LIMIT_S),
             hurried() as clock,

@@ -17,9 +17,12 @@ class ZenohConfig:
     listen: tuple[str, ...] = ("tcp/127.0.0.1:0",)
     """Endpoints to listen on; the default opens no port to the network."""
     connect: tuple[str, ...] = ()
-    """Endpoints to connect to, for machines without multicast and for other hosts."""
-    multicast_interface: str | None = "lo"
-    """Interface on which peers find one another; None: only through `connect`."""
+    """Endpoints to connect to: where the processes of the run meet."""
+    multicast_interface: str | None = None
+    """Interface on which peers find one another by themselves, e.g. `lo`; None: only through `connect`.
+
+    Whoever searches opens a socket of all interfaces for the answers: it is off unless asked for.
+    """
 
 
 def open_session(config: ZenohConfig) -> zenoh.Session:

@@ -102,8 +102,8 @@ async def live_system(rows: tuple[ProcessRow, ...], launch: Launch) -> AsyncGene
     """
     own, *others = rows
     meeting_point = (f"tcp/127.0.0.1:{_free_port()}",)
-    own_bus = ZenohConfig(namespace=launch.namespace, listen=meeting_point, multicast_interface=None)
-    others_bus = ZenohConfig(namespace=launch.namespace, connect=meeting_point, multicast_interface=None)
+    own_bus = ZenohConfig(namespace=launch.namespace, listen=meeting_point)
+    others_bus = ZenohConfig(namespace=launch.namespace, connect=meeting_point)
     with worker_pool() as compute:
         async with (
             join_bus(own_bus, own.time_base) as bus,

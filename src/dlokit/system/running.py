@@ -28,7 +28,7 @@ class RunningSystem(msgspec.Struct, frozen=True, kw_only=True):
     @property
     def bus(self) -> ZenohConfig:
         """How to join its bus from another process of this machine."""
-        return ZenohConfig(namespace=self.namespace, connect=(self.endpoint,), multicast_interface=None)
+        return ZenohConfig(namespace=self.namespace, connect=(self.endpoint,))
 
 
 def notes_folder() -> Path:
