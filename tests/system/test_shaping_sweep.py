@@ -26,7 +26,7 @@ pytestmark = pytest.mark.system
 DLOKIT = str(Path(sys.executable).with_name("dlokit"))
 LIMIT_S = 180.0  # a run of one action with the oracle takes 4 s of an idle core
 CONFIG = replace(RunConfig(record=False), task=replace(RunConfig().task, max_actions=1, infeasible="try"))
-TODO: list[Case] = list(cases(paper_suite()[1:2], 2, (Method(observer=IDEAL, planner="farthest"),)))
+CASES: list[Case] = list(cases(paper_suite()[1:2], 2, (Method(observer=IDEAL, planner="farthest"),)))
 
 
 def _figures(results: list[CaseResult]) -> dict[int, Any]:
@@ -41,11 +41,11 @@ def _lasting(result: RunResult) -> RunResult:
 
 @pytest.fixture(scope="module")
 def alone(tmp_path_factory: pytest.TempPathFactory) -> dict[int, Any]:
-    return _figures(list(run_sweep(TODO, CONFIG, tmp_path_factory.mktemp("alone"), Workers())))
+    return _figures(list(run_sweep(CASES, CONFIG, tmp_path_factory.mktemp("alone"), Workers())))
 
 
 def test_cases_side_by_side_give_what_they_give_one_after_another(tmp_path: Path, alone: dict[int, Any]) -> None:
-    side_by_side = list(run_sweep(TODO, CONFIG, tmp_path, Workers(jobs=2)))
+    side_by_side = list(run_sweep(CASES, CONFIG, tmp_path, Workers(jobs=2)))
 
     assert not any(done.fault for done in side_by_side)
     assert _figures(side_by_side) == alone
@@ -57,7 +57,7 @@ def test_a_dask_cluster_gives_the_same(tmp_path: Path, alone: dict[int, Any]) ->
         n_workers=1, threads_per_worker=1, processes=True, dashboard_address=None, host="127.0.0.1"
     ) as cluster:
         address: str = cluster.scheduler_address
-        on_the_cluster = list(run_sweep(TODO, CONFIG, tmp_path, Workers(cluster=address)))
+        on_the_cluster = list(run_sweep(CASES, CONFIG, tmp_path, Workers(cluster=address)))
 
     assert not any(done.fault for done in on_the_cluster)
     assert _figures(on_the_cluster) == alone
@@ -94,4 +94,4 @@ def test_a_process_that_dies_is_told_with_how_to_go_on(tmp_path: Path, monkeypat
     monkeypatch.setattr(sweep, "attempt_case", _die)
 
     with pytest.raises(MachineError, match="fewer --jobs"):
-        list(run_sweep(TODO[:1], CONFIG, tmp_path, Workers(jobs=2)))
+        list(run_sweep(CASES[:1], CONFIG, tmp_path, Workers(jobs=2)))

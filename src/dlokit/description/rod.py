@@ -79,12 +79,6 @@ def rod_nodes(model: Any, data: Any, name: str = "rod") -> Float64Array:
     return np.asarray(data.qpos[_slide_addresses(model, bodies)] + model.body_pos[bodies], dtype=np.float64)
 
 
-def rod_velocities(model: Any, data: Any, name: str = "rod") -> Float64Array:
-    """Velocities of the nodes of rod `name`, (M, 3) [m/s], in the world frame."""
-    dofs = model.jnt_dofadr[model.body_jntadr[rod_bodies(model, name)]]
-    return np.array(data.qvel[dofs[:, None] + np.arange(3)], dtype=np.float64)
-
-
 def set_rod_friction(model: Any, friction: float, name: str = "rod") -> None:
     """Set the coefficient of sliding friction of rod `name`, everywhere alike."""
     model.flex_friction[mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_FLEX, f"{name}/flex"), 0] = friction

@@ -8,12 +8,12 @@ import cv2
 import msgspec
 import numpy as np
 import pytest
+from made_results import made_action, made_run
 
 from dlokit.app import report_figures
 from dlokit.app.report import report_html, write_report
 from dlokit.description import shapes
 from dlokit.system.run_record import ActionShape, RunRecord, StepTiming
-from dlokit.system.run_result import ActionResult, RunResult
 from dlokit.types.flow import RunOutcome
 
 GOAL = shapes.builtin_shape("S", 0.5, 31)
@@ -55,44 +55,18 @@ def _parse(page: str) -> _Balance:
     return parser
 
 
-def _action(
-    action: int, kind: str, *, grasp_ok: bool, rmse_m: float, duration_s: float, true_rmse_m: float | None = None
-) -> ActionResult:
-    return ActionResult(
-        action=action,
-        kind=kind,
-        grasp_node=30 if action == 1 else 7,
-        grasp_ok=grasp_ok,
-        rmse_m=rmse_m,
-        true_rmse_m=true_rmse_m,
-        duration_s=duration_s,
-        robot_time_s=duration_s - 1.0,
-        path_length_m=1.0,
-        planning_time_s=0.1,
-    )
-
-
 @pytest.fixture(scope="module")
 def record() -> RunRecord:
     history = (
-        _action(1, "lay-down", grasp_ok=True, rmse_m=0.0311, true_rmse_m=0.0322, duration_s=11.0),
-        _action(2, "drag", grasp_ok=False, rmse_m=0.0311, duration_s=6.0),
-        _action(3, "pick-and-place", grasp_ok=True, rmse_m=0.0088, true_rmse_m=0.0099, duration_s=12.0),
+        made_action(
+            1, "lay-down", grasp_ok=True, rmse_m=0.0311, true_rmse_m=0.0322, duration_s=11.0, robot_time_s=10.0
+        ),
+        made_action(2, "drag", grasp_ok=False, rmse_m=0.0311, duration_s=6.0, robot_time_s=5.0),
+        made_action(
+            3, "pick-and-place", grasp_ok=True, rmse_m=0.0088, true_rmse_m=0.0099, duration_s=12.0, robot_time_s=11.0
+        ),
     )
-    result = RunResult(
-        outcome=RunOutcome.CONVERGED,
-        actions=3,
-        rmse_m=0.0088,
-        true_rmse_m=0.0099,
-        threshold_m=0.012,
-        seed=4,
-        sim_time_s=40.0,
-        wall_time_s=20.0,
-        planning_time_s=0.5,
-        history=history,
-        config_hash="0123456789ab",
-        version="0.1.0",
-    )
+    result = made_run(history, rmse_m=0.0088, true_rmse_m=0.0099, sim_time_s=40.0)
     between = shapes.moved((START + GOAL) / 2, (0.0, 0.01))
     picture = np.zeros((56, 64, 3), dtype=np.uint8)
     picture[:, :32] = (200, 30, 10)

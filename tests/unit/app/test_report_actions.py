@@ -6,12 +6,13 @@ from dataclasses import replace
 import msgspec
 import numpy as np
 import pytest
+from made_results import made_action, made_run
 
 from dlokit.app import report_action_figures
 from dlokit.app.report import report_html
 from dlokit.description import shapes
 from dlokit.system.run_record import ActionShape, RunRecord
-from dlokit.system.run_result import ActionResult, CorrectionResult, RunResult
+from dlokit.system.run_result import CorrectionResult
 from dlokit.types.flow import RunOutcome
 
 GOAL = shapes.builtin_shape("S", 0.5, 31)
@@ -21,36 +22,12 @@ FIRST = CorrectionResult(x_m=0.03, y_m=0.04, z_m=0.0, yaw_rad=0.2, before_m=0.03
 UNSEEN = CorrectionResult(x_m=0.0, y_m=0.0, z_m=0.0, yaw_rad=0.0, before_m=0.0256, predicted_m=0.0211)
 
 
-def _row(action: int, predicted_rmse_m: float | None) -> ActionResult:
-    return ActionResult(
-        action=action,
-        kind="drag",
-        grasp_node=7,
-        grasp_ok=True,
-        rmse_m=0.020 / action,
-        predicted_rmse_m=predicted_rmse_m,
-        duration_s=9.0,
-        robot_time_s=8.0,
-        path_length_m=1.0,
-        planning_time_s=0.1,
-    )
-
-
 def _record(count: int, *, predicted: bool = True) -> RunRecord:
-    rows = tuple(_row(number, 0.015 if predicted else None) for number in range(1, count + 1))
-    result = RunResult(
-        outcome=RunOutcome.BUDGET,
-        actions=count,
-        rmse_m=0.01,
-        threshold_m=0.005,
-        seed=0,
-        sim_time_s=1.0,
-        wall_time_s=1.0,
-        planning_time_s=0.1,
-        history=rows,
-        config_hash="0123456789ab",
-        version="0.1.0",
+    rows = tuple(
+        made_action(number, rmse_m=0.020 / number, predicted_rmse_m=0.015 if predicted else None)
+        for number in range(1, count + 1)
     )
+    result = made_run(rows, outcome=RunOutcome.BUDGET, threshold_m=0.005, sim_time_s=1.0)
     shape = ActionShape(nodes_world=START, expected_world=GOAL if predicted else None, path_world=PATH)
     return RunRecord(name="I to S", result=result, goal_nodes_world=GOAL, actions=(shape,) * count)
 
@@ -90,7 +67,7 @@ def test_a_view_of_an_action_that_was_not_predicted_has_no_expected_shape() -> N
 
 def test_every_predicted_action_is_a_numbered_point_between_the_axes() -> None:
     record = _record(3)
-    rows = (record.result.history[0], _row(2, None), record.result.history[2])
+    rows = (record.result.history[0], made_action(2, rmse_m=0.010), record.result.history[2])
     texts = _texts(
         report_action_figures.expected_errors(
             replace(record, result=msgspec.structs.replace(record.result, history=rows))

@@ -4,47 +4,19 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
+from made_results import made_action, made_run
 from rich.console import Console
 
 from dlokit.app.outcome_words import MEANINGS, outcome_in_words
 from dlokit.app.terminal import RunDisplay, action_table
-from dlokit.system.run_result import ActionResult, RunResult
 from dlokit.types.candidates import Candidates, CandidateSeen
 from dlokit.types.flow import FlowStatus, RunOutcome
 
-
-def _action(action: int, kind: str, *, grasp_ok: bool, rmse_m: float, duration_s: float) -> ActionResult:
-    return ActionResult(
-        action=action,
-        kind=kind,
-        grasp_node=30 if action == 1 else 7,
-        grasp_ok=grasp_ok,
-        rmse_m=rmse_m,
-        duration_s=duration_s,
-        robot_time_s=duration_s - 1.0,
-        path_length_m=1.0,
-        planning_time_s=0.1,
-    )
-
-
 ROWS = (
-    _action(1, "lay-down", grasp_ok=True, rmse_m=0.0453, duration_s=11.34),
-    _action(2, "drag", grasp_ok=False, rmse_m=0.0101, duration_s=9.0),
+    made_action(1, "lay-down", grasp_ok=True, rmse_m=0.0453, duration_s=11.34, robot_time_s=10.34),
+    made_action(2, "drag", grasp_ok=False, rmse_m=0.0101, duration_s=9.0),
 )
-RESULT = RunResult(
-    outcome=RunOutcome.CONVERGED,
-    actions=2,
-    rmse_m=0.0101,
-    true_rmse_m=0.0112,
-    threshold_m=0.012,
-    seed=0,
-    sim_time_s=30.0,
-    wall_time_s=20.0,
-    planning_time_s=0.1,
-    history=ROWS,
-    config_hash="",
-    version="0.1.0",
-)
+RESULT = made_run(ROWS, rmse_m=0.0101, true_rmse_m=0.0112)
 STATUS = FlowStatus(stamp_ns=0, flow="shape_dlo", step="choose_grasp", rmse_m=0.0453, text="node 30")
 
 
@@ -122,7 +94,7 @@ def test_the_step_is_gone_when_the_run_has_ended() -> None:
     assert "choose grasp" not in _written(console)[before:]
 
 
-def test_a_log_file_gets_one_plain_line_an_action() -> None:
+def test_a_log_file_gets_one_plain_line_anmade_action() -> None:
     lines = _show(_console(terminal=False)).splitlines()
 
     assert lines[0] == "I to S: threshold 12.0 mm"

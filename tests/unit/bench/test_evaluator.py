@@ -3,6 +3,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
+from made_results import made_action, made_run
 
 from dlokit import geometry
 from dlokit.bench.evaluator import SETTLE_S, evaluate, true_errors, with_truth
@@ -13,8 +14,6 @@ from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.cell.truth import TruthRecorder
 from dlokit.functional.cell.world import Cell
 from dlokit.system.run_record import ActionShape, RunRecord
-from dlokit.system.run_result import ActionResult, RunResult
-from dlokit.types.flow import RunOutcome
 
 S = 1_000_000_000
 GOAL = shapes.builtin_shape("S", 0.5, 31)
@@ -126,33 +125,8 @@ def test_truth_that_begins_after_the_run_is_refused() -> None:
 
 
 def _record(start: np.ndarray | None, releases: list[int]) -> RunRecord:
-    rows = tuple(
-        ActionResult(
-            action=i + 1,
-            kind="drag",
-            grasp_node=0,
-            grasp_ok=True,
-            rmse_m=0.01,
-            duration_s=9.0,
-            robot_time_s=8.0,
-            path_length_m=1.0,
-            planning_time_s=0.0,
-        )
-        for i in range(len(releases))
-    )
-    result = RunResult(
-        outcome=RunOutcome.CONVERGED,
-        actions=len(releases),
-        rmse_m=0.01,
-        threshold_m=0.012,
-        seed=0,
-        sim_time_s=1.0,
-        wall_time_s=1.0,
-        planning_time_s=0.0,
-        history=rows,
-        config_hash="",
-        version="",
-    )
+    rows = tuple(made_action(number) for number in range(1, len(releases) + 1))
+    result = made_run(rows)
     return RunRecord(
         name="I to S",
         result=result,

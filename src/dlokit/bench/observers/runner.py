@@ -92,13 +92,6 @@ class Sequences:
         return self._made[key]
 
 
-def run_plan(plan: Plan) -> Iterator[Trial]:
-    """Every trial, one after another, in this process."""
-    sequences = Sequences(plan.frames)
-    for task in plan.tasks:
-        yield from run_task(task, sequences.of(task), plan.methods)
-
-
 def run_task(task: Task, sequence: Sequence, methods: tuple[Method, ...], told: Told | None = None) -> Iterator[Trial]:
     """The trials of one case with one seed: every method gets the same clouds."""
     seen = looks(sequence, task.case.conditions, task.seed)

@@ -66,14 +66,3 @@ class GoalRod:
             if 0 <= frame.node + side < self.config.nodes:
                 targets[frame.node + side, :2] = centre + side * along
                 gains[frame.node + side, :2] = self.config.goal.stiffness_n_m
-
-
-def settle_goal(
-    config: ModelConfig, frames: tuple[GoalFrame, ...], start_nodes_world: Float64Array, rounds: int = 10
-) -> Float64Array:
-    """The goal (M, 3) [m] that `frames` pull a rod starting at `start_nodes_world` (K, 3) into."""
-    rod = GoalRod(config)
-    rod.place(start_nodes_world)
-    for _ in range(rounds):
-        rod.drag(frames)
-    return rod.nodes_world

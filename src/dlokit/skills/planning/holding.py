@@ -114,20 +114,6 @@ def release(model: ModelConfig, goal_world: Float64Array, rod: Plausible) -> Rel
     )
 
 
-def aligned(nodes_world: Float64Array, goal_world: Float64Array) -> Float64Array:
-    """A shape (M, 3) [m] moved and turned on the table to lie nearest to a goal (M, 3) [m].
-
-    A shape that holds does so wherever it lies on a level table (Kabsch, 1976, in the plane).
-    """
-    middle, goal_middle = nodes_world[:, :2].mean(axis=0), goal_world[:, :2].mean(axis=0)
-    shape, goal = nodes_world[:, :2] - middle, goal_world[:, :2] - goal_middle
-    turn = np.arctan2(np.sum(shape[:, 0] * goal[:, 1] - shape[:, 1] * goal[:, 0]), np.sum(shape * goal))
-    cosine, sine = np.cos(turn), np.sin(turn)
-    result = nodes_world.copy()
-    result[:, :2] = shape @ np.array([[cosine, sine], [-sine, cosine]]) + goal_middle
-    return result
-
-
 def _nearest(
     rod: ModelConfig, belief: DloBelief, goal_world: Float64Array, allowed_m: float, config: FeasibilityConfig
 ) -> Float64Array | None:

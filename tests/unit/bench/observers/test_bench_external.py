@@ -6,13 +6,14 @@ from typing import Any
 import numpy as np
 import pytest
 from cables import LENGTH_M, cable_arrays, write_cable
+from trials import run_plan
 
 from dlokit.bench.observers.cases import Case, external_cases
 from dlokit.bench.observers.clouds import looks
 from dlokit.bench.observers.conditions import Conditions
 from dlokit.bench.observers.external import RADIUS_M, read_sequence, unread_arrays
 from dlokit.bench.observers.methods import choose
-from dlokit.bench.observers.runner import Plan, run_plan
+from dlokit.bench.observers.runner import Plan
 from dlokit.description.scene import default_calibration
 from dlokit.description.shapes import builtin_shape
 from dlokit.errors import InputError

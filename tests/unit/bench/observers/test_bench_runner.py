@@ -9,6 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 from cables import write_cable
+from trials import run_plan
 
 from dlokit.app import bench_observers
 from dlokit.app.bench_observers import ObserversArgs, run_observers
@@ -22,7 +23,7 @@ from dlokit.bench.observers.metrics import CORRELATION, FLAGGED, METRICS
 from dlokit.bench.observers.peers import PycpdConfig
 from dlokit.bench.observers.pictures import draw
 from dlokit.bench.observers.report import observers_json
-from dlokit.bench.observers.runner import WARM_UP_FRAMES, Plan, Trial, follow, run_plan
+from dlokit.bench.observers.runner import WARM_UP_FRAMES, Plan, Trial, follow
 from dlokit.bench.observers.tables import case_table, metric_table
 from dlokit.bench.observers.trust import Losses
 from dlokit.bench.observers.workers import THREAD_VARIABLES, one_thread, run_in_workers

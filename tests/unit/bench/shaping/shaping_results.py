@@ -2,6 +2,7 @@
 
 import msgspec
 import numpy as np
+from made_results import made_action
 
 from dlokit.bench.shaping.cases import Case, CaseResult, CaseShapes
 from dlokit.bench.shaping.experiments import Experiment
@@ -21,17 +22,7 @@ STRAIGHT = Experiment(name="S to I", start="S", goal=BuiltInGoal(name="I"))
 
 def action(number: int, rmse_m: float, kind: str = "drag") -> ActionResult:
     """One action of 10 s of the robot and 1 m of its tool, chosen in `number` seconds."""
-    return ActionResult(
-        action=number,
-        kind=kind,
-        grasp_node=0,
-        grasp_ok=True,
-        rmse_m=rmse_m,
-        duration_s=12.0,
-        robot_time_s=10.0,
-        path_length_m=1.0,
-        planning_time_s=float(number),
-    )
+    return made_action(number, kind, rmse_m=rmse_m, duration_s=12.0, robot_time_s=10.0, planning_time_s=float(number))
 
 
 def run(

@@ -6,7 +6,7 @@ import pytest
 from dlokit.description.shapes import builtin_shape
 from dlokit.geometry import arc_lengths
 from dlokit.skills.model.config import ModelConfig
-from dlokit.skills.model.goal import GoalRod, settle_goal
+from dlokit.skills.model.goal import GoalRod
 from dlokit.types.flow import GoalFrame
 
 CONFIG = ModelConfig()
@@ -18,22 +18,31 @@ FRAMES = (
 )
 
 
+def dragged(frames: tuple[GoalFrame, ...]) -> np.ndarray:
+    """The nodes (M, 3) [m] of a rod that frames have pulled until it rests."""
+    rod = GoalRod(CONFIG)
+    rod.place(START)
+    for _ in range(10):
+        rod.drag(frames)
+    return rod.nodes_world
+
+
 def test_frames_pull_their_nodes_to_them() -> None:
-    nodes = settle_goal(CONFIG, FRAMES, START)
+    nodes = dragged(FRAMES)
     for frame in FRAMES:
         # Springs against a soft rod: what is left is the bending force over the spring's stiffness.
         assert np.hypot(*(nodes[frame.node, :2] - (frame.x_m, frame.y_m))) < 0.004
 
 
 def test_a_frame_with_yaw_turns_the_rod() -> None:
-    nodes = settle_goal(CONFIG, FRAMES, START)
+    nodes = dragged(FRAMES)
     along = nodes[16, :2] - nodes[14, :2]
     assert np.arctan2(along[1], along[0]) == pytest.approx(np.deg2rad(60), abs=np.deg2rad(5))
 
 
 def test_a_goal_obeys_the_rod_even_when_frames_ask_for_more() -> None:
     apart = (GoalFrame(node=0, x_m=0.5, y_m=-0.5), GoalFrame(node=30, x_m=0.5, y_m=0.5))
-    nodes = settle_goal(CONFIG, apart, START)
+    nodes = dragged(apart)
     assert arc_lengths(nodes)[-1] == pytest.approx(CONFIG.length_m, rel=0.01)
 
 
@@ -43,11 +52,7 @@ def test_ends_pushed_together_bow_out_in_the_plane_of_the_table() -> None:
         GoalFrame(node=15, x_m=0.6, y_m=0.0),
         GoalFrame(node=30, x_m=0.52, y_m=0.15),
     )
-    rod = GoalRod(CONFIG)
-    rod.place(START)
-    for _ in range(10):
-        rod.drag(together)
-    nodes = rod.nodes_world
+    nodes = dragged(together)
     assert np.all(nodes[:, 2] == CONFIG.radius_m)
     assert np.hypot(*(nodes[30, :2] - nodes[0, :2])) == pytest.approx(0.3, abs=0.01)
     # Forced flat, it must still have its length: it did not escape upwards unseen.

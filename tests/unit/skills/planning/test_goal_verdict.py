@@ -15,7 +15,7 @@ from dlokit.skills.planning import holding
 from dlokit.skills.planning.actions import FeasibilityConfig, GraspConfig
 from dlokit.skills.planning.feasibility import Workplace, crossings
 from dlokit.skills.planning.goal_verdict import judge
-from dlokit.skills.planning.holding import Hold, aligned
+from dlokit.skills.planning.holding import Hold
 from dlokit.skills.planning.inside import moved_inside
 from dlokit.skills.planning.parting import parting_rmse_m
 from dlokit.skills.robot.kinematics import PandaKinematics
@@ -165,11 +165,6 @@ def test_the_same_goal_gets_the_same_verdict_to_the_bit() -> None:
     assert first.nearest_world is not None
     assert second.nearest_world is not None
     assert first.nearest_world.tobytes() == second.nearest_world.tobytes()
-
-
-def test_alignment_moves_and_turns_but_does_not_bend() -> None:
-    back = aligned(moved(S_SHAPE, (0.05, -0.02), 0.7), S_SHAPE)
-    assert back == pytest.approx(S_SHAPE, abs=1e-9)
 
 
 def test_no_move_is_better_than_one_and_what_cannot_be_mended_has_none() -> None:

@@ -1,0 +1,58 @@
+"""Results of runs that never ran, for tests of what is told of runs."""
+
+from dlokit.system.run_result import ActionResult, RunResult
+from dlokit.types.flow import RunOutcome
+
+
+def made_action(
+    action: int,
+    kind: str = "drag",
+    *,
+    grasp_ok: bool = True,
+    rmse_m: float = 0.01,
+    predicted_rmse_m: float | None = None,
+    true_rmse_m: float | None = None,
+    duration_s: float = 9.0,
+    robot_time_s: float = 8.0,
+    planning_time_s: float = 0.1,
+) -> ActionResult:
+    """One action: the first grasps node 30, others node 7, and each moves the tool by 1 m."""
+    return ActionResult(
+        action=action,
+        kind=kind,
+        grasp_node=30 if action == 1 else 7,
+        grasp_ok=grasp_ok,
+        rmse_m=rmse_m,
+        predicted_rmse_m=predicted_rmse_m,
+        true_rmse_m=true_rmse_m,
+        duration_s=duration_s,
+        robot_time_s=robot_time_s,
+        path_length_m=1.0,
+        planning_time_s=planning_time_s,
+    )
+
+
+def made_run(
+    history: tuple[ActionResult, ...],
+    *,
+    outcome: RunOutcome = RunOutcome.CONVERGED,
+    rmse_m: float = 0.01,
+    true_rmse_m: float | None = None,
+    threshold_m: float = 0.012,
+    sim_time_s: float = 30.0,
+) -> RunResult:
+    """A run of these actions, of 20 s of the machine's time."""
+    return RunResult(
+        outcome=outcome,
+        actions=len(history),
+        rmse_m=rmse_m,
+        true_rmse_m=true_rmse_m,
+        threshold_m=threshold_m,
+        seed=4,
+        sim_time_s=sim_time_s,
+        wall_time_s=20.0,
+        planning_time_s=0.5,
+        history=history,
+        config_hash="0123456789ab",
+        version="0.1.0",
+    )
