@@ -18,6 +18,7 @@ from dlokit.errors import CommunicationError, InputError
 from dlokit.skills.robot import api as robot
 from dlokit.system.joined_bus import JoinedBus, join_bus
 from dlokit.system.processes import TimeBase
+from dlokit.system.recording import with_calls_told
 from dlokit.system.running import RunningSystem, running_systems, the_running_system
 from dlokit.types.flow import Command, OperatorCommand
 from dlokit.types.outcome import Failed, Outcome, Rejected, Succeeded
@@ -139,19 +140,20 @@ async def _call(
 
 
 async def _told(bus: JoinedBus, skill: Skill[..., Any], given: dict[str, Any], console: Console) -> Outcome[Any]:
+    transport = with_calls_told(bus.transport, bus.clock)
     if not isinstance(skill, ReportingSkill):
-        return await bus.transport.call(skill, **given)
+        return await transport.call(skill, **given)
 
     def told(progress: object) -> None:
         console.print(to_json(progress).decode()[:200], markup=False, highlight=False, soft_wrap=True)
 
-    return await bus.transport.call_reported(skill, told, **given)
+    return await transport.call_reported(skill, told, **given)
 
 
 async def _stop(system: RunningSystem) -> list[Outcome[None]]:
     async with join_bus(system.bus, TimeBase.MACHINE) as bus:
-        transport = bus.transport
-        await transport.wait_for(robot.STOP.component, FOUND_WITHIN_S)
+        await bus.transport.wait_for(robot.STOP.component, FOUND_WITHIN_S)
+        transport = with_calls_told(bus.transport, bus.clock)
         skills = [robot.STOP.at(mount.instance) for mount in ARMS]
         there = [skill for skill in skills if transport.alive(skill.component).alive]
         outcomes = list(await asyncio.gather(*(transport.call(skill) for skill in there)))

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import tyro
 
-from dlokit.app import bench, call, demo, doctor, graph, identify, info, replay, shape, skills, track
+from dlokit.app import bench, call, demo, doctor, graph, identify, info, record, replay, shape, skills, track
 from dlokit.app.shape_defaults import shape_defaults
 
 Command = (
@@ -13,6 +13,7 @@ Command = (
     | demo.DemoArgs
     | track.TrackArgs
     | info.InfoArgs
+    | record.RecordArgs
     | replay.ReplayArgs
     | identify.IdentifyArgs
     | skills.SkillsArgs
@@ -33,6 +34,7 @@ def parse(arguments: Sequence[str]) -> Command:
         | Annotated[track.TrackArgs, tyro.conf.subcommand("track")]
         | Annotated[bench.BenchArgs, tyro.conf.subcommand("bench")]
         | Annotated[info.InfoArgs, tyro.conf.subcommand("info")]
+        | Annotated[record.RecordArgs, tyro.conf.subcommand("record")]
         | Annotated[replay.ReplayArgs, tyro.conf.subcommand("replay")]
         | Annotated[identify.IdentifyArgs, tyro.conf.subcommand("identify")]
         | Annotated[call.CallArgs, tyro.conf.subcommand("call")]
@@ -62,6 +64,8 @@ def execute(arguments: Sequence[str]) -> int:
             return track.run(args)
         case info.InfoArgs() as args:
             return info.run(args)
+        case record.RecordArgs() as args:
+            return record.run(args)
         case replay.ReplayArgs() as args:
             return replay.run(args)
         case identify.IdentifyArgs() as args:

@@ -8,7 +8,6 @@ from pathlib import Path
 import msgspec
 
 from dlokit.communication.host import Host
-from dlokit.communication.recording.recorder import Recorder
 from dlokit.decision.component import DecisionComponent
 from dlokit.description.arms import ARMS
 from dlokit.errors import ProcessFailure
@@ -17,7 +16,7 @@ from dlokit.system.config import RunConfig
 from dlokit.system.lease_keeper import leases_held
 from dlokit.system.live_system import LiveSystem, live_system, namespace_of
 from dlokit.system.processes import DECISION, processes_of_run
-from dlokit.system.recording import live_recorder, with_calls_recorded
+from dlokit.system.recording import live_recorder, with_calls_told
 from dlokit.system.run_record import RunRecord
 from dlokit.system.shaping import ShapeJob, Watcher, shape
 from dlokit.system.start_file import NOBODYS_BUSINESS, write_start
@@ -47,8 +46,8 @@ async def _run(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher) -
         instances=instances_of_run(config),
     )
     async with live_system(rows, launch) as live:
-        with live_recorder(config, job.name, folder, live.clock, live.transport) as recorder:
-            return await live.run(_decide(live, config, job, folder, watch, recorder), _failed)
+        with live_recorder(config, job.name, folder, live.clock, live.transport):
+            return await live.run(_decide(live, config, job, folder, watch), _failed)
 
 
 def _failed(record: RunRecord, failure: ProcessFailure) -> RunRecord:
@@ -58,10 +57,8 @@ def _failed(record: RunRecord, failure: ProcessFailure) -> RunRecord:
     return replace(record, result=result)
 
 
-async def _decide(
-    live: LiveSystem, config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher, recorder: Recorder | None
-) -> RunRecord:
-    transport = with_calls_recorded(live.transport, live.clock, recorder)
+async def _decide(live: LiveSystem, config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher) -> RunRecord:
+    transport = with_calls_told(live.transport, live.clock)
     wiring = Wiring(transport=transport, clock=live.clock, folder=folder, start_nodes_world=NOBODYS_BUSINESS)
     host = Host(transport, live.clock, live.compute, instances_of_run(config))
     components = {name: build_component(name, config, wiring) for name in DECISION.components}

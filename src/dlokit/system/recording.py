@@ -2,16 +2,26 @@
 
 import platform
 import time
-from collections.abc import Generator
+from collections.abc import Generator, Mapping
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 from dlokit import __version__
 from dlokit.communication.clock import Clock, FollowedClock
 from dlokit.communication.recording.call_log import CallLog
-from dlokit.communication.recording.channels import CALLS_BEGUN, FILE_NAME, SKILL_CALLS
+from dlokit.communication.recording.channels import (
+    CALLS,
+    CALLS_BEGUN,
+    FILE_NAME,
+    IMAGE_FORMAT,
+    IMAGE_QUALITY,
+    IMAGES_PER_S,
+    SKILL_CALLS,
+)
 from dlokit.communication.recording.recorder import Recorder
+from dlokit.communication.topic import Topic
 from dlokit.communication.topics import TOPICS
 from dlokit.communication.transport import Transport
 from dlokit.communication.zenoh_transport import ZenohTransport
@@ -43,6 +53,7 @@ def run_metadata(config: RunConfig, name: str) -> dict[str, dict[str, str]]:
             **{library: version(library) for library in LIBRARIES},
         },
         "configuration": {"config.toml": toml},
+        "pictures": {"codec": IMAGE_FORMAT, "quality": str(IMAGE_QUALITY), "pairs per s": f"{IMAGES_PER_S:g}"},
     }
 
 
@@ -59,19 +70,33 @@ def lockstep_recorder(config: RunConfig, name: str, folder: Path, clock: Clock) 
 @contextmanager
 def live_recorder(
     config: RunConfig, name: str, folder: Path, clock: Clock, transport: ZenohTransport
-) -> Generator[Recorder | None]:
-    """The recorder of a live run, hearing every topic; None when the configuration wants no recording."""
+) -> Generator[None]:
+    """Record a live run, every topic and every call; nothing when the configuration wants no recording."""
     if not config.record:
-        yield None
+        yield
         return
+    with bus_recorder(folder / FILE_NAME, run_metadata(config, name), config, clock, transport):
+        yield
+
+
+@contextmanager
+def bus_recorder(
+    path: Path, metadata: Mapping[str, Mapping[str, str]], config: RunConfig, clock: Clock, transport: ZenohTransport
+) -> Generator[Recorder]:
+    """Record what goes over the bus of a live system that is configured so, from now on."""
     # The network's threads have no running loop to ask.
     now_ns = clock.now_ns if isinstance(clock, FollowedClock) else time.monotonic_ns
-    with Recorder(folder / FILE_NAME, now_ns, run_metadata(config, name), patient=False) as recorder:
-        others = instances_of_run(config)
-        for row in TOPICS:
-            for topic in (row, *(row.at(instance) for instance in others.get(row.publisher, ()))):
-                transport.tap(topic, lambda data, topic=topic: recorder.put(topic, data))
+    with Recorder(path, now_ns, metadata, patient=False) as recorder:
+        for topic in topics_of_run(config):
+            transport.tap(topic, lambda data, topic=topic: recorder.put(topic, data))
         yield recorder
+
+
+def topics_of_run(config: RunConfig) -> list[Topic[Any]]:
+    """Every topic that is recorded, whosever it is."""
+    others = instances_of_run(config)
+    rows = (*TOPICS, *CALLS)
+    return [topic for row in rows for topic in (row, *(row.at(one) for one in others.get(row.publisher, ())))]
 
 
 def with_calls_recorded(transport: Transport, clock: Clock, recorder: Recorder | None) -> Transport:
@@ -81,5 +106,17 @@ def with_calls_recorded(transport: Transport, clock: Clock, recorder: Recorder |
 
     def tell(call: CallBegun | CallRecord) -> None:
         recorder.put(CALLS_BEGUN if isinstance(call, CallBegun) else SKILL_CALLS, call)
+
+    return CallLog(transport, clock.now_ns, tell, untold=CABLES)
+
+
+def with_calls_told(transport: Transport, clock: Clock) -> CallLog:
+    """The same transport, whose calls are told of on the bus, for whoever records."""
+
+    def tell(call: CallBegun | CallRecord) -> None:
+        if isinstance(call, CallBegun):
+            transport.publish(CALLS_BEGUN, call)
+        else:
+            transport.publish(SKILL_CALLS, call)
 
     return CallLog(transport, clock.now_ns, tell, untold=CABLES)

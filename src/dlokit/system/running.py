@@ -68,7 +68,7 @@ def running_systems(notes: Path | None = None) -> list[RunningSystem]:
             system = msgspec.json.decode(note.read_bytes(), type=RunningSystem)
         except (msgspec.DecodeError, FileNotFoundError):
             continue
-        if _runs(system):
+        if still_runs(system):
             found.append(system)
         else:
             note.unlink(missing_ok=True)
@@ -88,7 +88,8 @@ def the_running_system(run: Path | None, notes: Path | None = None) -> RunningSy
     raise InputError("several systems run; say which with --run: " + ", ".join(system.folder for system in systems))
 
 
-def _runs(system: RunningSystem) -> bool:
+def still_runs(system: RunningSystem) -> bool:
+    """Whether its decision process is there."""
     try:
         return psutil.Process(system.pid).create_time() == system.began_s
     except psutil.NoSuchProcess:

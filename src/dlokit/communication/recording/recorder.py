@@ -59,6 +59,7 @@ class Recorder:
         self._lock = threading.Lock()
         self._last_pair_ns: int | None = None
         self._thinned = 0
+        self._handed = set[str]()
         self._closed = False
         self._thread = threading.Thread(target=self._write_all, name="recorder", daemon=True)
 
@@ -78,6 +79,7 @@ class Recorder:
         if self._closed:
             return
         log_ns = self._now_ns()
+        self._handed.add(topic.name)
         if topic is STEREO_IMAGES and self._thinned_out(log_ns):
             return
         try:
@@ -86,6 +88,10 @@ class Recorder:
             if self._patient:
                 log.warning("recording_failed: %s: the disk does not answer; the run goes on without it", self._path)
                 self._closed = True
+
+    def has(self, topic: Topic[Any]) -> bool:
+        """Whether anything of a topic was handed over."""
+        return topic.name in self._handed
 
     def _thinned_out(self, log_ns: int) -> bool:
         with self._lock:
