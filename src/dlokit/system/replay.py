@@ -4,7 +4,6 @@ import tomllib
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from dlokit.communication import topics
 from dlokit.communication.clock import LoopClock
@@ -14,7 +13,6 @@ from dlokit.communication.recording.comparison import FieldRow, compare
 from dlokit.communication.recording.feeding import feed
 from dlokit.communication.recording.reader import RawRecording, read_recording
 from dlokit.communication.recording.timeline import Timeline, read_timeline
-from dlokit.communication.topic import Topic
 from dlokit.errors import InputError
 from dlokit.functional.cameras.played import PlayedCamera, RecordedPair
 from dlokit.skills.perception.component import PerceptionComponent
@@ -25,6 +23,7 @@ from dlokit.system.toml_config import from_plain
 from dlokit.types.image import StereoImages
 
 PERCEPTION = "perception"
+PICTURES = topics.STEREO_IMAGES.name
 REPLAYABLE = {
     PERCEPTION: (PERCEPTION,),
     "observer": ("observer", "model"),
@@ -88,7 +87,7 @@ def replay(path: Path, name: str, config: RunConfig) -> Replay:
     line = read_timeline(path, kind, said)
     if not line.said and not line.events:
         raise InputError(f"{path} holds nothing of {name}: no message that it reads or publishes, and no call of it.")
-    camera = PlayedCamera(_pairs(path), _looks(line)) if name == PERCEPTION else None
+    camera = PlayedCamera(_pairs(path), _looks(path, line)) if name == PERCEPTION else None
     if camera is not None and camera.empty:
         raise InputError(f"{path} holds no pictures: perception has nothing to look at; replay into another component.")
     replayed = feed(_build(name, config, camera), line, said, instances_of_run(config))
@@ -111,14 +110,13 @@ def _build(name: str, config: RunConfig, camera: PlayedCamera | None) -> Compone
 
 
 def _pairs(path: Path) -> Iterator[RecordedPair]:
-    for one in read_recording(path, {topics.STEREO_IMAGES.name}):
+    for one in read_recording(path, {PICTURES}):
         assert isinstance(one.message, StereoImages)
         yield RecordedPair(log_ns=one.log_ns, images=one.message)
 
 
-def _looks(line: Timeline) -> list[tuple[int, int]]:
-    return [(one.message.stamp_ns, one.log_ns) for one in line.said if _is(one.topic, topics.OBSERVATION)]
-
-
-def _is(topic: Topic[Any], row: Topic[Any]) -> bool:
-    return topic.row == row.name
+def _looks(path: Path, line: Timeline) -> list[tuple[int, int]]:
+    """Stamps of all pictures that were taken, and when: some gave a cloud, some were kept, most both."""
+    kept = {record.publish_time: record.log_time for channel, record in RawRecording(path=path) if channel == PICTURES}
+    clouds = {one.message.stamp_ns: one.log_ns for one in line.said}
+    return sorted((clouds | kept).items())

@@ -22,13 +22,13 @@ class RecordedPair:
 
 
 class PlayedCamera:
-    """A `Camera` for a run that is replayed: one pair a look, in their order.
+    """A `Camera` for a run that is replayed: one pair each time it is asked, in their order.
 
     Recordings keep pictures at a rate; the look of a pair that was left out gets the one before, with its own stamp.
     """
 
     def __init__(self, pairs: Iterator[RecordedPair], looks: Sequence[tuple[int, int]]) -> None:
-        """`pairs` in their order, read when they are needed; `looks`: of each, stamp and when its cloud came [ns]."""
+        """`pairs` in their order, read when they are needed; `looks`: of each, its stamp and when it was over [ns]."""
         self._pairs = pairs
         self._looks = iter(looks)
         self._last: RecordedPair | None = None
@@ -56,7 +56,7 @@ class PlayedCamera:
         if look is None:
             await asyncio.get_running_loop().create_future()
             raise HardwareError("no look was recorded after this one")
-        stamp_ns, cloud_ns = look
+        stamp_ns, over_ns = look
         while self._next is not None and self._next.images.stamp_ns <= stamp_ns:
             self._last, self._next = self._next, next(self._pairs, None)
         if self._last is None:
@@ -65,7 +65,7 @@ class PlayedCamera:
             await clock.sleep_until(self._last.log_ns)
             return self._last.images
         self.left_out.add(stamp_ns)
-        await clock.sleep_until(cloud_ns)
+        await clock.sleep_until(over_ns)
         return msgspec.structs.replace(self._last.images, stamp_ns=stamp_ns)
 
     def __enter__(self) -> Self:

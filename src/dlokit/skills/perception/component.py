@@ -166,7 +166,6 @@ class PerceptionComponent(Component):
     async def _look_once(self) -> Observation:
         """Pictures and points of one look, published."""
         images = await self._capture()
-        self.port.publish(topics.STEREO_IMAGES, images)
         images = self._by_the_hand(await self._by_the_table(images))
         robots = tuple(self._robots.values())
         observation = await self.port.compute(observe, images, robots, self._config, self._segmentation, self._pins())
@@ -175,6 +174,7 @@ class PerceptionComponent(Component):
         return observation
 
     async def _capture(self) -> StereoImages:
+        """A pair of pictures, published."""
         try:
             images = await self._camera.capture(self._config.capture_timeout_s)
         except HardwareError as error:
@@ -183,6 +183,7 @@ class PerceptionComponent(Component):
             raise SkillFailure(
                 "camera_lost", f"the camera gave a {type(images).__name__}; perception matches stereo pairs only"
             )
+        self.port.publish(topics.STEREO_IMAGES, images)
         return images
 
     async def _by_the_table(self, images: StereoImages) -> StereoImages:

@@ -50,7 +50,7 @@ def test_a_look_whose_pictures_were_left_out_gets_those_before_with_its_own_stam
     assert camera.left_out == {20}
 
 
-def test_pictures_of_a_look_without_a_cloud_are_passed_over() -> None:
+def test_pictures_that_are_no_looks_are_passed_over() -> None:
     assert looks(PlayedCamera(iter([pair(10), pair(20), pair(30)]), [(10, 17), (30, 37)]), 2)[1] == (35, 30, 30)
 
 
