@@ -19,7 +19,7 @@ from dlokit.system.watching import WATCHED_PARTS, watch
 
 EXIT_WITHIN = 0
 EXIT_BEYOND = 1
-TABLE_WIDTH = 110
+TABLE_WIDTH = 125
 
 Fed = Literal["perception", "observer", "model", "planning"]
 

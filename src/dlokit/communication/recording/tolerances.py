@@ -31,6 +31,8 @@ TOLERANCES = (
     Tolerance(what="perception*", field="*position_m", largest=0.001, why="pictures are kept as JPEG"),
     Tolerance(what="perception*", field="*wxyz", largest=0.001, why="pictures are kept as JPEG"),
     Tolerance(what="perception*", field="*depth_m", largest=0.003, why="the camera's pose, by pictures kept as JPEG"),
+    Tolerance(what="perception.check_camera", field="result.points", largest=50, why="pictures are kept as JPEG"),
+    Tolerance(what="perception.check_camera", field="result.*", largest=0.001, why="pictures are kept as JPEG"),
     Tolerance(what="*", field="*nodes_world", largest=1e-4, why="iterations end at a tolerance of their own"),
     Tolerance(what="*", field="*health", largest=0.01, why="shares of points, of which one may cross a limit"),
     _EXACT,
