@@ -68,6 +68,11 @@ def downward(position_m: ArrayLike, yaw_rad: float) -> Pose:
     return pose_from_matrix(T)
 
 
+def lifted(T: Pose, height_m: float) -> Pose:
+    """The pose, higher along z of its frame."""
+    return pose(T.position_m + np.array([0.0, 0.0, height_m]), T.wxyz)
+
+
 def arc_lengths(nodes: ArrayLike) -> Array:
     """Length along a polyline (K, d) [m] at each of its points, (K,), from 0."""
     steps = np.linalg.norm(np.diff(np.asarray(nodes, dtype=np.float64), axis=0), axis=1)

@@ -75,6 +75,7 @@ def _robot(mount: ArmMount) -> "_Builder":
             PandaKinematics(mount.T_world_base),
             mount.instance,
             ThreadWatch() if live else LoopWatch(),
+            neighbours=tuple(other.instance for other in ARMS[: config.arms] if other is not mount),
         )
 
     return build
@@ -107,7 +108,7 @@ def _second_arm(config: RunConfig) -> SecondArm | None:
         robot=mount.robot,
         reachable=kinematics.reachable,
         place_m=mount.place_m,
-        apart_m=Apart(PandaKinematics(), kinematics).at_poses_m,
+        apart_m=Apart(PandaKinematics(), kinematics, lift_m=config.task.approach_height_m).of_pair_m,
     )
 
 

@@ -26,9 +26,10 @@ REFUSALS = frozenset(
         "jerk_limit",
         "table_collision",
         "self_collision",
+        "arms_too_near",
     }
 )
-"""Reasons for which the robot refuses a motion before it moves: another grasp may do."""
+"""Reasons for which the robot refuses a motion before it moves, or breaks it off: another grasp may do."""
 
 
 INTERRUPTIONS = frozenset({"lost_commander", "lease_lost"})

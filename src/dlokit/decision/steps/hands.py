@@ -8,12 +8,12 @@ from typing import Any, TypeVar
 from dlokit.communication import topics
 from dlokit.decision.task import ShapeTask
 from dlokit.description.arms import instance_of
-from dlokit.geometry import inverse, matrix, pose_from_matrix, transform
+from dlokit.geometry import inverse, lifted, transform
 from dlokit.skills.robot import api as robot
 from dlokit.types.action import Action, Grasp, VelocityProfile
 from dlokit.types.arrays import Float64Array
 from dlokit.types.observation import Gripped
-from dlokit.types.outcome import Outcome, Succeeded
+from dlokit.types.outcome import Failed, Outcome, Succeeded
 from dlokit.types.pose import Pose
 from dlokit.types.robot import GripResult, MotionResult
 
@@ -44,13 +44,6 @@ def hands_of(action: Action) -> tuple[Hand, ...]:
     return (own, Hand(other.robot, other.grasp, other.path, other.velocity))
 
 
-def above(pose: Pose, height_m: float) -> Pose:
-    """The pose, higher."""
-    T = matrix(pose)
-    T[2, 3] += height_m
-    return pose_from_matrix(T)
-
-
 async def open_fingers(task: ShapeTask) -> Outcome[Any]:
     """As far as each grasp asks for, all at once."""
     return await _all_at_once(task, lambda hand: task.port.call(robot.RELEASE.at(hand.instance), hand.grasp.opening_m))
@@ -61,7 +54,7 @@ async def go_above(task: ShapeTask) -> Outcome[MotionResult]:
     height_m = task.config.approach_height_m
     return await _one_by_one(
         task,
-        lambda hand: task.port.call(robot.MOVE_TO.at(hand.instance), above(hand.grasp.T_world_tcp, height_m)),
+        lambda hand: task.port.call(robot.MOVE_TO.at(hand.instance), lifted(hand.grasp.T_world_tcp, height_m)),
     )
 
 
@@ -95,7 +88,7 @@ async def go_up(task: ShapeTask) -> Outcome[MotionResult]:
     def up(hand: Hand) -> Coroutine[Any, Any, Outcome[MotionResult]]:
         state = task.port.latest(topics.ROBOT_STATE.at(hand.instance)).value
         start = hand.path[-1] if state is None else state.T_world_tcp
-        target = above(start, task.config.retreat_height_m)
+        target = lifted(start, task.config.retreat_height_m)
         return task.port.call(robot.MOVE_LINEAR.at(hand.instance), target, hand.velocity)
 
     return await together(task, up)
@@ -141,14 +134,24 @@ async def stop(task: ShapeTask, hands: list[Hand] | None = None) -> None:
 
 
 async def _one_by_one(task: ShapeTask, call: Callable[[Hand], Coroutine[Any, Any, Outcome[R]]]) -> Outcome[R]:
-    """One hand after the other, so that the second finds where the first stands; ends with the first that fails."""
-    first, *others = hands_of(task.chosen)
-    outcome = await call(first)
-    for hand in others:
-        if not isinstance(outcome, Succeeded):
-            return outcome
-        outcome = await call(hand)
-    return outcome
+    """One hand after the other, so that each finds where the others stand; whom another is in the way of goes later.
+
+    Ends with the first that fails for another reason, or when nobody can move for the others.
+    """
+    waiting = hands_of(task.chosen)
+    while True:
+        blocked: list[Hand] = []
+        outcomes: list[Outcome[R]] = []
+        for hand in waiting:
+            outcome = await call(hand)
+            if isinstance(outcome, Failed) and outcome.reason == "arms_too_near":
+                blocked.append(hand)
+            elif not isinstance(outcome, Succeeded):
+                return outcome
+            outcomes.append(outcome)
+        if len(blocked) in (0, len(waiting)):
+            return outcomes[0]
+        waiting = tuple(blocked)
 
 
 async def _all_at_once(task: ShapeTask, call: Callable[[Hand], Coroutine[Any, Any, Outcome[R]]]) -> Outcome[R]:

@@ -41,7 +41,7 @@ class SecondArm:
     place_m: tuple[float, float]
     """Where its base stands (x, y) [m]."""
     apart_m: Callable[[Sequence[Pose], Sequence[Pose]], float]
-    """How near the arms come [m], the first at any of its tool poses and the second at any of its own."""
+    """How near the arms come [m] from home to home, the first along its tool poses and the second along its own."""
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,9 @@
 """What the robot can be asked to do.
 
 Every motion is checked before it runs. Besides those named at each skill, a motion fails with: joint_limit,
-velocity_limit, acceleration_limit, jerk_limit, table_collision, self_collision, stopped, lease_lost, robot_lost,
-lost_commander, wrong_start, fault (call recover); and is rejected with: busy (another motion runs), not_commander
-(another holds the lease), lease_lost (the lease taken has run out).
+velocity_limit, acceleration_limit, jerk_limit, table_collision, self_collision, arms_too_near (also on the way),
+neighbour_silent, stopped, lease_lost, robot_lost, lost_commander, wrong_start, fault (call recover); and is rejected
+with: busy (another motion runs), not_commander (another holds the lease), lease_lost (the lease taken has run out).
 Cancelling a motion brakes the arm.
 """
 

@@ -64,6 +64,8 @@ class Surroundings:
     """Height of the table top [m]."""
     table_clearance_m: float = 0.001
     """Smallest distance of any part of the arm from the table [m]; fingertips grasp 2 mm above it."""
+    arm_clearance_m: float = 0.01
+    """Smallest distance from another arm of the cell [m]; the capsules already stand off the surface."""
     self_clearance_m: float = 0.0
     """Smallest distance between parts of the arm [m]; their capsules already stand off the surface."""
     collision_step_rad: float = 0.03
@@ -136,11 +138,11 @@ def check_trajectory(
     """Everything that a trajectory must satisfy before it runs. Raises `SkillFailure` with one of `FAILURES`."""
     check_limits(trajectory, limits)
     around = surroundings or Surroundings()
-    check_collisions(_thinned(trajectory.q_rad, around.collision_step_rad), around, T_world_base)
+    check_collisions(thinned(trajectory.q_rad, around.collision_step_rad), around, T_world_base)
 
 
-def _thinned(q: Array, step_rad: float) -> Array:
-    """Rows of `q` about `step_rad` apart in their most moving joint, with the first and the last."""
+def thinned(q: Array, step_rad: float) -> Array:
+    """Rows of `q` (K, 7) [rad] about `step_rad` apart in their most moving joint, with the first and the last."""
     travelled = np.concatenate(([0.0], np.cumsum(np.max(np.abs(np.diff(q, axis=0)), axis=1))))
     marks = np.arange(0.0, travelled[-1], step_rad)
     rows = np.unique(np.concatenate((np.searchsorted(travelled, marks), [len(q) - 1])))

@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import logging
 from collections.abc import AsyncGenerator, Callable, Coroutine
 from contextlib import asynccontextmanager
 from typing import Any, TypeVar
@@ -11,22 +12,27 @@ from numpy.typing import NDArray
 
 from dlokit.communication import topics
 from dlokit.communication.component import Component, holds, implements
+from dlokit.communication.port import Port
 from dlokit.description.panda_data import PANDA_HOME_Q_RAD
 from dlokit.errors import HardwareError, SkillFailure
 from dlokit.functional.robots.base import Robot
 from dlokit.skills.robot import api
+from dlokit.skills.robot.apart import ARMS_TOO_NEAR, check_apart
 from dlokit.skills.robot.checks import check_trajectory
 from dlokit.skills.robot.config import RobotConfig
 from dlokit.skills.robot.kinematics import PandaKinematics, Yaw
 from dlokit.skills.robot.lease import LeaseKeeper
 from dlokit.skills.robot.lease_watch import LeaseWatch, LoopWatch
+from dlokit.skills.robot.neighbours import Neighbours
 from dlokit.skills.robot.trajectories import joint_move, tool_move
 from dlokit.types.action import VelocityProfile
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
-from dlokit.types.robot import GripResult, JointTrajectory, Lease, MotionResult
+from dlokit.types.robot import GripResult, JointTrajectory, Lease, MotionResult, RobotState
 
 R = TypeVar("R")
+
+log = logging.getLogger(__name__)
 
 _COMMANDED_WITHIN_RAD = 0.05
 """A trajectory starts where the last one was told to end, unless the arm was moved away from there."""
@@ -37,7 +43,8 @@ class RobotComponent(Component):
 
     name = "robot"
     publishes = (topics.ROBOT_STATE,)
-    reads = (topics.HEARTBEAT,)
+    # The signs of life of its commander, and where the other arms are.
+    reads = (topics.HEARTBEAT, topics.ROBOT_STATE)
 
     def __init__(
         self,
@@ -47,11 +54,12 @@ class RobotComponent(Component):
         kinematics: PandaKinematics | None = None,
         instance: str = "",
         watch: LeaseWatch | None = None,
+        neighbours: tuple[str, ...] = (),
     ) -> None:
         """`monotonic_ns` is the machine's clock, for leases; it stands apart from the clock of the port.
 
-        `instance` says which arm it is, where there is more than one; `watch` looks after the lease, by default on the
-        event loop.
+        `instance` says which arm it is, where there is more than one, and `neighbours` which others there are; `watch`
+        looks after the lease, by default on the event loop.
         """
         super().__init__()
         self.instance = instance
@@ -62,8 +70,18 @@ class RobotComponent(Component):
         self._watch = watch or LoopWatch()
         self._loop: asyncio.AbstractEventLoop | None = None
         self._motion: asyncio.Task[Any] | None = None
+        self._braking: asyncio.Task[None] | None = None
         self._braked_because = ""
         self._commanded: NDArray[np.float64] | None = None
+        self._others = neighbours
+        self._neighbours: Neighbours | None = None
+
+    def attach(self, port: Port) -> None:
+        """Keep the port, and watch the other arms through it."""
+        super().attach(port)
+        self._neighbours = (
+            Neighbours(port, self._others, self._config.surroundings.arm_clearance_m) if self._others else None
+        )
 
     async def run(self) -> None:
         """Publish the robot's state, each once: when the arm falls silent, so does the topic, and its age tells."""
@@ -76,9 +94,22 @@ class RobotComponent(Component):
                     if state.stamp_ns != published_ns:
                         self.port.publish(topics.ROBOT_STATE, state)
                         published_ns = state.stamp_ns
+                        self._keep_apart(state)
                     await self.port.clock.sleep(1.0 / self._config.state_rate_hz)
         finally:
             self._watch.end()
+            if self._braking is not None:
+                self._braking.cancel()
+
+    def _keep_apart(self, state: RobotState) -> None:
+        """Brake where another arm comes too near on the way."""
+        if self._neighbours is None or self._motion is None or self._braked_because:
+            return
+        why = self._neighbours.too_near(state)
+        if why:
+            log.warning("braked: %s", why)
+            # Not awaited: the other arm must hear of this one while it brakes.
+            self._braking = asyncio.create_task(self._brake(ARMS_TOO_NEAR), name="robot braking")
 
     @implements(api.MOVE_JOINTS)
     async def move_joints(self, q_rad: Float64Array) -> MotionResult:
@@ -205,6 +236,11 @@ class RobotComponent(Component):
             self._config.surroundings,
             self._kinematics.T_world_base,
         )
+        if self._neighbours is not None:
+            around, others = self._config.surroundings, await self._neighbours.now()
+            check_apart(
+                trajectory, self._kinematics.T_world_base, others, around.arm_clearance_m, around.collision_step_rad
+            )
         lease = Lease(holder=self._lease.holder or self.address, duration_s=self._config.driver_lease_s)
         self._commanded = None
         result = await self._interruptible(self._robot.follow(trajectory, lease))
@@ -221,6 +257,8 @@ class RobotComponent(Component):
             return await self._motion
         except asyncio.CancelledError:
             if self._braked_because:
+                if self._braking is not None:
+                    await self._braking  # the next motion must find the arm at rest
                 raise SkillFailure(self._braked_because, "the arm was braked before the end of the motion") from None
             await self._robot.stop()
             raise

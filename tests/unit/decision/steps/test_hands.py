@@ -41,6 +41,9 @@ class Script:
     loses_at_s: float = float("inf")
     """When the fingers close on nothing, counted from the start of the motion."""
     holds: bool = True
+    home_needs: "Script | None" = None
+    """Whose arm must be home before this one can go there."""
+    is_home: bool = False
     told: list[str] = field(default_factory=list[str])
 
 
@@ -69,6 +72,14 @@ class Arm(Component):
     @implements(robot.GRASP)
     async def grasp(self, force_n: float = 20.0) -> GripResult:
         return GripResult(width_m=0.008 if self._script.holds else 0.0, held=self._script.holds)
+
+    @implements(robot.HOME)
+    async def home(self) -> MotionResult:
+        self._script.told.append("home")
+        if self._script.home_needs is not None and not self._script.home_needs.is_home:
+            raise SkillFailure("arms_too_near", "as the script says")
+        self._script.is_home = True
+        return MotionResult(q_rad=np.zeros(7), T_world_tcp=TOOL, duration_s=0.0, largest_joint_error_rad=0.0)
 
     @implements(robot.STOP)
     async def stop(self) -> None:
@@ -193,3 +204,28 @@ def test_a_held_node_is_beside_the_tool_centre_point_along_the_rod_and_between_t
     place = place_in_tool(node, T_world_tcp)
 
     assert np.allclose(place, [0.012, 0.0, 0.002], atol=1e-12)
+
+
+def test_a_hand_that_another_is_in_the_way_of_goes_after_it() -> None:
+    first, second = Script(), Script()
+    first.home_needs = second
+
+    async def check(task: ShapeTask) -> None:
+        assert isinstance(await hands.go_home(task), Succeeded)
+
+    with_two_arms(first, second, check)
+    assert first.told == ["home", "home"]  # refused, and again once the other had gone
+    assert second.told == ["home"]
+
+
+def test_hands_that_are_in_the_way_of_one_another_do_not_try_for_ever() -> None:
+    first, second = Script(), Script()
+    first.home_needs, second.home_needs = second, first
+
+    async def check(task: ShapeTask) -> None:
+        outcome = await hands.go_home(task)
+        assert isinstance(outcome, Failed)
+        assert outcome.reason == "arms_too_near"
+
+    with_two_arms(first, second, check)
+    assert [script.told for script in (first, second)] == [["home"]] * 2

@@ -23,7 +23,7 @@ from dlokit.types.dlo import DloState, GoalShape
 MODEL = ModelConfig()
 FIRST, OTHER = (PandaKinematics(mount.T_world_base) for mount in ARMS)
 APART = Apart(FIRST, OTHER)
-SECOND = SecondArm(robot=OPPOSITE, reachable=OTHER.reachable, place_m=ARMS[1].place_m, apart_m=APART.at_poses_m)
+SECOND = SecondArm(robot=OPPOSITE, reachable=OTHER.reachable, place_m=ARMS[1].place_m, apart_m=APART.of_pair_m)
 SHORT = SearchConfig(rollouts=60, generations=1, finalists=1, doubt=1.0)
 STRAIGHT, S = (builtin_shape(name, MODEL.length_m, MODEL.nodes) for name in ("I", "S"))
 
@@ -62,8 +62,18 @@ def test_the_arms_of_a_pair_reach_their_poses_and_keep_apart(pair: PairPlace) ->
     assert pair.partner.robot == OPPOSITE
     assert all(map(FIRST.reachable, own))
     assert all(map(OTHER.reachable, other))
-    # Waypoints are 3 cm apart at least; poses between them may be a little nearer.
-    assert APART.at_poses_m(own, other) > 0.02
+    # Waypoints are 3 cm apart at least, and so is the way from and to home; poses between them may be a little nearer.
+    assert APART.of_pair_m(own, other) > 0.02
+
+
+def test_the_way_home_counts_too() -> None:
+    # Side by side the tools have 20 cm, but the arms come from opposite sides and each reaches past the other.
+    own = [downward((0.60, 0.10, 0.02), 0.0)]
+    other = [downward((0.44, -0.10, 0.02), 0.0)]
+    placed = APART.at_joints_m(
+        FIRST.inverse(own[0], yaw=Yaw.EITHER)[None], OTHER.inverse(other[0], yaw=Yaw.EITHER)[None]
+    )
+    assert APART.of_pair_m(own, other) < placed - 0.005
 
 
 def test_arms_at_home_are_far_apart_and_arms_at_one_place_overlap() -> None:

@@ -1,0 +1,66 @@
+"""The other arms of a cell: where they are, as far as they were heard of, and whether they are too near."""
+
+from dlokit.communication import topics
+from dlokit.communication.port import Port
+from dlokit.errors import SkillFailure
+from dlokit.skills.robot.apart import AS_FAR_M, gap_m, stopping_gap_m
+from dlokit.types.robot import RobotState
+
+NEIGHBOUR_SILENT = "neighbour_silent"
+
+_SILENT_S = 0.5
+"""An arm that was not heard of for so long may be anywhere [s of the loop's clock]."""
+_WAIT_S = 2.0
+"""How long a motion waits for another arm to be heard of, when both have just started [s]."""
+_POLL_S = 0.02
+
+
+class Neighbours:
+    """The other arms, by the instances of their robot components."""
+
+    def __init__(self, port: Port, instances: tuple[str, ...], clearance_m: float) -> None:
+        """`clearance_m` is the least distance to keep [m]."""
+        self._port = port
+        self._instances = instances
+        self._clearance_m = clearance_m
+
+    async def now(self) -> list[RobotState]:
+        """Where they are; what they do later is watched on the way.
+
+        Raises `SkillFailure` ``neighbour_silent`` when one is not heard of within 2 s.
+        """
+        clock = self._port.clock
+        give_up_ns = clock.now_ns() + round(_WAIT_S * 1e9)
+        while silent := self._silent():
+            if clock.now_ns() >= give_up_ns:
+                raise SkillFailure(
+                    NEIGHBOUR_SILENT,
+                    f"nothing was heard of the arm {silent!r} for {_WAIT_S:g} s, so it may be in the way; see whether "
+                    "its robot process runs",
+                )
+            await clock.sleep(_POLL_S)
+        return self._known()
+
+    def too_near(self, mine: RobotState) -> str:
+        """Why an arm that moves must brake now for another; empty when it need not.
+
+        It must where both, braking now, would come nearer than they may and than they are: to part is allowed.
+        """
+        if silent := self._silent():
+            return f"nothing is heard of the arm {silent!r} any more"
+        for other in self._known():
+            stopping_m = stopping_gap_m(mine, other)
+            if stopping_m < self._clearance_m and stopping_m < gap_m(mine, other) - AS_FAR_M:
+                return f"{other.robot} is {1e3 * gap_m(mine, other):.0f} mm away and both are under way"
+        return ""
+
+    def _silent(self) -> str:
+        """An arm that is not heard of, or empty."""
+        for instance in self._instances:
+            if self._port.latest(topics.ROBOT_STATE.at(instance)).age_s > _SILENT_S:
+                return instance or "first"
+        return ""
+
+    def _known(self) -> list[RobotState]:
+        heard = (self._port.latest(topics.ROBOT_STATE.at(instance)).value for instance in self._instances)
+        return [state for state in heard if state is not None]

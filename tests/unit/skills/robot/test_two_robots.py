@@ -1,0 +1,157 @@
+"""Two robot components with their arms in one cell: neither drives into the other."""
+
+import asyncio
+import math
+from collections.abc import Awaitable, Callable
+
+import numpy as np
+import pytest
+
+from dlokit.communication import topics, virtual_time
+from dlokit.communication.clock import LoopClock
+from dlokit.communication.compute import InlineCompute
+from dlokit.communication.host import Host
+from dlokit.communication.memory import MemoryTransport
+from dlokit.communication.port import Port
+from dlokit.description.arms import ARMS, OPPOSITE, ArmMount
+from dlokit.description.panda_data import PANDA_HOME_Q_RAD, PANDA_LIMITS
+from dlokit.description.panda_kinematics import capsule_ends, tcp_jacobian
+from dlokit.description.panda_shape import PANDA_COLLISION
+from dlokit.description.shapes import CENTRE_M, builtin_shape
+from dlokit.functional.cell.component import CellComponent
+from dlokit.functional.cell.config import CellConfig
+from dlokit.functional.robots.simulated import SimulatedRobot
+from dlokit.geometry import downward, rotation
+from dlokit.skills.robot import api
+from dlokit.skills.robot.apart import ARMS_TOO_NEAR, Apart, gap_m, stopping_gap_m
+from dlokit.skills.robot.checks import segment_distances
+from dlokit.skills.robot.component import RobotComponent
+from dlokit.skills.robot.config import RobotConfig
+from dlokit.skills.robot.kinematics import PandaKinematics
+from dlokit.skills.robot.neighbours import NEIGHBOUR_SILENT
+from dlokit.types.arrays import Float64Array
+from dlokit.types.outcome import Failed, Succeeded
+from dlokit.types.robot import RobotMode, RobotState
+
+MIDDLE = downward([*CENTRE_M, 0.25], 0.0)
+CLEARANCE_M = RobotConfig().surroundings.arm_clearance_m
+
+
+def robot(bus: MemoryTransport, clock: LoopClock, mount: ArmMount) -> RobotComponent:
+    port = Port(bus, clock, InlineCompute(), owner="driver", publishes=())
+    return RobotComponent(
+        RobotConfig(),
+        SimulatedRobot(port, mount),
+        lambda: 0,
+        PandaKinematics(mount.T_world_base),
+        mount.instance,
+        neighbours=tuple(other.instance for other in ARMS if other is not mount),
+    )
+
+
+def in_cell(scenario: Callable[[Port], Awaitable[None]], mounts: tuple[ArmMount, ...] = ARMS) -> None:
+    async def main() -> None:
+        bus, clock = MemoryTransport(), LoopClock()
+        host = Host(bus, clock, instances={"robot": (OPPOSITE,)})
+        host.add(CellComponent(CellConfig(settle_s=0.0), builtin_shape("I", 0.5, 100), seed=0, arms=ARMS))
+        for mount in mounts:
+            host.add(robot(bus, clock, mount))
+        async with host:
+            await asyncio.sleep(0.2)  # both arms are heard of
+            await scenario(Port(bus, clock, InlineCompute(), owner="test", publishes=()))
+
+    virtual_time.run(main())
+
+
+def states(port: Port) -> tuple[RobotState, RobotState]:
+    first, second = port.latest(topics.ROBOT_STATE).value, port.latest(topics.ROBOT_STATE.at(OPPOSITE)).value
+    assert first is not None
+    assert second is not None
+    return first, second
+
+
+def test_an_arm_is_refused_the_place_where_the_other_stands_and_does_not_move() -> None:
+    async def scenario(port: Port) -> None:
+        assert isinstance(await port.call(api.MOVE_TO, MIDDLE), Succeeded)
+        refused = await port.call(api.MOVE_TO.at(OPPOSITE), MIDDLE)
+        assert isinstance(refused, Failed)
+        assert refused.reason == ARMS_TOO_NEAR
+        np.testing.assert_allclose(states(port)[1].q_rad, PANDA_HOME_Q_RAD, atol=2e-3)
+        # Once the first has made room, the way is free.
+        assert isinstance(await port.call(api.HOME), Succeeded)
+        assert isinstance(await port.call(api.MOVE_TO.at(OPPOSITE), MIDDLE), Succeeded)
+
+    in_cell(scenario)
+
+
+def test_arms_that_set_out_for_the_same_place_at_once_brake_before_they_meet() -> None:
+    async def scenario(port: Port) -> None:
+        nearest_m = math.inf
+
+        async def watch() -> None:
+            nonlocal nearest_m
+            async for state in port.stream(topics.ROBOT_STATE):
+                nearest_m = min(nearest_m, gap_m(state, states(port)[1]))
+
+        states(port)
+        watching = asyncio.create_task(watch())
+        outcomes = await asyncio.gather(port.call(api.MOVE_TO, MIDDLE), port.call(api.MOVE_TO.at(OPPOSITE), MIDDLE))
+        await port.clock.sleep(1.0)
+        watching.cancel()
+        assert [outcome.reason for outcome in outcomes if isinstance(outcome, Failed)] == [ARMS_TOO_NEAR] * 2
+        # They did come near: it was the guard that ended the motions, not the distance they started at.
+        assert 0.0 < nearest_m < 0.15
+
+    in_cell(scenario)
+
+
+def test_no_motion_beside_an_arm_that_is_not_heard_of() -> None:
+    async def scenario(port: Port) -> None:
+        refused = await port.call(api.MOVE_TO, MIDDLE)
+        assert isinstance(refused, Failed)
+        assert refused.reason == NEIGHBOUR_SILENT
+
+    in_cell(scenario, ARMS[:1])
+
+
+@pytest.mark.parametrize(("speed_m_s", "nearer_mm"), [(0.4, 32.0), (-0.4, 0.0)])
+def test_the_distance_after_braking_counts_the_way_until_the_arm_stands(speed_m_s: float, nearer_mm: float) -> None:
+    q_rad = PandaKinematics().inverse(MIDDLE)
+    towards_the_other = np.array([speed_m_s, 0.0, 0.0, 0.0, 0.0, 0.0])
+
+    def state(mount: ArmMount, q_rad: Float64Array, dq_rad_s: Float64Array) -> RobotState:
+        return RobotState(
+            stamp_ns=0,
+            robot=mount.robot,
+            q_rad=q_rad,
+            dq_rad_s=dq_rad_s,
+            tau_nm=np.zeros(7),
+            T_world_tcp=MIDDLE,
+            finger_width_m=0.0,
+            mode=RobotMode.MOVING,
+            T_world_base=mount.T_world_base,
+        )
+
+    dq_rad_s = np.asarray(np.linalg.lstsq(tcp_jacobian(q_rad), towards_the_other)[0], dtype=np.float64)
+    moving = state(ARMS[0], q_rad, dq_rad_s)
+    standing = state(ARMS[1], PANDA_HOME_Q_RAD, np.zeros(7))
+    nearer_m = gap_m(moving, standing) - stopping_gap_m(moving, standing)
+    # 0.08 s of reaction at 0.4 m/s are 32 mm; braking adds to it, and the nearest parts need not meet head on.
+    assert nearer_m >= 0.5e-3 * nearer_mm
+    assert nearer_mm > 0.0 or nearer_m == 0.0
+
+
+def test_the_least_distance_is_that_of_all_pairs_of_capsules() -> None:
+    rng = np.random.default_rng(5)
+    lower, upper = PANDA_LIMITS.position_lower_rad, PANDA_LIMITS.position_upper_rad
+    arms = [PandaKinematics(mount.T_world_base) for mount in ARMS]
+    radii = np.array([capsule.radius_m for capsule in PANDA_COLLISION])
+    T_world_base = ARMS[1].T_world_base
+    assert T_world_base is not None
+    for _ in range(20):
+        first, second = rng.uniform(lower, upper, (2, 3, 7))
+        a0, a1 = capsule_ends(first)
+        b0, b1 = (end @ rotation(T_world_base).T + T_world_base.position_m for end in capsule_ends(second))
+        gaps = segment_distances(a0[:, None, :, None], a1[:, None, :, None], b0[None, :, None], b1[None, :, None])
+        expected = np.min(gaps - radii[:, None] - radii[None, :])
+        assert Apart(*arms).at_joints_m(first, second) == pytest.approx(expected, abs=1e-12)
