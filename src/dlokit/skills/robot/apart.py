@@ -39,8 +39,8 @@ class Apart:
     def of_pair_m(self, first: Sequence[Pose], second: Sequence[Pose]) -> float:
         """Least distance [m] while both arms carry a pair along these tool poses, come from home and go back there.
 
-        On the way every pose is held against every other, so that neither has to be in time; from and to home the arms
-        go one after the other, in the better order. Less than any distance where an arm does not reach a pose.
+        On the way every pose is held against every other, so that neither has to be in time; the second arm
+        comes from home when the first stands ready, and they go home in the better order. Less than any distance where an arm does not reach a pose.
         """
         try:
             a, b = (self._joints(arm, poses) for arm, poses in zip(self._arms, (first, second), strict=True))
@@ -49,7 +49,9 @@ class Apart:
         carrying_m = self.at_joints_m(a, b)
         if carrying_m <= 0.0:
             return carrying_m
-        return min(carrying_m, self._alone_m(a[0], b[0]), self._alone_m(a[-1], b[-1]))
+        coming_m = self.at_joints_m(a[:1], _line(b[0]))
+        going_m = max(self.at_joints_m(_line(a[-1]), b[-1:]), self.at_joints_m(a[-1:], _line(b[-1])))
+        return min(carrying_m, coming_m, going_m)
 
     def at_joints_m(self, first_rad: Array, second_rad: Array) -> float:
         """The same for joint angles (K, 7) and (L, 7) [rad], all against all; negative where they overlap."""
@@ -61,13 +63,6 @@ class Apart:
         """Joint angles (K + 2, 7) [rad] at the poses, and lifted before the first and after the last of them."""
         ways = (geometry.lifted(poses[0], self._lift_m), *poses, geometry.lifted(poses[-1], self._lift_m))
         return np.array([arm.inverse(pose, yaw=Yaw.EITHER) for pose in ways])
-
-    def _alone_m(self, first_rad: Array, second_rad: Array) -> float:
-        """The same while one arm stands and the other goes on a straight line in joint space from or to its home."""
-        return max(
-            self.at_joints_m(_line(first_rad), second_rad[None, :]),
-            self.at_joints_m(first_rad[None, :], _line(second_rad)),
-        )
 
 
 def _line(q_rad: Array) -> Array:
