@@ -39,8 +39,9 @@ class Apart:
     def of_pair_m(self, first: Sequence[Pose], second: Sequence[Pose]) -> float:
         """Least distance [m] while both arms carry a pair along these tool poses, come from home and go back there.
 
-        On the way every pose is held against every other, so that neither has to be in time; the second arm
-        comes from home when the first stands ready, and they go home in the better order. Less than any distance where an arm does not reach a pose.
+        On the way every pose is held against every other, so that neither has to be in time. The second arm comes from
+        home when the first stands ready, and they go home in the better order. Less than any distance where an arm does
+        not reach a pose.
         """
         try:
             a, b = (self._joints(arm, poses) for arm, poses in zip(self._arms, (first, second), strict=True))
