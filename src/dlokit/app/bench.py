@@ -11,6 +11,7 @@ from rich.table import Table
 from dlokit.app.bench_feasibility import FeasibilityArgs, run_feasibility
 from dlokit.app.bench_observers import ObserversArgs, run_observers
 from dlokit.app.bench_shaping import ShapingArgs, run_shaping
+from dlokit.app.bench_stop import StopBenchArgs, run_stop_bench
 from dlokit.app.machine import machine_facts
 from dlokit.bench.report import bench_json, spread, timing_figures
 from dlokit.bench.simulation import measure
@@ -56,7 +57,8 @@ class BenchArgs:
         Annotated[ShapingArgs, tyro.conf.subcommand("shaping")]
         | Annotated[SimulationArgs, tyro.conf.subcommand("simulation")]
         | Annotated[ObserversArgs, tyro.conf.subcommand("observers")]
-        | Annotated[FeasibilityArgs, tyro.conf.subcommand("feasibility")],
+        | Annotated[FeasibilityArgs, tyro.conf.subcommand("feasibility")]
+        | Annotated[StopBenchArgs, tyro.conf.subcommand("stop")],
         tyro.conf.arg(name=""),
     ]
     """Which bench."""
@@ -73,3 +75,5 @@ def run(args: BenchArgs) -> int:
             return run_observers(observers)
         case FeasibilityArgs() as feasibility:
             return run_feasibility(feasibility)
+        case StopBenchArgs() as stop:
+            return run_stop_bench(stop)

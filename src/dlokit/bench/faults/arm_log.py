@@ -1,0 +1,51 @@
+"""What the arm does, by the machine's clock: noted on a thread of the network's as it comes."""
+
+import asyncio
+import time
+
+from dlokit.communication import codec, topics
+from dlokit.communication.transport import Transport
+from dlokit.types.robot import RobotMode, RobotState
+
+AT_REST = (RobotMode.IDLE, RobotMode.FAULT)
+
+
+class ArmLog:
+    """The arm's modes as it tells them, with the time at which each was first heard of.
+
+    The arm tells its mode 50 times a second of its own clock, so that a time is late by up to 20 ms, and never early.
+    """
+
+    def __init__(self, transport: Transport) -> None:
+        self._loop = asyncio.get_running_loop()
+        self._changed = asyncio.Event()
+        self._mode: RobotMode | None = None
+        self._changes: list[tuple[float, RobotMode]] = []
+        transport.tap(topics.ARM_STATE, self._hear)
+
+    @property
+    def brakings(self) -> int:
+        """How often the arm has begun to brake so far."""
+        return sum(mode is RobotMode.BRAKING for _, mode in self._changes)
+
+    async def until(self, *modes: RobotMode, after_s: float, within_s: float) -> float | None:
+        """When it was first heard to be in one of the modes after `after_s`; None when it is not `within_s` of now."""
+        try:
+            async with asyncio.timeout(within_s):
+                while True:
+                    for at_s, mode in self._changes:
+                        if at_s > after_s and mode in modes:
+                            return at_s
+                    self._changed.clear()
+                    await self._changed.wait()
+        except TimeoutError:
+            return None
+
+    def _hear(self, data: bytes) -> None:
+        heard_s = time.monotonic()
+        mode = codec.decode(data, RobotState).mode
+        if mode is self._mode:
+            return
+        self._mode = mode
+        self._changes.append((heard_s, mode))
+        self._loop.call_soon_threadsafe(self._changed.set)

@@ -1,0 +1,169 @@
+"""How soon the arm brakes when its commander is killed or frozen, and how often it does when nothing is wrong."""
+
+import os
+import signal
+import tempfile
+import time
+from collections.abc import AsyncGenerator, Callable
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+
+import numpy as np
+
+from dlokit.bench.faults.arm_log import AT_REST, ArmLog
+from dlokit.bench.faults.burden import burden
+from dlokit.bench.faults.commander import Order, start_commander
+from dlokit.description.shapes import builtin_shape
+from dlokit.errors import ProcessFailure
+from dlokit.system.config import RunConfig
+from dlokit.system.live_system import LiveSystem, live_system, namespace_of
+from dlokit.system.processes import CELL, ROBOT, ProcessRow
+from dlokit.system.start_file import write_start
+from dlokit.system.supervisor import Launch
+from dlokit.system.toml_config import to_toml
+from dlokit.types.robot import RobotMode
+
+OWN = ProcessRow(name="bench", components=())
+MOVES_WITHIN_S = 60.0
+"""A commander that was thawed, or takes over, moves the arm long before."""
+STARTS_WITHIN_S = 180.0
+"""The first commander, whose process imports everything."""
+BRAKES_WITHIN_S = 5.0
+"""An arm that has not braked by then counts as one that never does."""
+LATEST_S = 1.2
+"""Faults come within this time of the beginning of a motion [s], which takes twice as long."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stop:
+    """What became of the arm after one fault."""
+
+    began_s: float | None
+    """From the fault until the arm is heard to brake [s]; None: it never was."""
+    stood_s: float | None
+    """From the fault until it stands [s]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class StopFigures:
+    """All that is measured."""
+
+    killed: tuple[Stop, ...]
+    frozen: tuple[Stop, ...]
+    watched_s: float
+    """Time in which nothing was done to a commander in motion [s]."""
+    false_stops: int
+    """How often the arm braked in that time."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class StopPlan:
+    """What to measure."""
+
+    run: RunConfig
+    kills: int
+    freezes: int
+    quiet_s: float
+    busy_processes: int
+    seed: int
+
+
+async def measure_stops(plan: StopPlan, said: Callable[[str], None]) -> StopFigures:
+    """Run the plan on cell, robot and commander as processes of this machine; `said` hears how far it is."""
+    with tempfile.TemporaryDirectory(prefix="dlokit-stop-") as folder:
+        async with _arm_and_cell(plan.run, Path(folder)) as live:
+            return await _Trials(plan, live, said).run()
+
+
+class _Trials:
+    def __init__(self, plan: StopPlan, live: LiveSystem, said: Callable[[str], None]) -> None:
+        self._plan = plan
+        self._clock = live.clock
+        self._arm = ArmLog(live.transport)
+        self._order = Order(bus=live.bus, robot=plan.run.robot)
+        self._said = said
+        self._rng = np.random.default_rng(plan.seed)
+
+    async def run(self) -> StopFigures:
+        self._commander = start_commander(self._order)
+        try:
+            await self._moving(after_s=0.0, within_s=STARTS_WITHIN_S)
+            with burden(self._plan.busy_processes):  # from here on: starting takes long enough without
+                return await self._all()
+        finally:
+            _end(self._commander)
+
+    async def _all(self) -> StopFigures:
+        false_stops, watched_s = await self._watch()
+        frozen: list[Stop] = []
+        for number in range(self._plan.freezes):
+            frozen.append(await self._freeze(self._commander))
+            self._said(f"frozen {number + 1} of {self._plan.freezes}")
+        killed: list[Stop] = []
+        for number in range(self._plan.kills):
+            killed.append(await self._kill(self._commander))
+            self._said(f"killed {number + 1} of {self._plan.kills}")
+            self._commander = start_commander(self._order)
+        return StopFigures(killed=tuple(killed), frozen=tuple(frozen), watched_s=watched_s, false_stops=false_stops)
+
+    async def _watch(self) -> tuple[int, float]:
+        """Let the arm move for a while; how often it braked."""
+        before, began_s = self._arm.brakings, time.monotonic()
+        end_s = began_s + self._plan.quiet_s
+        while time.monotonic() < end_s:
+            await self._moving(after_s=time.monotonic())
+            self._said(
+                f"{end_s - time.monotonic():.0f} s of quiet motion left; braked {self._arm.brakings - before} times"
+            )
+        return self._arm.brakings - before, time.monotonic() - began_s
+
+    async def _freeze(self, commander: BaseProcess) -> Stop:
+        assert commander.pid is not None
+        stop = await self._struck(commander.pid, signal.SIGSTOP)
+        os.kill(commander.pid, signal.SIGCONT)
+        return stop
+
+    async def _kill(self, commander: BaseProcess) -> Stop:
+        assert commander.pid is not None
+        stop = await self._struck(commander.pid, signal.SIGKILL)
+        commander.join()
+        return stop
+
+    async def _struck(self, pid: int, fault: signal.Signals) -> Stop:
+        """At a random moment of a motion."""
+        await self._moving(after_s=time.monotonic())
+        await self._clock.sleep(float(self._rng.uniform(0.0, LATEST_S)))
+        struck_s = time.monotonic()
+        os.kill(pid, fault)
+        began_s = await self._arm.until(RobotMode.BRAKING, after_s=struck_s, within_s=BRAKES_WITHIN_S)
+        stood_s = None
+        if began_s is not None:
+            stood_s = await self._arm.until(*AT_REST, after_s=began_s, within_s=BRAKES_WITHIN_S)
+        return Stop(
+            began_s=None if began_s is None else began_s - struck_s,
+            stood_s=None if stood_s is None else stood_s - struck_s,
+        )
+
+    async def _moving(self, *, after_s: float, within_s: float = MOVES_WITHIN_S) -> None:
+        """Return when the arm has begun its next motion. Raises `ProcessFailure` when it does not."""
+        if await self._arm.until(RobotMode.MOVING, after_s=after_s, within_s=within_s) is None:
+            raise ProcessFailure("no_motion", f"the commander did not move the arm within {within_s:g} s")
+
+
+def _end(commander: BaseProcess) -> None:
+    commander.kill()
+    commander.join()
+
+
+@asynccontextmanager
+async def _arm_and_cell(run: RunConfig, folder: Path) -> AsyncGenerator[LiveSystem]:
+    """The cell and the robot as processes."""
+    dlo = run.cell.dlo
+    write_start(folder, builtin_shape("I", dlo.length_m, 101, radius_m=dlo.radius_m))
+    config_file = folder / "config.toml"
+    config_file.write_text(to_toml(run), encoding="utf-8")
+    launch = Launch(namespace=namespace_of(folder), config_file=config_file, run_dir=folder)
+    async with live_system((OWN, CELL, ROBOT), launch) as live:
+        yield live
