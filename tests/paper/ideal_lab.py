@@ -72,13 +72,14 @@ def shape(
     operator: Callable[[FlowStatus], Command | GoalFrames | None] = lambda status: None,
     rod: ModelConfig = ROD,
     planning: PlanningConfig | None = None,
+    bus: Callable[[], MemoryTransport] = MemoryTransport,
 ) -> Trace:
     """Run the shape task in the ideal lab on virtual time; without a goal it is the operator's.
 
     `operator` may press a button at each step, or drag the frames and press "Shape it". `rod` is the DLO as the
-    system believes it to be.
+    system believes it to be; `bus` makes what they talk over.
     """
-    return virtual_time.run(_shape(lab, goal, config or PATIENT, reachable, operator, rod, planning))
+    return virtual_time.run(_shape(lab, goal, config or PATIENT, reachable, operator, rod, planning, bus))
 
 
 @asynccontextmanager
@@ -119,6 +120,7 @@ async def _shape(
     operator: Callable[[FlowStatus], Command | GoalFrames | None],
     rod: ModelConfig,
     planning: PlanningConfig | None,
+    bus: Callable[[], MemoryTransport],
 ) -> Trace:
     steps: list[tuple[str, str]] = []
     recorded: list[ActionRecord] = []
@@ -140,7 +142,7 @@ async def _shape(
                     now_ns = self.port.clock.now_ns()
                     self.port.publish(topics.COMMAND, OperatorCommand(stamp_ns=now_ns, command=command))
 
-    transport = MemoryTransport()
+    transport = bus()
     transport.latest(topics.BELIEF)  # from here on it is kept
     async with running(lab, transport, LoopClock(), config, reachable, rod, (Operator(),), planning) as decision:
         request = None if goal is None else GoalRequest(nodes_world=goal, name="goal")

@@ -82,9 +82,21 @@ CONTROL = {
 }
 """What is there besides: a look at the hand, control while the DLO is held, and the end of a task without hope."""
 
+RESTORED = {
+    ("find_dlo", "lost", "restore"),
+    ("set_goal", "lost", "restore"),
+    ("track_model", "lost", "restore"),
+    ("track_again", "lost", "restore"),
+    ("restore", "begin", "find_dlo"),
+    ("restore", "look_again", "track_again"),
+    ("restore", "lost", "restore"),
+    ("restore", "too_often", "failed"),
+    ("restore", "failed", "failed"),
+}
+"""And components that are lost and started again: `test_lost_components.py` walks these."""
 
 def test_the_chart_has_these_arrows_and_no_others() -> None:
-    assert set(SHAPE_DLO.edges()) == EDGES | CONTROL
+    assert set(SHAPE_DLO.edges()) == EDGES | CONTROL | RESTORED
 
 
 def test_a_rope_at_its_goal_needs_no_action() -> None:

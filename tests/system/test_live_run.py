@@ -15,6 +15,7 @@ from dlokit.communication.recording.channels import FILE_NAME
 from dlokit.communication.recording.summary import summarise
 from dlokit.communication.topics import OBSERVER_EVENT, TOPICS
 from dlokit.system.config import RunConfig
+from dlokit.system.process_report import read_report
 from dlokit.system.run_result import ActionResult
 from dlokit.types.candidates import Candidates
 from dlokit.types.flow import FlowStatus, RunOutcome
@@ -45,16 +46,15 @@ class Silent:
 
 
 class Killer(Silent):
-    """Kills a process of this one's in the middle of an action."""
+    """Kills a process of this one's, once, in the middle of an action."""
 
     def __init__(self, victim: str) -> None:
         self._victim = victim
-
-    def considered(self, candidates: Candidates) -> None:
-        pass
+        self.done = False
 
     def step(self, status: FlowStatus) -> None:
-        if status.step == "move_to_goal":
+        if status.step == "move_to_goal" and not self.done:
+            self.done = True
             started_by(psutil.Process().pid)[self._victim].kill()
 
 
@@ -78,12 +78,23 @@ def test_the_rope_is_shaped_by_all_processes_together(tmp_path: Path) -> None:
     assert recorded.last_step.outcome is RunOutcome.CONVERGED
 
 
-@pytest.mark.parametrize("victim", ["camera", "cell"])
-def test_a_process_killed_during_an_action_fails_the_run_by_name(tmp_path: Path, victim: str) -> None:
-    record = judged_run(LIVE, job_from_config(LIVE), tmp_path, Killer(victim))
+def test_a_cell_killed_during_an_action_fails_the_run_by_name(tmp_path: Path) -> None:
+    record = judged_run(LIVE, job_from_config(LIVE), tmp_path, Killer("cell"))
     assert record.result.outcome is RunOutcome.FAILED
-    assert record.result.reason == f"process_died: {victim}"
+    assert record.result.reason == "process_died: cell"
     assert not started_by(psutil.Process().pid)
+
+
+@pytest.mark.parametrize("victim", ["camera", "observer", "simulation"])
+def test_what_is_killed_during_an_action_is_started_again_and_the_task_goes_on(tmp_path: Path, victim: str) -> None:
+    killer = Killer(victim)
+    record = judged_run(LIVE, job_from_config(LIVE), tmp_path, killer)
+    assert killer.done
+    assert record.result.outcome is RunOutcome.CONVERGED, record.result
+    assert not started_by(psutil.Process().pid)
+    report = read_report(tmp_path)
+    assert report is not None
+    assert {process.name: process.restarts for process in report.processes if process.restarts} == {victim: 1}
 
 
 def test_ctrl_c_ends_a_run_as_cancelled_with_its_result_written_and_no_process_left(tmp_path: Path) -> None:

@@ -62,6 +62,10 @@ class TaskConfig:
     """Longest wait for the model's state after a look [s]."""
     max_recoveries: int = 5
     """Times that an arm which braked by itself (a sign of life came late) is cleared and the task goes on."""
+    max_restorations: int = 4
+    """Times that a component which was lost (its process died, or froze) is waited for, and the task goes on."""
+    restart_timeout_s: float = 90.0
+    """Longest wait for a process that is started again [s of the machine's clock]."""
     robot_timeout_s: float = 10.0
     """Longest wait for the robot's first state [s]."""
     tracking_hz: float = 2.0
@@ -85,6 +89,7 @@ class TaskConfig:
             "max_time_s",
             "look_timeout_s",
             "robot_timeout_s",
+            "restart_timeout_s",
             "grasp_force_n",
             "check_height_m",
         ):
@@ -99,6 +104,7 @@ class TaskConfig:
             "settled_m",
             "look_interval_s",
             "max_recoveries",
+            "max_restorations",
             "tracking_hz",
             "approach_height_m",
             "retreat_height_m",

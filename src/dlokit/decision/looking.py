@@ -4,13 +4,14 @@ import asyncio
 
 import numpy as np
 
+from dlokit.decision.steps.explaining import fail
 from dlokit.decision.task import ShapeTask
 from dlokit.skills.model import api as model
 from dlokit.skills.observer import api as observer
 from dlokit.skills.perception import api as perception
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState
-from dlokit.types.outcome import Failed, Rejected, Succeeded
+from dlokit.types.outcome import Succeeded
 
 
 async def state_after(task: ShapeTask, stamp_ns: int) -> DloState | None:
@@ -21,7 +22,7 @@ async def state_after(task: ShapeTask, stamp_ns: int) -> DloState | None:
                 if state.observed_stamp_ns >= stamp_ns:
                     return state
     except TimeoutError:
-        pass
+        task.lost = observer.INITIALISE.component
     task.reason = (
         f"no model state within {task.config.look_timeout_s:g} s of the look at {stamp_ns / 1e9:.3f} s: "
         "observer or model does not answer"
@@ -34,8 +35,7 @@ async def look(task: ShapeTask) -> DloState | None:
     seen = await task.port.call(perception.LOOK)
     if isinstance(seen, Succeeded):
         return await state_after(task, seen.result.stamp_ns)
-    detail = f"{seen.reason}: {seen.detail}" if isinstance(seen, Failed | Rejected) else type(seen).__name__.lower()
-    task.reason = f"perception.look {detail}"
+    fail(task, perception.LOOK.key, seen)
     return None
 
 

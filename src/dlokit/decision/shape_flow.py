@@ -2,7 +2,7 @@
 
 from dlokit.decision.convergence import Progress
 from dlokit.decision.flow import End, Flow, Step
-from dlokit.decision.steps import acting, checking, controlling, judging, seeing
+from dlokit.decision.steps import acting, checking, controlling, judging, restoring, seeing
 from dlokit.decision.steps.outcomes import (
     Carried,
     Change,
@@ -16,6 +16,7 @@ from dlokit.decision.steps.outcomes import (
     Moved,
     Recovered,
     Released,
+    Restored,
     Sight,
 )
 from dlokit.decision.task import ShapeTask
@@ -39,13 +40,13 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
         Step(
             "find_dlo",
             seeing.find_dlo,
-            {Sight.SEEN: "set_goal", Sight.UNUSABLE: "infeasible", Sight.FAILED: "failed"},
+            {Sight.SEEN: "set_goal", Sight.UNUSABLE: "infeasible", Sight.LOST: "restore", Sight.FAILED: "failed"},
             "Drive out of the picture, look, and order the cloud into the first shape.",
         ),
         Step(
             "set_goal",
             seeing.set_goal,
-            {GoalSet.SET: "judge_goal", GoalSet.FAILED: "failed"},
+            {GoalSet.SET: "judge_goal", GoalSet.LOST: "restore", GoalSet.FAILED: "failed"},
             "The operator's goal, in the model, so that it obeys the rod.",
         ),
         Step(
@@ -65,7 +66,7 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
         Step(
             "track_model",
             seeing.track_model,
-            {Sight.SEEN: "compare", Sight.UNUSABLE: "infeasible", Sight.FAILED: "failed"},
+            {Sight.SEEN: "compare", Sight.UNUSABLE: "infeasible", Sight.LOST: "restore", Sight.FAILED: "failed"},
             "Look until the model, dragged to the target points, has settled.",
         ),
         Step(
@@ -169,9 +170,26 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
             "The arm braked by itself: clear the fault, let go, and look again.",
         ),
         Step(
+            "restore",
+            restoring.restore,
+            {
+                Restored.BEGIN: "find_dlo",
+                Restored.LOOK_AGAIN: "track_again",
+                Restored.LOST: "restore",
+                Restored.TOO_OFTEN: "failed",
+                Restored.FAILED: "failed",
+            },
+            "A component is gone: wait until its process is started again, and tell it what it must know.",
+        ),
+        Step(
             "track_again",
             seeing.track_again,
-            {Sight.SEEN: "has_error_changed", Sight.UNUSABLE: "infeasible", Sight.FAILED: "failed"},
+            {
+                Sight.SEEN: "has_error_changed",
+                Sight.UNUSABLE: "infeasible",
+                Sight.LOST: "restore",
+                Sight.FAILED: "failed",
+            },
             "Look again until the model has settled.",
         ),
         Step(

@@ -182,6 +182,10 @@ class ShapeTask:
     history: list[ActionRecord] = field(default_factory=list[ActionRecord])
     planning_time_s: float = 0.0
     recoveries: int = 0
+    lost: str = ""
+    """Component that did not answer the last call that failed; empty where that had another cause."""
+    restorations: int = 0
+    """How often a component was lost and waited for."""
     reason: str | None = None
 
     @property

@@ -26,15 +26,16 @@ class TimeBase(enum.Enum):
 
 @dataclass(frozen=True, kw_only=True)
 class Restart:
-    """How often a process that has died is started again within a window, each time after a wait."""
+    """How often a process that has died is started again within a window."""
 
     times: int
     window_s: float
     wait_s: float
+    """Before the first time; each further one within the window waits twice as long."""
 
 
 NEVER = Restart(times=0, window_s=1.0, wait_s=0.0)
-AGAIN = Restart(times=3, window_s=60.0, wait_s=1.0)
+AGAIN = Restart(times=3, window_s=120.0, wait_s=0.5)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,7 +51,7 @@ class ProcessRow:
     essential: bool = True
     """Whether the run fails when it is dead for good."""
     restart: Restart = NEVER
-    """A process whose components remember something cannot be restarted without losing it."""
+    """Only where what its components remember can be told or seen again."""
     time_base: TimeBase = TimeBase.CELL
     ready_within_s: float = 60.0
     """From its start; imports on a loaded machine take tens of seconds."""
@@ -61,11 +62,11 @@ class ProcessRow:
 # fmt: off
 DECISION   = ProcessRow(name="decision",   components=("decision", "planning"))
 CELL       = ProcessRow(name="cell",       components=("cell",), needed=Needed.SIMULATED, time_base=TimeBase.MACHINE)
-SIMULATION = ProcessRow(name="simulation", components=("model",))
-OBSERVER   = ProcessRow(name="observer",   components=("observer",))
+SIMULATION = ProcessRow(name="simulation", components=("model",), restart=AGAIN)
+OBSERVER   = ProcessRow(name="observer",   components=("observer",), restart=AGAIN)
 ROBOT      = ProcessRow(name="robot",      components=("robot",), after=("cell",))
 OPPOSITE   = ProcessRow(name="opposite",   components=("robot.opposite",), after=("cell",), needed=Needed.TWO_ARMS)
-CAMERA     = ProcessRow(name="camera",     components=("perception",), after=("cell",))
+CAMERA     = ProcessRow(name="camera",     components=("perception",), after=("cell",), restart=AGAIN)
 VIEWER     = ProcessRow(name="viewer", components=("viewer",), needed=Needed.WATCHED, essential=False, restart=AGAIN)
 # fmt: on
 

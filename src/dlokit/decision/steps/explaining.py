@@ -3,7 +3,7 @@
 from typing import Any
 
 from dlokit.decision.task import ShapeTask
-from dlokit.types.outcome import Failed, Outcome, Rejected
+from dlokit.types.outcome import Failed, Outcome, Rejected, TimedOut, Unreachable
 
 
 def explain(outcome: Outcome[Any]) -> str:
@@ -18,3 +18,4 @@ def explain(outcome: Outcome[Any]) -> str:
 def fail(task: ShapeTask, skill: str, outcome: Outcome[Any]) -> None:
     """Keep why a skill did not succeed as the task's reason, should it end here."""
     task.reason = f"{skill} {explain(outcome)}"
+    task.lost = skill.partition(".")[0] if isinstance(outcome, Unreachable | TimedOut) else ""

@@ -17,6 +17,8 @@ class Sight(enum.Enum):
 
     SEEN = "seen"
     UNUSABLE = "unusable"
+    LOST = "lost"
+    """A component that is needed to see is gone; it is started again."""
     FAILED = "failed"
 
 
@@ -24,6 +26,7 @@ class GoalSet(enum.Enum):
     """What became of the goal."""
 
     SET = "set"
+    LOST = "lost"
     FAILED = "failed"
 
 
@@ -113,5 +116,15 @@ class Recovered(enum.Enum):
     """Whether an arm that braked by itself may go on."""
 
     DONE = "done"
+    TOO_OFTEN = "too_often"
+    FAILED = "failed"
+
+
+class Restored(enum.Enum):
+    """Whether a component that was lost is there again, and where to go on."""
+
+    BEGIN = "begin"
+    LOOK_AGAIN = "look_again"
+    LOST = "lost"
     TOO_OFTEN = "too_often"
     FAILED = "failed"

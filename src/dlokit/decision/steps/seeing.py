@@ -11,6 +11,7 @@ from dlokit.decision.looking import look_anew, settle, state_after
 from dlokit.decision.steps.explaining import explain, fail
 from dlokit.decision.steps.hands import hands_of
 from dlokit.decision.steps.outcomes import GoalSet, Sight
+from dlokit.decision.steps.restoring import RESTORABLE
 from dlokit.decision.steps.slipping import note_slip, stayed_behind
 from dlokit.decision.task import ActionRecord, ShapeTask
 from dlokit.description.arms import instance_of
@@ -36,7 +37,16 @@ def _judge_sight(task: ShapeTask, skill: str, outcome: Outcome[Any]) -> Sight:
     if isinstance(outcome, Failed) and outcome.reason in UNUSABLE:
         task.reason = f"start {explain(outcome)}"
         return Sight.UNUSABLE
-    return Sight.FAILED
+    return _unseen(task)
+
+
+def _unseen(task: ShapeTask) -> Sight:
+    """Why nothing was seen: somebody is gone who will be back, or something else."""
+    return Sight.LOST if task.lost in RESTORABLE else Sight.FAILED
+
+
+def _not_set(task: ShapeTask) -> GoalSet:
+    return GoalSet.LOST if task.lost in RESTORABLE else GoalSet.FAILED
 
 
 async def find_dlo(task: ShapeTask) -> Sight:
@@ -52,7 +62,7 @@ async def find_dlo(task: ShapeTask) -> Sight:
         return _judge_sight(task, "observer.initialise", first)
     task.state = await state_after(task, first.result.stamp_ns)
     if task.state is None:
-        return Sight.FAILED
+        return _unseen(task)
     return Sight.SEEN
 
 
@@ -87,13 +97,13 @@ async def set_goal(task: ShapeTask) -> GoalSet:
     if task.request is None:
         await _operator_starts(task)
         if not await _take_goal_of_operator(task):
-            return GoalSet.FAILED
+            return _not_set(task)
     else:
         request = task.request
         goal = await task.port.call(model.SET_GOAL, request.nodes_world, request.name, request.ends_interchangeable)
         if not isinstance(goal, Succeeded):
             fail(task, "model.set_goal", goal)
-            return GoalSet.FAILED
+            return _not_set(task)
         task.goal = goal.result
     return await _label_ends(task)
 
@@ -136,19 +146,19 @@ async def _label_ends(task: ShapeTask) -> GoalSet:
     reset = await task.port.call(model.RESET)
     if not isinstance(reset, Succeeded):
         fail(task, "model.reset", reset)
-        return GoalSet.FAILED
+        return _not_set(task)
     turned = await task.port.call(observer.INITIALISE, 0, goal)
     if not isinstance(turned, Succeeded):
         fail(task, "observer.initialise", turned)
-        return GoalSet.FAILED
+        return _not_set(task)
     task.state = await state_after(task, turned.result.stamp_ns)
-    return GoalSet.SET if task.state is not None else GoalSet.FAILED
+    return GoalSet.SET if task.state is not None else _not_set(task)
 
 
 async def track_model(task: ShapeTask) -> Sight:
     """The shape before the first action; may the task start from it?"""
     if not await settle(task):
-        return Sight.FAILED
+        return _unseen(task)
     assert task.state is not None
     assert task.goal is not None
     verdict = await task.port.call(planning.CHECK_START, task.state)
@@ -199,7 +209,7 @@ async def track_again(task: ShapeTask) -> Sight:
     path_length_m = task.odometer.travelled_m - task.tool_started_m
     await task.port.clock.sleep(task.config.settle_s)
     if not await look_anew(task, task.expected_world) or not await settle(task):
-        return Sight.FAILED
+        return _unseen(task)
     if stayed_behind(task, task.state.nodes_world):
         for hand in hands_of(task.chosen):
             note_slip(task, hand.grasp.node)
