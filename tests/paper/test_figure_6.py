@@ -95,6 +95,7 @@ RESTORED = {
 }
 """And components that are lost and started again: `test_lost_components.py` walks these."""
 
+
 def test_the_chart_has_these_arrows_and_no_others() -> None:
     assert set(SHAPE_DLO.edges()) == EDGES | CONTROL | RESTORED
 

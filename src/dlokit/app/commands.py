@@ -5,7 +5,7 @@ from typing import Annotated
 
 import tyro
 
-from dlokit.app import bench, call, demo, doctor, graph, identify, info, record, replay, shape, skills, track
+from dlokit.app import bench, call, demo, doctor, graph, identify, info, ps, record, replay, shape, skills, track
 from dlokit.app.shape_defaults import shape_defaults
 
 Command = (
@@ -19,6 +19,7 @@ Command = (
     | skills.SkillsArgs
     | call.CallArgs
     | call.StopArgs
+    | ps.PsArgs
     | graph.GraphArgs
     | doctor.DoctorArgs
     | bench.BenchArgs
@@ -39,6 +40,7 @@ def parse(arguments: Sequence[str]) -> Command:
         | Annotated[identify.IdentifyArgs, tyro.conf.subcommand("identify")]
         | Annotated[call.CallArgs, tyro.conf.subcommand("call")]
         | Annotated[call.StopArgs, tyro.conf.subcommand("stop")]
+        | Annotated[ps.PsArgs, tyro.conf.subcommand("ps")]
         | Annotated[skills.SkillsArgs, tyro.conf.subcommand("skills")]
         | Annotated[graph.GraphArgs, tyro.conf.subcommand("graph")]
         | Annotated[doctor.DoctorArgs, tyro.conf.subcommand("doctor")]
@@ -74,6 +76,8 @@ def execute(arguments: Sequence[str]) -> int:
             return call.run_call(args)
         case call.StopArgs() as args:
             return call.run_stop(args)
+        case ps.PsArgs() as args:
+            return ps.run(args)
         case skills.SkillsArgs() as args:
             return skills.run(args)
         case graph.GraphArgs() as args:

@@ -6,6 +6,7 @@ Time here is the machine's monotonic clock, whatever the cell's clock does.
 import asyncio
 import contextlib
 import logging
+import math
 import sys
 from collections.abc import Coroutine, Mapping
 from dataclasses import dataclass, field
@@ -16,6 +17,7 @@ from dlokit.communication.zenoh_session import ZenohConfig
 from dlokit.errors import DlokitError, InputError, ProcessFailure
 from dlokit.system.child_process import ChildProcess
 from dlokit.system.child_spec import EXIT_BAD_INPUT, ChildSpec
+from dlokit.system.process_report import TOLD_EVERY_S, ProcessReport, ProcessState, SystemReport, write_report
 from dlokit.system.processes import ProcessRow, Restart
 from dlokit.system.tasks import end_tasks
 
@@ -140,8 +142,19 @@ class Supervisor:
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(child.ready.wait(), min(WATCH_PERIOD_S, left_s))
 
+    def report(self) -> SystemReport:
+        """How every process stands."""
+        return SystemReport(
+            told_s=asyncio.get_running_loop().time(),
+            processes=tuple(_report(watched) for watched in self._watched.values()),
+        )
+
     async def _watch(self) -> None:
+        told_s = -math.inf
         while True:
+            if asyncio.get_running_loop().time() - told_s >= TOLD_EVERY_S:
+                told_s = asyncio.get_running_loop().time()
+                write_report(self._launch.run_dir, self.report())
             await asyncio.sleep(WATCH_PERIOD_S)
             for watched in self._watched.values():
                 if not watched.given_up:
@@ -167,7 +180,10 @@ class Supervisor:
         watched.child.release()
         if may_restart(watched.row.restart, watched.started_s, now_s):
             log.warning("%s; it is started again", cause)
-            watched.restart_at_s = now_s + watched.row.restart.wait_s
+            # Longer each time: what dies at once would else be started as often as the machine can.
+            watched.restart_at_s = now_s + watched.row.restart.wait_s * 2 ** recent_restarts(
+                watched.row.restart, watched.started_s, now_s
+            )
             return
         log.error("%s", cause)
         watched.given_up = True
@@ -183,6 +199,24 @@ class Supervisor:
             # Also when the stopping itself is cancelled: none is left behind.
             for watched in self._watched.values():
                 watched.child.release()
+
+
+def _report(watched: _Watched) -> ProcessReport:
+    if watched.given_up:
+        state = ProcessState.GONE
+    elif watched.restart_at_s is not None:
+        state = ProcessState.WAITING
+    else:
+        state = ProcessState.RUNNING if watched.child.ready.is_set() else ProcessState.STARTING
+    return ProcessReport(
+        name=watched.row.name,
+        components=watched.row.components,
+        pid=watched.child.pid,
+        state=state,
+        started_s=watched.started_s[-1],
+        restarts=len(watched.started_s) - 1,
+        beat_s=watched.child.last_beat_s,
+    )
 
 
 def start_waves(rows: tuple[ProcessRow, ...]) -> list[list[ProcessRow]]:
@@ -204,8 +238,12 @@ def start_waves(rows: tuple[ProcessRow, ...]) -> list[list[ProcessRow]]:
 
 def may_restart(policy: Restart, started_s: list[float], now_s: float) -> bool:
     """Whether a process that was started at these times may be started once more; the first start is free."""
-    recent = [start for start in started_s[1:] if now_s - start <= policy.window_s]
-    return len(recent) < policy.times
+    return recent_restarts(policy, started_s, now_s) < policy.times
+
+
+def recent_restarts(policy: Restart, started_s: list[float], now_s: float) -> int:
+    """How often a process that was started at these times was started again within the window."""
+    return sum(now_s - start <= policy.window_s for start in started_s[1:])
 
 
 def _cause_of_death(child: ChildProcess) -> DlokitError:

@@ -2,7 +2,7 @@ import pytest
 
 from dlokit.errors import ProcessFailure
 from dlokit.system.processes import NEVER, ProcessRow, Restart, processes_of_run
-from dlokit.system.supervisor import may_restart, start_waves
+from dlokit.system.supervisor import may_restart, recent_restarts, start_waves
 
 
 def row(name: str, *after: str) -> ProcessRow:
@@ -39,3 +39,10 @@ def test_a_process_is_started_again_as_often_as_its_row_allows_within_the_window
     assert not may_restart(twice, [0.0, 10.0, 20.0], 30.0)
     assert may_restart(twice, [0.0, 10.0, 20.0], 75.0)
     assert not may_restart(NEVER, [0.0], 1e6)
+
+
+def test_only_restarts_within_the_window_make_the_next_one_wait_longer() -> None:
+    policy = Restart(times=3, window_s=60.0, wait_s=1.0)
+    assert recent_restarts(policy, [0.0], 10.0) == 0
+    assert recent_restarts(policy, [0.0, 10.0, 20.0], 30.0) == 2
+    assert recent_restarts(policy, [0.0, 10.0, 20.0], 75.0) == 1
