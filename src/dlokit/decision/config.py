@@ -64,7 +64,7 @@ class TaskConfig:
     """Times that an arm which braked by itself (a sign of life came late) is cleared and the task goes on."""
     max_restorations: int = 4
     """Times that a component which was lost (its process died, or froze) is waited for, and the task goes on."""
-    restart_timeout_s: float = 90.0
+    restart_timeout_s: float = 180.0
     """Longest wait for a process that is started again [s of the machine's clock]."""
     robot_timeout_s: float = 10.0
     """Longest wait for the robot's first state [s]."""

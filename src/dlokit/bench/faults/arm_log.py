@@ -24,6 +24,11 @@ class ArmLog:
         transport.tap(topics.ARM_STATE, self._hear)
 
     @property
+    def mode(self) -> RobotMode | None:
+        """What the arm does, as was heard last; None: nothing was heard yet."""
+        return self._mode
+
+    @property
     def brakings(self) -> int:
         """How often the arm has begun to brake so far."""
         return sum(mode is RobotMode.BRAKING for _, mode in self._changes)

@@ -133,8 +133,11 @@ class _Trials:
 
     async def _struck(self, pid: int, fault: signal.Signals) -> Stop:
         """At a random moment of a motion."""
-        await self._moving(after_s=time.monotonic())
-        await self._clock.sleep(float(self._rng.uniform(0.0, LATEST_S)))
+        while True:
+            await self._moving(after_s=time.monotonic())
+            await self._clock.sleep(float(self._rng.uniform(0.0, LATEST_S)))
+            if self._arm.mode is RobotMode.MOVING:  # and was not braked meanwhile
+                break
         struck_s = time.monotonic()
         os.kill(pid, fault)
         began_s = await self._arm.until(RobotMode.BRAKING, after_s=struck_s, within_s=BRAKES_WITHIN_S)

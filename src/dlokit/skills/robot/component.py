@@ -28,7 +28,7 @@ from dlokit.skills.robot.trajectories import joint_move, tool_move
 from dlokit.types.action import VelocityProfile
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
-from dlokit.types.robot import GripResult, JointTrajectory, Lease, MotionResult, RobotState
+from dlokit.types.robot import GripResult, JointTrajectory, Lease, MotionResult, RobotMode, RobotState
 
 R = TypeVar("R")
 
@@ -178,12 +178,20 @@ class RobotComponent(Component):
         self._lease.release(holder)
 
     def _ran_out(self) -> None:
-        """Brake, from the thread of the watch: neither a busy loop nor an order that was lost keeps the arm moving."""
+        """Brake, from the thread of the watch: neither a busy loop nor an order that was lost keeps the arm moving.
+
+        An arm that stands is not ordered again: such an order could come late, and stop the next commander's motion.
+        """
+        if self._braked_because == api.LEASE.reason and not self._in_motion():
+            return
         self._braked_because = api.LEASE.reason
         self._robot.brake()
         assert self._loop is not None, "a lease that has run out was taken"
         with contextlib.suppress(RuntimeError):  # the loop has ended, and with it every motion
             self._loop.call_soon_threadsafe(self._end_motion)
+
+    def _in_motion(self) -> bool:
+        return self._motion is not None or self._robot.state().mode is RobotMode.MOVING
 
     def _end_motion(self) -> None:
         if self._motion is not None:

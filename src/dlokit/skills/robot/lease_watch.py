@@ -1,6 +1,7 @@
 """Who looks whether the commander's lease still runs: the loop in lockstep, a thread of its own when live."""
 
 import asyncio
+import logging
 import threading
 import time
 from collections.abc import Callable
@@ -8,6 +9,8 @@ from typing import Protocol
 
 from dlokit.communication.pulse import make_urgent
 from dlokit.skills.robot.lease import LeaseKeeper
+
+log = logging.getLogger(__name__)
 
 LOOK_S = 0.02
 """Longest time between two looks while a lease runs, and between two orders to brake once it has run out [s]."""
@@ -76,12 +79,19 @@ class ThreadWatch:
             # Once: a machine so busy that it wakes nobody in time must not keep the arm moving.
             again = late and keeper.lost
             if keeper.lost and not again:
-                ran_out()
+                self._tell(ran_out)
             wait_s = SHORTEST_S if again else _next_look_s(keeper)
             began_s = time.monotonic()
             if self._over.wait(wait_s):
                 return
             late = not again and time.monotonic() - began_s > wait_s + OVERSLEPT_S
+
+    @staticmethod
+    def _tell(ran_out: Callable[[], None]) -> None:
+        try:
+            ran_out()
+        except Exception:  # the next look tells again: a watch that has ended would leave the arm moving for ever
+            log.exception("whoever is told of a lease that has run out raised")
 
 
 def _next_look_s(keeper: LeaseKeeper) -> float:

@@ -74,6 +74,22 @@ def test_the_thread_tells_of_a_lease_that_has_run_out_until_it_runs_again() -> N
         watch.end()
 
 
+def test_the_thread_goes_on_when_whoever_it_tells_raises() -> None:
+    told, keeper, watch = threading.Semaphore(0), LeaseKeeper(time.monotonic_ns), ThreadWatch()
+    keeper.renew("the decision process", 0.001)
+
+    def raises() -> None:
+        told.release()
+        raise RuntimeError("the network is not there")
+
+    watch.begin(keeper, raises)
+    try:
+        assert told.acquire(timeout=PATIENCE_S)
+        assert told.acquire(timeout=PATIENCE_S)
+    finally:
+        watch.end()
+
+
 def test_the_thread_looks_while_nothing_else_of_its_process_gets_on() -> None:
     told, keeper, watch = threading.Event(), LeaseKeeper(time.monotonic_ns), ThreadWatch()
     keeper.renew("the decision process", 0.05)
