@@ -87,7 +87,7 @@ RESTORED = {
     ("set_goal", "lost", "restore"),
     ("track_model", "lost", "restore"),
     ("track_again", "lost", "restore"),
-    ("restore", "begin", "find_dlo"),
+    ("restore", "begin", "check_camera"),
     ("restore", "look_again", "track_again"),
     ("restore", "lost", "restore"),
     ("restore", "too_often", "failed"),

@@ -74,7 +74,7 @@ def test_who_is_lost_before_the_first_action_is_waited_for_and_the_task_begins_a
 ) -> None:
     trace = with_loss(component, call)
     assert (box, "lost", "restore") in trace.edges()
-    assert ("restore", "begin", "find_dlo") in trace.edges()
+    assert ("restore", "begin", "check_camera") in trace.edges()
     assert trace.result.outcome is RunOutcome.CONVERGED
 
 
@@ -121,5 +121,5 @@ def test_an_operator_who_has_set_the_goal_is_not_asked_again() -> None:
 
     lab = Lab(nodes=I.copy())
     trace = shape(lab, None, operator=operator, bus=lambda: LosingTransport("perception", 2))
-    assert ("restore", "begin", "find_dlo") in trace.edges()
+    assert ("restore", "begin", "check_camera") in trace.edges()
     assert trace.result.outcome is RunOutcome.CONVERGED

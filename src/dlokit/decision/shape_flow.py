@@ -173,7 +173,7 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
             "restore",
             restoring.restore,
             {
-                Restored.BEGIN: "find_dlo",
+                Restored.BEGIN: "check_camera",
                 Restored.LOOK_AGAIN: "track_again",
                 Restored.LOST: "restore",
                 Restored.TOO_OFTEN: "failed",

@@ -3,7 +3,13 @@
 from typing import Any
 
 from dlokit.decision.task import ShapeTask
+from dlokit.skills.model import api as model
+from dlokit.skills.observer import api as observer
+from dlokit.skills.perception import api as perception
 from dlokit.types.outcome import Failed, Outcome, Rejected, TimedOut, Unreachable
+
+RESTORABLE = (perception.LOOK.component, observer.INITIALISE.component, model.SET_GOAL.component)
+"""What they know can be told again, or seen: their processes may die in a task. An arm's may not."""
 
 
 def explain(outcome: Outcome[Any]) -> str:

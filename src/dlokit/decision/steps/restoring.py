@@ -3,16 +3,14 @@
 import asyncio
 
 from dlokit.decision.looking import state_after
-from dlokit.decision.steps.explaining import fail
+from dlokit.decision.steps.checking import check_camera
+from dlokit.decision.steps.explaining import RESTORABLE, fail
 from dlokit.decision.steps.outcomes import Restored
 from dlokit.decision.task import GoalRequest, ShapeTask
 from dlokit.skills.model import api as model
 from dlokit.skills.observer import api as observer
 from dlokit.skills.perception import api as perception
 from dlokit.types.outcome import Succeeded
-
-RESTORABLE = (perception.LOOK.component, observer.INITIALISE.component, model.SET_GOAL.component)
-"""What they know can be told again, or seen: their processes may die in a task. An arm's may not."""
 
 _NOTICED_S = 1.0
 """By then everybody knows that a process is gone, and it is not taken for alive."""
@@ -62,7 +60,10 @@ def _keep_goal(task: ShapeTask) -> None:
 
 
 async def _tell(task: ShapeTask) -> bool:
-    """The goal to the model; the DLO, found anew, to observer and model. False when somebody does not answer."""
+    """The goal to the model; the camera's place to perception; the DLO, found anew, to observer and model.
+
+    False when somebody does not answer.
+    """
     assert task.goal is not None, "an action is chosen for a goal"
     goal = task.goal
     told = await task.port.call(model.SET_GOAL, goal.nodes_world, goal.name, goal.ends_interchangeable)
@@ -70,6 +71,7 @@ async def _tell(task: ShapeTask) -> bool:
         fail(task, model.SET_GOAL.key, told)
         return False
     await task.port.call(perception.SET_TRACKING, 0.0)
+    await check_camera(task)
     seen = await task.port.call(perception.LOOK)
     if not isinstance(seen, Succeeded):
         fail(task, perception.LOOK.key, seen)

@@ -8,10 +8,9 @@ import numpy as np
 from dlokit.communication import topics
 from dlokit.decision.convergence import Progress, best_so_far, patience, progress
 from dlokit.decision.looking import look_anew, settle, state_after
-from dlokit.decision.steps.explaining import explain, fail
+from dlokit.decision.steps.explaining import RESTORABLE, explain, fail
 from dlokit.decision.steps.hands import hands_of
 from dlokit.decision.steps.outcomes import GoalSet, Sight
-from dlokit.decision.steps.restoring import RESTORABLE
 from dlokit.decision.steps.slipping import note_slip, stayed_behind
 from dlokit.decision.task import ActionRecord, ShapeTask
 from dlokit.description.arms import instance_of
