@@ -1,4 +1,4 @@
-"""`dlokit call` and `dlokit stop`: a running system, asked from any shell."""
+"""`dlokit call`: one skill of a running system, from any shell."""
 
 import asyncio
 import json
@@ -10,17 +10,13 @@ import tyro
 from rich.console import Console
 
 from dlokit.app.skill_table import skill_named
-from dlokit.communication import topics
 from dlokit.communication.recording.plain import to_json
 from dlokit.communication.skill import ReportingSkill, Skill
-from dlokit.description.arms import ARMS
 from dlokit.errors import CommunicationError, InputError
-from dlokit.skills.robot import api as robot
 from dlokit.system.joined_bus import JoinedBus, join_bus
 from dlokit.system.processes import TimeBase
 from dlokit.system.recording import with_calls_told
-from dlokit.system.running import RunningSystem, running_systems, the_running_system
-from dlokit.types.flow import Command, OperatorCommand
+from dlokit.system.running import RunningSystem, the_running_system
 from dlokit.types.outcome import Failed, Outcome, Rejected, Succeeded
 
 EXIT_SUCCEEDED = 0
@@ -52,18 +48,6 @@ class CallArgs:
     """Cancel the skill after so many seconds; it has a time limit of its own."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class StopArgs:
-    """Brake the arms of every running system of yours, now, and end their tasks.
-
-    An arm stays where it is and holds what it holds. Exit code: 0 every arm stands, 3 one did not answer, 2 no system
-    runs.
-    """
-
-    run: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
-    """Only the system of this run's folder."""
-
-
 def run_call(args: CallArgs) -> int:
     """Find the system, call, print."""
     skill = skill_named(args.skill)
@@ -72,18 +56,6 @@ def run_call(args: CallArgs) -> int:
     outcome = asyncio.run(_call(system, skill, given, args.timeout, Console(stderr=True)))
     print(in_words(outcome))
     return EXIT_SUCCEEDED if isinstance(outcome, Succeeded) else EXIT_ENDED_OTHERWISE
-
-
-def run_stop(args: StopArgs) -> int:
-    """Brake first, ask afterwards."""
-    systems = running_systems() if args.run is None else [the_running_system(args.run)]
-    if not systems:
-        raise InputError("no system of yours runs: there is nothing to stop.")
-    outcomes = [asyncio.run(_stop(system)) for system in systems]
-    for system, said in zip(systems, outcomes, strict=True):
-        print(f"{system.folder}: {'; '.join(in_words(outcome) for outcome in said) or 'no robot answers'}")
-    stands = all(said and all(isinstance(outcome, Succeeded) for outcome in said) for said in outcomes)
-    return EXIT_SUCCEEDED if stands else EXIT_ENDED_OTHERWISE
 
 
 def arguments_from(skill: Skill[..., Any], texts: tuple[str, ...]) -> dict[str, Any]:
@@ -148,15 +120,3 @@ async def _told(bus: JoinedBus, skill: Skill[..., Any], given: dict[str, Any], c
         console.print(to_json(progress).decode()[:200], markup=False, highlight=False, soft_wrap=True)
 
     return await transport.call_reported(skill, told, **given)
-
-
-async def _stop(system: RunningSystem) -> list[Outcome[None]]:
-    async with join_bus(system.bus, TimeBase.MACHINE) as bus:
-        await bus.transport.wait_for(robot.STOP.component, FOUND_WITHIN_S)
-        transport = with_calls_told(bus.transport, bus.clock)
-        skills = [robot.STOP.at(mount.instance) for mount in ARMS]
-        there = [skill for skill in skills if transport.alive(skill.component).alive]
-        outcomes = list(await asyncio.gather(*(transport.call(skill) for skill in there)))
-        # An arm that stands between two motions would go on with the next: so the task ends as well.
-        transport.publish(topics.COMMAND, OperatorCommand(stamp_ns=bus.clock.now_ns(), command=Command.STOP))
-        return outcomes

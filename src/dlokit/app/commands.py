@@ -5,7 +5,7 @@ from typing import Annotated
 
 import tyro
 
-from dlokit.app import bench, call, demo, doctor, graph, identify, info, ps, record, replay, shape, skills, track
+from dlokit.app import bench, call, demo, doctor, graph, identify, info, ps, record, replay, shape, skills, stop, track
 from dlokit.app.shape_defaults import shape_defaults
 
 Command = (
@@ -18,7 +18,7 @@ Command = (
     | identify.IdentifyArgs
     | skills.SkillsArgs
     | call.CallArgs
-    | call.StopArgs
+    | stop.StopArgs
     | ps.PsArgs
     | graph.GraphArgs
     | doctor.DoctorArgs
@@ -39,7 +39,7 @@ def parse(arguments: Sequence[str]) -> Command:
         | Annotated[replay.ReplayArgs, tyro.conf.subcommand("replay")]
         | Annotated[identify.IdentifyArgs, tyro.conf.subcommand("identify")]
         | Annotated[call.CallArgs, tyro.conf.subcommand("call")]
-        | Annotated[call.StopArgs, tyro.conf.subcommand("stop")]
+        | Annotated[stop.StopArgs, tyro.conf.subcommand("stop")]
         | Annotated[ps.PsArgs, tyro.conf.subcommand("ps")]
         | Annotated[skills.SkillsArgs, tyro.conf.subcommand("skills")]
         | Annotated[graph.GraphArgs, tyro.conf.subcommand("graph")]
@@ -74,8 +74,8 @@ def execute(arguments: Sequence[str]) -> int:
             return identify.run(args)
         case call.CallArgs() as args:
             return call.run_call(args)
-        case call.StopArgs() as args:
-            return call.run_stop(args)
+        case stop.StopArgs() as args:
+            return stop.run_stop(args)
         case ps.PsArgs() as args:
             return ps.run(args)
         case skills.SkillsArgs() as args:

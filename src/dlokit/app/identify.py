@@ -18,11 +18,10 @@ from dlokit.skills.model.config import ModelConfig
 from dlokit.skills.model.identification.history import Lesson, lessons
 from dlokit.skills.model.identification.posterior import as_believed
 from dlokit.skills.model.identification.recorded import experiences
-from dlokit.system.config import RunConfig
+from dlokit.system.config import CONFIG_FILE, RunConfig
 from dlokit.system.toml_config import read_toml, to_toml
 from dlokit.types.dlo_belief import DloBelief, Figure
 
-CONFIG_FILE = "config.toml"
 LEARNT_FILE = "identified.toml"
 PICTURE_FILE = "identified.png"
 TABLE_WIDTH = 100

@@ -15,12 +15,12 @@ from dlokit.app.preflight import check_before_start
 from dlokit.app.preparing import prepare
 from dlokit.app.report import write_report
 from dlokit.app.terminal import RunDisplay
-from dlokit.bench.judged_run import CONFIG_FILE, judged_run
+from dlokit.bench.judged_run import judged_run
 from dlokit.communication.strategy_kinds import NamedConfig, StrategyKind
 from dlokit.skills.observer.strategies import OBSERVERS
 from dlokit.skills.perception.segmentations import SEGMENTATIONS
 from dlokit.skills.planning.strategies import PLANNERS
-from dlokit.system.config import INTERACTIVE, RunConfig
+from dlokit.system.config import CONFIG_FILE, INTERACTIVE, RunConfig
 from dlokit.system.goal_result import NEAREST_FILE_NAME
 from dlokit.system.run_folder import claim_run_folder, new_run_folder
 from dlokit.types.flow import RunOutcome

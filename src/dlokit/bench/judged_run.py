@@ -10,7 +10,7 @@ from dlokit.bench.evaluator import evaluate, with_truth
 from dlokit.bench.truth import read_truth
 from dlokit.functional.cell.episode import Episode, draw_episode
 from dlokit.functional.cell.randomisation import Randomisation
-from dlokit.system.config import RunConfig
+from dlokit.system.config import CONFIG_FILE, RunConfig
 from dlokit.system.goal_result import write_nearest
 from dlokit.system.run import run
 from dlokit.system.run_record import RunRecord
@@ -18,7 +18,6 @@ from dlokit.system.run_result import write_result
 from dlokit.system.shaping import ShapeJob, Watcher
 from dlokit.system.toml_config import to_toml
 
-CONFIG_FILE = "config.toml"
 Runner = Callable[[RunConfig, ShapeJob, Path, Watcher], RunRecord]
 
 

@@ -16,6 +16,8 @@ from dlokit.skills.planning.config import PlanningConfig
 from dlokit.skills.robot.config import RobotConfig
 from dlokit.skills.viewer.config import ViewerConfig
 
+CONFIG_FILE = "config.toml"
+"""What a run was told, in its folder."""
 INTERACTIVE = "interactive"
 """The goal that the operator drags in the viewer."""
 Runtime = Literal["lockstep", "live"]

@@ -12,7 +12,7 @@ from dlokit.decision.component import DecisionComponent
 from dlokit.description.arms import ARMS
 from dlokit.errors import ProcessFailure
 from dlokit.system.build import Wiring, build_component, instances_of_run
-from dlokit.system.config import RunConfig
+from dlokit.system.config import CONFIG_FILE, RunConfig
 from dlokit.system.lease_keeper import leases_held
 from dlokit.system.live_system import LiveSystem, live_system, namespace_of
 from dlokit.system.processes import DECISION, processes_of_run
@@ -25,8 +25,6 @@ from dlokit.system.toml_config import to_toml
 from dlokit.types.flow import RunOutcome
 
 log = logging.getLogger(__name__)
-
-CONFIG_FILE = "config.toml"
 
 
 def run_live(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher) -> RunRecord:

@@ -1,4 +1,4 @@
-"""`dlokit call` and `dlokit stop`: what is typed becomes typed arguments, outcomes become lines."""
+"""`dlokit call`: what is typed becomes typed arguments, outcomes become lines."""
 
 import numpy as np
 import pytest
