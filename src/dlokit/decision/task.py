@@ -73,7 +73,7 @@ class ActionRecord(Value, frozen=True, kw_only=True, eq=False):
     corrections: tuple[CorrectionRecord, ...] = ()
     """What control did before the release."""
     control_end: str = ""
-    """Why control ended, by name; empty where it did not run."""
+    """Why control ended, or did not begin, by name; empty where it was not asked for."""
 
 
 class CameraReport(Value, frozen=True, kw_only=True, eq=False):
@@ -177,6 +177,8 @@ class ShapeTask:
     """Since the grasp."""
     corrections_seen: list[CorrectionRecord] = field(default_factory=list[CorrectionRecord])
     control_end: str = ""
+    controlled: bool = False
+    """Whether control follows the action under way."""
     deadlock: bool = False
     """Whether control of the action under way ended in a deadlock."""
     history: list[ActionRecord] = field(default_factory=list[ActionRecord])

@@ -23,6 +23,14 @@ class Correction(Value, frozen=True, kw_only=True, eq=False):
     predicted_world: Float64Array  # (M, 3) [m] the shape expected if it is let go after it
 
 
+class ControlForecast(Value, frozen=True, kw_only=True):
+    """Whether control shall follow an action, by what is known before it."""
+
+    follows: bool
+    gain_m: float
+    """RMSE that control is expected to mend [m]; what the eye could feign does not count."""
+
+
 class ControlVerdict(enum.Enum):
     """Whether control can still bring the shape nearer to its goal."""
 
@@ -39,8 +47,8 @@ class ControlAdvice(Value, frozen=True, kw_only=True, eq=False):
 
     verdict: ControlVerdict
     reason: str
-    """Why not to go on, by name: good_enough, no_gain, badly_seen; no_progress, overstretch, out_of_reach. Empty when a
-    correction is advised."""
+    """Why not to go on, by name: good_enough, no_gain, in_doubt, badly_seen; no_progress, overstretch, out_of_reach.
+    Empty when a correction is advised."""
     rmse_m: float
     """Error to the goal expected if the DLO were let go now [m]."""
     then_rmse_m: float

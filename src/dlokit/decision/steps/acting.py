@@ -7,6 +7,7 @@ import numpy as np
 from dlokit.decision.convergence import best_so_far, has_changed, worth_it
 from dlokit.decision.marks import FailedPair, still_marked
 from dlokit.decision.steps import hands
+from dlokit.decision.steps.choosing_control import choose_control
 from dlokit.decision.steps.explaining import fail
 from dlokit.decision.steps.outcomes import Carried, Change, Found, Grasped, Marked, Moved, Recovered, Released
 from dlokit.decision.steps.slipping import follow_while_held
@@ -14,7 +15,7 @@ from dlokit.decision.task import ShapeTask
 from dlokit.geometry import rmse_m
 from dlokit.skills.perception import api as perception
 from dlokit.skills.planning import api as planning
-from dlokit.types.action import Action, Marks, PairPlace, Push
+from dlokit.types.action import Action, Marks, Push
 from dlokit.types.outcome import Failed, Outcome, Rejected, Succeeded
 
 REFUSALS = frozenset(
@@ -54,11 +55,12 @@ async def choose_grasp(task: ShapeTask) -> Found:
     assert task.goal is not None
     task.action_started_ns = task.port.clock.now_ns()
     task.grasp_ok = task.slipped = task.pushed = task.deadlock = False
-    task.corrections, task.corrections_seen, task.control_end = [], [], ""
     began = task.stopwatch()
     invalid = {pair.node for pair in task.marks} | task.slippery
     marks = Marks(invalid_nodes=np.array(sorted(invalid), dtype=np.int64))
     proposed = await task.port.call(planning.PROPOSE, task.state, task.goal, marks)
+    if isinstance(proposed, Succeeded):
+        await choose_control(task, proposed.result)
     task.decision_time_s = task.stopwatch() - began
     task.planning_time_s += task.decision_time_s
     if isinstance(proposed, Succeeded):
@@ -126,9 +128,7 @@ async def move_to_goal(task: ShapeTask) -> Carried:
         return Carried.SLIPPED
     match judge_motion(task, "robot.follow_path", moved):
         case Moved.DONE:
-            # Control moves one tool; a pair is let go where its paths end.
-            alone = not isinstance(task.chosen, PairPlace)
-            return Carried.TO_CONTROL if task.config.control and alone else Carried.DONE
+            return Carried.TO_CONTROL if task.controlled else Carried.DONE
         case Moved.REFUSED:
             return Carried.REFUSED
         case Moved.INTERRUPTED:

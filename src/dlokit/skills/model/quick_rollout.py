@@ -15,7 +15,7 @@ from dlokit.skills.model.quick_push import FINGERS, NO_FINGERS
 from dlokit.skills.model.quick_rod import play_motion
 from dlokit.skills.model.rod import fit_length
 from dlokit.skills.model.tool_track import tool_track
-from dlokit.types.action import Push, VelocityProfile
+from dlokit.types.action import Action, Push, VelocityProfile
 from dlokit.types.arrays import Float64Array
 
 _POISSON = 0.3
@@ -145,11 +145,17 @@ def _all_pads(nodes_world: Float64Array, motion: Motion, count: int) -> Float64A
 
 def predict_push(config: ModelConfig, nodes_world: Float64Array, push: Push, timestep_s: float = 0.01) -> Float64Array:
     """The shape (M, 3) [m] after `push` was done to a rod at `nodes_world` (K, 3) [m], in steps of `timestep_s` [s]."""
-    tools = [geometry.matrix(pose) for pose in (push.grasp.T_world_tcp, *push.path)]
+    return play(config, nodes_world, (QuickRod(),), (motion_of(push),), timestep_s).nodes_world[0, 0]
+
+
+def motion_of(action: Action) -> Motion:
+    """What the first arm's tool does in an action."""
+    tools = [geometry.matrix(pose) for pose in (action.grasp.T_world_tcp, *action.path)]
     yaws = np.unwrap([math.atan2(T[1, 0], T[0, 0]) for T in tools])
     waypoints = np.column_stack(([T[:3, 3] for T in tools], yaws))
-    motion = Motion(node=push.grasp.node, waypoints=waypoints, velocity=push.velocity, holds=False)
-    return play(config, nodes_world, (QuickRod(),), (motion,), timestep_s).nodes_world[0, 0]
+    return Motion(
+        node=action.grasp.node, waypoints=waypoints, velocity=action.velocity, holds=not isinstance(action, Push)
+    )
 
 
 def _finer(nodes_world: Float64Array, count: int) -> Float64Array:

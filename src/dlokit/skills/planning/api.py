@@ -2,7 +2,7 @@
 
 from dlokit.communication.skill import Skill
 from dlokit.types.action import Action, Marks
-from dlokit.types.control import ControlAdvice, Correction, HeldNode
+from dlokit.types.control import ControlAdvice, ControlForecast, Correction, HeldNode
 from dlokit.types.dlo import DloState, GoalShape
 from dlokit.types.feasibility import GoalVerdict, Verdict
 from dlokit.types.strategy import StrategySpec
@@ -24,6 +24,14 @@ def _judge_goal(goal: GoalShape, threshold_m: float) -> GoalVerdict:
 
 def _check_start(shape: DloState) -> Verdict:
     """Whether the DLO lies on the table, in reach and view, and not across itself."""
+    ...
+
+
+def _foresee_control(shape: DloState, goal: GoalShape, action: Action, missed_m: float = 0.0) -> ControlForecast:
+    """Shape servoing or planning alone: whether control shall follow an action, before it is done.
+
+    `missed_m` is what such actions missed their predictions by in this task [m]. Rejects: shapes_differ.
+    """
     ...
 
 
@@ -64,6 +72,14 @@ JUDGE_GOAL = Skill(
     ensures="the verdict names every problem, and the nearest shape found that holds, if any",
 )
 CHECK_START = Skill("planning", "check_start", _check_start, timeout_s=10.0, ensures="the verdict names every problem")
+FORESEE_CONTROL = Skill(
+    "planning",
+    "foresee_control",
+    _foresee_control,
+    timeout_s=10.0,
+    requires="the action was proposed for this shape",
+    ensures="control follows where it is expected to mend more than the eye could feign",
+)
 CORRECT = Skill(
     "planning",
     "correct",

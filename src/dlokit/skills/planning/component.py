@@ -23,11 +23,12 @@ from dlokit.skills.planning.holding import Hold
 from dlokit.skills.planning.loading import load
 from dlokit.skills.planning.pick_place import goal_in_order
 from dlokit.skills.planning.servoing.controller import Held, advise
+from dlokit.skills.planning.servoing.forecast import foresee
 from dlokit.skills.planning.strategies import from_spec
 from dlokit.types.action import Action, Marks
 from dlokit.types.arrays import Float64Array
 from dlokit.types.candidates import Candidates
-from dlokit.types.control import ControlAdvice, Correction, HeldNode
+from dlokit.types.control import ControlAdvice, ControlForecast, Correction, HeldNode
 from dlokit.types.dlo import DloState, GoalShape
 from dlokit.types.dlo_belief import DloBelief
 from dlokit.types.feasibility import GoalVerdict, Verdict
@@ -155,6 +156,16 @@ class PlanningComponent(Component):
     async def check_start(self, shape: DloState) -> Verdict:
         """Whether the DLO lies where it can be worked with."""
         return check_start(shape.nodes_world, self._workplace())
+
+    @implements(api.FORESEE_CONTROL)
+    async def foresee_control(
+        self, shape: DloState, goal: GoalShape, action: Action, missed_m: float = 0.0
+    ) -> ControlForecast:
+        """Whether control shall follow an action."""
+        _require_same_nodes(shape, goal)
+        goal_world = goal_in_order(shape.nodes_world, goal.nodes_world, ends_interchangeable=goal.ends_interchangeable)
+        servo = self._config.servo
+        return await self.port.compute(foresee, self._model, shape.nodes_world, goal_world, action, missed_m, servo)
 
     @implements(api.CORRECT)
     async def correct(

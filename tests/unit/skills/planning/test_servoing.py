@@ -1,5 +1,7 @@
 """Shape servoing: the Jacobian of releases, its correction by what was seen, and the verdicts that end control."""
 
+from dataclasses import replace
+
 import msgspec
 import numpy as np
 import pytest
@@ -9,6 +11,8 @@ from dlokit.skills.model.config import ModelConfig
 from dlokit.skills.model.rod import topology
 from dlokit.skills.planning.servoing.config import ServoConfig
 from dlokit.skills.planning.servoing.controller import Held, advise
+from dlokit.skills.planning.servoing.doubt import gain
+from dlokit.skills.planning.servoing.forecast import foresee
 from dlokit.skills.planning.servoing.jacobian import (
     Grip,
     corrected,
@@ -17,7 +21,9 @@ from dlokit.skills.planning.servoing.jacobian import (
     probes,
     released,
     scaled,
+    velocity,
 )
+from dlokit.types.action import Drag, Grasp, PairPlace, Partner, Push
 from dlokit.types.control import ControlVerdict, Correction, HeldNode
 from dlokit.types.dlo import DloState
 from dlokit.types.pose import Pose
@@ -101,11 +107,72 @@ def test_an_error_that_the_held_node_has_no_part_in_is_not_corrected() -> None:
     assert (advice.verdict, advice.reason) == (ControlVerdict.SETTLED, "no_gain")
 
 
-@pytest.mark.parametrize("changes", [{"health": 0.3}, {"visible": np.arange(31) < 5}])
-def test_a_rod_that_is_badly_seen_is_not_corrected(changes: dict[str, object]) -> None:
-    shape = msgspec.structs.replace(held(NODES).shape, **changes)
+def test_a_rod_that_is_badly_seen_is_not_corrected() -> None:
+    shape = msgspec.structs.replace(held(NODES).shape, health=0.3)
     advice = advise(held(dragged([0.02, 0.0, 0.0, 0.0]), shape=shape), 0.006, MODEL, everywhere, CONFIG)
     assert (advice.verdict, advice.reason) == (ControlVerdict.SETTLED, "badly_seen")
+
+
+UNSURE = {"covariance": np.broadcast_to(0.02**2 * np.eye(3), (31, 3, 3))}
+SURE = {"covariance": np.broadcast_to(0.001**2 * np.eye(3), (31, 3, 3))}
+HIDDEN = {"visible": np.arange(31) > 15}
+
+
+@pytest.mark.parametrize(("known", "reason"), [(UNSURE, "in_doubt"), (SURE, ""), (HIDDEN, "in_doubt"), ({}, "")])
+def test_a_correction_is_made_only_where_its_gain_is_more_than_the_doubt_of_the_shape(
+    known: dict[str, object], reason: str
+) -> None:
+    shape = msgspec.structs.replace(held(NODES).shape, **known)
+    assert advise(held(dragged([0.02, 0.0, 0.0, 0.0]), shape=shape), 0.003, MODEL, everywhere, CONFIG).reason == reason
+
+
+def test_the_doubt_of_a_gain_counts_the_nodes_that_move_and_the_direction_in_which_they_do() -> None:
+    error, by = np.full((4, 2), 0.01), np.zeros((4, 2))
+    by[0, 0] = 0.01
+    seen = np.zeros((4, 2, 2))
+    seen[1:], seen[0, 1, 1] = np.eye(2), 1.0
+    sure = gain(error, by, seen)
+    assert sure.doubt_m2 == 0.0
+    assert sure.square_m2 == pytest.approx(0.01**2 / 4)
+    seen[0, 0, 0] = 0.003**2
+    assert gain(error, by, seen).doubt_m2 == pytest.approx(2.0 * 0.01 * 0.003 / 4)
+
+
+def drag(by: list[float]) -> Drag:
+    """Node HELD drawn over the table."""
+    return Drag(
+        stamp_ns=0,
+        grasp=Grasp(node=HELD, T_world_tcp=downward(TOOL[:3], float(TOOL[3]))),
+        path=(downward(TOOL[:3] + np.array([*by[:2], 0.0]), float(TOOL[3]) + by[3]),),
+        velocity=velocity(CONFIG),
+    )
+
+
+def test_control_follows_an_action_that_stops_short_where_the_eye_is_good_enough() -> None:
+    action = drag([0.04, 0.02, 0.0, 0.3])
+    reached, missed = dragged([0.04, 0.02, 0.0, 0.3]), dragged([0.06, 0.03, 0.0, 0.3])
+    assert not foresee(MODEL, NODES, reached, action, 0.0, CONFIG).follows
+    assert foresee(MODEL, NODES, missed, action, 0.0, CONFIG).follows
+    assert not foresee(MODEL, NODES, missed, action, 0.0, replace(CONFIG, sight_m=0.03)).follows
+
+
+def test_control_follows_where_such_actions_went_amiss_and_the_grasp_has_a_hold_on_what_did() -> None:
+    # A stiff rod follows its held node; of a soft one only the neighbours do, and they are where they should be.
+    action, by, stiff = drag([0.04, 0.02, 0.0, 0.3]), np.array([0.04, 0.02, 0.0, 0.3]), 1e-4
+    for model, follows in ((replace(MODEL, bending_stiffness_n_m2=stiff), True), (MODEL, False)):
+        goal = released(model, NODES, GRIP, [by], CONFIG)[0]
+        assert not foresee(model, NODES, goal, action, 0.0, CONFIG).follows
+        assert foresee(model, NODES, goal, action, 0.02, CONFIG).follows is follows
+
+
+def test_control_follows_no_push_and_no_pair() -> None:
+    action, goal = drag([0.04, 0.02, 0.0, 0.3]), dragged([0.06, 0.03, 0.0, 0.3])
+    assert foresee(MODEL, NODES, goal, action, 0.0, CONFIG).follows
+    push = Push(stamp_ns=0, grasp=action.grasp, path=action.path, velocity=action.velocity)
+    assert not foresee(MODEL, NODES, goal, push, 0.03, CONFIG).follows
+    partner = Partner(robot="second", grasp=action.grasp, path=action.path, velocity=action.velocity)
+    pair = PairPlace(stamp_ns=0, grasp=action.grasp, path=action.path, velocity=action.velocity, partner=partner)
+    assert not foresee(MODEL, NODES, goal, pair, 0.0, CONFIG).follows
 
 
 def test_corrections_that_bring_no_progress_are_a_deadlock() -> None:

@@ -30,8 +30,14 @@ class ServoConfig:
     trust: float = 0.5
     """How much of what the last corrections did otherwise than predicted goes into the Jacobian, against the
     prediction; more is cut off."""
-    least_visible: float = 0.4
-    """Share of the nodes that must be seen for a correction."""
+    doubts: float = 1.0
+    """A correction gains more than so many standard deviations of what the shape's covariance lets it seem to gain."""
+    sight_m: float = 0.003
+    """How exactly a held DLO is seen, where the observer does not say, and before it is held: standard deviation of
+    each node along each axis [m]."""
+    doubt: float = 1.4
+    """Before an action: factor by which friction and stiffness of the DLO may be other than believed, up or down; what
+    control could mend of that decides whether it follows."""
     least_health: float = 0.9
     """The observer's trust that is needed for one."""
     slack_share: float = 0.02
@@ -44,6 +50,8 @@ class ServoConfig:
     def __post_init__(self) -> None:
         if self.window < 1:
             raise ConfigError(f"--planning.servo.window is {self.window}; it must be 1 or more.")
+        if not (math.isfinite(self.doubt) and self.doubt >= 1.0):
+            raise ConfigError(f"--planning.servo.doubt is {self.doubt}; it is a factor of 1 or more.")
         for name in ("probe_m", "probe_rad", "largest_m", "largest_rad", "speed_m_s", "timestep_s"):
             value: float = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):

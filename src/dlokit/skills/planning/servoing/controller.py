@@ -12,6 +12,7 @@ from dlokit import geometry
 from dlokit.skills.model.config import ModelConfig
 from dlokit.skills.planning.base import Reachable
 from dlokit.skills.planning.servoing.config import ServoConfig
+from dlokit.skills.planning.servoing.doubt import Gain, gain, usual
 from dlokit.skills.planning.servoing.jacobian import (
     Grip,
     corrected,
@@ -76,6 +77,8 @@ def advise(
     best = int(np.argmin(left_m))
     if left_m[best] > rmse_m - config.least_gain_m:
         return ends(ControlVerdict.SETTLED, "no_gain")
+    if not _gain(held, now, expected[best], config).exceeds(config.doubts, config.least_gain_m):
+        return ends(ControlVerdict.SETTLED, "in_doubt")
     return ControlAdvice(
         verdict=ControlVerdict.CORRECT,
         reason="",
@@ -87,8 +90,17 @@ def advise(
 
 
 def _badly_seen(shape: DloState, config: ServoConfig) -> bool:
-    visible = 1.0 if shape.visible is None else float(np.mean(shape.visible))
-    return visible < config.least_visible or shape.health < config.least_health
+    return shape.health < config.least_health
+
+
+def _gain(held: Held, now: Float64Array, then: Float64Array, config: ServoConfig) -> Gain:
+    """What a correction from one released shape (M, 3) [m] to another gains, and how far that can be told."""
+    shape = held.shape
+    if shape.covariance is not None:
+        covariance = shape.covariance[:, :2, :2]
+    else:
+        covariance = usual(config.sight_m, np.ones(len(now), np.bool_) if shape.visible is None else shape.visible)
+    return gain((held.goal_world - now)[:, :2], (then - now)[:, :2], covariance)
 
 
 def _no_progress(held: Held, rmse_m: float, config: ServoConfig) -> bool:

@@ -1,0 +1,56 @@
+"""Planning alone, or control after it: what control could mend of an action, asked before the arm moves.
+
+The action is played on rods that the DLO may be. Where each comes to lie, the grasp can mend some of what is left: what
+the Jacobian at the expected shape reaches. Control follows where that is more, on average, than a correction costs, and
+more than the eye could feign.
+"""
+
+import numpy as np
+
+from dlokit.skills.model.config import ModelConfig
+from dlokit.skills.model.quick_rollout import QuickRod, motion_of, play
+from dlokit.skills.planning.servoing.config import ServoConfig
+from dlokit.skills.planning.servoing.doubt import gain, usual
+from dlokit.skills.planning.servoing.jacobian import Grip, damped_step, jacobian, probes, released, scaled
+from dlokit.types.action import Action, Push
+from dlokit.types.arrays import Float64Array
+from dlokit.types.control import ControlForecast
+
+
+def foresee(
+    model: ModelConfig,
+    nodes_world: Float64Array,
+    goal_world: Float64Array,
+    action: Action,
+    missed_m: float,
+    config: ServoConfig,
+) -> ControlForecast:
+    """Whether control shall follow `action`, done to a rod at `nodes_world` (M, 3) [m] that is to lie at `goal_world`.
+
+    `missed_m` is what earlier actions missed their predictions by (RMS) [m]: doubts are taken to be no less.
+    """
+    if isinstance(action, Push) or action.partner is not None:
+        return ControlForecast(follows=False, gain_m=0.0)
+    motion = motion_of(action)
+    shapes = play(model, nodes_world, (QuickRod(), *_doubtful(config)), (motion,), config.timestep_s).nodes_world[:, 0]
+    expected, others = shapes[0], shapes[1:]
+    astray_m = float(np.sqrt(np.mean(np.sum((others - expected) ** 2, axis=-1))))
+    others = expected + max(1.0, missed_m / max(astray_m, 1e-6)) * (others - expected)
+    grip = Grip(motion.node, motion.waypoints[-1])
+    matrix = jacobian(released(model, expected, grip, probes(config), config), config)
+    gains_m = [_mendable_m(matrix, (goal_world - shape)[:, :2], config) for shape in others]
+    gain_m = float(np.mean(gains_m))
+    return ControlForecast(follows=gain_m >= config.least_gain_m, gain_m=gain_m)
+
+
+def _mendable_m(matrix: Float64Array, error: Float64Array, config: ServoConfig) -> float:
+    """RMSE [m] that a correction would mend of an error (M, 2) [m]; 0 where it would not be made."""
+    by = (matrix @ scaled(damped_step(matrix, error, config), config)).reshape(-1, 2)
+    mended = gain(error, by, usual(config.sight_m, np.ones(len(error), dtype=np.bool_)))
+    return mended.rmse_m if mended.exceeds(config.doubts, config.least_gain_m) else 0.0
+
+
+def _doubtful(config: ServoConfig) -> tuple[QuickRod, ...]:
+    """Rods that the DLO may be."""
+    shares = (1.0 / config.doubt, config.doubt)
+    return tuple(QuickRod(friction_share=friction, stiffness_share=stiff) for friction in shares for stiff in shares)
