@@ -2,11 +2,13 @@
 
 from dataclasses import replace
 
-from ideal_lab import I, lab, shape
+from ideal_lab import EASY, I, lab, shape
 from scripted_hardware import Lab
 
 from dlokit.decision.config import TaskConfig
 from dlokit.description.shapes import moved
+from dlokit.skills.planning.config import PlanningConfig
+from dlokit.skills.planning.farthest import FarthestConfig
 from dlokit.types.flow import FlowStatus, Mode
 
 SERVO = TaskConfig(control=True, max_actions=1, threshold_m=0.004)
@@ -28,6 +30,14 @@ def test_control_corrects_while_the_rope_is_held_and_then_lets_go() -> None:
     first = record.corrections[0]
     assert first.predicted_m < first.before_m
     assert first.seen_m is not None
+
+
+def test_control_does_not_follow_an_action_where_the_eye_could_feign_what_it_would_mend() -> None:
+    blurred = PlanningConfig(strategy=FarthestConfig(), servo=replace(EASY, sight_m=0.1))
+    trace = shape(feeling_lab(), moved(I, (0.04, 0.03)), SERVO, planning=blurred)
+    assert ("move_to_goal", "done", "release") in trace.edges()
+    [record] = trace.result.history
+    assert record.control_end == "not_worth_it"
 
 
 def test_whoever_watches_is_told_whether_it_plans_or_controls() -> None:

@@ -4,6 +4,7 @@ import math
 from html import escape
 
 from dlokit.app import report_action_figures
+from dlokit.decision.steps.choosing_control import NOT_WORTH_IT
 from dlokit.system.run_record import RunRecord
 from dlokit.system.run_result import ActionResult, CorrectionResult
 
@@ -11,7 +12,7 @@ _HEADS = ("action", "no.", "moved", "turned", "before", "predicted", "seen")
 
 
 def control_section(record: RunRecord) -> str:
-    """Every correction with the errors before and after it; empty where control never ran."""
+    """Every correction with the errors before and after it, and where there was none why; empty without control."""
     controlled = [row for row in record.result.history if row.control_end]
     if not controlled:
         return ""
@@ -29,7 +30,8 @@ def control_section(record: RunRecord) -> str:
 def _rows(row: ActionResult) -> str:
     corrections = "".join(_row(row.action, number, done) for number, done in enumerate(row.corrections, start=1))
     why = escape((row.control_end or "").replace("_", " "))
-    return f'{corrections}<tr><td>{row.action}</td><td class="text" colspan="{len(_HEADS) - 1}">ended: {why}</td></tr>'
+    how = "planned alone, control was" if row.control_end == NOT_WORTH_IT else "ended:"
+    return f'{corrections}<tr><td>{row.action}</td><td class="text" colspan="{len(_HEADS) - 1}">{how} {why}</td></tr>'
 
 
 def _row(action: int, number: int, done: CorrectionResult) -> str:

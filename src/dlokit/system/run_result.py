@@ -60,7 +60,7 @@ class ActionResult(msgspec.Struct, frozen=True, kw_only=True):
     corrections: tuple[CorrectionResult, ...] = ()
     """What control did before the release."""
     control_end: str | None = None
-    """Why control ended, by name; None where it did not run."""
+    """Why control ended, by name; not_worth_it where it was not chosen; None where it was not asked for."""
 
 
 class CameraResult(msgspec.Struct, frozen=True, kw_only=True):

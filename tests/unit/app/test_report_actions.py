@@ -104,5 +104,9 @@ def test_control_that_ended_at_once_says_why_and_draws_nothing() -> None:
     assert "before and after each correction" not in page
 
 
+def test_an_action_for_which_control_was_not_chosen_says_so() -> None:
+    assert "planned alone, control was not worth it" in report_html(_controlled(end="not_worth_it"))
+
+
 def test_a_run_without_control_has_no_such_section() -> None:
     assert "Control while" not in report_html(_record(2))
