@@ -8,6 +8,7 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
+from dlokit.app.bench_bus import BusArgs, run_bus
 from dlokit.app.bench_feasibility import FeasibilityArgs, run_feasibility
 from dlokit.app.bench_observers import ObserversArgs, run_observers
 from dlokit.app.bench_shaping import ShapingArgs, run_shaping
@@ -58,7 +59,8 @@ class BenchArgs:
         | Annotated[SimulationArgs, tyro.conf.subcommand("simulation")]
         | Annotated[ObserversArgs, tyro.conf.subcommand("observers")]
         | Annotated[FeasibilityArgs, tyro.conf.subcommand("feasibility")]
-        | Annotated[StopBenchArgs, tyro.conf.subcommand("stop")],
+        | Annotated[StopBenchArgs, tyro.conf.subcommand("stop")]
+        | Annotated[BusArgs, tyro.conf.subcommand("bus")],
         tyro.conf.arg(name=""),
     ]
     """Which bench."""
@@ -77,3 +79,5 @@ def run(args: BenchArgs) -> int:
             return run_feasibility(feasibility)
         case StopBenchArgs() as stop:
             return run_stop_bench(stop)
+        case BusArgs() as bus:
+            return run_bus(bus)

@@ -140,11 +140,14 @@ def _not_encodable(value: object, error: Exception) -> CommunicationError:
 
 
 def _bulk_bytes(value: object) -> int:
-    """Bytes of the arrays that a Struct holds itself."""
+    """Bytes of the arrays and byte strings that a Struct holds, in itself or in Structs inside."""
+    if isinstance(value, np.ndarray):
+        return value.nbytes
+    if isinstance(value, bytes):
+        return len(value)
     if not isinstance(value, msgspec.Struct):
         return 0
-    parts = (getattr(value, name) for name in value.__struct_fields__)
-    return sum(part.nbytes for part in parts if isinstance(part, np.ndarray))
+    return sum(_bulk_bytes(getattr(value, name)) for name in value.__struct_fields__)
 
 
 def decode(data: bytes, wanted: type[T]) -> T:

@@ -2,9 +2,10 @@
 
 import struct
 import time
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+
+import msgspec
 
 from dlokit.communication.schema import FINGERPRINT_BYTES
 from dlokit.errors import SchemaMismatch
@@ -13,8 +14,7 @@ _LAYOUT = struct.Struct(f"<{FINGERPRINT_BYTES}sQq")
 _BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 
 
-@dataclass(frozen=True, slots=True)
-class Envelope:
+class Envelope(msgspec.Struct, frozen=True, gc=False):
     """Read from beside a message."""
 
     schema: bytes

@@ -77,8 +77,12 @@ class Skill(Generic[P, R]):
         return get_type_hints(self.signature)
 
     @cached_property
+    def _signature(self) -> inspect.Signature:
+        return inspect.signature(self.signature)
+
+    @cached_property
     def _arguments_type(self) -> type[msgspec.Struct]:
-        fields = [(name, self.types[name]) for name in inspect.signature(self.signature).parameters]
+        fields = [(name, self.types[name]) for name in self._signature.parameters]
         return msgspec.defstruct(f"{self.name}_arguments", fields, forbid_unknown_fields=True, eq=False)
 
     @cached_property
@@ -93,13 +97,13 @@ class Skill(Generic[P, R]):
 
     def name_arguments(self, *args: P.args, **kwargs: P.kwargs) -> dict[str, Any]:
         """Arguments by name, defaults filled in. Raises `TypeError` when they do not fit the signature."""
-        bound = inspect.signature(self.signature).bind(*args, **kwargs)
+        bound = self._signature.bind(*args, **kwargs)
         bound.apply_defaults()
         return dict(bound.arguments)
 
     def plain_arguments(self, plain: Mapping[str, Any]) -> dict[str, Any]:
         """Arguments from plain values, as JSON has them. Raises `CommunicationError` when they do not fit."""
-        signature = inspect.signature(self.signature)
+        signature = self._signature
         try:
             signature.bind(**plain)
             return {name: codec.from_plain(value, self.types[name]) for name, value in plain.items()}
@@ -116,7 +120,7 @@ class Skill(Generic[P, R]):
             return msgspec.structs.asdict(codec.decode(data, self._arguments_type))
         except CommunicationError as error:
             raise CommunicationError(
-                f"arguments of {self.key} do not fit: {error}; expected {inspect.signature(self.signature)}"
+                f"arguments of {self.key} do not fit: {error}; expected {self._signature}"
             ) from error
 
     def decode_outcome(self, data: bytes) -> Outcome[R]:

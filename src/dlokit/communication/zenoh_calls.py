@@ -29,10 +29,10 @@ PROGRESS = b"progress"
 """What a reply carries beside its payload when the outcome is still to come."""
 
 
-async def ask(
+def ask(
     session: zenoh.Session, door: LoopDoor, component: str, request: bytes, call_id: str, report: Report
-) -> bytes | None:
-    """The encoded outcome; None when nobody answered. Cancelling it does not cancel the skill: see `cancel`."""
+) -> "asyncio.Future[bytes | None]":
+    """The encoded outcome to come; None when nobody answers. Cancelling it does not cancel the skill: see `cancel`."""
     answered: asyncio.Future[bytes | None] = asyncio.get_running_loop().create_future()
 
     def settle(answer: bytes | None) -> None:
@@ -60,8 +60,8 @@ async def ask(
         )
     except zenoh.ZError as error:
         log.warning("a call to %s could not be sent: %s", component, error)
-        return None
-    return await answered
+        settle(None)
+    return answered
 
 
 def send(session: zenoh.Session, component: str, request: bytes, call_id: str) -> None:

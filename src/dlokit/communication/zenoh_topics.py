@@ -14,6 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
+import msgspec
 import zenoh
 
 from dlokit.communication import codec
@@ -37,8 +38,7 @@ BURST = 64
 """Messages of a topic of which every one counts, that may come at once while no thread of ours can run."""
 
 
-@dataclass(frozen=True, slots=True)
-class Letter:
+class Letter(msgspec.Struct, frozen=True):
     """A message as it came: opened only when it is wanted."""
 
     envelope: Envelope
@@ -102,6 +102,7 @@ class TopicReader(Generic[T]):
         self._every = isinstance(topic.policy, Every)
         depth = topic.policy.depth if isinstance(topic.policy, Every) else 1
         self._schema = fingerprint(topic.type)
+        self._limit = codec.largest_bytes(topic.type)
         self._box: deque[Letter] = deque(maxlen=depth)
         self._newest: Letter | None = None
         self._value: T | None = None
@@ -154,7 +155,7 @@ class TopicReader(Generic[T]):
 
     def _letter(self, sample: zenoh.Sample) -> Letter | None:
         try:
-            envelope, data = unpacked(sample, self._topic, self._schema)
+            envelope, data = unpacked(sample, self._schema, self._limit)
         except CommunicationError as error:
             self._wiring.refusals.note(self._topic.name, error)
             return None
@@ -230,14 +231,13 @@ class TopicReader(Generic[T]):
         return letter.envelope.sent_s(letter.arrived_s)
 
 
-def unpacked(sample: zenoh.Sample, topic: Topic[Any], schema: bytes) -> tuple[Envelope, bytes]:
+def unpacked(sample: zenoh.Sample, schema: bytes, limit: int) -> tuple[Envelope, bytes]:
     """Envelope and bytes of a message. Raises `CommunicationError` when they are another version's, or too many."""
-    attachment = sample.attachment
+    attachment, payload = sample.attachment, sample.payload
     envelope = opened(None if attachment is None else attachment.to_bytes(), schema)
-    size, limit = len(sample.payload), codec.largest_bytes(topic.type)
-    if size > limit:
-        raise CommunicationError(f"a message of {size} bytes refused; the longest allowed has {limit}")
-    return envelope, sample.payload.to_bytes()
+    if len(payload) > limit:
+        raise CommunicationError(f"a message of {len(payload)} bytes refused; the longest allowed has {limit}")
+    return envelope, payload.to_bytes()
 
 
 def watch_schemas(

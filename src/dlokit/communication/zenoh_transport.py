@@ -99,11 +99,11 @@ class ZenohTransport:
 
         Unlike a reader it misses none when this process's loop is busy. Messages of another schema are left out.
         """
-        schema = fingerprint(topic.type)
+        schema, limit = fingerprint(topic.type), codec.largest_bytes(topic.type)
 
         def on_sample(sample: zenoh.Sample) -> None:
             try:
-                data = unpacked(sample, topic, schema)[1]
+                data = unpacked(sample, schema, limit)[1]
             except CommunicationError as error:
                 self._refusals.note(topic.name, error)
             else:
@@ -139,9 +139,13 @@ class ZenohTransport:
         if isinstance(request, Rejected):
             return request
         limit_s = skill.timeout_s + CALL_MARGIN_S
-        asked = asyncio.create_task(self._ask(skill.component, request, call_id, report), name=f"ask {skill.key}")
+        asked: asyncio.Future[bytes | None] | None = None
         try:
             async with asyncio.timeout(SLOWEST_CLOCK * limit_s), self._clock.timeout(limit_s):
+                await self._find(skill.component)
+                if self._closed:
+                    return Unreachable(component=skill.component)
+                asked = zenoh_calls.ask(self._session, self._door, skill.component, request, call_id, report)
                 answer = await asyncio.shield(asked)
         except TimeoutError:
             await self._give_up(skill.component, call_id, asked)
@@ -201,15 +205,13 @@ class ZenohTransport:
                 reader.close()
         return reader
 
-    async def _ask(self, component: str, request: bytes, call_id: str, report: Report) -> bytes | None:
+    async def _find(self, component: str) -> None:
         if not self.alive(component).alive and not self._presence.had(component):
             # Just after the start, peers may not have found each other yet.
             await self._presence.wait_for(component, FOUND_PATIENCE_S)
-        if self._closed:
-            return None
-        return await zenoh_calls.ask(self._session, self._door, component, request, call_id, report)
 
-    async def _give_up(self, component: str, call_id: str, asked: "asyncio.Task[bytes | None]") -> None:
-        zenoh_calls.cancel(self._session, component, call_id)
-        await asyncio.wait({asked}, timeout=CANCEL_PATIENCE_S)
-        asked.cancel()
+    async def _give_up(self, component: str, call_id: str, asked: "asyncio.Future[bytes | None] | None") -> None:
+        if asked is not None:
+            zenoh_calls.cancel(self._session, component, call_id)
+            await asyncio.wait({asked}, timeout=CANCEL_PATIENCE_S)
+            asked.cancel()

@@ -1,0 +1,137 @@
+"""The process that sends: our bus, bare zenoh and bare pyzmq in turns, so that all of them meet the same machine."""
+
+import asyncio
+import time
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+import zenoh
+
+from dlokit.bench.bus.load import FAR, NEAR, TAKE, Delay, Plan, body_of, load_now, stamped, topic_of
+from dlokit.communication.clock import LoopClock
+from dlokit.communication.compute import InlineCompute
+from dlokit.communication.port import Port
+from dlokit.communication.zenoh_transport import ZenohTransport
+from dlokit.errors import MachineError
+from dlokit.types.outcome import Succeeded
+
+FOUND_S = 20.0
+SETTLE_S = 0.5
+"""Subscriptions of bare zenoh travel after the far end has said that it is ready."""
+PAUSE_S = 0.002
+PAUSE_S_PER_BYTE = 4e-9
+"""Between messages, so that none waits for the one before."""
+
+Send = Callable[[], None]
+Call = Callable[[], Awaitable[None]]
+
+
+class NearEnd:
+    """Ways to send a message of one size, and ways to call with it, by method."""
+
+    def __init__(self, plan: Plan, transport: ZenohTransport, session: zenoh.Session, sockets: "ZmqSockets | None"):
+        self._session = session
+        self._sockets = sockets
+        self._port = Port(
+            transport,
+            LoopClock(),
+            InlineCompute(),
+            owner=NEAR,
+            publishes=tuple(topic_of(size) for size in plan.sizes),
+        )
+        self._publishers = {
+            (way, size): session.declare_publisher(f"bare/{way}/{size}")
+            for way in ("callback", "asyncio")
+            for size in plan.sizes
+        }
+
+    def sends(self, size: int) -> dict[str, Send]:
+        """How each method sends one message."""
+        topic, body, buffer = topic_of(size), body_of(size), bytearray(size)
+        callback, via_asyncio = self._publishers["callback", size], self._publishers["asyncio", size]
+        ways: dict[str, Send] = {
+            "dlokit": lambda: self._port.publish(topic, load_now(body)),
+            "zenoh": lambda: callback.put(stamped(buffer)),
+            "zenoh, asyncio": lambda: via_asyncio.put(stamped(buffer)),
+        }
+        sockets = self._sockets
+        if sockets is not None:
+            ways["pyzmq"] = lambda: sockets.push(stamped(buffer))
+        return ways
+
+    def calls(self, size: int) -> dict[str, Call]:
+        """How each method calls once, and waits for the answer."""
+        body, buffer = body_of(size), bytearray(size)
+
+        async def ours() -> None:
+            outcome = await self._port.call(TAKE, load_now(body))
+            if not isinstance(outcome, Succeeded):
+                raise MachineError(f"the bench's own call was not answered: {outcome}; end other programs")
+
+        ways: dict[str, Call] = {"dlokit": ours, "zenoh, asyncio": lambda: self._query(buffer)}
+        sockets = self._sockets
+        if sockets is not None:
+            ways["pyzmq"] = lambda: sockets.ask(buffer)
+        return ways
+
+    async def _query(self, data: bytearray) -> None:
+        loop = asyncio.get_running_loop()
+        answered: asyncio.Future[bytes] = loop.create_future()
+
+        def on_reply(reply: zenoh.Reply) -> None:
+            if reply.ok is not None:
+                loop.call_soon_threadsafe(answered.set_result, reply.ok.payload.to_bytes())
+
+        self._session.get("bare/call", zenoh.handlers.Callback(on_reply, indirect=False), payload=data, timeout=FOUND_S)
+        async with asyncio.timeout(FOUND_S):
+            await answered
+
+
+class ZmqSockets:
+    """Bare pyzmq's near end."""
+
+    def __init__(self, zmq: Any) -> None:
+        self._context = zmq.Context()
+        self._push = self._context.socket(zmq.PUSH)
+        self._request = self._context.socket(zmq.REQ)
+        self._request.setsockopt(zmq.RCVTIMEO, round(FOUND_S * 1e3))
+        self.pushes = self._bound(self._push)
+        self.answers = self._bound(self._request)
+
+    @staticmethod
+    def _bound(socket: Any) -> str:
+        return f"tcp://127.0.0.1:{socket.bind_to_random_port('tcp://127.0.0.1')}"
+
+    def push(self, data: bytearray) -> None:
+        """One message."""
+        self._push.send(data)
+
+    async def ask(self, data: bytearray) -> None:
+        """One call; the thread waits for the answer, as nobody else has anything to do."""
+        self._request.send(data)
+        self._request.recv()
+
+    def close(self) -> None:
+        """Of both sockets."""
+        self._context.destroy(linger=0)
+
+
+async def send_all(near: NearEnd, plan: Plan, transport: ZenohTransport, repeats: int) -> list[Delay]:
+    """Send and call with every method in turns; the delays of the calls. Those of the messages the far end has."""
+    if not await transport.wait_for(FAR, FOUND_S):
+        raise MachineError("the process at the far end was not found on the bus; end other programs, and try again")
+    await asyncio.sleep(SETTLE_S)
+    delays: list[Delay] = []
+    for size in plan.sizes:
+        sends, calls = near.sends(size), near.calls(size)
+        pause_s = PAUSE_S + size * PAUSE_S_PER_BYTE
+        for _ in range(repeats):
+            for send in sends.values():
+                send()
+                await asyncio.sleep(pause_s)
+            for method, call in calls.items():
+                began_s = time.monotonic()
+                await call()
+                delays.append(Delay(method=method, size=size, seconds=time.monotonic() - began_s))
+                await asyncio.sleep(PAUSE_S)
+    return delays
