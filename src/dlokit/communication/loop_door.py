@@ -54,5 +54,5 @@ class LoopDoor:
             function, args = self._waiting.popleft()
             try:
                 function(*args)
-            except Exception:
+            except Exception:  # one function's mistake must keep none of the others from the loop
                 log.exception("%r raised", function)

@@ -152,7 +152,7 @@ class DecisionComponent(Component):
         return _result(task, outcome, tuple(diary.timings))
 
     async def gate(self) -> None:
-        """Wait while the operator has paused."""
+        """Wait while the operator has paused, however long; STOP ends the wait with the flow."""
         await self._running.wait()
 
     @holds(api.IDLE)

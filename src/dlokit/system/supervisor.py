@@ -73,7 +73,7 @@ class Supervisor:
         self._failed = asyncio.get_running_loop().create_future()
         try:
             await self._start_all()
-        except BaseException:
+        except BaseException:  # Ctrl-C as well: none of the processes is left behind
             await self._stop_all()
             raise
         self._watching = asyncio.create_task(self._watch(), name="watch processes")

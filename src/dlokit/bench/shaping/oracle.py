@@ -98,7 +98,7 @@ class OraclePerception(Component):
                 await self.port.clock.sleep(1.0 / self._rate_hz)
             else:
                 self._rate_changed.clear()
-                await self._rate_changed.wait()
+                await self._rate_changed.wait()  # until somebody asks, or the component ends
 
 
 class OracleObserver(Component):

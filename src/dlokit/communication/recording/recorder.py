@@ -127,7 +127,7 @@ class Recorder:
             ending = self._ending.wait(BATCH_EVERY_S)
             # No more than wait now: a flush must not be put off by what comes meanwhile.
             for _ in range(self._waiting.qsize()):
-                self._write(writer, self._waiting.get())
+                self._write(writer, self._waiting.get_nowait())
             if time.monotonic() >= flush_at_s:
                 writer.flush()
                 flush_at_s = time.monotonic() + FLUSH_EVERY_S

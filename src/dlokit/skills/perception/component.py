@@ -143,7 +143,7 @@ class PerceptionComponent(Component):
                     await self._track()
                 else:
                     self._rate_changed.clear()
-                    await self._rate_changed.wait()
+                    await self._rate_changed.wait()  # until somebody asks, or the component ends
 
     async def _track(self) -> None:
         """One look and the wait for the next; looks that are due while another is under way are left out."""

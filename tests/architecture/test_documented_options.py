@@ -1,0 +1,64 @@
+"""Every `--option` that a page speaks of is one that `dlokit` takes."""
+
+import contextlib
+import io
+import re
+from pathlib import Path
+
+import pytest
+
+from dlokit.app.commands import parse
+from dlokit.skills.observer.strategies import OURS as OBSERVERS
+from dlokit.skills.planning.strategies import OURS as PLANNERS
+
+ROOT = Path(__file__).parents[2]
+PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
+FENCE = re.compile(r"```.*?```", re.DOTALL)
+INLINE = re.compile(r"(?<!`)`([^`\n]+)`(?!`)")
+OPTION = re.compile(r"(?<![\w-])--[a-z][\w-]*(?:\.[a-z][\w-]*)*")
+OF_OTHERS = {"--nthreads"}
+"""Dask's, on the page about clusters."""
+SUBCOMMAND = re.compile(r"\{([\w,]+)\}")
+
+
+def help_of(*arguments: str) -> str:
+    """What `dlokit … --help` prints."""
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(printed), pytest.raises(SystemExit):
+        parse([*arguments, "--help"])
+    return printed.getvalue()
+
+
+def subcommands(page: str) -> list[str]:
+    found = SUBCOMMAND.search(page.split("options")[0])
+    return found[1].split(",") if found else []
+
+
+@pytest.fixture(scope="module")
+def known() -> set[str]:
+    """All options of all commands, with the settings of every strategy."""
+    pages: list[str] = []
+    for command in subcommands(help_of()):
+        pages.append(help_of(command))
+        pages += [help_of(command, name) for name in subcommands(pages[-1])]
+    pages += [help_of("shape", "--observer", config.name) for config in OBSERVERS]
+    pages += [help_of("shape", "--planner", config.name) for config in PLANNERS]
+    return {option for page in pages for option in OPTION.findall(page)}
+
+
+def test_the_options_are_found_in_help_and_pages(known: set[str]) -> None:
+    assert {"--planner", "--goal", "--cell.dlo.length-m", "--jobs", "--observer.strategy.beta-m"} <= known
+    assert sum(len(spoken_of(page)) for page in PAGES) > 100
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+def test_every_option_that_a_page_speaks_of_exists(page: Path, known: set[str]) -> None:
+    # `--cell.randomisation` stands for all that begins so.
+    groups = {option[:end] for option in known for end in (dot.start() for dot in re.finditer(r"\.", option))}
+    assert sorted(spoken_of(page) - known - groups - OF_OTHERS) == []
+
+
+def spoken_of(page: Path) -> set[str]:
+    """The options in the running text of a page; `test_documentation.py` parses whole commands."""
+    text = FENCE.sub("", page.read_text(encoding="utf-8"))
+    return {option for code in INLINE.findall(text) for option in OPTION.findall(code)}
