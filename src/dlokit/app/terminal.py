@@ -90,7 +90,7 @@ class RunDisplay:
         )
         if result.true_rmse_m is not None:
             self._console.print(f"true error {_mm(result.true_rmse_m)}, 2 s after the last release", highlight=False)
-        if result.camera is not None:
+        if result.camera is not None and self._live is not None:  # else it was written when it was known
             self._console.print(escape(result.camera.text), highlight=False)
         pace = result.sim_time_s / result.wall_time_s if result.wall_time_s > 0.0 else 0.0
         self._console.print(

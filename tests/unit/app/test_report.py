@@ -14,6 +14,7 @@ from dlokit.app import report_figures
 from dlokit.app.report import report_html, write_report
 from dlokit.description import shapes
 from dlokit.system.run_record import ActionShape, RunRecord, StepTiming
+from dlokit.system.run_result import CameraResult
 from dlokit.types.flow import RunOutcome
 
 GOAL = shapes.builtin_shape("S", 0.5, 31)
@@ -198,3 +199,10 @@ def test_the_page_is_written_into_the_runs_folder(record: RunRecord, tmp_path: P
 
     assert path == tmp_path / "report.html"
     assert path.read_text(encoding="utf-8").startswith("<!doctype html>")
+
+
+def test_the_page_says_what_the_hand_told_of_the_camera(record: RunRecord) -> None:
+    text = "the camera was 3.4 mm & 0.10° off"
+    told = replace(record, result=msgspec.structs.replace(record.result, camera=CameraResult(text=text)))
+    assert "The camera was 3.4 mm &amp; 0.10° off." in report_html(told)
+    assert "The camera was" not in report_html(record)

@@ -9,6 +9,7 @@ from rich.console import Console
 
 from dlokit.app.outcome_words import MEANINGS, outcome_in_words
 from dlokit.app.terminal import RunDisplay, action_table
+from dlokit.system.run_result import CameraResult
 from dlokit.types.candidates import Candidates, CandidateSeen
 from dlokit.types.flow import FlowStatus, RunOutcome
 
@@ -145,3 +146,16 @@ def test_words_tell_whether_the_threshold_was_met() -> None:
     assert "below the threshold of 12 mm" in outcome_in_words(RESULT)
     assert "above the threshold" in outcome_in_words(msgspec.structs.replace(RESULT, rmse_m=0.02))
     assert "never seen" in outcome_in_words(msgspec.structs.replace(RESULT, rmse_m=None, outcome=RunOutcome.FAILED))
+
+
+@pytest.mark.parametrize("terminal", [True, False])
+def test_what_was_said_of_the_camera_is_written_once(terminal: bool) -> None:
+    text = "the camera was 3.4 mm and 0.10° off its calibration along the table; corrected"
+    console = _console(terminal=terminal)
+    with RunDisplay(console, title="I to S", threshold_m=0.012) as display:
+        display.step(FlowStatus(stamp_ns=0, flow="shape_dlo", step="find_dlo", text=text))
+    while_running = _written(console)
+    display.finish(msgspec.structs.replace(RESULT, camera=CameraResult(text=text)))
+    assert _written(console)[len(while_running) :].count("3.4 mm") == (1 if terminal else 0)
+    if not terminal:
+        assert while_running.count("3.4 mm") == 1
