@@ -54,7 +54,7 @@ def run(args: RecordArgs) -> int:
         say("stopped")
     summary = summarise(path)
     messages = sum(channel.count for name, channel in summary.channels.items() if not name.startswith("view/"))
-    calls = sum(sum(outcomes.values()) for outcomes in summary.calls.values())
+    calls = sum(sum(of.outcomes.values()) for of in summary.calls.values())
     say(
         f"{path}: {messages} messages, of these {calls} skill calls, in {summary.duration_s:.1f} s of the run's clock, "
         f"{summary.size_bytes / 1e6:.1f} MB"

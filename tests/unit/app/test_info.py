@@ -8,12 +8,12 @@ from dlokit.app.bench import BenchArgs
 from dlokit.app.commands import execute, parse
 from dlokit.app.shape import ShapeArgs
 from dlokit.communication import topics
-from dlokit.communication.recording.channels import FILE_NAME, SKILL_CALLS
+from dlokit.communication.recording.channels import CALLS_BEGUN, FILE_NAME, SKILL_CALLS
 from dlokit.communication.recording.writer import RecordingWriter
 from dlokit.errors import InputError
 from dlokit.types.clock import ClockTick
 from dlokit.types.flow import FlowStatus
-from dlokit.types.skill_call import CallEnd, CallRecord
+from dlokit.types.skill_call import CallBegun, CallEnd, CallRecord
 
 
 @pytest.fixture
@@ -26,8 +26,18 @@ def folder(tmp_path: Path) -> Path:
     for number in range(1, 202):
         writer.add(topics.CLOCK, number * 10_000_000, ClockTick(stamp_ns=number, seq=number))
     writer.add(topics.FLOW, 2_010_000_000, FlowStatus(stamp_ns=1, seq=1, flow="shape_dlo", step="grasp", actions=2))
+    for call, skill in enumerate(("robot.grasp", "robot.grasp", "robot.move_to"), start=1):
+        writer.add(CALLS_BEGUN, 2_010_000_000, CallBegun(stamp_ns=1, seq=call, skill=skill, call=call))
     for seq, (end, reason) in enumerate([(CallEnd.SUCCEEDED, ""), (CallEnd.FAILED, "slipped")], start=1):
-        call = CallRecord(stamp_ns=1, seq=seq, skill="robot.grasp", outcome=end, reason=reason)
+        call = CallRecord(
+            stamp_ns=seq * 1_000_000_000,
+            began_ns=500_000_000,
+            seq=seq,
+            call=seq,
+            skill="robot.grasp",
+            outcome=end,
+            reason=reason,
+        )
         writer.add(SKILL_CALLS, 2_010_000_000, call)
     writer.add_metadata("lost", {"robot/state": "4"})
     writer.close()
@@ -41,13 +51,22 @@ def test_info_tells_duration_run_versions_topics_and_outcomes(folder: Path, caps
         f"{folder / FILE_NAME}: 2.0 s on the run's clock",
         "run: name I to S",
         "versions: dlokit 0.1.0",
+        "pictures: not known",
+        "settings, other than as shipped: seed 3",
+        "calls that had not ended: robot.move_to",
+        "The file is whole.",
         "last step: grasp, after 2 actions; it had not ended",
         "not recorded, because the disk was slow: robot/state 4",
-        "│ cell/clock │ dlokit.ClockTick │ 201 │ 100.0 │",
-        "│ robot.grasp │ 1 succeeded, 1 failed slipped │",
+        "│ cell/clock │ dlokit.ClockTick │ 201 │ 100.0 │ 13 │",
+        "│ robot.grasp │ 1.00 │ 1.50 │ 1 succeeded, 1 failed slipped │",
     ):
         assert expected in printed
     assert "cut off" not in printed
+
+
+def test_info_prints_the_whole_configuration_for_another_run(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert execute(["info", str(folder), "--configuration"]) == 0
+    assert capsys.readouterr().out == "seed = 3"
 
 
 def test_info_says_that_a_file_was_cut_off(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

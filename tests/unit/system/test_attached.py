@@ -101,8 +101,8 @@ def test_what_holds_what_comes_and_every_call_is_recorded_into_a_whole_file(
     assert summary.whole
     assert summary.metadata["run"]["attached"]
     assert "seed = 7" in summary.metadata["configuration"]["config.toml"]
-    assert summary.calls["model.settle"]["succeeded"] > 20
-    assert summary.channels["skill_calls_begun"].count >= summary.calls["model.settle"]["succeeded"]
+    assert summary.calls["model.settle"].outcomes["succeeded"] > 20
+    assert summary.channels["skill_calls_begun"].count >= summary.calls["model.settle"].outcomes["succeeded"]
     assert summary.channels["cell/clock"].count > 20
     goals = [one.message for one in read_recording(path, {"model/goal"})]
     assert len(goals) > 20
