@@ -5,7 +5,23 @@ from typing import Annotated
 
 import tyro
 
-from dlokit.app import bench, call, demo, doctor, graph, identify, info, ps, record, replay, shape, skills, stop, track
+from dlokit.app import (
+    bench,
+    call,
+    demo,
+    doctor,
+    export,
+    graph,
+    identify,
+    info,
+    ps,
+    record,
+    replay,
+    shape,
+    skills,
+    stop,
+    track,
+)
 from dlokit.app.shape_defaults import shape_defaults
 
 Command = (
@@ -13,6 +29,7 @@ Command = (
     | demo.DemoArgs
     | track.TrackArgs
     | info.InfoArgs
+    | export.ExportArgs
     | record.RecordArgs
     | replay.ReplayArgs
     | identify.IdentifyArgs
@@ -35,6 +52,7 @@ def parse(arguments: Sequence[str]) -> Command:
         | Annotated[track.TrackArgs, tyro.conf.subcommand("track")]
         | Annotated[bench.BenchArgs, tyro.conf.subcommand("bench")]
         | Annotated[info.InfoArgs, tyro.conf.subcommand("info")]
+        | Annotated[export.ExportArgs, tyro.conf.subcommand("export")]
         | Annotated[record.RecordArgs, tyro.conf.subcommand("record")]
         | Annotated[replay.ReplayArgs, tyro.conf.subcommand("replay")]
         | Annotated[identify.IdentifyArgs, tyro.conf.subcommand("identify")]
@@ -66,6 +84,8 @@ def execute(arguments: Sequence[str]) -> int:
             return track.run(args)
         case info.InfoArgs() as args:
             return info.run(args)
+        case export.ExportArgs() as args:
+            return export.run(args)
         case record.RecordArgs() as args:
             return record.run(args)
         case replay.ReplayArgs() as args:

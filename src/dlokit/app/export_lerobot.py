@@ -1,0 +1,169 @@
+"""Recorded runs as a LeRobot dataset, version 2.1: an episode a run.
+
+meta/info.json  meta/tasks.jsonl  meta/episodes.jsonl  meta/episodes_stats.jsonl
+data/chunk-000/episode_000000.parquet …        pictures are within, as files
+"""
+
+import importlib
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from dlokit.app.lerobot_frames import Frames, read_frames
+from dlokit.communication.recording.pictures import from_jpeg
+from dlokit.errors import InputError, MachineError
+
+VERSION = "v2.1"
+CHUNK = 1000
+"""Episodes a folder."""
+PICTURES_OF_STATS = 20
+"""Pictures of an episode that its statistics are taken from, at most."""
+PIXELS_OF_STATS = 4
+"""Every so many pixels along each side count for them."""
+_COUNTERS = {
+    "timestamp": "float32",
+    "frame_index": "int64",
+    "episode_index": "int64",
+    "index": "int64",
+    "task_index": "int64",
+}
+
+
+def write_lerobot(paths: Sequence[Path], folder: Path, fps: int, *, images: bool) -> int:
+    """Write the dataset into an empty folder; the number of its frames.
+
+    Raises `MachineError` when pyarrow is not installed, and `InputError` when the runs cannot be one dataset.
+    """
+    arrow = _pyarrow()
+    (folder / "meta").mkdir()
+    tasks: dict[str, int] = {}
+    episodes: list[dict[str, Any]] = []
+    stats: list[dict[str, Any]] = []
+    first: Frames | None = None
+    total = 0
+    for number, path in enumerate(paths):
+        frames = read_frames(path, fps, images=images)
+        first = first or frames
+        _require_alike(first, frames, paths[0], path)
+        length = len(frames.features["action"].values)
+        task = tasks.setdefault(frames.task, len(tasks))
+        counters = _counters(length, fps, number, total, task)
+        data = folder / "data" / f"chunk-{number // CHUNK:03d}" / f"episode_{number:06d}.parquet"
+        data.parent.mkdir(parents=True, exist_ok=True)
+        arrow.parquet.write_table(_table(arrow, frames, counters), data, compression="zstd")
+        episodes.append({"episode_index": number, "tasks": [frames.task], "length": length})
+        stats.append({"episode_index": number, "stats": _stats(frames, counters)})
+        total += length
+    assert first is not None, "the command line asks for one file at least"
+    meta = folder / "meta"
+    _write_lines(meta / "tasks.jsonl", [{"task_index": index, "task": task} for task, index in tasks.items()])
+    _write_lines(meta / "episodes.jsonl", episodes)
+    _write_lines(meta / "episodes_stats.jsonl", stats)
+    info = _info(first, fps, len(paths), total, len(tasks))
+    (meta / "info.json").write_text(json.dumps(info, indent=4) + "\n", encoding="utf-8")
+    return total
+
+
+def _pyarrow() -> Any:
+    try:
+        importlib.import_module("pyarrow.parquet")
+        return importlib.import_module("pyarrow")
+    except ImportError as error:
+        raise MachineError(
+            "--to lerobot writes parquet files, for which pyarrow is needed: pip install 'dlokit[export]'. "
+            "--to npz and --to csv need nothing."
+        ) from error
+
+
+def _require_alike(first: Frames, other: Frames, first_path: Path, path: Path) -> None:
+    same = {name: of.names for name, of in first.features.items()} == {
+        name: of.names for name, of in other.features.items()
+    }
+    if not same or first.robots != other.robots:
+        raise InputError(f"{path} has other robots or another number of nodes than {first_path}: export them apart.")
+
+
+def _counters(length: int, fps: int, episode: int, before: int, task: int) -> dict[str, NDArray[Any]]:
+    number = np.arange(length)
+    values = (number / fps, number, np.full(length, episode), before + number, np.full(length, task))
+    return {name: of.astype(kind) for (name, kind), of in zip(_COUNTERS.items(), values, strict=True)}
+
+
+def _table(arrow: Any, frames: Frames, counters: Mapping[str, NDArray[Any]]) -> Any:
+    arrays: dict[str, Any] = {}
+    for name, feature in frames.features.items():
+        flat = arrow.array(feature.values.ravel(), type=arrow.float32())
+        arrays[name] = arrow.FixedSizeListArray.from_arrays(flat, feature.values.shape[1])
+    picture = arrow.struct([("bytes", arrow.binary()), ("path", arrow.string())])
+    for name, files in frames.images.items():
+        entries = [{"bytes": data, "path": f"frame_{number:06d}.jpg"} for number, data in enumerate(files)]
+        arrays[name] = arrow.array(entries, type=picture)
+    arrays |= {name: arrow.array(of) for name, of in counters.items()}
+    table = arrow.table(arrays)
+    # Without it, readers would take a picture for a pair of bytes and text.
+    return table.replace_schema_metadata({"huggingface": json.dumps({"info": {"features": _hf_features(frames)}})})
+
+
+def _hf_features(frames: Frames) -> dict[str, Any]:
+    def value(kind: str) -> dict[str, str]:
+        return {"dtype": kind, "_type": "Value"}
+
+    lists = {
+        name: {"feature": value("float32"), "length": of.values.shape[1], "_type": "Sequence"}
+        for name, of in frames.features.items()
+    }
+    return lists | {name: {"_type": "Image"} for name in frames.images} | {n: value(k) for n, k in _COUNTERS.items()}
+
+
+def _stats(frames: Frames, counters: Mapping[str, NDArray[Any]]) -> dict[str, dict[str, Any]]:
+    numbers = {name: of.values for name, of in frames.features.items()}
+    columns = {name: of[:, None] for name, of in counters.items()}
+    found = {name: _stats_of(of.astype(float), (0,)) for name, of in (numbers | columns).items()}
+    for name, files in frames.images.items():
+        chosen = list(dict.fromkeys(files))[:: max(1, len(set(files)) // PICTURES_OF_STATS)]
+        pixels = np.stack([from_jpeg(data)[::PIXELS_OF_STATS, ::PIXELS_OF_STATS] for data in chosen])
+        found[name] = _stats_of(pixels.transpose(0, 3, 1, 2) / 255.0, (0, 2, 3))
+    return found
+
+
+def _stats_of(values: NDArray[Any], axes: tuple[int, ...]) -> dict[str, Any]:
+    keep = len(axes) > 1  # of pictures: (channels, 1, 1)
+    parts = {"min": values.min, "max": values.max, "mean": values.mean, "std": values.std}
+    found = {name: of(axis=axes, keepdims=keep) for name, of in parts.items()}
+    return {name: (of[0] if keep else of).tolist() for name, of in found.items()} | {"count": [len(values)]}
+
+
+def _info(frames: Frames, fps: int, episodes: int, total: int, tasks: int) -> dict[str, Any]:
+    features: dict[str, Any] = {
+        name: {"dtype": "float32", "shape": [of.values.shape[1]], "names": of.names}
+        for name, of in frames.features.items()
+    }
+    for name, files in frames.images.items():
+        picture = cv2.imdecode(np.frombuffer(files[0], dtype=np.uint8), cv2.IMREAD_COLOR)
+        assert picture is not None, "pictures are read when they are counted"
+        features[name] = {"dtype": "image", "shape": list(picture.shape), "names": ["height", "width", "channels"]}
+    features |= {name: {"dtype": kind, "shape": [1], "names": None} for name, kind in _COUNTERS.items()}
+    return {
+        "codebase_version": VERSION,
+        "robot_type": "_".join(frames.robots),
+        "total_episodes": episodes,
+        "total_frames": total,
+        "total_tasks": tasks,
+        "total_videos": 0,
+        "total_chunks": (episodes - 1) // CHUNK + 1,
+        "chunks_size": CHUNK,
+        "fps": fps,
+        "splits": {"train": f"0:{episodes}"},
+        "data_path": "data/chunk-{episode_chunk:03d}/episode_{episode_index:06d}.parquet",
+        "video_path": None,
+        "features": features,
+    }
+
+
+def _write_lines(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
+    path.write_text("".join(json.dumps(row) + "\n" for row in rows), encoding="utf-8")
