@@ -81,19 +81,21 @@ class Skill(Generic[P, R]):
         return inspect.signature(self.signature)
 
     @cached_property
-    def _arguments_type(self) -> type[msgspec.Struct]:
+    def arguments_type(self) -> type[msgspec.Struct]:
+        """What its arguments are on the wire: a Struct with a field each."""
         fields = [(name, self.types[name]) for name in self._signature.parameters]
         return msgspec.defstruct(f"{self.name}_arguments", fields, forbid_unknown_fields=True, eq=False)
 
     @cached_property
-    def _outcome_type(self) -> Any:
+    def outcome_type(self) -> Any:
+        """What its answer is on the wire: every outcome, a success with its result."""
         result = self.types["return"]
         return Succeeded[result] | Failed | Rejected | Cancelled | TimedOut | Unreachable
 
     @cached_property
     def schema(self) -> bytes:
         """What its arguments and its result look like on the wire: caller and called one compare it."""
-        return fingerprint(self._arguments_type, self._outcome_type)
+        return fingerprint(self.arguments_type, self.outcome_type)
 
     def name_arguments(self, *args: P.args, **kwargs: P.kwargs) -> dict[str, Any]:
         """Arguments by name, defaults filled in. Raises `TypeError` when they do not fit the signature."""
@@ -112,12 +114,12 @@ class Skill(Generic[P, R]):
 
     def encode_arguments(self, *args: P.args, **kwargs: P.kwargs) -> bytes:
         """Serialized arguments (Algorithm 1, first line)."""
-        return codec.encode(self._arguments_type(**self.name_arguments(*args, **kwargs)))
+        return codec.encode(self.arguments_type(**self.name_arguments(*args, **kwargs)))
 
     def decode_arguments(self, data: bytes) -> dict[str, Any]:
         """Arguments by name (Algorithm 2). Raises `CommunicationError` when they do not fit."""
         try:
-            return msgspec.structs.asdict(codec.decode(data, self._arguments_type))
+            return msgspec.structs.asdict(codec.decode(data, self.arguments_type))
         except CommunicationError as error:
             raise CommunicationError(
                 f"arguments of {self.key} do not fit: {error}; expected {self._signature}"
@@ -125,7 +127,7 @@ class Skill(Generic[P, R]):
 
     def decode_outcome(self, data: bytes) -> Outcome[R]:
         """An outcome with a result of the declared type."""
-        return codec.decode(data, self._outcome_type)
+        return codec.decode(data, self.outcome_type)
 
 
 @cache  # its types for encoding are made once; there are as many as skills and instances
@@ -150,7 +152,7 @@ class ReportingSkill(Skill[P, R], Generic[P, R, Q]):
     @cached_property
     def schema(self) -> bytes:
         """With what it tells."""
-        return fingerprint(self._arguments_type, self._outcome_type, self.reports)
+        return fingerprint(self.arguments_type, self.outcome_type, self.reports)
 
     def decode_report(self, data: bytes) -> Q:
         """A piece of progress of the declared type. Raises `CommunicationError` when it is anything else."""

@@ -1,0 +1,1 @@
+"""`dlokit bench fuzz`: damaged messages through every decoder of the bus."""

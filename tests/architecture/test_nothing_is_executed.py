@@ -1,0 +1,61 @@
+"""Nothing that comes from outside is executed: no source file unpickles, evaluates, or asks a library to."""
+
+import ast
+from pathlib import Path
+
+import dlokit
+
+ROOT = Path(dlokit.__file__).parent
+# `testing` unpickles what it has just pickled itself, to see that it can travel; nothing imports it.
+SOURCES = sorted(path for path in ROOT.rglob("*.py") if not path.is_relative_to(ROOT / "testing"))
+MODULES = {"pickle", "_pickle", "cPickle", "marshal", "shelve", "dill", "cloudpickle", "jsonpickle", "code"}
+CALLS = {"eval", "exec", "compile", "__import__"}
+LOADERS = {("joblib", "load"), ("yaml", "load"), ("torch", "load"), ("pandas", "read_pickle")}
+
+
+def offences(source: str) -> list[str]:
+    return [what for node in ast.walk(ast.parse(source)) for what in _offences_of(node)]
+
+
+def _offences_of(node: ast.AST) -> list[str]:
+    match node:
+        case ast.Import():
+            return [f"import {name.name}" for name in node.names if name.name.partition(".")[0] in MODULES]
+        case ast.ImportFrom(module=str(module)):
+            found = [f"from {module}"] if module.partition(".")[0] in MODULES else []
+            return found + [f"{module}.{name.name}" for name in node.names if (module, name.name) in LOADERS]
+        case ast.Call(func=ast.Name(id=name)) if name in CALLS:
+            return [f"{name}()"]
+        case ast.Attribute(value=ast.Name(id=module), attr=name) if (module, name) in LOADERS:
+            return [f"{module}.{name}"]
+        case ast.keyword(arg="allow_pickle", value=value) if not _is_false(value):
+            return ["allow_pickle"]
+        case _:
+            return []
+
+
+def _is_false(node: ast.expr) -> bool:
+    return isinstance(node, ast.Constant) and node.value is False
+
+
+def test_no_source_file_unpickles_or_evaluates() -> None:
+    assert len(SOURCES) > 200, "the sources are not where they are looked for"
+    found = {str(path.relative_to(ROOT)): offences(path.read_text(encoding="utf-8")) for path in SOURCES}
+    assert not {name: what for name, what in found.items() if what}
+
+
+def test_what_is_looked_for_is_found() -> None:
+    guilty = (
+        "import pickle",
+        "import os, marshal",
+        "from pickle import loads",
+        "from joblib import load",
+        "joblib.load(path)",
+        "eval(text)",
+        "def f():\n    return exec(text)",
+        "numpy.load(path, allow_pickle=True)",
+        "numpy.load(path, allow_pickle=flag)",
+    )
+    for source in guilty:
+        assert offences(source), source
+    assert not offences("numpy.load(path, allow_pickle=False); re.compile(text); model.eval()")
