@@ -38,6 +38,9 @@ def test_control_does_not_follow_an_action_where_the_eye_could_feign_what_it_wou
     assert ("move_to_goal", "done", "release") in trace.edges()
     [record] = trace.result.history
     assert record.control_end == "not_worth_it"
+    without = shape(feeling_lab(), moved(I, (0.04, 0.03)), replace(SERVO, control=False))
+    assert trace.steps == without.steps
+    assert (record.nodes_world == without.result.history[0].nodes_world).all()
 
 
 def test_whoever_watches_is_told_whether_it_plans_or_controls() -> None:
