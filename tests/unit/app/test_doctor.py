@@ -6,8 +6,9 @@ import pytest
 from packaging.requirements import Requirement
 from rich.console import Console
 
-from dlokit.app import doctor
-from dlokit.app.doctor import DoctorArgs, Finding, Standing
+from dlokit.app import doctor, doctor_findings, doctor_packages
+from dlokit.app.doctor import DoctorArgs
+from dlokit.app.doctor_findings import Finding, Standing
 from dlokit.app.opengl_probe import OpenGLReport, probe_opengl
 
 
@@ -28,7 +29,7 @@ def test_a_broken_opengl_is_told_with_its_error(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setenv("__EGL_VENDOR_LIBRARY_FILENAMES", "/nonexistent")
 
     report = probe_opengl()
-    finding = doctor.opengl_finding(report)
+    finding = doctor_findings.opengl_finding(report)
 
     assert not report.works
     assert "Error" in report.text
@@ -47,22 +48,22 @@ def test_a_picture_that_takes_too_long_is_a_finding_and_no_hang() -> None:
 @pytest.mark.parametrize(
     ("finding", "standing"),
     [
-        (doctor.python_finding((3, 11, 2)), Standing.READY),
-        (doctor.python_finding((3, 10, 9)), Standing.LACKING),
-        (doctor.opengl_finding(OpenGLReport(works=True, text="llvmpipe")), Standing.READY),
-        (doctor.cores_finding(2), Standing.READY),
-        (doctor.cores_finding(1), Standing.ADVICE),
-        (doctor.urgency_finding(True), Standing.READY),
-        (doctor.urgency_finding(False), Standing.ADVICE),
-        (doctor.memory_finding(8.0), Standing.READY),
-        (doctor.memory_finding(0.5), Standing.ADVICE),
-        (doctor.package_finding(Requirement("numpy>=2.2"), {"numpy": "2.2.1"}.get), Standing.READY),
-        (doctor.package_finding(Requirement("numpy>=2.2"), {"numpy": "2.1.9"}.get), Standing.LACKING),
-        (doctor.package_finding(Requirement("numpy>=2.2"), _nowhere), Standing.LACKING),
-        (doctor.hardware_finding(doctor.HARDWARE[0], lambda _: True), Standing.READY),
-        (doctor.hardware_finding(doctor.HARDWARE[0], lambda _: False), Standing.OPTIONAL),
-        (doctor.browser_finding(lambda name: f"/usr/bin/{name}"), Standing.READY),
-        (doctor.browser_finding(_nowhere), Standing.OPTIONAL),
+        (doctor_findings.python_finding((3, 11, 2)), Standing.READY),
+        (doctor_findings.python_finding((3, 10, 9)), Standing.LACKING),
+        (doctor_findings.opengl_finding(OpenGLReport(works=True, text="llvmpipe")), Standing.READY),
+        (doctor_findings.cores_finding(2), Standing.READY),
+        (doctor_findings.cores_finding(1), Standing.ADVICE),
+        (doctor_findings.urgency_finding(True), Standing.READY),
+        (doctor_findings.urgency_finding(False), Standing.ADVICE),
+        (doctor_findings.memory_finding(8.0), Standing.READY),
+        (doctor_findings.memory_finding(0.5), Standing.ADVICE),
+        (doctor_packages.package_finding(Requirement("numpy>=2.2"), {"numpy": "2.2.1"}.get), Standing.READY),
+        (doctor_packages.package_finding(Requirement("numpy>=2.2"), {"numpy": "2.1.9"}.get), Standing.LACKING),
+        (doctor_packages.package_finding(Requirement("numpy>=2.2"), _nowhere), Standing.LACKING),
+        (doctor_packages.hardware_finding(doctor_packages.HARDWARE[0], lambda _: True), Standing.READY),
+        (doctor_packages.hardware_finding(doctor_packages.HARDWARE[0], lambda _: False), Standing.OPTIONAL),
+        (doctor_findings.browser_finding(lambda name: f"/usr/bin/{name}"), Standing.READY),
+        (doctor_findings.browser_finding(_nowhere), Standing.OPTIONAL),
     ],
 )
 def test_each_finding_says_how_it_stands_and_how_to_mend_it(finding: Finding, standing: Standing) -> None:
@@ -71,21 +72,21 @@ def test_each_finding_says_how_it_stands_and_how_to_mend_it(finding: Finding, st
 
 
 def test_a_wrong_version_names_the_one_that_is_needed() -> None:
-    finding = doctor.package_finding(Requirement("mujoco>=4.0"), {"mujoco": "3.3.0"}.get)
+    finding = doctor_packages.package_finding(Requirement("mujoco>=4.0"), {"mujoco": "3.3.0"}.get)
 
     assert finding.found == "3.3.0; >=4.0 is needed"
     assert finding.mend == "pip install 'mujoco>=4.0'"
 
 
 def test_every_dependency_is_looked_at_but_no_extra() -> None:
-    names = {finding.what for finding in doctor.dependency_findings()}
+    names = {finding.what for finding in doctor_packages.dependency_findings()}
 
     assert {"dlokit", "mujoco", "eclipse-zenoh", "numpy"} <= names
     assert not {"pytest", "pycpd"} & names
 
 
 def test_a_package_that_is_not_installed_is_lacking() -> None:
-    (finding,) = doctor.dependency_findings("dlokit-that-is-not-there")
+    (finding,) = doctor_packages.dependency_findings("dlokit-that-is-not-there")
 
     assert finding.standing is Standing.LACKING
 
@@ -96,16 +97,16 @@ def test_a_port_in_use_is_told_with_a_way_out() -> None:
         taken.listen()
         port = taken.getsockname()[1]
 
-        finding = doctor.port_finding("127.0.0.1", port)
+        finding = doctor_findings.port_finding("127.0.0.1", port)
 
     assert finding.standing is Standing.ADVICE
     assert str(port) in finding.what
     assert "--viewer.port" in finding.mend
-    assert doctor.port_finding("127.0.0.1", port).standing is Standing.READY
+    assert doctor_findings.port_finding("127.0.0.1", port).standing is Standing.READY
 
 
 def test_the_kernels_of_observers_and_planners_are_compiled_and_their_time_told() -> None:
-    finding = doctor.kernels_finding()
+    finding = doctor_findings.kernels_finding()
 
     assert finding.standing is Standing.READY
     assert re.search(r"loaded in \d+\.\d s", finding.found)
