@@ -41,7 +41,7 @@ class QuickRod:
     """Curvature beyond which it keeps a bend [1/m]; infinite: it always springs back; None: the model's."""
 
     def numbers(self, config: ModelConfig, nodes: int) -> Float64Array:
-        """The nine numbers that `play_motion` takes, for a rod of so many nodes."""
+        """The nine numbers (9,) that `play_motion` takes, in SI units, for a rod of so many nodes."""
         edge_m = config.length_m / (nodes - 1)
         taken_for = self.yield_curvature_1_m or config.yield_curvature_1_m or math.inf
         bending = self.stiffness_share * config.bending_stiffness_n_m2

@@ -96,7 +96,7 @@ def project(points: Array, polyline: Array) -> tuple[Array, Array]:
 
 
 def dense(polyline: Array, past_m: float) -> Array:
-    """A polyline at steps of 2 mm, lengthened straight on by `past_m` at both ends."""
+    """A polyline (K, 3) [m] at steps of 2 mm (L, 3), lengthened straight on by `past_m` at both ends."""
     s = arc_lengths(polyline)
     count = max(int(np.ceil((s[-1] + 2 * past_m) / STEP_M)), 2)
     return polyline_at(polyline, s, np.linspace(-past_m, s[-1] + past_m, count + 1))

@@ -99,7 +99,7 @@ def initial_targets(
 
 
 def oriented(nodes: Array, prior_nodes: Array | None = None) -> Array:
-    """The nodes in the prior's direction, or from the end farther to the left (larger y), see the module."""
+    """The nodes (M, 3) [m] in the prior's direction, or from the end farther to the left (larger y), see the module."""
     if prior_nodes is not None and len(prior_nodes) == len(nodes):
         return nodes if rmse_m(nodes, prior_nodes) <= rmse_m(nodes[::-1], prior_nodes) else nodes[::-1].copy()
     first, last = nodes[0], nodes[-1]

@@ -148,7 +148,7 @@ def kernel(Y: Array, beta_m: float) -> Array:
 
 
 def initial_sigma2(X: Array, Y: Array) -> float:
-    """The mean over all pairs of |x_n - y_m|² / D, the initialisation of Fig. 4 [m²]."""
+    """The mean over all pairs of |x_n - y_m|² / D [m²], X (N, D) and Y (M, D) [m], the initialisation of Fig. 4."""
     spread = np.mean(np.sum(X**2, axis=1)) + np.mean(np.sum(Y**2, axis=1)) - 2.0 * X.mean(axis=0) @ Y.mean(axis=0)
     return float(spread) / X.shape[1]
 
@@ -161,7 +161,7 @@ def motion(places: Array, Y: Array, result: Registration, beta_m: float) -> Arra
 
 
 def thinned(points: Array, count: int) -> Array:
-    """At most `count` of the points, spread evenly over their index."""
+    """At most `count` of the points (N, D), spread evenly over their index."""
     if len(points) <= count:
         return points
     return points[np.linspace(0, len(points) - 1, count).astype(np.int64)]

@@ -164,7 +164,7 @@ def hermite(start: Array, leaving: Array, end: Array, arriving: Array) -> Array:
 def ways(
     pieces: list[Array], joined: Links, length_m: float | None, config: OrderingConfig, margin: float
 ) -> list[Way]:
-    """The cheapest way through the pieces and all that cost up to `margin` more, cheapest first."""
+    """The cheapest way through the pieces (K, 3) [m] and all that cost up to `margin` more, cheapest first."""
     search = _Search(pieces, joined, length_m, config, margin)
     search.run()
     best = min((way.cost for way in search.found), default=np.inf)

@@ -27,6 +27,8 @@ def register_visible(
 ) -> TargetPoints:
     """Target points of a DLO of which parts may be hidden, from a `first` registration of all its nodes.
 
+    `points` (N, 3) [m] are the cloud's, in the world.
+
     A mixture draws the nodes of a hidden part to points of other parts. Nodes that had no points near them
     and ended in none, or with their edges squeezed or torn, are taken out; the others are registered again,
     and their coherent motion carries the hidden ones.

@@ -110,7 +110,7 @@ def averaged(points: Array, voxel_m: float) -> tuple[Array, Array]:
 
 
 def spaced(points: Array, spacing_m: float) -> Array:
-    """Some of the points, none nearer than `spacing_m` to another, and every other one so near to one of them."""
+    """Some of the points (N, 3) [m], none nearer than `spacing_m` to another, and all others so near to one of them."""
     neighbours = KDTree(points).query_ball_point(points, spacing_m)
     free = np.ones(len(points), dtype=np.bool_)
     kept: list[int] = []

@@ -146,7 +146,10 @@ class StereoMatcher:
 
 
 def window_around(mask: BoolArray, margin_px: int, reach_px: int = 0) -> Window | None:
-    """The smallest window with all of the mask, a margin around it, and `reach_px` more at its left; None if empty."""
+    """The smallest window with all of a mask (height, width), a margin around it, and `reach_px` more at its left.
+
+    None where the mask is empty.
+    """
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     if len(rows) == 0:
         return None

@@ -34,7 +34,7 @@ def rod_point(nodes_world: Float64Array, share: float) -> RodPoint:
 
 
 def grasp_share(nodes_world: Float64Array, node: int, end_inset_m: float) -> float:
-    """Where to grasp for `node`, as a share of the rod's length: at the node, but never too near an end."""
+    """Where to grasp for `node` of (M, 3) [m], as a share of the rod's length: there, but never too near an end."""
     s = geometry.arc_lengths(nodes_world)
     inset = min(end_inset_m / s[-1], 0.5)
     return float(np.clip(s[node] / s[-1], inset, 1.0 - inset))

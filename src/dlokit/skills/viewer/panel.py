@@ -87,7 +87,7 @@ class Panel:
         self._candidates.content = candidates_html(candidates)
 
     def draw_picture(self, picture: UInt8Array) -> None:
-        """Show what the left camera saw."""
+        """Show what the left camera saw, (height, width, 3) RGB."""
         self._picture.image = picture
         self._picture.visible = True
 

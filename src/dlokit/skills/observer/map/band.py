@@ -46,7 +46,7 @@ def add_block(band: Array, row: int, column: int, scale: float, block: Array) ->
 
 @njit(cache=True)
 def factorised(band: Array) -> Array:
-    """The Cholesky factor L of H, H = L Lᵀ, in the same storage (3 M, 9)."""
+    """The Cholesky factor L of H, H = L Lᵀ, both (3 M, 9) in the storage by bands."""
     factor = np.zeros_like(band)
     for i in range(band.shape[0]):
         first = max(0, i - BELOW)

@@ -34,7 +34,10 @@ class Fitted:
 
 
 def fine(problem: Problem, nodes: Array, before: Array, config: MapSettings) -> Fitted:
-    """Gauss-Newton from the coarse nodes; every other step begins with the nodes at their places from the tips."""
+    """Gauss-Newton from the coarse `nodes`; every other step begins with the nodes at their places from the tips.
+
+    `nodes` and those of the cloud `before` are (M, 3) [m], about the problem's origin.
+    """
     points = problem.points
     window = max(int(np.ceil(config.window_m / np.mean(np.diff(problem.rod_m)))), 1)
     first = nearest_segment(points, nodes)
@@ -78,7 +81,10 @@ def add_cloud(
     most_points: float,
     config: MapSettings,
 ) -> None:
-    """The points on their segments: weight p / sigma², p the inlier probability, at most `most_points` a segment."""
+    """The points (N, 3) [m] on their segments of `nodes` (M, 3) [m].
+
+    Weight p / sigma², p the inlier probability, at most `most_points` a segment.
+    """
     sums = moments(
         points,
         placed.segment,
@@ -93,7 +99,7 @@ def add_cloud(
 
 
 def add_tips(system: ChainSystem, nodes: Array, tips: Tips, sigma_m: float) -> None:
-    """Seen tips stay where `places_along` has put them, along the rod."""
+    """Seen tips of the nodes (M, 3) [m] stay where `places_along` has put them, along the rod."""
     last = len(nodes) - 1
     for known, end, inner in ((tips.first_m, 0, 2), (tips.last_m, last, last - 2)):
         if known is not None:
@@ -105,7 +111,7 @@ def add_free_space(
 ) -> None:
     """Nodes in open view without points cannot be there: each is drawn to the nearest shade or point of the rod.
 
-    Only where the picture tells what hides the rod. Robustly (Geman-McClure): standard deviation
+    `nodes` (M, 3) [m]. Only where the picture tells what hides the rod. Robustly (Geman-McClure): standard deviation
     free_space (1 + d² / reach²) at distance d.
     """
     if problem.view is None or not problem.view.tells:

@@ -134,7 +134,8 @@ def with_priors(
 ) -> ChainSystem:
     """Normal equations at `nodes` with all that does not come from the cloud; `before` moved rigidly.
 
-    Coherence is K = K_d / way² + I / (M place²): what moved far may also have changed its shape.
+    Both are (M, 3) [m], about the problem's origin. Coherence is
+    K = K_d / way² + I / (M place²): what moved far may also have changed its shape.
     """
     system = ChainSystem(len(nodes))
     priors = config.priors

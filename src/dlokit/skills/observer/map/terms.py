@@ -146,7 +146,10 @@ def add_place(band: Array, rhs: Array, node: int, place: Array, sigma_m: float) 
 
 @njit(cache=True)
 def add_tip(band: Array, rhs: Array, nodes: Array, end: int, inner: int, sigma_m: float) -> None:
-    """A node that is to stay where it is along the rod: r = uᵀ (x_end - now), u the direction from node `inner`."""
+    """A node that is to stay where it is along the rod: r = uᵀ (x_end - now), u the direction from node `inner`.
+
+    `band` (3 M, 9) and `rhs` (M, 3) are added to; `nodes` (M, 3) [m].
+    """
     along = nodes[end] - nodes[inner]
     along /= max(np.sqrt(np.sum(along**2)), 1e-9)
     at = along[0] * nodes[end, 0] + along[1] * nodes[end, 1] + along[2] * nodes[end, 2]

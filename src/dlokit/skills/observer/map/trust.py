@@ -73,7 +73,7 @@ def astray_m(problem: Problem, fitted: Fitted, config: MapSettings) -> float:
 
 
 def health(problem: Problem, fitted: Fitted, covariance: Array, config: MapSettings) -> float:
-    """Trust in the whole, 0 to 1: a product of four shares.
+    """Trust in the whole, 0 to 1: a product of four shares. `covariance` (M, 3, 3) [m²].
 
     Points that lie within 5 standard deviations of the rod, by the share that is usual; 1 / (1 + rms² / half²) with the
     root mean square of the nodes' standard deviations; 1 less the share of missing nodes, times `trust.missing` but not

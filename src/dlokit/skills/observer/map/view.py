@@ -68,7 +68,7 @@ class View:
 
 
 def view_of(seen: Observation, origin: Array) -> View | None:
-    """The view of a cloud; None where nobody knows the camera."""
+    """The view of a cloud, seen from `origin` (3,) [m] in the world; None where nobody knows the camera."""
     camera = seen.calibration
     if camera is None:
         return None

@@ -43,7 +43,7 @@ class Candidate:
 
 
 class Family(Protocol):
-    """Candidates that differ in some numbers."""
+    """Candidates that differ in some numbers (D,), the meaning and units of which each family states."""
 
     kind: type[Action]
 
