@@ -11,6 +11,7 @@ from rich.table import Table
 from dlokit.app.bench_bus import BusArgs, run_bus
 from dlokit.app.bench_feasibility import FeasibilityArgs, run_feasibility
 from dlokit.app.bench_fuzz import FuzzArgs, run_fuzz
+from dlokit.app.bench_latency import LatencyArgs, run_latency
 from dlokit.app.bench_observers import ObserversArgs, run_observers
 from dlokit.app.bench_shaping import ShapingArgs, run_shaping
 from dlokit.app.bench_stop import StopBenchArgs, run_stop_bench
@@ -62,7 +63,8 @@ class BenchArgs:
         | Annotated[FeasibilityArgs, tyro.conf.subcommand("feasibility")]
         | Annotated[StopBenchArgs, tyro.conf.subcommand("stop")]
         | Annotated[BusArgs, tyro.conf.subcommand("bus")]
-        | Annotated[FuzzArgs, tyro.conf.subcommand("fuzz")],
+        | Annotated[FuzzArgs, tyro.conf.subcommand("fuzz")]
+        | Annotated[LatencyArgs, tyro.conf.subcommand("latency")],
         tyro.conf.arg(name=""),
     ]
     """Which bench."""
@@ -85,3 +87,5 @@ def run(args: BenchArgs) -> int:
             return run_bus(bus)
         case FuzzArgs() as fuzzing:
             return run_fuzz(fuzzing)
+        case LatencyArgs() as latency:
+            return run_latency(latency)
