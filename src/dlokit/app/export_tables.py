@@ -6,14 +6,12 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from dlokit.communication.recording import foxglove
 from dlokit.communication.recording.channels import RECORDED, topic_of
 from dlokit.communication.recording.columns import Column, columns
-from dlokit.communication.recording.reader import RawRecording, Recorded, read_recording
+from dlokit.communication.recording.reader import RawRecording, Recorded, picture_file, read_recording
 from dlokit.communication.topics import STEREO_IMAGES
 
 MOST_COLUMNS = 512
@@ -83,7 +81,7 @@ def _lines(kept: list[Column]) -> Iterable[list[Any]]:
 def _write_pictures(path: Path, folder: Path) -> None:
     for channel, record in RawRecording(path=path):
         if channel in PICTURES:
-            picture = msgspec.json.decode(record.data, type=foxglove.CompressedImage)
+            picture = picture_file(record.data)
             side = folder / "pictures" / PICTURES[channel]
             side.mkdir(parents=True, exist_ok=True)
             (side / f"{record.publish_time:020d}.{picture.format}").write_bytes(picture.data)

@@ -6,13 +6,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, cast
 
-import msgspec
 import numpy as np
 
 from dlokit.communication import topics
-from dlokit.communication.recording import foxglove
 from dlokit.communication.recording.channels import topic_of
-from dlokit.communication.recording.reader import RawRecording, read_recording
+from dlokit.communication.recording.reader import RawRecording, picture_file, read_recording
 from dlokit.errors import InputError
 from dlokit.types.arrays import Float32Array, Float64Array, Int64Array
 from dlokit.types.robot import RobotState
@@ -110,7 +108,7 @@ def _pictures(raw: RawRecording) -> dict[str, _Series]:
     for channel, record in raw:
         if channel in IMAGES:
             found[channel].log_ns.append(record.log_time)
-            found[channel].values.append(msgspec.json.decode(record.data, type=foxglove.CompressedImage).data)
+            found[channel].values.append(picture_file(record.data).data)
     return dict(found)
 
 

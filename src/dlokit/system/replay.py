@@ -1,5 +1,6 @@
 """One component, built as in a recorded run, is fed that run again and compared with it."""
 
+import logging
 import tomllib
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
@@ -19,8 +20,10 @@ from dlokit.skills.perception.component import PerceptionComponent
 from dlokit.system.build import COMPONENTS, Wiring, build_component, instances_of_run
 from dlokit.system.config import RunConfig
 from dlokit.system.start_file import NOBODYS_BUSINESS
-from dlokit.system.toml_config import from_plain
+from dlokit.system.toml_config import from_plain, known_part
 from dlokit.types.image import StereoImages
+
+log = logging.getLogger(__name__)
 
 PERCEPTION = "perception"
 PICTURES = topics.STEREO_IMAGES.name
@@ -67,7 +70,8 @@ def recorded_toml(path: Path) -> str:
 def recorded_config(path: Path, parts: Collection[str]) -> RunConfig:
     """The configuration of the run that left a recording: its `parts`, and what there was of processes and arms.
 
-    What else it was configured with may be of another version. Raises `InputError`.
+    What else it was configured with may be of another version, and settings that this one has not are left out with a
+    warning. Raises `InputError`.
     """
     text = recorded_toml(path)
     source = f"the configuration in {path}"
@@ -75,8 +79,11 @@ def recorded_config(path: Path, parts: Collection[str]) -> RunConfig:
         plain = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{source} is not TOML ({error}); give the recording.mcap of a run's folder.") from error
-    kept = {name: value for name, value in plain.items() if name in (*RUN_KEYS, *parts)}
-    return from_plain(kept, RunConfig, source)
+    wanted = {name: value for name, value in plain.items() if name in (*RUN_KEYS, *parts)}
+    known, unknown = known_part(wanted, RunConfig)
+    if unknown:
+        log.warning("%s has settings that this version has not; they are left out: %s", source, ", ".join(unknown))
+    return from_plain(known, RunConfig, source)
 
 
 def replay(path: Path, name: str, config: RunConfig) -> Replay:

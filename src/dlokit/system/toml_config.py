@@ -8,7 +8,7 @@ import dataclasses
 import tomllib
 import types
 from pathlib import Path
-from typing import Annotated, Any, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
 import msgspec
 import tomli_w
@@ -86,6 +86,30 @@ def from_plain(plain: Any, wanted: Any, where: str) -> Any:
             f"{where}: unknown {KIND} {kind!r}; allowed: {', '.join(members)}; is a package missing that brings it?"
         )
     return _dataclass_from(table, next(iter(members.values())) if kind is None else members[kind], where)
+
+
+def known_part(plain: Any, wanted: Any, where: str = "") -> tuple[Any, list[str]]:
+    """What of `plain` this version has settings for, and the names of what it has not: of another version's file."""
+    members = _members(wanted)
+    if not members or not isinstance(plain, dict):
+        return plain, []
+    table = cast(dict[str, Any], plain)
+    member = members.get(table[KIND]) if KIND in table else next(iter(members.values()))
+    if member is None:
+        return table, []
+    hints = get_type_hints(member, include_extras=True)
+    kept: dict[str, Any] = {}
+    unknown: list[str] = []
+    for name, value in table.items():
+        path = f"{where}.{name}".lstrip(".")
+        if name == KIND:
+            kept[name] = value
+        elif name in hints:
+            kept[name], below = known_part(value, hints[name], path)
+            unknown += below
+        else:
+            unknown.append(path)
+    return kept, unknown
 
 
 def _dataclass_from(table: dict[str, Any], wanted: type[Any], where: str) -> Any:

@@ -7,7 +7,8 @@ import pytest
 
 from dlokit.communication.strategy_kinds import NamedConfig, StrategyKind
 from dlokit.errors import ConfigError
-from dlokit.system.toml_config import from_toml, to_toml
+from dlokit.system.config import RunConfig
+from dlokit.system.toml_config import from_toml, known_part, to_plain, to_toml
 
 
 @dataclass(frozen=True)
@@ -91,3 +92,13 @@ def test_a_value_of_the_wrong_type_is_named_by_its_path() -> None:
 def test_text_that_is_no_toml_is_one_clear_error() -> None:
     with pytest.raises(ConfigError, match="test is not TOML"):
         from_toml("= 3", Tree, "test")
+
+
+def test_of_a_file_of_another_version_the_known_part_is_told_from_the_rest() -> None:
+    plain = to_plain(RunConfig(seed=3))
+    assert known_part(plain, RunConfig) == (plain, [])
+    older = {**plain, "gone": 1, "model": {**plain["model"], "gone": 2}}
+    older["observer"] = {**plain["observer"], "strategy": {**plain["observer"]["strategy"], "gone": {"deep": 3}}}
+    known, unknown = known_part(older, RunConfig)
+    assert known == plain
+    assert set(unknown) == {"model.gone", "observer.strategy.gone", "gone"}

@@ -8,7 +8,6 @@ import base64
 import enum
 import math
 import types
-from collections.abc import Mapping
 from functools import lru_cache
 from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
@@ -64,9 +63,9 @@ def from_plain(plain: object, wanted: type[T]) -> T:
         raise CommunicationError(f"cannot decode {kind_name(wanted)} from JSON: {error}") from error
 
 
-def json_schema(kind: Any, titles: Mapping[type, str] | None = None) -> bytes:
-    """The JSON schema of a message type; `titles` renames types within it."""
-    return msgspec.json.encode(_schema(kind, titles or {}))
+def json_schema(kind: Any) -> bytes:
+    """The JSON schema of a message type."""
+    return msgspec.json.encode(_schema(kind))
 
 
 def kind_name(kind: Any) -> str:
@@ -131,7 +130,7 @@ def _array_from(value: dict[str, Any]) -> NDArray[Any]:
     return np.array(value["values"], dtype=dtype).reshape(shape)
 
 
-def _schema(kind: Any, titles: Mapping[type, str]) -> dict[str, Any]:
+def _schema(kind: Any) -> dict[str, Any]:
     if kind in _PRIMITIVES:
         return _PRIMITIVES[kind]
     origin, parts = get_origin(kind), get_args(kind)
@@ -139,22 +138,22 @@ def _schema(kind: Any, titles: Mapping[type, str]) -> dict[str, Any]:
         return _ARRAY_SCHEMA
     if origin in (Union, types.UnionType):
         kinds = [part for part in parts if part is not types.NoneType]
-        return _schema(kinds[0], titles) if len(kinds) == 1 else _all_of(kinds, titles)
+        return _schema(kinds[0]) if len(kinds) == 1 else _all_of(kinds)
     if origin in (tuple, list):
-        return {"type": "array", "items": _schema(parts[0], titles)}
+        return {"type": "array", "items": _schema(parts[0])}
     if issubclass(kind, enum.Enum):
         return {"type": "string"}
     tag_field = kind.__struct_config__.tag_field
     properties = {} if tag_field is None else {tag_field: _PRIMITIVES[str]}
-    properties |= {name: _schema(hint, titles) for name, hint in _fields(kind).items()}
-    return {"title": titles.get(kind, kind.__name__), "type": "object", "properties": properties}
+    properties |= {name: _schema(hint) for name, hint in _fields(kind).items()}
+    return {"title": kind.__name__, "type": "object", "properties": properties}
 
 
-def _all_of(kinds: list[Any], titles: Mapping[type, str]) -> dict[str, Any]:
+def _all_of(kinds: list[Any]) -> dict[str, Any]:
     """One object with the fields of all: of kinds of messages each has its own beside those of the others."""
     merged: dict[str, Any] = {}
     for kind in kinds:
-        schema = _schema(kind, titles)
+        schema = _schema(kind)
         if schema["type"] != "object":
             raise CommunicationError(f"{kinds} have no schema in common; allowed: unions of messages, and with None")
         merged |= schema["properties"]

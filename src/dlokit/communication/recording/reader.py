@@ -16,7 +16,7 @@ from dlokit.communication.recording.pictures import from_jpeg
 from dlokit.communication.recording.plain import from_plain
 from dlokit.communication.recording.views import VIEWS
 from dlokit.communication.topics import STEREO_IMAGES
-from dlokit.errors import InputError, SchemaMismatch
+from dlokit.errors import CommunicationError, InputError, SchemaMismatch
 from dlokit.types.message import Message
 
 _MAGIC = b"\x89MCAP0\r\n"
@@ -101,6 +101,14 @@ def read_recording(path: Path, only: Container[str] | None = None) -> Iterator[R
             yield Recorded(topic=channel, log_ns=record.log_time, message=_message(channel, record.data, pictures))
 
 
+def picture_file(data: bytes) -> foxglove.CompressedImage:
+    """A picture of `view/left` or `view/right`, as it is in the file. Raises `SchemaMismatch`."""
+    try:
+        return foxglove.from_bytes(data, foxglove.CompressedImage)
+    except CommunicationError as error:
+        raise SchemaMismatch(f"{error}; another version wrote the file: read it with that one") from error
+
+
 def _message(channel: str, data: bytes, pictures: dict[str, bytes]) -> Message:
     kind = type_of(channel)
     if kind is None:
@@ -108,5 +116,5 @@ def _message(channel: str, data: bytes, pictures: dict[str, bytes]) -> Message:
     plain: Any = msgspec.json.decode(data)
     if channel == STEREO_IMAGES.name:
         for side in ("left", "right"):
-            plain[side] = from_jpeg(msgspec.json.decode(pictures[f"view/{side}"], type=foxglove.CompressedImage).data)
+            plain[side] = from_jpeg(picture_file(pictures[f"view/{side}"]).data)
     return from_plain(plain, kind)

@@ -32,8 +32,8 @@ VIEWS: dict[str, type[View]] = {
 WORLD = "world"
 CAMERA = "camera"
 
-_ROD = fox.Color(r=0.95, g=0.55, b=0.1)
-_TARGETS = fox.Color(r=0.1, g=0.45, b=0.95)
+_ROD = fox.Color(r=0.95, g=0.55, b=0.1, a=1.0)
+_TARGETS = fox.Color(r=0.1, g=0.45, b=0.95, a=1.0)
 _GOAL = fox.Color(r=0.2, g=0.75, b=0.3, a=0.7)
 _DIAMETER_M = 0.008
 
@@ -99,20 +99,23 @@ def _cloud(seen: Observation) -> fox.PointCloud:
     return fox.PointCloud(
         timestamp=fox.time_of(seen.stamp_ns),
         frame_id=WORLD,
-        pose=fox.Pose(),
+        pose=fox.HERE,
         point_stride=12,
-        fields=[fox.PackedElementField(name=name, offset=4 * i, type=fox.FLOAT32) for i, name in enumerate("xyz")],
+        fields=[
+            fox.PackedElementField(name=name, offset=4 * i, type=fox.PackedElementField.FLOAT32)
+            for i, name in enumerate("xyz")
+        ],
         data=points.tobytes(),
     )
 
 
 def _rod(stamp_ns: int, name: str, nodes_world: Float64Array, color: fox.Color) -> fox.SceneUpdate:
     line = fox.LinePrimitive(
-        type=fox.LINE_STRIP,
-        pose=fox.Pose(),
+        type=fox.LinePrimitive.LINE_STRIP,
+        pose=fox.HERE,
         thickness=_DIAMETER_M,
         scale_invariant=False,
-        points=[_vector(node) for node in nodes_world if np.isfinite(node).all()],
+        points=[fox.Point3(x=x, y=y, z=z) for x, y, z in nodes_world.tolist() if np.isfinite((x, y, z)).all()],
         color=color,
     )
     entity = fox.SceneEntity(timestamp=fox.time_of(stamp_ns), frame_id=WORLD, id=name, lines=[line])
@@ -122,7 +125,7 @@ def _rod(stamp_ns: int, name: str, nodes_world: Float64Array, color: fox.Color) 
 def _points(stamp_ns: int, name: str, points_world: Float64Array) -> fox.SceneUpdate:
     size = fox.Vector3(x=_DIAMETER_M, y=_DIAMETER_M, z=_DIAMETER_M)
     spheres = [
-        fox.SpherePrimitive(pose=fox.Pose(position=_vector(point)), size=size, color=_TARGETS)
+        fox.SpherePrimitive(pose=fox.Pose(position=_vector(point), orientation=fox.UPRIGHT), size=size, color=_TARGETS)
         for point in points_world
         if np.isfinite(point).all()
     ]
@@ -133,16 +136,16 @@ def _points(stamp_ns: int, name: str, points_world: Float64Array) -> fox.SceneUp
 def _log(message: FlowStatus | ObserverEvent | GoalVerdict | CallRecord) -> fox.Log:
     match message:
         case FlowStatus():
-            level = fox.WARNING if message.outcome not in (None, RunOutcome.CONVERGED) else fox.INFO
+            level = fox.Log.WARNING if message.outcome not in (None, RunOutcome.CONVERGED) else fox.Log.INFO
             name, text = message.flow, f"{message.step}: {message.text}"
         case ObserverEvent():
-            level, name = fox.WARNING, "observer"
+            level, name = fox.Log.WARNING, "observer"
             text = message.kind.value if message.reason is None else f"{message.kind.value}: {message.reason.value}"
         case GoalVerdict():
-            level = fox.INFO if message.standing is Standing.HOLDS else fox.WARNING
+            level = fox.Log.INFO if message.standing is Standing.HOLDS else fox.Log.WARNING
             name, text = "planning", message.text
         case CallRecord():
-            level = fox.INFO if message.outcome is CallEnd.SUCCEEDED else fox.WARNING
+            level = fox.Log.INFO if message.outcome is CallEnd.SUCCEEDED else fox.Log.WARNING
             name = message.skill
             text = " ".join(part for part in (message.outcome.value, message.reason, message.detail) if part)
     return fox.Log(timestamp=fox.time_of(message.stamp_ns), level=level, message=text, name=name)

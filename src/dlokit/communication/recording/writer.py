@@ -98,13 +98,20 @@ class RecordingWriter:
         number = self._channels.get(channel)
         if number is None:
             number = self._channels[channel] = self._register(channel)
-        self._writer.add_message(number, log_time=log_ns, publish_time=stamp_ns, sequence=seq, data=to_json(value))
+        self._writer.add_message(number, log_time=log_ns, publish_time=stamp_ns, sequence=seq, data=_encoded(value))
 
     def _register(self, channel: str) -> int:
         if channel in VIEWS:
             name, schema = foxglove.schema_name(VIEWS[channel]), foxglove.schema_of(VIEWS[channel])
+            encoding = schema_encoding = foxglove.ENCODING
         else:
             kind = type_of(channel)
             assert kind is not None, f"{channel} is no topic"
             name, schema = f"dlokit.{kind_name(kind)}", json_schema(kind)
-        return self._writer.register_channel(channel, "json", self._writer.register_schema(name, "jsonschema", schema))
+            encoding, schema_encoding = "json", "jsonschema"
+        number = self._writer.register_schema(name, schema_encoding, schema)
+        return self._writer.register_channel(channel, encoding, number)
+
+
+def _encoded(value: Message | View) -> bytes:
+    return to_json(value) if isinstance(value, Message) else value.SerializeToString(deterministic=True)
