@@ -32,7 +32,7 @@ class InfoArgs:
       dlokit info runs/<run>                                   the same
       dlokit info runs/<run> --configuration > again.toml      all settings; dlokit shape --config again.toml
 
-    The file opens in Foxglove as well. Exit code: 0, also when the file was cut off; 2 when it is no recording.
+    The file opens in Foxglove and in Rerun as well. Exit code: 0, also when the file was cut off; 2 when it is none.
     """
 
     file: Annotated[Path, tyro.conf.Positional]

@@ -19,6 +19,7 @@ from dlokit.system.lockstep import lockstep_system
 from dlokit.system.recording import lockstep_recorder
 from dlokit.system.toml_config import from_toml
 from dlokit.types.outcome import Succeeded
+from dlokit.types.skill_call import CallBegun, CallRecord
 
 CONFIG = RunConfig(headless=True, seed=3)
 
@@ -55,6 +56,12 @@ def test_a_recording_has_what_went_over_the_bus_and_of_the_cell_its_clock_and_ar
     assert channels >= {SKILL_CALLS.name, "view/left", "view/cloud", "view/tool"}
     assert channels <= {topic.name for topic in (*TOPICS, *CALLS)} | set(VIEWS)
     assert {channel for channel in channels if channel.startswith("cell")} == {CLOCK.name, ARM_STATE.name}
+
+
+def test_what_drivers_ask_of_the_cell_is_not_recorded(twice: list[Path]) -> None:
+    calls = [one.message for one in read_recording(twice[0], {topic.name for topic in CALLS})]
+    skills = {call.skill for call in calls if isinstance(call, CallBegun | CallRecord)}
+    assert skills == {"robot.home", "perception.look"}
 
 
 def test_a_recording_holds_the_configuration_and_the_versions_of_its_run(twice: list[Path]) -> None:

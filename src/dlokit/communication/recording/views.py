@@ -3,7 +3,7 @@
 import numpy as np
 
 from dlokit.communication.recording import foxglove as fox
-from dlokit.types.arrays import Float64Array
+from dlokit.types.arrays import Float32Array, Float64Array
 from dlokit.types.dlo import DloState, GoalShape, TargetPoints
 from dlokit.types.feasibility import GoalVerdict, Standing
 from dlokit.types.flow import FlowStatus, RunOutcome
@@ -25,6 +25,9 @@ VIEWS: dict[str, type[View]] = {
     "view/right": fox.CompressedImage,
     "view/cloud": fox.PointCloud,
     "view/scene": fox.SceneUpdate,
+    "view/rod": fox.PointCloud,
+    "view/targets": fox.PointCloud,
+    "view/goal": fox.PointCloud,
     "view/log": fox.Log,
 }
 """Every channel that is made for Foxglove, with its type."""
@@ -50,13 +53,14 @@ def views_of(message: Message) -> list[tuple[str, View]]:
                 ("view/camera", _camera(message.stamp_ns, message.calibration)),
             ]
         case Observation():
-            return [("view/cloud", _cloud(message))]
+            return [("view/cloud", _cloud(message.stamp_ns, message.points_world))]
         case DloState():
-            return [("view/scene", _rod(message.stamp_ns, "rod", message.nodes_world, _ROD))]
+            return _both("rod", message, _rod(message.stamp_ns, "rod", message.nodes_world, _ROD))
         case GoalShape():
-            return [("view/scene", _rod(message.stamp_ns, "goal", message.nodes_world, _GOAL))]
+            return _both("goal", message, _rod(message.stamp_ns, "goal", message.nodes_world, _GOAL))
         case TargetPoints():
-            return [("view/scene", _points(message.stamp_ns, "targets", message.nodes_world[message.visible]))]
+            visible = message.nodes_world[message.visible]
+            return _both("targets", message, _points(message.stamp_ns, "targets", visible))
         case FlowStatus() | ObserverEvent() | GoalVerdict() | CallRecord():
             return [("view/log", _log(message))]
         case _:
@@ -94,10 +98,15 @@ def _camera(stamp_ns: int, camera: CameraCalibration) -> fox.CameraCalibration:
     )
 
 
-def _cloud(seen: Observation) -> fox.PointCloud:
-    points = np.ascontiguousarray(seen.points_world, dtype="<f4")
+def _both(name: str, message: DloState | GoalShape | TargetPoints, drawn: fox.SceneUpdate) -> list[tuple[str, View]]:
+    """A shape as it is drawn, and its nodes as a cloud: Rerun knows no scenes."""
+    return [("view/scene", drawn), (f"view/{name}", _cloud(message.stamp_ns, message.nodes_world))]
+
+
+def _cloud(stamp_ns: int, points_world: Float32Array | Float64Array) -> fox.PointCloud:
+    points = np.ascontiguousarray(points_world, dtype="<f4")
     return fox.PointCloud(
-        timestamp=fox.time_of(seen.stamp_ns),
+        timestamp=fox.time_of(stamp_ns),
         frame_id=WORLD,
         pose=fox.HERE,
         point_stride=12,
