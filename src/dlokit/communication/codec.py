@@ -80,7 +80,7 @@ def _extension_hook(code: int, data: memoryview) -> NDArray[Any]:
             array = np.frombuffer(bytes(data[begin:]), dtype=dtype)
     else:  # a small part must not keep a large message in memory
         array = np.frombuffer(bytes(data[begin:]), dtype=dtype)
-    if dtype == np.bool_ and array.view(np.uint8).max(initial=0) > 1:
+    if dtype.kind == "b" and array.view(np.uint8).max(initial=0) > 1:
         raise CommunicationError("an array of bool holds more than 0 and 1: message is damaged")
     return array.reshape(shape)
 
