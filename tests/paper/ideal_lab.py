@@ -18,6 +18,7 @@ from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.transport import Transport
 from dlokit.decision.component import DecisionComponent
 from dlokit.decision.config import TaskConfig
+from dlokit.decision.journal import Journal
 from dlokit.decision.task import ActionRecord, GoalRequest, ShapeResult
 from dlokit.description.shapes import builtin_shape
 from dlokit.skills.model.component import ModelComponent
@@ -92,11 +93,15 @@ async def running(
     rod: ModelConfig = ROD,
     others: tuple[Component, ...] = (),
     planning: PlanningConfig | None = None,
+    keep: Callable[[Journal], None] = lambda journal: None,
 ) -> AsyncGenerator[DecisionComponent]:
-    """The ideal lab's components on a bus, the decision component among them, and `others`."""
+    """The ideal lab's components on a bus, the decision component among them, and `others`.
+
+    `keep` is given the journals of its tasks.
+    """
     host = Host(transport, clock)
     task = replace(config or TaskConfig(), check_camera=lab.checks_camera)
-    decision = DecisionComponent(task, lambda: 0.0, length_m=rod.length_m, radius_m=rod.radius_m)
+    decision = DecisionComponent(task, lambda: 0.0, length_m=rod.length_m, radius_m=rod.radius_m, keep=keep)
     for component in (
         ScriptedPerception(lab),
         ScriptedRobot(lab),

@@ -17,6 +17,7 @@ from dlokit.app import (
     ps,
     record,
     replay,
+    resume,
     shape,
     skills,
     stop,
@@ -37,6 +38,7 @@ Command = (
     | call.CallArgs
     | stop.StopArgs
     | ps.PsArgs
+    | resume.ResumeArgs
     | graph.GraphArgs
     | doctor.DoctorArgs
     | bench.BenchArgs
@@ -58,6 +60,7 @@ def parse(arguments: Sequence[str]) -> Command:
         | Annotated[identify.IdentifyArgs, tyro.conf.subcommand("identify")]
         | Annotated[call.CallArgs, tyro.conf.subcommand("call")]
         | Annotated[stop.StopArgs, tyro.conf.subcommand("stop")]
+        | Annotated[resume.ResumeArgs, tyro.conf.subcommand("resume")]
         | Annotated[ps.PsArgs, tyro.conf.subcommand("ps")]
         | Annotated[skills.SkillsArgs, tyro.conf.subcommand("skills")]
         | Annotated[graph.GraphArgs, tyro.conf.subcommand("graph")]
@@ -96,6 +99,8 @@ def execute(arguments: Sequence[str]) -> int:
             return call.run_call(args)
         case stop.StopArgs() as args:
             return stop.run_stop(args)
+        case resume.ResumeArgs() as args:
+            return resume.run(args)
         case ps.PsArgs() as args:
             return ps.run(args)
         case skills.SkillsArgs() as args:

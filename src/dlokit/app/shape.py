@@ -23,6 +23,7 @@ from dlokit.skills.planning.strategies import PLANNERS
 from dlokit.system.config import CONFIG_FILE, INTERACTIVE, RunConfig
 from dlokit.system.goal_result import NEAREST_FILE_NAME
 from dlokit.system.run_folder import claim_run_folder, new_run_folder
+from dlokit.system.shaping import ShapeJob
 from dlokit.types.flow import RunOutcome
 
 RUNS = Path("runs")
@@ -106,10 +107,15 @@ def run(args: ShapeArgs) -> int:
     console = Console()
     prepare(console, config)
     _invite(console, config)
-    with RunDisplay(console, title=job.name, threshold_m=config.task.threshold_m) as display:
-        record = judged_run(config, job, folder, display)
     # Not what was typed: its --out has been used, and its files may be named from another folder.
     again = shlex.join(["dlokit", "shape", "--config", str((folder / CONFIG_FILE).absolute())])
+    return run_and_report(config, job, folder, console, again)
+
+
+def run_and_report(config: RunConfig, job: ShapeJob, folder: Path, console: Console, again: str) -> int:
+    """Run a task, write what it leaves, and say how it ended; `again` is the command that repeats it."""
+    with RunDisplay(console, title=job.name, threshold_m=config.task.threshold_m) as display:
+        record = judged_run(config, job, folder, display)
     record = replace(record, command=again, machine=machine_facts())
     report = write_report(folder, record)
     nearest = folder / NEAREST_FILE_NAME

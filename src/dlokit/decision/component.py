@@ -13,8 +13,9 @@ from dlokit.decision.asked import adjusted, goal_request
 from dlokit.decision.config import Infeasible, TaskConfig
 from dlokit.decision.diary import Diary, Progress
 from dlokit.decision.flow import run_flow
+from dlokit.decision.journal import Journal, take_up
 from dlokit.decision.odometer import Odometer
-from dlokit.decision.shape_flow import SHAPE_DLO
+from dlokit.decision.shape_flow import RESUME_DLO, SHAPE_DLO
 from dlokit.decision.task import ActionRecord, GoalRequest, ShapeResult, ShapeTask, StepTiming
 from dlokit.description.arms import instance_of
 from dlokit.errors import SkillFailure, SkillRejected
@@ -46,12 +47,14 @@ class DecisionComponent(Component):
         length_m: float,
         radius_m: float,
         robots: tuple[str, ...] = (FIRST_ROBOT,),
+        keep: Callable[[Journal], None] = lambda journal: None,
     ) -> None:
         """`stopwatch` gives the machine's monotonic time [s]; it is used for timings alone.
 
         `length_m` and `radius_m` are the DLO's, as believed: goals by name are made for them. `robots` are the names of
-        the arms that it moves.
+        the arms that it moves. `keep` is given the journal of a task at each of its boxes.
         """
+        self._keep = keep
         self._robots = robots
         self._config = config
         self._stopwatch = stopwatch
@@ -90,11 +93,13 @@ class DecisionComponent(Component):
         recorded: Callable[[ActionRecord], None],
         entered: Callable[[FlowStatus], None] = lambda status: None,
         config: TaskConfig | None = None,
+        resumed: Journal | None = None,
     ) -> ShapeResult:
         """Bring the DLO into the requested shape (None: the operator's, from the viewer).
 
         `recorded` is told of every action when its effect is known, `entered` of every box. `config` holds for this
-        task alone. Raises `SkillRejected` ``busy`` while another task runs.
+        task alone. `resumed` is the journal of a task that a crash has ended. Raises `SkillRejected` ``busy`` while
+        another task runs.
 
         Cancelling it stops the robot and ends with outcome `cancelled`; a second cancellation gets through.
         """
@@ -103,7 +108,7 @@ class DecisionComponent(Component):
         self._shaping = True
         self._running.set()  # a pause of before was that task's
         try:
-            return await self._shape(request, recorded, entered, config or self._config)
+            return await self._shape(request, recorded, entered, config or self._config, resumed)
         finally:
             self._shaping = False
 
@@ -113,6 +118,7 @@ class DecisionComponent(Component):
         recorded: Callable[[ActionRecord], None],
         entered: Callable[[FlowStatus], None],
         config: TaskConfig,
+        resumed: Journal | None,
     ) -> ShapeResult:
         odometer = Odometer()
         task = ShapeTask(
@@ -127,9 +133,13 @@ class DecisionComponent(Component):
             robots=self._robots,
             started_ns=self.port.clock.now_ns(),
         )
-        diary = Diary(task, self.gate, entered)
+        chart = SHAPE_DLO
+        if resumed is not None:
+            take_up(task, resumed)
+            chart = RESUME_DLO
+        diary = Diary(task, self.gate, entered, self._keep)
         riding = asyncio.create_task(odometer.follow(self.port.stream(topics.ROBOT_STATE)), name="odometer")
-        flow = asyncio.create_task(run_flow(SHAPE_DLO, task, diary.entered), name="shape_dlo")
+        flow = asyncio.create_task(run_flow(chart, task, diary.entered), name="shape_dlo")
         watch = asyncio.create_task(self._obey(flow), name="operator")
         try:
             outcome = (await flow).outcome

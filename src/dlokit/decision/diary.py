@@ -4,6 +4,7 @@ from collections.abc import Awaitable, Callable
 
 from dlokit.communication import topics
 from dlokit.decision import api
+from dlokit.decision.journal import Journal, journal_of
 from dlokit.decision.shape_flow import SHAPE_DLO
 from dlokit.decision.task import ActionRecord, ShapeTask, StepTiming
 from dlokit.types.flow import FlowStatus, RunOutcome
@@ -13,9 +14,17 @@ class Diary:
     """Publishes each box as it is entered, and measures how long it took."""
 
     def __init__(
-        self, task: ShapeTask, gate: Callable[[], Awaitable[None]], told: Callable[[FlowStatus], None]
+        self,
+        task: ShapeTask,
+        gate: Callable[[], Awaitable[None]],
+        told: Callable[[FlowStatus], None],
+        keep: Callable[[Journal], None],
     ) -> None:
-        """`gate` holds the flow up while the operator has paused; `told` hears what is published."""
+        """`gate` holds the flow up while the operator has paused; `told` hears what is published.
+
+        `keep` is given what another process would need to go on.
+        """
+        self._keep = keep
         self._gate = gate
         self._task = task
         self._told = told
@@ -26,6 +35,8 @@ class Diary:
         """The flow has come to a box."""
         await self._gate()
         self._stop_timing()
+        if (journal := journal_of(self._task)) is not None:
+            self._keep(journal)
         self._since = (step, self._task.port.clock.now_ns(), self._task.stopwatch())
         self._publish(step, last_outcome, None)
 
@@ -51,7 +62,7 @@ class Diary:
             flow=SHAPE_DLO.name,
             step=step,
             last_outcome=last_outcome,
-            actions=len(task.history),
+            actions=task.actions,
             rmse_m=task.errors_m[-1] if task.errors_m else None,
             text=task.reason or "",
             outcome=outcome,

@@ -1,8 +1,10 @@
 """The flow chart of shape manipulation (paper, Fig. 6), with the ends that the paper lacks."""
 
+from dataclasses import replace
+
 from dlokit.decision.convergence import Progress
 from dlokit.decision.flow import End, Flow, Step
-from dlokit.decision.steps import acting, checking, controlling, judging, restoring, seeing
+from dlokit.decision.steps import acting, checking, controlling, judging, restoring, seeing, taking_over
 from dlokit.decision.steps.outcomes import (
     Carried,
     Change,
@@ -18,6 +20,7 @@ from dlokit.decision.steps.outcomes import (
     Released,
     Restored,
     Sight,
+    TakenOver,
 )
 from dlokit.decision.task import ShapeTask
 from dlokit.types.flow import Mode, RunOutcome
@@ -219,3 +222,18 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
         End("failed", RunOutcome.FAILED),
     ),
 )
+
+RESUME_DLO: Flow[ShapeTask] = replace(
+    SHAPE_DLO,
+    start="take_over",
+    steps=(
+        Step(
+            "take_over",
+            taking_over.take_over,
+            {TakenOver.DONE: SHAPE_DLO.start, TakenOver.FAILED: "failed"},
+            "After a crash: clear faults, let go where the arm stands, and go straight up.",
+        ),
+        *SHAPE_DLO.steps,
+    ),
+)
+"""The same chart with a box before it, for a task that another process had begun."""

@@ -182,6 +182,8 @@ class ShapeTask:
     deadlock: bool = False
     """Whether control of the action under way ended in a deadlock."""
     history: list[ActionRecord] = field(default_factory=list[ActionRecord])
+    actions_before: int = 0
+    """Actions of the run that this one resumes."""
     planning_time_s: float = 0.0
     recoveries: int = 0
     lost: str = ""
@@ -189,6 +191,11 @@ class ShapeTask:
     restorations: int = 0
     """How often a component was lost and waited for."""
     reason: str | None = None
+
+    @property
+    def actions(self) -> int:
+        """How many have ended, those of a run that this one resumes among them."""
+        return self.actions_before + len(self.history)
 
     @property
     def watched(self) -> bool:

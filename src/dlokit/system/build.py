@@ -28,6 +28,7 @@ from dlokit.skills.robot.kinematics import PandaKinematics
 from dlokit.skills.robot.lease_watch import LoopWatch, ThreadWatch
 from dlokit.skills.viewer.component import RodOutline, ViewerComponent
 from dlokit.system.config import RunConfig
+from dlokit.system.journal_file import JournalFile
 from dlokit.types.arrays import Float64Array
 
 
@@ -119,6 +120,8 @@ def _decision(config: RunConfig, wiring: Wiring) -> Component:
         length_m=config.model.length_m,
         radius_m=config.model.radius_m,
         robots=tuple(mount.robot for mount in ARMS[: config.arms]),
+        # A lockstep run is repeated to the bit instead.
+        keep=JournalFile(wiring.folder).keep if config.runtime == "live" else lambda journal: None,
     )
 
 

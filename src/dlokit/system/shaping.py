@@ -14,6 +14,7 @@ from dlokit.communication import topics
 from dlokit.communication.clock import Clock
 from dlokit.communication.transport import Transport
 from dlokit.decision.component import DecisionComponent
+from dlokit.decision.journal import Journal
 from dlokit.decision.task import GoalRequest, ShapeResult
 from dlokit.decision.task import StepTiming as Visit
 from dlokit.system.action_result import action_result
@@ -57,6 +58,8 @@ class ShapeJob:
     start_nodes_world: Float64Array  # (K, 3) [m] the cell's secret
     request: GoalRequest | None
     """None: the operator sets the goal in the viewer."""
+    resumed: Journal | None = None
+    """Of the run that this one goes on with."""
 
 
 class _Album:
@@ -90,7 +93,9 @@ async def shape(
     ]
     began_s, began_ns = time.perf_counter(), clock.now_ns()
     try:
-        result = await decision.shape(job.request, lambda record: watch.action(action_result(record)))
+        result = await decision.shape(
+            job.request, lambda record: watch.action(action_result(record)), resumed=job.resumed
+        )
         last_ns = result.history[-1].release_stamp_ns if result.history else clock.now_ns()
         # Whoever ends the run now still gets the result: it stands.
         with contextlib.suppress(asyncio.CancelledError):

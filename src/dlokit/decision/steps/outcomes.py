@@ -128,3 +128,10 @@ class Restored(enum.Enum):
     LOST = "lost"
     TOO_OFTEN = "too_often"
     FAILED = "failed"
+
+
+class TakenOver(enum.Enum):
+    """Whether the arm is ready for a task that is resumed."""
+
+    DONE = "done"
+    FAILED = "failed"

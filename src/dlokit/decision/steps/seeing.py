@@ -164,7 +164,8 @@ async def track_model(task: ShapeTask) -> Sight:
     if not isinstance(verdict, Succeeded):
         fail(task, "planning.check_start", verdict)
         return Sight.FAILED
-    if not verdict.result.feasible:
+    # A shape that an action has left is gone on from, as after any action.
+    if not verdict.result.feasible and task.actions_before == 0:
         problems = ", ".join(finding.problem.value for finding in verdict.result.findings)
         task.reason = f"start {problems}: {verdict.result.text}"
         return Sight.UNUSABLE
@@ -215,7 +216,7 @@ async def track_again(task: ShapeTask) -> Sight:
     task.errors_m.append(_error(task))
     predicted = task.chosen.predicted_nodes_world
     record = ActionRecord(
-        action=len(task.history) + 1,
+        action=task.actions + 1,
         kind=kind_of(task.chosen),
         grasp_node=task.chosen.grasp.node,
         grasp_ok=task.grasp_ok,

@@ -1,0 +1,107 @@
+"""A task whose process has crashed goes on from its journal: same goal, and what was spent stays spent."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from ideal_lab import LENGTH_M, NODES, PATIENT, Lab, running
+
+from dlokit.communication import virtual_time
+from dlokit.communication.clock import LoopClock
+from dlokit.communication.memory import MemoryTransport
+from dlokit.decision.config import TaskConfig
+from dlokit.decision.journal import Journal
+from dlokit.decision.task import ActionRecord, GoalRequest, ShapeResult
+from dlokit.description.shapes import builtin_shape
+from dlokit.errors import InputError
+from dlokit.system.journal_file import NAME, JournalFile, read_journal
+from dlokit.types.flow import RunOutcome
+
+I = builtin_shape("I", LENGTH_M, NODES)  # noqa: E741  the shape's name
+S = builtin_shape("S", LENGTH_M, NODES)
+
+
+class Run:
+    """One process's part of a task, and what it leaves."""
+
+    def __init__(self, lab: Lab, config: TaskConfig, resumed: Journal | None = None) -> None:
+        self.lab = lab
+        self.journals: list[Journal] = []
+        self.records: list[ActionRecord] = []
+        self.steps: list[str] = []
+        self.result: ShapeResult = virtual_time.run(self._run(config, resumed))
+
+    async def _run(self, config: TaskConfig, resumed: Journal | None) -> ShapeResult:
+        transport, clock = MemoryTransport(), LoopClock()
+        async with running(self.lab, transport, clock, config, keep=self.journals.append) as decision:
+            request = GoalRequest(nodes_world=S, name="S") if resumed is None else resumed.request
+            return await decision.shape(
+                request, self.records.append, lambda status: self.steps.append(status.step), resumed=resumed
+            )
+
+
+@pytest.fixture(scope="module")
+def cut_off() -> Run:
+    """A task that ends after two actions, far from its goal."""
+    return Run(Lab(nodes=I.copy()), TaskConfig(max_actions=2))
+
+
+def test_a_journal_is_kept_at_each_box_once_there_is_a_goal(cut_off: Run) -> None:
+    assert len(cut_off.journals) == len(cut_off.steps) - 1  # the end is no box
+    assert [journal.actions for journal in cut_off.journals] == sorted(journal.actions for journal in cut_off.journals)
+    last = cut_off.journals[-1]
+    assert last.actions == 2
+    assert last.errors_m[-1] == cut_off.result.rmse_m
+    assert last.elapsed_s > 0.0
+
+
+def test_the_task_takes_over_the_arm_looks_anew_and_goes_on_counting(cut_off: Run) -> None:
+    resumed = Run(Lab(nodes=cut_off.lab.nodes), PATIENT, cut_off.journals[-1])
+    assert resumed.steps[:3] == ["take_over", "check_camera", "find_dlo"]
+    assert resumed.lab.calls[:3] == ["recover", "release", "move_linear"]
+    assert resumed.result.outcome is RunOutcome.CONVERGED
+    assert resumed.records[0].action == 3
+    assert resumed.result.start_rmse_m == cut_off.result.start_rmse_m
+    # Looked at again, the rope lies as it lay.
+    assert resumed.journals[-1].errors_m[2] == pytest.approx(cut_off.journals[-1].errors_m[2], abs=1e-3)
+
+
+def test_what_was_spent_of_the_budgets_stays_spent(cut_off: Run) -> None:
+    spent = Run(Lab(nodes=cut_off.lab.nodes), TaskConfig(max_actions=2), cut_off.journals[-1])
+    assert spent.result.outcome is RunOutcome.BUDGET
+    assert spent.records == []
+    late = Run(
+        Lab(nodes=cut_off.lab.nodes), TaskConfig(max_time_s=cut_off.journals[-1].elapsed_s), cut_off.journals[-1]
+    )
+    assert late.result.outcome is RunOutcome.BUDGET
+
+
+def test_a_crash_before_the_first_look_begins_at_the_beginning(cut_off: Run) -> None:
+    first = cut_off.journals[0]
+    assert first.errors_m == ()
+    again = Run(Lab(nodes=I.copy()), TaskConfig(max_actions=1), first)
+    assert again.records[0].action == 1
+
+
+def test_an_arm_that_cannot_be_cleared_ends_the_task_by_name(cut_off: Run) -> None:
+    result = Run(Lab(nodes=I.copy(), fails={"recover": ["fault"]}), PATIENT, cut_off.journals[-1]).result
+    assert result.outcome is RunOutcome.FAILED
+    assert result.reason is not None
+    assert result.reason.startswith("robot.recover fault")
+
+
+def test_the_file_gives_back_what_was_kept_last(cut_off: Run, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="dlokit shape --config"):
+        read_journal(tmp_path)
+    file = JournalFile(tmp_path)
+    for journal in cut_off.journals:
+        file.keep(journal)
+    read, last = read_journal(tmp_path), cut_off.journals[-1]
+    assert read.errors_m == last.errors_m
+    assert read.slips == last.slips
+    np.testing.assert_array_equal(read.request.nodes_world, last.request.nodes_world)
+    assert [mark.node for mark in read.marks] == [mark.node for mark in last.marks]
+    JournalFile(tmp_path / "gone").keep(last)  # a disk that cannot be written ends no task
+    (tmp_path / NAME).write_bytes(b"\x00")
+    with pytest.raises(InputError, match="cannot be understood"):
+        read_journal(tmp_path)
