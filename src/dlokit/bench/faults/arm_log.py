@@ -33,6 +33,10 @@ class ArmLog:
         """How often the arm has begun to brake so far."""
         return sum(mode is RobotMode.BRAKING for _, mode in self._changes)
 
+    def mode_at(self, at_s: float) -> RobotMode:
+        """What it was first heard to do at one of the times that `until` has given."""
+        return next(mode for heard_s, mode in self._changes if heard_s == at_s)
+
     async def until(self, *modes: RobotMode, after_s: float, within_s: float) -> float | None:
         """When it was first heard to be in one of the modes after `after_s`; None when it is not `within_s` of now."""
         try:

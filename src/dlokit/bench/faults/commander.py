@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from dlokit.communication import topics
 from dlokit.communication.clock import Clock
 from dlokit.communication.transport import Transport
 from dlokit.communication.zenoh_session import ZenohConfig
@@ -26,7 +27,8 @@ from dlokit.types.outcome import Succeeded
 log = logging.getLogger(__name__)
 
 SWING_RAD = 2.4
-"""Of the first joint, to either side of home: a motion takes 2.7 s, long enough to be interrupted at any moment."""
+"""Of the first joint, to either side of home, always to the farther one: a motion takes 1.4 s at least, long enough to
+be interrupted at any moment of its first second."""
 FIRST_TICK_S = 30.0
 TAKEN_OVER_S = 60.0
 """The lease of a commander that was killed runs out long before."""
@@ -72,12 +74,12 @@ async def _command(order: Order) -> None:
 
 
 async def _to_and_fro(transport: Transport, clock: Clock) -> None:
-    side = 1.0
     while True:
+        arm = transport.latest(topics.ROBOT_STATE).value
+        side = 1.0 if arm is None or arm.q_rad[0] < PANDA_HOME_Q_RAD[0] else -1.0
         goal = PANDA_HOME_Q_RAD + np.array([side * SWING_RAD, 0, 0, 0, 0, 0, 0])
         moved = await transport.call(robot.MOVE_JOINTS, goal)
         if isinstance(moved, Succeeded):
-            side = -side
             continue
         log.info("the motion ended: %s", moved)
         await asyncio.sleep(RETRY_S)

@@ -32,8 +32,8 @@ STARTS_WITHIN_S = 180.0
 """The first commander, whose process imports everything."""
 BRAKES_WITHIN_S = 5.0
 """An arm that has not braked by then counts as one that never does."""
-LATEST_S = 1.2
-"""Faults come within this time of the beginning of a motion [s], which takes twice as long."""
+LATEST_S = 0.9
+"""Faults come within this time of the beginning of a motion [s of the arm's clock], which takes 1.4 s at least."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,13 +99,12 @@ class _Trials:
         false_stops, watched_s = await self._watch()
         frozen: list[Stop] = []
         for number in range(self._plan.freezes):
-            frozen.append(await self._freeze(self._commander))
+            frozen.append(await self._freeze())
             self._said(f"frozen {number + 1} of {self._plan.freezes}")
         killed: list[Stop] = []
         for number in range(self._plan.kills):
-            killed.append(await self._kill(self._commander))
+            killed.append(await self._kill())
             self._said(f"killed {number + 1} of {self._plan.kills}")
-            self._commander = start_commander(self._order)
         return StopFigures(killed=tuple(killed), frozen=tuple(frozen), watched_s=watched_s, false_stops=false_stops)
 
     async def _watch(self) -> tuple[int, float]:
@@ -119,40 +118,48 @@ class _Trials:
             )
         return self._arm.brakings - before, time.monotonic() - began_s
 
-    async def _freeze(self, commander: BaseProcess) -> Stop:
-        assert commander.pid is not None
-        stop = await self._struck(commander.pid, signal.SIGSTOP)
-        os.kill(commander.pid, signal.SIGCONT)
-        return stop
+    async def _freeze(self) -> Stop:
+        while True:
+            stop = await self._struck(signal.SIGSTOP)
+            os.kill(_pid(self._commander), signal.SIGCONT)
+            if stop is not None:
+                return stop
 
-    async def _kill(self, commander: BaseProcess) -> Stop:
-        assert commander.pid is not None
-        stop = await self._struck(commander.pid, signal.SIGKILL)
-        commander.join()
-        return stop
+    async def _kill(self) -> Stop:
+        while True:
+            stop = await self._struck(signal.SIGKILL)
+            self._commander.join()
+            self._commander = start_commander(self._order)
+            if stop is not None:
+                return stop
 
-    async def _struck(self, pid: int, fault: signal.Signals) -> Stop:
-        """At a random moment of a motion."""
+    async def _struck(self, fault: signal.Signals) -> Stop | None:
+        """At a random moment of a motion; None when the motion came to its end before anybody had to notice."""
         while True:
             await self._moving(after_s=time.monotonic())
             await self._clock.sleep(float(self._rng.uniform(0.0, LATEST_S)))
             if self._arm.mode is RobotMode.MOVING:  # and was not braked meanwhile
                 break
         struck_s = time.monotonic()
-        os.kill(pid, fault)
-        began_s = await self._arm.until(RobotMode.BRAKING, after_s=struck_s, within_s=BRAKES_WITHIN_S)
-        stood_s = None
-        if began_s is not None:
-            stood_s = await self._arm.until(*AT_REST, after_s=began_s, within_s=BRAKES_WITHIN_S)
-        return Stop(
-            began_s=None if began_s is None else began_s - struck_s,
-            stood_s=None if stood_s is None else stood_s - struck_s,
-        )
+        os.kill(_pid(self._commander), fault)
+        ended = (RobotMode.BRAKING, *AT_REST)
+        ended_s = await self._arm.until(*ended, after_s=struck_s, within_s=BRAKES_WITHIN_S)
+        if ended_s is None:
+            return Stop(began_s=None, stood_s=None)
+        if self._arm.mode_at(ended_s) is not RobotMode.BRAKING:
+            return None
+        stood_s = await self._arm.until(*AT_REST, after_s=ended_s, within_s=BRAKES_WITHIN_S)
+        return Stop(began_s=ended_s - struck_s, stood_s=None if stood_s is None else stood_s - struck_s)
 
     async def _moving(self, *, after_s: float, within_s: float = MOVES_WITHIN_S) -> None:
         """Return when the arm has begun its next motion. Raises `ProcessFailure` when it does not."""
         if await self._arm.until(RobotMode.MOVING, after_s=after_s, within_s=within_s) is None:
             raise ProcessFailure("no_motion", f"the commander did not move the arm within {within_s:g} s")
+
+
+def _pid(commander: BaseProcess) -> int:
+    assert commander.pid is not None, "it was started"
+    return commander.pid
 
 
 def _end(commander: BaseProcess) -> None:
