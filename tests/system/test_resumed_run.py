@@ -1,0 +1,60 @@
+"""The decision process is killed in the middle of a run: nothing is left behind, and the run goes on in another."""
+
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import psutil
+import pytest
+
+from dlokit.errors import InputError
+from dlokit.system.journal_file import read_journal
+from dlokit.system.run_result import read_result
+from dlokit.types.flow import RunOutcome
+
+pytestmark = pytest.mark.system
+
+WAIT_S = 300.0  # a live run takes half a minute of two idle cores
+DLOKIT = str(Path(sys.executable).with_name("dlokit"))
+
+
+def has_looked(folder: Path) -> bool:
+    try:
+        return bool(read_journal(folder).errors_m)
+    except InputError:
+        return False
+
+
+def resume(*arguments: str) -> "subprocess.CompletedProcess[str]":
+    command = (DLOKIT, "resume", *arguments)
+    return subprocess.run(command, capture_output=True, text=True, timeout=WAIT_S, check=False)
+
+
+def test_a_run_whose_decision_process_is_killed_goes_on_to_its_goal(tmp_path: Path) -> None:
+    killed, resumed = tmp_path / "killed", tmp_path / "resumed"
+    command = (DLOKIT, "shape", "--runtime", "live", "--headless", "--out", str(killed))
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as run:
+        end_s = time.monotonic() + WAIT_S
+        while not has_looked(killed):
+            assert time.monotonic() < end_s
+            assert run.poll() is None
+        children = psutil.Process(run.pid).children(recursive=True)
+        run.kill()
+    _, alive = psutil.wait_procs(children, timeout=WAIT_S)
+    assert not alive
+    done = subprocess.run(
+        (DLOKIT, "resume", str(killed), "--out", str(resumed)),
+        capture_output=True,
+        text=True,
+        timeout=WAIT_S,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert read_result(resumed).outcome is RunOutcome.CONVERGED
+    # What has ended of its own cannot be resumed again.
+    again = subprocess.run(
+        (DLOKIT, "resume", str(resumed)), capture_output=True, text=True, timeout=WAIT_S, check=False
+    )
+    assert again.returncode == 2
+    assert "ended as converged" in " ".join(again.stderr.split())
