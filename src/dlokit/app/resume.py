@@ -13,8 +13,8 @@ from dlokit.app.preflight import check_before_start
 from dlokit.app.preparing import prepare
 from dlokit.app.shape import RUNS, run_and_report
 from dlokit.bench.judged_run import CONFIG_FILE
-from dlokit.bench.truth import read_truth
 from dlokit.errors import InputError
+from dlokit.functional.cell.left_behind import left_nodes_world
 from dlokit.system.config import RunConfig
 from dlokit.system.journal_file import read_journal
 from dlokit.system.run_folder import claim_run_folder, new_run_folder
@@ -74,8 +74,7 @@ def resumed_job(run_dir: Path) -> tuple[RunConfig, ShapeJob]:
     config = read_toml(run_dir / CONFIG_FILE, RunConfig)
     job = ShapeJob(
         name=f"{journal.request.name.rpartition('/')[2]} resumed",
-        # The cell's own state: reality stays as it is when its observers crash.
-        start_nodes_world=read_truth(run_dir).nodes_world[-1],
+        start_nodes_world=left_nodes_world(run_dir),
         request=journal.request,
         resumed=journal,
     )
