@@ -1,15 +1,20 @@
 """One worker process for heavy, pure work, so that the event loop goes on beating."""
 
+import logging
 import multiprocessing
 import os
 import threading
 from collections.abc import Callable, Generator
 from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing.connection import wait
 from typing import ParamSpec, TypeVar
 
 from dlokit.communication.compute import PoolCompute
+from dlokit.errors import SkillFailure
+
+log = logging.getLogger(__name__)
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -22,11 +27,34 @@ class WorkerCompute:
         self._pool: ProcessPoolExecutor | None = None
 
     async def __call__(self, function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
-        """Result of ``function(*args, **kwargs)``, computed in the worker."""
+        """Result of ``function(*args, **kwargs)``, computed in the worker.
+
+        A worker that dies meanwhile is replaced, and the work, which is pure, done once more. Raises `SkillFailure`
+        ``worker_died`` when the second one dies of it too.
+        """
+        pool = self._running_pool()
+        try:
+            return await PoolCompute(pool)(function, *args, **kwargs)
+        except BrokenProcessPool:
+            log.warning("the worker has died; another one does its work once more")
+        self._forget(pool)
+        pool = self._running_pool()
+        try:
+            return await PoolCompute(pool)(function, *args, **kwargs)
+        except BrokenProcessPool as error:
+            self._forget(pool)
+            raise SkillFailure("worker_died", "two worker processes have died of this work") from error
+
+    def _running_pool(self) -> ProcessPoolExecutor:
         if self._pool is None:
             spawn = multiprocessing.get_context("spawn")
             self._pool = ProcessPoolExecutor(1, mp_context=spawn, initializer=end_with_parent)
-        return await PoolCompute(self._pool)(function, *args, **kwargs)
+        return self._pool
+
+    def _forget(self, pool: ProcessPoolExecutor) -> None:
+        pool.shutdown(wait=False)
+        if self._pool is pool:  # another task may have replaced it already
+            self._pool = None
 
     def close(self) -> None:
         """Take no more tasks; what runs is finished, what waits is dropped."""
