@@ -144,6 +144,10 @@ def track_clouds(
         found.append(targets)
         filtered.append(points)
     assert topology is not None
+    return _result(found, filtered, np.array(seconds), topology)
+
+
+def _result(found: Sequence[TargetPoints], clouds: Sequence[Array], seconds: Array, topology: Topology) -> TrackResult:
     return TrackResult(
         nodes_world=np.stack([targets.nodes_world for targets in found]),
         visible=np.stack([targets.visible for targets in found]),
@@ -151,12 +155,12 @@ def track_clouds(
         distance_m=np.array(
             [
                 float(np.sqrt(np.mean(distance_to_dlo_m(points, targets.nodes_world, topology) ** 2)))
-                for points, targets in zip(filtered, found, strict=True)
+                for points, targets in zip(clouds, found, strict=True)
             ]
         ),
-        seconds=np.array(seconds),
+        seconds=seconds,
         topology=topology,
-        clouds=tuple(filtered),
+        clouds=tuple(clouds),
     )
 
 
