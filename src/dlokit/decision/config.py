@@ -37,8 +37,8 @@ class TaskConfig:
     progress_m: float = 0.001
     """A new best RMSE is one that is better by this [m]: what estimates of one shape differ by."""
     control: Annotated[bool, tyro.conf.arg(prefix_name=False)] = False
-    """Shape servoing: while the DLO is held after a carry, the error that is left is reduced in closed loop, where that is
-    expected to mend more than sight could feign; chosen for each action before the arm moves."""
+    """Shape servoing: while the DLO is held after a carry, the error that is left is reduced in closed loop, where that
+    is expected to mend more than sight could feign; chosen for each action before the arm moves."""
     max_corrections: int = 4
     """Corrections of one grasp, at most."""
     alike_m: float = 0.002
