@@ -113,9 +113,8 @@ class _Trials:
         end_s = began_s + self._plan.quiet_s
         while time.monotonic() < end_s:
             await self._moving(after_s=time.monotonic())
-            self._said(
-                f"{end_s - time.monotonic():.0f} s of quiet motion left; braked {self._arm.brakings - before} times"
-            )
+            left_s = max(end_s - time.monotonic(), 0.0)
+            self._said(f"{left_s:.0f} s of quiet motion left; braked {self._arm.brakings - before} times")
         return self._arm.brakings - before, time.monotonic() - began_s
 
     async def _freeze(self) -> Stop:
