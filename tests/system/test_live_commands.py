@@ -1,0 +1,81 @@
+"""`dlokit call` and `dlokit stop` on a cell and an arm that really run, each in a process of its own."""
+
+import asyncio
+from collections.abc import AsyncGenerator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dlokit.app.commands import execute
+from dlokit.communication import topics
+from dlokit.communication.transport import Transport
+from dlokit.description.panda_data import PANDA_HOME_Q_RAD
+from dlokit.description.shapes import builtin_shape
+from dlokit.skills.robot import api as robot
+from dlokit.system.config import CONFIG_FILE, RunConfig
+from dlokit.system.live_system import LiveSystem, live_system, namespace_of
+from dlokit.system.processes import CELL, ROBOT, ProcessRow
+from dlokit.system.start_file import write_start
+from dlokit.system.supervisor import Launch
+from dlokit.system.toml_config import to_toml
+from dlokit.types.outcome import Failed
+from dlokit.types.robot import RobotState
+
+pytestmark = pytest.mark.system
+
+WAIT_S = 120.0  # both processes are up within 10 s of two idle cores
+OWN = ProcessRow(name="main", components=())
+FAR_RAD = 2.4
+"""Of the first joint: a motion takes 2.7 s of the cell's clock, long enough to be interrupted."""
+MOVING_RAD_S = 0.1
+"""A joint of an arm under way is faster."""
+STANDING_RAD_S = 0.01
+"""No joint of an arm that stands is faster: what the cell's controllers leave."""
+
+
+@asynccontextmanager
+async def arm_and_cell(folder: Path) -> AsyncGenerator[LiveSystem]:
+    config = RunConfig()
+    write_start(folder, builtin_shape("I", config.cell.dlo.length_m, 101, radius_m=config.cell.dlo.radius_m))
+    (folder / CONFIG_FILE).write_text(to_toml(config), encoding="utf-8")
+    launch = Launch(namespace=namespace_of(folder), config_file=folder / CONFIG_FILE, run_dir=folder)
+    async with live_system((OWN, CELL, ROBOT), launch) as live:
+        yield live
+
+
+async def dlokit(*arguments: str) -> int:
+    """The exit code of a command, in a thread of its own as in a shell of its own."""
+    return await asyncio.to_thread(execute, arguments)
+
+
+async def until_speed(transport: Transport, lowest_rad_s: float, highest_rad_s: float) -> RobotState:
+    """The first state of the arm in which its fastest joint is so fast."""
+    async for state in transport.stream(topics.ROBOT_STATE):
+        if lowest_rad_s <= np.abs(state.dq_rad_s).max() <= highest_rad_s:
+            return state
+    raise AssertionError("the arm told no more states")
+
+
+def test_an_arm_is_called_and_stopped_in_the_middle_of_a_motion(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    far_rad = np.array(PANDA_HOME_Q_RAD) + np.array([FAR_RAD, *[0.0] * 6])
+
+    async def body() -> None:
+        async with asyncio.timeout(WAIT_S), arm_and_cell(tmp_path) as live:
+            assert await dlokit("call", "robot.release", "width_m=0.02", "--run", str(tmp_path)) == 0
+            assert capsys.readouterr().out.startswith("succeeded {")
+            moving = asyncio.create_task(live.transport.call(robot.MOVE_JOINTS, far_rad))
+            await until_speed(live.transport, MOVING_RAD_S, np.inf)
+            assert await dlokit("stop", "--run", str(tmp_path)) == 0
+            assert capsys.readouterr().out == f"{tmp_path}: panda succeeded; it has no task to end\n"
+            outcome = await moving
+            assert isinstance(outcome, Failed)
+            assert outcome.reason == "stopped"
+            stands = await until_speed(live.transport, 0.0, STANDING_RAD_S)
+            # Far from where it was sent: a motion that is at its end is a hundredth of this away.
+            assert np.abs(stands.q_rad - far_rad).max() > 0.1 * FAR_RAD
+
+    asyncio.run(body())
