@@ -5,7 +5,7 @@ BIN := .venv/bin
 # OpenGL without a screen for the cell's pictures; a browser for the tests of the viewer.
 SYSTEM_PACKAGES := libegl1 libgl1-mesa-dri chromium
 
-.PHONY: help setup system-packages demo test check references lock clean
+.PHONY: help setup system-packages demo test test-live test-rest check references lock clean
 .DEFAULT_GOAL := help
 
 help:
@@ -31,8 +31,15 @@ system-packages:
 demo: setup
 	$(BIN)/dlokit demo
 
+# Side by side: the tests of live systems mostly wait, and leave the second core to the others.
 test: setup
-	$(BIN)/pytest
+	@$(MAKE) --no-print-directory --jobs=2 --keep-going --output-sync=line test-live test-rest
+
+test-live:
+	$(BIN)/pytest tests/system
+
+test-rest:
+	$(BIN)/pytest --ignore=tests/system
 
 check: setup
 	$(BIN)/ruff check .
