@@ -33,7 +33,7 @@ demo: setup
 
 # Side by side: the tests of live systems mostly wait, and leave the second core to the others.
 test: setup
-	@$(MAKE) --no-print-directory --jobs=2 --keep-going --output-sync=line test-live test-rest
+	@$(MAKE) --no-print-directory --jobs=2 --keep-going test-live test-rest
 
 test-live:
 	$(BIN)/pytest tests/system
