@@ -53,6 +53,23 @@ def test_an_action_interrupted_before_its_grasp_does_not_count_as_held() -> None
     assert [record.grasp_ok for record in trace.result.history] == [True, False]
 
 
+def test_an_arm_that_braked_by_itself_before_the_first_look_is_told_again_to_drive_out_of_the_picture() -> None:
+    late = lab(I)
+    late.fails["home"] = ["lease_lost", "lost_commander"]
+    trace = shape(late, moved(I, (0.05, 0.0)))
+    assert trace.calls.count("recover") == 2
+    assert trace.result.outcome is RunOutcome.CONVERGED
+
+
+def test_an_arm_that_never_gets_home_fails_the_task_by_name() -> None:
+    late = lab(I)
+    late.fails["home"] = ["lease_lost"] * 3
+    trace = shape(late, S, TaskConfig(max_recoveries=2))
+    assert trace.result.outcome is RunOutcome.FAILED
+    assert trace.result.reason is not None
+    assert "lease_lost" in trace.result.reason
+
+
 def test_an_arm_that_brakes_again_and_again_fails_the_task_by_name() -> None:
     late = lab(I)
     late.fails["move_to"] = ["lost_commander"] * 3
