@@ -49,10 +49,11 @@ def test_a_check_that_fails_is_told_and_the_task_goes_on_without_it(
     assert reason in caplog.text
 
 
-def test_an_arm_that_braked_by_itself_on_the_way_is_cleared():
+def test_an_arm_that_braked_by_itself_on_the_way_is_cleared_and_told_again():
     trace = shape(lab(move_to=["lease_lost"]), I)
-    assert ("check_camera", "kept", "find_dlo") in trace.edges()
-    assert trace.calls[trace.calls.index("move_to") + 1] == "recover"
+    assert ("check_camera", "corrected", "find_dlo") in trace.edges()
+    first = trace.calls.index("move_to")
+    assert trace.calls[first : first + 3] == ["move_to", "recover", "move_to"]
 
 
 def test_an_arm_that_does_not_come_home_ends_the_task_before_anything_is_looked_at():

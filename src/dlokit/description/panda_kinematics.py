@@ -1,6 +1,6 @@
 """Where the Panda's links are at given joint angles: forward kinematics in plain NumPy, many configurations at once.
 
-Everything is in the frame of the robot's base, in the order of `PANDA_LINKS`.
+Everything is in the order of `PANDA_LINKS`, and in the frame of the robot's base unless it is said where that stands.
 """
 
 import numpy as np
@@ -16,7 +16,7 @@ from dlokit.description.panda_data import (
     PANDA_TCP_M,
 )
 from dlokit.description.panda_shape import PANDA_COLLISION, Capsule
-from dlokit.geometry import pose_from_matrix
+from dlokit.geometry import matrix, pose_from_matrix
 from dlokit.types.pose import Pose
 
 Array = NDArray[np.float64]
@@ -57,14 +57,17 @@ def arm_transforms(q_rad: ArrayLike) -> Array:
     return np.stack(chain, axis=1)
 
 
-def link_transforms(q_rad: ArrayLike, finger_width_m: float = PANDA_OPEN_WIDTH_M) -> Array:
-    """Transforms from the base to every link of `PANDA_LINKS`, (K, 11, 4, 4), for angles (K, 7) [rad]."""
+def link_transforms(
+    q_rad: ArrayLike, finger_width_m: float = PANDA_OPEN_WIDTH_M, T_world_base: Pose | None = None
+) -> Array:
+    """Transforms from base (or world) to every link of `PANDA_LINKS`, (K, 11, 4, 4), for angles (K, 7) [rad]."""
     arm = arm_transforms(q_rad)
     hand = arm[:, 7] @ _T_LINK7_HAND
     half = finger_width_m / 2
     left = hand @ _fixed(0.0, y_m=half, z_m=PANDA_FINGER_M)
     right = hand @ _fixed(np.pi, y_m=-half, z_m=PANDA_FINGER_M)
-    return np.concatenate([arm, hand[:, None], left[:, None], right[:, None]], axis=1)
+    links = np.concatenate([arm, hand[:, None], left[:, None], right[:, None]], axis=1)
+    return links if T_world_base is None else matrix(T_world_base) @ links
 
 
 def tcp_matrices(q_rad: ArrayLike) -> Array:
@@ -89,9 +92,11 @@ def capsule_ends(
     q_rad: ArrayLike,
     finger_width_m: float = PANDA_OPEN_WIDTH_M,
     capsules: tuple[Capsule, ...] = PANDA_COLLISION,
+    T_world_base: Pose | None = None,
 ) -> tuple[Array, Array]:
-    """Both end points of every capsule in the base frame, (K, C, 3) [m] each, for angles (K, 7) [rad]."""
-    T = link_transforms(q_rad, finger_width_m)[:, [PANDA_LINKS.index(capsule.link) for capsule in capsules]]
+    """Both end points of every capsule in the base frame (or the world), (K, C, 3) [m], for angles (K, 7) [rad]."""
+    links = [PANDA_LINKS.index(capsule.link) for capsule in capsules]
+    T = link_transforms(q_rad, finger_width_m, T_world_base)[:, links]
     start = np.array([capsule.start_m for capsule in capsules])
     end = np.array([capsule.end_m for capsule in capsules])
     rotation, offset = T[..., :3, :3], T[..., :3, 3]

@@ -1,20 +1,19 @@
 """The box that checks the camera's place by looking at the robot's own hand."""
 
 import logging
-from typing import Any
 
 import numpy as np
 
-from dlokit.decision.steps.acting import INTERRUPTIONS
 from dlokit.decision.steps.explaining import explain
 from dlokit.decision.steps.outcomes import Checked
+from dlokit.decision.steps.repeating import until_done
 from dlokit.decision.steps.seeing import robots_out_of_the_way
 from dlokit.decision.task import CameraReport, ShapeTask
 from dlokit.description.arms import instance_of
 from dlokit.geometry import downward
 from dlokit.skills.perception import api as perception
 from dlokit.skills.robot import api as robot
-from dlokit.types.outcome import Failed, Outcome, Rejected, Succeeded
+from dlokit.types.outcome import Succeeded
 
 log = logging.getLogger(__name__)
 
@@ -62,18 +61,11 @@ async def _shown(task: ShapeTask) -> str | None:
         return f"perception.note_background {explain(begun)}"
     for x_m, y_m, yaw_rad in _PLACES:
         place = downward([x_m, y_m, task.config.check_height_m], yaw_rad)
-        moved = await task.port.call(robot.MOVE_TO.at(instance_of(name)), place, either_way=False)
+        moved = await until_done(task, instance_of(name), robot.MOVE_TO, place, either_way=False)
         if not isinstance(moved, Succeeded):
-            await _recovered(task, name, moved)
             return f"robot.move_to {explain(moved)}"
         await task.port.clock.sleep(_REST_S)
         seen = await task.port.call(perception.SEE_HAND, name)
         if not isinstance(seen, Succeeded):
             return f"perception.see_hand {explain(seen)}"
     return None
-
-
-async def _recovered(task: ShapeTask, name: str, moved: Outcome[Any]) -> None:
-    """Clear the fault of an arm that braked by itself, so that it can go on."""
-    if isinstance(moved, Failed | Rejected) and moved.reason in INTERRUPTIONS:
-        await task.port.call(robot.RECOVER.at(instance_of(name)))

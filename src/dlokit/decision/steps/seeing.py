@@ -8,10 +8,10 @@ import numpy as np
 from dlokit.communication import topics
 from dlokit.decision.convergence import Progress, best_so_far, patience, progress
 from dlokit.decision.looking import look_anew, settle, state_after
-from dlokit.decision.steps.acting import INTERRUPTIONS
 from dlokit.decision.steps.explaining import RESTORABLE, explain, fail
 from dlokit.decision.steps.hands import hands_of
 from dlokit.decision.steps.outcomes import GoalSet, Sight
+from dlokit.decision.steps.repeating import until_done
 from dlokit.decision.steps.slipping import note_slip, stayed_behind
 from dlokit.decision.task import ActionRecord, ShapeTask
 from dlokit.description.arms import instance_of
@@ -26,13 +26,10 @@ from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import GoalShape
 from dlokit.types.dlo_belief import DloBelief
 from dlokit.types.flow import Command
-from dlokit.types.outcome import Failed, Outcome, Rejected, Succeeded
+from dlokit.types.outcome import Failed, Outcome, Succeeded
 
 UNUSABLE = frozenset({"no_points", "out_of_view", "crossing", "fragmented"})
 """Reasons for which a first look gives no shape to work with, though everything works."""
-
-_BRAKED_S = 0.3
-"""Wait after an arm has braked by itself: it stands then, and a sign of life has come that was late [s]."""
 
 
 def _judge_sight(task: ShapeTask, skill: str, outcome: Outcome[Any]) -> Sight:
@@ -74,25 +71,12 @@ async def robots_out_of_the_way(task: ShapeTask) -> bool:
     if not await _robot_speaks(task):
         return False
     for name in task.robots:
-        home = await _home(task, instance_of(name))
+        instance = instance_of(name)
+        home = await until_done(task, instance, robot.HOME)
         if not isinstance(home, Succeeded):
-            fail(task, robot.HOME.at(instance_of(name)).key, home)
+            fail(task, robot.HOME.at(instance).key, home)
             return False
     return True
-
-
-async def _home(task: ShapeTask, instance: str) -> Outcome[Any]:
-    """Bring an arm home; one that braked by itself, as a sign of life came late, is cleared and told again."""
-    while True:
-        home = await task.port.call(robot.HOME.at(instance))
-        interrupted = isinstance(home, Failed | Rejected) and home.reason in INTERRUPTIONS
-        if not interrupted or task.recoveries >= task.config.max_recoveries:
-            return home
-        task.recoveries += 1
-        await task.port.clock.sleep(_BRAKED_S)
-        recovered = await task.port.call(robot.RECOVER.at(instance))
-        if not isinstance(recovered, Succeeded):
-            return recovered
 
 
 async def _robot_speaks(task: ShapeTask) -> bool:

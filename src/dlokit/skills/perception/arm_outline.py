@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from dlokit.description.panda_data import PANDA_LINKS
 from dlokit.description.panda_kinematics import link_transforms
 from dlokit.description.panda_shape import panda_mesh_file
-from dlokit.geometry import matrix
 from dlokit.skills.perception.projection import back_project, project
 from dlokit.types.arrays import BoolArray, Float32Array, UInt8Array
 from dlokit.types.image import CameraCalibration
@@ -87,9 +86,7 @@ def _label(link: str) -> int:
 
 
 def _drawn(state: RobotState, camera: CameraCalibration) -> _Drawing:
-    frames = link_transforms(state.q_rad, state.finger_width_m)[0]
-    if state.T_world_base is not None:
-        frames = matrix(state.T_world_base) @ frames
+    frames = link_transforms(state.q_rad, state.finger_width_m, state.T_world_base)[0]
     size = (camera.height_px * _FINE, camera.width_px * _FINE)
     owner, depth_m = np.zeros(size, dtype=np.uint8), np.full(size, np.inf, dtype=np.float32)
     for link in _DRAWN:

@@ -135,9 +135,5 @@ def _least_gap_m(first: tuple[Array, Array], second: tuple[Array, Array]) -> flo
 
 
 def _capsules(q_rad: Array, T_world_base: Pose | None) -> tuple[Array, Array]:
-    """Ends of the capsules (K, C, 3) [m] in the world."""
-    start, end = capsule_ends(q_rad)
-    if T_world_base is None:
-        return start, end
-    R = geometry.rotation(T_world_base)
-    return start @ R.T + T_world_base.position_m, end @ R.T + T_world_base.position_m
+    """Ends of the capsules (K, C, 3) [m] in the world; the fingers wide open."""
+    return capsule_ends(q_rad, T_world_base=T_world_base)

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dlokit import geometry
 from dlokit.description.panda_data import PANDA_LIMITS
 from dlokit.description.panda_kinematics import capsule_ends
 from dlokit.description.panda_shape import PANDA_COLLISION
@@ -100,8 +99,8 @@ def _hold(values: Array, allowed: Array, reason: str, unit: str, times: Array) -
 def check_collisions(q_rad: Array, surroundings: Surroundings | None = None, T_world_base: Pose | None = None) -> None:
     """Hold configurations (K, 7) [rad] clear of the table and of the arm itself."""
     around = surroundings or Surroundings()
-    start, end = capsule_ends(q_rad)
-    _check_table(start, end, around, T_world_base)
+    start, end = capsule_ends(q_rad, T_world_base=T_world_base)
+    _check_table(start, end, around)
     gap = segment_distances(start[:, _FIRST], end[:, _FIRST], start[:, _SECOND], end[:, _SECOND])
     gap = gap - _RADII[_FIRST] - _RADII[_SECOND] - around.self_clearance_m
     if np.any(gap < 0.0):
@@ -113,10 +112,7 @@ def check_collisions(q_rad: Array, surroundings: Surroundings | None = None, T_w
         )
 
 
-def _check_table(start: Array, end: Array, around: Surroundings, T_world_base: Pose | None) -> None:
-    if T_world_base is not None:
-        R, offset = geometry.rotation(T_world_base), T_world_base.position_m
-        start, end = start @ R.T + offset, end @ R.T + offset
+def _check_table(start: Array, end: Array, around: Surroundings) -> None:
     lowest = np.minimum(start[..., 2], end[..., 2]) - _RADII - around.table_height_m
     lowest = np.where(_ABOVE_TABLE, lowest, np.inf)
     if np.any(lowest < around.table_clearance_m):

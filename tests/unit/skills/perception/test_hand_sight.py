@@ -81,8 +81,8 @@ def test_where_the_hand_is_beside_its_model_half_a_turn_between_the_looks_cancel
     """The model's hand is 2 mm beside the real one; the other links stay."""
     right = arm_outline_module.link_transforms
 
-    def wrong(q_rad: np.ndarray, finger_width_m: float) -> np.ndarray:
-        frames = right(q_rad, finger_width_m).copy()
+    def wrong(q_rad: np.ndarray, finger_width_m: float, T_world_base: Pose | None) -> np.ndarray:
+        frames = right(q_rad, finger_width_m, T_world_base).copy()
         hand = PANDA_LINKS.index("hand")
         frames[:, hand, :3, 3] += 0.002 * frames[:, hand, :3, 0]
         return frames
