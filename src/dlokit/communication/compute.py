@@ -1,8 +1,6 @@
 """Where heavy work goes: inline in lockstep, to a pool of processes when live."""
 
-import asyncio
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
 from typing import ParamSpec, Protocol, TypeVar
 
 P = ParamSpec("P")
@@ -23,15 +21,3 @@ class InlineCompute:
     async def __call__(self, function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
         """Result of ``function(*args, **kwargs)``."""
         return function(*args, **kwargs)
-
-
-class PoolCompute:
-    """In a worker process, so that the event loop goes on beating."""
-
-    def __init__(self, pool: ProcessPoolExecutor) -> None:
-        self._pool = pool
-
-    async def __call__(self, function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
-        """Result of ``function(*args, **kwargs)``."""
-        future = self._pool.submit(function, *args, **kwargs)
-        return await asyncio.wrap_future(future)

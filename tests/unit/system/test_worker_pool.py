@@ -1,12 +1,14 @@
-"""A worker that dies is replaced, and its work done once more."""
+"""A worker that dies or freezes is replaced, and its work done once more."""
 
 import asyncio
 import os
+import signal
 from pathlib import Path
 
 import pytest
 
 from dlokit.errors import SkillFailure
+from dlokit.system import worker
 from dlokit.system.worker_pool import worker_pool
 
 
@@ -14,6 +16,13 @@ def die_unless(done_before: Path) -> int:
     if not done_before.exists():
         done_before.touch()
         os._exit(1)
+    return os.getpid()
+
+
+def freeze_unless(done_before: Path) -> int:
+    if not done_before.exists():
+        done_before.touch()
+        os.kill(os.getpid(), signal.SIGSTOP)
     return os.getpid()
 
 
@@ -27,6 +36,17 @@ def test_the_work_of_a_worker_that_dies_is_done_by_another(tmp_path: Path) -> No
             # Both: the second task waits in the pool that breaks.
             first, second = await asyncio.gather(compute(die_unless, tmp_path / "mark"), compute(os.getpid))
             assert first == second != os.getpid()
+
+    asyncio.run(main())
+
+
+def test_the_work_of_a_worker_that_freezes_is_done_by_another(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(worker, "SILENT_S", 1.0)
+
+    async def main() -> None:
+        with worker_pool() as compute:
+            frozen = await compute(os.getpid)
+            assert await compute(freeze_unless, tmp_path / "mark") != frozen
 
     asyncio.run(main())
 

@@ -21,7 +21,7 @@ from dlokit.skills.robot.config import RobotConfig
 from dlokit.system.joined_bus import join_bus
 from dlokit.system.lease_keeper import leases_held
 from dlokit.system.processes import TimeBase
-from dlokit.system.worker_pool import end_with_parent
+from dlokit.system.worker import end_with_parent
 from dlokit.types.outcome import Succeeded
 
 log = logging.getLogger(__name__)
