@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from dlokit.app.bench_bus import BusArgs, run_bus
+from dlokit.app.bench_faults import FaultsArgs, run_faults_bench
 from dlokit.app.bench_feasibility import FeasibilityArgs, run_feasibility
 from dlokit.app.bench_fuzz import FuzzArgs, run_fuzz
 from dlokit.app.bench_latency import LatencyArgs, run_latency
@@ -62,6 +63,7 @@ class BenchArgs:
         | Annotated[ObserversArgs, tyro.conf.subcommand("observers")]
         | Annotated[FeasibilityArgs, tyro.conf.subcommand("feasibility")]
         | Annotated[StopBenchArgs, tyro.conf.subcommand("stop")]
+        | Annotated[FaultsArgs, tyro.conf.subcommand("faults")]
         | Annotated[BusArgs, tyro.conf.subcommand("bus")]
         | Annotated[FuzzArgs, tyro.conf.subcommand("fuzz")]
         | Annotated[LatencyArgs, tyro.conf.subcommand("latency")],
@@ -83,6 +85,8 @@ def run(args: BenchArgs) -> int:
             return run_feasibility(feasibility)
         case StopBenchArgs() as stop:
             return run_stop_bench(stop)
+        case FaultsArgs() as faults:
+            return run_faults_bench(faults)
         case BusArgs() as bus:
             return run_bus(bus)
         case FuzzArgs() as fuzzing:

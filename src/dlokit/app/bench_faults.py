@@ -1,0 +1,114 @@
+"""`dlokit bench faults`: live runs that something goes wrong in, and how they end."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from rich.console import Console
+
+from dlokit.app.bench_faults_table import faults_table, line_of
+from dlokit.app.machine import machine_facts
+from dlokit.app.preflight import check_before_start
+from dlokit.app.preparing import prepare
+from dlokit.bench.faults.fault_figures import all_right, fault_rows, figures
+from dlokit.bench.faults.judging import Finding
+from dlokit.bench.faults.sweep import claim_faults_folder, describe, run_faults
+from dlokit.bench.faults.table import BY_NAME, FAULTS, Fault
+from dlokit.bench.faults.trial import Case, cases
+from dlokit.bench.report import bench_json
+from dlokit.errors import ConfigError, InputError
+from dlokit.system.config import RunConfig
+from dlokit.system.run_folder import new_run_folder
+
+FULL_RUNS = 8
+QUICK = ("kill-decision", "freeze-camera", "kill-simulation", "slip-grasp", "fill-disk")
+"""One of each kind."""
+EXIT_WRONG = 3
+
+
+def _headless() -> RunConfig:
+    return RunConfig(runtime="live", headless=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FaultsArgs:
+    """Let something go wrong in live runs, at random times: do they still end as they should, with the arm stopped?
+
+    Try
+      dlokit bench faults --quick
+      dlokit bench faults --faults kill-decision,freeze-camera --runs 3
+      dlokit bench faults --out runs/faults --json faults.json
+
+    Each run is a `dlokit shape` in processes of its own, of one or two actions. What happens to it is a row of a table
+    (docs/reference/bench-faults.md), when it does is drawn from the seed. It is judged from outside: its result and
+    exit code, the arm's own sensors, the hidden truth, the recording, and the machine's table of processes.
+    Ctrl-C keeps what is finished; the same command with the same --out goes on from there.
+
+    Exit code 0: every run ended as it should; 3: not so.
+    """
+
+    faults: str = ""
+    """Only these, e.g. kill-decision,drop-camera. [default: all]"""
+    runs: int | None = None
+    """Runs of each fault. [default: 8, which makes more than 150; 1 with --quick]"""
+    quick: bool = False
+    """One run of each of five faults: about five minutes."""
+    json: Path | None = None
+    """Also write every figure to this file."""
+    out: Path | None = None
+    """Folder for the runs; that of an interrupted sweep is continued. [default: runs/<time>-bench-faults/]"""
+    run: Annotated[RunConfig, tyro.conf.arg(name="")] = field(default_factory=_headless)
+    """Settings of every run; start, goal and runtime are the bench's, --seed that of the first run of a fault."""
+
+
+def run_faults_bench(args: FaultsArgs) -> int:
+    """Run what is not finished yet, and print."""
+    chosen = _chosen(args)
+    runs = args.runs if args.runs is not None else (1 if args.quick else FULL_RUNS)
+    if runs < 1:
+        raise ConfigError(f"--runs is {runs}; it must be 1 or more.")
+    if args.json is not None and not args.json.resolve().parent.is_dir():
+        raise InputError(f"--json {args.json}: there is no folder {args.json.resolve().parent}; create it first.")
+    check_before_start(args.run)
+    folder = args.out or new_run_folder(Path("runs"), "bench-faults", datetime.now())
+    claim_faults_folder(folder, args.run)
+    console = Console()
+    prepare(console, args.run)
+    results = _run(list(cases(chosen, runs)), args.run, folder, console)
+    console.print(faults_table(fault_rows(results)))
+    if args.json is not None:
+        facts = {**describe(args.run), "faults": [fault.name for fault in chosen], "runs": runs}
+        args.json.write_bytes(bench_json("faults", figures(results), machine_facts(), facts))
+        console.print(f"figures: {args.json}", soft_wrap=True)
+    console.print(f"runs: {folder}", soft_wrap=True)
+    return 0 if all_right(results) else EXIT_WRONG
+
+
+def _chosen(args: FaultsArgs) -> tuple[Fault, ...]:
+    names = tuple(dict.fromkeys(name.strip() for name in args.faults.split(",") if name.strip()))
+    if unknown := [name for name in names if name not in BY_NAME]:
+        raise ConfigError(f"--faults {unknown[0]!r} is not known; choose of {', '.join(BY_NAME)}.")
+    if not names and args.quick:
+        names = QUICK
+    return tuple(fault for fault in FAULTS if not names or fault.name in names)
+
+
+def _run(todo: Sequence[Case], config: RunConfig, folder: Path, console: Console) -> list[tuple[Fault, Finding]]:
+    results: list[tuple[Fault, Finding]] = []
+    try:
+        for case, finding in run_faults(todo, config, folder):
+            results.append((case.fault, finding))
+            console.print(
+                f"{len(results)}/{len(todo)} {line_of(case, finding)}", highlight=False, soft_wrap=True, markup=False
+            )
+    except KeyboardInterrupt:
+        console.print(
+            f"{len(results)} of {len(todo)} runs are finished; the same command with --out {folder} goes on.",
+            highlight=False,
+            soft_wrap=True,
+        )
+        raise
+    return results

@@ -1,0 +1,103 @@
+"""What was found out about one run that something happened to, and whether it was right."""
+
+from collections.abc import Sequence
+
+import msgspec
+
+from dlokit.bench.faults.table import Ending, Fault
+from dlokit.bench.shaping.metrics import FALSE_BEYOND_M
+from dlokit.types.flow import RunOutcome
+
+BRAKES_WITHIN_S = 0.25
+"""An arm whose commander is lost begins to brake within this."""
+LOST_S = 1.0
+"""A recording whose writer was killed lacks at most the last of this."""
+
+
+class Finding(msgspec.Struct, frozen=True, kw_only=True):
+    """One run, as found from outside: its files, its exit code, the bus, the table of processes."""
+
+    fault: str
+    number: int
+    """Of the fault's runs, from 0."""
+    struck: bool = False
+    """Whether the fault came before the run had ended."""
+    skipped: str = ""
+    """Why this machine cannot do such a fault; such a run is neither right nor wrong."""
+    broken: str = ""
+    """What went wrong with the bench itself, e.g. a run that never started."""
+    moment: str = ""
+    step: str = ""
+    """Box of the flow in which it came."""
+    struck_ns: int | None = None
+    """When it came, on the run's clock [ns]."""
+    exit_code: int | None = None
+    """Of the run's process; None: it did not end, and was killed by the bench."""
+    outcome: RunOutcome | None = None
+    """As in `result.json`, of the run that goes on where one does; None: there is none."""
+    reason: str = ""
+    actions: int | None = None
+    rmse_m: float | None = None
+    true_rmse_m: float | None = None
+    threshold_m: float | None = None
+    moved: bool = False
+    """Whether the arm moved when the fault came."""
+    braked_s: float | None = None
+    """From the fault until the arm is heard to brake, or to stand [s]; None: it did not move, or did neither."""
+    stands: bool | None = None
+    """Whether the arm stood when it was heard last; None: it is gone with its cell."""
+    mended_s: float | None = None
+    """From the fault until the flow goes on [s]; 0 where it never stopped; None: it did not go on."""
+    restarts: dict[str, int] = {}
+    readable: bool = False
+    """Whether the recording can be read."""
+    whole: bool = False
+    """Whether it was written to its end."""
+    lost_s: float | None = None
+    """What a recording lacks before the fault that ended it [s of the run's clock]; None: it was not ended so."""
+    lost_messages: int | None = None
+    """Messages that a whole recording lacks, by their numbers."""
+    left_behind: tuple[str, ...] = ()
+    """Processes that were there long after the run's end."""
+    wall_s: float = 0.0
+
+
+def faults_of(finding: Finding, fault: Fault) -> tuple[str, ...]:
+    """What is wrong with a run, in words; empty when it ended as it should."""
+    wrong: list[str] = []
+    if finding.exit_code is None:
+        wrong.append("it did not end")
+    if not ends_right(finding, fault.right):
+        asked = " or ".join(map(str, fault.right))
+        wrong.append(f"it ended as {_ending(finding)} instead of {asked}")
+    if finding.stands is False:
+        wrong.append("the arm did not stand at the end")
+    if finding.left_behind:
+        wrong.append(f"{len(finding.left_behind)} processes were left behind")
+    if falsely_converged(finding):
+        wrong.append("it converged falsely")
+    if not finding.readable:
+        wrong.append("its recording cannot be read")
+    if finding.lost_s is not None and finding.lost_s > LOST_S:
+        wrong.append(f"its recording lacks {finding.lost_s:.1f} s")
+    return tuple(wrong)
+
+
+def ends_right(finding: Finding, right: Sequence[Ending]) -> bool:
+    """Whether a run ended in one of the right ways; a failure must have a name."""
+    return any(
+        finding.outcome is ending.outcome and (finding.reason or "").startswith(ending.reason) for ending in right
+    )
+
+
+def falsely_converged(finding: Finding) -> bool:
+    """Whether a run says that it converged, and the truth is beyond the threshold and a margin."""
+    if finding.outcome is not RunOutcome.CONVERGED or finding.true_rmse_m is None or finding.threshold_m is None:
+        return False
+    return finding.true_rmse_m > finding.threshold_m + FALSE_BEYOND_M
+
+
+def _ending(finding: Finding) -> str:
+    if finding.outcome is None:
+        return f"exit code {finding.exit_code} without a result"
+    return f"{finding.outcome.value}, {finding.reason}" if finding.reason else finding.outcome.value

@@ -1,0 +1,186 @@
+"""A live run in processes of its own, as `dlokit shape` starts it, with somebody who listens and may do it harm."""
+
+import asyncio
+import os
+import signal
+import subprocess
+import sys
+import time
+import uuid
+from collections.abc import AsyncGenerator, Iterator, Mapping
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import psutil
+
+from dlokit.bench.faults.arm_log import ArmLog
+from dlokit.bench.faults.flow_log import FlowLog
+from dlokit.errors import ProcessFailure
+from dlokit.system.joined_bus import JoinedBus, join_bus
+from dlokit.system.process_report import read_report
+from dlokit.system.processes import DECISION, TimeBase
+from dlokit.system.running import RunningSystem, running_systems
+
+DLOKIT = (sys.executable, "-c", "from dlokit.app.main import main; main()")
+"""The command line, whatever folder it was installed into."""
+LABEL = "DLOKIT_BENCH_RUN"
+"""Every process that a run starts carries this in its environment, also when its parent is dead. Nobody reads it but
+the bench."""
+STARTS_WITHIN_S = 240.0
+TICKS_WITHIN_S = 30.0
+LOOK_EVERY_S = 0.1
+PROCESS_MODULE = "dlokit.system.process_main"
+WORKER_MARK = "--multiprocessing-fork"
+
+
+@dataclass
+class Program:
+    """A command of `dlokit` as processes that can be told from all others."""
+
+    arguments: tuple[str, ...]
+    output: Path
+    """Receives what it prints."""
+    command: tuple[str, ...] = DLOKIT
+    label: str = field(default_factory=lambda: uuid.uuid4().hex)
+
+    def start(self) -> None:
+        """Start it."""
+        with self.output.open("wb") as output:
+            self._popen = subprocess.Popen(
+                (*self.command, *self.arguments),
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                env={**os.environ, LABEL: self.label},
+                start_new_session=True,
+            )
+
+    @property
+    def pid(self) -> int:
+        """Number of its own process."""
+        return self._popen.pid
+
+    @property
+    def exit_code(self) -> int | None:
+        """None while it runs; negative: the signal that ended it."""
+        return self._popen.poll()
+
+    async def ends_within(self, limit_s: float) -> bool:
+        """Wait for it; whether it ended."""
+        end_s = time.monotonic() + limit_s
+        while self.exit_code is None:
+            if time.monotonic() > end_s:
+                return False
+            await asyncio.sleep(LOOK_EVERY_S)
+        return True
+
+    def alive(self) -> list[psutil.Process]:
+        """Every process of it that is still there, itself included, wherever it hangs in the tree."""
+        return [process for process in psutil.process_iter() if _labelled(process, self.label)]
+
+    async def left_behind(self, within_s: float) -> tuple[str, ...]:
+        """The command lines of the processes that are still there `within_s` after its end."""
+        end_s = time.monotonic() + within_s
+        # Whoever ends wakes nobody.
+        while (left := self.alive()) and time.monotonic() < end_s:  # noqa: ASYNC110
+            await asyncio.sleep(LOOK_EVERY_S)
+        return tuple(_line(process) for process in left)
+
+    def kill(self) -> None:
+        """End whatever is left of it."""
+        for process in self.alive():
+            _kill(process)
+        self._popen.wait()
+
+
+@dataclass(frozen=True, kw_only=True)
+class LiveRun:
+    """A run that goes on, and what is heard of it."""
+
+    program: Program
+    folder: Path
+    bus: JoinedBus
+    arm: ArmLog
+    flow: FlowLog
+
+    def pid_of(self, process: str) -> int:
+        """Number of a process of the table. Raises `ProcessFailure` when it does not run."""
+        if process == DECISION.name:
+            return self.program.pid
+        for child in self.program.alive():
+            line = _command(child)
+            if PROCESS_MODULE in line and line[-1] == process:
+                return child.pid
+        raise ProcessFailure(f"no_process: {process}", f"the run in {self.folder} has no such process")
+
+    def worker_of(self, process: str) -> int:
+        """Number of the worker that a process has started for heavy work. Raises `ProcessFailure` without one."""
+        for child in psutil.Process(self.pid_of(process)).children():
+            if WORKER_MARK in _command(child):
+                return child.pid
+        raise ProcessFailure(f"no_worker: {process}", f"the process {process} of {self.folder} has no worker")
+
+    def pids(self) -> Iterator[int]:
+        """Every process of it."""
+        return (process.pid for process in self.program.alive())
+
+    def restarts(self) -> Mapping[str, int]:
+        """How often processes were started again, by name, as the supervisor told last."""
+        report = read_report(self.folder)
+        return {} if report is None else {row.name: row.restarts for row in report.processes if row.restarts}
+
+
+@asynccontextmanager
+async def live_run(program: Program, folder: Path) -> AsyncGenerator[LiveRun]:
+    """Start a program that runs in `folder` and join its bus; whatever is left of it at the end is killed.
+
+    Raises `ProcessFailure` when it does not come to shape anything.
+    """
+    program.start()
+    try:
+        system = await _system_of(program, folder)
+        async with join_bus(system.bus, TimeBase.CELL) as bus:
+            flow, arm = FlowLog(bus.transport), ArmLog(bus.transport)
+            await bus.first_tick(TICKS_WITHIN_S)
+            yield LiveRun(program=program, folder=folder, bus=bus, arm=arm, flow=flow)
+    finally:
+        program.kill()
+
+
+async def _system_of(program: Program, folder: Path) -> RunningSystem:
+    end_s = time.monotonic() + STARTS_WITHIN_S
+    while time.monotonic() < end_s and program.exit_code is None:
+        if (system := _running_in(folder)) is not None:
+            return system
+        await asyncio.sleep(LOOK_EVERY_S)
+    raise ProcessFailure("not_started", f"nothing runs in {folder}; see {program.output}")
+
+
+def _running_in(folder: Path) -> RunningSystem | None:
+    return next((system for system in running_systems() if system.folder == str(folder.resolve())), None)
+
+
+def _labelled(process: psutil.Process, label: str) -> bool:
+    try:
+        return process.status() != psutil.STATUS_ZOMBIE and process.environ().get(LABEL) == label
+    except psutil.Error:  # it has just ended, or it is somebody else's
+        return False
+
+
+def _command(process: psutil.Process) -> list[str]:
+    try:
+        return process.cmdline()
+    except psutil.Error:
+        return []
+
+
+def _line(process: psutil.Process) -> str:
+    return " ".join(_command(process)) or f"process {process.pid}"
+
+
+def _kill(process: psutil.Process) -> None:
+    try:
+        process.send_signal(signal.SIGKILL)
+    except psutil.Error:
+        return  # it has ended by itself

@@ -1,0 +1,231 @@
+"""One run that something happens to, from its start to what it has left behind."""
+
+import asyncio
+import contextlib
+import shutil
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from dlokit.bench.faults.flow_log import mended_after_s
+from dlokit.bench.faults.injuries import Injury
+from dlokit.bench.faults.judging import Finding
+from dlokit.bench.faults.live_run import LiveRun, Program, live_run
+from dlokit.bench.faults.moments import Moment, comes, ends_first
+from dlokit.bench.faults.table import Fault
+from dlokit.communication.recording.channels import FILE_NAME
+from dlokit.communication.recording.reader import read_recording
+from dlokit.communication.recording.summary import summarise
+from dlokit.errors import InputError, ProcessFailure
+from dlokit.system.config import CONFIG_FILE, RunConfig
+from dlokit.system.run_result import read_result
+from dlokit.system.toml_config import to_toml
+from dlokit.types.robot import RobotMode
+
+TASKS = (("S", "I"), ("I", "S"))
+"""Start and goal: one or two actions each. The runs of a fault take them in turn."""
+ENDS_WITHIN_S = 420.0
+"""A run that has not ended so long after its fault waits for ever."""
+GONE_WITHIN_S = 15.0
+"""Processes end within five seconds of their parent, and are then killed by those that they watch."""
+BRAKES_WITHIN_S = 5.0
+ATTEMPTS = 3
+"""A fault that comes too late, because the task was done before, is drawn anew so often."""
+FINDING_FILE = "finding.json"
+RUN, RESUMED = "run", "resumed"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """One run to be made."""
+
+    fault: Fault
+    number: int
+
+    @property
+    def folder_name(self) -> str:
+        """Of its files."""
+        return f"{self.fault.name}-{self.number:03d}"
+
+    @property
+    def moment(self) -> Moment:
+        """When its fault comes."""
+        return self.fault.when[self.number % len(self.fault.when)]
+
+    def config(self, common: RunConfig) -> RunConfig:
+        """Of its run."""
+        start, goal = TASKS[(self.number // len(self.fault.when)) % len(TASKS)]
+        return replace(
+            common,
+            start=start,
+            goal=goal,
+            seed=common.seed + self.number,
+            runtime="live",
+            headless=not self.fault.watched,
+            record=True,
+        )
+
+
+async def try_case(case: Case, common: RunConfig, folder: Path) -> Finding:
+    """Run a case in `folder`; its finding is written there when it is done."""
+    injury = case.fault.injury()
+    if reason := injury.unable():
+        return Finding(fault=case.fault.name, number=case.number, skipped=reason)
+    began_s = time.monotonic()
+    finding = Finding(fault=case.fault.name, number=case.number)
+    _renew(folder)
+    for attempt in range(ATTEMPTS):
+        try:
+            finding = await _Trial(case, case.fault.injury(), common, folder / f"attempt-{attempt}", attempt).run()
+        except ProcessFailure as failure:
+            finding = msgspec.structs.replace(finding, broken=str(failure))
+            break
+        if finding.struck:
+            break
+    finding = msgspec.structs.replace(finding, wall_s=time.monotonic() - began_s)
+    (folder / FINDING_FILE).write_bytes(msgspec.json.format(msgspec.json.encode(finding), indent=2) + b"\n")
+    return finding
+
+
+def _renew(folder: Path) -> None:
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+
+
+class _Trial:
+    def __init__(self, case: Case, injury: Injury, common: RunConfig, folder: Path, attempt: int) -> None:
+        self._case = case
+        self._fault = case.fault
+        self._injury = injury
+        self._folder = folder
+        self._rng = np.random.default_rng([common.seed, case.number, attempt, *case.fault.name.encode()])
+        folder.mkdir()
+        (folder / CONFIG_FILE).write_text(to_toml(case.config(common)), encoding="utf-8")
+
+    async def run(self) -> Finding:
+        run_dir = self._folder / RUN
+        program = self._program("shape", "--config", str(self._folder / CONFIG_FILE), "--out", str(run_dir))
+        finding = Finding(fault=self._fault.name, number=self._case.number, moment=self._case.moment.value)
+        async with live_run(program, run_dir) as run:
+            if not await comes(self._case.moment, run, self._rng):
+                return finding
+            finding = await self._struck(run, finding)
+            left = await program.left_behind(GONE_WITHIN_S)
+        killed_ns = finding.struck_ns if self._fault.resumed else None
+        finding = msgspec.structs.replace(finding, left_behind=left, **_recording(run_dir, killed_ns))
+        return await self._resumed(run_dir, finding) if self._fault.resumed else _with_result(run_dir, finding)
+
+    async def _struck(self, run: LiveRun, finding: Finding) -> Finding:
+        """Let the fault come, and follow the run to its end."""
+        moved, step = run.arm.mode is RobotMode.MOVING, run.flow.step
+        struck_ns, struck_s = run.bus.clock.now_ns(), time.monotonic()
+        await self._injury.inject(run)
+        healing = asyncio.create_task(self._heal(run))
+        braked_s = await self._braked(run, struck_s) if moved else None
+        ended = await run.program.ends_within(ENDS_WITHIN_S)
+        healing.cancel()
+        await asyncio.gather(healing, return_exceptions=True)
+        if self._fault.loses_commander or self._fault.resumed:
+            await run.arm.until(*AT_REST, after_s=struck_s, within_s=BRAKES_WITHIN_S)
+        mended_s = mended_after_s([(at_s, status.step) for at_s, status in run.flow.boxes], struck_s)
+        return msgspec.structs.replace(
+            finding,
+            struck=True,
+            step=step,
+            exit_code=run.program.exit_code if ended else None,
+            moved=moved,
+            braked_s=braked_s,
+            stands=None if self._fault.takes_arm else run.arm.mode in AT_REST,
+            mended_s=mended_s if np.isfinite(mended_s) else None,
+            restarts=dict(run.restarts()),
+            struck_ns=struck_ns,
+        )
+
+    async def _braked(self, run: LiveRun, struck_s: float) -> float | None:
+        if not self._fault.loses_commander:
+            return None
+        at_s = await run.arm.until(RobotMode.BRAKING, *AT_REST, after_s=struck_s, within_s=BRAKES_WITHIN_S)
+        return None if at_s is None else at_s - struck_s
+
+    async def _heal(self, run: LiveRun) -> None:
+        if self._fault.over_after_s is not None:
+            await asyncio.sleep(self._fault.over_after_s)
+        else:
+            await run.flow.end()
+        await self._injury.heal(run)
+
+    async def _resumed(self, run_dir: Path, finding: Finding) -> Finding:
+        """Go on in a process of its own, and take its end for the run's."""
+        resumed_dir = self._folder / RESUMED
+        program = self._program("resume", str(run_dir), "--out", str(resumed_dir))
+        began_s = time.monotonic()
+        async with live_run(program, resumed_dir) as run:
+            await ends_first(run, run.flow.begun())
+            goes_on_s = time.monotonic() - began_s
+            ended = await program.ends_within(ENDS_WITHIN_S)
+            left = await program.left_behind(GONE_WITHIN_S)
+        finding = msgspec.structs.replace(
+            finding,
+            exit_code=program.exit_code if ended else None,
+            mended_s=goes_on_s,
+            left_behind=(*finding.left_behind, *left),
+        )
+        return _with_result(resumed_dir, finding)
+
+    def _program(self, *arguments: str) -> Program:
+        return Program(arguments=arguments, output=self._folder / f"{arguments[0]}.txt")
+
+
+AT_REST = (RobotMode.IDLE, RobotMode.FAULT)
+
+
+def _with_result(run_dir: Path, finding: Finding) -> Finding:
+    try:
+        result = read_result(run_dir)
+    except InputError:
+        return finding
+    return msgspec.structs.replace(
+        finding,
+        outcome=result.outcome,
+        reason=result.reason or "",
+        actions=result.actions,
+        rmse_m=result.rmse_m,
+        true_rmse_m=result.true_rmse_m,
+        threshold_m=result.threshold_m,
+    )
+
+
+def _recording(run_dir: Path, killed_ns: int | None) -> dict[str, Any]:
+    """What is said of a recording, whose writer was killed at that time: read as `dlokit info` does, and to its end."""
+    path = run_dir / FILE_NAME
+    try:
+        summary = summarise(path)
+        last_ns = max((one.log_ns for one in read_recording(path)), default=0)
+    except InputError:
+        return {"readable": False}
+    lost = {name: int(number) for name, number in summary.metadata.get("lost", {}).items()}
+    return {
+        "readable": True,
+        "whole": summary.whole,
+        "lost_s": None if killed_ns is None else max((killed_ns - last_ns) / 1e9, 0.0),
+        "lost_messages": sum(lost.values()) if summary.whole else None,
+    }
+
+
+def finished(folder: Path) -> Finding | None:
+    """What an earlier sweep has found; None where the case is not done."""
+    with contextlib.suppress(OSError, msgspec.DecodeError):
+        return msgspec.json.decode((folder / FINDING_FILE).read_bytes(), type=Finding)
+    return None
+
+
+def cases(faults: tuple[Fault, ...], runs: int) -> Iterator[Case]:
+    """Every fault once, then every fault again: what is interrupted has something of each."""
+    for number in range(runs):
+        for fault in faults:
+            yield Case(fault=fault, number=number)

@@ -1,0 +1,30 @@
+"""The folder of a sweep of faults."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from dlokit.bench.faults.judging import Finding
+from dlokit.bench.faults.sweep import claim_faults_folder, run_faults
+from dlokit.bench.faults.table import BY_NAME
+from dlokit.bench.faults.trial import FINDING_FILE, Case
+from dlokit.errors import InputError
+from dlokit.system.config import RunConfig
+
+
+def test_the_folder_of_an_interrupted_sweep_is_taken_again_and_that_of_another_is_refused(tmp_path: Path) -> None:
+    config = RunConfig()
+    claim_faults_folder(tmp_path, config)
+    claim_faults_folder(tmp_path, config)
+    with pytest.raises(InputError, match="other settings"):
+        claim_faults_folder(tmp_path, replace(config, seed=7))
+
+
+def test_a_finished_run_is_read_and_not_run_again(tmp_path: Path) -> None:
+    case = Case(fault=BY_NAME["kill-camera"], number=3)
+    found = Finding(fault="kill-camera", number=3, struck=True, exit_code=0)
+    (tmp_path / case.folder_name).mkdir()
+    (tmp_path / case.folder_name / FINDING_FILE).write_bytes(msgspec.json.encode(found))
+    assert list(run_faults([case], RunConfig(), tmp_path)) == [(case, found)]

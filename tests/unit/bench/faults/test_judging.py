@@ -1,0 +1,57 @@
+"""What counts as a right end of a run that something happened to."""
+
+import msgspec
+import pytest
+
+from dlokit.bench.faults.judging import Finding, faults_of
+from dlokit.bench.faults.table import BY_NAME
+from dlokit.types.flow import RunOutcome
+
+CONVERGED = Finding(
+    fault="kill-camera",
+    number=0,
+    struck=True,
+    exit_code=0,
+    outcome=RunOutcome.CONVERGED,
+    rmse_m=0.009,
+    true_rmse_m=0.010,
+    threshold_m=0.012,
+    stands=True,
+    readable=True,
+    whole=True,
+)
+CAMERA = BY_NAME["kill-camera"]
+
+
+def test_a_run_that_converges_with_the_arm_at_rest_and_nothing_left_behind_is_right() -> None:
+    assert faults_of(CONVERGED, CAMERA) == ()
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"exit_code": None}, "it did not end"),
+        ({"outcome": RunOutcome.FAILED, "reason": "no_dlo"}, "it ended as failed, no_dlo instead of converged"),
+        ({"outcome": None, "exit_code": 1}, "it ended as exit code 1 without a result instead of converged"),
+        ({"stands": False}, "the arm did not stand at the end"),
+        ({"left_behind": ("python -m dlokit…",)}, "1 processes were left behind"),
+        ({"true_rmse_m": 0.0145}, "it converged falsely"),
+        ({"readable": False}, "its recording cannot be read"),
+        ({"lost_s": 1.2}, "its recording lacks 1.2 s"),
+    ],
+)
+def test_everything_that_is_wrong_is_said(changed: dict[str, object], said: str) -> None:
+    assert faults_of(msgspec.structs.replace(CONVERGED, **changed), CAMERA) == (said,)
+
+
+def test_a_failure_is_right_only_under_its_own_name() -> None:
+    died = msgspec.structs.replace(CONVERGED, outcome=RunOutcome.FAILED, reason="process_died: cell", exit_code=3)
+    assert faults_of(died, BY_NAME["kill-cell"]) == ()
+    assert faults_of(died, BY_NAME["kill-robot"]) != ()
+
+
+def test_an_arm_that_is_gone_with_its_cell_is_not_asked_whether_it_stands() -> None:
+    gone = msgspec.structs.replace(
+        CONVERGED, outcome=RunOutcome.FAILED, reason="process_died: cell", stands=None, exit_code=3
+    )
+    assert faults_of(gone, BY_NAME["kill-cell"]) == ()
