@@ -1,6 +1,5 @@
 """Figures of a sweep of faults: how many ended as they should, and what it cost."""
 
-import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
@@ -93,8 +92,3 @@ def _figures(row: Row) -> Iterator[Figure]:
 
 def _figure(row: Row, metric: str, interval: Interval, unit: str) -> Figure:
     return figure(row.name, "dlokit", metric, interval, unit)
-
-
-def p99(values: Sequence[float]) -> float:
-    """The value that 99 % of these did not exceed: one of them, not between two."""
-    return sorted(values)[max(math.ceil(0.99 * len(values)) - 1, 0)]
