@@ -187,3 +187,14 @@ def test_no_process_outlives_the_one_that_started_it(tmp_path: Path, how: signal
         parent.send_signal(how)
         parent.wait(WAIT_S)
     live(eventually(lambda: not any(runs(pid) for pid in pids)))
+
+
+def test_a_cell_goes_on_for_a_while_when_all_is_lost_so_that_its_arm_can_brake(tmp_path: Path) -> None:
+    program = (sys.executable, str(Path(__file__).with_name("tiny_system.py")), str(tmp_path))
+    with subprocess.Popen(program, stdout=subprocess.PIPE, text=True) as parent:
+        assert parent.stdout is not None
+        pids = [int(word) for word in parent.stdout.readline().split()]
+        parent.kill()
+    live(eventually(lambda: not any(runs(pid) for pid in pids)))
+    ended_s = {name: (tmp_path / "logs" / f"{name}.log").stat().st_mtime for name in ("cell", "echo")}
+    assert ended_s["cell"] - ended_s["echo"] > 1.0  # of the two seconds by which it outlives its parent

@@ -11,7 +11,7 @@ from dlokit.system.processes import NEVER, ProcessRow, Restart, TimeBase
 from dlokit.system.supervisor import Launch
 
 OWN = ProcessRow(name="main", components=())
-CELL = ProcessRow(name="cell", components=("cell",), time_base=TimeBase.MACHINE)
+CELL = ProcessRow(name="cell", components=("cell",), time_base=TimeBase.MACHINE, outlives_s=2.0)
 BROKEN = ProcessRow(name="lamp", components=("broken",), after=("cell",))
 UNPLUGGED = ProcessRow(name="socket", components=("unplugged",), after=("cell",))
 

@@ -1,6 +1,7 @@
 """`dlokit resume`: a live run whose decision process has crashed goes on in a new one."""
 
 import shlex
+import time
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -17,6 +18,7 @@ from dlokit.errors import InputError
 from dlokit.functional.cell.left_behind import left_nodes_world
 from dlokit.system.config import RunConfig
 from dlokit.system.journal_file import read_journal
+from dlokit.system.process_report import still_there
 from dlokit.system.run_folder import claim_run_folder, new_run_folder
 from dlokit.system.run_result import FILE_NAME, read_result
 from dlokit.system.running import running_systems
@@ -26,6 +28,11 @@ from dlokit.types.flow import RunOutcome
 
 RESUMABLE = (RunOutcome.FAILED, RunOutcome.CANCELLED)
 """Tasks that came to an end of their own have nothing left to do."""
+
+
+ENDS_WITHIN_S = 15.0
+"""The processes of a killed run end by themselves within seven seconds."""
+LOOK_EVERY_S = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,12 +69,22 @@ def run(args: ResumeArgs) -> int:
     return run_and_report(config, job, folder, console, shlex.join(["dlokit", "resume", str(args.run.absolute())]))
 
 
+def _wait_for_end(run_dir: Path) -> None:
+    """The arm of a killed run may still brake, and its cell has not said yet how it leaves the DLO."""
+    end_s = time.monotonic() + ENDS_WITHIN_S
+    while left := still_there(run_dir):
+        if time.monotonic() > end_s:
+            raise InputError(f"{', '.join(left)} of {run_dir} do not end: kill them, then resume.")
+        time.sleep(LOOK_EVERY_S)
+
+
 def resumed_job(run_dir: Path) -> tuple[RunConfig, ShapeJob]:
     """Configuration and task of a run that can go on. Raises `InputError` where there is none."""
     if not run_dir.is_dir():
         raise InputError(f"{run_dir} is no folder: give the folder of a live run.")
     if any(system.folder == str(run_dir.resolve()) for system in running_systems()):
         raise InputError(f"{run_dir} still runs: dlokit ps shows it, dlokit stop ends it.")
+    _wait_for_end(run_dir)
     if (run_dir / FILE_NAME).exists() and (outcome := read_result(run_dir).outcome) not in RESUMABLE:
         raise InputError(f"{run_dir} has ended as {outcome.value}: there is nothing to go on with.")
     journal = read_journal(run_dir)

@@ -7,11 +7,13 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable
 from typing import Any
 
 from dlokit.communication.component import Component
 from dlokit.communication.host import Host
+from dlokit.communication.zenoh_session import OpenSession, open_session
 from dlokit.errors import InputError
 from dlokit.system.child_spec import BEAT, BEAT_PERIOD_S, EXIT_BAD_INPUT, READY, STOP_GRACE_S, ChildSpec, decode_spec
 from dlokit.system.joined_bus import JoinedBus, join_bus
@@ -24,25 +26,25 @@ Build = Callable[[str, ChildSpec, JoinedBus], Component]
 """Makes the component of a name."""
 
 
-def run_child(build: Build) -> None:
+def run_child(build: Build, open_session: OpenSession = open_session) -> None:
     """Serve the components that standard input asks for, until standard input ends or SIGTERM comes."""
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
     spec = decode_spec(sys.stdin.buffer.readline())
     try:
-        asyncio.run(_serve(spec, build))
+        asyncio.run(_serve(spec, build, open_session))
     except InputError as error:
         sys.stderr.write(" ".join(str(error).split()) + "\n")
         sys.exit(EXIT_BAD_INPUT)
 
 
-async def _serve(spec: ChildSpec, build: Build) -> None:
+async def _serve(spec: ChildSpec, build: Build, open_session: OpenSession) -> None:
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
     loop.add_signal_handler(signal.SIGTERM, stop.set)
     # A daemon, because nothing can wake it but the end of the pipe.
-    threading.Thread(target=_end_with_parent, args=(loop, stop), daemon=True).start()
+    threading.Thread(target=_end_with_parent, args=(loop, stop, spec.outlives_s), daemon=True).start()
     with worker_pool() as compute:
-        async with join_bus(spec.bus, spec.time_base) as bus:
+        async with join_bus(spec.bus, spec.time_base, open_session) as bus:
             host = Host(bus.transport, bus.clock, compute, spec.instances)
             for name in spec.components:
                 host.add(build(name, spec, bus))
@@ -74,16 +76,18 @@ async def _beat(beat_fd: int) -> None:
     os.set_blocking(beat_fd, False)
     mark = READY
     while True:
-        with contextlib.suppress(BlockingIOError):  # the pipe is full: the supervisor sleeps, not we
+        # The pipe is full: the supervisor sleeps, not we. Or it is gone, which standard input tells.
+        with contextlib.suppress(BlockingIOError, BrokenPipeError):
             os.write(beat_fd, mark)
         mark = BEAT
         await asyncio.sleep(BEAT_PERIOD_S)
 
 
-def _end_with_parent(loop: asyncio.AbstractEventLoop, stop: asyncio.Event) -> None:
+def _end_with_parent(loop: asyncio.AbstractEventLoop, stop: asyncio.Event, outlives_s: float) -> None:
     """Wait for the end of standard input, which is the end of the process that started this one."""
     while os.read(sys.stdin.fileno(), 1024):
         pass
+    time.sleep(outlives_s)
     with contextlib.suppress(RuntimeError):  # the loop has ended already
         loop.call_soon_threadsafe(stop.set)
     # A loop that hangs is not asked twice; the session holds this process and its own workers.

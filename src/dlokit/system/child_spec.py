@@ -20,6 +20,8 @@ class ChildSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     """What there is more than one of, besides the first, by component."""
     beat_fd: int
     """Inherited pipe: `READY` once, then `BEAT` again and again."""
+    outlives_s: float = 0.0
+    """It goes on for so long when its standard input ends [s]."""
     first_tick_within_s: float = 30.0
     """A process that follows the cell's clock waits so long for its first tick."""
 

@@ -5,6 +5,7 @@ import logging
 from pathlib import Path
 
 import msgspec
+import psutil
 
 NAME = "processes.json"
 TOLD_EVERY_S = 1.0
@@ -53,6 +54,21 @@ def write_report(run_dir: Path, report: SystemReport) -> None:
         part.replace(run_dir / NAME)
     except OSError as error:
         log.warning("the report on the processes cannot be written: %s", error)
+
+
+def still_there(run_dir: Path) -> list[str]:
+    """The processes of a run that have not ended, by name: those of a killed run end by themselves within seconds."""
+    report = read_report(run_dir)
+    return [] if report is None else [process.name for process in report.processes if _runs(process)]
+
+
+def _runs(process: ProcessReport) -> bool:
+    try:
+        found = psutil.Process(process.pid)
+        # Numbers are used again; the name is the last word of the command.
+        return found.status() != psutil.STATUS_ZOMBIE and found.cmdline()[-1:] == [process.name]
+    except psutil.Error:
+        return False
 
 
 def read_report(run_dir: Path) -> SystemReport | None:

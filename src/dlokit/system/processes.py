@@ -55,13 +55,16 @@ class ProcessRow:
     time_base: TimeBase = TimeBase.CELL
     ready_within_s: float = 60.0
     """From its start; imports on a loaded machine take tens of seconds."""
+    outlives_s: float = 0.0
+    """How long it goes on when the process that has started it is gone without a word [s]."""
     silent_for_s: float = 15.0
     """A process whose event loop gives no heartbeat for so long counts as frozen [s of the machine's clock]."""
 
 
 # fmt: off
 DECISION   = ProcessRow(name="decision",   components=("decision", "planning"))
-CELL       = ProcessRow(name="cell",       components=("cell",), needed=Needed.SIMULATED, time_base=TimeBase.MACHINE)
+CELL       = ProcessRow(name="cell",       components=("cell",), needed=Needed.SIMULATED, time_base=TimeBase.MACHINE,
+                        outlives_s=2.0)  # the arm, which is in it, brakes in that time
 SIMULATION = ProcessRow(name="simulation", components=("model",), restart=AGAIN)
 OBSERVER   = ProcessRow(name="observer",   components=("observer",), restart=AGAIN)
 ROBOT      = ProcessRow(name="robot",      components=("robot",), after=("cell",))

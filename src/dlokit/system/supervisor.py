@@ -28,6 +28,10 @@ log = logging.getLogger(__name__)
 WATCH_PERIOD_S = 0.1
 
 
+PROCESS = (sys.executable, "-m", "dlokit.system.process_main")
+"""The command of every process that is started."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Launch:
     """How the processes of a run are started."""
@@ -39,7 +43,7 @@ class Launch:
     """Logs go to `logs/` in it."""
     instances: Mapping[str, tuple[str, ...]] = field(default_factory=dict[str, tuple[str, ...]])
     """What there is more than one of, besides the first, by component."""
-    command: tuple[str, ...] = (sys.executable, "-m", "dlokit.system.process_main")
+    command: tuple[str, ...] = PROCESS
     """What is run; it finds its `ChildSpec` on its standard input."""
 
 
@@ -122,6 +126,7 @@ class Supervisor:
             config_file=str(self._launch.config_file),
             run_dir=str(self._launch.run_dir),
             instances=dict(self._launch.instances),
+            outlives_s=row.outlives_s,
             beat_fd=-1,
         )
         child = ChildProcess(self._launch.command, spec, self._launch.run_dir / "logs" / f"{row.name}.log")
