@@ -1,6 +1,7 @@
 """Opening a zenoh session that stays on this machine, or goes where it is told to."""
 
 import json
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import zenoh
@@ -25,6 +26,10 @@ class ZenohConfig:
 
     Whoever searches opens a socket of all interfaces for the answers: it is off unless asked for.
     """
+
+
+OpenSession = Callable[[ZenohConfig], zenoh.Session]
+"""Opens a session as configured; a bench may put something of its own in between."""
 
 
 def open_session(config: ZenohConfig) -> zenoh.Session:

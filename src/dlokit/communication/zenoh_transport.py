@@ -20,7 +20,7 @@ from dlokit.communication.topic import Topic
 from dlokit.communication.transport import CallHandler, Known, Latest, Liveness, Report
 from dlokit.communication.zenoh_calls import CallServer
 from dlokit.communication.zenoh_liveness import Presence, announce_caller, watch_callers
-from dlokit.communication.zenoh_session import ZenohConfig, open_session
+from dlokit.communication.zenoh_session import OpenSession, ZenohConfig, open_session
 from dlokit.communication.zenoh_topics import TopicReader, TopicWriter, Wiring, unpacked
 from dlokit.errors import CommunicationError
 from dlokit.types.message import Message
@@ -55,7 +55,9 @@ class ZenohTransport:
     A caller whose session ends, because it is closed or its process is killed, has its running calls cancelled.
     """
 
-    def __init__(self, config: ZenohConfig, clock: Clock | None = None) -> None:
+    def __init__(
+        self, config: ZenohConfig, clock: Clock | None = None, open_session: OpenSession = open_session
+    ) -> None:
         """`clock` is the one that the time-outs of skills are counted on; the loop's own by default."""
         self._loop = asyncio.get_running_loop()
         self._clock: Clock = clock or LoopClock()

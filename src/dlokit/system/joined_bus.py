@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from dlokit.communication import topics
 from dlokit.communication.clock import Clock, FollowedClock, LoopClock
-from dlokit.communication.zenoh_session import ZenohConfig
+from dlokit.communication.zenoh_session import OpenSession, ZenohConfig, open_session
 from dlokit.communication.zenoh_transport import ZenohTransport
 from dlokit.errors import ProcessFailure
 from dlokit.system.processes import TimeBase
@@ -35,10 +35,12 @@ class JoinedBus:
 
 
 @asynccontextmanager
-async def join_bus(config: ZenohConfig, time_base: TimeBase) -> AsyncGenerator[JoinedBus]:
+async def join_bus(
+    config: ZenohConfig, time_base: TimeBase, open_session: OpenSession = open_session
+) -> AsyncGenerator[JoinedBus]:
     """Open the transport; follow the cell's ticks where that is the time base."""
     clock = FollowedClock() if time_base is TimeBase.CELL else LoopClock()
-    transport = ZenohTransport(config, clock)
+    transport = ZenohTransport(config, clock, open_session)
     following: asyncio.Task[None] | None = None
     try:
         if isinstance(clock, FollowedClock):

@@ -2,12 +2,13 @@
 
 import asyncio
 import logging
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import msgspec
 
 from dlokit.communication.host import Host
+from dlokit.communication.zenoh_session import OpenSession, open_session
 from dlokit.decision.component import DecisionComponent
 from dlokit.description.arms import ARMS
 from dlokit.errors import ProcessFailure
@@ -20,30 +21,46 @@ from dlokit.system.recording import live_recorder, with_calls_told
 from dlokit.system.run_record import RunRecord
 from dlokit.system.shaping import ShapeJob, Watcher, shape
 from dlokit.system.start_file import NOBODYS_BUSINESS, write_start
-from dlokit.system.supervisor import Launch
+from dlokit.system.supervisor import PROCESS, Launch
 from dlokit.system.toml_config import to_toml
 from dlokit.types.flow import RunOutcome
 
 log = logging.getLogger(__name__)
 
 
-def run_live(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher) -> RunRecord:
+@dataclass(frozen=True, kw_only=True)
+class Starting:
+    """What a live run is made of; a bench may put something of its own in between."""
+
+    command: tuple[str, ...] = PROCESS
+    """Of every process but this one."""
+    open_session: OpenSession = open_session
+    """On the bus, of this one."""
+
+
+AS_SHIPPED = Starting()
+
+
+def run_live(
+    config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher, starting: Starting = AS_SHIPPED
+) -> RunRecord:
     """Run a task to its end; Ctrl-C ends it with outcome `cancelled`. Raises `ProcessFailure` when a process dies."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / CONFIG_FILE).write_text(to_toml(config), encoding="utf-8")
     write_start(folder, job.start_nodes_world)
-    return asyncio.run(_run(config, job, folder, watch))
+    return asyncio.run(_run(config, job, folder, watch, starting))
 
 
-async def _run(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher) -> RunRecord:
+async def _run(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher, starting: Starting) -> RunRecord:
     rows = processes_of_run(simulated=True, watched=not config.headless, arms=config.arms)
     launch = Launch(
         namespace=namespace_of(folder),
         config_file=folder / CONFIG_FILE,
         run_dir=folder,
         instances=instances_of_run(config),
+        command=starting.command,
     )
-    async with live_system(rows, launch) as live:
+    async with live_system(rows, launch, starting.open_session) as live:
         with live_recorder(config, job.name, folder, live.clock, live.transport):
             return await live.run(_decide(live, config, job, folder, watch), _failed)
 

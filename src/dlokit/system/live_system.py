@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 from dlokit.communication.clock import Clock, FollowedClock
 from dlokit.communication.compute import Compute
-from dlokit.communication.zenoh_session import ZenohConfig
+from dlokit.communication.zenoh_session import OpenSession, ZenohConfig, open_session
 from dlokit.communication.zenoh_transport import ZenohTransport
 from dlokit.errors import MachineError, ProcessFailure
 from dlokit.system.joined_bus import join_bus
@@ -94,7 +94,9 @@ async def _let_time_go_on(clock: Clock) -> None:
 
 
 @asynccontextmanager
-async def live_system(rows: tuple[ProcessRow, ...], launch: Launch) -> AsyncGenerator[LiveSystem]:
+async def live_system(
+    rows: tuple[ProcessRow, ...], launch: Launch, open_session: OpenSession = open_session
+) -> AsyncGenerator[LiveSystem]:
     """Start every process but the first row's, which is this one; stop them in reverse order at the end.
 
     This process takes a free port of the loopback interface, and the others meet there. Raises `ProcessFailure`
@@ -106,7 +108,7 @@ async def live_system(rows: tuple[ProcessRow, ...], launch: Launch) -> AsyncGene
     others_bus = ZenohConfig(namespace=launch.namespace, connect=meeting_point)
     with worker_pool() as compute:
         async with (
-            join_bus(own_bus, own.time_base) as bus,
+            join_bus(own_bus, own.time_base, open_session) as bus,
             Supervisor(tuple(others), launch, others_bus) as supervisor,
         ):
             await supervisor.guard(bus.first_tick(FIRST_TICK_S))

@@ -9,6 +9,7 @@ from typing import Protocol
 
 import psutil
 
+from dlokit.bench.faults.disturbance import Kind, disturb
 from dlokit.bench.faults.live_run import LiveRun
 from dlokit.communication.recording.channels import FILE_NAME
 from dlokit.functional.cell import api as cell
@@ -91,6 +92,25 @@ class SlippedGrasp:
 
     async def heal(self, run: LiveRun) -> None:
         """It is over."""
+
+
+@dataclass(frozen=True)
+class Disturbed:
+    """All messages and calls of the run come late, or some of them altered; the run must be started for it."""
+
+    kind: Kind
+
+    def unable(self) -> str:
+        """It is done in the run's own processes."""
+        return ""
+
+    async def inject(self, run: LiveRun) -> None:
+        """Begin."""
+        disturb(run.folder.parent, self.kind)
+
+    async def heal(self, run: LiveRun) -> None:
+        """End."""
+        disturb(run.folder.parent, Kind.NONE)
 
 
 @dataclass

@@ -5,7 +5,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
-from dlokit.bench.faults.injuries import FullDisk, Injury, Nothing, Signalled, SlippedGrasp
+from dlokit.bench.faults.disturbance import Kind
+from dlokit.bench.faults.injuries import Disturbed, FullDisk, Injury, Nothing, Signalled, SlippedGrasp
 from dlokit.bench.faults.moments import Moment
 from dlokit.types.flow import RunOutcome
 
@@ -25,9 +26,9 @@ class Ending:
 CONVERGES = (Ending(RunOutcome.CONVERGED),)
 
 
-def ends_as(reason: str) -> tuple[Ending, ...]:
-    """The run fails by this name."""
-    return (Ending(RunOutcome.FAILED, reason),)
+def ends_as(*reasons: str) -> tuple[Ending, ...]:
+    """The run fails by one of these names; `robot.` is any skill of the robot's that was not answered."""
+    return tuple(Ending(RunOutcome.FAILED, reason) for reason in reasons)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,12 +52,17 @@ class Fault:
     """The cell, and the arm with it, is gone afterwards: nobody can say whether it stands."""
     watched: bool = False
     """The run has a viewer."""
+    disturbed: bool = False
+    """The run's processes are started with a bus that can be disturbed."""
 
 
 KILL, STOP = signal.SIGKILL, signal.SIGSTOP
 ANY, MOVING, HOLDING, THINKING = Moment.ANY, Moment.MOVING, Moment.HOLDING, Moment.THINKING
 FROZEN_S = 5.0
 """What is frozen for a while is so for this long [s]."""
+
+
+LATE_FOR_S = 10.0
 
 
 def _to(process: str, number: signal.Signals, *, worker: bool = False) -> Callable[[], Injury]:
@@ -73,7 +79,7 @@ FAULTS: tuple[Fault, ...] = (
     Fault(name="kill-robot",        what="SIGKILL to the robot's process", injury=_to("robot", KILL),
           when=(MOVING, ANY), right=ends_as("process_died: robot")),
     Fault(name="freeze-robot",      what="SIGSTOP to the robot's process", injury=_to("robot", STOP),
-          when=(MOVING, ANY), right=ends_as("process_frozen: robot")),
+          when=(MOVING, ANY), right=ends_as("process_frozen: robot", "robot.")),
     Fault(name="kill-cell",         what="SIGKILL to the cell's process", injury=_to("cell", KILL),
           when=(MOVING, ANY), right=ends_as("process_died: cell"), takes_arm=True),
     Fault(name="freeze-cell",       what="SIGSTOP to the cell's process", injury=_to("cell", STOP),
@@ -92,6 +98,10 @@ FAULTS: tuple[Fault, ...] = (
           injury=_to("decision", STOP, worker=True), when=(THINKING,)),
     Fault(name="drop-camera",       what="no pictures for 5 s", injury=_to("camera", STOP), over_after_s=FROZEN_S),
     Fault(name="slip-grasp",        what="the DLO falls out of the fingers", injury=SlippedGrasp, when=(HOLDING,)),
+    Fault(name="delay-messages",    what="all messages and calls come 500 ms late, for 10 s",
+          injury=partial(Disturbed, Kind.LATE), over_after_s=LATE_FOR_S, disturbed=True),
+    Fault(name="corrupt-messages",  what="a byte of 1 % of all messages and calls is altered, to the end",
+          injury=partial(Disturbed, Kind.ALTERED), disturbed=True),
     Fault(name="fill-disk",         what="the recording may not grow any more", injury=FullDisk),
 )
 # fmt: on

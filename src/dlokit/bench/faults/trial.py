@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import shutil
+import sys
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -12,6 +13,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from dlokit.bench.faults.disturbance import FILE_NAME as DISTURBANCE
 from dlokit.bench.faults.flow_log import mended_after_s
 from dlokit.bench.faults.injuries import Injury
 from dlokit.bench.faults.judging import Finding
@@ -37,6 +39,7 @@ BRAKES_WITHIN_S = 5.0
 ATTEMPTS = 3
 """A fault that comes too late, because the task was done before, is drawn anew so often."""
 FINDING_FILE = "finding.json"
+DISTURBED_SHAPE = (sys.executable, "-m", "dlokit.bench.faults.disturbed_shape")
 RUN, RESUMED = "run", "resumed"
 
 
@@ -109,7 +112,7 @@ class _Trial:
 
     async def run(self) -> Finding:
         run_dir = self._folder / RUN
-        program = self._program("shape", "--config", str(self._folder / CONFIG_FILE), "--out", str(run_dir))
+        program = self._shape(run_dir)
         finding = Finding(fault=self._fault.name, number=self._case.number, moment=self._case.moment.value)
         async with live_run(program, run_dir) as run:
             if not await comes(self._case.moment, run, self._rng):
@@ -176,6 +179,13 @@ class _Trial:
             left_behind=(*finding.left_behind, *left),
         )
         return _with_result(resumed_dir, finding)
+
+    def _shape(self, run_dir: Path) -> Program:
+        config_file = self._folder / CONFIG_FILE
+        if not self._fault.disturbed:
+            return self._program("shape", "--config", str(config_file), "--out", str(run_dir))
+        arguments = (str(config_file), str(run_dir), str(self._folder / DISTURBANCE))
+        return Program(command=DISTURBED_SHAPE, arguments=arguments, output=self._folder / "shape.txt")
 
     def _program(self, *arguments: str) -> Program:
         return Program(arguments=arguments, output=self._folder / f"{arguments[0]}.txt")

@@ -1,0 +1,164 @@
+"""A bus that is disturbed: messages come late, or altered. Between zenoh and the transport, in processes of the bench.
+
+Whether it is, and how, stands in a file that the bench writes while a run goes on: so all its processes are disturbed
+at the same time, also those that are started meanwhile.
+"""
+
+import enum
+import logging
+import queue
+import random
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, cast
+
+import zenoh
+
+from dlokit.communication.zenoh_session import ZenohConfig, open_session
+
+log = logging.getLogger(__name__)
+
+FILE_NAME = "disturbance"
+LATE_S = 0.5
+ALTERED = 0.01
+"""The part of all messages that is altered, in one byte each."""
+LOOK_EVERY_S = 0.05
+
+
+class Kind(enum.Enum):
+    """How the bus is disturbed."""
+
+    NONE = ""
+    LATE = "late"
+    ALTERED = "altered"
+
+
+class Line:
+    """What one process sends, in order: at once, or late while the bus is disturbed so."""
+
+    def __init__(self, file: Path, rng: random.Random) -> None:
+        self._file = file
+        self._rng = rng
+        self._lock = threading.Lock()
+        self._looked_s = 0.0
+        self._kind = Kind.NONE
+        self._late: queue.Queue[tuple[float, Callable[[], object]]] = queue.Queue()
+        self._under_way = 0
+        threading.Thread(target=self._deliver, name="late messages", daemon=True).start()
+
+    def send(self, how: Callable[[], object]) -> None:
+        """Send now, or later; from any thread."""
+        with self._lock:
+            late_s = LATE_S if self._now() is Kind.LATE else 0.0
+            if late_s > 0.0 or self._under_way > 0:  # none overtakes those that are still under way
+                self._under_way += 1
+                self._late.put((time.monotonic() + late_s, how))
+                return
+        how()
+
+    def altered(self, payload: Any) -> Any:
+        """The payload, or now and then one of which a byte is another."""
+        with self._lock:
+            if payload is None or self._now() is not Kind.ALTERED or self._rng.random() >= ALTERED:
+                return payload
+            data = bytearray(bytes(payload))
+            if data:
+                data[self._rng.randrange(len(data))] ^= self._rng.randrange(1, 256)
+            return bytes(data)
+
+    def _now(self) -> Kind:
+        now_s = time.monotonic()
+        if now_s - self._looked_s > LOOK_EVERY_S:
+            self._looked_s = now_s
+            self._kind = kind_in(self._file)
+        return self._kind
+
+    def _deliver(self) -> None:
+        while True:
+            due_s, how = self._late.get()
+            time.sleep(max(0.0, due_s - time.monotonic()))
+            try:
+                how()
+            except zenoh.ZError as error:  # its session has been closed meanwhile
+                log.debug("a late message could not be sent: %s", error)
+            with self._lock:
+                self._under_way -= 1
+
+
+def disturb(folder: Path, kind: Kind) -> None:
+    """Disturb the bus of the run that is started for it in `folder`, from now on."""
+    part = folder / f"{FILE_NAME}.part"
+    part.write_text(kind.value, encoding="ascii")
+    part.replace(folder / FILE_NAME)
+
+
+def kind_in(file: Path) -> Kind:
+    """How the bus is disturbed now."""
+    try:
+        return Kind(file.read_text(encoding="ascii"))
+    except (OSError, ValueError):
+        return Kind.NONE
+
+
+def disturbed_by(file: Path, seed: int) -> Callable[[ZenohConfig], zenoh.Session]:
+    """What opens sessions that are disturbed as the file says."""
+
+    def open_disturbed(config: ZenohConfig) -> zenoh.Session:
+        session = _Session(open_session(config), Line(file, random.Random(seed)))
+        return cast(zenoh.Session, session)
+
+    return open_disturbed
+
+
+class _Session:
+    """A session of which all that is sent goes over the line."""
+
+    def __init__(self, session: zenoh.Session, line: Line) -> None:
+        self._session = session
+        self._line = line
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._session, name)
+
+    def declare_publisher(self, key: str, **how: Any) -> Any:
+        return _Publisher(self._session.declare_publisher(key, **how), self._line)
+
+    def declare_queryable(self, key: str, handler: Callable[[Any], None]) -> Any:
+        return self._session.declare_queryable(key, lambda query: handler(_Query(query, self._line)))
+
+    def put(self, key: str, payload: Any, **how: Any) -> None:
+        altered = self._line.altered(payload)
+        self._line.send(lambda: self._session.put(key, altered, **how))
+
+    def get(self, key: str, handler: Any, **how: Any) -> None:
+        if "payload" in how:
+            how["payload"] = self._line.altered(how["payload"])
+        self._line.send(lambda: self._session.get(key, handler, **how))
+
+
+class _Publisher:
+    def __init__(self, publisher: Any, line: Line) -> None:
+        self._publisher = publisher
+        self._line = line
+
+    def put(self, payload: Any, **how: Any) -> None:
+        altered = self._line.altered(payload)
+        self._line.send(lambda: self._publisher.put(altered, **how))
+
+
+class _Query:
+    def __init__(self, query: zenoh.Query, line: Line) -> None:
+        self._query = query
+        self._line = line
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._query, name)
+
+    def reply(self, key: Any, payload: Any, **how: Any) -> None:
+        altered = self._line.altered(payload)
+        self._line.send(lambda: self._query.reply(key, altered, **how))
+
+    def drop(self) -> None:
+        self._line.send(self._query.drop)

@@ -1,0 +1,56 @@
+"""A live run all of whose processes have a bus that is disturbed: `disturbed_shape CONFIG FOLDER FILE`."""
+
+import sys
+from functools import partial
+from pathlib import Path
+
+from dlokit.bench.faults.disturbance import disturbed_by
+from dlokit.bench.judged_run import judged_run
+from dlokit.decision.task import GoalRequest
+from dlokit.description.shapes import builtin_shape
+from dlokit.system.config import RunConfig
+from dlokit.system.live import Starting, run_live
+from dlokit.system.run_folder import claim_run_folder
+from dlokit.system.run_result import ActionResult
+from dlokit.system.shaping import ShapeJob
+from dlokit.system.toml_config import read_toml
+from dlokit.types.candidates import Candidates
+from dlokit.types.flow import FlowStatus, RunOutcome
+
+_POINTS = 101
+EXIT_ENDED_OTHERWISE = 3
+
+
+class _Silent:
+    def step(self, status: FlowStatus) -> None:
+        """Nobody looks."""
+
+    def considered(self, candidates: Candidates) -> None:
+        pass
+
+    def action(self, row: ActionResult) -> None:
+        pass
+
+
+def main(config_file: Path, folder: Path, disturbance: Path) -> int:
+    """Run the task; exit code as of `dlokit shape`."""
+    config = read_toml(config_file, RunConfig)
+    dlo, model = config.cell.dlo, config.model
+    start = builtin_shape(config.start, dlo.length_m, _POINTS, radius_m=dlo.radius_m)
+    goal = builtin_shape(config.goal, model.length_m, _POINTS, radius_m=model.radius_m)
+    job = ShapeJob(
+        name=f"{config.start} to {config.goal}",
+        start_nodes_world=start,
+        request=GoalRequest(nodes_world=goal, name=config.goal),
+    )
+    starting = Starting(
+        command=(sys.executable, "-m", "dlokit.bench.faults.disturbed_process", str(disturbance)),
+        open_session=disturbed_by(disturbance, config.seed),
+    )
+    record = judged_run(config, job, claim_run_folder(folder), _Silent(), partial(run_live, starting=starting))
+    print(record.result.outcome.value, record.result.reason or "")
+    return 0 if record.result.outcome is RunOutcome.CONVERGED else EXIT_ENDED_OTHERWISE
+
+
+if __name__ == "__main__":
+    sys.exit(main(Path(sys.argv[1]), Path(sys.argv[2]), Path(sys.argv[3])))
