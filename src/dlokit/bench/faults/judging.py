@@ -41,9 +41,9 @@ class Finding(msgspec.Struct, frozen=True, kw_only=True):
     true_rmse_m: float | None = None
     threshold_m: float | None = None
     moved: bool = False
-    """Whether the arm moved when the fault came."""
+    """Whether the arm moved when the fault came, and did not come to the end of its motion by itself."""
     braked_s: float | None = None
-    """From the fault until the arm is heard to brake, or to stand [s]; None: it did not move, or did neither."""
+    """From the fault until the arm is heard to brake [s]; None: it did not, or need not."""
     stands: bool | None = None
     """Whether the arm stood when it was heard last; None: it is gone with its cell."""
     mended_s: float | None = None
@@ -70,6 +70,8 @@ def faults_of(finding: Finding, fault: Fault) -> tuple[str, ...]:
     if not ends_right(finding, fault.right):
         asked = " or ".join(map(str, fault.right))
         wrong.append(f"it ended as {_ending(finding)} instead of {asked}")
+    if fault.brakes and finding.moved and finding.braked_s is None:
+        wrong.append("the arm did not brake")
     if finding.stands is False:
         wrong.append("the arm did not stand at the end")
     if finding.left_behind:

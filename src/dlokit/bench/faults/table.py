@@ -46,8 +46,8 @@ class Fault:
     """Right ends; of the run that goes on with it, where it is resumed."""
     resumed: bool = False
     """It ends the run's own process: all others must end by themselves, and `dlokit resume` must go on."""
-    loses_commander: bool = False
-    """An arm that moves when it comes must begin to brake in time."""
+    brakes: bool = False
+    """An arm that moves when it comes must brake by itself; how soon it begins is measured."""
     takes_arm: bool = False
     """The cell, and the arm with it, is gone afterwards: nobody can say whether it stands."""
     watched: bool = False
@@ -73,17 +73,17 @@ def _to(process: str, number: signal.Signals, *, worker: bool = False) -> Callab
 FAULTS: tuple[Fault, ...] = (
     Fault(name="none",              what="nothing: the control", injury=Nothing),
     Fault(name="kill-decision",     what="SIGKILL to the decision process", injury=_to("decision", KILL),
-          when=(MOVING, ANY, HOLDING), resumed=True, loses_commander=True),
+          when=(MOVING, ANY, HOLDING), resumed=True, brakes=True),
     Fault(name="freeze-decision",   what="SIGSTOP to the decision process, for 5 s", injury=_to("decision", STOP),
-          when=(MOVING, ANY, HOLDING), over_after_s=FROZEN_S, loses_commander=True),
+          when=(MOVING, ANY, HOLDING), over_after_s=FROZEN_S, brakes=True),
     Fault(name="kill-robot",        what="SIGKILL to the robot's process", injury=_to("robot", KILL),
-          when=(MOVING, ANY), right=ends_as("process_died: robot")),
+          when=(MOVING, ANY), right=ends_as("process_died: robot"), brakes=True),
     Fault(name="freeze-robot",      what="SIGSTOP to the robot's process", injury=_to("robot", STOP),
-          when=(MOVING, ANY), right=ends_as("process_frozen: robot", "robot.")),
+          when=(MOVING, ANY), right=ends_as("process_frozen: robot", "robot."), brakes=True),
     Fault(name="kill-cell",         what="SIGKILL to the cell's process", injury=_to("cell", KILL),
           when=(MOVING, ANY), right=ends_as("process_died: cell"), takes_arm=True),
     Fault(name="freeze-cell",       what="SIGSTOP to the cell's process", injury=_to("cell", STOP),
-          when=(MOVING, ANY), right=ends_as("process_frozen: cell"), takes_arm=True),
+          when=(MOVING, ANY), right=ends_as("process_frozen: cell", "robot."), takes_arm=True),
     Fault(name="kill-camera",       what="SIGKILL to the camera's process", injury=_to("camera", KILL)),
     Fault(name="freeze-camera",     what="SIGSTOP to the camera's process", injury=_to("camera", STOP)),
     Fault(name="kill-observer",     what="SIGKILL to the observer's process", injury=_to("observer", KILL)),

@@ -129,11 +129,11 @@ class _Trial:
         struck_ns, struck_s = run.bus.clock.now_ns(), time.monotonic()
         await self._injury.inject(run)
         healing = asyncio.create_task(self._heal(run))
-        braked_s = await self._braked(run, struck_s) if moved else None
+        moved, braked_s = await self._braked(run, struck_s) if moved else (False, None)
         ended = await run.program.ends_within(ENDS_WITHIN_S)
         healing.cancel()
         await asyncio.gather(healing, return_exceptions=True)
-        if self._fault.loses_commander or self._fault.resumed:
+        if self._fault.resumed:
             await run.arm.until(*AT_REST, after_s=struck_s, within_s=BRAKES_WITHIN_S)
         mended_s = mended_after_s([(at_s, status.step) for at_s, status in run.flow.boxes], struck_s)
         return msgspec.structs.replace(
@@ -149,11 +149,17 @@ class _Trial:
             struck_ns=struck_ns,
         )
 
-    async def _braked(self, run: LiveRun, struck_s: float) -> float | None:
-        if not self._fault.loses_commander:
-            return None
-        at_s = await run.arm.until(RobotMode.BRAKING, *AT_REST, after_s=struck_s, within_s=BRAKES_WITHIN_S)
-        return None if at_s is None else at_s - struck_s
+    async def _braked(self, run: LiveRun, struck_s: float) -> tuple[bool, float | None]:
+        """Whether the fault has interrupted a motion, and from the fault until the arm is heard to brake [s]."""
+        if not self._fault.brakes:
+            return True, None
+        ended = (RobotMode.BRAKING, *AT_REST)
+        at_s = await run.arm.until(*ended, after_s=struck_s, within_s=BRAKES_WITHIN_S)
+        if at_s is None:
+            return True, None
+        if run.arm.mode_at(at_s) is not RobotMode.BRAKING:  # it had come to its end before anybody could notice
+            return False, None
+        return True, at_s - struck_s
 
     async def _heal(self, run: LiveRun) -> None:
         if self._fault.over_after_s is not None:

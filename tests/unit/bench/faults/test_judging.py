@@ -55,3 +55,10 @@ def test_an_arm_that_is_gone_with_its_cell_is_not_asked_whether_it_stands() -> N
         CONVERGED, outcome=RunOutcome.FAILED, reason="process_died: cell", stands=None, exit_code=3
     )
     assert faults_of(gone, BY_NAME["kill-cell"]) == ()
+
+
+def test_an_arm_in_motion_must_brake_where_its_commander_is_lost() -> None:
+    lost = BY_NAME["freeze-decision"]
+    assert faults_of(msgspec.structs.replace(CONVERGED, moved=True, braked_s=0.2), lost) == ()
+    assert faults_of(msgspec.structs.replace(CONVERGED, moved=True), lost) == ("the arm did not brake",)
+    assert faults_of(msgspec.structs.replace(CONVERGED, moved=True), CAMERA) == ()
