@@ -7,7 +7,7 @@ import pytest
 
 from dlokit.description.arms import ARMS, OPPOSITE
 from dlokit.description.shapes import builtin_shape
-from dlokit.geometry import downward, rmse_m
+from dlokit.geometry import downward, lifted, rmse_m
 from dlokit.skills.model.config import ModelConfig
 from dlokit.skills.model.quick_rollout import Motion, QuickRod, play
 from dlokit.skills.model.rod import topology
@@ -66,14 +66,19 @@ def test_the_arms_of_a_pair_reach_their_poses_and_keep_apart(pair: PairPlace) ->
     assert APART.of_pair_m(own, other) > 0.02
 
 
-def test_the_way_home_counts_too() -> None:
+@pytest.mark.parametrize("near_at", [0, -1], ids=["on the way there", "on the way home"])
+def test_the_ways_from_and_to_home_count_too(near_at: int) -> None:
     # Side by side the tools have 20 cm, but the arms come from opposite sides and each reaches past the other.
-    own = [downward((0.60, 0.10, 0.02), 0.0)]
-    other = [downward((0.44, -0.10, 0.02), 0.0)]
-    placed = APART.at_joints_m(
-        FIRST.inverse(own[0], yaw=Yaw.EITHER)[None], OTHER.inverse(other[0], yaw=Yaw.EITHER)[None]
+    own, other = (
+        [downward((x_m, far_m, 0.02), 0.0), downward((x_m, near_m, 0.02), 0.0)][:: 1 if near_at else -1]
+        for x_m, near_m, far_m in ((0.60, 0.10, 0.25), (0.44, -0.10, -0.25))
     )
-    assert APART.of_pair_m(own, other) < placed - 0.005
+    placed_and_lifted = (
+        np.stack([arm.inverse(lifted(poses[near_at], up_m), yaw=Yaw.EITHER) for up_m in (0.0, 0.06)])
+        for arm, poses in ((FIRST, own), (OTHER, other))
+    )
+    assert APART.at_joints_m(*placed_and_lifted) > 0.01
+    assert APART.of_pair_m(own, other) < -0.01
 
 
 def test_arms_at_home_are_far_apart_and_arms_at_one_place_overlap() -> None:
