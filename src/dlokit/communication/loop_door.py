@@ -50,7 +50,7 @@ class LoopDoor:
         os.read(self._hears, 16)
         # First this: whoever comes from now on knocks again, and whoever came before is in the queue.
         self._knocked = False
-        while self._waiting:
+        for _ in range(len(self._waiting)):  # not for those who come meanwhile: the loop has others to serve
             function, args = self._waiting.popleft()
             try:
                 function(*args)
