@@ -96,10 +96,10 @@ def _visitor_axes() -> tuple[Float64Array, Float64Array, Float64Array]:
 
 
 @asynccontextmanager
-async def _a_visit() -> AsyncGenerator[Visit]:
+async def _a_visit(*, operated: bool = True) -> AsyncGenerator[Visit]:
     bus = MemoryTransport()
     host = Host(bus, LoopClock())
-    viewer = ViewerComponent(ViewerConfig(port=0), flow=FLOW, rod=ROD, threshold_m=0.012)
+    viewer = ViewerComponent(ViewerConfig(port=0), flow=FLOW, rod=ROD, threshold_m=0.012, operated=operated)
     host.add(viewer)
     async with host, async_playwright() as playwright:
         await asyncio.wait_for(viewer.opened.wait(), LONG_S)
@@ -111,7 +111,7 @@ async def _a_visit() -> AsyncGenerator[Visit]:
             page.on("request", lambda request: requests.append(request.url))
             page.on("websocket", lambda socket: requests.append(socket.url.replace("ws://", "http://")))
             await page.goto(viewer.url, timeout=LONG_S * 1000)
-            await page.get_by_role("button", name="Shape it").wait_for(timeout=LONG_S * 1000)
+            await page.get_by_text("RMSE 50.0 mm").wait_for(timeout=LONG_S * 1000)  # after all that does not change
             yield Visit(page, bus, viewer.url, requests)
         finally:
             await browser.close()
@@ -152,6 +152,18 @@ async def _frames_on_the_rod(visit: Visit) -> AsyncIterator[GoalFrames]:
 
 def test_whoever_comes_late_sees_what_was_published_before(runner: asyncio.Runner, visit: Visit) -> None:
     runner.run(visit.page.get_by_text("RMSE 50.0 mm").wait_for(timeout=LONG_S * 1000))
+
+
+def test_a_page_to_watch_offers_nothing_that_nobody_would_hear_of(runner: asyncio.Runner, visit: Visit) -> None:
+    async def buttons(of: Visit) -> list[int]:
+        return [await of.page.get_by_role("button", name=name).count() for name in ("Shape it", "Reset frames", "Stop")]
+
+    async def scenario() -> None:
+        assert await buttons(visit) == [1, 1, 1]
+        async with _a_visit(operated=False) as watching:
+            assert await buttons(watching) == [0, 0, 0]
+
+    runner.run(scenario())
 
 
 def test_the_page_shows_the_robot_and_asks_nobody_else(runner: asyncio.Runner, visit: Visit) -> None:

@@ -125,9 +125,19 @@ def _decision(config: RunConfig, wiring: Wiring) -> Component:
     )
 
 
+def build_viewer(config: RunConfig, *, operated: bool) -> ViewerComponent:
+    """The viewer of a run; not `operated` where nobody would hear of what an operator does."""
+    return ViewerComponent(
+        config.viewer,
+        flow=SHAPE_DLO.edges(),
+        rod=RodOutline(nodes=config.model.nodes, length_m=config.model.length_m, radius_m=config.model.radius_m),
+        threshold_m=config.task.threshold_m,
+        operated=operated,
+    )
+
+
 def _viewer(config: RunConfig, wiring: Wiring) -> Component:
-    rod = RodOutline(nodes=config.model.nodes, length_m=config.model.length_m, radius_m=config.model.radius_m)
-    return ViewerComponent(config.viewer, flow=SHAPE_DLO.edges(), rod=rod, threshold_m=config.task.threshold_m)
+    return build_viewer(config, operated=True)
 
 
 _Builder = Callable[[RunConfig, Wiring], Component]

@@ -11,9 +11,8 @@ from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.recording.channels import topic_of
 from dlokit.communication.recording.reader import Recorded, read_recording
 from dlokit.skills.viewer.component import ViewerComponent
-from dlokit.system.build import Wiring, build_component, instances_of_run
+from dlokit.system.build import build_viewer, instances_of_run
 from dlokit.system.config import RunConfig
-from dlokit.system.start_file import NOBODYS_BUSINESS
 from dlokit.system.tasks import end_tasks
 
 WATCHED_PARTS = ("viewer", "model", "task")
@@ -38,9 +37,7 @@ async def show(path: Path, config: RunConfig, rate: float, say: Callable[[str], 
     """As `watch`, until it is cancelled."""
     transport, clock = MemoryTransport(), LoopClock()
     host = Host(transport, clock, instances=instances_of_run(config))
-    wiring = Wiring(transport=transport, clock=clock, folder=path.parent, start_nodes_world=NOBODYS_BUSINESS)
-    viewer = build_component("viewer", config, wiring)
-    assert isinstance(viewer, ViewerComponent)
+    viewer = build_viewer(config, operated=False)
     host.add(viewer)
     wanted = _Read()
     async with host:

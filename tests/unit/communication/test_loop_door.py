@@ -51,18 +51,19 @@ def test_a_function_that_raises_does_not_hold_up_the_next(caplog: pytest.LogCapt
 def test_functions_that_ask_for_more_leave_the_loop_its_turns() -> None:
     async def main() -> None:
         door = LoopDoor()
+        begun = asyncio.Event()
         runs = 0
 
         def again() -> None:
             nonlocal runs
             runs += 1
+            begun.set()
             if runs < 1000:
                 door.call(again)
 
         door.call(again)
         async with asyncio.timeout(10.0):
-            while runs == 0:
-                await asyncio.sleep(0)
+            await begun.wait()
         assert runs < 1000, "the others had no turn until all was done"
         door.close()
 

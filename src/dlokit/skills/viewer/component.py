@@ -19,7 +19,7 @@ from dlokit.skills.viewer.latest import Fresh
 from dlokit.skills.viewer.lit_step import LitStep
 from dlokit.skills.viewer.loop_gate import LoopGate
 from dlokit.skills.viewer.page import close_page, open_page
-from dlokit.skills.viewer.panel import Panel
+from dlokit.skills.viewer.panel import Operator, Panel
 from dlokit.skills.viewer.run_state import RunState, after_command, after_status
 from dlokit.skills.viewer.scene import Scene, thumbnail
 from dlokit.types.action import Action
@@ -49,13 +49,25 @@ class ViewerComponent(Component):
     name = "viewer"
     publishes = (topics.COMMAND, topics.GOAL_FRAMES)
 
-    def __init__(self, config: ViewerConfig, *, flow: Sequence[Edge], rod: RodOutline, threshold_m: float) -> None:
-        """`flow` is the flow chart's table: (step, outcome, next) of every arrow."""
+    def __init__(
+        self,
+        config: ViewerConfig,
+        *,
+        flow: Sequence[Edge],
+        rod: RodOutline,
+        threshold_m: float,
+        operated: bool = True,
+    ) -> None:
+        """`flow` is the flow chart's table: (step, outcome, next) of every arrow.
+
+        Without `operated` the page has neither buttons nor frames to drag: nobody would hear of them in a replay.
+        """
         super().__init__()
         self._config = config
         self._flow = tuple(flow)
         self._rod = rod
         self._threshold_m = threshold_m
+        self._operated = operated
         self._port = config.port
         self.opened = asyncio.Event()
         """Set while the page is served."""
@@ -90,15 +102,13 @@ class ViewerComponent(Component):
         try:
             self._port = server.get_port()
             scene = Scene(server, self._config, self._rod.radius_m)
-            frames = GoalFramesView(server, self._handles, gate, self._publish_frames)
+            frames = GoalFramesView(server, self._handles, gate, self._publish_frames) if self._operated else None
             panel = Panel(
                 server,
                 gate,
                 flow=self._flow,
                 threshold_m=self._threshold_m,
-                command=self._publish_command,
-                shape_it=self._shape_it,
-                reset_frames=lambda: self._reset_frames(frames),
+                operator=None if frames is None else self._operator(frames),
                 set_visible=scene.set_visible,
             )
             self.opened.set()
@@ -168,7 +178,7 @@ class ViewerComponent(Component):
         self._status.put(status)
 
     async def _draw_for_ever(
-        self, server: viser.ViserServer, scene: Scene, frames: GoalFramesView, panel: Panel
+        self, server: viser.ViserServer, scene: Scene, frames: GoalFramesView | None, panel: Panel
     ) -> None:
         # The page lives by this process's clock: it must answer while the cell's stands still.
         clock = LoopClock()
@@ -180,7 +190,7 @@ class ViewerComponent(Component):
                     self._draw_panel(scene, panel)
             await clock.sleep(1.0 / self._config.draw_rate_hz)
 
-    def _draw_scene(self, scene: Scene, frames: GoalFramesView) -> None:
+    def _draw_scene(self, scene: Scene, frames: GoalFramesView | None) -> None:
         for robot in self._robots.values():
             robot.take(scene.show_robot)
         self._cloud.take(scene.show_cloud)
@@ -191,7 +201,7 @@ class ViewerComponent(Component):
         self._action.take(scene.show_action)
         if (verdict := self._verdict.value) is not None and self._verdict.fresh:
             scene.show_verdict(verdict)
-        if self._goal.take(scene.show_goal) and not self._handles.dragged:
+        if self._goal.take(scene.show_goal) and frames is not None and not self._handles.dragged:
             frames.place()
 
     def _draw_panel(self, scene: Scene, panel: Panel) -> None:
@@ -205,6 +215,13 @@ class ViewerComponent(Component):
             scene.hide_candidates(0)
         self._verdict.take(panel.draw_verdict)
         self._status.take(lambda status: panel.draw_status(self._run_state, status, self._lit, self._history))
+
+    def _operator(self, frames: GoalFramesView) -> Operator:
+        return Operator(
+            command=self._publish_command,
+            shape_it=self._shape_it,
+            reset_frames=lambda: self._reset_frames(frames),
+        )
 
     def _publish_frames(self) -> None:
         self.port.publish(topics.GOAL_FRAMES, self._handles.message(self.port.clock.now_ns()))

@@ -4,6 +4,7 @@ A tab is a function here; goal editing, replay and reports get tabs of their own
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from html import escape
 
 import numpy as np
@@ -27,8 +28,17 @@ _WIDTH_PX = 380
 _RUN = {"Start": Command.START, "Pause": Command.PAUSE, "Resume": Command.RESUME, "Stop": Command.STOP}
 
 
+@dataclass(frozen=True, kw_only=True)
+class Operator:
+    """Who hears what the operator does, on the loop."""
+
+    command: Callable[[Command], None]
+    shape_it: Callable[[], None]
+    reset_frames: Callable[[], None]
+
+
 class Panel:
-    """Buttons and read-outs. What the operator does is posted to the loop: `command`, `shape_it`, `reset`, `show`."""
+    """Read-outs, and buttons where there is somebody to hear of them."""
 
     def __init__(
         self,
@@ -37,9 +47,7 @@ class Panel:
         *,
         flow: Sequence[Edge],
         threshold_m: float,
-        command: Callable[[Command], None],
-        shape_it: Callable[[], None],
-        reset_frames: Callable[[], None],
+        operator: Operator | None,
         set_visible: Callable[[Layer, bool], None],
     ) -> None:
         self._gui = server.gui
@@ -55,7 +63,8 @@ class Panel:
         self._observer = self._gui.add_html("", visible=False)
         self._verdict = self._gui.add_html("")
         self._gui.add_html(legend_html(palette.LAYERS))
-        self._add_buttons(command, shape_it, reset_frames)
+        if operator is not None:
+            self._add_buttons(operator)
         tabs = self._gui.add_tab_group()
         with tabs.add_tab("Task", viser.Icon.ROUTE):
             self._plot = ErrorPlot(self._gui, threshold_m)
@@ -91,9 +100,7 @@ class Panel:
         self._picture.image = picture
         self._picture.visible = True
 
-    def _add_buttons(
-        self, command: Callable[[Command], None], shape_it: Callable[[], None], reset_frames: Callable[[], None]
-    ) -> None:
+    def _add_buttons(self, operator: Operator) -> None:
         gui = self._gui
         with gui.add_folder("Goal"):
             gui.add_html(_note("Drag the three frames on the table: they pull the goal rod. Then:"))
@@ -101,16 +108,16 @@ class Panel:
                 gui.add_button(
                     "Shape it", color="green", icon=viser.Icon.WAND, hint="Start the task with the goal as dragged"
                 ),
-                shape_it,
+                operator.shape_it,
             )
             self._on_click(
                 gui.add_button("Reset frames", color="gray", hint="Put the frames back on the goal rod, untwisted"),
-                reset_frames,
+                operator.reset_frames,
             )
         run = gui.add_button_group("Run", tuple(_RUN), hint="Start uses the goal that is set; Stop halts the arm")
 
         async def pressed(_: object) -> None:
-            self._gate.post(command, _RUN[run.value])
+            self._gate.post(operator.command, _RUN[run.value])
 
         run.on_click(pressed)
 
@@ -143,7 +150,8 @@ def status_html(state: RunState, status: FlowStatus | None, threshold_m: float) 
             title = status.step.replace("_", " ")
             mode = "" if status.mode is None else _badge(status.mode)
         error = "–" if status.rmse_m is None else f"{status.rmse_m * 1000.0:.1f} mm"
-        detail = f"{status.actions} actions · RMSE {error} · threshold {threshold_m * 1000.0:.1f} mm" + (
+        actions = "1 action" if status.actions == 1 else f"{status.actions} actions"
+        detail = f"{actions} · RMSE {error} · threshold {threshold_m * 1000.0:.1f} mm" + (
             f"<br>{escape(status.text)}" if status.text else ""
         )
     return (

@@ -20,6 +20,10 @@ def test_a_running_task_shows_its_step_actions_and_error_against_the_threshold()
     assert "3 actions · RMSE 21.3 mm · threshold 12.0 mm" in html
 
 
+def test_one_action_is_one() -> None:
+    assert ">1 action · " in status_html(RunState.RUNNING, msgspec.structs.replace(_status(), actions=1), 0.012)
+
+
 def test_an_ended_task_shows_its_outcome_and_a_pausing_one_that_it_pauses() -> None:
     assert ">stalled<" in status_html(RunState.ENDED, _status(outcome=RunOutcome.STALLED), 0.012)
     assert ">paused<" in status_html(RunState.PAUSED, _status(), 0.012)
