@@ -23,9 +23,10 @@ def line_of(done: CaseResult) -> str:
     case, result = done.case, done.result
     rmse = "-" if result.rmse_m is None else f"{result.rmse_m * 1e3:.1f} mm"
     true = "-" if result.true_rmse_m is None else f"{result.true_rmse_m * 1e3:.1f} mm"
+    actions = "action" if result.actions == 1 else "actions"
     return (
         f"{case.experiment.name:12} seed {case.seed}  {case.method.name:14}  {result.outcome.value:10} "
-        f"{result.actions:3d} action{" " if result.actions == 1 else "s"}  RMSE {rmse:>8}  true {true:>8}  "
+        f"{result.actions:3d} {actions:7}  RMSE {rmse:>8}  true {true:>8}  "
         f"{result.sim_time_s:6.1f} s simulated in {result.wall_time_s:6.1f} s"
         + ("  (FALSE)" if falsely_converged(result) else "")
         + (f"  ({result.reason})" if result.reason else "")
