@@ -1,16 +1,19 @@
-"""What goes beside a message over the network: the schema that it was written in, and when it was sent."""
+"""What goes beside a message over the network: the schema that it was written in, when it was sent, and a check sum."""
 
 import struct
 import time
+import zlib
 from functools import cache
 from pathlib import Path
 
 import msgspec
 
 from dlokit.communication.schema import FINGERPRINT_BYTES
-from dlokit.errors import SchemaMismatch
+from dlokit.errors import CommunicationError, SchemaMismatch
 
-_LAYOUT = struct.Struct(f"<{FINGERPRINT_BYTES}sQq")
+_LAYOUT = struct.Struct(f"<{FINGERPRINT_BYTES}sQqI")
+CHECKED_BYTES = 2**16
+"""States, clouds and whatever moves an arm are shorter."""
 _BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 
 
@@ -22,19 +25,31 @@ class Envelope(msgspec.Struct, frozen=True, gc=False):
     """Whose clock `sent_ns` is on: monotonic clocks begin anew with each boot."""
     sent_ns: int
     """When it was sent, on the sender's monotonic clock."""
+    check: int
+    """Of the message; of a long one always 0."""
 
     def sent_s(self, arrived_s: float) -> float:
         """When it was sent on this machine's monotonic clock [s]; when it arrived, if another machine sent it."""
         return self.sent_ns * 1e-9 if self.machine == this_machine() else arrived_s
+
+    def require_unaltered(self, message: bytes) -> None:
+        """Raise `CommunicationError` when a message is not the one that was sent."""
+        if check_sum(message) != self.check:
+            raise CommunicationError("it was altered on its way, its check sum does not fit; look for a faulty network")
 
     def not_after(self, other: "Envelope | None") -> bool:
         """Whether it is known to have been sent no later than another one."""
         return other is not None and self.machine == other.machine and self.sent_ns <= other.sent_ns
 
 
-def seal(schema: bytes) -> bytes:
+def seal(schema: bytes, message: bytes | bytearray) -> bytes:
     """The envelope of a message that is sent now."""
-    return _LAYOUT.pack(schema, this_machine(), time.monotonic_ns())
+    return _LAYOUT.pack(schema, this_machine(), time.monotonic_ns(), check_sum(message))
+
+
+def check_sum(message: bytes | bytearray) -> int:
+    """CRC-32; 0 for what is so long that it would cost as much as the way: pictures."""
+    return zlib.crc32(message) if len(message) <= CHECKED_BYTES else 0
 
 
 def opened(envelope: bytes | None, schema: bytes) -> Envelope:

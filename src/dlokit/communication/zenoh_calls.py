@@ -10,6 +10,7 @@ from collections import deque
 
 import zenoh
 
+from dlokit.communication.call_seal import Kind, label_of, mark_of, read_label, read_mark
 from dlokit.communication.loop_door import LoopDoor
 from dlokit.communication.transport import CallHandler, Report
 
@@ -25,8 +26,8 @@ CALLS_REMEMBERED = 64
 """Cancelled calls whose request has not arrived yet, that are remembered."""
 
 
-PROGRESS = b"progress"
-"""What a reply carries beside its payload when the outcome is still to come."""
+ATTEMPTS = 5
+"""A call that came altered, or whose answer did, is sent again under its number: it runs once all the same."""
 
 
 def ask(
@@ -39,28 +40,49 @@ def ask(
         if not answered.done():
             answered.set_result(answer)
 
-    def on_reply(reply: zenoh.Reply) -> None:
-        if reply.ok is not None:
+    def attempt(left: int) -> None:
+        altered = False
+
+        def on_reply(reply: zenoh.Reply) -> None:
+            nonlocal altered
+            if reply.ok is None or reply.ok.attachment is None:
+                return
             answer = reply.ok.payload.to_bytes()
-            door.call(settle if reply.ok.attachment is None else report, answer)
+            match read_mark(reply.ok.attachment.to_bytes(), answer):
+                case Kind.OUTCOME:
+                    door.call(settle, answer)
+                case Kind.PROGRESS:
+                    door.call(report, answer)
+                case Kind.ALTERED:
+                    altered = True
+                case None:
+                    log.debug("an answer of %s cannot be read", component)
 
-    def on_end() -> None:
-        door.call(settle, None)
+        def on_end() -> None:
+            if altered and left > 0:
+                log.warning("a call to %s, or its answer, was altered on its way; it is sent again", component)
+                door.call(attempt, left - 1)
+            else:
+                door.call(settle, None)
 
-    try:
-        session.get(
-            f"call/{component}",
-            # On zenoh's own thread: both only wake the loop, and a thread for every call costs 0.7 ms.
-            zenoh.handlers.Callback(on_reply, on_end, indirect=False),
-            payload=request,
-            attachment=call_id.encode(),
-            timeout=NETWORK_LIMIT_S,
-            # The answer goes to the loop at once, not when the query has ended.
-            consolidation=zenoh.ConsolidationMode.NONE,
-        )
-    except zenoh.ZError as error:
-        log.warning("a call to %s could not be sent: %s", component, error)
-        settle(None)
+        if answered.done():
+            return
+        try:
+            session.get(
+                f"call/{component}",
+                # On zenoh's own thread: both only wake the loop, and a thread for every call costs 0.7 ms.
+                zenoh.handlers.Callback(on_reply, on_end, indirect=False),
+                payload=request,
+                attachment=label_of(call_id, request),
+                timeout=NETWORK_LIMIT_S,
+                # The answer goes to the loop at once, not when the query has ended.
+                consolidation=zenoh.ConsolidationMode.NONE,
+            )
+        except zenoh.ZError as error:
+            log.warning("a call to %s could not be sent: %s", component, error)
+            settle(None)
+
+    attempt(ATTEMPTS - 1)
     return answered
 
 
@@ -70,7 +92,7 @@ def send(session: zenoh.Session, component: str, request: bytes, call_id: str) -
         f"call/{component}",
         zenoh.handlers.Callback(lambda reply: None, indirect=False),
         payload=request,
-        attachment=call_id.encode(),
+        attachment=label_of(call_id, request),
         timeout=SENT_LIMIT_S,
         priority=zenoh.Priority.REAL_TIME,
         express=True,
@@ -130,8 +152,11 @@ class CallServer:
         if payload is None or attachment is None:
             query.drop()
             return
-        request, call_id = payload.to_bytes(), attachment.to_bytes().decode(errors="replace")
-        self._door.call(self._start, query, request, call_id)
+        request, label = payload.to_bytes(), read_label(attachment.to_bytes())
+        if label.fits(request):
+            self._door.call(self._start, query, request, label.call_id)
+        else:
+            _reply(query, b"", Kind.ALTERED)
 
     def _start(self, query: zenoh.Query, request: bytes, call_id: str) -> None:
         if self._closing:
@@ -167,14 +192,14 @@ class CallServer:
 
 def _tell(query: zenoh.Query, progress: bytes) -> None:
     try:
-        query.reply(query.key_expr, progress, attachment=PROGRESS)
+        query.reply(query.key_expr, progress, attachment=mark_of(Kind.PROGRESS, progress))
     except zenoh.ZError as error:
         log.warning("progress could not be sent: %s", error)
 
 
-def _reply(query: zenoh.Query, answer: bytes) -> None:
+def _reply(query: zenoh.Query, answer: bytes, kind: Kind = Kind.OUTCOME) -> None:
     try:
-        query.reply(query.key_expr, answer)
+        query.reply(query.key_expr, answer, attachment=mark_of(kind, answer))
     except zenoh.ZError as error:
         log.warning("an answer could not be sent: %s", error)
     finally:
