@@ -3,12 +3,30 @@
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal
 
 import zenoh
 
+from dlokit.communication.zenoh_access import HostRights, access_control
 from dlokit.errors import MachineError
 
 SHARED_FROM_BYTES = 2**16
+LINK_LEASE_MS = 5000
+"""Between hosts: a link that is silent for so long is gone. zenoh sends a sign of life four times in it."""
+RETRY_FIRST_MS = 500
+RETRY_LONGEST_MS = 2000
+"""How soon a link between hosts that is gone is tried again, at first and at the latest."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TlsFiles:
+    """Paths of the files with which a host proves who it is, and recognises others."""
+
+    authority: str
+    """Of the lab: whoever it has not signed cannot connect."""
+    certificate: str
+    """Its common name is the host's name."""
+    key: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,6 +44,15 @@ class ZenohConfig:
 
     Whoever searches opens a socket of all interfaces for the answers: it is off unless asked for.
     """
+    role: Literal["peer", "client", "router"] = "peer"
+    """On one machine everybody is a peer. Between several, a router is its host's door: it passes on what the host's
+    own processes, its clients, and other doors say."""
+    connect_within_s: float | None = None
+    """Opening fails when no connection stands after so long; None: it is tried for ever, beside everything else."""
+    tls: TlsFiles | None = None
+    """For endpoints `tls/…`: both ends prove who they are."""
+    others: tuple[HostRights, ...] | None = None
+    """What other hosts may do here; None: no access control, e.g. where no other host can connect."""
 
 
 OpenSession = Callable[[ZenohConfig], zenoh.Session]
@@ -48,13 +75,13 @@ def open_session(config: ZenohConfig) -> zenoh.Session:
 
 def _settings(config: ZenohConfig) -> dict[str, object]:
     settings: dict[str, object] = {
-        "mode": "peer",
+        "mode": config.role,
         "namespace": config.namespace,
         "listen/endpoints": list(config.listen),
         "connect/endpoints": list(config.connect),
         # Nobody waits for peers at the start: liveliness says who is there.
-        "connect/timeout_ms": -1,
-        "connect/exit_on_failure": False,
+        "connect/timeout_ms": -1 if config.connect_within_s is None else round(config.connect_within_s * 1000),
+        "connect/exit_on_failure": config.connect_within_s is not None,
         "scouting/delay": 0,
         "scouting/multicast/enabled": config.multicast_interface is not None,
         # A cloud goes faster through the socket than through shared memory, a picture the other way round.
@@ -64,4 +91,36 @@ def _settings(config: ZenohConfig) -> dict[str, object]:
     }
     if config.multicast_interface is not None:
         settings["scouting/multicast/interface"] = config.multicast_interface
+    if config.role != "peer":
+        settings |= _DOORS
+    if config.tls is not None:
+        settings |= _tls_settings(config.tls)
+    if config.others is not None:
+        settings["access_control"] = access_control(config.namespace, config.others)
     return settings
+
+
+_DOORS: dict[str, object] = {
+    "transport/link/tx/lease": LINK_LEASE_MS,
+    "connect/retry": {
+        "period_init_ms": RETRY_FIRST_MS,
+        "period_max_ms": RETRY_LONGEST_MS,
+        "period_increase_factor": 2,
+    },
+}
+
+
+def _tls_settings(files: TlsFiles) -> dict[str, object]:
+    return {
+        f"transport/link/tls/{key}": value
+        for key, value in {
+            "root_ca_certificate": files.authority,
+            "listen_certificate": files.certificate,
+            "listen_private_key": files.key,
+            "connect_certificate": files.certificate,
+            "connect_private_key": files.key,
+            "enable_mtls": True,
+            "verify_name_on_connect": True,
+            "close_link_on_expiration": True,
+        }.items()
+    }
