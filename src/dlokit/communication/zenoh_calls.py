@@ -1,18 +1,24 @@
 """Skill calls over zenoh: the caller's side (Algorithm 1) and the called one's, which hands to the host.
 
-A call is a query on the component's key. An answer is an encoded outcome; no answer at all means that
-nobody is there. A caller that gives up sends the call's id to the component's cancel key.
+A call is a query on the key of the component's skill, by which access control tells skills apart. An answer is an
+encoded outcome; no answer at all means that nobody is there. A caller that gives up sends the call's id to the
+component's cancel key.
 """
 
 import asyncio
 import logging
 from collections import deque
+from typing import Any
 
 import zenoh
 
+from dlokit.communication import codec
 from dlokit.communication.call_seal import Kind, label_of, mark_of, read_label, read_mark
 from dlokit.communication.loop_door import LoopDoor
+from dlokit.communication.skill import Skill, SkillCall
 from dlokit.communication.transport import CallHandler, Report
+from dlokit.errors import CommunicationError
+from dlokit.types.outcome import Rejected
 
 log = logging.getLogger(__name__)
 
@@ -31,7 +37,7 @@ ATTEMPTS = 5
 
 
 def ask(
-    session: zenoh.Session, door: LoopDoor, component: str, request: bytes, call_id: str, report: Report
+    session: zenoh.Session, door: LoopDoor, skill: Skill[..., Any], request: bytes, call_id: str, report: Report
 ) -> "asyncio.Future[bytes | None]":
     """The encoded outcome to come; None when nobody answers. Cancelling it does not cancel the skill: see `cancel`."""
     answered: asyncio.Future[bytes | None] = asyncio.get_running_loop().create_future()
@@ -56,11 +62,11 @@ def ask(
                 case Kind.ALTERED:
                     altered = True
                 case None:
-                    log.debug("an answer of %s cannot be read", component)
+                    log.debug("an answer of %s cannot be read", skill.key)
 
         def on_end() -> None:
             if altered and left > 0:
-                log.warning("a call to %s, or its answer, was altered on its way; it is sent again", component)
+                log.warning("a call to %s, or its answer, was altered on its way; it is sent again", skill.key)
                 door.call(attempt, left - 1)
             else:
                 door.call(settle, None)
@@ -69,7 +75,7 @@ def ask(
             return
         try:
             session.get(
-                f"call/{component}",
+                f"call/{skill.component}/{skill.name}",
                 # On zenoh's own thread: both only wake the loop, and a thread for every call costs 0.7 ms.
                 zenoh.handlers.Callback(on_reply, on_end, indirect=False),
                 payload=request,
@@ -79,17 +85,17 @@ def ask(
                 consolidation=zenoh.ConsolidationMode.NONE,
             )
         except zenoh.ZError as error:
-            log.warning("a call to %s could not be sent: %s", component, error)
+            log.warning("a call to %s could not be sent: %s", skill.key, error)
             settle(None)
 
     attempt(ATTEMPTS - 1)
     return answered
 
 
-def send(session: zenoh.Session, component: str, request: bytes, call_id: str) -> None:
+def send(session: zenoh.Session, skill: Skill[..., Any], request: bytes, call_id: str) -> None:
     """Ask without waiting for an answer; before whatever else waits to be sent."""
     session.get(
-        f"call/{component}",
+        f"call/{skill.component}/{skill.name}",
         zenoh.handlers.Callback(lambda reply: None, indirect=False),
         payload=request,
         attachment=label_of(call_id, request),
@@ -125,7 +131,7 @@ class CallServer:
         self._closing = False
         # Whoever sees the token may call: it comes last.
         self._cancels = session.declare_subscriber(f"cancel/{component}", self._on_cancel)
-        self._calls = session.declare_queryable(f"call/{component}", self._on_query)
+        self._calls = session.declare_queryable(f"call/{component}/*", self._on_query)
         self._token = session.liveliness().declare_token(f"alive/{component}/{session.zid()}")
 
     async def close(self, patience_s: float) -> None:
@@ -162,6 +168,10 @@ class CallServer:
         if self._closing:
             query.drop()
             return
+        if not _came_by_its_key(query, request):
+            log.error("a call is rejected that names another skill than its key %s", query.key_expr)
+            _reply(query, _WRONG_KEY)
+            return
         if call_id in self._cancelled_early:
             _reply(query, self._cancelled)
             return
@@ -188,6 +198,19 @@ class CallServer:
             self._cancelled_early.append(call_id)
         else:
             task.cancel()
+
+
+_WRONG_KEY = codec.encode(
+    Rejected(reason="wrong_key", detail="the call names another skill than the key that it came by")
+)
+
+
+def _came_by_its_key(query: zenoh.Query, request: bytes) -> bool:
+    """Access control has looked at the key alone: whoever may stop an arm may not move it by the same key."""
+    try:
+        return codec.decode(request, SkillCall).skill == str(query.key_expr).rpartition("/")[2]
+    except CommunicationError:
+        return True  # whoever handles it says what is wrong with it
 
 
 def _tell(query: zenoh.Query, progress: bytes) -> None:

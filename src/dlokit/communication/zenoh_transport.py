@@ -123,7 +123,7 @@ class ZenohTransport:
         call_id = f"{self._identity}-{next(self._call_ids)}"
         request = encode_call(skill, call_id, self._identity, *args, **kwargs)
         if not isinstance(request, Rejected):
-            zenoh_calls.send(self._session, skill.component, request, call_id)
+            zenoh_calls.send(self._session, skill, request, call_id)
 
     async def call(self, skill: Skill[P, R], *args: P.args, **kwargs: P.kwargs) -> Outcome[R]:
         """Algorithm 1; a cancelled caller cancels the skill, and waits until it has stopped."""
@@ -147,7 +147,7 @@ class ZenohTransport:
                 await self._find(skill.component)
                 if self._closed:
                     return Unreachable(component=skill.component)
-                asked = zenoh_calls.ask(self._session, self._door, skill.component, request, call_id, report)
+                asked = zenoh_calls.ask(self._session, self._door, skill, request, call_id, report)
                 answer = await asyncio.shield(asked)
         except TimeoutError:
             await self._give_up(skill.component, call_id, asked)

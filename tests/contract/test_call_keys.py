@@ -1,0 +1,53 @@
+"""Access control looks at the key of a call: a call that names another skill than its key is not run."""
+
+import asyncio
+
+from dlokit.communication import codec
+from dlokit.communication.calls import encode_call
+from dlokit.communication.transport import Report
+from dlokit.communication.zenoh_session import ZenohConfig, open_session
+from dlokit.communication.zenoh_transport import ZenohTransport
+from dlokit.skills.robot import api
+from dlokit.system.host_agent import free_meeting_point
+from dlokit.types.outcome import Outcome, Rejected, Succeeded
+
+NAMESPACE = "dlokit_test_call_keys"
+
+
+async def answer(key: str) -> Outcome[None]:
+    """What becomes of `robot.stop` when it comes by a key."""
+    ran: list[bytes] = []
+
+    async def handler(request: bytes, report: Report) -> bytes:
+        ran.append(request)
+        return codec.encode(Succeeded(result=None))
+
+    endpoint = free_meeting_point()
+    called = ZenohTransport(ZenohConfig(namespace=NAMESPACE, listen=(endpoint,)))
+    caller = ZenohTransport(ZenohConfig(namespace=NAMESPACE, connect=(endpoint,)))
+    session = open_session(ZenohConfig(namespace=NAMESPACE, role="client", listen=(), connect=(endpoint,)))
+    try:
+        called.serve("robot", handler)
+        assert await caller.wait_for("robot", 30.0)
+        request = encode_call(api.STOP, "id-1", caller.identity)
+        assert isinstance(request, bytes)
+        replies = await asyncio.to_thread(
+            lambda: list(session.get(key, payload=request, attachment=b"id-1", timeout=10.0))
+        )
+        (reply,) = replies
+        assert reply.ok is not None
+        outcome = api.STOP.decode_outcome(reply.ok.payload.to_bytes())
+        assert bool(ran) == isinstance(outcome, Succeeded)
+        return outcome
+    finally:
+        session.close()
+        await caller.close()
+        await called.close()
+
+
+def test_a_call_by_the_key_of_another_skill_is_not_run() -> None:
+    assert isinstance(asyncio.run(answer("call/robot/stop")), Succeeded)
+    for key in ("call/robot/recover", "call/robot/*"):
+        outcome = asyncio.run(answer(key))
+        assert isinstance(outcome, Rejected)
+        assert outcome.reason == "wrong_key"
