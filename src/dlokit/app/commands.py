@@ -8,10 +8,12 @@ import tyro
 from dlokit.app import (
     bench,
     call,
+    certs,
     demo,
     doctor,
     export,
     graph,
+    host,
     identify,
     info,
     ps,
@@ -39,6 +41,8 @@ Command = (
     | stop.StopArgs
     | ps.PsArgs
     | resume.ResumeArgs
+    | certs.CertsArgs
+    | host.HostArgs
     | graph.GraphArgs
     | doctor.DoctorArgs
     | bench.BenchArgs
@@ -62,6 +66,8 @@ def parse(arguments: Sequence[str]) -> Command:
         | Annotated[stop.StopArgs, tyro.conf.subcommand("stop")]
         | Annotated[resume.ResumeArgs, tyro.conf.subcommand("resume")]
         | Annotated[ps.PsArgs, tyro.conf.subcommand("ps")]
+        | Annotated[certs.CertsArgs, tyro.conf.subcommand("certs")]
+        | Annotated[host.HostArgs, tyro.conf.subcommand("host")]
         | Annotated[skills.SkillsArgs, tyro.conf.subcommand("skills")]
         | Annotated[graph.GraphArgs, tyro.conf.subcommand("graph")]
         | Annotated[doctor.DoctorArgs, tyro.conf.subcommand("doctor")]
@@ -105,6 +111,10 @@ def execute(arguments: Sequence[str]) -> int:
             return ps.run(args)
         case skills.SkillsArgs() as args:
             return skills.run(args)
+        case certs.CertsArgs() as args:
+            return certs.run(args)
+        case host.HostArgs() as args:
+            return host.run(args)
         case graph.GraphArgs() as args:
             return graph.run(args)
         case doctor.DoctorArgs() as args:

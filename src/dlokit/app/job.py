@@ -39,8 +39,11 @@ def job_from_config(config: RunConfig) -> ShapeJob:
 
 
 def with_absolute_files(config: RunConfig) -> RunConfig:
-    """Shape files by their absolute paths, so that the configuration of the run holds in every folder."""
-    return replace(config, start=_absolute(config.start), goal=_absolute(config.goal))
+    """Files by their absolute paths, so that the configuration of the run holds in every folder."""
+    hosts = config.hosts
+    if hosts is not None and hosts.certificates:
+        hosts = replace(hosts, certificates=str(hosts.folder.absolute()))
+    return replace(config, start=_absolute(config.start), goal=_absolute(config.goal), hosts=hosts)
 
 
 def _absolute(text: str) -> str:

@@ -1,15 +1,26 @@
-"""What is checked before anything starts: the viewer's port, and whether pictures can be rendered."""
+"""What is checked before anything starts: hosts, the viewer's port, and whether pictures can be rendered."""
 
 from dlokit.functional.cell.rendering import check_opengl
 from dlokit.skills.viewer.page import check_port
 from dlokit.system.config import RunConfig
+from dlokit.system.doors import check_hosts
+from dlokit.system.placement import main_host
+from dlokit.system.processes import VIEWER, processes_of_run
 
 
 def check_before_start(config: RunConfig) -> None:
-    """Raise `MachineError` for what would end the run anyway. Shapes are not judged here.
+    """Raise `MachineError` or `ConfigError` for what would end the run anyway. Shapes are not judged here.
 
     Where the DLO lies is for the system to see, and the goal is judged by the task itself, in the model.
     """
-    if not config.headless:
+    if config.hosts is not None and config.runtime == "live":
+        check_hosts(config.hosts, processes_of_run(simulated=True, watched=not config.headless, arms=config.arms))
+    if not config.headless and _viewer_is_here(config):
         check_port(config.viewer.host, config.viewer.port)
     check_opengl()
+
+
+def _viewer_is_here(config: RunConfig) -> bool:
+    if config.hosts is None or config.runtime == "lockstep":
+        return True
+    return VIEWER.name in config.hosts.runs[main_host(config.hosts)]

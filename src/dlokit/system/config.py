@@ -4,6 +4,8 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
+import tyro
+
 from dlokit.decision.config import TaskConfig
 from dlokit.description.dlo import DloPreset
 from dlokit.errors import ConfigError
@@ -15,6 +17,7 @@ from dlokit.skills.perception.config import PerceptionConfig
 from dlokit.skills.planning.config import PlanningConfig
 from dlokit.skills.robot.config import RobotConfig
 from dlokit.skills.viewer.config import ViewerConfig
+from dlokit.system.hosts_config import HostsConfig
 
 CONFIG_FILE = "config.toml"
 """What a run was told, in its folder."""
@@ -66,6 +69,8 @@ class RunConfig:
     """How the arm moves."""
     viewer: ViewerConfig = field(default_factory=ViewerConfig)
     """The browser viewer."""
+    hosts: tyro.conf.Suppress[tyro.conf.Fixed[HostsConfig | None]] = None
+    """The machines of a live run on several, from the part [hosts] of a `--config` file; None: this machine alone."""
 
     def __post_init__(self) -> None:
         if self.seed < 0:

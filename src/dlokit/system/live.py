@@ -15,7 +15,7 @@ from dlokit.errors import ProcessFailure
 from dlokit.system.build import Wiring, build_component, instances_of_run
 from dlokit.system.config import CONFIG_FILE, RunConfig
 from dlokit.system.lease_keeper import leases_held
-from dlokit.system.live_system import LiveSystem, live_system, namespace_of
+from dlokit.system.live_system import LiveSystem, live_system, namespace_of, spread_system
 from dlokit.system.processes import DECISION, processes_of_run
 from dlokit.system.recording import live_recorder, with_calls_told
 from dlokit.system.run_record import RunRecord
@@ -60,7 +60,11 @@ async def _run(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher, s
         instances=instances_of_run(config),
         command=starting.command,
     )
-    async with live_system(rows, launch, starting.open_session) as live:
+    if config.hosts is None:
+        system = live_system(rows, launch, starting.open_session)
+    else:
+        system = spread_system(rows, launch, config.hosts, to_toml(config), log.warning)
+    async with system as live:
         with live_recorder(config, job.name, folder, live.clock, live.transport):
             return await live.run(_decide(live, config, job, folder, watch), _failed)
 

@@ -1,7 +1,6 @@
 """The live runtime: all processes of the table, each at its own rate, over zenoh."""
 
 import asyncio
-import socket
 from collections.abc import AsyncGenerator, Callable, Coroutine
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
@@ -12,10 +11,15 @@ from dlokit.communication.clock import Clock, FollowedClock
 from dlokit.communication.compute import Compute
 from dlokit.communication.zenoh_session import OpenSession, ZenohConfig, open_session
 from dlokit.communication.zenoh_transport import ZenohTransport
-from dlokit.errors import MachineError, ProcessFailure
+from dlokit.errors import ProcessFailure
+from dlokit.system.doors import NAMESPACE, main_door, through_door
+from dlokit.system.host_agent import free_meeting_point
+from dlokit.system.hosts_config import HostsConfig
 from dlokit.system.joined_bus import join_bus
+from dlokit.system.placement import placed
 from dlokit.system.processes import ProcessRow
 from dlokit.system.running import announced
+from dlokit.system.shares import RemoteShares
 from dlokit.system.supervisor import Launch, Supervisor
 from dlokit.system.tasks import end_tasks
 from dlokit.system.worker_pool import worker_pool
@@ -43,6 +47,8 @@ class LiveSystem:
     supervisor: Supervisor
     bus: ZenohConfig
     """How another process of this machine joins it."""
+    shares: RemoteShares | None = None
+    """What of it runs on other hosts."""
 
     async def run(self, main: Coroutine[Any, Any, T], when_failed: Callable[[T, ProcessFailure], T]) -> T:
         """Result of `main`, which is cancelled when an essential process dies, or when the caller is (Ctrl-C).
@@ -52,7 +58,7 @@ class LiveSystem:
         process could not work on this machine or with this configuration.
         """
         task = asyncio.create_task(main, name="main")
-        watch = asyncio.create_task(self.supervisor.wait_failed(), name="watch")
+        watch = asyncio.create_task(self._wait_failed(), name="watch")
         try:
             await asyncio.wait({task, watch}, return_when=asyncio.FIRST_COMPLETED)
             if task.done():
@@ -63,6 +69,18 @@ class LiveSystem:
             return await task
         finally:
             await end_tasks(task, watch)
+
+    async def _wait_failed(self) -> None:
+        """Return never, but raise when an essential process is dead for good, or another host's share has ended."""
+        if self.shares is None:
+            return await self.supervisor.wait_failed()
+        own = asyncio.create_task(self.supervisor.wait_failed(), name="watch this host")
+        others = asyncio.create_task(self.shares.wait_failed(), name="watch other hosts")
+        try:
+            done, _ = await asyncio.wait({own, others}, return_when=asyncio.FIRST_COMPLETED)
+            done.pop().result()
+        finally:
+            await end_tasks(own, others)
 
     async def _wind_up(
         self, task: "asyncio.Task[T]", watch: "asyncio.Task[None]", when_failed: Callable[[T, ProcessFailure], T]
@@ -103,7 +121,7 @@ async def live_system(
     when one does not start; `MachineError` when no port is free.
     """
     own, *others = rows
-    meeting_point = (f"tcp/127.0.0.1:{_free_port()}",)
+    meeting_point = (free_meeting_point(),)
     own_bus = ZenohConfig(namespace=launch.namespace, listen=meeting_point)
     others_bus = ZenohConfig(namespace=launch.namespace, connect=meeting_point)
     with worker_pool() as compute:
@@ -117,19 +135,44 @@ async def live_system(
                 yield LiveSystem(bus.transport, bus.clock, compute, supervisor, others_bus)
 
 
+@asynccontextmanager
+async def spread_system(
+    rows: tuple[ProcessRow, ...],
+    launch: Launch,
+    hosts: HostsConfig,
+    config_toml: str,
+    say: Callable[[str], None],
+) -> AsyncGenerator[LiveSystem]:
+    """As `live_system`, on several hosts: this one's processes are started here, the others' by `dlokit host` there.
+
+    `config_toml` is what all of them run with. Raises `ConfigError` for what `hosts` gets wrong, and `ProcessFailure`
+    when a host is missing, or its share does not start.
+    """
+    placement = placed(hosts, rows)
+    meeting_point = free_meeting_point()
+    inside = through_door(meeting_point)
+    own, *local = placement.own
+    with worker_pool() as compute:
+        async with (
+            join_bus(main_door(hosts, placement, meeting_point), own.time_base) as bus,
+            Supervisor(tuple(local), launch, inside) as supervisor,
+        ):
+            await supervisor.guard(bus.first_tick(FIRST_TICK_S))
+            shares = RemoteShares(bus.transport, placement.others, config_toml, hosts.wait_s, say)
+            await supervisor.guard(shares.start())
+            try:
+                components = [name for row in rows[1:] for name in row.components]
+                await supervisor.guard(_all_seen(bus.transport, components))
+                with announced(launch.run_dir, NAMESPACE, meeting_point, client=True):
+                    yield LiveSystem(bus.transport, bus.clock, compute, supervisor, inside, shares)
+            finally:
+                await shares.end()
+
+
 async def _all_seen(transport: ZenohTransport, components: list[str]) -> None:
     for component in components:
         if not await transport.wait_for(component, SEEN_WITHIN_S):
             raise ProcessFailure(f"component_missing: {component}", "its process runs, but nobody serves it on the bus")
-
-
-def _free_port() -> int:
-    with socket.socket() as probe:
-        try:
-            probe.bind(("127.0.0.1", 0))
-        except OSError as error:
-            raise MachineError(f"no port is free on 127.0.0.1: {error}; end other programs") from error
-        return int(probe.getsockname()[1])
 
 
 def namespace_of(run_dir: Path) -> str:

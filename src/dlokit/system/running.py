@@ -24,10 +24,14 @@ class RunningSystem(msgspec.Struct, frozen=True, kw_only=True):
     """Of the run."""
     namespace: str
     endpoint: str
+    client: bool = False
+    """Whether whoever joins goes through the endpoint alone: it is a host's door, in a run on several."""
 
     @property
     def bus(self) -> ZenohConfig:
         """How to join its bus from another process of this machine."""
+        if self.client:
+            return ZenohConfig(namespace=self.namespace, role="client", listen=(), connect=(self.endpoint,))
         return ZenohConfig(namespace=self.namespace, connect=(self.endpoint,))
 
 
@@ -41,14 +45,17 @@ def notes_folder() -> Path:
 
 
 @contextmanager
-def announced(run_dir: Path, namespace: str, endpoint: str, notes: Path | None = None) -> Generator[None]:
-    """Leave a note of this process's system meanwhile."""
+def announced(
+    run_dir: Path, namespace: str, endpoint: str, notes: Path | None = None, *, client: bool = False
+) -> Generator[None]:
+    """Leave a note of this process's system meanwhile; `client` says that the endpoint is a host's door."""
     system = RunningSystem(
         pid=os.getpid(),
         began_s=psutil.Process().create_time(),
         folder=str(run_dir.resolve()),
         namespace=namespace,
         endpoint=endpoint,
+        client=client,
     )
     note = (notes or notes_folder()) / f"{system.pid}.json"
     part = note.with_suffix(".part")

@@ -1,0 +1,138 @@
+"""The other hosts' shares of a run, as the decision's host sees them: they are waited for, started, watched, ended."""
+
+import asyncio
+import logging
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from dlokit import __version__
+from dlokit.communication.zenoh_transport import ZenohTransport
+from dlokit.errors import ProcessFailure
+from dlokit.system.host_api import HELLO, RUN_SHARE, ShareReady
+from dlokit.system.placement import AGENT
+from dlokit.system.processes import ProcessRow
+from dlokit.system.tasks import end_tasks
+from dlokit.types.outcome import Failed, Outcome, Rejected, Succeeded, Unreachable
+
+log = logging.getLogger(__name__)
+
+CLOCK_OFF_S = 0.5
+"""Hosts whose clocks differ by more than this are named: certificates and logs go by the time of day."""
+TOLD_EVERY_S = 5.0
+
+
+class RemoteShares:
+    """Owner of what runs on other hosts."""
+
+    def __init__(
+        self,
+        transport: ZenohTransport,
+        shares: Mapping[str, tuple[ProcessRow, ...]],
+        config_toml: str,
+        wait_s: float,
+        say: Callable[[str], None],
+    ) -> None:
+        """`wait_s` is how long each host is waited for; `say` tells people meanwhile."""
+        self._transport = transport
+        self._shares = {host: share for host, share in shares.items() if share}
+        self._config_toml = config_toml
+        self._wait_s = wait_s
+        self._say = say
+        self._running: dict[str, asyncio.Task[Outcome[None]]] = {}
+        self._ready: dict[str, asyncio.Event] = {host: asyncio.Event() for host in self._shares}
+
+    async def start(self) -> None:
+        """Start all of them. Raises `ProcessFailure`: host_missing, host_version, or why a share did not start."""
+        try:
+            await self._find_all()
+            for host, share in self._shares.items():
+                self._running[host] = asyncio.create_task(self._run(host, share), name=f"share of {host}")
+            await self._all_ready()
+        except BaseException:  # Ctrl-C as well: none of the processes is left behind
+            await self.end()
+            raise
+
+    async def end(self) -> None:
+        """End all of them."""
+        await end_tasks(*self._running.values())
+
+    async def wait_failed(self) -> None:
+        """Return never, but raise `ProcessFailure` when a share has ended, or its host is gone."""
+        if not self._running:
+            await asyncio.Event().wait()
+        done, _ = await asyncio.wait(self._running.values(), return_when=asyncio.FIRST_COMPLETED)
+        for host, task in self._running.items():
+            if task in done:
+                raise _why(host, task.result())
+
+    async def _find_all(self) -> None:
+        missing = list(self._shares)
+        end_s = time.monotonic() + self._wait_s
+        while missing:
+            self._say(f"waiting for the host{'s' * (len(missing) > 1)} {', '.join(missing)}")
+            left_s = min(end_s - time.monotonic(), TOLD_EVERY_S)
+            if left_s <= 0.0:
+                raise ProcessFailure(
+                    f"host_missing: {', '.join(missing)}",
+                    f"not there within {self._wait_s:g} s; run `dlokit host {missing[0]}` there, and look at its "
+                    "output and at the firewall's port",
+                )
+            there = await asyncio.gather(*(self._transport.wait_for(f"{AGENT}.{host}", left_s) for host in missing))
+            missing = [host for host, found in zip(missing, there, strict=True) if not found]
+        for host in self._shares:
+            await self._greet(host)
+
+    async def _greet(self, host: str) -> None:
+        asked_ns = time.time_ns()
+        said = await self._transport.call(HELLO.at(host))
+        answered_ns = time.time_ns()
+        if not isinstance(said, Succeeded):
+            raise _why(host, said)
+        if said.result.version != __version__:
+            raise ProcessFailure(
+                f"host_version: {host}", f"dlokit {said.result.version} there, {__version__} here; install the same"
+            )
+        off_s = (said.result.wall_ns - (asked_ns + answered_ns) / 2) / 1e9
+        if abs(off_s) - (answered_ns - asked_ns) / 2e9 > CLOCK_OFF_S:
+            log.warning(
+                "clocks_differ: the clock of host %s is %.1f s %s; let NTP or PTP set both",
+                host,
+                abs(off_s),
+                "ahead" if off_s > 0 else "behind",
+            )
+
+    async def _run(self, host: str, share: tuple[ProcessRow, ...]) -> Outcome[None]:
+        def told(ready: ShareReady) -> None:
+            self._ready[host].set()
+
+        names = tuple(row.name for row in share)
+        return await self._transport.call_reported(RUN_SHARE.at(host), told, self._config_toml, names)
+
+    async def _all_ready(self) -> None:
+        within_s = sum(row.ready_within_s for share in self._shares.values() for row in share)
+        failing = asyncio.create_task(self.wait_failed(), name="a share fails")
+        ready = asyncio.create_task(self._until_ready(), name="all shares ready")
+        try:
+            await asyncio.wait({failing, ready}, timeout=within_s, return_when=asyncio.FIRST_COMPLETED)
+            if failing.done():
+                failing.result()
+            if not ready.done():
+                late = ", ".join(host for host, event in self._ready.items() if not event.is_set())
+                raise ProcessFailure(f"host_not_ready: {late}", f"not within {within_s:g} s; see the logs there")
+        finally:
+            await end_tasks(failing, ready)
+
+    async def _until_ready(self) -> None:
+        for event in self._ready.values():
+            await event.wait()
+
+
+def _why(host: str, outcome: Outcome[Any]) -> ProcessFailure:
+    match outcome:
+        case Failed(reason=reason, detail=detail) | Rejected(reason=reason, detail=detail):
+            return ProcessFailure(reason, f"on host {host}: {detail}")
+        case Unreachable():
+            return ProcessFailure(f"host_lost: {host}", "it, or the way to it, is gone")
+        case _:
+            return ProcessFailure(f"host_ended: {host}", f"its share has ended: {outcome}")

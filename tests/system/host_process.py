@@ -1,0 +1,236 @@
+"""Programs of a tiny run on several hosts: the main host, the arm's, a desk that looks on, and strangers.
+
+What they see they print, a line each; the main host and the desk do what their standard input says.
+"""
+
+import asyncio
+import json
+import logging
+import sys
+import time
+from collections.abc import Awaitable, Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+import zenoh
+from tiny_process import TinyCell
+
+from dlokit import geometry
+from dlokit.communication import topics
+from dlokit.communication.component import Component, implements
+from dlokit.communication.transport import Transport
+from dlokit.communication.zenoh_session import TlsFiles, ZenohConfig, open_session
+from dlokit.communication.zenoh_transport import ZenohTransport
+from dlokit.errors import MachineError, ProcessFailure, SkillFailure
+from dlokit.skills.robot import api
+from dlokit.skills.robot.config import RobotConfig
+from dlokit.skills.robot.lease import LeaseKeeper
+from dlokit.skills.robot.lease_watch import ThreadWatch
+from dlokit.system.child_runtime import run_child
+from dlokit.system.child_spec import ChildSpec
+from dlokit.system.doors import NAMESPACE, other_door
+from dlokit.system.host_agent import free_meeting_point, serve_host
+from dlokit.system.hosts_config import HostsConfig
+from dlokit.system.joined_bus import JoinedBus
+from dlokit.system.lease_keeper import leases_held
+from dlokit.system.live_system import LiveSystem, spread_system
+from dlokit.system.processes import ProcessRow, TimeBase
+from dlokit.system.supervisor import Launch
+from dlokit.types.heartbeat import Heartbeat
+from dlokit.types.robot import MotionResult, RobotMode, RobotState
+
+MAIN, ARM, DESK = "main", "arm", "desk"
+OWN = ProcessRow(name="decision", components=())
+CELL = ProcessRow(name="cell", components=("cell",), time_base=TimeBase.MACHINE)
+ROBOT = ProcessRow(name="robot", components=("robot",), after=("cell",))
+STATE_PERIOD_S = 0.02
+LOOKS = 20
+LOOK_EVERY_S = 0.1
+
+
+def hosts_of(endpoint: str, certificates: str) -> HostsConfig:
+    runs = {MAIN: ("decision", "cell"), ARM: ("robot",), DESK: ()}
+    return HostsConfig(endpoint=endpoint, certificates=certificates, runs=runs, wait_s=60.0)
+
+
+def say(text: str) -> None:
+    print(text, flush=True)
+
+
+class TinyRobot(Component):
+    """No arm, but its lease, its state, and a motion that goes on until it is braked."""
+
+    name = "robot"
+    publishes = (topics.ROBOT_STATE,)
+    reads = (topics.HEARTBEAT,)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._lease = LeaseKeeper(time.monotonic_ns)
+        self._watch = ThreadWatch()
+        self._braked = asyncio.Event()
+
+    async def run(self) -> None:
+        self.port.tap(topics.HEARTBEAT, self._hear)
+        pose = geometry.pose((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
+        zeros = np.zeros(7)
+        try:
+            while True:
+                self.port.publish(
+                    topics.ROBOT_STATE,
+                    RobotState(
+                        stamp_ns=self.port.clock.now_ns(),
+                        robot="panda",
+                        q_rad=zeros,
+                        dq_rad_s=zeros,
+                        tau_nm=zeros,
+                        T_world_tcp=pose,
+                        finger_width_m=0.0,
+                        mode=RobotMode.IDLE,
+                    ),
+                )
+                await asyncio.sleep(STATE_PERIOD_S)  # also when the cell's clock stands, because its host is cut off
+        finally:
+            self._watch.end()
+
+    def _hear(self, heartbeat: Heartbeat) -> None:
+        self._lease.hear(heartbeat.holder)
+        if heartbeat.holder.startswith("signed"):
+            logging.info("heartbeat %s", heartbeat.holder)
+
+    @implements(api.RENEW_LEASE)
+    async def renew_lease(self, holder: str, duration_s: float = 0.2) -> None:
+        self._lease.renew(holder, duration_s)
+        loop = asyncio.get_running_loop()
+
+        def ran_out() -> None:
+            loop.call_soon_threadsafe(self._brake)
+
+        self._watch.begin(self._lease, ran_out)
+
+    def _brake(self) -> None:
+        if not self._braked.is_set():
+            self._braked.set()
+            logging.info("braked")
+
+    @implements(api.RELEASE_LEASE)
+    async def release_lease(self, holder: str) -> None:
+        self._lease.release(holder)
+
+    @implements(api.HOME)
+    async def home(self) -> MotionResult:
+        logging.info("moving")
+        await self._braked.wait()
+        raise SkillFailure(api.LEASE.reason, "braked on the way")
+
+    @implements(api.STOP)
+    async def stop(self) -> None:
+        pass
+
+
+def build(name: str, spec: ChildSpec, bus: JoinedBus) -> Component:
+    return {"cell": TinyCell, "robot": TinyRobot}[name]()
+
+
+def launch_in(folder: Path) -> Launch:
+    command = (sys.executable, __file__, "child")
+    return Launch(namespace=NAMESPACE, config_file=folder / "config.toml", run_dir=folder, command=command)
+
+
+async def obey(orders: dict[str, Callable[[], Awaitable[object]]]) -> None:
+    """Do what standard input says, a word a line, each beside the next; end with it."""
+    tasks: list[asyncio.Task[None]] = []
+
+    async def do(word: str) -> None:
+        say(f"{word}: {await orders[word]()}")
+
+    reader = asyncio.StreamReader()
+    await asyncio.get_running_loop().connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), sys.stdin)
+    while line := (await reader.readline()).decode().strip():
+        tasks.append(asyncio.create_task(do(line)))
+    await asyncio.gather(*tasks)
+
+
+async def new_states(transport: Transport) -> str:
+    """Wait for states that the arm has told after this was asked."""
+    states = transport.stream(topics.ROBOT_STATE)
+    for _ in range(3):
+        await anext(states)
+    return "flow"
+
+
+def orders_for(transport: ZenohTransport, who: str) -> dict[str, Callable[[], Awaitable[object]]]:
+    async def claim() -> str:
+        transport.publish(topics.HEARTBEAT, Heartbeat(stamp_ns=1, holder=f"signed {who}"))
+        return "published"
+
+    return {
+        "home": lambda: transport.call(api.HOME),
+        "stop": lambda: transport.call(api.STOP),
+        "states": lambda: new_states(transport),
+        "claim": claim,
+    }
+
+
+async def main_host(hosts: HostsConfig, folder: Path) -> None:
+    async with (
+        spread_system((OWN, CELL, ROBOT), launch_in(folder), hosts, "", say) as live,
+        leases_held(live.transport, live.clock, RobotConfig()),
+    ):
+        say("ready")
+        await live.run(obeyed(live), lambda result, failure: None)
+
+
+async def obeyed(live: LiveSystem) -> None:
+    await obey(orders_for(live.transport, MAIN))
+
+
+async def arm_host(hosts: HostsConfig, folder: Path) -> None:
+    rows = {row.name: row for row in (CELL, ROBOT)}
+    await serve_host(
+        ARM, lambda meeting_point: other_door(hosts, ARM, MAIN, meeting_point), rows, lambda _: launch_in(folder), say
+    )
+
+
+async def desk_host(hosts: HostsConfig, folder: Path) -> None:
+    transport = ZenohTransport(other_door(hosts, DESK, MAIN, free_meeting_point()))
+    assert await transport.wait_for("robot", 60.0)
+    say("ready")
+    await obey(orders_for(transport, DESK))
+    await transport.close()
+
+
+def look_in(endpoint: str, files: Sequence[str], within_s: float) -> dict[str, int] | str:
+    """What somebody without dlokit sees of the bus: how many answers to each question, if it can connect at all."""
+    tls = TlsFiles(authority=files[0], certificate=files[1], key=files[2]) if files else None
+    config = ZenohConfig(
+        namespace=NAMESPACE, role="router", listen=(), connect=(endpoint,), tls=tls, connect_within_s=within_s
+    )
+    try:
+        session = open_session(config)
+    except MachineError:
+        return "refused"
+    seen: dict[str, int] = {}
+    for _ in range(LOOKS):  # whoever has just come is told little by little what there is
+        for key in ("last/**", "call/robot/*", "call/**", "**"):
+            replies = session.get(key, timeout=3.0, target=zenoh.QueryTarget.ALL)
+            seen[key] = sum(reply.ok is not None for reply in replies)
+        if seen["last/**"]:
+            break
+        time.sleep(LOOK_EVERY_S)
+    session.close()
+    return seen
+
+
+if __name__ == "__main__":
+    if sys.argv[1] == "child":
+        run_child(build)
+    elif sys.argv[1] == "look":
+        say(json.dumps([look_in(**attempt) for attempt in json.loads(sys.argv[2])]))
+    else:
+        logging.basicConfig(level=logging.WARNING)
+        program = {MAIN: main_host, ARM: arm_host, DESK: desk_host}[sys.argv[1]]
+        try:
+            asyncio.run(program(hosts_of(sys.argv[2], sys.argv[3]), Path(sys.argv[4])))
+        except ProcessFailure as failure:
+            say(f"ended by {failure.reason}")
