@@ -15,12 +15,14 @@ from dlokit.types.flow import RunOutcome
 pytestmark = pytest.mark.system
 
 DLOKIT = str(Path(sys.executable).with_name("dlokit"))
+BACKGROUND = ("sh", "-c", 'trap "" INT; exec "$0" "$@"')
+"""Starts a command as a script does that ends its line with &: it ignores SIGINT."""
 LIMIT_S = 180.0  # an action takes 3 s of an idle core
 MACHINE_TIMES = ("wall_time_s", "planning_time_s")
 
 
-def _start(*arguments: str) -> subprocess.Popen[str]:
-    command = (DLOKIT, "shape", "--headless", *arguments)
+def _start(*arguments: str, by: tuple[str, ...] = ()) -> subprocess.Popen[str]:
+    command = (*by, DLOKIT, "shape", "--headless", *arguments)
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
 
 
@@ -47,9 +49,11 @@ def test_two_runs_side_by_side_and_one_from_the_configuration_give_the_same_figu
     assert _figures(folders[2]) == first
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_a_run_as_cancelled_with_result_and_report(tmp_path: Path, number: signal.Signals) -> None:
-    with _start("--threshold-m", "0.0001", "--infeasible", "try", "--out", str(tmp_path / "out")) as run:
+@pytest.mark.parametrize(("number", "by"), [(signal.SIGINT, ()), (signal.SIGTERM, BACKGROUND)])
+def test_a_signal_ends_a_run_as_cancelled_with_result_and_report(
+    tmp_path: Path, number: signal.Signals, by: tuple[str, ...]
+) -> None:
+    with _start("--threshold-m", "0.0001", "--infeasible", "try", "--out", str(tmp_path / "out"), by=by) as run:
         assert run.stdout is not None
         for line in run.stdout:
             if line.startswith("action 1"):
