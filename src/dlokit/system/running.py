@@ -1,5 +1,10 @@
-"""Which systems run on this machine: each leaves a note while it does, so that any shell finds it."""
+"""Which systems run on this machine: each leaves a note while it does, so that any shell finds it.
 
+A system holds a lock on its note, which the operating system takes back when its process ends, however it ends. Neither
+a number of a process that is used again nor a clock that is set hides a system from whoever wants to stop it.
+"""
+
+import fcntl
 import os
 import tempfile
 from collections.abc import Generator
@@ -19,7 +24,7 @@ class RunningSystem(msgspec.Struct, frozen=True, kw_only=True):
     pid: int
     """Of its decision process."""
     began_s: float
-    """When that began, as the operating system has it: numbers of processes are used again."""
+    """When that began, by the machine's clock [s since 1970]."""
     folder: str
     """Of the run."""
     namespace: str
@@ -57,14 +62,17 @@ def announced(
         endpoint=endpoint,
         client=client,
     )
-    note = (notes or notes_folder()) / f"{system.pid}.json"
+    note = _note_of(system.pid, notes)
     part = note.with_suffix(".part")
-    part.write_bytes(msgspec.json.encode(system))
-    part.replace(note)
-    try:
-        yield
-    finally:
-        note.unlink(missing_ok=True)
+    with part.open("wb") as file:
+        file.write(msgspec.json.encode(system))
+        file.flush()
+        fcntl.flock(file, fcntl.LOCK_EX)  # before anybody can see the note
+        part.replace(note)
+        try:
+            yield
+        finally:
+            note.unlink(missing_ok=True)
 
 
 def running_systems(notes: Path | None = None) -> list[RunningSystem]:
@@ -75,7 +83,7 @@ def running_systems(notes: Path | None = None) -> list[RunningSystem]:
             system = msgspec.json.decode(note.read_bytes(), type=RunningSystem)
         except (msgspec.DecodeError, FileNotFoundError):
             continue
-        if still_runs(system):
+        if _is_held(note):
             found.append(system)
         else:
             note.unlink(missing_ok=True)
@@ -95,9 +103,21 @@ def the_running_system(run: Path | None, notes: Path | None = None) -> RunningSy
     raise InputError("several systems run; say which with --run: " + ", ".join(system.folder for system in systems))
 
 
-def still_runs(system: RunningSystem) -> bool:
+def still_runs(system: RunningSystem, notes: Path | None = None) -> bool:
     """Whether its decision process is there."""
+    return _is_held(_note_of(system.pid, notes))
+
+
+def _note_of(pid: int, notes: Path | None) -> Path:
+    return (notes or notes_folder()) / f"{pid}.json"
+
+
+def _is_held(note: Path) -> bool:
     try:
-        return psutil.Process(system.pid).create_time() == system.began_s
-    except psutil.NoSuchProcess:
+        with note.open("rb") as file:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except FileNotFoundError:
         return False
+    except BlockingIOError:
+        return True
+    return False

@@ -1,12 +1,11 @@
 """A system that runs is recorded by another process: what holds already, what comes, every call, and a whole file."""
 
 import asyncio
-import os
 import socket
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-import psutil
 import pytest
 
 from dlokit.app.record import RecordArgs, run
@@ -18,13 +17,12 @@ from dlokit.communication.recording.summary import summarise
 from dlokit.communication.zenoh_session import ZenohConfig
 from dlokit.errors import InputError
 from dlokit.skills.model import api as model
-from dlokit.system import running
 from dlokit.system.attached import record_until_ended
 from dlokit.system.config import RunConfig
 from dlokit.system.joined_bus import JoinedBus, join_bus
 from dlokit.system.processes import TimeBase
 from dlokit.system.recording import with_calls_told
-from dlokit.system.running import RunningSystem
+from dlokit.system.running import RunningSystem, announced, the_running_system
 from dlokit.system.toml_config import to_toml
 from dlokit.types.clock import ClockTick
 from dlokit.types.dlo import GoalShape
@@ -77,19 +75,14 @@ async def recorded(system: RunningSystem, path: Path) -> None:
 
 
 @pytest.fixture
-def system(tmp_path: Path) -> RunningSystem:
+def system(tmp_path: Path) -> Iterator[RunningSystem]:
     """This process, as if it were a system that runs."""
     (tmp_path / "config.toml").write_text(to_toml(RunConfig(seed=7)))
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
-    return RunningSystem(
-        pid=os.getpid(),
-        began_s=psutil.Process().create_time(),
-        folder=str(tmp_path),
-        namespace=f"dlokit/test_attached_{port}",
-        endpoint=f"tcp/127.0.0.1:{port}",
-    )
+    with announced(tmp_path, f"dlokit/test_attached_{port}", f"tcp/127.0.0.1:{port}"):
+        yield the_running_system(tmp_path)
 
 
 def test_what_holds_what_comes_and_every_call_is_recorded_into_a_whole_file(
@@ -110,12 +103,9 @@ def test_what_holds_what_comes_and_every_call_is_recorded_into_a_whole_file(
     assert numbers == sorted(set(numbers))  # none twice: not the one of before either
 
 
-def test_a_file_that_exists_is_not_overwritten(
-    system: RunningSystem, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_file_that_exists_is_not_overwritten(system: RunningSystem, tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     path.write_text("mine")
-    monkeypatch.setattr(running, "running_systems", lambda notes=None: [system])  # type: ignore[misc]
     with pytest.raises(InputError, match=r"a\.mcap exists: recordings are never overwritten"):
-        run(RecordArgs(out=path))
+        run(RecordArgs(out=path, run=Path(system.folder)))
     assert path.read_text() == "mine"
