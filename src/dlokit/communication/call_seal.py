@@ -1,12 +1,14 @@
 """What goes beside a call and its answers over the network: a check sum, and what kind of answer it is."""
 
 import enum
+import struct
 
 import msgspec
 
 from dlokit.communication.envelope import check_sum
 
-_CHECK_BYTES = 4
+_CHECK = struct.Struct(">I")
+_MARK = struct.Struct(">I1s")
 
 
 class Kind(enum.Enum):
@@ -17,6 +19,9 @@ class Kind(enum.Enum):
     """The outcome is still to come."""
     ALTERED = b"a"
     """The call came altered, and was not run: it may be sent again."""
+
+
+_KINDS = {kind.value: kind for kind in Kind}
 
 
 class Label(msgspec.Struct, frozen=True, gc=False):
@@ -32,26 +37,26 @@ class Label(msgspec.Struct, frozen=True, gc=False):
 
 def label_of(call_id: str, request: bytes) -> bytes:
     """What goes beside a call."""
-    return check_sum(request).to_bytes(_CHECK_BYTES, "big") + call_id.encode()
+    return _CHECK.pack(check_sum(request)) + call_id.encode()
 
 
 def read_label(data: bytes) -> Label:
     """The label in what came beside a call."""
-    return Label(data[_CHECK_BYTES:].decode(errors="replace"), int.from_bytes(data[:_CHECK_BYTES], "big"))
+    return Label(data[_CHECK.size :].decode(errors="replace"), int.from_bytes(data[: _CHECK.size], "big"))
 
 
 def mark_of(kind: Kind, answer: bytes) -> bytes:
     """What goes beside an answer."""
-    return check_sum(answer).to_bytes(_CHECK_BYTES, "big") + kind.value
+    return _MARK.pack(check_sum(answer), kind.value)
 
 
 def read_mark(data: bytes, answer: bytes) -> Kind | None:
     """What kind of answer came; None for one that nobody can have sent so."""
-    try:
-        kind = Kind(data[_CHECK_BYTES:])
-    except ValueError:
+    if len(data) != _MARK.size:
         return None
-    if check_sum(answer) == int.from_bytes(data[:_CHECK_BYTES], "big"):
+    check, value = _MARK.unpack(data)
+    kind = _KINDS.get(value)
+    if check == check_sum(answer):
         return kind
     # Of a piece of progress there comes another; an outcome is asked for again.
     return Kind.ALTERED if kind is Kind.OUTCOME else None

@@ -1,7 +1,6 @@
 """One run that something happens to, from its start to what it has left behind."""
 
 import asyncio
-import contextlib
 import shutil
 import sys
 import time
@@ -87,7 +86,6 @@ async def try_case(case: Case, common: RunConfig, folder: Path) -> Finding:
             finding = await _Trial(case, case.fault.injury(), common, folder / f"attempt-{attempt}", attempt).run()
         except ProcessFailure as failure:
             finding = msgspec.structs.replace(finding, broken=str(failure))
-            break
         if finding.struck:
             break
     finding = msgspec.structs.replace(finding, wall_s=time.monotonic() - began_s)
@@ -173,11 +171,14 @@ class _Trial:
         resumed_dir = self._folder / RESUMED
         program = self._program("resume", str(run_dir), "--out", str(resumed_dir))
         began_s = time.monotonic()
-        async with live_run(program, resumed_dir) as run:
-            await ends_first(run, run.flow.begun())
-            goes_on_s = time.monotonic() - began_s
-            ended = await program.ends_within(ENDS_WITHIN_S)
-            left = await program.left_behind(GONE_WITHIN_S)
+        try:
+            async with live_run(program, resumed_dir) as run:
+                await ends_first(run, run.flow.begun())
+                goes_on_s = time.monotonic() - began_s
+                ended = await program.ends_within(ENDS_WITHIN_S)
+                left = await program.left_behind(GONE_WITHIN_S)
+        except ProcessFailure:  # what cannot be resumed is the run's failure, not the bench's
+            return msgspec.structs.replace(finding, exit_code=program.exit_code)
         finding = msgspec.structs.replace(
             finding,
             exit_code=program.exit_code if ended else None,
@@ -234,10 +235,12 @@ def _recording(run_dir: Path, killed_ns: int | None) -> dict[str, Any]:
 
 
 def finished(folder: Path) -> Finding | None:
-    """What an earlier sweep has found; None where the case is not done."""
-    with contextlib.suppress(OSError, msgspec.DecodeError):
-        return msgspec.json.decode((folder / FINDING_FILE).read_bytes(), type=Finding)
-    return None
+    """What an earlier sweep has found; None where the case is not done, or its run never started."""
+    try:
+        finding = msgspec.json.decode((folder / FINDING_FILE).read_bytes(), type=Finding)
+    except (OSError, msgspec.DecodeError):
+        return None
+    return None if finding.broken else finding
 
 
 def cases(faults: tuple[Fault, ...], runs: int) -> Iterator[Case]:

@@ -9,7 +9,7 @@ import pytest
 from dlokit.bench.faults.judging import Finding
 from dlokit.bench.faults.sweep import claim_faults_folder, run_faults
 from dlokit.bench.faults.table import BY_NAME
-from dlokit.bench.faults.trial import FINDING_FILE, Case
+from dlokit.bench.faults.trial import FINDING_FILE, Case, finished
 from dlokit.errors import InputError
 from dlokit.system.config import RunConfig
 
@@ -28,3 +28,10 @@ def test_a_finished_run_is_read_and_not_run_again(tmp_path: Path) -> None:
     (tmp_path / case.folder_name).mkdir()
     (tmp_path / case.folder_name / FINDING_FILE).write_bytes(msgspec.json.encode(found))
     assert list(run_faults([case], RunConfig(), tmp_path)) == [(case, found)]
+
+
+def test_a_run_that_never_started_is_made_again_by_the_next_sweep(tmp_path: Path) -> None:
+    (tmp_path / FINDING_FILE).write_bytes(
+        msgspec.json.encode(Finding(fault="kill-camera", number=3, broken="not_started"))
+    )
+    assert finished(tmp_path) is None
