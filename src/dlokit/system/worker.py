@@ -20,7 +20,7 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 BEAT_EVERY_S = 0.25
-SILENT_S = 5.0
+SILENT_S = 10.0
 """A worker whose thread gives no sign of life for so long is frozen; one that works hard still gives them."""
 LOOK_EVERY_S = 0.5
 
@@ -35,7 +35,9 @@ class Worker:
         beat_s: Any = spawn.RawValue(ctypes.c_double, 0.0)
         self._pool = ProcessPoolExecutor(1, mp_context=spawn, initializer=_begin, initargs=(pid, beat_s))
         # A daemon: while the interpreter ends it waits for the worker, and this one still watches.
-        threading.Thread(target=_watch, args=(pid, beat_s), name="watches the worker", daemon=True).start()
+        self._no_more = threading.Event()
+        watched = (pid, beat_s, self._no_more)
+        threading.Thread(target=_watch, args=watched, name="watches the worker", daemon=True).start()
 
     async def do(self, function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
         """Result of ``function(*args, **kwargs)``. Raises `BrokenProcessPool` when the worker dies, or is frozen."""
@@ -43,10 +45,11 @@ class Worker:
 
     def shut_down(self, *, drop: bool = False) -> None:
         """Take no more tasks; what runs is finished, and what waits as well unless it is to be dropped."""
+        self._no_more.set()
         self._pool.shutdown(wait=False, cancel_futures=drop)
 
 
-def _watch(pid: Any, beat_s: Any) -> None:
+def _watch(pid: Any, beat_s: Any, no_more: threading.Event) -> None:
     """Kill the worker when it is frozen; its pool then says that it is broken."""
     while pid.value == 0:  # it starts with the first task
         time.sleep(LOOK_EVERY_S)
@@ -55,7 +58,8 @@ def _watch(pid: Any, beat_s: Any) -> None:
         while time.monotonic() - beat_s.value < SILENT_S:
             time.sleep(LOOK_EVERY_S)
         if worker.is_running():  # and did not end as it should
-            log.warning("the worker, process %d, is frozen; it is killed", worker.pid)
+            if not no_more.is_set():  # else it may be about to end, and does its work no more
+                log.warning("the worker, process %d, is frozen; it is killed", worker.pid)
             worker.kill()
     except psutil.NoSuchProcess:
         return
