@@ -9,11 +9,12 @@ import logging
 import sys
 import time
 from collections.abc import Awaitable, Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import zenoh
-from tiny_process import TinyCell
+from tiny_process import ECHO, Echo, TinyCell
 
 from dlokit import geometry
 from dlokit.communication import topics
@@ -34,22 +35,24 @@ from dlokit.system.hosts_config import HostsConfig
 from dlokit.system.joined_bus import JoinedBus
 from dlokit.system.lease_keeper import leases_held
 from dlokit.system.live_system import LiveSystem, spread_system
-from dlokit.system.processes import ProcessRow, TimeBase
+from dlokit.system.processes import AGAIN, ProcessRow, TimeBase
 from dlokit.system.supervisor import Launch
 from dlokit.types.heartbeat import Heartbeat
 from dlokit.types.robot import MotionResult, RobotMode, RobotState
 
-MAIN, ARM, DESK = "main", "arm", "desk"
+MAIN, ARM, EYE, DESK = "main", "arm", "eye", "desk"
 OWN = ProcessRow(name="decision", components=())
 CELL = ProcessRow(name="cell", components=("cell",), time_base=TimeBase.MACHINE)
 ROBOT = ProcessRow(name="robot", components=("robot",), after=("cell",))
+OBSERVER = ProcessRow(name="observer", components=("echo",), restart=AGAIN)
 STATE_PERIOD_S = 0.02
+WAIT_S = 60.0
 LOOKS = 20
 LOOK_EVERY_S = 0.1
 
 
 def hosts_of(endpoint: str, certificates: str) -> HostsConfig:
-    runs = {MAIN: ("decision", "cell"), ARM: ("robot",), DESK: ()}
+    runs = {MAIN: ("decision", "cell"), ARM: ("robot",), EYE: ("observer",), DESK: ()}
     return HostsConfig(endpoint=endpoint, certificates=certificates, runs=runs, wait_s=60.0)
 
 
@@ -129,7 +132,7 @@ class TinyRobot(Component):
 
 
 def build(name: str, spec: ChildSpec, bus: JoinedBus) -> Component:
-    return {"cell": TinyCell, "robot": TinyRobot}[name]()
+    return {"cell": TinyCell, "robot": TinyRobot, "echo": Echo}[name]()
 
 
 def launch_in(folder: Path) -> Launch:
@@ -164,7 +167,12 @@ def orders_for(transport: ZenohTransport, who: str) -> dict[str, Callable[[], Aw
         transport.publish(topics.HEARTBEAT, Heartbeat(stamp_ns=1, holder=f"signed {who}"))
         return "published"
 
+    async def echo() -> object:
+        await transport.wait_for("echo", WAIT_S)
+        return await transport.call(ECHO, "here")
+
     return {
+        "echo": echo,
         "home": lambda: transport.call(api.HOME),
         "stop": lambda: transport.call(api.STOP),
         "states": lambda: new_states(transport),
@@ -174,7 +182,7 @@ def orders_for(transport: ZenohTransport, who: str) -> dict[str, Callable[[], Aw
 
 async def main_host(hosts: HostsConfig, folder: Path) -> None:
     async with (
-        spread_system((OWN, CELL, ROBOT), launch_in(folder), hosts, "", say) as live,
+        spread_system((OWN, CELL, ROBOT, OBSERVER), launch_in(folder), hosts, "", say) as live,
         leases_held(live.transport, live.clock, RobotConfig()),
     ):
         say("ready")
@@ -185,11 +193,9 @@ async def obeyed(live: LiveSystem) -> None:
     await obey(orders_for(live.transport, MAIN))
 
 
-async def arm_host(hosts: HostsConfig, folder: Path) -> None:
-    rows = {row.name: row for row in (CELL, ROBOT)}
-    await serve_host(
-        ARM, lambda meeting_point: other_door(hosts, ARM, MAIN, meeting_point), rows, lambda _: launch_in(folder), say
-    )
+async def other_host(name: str, hosts: HostsConfig, folder: Path) -> None:
+    rows = {row.name: row for row in (CELL, ROBOT, OBSERVER)}
+    await serve_host(name, partial(other_door, hosts, name, MAIN), rows, lambda _: launch_in(folder), say)
 
 
 async def desk_host(hosts: HostsConfig, folder: Path) -> None:
@@ -229,7 +235,12 @@ if __name__ == "__main__":
         say(json.dumps([look_in(**attempt) for attempt in json.loads(sys.argv[2])]))
     else:
         logging.basicConfig(level=logging.WARNING)
-        program = {MAIN: main_host, ARM: arm_host, DESK: desk_host}[sys.argv[1]]
+        program = {
+            MAIN: main_host,
+            ARM: partial(other_host, ARM),
+            EYE: partial(other_host, EYE),
+            DESK: desk_host,
+        }[sys.argv[1]]
         try:
             asyncio.run(program(hosts_of(sys.argv[2], sys.argv[3]), Path(sys.argv[4])))
         except ProcessFailure as failure:

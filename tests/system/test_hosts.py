@@ -111,13 +111,14 @@ class System:
     lab: Lab
     main: Program
     arm: Program
+    eye: Program
 
 
 @pytest.fixture(scope="module")
 def lab(tmp_path_factory: pytest.TempPathFactory) -> Generator[Lab]:
     folder = tmp_path_factory.mktemp("lab")
-    with lab_network("main", "arm", "desk", "elsewhere") as network:
-        hosts = hosts_from_words((f"main={network.address('main')}", "arm,desk,guest"))
+    with lab_network("main", "arm", "eye", "desk", "elsewhere") as network:
+        hosts = hosts_from_words((f"main={network.address('main')}", "arm,eye,desk,guest"))
         make_certificates(folder / "certificates", hosts)
         yield Lab(network=network, folder=folder)
 
@@ -127,8 +128,9 @@ def system(lab: Lab) -> Generator[System]:
     with ExitStack() as stack:
         main = stack.enter_context(lab.runs("main"))
         arm = stack.enter_context(lab.runs("arm"))
+        eye = stack.enter_context(lab.runs("eye"))
         main.until("ready")
-        yield System(lab=lab, main=main, arm=arm)
+        yield System(lab=lab, main=main, arm=arm, eye=eye)
 
 
 def test_a_system_on_two_hosts_calls_and_publishes_through_tls(system: System) -> None:
@@ -195,7 +197,20 @@ def test_an_arm_whose_cable_is_pulled_brakes_and_topics_flow_again_once_it_is_ba
     assert system.main.until("states: ") == "flow"
 
 
-def test_a_host_that_stays_away_ends_the_run_by_name_and_serves_the_next_one(system: System) -> None:
+def test_processes_that_may_be_started_again_are_once_their_host_is_back(system: System) -> None:
+    lab = system.lab
+    lab.network.cut("eye")
+    try:
+        await_line(lab.folder / "main" / "errors.log", "host_lost: eye; its share is started again when it is back")
+    finally:
+        lab.network.heal("eye")
+    system.eye.until("the share has ended")
+    system.eye.until("ready")
+    system.main.tell("echo")
+    assert system.main.until("echo: ") == "Succeeded(result='here')"
+
+
+def test_an_arms_host_that_stays_away_ends_the_run_by_name_and_serves_the_next_one(system: System) -> None:
     lab = system.lab
     lab.network.cut("arm")
     try:

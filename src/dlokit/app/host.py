@@ -76,7 +76,7 @@ def hosts_of(args: HostArgs) -> tuple[HostsConfig, str]:
     if endpoint is None:
         raise ConfigError("say where to connect: --connect tls/ADDRESS:PORT, or --config FILE with a part [hosts].")
     folder = str(args.certificates) if args.certificates else (written.certificates if written else "")
-    plain = written.plain_tcp if written else endpoint.startswith("tcp/")
+    plain = written is not None and written.plain_tcp
     hosts = HostsConfig(endpoint=endpoint, certificates=folder, plain_tcp=plain)
     return hosts, args.main or (main_host(written) if written else MAIN)
 

@@ -15,6 +15,7 @@ from dlokit.errors import InputError, MachineError, ProcessFailure, SkillFailure
 from dlokit.system.doors import NAMESPACE, through_door
 from dlokit.system.host_api import HELLO, RUN_SHARE, HostFacts, ShareReady
 from dlokit.system.joined_bus import join_bus
+from dlokit.system.link_patience import impatient_links
 from dlokit.system.placement import AGENT
 from dlokit.system.processes import ProcessRow, TimeBase
 from dlokit.system.running import announced
@@ -90,7 +91,8 @@ async def host_served(
 ) -> AsyncGenerator[None]:
     """Open this host's door and answer for it meanwhile. Raises `MachineError` when no port is free."""
     meeting_point = free_meeting_point()
-    async with join_bus(door(meeting_point), TimeBase.MACHINE) as bus:
+    config = door(meeting_point)
+    async with join_bus(config, TimeBase.MACHINE) as bus, impatient_links(config.connect[0]):
         host = Host(bus.transport, bus.clock)
         host.add(HostAgent(name, rows, prepare, meeting_point, say))
         async with host:

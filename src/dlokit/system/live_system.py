@@ -16,6 +16,7 @@ from dlokit.system.doors import NAMESPACE, main_door, through_door
 from dlokit.system.host_agent import free_meeting_point
 from dlokit.system.hosts_config import HostsConfig
 from dlokit.system.joined_bus import join_bus
+from dlokit.system.link_patience import impatient_links
 from dlokit.system.placement import placed
 from dlokit.system.processes import ProcessRow
 from dlokit.system.running import announced
@@ -155,6 +156,7 @@ async def spread_system(
     with worker_pool() as compute:
         async with (
             join_bus(main_door(hosts, placement, meeting_point), own.time_base) as bus,
+            impatient_links(hosts.endpoint),
             Supervisor(tuple(local), launch, inside) as supervisor,
         ):
             await supervisor.guard(bus.first_tick(FIRST_TICK_S))

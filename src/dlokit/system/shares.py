@@ -20,6 +20,8 @@ log = logging.getLogger(__name__)
 CLOCK_OFF_S = 0.5
 """Hosts whose clocks differ by more than this are named: certificates and logs go by the time of day."""
 TOLD_EVERY_S = 5.0
+AGAIN_S = 1.0
+"""Before a share is started again: its host may still be ending the one of before."""
 
 
 class RemoteShares:
@@ -36,6 +38,7 @@ class RemoteShares:
         """`wait_s` is how long each host is waited for; `say` tells people meanwhile."""
         self._transport = transport
         self._shares = {host: share for host, share in shares.items() if share}
+        self._onlookers = [host for host, share in shares.items() if not share]
         self._config_toml = config_toml
         self._wait_s = wait_s
         self._say = say
@@ -49,6 +52,8 @@ class RemoteShares:
             for host, share in self._shares.items():
                 self._running[host] = asyncio.create_task(self._run(host, share), name=f"share of {host}")
             await self._all_ready()
+            for host in self._onlookers:
+                self._running[host] = asyncio.create_task(self._run(host, ()), name=f"share of {host}")
         except BaseException:  # Ctrl-C as well: none of the processes is left behind
             await self.end()
             raise
@@ -103,11 +108,34 @@ class RemoteShares:
             )
 
     async def _run(self, host: str, share: tuple[ProcessRow, ...]) -> Outcome[None]:
-        def told(ready: ShareReady) -> None:
-            self._ready[host].set()
+        """Run a share; again when its host was gone and is back, where its processes may be started again."""
+        while True:
+            outcome = await self._run_once(host, tuple(row.name for row in share))
+            if not _for_a_while(outcome) or not all(row.restart.times for row in share):
+                if any(row.essential for row in share) or (share and not self._ready[host].is_set()):
+                    return outcome
+                log.warning("the run goes on without host %s: %s", host, _why(host, outcome))
+                await asyncio.Event().wait()
+            if share and isinstance(outcome, Unreachable):
+                log.warning("host_lost: %s; its share is started again when it is back", host)
+            if not await self._back(host, share):
+                return outcome
 
-        names = tuple(row.name for row in share)
+    async def _run_once(self, host: str, names: tuple[str, ...]) -> Outcome[None]:
+        def told(ready: ShareReady) -> None:
+            if (event := self._ready.get(host)) is not None:
+                event.set()
+
         return await self._transport.call_reported(RUN_SHARE.at(host), told, self._config_toml, names)
+
+    async def _back(self, host: str, share: tuple[ProcessRow, ...]) -> bool:
+        """Wait for a host that is gone, or still ends the share of before: in vain where its processes are needed."""
+        await asyncio.sleep(AGAIN_S)
+        needed = any(row.essential for row in share)
+        while not await self._transport.wait_for(f"{AGENT}.{host}", self._wait_s):
+            if needed:
+                return False
+        return True
 
     async def _all_ready(self) -> None:
         within_s = sum(row.ready_within_s for share in self._shares.values() for row in share)
@@ -126,6 +154,11 @@ class RemoteShares:
     async def _until_ready(self) -> None:
         for event in self._ready.values():
             await event.wait()
+
+
+def _for_a_while(outcome: Outcome[Any]) -> bool:
+    """Whether the same may succeed later: the host is gone, or is not done with what it ran."""
+    return isinstance(outcome, Unreachable) or (isinstance(outcome, Rejected) and outcome.reason == "busy")
 
 
 def _why(host: str, outcome: Outcome[Any]) -> ProcessFailure:
