@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from rich.table import Table
 
-from dlokit.bench.faults.fault_figures import Row
+from dlokit.bench.faults.fault_figures import Row, recovered_s
 from dlokit.bench.faults.judging import BRAKES_WITHIN_S, Finding, faults_of
 from dlokit.bench.faults.trial import Case
 from dlokit.types.flow import RunOutcome
@@ -29,7 +29,7 @@ def line_of(case: Case, finding: Finding) -> str:
         said.append(f"true {finding.true_rmse_m * 1e3:.1f} mm")
     if finding.braked_s is not None:
         said.append(f"braked after {finding.braked_s * 1e3:.0f} ms")
-    if finding.mended_s:
+    if finding.mended_s and recovered_s(finding) is not None:
         said.append(f"went on after {finding.mended_s:.0f} s")
     if finding.lost_s is not None:
         said.append(f"recording lacks {finding.lost_s:.2f} s")
@@ -58,7 +58,7 @@ def _cells(row: Row) -> tuple[str, ...]:
         str(row.right),
         f"{rate.low:.0%}",
         str(sum(finding.outcome is RunOutcome.CONVERGED for finding in row.findings)),
-        _spread(row.values(lambda finding: finding.mended_s), 1.0, 1),
+        _spread(row.values(recovered_s), 1.0, 1),
         _spread(row.values(lambda finding: finding.braked_s), 1e3, 0),
         _spread(row.values(lambda finding: finding.lost_s), 1.0, 2),
         str(sum(len(finding.left_behind) for finding in row.findings)),

@@ -60,8 +60,13 @@ def all_right(results: Sequence[tuple[Fault, Finding]]) -> bool:
     return not any(finding.broken or (finding.struck and faults_of(finding, fault)) for fault, finding in results)
 
 
+def recovered_s(finding: Finding) -> float | None:
+    """From the fault until the flow went on [s], of a run that reached its goal."""
+    return finding.mended_s if finding.outcome is RunOutcome.CONVERGED else None
+
+
 VALUES: tuple[tuple[str, Callable[[Finding], float | None], str], ...] = (
-    ("time to recover", lambda finding: finding.mended_s, "s"),
+    ("time to recover", recovered_s, "s"),
     ("braking begins after", lambda finding: finding.braked_s, "s"),
     ("recording lacks", lambda finding: finding.lost_s, "s"),
     ("true RMSE", lambda finding: finding.true_rmse_m, "m"),
