@@ -53,8 +53,8 @@ class ProcessRow:
     restart: Restart = NEVER
     """Only where what its components remember can be told or seen again."""
     time_base: TimeBase = TimeBase.CELL
-    ready_within_s: float = 60.0
-    """From its start; imports on a loaded machine take tens of seconds."""
+    ready_within_s: float = 120.0
+    """From its start; on a loaded machine imports alone take up to a minute."""
     outlives_s: float = 0.0
     """How long it goes on when the process that has started it is gone without a word [s]."""
     silent_for_s: float = 15.0
