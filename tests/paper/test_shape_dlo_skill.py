@@ -18,11 +18,11 @@ from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.transport import Transport
 from dlokit.communication.zenoh_session import ZenohConfig
 from dlokit.communication.zenoh_transport import ZenohTransport
-from dlokit.decision.api import SHAPE_DLO, ShapeProgress
+from dlokit.decision.api import SHAPE_DLO, STOP_TASK, ShapeProgress
 from dlokit.decision.task import GoalRequest
 from dlokit.description.shapes import builtin_shape, moved
 from dlokit.types.flow import Command, OperatorCommand, RunOutcome
-from dlokit.types.outcome import Failed, Rejected, Succeeded
+from dlokit.types.outcome import Failed, Outcome, Rejected, Succeeded
 
 LIMIT_S = 60.0  # a task takes a second of the machine's time; only one that hangs needs more than this
 AWAY = moved(builtin_shape("I", LENGTH_M, NODES), (0.0, 0.03))
@@ -214,5 +214,37 @@ def test_the_operators_stop_is_a_result_and_a_pause_ends_with_its_task() -> None
             assert isinstance(outcome, Succeeded)
             assert outcome.result.outcome is RunOutcome.CANCELLED
             assert isinstance(await bus.call(SHAPE_DLO, "I", max_actions=1), Succeeded)
+
+    virtual_time.run(main())
+
+
+class Shell(Component):
+    """Stops the task from outside, as `dlokit stop` does."""
+
+    name = "viewer"
+    reads = (topics.FLOW,)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.said: list[Outcome[bool]] = []
+
+    async def run(self) -> None:
+        async for status in self.port.stream(topics.FLOW):
+            if status.step == "choose_grasp":
+                self.said.append(await self.port.call(STOP_TASK))
+                return
+
+
+def test_whoever_may_not_press_the_operators_buttons_ends_the_task_by_a_skill() -> None:
+    async def main() -> None:
+        bus, lab = MemoryTransport(), Lab(nodes=AWAY.copy())
+        shell = Shell()
+        async with running(lab, bus, LoopClock(), others=(shell,)):
+            outcome = await bus.call(SHAPE_DLO, "S")
+            assert isinstance(outcome, Succeeded)
+            assert outcome.result.outcome is RunOutcome.CANCELLED
+            assert lab.calls[-2:] == ["stop", "tracking 0"]
+            shell.said.append(await bus.call(STOP_TASK))
+        assert [isinstance(said, Succeeded) and said.result for said in shell.said] == [True, False]
 
     virtual_time.run(main())

@@ -9,8 +9,7 @@ from typing import Annotated
 import tyro
 
 from dlokit.app.call import in_words
-from dlokit.communication import topics
-from dlokit.decision.api import SHAPE_DLO
+from dlokit.decision.api import STOP_TASK
 from dlokit.description.arms import ARMS, ArmMount
 from dlokit.errors import InputError
 from dlokit.skills.robot import api as robot
@@ -20,7 +19,6 @@ from dlokit.system.processes import TimeBase
 from dlokit.system.recording import with_calls_told
 from dlokit.system.running import RunningSystem, running_systems, the_running_system
 from dlokit.system.toml_config import read_toml
-from dlokit.types.flow import Command, OperatorCommand
 from dlokit.types.outcome import Outcome, Succeeded, Unreachable
 
 EXIT_ALL_STAND = 0
@@ -88,7 +86,7 @@ async def _stop(system: RunningSystem, found_within_s: float) -> Stopped:
     words = [f"{mount.robot} {in_words(outcome)}" for mount, outcome in zip(arms, outcomes, strict=True)]
     return Stopped(
         stands=all(isinstance(outcome, Succeeded) for outcome in outcomes),
-        text="; ".join((*words, "its task is told to end" if ending.result() else "it has no task to end")),
+        text="; ".join((*words, ending.result())),
     )
 
 
@@ -99,12 +97,15 @@ async def _brake(bus: JoinedBus, mount: ArmMount, found_within_s: float) -> Outc
     return await with_calls_told(bus.transport, bus.clock).call(skill)
 
 
-async def _end_task(bus: JoinedBus, found_within_s: float) -> bool:
-    """An arm that stands between two motions would go on with the next: so the task ends as well."""
-    if not await bus.transport.wait_for(SHAPE_DLO.component, found_within_s):
-        return False
-    bus.transport.publish(topics.COMMAND, OperatorCommand(stamp_ns=bus.clock.now_ns(), command=Command.STOP))
-    return True
+async def _end_task(bus: JoinedBus, found_within_s: float) -> str:
+    """An arm that stands between two motions would go on with the next: so the task ends as well; said in words."""
+    if not await bus.transport.wait_for(STOP_TASK.component, found_within_s):
+        return "it has no task to end"
+    match await with_calls_told(bus.transport, bus.clock).call(STOP_TASK):
+        case Succeeded(result=ran):
+            return "its task is told to end" if ran else "it has no task to end"
+        case outcome:
+            return f"its task could not be told to end: {in_words(outcome)}"
 
 
 def _arms(folder: Path) -> tuple[ArmMount, ...]:

@@ -1,7 +1,7 @@
 """What the decision layer can be asked to do: a finished flow is itself a skill, and larger tasks build on it."""
 
 from dlokit.communication.contract import Condition
-from dlokit.communication.skill import ReportingSkill
+from dlokit.communication.skill import ReportingSkill, Skill
 from dlokit.decision.config import Infeasible
 from dlokit.decision.task import ActionRecord, GoalRequest, ShapeResult
 from dlokit.types.message import Value
@@ -44,6 +44,11 @@ def _shape_dlo(
     ...
 
 
+def _stop_task() -> bool:
+    """End the task that runs, as the operator's button does; whether one ran. The arm brakes meanwhile."""
+    ...
+
+
 IDLE = Condition("no other task runs", "busy")
 
 SHAPE_DLO = ReportingSkill(
@@ -55,3 +60,4 @@ SHAPE_DLO = ReportingSkill(
     ensures="the robot stands; the DLO is within the threshold of the goal if the outcome is converged",
     reports=ShapeProgress,
 )
+STOP_TASK = Skill("decision", "stop_task", _stop_task, 5.0, "", "no task runs that ran before, or it is ending")

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable
 
 from dlokit.communication import topics
-from dlokit.communication.component import Component, holds, implements_reporting
+from dlokit.communication.component import Component, holds, implements, implements_reporting
 from dlokit.decision import api
 from dlokit.decision.asked import adjusted, goal_request
 from dlokit.decision.config import Infeasible, TaskConfig
@@ -61,6 +61,7 @@ class DecisionComponent(Component):
         self._length_m = length_m
         self._radius_m = radius_m
         self._shaping = False
+        self._flow: asyncio.Task[object] | None = None
         self._running = asyncio.Event()
         self._running.set()
 
@@ -140,6 +141,7 @@ class DecisionComponent(Component):
         diary = Diary(task, self.gate, entered, self._keep)
         riding = asyncio.create_task(odometer.follow(self.port.stream(topics.ROBOT_STATE)), name="odometer")
         flow = asyncio.create_task(run_flow(chart, task, diary.entered), name="shape_dlo")
+        self._flow = flow
         watch = asyncio.create_task(self._obey(flow), name="operator")
         try:
             outcome = (await flow).outcome
@@ -160,6 +162,11 @@ class DecisionComponent(Component):
             await self._make_safe()
         diary.close(outcome)
         return _result(task, outcome, tuple(diary.timings))
+
+    @implements(api.STOP_TASK)
+    async def stop_task(self) -> bool:
+        """End the task, whoever asked for it."""
+        return self._flow is not None and self._flow.cancel()
 
     async def gate(self) -> None:
         """Wait while the operator has paused, however long; STOP ends the wait with the flow."""

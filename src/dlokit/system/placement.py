@@ -7,6 +7,7 @@ from typing import Any
 from dlokit.communication.topic import Topic
 from dlokit.communication.topics import TOPICS
 from dlokit.communication.zenoh_access import HostRights
+from dlokit.decision.api import STOP_TASK
 from dlokit.description.arms import ARMS
 from dlokit.errors import ConfigError
 from dlokit.skills.robot import api as robot
@@ -74,12 +75,14 @@ def _host_by_process(hosts: HostsConfig) -> dict[str, str]:
 
 
 def rights_at_main(placement: Placement) -> tuple[HostRights, ...]:
-    """What each other host may do: speak for its components, stop an arm, and drive the cell if that is its work.
+    """What each other host may do: speak for its components, stop arm and task, and drive the cell if that is its work.
 
     Calls to anything else come from the main host alone, motions of the robot above all, and so do the heartbeats
     that keep its lease.
     """
-    stops = tuple(f"{robot.STOP.at(arm.instance).component}/{robot.STOP.name}" for arm in ARMS)
+    stops = tuple(
+        f"{skill.component}/{skill.name}" for skill in (*(robot.STOP.at(arm.instance) for arm in ARMS), STOP_TASK)
+    )
     return tuple(
         HostRights(
             host=host,

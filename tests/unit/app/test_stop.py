@@ -12,18 +12,17 @@ import pytest
 
 from dlokit.app import stop
 from dlokit.app.stop import StopArgs, Stopped, run_stop, stop_all
-from dlokit.communication import topics
 from dlokit.communication.clock import LoopClock
 from dlokit.communication.component import Component, implements
 from dlokit.communication.host import Host
 from dlokit.communication.zenoh_session import ZenohConfig
 from dlokit.communication.zenoh_transport import ZenohTransport
+from dlokit.decision.api import STOP_TASK
 from dlokit.errors import InputError
 from dlokit.skills.robot import api as robot
 from dlokit.system.config import CONFIG_FILE, RunConfig
 from dlokit.system.running import RunningSystem
 from dlokit.system.toml_config import to_toml
-from dlokit.types.flow import Command
 
 PATIENCE_S = 30.0  # it takes milliseconds; a test that waits in vain fails
 SOON_S = 0.3  # what nobody answers is waited for no longer
@@ -45,18 +44,18 @@ class Arm(Component):
 
 
 class Task(Component):
-    """Hears what the operator commands."""
+    """Has a task, or none."""
 
     name = "decision"
-    reads = (topics.COMMAND,)
 
-    def __init__(self) -> None:
+    def __init__(self, *, runs: bool = True) -> None:
+        self._runs = runs
         self.ended = asyncio.Event()
 
-    async def run(self) -> None:
-        async for message in self.port.stream(topics.COMMAND):
-            if message.command is Command.STOP:
-                self.ended.set()
+    @implements(STOP_TASK)
+    async def stop_task(self) -> bool:
+        self.ended.set()
+        return self._runs
 
 
 def noted(folder: Path, *, arms: int = 1) -> RunningSystem:
@@ -89,9 +88,19 @@ def test_the_arm_brakes_and_the_task_is_told_to_end(tmp_path: Path) -> None:
         system, arm, task = noted(tmp_path / "run"), Arm(hangs=False), Task()
         async with asyncio.timeout(PATIENCE_S), on_bus(system, arm, task):
             [said] = await stop_all([system])
-            await task.ended.wait()
+        assert task.ended.is_set()
         assert arm.stopped.is_set()
         assert said == Stopped(stands=True, text="panda succeeded; its task is told to end")
+
+    asyncio.run(body())
+
+
+def test_a_system_between_two_tasks_has_none_to_end(tmp_path: Path) -> None:
+    async def body() -> None:
+        system = noted(tmp_path / "run")
+        async with asyncio.timeout(PATIENCE_S), on_bus(system, Arm(hangs=False), Task(runs=False)):
+            [said] = await stop_all([system])
+        assert said == Stopped(stands=True, text="panda succeeded; it has no task to end")
 
     asyncio.run(body())
 

@@ -88,6 +88,11 @@ def test_no_other_host_may_call_more_of_a_robot_than_to_stop_it() -> None:
         assert not each.trusted
 
 
+def test_every_host_may_do_what_dlokit_stop_does() -> None:
+    for each in rights().values():
+        assert {"robot/stop", "robot.opposite/stop", "decision/stop_task"} <= set(each.calls)
+
+
 def test_only_drivers_may_call_the_cell() -> None:
     assert {host for host, each in rights().items() if "cell/*" in each.calls} == {"arms", "eye"}
 
