@@ -36,7 +36,7 @@ def laid() -> Action:
 
 
 def after(action: Action, nodes: Float64Array, stamp_ns: int = 2) -> Misses:
-    misses = Misses(ScoreConfig())
+    misses = Misses(ScoreConfig(), MODEL)
     misses.expect(action, state(I_SHAPE, 1))
     misses.compare(state(nodes, stamp_ns))
     return misses
@@ -60,7 +60,7 @@ def test_the_same_question_again_and_a_rod_that_was_not_moved_teach_nothing() ->
 
 
 def test_of_several_proposals_the_last_was_taken() -> None:
-    misses = Misses(ScoreConfig())
+    misses = Misses(ScoreConfig(), MODEL)
     misses.expect(laid(), state(I_SHAPE, 1))
     misses.expect(msgspec.structs.replace(laid(), predicted_nodes_world=S_SHAPE + ASIDE), state(I_SHAPE, 1))
     misses.compare(state(S_SHAPE + ASIDE, 2))

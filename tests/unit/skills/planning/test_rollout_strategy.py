@@ -12,6 +12,7 @@ import pytest
 from dlokit import geometry
 from dlokit.communication import codec
 from dlokit.communication.compute import InlineCompute
+from dlokit.description.dlo import SILICONE_HOSE, SOFT_ROPE, WIRE_B
 from dlokit.description.shapes import builtin_shape, moved
 from dlokit.errors import ConfigError
 from dlokit.skills.model.config import ModelConfig
@@ -213,13 +214,27 @@ def test_a_doubtful_action_counts_for_less_than_a_sure_one_of_the_same_mean() ->
 
 def test_a_lay_down_must_promise_more_than_a_small_correction_because_it_misses_by_more() -> None:
     config = ScoreConfig()
-    assert config.miss_m(LayDown) > config.miss_m(PickPlace) > config.miss_m(Drag)
+    assert config.miss_m(LayDown, MODEL) > config.miss_m(PickPlace, MODEL) > config.miss_m(Drag, MODEL)
     near = lying(S_SHAPE + np.array([0.004, 0.0, 0.0]))
     score = [
-        remaining_m(near, np.array([config.miss_m(kind)]), S_SHAPE, MODEL.radius_m, config, FeasibilityConfig())[0, 0]
+        remaining_m(near, np.array([config.miss_m(kind, MODEL)]), S_SHAPE, MODEL.radius_m, config, FeasibilityConfig())[
+            0, 0
+        ]
         for kind in (LayDown, Drag)
     ]
     assert score[0] > score[1] + 0.004
+
+
+def test_a_dlo_that_does_not_drape_is_not_expected_to_be_laid_down_well() -> None:
+    config = ScoreConfig()
+    rope, hose, wire = (
+        replace(MODEL, bending_stiffness_n_m2=preset.bending_stiffness_n_m2, mass_kg_m=preset.mass_per_length_kg_m)
+        for preset in (SOFT_ROPE, SILICONE_HOSE, WIRE_B)
+    )
+    assert config.miss_m(LayDown, rope) == config.lay_down_miss_m
+    assert config.miss_m(LayDown, hose) > 2.0 * config.lay_down_miss_m
+    assert config.miss_m(LayDown, wire) > 2.0 * config.miss_m(LayDown, hose)
+    assert config.miss_m(Drag, wire) == config.miss_m(Drag, rope)
 
 
 def test_finalists_are_of_more_than_one_kind_where_there_are_others() -> None:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dlokit import geometry
+from dlokit.skills.model.config import ModelConfig
 from dlokit.skills.planning.rollouts.score import ScoreConfig
 from dlokit.types.action import Action
 from dlokit.types.arrays import Float64Array
@@ -26,14 +27,14 @@ class _Expected:
 class Misses:
     """What was expected of an action, compared with the next shape: a kind that misses by much is trusted less."""
 
-    def __init__(self, config: ScoreConfig) -> None:
-        self._config = config
+    def __init__(self, config: ScoreConfig, model: ModelConfig) -> None:
+        self._config, self._model = config, model
         self._expected: _Expected | None = None
         self._seen: dict[type[Action], list[float]] = {}
 
     def of(self, kind: type[Action]) -> float:
         """RMS distance of a shape to what was predicted [m]: what is usual counts as much as each action so far."""
-        squares = [self._config.miss_m(kind) ** 2, *(miss_m**2 for miss_m in self._seen.get(kind, []))]
+        squares = [self._config.miss_m(kind, self._model) ** 2, *(miss_m**2 for miss_m in self._seen.get(kind, []))]
         return math.sqrt(float(np.mean(squares)))
 
     def expect(self, action: Action, shape: DloState) -> None:

@@ -61,7 +61,7 @@ class Rollout:
 
     def __init__(self, config: RolloutConfig, tools: PlanningTools) -> None:
         self._config, self._tools = config, tools
-        self._misses = Misses(config.score)
+        self._misses = Misses(config.score, tools.model)
 
     async def propose(self, shape: DloState, goal: GoalShape, marks: Marks) -> AsyncIterator[Action]:
         """Actions of any kind, the one that leaves least to be done first; each with its predicted shape."""
