@@ -22,11 +22,11 @@ from dlokit.bench.shaping.methods import IDEAL, Method, methods_of, with_method
 from dlokit.bench.shaping.pictures import draw
 from dlokit.bench.shaping.suites import SEEDS_APART, SUITE_NAMES, suite_of
 from dlokit.bench.shaping.sweep import Workers, claim_sweep_folder, describe, run_sweep
-from dlokit.decision.config import TaskConfig
 from dlokit.errors import ConfigError, InputError
 from dlokit.functional.cell.randomisation import RANDOMISED, Randomisation
 from dlokit.system.config import RunConfig
 from dlokit.system.run_folder import new_run_folder
+from dlokit.system.toml_config import read_toml
 
 FULL_SEEDS = 5
 QUICK_SEEDS = {"paper": 3, "goals": 1, "stiffness": 2, "wires": 1}
@@ -34,9 +34,11 @@ QUICK_JOBS = 2
 EXIT_FAULT = 1
 
 
-def _defaults() -> RunConfig:
+def shaping_defaults(config_file: Path | None = None) -> RunConfig:
+    """The settings of every run where nothing else is said: as shipped, or those of a file. Raises `ConfigError`."""
+    run = RunConfig() if config_file is None else read_toml(config_file, RunConfig)
     # A verdict is compared with what happens: a goal that is said not to hold is tried all the same.
-    return RunConfig(record=False, task=TaskConfig(infeasible="try"))
+    return replace(run, record=False, task=replace(run.task, infeasible="try"))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,6 +49,7 @@ class ShapingArgs:
       dlokit bench shaping --quick --planner farthest,rollout
       dlokit bench shaping --suite goals goals.npy --randomised --seeds 2 --jobs 2 --out runs/goals
       dlokit bench shaping --suite stiffness --oracle
+      dlokit bench shaping --suite wires --randomised --config examples/configurations/wire.toml
 
     Prints tables with 95 % intervals, draws start, goal and end of every case, and leaves every run's files in its own
     folder. Ctrl-C keeps what is finished; the same command with the same --out goes on from there.
@@ -77,7 +80,9 @@ class ShapingArgs:
     """Also write every figure to this file."""
     out: Path | None = None
     """Folder for the runs; that of an interrupted sweep is continued. [default: runs/<time>-bench-shaping/]"""
-    run: Annotated[RunConfig, tyro.conf.arg(name="")] = field(default_factory=_defaults)
+    config: Annotated[Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint="")] = None
+    """A configuration: its settings hold where this command line says nothing else."""
+    run: Annotated[RunConfig, tyro.conf.arg(name="")] = field(default_factory=shaping_defaults)
     """Settings of every run; start, goal, seed and runtime are the bench's. Goals that may not hold are tried, and runs
     recorded only with `--record`."""
 

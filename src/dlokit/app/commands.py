@@ -1,12 +1,14 @@
 """The commands of `dlokit`, and what their arguments mean."""
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Annotated
 
 import tyro
 
 from dlokit.app import (
     bench,
+    bench_shaping,
     call,
     certs,
     demo,
@@ -25,7 +27,7 @@ from dlokit.app import (
     stop,
     track,
 )
-from dlokit.app.shape_defaults import shape_defaults
+from dlokit.app.shape_defaults import shape_defaults, value_of
 
 Command = (
     shape.ShapeArgs
@@ -52,11 +54,14 @@ Command = (
 def parse(arguments: Sequence[str]) -> Command:
     """Arguments to one of the commands' argument classes; exits with 2 and a hint on a mistake."""
     defaults = shape_defaults(arguments) if "shape" in arguments[:1] else shape.ShapeArgs()
+    shaping = _bench_shaping(arguments)
+    if shaping is not None:
+        arguments = ["bench", *arguments[2:]]  # which bench is no longer asked for
     commands = (
         Annotated[shape.ShapeArgs, tyro.conf.subcommand("shape", default=defaults)]
         | Annotated[demo.DemoArgs, tyro.conf.subcommand("demo")]
         | Annotated[track.TrackArgs, tyro.conf.subcommand("track")]
-        | Annotated[bench.BenchArgs, tyro.conf.subcommand("bench")]
+        | Annotated[bench.BenchArgs, tyro.conf.subcommand("bench", default=shaping or tyro.MISSING_NONPROP)]
         | Annotated[info.InfoArgs, tyro.conf.subcommand("info")]
         | Annotated[export.ExportArgs, tyro.conf.subcommand("export")]
         | Annotated[record.RecordArgs, tyro.conf.subcommand("record")]
@@ -80,6 +85,14 @@ def parse(arguments: Sequence[str]) -> Command:
         # A strategy is chosen by its flag (`--observer cpd`); its settings are flags like all others.
         config=(tyro.conf.AvoidSubcommands,),
     )
+
+
+def _bench_shaping(arguments: Sequence[str]) -> bench.BenchArgs | None:
+    """The defaults of `dlokit bench shaping --config FILE`; None for everything else. Raises `ConfigError`."""
+    if tuple(arguments[:2]) != ("bench", "shaping") or (file := value_of(arguments, "--config")) is None:
+        return None
+    config = Path(file)
+    return bench.BenchArgs(which=bench_shaping.ShapingArgs(config=config, run=bench_shaping.shaping_defaults(config)))
 
 
 def execute(arguments: Sequence[str]) -> int:

@@ -25,21 +25,21 @@ C = TypeVar("C", bound=NamedConfig)
 
 def shape_defaults(arguments: Sequence[str]) -> ShapeArgs:
     """What holds where the other arguments say nothing. Raises `ConfigError`."""
-    config_file = _value(arguments, "--config")
+    config_file = value_of(arguments, "--config")
     run = RunConfig() if config_file is None else read_toml(Path(config_file), RunConfig)
-    if (name := _value(arguments, "--dlo")) is not None:
+    if (name := value_of(arguments, "--dlo")) is not None:
         run = with_dlo(run, preset(name))
-    if (name := _value(arguments, "--physics")) is not None:
+    if (name := value_of(arguments, "--physics")) is not None:
         run = _with_physics(run, name)
     if "--randomised" in arguments:
         run = replace(run, cell=replace(run.cell, randomisation=RANDOMISED))
-    if (name := _value(arguments, "--observer")) is not None:
+    if (name := value_of(arguments, "--observer")) is not None:
         observer = _chosen(OBSERVERS, "--observer", name, run.observer.strategy)
         run = replace(run, observer=replace(run.observer, strategy=observer))
-    if (name := _value(arguments, "--segmentation")) is not None:
+    if (name := value_of(arguments, "--segmentation")) is not None:
         segmentation = _chosen(SEGMENTATIONS, "--segmentation", name, run.perception.segmentation)
         run = replace(run, perception=replace(run.perception, segmentation=segmentation))
-    if (name := _value(arguments, "--planner")) is not None:
+    if (name := value_of(arguments, "--planner")) is not None:
         planner = _chosen(PLANNERS, "--planner", name, run.planning.strategy)
         run = replace(run, planning=replace(run.planning, strategy=planner))
     return ShapeArgs(run=run, choices=ShapeChoices(config=None if config_file is None else Path(config_file)))
@@ -51,7 +51,7 @@ def _with_physics(run: RunConfig, name: str) -> RunConfig:
     return replace(run, cell=replace(run.cell, physics=PHYSICS[name]()))
 
 
-def _value(arguments: Sequence[str], flag: str) -> str | None:
+def value_of(arguments: Sequence[str], flag: str) -> str | None:
     """The last value of a flag, as argument parsers have it."""
     value: str | None = None
     for index, argument in enumerate(arguments):

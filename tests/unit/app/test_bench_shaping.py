@@ -9,6 +9,9 @@ from dlokit.app.bench_shaping import QUICK_SEEDS, ShapingArgs, run_shaping
 from dlokit.app.commands import parse
 from dlokit.bench.shaping.suites import SUITE_NAMES, suite_of
 from dlokit.errors import ConfigError, InputError
+from dlokit.system.config import RunConfig
+
+WIRE = Path(__file__).parents[3] / "examples" / "configurations" / "wire.toml"
 
 
 def _args(*arguments: str) -> ShapingArgs:
@@ -49,6 +52,16 @@ def test_a_json_file_in_no_folder_is_told_before_hours_of_work(tmp_path: Path) -
         run_shaping(_args("--json", str(tmp_path / "missing" / "figures.json"), "--out", str(tmp_path / "sweep")))
 
     assert not (tmp_path / "sweep").exists()
+
+
+def test_settings_of_a_file_hold_where_the_command_line_says_nothing_else() -> None:
+    args = _args("--config", str(WIRE), "--seeds", "2", "--model.yield-curvature-1-m", "2.0")
+
+    assert args.seeds == 2
+    assert args.run.task.learn
+    assert args.run.task.infeasible == "try"
+    assert args.run.model.bending_stiffness_n_m2 > 10.0 * RunConfig().model.bending_stiffness_n_m2
+    assert args.run.model.yield_curvature_1_m == 2.0
 
 
 def test_settings_of_a_run_are_settings_of_all_and_goals_that_may_not_hold_are_tried() -> None:
