@@ -1,6 +1,7 @@
 """What a run's outcome means, in words, for the terminal and the report."""
 
 from collections.abc import Mapping
+from statistics import median
 
 from dlokit.system.goal_result import VerdictResult
 from dlokit.system.run_result import RunResult
@@ -16,8 +17,12 @@ MEANINGS: Mapping[RunOutcome, str] = {
 }
 
 
+ANOTHER_DLO_M = 0.02
+"""Actions that miss what was predicted by more than this, in the median, were predicted of another DLO."""
+
+
 def outcome_in_words(result: RunResult) -> str:
-    """One or two sentences: what became of the run, why, and how near the rope came."""
+    """A few sentences: what became of the run, why, how near the rope came, and what may help."""
     words = MEANINGS[result.outcome]
     if result.reason and result.reason not in words:
         words += f" Reason: {result.reason.replace('_', ' ').rstrip('.')}."
@@ -29,6 +34,18 @@ def outcome_in_words(result: RunResult) -> str:
     return (
         f"{words} Its nodes are {result.rmse_m * 1000:.1f} mm from their goals (RMSE), {relation} the threshold of "
         f"{result.threshold_m * 1000:.4g} mm, after {result.actions} {'action' if result.actions == 1 else 'actions'}."
+        f"{_another_dlo(result)}"
+    )
+
+
+def _another_dlo(result: RunResult) -> str:
+    """A sentence when the run did not converge, and its actions did not do what the model of the DLO promised."""
+    missed_m = [row.missed_m for row in result.history if row.missed_m is not None and row.grasp_ok and not row.slipped]
+    if result.outcome is RunOutcome.CONVERGED or len(missed_m) < 2 or median(missed_m) < ANOTHER_DLO_M:
+        return ""
+    return (
+        f" Its actions ended {median(missed_m) * 1000:.0f} mm (median) from what was predicted: this is hardly the DLO "
+        "that the configuration describes. `--learn` finds out while shaping, `dlokit identify` from this run."
     )
 
 

@@ -1,6 +1,7 @@
 """What an action was, as `result.json` tells it."""
 
 from dlokit.decision.task import ActionRecord, CorrectionRecord
+from dlokit.geometry import rmse_m
 from dlokit.system.run_result import ActionResult, CorrectionResult
 
 
@@ -14,6 +15,7 @@ def action_result(action: ActionRecord) -> ActionResult:
         slipped=action.slipped,
         rmse_m=action.rmse_m,
         predicted_rmse_m=action.predicted_rmse_m,
+        missed_m=None if action.expected_world is None else rmse_m(action.nodes_world, action.expected_world),
         duration_s=action.duration_s,
         robot_time_s=action.robot_time_s,
         path_length_m=action.path_length_m,

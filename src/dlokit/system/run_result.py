@@ -47,6 +47,8 @@ class ActionResult(msgspec.Struct, frozen=True, kw_only=True):
     """Our own estimate of the error to the goal after the action [m]."""
     predicted_rmse_m: float | None = None
     """What was expected of it when it was chosen [m]; None where the planner predicts nothing."""
+    missed_m: float | None = None
+    """RMS distance of the shape after it to the one that was predicted [m]; None where nothing was."""
     true_rmse_m: float | None = None
     """The evaluator's, 2 s after the release [m]; None where there is no truth."""
     duration_s: float

@@ -148,6 +148,23 @@ def test_words_tell_whether_the_threshold_was_met() -> None:
     assert "never seen" in outcome_in_words(msgspec.structs.replace(RESULT, rmse_m=None, outcome=RunOutcome.FAILED))
 
 
+def test_a_run_whose_actions_did_not_do_as_predicted_names_the_commands_that_learn_the_dlo() -> None:
+    rows = tuple(msgspec.structs.replace(ROWS[0], action=number, missed_m=0.05) for number in (1, 2, 3))
+    stalled = msgspec.structs.replace(RESULT, outcome=RunOutcome.STALLED, history=rows)
+    words = outcome_in_words(stalled)
+    assert "50 mm (median) from what was predicted" in words
+    assert "--learn" in words
+    assert "dlokit identify" in words
+    slipped = tuple(msgspec.structs.replace(row, slipped=True) for row in rows)
+    for said in (
+        msgspec.structs.replace(stalled, outcome=RunOutcome.CONVERGED),
+        msgspec.structs.replace(stalled, history=rows[:1]),
+        msgspec.structs.replace(stalled, history=slipped),
+        msgspec.structs.replace(stalled, history=ROWS),
+    ):
+        assert "predicted" not in outcome_in_words(said)
+
+
 @pytest.mark.parametrize("terminal", [True, False])
 def test_what_was_said_of_the_camera_is_written_once(terminal: bool) -> None:
     text = "the camera was 3.4 mm and 0.10° off its calibration along the table; corrected"

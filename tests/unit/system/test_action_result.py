@@ -1,4 +1,6 @@
+import msgspec
 import numpy as np
+import pytest
 
 from dlokit.decision.task import ActionRecord, CorrectionRecord
 from dlokit.system.action_result import action_result
@@ -39,3 +41,10 @@ def test_an_action_without_control_says_so() -> None:
     row = action_result(_record((), ""))
     assert row.corrections == ()
     assert row.control_end is None
+
+
+def test_how_far_a_shape_is_from_the_one_that_was_predicted_is_told_where_one_was() -> None:
+    record = _record((), "")
+    assert action_result(record).missed_m is None
+    beside = msgspec.structs.replace(record, expected_world=np.tile([0.03, 0.04, 0.0], (31, 1)))
+    assert action_result(beside).missed_m == pytest.approx(0.05)

@@ -25,7 +25,7 @@ FIELDS = [
     *("wall_time_s", "planning_time_s", "history", "config_hash", "version", "episode", "goal_verdict", "camera"),
 ]
 ACTION_FIELDS = [
-    *("action", "kind", "grasp_node", "grasp_ok", "slipped", "rmse_m", "predicted_rmse_m", "true_rmse_m"),
+    *("action", "kind", "grasp_node", "grasp_ok", "slipped", "rmse_m", "predicted_rmse_m", "missed_m", "true_rmse_m"),
     *("duration_s", "robot_time_s", "path_length_m", "planning_time_s", "corrections", "control_end"),
 ]
 ACTION = ActionResult(
