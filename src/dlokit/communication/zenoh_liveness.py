@@ -26,6 +26,11 @@ class Presence:
         with self._lock:
             return any(name == component for name, _ in self._tokens)
 
+    def count(self, component: str) -> int:
+        """How many serve it: two for a moment while it is restarted, and more by somebody's mistake."""
+        with self._lock:
+            return sum(name == component for name, _ in self._tokens)
+
     def had(self, component: str) -> bool:
         """Whether the component has ever been there."""
         with self._lock:

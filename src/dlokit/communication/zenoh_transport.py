@@ -161,6 +161,10 @@ class ZenohTransport:
         """By liveliness tokens: a killed process is known within milliseconds, a frozen one after 10 s."""
         return Known(component in self._servers or self._presence.has(component))
 
+    def serving(self, component: str) -> int:
+        """How many other processes serve a component; there should be one."""
+        return self._presence.count(component)
+
     async def wait_for(self, component: str, timeout_s: float) -> bool:
         """Wait until a component is there, for at most `timeout_s` of the machine's time; whether it is."""
         return component in self._servers or await self._presence.wait_for(component, timeout_s)

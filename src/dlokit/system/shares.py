@@ -20,6 +20,8 @@ log = logging.getLogger(__name__)
 CLOCK_OFF_S = 0.5
 """Hosts whose clocks differ by more than this are named: certificates and logs go by the time of day."""
 TOLD_EVERY_S = 5.0
+GONE_WITHIN_S = 10.0
+"""A host that was killed while its link was cut is known to be gone by then."""
 AGAIN_S = 1.0
 """Before a share is started again: its host may still be ending the one of before."""
 
@@ -122,11 +124,25 @@ class RemoteShares:
                 return outcome
 
     async def _run_once(self, host: str, names: tuple[str, ...]) -> Outcome[None]:
+        if not await self._alone(host):
+            return Failed(
+                reason=f"host_twice: {host}", detail=f"`dlokit host {host}` runs more than once: end all but one"
+            )
+
         def told(ready: ShareReady) -> None:
             if (event := self._ready.get(host)) is not None:
                 event.set()
 
         return await self._transport.call_reported(RUN_SHARE.at(host), told, self._config_toml, names)
+
+    async def _alone(self, host: str) -> bool:
+        """Whether one host has the name: two would both run its share. One that was killed is gone soon."""
+        end_s = time.monotonic() + GONE_WITHIN_S
+        while self._transport.serving(f"{AGENT}.{host}") > 1:
+            if time.monotonic() > end_s:
+                return False
+            await asyncio.sleep(AGAIN_S)
+        return True
 
     async def _back(self, host: str, share: tuple[ProcessRow, ...]) -> bool:
         """Wait for a host that is gone, or still ends the share of before: in vain where its processes are needed."""

@@ -1,6 +1,7 @@
 """What the main host makes of other hosts that are missing, of another version, elsewhere in time, or refuse."""
 
 import asyncio
+import itertools
 import logging
 import time
 from collections.abc import AsyncGenerator, Callable
@@ -16,10 +17,13 @@ from dlokit.communication.host import Host
 from dlokit.communication.zenoh_session import ZenohConfig
 from dlokit.communication.zenoh_transport import ZenohTransport
 from dlokit.errors import ProcessFailure, SkillFailure, SkillRejected
+from dlokit.system import shares as shares_module
 from dlokit.system.host_agent import free_meeting_point
 from dlokit.system.host_api import HELLO, RUN_SHARE, HostFacts, ShareReady
 from dlokit.system.processes import ROBOT, ProcessRow
 from dlokit.system.shares import CLOCK_OFF_S, RemoteShares
+
+NAMESPACE = "dlokit_test_shares"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,6 +45,8 @@ class OddHost(Component):
     def __init__(self, manner: Manner) -> None:
         super().__init__()
         self._manner = manner
+        self.endpoint = ""
+        self.main: ZenohTransport | None = None
         self.ran: list[tuple[str, tuple[str, ...]]] = []
 
     @implements(HELLO)
@@ -66,9 +72,10 @@ async def shares_with(
 ) -> AsyncGenerator[tuple[RemoteShares, OddHost]]:
     """Shares of a run whose other host behaves so; with None it is not there."""
     endpoint = free_meeting_point()
-    here = ZenohTransport(ZenohConfig(namespace="dlokit_test_shares", listen=(endpoint,)))
-    there = ZenohTransport(ZenohConfig(namespace="dlokit_test_shares", connect=(endpoint,)))
+    here = ZenohTransport(ZenohConfig(namespace=NAMESPACE, listen=(endpoint,)))
+    there = ZenohTransport(ZenohConfig(namespace=NAMESPACE, connect=(endpoint,)))
     odd = OddHost(manner or Manner())
+    odd.endpoint, odd.main = endpoint, here
     host = Host(there, LoopClock())
     shares = RemoteShares(here, {"arm": (row,), "desk": ()}, "seed = 3", wait_s, lambda said: None)
     try:
@@ -149,3 +156,32 @@ def test_a_host_whose_processes_are_not_needed_ends_no_run_but_its_start(caplog:
     with caplog.at_level(logging.WARNING, "dlokit.system.shares"):
         asyncio.run(body())
     assert "the run goes on without host arm: process_died: viewer" in caplog.text
+
+
+async def until_two_serve(main: ZenohTransport | None) -> None:
+    assert main is not None
+    async with asyncio.timeout(30.0):
+        for _ in itertools.count():
+            if main.serving("host.arm") == 2:
+                return
+            await asyncio.sleep(0.01)
+
+
+def test_a_host_that_runs_twice_is_named_and_neither_runs_the_share(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shares_module, "GONE_WITHIN_S", 0.0)
+
+    async def body() -> None:
+        async with shares_with(Manner()) as (shares, odd):
+            bus = ZenohConfig(namespace=NAMESPACE, role="client", listen=(), connect=(odd.endpoint,))
+            twin = ZenohTransport(bus)
+            second = OddHost(Manner())
+            host = Host(twin, LoopClock())
+            host.add(second)
+            async with host:
+                await until_two_serve(odd.main)
+                with pytest.raises(ProcessFailure, match="host_twice: arm"):
+                    await shares.start()
+            assert odd.ran == second.ran == []
+            await twin.close()
+
+    asyncio.run(body())
