@@ -19,6 +19,8 @@ log = logging.getLogger(__name__)
 
 CLOCK_OFF_S = 0.5
 """Hosts whose clocks differ by more than this are named: certificates and logs go by the time of day."""
+AT_ONCE_S = 1.0
+"""A host that is there is found by then; of others people are told."""
 TOLD_EVERY_S = 5.0
 GONE_WITHIN_S = 10.0
 """A host that was killed while its link was cut is known to be gone by then."""
@@ -76,17 +78,20 @@ class RemoteShares:
     async def _find_all(self) -> None:
         missing = list(self._shares)
         end_s = time.monotonic() + self._wait_s
+        patience_s = AT_ONCE_S
         while missing:
-            self._say(f"waiting for the host{'s' * (len(missing) > 1)} {', '.join(missing)}")
-            left_s = min(end_s - time.monotonic(), TOLD_EVERY_S)
-            if left_s <= 0.0:
+            left_s = max(0.0, min(end_s - time.monotonic(), patience_s))
+            there = await asyncio.gather(*(self._transport.wait_for(f"{AGENT}.{host}", left_s) for host in missing))
+            missing = [host for host, found in zip(missing, there, strict=True) if not found]
+            if missing and time.monotonic() >= end_s:
                 raise ProcessFailure(
                     f"host_missing: {', '.join(missing)}",
                     f"not there within {self._wait_s:g} s; run `dlokit host {missing[0]}` there, and look at its "
                     "output and at the firewall's port",
                 )
-            there = await asyncio.gather(*(self._transport.wait_for(f"{AGENT}.{host}", left_s) for host in missing))
-            missing = [host for host, found in zip(missing, there, strict=True) if not found]
+            if missing:
+                self._say(f"waiting for the host{'s' * (len(missing) > 1)} {', '.join(missing)}")
+            patience_s = TOLD_EVERY_S
         for host in self._shares:
             await self._greet(host)
 
