@@ -1,6 +1,7 @@
 """Looking at the DLO until the model's state has settled."""
 
 import asyncio
+import contextlib
 
 import numpy as np
 
@@ -13,21 +14,35 @@ from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState
 from dlokit.types.outcome import Succeeded
 
+_MAKE_STATES = (observer.INITIALISE.component, model.SET_GOAL.component)
+_ALIVE_EVERY_S = 0.5
+"""How often it is looked whether they are there, while a state is waited for [s]."""
+
 
 async def state_after(task: ShapeTask, stamp_ns: int) -> DloState | None:
-    """The first model state that knows the cloud of `stamp_ns`; None (and a reason) when it does not come."""
-    try:
+    """The first model state that knows the cloud of `stamp_ns`; None (and a reason) when it does not come.
+
+    It is not waited for while observer or model is gone: the cloud is lost with them.
+    """
+    with contextlib.suppress(TimeoutError, StopAsyncIteration):
         async with asyncio.timeout(task.config.look_timeout_s):
-            async for state in task.states:
-                if state.observed_stamp_ns >= stamp_ns:
-                    return state
-    except TimeoutError:
-        task.lost = observer.INITIALISE.component
+            while all(task.port.alive(component).alive for component in _MAKE_STATES):
+                with contextlib.suppress(TimeoutError):
+                    async with asyncio.timeout(_ALIVE_EVERY_S):
+                        return await _state_of(task, stamp_ns)
+    task.lost = observer.INITIALISE.component
     task.reason = (
         f"no model state within {task.config.look_timeout_s:g} s of the look at {stamp_ns / 1e9:.3f} s: "
-        "observer or model does not answer"
+        "observer or model does not answer, or is gone"
     )
     return None
+
+
+async def _state_of(task: ShapeTask, stamp_ns: int) -> DloState:
+    while True:
+        state = await anext(task.states)
+        if state.observed_stamp_ns >= stamp_ns:
+            return state
 
 
 async def look(task: ShapeTask) -> DloState | None:

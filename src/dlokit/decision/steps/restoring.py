@@ -35,7 +35,7 @@ async def restore(task: ShapeTask) -> Restored:
 async def _all_there(task: ShapeTask) -> bool:
     try:
         async with asyncio.timeout(task.config.restart_timeout_s):
-            await asyncio.sleep(_NOTICED_S)
+            await asyncio.sleep(_NOTICED_S * task.restorations)  # the longer, the more often it was in vain
             while _missing(task):  # noqa: ASYNC110  a liveness is looked at, and wakes nobody
                 await asyncio.sleep(_ASKED_EVERY_S)
     except TimeoutError:
