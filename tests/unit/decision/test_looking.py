@@ -1,0 +1,52 @@
+"""How long a state is waited for."""
+
+import asyncio
+from types import SimpleNamespace
+from typing import cast
+
+import pytest
+
+from dlokit.communication import topics, virtual_time
+from dlokit.communication.mailbox import Mailbox
+from dlokit.communication.transport import Known, Liveness
+from dlokit.decision.config import TaskConfig
+from dlokit.decision.looking import state_after
+from dlokit.decision.task import ShapeTask
+from dlokit.types.dlo import DloState
+
+CONFIG = TaskConfig()
+
+
+class Bus:
+    """On which a component is gone from a time on."""
+
+    def __init__(self, gone: str, from_s: float) -> None:
+        self._gone, self._from_s = gone, from_s
+
+    def alive(self, component: str) -> Liveness:
+        return Known(component != self._gone or asyncio.get_running_loop().time() < self._from_s)
+
+
+async def waited_s(gone: str, after_s: float) -> tuple[float, ShapeTask]:
+    began_s = asyncio.get_running_loop().time()
+    bus = Bus(gone, began_s + after_s)
+    states: Mailbox[DloState] = Mailbox(topics.STATE.policy)
+    task = cast(ShapeTask, SimpleNamespace(port=bus, states=states, config=CONFIG, lost="", reason=None))
+    assert await state_after(task, stamp_ns=1) is None
+    return asyncio.get_running_loop().time() - began_s, task
+
+
+@pytest.mark.parametrize("component", ["observer", "model"])
+def test_nobody_waits_for_a_state_while_who_makes_it_is_gone(component: str) -> None:
+    for after_s in (0.0, 3.0):
+        waiting_s, task = virtual_time.run(waited_s(component, after_s))
+        assert after_s <= waiting_s < after_s + 1.0
+        assert task.lost == "observer"
+
+
+def test_a_state_that_does_not_come_though_all_are_there_is_waited_for_to_the_end() -> None:
+    waiting_s, task = virtual_time.run(waited_s("nobody", 0.0))
+    assert waiting_s == pytest.approx(CONFIG.look_timeout_s)
+    assert task.lost == "observer"
+    assert task.reason is not None
+    assert "no model state within" in task.reason
