@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 from dlokit.decision.shape_flow import SHAPE_DLO
-from dlokit.system.build import COMPONENTS
+from dlokit.system.component_table import COMPONENTS
 
 ROOT = Path(__file__).parents[2]
 MAP = (ROOT / "docs" / "paper_map.md").read_text(encoding="utf-8")

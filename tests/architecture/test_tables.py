@@ -18,7 +18,8 @@ from dlokit.communication.topic import Topic
 from dlokit.communication.topics import TOPICS
 from dlokit.description.arms import ARMS
 from dlokit.errors import CommunicationError
-from dlokit.system.build import COMPONENTS, components_of_run, instances_of_run
+from dlokit.system.build import COMPONENT_NAMES, components_of_run, instances_of_run
+from dlokit.system.component_table import COMPONENTS
 from dlokit.system.config import RunConfig
 from dlokit.system.processes import DECISION, PROCESSES, processes_of_run
 from dlokit.types.dlo import DloState
@@ -177,4 +178,4 @@ def test_the_second_arm_has_a_component_and_a_process_where_a_run_has_one() -> N
         placed = [name for row in processes_of_run(simulated=True, watched=True, arms=arms) for name in row.components]
         assert sorted(placed) == sorted(components_of_run(config))
         assert instances_of_run(config).get("robot", ()) == others
-        assert set(COMPONENTS) - set(placed) == {f"robot.{mount.instance}" for mount in ARMS[arms:]}
+        assert set(COMPONENT_NAMES) - set(placed) == {f"robot.{mount.instance}" for mount in ARMS[arms:]}

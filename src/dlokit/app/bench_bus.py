@@ -8,6 +8,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from dlokit.app.command import Command
 from dlokit.app.machine import machine_facts
 from dlokit.bench.bus.comparison import compare
 from dlokit.bench.bus.load import SIZES_BYTES, Delay
@@ -110,3 +111,6 @@ def _slow_figures(slow: Sequence[SlowTimes]) -> list[Figure]:
 def _quantile(case: str, metric: str, values: Sequence[float]) -> Figure:
     value = float(np.quantile(values, 0.99))
     return Figure(case=case, method="dlokit", metric=metric, value=value, low=None, high=None, unit="s", n=len(values))
+
+
+COMMAND = Command(BusArgs, run_bus)

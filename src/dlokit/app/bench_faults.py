@@ -10,6 +10,7 @@ import tyro
 from rich.console import Console
 
 from dlokit.app.bench_faults_table import faults_table, line_of
+from dlokit.app.command import Command
 from dlokit.app.machine import machine_facts
 from dlokit.app.preflight import check_before_start
 from dlokit.app.preparing import prepare
@@ -112,3 +113,6 @@ def _run(todo: Sequence[Case], config: RunConfig, folder: Path, console: Console
         )
         raise
     return results
+
+
+COMMAND = Command(FaultsArgs, run_faults_bench)

@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from dlokit.app.bench_feasibility_tables import print_results
+from dlokit.app.command import Command
 from dlokit.app.machine import machine_facts
 from dlokit.bench.feasibility.cases import DEFAULT_DLOS, Case, Judged, bench_dlo, judge_cases
 from dlokit.bench.feasibility.figures import figures
@@ -116,3 +117,6 @@ def _curves(path: Path | None) -> Mapping[str, Float64Array]:
     if array.ndim != 3 or array.shape[2] != 3 or array.shape[1] < 2:
         raise ShapeError(f"Goals {path} are {array.shape}; they must be (G, K, 3) points [m] with K of 2 or more.")
     return {f"{path.name}:{index}": np.asarray(curve, dtype=np.float64) for index, curve in enumerate(array)}
+
+
+COMMAND = Command(FeasibilityArgs, run_feasibility)

@@ -6,6 +6,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import Progress
 
+from dlokit.app.command import Command
 from dlokit.app.machine import machine_facts
 from dlokit.bench.fuzz.campaign import ALLOWED_BYTES, FuzzResult, fuzz
 from dlokit.bench.fuzz.decoders import all_decoders
@@ -73,3 +74,6 @@ def _figures(result: FuzzResult) -> list[Figure]:
         )
         for (metric, unit), value in values.items()
     ]
+
+
+COMMAND = Command(FuzzArgs, run_fuzz)

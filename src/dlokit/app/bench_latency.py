@@ -15,6 +15,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from dlokit.app.command import Command
 from dlokit.app.machine import machine_facts
 from dlokit.bench.latency.hops import Hops, hops, named
 from dlokit.bench.latency.listening import listen
@@ -109,3 +110,6 @@ def _figures(found: Hops) -> Sequence[Figure]:
     return [
         figure(named(pair), "dlokit", "median time", median(seconds), "s") for pair, seconds in found.items() if seconds
     ]
+
+
+COMMAND = Command(LatencyArgs, run_latency)

@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from dlokit.app.bench_observers_tables import print_figures, print_summary
+from dlokit.app.command import Command
 from dlokit.app.machine import machine_facts
 from dlokit.bench.observers import iterations
 from dlokit.bench.observers.cases import CASES, TUNING_SEED, Case, external_cases
@@ -160,3 +161,6 @@ def _trials(plan: Plan, jobs: int, console: Console) -> tuple[list[Trial], bool]
 def _where(item: Said) -> str:
     where = f"{item.case}, seed {item.seed}, {item.method}"
     return where if isinstance(item, Trial) else f"{where}, frame {item.frame} of {item.frames}"
+
+
+COMMAND = Command(ObserversArgs, run_observers)

@@ -11,6 +11,8 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from dlokit.app.bench_shaping_tables import line_of, print_results
+from dlokit.app.chosen_settings import config_file_of
+from dlokit.app.command import Command
 from dlokit.app.machine import machine_facts
 from dlokit.app.preparing import prepare
 from dlokit.bench.report import bench_json
@@ -195,3 +197,11 @@ def _run(todo: Sequence[Case], config: RunConfig, folder: Path, workers: Workers
             )
             raise
     return results
+
+
+def _defaults(arguments: Sequence[str]) -> ShapingArgs:
+    config = config_file_of(arguments)
+    return ShapingArgs(config=config, run=shaping_defaults(config))
+
+
+COMMAND = Command(ShapingArgs, run_shaping, _defaults)

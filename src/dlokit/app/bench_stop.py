@@ -9,6 +9,7 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
+from dlokit.app.command import Command
 from dlokit.app.machine import machine_facts
 from dlokit.bench.faults.figures import percentile_s, stop_figures
 from dlokit.bench.faults.stopping import StopFigures, StopPlan, measure_stops
@@ -95,3 +96,6 @@ def stops_table(figures: StopFigures, busy: int) -> Table:
 
 def _ms(seconds: float) -> str:
     return "never" if seconds == float("inf") else f"{seconds * 1e3:.0f}"
+
+
+COMMAND = Command(StopBenchArgs, run_stop_bench)

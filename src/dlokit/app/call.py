@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import tyro
 from rich.console import Console
 
+from dlokit.app.command import Command
 from dlokit.app.skill_table import skill_named
 from dlokit.communication.recording.plain import to_json
 from dlokit.communication.skill import ReportingSkill, Skill
@@ -120,3 +121,6 @@ async def _told(bus: JoinedBus, skill: Skill[..., Any], given: dict[str, Any], c
         console.print(to_json(progress).decode()[:200], markup=False, highlight=False, soft_wrap=True)
 
     return await transport.call_reported(skill, told, **given)
+
+
+COMMAND = Command(CallArgs, run_call)

@@ -6,6 +6,7 @@ from typing import Annotated
 
 import tyro
 
+from dlokit.app.command import Command
 from dlokit.system.certificates import AUTHORITY, hosts_from_words, make_certificates
 
 
@@ -40,3 +41,6 @@ def run(args: CertsArgs) -> int:
         print(f"copy to host {host.name}: {files}")
     print(f"keep {args.folder / AUTHORITY}.key here: whoever has it can make hosts of this lab")
     return 0
+
+
+COMMAND = Command(CertsArgs, run)

@@ -1,136 +1,125 @@
-"""The commands of `dlokit`, and what their arguments mean."""
+"""The commands of `dlokit`: each is a module, which is imported when it is asked for.
 
-from collections.abc import Sequence
-from pathlib import Path
-from typing import Annotated
+A command must not wait for the libraries of another, `dlokit stop` least of all.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import make_dataclass
+from functools import reduce
+from importlib import import_module
+from operator import or_
+from typing import Annotated, Any, NoReturn
 
 import tyro
 
-from dlokit.app import (
-    bench,
-    bench_shaping,
-    call,
-    certs,
-    demo,
-    doctor,
-    export,
-    graph,
-    host,
-    identify,
-    info,
-    ps,
-    record,
-    replay,
-    resume,
-    shape,
-    skills,
-    stop,
-    track,
-)
-from dlokit.app.shape_defaults import shape_defaults, value_of
+from dlokit.app.command import Command
 
-Command = (
-    shape.ShapeArgs
-    | demo.DemoArgs
-    | track.TrackArgs
-    | info.InfoArgs
-    | export.ExportArgs
-    | record.RecordArgs
-    | replay.ReplayArgs
-    | identify.IdentifyArgs
-    | skills.SkillsArgs
-    | call.CallArgs
-    | stop.StopArgs
-    | ps.PsArgs
-    | resume.ResumeArgs
-    | certs.CertsArgs
-    | host.HostArgs
-    | graph.GraphArgs
-    | doctor.DoctorArgs
-    | bench.BenchArgs
-)
+DESCRIPTION = "Bring cables, ropes and wires into the shape you want with a robot and a camera."
+
+COMMANDS: Mapping[str, str] = {
+    "shape": "Bring the DLO from a start to a goal shape by looking at it with the stereo camera.",
+    "demo": "Watch a simulated arm bring a rope from I to S by looking at it with a stereo camera.",
+    "track": "Find the nodes of a DLO in recorded clouds, one after the other, and write them with a picture.",
+    "bench shaping": (
+        "Compare planners and observers on the same starts, goals and cells, in lockstep, judged by the hidden truth."
+    ),
+    "bench simulation": (
+        "Measure where the time of a lockstep run goes: physics, rendering, perception, observer, model."
+    ),
+    "bench observers": "Compare observers on simulated and recorded sequences whose nodes are known.",
+    "bench feasibility": (
+        "Compare verdicts on goals with what the cell's DLO does, laid there and released; nobody plans, "
+        "nothing is drawn."
+    ),
+    "bench stop": (
+        "Kill and freeze the commander of a moving arm at random times on a busy machine: when does braking begin?"
+    ),
+    "bench faults": (
+        "Let something go wrong in live runs, at random times: do they still end as they should, with the arm stopped?"
+    ),
+    "bench bus": "Time messages and calls between two processes, beside bare zenoh and bare pyzmq in turns.",
+    "bench fuzz": (
+        "Send damaged messages through every decoder of the bus; exit code 1 when one crashes, hangs or asks too much."
+    ),
+    "bench latency": "Time a live run from the exposure of each pair of pictures to the decision, hop by hop.",
+    "info": (
+        "Say what is in a recording: its run, versions, settings, topics with counts and rates, calls with outcomes."
+    ),
+    "export": (
+        "Hand recorded runs to people who learn from them: states, targets, goals, robot, actions, calls, pictures."
+    ),
+    "record": "Record a live system that runs, until Ctrl-C or until it ends: all topics, and all skill calls.",
+    "replay": (
+        "Feed one component what it received in a recorded run, and compare what it says now with what it said then."
+    ),
+    "identify": (
+        "Say what the runs of one DLO tell of it: length, radius, stiffness, friction, and whether it takes a set."
+    ),
+    "call": "Call one skill on a running system, and print what became of it.",
+    "stop": "Brake the arms of every running system of yours, now, and end their tasks.",
+    "resume": "Go on with a live run that was killed, failed or was cancelled: same goal, what is left of the budget.",
+    "ps": "List the processes of your running systems: state, restarts, heartbeat, processor and memory.",
+    "certs": "Make the certificates with which the hosts of a run on several machines know one another.",
+    "host": "Run this machine's share of runs on several machines, one run after the other, until Ctrl-C.",
+    "skills": "List the skills of all components: arguments with types and units, time limit, and contract.",
+    "graph": "Print the system as Mermaid charts, drawn from the tables that run it.",
+    "doctor": "Tell what this machine has, what it lacks, and the command that mends it.",
+}
+"""What each command does, by the words that call it, which are the name of its module as well.
+
+The first sentence of its own help stands here so that the list of all needs none of the modules.
+"""
+
+GROUPS: Mapping[str, str] = {"bench": "Compare and measure; every bench prints a table and writes JSON with --json."}
+"""The first words that need a second one."""
 
 
-def parse(arguments: Sequence[str]) -> Command:
-    """Arguments to one of the commands' argument classes; exits with 2 and a hint on a mistake."""
-    defaults = shape_defaults(arguments) if "shape" in arguments[:1] else shape.ShapeArgs()
-    shaping = _bench_shaping(arguments)
-    if shaping is not None:
-        arguments = ["bench", *arguments[2:]]  # which bench is no longer asked for
-    commands = (
-        Annotated[shape.ShapeArgs, tyro.conf.subcommand("shape", default=defaults)]
-        | Annotated[demo.DemoArgs, tyro.conf.subcommand("demo")]
-        | Annotated[track.TrackArgs, tyro.conf.subcommand("track")]
-        | Annotated[bench.BenchArgs, tyro.conf.subcommand("bench", default=shaping or tyro.MISSING_NONPROP)]
-        | Annotated[info.InfoArgs, tyro.conf.subcommand("info")]
-        | Annotated[export.ExportArgs, tyro.conf.subcommand("export")]
-        | Annotated[record.RecordArgs, tyro.conf.subcommand("record")]
-        | Annotated[replay.ReplayArgs, tyro.conf.subcommand("replay")]
-        | Annotated[identify.IdentifyArgs, tyro.conf.subcommand("identify")]
-        | Annotated[call.CallArgs, tyro.conf.subcommand("call")]
-        | Annotated[stop.StopArgs, tyro.conf.subcommand("stop")]
-        | Annotated[resume.ResumeArgs, tyro.conf.subcommand("resume")]
-        | Annotated[ps.PsArgs, tyro.conf.subcommand("ps")]
-        | Annotated[certs.CertsArgs, tyro.conf.subcommand("certs")]
-        | Annotated[host.HostArgs, tyro.conf.subcommand("host")]
-        | Annotated[skills.SkillsArgs, tyro.conf.subcommand("skills")]
-        | Annotated[graph.GraphArgs, tyro.conf.subcommand("graph")]
-        | Annotated[doctor.DoctorArgs, tyro.conf.subcommand("doctor")]
-    )
+def execute(arguments: Sequence[str]) -> int:
+    """Run one command and give its exit code."""
+    command, rest = _command(arguments)
+    return command.run(_parsed(command, arguments, rest))
+
+
+def parse(arguments: Sequence[str]) -> Any:
+    """Arguments to the argument class of the command that they call; exits with 2 and a hint on a mistake."""
+    command, rest = _command(arguments)
+    return _parsed(command, arguments, rest)
+
+
+def _command(arguments: Sequence[str]) -> tuple[Command[Any], Sequence[str]]:
+    """The command that the first words call, and the other words."""
+    for words in (2, 1):
+        name = " ".join(arguments[:words])
+        if name in COMMANDS:
+            command: Command[Any] = import_module(f"{__package__}.{name.replace(' ', '_')}").COMMAND
+            return command, arguments[words:]
+    return _list(arguments)
+
+
+def _parsed(command: Command[Any], arguments: Sequence[str], rest: Sequence[str]) -> Any:
     return tyro.cli(
-        commands,  # type: ignore[arg-type]  # a union is a type form, which tyro takes
-        args=list(arguments),
-        prog="dlokit",
-        description="Bring cables, ropes and wires into the shape you want with a robot and a camera.",
+        command.arguments,
+        args=list(rest),
+        prog=" ".join(("dlokit", *arguments[: len(arguments) - len(rest)])),
+        default=command.defaults(rest) if command.defaults else tyro.MISSING_NONPROP,
         # A strategy is chosen by its flag (`--observer cpd`); its settings are flags like all others.
         config=(tyro.conf.AvoidSubcommands,),
     )
 
 
-def _bench_shaping(arguments: Sequence[str]) -> bench.BenchArgs | None:
-    """The defaults of `dlokit bench shaping --config FILE`; None for everything else. Raises `ConfigError`."""
-    if tuple(arguments[:2]) != ("bench", "shaping") or (file := value_of(arguments, "--config")) is None:
-        return None
-    config = Path(file)
-    return bench.BenchArgs(which=bench_shaping.ShapingArgs(config=config, run=bench_shaping.shaping_defaults(config)))
+def _list(arguments: Sequence[str]) -> NoReturn:
+    """List the commands, or those of a group, or say which word is none of them; ends the process."""
+    if arguments and arguments[0] in GROUPS:
+        group = arguments[0]
+        offered = {name.split()[1]: summary for name, summary in COMMANDS.items() if name.startswith(f"{group} ")}
+        words, description, arguments = f"dlokit {group}", GROUPS[group], arguments[1:]
+    else:
+        offered = {name: summary for name, summary in COMMANDS.items() if " " not in name} | dict(GROUPS)
+        words, description = "dlokit", DESCRIPTION
+    nothings = (_does_nothing(name, summary) for name, summary in offered.items())
+    tyro.cli(reduce(or_, nothings), args=list(arguments), prog=words, description=description)
+    raise AssertionError("a list of commands runs none")
 
 
-def execute(arguments: Sequence[str]) -> int:
-    """Run one command and give its exit code."""
-    match parse(arguments):
-        case shape.ShapeArgs() as args:
-            return shape.run(args)
-        case demo.DemoArgs() as args:
-            return demo.run(args)
-        case track.TrackArgs() as args:
-            return track.run(args)
-        case info.InfoArgs() as args:
-            return info.run(args)
-        case export.ExportArgs() as args:
-            return export.run(args)
-        case record.RecordArgs() as args:
-            return record.run(args)
-        case replay.ReplayArgs() as args:
-            return replay.run(args)
-        case identify.IdentifyArgs() as args:
-            return identify.run(args)
-        case call.CallArgs() as args:
-            return call.run_call(args)
-        case stop.StopArgs() as args:
-            return stop.run_stop(args)
-        case resume.ResumeArgs() as args:
-            return resume.run(args)
-        case ps.PsArgs() as args:
-            return ps.run(args)
-        case skills.SkillsArgs() as args:
-            return skills.run(args)
-        case certs.CertsArgs() as args:
-            return certs.run(args)
-        case host.HostArgs() as args:
-            return host.run(args)
-        case graph.GraphArgs() as args:
-            return graph.run(args)
-        case doctor.DoctorArgs() as args:
-            return doctor.run(args)
-        case bench.BenchArgs() as args:
-            return bench.run(args)
+def _does_nothing(name: str, summary: str) -> Any:
+    return Annotated[make_dataclass(name, ()), tyro.conf.subcommand(name, description=summary)]

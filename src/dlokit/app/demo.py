@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from dlokit.app import shape
+from dlokit.app.command import Command
 from dlokit.system.config import RunConfig
 
 
@@ -29,3 +30,6 @@ def run(args: DemoArgs) -> int:
     config = RunConfig(runtime="live", seed=args.seed, headless=args.headless)
     config = replace(config, viewer=replace(config.viewer, port=args.port))
     return shape.run(shape.ShapeArgs(run=config, choices=shape.ShapeChoices(out=args.out)))
+
+
+COMMAND = Command(DemoArgs, run)

@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from dlokit.app.command import Command
 from dlokit.app.doctor_findings import (
     Finding,
     Standing,
@@ -88,3 +89,6 @@ def findings_table(findings: Sequence[Finding]) -> Table:
         standing = Text(finding.standing.value, style=styles[finding.standing])
         table.add_row(finding.what, standing, Text(finding.found), Text(finding.mend, style="cyan"))
     return table
+
+
+COMMAND = Command(DoctorArgs, run)

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 import tyro
 from rich.console import Console
 
+from dlokit.app.command import Command
 from dlokit.app.export_lerobot import write_lerobot
 from dlokit.app.export_tables import write_csv, write_npz
 from dlokit.communication.recording.channels import FILE_NAME
@@ -70,3 +71,6 @@ def run(args: ExportArgs) -> int:
             named = ", ".join(left_out[:MOST_NAMED]) + (", …" if len(left_out) > MOST_NAMED else "")
             say(f"not in the tables, as they are too long for a line (--to npz has them): {named}")
     return 0
+
+
+COMMAND = Command(ExportArgs, run)

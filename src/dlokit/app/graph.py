@@ -7,12 +7,13 @@ from typing import Annotated, Any, Literal, get_args
 
 import tyro
 
+from dlokit.app.command import Command
 from dlokit.communication.topic import Topic
 from dlokit.communication.topics import TOPICS
 from dlokit.decision.flow import mermaid
 from dlokit.decision.shape_flow import SHAPE_DLO
 from dlokit.errors import InputError
-from dlokit.system.build import COMPONENTS
+from dlokit.system.component_table import COMPONENTS
 from dlokit.system.processes import PROCESSES
 
 Drawing = Literal["flow", "topics", "processes", "all"]
@@ -107,3 +108,6 @@ def _write(path: Path) -> None:
         path.write_text(with_charts(page), encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"--write {path}: {error}; name a Markdown file that may be changed.") from error
+
+
+COMMAND = Command(GraphArgs, run)

@@ -9,6 +9,7 @@ from typing import Annotated
 
 import tyro
 
+from dlokit.app.command import Command
 from dlokit.app.shape import RUNS
 from dlokit.errors import ConfigError
 from dlokit.system.build import instances_of_run
@@ -93,3 +94,6 @@ def _prepare(name: str, config_toml: str) -> Launch:
 
 def _say(text: str) -> None:
     print(f"{datetime.now():%H:%M:%S} {text}", flush=True)
+
+
+COMMAND = Command(HostArgs, run)

@@ -8,6 +8,7 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
+from dlokit.app.command import Command
 from dlokit.app.identify_picture import write_picture
 from dlokit.app.measuring import Measures, measure
 from dlokit.communication.recording.channels import FILE_NAME
@@ -136,3 +137,6 @@ def _figures(belief: DloBelief, config: RunConfig, size: Measures | None) -> Tab
     )
     table.add_row("tightest arc that friction holds, cm", "", f"{belief.held_radius_m * 100:.1f}", "")
     return table
+
+
+COMMAND = Command(IdentifyArgs, run)

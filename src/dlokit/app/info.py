@@ -10,6 +10,7 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
+from dlokit.app.command import Command
 from dlokit.communication.recording.channels import FILE_NAME
 from dlokit.communication.recording.summary import RecordingSummary, summarise
 from dlokit.errors import InputError
@@ -129,3 +130,6 @@ def _calls(summary: RecordingSummary) -> Table:
         outcomes = ", ".join(f"{number} {outcome}" for outcome, number in of.outcomes.most_common())
         table.add_row(skill, f"{of.mean_s:.2f}", f"{of.longest_s:.2f}", outcomes)
     return table
+
+
+COMMAND = Command(InfoArgs, run)

@@ -14,6 +14,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
+from dlokit.app.command import Command
 from dlokit.errors import InputError
 from dlokit.system.process_report import ProcessReport, ProcessState, SystemReport, read_report
 from dlokit.system.processes import DECISION
@@ -150,3 +151,6 @@ def _resident_bytes(process: psutil.Process) -> int:
         return process.memory_info().rss
     except psutil.NoSuchProcess:
         return 0
+
+
+COMMAND = Command(PsArgs, run)

@@ -9,6 +9,7 @@ from typing import Annotated
 import tyro
 from rich.console import Console
 
+from dlokit.app.command import Command
 from dlokit.communication.recording.summary import summarise
 from dlokit.errors import InputError
 from dlokit.system.attached import record_until_ended
@@ -60,3 +61,6 @@ def run(args: RecordArgs) -> int:
         f"{summary.size_bytes / 1e6:.1f} MB"
     )
     return 0
+
+
+COMMAND = Command(RecordArgs, run)

@@ -9,6 +9,7 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
+from dlokit.app.command import Command
 from dlokit.communication.recording.channels import FILE_NAME
 from dlokit.communication.recording.comparison import FieldRow
 from dlokit.errors import InputError
@@ -117,3 +118,6 @@ def _table(title: str, rows: list[FieldRow]) -> Table:
 
 def _number(value: float) -> str:
     return "differs" if math.isinf(value) else f"{value:.3g}"
+
+
+COMMAND = Command(ReplayArgs, run)

@@ -10,6 +10,7 @@ from typing import Annotated
 import tyro
 from rich.console import Console
 
+from dlokit.app.command import Command
 from dlokit.app.preflight import check_before_start
 from dlokit.app.preparing import prepare
 from dlokit.app.shape import RUNS, run_and_report
@@ -96,3 +97,6 @@ def resumed_job(run_dir: Path) -> tuple[RunConfig, ShapeJob]:
         resumed=journal,
     )
     return config, job
+
+
+COMMAND = Command(ResumeArgs, run)

@@ -1,6 +1,7 @@
 """`dlokit shape`: one task, from a start to a goal."""
 
 import shlex
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
@@ -9,6 +10,8 @@ from typing import Annotated, Any, TypeVar
 import tyro
 from rich.console import Console
 
+from dlokit.app.chosen_settings import chosen_settings, config_file_of
+from dlokit.app.command import Command
 from dlokit.app.job import job_from_config, with_absolute_files
 from dlokit.app.machine import machine_facts
 from dlokit.app.preflight import check_before_start
@@ -130,3 +133,11 @@ def _invite(console: Console, config: RunConfig) -> None:
     console.print(f"viewer: {config.viewer.url}", markup=False, soft_wrap=True)
     if config.goal == INTERACTIVE:
         console.print("Open it in a browser, drag the three frames to the goal you want, and press “Shape it”.")
+
+
+def _defaults(arguments: Sequence[str]) -> ShapeArgs:
+    config = config_file_of(arguments)
+    return ShapeArgs(run=chosen_settings(arguments, config), choices=ShapeChoices(config=config))
+
+
+COMMAND = Command(ShapeArgs, run, _defaults)

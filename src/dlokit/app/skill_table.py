@@ -9,7 +9,7 @@ from typing import Any, Union, get_args, get_origin, get_type_hints
 from dlokit.communication.contract import Condition
 from dlokit.communication.skill import ReportingSkill, Skill
 from dlokit.errors import InputError
-from dlokit.system.build import COMPONENTS
+from dlokit.system.component_table import COMPONENTS
 
 _UNITS = (
     ("_m_s2", "m/s²"),

@@ -10,6 +10,7 @@ from rich.markdown import Markdown
 from rich.table import Table
 from rich.text import Text
 
+from dlokit.app.command import Command
 from dlokit.app.skill_table import all_skills, arguments_of, entry, markdown, skill_named
 from dlokit.errors import InputError
 
@@ -60,3 +61,6 @@ def _table() -> Table:
         arguments = [f"{row.name}={row.default}" if row.default else row.name for row in arguments_of(skill)]
         table.add_row(key, Text(", ".join(arguments)), f"{skill.timeout_s:g} s", Text(skill.doc.split("\n")[0]))
     return table
+
+
+COMMAND = Command(SkillsArgs, run)

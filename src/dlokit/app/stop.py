@@ -9,6 +9,7 @@ from typing import Annotated
 import tyro
 
 from dlokit.app.call import in_words
+from dlokit.app.command import Command
 from dlokit.decision.api import STOP_TASK
 from dlokit.description.arms import ARMS, ArmMount
 from dlokit.errors import InputError
@@ -114,3 +115,6 @@ def _arms(folder: Path) -> tuple[ArmMount, ...]:
         return ARMS[: read_toml(folder / CONFIG_FILE, RunConfig).arms]
     except InputError:
         return ARMS
+
+
+COMMAND = Command(StopArgs, run_stop)

@@ -14,6 +14,7 @@ from rich.console import Console
 from rich.table import Table
 
 from dlokit.app.cloud_files import read_cloud, read_nodes
+from dlokit.app.command import Command
 from dlokit.app.track_picture import draw_tracks
 from dlokit.errors import InputError, SkillFailure
 from dlokit.skills.observer.anchored import chain_lengths
@@ -260,3 +261,6 @@ def _print(result: TrackResult, clouds: Sequence[Path], out: Path) -> None:
     console = Console()
     console.print(table)
     console.print(f"nodes.npy, nodes.csv, edges.csv and track.png in {out}")
+
+
+COMMAND = Command(TrackArgs, run)

@@ -1,35 +1,27 @@
-"""The one place that knows which class stands behind a component's name, and which driver behind a protocol."""
+"""The one place that knows which class stands behind a component's name, and which driver behind a protocol.
+
+Every builder imports what it builds: a process loads its own components and no others, which is most of the time that
+it takes to start, and to be there again after a crash.
+"""
 
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from dlokit.communication.clock import Clock
 from dlokit.communication.component import Component
 from dlokit.communication.compute import Compute, InlineCompute
 from dlokit.communication.port import Port
-from dlokit.communication.pulse import ThreadPulse, loop_pulse
 from dlokit.communication.transport import Transport
-from dlokit.decision.component import DecisionComponent
-from dlokit.decision.shape_flow import SHAPE_DLO
 from dlokit.description.arms import ARMS, OPPOSITE, ArmMount
-from dlokit.functional.cameras.simulated import SimulatedCamera
-from dlokit.functional.cell.component import CellComponent
-from dlokit.functional.robots.simulated import SimulatedRobot
-from dlokit.skills.model.component import ModelComponent
-from dlokit.skills.observer.component import ObserverComponent
-from dlokit.skills.perception.component import PerceptionComponent
-from dlokit.skills.planning.base import SecondArm
-from dlokit.skills.planning.component import PlanningComponent
-from dlokit.skills.robot.apart import Apart
-from dlokit.skills.robot.component import RobotComponent
-from dlokit.skills.robot.kinematics import PandaKinematics
-from dlokit.skills.robot.lease_watch import LoopWatch, ThreadWatch
-from dlokit.skills.viewer.component import RodOutline, ViewerComponent
 from dlokit.system.config import RunConfig
-from dlokit.system.journal_file import JournalFile
 from dlokit.types.arrays import Float64Array
+
+if TYPE_CHECKING:
+    from dlokit.skills.planning.base import SecondArm
+    from dlokit.skills.viewer.component import ViewerComponent
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,7 +36,7 @@ class Wiring:
 
 
 def build_component(name: str, config: RunConfig, wiring: Wiring) -> Component:
-    """The component of that name, one of `COMPONENTS`, with its drivers."""
+    """The component of that name, one of `COMPONENT_NAMES`, with its drivers."""
     return _BUILDERS[name](config, wiring)
 
 
@@ -55,6 +47,8 @@ def _driver_port(wiring: Wiring, owner: str) -> Port:
 
 
 def _cell(config: RunConfig, wiring: Wiring) -> Component:
+    from dlokit.functional.cell.component import CellComponent
+
     return CellComponent(
         config.cell,
         wiring.start_nodes_world,
@@ -67,6 +61,12 @@ def _cell(config: RunConfig, wiring: Wiring) -> Component:
 
 def _robot(mount: ArmMount) -> "_Builder":
     def build(config: RunConfig, wiring: Wiring) -> Component:
+        from dlokit.communication.pulse import ThreadPulse, loop_pulse
+        from dlokit.functional.robots.simulated import SimulatedRobot
+        from dlokit.skills.robot.component import RobotComponent
+        from dlokit.skills.robot.kinematics import PandaKinematics
+        from dlokit.skills.robot.lease_watch import LoopWatch, ThreadWatch
+
         live = config.runtime == "live"
         pulse = ThreadPulse(config.robot.loop_silent_s) if live else loop_pulse
         return RobotComponent(
@@ -83,24 +83,38 @@ def _robot(mount: ArmMount) -> "_Builder":
 
 
 def _perception(config: RunConfig, wiring: Wiring) -> Component:
+    from dlokit.functional.cameras.simulated import SimulatedCamera
+    from dlokit.skills.perception.component import PerceptionComponent
+
     return PerceptionComponent(config.perception, SimulatedCamera(wiring.transport))
 
 
 def _observer(config: RunConfig, wiring: Wiring) -> Component:
+    from dlokit.skills.observer.component import ObserverComponent
+
     return ObserverComponent(config.observer, nodes=config.model.nodes, length_m=config.model.length_m)
 
 
 def _model(config: RunConfig, wiring: Wiring) -> Component:
+    from dlokit.skills.model.component import ModelComponent
+
     return ModelComponent(config.model)
 
 
 def _planning(config: RunConfig, wiring: Wiring) -> Component:
+    from dlokit.skills.planning.component import PlanningComponent
+    from dlokit.skills.robot.kinematics import PandaKinematics
+
     # In lockstep nothing may depend on how fast the machine is.
     stopwatch = time.perf_counter if config.runtime == "live" else None
     return PlanningComponent(config.planning, PandaKinematics().reachable, config.model, stopwatch, _second_arm(config))
 
 
-def _second_arm(config: RunConfig) -> SecondArm | None:
+def _second_arm(config: RunConfig) -> "SecondArm | None":
+    from dlokit.skills.planning.base import SecondArm
+    from dlokit.skills.robot.apart import Apart
+    from dlokit.skills.robot.kinematics import PandaKinematics
+
     if config.arms == 1:
         return None
     mount = ARMS[1]
@@ -114,6 +128,9 @@ def _second_arm(config: RunConfig) -> SecondArm | None:
 
 
 def _decision(config: RunConfig, wiring: Wiring) -> Component:
+    from dlokit.decision.component import DecisionComponent
+    from dlokit.system.journal_file import JournalFile
+
     return DecisionComponent(
         config.task,
         time.perf_counter,
@@ -125,8 +142,11 @@ def _decision(config: RunConfig, wiring: Wiring) -> Component:
     )
 
 
-def build_viewer(config: RunConfig, *, operated: bool) -> ViewerComponent:
+def build_viewer(config: RunConfig, *, operated: bool) -> "ViewerComponent":
     """The viewer of a run; not `operated` where nobody would hear of what an operator does."""
+    from dlokit.decision.shape_flow import SHAPE_DLO
+    from dlokit.skills.viewer.component import RodOutline, ViewerComponent
+
     return ViewerComponent(
         config.viewer,
         flow=SHAPE_DLO.edges(),
@@ -154,29 +174,19 @@ _BUILDERS: dict[str, _Builder] = {
     "decision": _decision,
 }
 
+COMPONENT_NAMES = tuple(_BUILDERS)
+"""Every component: the paper's Fig. 3, and the cell that stands in for its hardware."""
+
 Build = Callable[[str, RunConfig, Wiring], Component]
 """Gives the component of a name, as `build_component` does."""
 
-COMPONENTS: dict[str, type[Component]] = {
-    "cell": CellComponent,
-    "robot": RobotComponent,
-    f"robot.{OPPOSITE}": RobotComponent,
-    "perception": PerceptionComponent,
-    "observer": ObserverComponent,
-    "model": ModelComponent,
-    "planning": PlanningComponent,
-    "viewer": ViewerComponent,
-    "decision": DecisionComponent,
-}
-"""Every component by its name: the paper's Fig. 3, and the cell that stands in for its hardware."""
-
 
 def components_of_run(config: RunConfig) -> tuple[str, ...]:
-    """The names in `COMPONENTS` that a run needs."""
+    """The names in `COMPONENT_NAMES` that a run needs."""
     absent = {f"robot.{mount.instance}" for mount in ARMS[config.arms :]}
     if config.headless:
         absent.add("viewer")
-    return tuple(name for name in COMPONENTS if name not in absent)
+    return tuple(name for name in COMPONENT_NAMES if name not in absent)
 
 
 def instances_of_run(config: RunConfig) -> dict[str, tuple[str, ...]]:

@@ -17,7 +17,8 @@ from dlokit.communication.recording.timeline import Timeline, read_timeline
 from dlokit.errors import InputError
 from dlokit.functional.cameras.played import PlayedCamera, RecordedPair
 from dlokit.skills.perception.component import PerceptionComponent
-from dlokit.system.build import COMPONENTS, Wiring, build_component, instances_of_run
+from dlokit.system.build import Wiring, build_component, instances_of_run
+from dlokit.system.component_table import COMPONENTS
 from dlokit.system.config import RunConfig
 from dlokit.system.start_file import NOBODYS_BUSINESS
 from dlokit.system.toml_config import from_plain, known_part

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import pytest
 
-from dlokit.app.bench import BenchArgs
 from dlokit.app.bench_shaping import QUICK_SEEDS, ShapingArgs, run_shaping
 from dlokit.app.commands import parse
 from dlokit.bench.shaping.suites import SUITE_NAMES, suite_of
@@ -16,9 +15,8 @@ WIRE = Path(__file__).parents[3] / "examples" / "configurations" / "wire.toml"
 
 def _args(*arguments: str) -> ShapingArgs:
     args = parse(["bench", "shaping", *arguments])
-    assert isinstance(args, BenchArgs)
-    assert isinstance(args.which, ShapingArgs)
-    return args.which
+    assert isinstance(args, ShapingArgs)
+    return args
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from dlokit.app.bench import BenchArgs
+from dlokit.app.bench_shaping import ShapingArgs
 from dlokit.app.commands import execute, parse
 from dlokit.app.shape import ShapeArgs
 from dlokit.communication import topics
@@ -85,4 +85,4 @@ def test_a_run_is_recorded_unless_told_not_to_and_a_bench_only_when_told_to() ->
     runs = [parse(arguments) for arguments in (["shape"], ["shape", "--no-record"])]
     assert [run.run.record for run in runs if isinstance(run, ShapeArgs)] == [True, False]
     benches = [parse(["bench", "shaping", *flags]) for flags in ([], ["--record"])]
-    assert [bench.which.run.record for bench in benches if isinstance(bench, BenchArgs)] == [False, True]  # type: ignore[union-attr]
+    assert [bench.run.record for bench in benches if isinstance(bench, ShapingArgs)] == [False, True]

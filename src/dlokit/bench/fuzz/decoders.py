@@ -11,7 +11,7 @@ from dlokit.communication.envelope import opened, seal
 from dlokit.communication.schema import fingerprint
 from dlokit.communication.skill import ReportingSkill, Skill, SkillCall
 from dlokit.communication.topics import TOPICS
-from dlokit.system.build import COMPONENTS
+from dlokit.system.component_table import COMPONENTS
 from dlokit.types.skill_call import CallRecord
 
 

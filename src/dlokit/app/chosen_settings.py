@@ -1,4 +1,4 @@
-"""The defaults of `dlokit shape`: those of a `--config` file, a DLO preset, and the chosen strategies.
+"""The settings of a run that its flags choose by name: a `--config` file, a DLO preset, the strategies.
 
 They are read before the rest, so that the other arguments change them and `--help` shows them.
 """
@@ -8,7 +8,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
 
-from dlokit.app.shape import ShapeArgs, ShapeChoices
 from dlokit.communication.strategy_kinds import NamedConfig, StrategyKind
 from dlokit.description.dlo import preset
 from dlokit.errors import ConfigError
@@ -23,10 +22,9 @@ from dlokit.system.toml_config import read_toml
 C = TypeVar("C", bound=NamedConfig)
 
 
-def shape_defaults(arguments: Sequence[str]) -> ShapeArgs:
+def chosen_settings(arguments: Sequence[str], config_file: Path | None) -> RunConfig:
     """What holds where the other arguments say nothing. Raises `ConfigError`."""
-    config_file = value_of(arguments, "--config")
-    run = RunConfig() if config_file is None else read_toml(Path(config_file), RunConfig)
+    run = RunConfig() if config_file is None else read_toml(config_file, RunConfig)
     if (name := value_of(arguments, "--dlo")) is not None:
         run = with_dlo(run, preset(name))
     if (name := value_of(arguments, "--physics")) is not None:
@@ -42,7 +40,7 @@ def shape_defaults(arguments: Sequence[str]) -> ShapeArgs:
     if (name := value_of(arguments, "--planner")) is not None:
         planner = _chosen(PLANNERS, "--planner", name, run.planning.strategy)
         run = replace(run, planning=replace(run.planning, strategy=planner))
-    return ShapeArgs(run=run, choices=ShapeChoices(config=None if config_file is None else Path(config_file)))
+    return run
 
 
 def _with_physics(run: RunConfig, name: str) -> RunConfig:
@@ -51,13 +49,19 @@ def _with_physics(run: RunConfig, name: str) -> RunConfig:
     return replace(run, cell=replace(run.cell, physics=PHYSICS[name]()))
 
 
+def config_file_of(arguments: Sequence[str]) -> Path | None:
+    """The file after `--config`."""
+    name = value_of(arguments, "--config")
+    return None if name is None else Path(name)
+
+
 def value_of(arguments: Sequence[str], flag: str) -> str | None:
     """The last value of a flag, as argument parsers have it."""
     value: str | None = None
     for index, argument in enumerate(arguments):
         if argument == flag:
             if index + 1 == len(arguments):
-                raise ConfigError(f"{flag} lacks its value; `dlokit shape --help` says what it takes.")
+                raise ConfigError(f"{flag} lacks its value; --help says what it takes.")
             value = arguments[index + 1]
         elif argument.startswith(f"{flag}="):
             value = argument.removeprefix(f"{flag}=")

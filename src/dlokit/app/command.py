@@ -1,0 +1,19 @@
+"""What a command of `dlokit` is made of."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+A = TypeVar("A")
+
+
+@dataclass(frozen=True)
+class Command(Generic[A]):
+    """One command; each has a module of its own, where it is called COMMAND."""
+
+    arguments: type[A]
+    """A dataclass: its fields are the flags, its docstring is the help."""
+    run: Callable[[A], int]
+    """Does it, and gives the exit code."""
+    defaults: Callable[[Sequence[str]], A] | None = None
+    """What holds where the command line says nothing, where that depends on the command line (`--config FILE`)."""

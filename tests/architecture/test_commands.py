@@ -1,0 +1,52 @@
+"""The table of commands tells the truth, and a command waits for no library that it does not use."""
+
+import inspect
+import subprocess
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+from dlokit import app
+from dlokit.app.command import Command
+from dlokit.app.commands import COMMANDS, GROUPS
+
+LARGE = ("matplotlib", "viser", "numba", "scipy.stats", "pandas", "pyarrow")
+
+
+def command_of(name: str) -> Command[object]:
+    return import_module(f"dlokit.app.{name.replace(' ', '_')}").COMMAND
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_the_list_says_what_the_command_says_of_itself(name: str) -> None:
+    help_page = inspect.getdoc(command_of(name).arguments)
+    assert help_page is not None
+    assert help_page.split("\n\n")[0].replace("\n", " ") == COMMANDS[name]
+
+
+def test_every_module_with_a_command_is_in_the_table() -> None:
+    (folder,) = app.__path__
+    holding = {path.stem for path in Path(folder).glob("*.py") if "\nCOMMAND = " in path.read_text(encoding="utf-8")}
+    assert holding == {name.replace(" ", "_") for name in COMMANDS}
+
+
+def test_a_command_of_two_words_begins_with_a_group() -> None:
+    assert {name.split()[0] for name in COMMANDS if " " in name} == set(GROUPS)
+    assert not set(GROUPS) & set(COMMANDS)
+
+
+def imported_by(statement: str) -> set[str]:
+    listing = subprocess.run(
+        [sys.executable, "-c", f"import sys; {statement}; print(*sys.modules)"],
+        check=True,
+        capture_output=True,
+        text=True,
+        timeout=60.0,
+    )
+    return set(listing.stdout.split())
+
+
+def test_the_list_of_commands_waits_for_no_large_library() -> None:
+    assert not imported_by("import dlokit.app.main") & {*LARGE, "numpy", "mujoco", "zenoh"}
