@@ -53,6 +53,11 @@ class Liveness(Protocol):
         """Whether it answers."""
         ...
 
+    @property
+    def server(self) -> str:
+        """Which process serves it: another one after a restart. Empty where there is but one process."""
+        ...
+
 
 @dataclass(frozen=True)
 class Known:
@@ -60,6 +65,8 @@ class Known:
 
     alive: bool
     """Whether it answers."""
+    server: str = ""
+    """Which process serves it: another one after a restart. Empty where there is but one process."""
 
 
 class Transport(Protocol):

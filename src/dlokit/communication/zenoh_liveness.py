@@ -15,7 +15,7 @@ class Presence:
     def __init__(self, session: zenoh.Session, door: LoopDoor) -> None:
         self._door = door
         self._lock = threading.Lock()
-        self._tokens: set[tuple[str, str]] = set()
+        self._tokens: dict[tuple[str, str], None] = {}  # component and process, the newest last
         self._ever: set[str] = set()
         self._changed = asyncio.Event()
         # Two processes may serve one component for a moment, while it is restarted: each token counts.
@@ -25,6 +25,11 @@ class Presence:
         """Whether the component is there."""
         with self._lock:
             return any(name == component for name, _ in self._tokens)
+
+    def server(self, component: str) -> str:
+        """The process that serves it, of two the one that came last; empty when it is not there."""
+        with self._lock:
+            return next((process for name, process in reversed(self._tokens) if name == component), "")
 
     def count(self, component: str) -> int:
         """How many serve it: two for a moment while it is restarted, and more by somebody's mistake."""
@@ -51,10 +56,10 @@ class Presence:
         name, identity = str(sample.key_expr).split("/")[-2:]
         with self._lock:
             if sample.kind == zenoh.SampleKind.PUT:
-                self._tokens.add((name, identity))
+                self._tokens[name, identity] = None
                 self._ever.add(name)
             else:
-                self._tokens.discard((name, identity))
+                self._tokens.pop((name, identity), None)
         self._door.call(self._changed.set)
 
 

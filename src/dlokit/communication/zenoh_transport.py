@@ -159,7 +159,10 @@ class ZenohTransport:
 
     def alive(self, component: str) -> Liveness:
         """By liveliness tokens: a killed process is known within milliseconds, a frozen one after 10 s."""
-        return Known(component in self._servers or self._presence.has(component))
+        if component in self._servers:
+            return Known(True)
+        server = self._presence.server(component)
+        return Known(bool(server), server)
 
     def serving(self, component: str) -> int:
         """How many other processes serve a component; there should be one."""

@@ -11,10 +11,9 @@ from dlokit.skills.model import api as model
 from dlokit.skills.observer import api as observer
 from dlokit.skills.perception import api as perception
 from dlokit.types.arrays import Float64Array
-from dlokit.types.dlo import DloState
-from dlokit.types.outcome import Succeeded
+from dlokit.types.dlo import DloState, TargetPoints
+from dlokit.types.outcome import Outcome, Succeeded
 
-_MAKE_STATES = (observer.INITIALISE.component, model.SET_GOAL.component)
 _ALIVE_EVERY_S = 0.5
 """How often it is looked whether they are there, while a state is waited for [s]."""
 
@@ -22,20 +21,38 @@ _ALIVE_EVERY_S = 0.5
 async def state_after(task: ShapeTask, stamp_ns: int) -> DloState | None:
     """The first model state that knows the cloud of `stamp_ns`; None (and a reason) when it does not come.
 
-    It is not waited for while observer or model is gone: the cloud is lost with them.
+    It is not waited for while observer or model is gone, or the observer is another than the one that was told where
+    the DLO lies: the cloud is lost with them.
     """
     with contextlib.suppress(TimeoutError, StopAsyncIteration):
         async with asyncio.timeout(task.config.look_timeout_s):
-            while all(task.port.alive(component).alive for component in _MAKE_STATES):
+            while _is_tracked(task):
                 with contextlib.suppress(TimeoutError):
                     async with asyncio.timeout(_ALIVE_EVERY_S):
                         return await _state_of(task, stamp_ns)
     task.lost = observer.INITIALISE.component
     task.reason = (
         f"no model state within {task.config.look_timeout_s:g} s of the look at {stamp_ns / 1e9:.3f} s: "
-        "observer or model does not answer, or is gone"
+        "observer or model does not answer, is gone, or was started anew"
     )
     return None
+
+
+def _is_tracked(task: ShapeTask) -> bool:
+    """Whether who makes states is there, and knows of the DLO."""
+    tracking = task.port.alive(observer.INITIALISE.component)
+    return tracking.alive and tracking.server == task.tracked_by and task.port.alive(model.SET_GOAL.component).alive
+
+
+async def tell_observer(
+    task: ShapeTask, stamp_ns: int = 0, expected_world: Float64Array | None = None
+) -> Outcome[TargetPoints]:
+    """Let the observer order the cloud of `stamp_ns` (0: the newest) into nodes, and track the DLO from there."""
+    tracking = task.port.alive(observer.INITIALISE.component)
+    told = await task.port.call(observer.INITIALISE, stamp_ns, expected_world)
+    if isinstance(told, Succeeded):
+        task.tracked_by = tracking.server
+    return told
 
 
 async def _state_of(task: ShapeTask, stamp_ns: int) -> DloState:
@@ -65,7 +82,7 @@ async def look_anew(task: ShapeTask, expected_world: Float64Array) -> bool:
     if tracked is None:
         return False
     task.state = tracked
-    found = await task.port.call(observer.INITIALISE, tracked.observed_stamp_ns, expected_world)
+    found = await tell_observer(task, tracked.observed_stamp_ns, expected_world)
     if not isinstance(found, Succeeded):
         return True
     followed = await state_after(task, found.result.stamp_ns)

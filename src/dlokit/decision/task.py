@@ -188,6 +188,8 @@ class ShapeTask:
     recoveries: int = 0
     lost: str = ""
     """Component that did not answer the last call that failed; empty where that had another cause."""
+    tracked_by: str = ""
+    """The process of the observer that was told where the DLO lies: one that was started since knows nothing of it."""
     restorations: int = 0
     """How often a component was lost and waited for."""
     reason: str | None = None

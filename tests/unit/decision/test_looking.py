@@ -18,20 +18,24 @@ CONFIG = TaskConfig()
 
 
 class Bus:
-    """On which a component is gone from a time on."""
+    """On which a component is gone, or another one's, from a time on."""
 
-    def __init__(self, gone: str, from_s: float) -> None:
-        self._gone, self._from_s = gone, from_s
+    def __init__(self, gone: str, from_s: float, *, replaced: bool) -> None:
+        self._gone, self._from_s, self._replaced = gone, from_s, replaced
 
     def alive(self, component: str) -> Liveness:
-        return Known(component != self._gone or asyncio.get_running_loop().time() < self._from_s)
+        if component != self._gone or asyncio.get_running_loop().time() < self._from_s:
+            return Known(True, "1")
+        return Known(True, "2") if self._replaced else Known(False)
 
 
-async def waited_s(gone: str, after_s: float) -> tuple[float, ShapeTask]:
+async def waited_s(gone: str, after_s: float, *, replaced: bool = False) -> tuple[float, ShapeTask]:
     began_s = asyncio.get_running_loop().time()
-    bus = Bus(gone, began_s + after_s)
+    bus = Bus(gone, began_s + after_s, replaced=replaced)
     states: Mailbox[DloState] = Mailbox(topics.STATE.policy)
-    task = cast(ShapeTask, SimpleNamespace(port=bus, states=states, config=CONFIG, lost="", reason=None))
+    task = cast(
+        ShapeTask, SimpleNamespace(port=bus, states=states, config=CONFIG, tracked_by="1", lost="", reason=None)
+    )
     assert await state_after(task, stamp_ns=1) is None
     return asyncio.get_running_loop().time() - began_s, task
 
@@ -40,6 +44,13 @@ async def waited_s(gone: str, after_s: float) -> tuple[float, ShapeTask]:
 def test_nobody_waits_for_a_state_while_who_makes_it_is_gone(component: str) -> None:
     for after_s in (0.0, 3.0):
         waiting_s, task = virtual_time.run(waited_s(component, after_s))
+        assert after_s <= waiting_s < after_s + 1.0
+        assert task.lost == "observer"
+
+
+def test_nobody_waits_for_a_state_from_an_observer_that_was_not_told_where_the_dlo_lies() -> None:
+    for after_s in (0.0, 3.0):
+        waiting_s, task = virtual_time.run(waited_s("observer", after_s, replaced=True))
         assert after_s <= waiting_s < after_s + 1.0
         assert task.lost == "observer"
 

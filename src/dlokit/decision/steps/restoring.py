@@ -2,7 +2,7 @@
 
 import asyncio
 
-from dlokit.decision.looking import state_after
+from dlokit.decision.looking import state_after, tell_observer
 from dlokit.decision.steps.checking import check_camera
 from dlokit.decision.steps.explaining import RESTORABLE, fail
 from dlokit.decision.steps.outcomes import Restored
@@ -77,7 +77,7 @@ async def _tell(task: ShapeTask) -> bool:
         fail(task, perception.LOOK.key, seen)
         return False
     # In the direction that it lay in: a camera cannot tell the ends apart.
-    found = await task.port.call(observer.INITIALISE, seen.result.stamp_ns, task.expected_world)
+    found = await tell_observer(task, seen.result.stamp_ns, task.expected_world)
     if not isinstance(found, Succeeded):
         fail(task, observer.INITIALISE.key, found)
         return False

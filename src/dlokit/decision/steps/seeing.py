@@ -7,7 +7,7 @@ import numpy as np
 
 from dlokit.communication import topics
 from dlokit.decision.convergence import Progress, best_so_far, patience, progress
-from dlokit.decision.looking import look_anew, settle, state_after
+from dlokit.decision.looking import look_anew, settle, state_after, tell_observer
 from dlokit.decision.steps.explaining import RESTORABLE, explain, fail
 from dlokit.decision.steps.hands import hands_of
 from dlokit.decision.steps.outcomes import GoalSet, Sight
@@ -17,7 +17,6 @@ from dlokit.decision.task import ActionRecord, ShapeTask
 from dlokit.description.arms import instance_of
 from dlokit.geometry import rmse_m
 from dlokit.skills.model import api as model
-from dlokit.skills.observer import api as observer
 from dlokit.skills.perception import api as perception
 from dlokit.skills.planning import api as planning
 from dlokit.skills.robot import api as robot
@@ -57,7 +56,7 @@ async def find_dlo(task: ShapeTask) -> Sight:
     seen = await task.port.call(perception.LOOK)
     if not isinstance(seen, Succeeded):
         return _judge_sight(task, "perception.look", seen)
-    first = await task.port.call(observer.INITIALISE, seen.result.stamp_ns)
+    first = await tell_observer(task, seen.result.stamp_ns)
     if not isinstance(first, Succeeded):
         return _judge_sight(task, "observer.initialise", first)
     task.state = await state_after(task, first.result.stamp_ns)
@@ -147,7 +146,7 @@ async def _label_ends(task: ShapeTask) -> GoalSet:
     if not isinstance(reset, Succeeded):
         fail(task, "model.reset", reset)
         return _not_set(task)
-    turned = await task.port.call(observer.INITIALISE, 0, goal)
+    turned = await tell_observer(task, expected_world=goal)
     if not isinstance(turned, Succeeded):
         fail(task, "observer.initialise", turned)
         return _not_set(task)
