@@ -107,7 +107,7 @@ def port_finding(host: str, port: int) -> Finding:
     what = f"viewer port {port}"
     try:
         # Here, because the doctor must be able to tell that a package of the viewer is missing.
-        from dlokit.skills.viewer.page import check_port
+        from dlokit.skills.viewer.port import check_port
 
         check_port(host, port)
     except (ImportError, MachineError) as error:

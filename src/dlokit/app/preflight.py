@@ -1,7 +1,7 @@
 """What is checked before anything starts: hosts, the viewer's port, and whether pictures can be rendered."""
 
 from dlokit.functional.cell.rendering import check_opengl
-from dlokit.skills.viewer.page import check_port
+from dlokit.skills.viewer.port import check_port
 from dlokit.system.config import RunConfig
 from dlokit.system.doors import check_hosts
 from dlokit.system.placement import main_host

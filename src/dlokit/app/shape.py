@@ -16,7 +16,6 @@ from dlokit.app.job import job_from_config, with_absolute_files
 from dlokit.app.machine import machine_facts
 from dlokit.app.preflight import check_before_start
 from dlokit.app.preparing import prepare
-from dlokit.app.report import write_report
 from dlokit.app.terminal import RunDisplay
 from dlokit.bench.judged_run import judged_run
 from dlokit.communication.strategy_kinds import NamedConfig, StrategyKind
@@ -120,6 +119,8 @@ def run_and_report(config: RunConfig, job: ShapeJob, folder: Path, console: Cons
     with RunDisplay(console, title=job.name, threshold_m=config.task.threshold_m) as display:
         record = judged_run(config, job, folder, display)
     record = replace(record, command=again, machine=machine_facts())
+    from dlokit.app.report import write_report  # draws with matplotlib, which nobody waits for before the run
+
     report = write_report(folder, record)
     nearest = folder / NEAREST_FILE_NAME
     display.finish(record.result, report, nearest if nearest.exists() else None)

@@ -14,7 +14,7 @@ from typing import Any
 from dlokit.communication.component import Component
 from dlokit.communication.host import Host
 from dlokit.communication.zenoh_session import OpenSession, open_session
-from dlokit.errors import InputError
+from dlokit.errors import InputError, ProcessFailure
 from dlokit.system.child_spec import BEAT, BEAT_PERIOD_S, EXIT_BAD_INPUT, READY, STOP_GRACE_S, ChildSpec, decode_spec
 from dlokit.system.joined_bus import JoinedBus, join_bus
 from dlokit.system.tasks import end_tasks
@@ -48,12 +48,21 @@ async def _serve(spec: ChildSpec, build: Build, open_session: OpenSession) -> No
             host = Host(bus.transport, bus.clock, compute, spec.instances)
             for name in spec.components:
                 host.add(build(name, spec, bus))
-            await bus.first_tick(spec.first_tick_within_s)
-            # The first look of a loaded machine would else wait for a process to start, and time out.
-            await host.prepare()
+            # The first look of a loaded machine would else wait for a worker to start, and time out.
+            await asyncio.gather(host.prepare(), _others_there(spec, bus))
             async with host:
                 await _until_stopped(stop, host, spec.beat_fd)
     log.info("%s has ended", spec.process)
+
+
+async def _others_there(spec: ChildSpec, bus: JoinedBus) -> None:
+    """Wait for whom this process comes after; meanwhile it loads what it needs. Raises `ProcessFailure`."""
+    for component in spec.after:
+        if not await bus.transport.wait_for(component, spec.others_within_s):
+            raise ProcessFailure(
+                f"component_missing: {component}", f"{spec.process} waited {spec.others_within_s:g} s for it"
+            )
+    await bus.first_tick(spec.others_within_s)
 
 
 async def _until_stopped(stop: asyncio.Event, host: Host, beat_fd: int) -> None:

@@ -22,8 +22,10 @@ class ChildSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     """Inherited pipe: `READY` once, then `BEAT` again and again."""
     outlives_s: float = 0.0
     """It goes on for so long when its standard input ends [s]."""
-    first_tick_within_s: float = 30.0
-    """A process that follows the cell's clock waits so long for its first tick."""
+    after: tuple[str, ...] = ()
+    """Components that must be on the bus before this process says that it is ready."""
+    others_within_s: float = 60.0
+    """It waits so long for them, and for the first tick of the cell's clock where it follows that [s]."""
 
 
 READY = b"r"

@@ -3,6 +3,7 @@
 import asyncio
 import logging
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import msgspec
@@ -12,6 +13,7 @@ from dlokit.communication.zenoh_session import OpenSession, open_session
 from dlokit.decision.component import DecisionComponent
 from dlokit.description.arms import ARMS
 from dlokit.errors import ProcessFailure
+from dlokit.skills.planning.loading import load
 from dlokit.system.build import Wiring, build_component, instances_of_run
 from dlokit.system.config import CONFIG_FILE, RunConfig
 from dlokit.system.lease_keeper import leases_held
@@ -60,10 +62,11 @@ async def _run(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher, s
         instances=instances_of_run(config),
         command=starting.command,
     )
+    loads = partial(load, config.planning.strategy)
     if config.hosts is None:
-        system = live_system(rows, launch, starting.open_session)
+        system = live_system(rows, launch, starting.open_session, loads)
     else:
-        system = spread_system(rows, launch, config.hosts, to_toml(config), log.warning)
+        system = spread_system(rows, launch, config.hosts, to_toml(config), log.warning, loads)
     async with system as live:
         with live_recorder(config, job.name, folder, live.clock, live.transport):
             return await live.run(_decide(live, config, job, folder, watch), _failed)

@@ -112,14 +112,31 @@ async def _let_time_go_on(clock: Clock) -> None:
         clock.tick(clock.now_ns() + round(TICK_S * 1e9))
 
 
+def _nothing() -> None:
+    pass
+
+
+@asynccontextmanager
+async def _beginning(compute: Compute, work: Callable[[], object]) -> AsyncGenerator[None]:
+    """Begin `work`, which nobody waits for: who needs what it loads loads it, or waits for the rest of it."""
+    working = asyncio.create_task(compute(work), name="meanwhile")
+    try:
+        yield
+    finally:
+        await end_tasks(working)
+
+
 @asynccontextmanager
 async def live_system(
-    rows: tuple[ProcessRow, ...], launch: Launch, open_session: OpenSession = open_session
+    rows: tuple[ProcessRow, ...],
+    launch: Launch,
+    open_session: OpenSession = open_session,
+    meanwhile: Callable[[], object] = _nothing,
 ) -> AsyncGenerator[LiveSystem]:
     """Start every process but the first row's, which is this one; stop them in reverse order at the end.
 
-    This process takes a free port of the loopback interface, and the others meet there. Raises `ProcessFailure`
-    when one does not start; `MachineError` when no port is free.
+    This process takes a free port of the loopback interface, and the others meet there. Its own worker does `meanwhile`
+    while they start. Raises `ProcessFailure` when one does not start; `MachineError` when no port is free.
     """
     own, *others = rows
     meeting_point = (free_meeting_point(),)
@@ -128,6 +145,7 @@ async def live_system(
     with worker_pool() as compute:
         async with (
             join_bus(own_bus, own.time_base, open_session) as bus,
+            _beginning(compute, meanwhile),
             Supervisor(tuple(others), launch, others_bus) as supervisor,
         ):
             await supervisor.guard(bus.first_tick(FIRST_TICK_S))
@@ -143,6 +161,7 @@ async def spread_system(
     hosts: HostsConfig,
     config_toml: str,
     say: Callable[[str], None],
+    meanwhile: Callable[[], object] = _nothing,
 ) -> AsyncGenerator[LiveSystem]:
     """As `live_system`, on several hosts: this one's processes are started here, the others' by `dlokit host` there.
 
@@ -157,6 +176,7 @@ async def spread_system(
         async with (
             join_bus(main_door(hosts, placement, meeting_point), own.time_base) as bus,
             impatient_links(hosts.endpoint),
+            _beginning(compute, meanwhile),
             Supervisor(tuple(local), launch, inside) as supervisor,
         ):
             await supervisor.guard(bus.first_tick(FIRST_TICK_S))

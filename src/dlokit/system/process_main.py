@@ -1,27 +1,8 @@
 """Entry point of every started process: which components it runs comes on its standard input."""
 
-from pathlib import Path
-
-from dlokit.communication.component import Component
-from dlokit.system.build import Wiring, build_component
-from dlokit.system.child_runtime import run_child
-from dlokit.system.child_spec import ChildSpec
-from dlokit.system.config import RunConfig
-from dlokit.system.joined_bus import JoinedBus
-from dlokit.system.start_file import NOBODYS_BUSINESS, read_start
-from dlokit.system.toml_config import read_toml
-
-
-def build(name: str, spec: ChildSpec, bus: JoinedBus) -> Component:
-    """The component of that name from the run's configuration file."""
-    wiring = Wiring(
-        transport=bus.transport,
-        clock=bus.clock,
-        folder=Path(spec.run_dir),
-        start_nodes_world=read_start(Path(spec.run_dir)) if name == "cell" else NOBODYS_BUSINESS,
-    )
-    return build_component(name, read_toml(Path(spec.config_file), RunConfig), wiring)
-
-
 if __name__ == "__main__":
-    run_child(build)
+    # Here, because the workers of a process import its entry point anew, and need none of this.
+    from dlokit.system.child_runtime import run_child
+    from dlokit.system.component_of_run import component_of_run
+
+    run_child(component_of_run)

@@ -1,7 +1,7 @@
 """The table of processes: who runs where when the system is live, a row each.
 
-The decision process is the one that the user started. It starts the others from the top of the table to the
-bottom, and stops them the other way round.
+The decision process is the one that the user started. It starts the others, which are ready from the top of the table
+to the bottom, and stops them the other way round.
 """
 
 import enum
@@ -46,7 +46,7 @@ class ProcessRow:
     components: tuple[str, ...]
     """Names of the components that it runs."""
     after: tuple[str, ...] = ()
-    """Processes that must be ready before it is started, where they are part of the system."""
+    """Processes that must be ready before it is, where they are part of the system."""
     needed: Needed = Needed.ALWAYS
     essential: bool = True
     """Whether the run fails when it is dead for good."""

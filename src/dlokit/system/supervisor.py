@@ -111,9 +111,12 @@ class Supervisor:
             await end_tasks(task, watch)
 
     async def _start_all(self) -> None:
-        for wave in start_waves(self._rows):
+        waves = start_waves(self._rows)
+        # All at once, because loading libraries is most of it; whoever comes after others waits for them by itself.
+        for wave in waves:
             for row in wave:
                 self._watched[row.name] = _Watched(row, self._spawn(row), [asyncio.get_running_loop().time()])
+        for wave in waves:
             for row in wave:
                 await self._until_ready(self._watched[row.name])
 
@@ -127,6 +130,7 @@ class Supervisor:
             run_dir=str(self._launch.run_dir),
             instances=dict(self._launch.instances),
             outlives_s=row.outlives_s,
+            after=tuple(name for other in self._rows if other.name in row.after for name in other.components),
             beat_fd=-1,
         )
         child = ChildProcess(self._launch.command, spec, self._launch.run_dir / "logs" / f"{row.name}.log")

@@ -38,6 +38,10 @@ _COMMANDED_WITHIN_RAD = 0.05
 """A trajectory starts where the last one was told to end, unless the arm was moved away from there."""
 
 
+def loaded() -> None:
+    """Nothing more: where it could be called, all that plans and checks a motion has been imported."""
+
+
 class RobotComponent(Component):
     """Robot control (paper, Fig. 3): executes trajectories, moves, grasps, and exposes the robot's state."""
 
@@ -82,6 +86,10 @@ class RobotComponent(Component):
         self._neighbours = (
             Neighbours(port, self._others, self._config.surroundings.arm_clearance_m) if self._others else None
         )
+
+    def preparation(self) -> Callable[[], object]:
+        """Load the libraries that plan and check a motion."""
+        return loaded
 
     async def run(self) -> None:
         """Publish the robot's state, each once: when the arm falls silent, so does the topic, and its age tells."""
