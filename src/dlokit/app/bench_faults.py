@@ -1,6 +1,5 @@
 """`dlokit bench faults`: live runs that something goes wrong in, and how they end."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
@@ -14,11 +13,11 @@ from dlokit.app.command import Command
 from dlokit.app.machine import machine_facts
 from dlokit.app.preflight import check_before_start
 from dlokit.app.preparing import prepare
+from dlokit.app.sweep_progress import followed
 from dlokit.bench.faults.fault_figures import all_right, fault_rows, figures
-from dlokit.bench.faults.judging import Finding
 from dlokit.bench.faults.sweep import claim_faults_folder, describe, run_faults
 from dlokit.bench.faults.table import BY_NAME, FAULTS, Fault
-from dlokit.bench.faults.trial import Case, cases
+from dlokit.bench.faults.trial import cases
 from dlokit.bench.report import bench_json
 from dlokit.errors import ConfigError, InputError
 from dlokit.system.config import RunConfig
@@ -78,7 +77,11 @@ def run_faults_bench(args: FaultsArgs) -> int:
     claim_faults_folder(folder, args.run)
     console = Console()
     prepare(console, args.run)
-    results = _run(list(cases(chosen, runs)), args.run, folder, console)
+    todo = list(cases(chosen, runs))
+    done = followed(
+        run_faults(todo, args.run, folder), len(todo), folder, console, what="faults", line_of=lambda run: line_of(*run)
+    )
+    results = [(case.fault, finding) for case, finding in done]
     console.print(faults_table(fault_rows(results)))
     if args.json is not None:
         facts = {**describe(args.run), "faults": [fault.name for fault in chosen], "runs": runs}
@@ -95,24 +98,6 @@ def _chosen(args: FaultsArgs) -> tuple[Fault, ...]:
     if not names and args.quick:
         names = QUICK
     return tuple(fault for fault in FAULTS if not names or fault.name in names)
-
-
-def _run(todo: Sequence[Case], config: RunConfig, folder: Path, console: Console) -> list[tuple[Fault, Finding]]:
-    results: list[tuple[Fault, Finding]] = []
-    try:
-        for case, finding in run_faults(todo, config, folder):
-            results.append((case.fault, finding))
-            console.print(
-                f"{len(results)}/{len(todo)} {line_of(case, finding)}", highlight=False, soft_wrap=True, markup=False
-            )
-    except KeyboardInterrupt:
-        console.print(
-            f"{len(results)} of {len(todo)} runs are finished; the same command with --out {folder} goes on.",
-            highlight=False,
-            soft_wrap=True,
-        )
-        raise
-    return results
 
 
 COMMAND = Command(FaultsArgs, run_faults_bench)

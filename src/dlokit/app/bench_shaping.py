@@ -8,13 +8,13 @@ from typing import Annotated
 
 import tyro
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from dlokit.app.bench_shaping_tables import line_of, print_results
 from dlokit.app.chosen_settings import config_file_of
 from dlokit.app.command import Command
 from dlokit.app.machine import machine_facts
 from dlokit.app.preparing import prepare
+from dlokit.app.sweep_progress import followed
 from dlokit.bench.report import bench_json
 from dlokit.bench.shaping.cases import Case, CaseResult, cases
 from dlokit.bench.shaping.cluster import check_address
@@ -101,7 +101,8 @@ def run_shaping(args: ShapingArgs) -> int:
     if not args.cluster:
         for method in methods:
             prepare(console, with_method(config, method))
-    results = _run(todo, config, folder, workers, console)
+    sweep = run_sweep(todo, config, folder, workers)
+    results = followed(sweep, len(todo), folder, console, what="shaping", line_of=line_of)
     results.sort(key=_order(todo))
     print_results(results, console)
     if args.json is not None:
@@ -176,27 +177,6 @@ def _headline(args: ShapingArgs, suite: str, config: RunConfig, todo: Sequence[C
 def _order(todo: Sequence[Case]) -> Callable[[CaseResult], int]:
     rank = {case.folder_name: at for at, case in enumerate(todo)}
     return lambda done: rank[done.case.folder_name]
-
-
-def _run(todo: Sequence[Case], config: RunConfig, folder: Path, workers: Workers, console: Console) -> list[CaseResult]:
-    """Every case; a line each as it is done. Ctrl-C says how to go on."""
-    results: list[CaseResult] = []
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
-        bar = progress.add_task("shaping", total=len(todo))
-        try:
-            for done in run_sweep(todo, config, folder, workers):
-                results.append(done)
-                progress.advance(bar)
-                console.print(line_of(done), highlight=False, soft_wrap=True, markup=False)
-        except KeyboardInterrupt:
-            console.print(
-                f"{len(results)} of {len(todo)} runs are finished; the same command with --out {folder} goes on.",
-                highlight=False,
-                soft_wrap=True,
-            )
-            raise
-    return results
 
 
 def _defaults(arguments: Sequence[str]) -> ShapingArgs:

@@ -8,8 +8,8 @@ from dlokit.system.run_result import RunResult
 from dlokit.types.flow import RunOutcome
 
 MEANINGS: Mapping[RunOutcome, str] = {
-    RunOutcome.CONVERGED: "The rope has the shape that was asked for.",
-    RunOutcome.STALLED: "Further actions did not bring the rope nearer to the goal.",
+    RunOutcome.CONVERGED: "The DLO has the shape that was asked for.",
+    RunOutcome.STALLED: "Further actions did not bring the DLO nearer to the goal.",
     RunOutcome.INFEASIBLE: "The goal cannot be reached from here, or no grasp was possible.",
     RunOutcome.BUDGET: "The actions or the time allowed were used up before the goal was reached.",
     RunOutcome.CANCELLED: "The run was stopped by the operator.",
@@ -22,13 +22,13 @@ ANOTHER_DLO_M = 0.02
 
 
 def outcome_in_words(result: RunResult) -> str:
-    """A few sentences: what became of the run, why, how near the rope came, and what may help."""
+    """A few sentences: what became of the run, why, how near the DLO came, and what may help."""
     words = MEANINGS[result.outcome]
     if result.reason and result.reason not in words:
         words += f" Reason: {result.reason.replace('_', ' ').rstrip('.')}."
     if result.rmse_m is None:
-        # The goal is judged before the rope is measured against it.
-        return words if result.goal_verdict is not None else f"{words} The rope was never seen."
+        # The goal is judged before the DLO is measured against it.
+        return words if result.goal_verdict is not None else f"{words} The DLO was never seen."
     words += _instead(result.goal_verdict)
     relation = "below" if result.rmse_m < result.threshold_m else "above"
     return (
@@ -54,6 +54,6 @@ def _instead(verdict: VerdictResult | None) -> str:
     if verdict is None or not verdict.projected or verdict.asked_rmse_m is None:
         return ""
     return (
-        f" It went for the nearest shape that holds; the rope is {verdict.asked_rmse_m * 1000:.1f} mm (RMSE) from the "
+        f" It went for the nearest shape that holds; the DLO is {verdict.asked_rmse_m * 1000:.1f} mm (RMSE) from the "
         "goal that was asked for."
     )
