@@ -185,7 +185,10 @@ def test_no_process_outlives_the_one_that_started_it(tmp_path: Path, how: signal
         assert len(pids) == 2
         assert all(runs(pid) for pid in pids)
         parent.send_signal(how)
-        parent.wait(WAIT_S)
+        try:
+            parent.wait(WAIT_S)
+        finally:
+            parent.kill()
     live(eventually(lambda: not any(runs(pid) for pid in pids)))
 
 
