@@ -123,17 +123,17 @@ def measure(pids: Iterable[int], duration_s: float) -> dict[int, Use]:
 
 
 def _family(pid: int) -> list[psutil.Process]:
-    """A process and its workers; those that lead a session of their own are processes of the table."""
+    """A process and its workers; those that lead a group of their own are processes of the table."""
     try:
         process = psutil.Process(pid)
-        return [process, *(child for child in process.children(recursive=True) if _session(child) == _session(process))]
+        return [process, *(child for child in process.children(recursive=True) if _group(child) == _group(process))]
     except psutil.NoSuchProcess:
         return []
 
 
-def _session(process: psutil.Process) -> int:
+def _group(process: psutil.Process) -> int:
     try:
-        return os.getsid(process.pid)
+        return os.getpgid(process.pid)
     except ProcessLookupError:
         return -1
 

@@ -20,8 +20,10 @@ POLL_S = 0.02
 class ChildProcess:
     """A process with two pipes: its standard input, whose end tells it to end, and one for its heartbeat.
 
-    It runs in a session of its own: Ctrl-C reaches only the process that started it, which stops the others
-    in order; and what it has started itself can be swept up with it.
+    It leads a process group of its own: Ctrl-C reaches only the process that started it, which stops the others
+    in order; and what it has started itself can be swept up with it. A session of its own would do that too, but Linux
+    shares the processors out among sessions, and on a busy machine the commander, who must be heard within the lease of
+    its arm, got no more than any other.
     """
 
     def __init__(self, command: tuple[str, ...], spec: ChildSpec, log_file: Path) -> None:
@@ -41,7 +43,7 @@ class ChildProcess:
                     stdout=log,
                     stderr=log,
                     pass_fds=(beat_end,),
-                    start_new_session=True,
+                    process_group=0,
                 )
         finally:
             os.close(beat_end)
@@ -83,8 +85,8 @@ class ChildProcess:
         self.release()
 
     def release(self) -> None:
-        """Kill what is left of its session, and close the pipes."""
-        # Its own workers are in its session; a frozen process among them would stay for ever.
+        """Kill what is left of its group, and close the pipes."""
+        # Its own workers are in its group; a frozen process among them would stay for ever.
         self._signal(signal.SIGKILL)
         if self._beats >= 0:
             self._loop.remove_reader(self._beats)

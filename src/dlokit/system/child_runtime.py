@@ -99,6 +99,6 @@ def _end_with_parent(loop: asyncio.AbstractEventLoop, stop: asyncio.Event, outli
     time.sleep(outlives_s)
     with contextlib.suppress(RuntimeError):  # the loop has ended already
         loop.call_soon_threadsafe(stop.set)
-    # A loop that hangs is not asked twice; the session holds this process and its own workers.
+    # A loop that hangs is not asked twice; the group holds this process and its own workers.
     threading.Event().wait(STOP_GRACE_S)
     os.killpg(0, signal.SIGKILL)
