@@ -12,7 +12,7 @@ from dlokit.decision import api
 from dlokit.decision.asked import adjusted, goal_request
 from dlokit.decision.config import Infeasible, TaskConfig
 from dlokit.decision.diary import Diary, Progress
-from dlokit.decision.flow import run_flow
+from dlokit.decision.flow import End, run_flow
 from dlokit.decision.journal import Journal, take_up
 from dlokit.decision.odometer import Odometer
 from dlokit.decision.shape_flow import RESUME_DLO, SHAPE_DLO
@@ -139,25 +139,18 @@ class DecisionComponent(Component):
             take_up(task, resumed)
             chart = RESUME_DLO
         diary = Diary(task, self.gate, entered, self._keep)
-        riding = asyncio.create_task(odometer.follow(self.port.stream(topics.ROBOT_STATE)), name="odometer")
         flow = asyncio.create_task(run_flow(chart, task, diary.entered), name="shape_dlo")
         self._flow = flow
-        watch = asyncio.create_task(self._obey(flow), name="operator")
+        besides = (
+            asyncio.create_task(odometer.follow(self.port.stream(topics.ROBOT_STATE)), name="odometer"),
+            asyncio.create_task(self._obey(flow), name="operator"),
+        )
         try:
-            outcome = (await flow).outcome
-        except asyncio.CancelledError:
-            flow.cancel()
-            await asyncio.gather(flow, return_exceptions=True)
-            outcome = RunOutcome.CANCELLED
-            task.reason = "stopped by the operator"
-        except Exception as error:  # a mistake of ours must not leave the arm moving, nor lose what was done so far
-            log.exception("the flow raised")
-            outcome = RunOutcome.FAILED
-            task.reason = f"{type(error).__name__}: {error}"
+            outcome = await _outcome_of(flow, task)
         finally:
-            watch.cancel()
-            riding.cancel()
-            await asyncio.gather(watch, riding, return_exceptions=True)
+            for task_besides in besides:
+                task_besides.cancel()
+            await asyncio.gather(*besides, return_exceptions=True)
         if outcome in (RunOutcome.CANCELLED, RunOutcome.FAILED):
             await self._make_safe()
         diary.close(outcome)
@@ -219,6 +212,21 @@ def _error_to_asked(task: ShapeTask) -> float | None:
         return None
     asked = task.asked
     return rmse_m(task.state.nodes_world, asked.nodes_world, ends_interchangeable=asked.ends_interchangeable)
+
+
+async def _outcome_of(flow: "asyncio.Task[End]", task: ShapeTask) -> RunOutcome:
+    """How the flow ends: by itself, cancelled, or by a mistake of ours; then the task's reason says so."""
+    try:
+        return (await flow).outcome
+    except asyncio.CancelledError:
+        flow.cancel()
+        await asyncio.gather(flow, return_exceptions=True)
+        task.reason = "stopped by the operator"
+        return RunOutcome.CANCELLED
+    except Exception as error:  # it must not leave the arm moving, nor lose what was done so far
+        log.exception("the flow raised")
+        task.reason = f"{type(error).__name__}: {error}"
+        return RunOutcome.FAILED
 
 
 def _result(task: ShapeTask, outcome: RunOutcome, timings: tuple[StepTiming, ...]) -> ShapeResult:
