@@ -23,6 +23,8 @@ setup: .venv/.ready
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.lock
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps -e .
+	# Where Python is told to write no bytecode, as in many images, every process would compile dlokit anew.
+	$(BIN)/python -m compileall -q src
 	touch $@
 
 system-packages:

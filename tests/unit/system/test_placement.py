@@ -1,6 +1,7 @@
 """Which process runs on which host, and what each host may do on the others."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 
 import pytest
 
@@ -62,17 +63,19 @@ def test_what_is_placed_wrongly_is_named(change: dict[str, tuple[str, ...]], sai
 
 
 @pytest.mark.parametrize(
-    ("settings", "said"),
+    ("configured", "said"),
     [
-        ({"endpoint": "10.0.0.1"}, "no place where hosts can meet"),
-        ({"endpoint": "tls/10.0.0.1:7447"}, "names no folder `certificates`"),
-        ({"endpoint": "tcp/10.0.0.1:7447"}, "whoever reaches the port could command the robot"),
-        ({"endpoint": "tcp/10.0.0.1:7447", "plain_tcp": True, "wait_s": 0.0}, "wait_s"),
+        (partial(HostsConfig, endpoint="10.0.0.1"), "no place where hosts can meet"),
+        (partial(HostsConfig, endpoint="tls/10.0.0.1:7447"), "names no folder `certificates`"),
+        (partial(HostsConfig, endpoint="tcp/10.0.0.1:7447"), "whoever reaches the port could command the robot"),
+        (partial(HostsConfig, endpoint="tcp/10.0.0.1:7447", plain_tcp=True, wait_s=0.0), "wait_s"),
     ],
 )
-def test_a_meeting_place_that_is_open_or_lacks_certificates_is_refused(settings: dict[str, object], said: str) -> None:
+def test_a_meeting_place_that_is_open_or_lacks_certificates_is_refused(
+    configured: Callable[[], HostsConfig], said: str
+) -> None:
     with pytest.raises(ConfigError, match=said):
-        HostsConfig(**settings)  # type: ignore[arg-type]
+        configured()
 
 
 def test_a_host_publishes_the_topics_of_its_components_and_no_others() -> None:

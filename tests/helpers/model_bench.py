@@ -1,0 +1,67 @@
+"""A model component on a bench, and others who talk to it."""
+
+from collections.abc import Awaitable, Callable
+
+import numpy as np
+
+from dlokit import geometry
+from dlokit.communication import topics, virtual_time
+from dlokit.communication.clock import LoopClock
+from dlokit.communication.component import Component
+from dlokit.communication.host import Host
+from dlokit.communication.memory import MemoryTransport
+from dlokit.communication.port import Port
+from dlokit.description.shapes import builtin_shape
+from dlokit.skills.model.component import ModelComponent
+from dlokit.skills.model.config import ModelConfig
+from dlokit.types.arrays import Float64Array
+from dlokit.types.dlo import DloState, TargetPoints
+from dlokit.types.robot import RobotMode, RobotState
+
+CONFIG = ModelConfig()
+I_SHAPE = builtin_shape("I", CONFIG.length_m, CONFIG.nodes)
+S_SHAPE = builtin_shape("S", CONFIG.length_m, CONFIG.nodes)
+
+
+class Others(Component):
+    """Everybody that the model listens to, one after the other."""
+
+    name = "others"
+    reads = (topics.STATE, topics.GOAL, topics.BELIEF)
+
+
+def with_model(test: Callable[[Port, MemoryTransport], Awaitable[None]]) -> None:
+    async def main() -> None:
+        bus = MemoryTransport()
+        host = Host(bus, LoopClock())
+        others = Others()
+        host.add(ModelComponent(CONFIG))
+        host.add(others)
+        async with host:
+            await test(others.port, bus)
+
+    virtual_time.run(main())
+
+
+def targets(nodes: Float64Array, stamp_ns: int = 1_000) -> TargetPoints:
+    return TargetPoints(stamp_ns=stamp_ns, nodes_world=nodes, visible=np.ones(len(nodes), dtype=np.bool_), health=0.9)
+
+
+def robot_at(position: Float64Array, stamp_ns: int, holding: bool = True) -> RobotState:
+    zeros = np.zeros(7)
+    return RobotState(
+        stamp_ns=stamp_ns,
+        robot="panda",
+        q_rad=zeros,
+        dq_rad_s=zeros,
+        tau_nm=zeros,
+        T_world_tcp=geometry.downward(position, np.pi / 2),
+        finger_width_m=0.008,
+        mode=RobotMode.IDLE,
+        holding=holding,
+    )
+
+
+async def state_after_a_moment(port: Port) -> DloState | None:
+    await port.clock.sleep(0.01)
+    return port.latest(topics.STATE).value

@@ -1,0 +1,138 @@
+"""A robot component on a bench: its arm obeys to the bit, and its time is virtual."""
+
+import asyncio
+from collections.abc import AsyncIterator, Awaitable, Callable
+from types import TracebackType
+from typing import Any, ParamSpec, Self, TypeVar
+
+import numpy as np
+
+from dlokit.communication import virtual_time
+from dlokit.communication.clock import LoopClock
+from dlokit.communication.compute import Compute, InlineCompute
+from dlokit.communication.host import Host
+from dlokit.communication.memory import MemoryTransport
+from dlokit.communication.port import Port
+from dlokit.description.panda_data import PANDA_HOME_Q_RAD, PANDA_LIMITS
+from dlokit.description.panda_kinematics import tcp_pose
+from dlokit.geometry import downward
+from dlokit.skills.robot.component import RobotComponent
+from dlokit.skills.robot.config import RobotConfig
+from dlokit.skills.robot.kinematics import PandaKinematics
+from dlokit.types.action import VelocityProfile
+from dlokit.types.outcome import Failed, Outcome, Rejected
+from dlokit.types.pose import Pose
+from dlokit.types.robot import (
+    GripResult,
+    JointLimits,
+    JointTrajectory,
+    Lease,
+    MotionResult,
+    RobotMode,
+    RobotState,
+)
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+class PerfectArm:
+    """Follows to the letter on the loop's clock, and notes what was asked of it."""
+
+    limits: JointLimits = PANDA_LIMITS
+
+    def __init__(self) -> None:
+        self.q = PANDA_HOME_Q_RAD.copy()
+        self.width_m = 0.08
+        self.stops = 0
+        self.silent = False
+        self.sag_rad = 0.0  # how far the measured angles are from where the arm was told to be
+        self.followed: list[JointTrajectory] = []
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.stops += 1
+
+    def state(self) -> RobotState:
+        return RobotState(
+            stamp_ns=0 if self.silent else round(asyncio.get_running_loop().time() * 1e9),
+            robot="panda",
+            q_rad=self.q + self.sag_rad,
+            dq_rad_s=np.zeros(7),
+            tau_nm=np.zeros(7),
+            T_world_tcp=tcp_pose(self.q),
+            finger_width_m=self.width_m,
+            mode=RobotMode.IDLE,
+        )
+
+    async def follow(self, trajectory: JointTrajectory, lease: Lease) -> MotionResult:
+        self.followed.append(trajectory)
+        started = asyncio.get_running_loop().time()
+        try:
+            await asyncio.sleep(float(trajectory.times_s[-1]))
+        finally:
+            passed = asyncio.get_running_loop().time() - started
+            self.q = np.array([np.interp(passed, trajectory.times_s, trajectory.q_rad[:, joint]) for joint in range(7)])
+        return MotionResult(q_rad=self.q, T_world_tcp=tcp_pose(self.q), duration_s=passed, largest_joint_error_rad=0.0)
+
+    async def servo(self, targets: AsyncIterator[Pose], lease: Lease) -> MotionResult:
+        raise NotImplementedError
+
+    async def grip(self, width_m: float, force_n: float) -> GripResult:
+        await asyncio.sleep(0.5)
+        self.width_m = width_m
+        return GripResult(width_m=width_m, held=False)
+
+    async def stop(self) -> None:
+        self.stops += 1
+
+    def brake(self) -> None:
+        self.stops += 1
+
+    async def recover(self) -> None:
+        self.stops += 1
+
+
+class Bench:
+    """A component on a bus of its own, and a caller."""
+
+    def __init__(self, compute: Compute | None = None) -> None:
+        self.arm = PerfectArm()
+        self.machine_s = 0.0  # the machine's clock, which stands still unless a test moves it
+        transport, clock = MemoryTransport(), LoopClock()
+        self.me = transport.identity
+        self.host = Host(transport, clock, compute)
+        self.host.add(RobotComponent(RobotConfig(), self.arm, lambda: round(self.machine_s * 1e9)))
+        self.port = Port(transport, clock, InlineCompute(), owner="test", publishes=())
+
+
+class SlowCompute:
+    """Planning takes a second."""
+
+    async def __call__(self, function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
+        await asyncio.sleep(1.0)
+        return function(*args, **kwargs)
+
+
+def on_bench(scenario: Callable[[Bench], Awaitable[None]], compute: Compute | None = None) -> None:
+    async def main() -> None:
+        bench = Bench(compute)
+        async with bench.host:
+            await scenario(bench)
+
+    virtual_time.run(main())
+
+
+ABOVE = downward([0.5, 0.1, 0.1], 0.3)
+FAR = PANDA_HOME_Q_RAD + np.array([1.0, 0.2, 0.0, 0.3, 0.0, 0.0, 0.0])
+PROFILE = VelocityProfile()
+KINEMATICS = PandaKinematics()
+
+
+def reason(outcome: Outcome[Any]) -> str:
+    assert isinstance(outcome, Failed | Rejected), outcome
+    return outcome.reason

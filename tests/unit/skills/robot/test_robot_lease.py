@@ -1,0 +1,124 @@
+"""Who may move the arm, and how it comes to stand: stop, cancel, lease, one motion at a time."""
+
+import asyncio
+
+import numpy as np
+import pytest
+from robot_bench import FAR, KINEMATICS, PROFILE, Bench, SlowCompute, on_bench, reason
+
+from dlokit.errors import ConfigError
+from dlokit.skills.robot import api
+from dlokit.skills.robot.config import RobotConfig
+from dlokit.types.outcome import Cancelled, Succeeded
+
+
+def test_a_motion_that_is_stopped_while_it_is_planned_never_starts() -> None:
+    async def scenario(bench: Bench) -> None:
+        moving = asyncio.create_task(bench.port.call(api.MOVE_LINEAR, KINEMATICS.forward(bench.arm.q), PROFILE))
+        await asyncio.sleep(0.5)
+        await bench.port.call(api.STOP)
+        assert reason(await moving) == "stopped"
+        assert bench.arm.followed == []
+
+    on_bench(scenario, SlowCompute())
+
+
+def test_a_second_motion_is_rejected_while_one_runs() -> None:
+    async def scenario(bench: Bench) -> None:
+        first = asyncio.create_task(bench.port.call(api.MOVE_JOINTS, FAR))
+        await asyncio.sleep(0.1)
+        assert reason(await bench.port.call(api.HOME)) == "busy"
+        assert reason(await bench.port.call(api.GRASP)) == "busy"
+        assert isinstance(await first, Succeeded)
+        assert isinstance(await bench.port.call(api.HOME), Succeeded)
+
+    on_bench(scenario)
+
+
+def test_stop_brakes_and_the_motion_fails_as_stopped() -> None:
+    async def scenario(bench: Bench) -> None:
+        moving = asyncio.create_task(bench.port.call(api.MOVE_JOINTS, FAR))
+        await asyncio.sleep(0.1)
+        assert isinstance(await bench.port.call(api.STOP), Succeeded)
+        assert reason(await moving) == "stopped"
+        assert bench.arm.stops == 1
+        # The next motion starts where the arm stands, not where it was to end.
+        assert isinstance(await bench.port.call(api.HOME), Succeeded)
+        assert np.abs(bench.arm.followed[-1].q_rad[0] - FAR).max() > 0.1
+
+    on_bench(scenario)
+
+
+def test_a_cancelled_caller_leaves_the_arm_standing() -> None:
+    async def scenario(bench: Bench) -> None:
+        moving = asyncio.create_task(bench.port.call(api.MOVE_JOINTS, FAR))
+        await asyncio.sleep(0.1)
+        moving.cancel()
+        result = (await asyncio.gather(moving, return_exceptions=True))[0]
+        assert isinstance(result, asyncio.CancelledError | Cancelled)
+        assert bench.arm.stops == 1
+        assert isinstance(await bench.port.call(api.HOME), Succeeded)
+
+    on_bench(scenario)
+
+
+def test_the_arm_brakes_when_its_commander_s_lease_runs_out() -> None:
+    async def scenario(bench: Bench) -> None:
+        assert isinstance(await bench.port.call(api.RENEW_LEASE, bench.me, 0.2), Succeeded)
+        moving = asyncio.create_task(bench.port.call(api.MOVE_JOINTS, FAR))
+        await asyncio.sleep(0.1)
+        assert bench.arm.stops == 0
+        bench.machine_s = 0.25
+        await asyncio.sleep(0.03)  # one look of the watch
+        assert bench.arm.stops == 1
+        assert reason(await moving) == "lease_lost"
+        # An arm that stands is left alone: an order that comes late would stop the next commander's motion.
+        await asyncio.sleep(1.0)
+        assert bench.arm.stops == 1
+        assert reason(await bench.port.call(api.HOME)) == "lease_lost"
+        await bench.port.call(api.RENEW_LEASE, bench.me, 0.2)
+        assert isinstance(await bench.port.call(api.HOME), Succeeded)
+
+    on_bench(scenario)
+
+
+def test_a_renewed_lease_keeps_the_arm_moving_however_slow_the_cell() -> None:
+    async def scenario(bench: Bench) -> None:
+        await bench.port.call(api.RENEW_LEASE, bench.me, 0.2)
+        moving = asyncio.create_task(bench.port.call(api.MOVE_JOINTS, FAR))
+        while not moving.done():
+            bench.machine_s += 0.15
+            await bench.port.call(api.RENEW_LEASE, bench.me, 0.2)
+            await asyncio.sleep(0.05)
+        assert isinstance(await moving, Succeeded)
+
+    on_bench(scenario)
+
+
+def test_a_lease_is_one_commander_s_until_it_is_given_back() -> None:
+    async def scenario(bench: Bench) -> None:
+        await bench.port.call(api.RENEW_LEASE, bench.me, 0.2)
+        assert reason(await bench.port.call(api.RENEW_LEASE, "somebody else", 0.2)) == "leased"
+        assert reason(await bench.port.call(api.RELEASE_LEASE, "somebody else")) == "leased"
+        assert isinstance(await bench.port.call(api.RELEASE_LEASE, bench.me), Succeeded)
+        bench.machine_s = 10.0
+        assert isinstance(await bench.port.call(api.HOME), Succeeded)
+
+    on_bench(scenario)
+
+
+def test_a_robot_that_another_commands_refuses_motions_but_not_to_stop() -> None:
+    async def scenario(bench: Bench) -> None:
+        assert isinstance(await bench.port.call(api.RENEW_LEASE, "the decision process", 0.2), Succeeded)
+        for refused in (bench.port.call(api.HOME), bench.port.call(api.RELEASE), bench.port.call(api.RECOVER)):
+            assert reason(await refused) == "not_commander"
+        assert bench.arm.followed == []
+        assert isinstance(await bench.port.call(api.STOP), Succeeded)
+
+    on_bench(scenario)
+
+
+@pytest.mark.parametrize("lease_s", [0.0, -1.0, float("nan"), float("inf")])
+def test_a_lease_that_never_runs_out_or_at_once_is_refused(lease_s: float) -> None:
+    with pytest.raises(ConfigError, match="commander-lease-s"):
+        RobotConfig(commander_lease_s=lease_s)

@@ -1,0 +1,108 @@
+"""What the robot component does when it is asked to move, and what it refuses to."""
+
+import asyncio
+
+import numpy as np
+import pytest
+from robot_bench import ABOVE, FAR, PROFILE, Bench, on_bench, reason
+
+from dlokit.communication import topics
+from dlokit.description.panda_data import PANDA_HOME_Q_RAD
+from dlokit.geometry import downward, matrix
+from dlokit.skills.robot import api
+from dlokit.types.outcome import Succeeded
+from dlokit.types.pose import Pose
+
+
+def test_it_moves_to_a_pose_carries_and_returns_home() -> None:
+    async def scenario(bench: Bench) -> None:
+        moved = await bench.port.call(api.MOVE_TO, ABOVE)
+        assert isinstance(moved, Succeeded)
+        np.testing.assert_allclose(matrix(moved.result.T_world_tcp), matrix(ABOVE), atol=1e-6)
+        path = (downward([0.5, 0.1, 0.05], 0.3), downward([0.45, -0.1, 0.05], 0.0))
+        carried = await bench.port.call(api.FOLLOW_PATH, path, PROFILE)
+        assert isinstance(carried, Succeeded)
+        np.testing.assert_allclose(matrix(carried.result.T_world_tcp), matrix(path[-1]), atol=1e-6)
+        lowered = await bench.port.call(api.MOVE_LINEAR, downward([0.45, -0.1, 0.011], 0.0), PROFILE)
+        assert isinstance(lowered, Succeeded)
+        assert isinstance(await bench.port.call(api.HOME), Succeeded)
+        np.testing.assert_allclose(bench.arm.q, PANDA_HOME_Q_RAD, atol=1e-9)
+        # Each trajectory starts where the one before ended.
+        for before, after in zip(bench.arm.followed[:-1], bench.arm.followed[1:], strict=True):
+            np.testing.assert_array_equal(before.q_rad[-1], after.q_rad[0])
+
+    on_bench(scenario)
+
+
+def test_a_trajectory_starts_where_the_last_was_told_to_end_not_where_the_arm_sags_to() -> None:
+    async def scenario(bench: Bench) -> None:
+        bench.arm.sag_rad = 0.002
+        await bench.port.call(api.MOVE_JOINTS, FAR)
+        await bench.port.call(api.HOME)
+        np.testing.assert_allclose(bench.arm.followed[1].q_rad[0], FAR, atol=1e-9)
+        # Somebody has moved the arm by hand: then only the measured angles are true.
+        bench.arm.sag_rad = 0.2
+        await bench.port.call(api.HOME)
+        np.testing.assert_allclose(bench.arm.followed[2].q_rad[0], PANDA_HOME_Q_RAD + 0.2, atol=1e-9)
+
+    on_bench(scenario)
+
+
+def test_it_publishes_the_robot_s_state_at_its_rate() -> None:
+    async def scenario(bench: Bench) -> None:
+        heard = 0
+        stream = bench.port.stream(topics.ROBOT_STATE)
+        async with asyncio.timeout(10.0):
+            async for _ in stream:
+                heard += 1
+                if heard == 51:
+                    break
+        assert asyncio.get_running_loop().time() == pytest.approx(1.0, abs=0.021)  # 50 periods of 20 ms
+
+    on_bench(scenario)
+
+
+def test_an_arm_that_falls_silent_is_not_repeated() -> None:
+    async def scenario(bench: Bench) -> None:
+        bench.arm.silent = True
+        await asyncio.sleep(0.5)
+        assert bench.port.latest(topics.ROBOT_STATE).age_s > 0.4
+
+    on_bench(scenario)
+
+
+@pytest.mark.parametrize(
+    ("target", "expected"),
+    [
+        (downward([0.9, 0.0, 0.1], 0.0), "unreachable"),
+        (downward([0.5, 0.0, 0.004], 0.0), "table_collision"),
+    ],
+)
+def test_what_cannot_be_done_is_refused_before_anything_moves(target: Pose, expected: str) -> None:
+    async def scenario(bench: Bench) -> None:
+        assert reason(await bench.port.call(api.MOVE_TO, target)) == expected
+        assert bench.arm.followed == []
+        assert isinstance(await bench.port.call(api.MOVE_TO, ABOVE), Succeeded)
+
+    on_bench(scenario)
+
+
+@pytest.mark.parametrize("q_rad", [np.zeros(6), np.full(7, np.nan)], ids=["six", "nan"])
+def test_angles_that_are_none_are_rejected(q_rad: np.ndarray) -> None:
+    async def scenario(bench: Bench) -> None:
+        assert reason(await bench.port.call(api.MOVE_JOINTS, q_rad)) == "bad_arguments"
+
+    on_bench(scenario)
+
+
+def test_the_gripper_opens_as_far_as_asked_and_no_further_than_it_can() -> None:
+    async def scenario(bench: Bench) -> None:
+        opened = await bench.port.call(api.RELEASE, 0.03)
+        assert isinstance(opened, Succeeded)
+        assert opened.result.width_m == pytest.approx(0.03)
+        assert reason(await bench.port.call(api.RELEASE, 0.1)) == "bad_width"
+        grasped = await bench.port.call(api.GRASP, 15.0)
+        assert isinstance(grasped, Succeeded)
+        assert not grasped.result.held
+
+    on_bench(scenario)
