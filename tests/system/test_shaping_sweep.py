@@ -69,7 +69,7 @@ def test_an_interrupted_sweep_says_how_to_go_on_and_does(tmp_path: Path) -> None
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as sweep:
         assert sweep.stdout is not None
         for line in sweep.stdout:
-            if line.startswith("I to S"):
+            if line.startswith("1/5 I to S"):
                 break
         sweep.send_signal(signal.SIGINT)
         said, _ = sweep.communicate(timeout=LIMIT_S)
