@@ -25,7 +25,7 @@ from dlokit.skills.planning.rollouts.carrying import Carrying
 from dlokit.skills.planning.rollouts.laying import Laying
 from dlokit.skills.planning.rollouts.pushing import Pushing
 from dlokit.skills.planning.rollouts.score import ScoreConfig, cautious_m, remaining_m
-from dlokit.skills.planning.rollouts.search import Search, SearchConfig, Watch
+from dlokit.skills.planning.rollouts.search import Choice, Search, SearchConfig, Watch
 from dlokit.skills.planning.rollouts.strategy import RolloutConfig
 from dlokit.types.action import Action, Drag, LayDown, Marks, PickPlace, Push, kind_of
 from dlokit.types.arrays import Float64Array
@@ -297,6 +297,28 @@ def test_a_slow_machine_tries_every_family_and_ends_in_time() -> None:
     assert tried == {LayDown, PickPlace, Drag, Push}
     assert now_s[0] < 2.0 + 0.008 * 16  # a batch more: the clock counts one rollout at a time
     assert search.spent > 50  # of the 100 that fit in: what takes the rest is whether the arm reaches
+
+
+def test_who_watches_is_told_the_best_of_each_kind_and_node_best_first() -> None:
+    told = list[list[Choice]]()
+
+    async def tell(rollouts: int, best: Sequence[Choice]) -> None:
+        told.append(list(best))
+
+    def score(played: Played, kinds: Sequence[type[Action]]) -> Float64Array:
+        return np.linalg.norm(played.nodes_world[:, :, 0] - S_SHAPE[0], axis=-1)
+
+    config = SearchConfig(rollouts=100, threads=2)
+    search = Search(I_SHAPE, MODEL, config, score, lambda scores: scores[0], InlineCompute(), Watch(tell=tell))
+    families = [
+        Carrying(Scene(I_SHAPE, S_SHAPE, frozenset(), tools()), dragging=dragging) for dragging in (True, False)
+    ]
+    asyncio.run(search.run(families, np.random.default_rng(0)))
+    for best in told:
+        grasps = [(choice.candidate.kind, choice.candidate.motion.node) for choice in best]
+        assert len(set(grasps)) == len(grasps)
+        assert [choice.score_m for choice in best] == sorted(choice.score_m for choice in best)
+    assert len(told[-1]) == 6
 
 
 def test_settings_that_cannot_be_are_refused() -> None:

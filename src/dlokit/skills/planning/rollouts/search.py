@@ -193,9 +193,11 @@ class Search:
             pool.choices.append(Choice(candidate=candidate, score_m=float(score), nodes_world=nodes))
 
     async def _tell(self, pools: list[_Pool]) -> None:
-        """The best of all, not two of them alike."""
-        ranked = sorted((choice for pool in pools for choice in pool.best(_SHOWN)), key=_score)
-        await self._watch.tell(self.spent, ranked[:_SHOWN])
+        """The best of each kind and node: all of one refined differ by less than anybody can see."""
+        best = dict[tuple[type[Action], int], Choice]()
+        for choice in sorted((choice for pool in pools for choice in pool.choices), key=_score):
+            best.setdefault((choice.candidate.kind, choice.candidate.motion.node), choice)
+        await self._watch.tell(self.spent, tuple(best.values())[:_SHOWN])
 
     async def _finals(self, finalists: list[Choice]) -> list[Choice]:
         """The finalists in the order of their score on every rod that the DLO may be; last those left out for time."""
