@@ -3,12 +3,13 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from dlokit.app.command import Command
+from dlokit.app.command import Command, flag
 from dlokit.app.machine import machine_facts
 from dlokit.bench.bus.comparison import compare
 from dlokit.bench.bus.load import SIZES_BYTES, Delay
@@ -30,7 +31,7 @@ class BusArgs:
     """Messages and calls of each size with each method."""
     slow_s: float = 5.0
     """Seconds of a topic at 100 Hz for each kind of slow reader; 0: none."""
-    json: Path | None = None
+    json: Annotated[Path | None, flag("FILE")] = None
     """Also write every figure to this file."""
 
 

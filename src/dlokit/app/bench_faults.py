@@ -9,7 +9,7 @@ import tyro
 from rich.console import Console
 
 from dlokit.app.bench_faults_table import faults_table, line_of
-from dlokit.app.command import Command
+from dlokit.app.command import Command, flag
 from dlokit.app.machine import machine_facts
 from dlokit.app.preflight import check_before_start
 from dlokit.app.preparing import prepare
@@ -50,16 +50,19 @@ class FaultsArgs:
     Exit code 0: every run ended as it should; 3: not so.
     """
 
-    faults: str = ""
-    """Only these, e.g. kill-decision,drop-camera. [default: all]"""
-    runs: int | None = None
-    """Runs of each fault. [default: 8, which makes more than 150; 1 with --quick]"""
+    faults: Annotated[str, flag("NAMES", "all")] = ""
+    """Only these, e.g. kill-decision,drop-camera."""
+    runs: Annotated[
+        int | None,
+        flag("INT", "8, which makes more than 150; 1 with --quick"),
+    ] = None
+    """Runs of each fault."""
     quick: bool = False
     """One run of each of five faults: about five minutes."""
-    json: Path | None = None
+    json: Annotated[Path | None, flag("FILE")] = None
     """Also write every figure to this file."""
-    out: Path | None = None
-    """Folder for the runs; that of an interrupted sweep is continued. [default: runs/<time>-bench-faults/]"""
+    out: Annotated[Path | None, flag("DIR", "runs/<time>-bench-faults/")] = None
+    """Folder for the runs; that of an interrupted sweep is continued."""
     run: Annotated[RunConfig, tyro.conf.arg(name="")] = field(default_factory=_headless)
     """Settings of every run; start, goal and runtime are the bench's, --seed that of the first run of a fault."""
 

@@ -3,13 +3,14 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from dlokit.app.bench_feasibility_tables import print_results
-from dlokit.app.command import Command
+from dlokit.app.command import Command, flag
 from dlokit.app.machine import machine_facts
 from dlokit.bench.feasibility.cases import DEFAULT_DLOS, Case, Judged, bench_dlo, judge_cases
 from dlokit.bench.feasibility.figures import figures
@@ -39,7 +40,7 @@ class FeasibilityArgs:
     """RMSE below which a goal counts as reached [m]."""
     jobs: int = 1
     """Cases side by side, a process each."""
-    json: Path | None = None
+    json: Annotated[Path | None, flag("FILE")] = None
     """Also write every figure to this file."""
 
 

@@ -2,11 +2,12 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 from rich.console import Console
 from rich.progress import Progress
 
-from dlokit.app.command import Command
+from dlokit.app.command import Command, flag
 from dlokit.app.machine import machine_facts
 from dlokit.bench.fuzz.campaign import ALLOWED_BYTES, FuzzResult, fuzz
 from dlokit.bench.fuzz.decoders import all_decoders
@@ -25,7 +26,7 @@ class FuzzArgs:
     """Messages."""
     seed: int = 0
     """Of the messages and of their damage."""
-    json: Path | None = None
+    json: Annotated[Path | None, flag("FILE")] = None
     """Also write every figure to this file."""
 
 

@@ -10,12 +10,13 @@ from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from dlokit.app.command import Command
+from dlokit.app.command import Command, flag
 from dlokit.app.machine import machine_facts
 from dlokit.bench.latency.hops import Hops, hops, named
 from dlokit.bench.latency.listening import listen
@@ -43,7 +44,7 @@ class LatencyArgs:
     """Of the run."""
     limit_s: float = 600.0
     """The run is ended so long after its start, and what was heard by then is counted."""
-    json: Path | None = None
+    json: Annotated[Path | None, flag("FILE")] = None
     """Also write every figure to this file."""
 
 

@@ -6,13 +6,14 @@ from contextlib import closing
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
+from typing import Annotated
 
 import tyro
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from dlokit.app.bench_observers_tables import print_figures, print_summary
-from dlokit.app.command import Command
+from dlokit.app.command import Command, flag
 from dlokit.app.machine import machine_facts
 from dlokit.bench.observers import iterations
 from dlokit.bench.observers.cases import CASES, TUNING_SEED, Case, external_cases
@@ -44,20 +45,23 @@ class ObserversArgs:
 
     quick: bool = False
     """Fewer seeds and shorter sequences: some minutes, for a first look."""
-    seeds: int | None = None
-    """Seeds 0 to K-1 of each case. [default: 10; 2 with --quick]"""
-    frames: int | None = None
-    """Frames of each sequence at most. [default: 100, which are 4 s; 50 with --quick; all of a --sequence]"""
+    seeds: Annotated[int | None, flag("INT", "10; 2 with --quick")] = None
+    """Seeds 0 to K-1 of each case."""
+    frames: Annotated[
+        int | None,
+        flag("INT", "100, which are 4 s; 50 with --quick; all of a --sequence"),
+    ] = None
+    """Frames of each sequence at most."""
     sequence: tyro.conf.UseAppendAction[tuple[tuple[Path, ...], ...]] = ()
     """External sequences (.npz) in place of the simulated ones; one or more, and again."""
-    methods: str = ""
-    """Observers and peers to run, e.g. anchored,cpd,pycpd. [default: all that are installed]"""
+    methods: Annotated[str, flag("NAMES", "all that are installed")] = ""
+    """Observers and peers to run, e.g. anchored,cpd,pycpd."""
     jobs: int = 1
     """Cases side by side, a process each. With more than one, times are not comparable."""
-    json: Path | None = None
+    json: Annotated[Path | None, flag("FILE")] = None
     """Also write every figure to this file."""
-    out: Path | None = None
-    """Folder for the pictures. [default: runs/<time>-bench-observers/]"""
+    out: Annotated[Path | None, flag("DIR", "runs/<time>-bench-observers/")] = None
+    """Folder for the pictures."""
 
 
 def run_observers(args: ObserversArgs) -> int:

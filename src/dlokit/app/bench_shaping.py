@@ -11,7 +11,7 @@ from rich.console import Console
 
 from dlokit.app.bench_shaping_tables import line_of, print_results
 from dlokit.app.chosen_settings import config_file_of
-from dlokit.app.command import Command
+from dlokit.app.command import Command, flag
 from dlokit.app.machine import machine_facts
 from dlokit.app.preparing import prepare
 from dlokit.app.sweep_progress import followed
@@ -60,29 +60,29 @@ class ShapingArgs:
     suite: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME [FILE]")] = ("paper",)
     """paper: its five experiments. goals FILE: curves of a .npy file (G, K, 3). stiffness: an S for rods of rising
     stiffness. wires: the paper's with published wires, which take a set."""
-    seeds: int | None = None
-    """Seeds 0 to K-1 of each experiment. [default: 5; 1 to 3 with --quick]"""
+    seeds: Annotated[int | None, flag("INT", "5; 1 to 3 with --quick")] = None
+    """Seeds 0 to K-1 of each experiment."""
     first_seed: int = 0
     """Seeds F to F+K-1 in place of 0 to K-1; what was tuned on some (1000 and more) is reported on others."""
-    planner: str = ""
-    """Planners to compare on the same starts, e.g. farthest,rollout. [default: the configuration's]"""
-    observer: str = ""
-    """Observers to compare, each with every planner, e.g. map,cpd. [default: the configuration's]"""
+    planner: Annotated[str, flag("NAMES", "the configuration's")] = ""
+    """Planners to compare on the same starts, e.g. farthest,rollout."""
+    observer: Annotated[str, flag("NAMES", "the configuration's")] = ""
+    """Observers to compare, each with every planner, e.g. map,cpd."""
     randomised: bool = False
     """Draw friction, stiffness, weight, curl, hand-eye error, tilt of the table, light and colour from each seed."""
     oracle: bool = False
     """Take the state from the cell's truth instead of from the camera: what planning is worth without seeing."""
     quick: bool = False
     """Fewer seeds and experiments, two at a time: within 15 minutes on two cores."""
-    jobs: int | None = None
-    """Runs side by side, a process each. [default: 1; 2 with --quick]"""
+    jobs: Annotated[int | None, flag("INT", "1; 2 with --quick")] = None
+    """Runs side by side, a process each."""
     cluster: str = ""
     """Address of a cluster whose workers run the cases: tcp://HOST:PORT (Dask) or ray://HOST:PORT."""
-    json: Path | None = None
+    json: Annotated[Path | None, flag("FILE")] = None
     """Also write every figure to this file."""
-    out: Path | None = None
-    """Folder for the runs; that of an interrupted sweep is continued. [default: runs/<time>-bench-shaping/]"""
-    config: Annotated[Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint="")] = None
+    out: Annotated[Path | None, flag("DIR", "runs/<time>-bench-shaping/")] = None
+    """Folder for the runs; that of an interrupted sweep is continued."""
+    config: Annotated[Path | None, flag("FILE")] = None
     """A configuration: its settings hold where this command line says nothing else."""
     run: Annotated[RunConfig, tyro.conf.arg(name="")] = field(default_factory=shaping_defaults)
     """Settings of every run; start, goal, seed and runtime are the bench's. Goals that may not hold are tried, and runs

@@ -9,7 +9,7 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from dlokit.app.command import Command
+from dlokit.app.command import Command, flag
 from dlokit.app.machine import machine_facts
 from dlokit.bench.faults.figures import percentile_s, stop_figures
 from dlokit.bench.faults.stopping import StopFigures, StopPlan, measure_stops
@@ -39,7 +39,7 @@ class StopBenchArgs:
     """Time in which nothing is done to the commander in motion [s]."""
     busy: int = 4
     """Processes that keep the machine busy meanwhile."""
-    json: Path | None = None
+    json: Annotated[Path | None, flag("FILE")] = None
     """Also write every figure to this file."""
     run: Annotated[RunConfig, tyro.conf.arg(name="")] = field(default_factory=RunConfig)
     """Settings of the system, e.g. --robot.commander-lease-s; --seed gives the times at which faults come."""

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import tyro
 from rich.console import Console
 
-from dlokit.app.command import Command
+from dlokit.app.command import Command, flag
 from dlokit.app.skill_table import skill_named
 from dlokit.communication.recording.plain import to_json
 from dlokit.communication.skill import ReportingSkill, Skill
@@ -45,7 +45,7 @@ class CallArgs:
     """Its arguments: NAME=VALUE, the value as JSON or plain text; or all of them as one JSON object."""
     run: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """The run's folder, where more than one system runs."""
-    timeout: float | None = None
+    timeout: Annotated[float | None, flag("SECONDS")] = None
     """Cancel the skill after so many seconds; it has a time limit of its own."""
 
 

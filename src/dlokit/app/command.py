@@ -2,7 +2,9 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
+
+import tyro
 
 A = TypeVar("A")
 
@@ -17,3 +19,8 @@ class Command(Generic[A]):
     """Does it, and gives the exit code."""
     defaults: Callable[[Sequence[str]], A] | None = None
     """What holds where the command line says nothing, where that depends on the command line (`--config FILE`)."""
+
+
+def flag(metavar: str, default: str = "") -> Any:
+    """A flag that is not set unless it is given; `default` says in words what holds then."""
+    return tyro.conf.arg(metavar=metavar, help_behavior_hint=f"(default: {default})" if default else "")

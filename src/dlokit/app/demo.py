@@ -2,9 +2,10 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Annotated
 
 from dlokit.app import shape
-from dlokit.app.command import Command
+from dlokit.app.command import Command, flag
 from dlokit.system.config import RunConfig
 
 
@@ -21,8 +22,8 @@ class DemoArgs:
     """TCP port of the viewer's page."""
     headless: bool = False
     """Without the viewer."""
-    out: Path | None = None
-    """Folder for what the run leaves. [default: runs/<time>-I-to-S/]"""
+    out: Annotated[Path | None, flag("DIR", "runs/<time>-I-to-S/")] = None
+    """Folder for what the run leaves."""
 
 
 def run(args: DemoArgs) -> int:

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal, get_args
 
 import tyro
 
-from dlokit.app.command import Command
+from dlokit.app.command import Command, flag
 from dlokit.communication.topic import Topic
 from dlokit.communication.topics import TOPICS
 from dlokit.decision.flow import mermaid
@@ -29,7 +29,7 @@ class GraphArgs:
     what: Annotated[Drawing, tyro.conf.Positional] = "all"
     """flow: the chart of the shape task (the paper's Fig. 6). topics: who publishes and who reads (Fig. 3).
     processes: what runs where when live."""
-    write: Path | None = None
+    write: Annotated[Path | None, flag("FILE")] = None
     """Instead of printing, renew the charts in this Markdown file: what stands between
     `<!-- dlokit graph flow -->` and `<!-- end -->`, for each chart that the file has a place for."""
 

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import tyro
 
-from dlokit.app.command import Command
+from dlokit.app.command import Command, flag
 from dlokit.app.shape import RUNS
 from dlokit.errors import ConfigError
 from dlokit.system.build import instances_of_run
@@ -40,11 +40,11 @@ class HostArgs:
 
     name: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="NAME")]
     """Of this host, as its certificate has it."""
-    config: Annotated[Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint="")] = None
+    config: Annotated[Path | None, flag("FILE")] = None
     """A configuration with a part [hosts]; the following change what it says."""
-    connect: Annotated[str | None, tyro.conf.arg(metavar="ENDPOINT", help_behavior_hint="")] = None
+    connect: Annotated[str | None, flag("ENDPOINT")] = None
     """Where the host of the decision process listens: tls/ADDRESS:PORT."""
-    certificates: Annotated[Path | None, tyro.conf.arg(metavar="FOLDER", help_behavior_hint="")] = None
+    certificates: Annotated[Path | None, flag("FOLDER")] = None
     """Where ca.pem, NAME.pem and NAME.key lie."""
     main: Annotated[str | None, tyro.conf.arg(metavar="NAME", help_behavior_hint=f"(default: {MAIN})")] = None
     """Name of the host that may command this one."""

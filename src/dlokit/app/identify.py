@@ -8,7 +8,7 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from dlokit.app.command import Command
+from dlokit.app.command import Command, flag
 from dlokit.app.identify_picture import write_picture
 from dlokit.app.measuring import Measures, measure
 from dlokit.communication.recording.channels import FILE_NAME
@@ -46,9 +46,7 @@ class IdentifyArgs:
 
     runs: Annotated[tuple[Path, ...], tyro.conf.Positional]
     """Folders of runs of one DLO, in their order."""
-    out: Annotated[Path | None, tyro.conf.arg(metavar="DIR", help_behavior_hint="(default: the last run's folder)")] = (
-        None
-    )
+    out: Annotated[Path | None, flag("DIR", "the last run's folder")] = None
     """Folder for what is written."""
 
 

@@ -6,10 +6,9 @@ from datetime import datetime
 from pathlib import Path
 from typing import Annotated
 
-import tyro
 from rich.console import Console
 
-from dlokit.app.command import Command
+from dlokit.app.command import Command, flag
 from dlokit.communication.recording.summary import summarise
 from dlokit.errors import InputError
 from dlokit.system.attached import record_until_ended
@@ -30,9 +29,9 @@ class RecordArgs:
     Exit code: 0 the file is whole; 2 no system runs, or the file exists.
     """
 
-    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint="(default: <time>.mcap)")] = None
+    out: Annotated[Path | None, flag("FILE", "<time>.mcap")] = None
     """Where to; an existing file is never overwritten."""
-    run: Annotated[Path | None, tyro.conf.arg(metavar="DIR", help_behavior_hint="")] = None
+    run: Annotated[Path | None, flag("DIR")] = None
     """The run's folder, where more than one system runs."""
 
 

@@ -9,7 +9,7 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from dlokit.app.command import Command
+from dlokit.app.command import Command, flag
 from dlokit.communication.recording.channels import FILE_NAME
 from dlokit.communication.recording.comparison import FieldRow
 from dlokit.errors import InputError
@@ -43,7 +43,7 @@ class ReplayArgs:
     into: Fed | None = None
     """Which component is fed. The recorded calls of its skills are made again, with the same arguments at the same
     times."""
-    rate: float | None = None
+    rate: Annotated[float | None, flag("X")] = None
     """How many times as fast as it was the run is shown; as fast as it was if nothing is said. A component is fed as
     fast as it works."""
     config: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None

@@ -10,7 +10,7 @@ from typing import Annotated
 import tyro
 from rich.console import Console
 
-from dlokit.app.command import Command
+from dlokit.app.command import Command, flag
 from dlokit.app.preflight import check_before_start
 from dlokit.app.preparing import prepare
 from dlokit.app.shape import RUNS, run_and_report
@@ -48,9 +48,7 @@ class ResumeArgs:
 
     run: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")]
     """The folder of the run to go on with."""
-    out: Annotated[Path | None, tyro.conf.arg(metavar="DIR", help_behavior_hint="(default: runs/<time>-<name>/)")] = (
-        None
-    )
+    out: Annotated[Path | None, flag("DIR", "runs/<time>-<name>/")] = None
     """Folder for the files of the new run; must be empty or not exist yet."""
 
 

@@ -11,7 +11,7 @@ import tyro
 from rich.console import Console
 
 from dlokit.app.chosen_settings import chosen_settings, config_file_of
-from dlokit.app.command import Command
+from dlokit.app.command import Command, flag
 from dlokit.app.job import job_from_config, with_absolute_files
 from dlokit.app.machine import machine_facts
 from dlokit.app.preflight import check_before_start
@@ -50,18 +50,14 @@ def _one_of(kind: StrategyKind[C], default: C) -> Any:
 class ShapeChoices:
     """What `dlokit shape` takes beside the configuration itself."""
 
-    out: Annotated[Path | None, tyro.conf.arg(metavar="DIR", help_behavior_hint="(default: runs/<time>-<name>/)")] = (
-        None
-    )
+    out: Annotated[Path | None, flag("DIR", "runs/<time>-<name>/")] = None
     """Folder for result.json, config.toml, report.html and truth.npz; must be empty or not exist yet."""
-    config: Annotated[Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint="")] = None
+    config: Annotated[Path | None, flag("FILE")] = None
     """The config.toml of an earlier run: its settings hold where this command line says nothing else."""
-    dlo: Annotated[str | None, tyro.conf.arg(metavar="PRESET", help_behavior_hint="(default: soft_rope)")] = None
+    dlo: Annotated[str | None, flag("PRESET", "soft_rope")] = None
     """What lies on the table: soft_rope, silicone_hose, wire_a, wire_b, wire_c, thin_wire or stiff_wire. The system's
     own model is told its length and radius, which a ruler tells, and nothing else."""
-    physics: Annotated[
-        str | None, tyro.conf.arg(metavar="NAME", help_behavior_hint="(default: chain for wires, else rod)")
-    ] = None
+    physics: Annotated[str | None, flag("NAME", "chain for wires, else rod")] = None
     """How the DLO in the cell behaves: rod, which always springs back, or chain, which takes a set. The system's own
     model is a rod in any case."""
     randomised: bool = False

@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.table import Table
 
 from dlokit.app.cloud_files import read_cloud, read_nodes
-from dlokit.app.command import Command
+from dlokit.app.command import Command, flag
 from dlokit.app.track_picture import draw_tracks
 from dlokit.errors import InputError, SkillFailure
 from dlokit.skills.observer.anchored import chain_lengths
@@ -41,7 +41,7 @@ class TrackArgs:
 
     clouds: Annotated[tuple[Path, ...], tyro.conf.Positional]
     """Clouds in the order of recording: .pcd, .ply, .npy or .csv files of points [m]."""
-    initial: Path | None = None
+    initial: Annotated[Path | None, flag("FILE")] = None
     """Nodes (M, 3) [m] at the first cloud, .npy or .csv; the DLO may be branched. Without, the first cloud is
     ordered into one chain."""
     out: Path | None = None
