@@ -92,7 +92,15 @@ async def approach(task: ShapeTask) -> Moved:
     opened = await hands.open_fingers(task)
     if not isinstance(opened, Succeeded):
         return judge_motion(task, "robot.release", opened)
-    return judge_motion(task, "robot.move_to", await hands.go_above(task))
+    moved = judge_motion(task, "robot.move_to", await hands.go_above(task))
+    if moved is Moved.REFUSED and task.chosen.partner is not None:
+        # One of the two may stand above its grasp already, in the way of what is chosen next.
+        refused = task.reason
+        home = judge_motion(task, "robot.home", await hands.go_home(task))
+        if home is not Moved.DONE:
+            return home if home is Moved.INTERRUPTED else Moved.FAILED
+        task.reason = refused
+    return moved
 
 
 async def grasp(task: ShapeTask) -> Grasped:

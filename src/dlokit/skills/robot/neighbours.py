@@ -1,9 +1,12 @@
 """The other arms of a cell: where they are, as far as they were heard of, and whether they are too near."""
 
+import numpy as np
+
 from dlokit.communication import topics
 from dlokit.communication.port import Port
 from dlokit.errors import SkillFailure
 from dlokit.skills.robot.apart import AS_FAR_M, gap_m, stopping_gap_m
+from dlokit.types.arrays import Float64Array
 from dlokit.types.robot import RobotState
 
 NEIGHBOUR_SILENT = "neighbour_silent"
@@ -13,6 +16,9 @@ _SILENT_S = 0.5
 _WAIT_S = 2.0
 """How long a motion waits for another arm to be heard of, when both have just started [s]."""
 _POLL_S = 0.02
+_STANDS_RAD = 0.005
+"""An arm all of whose joints are within this of where they were has not moved: fingers that close shake it less, and it
+moves no part of an arm by half of what arms keep apart."""
 
 
 class Neighbours:
@@ -23,9 +29,11 @@ class Neighbours:
         self._port = port
         self._instances = instances
         self._clearance_m = clearance_m
+        self._met: dict[str, Float64Array] = {}
+        """Joint angles (7,) [rad] of the others when the motion was held against them, by robot."""
 
     async def now(self) -> list[RobotState]:
-        """Where they are; what they do later is watched on the way.
+        """Where they are, for a motion to be held against; what they do later is watched on the way.
 
         Raises `SkillFailure` ``neighbour_silent`` when one is not heard of within 2 s.
         """
@@ -39,16 +47,23 @@ class Neighbours:
                     "its robot process runs",
                 )
             await clock.sleep(_POLL_S)
-        return self._known()
+        known = self._known()
+        self._met = {state.robot: state.q_rad for state in known}
+        return known
 
     def too_near(self, mine: RobotState) -> str:
         """Why an arm that moves must brake now for another; empty when it need not.
 
-        It must where both, braking now, would come nearer than they may and than they are: to part is allowed.
+        It must where both, braking now, would come nearer than they may and than they are: to part is allowed. Another
+        that stands where it stood when the motion was held against it is in nobody's way: the motion, which ends near
+        it as slowly as an arm can brake, would else be broken off.
         """
         if silent := self._silent():
             return f"nothing is heard of the arm {silent!r} any more"
         for other in self._known():
+            met = self._met.get(other.robot)
+            if met is not None and np.max(np.abs(other.q_rad - met)) < _STANDS_RAD:
+                continue
             stopping_m = stopping_gap_m(mine, other)
             if stopping_m < self._clearance_m and stopping_m < gap_m(mine, other) - AS_FAR_M:
                 return f"{other.robot} is {1e3 * gap_m(mine, other):.0f} mm away and both are under way"

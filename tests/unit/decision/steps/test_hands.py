@@ -16,7 +16,9 @@ from dlokit.communication.memory import MemoryTransport
 from dlokit.decision.config import TaskConfig
 from dlokit.decision.odometer import Odometer
 from dlokit.decision.steps import hands
+from dlokit.decision.steps.acting import approach
 from dlokit.decision.steps.hands import place_in_tool
+from dlokit.decision.steps.outcomes import Moved
 from dlokit.decision.steps.slipping import follow_while_held
 from dlokit.decision.task import ShapeTask
 from dlokit.description.arms import OPPOSITE
@@ -41,6 +43,8 @@ class Script:
     loses_at_s: float = float("inf")
     """When the fingers close on nothing, counted from the start of the motion."""
     holds: bool = True
+    comes_above: bool = True
+    """Whether the other arm leaves it the place above its grasp."""
     home_needs: "Script | None" = None
     """Whose arm must be home before this one can go there."""
     is_home: bool = False
@@ -68,6 +72,17 @@ class Arm(Component):
             if self._script.fails and 0.2 * tick > self._script.motion_s:
                 raise SkillFailure(self._script.fails, "as the script says")
         return MotionResult(q_rad=np.zeros(7), T_world_tcp=path[-1], duration_s=2.0, largest_joint_error_rad=0.0)
+
+    @implements(robot.RELEASE)
+    async def release(self, width_m: float = 0.04) -> GripResult:
+        return GripResult(width_m=width_m, held=False)
+
+    @implements(robot.MOVE_TO)
+    async def move_to(self, target: Pose, either_way: bool = True) -> MotionResult:
+        if not self._script.comes_above:
+            raise SkillFailure("arms_too_near", "as the script says")
+        self._script.is_home = False
+        return MotionResult(q_rad=np.zeros(7), T_world_tcp=target, duration_s=0.0, largest_joint_error_rad=0.0)
 
     @implements(robot.GRASP)
     async def grasp(self, force_n: float = 20.0) -> GripResult:
@@ -169,6 +184,31 @@ def test_when_one_hand_fails_the_other_is_stopped_and_the_failure_is_told(fails:
     with_two_arms(*scripts, check)
     assert scripts[fails].told == ["follow_path"]
     assert scripts[1 - fails].told == ["follow_path", "stop"]
+
+
+@pytest.mark.parametrize("blocked", [0, 1])
+def test_a_pair_of_which_one_cannot_come_goes_home_before_another_is_chosen(blocked: int) -> None:
+    scripts = (Script(), Script())
+    scripts[blocked].comes_above = False
+
+    async def check(task: ShapeTask) -> None:
+        assert await approach(task) is Moved.REFUSED
+        assert task.reason is not None
+        assert "arms_too_near" in task.reason
+
+    with_two_arms(*scripts, check)
+    assert all(script.is_home for script in scripts)
+
+
+def test_a_pair_that_can_neither_come_nor_go_home_fails() -> None:
+    first = Script()
+    second = Script(comes_above=False, home_needs=first)
+    first.home_needs = second
+
+    async def check(task: ShapeTask) -> None:
+        assert await approach(task) is Moved.FAILED
+
+    with_two_arms(first, second, check)
 
 
 def test_a_pair_of_which_one_holds_nothing_is_missed() -> None:

@@ -84,6 +84,18 @@ def test_an_arm_is_refused_the_place_where_the_other_stands_and_does_not_move() 
     in_cell(scenario)
 
 
+def test_an_arm_comes_as_near_to_one_that_stands_as_was_checked_and_leaves_again() -> None:
+    async def scenario(port: Port) -> None:
+        assert isinstance(await port.call(api.MOVE_TO, MIDDLE), Succeeded)
+        beside = downward([CENTRE_M[0] + 0.165, CENTRE_M[1], 0.25], 0.0)
+        assert isinstance(await port.call(api.MOVE_TO.at(OPPOSITE), beside), Succeeded)
+        # With the reaction time of an arm that might come towards it this would be too near.
+        assert gap_m(*states(port)) < 0.05
+        assert isinstance(await port.call(api.HOME.at(OPPOSITE)), Succeeded)
+
+    in_cell(scenario)
+
+
 def test_arms_that_set_out_for_the_same_place_at_once_brake_before_they_meet() -> None:
     async def scenario(port: Port) -> None:
         nearest_m = math.inf
