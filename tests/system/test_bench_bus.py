@@ -17,9 +17,9 @@ def test_every_method_carries_every_message_and_answers_every_call() -> None:
         one_way, calls = by_method(times.one_way, size), by_method(times.calls, size)
         assert {"dlokit", "zenoh", "zenoh, asyncio"} <= set(one_way)
         assert {"dlokit", "zenoh, asyncio"} <= set(calls)
-        for seconds in (*one_way.values(), *calls.values()):
-            assert len(seconds) == REPEATS
-            assert all(0.0 < value < 20.0 for value in seconds)
+        for way in (one_way, calls):
+            assert {method: len(seconds) for method, seconds in way.items()} == dict.fromkeys(way, REPEATS)
+            assert all(0.0 < value < 20.0 for seconds in way.values() for value in seconds)
 
 
 def test_every_kind_of_slow_reader_reads_and_says_how_old() -> None:

@@ -17,7 +17,7 @@ from dlokit.types.outcome import Succeeded
 
 FOUND_S = 20.0
 SETTLE_S = 0.5
-"""Subscriptions of bare zenoh travel after the far end has said that it is ready."""
+"""For what is still on its way when the far end was heard."""
 PAUSE_S = 0.002
 PAUSE_S_PER_BYTE = 4e-9
 """Between messages, so that none waits for the one before."""
@@ -58,6 +58,16 @@ class NearEnd:
         if sockets is not None:
             ways["pyzmq"] = lambda: sockets.push(stamped(buffer))
         return ways
+
+    async def heard(self) -> bool:
+        """Wait until bare zenoh's subscriptions have come from the far end; False when they do not."""
+        end_s = time.monotonic() + FOUND_S
+        # Its stub takes the status for a bool.
+        while not all(each.matching_status.matching for each in self._publishers.values()):  # pyright: ignore[reportAttributeAccessIssue]
+            if time.monotonic() > end_s:
+                return False
+            await asyncio.sleep(PAUSE_S)
+        return True
 
     def calls(self, size: int) -> dict[str, Call]:
         """How each method calls once, and waits for the answer."""
@@ -118,7 +128,7 @@ class ZmqSockets:
 
 async def send_all(near: NearEnd, plan: Plan, transport: ZenohTransport, repeats: int) -> list[Delay]:
     """Send and call with every method in turns; the delays of the calls. Those of the messages the far end has."""
-    if not await transport.wait_for(FAR, FOUND_S):
+    if not (await transport.wait_for(FAR, FOUND_S) and await near.heard()):
         raise MachineError("the process at the far end was not found on the bus; end other programs, and try again")
     await asyncio.sleep(SETTLE_S)
     delays: list[Delay] = []
