@@ -19,8 +19,8 @@ class OtherReading(Message, frozen=True, kw_only=True, eq=False):
     unit: str
 
 
-SAME_THREAD_S = 0.2
-"""The subscribers of a process hear a message right after one another, on one thread: all have within this time."""
+HANDED_OVER_S = 0.2
+"""The reader of a topic hears on a thread of its own: that has the message too by then."""
 OTHER_NEWEST = Topic("test/newest", OtherReading, "source", None, KeepLast())
 
 
@@ -71,7 +71,7 @@ def test_a_reader_whose_loop_was_busy_reads_what_came_meanwhile_and_not_what_it_
         await connected(bus)
         bus.there.publish(NEWEST, reading(2))
         assert heard.wait(WAIT_S)  # the loop stands still, but the message is in this process
-        time.sleep(SAME_THREAD_S)  # noqa: ASYNC251  the loop is to stand still
+        time.sleep(HANDED_OVER_S)  # noqa: ASYNC251  the loop is to stand still
         assert (await anext(stream)).seq == 2
         assert bus.here.latest(NEWEST).value is not None
         assert newest_seq(bus, NEWEST) == 2

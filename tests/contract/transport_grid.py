@@ -53,9 +53,11 @@ namespaces = (f"dlokit_test/{os.getpid()}/{number}" for number in itertools.coun
 async def zenoh_bus() -> AsyncGenerator[Bus]:
     config = ZenohConfig(namespace=next(namespaces), multicast_interface="lo")
     here, there = ZenohTransport(config), ZenohTransport(config)
-    yield Bus(here, there)
-    await here.close()
-    await there.close()
+    try:
+        yield Bus(here, there)
+    finally:  # a session that stays open keeps its process from ending
+        await here.close()
+        await there.close()
 
 
 Body = Callable[[Bus], Awaitable[None]]
