@@ -10,8 +10,20 @@ from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.port import Port
 from dlokit.description.shapes import builtin_shape
 from dlokit.skills.model import api
+from dlokit.types.arrays import Float64Array
 from dlokit.types.observation import Gripped
 from dlokit.types.outcome import Succeeded
+
+
+async def _grasped(port: Port, bus: MemoryTransport) -> Float64Array:
+    """The tool's position (3,) [m] where it has gripped node 28 of a straight rod."""
+    bus.publish(topics.TARGETS, targets(I_SHAPE))
+    grasp = np.array([*I_SHAPE[28, :2], 0.011])
+    bus.publish(topics.ROBOT_STATE, robot_at(grasp, 1_000))
+    await port.clock.sleep(0.01)
+    bus.publish(topics.GRIPPED, Gripped(stamp_ns=2_000, robot="panda", node=28))
+    await port.clock.sleep(0.01)
+    return grasp
 
 
 def test_the_first_targets_become_the_state_and_later_ones_drag_it() -> None:
@@ -52,12 +64,7 @@ def test_reset_with_nodes_publishes_them_as_the_state() -> None:
 
 def test_a_held_node_follows_the_tool_between_two_looks() -> None:
     async def check(port: Port, bus: MemoryTransport) -> None:
-        bus.publish(topics.TARGETS, targets(I_SHAPE))
-        grasp = np.array([*I_SHAPE[28, :2], 0.011])
-        bus.publish(topics.ROBOT_STATE, robot_at(grasp, 1_000))
-        await port.clock.sleep(0.01)
-        bus.publish(topics.GRIPPED, Gripped(stamp_ns=2_000, robot="panda", node=28))
-        await port.clock.sleep(0.01)
+        grasp = await _grasped(port, bus)
         for k in range(1, 51):
             bus.publish(topics.ROBOT_STATE, robot_at(grasp + np.array([0.002 * k, 0.0, 0.0]), k * 20_000_000))
             await port.clock.sleep(0.02)
@@ -98,12 +105,7 @@ def test_targets_that_no_held_rod_can_have_come_to_are_left_out(held: bool, foll
 
 def test_a_tool_that_lost_its_grip_does_not_move_the_model() -> None:
     async def check(port: Port, bus: MemoryTransport) -> None:
-        bus.publish(topics.TARGETS, targets(I_SHAPE))
-        grasp = np.array([*I_SHAPE[28, :2], 0.011])
-        bus.publish(topics.ROBOT_STATE, robot_at(grasp, 1_000))
-        await port.clock.sleep(0.01)
-        bus.publish(topics.GRIPPED, Gripped(stamp_ns=2_000, robot="panda", node=28))
-        await port.clock.sleep(0.01)
+        grasp = await _grasped(port, bus)
         bus.publish(topics.ROBOT_STATE, robot_at(grasp + np.array([0.1, 0.0, 0.0]), 1_000_000_000, holding=False))
         state = await state_after_a_moment(port)
         assert state is not None

@@ -1,0 +1,84 @@
+"""Candidates of `rollout`: laying, carrying, pushing."""
+
+import numpy as np
+import pytest
+from rollout_bench import I_SHAPE, MODEL, S_SHAPE, scene, tools
+
+from dlokit import geometry
+from dlokit.skills.model.quick_rollout import QuickRod, play
+from dlokit.skills.planning.rollouts.candidates import Candidate, Scene
+from dlokit.skills.planning.rollouts.carrying import Carrying
+from dlokit.skills.planning.rollouts.laying import Laying
+from dlokit.skills.planning.rollouts.pushing import Pushing
+
+
+def test_a_lay_down_ends_with_the_held_end_at_its_goal_and_the_rest_behind_it() -> None:
+    for from_last, node in ((False, 0), (True, 30)):
+        family = Laying(scene(), from_last=from_last)
+        candidate = family.make(family.first(1, np.random.default_rng(0))[0])
+        assert candidate is not None
+        assert candidate.motion.node == node
+        tool = candidate.motion.waypoints
+        assert np.linalg.norm(tool[-1, :2] - S_SHAPE[node, :2]) < 0.013  # held 12 mm from the end
+        assert np.linalg.norm(tool[2, :2] - S_SHAPE[30 - node, :2]) < 0.05  # it starts above the other end, with a lead
+        assert np.all(np.diff(tool[2:, 2]) < 0.0)
+
+
+def test_a_lay_down_that_missed_is_aimed_better() -> None:
+    family, errors_m = Laying(scene(), from_last=True), list[float]()
+    numbers = family.first(1, np.random.default_rng(0))[0]
+    for _ in range(4):
+        candidate = family.make(numbers)
+        assert candidate is not None
+        nodes = play(MODEL, I_SHAPE, (QuickRod(),), (candidate.motion,), 0.01).nodes_world[0, 0]
+        errors_m.append(geometry.rmse_m(nodes, S_SHAPE))
+        numbers = family.aimed(candidate.numbers, nodes)
+    assert errors_m[-1] < 0.35 * errors_m[0]
+
+
+def test_a_carry_that_fell_short_is_released_farther() -> None:
+    family = Carrying(scene(), dragging=True)
+    numbers = family.first(1, np.random.default_rng(0))[0]
+    short = S_SHAPE - np.array([0.01, 0.0, 0.0])
+    more = family.aimed(numbers, short) - numbers
+    assert more[1] > 0.005
+    assert np.abs(np.delete(more, 1)).max() == 0.0
+
+
+def test_where_the_end_is_marked_the_next_node_is_held() -> None:
+    family = Laying(scene(marked=(0,)), from_last=False)
+    candidate = family.make(family.first(1, np.random.default_rng(0))[0])
+    assert candidate is not None
+    assert candidate.motion.node == 1
+
+
+def push_of(direction_rad: float, length_m: float = 0.05, marked: tuple[int, ...] = ()) -> Candidate | None:
+    return Pushing(scene(marked=marked)).make(np.array([0.5, direction_rad, 0.006, length_m, 0.0, 0.0, 0.15]))
+
+
+@pytest.mark.parametrize("direction_rad", [0.0, np.pi])
+def test_a_push_moves_the_middle_by_its_length_to_the_side_it_says(direction_rad: float) -> None:
+    candidate = push_of(direction_rad)
+    assert candidate is not None
+    end = play(MODEL, I_SHAPE, (QuickRod(),), (candidate.motion,), 0.005).nodes_world[0, 0]
+    along = geometry.tangents(I_SHAPE)[15, :2]
+    way = np.cos(direction_rad) * np.array([-along[1], along[0]])
+    # The spring of the fingers gives by a millimetre, and the bend that they leave by another.
+    assert (end - I_SHAPE)[15, :2] @ way == pytest.approx(0.05, abs=0.004)
+    assert np.linalg.norm((end - I_SHAPE)[[0, 30]], axis=1).max() < 0.02
+
+
+def test_a_push_along_the_rod_onto_it_or_at_a_marked_node_is_none() -> None:
+    assert push_of(1.3) is None
+    assert push_of(0.0, marked=(15,)) is None
+    assert push_of(0.0, length_m=-0.01) is None
+    hairpin = np.concatenate((I_SHAPE[:16], I_SHAPE[:15][::-1] + np.array([0.02, 0.0, 0.0])))
+    beside = Pushing(Scene(hairpin, S_SHAPE, frozenset(), tools()))
+    tries = [beside.make(np.array([0.25, way, 0.006, 0.05, 0.0, 0.0, 0.15])) for way in (0.0, np.pi)]
+    assert [made is None for made in tries].count(True) == 1, "on one side lies the other strand"
+
+
+def test_a_waypoint_out_of_reach_makes_no_candidate() -> None:
+    low = Scene(I_SHAPE, S_SHAPE, frozenset(), tools(lambda T: float(T.position_m[2]) < 0.3))
+    family = Laying(low, from_last=False)
+    assert family.make(family.first(1, np.random.default_rng(0))[0]) is None

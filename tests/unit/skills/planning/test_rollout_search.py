@@ -1,0 +1,109 @@
+"""The search of `rollout`: its budget, its finalists, who watches it."""
+
+import asyncio
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import ParamSpec, TypeVar
+
+import numpy as np
+from rollout_bench import I_SHAPE, MODEL, S_SHAPE, SHORT, scene, tools
+
+from dlokit.communication.compute import InlineCompute
+from dlokit.skills.model.quick_rollout import Played
+from dlokit.skills.planning.actions import FeasibilityConfig
+from dlokit.skills.planning.rollouts.candidates import Scene
+from dlokit.skills.planning.rollouts.carrying import Carrying
+from dlokit.skills.planning.rollouts.laying import Laying
+from dlokit.skills.planning.rollouts.pushing import Pushing
+from dlokit.skills.planning.rollouts.score import ScoreConfig, remaining_m
+from dlokit.skills.planning.rollouts.search import Choice, Search, SearchConfig, Watch
+from dlokit.types.action import Action, Drag, LayDown, PickPlace, Push
+from dlokit.types.arrays import Float64Array
+from dlokit.types.pose import Pose
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def test_finalists_are_of_more_than_one_kind_where_there_are_others() -> None:
+    asked: list[Sequence[type[Action]]] = []
+
+    def score(played: Played, kinds: Sequence[type[Action]]) -> Float64Array:
+        asked.append(kinds)
+        return np.array([[0.02 if kind is Drag else 0.01 for kind in kinds]] * len(played.nearest_m))
+
+    search = Search(I_SHAPE, MODEL, replace(SHORT, finalists=4), score, lambda scores: scores[0], InlineCompute())
+    families = [Carrying(scene(), dragging=dragging) for dragging in (True, False)]
+    asyncio.run(search.run(families, np.random.default_rng(0)))
+    assert set(asked[-1]) == {Drag, PickPlace}
+
+
+def test_the_search_keeps_to_its_budget_and_refining_helps() -> None:
+    def run(generations: int, rollouts: int) -> tuple[int, float]:
+        config = SearchConfig(rollouts=rollouts, finalists=2, generations=generations)
+
+        def score(played: Played, kinds: Sequence[type[Action]]) -> Float64Array:
+            miss_m = np.zeros(len(kinds))
+            return remaining_m(played, miss_m, S_SHAPE, MODEL.radius_m, ScoreConfig(), FeasibilityConfig())
+
+        search = Search(I_SHAPE, MODEL, config, score, lambda scores: scores[0], InlineCompute())
+        found = asyncio.run(search.run([Carrying(scene(), dragging=False)], np.random.default_rng(0)))
+        return search.spent, found[0].score_m
+
+    few, first = run(1, 40)
+    many, refined = run(3, 120)
+    assert 20 < few <= 40
+    assert 80 < many <= 120
+    assert refined < first
+
+
+def test_a_slow_machine_tries_every_family_and_ends_in_time() -> None:
+    now_s = [0.0]
+
+    class SlowCompute(InlineCompute):
+        async def __call__(self, function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
+            played = await super().__call__(function, *args, **kwargs)
+            assert isinstance(played, Played)
+            now_s[0] += 0.008 * played.nearest_m.size
+            return played
+
+    def reachable(pose: Pose) -> bool:
+        now_s[0] += 0.0005
+        return True
+
+    tried: set[type[Action]] = set()
+
+    def score(played: Played, kinds: Sequence[type[Action]]) -> Float64Array:
+        tried.update(kinds)
+        return np.ones_like(played.nearest_m)
+
+    watch = Watch(stopwatch=lambda: now_s[0])
+    search = Search(I_SHAPE, MODEL, SearchConfig(threads=2), score, lambda scores: scores[0], SlowCompute(), watch)
+    here = Scene(I_SHAPE, S_SHAPE, frozenset(), tools(reachable))
+    families = [Laying(here, from_last=False), *(Carrying(here, dragging=dragging) for dragging in (True, False))]
+    asyncio.run(search.run([*families, Pushing(here)], np.random.default_rng(0)))
+    assert tried == {LayDown, PickPlace, Drag, Push}
+    assert now_s[0] < 2.0 + 0.008 * 16  # a batch more: the clock counts one rollout at a time
+    assert search.spent > 50  # of the 100 that fit in: what takes the rest is whether the arm reaches
+
+
+def test_who_watches_is_told_the_best_of_each_kind_and_node_best_first() -> None:
+    told = list[list[Choice]]()
+
+    async def tell(rollouts: int, best: Sequence[Choice]) -> None:
+        told.append(list(best))
+
+    def score(played: Played, kinds: Sequence[type[Action]]) -> Float64Array:
+        return np.linalg.norm(played.nodes_world[:, :, 0] - S_SHAPE[0], axis=-1)
+
+    config = SearchConfig(rollouts=100, threads=2)
+    search = Search(I_SHAPE, MODEL, config, score, lambda scores: scores[0], InlineCompute(), Watch(tell=tell))
+    families = [
+        Carrying(Scene(I_SHAPE, S_SHAPE, frozenset(), tools()), dragging=dragging) for dragging in (True, False)
+    ]
+    asyncio.run(search.run(families, np.random.default_rng(0)))
+    for best in told:
+        grasps = [(choice.candidate.kind, choice.candidate.motion.node) for choice in best]
+        assert len(set(grasps)) == len(grasps)
+        assert [choice.score_m for choice in best] == sorted(choice.score_m for choice in best)
+    assert len(told[-1]) == 6
