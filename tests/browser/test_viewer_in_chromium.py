@@ -144,10 +144,15 @@ async def _frames_on_the_rod(visit: Visit) -> AsyncIterator[GoalFrames]:
     """The frames' messages from now on, after an operator has put the frames back on the built-in I."""
     frames = visit.bus.stream(topics.GOAL_FRAMES)
     await visit.page.get_by_role("button", name="Reset frames").click(timeout=LONG_S * 1000)
-    reset = await anext(frames)
-    np.testing.assert_allclose([_position(reset, index) for index in range(3)], STRAIGHT[[0, 15, 30], :2])
-    assert [frame.yaw_rad for frame in reset.frames] == [None, None, None]
+    # What a browser on a busy machine still had to say of an earlier drag comes first.
+    while not _on_the_rod(await anext(frames)):
+        pass
     return frames
+
+
+def _on_the_rod(frames: GoalFrames) -> bool:
+    places = [_position(frames, index) for index in range(3)]
+    return np.allclose(places, STRAIGHT[[0, 15, 30], :2]) and all(frame.yaw_rad is None for frame in frames.frames)
 
 
 def test_whoever_comes_late_sees_what_was_published_before(runner: asyncio.Runner, visit: Visit) -> None:
