@@ -28,6 +28,8 @@ class TrackingConfig:
     """Growth of that distance with the path of the tool [m/m]: the model's friction is not the table's."""
     hidden_friction_share: float = 0.4
     """Share of the table's friction that holds a hidden node where it was; 0 leaves it to the rod alone."""
+    tightest_bend_m: float = 0.02
+    """Radius of the tightest bend that a DLO which keeps bends is followed into [m]."""
     steps: int = 120
     """Physics steps of one update; fixed, so that runs repeat."""
     timestep_s: float = 0.01

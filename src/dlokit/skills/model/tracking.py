@@ -7,7 +7,7 @@ they did to the real rod is in the targets already.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -41,7 +41,8 @@ class Tracker:
     def __init__(self, config: ModelConfig) -> None:
         self.config = config
         gains = config.tracking
-        self._rod = RodModel(config, timestep_s=gains.timestep_s, damping_n_s_m=gains.damping_n_s_m)
+        followed = replace(config, bending_stiffness_n_m2=followed_stiffness_n_m2(config))
+        self._rod = RodModel(followed, timestep_s=gains.timestep_s, damping_n_s_m=gains.damping_n_s_m)
         self._rod.on_table(False)
 
     @property
@@ -84,6 +85,16 @@ class Tracker:
         friction_n = gains.hidden_friction_share * self.config.friction * weight_n
         limit = np.where(visible, gains.force_limit_n, friction_n)
         return np.full(len(visible), gains.stiffness_n_m), limit
+
+
+def followed_stiffness_n_m2(config: ModelConfig) -> float:
+    """Bending stiffness with which the rod follows its targets [N·m²].
+
+    A DLO that keeps bends resists no bend by more than its yield moment ``EI κ_y``; an elastic rod as stiff would
+    straighten its kinks against the targets. At the tightest bend this one resists as much as that.
+    """
+    yield_1_m = config.yield_curvature_1_m or math.inf
+    return config.bending_stiffness_n_m2 * min(1.0, yield_1_m * config.tracking.tightest_bend_m)
 
 
 def _rms_m(nodes: Float64Array, targets: Float64Array, visible: BoolArray) -> float:
