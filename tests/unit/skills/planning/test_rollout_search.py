@@ -1,14 +1,17 @@
 """The search of `rollout`: its budget, its finalists, who watches it."""
 
 import asyncio
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import ParamSpec, TypeVar
 
 import numpy as np
+import pytest
 from rollout_bench import I_SHAPE, MODEL, S_SHAPE, SHORT, scene, tools
 
 from dlokit.communication.compute import InlineCompute
+from dlokit.skills.model.config import BeliefConfig
 from dlokit.skills.model.quick_rollout import Played
 from dlokit.skills.planning.actions import FeasibilityConfig
 from dlokit.skills.planning.rollouts.candidates import Scene
@@ -107,3 +110,14 @@ def test_who_watches_is_told_the_best_of_each_kind_and_node_best_first() -> None
         assert len(set(grasps)) == len(grasps)
         assert [choice.score_m for choice in best] == sorted(choice.score_m for choice in best)
     assert len(told[-1]) == 6
+
+
+@pytest.mark.parametrize(("log_sd", "factor"), [(0.1, 1.4), (math.log(3.0), 3.0)])
+def test_finalists_are_tried_on_rods_as_other_as_the_belief_allows_and_at_least_as_the_doubt(
+    log_sd: float, factor: float
+) -> None:
+    sure = BeliefConfig(stiffness_log_sd=log_sd, friction_log_sd=0.0)
+    rods = SearchConfig(doubt=1.4).doubtful_rods(sure)
+    assert len(rods) == 8
+    assert {round(rod.stiffness_share, 9) for rod in rods} == {round(1.0 / factor, 9), round(factor, 9)}
+    assert {rod.friction_share for rod in rods} == {1.0 / 1.4, 1.4}

@@ -87,4 +87,4 @@ def test_settings_that_cannot_be_are_refused() -> None:
     for seconds in (0.0, -1.0, math.nan):
         with pytest.raises(ConfigError, match="seconds"):
             SearchConfig(seconds=seconds)
-    assert SearchConfig(doubt=1.0).doubtful_rods == ()
+    assert SearchConfig(doubt=1.0).doubtful_rods(MODEL.belief) == ()

@@ -9,7 +9,7 @@ import numpy as np
 
 from dlokit.communication.compute import Compute
 from dlokit.errors import ConfigError
-from dlokit.skills.model.config import ModelConfig
+from dlokit.skills.model.config import BeliefConfig, ModelConfig
 from dlokit.skills.model.quick_rollout import Motion, Played, QuickRod, play
 from dlokit.skills.planning.rollouts.candidates import Candidate, Family
 from dlokit.skills.planning.rollouts.timer import Timer
@@ -40,8 +40,8 @@ class SearchConfig:
     finalists: int = 8
     """Candidates that are tried on other rods."""
     doubt: float = 1.4
-    """Factor by which friction and stiffness of the DLO may be other than the model's, up or down; 1: the model is
-    believed."""
+    """Factor by which friction and stiffness of the DLO may be other than the model's, up or down, at least; more
+    where the model is less sure of them (`--model.belief`, and what was learnt). 1: the model is believed."""
     astray_m: float = 0.003
     """Distance by which the DLO may lie beside where it is seen [m]. Every finalist is played on eight rods: each pair
     of friction and stiffness, on either side of where it is seen."""
@@ -56,10 +56,11 @@ class SearchConfig:
                 f"a search has finalists {self.finalists}, generations {self.generations}, threads {self.threads}; "
                 f"at least 1, 0 and 0 are allowed."
             )
-        if self.rollouts < _LEAST + self.finalists * len(self.doubtful_rods):
+        finals = self.finalists * len(self.doubtful_rods(BeliefConfig()))
+        if self.rollouts < _LEAST + finals:
             raise ConfigError(
-                f"a search of {self.rollouts} rollouts is too short: {self.finalists} finalists take "
-                f"{self.finalists * len(self.doubtful_rods)}, and {_LEAST} more are needed; allow more rollouts."
+                f"a search of {self.rollouts} rollouts is too short: {self.finalists} finalists take {finals}, and "
+                f"{_LEAST} more are needed; allow more rollouts."
             )
         if not self.seconds > 0.0:
             raise ConfigError(f"a search has seconds {self.seconds}; it must be a number above 0.")
@@ -69,13 +70,16 @@ class SearchConfig:
                 f"more, the time step above 0 and up to 0.02 s."
             )
 
-    @property
-    def doubtful_rods(self) -> tuple[QuickRod, ...]:
-        """What the DLO may be like besides what the model says."""
+    def doubtful_rods(self, sure: BeliefConfig) -> tuple[QuickRod, ...]:
+        """What the DLO may be like besides what the model says, which is as `sure` of it."""
         if self.doubt == 1.0:
             return ()
-        shares, rods = (1.0 / self.doubt, self.doubt), list[QuickRod]()
-        for k, (friction, stiffness) in enumerate(itertools.product(shares, shares)):
+        friction_by, stiffness_by = (
+            max(self.doubt, math.exp(log_sd)) for log_sd in (sure.friction_log_sd, sure.stiffness_log_sd)
+        )
+        rods = list[QuickRod]()
+        both = itertools.product((1.0 / friction_by, friction_by), (1.0 / stiffness_by, stiffness_by))
+        for k, (friction, stiffness) in enumerate(both):
             x, y = self.astray_m * math.cos(k * math.pi / 4.0), self.astray_m * math.sin(k * math.pi / 4.0)
             for shift_m in ((x, y), (-x, -y)):
                 rods.append(QuickRod(friction_share=friction, stiffness_share=stiffness, shift_m=shift_m))
@@ -132,6 +136,7 @@ class Search:
         """`score` gives (R, C) of what was played and the C kinds; `judge` makes (C,) of that."""
         self._nodes, self._model, self._config = nodes_world, model, config
         self._score, self._judge, self._compute = score, judge, compute
+        self._rods = config.doubtful_rods(model.belief)
         self._watch = watch or Watch()
         self._timer = Timer(
             config.seconds, self._watch.stopwatch, config.threads, least=round(_LEAST_SHARE * config.rollouts)
@@ -142,7 +147,7 @@ class Search:
     async def run(self, families: Sequence[Family], rng: np.random.Generator) -> list[Choice]:
         """Choices, the best first."""
         config = self._config
-        each = len(config.doubtful_rods)
+        each = len(self._rods)
         budget = config.rollouts - config.finalists * each
         pools = [_Pool(family) for family in families]
         share = max(1, budget // (2 * len(pools)))
@@ -201,7 +206,7 @@ class Search:
 
     async def _finals(self, finalists: list[Choice]) -> list[Choice]:
         """The finalists in the order of their score on every rod that the DLO may be; last those left out for time."""
-        rods = self._config.doubtful_rods
+        rods = self._rods
         if not finalists or not rods:
             return finalists
         judged = list[float]()
