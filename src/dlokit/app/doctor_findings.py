@@ -91,13 +91,13 @@ def memory_finding(available_gib: float) -> Finding:
 
 
 def urgency_finding(allowed: bool) -> Finding:
-    """Whether the threads that keep the robots' leases may go before everything else on a busy machine."""
+    """Whether the threads on which it depends how soon an arm brakes may go before everything else."""
     if allowed:
-        return Finding(what="real-time priority", standing=Standing.READY, found="allowed, for signs of life")
+        return Finding(what="real-time priority", standing=Standing.READY, found="allowed, for what brakes the arms")
     return Finding(
         what="real-time priority",
         standing=Standing.ADVICE,
-        found="not allowed; on an overloaded machine a sign of life may come late, and the arm then brakes",
+        found="not allowed; on an overloaded machine an arm brakes later, or for nothing",
         mend='echo "$USER - rtprio 10" | sudo tee /etc/security/limits.d/dlokit.conf  # then log in again',
     )
 

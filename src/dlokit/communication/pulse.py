@@ -1,21 +1,19 @@
 """Signs of life, given at a steady beat: on the loop in lockstep, from a thread of their own when live."""
 
 import asyncio
-import contextlib
 import logging
-import os
 import threading
 import time
 from collections.abc import AsyncGenerator, Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from typing import Protocol
 
+from dlokit.communication.urgency import BoundedUrgency, make_urgent
+
 log = logging.getLogger(__name__)
 
 _TICK_S = 0.05
 """How often the loop shows that it comes round."""
-_URGENT_PRIORITY = 5
-"""Among real-time threads, which have the machine before all others; low, so that a driver's own come first."""
 
 
 class Pulse(Protocol):
@@ -58,11 +56,14 @@ class ThreadPulse:
         """Beat until the context ends; its last sign has been given when it has ended."""
         came_round_s = time.monotonic()
         over = threading.Event()
+        urgency = BoundedUrgency()
 
         async def come_round() -> None:
             nonlocal came_round_s
             while True:
                 came_round_s = time.monotonic()
+                # A loop that is put aside while it holds the interpreter's lock keeps the signs of life waiting.
+                urgency(True)
                 await asyncio.sleep(_TICK_S)
 
         def beat() -> None:
@@ -83,21 +84,5 @@ class ThreadPulse:
         finally:
             over.set()
             rounds.cancel()
+            urgency(False)
             thread.join(period_s)
-
-
-def make_urgent() -> bool:
-    """Let the calling thread have the machine before others, where this is allowed; whether it is."""
-    with contextlib.suppress(OSError, AttributeError):  # not allowed; not Linux
-        os.sched_setscheduler(0, os.SCHED_RR | os.SCHED_RESET_ON_FORK, os.sched_param(_URGENT_PRIORITY))
-        return True
-    return False
-
-
-def may_be_urgent() -> bool:
-    """Whether this system lets a thread have the machine before others."""
-    allowed: list[bool] = []
-    trying = threading.Thread(target=lambda: allowed.append(make_urgent()))
-    trying.start()
-    trying.join()
-    return allowed == [True]

@@ -17,6 +17,7 @@ from dlokit.communication.call_seal import Kind, label_of, mark_of, read_label, 
 from dlokit.communication.loop_door import LoopDoor
 from dlokit.communication.skill import Skill, SkillCall
 from dlokit.communication.transport import CallHandler, Report
+from dlokit.communication.urgency import threads_urgent
 from dlokit.errors import CommunicationError
 from dlokit.types.outcome import Rejected
 
@@ -131,7 +132,8 @@ class CallServer:
         self._closing = False
         # Whoever sees the token may call: it comes last.
         self._cancels = session.declare_subscriber(f"cancel/{component}", self._on_cancel)
-        self._calls = session.declare_queryable(f"call/{component}/*", self._on_query)
+        with threads_urgent():  # the call may be an order to brake; its thread only hands it to the loop
+            self._calls = session.declare_queryable(f"call/{component}/*", self._on_query)
         self._token = session.liveliness().declare_token(f"alive/{component}/{session.zid()}")
 
     async def close(self, patience_s: float) -> None:

@@ -7,6 +7,7 @@ from typing import Literal
 
 import zenoh
 
+from dlokit.communication.urgency import threads_urgent
 from dlokit.communication.zenoh_access import HostRights, access_control
 from dlokit.errors import MachineError
 
@@ -65,7 +66,9 @@ def open_session(config: ZenohConfig) -> zenoh.Session:
     for key, value in _settings(config).items():
         settings.insert_json5(key, json.dumps(value))
     try:
-        return zenoh.open(settings)
+        # Heartbeats, and orders to brake, pass through its threads; they move bytes, and nothing of ours runs on them.
+        with threads_urgent():
+            return zenoh.open(settings)
     except zenoh.ZError as error:
         raise MachineError(
             f"the bus cannot listen on {config.listen} or reach {config.connect}: {error}; "

@@ -25,6 +25,7 @@ from dlokit.communication.refusals import Refusals
 from dlokit.communication.schema import fingerprint
 from dlokit.communication.topic import Every, Topic
 from dlokit.communication.transport import Latest
+from dlokit.communication.urgency import threads_urgent
 from dlokit.errors import CommunicationError
 from dlokit.types.message import Message
 
@@ -112,7 +113,8 @@ class TopicReader(Generic[T]):
         ring = zenoh.handlers.RingChannel(max(depth, BURST) if self._every else 1)
         self._subscriber = session.declare_subscriber(f"topic/{topic.name}", ring)
         self._pump = threading.Thread(target=self._hand_over, name=f"reads {topic.name}", daemon=True)
-        self._pump.start()
+        with threads_urgent():  # it holds the interpreter's lock, for which heartbeats and orders would wait
+            self._pump.start()
         self._token = session.liveliness().declare_token(f"reader/{topic.name}/{self._schema.hex()}/{session.zid()}")
         self._writers = watch_schemas(wiring, "writer", topic.name, self._schema, self._ask_for_last)
 

@@ -18,6 +18,7 @@ from dlokit.communication.schema import fingerprint
 from dlokit.communication.skill import ReportingSkill, Skill
 from dlokit.communication.topic import Topic
 from dlokit.communication.transport import CallHandler, Known, Latest, Liveness, Report
+from dlokit.communication.urgency import threads_urgent
 from dlokit.communication.zenoh_calls import CallServer
 from dlokit.communication.zenoh_liveness import Presence, announce_caller, watch_callers
 from dlokit.communication.zenoh_session import OpenSession, ZenohConfig, open_session
@@ -111,7 +112,8 @@ class ZenohTransport:
             else:
                 listener(data)
 
-        self._taps.append(self._session.declare_subscriber(f"topic/{topic.name}", on_sample))
+        with threads_urgent():  # the commander's heartbeats are heard on it
+            self._taps.append(self._session.declare_subscriber(f"topic/{topic.name}", on_sample))
 
     @property
     def refused(self) -> Mapping[tuple[str, str], int]:

@@ -13,6 +13,7 @@ from typing import Any
 
 from dlokit.communication.component import Component
 from dlokit.communication.host import Host
+from dlokit.communication.urgency import may_be_urgent
 from dlokit.communication.zenoh_session import OpenSession, open_session
 from dlokit.errors import InputError, ProcessFailure
 from dlokit.system.child_spec import BEAT, BEAT_PERIOD_S, EXIT_BAD_INPUT, READY, STOP_GRACE_S, ChildSpec, decode_spec
@@ -30,6 +31,8 @@ def run_child(build: Build, open_session: OpenSession = open_session) -> None:
     """Serve the components that standard input asks for, until standard input ends or SIGTERM comes."""
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
     spec = decode_spec(sys.stdin.buffer.readline())
+    if not may_be_urgent():
+        log.info("no real-time priority is allowed here; dlokit doctor says what that means")
     try:
         asyncio.run(_serve(spec, build, open_session))
     except InputError as error:

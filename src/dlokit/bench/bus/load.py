@@ -10,6 +10,7 @@ import zenoh
 from dlokit.communication import codec
 from dlokit.communication.skill import Skill
 from dlokit.communication.topic import KeepLast, Topic
+from dlokit.communication.urgency import threads_urgent
 from dlokit.types.arrays import Float32Array
 from dlokit.types.message import Message
 
@@ -87,7 +88,7 @@ def since_load(load: Load) -> float:
 
 
 def bare_session(*, listen: tuple[str, ...] = (), connect: tuple[str, ...] = ()) -> zenoh.Session:
-    """Zenoh as it comes, but for where it meets: on the loopback interface, like our bus."""
+    """Zenoh as it comes, but for where it meets, and for the priority of its threads: like our bus."""
     settings = zenoh.Config()
     values = {
         "listen/endpoints": listen or ("tcp/127.0.0.1:0",),
@@ -97,7 +98,8 @@ def bare_session(*, listen: tuple[str, ...] = (), connect: tuple[str, ...] = ())
     }
     for key, value in values.items():
         settings.insert_json5(key, msgspec.json.encode(value).decode())
-    return zenoh.open(settings)
+    with threads_urgent():
+        return zenoh.open(settings)
 
 
 def _take(load: Load) -> int:

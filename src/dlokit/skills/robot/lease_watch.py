@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from typing import Protocol
 
-from dlokit.communication.pulse import make_urgent
+from dlokit.communication.urgency import make_urgent
 from dlokit.skills.robot.lease import LeaseKeeper
 
 log = logging.getLogger(__name__)
