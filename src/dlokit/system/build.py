@@ -47,6 +47,7 @@ def _driver_port(wiring: Wiring, owner: str) -> Port:
 
 
 def _cell(config: RunConfig, wiring: Wiring) -> Component:
+    from dlokit.communication.urgency import BoundedUrgency, never_urgent
     from dlokit.functional.cell.component import CellComponent
 
     return CellComponent(
@@ -56,6 +57,7 @@ def _cell(config: RunConfig, wiring: Wiring) -> Component:
         truth_folder=wiring.folder,
         real_time_factor=1.0 if config.runtime == "lockstep" else config.cell.real_time_factor,
         arms=ARMS[: config.arms],
+        urgency=never_urgent if config.runtime == "lockstep" else BoundedUrgency(),
     )
 
 

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from dlokit.communication import topics
 from dlokit.communication.component import Component, implements
+from dlokit.communication.urgency import Urgency, never_urgent
 from dlokit.description.arms import FIRST_ALONE, ArmMount
 from dlokit.errors import MachineError, SkillFailure, SkillRejected
 from dlokit.functional.cell import api
@@ -55,17 +56,20 @@ class CellComponent(Component):
         truth_folder: Path | None = None,
         real_time_factor: float = 1.0,
         arms: tuple[ArmMount, ...] = FIRST_ALONE,
+        urgency: Urgency = never_urgent,
     ) -> None:
         """Build the cell with the DLO at rest along `start_world` (K, 2) or (K, 3) [m].
 
         `truth_folder` receives `truth.npz`. `real_time_factor` is the fastest pace of the cell's clock against the
-        host's; in lockstep it must be 1. Raises `ShapeError` when the DLO cannot lie there.
+        host's; in lockstep it must be 1. `urgency` is asked for while an arm moves: a real one has a control box of its
+        own, which brakes however busy this machine is. Raises `ShapeError` when the DLO cannot lie there.
         """
         super().__init__()
         self._cell = Cell(config, seed=seed, arms=arms)
         self._cell.place_dlo(start_world)
         self._truth = TruthRecorder(truth_folder) if truth_folder is not None else None
         self._factor = real_time_factor
+        self._urgency = urgency
         self._ticks = 0
         self._waiting: list[asyncio.Future[None]] = []
         self._lines = {mount.robot: _Line(arm=self._cell.arms[mount.robot], instance=mount.instance) for mount in arms}
@@ -77,6 +81,7 @@ class CellComponent(Component):
         try:
             while True:
                 self._tell(pace)
+                self._urgency(any(line.arm.mode in _IN_MOTION for line in self._lines.values()))
                 await self.port.clock.sleep_until(pace.next_ns(self.port.clock.now_ns()))
                 self._guard()
                 self._cell.step(TICK_S)
@@ -94,6 +99,7 @@ class CellComponent(Component):
     @implements(api.CAPTURE)
     async def capture(self) -> StereoImages:
         """Expose both cameras."""
+        self._urgency(False)  # drawing takes long; the next tick asks anew
         try:
             return self._cell.capture()
         except MachineError as error:

@@ -13,6 +13,7 @@ from dlokit.communication import topics, virtual_time
 from dlokit.communication.clock import LoopClock
 from dlokit.communication.host import Host
 from dlokit.communication.memory import MemoryTransport
+from dlokit.communication.urgency import Urgency, never_urgent
 from dlokit.description.panda_data import PANDA_HOME_Q_RAD
 from dlokit.description.shapes import builtin_shape
 from dlokit.functional.cell import api
@@ -27,10 +28,13 @@ LEASE_S = 0.2
 
 
 @asynccontextmanager
-async def running(truth_folder: Path | None = None, *, renews: bool = True) -> AsyncGenerator[MemoryTransport]:
+async def running(
+    truth_folder: Path | None = None, *, renews: bool = True, urgency: Urgency = never_urgent
+) -> AsyncGenerator[MemoryTransport]:
     bus = MemoryTransport()
     host = Host(bus, LoopClock())
-    host.add(CellComponent(CONFIG, builtin_shape("I", 0.5, 100), seed=0, truth_folder=truth_folder))
+    start = builtin_shape("I", 0.5, 100)
+    host.add(CellComponent(CONFIG, start, seed=0, truth_folder=truth_folder, urgency=urgency))
 
     async def renew() -> None:
         while True:
@@ -120,6 +124,28 @@ def test_without_renewals_the_arm_brakes_and_needs_recovery():
         assert arm_mode(bus) == RobotMode.IDLE
 
     run(story, renews=False)
+
+
+def test_the_cell_is_in_a_hurry_from_the_beginning_of_a_motion_until_the_arm_stands_but_not_while_it_draws():
+    wanted: list[bool] = []
+
+    async def main() -> None:
+        async with running(urgency=wanted.append) as bus:
+            await asyncio.sleep(0.1)
+            assert not any(wanted)
+            motion = asyncio.create_task(bus.call(api.FOLLOW, wave(duration_s=2.0), LEASE_S))
+            await asyncio.sleep(0.5)
+            assert wanted[-1]
+            await bus.call(api.CAPTURE)
+            assert not wanted[-1]
+            await asyncio.sleep(0.1)
+            assert wanted[-1]
+            await bus.call(api.STOP)
+            await motion
+            await asyncio.sleep(0.1)
+            assert not wanted[-1]
+
+    virtual_time.run(main())
 
 
 def test_stop_ends_a_motion_as_stopped_and_the_arm_stands_before_the_end():
