@@ -83,6 +83,18 @@ def test_a_crash_before_the_first_look_begins_at_the_beginning(cut_off: Run) -> 
     assert again.records[0].action == 1
 
 
+def test_a_dlo_that_was_dropped_across_itself_in_the_first_action_is_gone_on_from(cut_off: Run) -> None:
+    # Straight, three quarters of a turn, and straight again, across where it began.
+    heading = 1.5 * np.pi * np.clip(np.linspace(-0.5, 1.5, NODES - 1), 0.0, 1.0)
+    loop = np.tile(I[NODES // 2], (NODES, 1))
+    loop[1:, :2] += LENGTH_M / (NODES - 1) * np.cumsum(np.column_stack((np.sin(heading), np.cos(heading))), axis=0)
+    looked_once = next(journal for journal in cut_off.journals if journal.errors_m)
+    assert looked_once.actions == 0
+    assert Run(Lab(nodes=loop.copy()), TaskConfig(max_actions=1)).result.outcome is RunOutcome.INFEASIBLE
+    resumed = Run(Lab(nodes=loop.copy()), TaskConfig(max_actions=1), looked_once)
+    assert [record.action for record in resumed.records] == [1]
+
+
 def test_an_arm_that_cannot_be_cleared_ends_the_task_by_name(cut_off: Run) -> None:
     result = Run(Lab(nodes=I.copy(), fails={"recover": ["fault"]}), PATIENT, cut_off.journals[-1]).result
     assert result.outcome is RunOutcome.FAILED

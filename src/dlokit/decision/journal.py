@@ -61,6 +61,7 @@ def take_up(task: ShapeTask, journal: Journal) -> None:
     """
     task.errors_m = list(journal.errors_m[:-1])
     task.actions_before = journal.actions
+    task.start_accepted = bool(journal.errors_m)
     task.marks = [FailedPair(node=mark.node, nodes_world=mark.nodes_world) for mark in journal.marks]
     task.slips = dict(journal.slips)
     task.started_ns -= round(journal.elapsed_s * 1e9)

@@ -184,6 +184,9 @@ class ShapeTask:
     history: list[ActionRecord] = field(default_factory=list[ActionRecord])
     actions_before: int = 0
     """Actions of the run that this one resumes."""
+    start_accepted: bool = False
+    """Whether the run that this one resumes had begun from its start: an arm that then let go may have dropped the DLO
+    across itself."""
     planning_time_s: float = 0.0
     recoveries: int = 0
     lost: str = ""

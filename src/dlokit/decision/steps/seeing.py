@@ -164,8 +164,8 @@ async def track_model(task: ShapeTask) -> Sight:
     if not isinstance(verdict, Succeeded):
         fail(task, "planning.check_start", verdict)
         return Sight.FAILED
-    # A shape that an action has left is gone on from, as after any action.
-    if not verdict.result.feasible and task.actions_before == 0:
+    # What a task that is resumed had done to the DLO is gone on from, as after any action.
+    if not verdict.result.feasible and not task.start_accepted:
         problems = ", ".join(finding.problem.value for finding in verdict.result.findings)
         task.reason = f"start {problems}: {verdict.result.text}"
         return Sight.UNUSABLE
