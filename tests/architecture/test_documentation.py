@@ -2,8 +2,9 @@
 
 import re
 import shlex
+import sys
 from pathlib import Path
-from typing import Any
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -55,12 +56,14 @@ def test_commands_are_found_in_the_pages() -> None:
     assert len(commands()) > 8
 
 
-def test_the_observer_of_the_how_to_works_as_it_stands() -> None:
+def test_the_observer_of_the_how_to_works_as_it_stands(monkeypatch: pytest.MonkeyPatch) -> None:
     page = (ROOT / "docs" / "how-to" / "add-an-observer.md").read_text(encoding="utf-8")
-    (code,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
-    written: dict[str, Any] = {"__name__": "nearest"}
-    exec(compile(code, "nearest.py", "exec"), written)
-    settings: ObserverStrategyConfig = written["NearestConfig"]()
+    files = re.findall(r"`src/dlokit/skills/observer/(\w+)\.py`:\n\n```python\n(.*?)```", page, re.DOTALL)
+    modules = [ModuleType(f"dlokit.skills.observer.{name}") for name, _ in files]
+    for module, (name, code) in zip(modules, files, strict=True):
+        monkeypatch.setitem(sys.modules, module.__name__, module)
+        exec(compile(code, f"{name}.py", "exec"), vars(module))
+    settings: ObserverStrategyConfig = modules[0].NearestConfig()
     assert to_spec(settings).name == "nearest"
     nodes = np.column_stack([np.full(11, 0.5), np.linspace(-0.25, 0.25, 11), np.full(11, 0.004)])
     seen = Observation(stamp_ns=1, points_world=(nodes + np.array([0.02, 0.0, 0.0])).astype(np.float32))
@@ -73,5 +76,6 @@ def test_the_observer_of_the_how_to_works_as_it_stands() -> None:
 
 def test_the_map_of_the_paper_has_every_observer_of_ours() -> None:
     page = (ROOT / "docs" / "paper_map.md").read_text(encoding="utf-8")
-    files = [f"{config.__module__.removeprefix('dlokit.').replace('.', '/')}.py" for config in OURS]
+    modules = [type(config().build()).__module__ for config in OURS]
+    files = [f"{module.removeprefix('dlokit.').replace('.', '/')}.py" for module in modules]
     assert [file for file in files if f"`{file}`" not in page] == []

@@ -14,8 +14,7 @@ from dlokit.skills.model.config import ModelConfig
 from dlokit.skills.model.rod import topology
 from dlokit.skills.planning.actions import ActionConfig
 from dlokit.skills.planning.base import PlanningTools, StrategyConfig
-from dlokit.skills.planning.rollouts.search import SearchConfig
-from dlokit.skills.planning.rollouts.strategy import RolloutConfig
+from dlokit.skills.planning.rollouts.config import RolloutConfig, SearchConfig
 from dlokit.skills.planning.strategies import OURS, from_spec, to_spec
 from dlokit.types.action import Action, Drag, Marks, Push
 from dlokit.types.arrays import Float64Array

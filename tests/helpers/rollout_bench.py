@@ -7,7 +7,7 @@ from dlokit.skills.model.config import ModelConfig
 from dlokit.skills.planning.actions import ActionConfig
 from dlokit.skills.planning.base import PlanningTools
 from dlokit.skills.planning.rollouts.candidates import Scene
-from dlokit.skills.planning.rollouts.search import SearchConfig
+from dlokit.skills.planning.rollouts.config import SearchConfig
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
 

@@ -10,7 +10,7 @@ from dlokit.communication.recording.comparison import FieldRow
 from dlokit.communication.recording.reader import read_recording
 from dlokit.errors import InputError
 from dlokit.skills.observer.config import ObserverConfig
-from dlokit.skills.observer.spr import SprConfig
+from dlokit.skills.observer.spr_config import SprConfig
 from dlokit.system.config import RunConfig
 from dlokit.system.replay import REPLAYABLE, Replay, recorded_config, recorded_toml, replay
 

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from dlokit.system.certificates import LabHost, make_certificates
+from dlokit.system.certificates import make_certificates
+from dlokit.system.lab_host import LabHost
 
 pytestmark = pytest.mark.system
 

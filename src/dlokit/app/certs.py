@@ -7,7 +7,8 @@ from typing import Annotated
 import tyro
 
 from dlokit.app.command import Command
-from dlokit.system.certificates import AUTHORITY, hosts_from_words, make_certificates
+from dlokit.system.certificates import hosts_from_words, make_certificates
+from dlokit.system.lab_host import AUTHORITY
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,7 +9,7 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from dlokit.description import shapes
+from dlokit.description.table import TABLE_X_M, TABLE_Y_M
 from dlokit.types.arrays import Float64Array
 
 # Stand-ins that are written into the SVG and replaced there by the page's own colour variables.
@@ -49,7 +49,7 @@ def clear(axes: Axes) -> None:
 
 def draw_table(axes: Axes) -> None:
     """The table from above, turned as the camera's pictures are: the robot on the right, far from the camera on top."""
-    (x0, x1), (y0, y1) = shapes.TABLE_X_M, shapes.TABLE_Y_M
+    (x0, x1), (y0, y1) = TABLE_X_M, TABLE_Y_M
     axes.add_patch(Rectangle((x0, y0), x1 - x0, y1 - y0, facecolor=TABLE, edgecolor=GRID, linewidth=1.0))
     margin_m = 0.015
     axes.set_xlim(x1 + margin_m, x0 - margin_m)

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from dlokit import geometry
 from dlokit.description import shapes
+from dlokit.description.table import TABLE_X_M, TABLE_Y_M
 from dlokit.errors import ShapeError
 
 Array = NDArray[np.float64]
@@ -193,7 +194,7 @@ def _of_rope_length(points: Array, text: str, length_m: float, count: int, *, fi
 
 
 def _require_on_table(nodes: Array, text: str) -> None:
-    (x0, x1), (y0, y1) = shapes.TABLE_X_M, shapes.TABLE_Y_M
+    (x0, x1), (y0, y1) = TABLE_X_M, TABLE_Y_M
     x, y = nodes[:, 0], nodes[:, 1]
     if x.min() < x0 or x.max() > x1 or y.min() < y0 or y.max() > y1:
         raise ShapeError(

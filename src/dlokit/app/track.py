@@ -25,8 +25,9 @@ from dlokit.skills.observer.initialise import initial_targets
 from dlokit.skills.observer.skeleton import spanning_tree
 from dlokit.skills.observer.strategies import strategies
 from dlokit.skills.observer.visibility import distance_to_dlo_m
-from dlokit.skills.perception.box import BoxConfig, inside_box
-from dlokit.skills.perception.cloud import CloudConfig, lonely, thin
+from dlokit.skills.perception.box import inside_box
+from dlokit.skills.perception.cloud import lonely, thin
+from dlokit.skills.perception.config import BoxConfig, CloudConfig
 from dlokit.system.run_folder import claim_run_folder, new_run_folder
 from dlokit.types.dlo import DloState, TargetPoints, Topology
 from dlokit.types.observation import Observation

@@ -16,10 +16,6 @@ Array = NDArray[np.float64]
 
 CENTRE_M = (0.52, 0.0)
 """Middle of the table, where built-in shapes lie [m]."""
-TABLE_X_M = (0.30, 0.75)
-"""Part of the table that arm and camera share, along x [m]."""
-TABLE_Y_M = (-0.35, 0.35)
-"""The same along y [m]."""
 RANDOM_X_M = (0.33, 0.72)
 """Where random shapes lie, along x [m]: clear of the table's edge by more than one correction."""
 RANDOM_Y_M = (-0.30, 0.30)

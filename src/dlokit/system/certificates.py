@@ -6,8 +6,6 @@ know what it may do. Elliptic keys (P-256), for both ends of TLS 1.3.
 
 import ipaddress
 import os
-import re
-from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -19,9 +17,8 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from dlokit.communication.zenoh_session import TlsFiles
 from dlokit.errors import ConfigError, InputError
+from dlokit.system.lab_host import AUTHORITY, LabHost, is_ip
 
-AUTHORITY = "ca"
-"""Stem of the authority's files; no host may be called so."""
 AUTHORITY_DAYS = 3650
 HOST_DAYS = 825
 RENEWED_DAYS = 30
@@ -29,29 +26,7 @@ RENEWED_DAYS = 30
 EARLY = timedelta(days=1)
 """Certificates hold from a day before they were made, for hosts whose clock is behind."""
 
-_NAME = re.compile(r"[a-z0-9]([a-z0-9-]{0,30}[a-z0-9])?")
-_ADDRESS = re.compile(r"[A-Za-z0-9]([A-Za-z0-9.-]*[A-Za-z0-9])?")
-
 PrivateKey = ec.EllipticCurvePrivateKey
-
-
-@dataclass(frozen=True, kw_only=True)
-class LabHost:
-    """A host of a lab: its name, and where others reach it."""
-
-    name: str
-    addresses: tuple[str, ...] = ()
-    """IP addresses and names by which others connect to it; only a host that others connect to needs any."""
-
-    def __post_init__(self) -> None:
-        if self.name == AUTHORITY or not _NAME.fullmatch(self.name):
-            raise InputError(
-                f"{self.name!r} cannot name a host: allowed are up to 32 small letters, digits and -, "
-                f"but not {AUTHORITY!r}."
-            )
-        for address in self.addresses:
-            if not _is_ip(address) and not _ADDRESS.fullmatch(address):
-                raise InputError(f"{address!r} is neither an IP address nor the name of a machine.")
 
 
 def hosts_from_words(words: tuple[str, ...]) -> list[LabHost]:
@@ -205,15 +180,7 @@ def _named(name: str) -> x509.Name:
 
 
 def _general(address: str) -> x509.GeneralName:
-    return x509.IPAddress(ipaddress.ip_address(address)) if _is_ip(address) else x509.DNSName(address)
-
-
-def _is_ip(address: str) -> bool:
-    try:
-        ipaddress.ip_address(address)
-    except ValueError:
-        return False
-    return True
+    return x509.IPAddress(ipaddress.ip_address(address)) if is_ip(address) else x509.DNSName(address)
 
 
 def _common_name(certificate: x509.Certificate) -> str:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Literal
 
 from dlokit.errors import ConfigError
-from dlokit.system.certificates import LabHost
+from dlokit.system.lab_host import LabHost
 
 Kind = Literal["tls", "tcp"]
 

@@ -10,12 +10,13 @@ from scipy.spatial import KDTree
 from dlokit.app.track import TrackArgs, TrackSettings, run, topology_of, track
 from dlokit.errors import InputError
 from dlokit.geometry import resample, rmse_m
-from dlokit.skills.observer.anchored import AnchoredConfig, is_chain, pliable
+from dlokit.skills.observer.anchored import is_chain
+from dlokit.skills.observer.anchored_config import AnchoredConfig
 from dlokit.skills.observer.base import ObserverStrategyConfig
-from dlokit.skills.observer.cpd import CpdConfig
-from dlokit.skills.observer.spr import SprConfig
+from dlokit.skills.observer.cpd_config import CpdConfig, pliable
+from dlokit.skills.observer.spr_config import SprConfig
 from dlokit.skills.observer.strategies import OURS, OurObserver
-from dlokit.skills.perception.box import BoxConfig
+from dlokit.skills.perception.config import BoxConfig
 
 Array = NDArray[np.float64]
 HARNESS = Path(__file__).parents[4] / "shared" / "data" / "harness"

@@ -5,7 +5,8 @@ import numpy as np
 from dlokit import geometry
 from dlokit.description.arms import ARMS, ArmMount, instance_of
 from dlokit.description.panda_data import PANDA_GRASP_HEIGHT_M
-from dlokit.description.shapes import CENTRE_M, TABLE_X_M, TABLE_Y_M
+from dlokit.description.shapes import CENTRE_M
+from dlokit.description.table import TABLE_X_M, TABLE_Y_M
 from dlokit.skills.robot.kinematics import PandaKinematics, Yaw
 
 

@@ -7,7 +7,8 @@ import pytest
 from cryptography import x509
 
 from dlokit.errors import ConfigError, InputError
-from dlokit.system.certificates import LabHost, host_files, hosts_from_words, make_certificates
+from dlokit.system.certificates import host_files, hosts_from_words, make_certificates
+from dlokit.system.lab_host import LabHost
 
 
 def certificate(path: Path) -> x509.Certificate:

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure as Picture
 
 from dlokit.bench.shaping.cases import CaseResult
 from dlokit.bench.shaping.metrics import falsely_converged
-from dlokit.description import shapes
+from dlokit.description.table import TABLE_X_M, TABLE_Y_M
 from dlokit.types.arrays import Float64Array
 from dlokit.types.flow import RunOutcome
 
@@ -56,7 +56,7 @@ def _panel(axes: Axes, done: CaseResult) -> None:
     _line(axes, ways.goal_world, color="0.8", linewidth=6, solid_capstyle="round")
     _line(axes, ways.start_world, color="0.5", linewidth=0.8, linestyle="--")
     _line(axes, ways.final_world, color="C0" if good else "C3", linewidth=1.6)
-    (x0, x1), (y0, y1) = shapes.TABLE_X_M, shapes.TABLE_Y_M
+    (x0, x1), (y0, y1) = TABLE_X_M, TABLE_Y_M
     axes.set_xlim(x1 + _MARGIN_M, x0 - _MARGIN_M)
     axes.set_ylim(y1 + _MARGIN_M, y0 - _MARGIN_M)
     axes.set_aspect("equal")

@@ -1,14 +1,14 @@
-"""The two physics of the cell's DLO behind one small interface: an elastic rod, and a chain that takes a set."""
+"""The two physics of the cell's DLO behind one small interface: an elastic rod, and a chain that takes a set.
+
+The choice between them is a setting, and every process loads the settings: a method imports what it calls.
+"""
 
 from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol, get_args
 
-import numpy as np
 from numpy.typing import ArrayLike
 
-from dlokit.description.chain import Chain, add_chain
 from dlokit.description.dlo import DloPreset
-from dlokit.description.rod import add_rod, rod_nodes, set_rod_friction, set_rod_nodes
 from dlokit.types.arrays import Float64Array
 
 
@@ -37,11 +37,15 @@ class ElasticRod:
 
     def add(self, spec: Any, dlo: DloPreset, nodes: int) -> None:
         """Add the DLO to `spec` (MjSpec)."""
+        from dlokit.description.rod import add_rod
+
         add_rod(spec, dlo, nodes)
 
     def take_over(self, model: Any, data: Any, dlo: DloPreset) -> DloBody:
         """The DLO that `add` has added, in the compiled model."""
-        return _RodBody(model, data)
+        from dlokit.functional.cell.rod_body import RodBody
+
+        return RodBody(model, data)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,10 +56,14 @@ class ElastoplasticChain:
 
     def add(self, spec: Any, dlo: DloPreset, nodes: int) -> None:
         """Add the DLO to `spec` (MjSpec)."""
+        from dlokit.description.chain import add_chain
+
         add_chain(spec, dlo, nodes)
 
     def take_over(self, model: Any, data: Any, dlo: DloPreset) -> DloBody:
         """The DLO that `add` has added, in the compiled model."""
+        from dlokit.description.chain import Chain
+
         return Chain(model, data, dlo.curl_1_m)
 
 
@@ -64,19 +72,3 @@ DloPhysics = ElasticRod | ElastoplasticChain
 
 PHYSICS: dict[str, type[DloPhysics]] = {kind.name: kind for kind in get_args(DloPhysics)}
 """The same by name."""
-
-
-class _RodBody:
-    def __init__(self, model: Any, data: Any) -> None:
-        self._model, self._data = model, data
-
-    @property
-    def nodes_world(self) -> Float64Array:
-        return rod_nodes(self._model, self._data)
-
-    def place(self, nodes_world: ArrayLike) -> None:
-        set_rod_nodes(self._model, self._data, nodes_world)
-
-    def set_friction(self, friction: ArrayLike) -> None:
-        # A rod has one coefficient: it feels the mean of the places where it lies.
-        set_rod_friction(self._model, float(np.asarray(friction, dtype=np.float64).mean()))

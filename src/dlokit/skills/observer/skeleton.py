@@ -1,7 +1,5 @@
 """The skeleton of a cloud: its points drawn together to a line, and the unbranched pieces of that line."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_matrix, csr_matrix
@@ -9,42 +7,11 @@ from scipy.sparse.csgraph import minimum_spanning_tree
 from scipy.spatial import KDTree
 
 from dlokit.geometry import arc_lengths
+from dlokit.skills.observer.initialise_config import SkeletonConfig
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Indices = NDArray[np.int64]
-
-
-@dataclass(frozen=True, kw_only=True)
-class SkeletonConfig:
-    """How a cloud becomes pieces of line."""
-
-    voxel_m: float = 0.004
-    """Points are first averaged over cubes of this edge [m]."""
-    radius_m: float = 0.011
-    """Points within this distance draw one another to their common line [m]."""
-    rounds: int = 3
-    """How often they do."""
-    least_share: float = 0.2
-    """A place on the line around which less than this share of the usual number of points lies is none."""
-    spacing_m: float = 0.004
-    """Distance of the points kept along the line [m]."""
-    most_points: int = 1500
-    """A line of more points than this is none but an area; a rod of 5 m has 1000."""
-    spur_m: float = 0.008
-    """Side branches shorter than this are noise [m]."""
-    junction_m: float = 0.006
-    """So much of the line is cut out around a place where it branches [m]."""
-    corner_m: float = 0.012
-    """Over this length to both sides of a point its bend is measured [m]."""
-    sharpest_rad: float = 1.4
-    """A line that turns by more than this there [rad] is taken for two that meet."""
-    ahead_m: float = 0.03
-    """A piece that another points at from so near is split there [m]: they may be parts of one rod that crosses."""
-    meet_m: float = 0.006
-    """It points at a piece when the line ahead comes so near to it [m]."""
-    least_m: float = 0.004
-    """Pieces shorter than this are left out [m]."""
 
 
 def skeleton(points: Array, config: SkeletonConfig) -> list[Array]:

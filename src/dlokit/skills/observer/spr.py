@@ -8,50 +8,18 @@ It maximises the likelihood of the cloud less  lambda/2 tr Wᵀ G W + tau/2 tr T
 is smooth over the whole shape, and each node stays the same combination of its neighbours.
 """
 
-from dataclasses import dataclass
-from typing import ClassVar
-
 import numpy as np
 from numpy.typing import NDArray
 
 from dlokit.skills.observer.base import nothing_seen
 from dlokit.skills.observer.local_structure import lle_weights, structure_matrix
-from dlokit.skills.observer.mixture import MixtureConfig, Registration, Weights, fit_mixture, thinned
+from dlokit.skills.observer.mixture import Registration, Weights, fit_mixture, thinned
+from dlokit.skills.observer.spr_config import SprConfig
 from dlokit.skills.observer.visibility import explained_share, visible_nodes
 from dlokit.types.dlo import DloState, TargetPoints
 from dlokit.types.observation import Observation
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, kw_only=True)
-class SprConfig(MixtureConfig):
-    """Structure preserved registration, as in the paper: keeps the local shape, also where little is seen."""
-
-    name: ClassVar[str] = "spr"
-
-    beta_m: float = 0.94
-    """Width of the Gaussian kernel [m]: nodes nearer than this move alike."""
-    lambda_per_m2: float = 2000.0
-    """Weight of the smoothness of the motion against the fit at the first iteration [1/m²]."""
-    outlier_weight: float = 0.032
-    """w, the share of points expected to belong to nothing, from 0 to below 1."""
-    initial_sigma_m: float = 0.043
-    """Standard deviation of the Gaussians at the start [m]; 0 takes the paper's, the mean distance of all pairs."""
-    tau_per_m2: float = 4e5
-    """tau, weight of the local structure against the fit at the first iteration [1/m²]; 0 leaves it out."""
-    neighbours: int = 3
-    """K, how many nearest nodes a node is put together from."""
-    regularisation: float = 1e-3
-    """What is added to the diagonal of the local Gram matrices, as a share of their trace."""
-    tau_annealing: float = 0.88
-    """In iteration k, from 0, tau counts `tau_annealing` to the power of k; above 0, at most 1 (constant)."""
-    lambda_annealing: float = 0.99
-    """In iteration k, from 0, lambda counts `lambda_annealing` to the power of k; above 0, at most 1 (constant)."""
-
-    def build(self) -> "Spr":
-        """The strategy with these settings."""
-        return Spr(self)
 
 
 def register(X: Array, Y: Array, config: SprConfig) -> Registration:

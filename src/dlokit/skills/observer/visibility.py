@@ -1,32 +1,17 @@
 """Which nodes a look could see: in the picture, not behind the robot, and with points around them."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from dlokit.geometry import rotation
+from dlokit.skills.observer.visibility_config import VisibilityConfig
 from dlokit.types.dlo import Topology
 from dlokit.types.image import CameraCalibration
 from dlokit.types.observation import Observation, Occlusion
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-
-
-@dataclass(frozen=True, kw_only=True)
-class VisibilityConfig:
-    """When a node counts as seen."""
-
-    radius_m: float = 0.015
-    """Points nearer than this support a node [m]; about a node spacing."""
-    least_points: int = 3
-    """A node with fewer supporting points is hidden."""
-    robot_margin_m: float = 0.01
-    """The robot hides what lies at least so far behind its surface [m]."""
-    picture_margin_px: float = 3.0
-    """A node nearer to the border of the picture than this is out of view [px]."""
 
 
 def visible_nodes(nodes_world: Array, points_world: Array, seen: Observation, config: VisibilityConfig) -> Flags:

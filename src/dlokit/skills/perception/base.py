@@ -14,7 +14,10 @@ class Segmentation(Protocol):
 
 
 class SegmentationConfig(Protocol):
-    """The settings of a strategy: a frozen dataclass, all fields with defaults, that knows how to build it."""
+    """The settings of a strategy: a frozen dataclass, all fields with defaults, that knows how to build it.
+
+    Every process loads it: the algorithm of ours stands in another file, which `build` imports.
+    """
 
     name: ClassVar[str]
 

@@ -1,34 +1,13 @@
 """The box filter: what lies outside a box of the world is not DLO."""
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from dlokit.skills.perception.config import BoxConfig
 from dlokit.skills.perception.projection import project
 from dlokit.types.arrays import BoolArray
 from dlokit.types.image import CameraCalibration
-
-Point = tuple[float, float, float]
-
-
-@dataclass(frozen=True, kw_only=True)
-class BoxConfig:
-    """The part of the world in which the DLO may be."""
-
-    lower_world: Point = (0.20, -0.50, -0.02)
-    """Corner with the smallest coordinates [m]."""
-    upper_world: Point = (0.95, 0.45, 0.25)
-    """Corner with the largest coordinates [m]."""
-
-    def __post_init__(self) -> None:
-        lower, upper = np.array(self.lower_world), np.array(self.upper_world)
-        if lower.shape != (3,) or upper.shape != (3,) or not np.all(lower < upper):
-            raise ValueError(
-                f"box from {self.lower_world} to {self.upper_world} m: each coordinate of lower_world must be smaller "
-                "than that of upper_world"
-            )
 
 
 def inside_box(points_world: NDArray[np.floating], box: BoxConfig) -> BoolArray:

@@ -1,35 +1,11 @@
 """The paper's filter: what is bright is DLO."""
 
-from dataclasses import dataclass
-from typing import ClassVar
-
 import cv2
 import numpy as np
 
+from dlokit.skills.perception.brightness_config import BrightnessConfig
 from dlokit.skills.perception.pictures import grey
 from dlokit.types.image import Image, Mask
-
-
-@dataclass(frozen=True, kw_only=True)
-class BrightnessConfig:
-    """By brightness, as in the paper: for a light DLO on a dark table."""
-
-    name: ClassVar[str] = "brightness"
-
-    lowest: int = 120
-    """Least brightness of the DLO, 0 to 255."""
-    highest: int = 255
-    """Greatest brightness of the DLO, 0 to 255."""
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.lowest <= self.highest <= 255:
-            raise ValueError(
-                f"brightness from {self.lowest} to {self.highest}: 0 <= lowest <= highest <= 255 is allowed"
-            )
-
-    def build(self) -> "Brightness":
-        """The filter with these settings."""
-        return Brightness(self)
 
 
 class Brightness:

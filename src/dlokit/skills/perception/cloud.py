@@ -1,31 +1,16 @@
 """From disparities to a clean cloud: reprojection, the centre line's depth, outliers, thinning."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from dlokit.skills.perception.config import CloudConfig
 from dlokit.skills.perception.projection import back_project, baseline_m
 from dlokit.skills.perception.stereo import Disparity
 from dlokit.types.arrays import BoolArray
 from dlokit.types.image import CameraCalibration
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, kw_only=True)
-class CloudConfig:
-    """From disparities to the cloud."""
-
-    dlo_radius_m: float = 0.004
-    """Radius of the DLO [m]: the camera sees its surface, the cloud is moved to its centre line."""
-    voxel_m: float = 0.004
-    """Side of the cubes of which each keeps the mean of its points [m]; 0 keeps all points."""
-    outlier_radius_m: float = 0.012
-    """Points are outliers that have fewer than `outlier_neighbours` others within this distance [m]."""
-    outlier_neighbours: int = 4
-    """See `outlier_radius_m`; 0 keeps all points."""
 
 
 def reproject(disparity: Disparity, camera: CameraCalibration) -> Array:

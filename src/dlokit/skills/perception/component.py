@@ -15,8 +15,7 @@ from dlokit.errors import HardwareError, SkillFailure, SkillRejected
 from dlokit.functional.cameras.base import Camera
 from dlokit.skills.perception import api
 from dlokit.skills.perception.base import SegmentationConfig
-from dlokit.skills.perception.box import BoxConfig
-from dlokit.skills.perception.config import PerceptionConfig
+from dlokit.skills.perception.config import BoxConfig, PerceptionConfig
 from dlokit.skills.perception.hand_sight import HandLook, camera_from_hand, corrected_by
 from dlokit.skills.perception.pipeline import corrected_camera_pose, loaded, observe
 from dlokit.skills.perception.rectification import Rectifier

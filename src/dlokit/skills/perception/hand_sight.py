@@ -22,6 +22,7 @@ from dlokit import geometry
 from dlokit.errors import SkillFailure
 from dlokit.geometry import rotation
 from dlokit.skills.perception.arm_outline import Outline, arm_outline
+from dlokit.skills.perception.config import HandSightConfig
 from dlokit.skills.perception.outline_search import difference, find_edges
 from dlokit.skills.perception.projection import baseline_m
 from dlokit.types.arrays import Float32Array
@@ -44,26 +45,6 @@ _NOISE_PX = 1.6
 """Standard deviation of a point of the outline; neighbours err alike, so that it is larger than their scatter [px]."""
 _OUTLIER = 3.0
 _LEAST_SCALE_PX = 0.1
-
-
-@dataclass(frozen=True, kw_only=True)
-class HandSightConfig:
-    """The camera's place, from a look at the robot's own hand."""
-
-    largest_offset_m: float = 0.02
-    """A correction along the table above this is not believed [m]."""
-    largest_yaw_rad: float = 0.02
-    """A turn about the vertical above this is not believed [rad]."""
-    least_points: int = 300
-    """Points of the arm's outline, over all pictures, below which too little is seen of it."""
-    largest_scatter_m: float = 0.0005
-    """Above this the pictures disagree too much after the correction (root mean square) [m]."""
-    tilt_sigma_rad: float = 0.0026
-    """How level the table is, as a standard deviation about each axis [rad]."""
-    height_sigma_m: float = 0.0015
-    """How exact the camera's height over the table is, as a standard deviation [m]."""
-    hand_sigma_m: float = 0.001
-    """How far the hand may be beside where its model has it, as a standard deviation along each axis [m]."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,7 +1,5 @@
 """Removes the robot's own pixels and points, and says what the robot hides."""
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -16,18 +14,6 @@ from dlokit.types.observation import Occlusion
 Array = NDArray[np.float64]
 
 _RIM = np.column_stack([np.cos(np.linspace(0, 2 * np.pi, 24)), np.sin(np.linspace(0, 2 * np.pi, 24))])
-
-
-@dataclass(frozen=True, kw_only=True)
-class SelfFilterConfig:
-    """Removal of the robot's own points by its known shape."""
-
-    picture_margin_m: float = 0.006
-    """How much wider than its capsules the robot is taken to be in the picture [m]."""
-    space_margin_m: float = 0.006
-    """Points nearer to the robot's capsules than this are the robot's [m]."""
-    occlusion_scale: int = 8
-    """Camera pixels a cell of the published occlusion map, along each side."""
 
 
 def robot_outline(capsules: Capsules, camera: CameraCalibration, margin_m: float) -> BoolArray:

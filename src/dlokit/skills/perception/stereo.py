@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from dlokit.skills.perception.config import StereoConfig
 from dlokit.skills.perception.projection import PlaneDisparity, plane_disparity
 from dlokit.types.arrays import BoolArray, Float32Array, UInt8Array
 from dlokit.types.image import CameraCalibration
@@ -19,33 +20,6 @@ _SUBPIXELS = 16
 """OpenCV gives disparities in sixteenths of a pixel."""
 _STEP_PX = 16
 """OpenCV wants the number of disparities to be a multiple of this."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class StereoConfig:
-    """Semi-global matching."""
-
-    block_px: int = 5
-    """Side of the matched block [px], odd; about the width of the DLO in the picture."""
-    penalty_small: float = 8.0
-    """P1 for a disparity step of one, per pixel of the block."""
-    penalty_large: float = 32.0
-    """P2 for larger steps, per pixel of the block."""
-    uniqueness_percent: int = 0
-    """How much better than the second best a match must be [%]. A plain DLO along the rows is ambiguous by nature."""
-    left_right_px: int = 2
-    """Largest difference between matching left to right and right to left [px]."""
-    lowest_m: float = -0.02
-    """Lowest height above the table that is searched [m]."""
-    highest_m: float = 0.25
-    """Greatest height above the table that is searched [m]; a lower one is faster."""
-    smoothing_px: int = 9
-    """Side of the window in which disparities of the mask are averaged [px], odd; 1 leaves them as they are."""
-    surroundings: float = 0.25
-    """Share of the brightness, from 0 to 1, that everything but the DLO keeps. The table's texture would draw a
-    lifted DLO that runs along the rows down to the table; without any of it, nothing holds one that lies there."""
-    largest_spread_px: float = 1.0
-    """Pixels in whose window the disparities spread more than this (standard deviation) lie at an edge [px]."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,15 +4,14 @@ A pair of pictures of a textured table gives its plane in the camera frame: two 
 numbers of a pose. The other three (a shift along the table, a turn about the vertical) cannot be seen in it.
 """
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from dlokit.geometry import rotation
-from dlokit.skills.perception.box import BoxConfig, box_outline
+from dlokit.skills.perception.box import box_outline
+from dlokit.skills.perception.config import BoxConfig, TableConfig
 from dlokit.skills.perception.pictures import grey
 from dlokit.skills.perception.projection import PlaneDisparity, baseline_m, plane_disparity
 from dlokit.types.arrays import BoolArray, Float32Array, UInt8Array
@@ -27,28 +26,6 @@ _ITERATIONS = 6
 _STRIDE = 5
 """One in so many pixels is enough for three parameters."""
 _LEAST_PIXELS = 1000
-
-
-@dataclass(frozen=True, kw_only=True)
-class TableConfig:
-    """The table: what it says of the camera's pose, and that nothing can be in it."""
-
-    height_m: float = 0.0
-    """Height of its top in the world [m]."""
-    supports: bool = True
-    """Whether the DLO cannot be below its top; turn it off for a DLO that may hang over the edge."""
-    correct_pose: bool = True
-    """Whether to correct the believed camera pose by it. The table needs texture, and must be level."""
-    every_looks: int = 50
-    """The table is looked for in the first look, and again after so many."""
-    largest_angle_rad: float = 0.02
-    """A correction above this is not believed [rad]; then the pose stays as calibrated."""
-    largest_height_m: float = 0.03
-    """A correction of the camera's height above this is not believed [m]."""
-    least_share: float = 0.5
-    """Share of the table's pixels that must agree in both pictures."""
-    least_texture: float = 2.0
-    """Standard deviation of the table's brightness, 0 to 255, below which it has too little texture."""
 
 
 def camera_pose_from_table(images: StereoImages, hidden: BoolArray, box: BoxConfig, config: TableConfig) -> Pose | None:

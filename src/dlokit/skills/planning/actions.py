@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 
 from dlokit.description.panda_data import PANDA_GRASP_HEIGHT_M
-from dlokit.description.shapes import TABLE_X_M, TABLE_Y_M
+from dlokit.description.table import TABLE_X_M, TABLE_Y_M
 from dlokit.errors import ConfigError
 
 _TABLE_SLACK_M = 0.03  # a shape may lie a little outside of where the built-in ones do

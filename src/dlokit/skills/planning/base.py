@@ -65,7 +65,10 @@ class PlanningTools:
 
 
 class StrategyConfig(Protocol):
-    """The settings of a strategy, which know how to build it. Frozen dataclasses, one a strategy."""
+    """The settings of a strategy, which know how to build it. Frozen dataclasses, one a strategy.
+
+    Every process loads them: the algorithm of ours stands in another file, which `build` imports.
+    """
 
     name: ClassVar[str]
 

@@ -6,32 +6,16 @@ cheaper to see it coming: the model plays the action through before the robot do
 """
 
 from collections.abc import AsyncIterator, Awaitable, Callable
-from dataclasses import dataclass
 
 import msgspec
 
 from dlokit.description.shapes import self_clearance_m
+from dlokit.skills.planning.config import ForesightConfig
 from dlokit.types.action import Action
 from dlokit.types.arrays import Float64Array
 
 Predict = Callable[[Action], Awaitable[Float64Array]]
 """The shape (M, 3) [m] that the model expects of an action."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class ForesightConfig:
-    """How far strands of the rod must stay apart."""
-
-    enabled: bool = True
-    """Off as in the paper: the farthest node is taken whatever becomes of the rest."""
-    clearance_m: float = 0.04
-    """Strands that are no neighbours on the rod stay this far apart after an action, as predicted [m]."""
-    goal_share: float = 0.7
-    """A goal whose strands are closer asks for no more than this share of its own clearance."""
-    node_stride: int = 3
-    """After a tangle, the next node tried is at least this far from it: neighbours fare alike."""
-    max_predictions: int = 8
-    """Actions played through, at most; then the one that keeps the strands farthest apart is taken."""
 
 
 async def untangled(

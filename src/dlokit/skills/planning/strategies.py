@@ -6,8 +6,8 @@ import tyro
 
 from dlokit.communication.strategy_kinds import StrategyKind
 from dlokit.skills.planning.base import StrategyConfig
-from dlokit.skills.planning.farthest import FarthestConfig, FarthestTangentConfig
-from dlokit.skills.planning.rollouts.strategy import RolloutConfig
+from dlokit.skills.planning.farthest_config import FarthestConfig, FarthestTangentConfig
+from dlokit.skills.planning.rollouts.config import RolloutConfig
 
 OURS: tuple[type[StrategyConfig], ...] = (FarthestConfig, FarthestTangentConfig, RolloutConfig)
 """Strategies that ship with dlokit, the paper's first."""

@@ -3,8 +3,6 @@
 Failures are `SkillFailure` with the names in `FAILURES`; each says what was wrong, what is allowed, what to do.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,6 +10,7 @@ from dlokit.description.panda_data import PANDA_LIMITS
 from dlokit.description.panda_kinematics import capsule_ends
 from dlokit.description.panda_shape import PANDA_COLLISION
 from dlokit.errors import SkillFailure
+from dlokit.skills.robot.config import Surroundings
 from dlokit.types.pose import Pose
 from dlokit.types.robot import JointLimits, JointTrajectory
 
@@ -53,22 +52,6 @@ _FIRST, _SECOND = (
     )
 )
 _ABOVE_TABLE = np.array([link not in ("link0", "link1") for link in _LINKS])  # those two cannot come down to it
-
-
-@dataclass(frozen=True, kw_only=True)
-class Surroundings:
-    """What the arm must keep clear of."""
-
-    table_height_m: float = 0.0
-    """Height of the table top [m]."""
-    table_clearance_m: float = 0.001
-    """Smallest distance of any part of the arm from the table [m]; fingertips grasp 2 mm above it."""
-    arm_clearance_m: float = 0.01
-    """Smallest distance from another arm of the cell [m]; the capsules already stand off the surface."""
-    self_clearance_m: float = 0.0
-    """Smallest distance between parts of the arm [m]; their capsules already stand off the surface."""
-    collision_step_rad: float = 0.03
-    """Largest joint angle between two configurations that are checked for collisions [rad]."""
 
 
 def check_limits(trajectory: JointTrajectory, limits: JointLimits = PANDA_LIMITS) -> None:

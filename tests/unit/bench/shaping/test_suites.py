@@ -6,13 +6,14 @@ import pytest
 from dlokit.bench.shaping.goal_curves import BentGoal, CurveGoal
 from dlokit.bench.shaping.suites import goals_suite, paper_suite, stiffness_suite, suite_of, wires_suite
 from dlokit.description import shapes
+from dlokit.description.table import TABLE_X_M, TABLE_Y_M
 from dlokit.errors import ConfigError, ShapeError
 from dlokit.functional.cell.dlo_physics import ElastoplasticChain
 from dlokit.system.config import RunConfig
 
 
 def _on_table(nodes: np.ndarray) -> bool:
-    (x0, x1), (y0, y1) = shapes.TABLE_X_M, shapes.TABLE_Y_M
+    (x0, x1), (y0, y1) = TABLE_X_M, TABLE_Y_M
     low, high = nodes.min(axis=0), nodes.max(axis=0)
     return bool(low[0] >= x0 and high[0] <= x1 and low[1] >= y0 and high[1] <= y1)
 

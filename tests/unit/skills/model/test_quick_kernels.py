@@ -12,8 +12,7 @@ from dlokit.skills.model.config import ModelConfig
 from dlokit.skills.model.rod import topology
 from dlokit.skills.planning.actions import ActionConfig
 from dlokit.skills.planning.base import Loaded, PlanningTools
-from dlokit.skills.planning.rollouts.search import SearchConfig
-from dlokit.skills.planning.rollouts.strategy import RolloutConfig
+from dlokit.skills.planning.rollouts.config import RolloutConfig, SearchConfig
 from dlokit.types.action import Marks
 from dlokit.types.dlo import DloState, GoalShape
 

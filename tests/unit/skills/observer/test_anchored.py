@@ -6,8 +6,9 @@ import pytest
 from synthetic_clouds import LENGTH_M, cloud, shape, state
 
 from dlokit.geometry import resample, rmse_m
-from dlokit.skills.observer.anchored import Anchored, chain, is_chain, pliable
+from dlokit.skills.observer.anchored import Anchored, chain, is_chain
 from dlokit.skills.observer.cpd import Cpd
+from dlokit.skills.observer.cpd_config import pliable
 from dlokit.types.dlo import Topology
 from dlokit.types.observation import GripperPin
 

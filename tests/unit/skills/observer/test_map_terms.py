@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from dlokit.skills.observer.map.align import moved_rigidly
 from dlokit.skills.observer.map.assign import assign, inlier_probability, moments, soft_places
 from dlokit.skills.observer.map.band import BELOW, ChainSystem
+from dlokit.skills.observer.map.settings import ChainPriors, TipConfig
 from dlokit.skills.observer.map.terms import (
-    ChainPriors,
     add_coherence,
     add_lengths,
     add_place,
@@ -20,7 +20,7 @@ from dlokit.skills.observer.map.terms import (
     add_tip,
     coherence,
 )
-from dlokit.skills.observer.map.tips import TipConfig, Tips, extent, places_along, seen_tips
+from dlokit.skills.observer.map.tips import Tips, extent, places_along, seen_tips
 
 Array = NDArray[np.float64]
 M = 8

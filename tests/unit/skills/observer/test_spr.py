@@ -9,10 +9,12 @@ from synthetic_clouds import cloud, shape, state
 
 from dlokit.geometry import rmse_m
 from dlokit.skills.observer import cpd
-from dlokit.skills.observer.cpd import Cpd, CpdConfig
+from dlokit.skills.observer.cpd import Cpd
+from dlokit.skills.observer.cpd_config import CpdConfig
 from dlokit.skills.observer.local_structure import lle_weights, structure_matrix
 from dlokit.skills.observer.mixture import kernel
-from dlokit.skills.observer.spr import Spr, SprConfig, register
+from dlokit.skills.observer.spr import Spr, register
+from dlokit.skills.observer.spr_config import SprConfig
 
 # A kernel so narrow that motion alone keeps little of the shape; the defaults' wide ones leave less to the structure.
 PLIABLE_CPD = CpdConfig(beta_m=0.12, lambda_per_m2=300.0, outlier_weight=0.05, initial_sigma_m=0.04)

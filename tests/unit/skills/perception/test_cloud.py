@@ -1,7 +1,8 @@
 import numpy as np
 from stereo_scene import calibration
 
-from dlokit.skills.perception.cloud import CloudConfig, lonely, reproject, thin, to_centre_line
+from dlokit.skills.perception.cloud import lonely, reproject, thin, to_centre_line
+from dlokit.skills.perception.config import CloudConfig
 from dlokit.skills.perception.projection import plane_disparity
 from dlokit.skills.perception.stereo import Disparity, Window
 

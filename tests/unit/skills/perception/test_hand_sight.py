@@ -13,7 +13,8 @@ from dlokit.description.panda_data import PANDA_LINKS
 from dlokit.errors import SkillFailure
 from dlokit.skills.perception import arm_outline as arm_outline_module
 from dlokit.skills.perception.arm_outline import arm_outline
-from dlokit.skills.perception.hand_sight import HandLook, HandSightConfig, camera_from_hand, corrected_by
+from dlokit.skills.perception.config import HandSightConfig
+from dlokit.skills.perception.hand_sight import HandLook, camera_from_hand, corrected_by
 from dlokit.skills.perception.outline_search import difference
 from dlokit.skills.perception.projection import project
 from dlokit.skills.robot.kinematics import PandaKinematics

@@ -15,11 +15,10 @@ from dlokit.communication.host import Host
 from dlokit.communication.memory import MemoryTransport
 from dlokit.errors import HardwareError
 from dlokit.skills.perception import api
-from dlokit.skills.perception.brightness import BrightnessConfig
+from dlokit.skills.perception.brightness_config import BrightnessConfig
 from dlokit.skills.perception.component import PerceptionComponent
-from dlokit.skills.perception.config import PerceptionConfig
+from dlokit.skills.perception.config import PerceptionConfig, TableConfig
 from dlokit.skills.perception.segmentations import to_spec
-from dlokit.skills.perception.table import TableConfig
 from dlokit.types.image import CameraCalibration, StereoImages
 from dlokit.types.observation import Gripped
 from dlokit.types.outcome import Failed, Rejected, Succeeded

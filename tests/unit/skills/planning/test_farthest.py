@@ -7,8 +7,9 @@ import numpy as np
 from dlokit import geometry
 from dlokit.description.shapes import builtin_shape, moved
 from dlokit.skills.planning.actions import ActionConfig, PathConfig
-from dlokit.skills.planning.base import PlanningTools
-from dlokit.skills.planning.farthest import Farthest, FarthestConfig, FarthestTangentConfig
+from dlokit.skills.planning.base import ActionStrategy, PlanningTools
+from dlokit.skills.planning.farthest import Farthest
+from dlokit.skills.planning.farthest_config import FarthestConfig, FarthestTangentConfig
 from dlokit.types.action import Action, Marks
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, GoalShape, Topology
@@ -116,7 +117,7 @@ def test_with_the_whole_tangent_nodes_are_passed_over_for_which_the_wrist_has_no
     goal = GoalShape(stamp_ns=0, nodes_world=moved(I_SHAPE, (0.0, 0.0), 1.2))
     marks = Marks(invalid_nodes=np.array([], dtype=np.int64))
 
-    async def count(strategy: Farthest) -> int:
+    async def count(strategy: ActionStrategy) -> int:
         return len([action async for action in strategy.propose(shape, goal, marks)])
 
     assert asyncio.run(count(FarthestConfig().build(tools))) > 0  # it carries the node without turning it

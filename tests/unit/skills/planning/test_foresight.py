@@ -8,7 +8,8 @@ import pytest
 
 from dlokit import geometry
 from dlokit.description.shapes import builtin_shape, self_clearance_m
-from dlokit.skills.planning.foresight import ForesightConfig, untangled
+from dlokit.skills.planning.config import ForesightConfig
+from dlokit.skills.planning.foresight import untangled
 from dlokit.types.action import Action, Grasp, PickPlace, VelocityProfile
 from dlokit.types.arrays import Float64Array
 

@@ -13,8 +13,7 @@ from dlokit.skills.model.quick_rollout import Motion, QuickRod, play
 from dlokit.skills.model.rod import topology
 from dlokit.skills.planning.actions import ActionConfig
 from dlokit.skills.planning.base import PlanningTools, SecondArm
-from dlokit.skills.planning.rollouts.search import SearchConfig
-from dlokit.skills.planning.rollouts.strategy import RolloutConfig
+from dlokit.skills.planning.rollouts.config import RolloutConfig, SearchConfig
 from dlokit.skills.robot.apart import Apart
 from dlokit.skills.robot.kinematics import PandaKinematics, Yaw
 from dlokit.types.action import Marks, PairPlace, VelocityProfile

@@ -21,7 +21,7 @@ from dlokit.skills.model.settling import settle
 from dlokit.skills.planning import api
 from dlokit.skills.planning.component import PlanningComponent
 from dlokit.skills.planning.config import PlanningConfig
-from dlokit.skills.planning.farthest import FarthestConfig
+from dlokit.skills.planning.farthest_config import FarthestConfig
 from dlokit.skills.planning.loading import load
 from dlokit.skills.planning.strategies import strategies, to_spec
 from dlokit.types.action import Marks

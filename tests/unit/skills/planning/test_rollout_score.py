@@ -10,7 +10,8 @@ from dlokit import geometry
 from dlokit.description.dlo import SILICONE_HOSE, SOFT_ROPE, WIRE_B
 from dlokit.skills.model.quick_rollout import Played
 from dlokit.skills.planning.actions import FeasibilityConfig
-from dlokit.skills.planning.rollouts.score import ScoreConfig, cautious_m, remaining_m
+from dlokit.skills.planning.rollouts.config import ScoreConfig
+from dlokit.skills.planning.rollouts.score import cautious_m, remaining_m
 from dlokit.types.action import Drag, LayDown, PickPlace
 from dlokit.types.arrays import Float64Array
 

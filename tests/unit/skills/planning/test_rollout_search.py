@@ -16,10 +16,11 @@ from dlokit.skills.model.quick_rollout import Played
 from dlokit.skills.planning.actions import FeasibilityConfig
 from dlokit.skills.planning.rollouts.candidates import Scene
 from dlokit.skills.planning.rollouts.carrying import Carrying
+from dlokit.skills.planning.rollouts.config import ScoreConfig, SearchConfig
 from dlokit.skills.planning.rollouts.laying import Laying
 from dlokit.skills.planning.rollouts.pushing import Pushing
-from dlokit.skills.planning.rollouts.score import ScoreConfig, remaining_m
-from dlokit.skills.planning.rollouts.search import Choice, Search, SearchConfig, Watch
+from dlokit.skills.planning.rollouts.score import remaining_m
+from dlokit.skills.planning.rollouts.search import Choice, Search, Watch, doubtful_rods
 from dlokit.types.action import Action, Drag, LayDown, PickPlace, Push
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
@@ -117,7 +118,8 @@ def test_finalists_are_tried_on_rods_as_other_as_the_belief_allows_and_at_least_
     log_sd: float, factor: float
 ) -> None:
     sure = BeliefConfig(stiffness_log_sd=log_sd, friction_log_sd=0.0)
-    rods = SearchConfig(doubt=1.4).doubtful_rods(sure)
-    assert len(rods) == 8
+    config = SearchConfig(doubt=1.4)
+    rods = doubtful_rods(config, sure)
+    assert len(rods) == config.other_rods == 8
     assert {round(rod.stiffness_share, 9) for rod in rods} == {round(1.0 / factor, 9), round(factor, 9)}
     assert {rod.friction_share for rod in rods} == {1.0 / 1.4, 1.4}

@@ -14,10 +14,10 @@ from dlokit.errors import ConfigError
 from dlokit.skills.model.rod import topology
 from dlokit.skills.planning.rollouts.candidates import to_action
 from dlokit.skills.planning.rollouts.carrying import Carrying
+from dlokit.skills.planning.rollouts.config import RolloutConfig, SearchConfig
 from dlokit.skills.planning.rollouts.laying import Laying
 from dlokit.skills.planning.rollouts.pushing import Pushing
-from dlokit.skills.planning.rollouts.search import SearchConfig
-from dlokit.skills.planning.rollouts.strategy import RolloutConfig
+from dlokit.skills.planning.rollouts.search import doubtful_rods
 from dlokit.types.action import Action, Drag, LayDown, Marks, PickPlace, Push, kind_of
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, GoalShape
@@ -87,4 +87,6 @@ def test_settings_that_cannot_be_are_refused() -> None:
     for seconds in (0.0, -1.0, math.nan):
         with pytest.raises(ConfigError, match="seconds"):
             SearchConfig(seconds=seconds)
-    assert SearchConfig(doubt=1.0).doubtful_rods(MODEL.belief) == ()
+    sure = SearchConfig(doubt=1.0)
+    assert doubtful_rods(sure, MODEL.belief) == ()
+    assert sure.other_rods == 0

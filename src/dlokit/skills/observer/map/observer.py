@@ -7,7 +7,6 @@ gives each node's covariance (`trust`). docs/explanations/map-observer.md has th
 """
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +15,7 @@ from dlokit.skills.observer.anchored import is_chain
 from dlokit.skills.observer.base import nothing_seen
 from dlokit.skills.observer.cpd import register
 from dlokit.skills.observer.map.coarse import coarse
+from dlokit.skills.observer.map.config import MapConfig
 from dlokit.skills.observer.map.fine import Fitted, fine
 from dlokit.skills.observer.map.problem import Problem, posed
 from dlokit.skills.observer.map.refine import refined, refined_pins, refinement
@@ -27,17 +27,6 @@ from dlokit.types.dlo import DloState, TargetPoints
 from dlokit.types.observation import Observation
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, kw_only=True)
-class MapConfig(MapSettings):
-    """The most probable rod: stiff lengths, coherent motion, seen tips; says how sure it is of each node."""
-
-    name: ClassVar[str] = "map"
-
-    def build(self) -> "MapObserver":
-        """The strategy with these settings."""
-        return MapObserver(self)
 
 
 class MapObserver:

@@ -12,7 +12,7 @@ from dlokit.skills.observer.map.terms import add_coherence, add_lengths, add_pla
 from dlokit.skills.observer.map.view import View, view_of
 from dlokit.skills.observer.mixture import thinned
 from dlokit.skills.observer.unseen import SURE_M
-from dlokit.skills.observer.visibility import VisibilityConfig
+from dlokit.skills.observer.visibility_config import VisibilityConfig
 from dlokit.types.dlo import DloState
 from dlokit.types.observation import GripperPin, Observation
 

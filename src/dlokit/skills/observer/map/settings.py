@@ -2,11 +2,48 @@
 
 from dataclasses import dataclass, field
 
-from dlokit.skills.observer.anchored import pliable
-from dlokit.skills.observer.cpd import CpdConfig
-from dlokit.skills.observer.map.terms import ChainPriors
-from dlokit.skills.observer.map.tips import TipConfig
-from dlokit.skills.observer.visibility import VisibilityConfig
+from dlokit.skills.observer.cpd_config import CpdConfig, pliable
+from dlokit.skills.observer.visibility_config import VisibilityConfig
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChainPriors:
+    """How much a rod may differ from what it was, whatever the cloud says."""
+
+    length_m: float = 0.0001
+    """Standard deviation of an edge from its rest length [m]: a rod hardly stretches."""
+    strain_per_m05: float = 8.0
+    """Incoherence: nodes s apart move differently by this times sqrt(s), times the way since then [m^-0.5]."""
+    bend_per_m15: float = 15.0
+    """Change of bend: a stretch s leaves its old shape by this times s^1.5, times the way since then [m^-1.5]."""
+    straight_per_m05: float = 20.0
+    """The rod's own bend: a stretch s leaves a straight line by about this times s^1.5 [m^-0.5]; weak."""
+    place_m: float = 0.3
+    """A node stays within this of where it was [m]; so weak that it only decides where nothing else does."""
+    pin_m: float = 0.0001
+    """Standard deviation of a held node from its gripper [m]."""
+    tip_m: float = 0.001
+    """Standard deviation of a seen tip from the end of the cloud, along the rod [m]."""
+    table_m: float = 0.0001
+    """How far a node may sink into the table [m]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TipConfig:
+    """When the end of a cloud is a tip of the rod."""
+
+    length_tolerance: float = 0.06
+    """Both ends are tips when the cloud is shorter or longer than the rod by at most this share."""
+    snap_m: float = 0.12
+    """An end of a cloud that nothing hides is a tip when it lies so near to one [m]."""
+    snap_blind_m: float = 0.03
+    """The same where nobody knows what hides the rod [m]."""
+    bin_m: float = 0.005
+    """Length of rod over which points are counted [m]."""
+    gap_m: float = 0.02
+    """A longer stretch without points is a gap [m]."""
+    reach_m: float = 0.08
+    """How far past the ends of the rod the cloud is searched [m]; about the longest way between two clouds."""
 
 
 @dataclass(frozen=True, kw_only=True)

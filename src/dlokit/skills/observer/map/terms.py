@@ -6,7 +6,6 @@ sigma adds Jᵀ J / sigma² to H; since every residual here is written as J x - 
 H x - b is then the gradient of half the sum of squares (tested against finite differences).
 """
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -14,30 +13,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from dlokit.skills.observer.map.band import BELOW, add_block
+from dlokit.skills.observer.map.settings import ChainPriors
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, kw_only=True)
-class ChainPriors:
-    """How much a rod may differ from what it was, whatever the cloud says."""
-
-    length_m: float = 0.0001
-    """Standard deviation of an edge from its rest length [m]: a rod hardly stretches."""
-    strain_per_m05: float = 8.0
-    """Incoherence: nodes s apart move differently by this times sqrt(s), times the way since then [m^-0.5]."""
-    bend_per_m15: float = 15.0
-    """Change of bend: a stretch s leaves its old shape by this times s^1.5, times the way since then [m^-1.5]."""
-    straight_per_m05: float = 20.0
-    """The rod's own bend: a stretch s leaves a straight line by about this times s^1.5 [m^-0.5]; weak."""
-    place_m: float = 0.3
-    """A node stays within this of where it was [m]; so weak that it only decides where nothing else does."""
-    pin_m: float = 0.0001
-    """Standard deviation of a held node from its gripper [m]."""
-    tip_m: float = 0.001
-    """Standard deviation of a seen tip from the end of the cloud, along the rod [m]."""
-    table_m: float = 0.0001
-    """How far a node may sink into the table [m]."""
 
 
 @lru_cache(maxsize=8)

@@ -6,25 +6,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from dlokit.skills.observer.map.settings import TipConfig
+
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, kw_only=True)
-class TipConfig:
-    """When the end of a cloud is a tip of the rod."""
-
-    length_tolerance: float = 0.06
-    """Both ends are tips when the cloud is shorter or longer than the rod by at most this share."""
-    snap_m: float = 0.12
-    """An end of a cloud that nothing hides is a tip when it lies so near to one [m]."""
-    snap_blind_m: float = 0.03
-    """The same where nobody knows what hides the rod [m]."""
-    bin_m: float = 0.005
-    """Length of rod over which points are counted [m]."""
-    gap_m: float = 0.02
-    """A longer stretch without points is a gap [m]."""
-    reach_m: float = 0.08
-    """How far past the ends of the rod the cloud is searched [m]; about the longest way between two clouds."""
 
 
 @dataclass(frozen=True, kw_only=True)

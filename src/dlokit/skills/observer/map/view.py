@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from dlokit.geometry import rotation
 from dlokit.skills.observer.behind_itself import behind_in_camera
-from dlokit.skills.observer.visibility import VisibilityConfig
+from dlokit.skills.observer.visibility_config import VisibilityConfig
 from dlokit.types.observation import Observation
 
 Array = NDArray[np.float64]

@@ -7,7 +7,7 @@ import numpy as np
 
 from dlokit import geometry
 from dlokit.skills.model.config import ModelConfig
-from dlokit.skills.planning.rollouts.score import ScoreConfig
+from dlokit.skills.planning.rollouts.config import ScoreConfig
 from dlokit.types.action import Action
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState

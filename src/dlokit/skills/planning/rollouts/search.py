@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dlokit.communication.compute import Compute
-from dlokit.errors import ConfigError
 from dlokit.skills.model.config import BeliefConfig, ModelConfig
 from dlokit.skills.model.quick_rollout import Motion, Played, QuickRod, play
 from dlokit.skills.planning.rollouts.candidates import Candidate, Family
+from dlokit.skills.planning.rollouts.config import SearchConfig
 from dlokit.skills.planning.rollouts.timer import Timer
 from dlokit.types.action import Action
 from dlokit.types.arrays import Float64Array
@@ -22,68 +22,23 @@ _WORTH_IT = 1.6  # a family is refined while its best is no worse than this time
 _AT_ONCE = 2  # families refined in one generation
 _NARROWER = 0.75  # spread of a generation against the one before
 _SHOWN = 6  # candidates that are told of
-_LEAST = 16  # rollouts besides those of the finalists
 _LEAST_SHARE = 0.25  # of the rollouts, that a live decision waits for though its time has passed
 
 
-@dataclass(frozen=True, kw_only=True)
-class SearchConfig:
-    """How many rollouts, and for what."""
-
-    rollouts: int = 480
-    """Motions played through for one decision, at most."""
-    seconds: float = 2.0
-    """Time for one decision when live [s]: the search ends with what it has then. On a machine so busy that not a
-    quarter of the rollouts fits, it takes longer, up to three times. Not looked at in lockstep."""
-    generations: int = 8
-    """Refinements."""
-    finalists: int = 8
-    """Candidates that are tried on other rods."""
-    doubt: float = 1.4
-    """Factor by which friction and stiffness of the DLO may be other than the model's, up or down, at least; more
-    where the model is less sure of them (`--model.belief`, and what was learnt). 1: the model is believed."""
-    astray_m: float = 0.003
-    """Distance by which the DLO may lie beside where it is seen [m]. Every finalist is played on eight rods: each pair
-    of friction and stiffness, on either side of where it is seen."""
-    timestep_s: float = 0.01
-    """Step of the quick rod [s]."""
-    threads: int = 0
-    """Threads that play; 0: one a core. The result is the same."""
-
-    def __post_init__(self) -> None:
-        if self.finalists < 1 or self.generations < 0 or self.threads < 0:
-            raise ConfigError(
-                f"a search has finalists {self.finalists}, generations {self.generations}, threads {self.threads}; "
-                f"at least 1, 0 and 0 are allowed."
-            )
-        finals = self.finalists * len(self.doubtful_rods(BeliefConfig()))
-        if self.rollouts < _LEAST + finals:
-            raise ConfigError(
-                f"a search of {self.rollouts} rollouts is too short: {self.finalists} finalists take {finals}, and "
-                f"{_LEAST} more are needed; allow more rollouts."
-            )
-        if not self.seconds > 0.0:
-            raise ConfigError(f"a search has seconds {self.seconds}; it must be a number above 0.")
-        if not (self.doubt >= 1.0 and 0.0 < self.timestep_s <= 0.02):
-            raise ConfigError(
-                f"a search has doubt {self.doubt} and timestep_s {self.timestep_s}; the doubt is a factor of 1 or "
-                f"more, the time step above 0 and up to 0.02 s."
-            )
-
-    def doubtful_rods(self, sure: BeliefConfig) -> tuple[QuickRod, ...]:
-        """What the DLO may be like besides what the model says, which is as `sure` of it."""
-        if self.doubt == 1.0:
-            return ()
-        friction_by, stiffness_by = (
-            max(self.doubt, math.exp(log_sd)) for log_sd in (sure.friction_log_sd, sure.stiffness_log_sd)
-        )
-        rods = list[QuickRod]()
-        both = itertools.product((1.0 / friction_by, friction_by), (1.0 / stiffness_by, stiffness_by))
-        for k, (friction, stiffness) in enumerate(both):
-            x, y = self.astray_m * math.cos(k * math.pi / 4.0), self.astray_m * math.sin(k * math.pi / 4.0)
-            for shift_m in ((x, y), (-x, -y)):
-                rods.append(QuickRod(friction_share=friction, stiffness_share=stiffness, shift_m=shift_m))
-        return tuple(rods)
+def doubtful_rods(config: SearchConfig, sure: BeliefConfig) -> tuple[QuickRod, ...]:
+    """What the DLO may be like besides what the model says, which is as `sure` of it."""
+    if config.doubt == 1.0:
+        return ()
+    friction_by, stiffness_by = (
+        max(config.doubt, math.exp(log_sd)) for log_sd in (sure.friction_log_sd, sure.stiffness_log_sd)
+    )
+    rods = list[QuickRod]()
+    both = itertools.product((1.0 / friction_by, friction_by), (1.0 / stiffness_by, stiffness_by))
+    for k, (friction, stiffness) in enumerate(both):
+        x, y = config.astray_m * math.cos(k * math.pi / 4.0), config.astray_m * math.sin(k * math.pi / 4.0)
+        for shift_m in ((x, y), (-x, -y)):
+            rods.append(QuickRod(friction_share=friction, stiffness_share=stiffness, shift_m=shift_m))
+    return tuple(rods)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -136,7 +91,7 @@ class Search:
         """`score` gives (R, C) of what was played and the C kinds; `judge` makes (C,) of that."""
         self._nodes, self._model, self._config = nodes_world, model, config
         self._score, self._judge, self._compute = score, judge, compute
-        self._rods = config.doubtful_rods(model.belief)
+        self._rods = doubtful_rods(config, model.belief)
         self._watch = watch or Watch()
         self._timer = Timer(
             config.seconds, self._watch.stopwatch, config.threads, least=round(_LEAST_SHARE * config.rollouts)

@@ -1,59 +1,25 @@
 """The strategy `rollout`: play candidates through in the model, take the one that leaves least to be done."""
 
 from collections.abc import AsyncIterator, Sequence
-from dataclasses import dataclass, field
-from typing import ClassVar
 
 import numpy as np
 
-from dlokit.skills.model.quick_kernels import warm
 from dlokit.skills.model.quick_rollout import Played
 from dlokit.skills.planning.base import PlanningTools
 from dlokit.skills.planning.pick_place import goal_in_order
 from dlokit.skills.planning.rollouts.candidates import Family, Scene, to_action
 from dlokit.skills.planning.rollouts.carrying import Carrying
+from dlokit.skills.planning.rollouts.config import RolloutConfig
 from dlokit.skills.planning.rollouts.laying import Laying
 from dlokit.skills.planning.rollouts.misses import Misses
 from dlokit.skills.planning.rollouts.pairing import Pairing
 from dlokit.skills.planning.rollouts.pushing import Pushing
-from dlokit.skills.planning.rollouts.score import ScoreConfig, cautious_m, remaining_m
-from dlokit.skills.planning.rollouts.search import Choice, Search, SearchConfig, Watch
+from dlokit.skills.planning.rollouts.score import cautious_m, remaining_m
+from dlokit.skills.planning.rollouts.search import Choice, Search, Watch
 from dlokit.types.action import Action, Marks
 from dlokit.types.arrays import Float64Array
 from dlokit.types.candidates import Candidates, CandidateSeen
 from dlokit.types.dlo import DloState, GoalShape
-
-
-@dataclass(frozen=True, kw_only=True)
-class RolloutConfig:
-    """Candidates of every kind are played through in the model; the one that leaves least to be done is taken."""
-
-    name: ClassVar[str] = "rollout"
-
-    search: SearchConfig = field(default_factory=SearchConfig)
-    """How many rollouts, and for what."""
-    score: ScoreConfig = field(default_factory=ScoreConfig)
-    """What an action is judged by."""
-    pick_place: bool = True
-    """Consider pick-and-place."""
-    drag: bool = True
-    """Consider dragging the rod along the table."""
-    lay_down: bool = True
-    """Consider laying the whole rod down along the goal."""
-    push: bool = False
-    """Consider pushing the rod sideways with closed fingers. Off, as where the rod goes then is less well predicted."""
-    pair: bool = True
-    """Consider pairs of grasps, where there are two arms."""
-    seed: int = 0
-    """Seed of the candidates, with the stamp of the shape; the same question has the same answer."""
-
-    def build(self, tools: PlanningTools) -> "Rollout":
-        """The strategy with these settings."""
-        return Rollout(self, tools)
-
-    def load(self) -> float:
-        """Compile and load the rod that candidates are played with; the seconds that took."""
-        return warm()
 
 
 class Rollout:
