@@ -34,7 +34,7 @@ demo: setup
 	$(BIN)/dlokit demo
 
 # Side by side: the tests of live systems mostly wait, and leave the second core to the others. Those of the command
-# line go with the others, so that both take as long.
+# line come after them, so that both take as long.
 COMMAND_LINE := $(addprefix tests/system/test_,command_line.py command_line_runs.py shaping_sweep.py killed_recording.py)
 
 test: setup
@@ -42,10 +42,10 @@ test: setup
 
 test-live:
 	$(BIN)/pytest tests/system $(COMMAND_LINE:%=--ignore=%)
+	$(BIN)/pytest $(COMMAND_LINE)
 
 test-rest:
 	$(BIN)/pytest --ignore=tests/system
-	$(BIN)/pytest $(COMMAND_LINE)
 
 check: setup
 	$(BIN)/ruff check .
