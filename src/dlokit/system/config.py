@@ -91,13 +91,16 @@ and the stiffest published wires, a hundred times as stiff."""
 def with_dlo(run: RunConfig, dlo: DloPreset) -> RunConfig:
     """Lay another DLO on the table, a chain if it takes a set; the system is told what a ruler tells, and no more.
 
-    A stiffness that the run itself tells is believed as it says.
+    A stiffness that the run itself tells, or how sure it is of it, is believed as it says.
     """
     if dlo == run.cell.dlo:
         return run
     physics = ElasticRod() if dlo.yield_curvature_1_m is None else ElastoplasticChain()
-    belief, shipped = run.model.belief, ModelConfig().bending_stiffness_n_m2
-    if run.model.bending_stiffness_n_m2 == shipped:
+    belief, shipped = run.model.belief, ModelConfig()
+    if (run.model.bending_stiffness_n_m2, belief.stiffness_log_sd) == (
+        shipped.bending_stiffness_n_m2,
+        shipped.belief.stiffness_log_sd,
+    ):
         belief = replace(belief, stiffness_log_sd=UNKNOWN_STIFFNESS_LOG_SD)
     model = replace(run.model, length_m=dlo.length_m, radius_m=dlo.radius_m, belief=belief)
     return replace(run, cell=replace(run.cell, dlo=dlo, physics=physics), model=model)

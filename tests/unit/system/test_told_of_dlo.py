@@ -23,3 +23,8 @@ def test_a_stiffness_that_the_run_tells_is_believed_as_surely_as_it_says() -> No
     told = ModelConfig(bending_stiffness_n_m2=4e-4, belief=BeliefConfig(stiffness_log_sd=0.9))
     model = with_dlo(replace(RunConfig(), model=told), WIRE_B).model
     assert (model.bending_stiffness_n_m2, model.belief.stiffness_log_sd) == (4e-4, 0.9)
+
+
+def test_how_sure_the_run_is_of_the_shipped_stiffness_is_believed_too() -> None:
+    told = ModelConfig(belief=BeliefConfig(stiffness_log_sd=0.5))
+    assert with_dlo(replace(RunConfig(), model=told), WIRE_B).model.belief.stiffness_log_sd == 0.5
