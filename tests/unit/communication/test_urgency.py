@@ -10,6 +10,7 @@ from typing import TypeVar
 
 import pytest
 
+from dlokit.communication import topics
 from dlokit.communication.urgency import (
     REST_S,
     WINDOW_S,
@@ -44,6 +45,26 @@ def policy_of_a_new_process() -> int:
     """Scheduling policy of a process that the calling thread starts."""
     command = [sys.executable, "-c", "import os; print(os.sched_getscheduler(0))"]
     return int(subprocess.run(command, capture_output=True, check=True, timeout=60).stdout)
+
+
+THREADS_OF_THE_BUS = """
+import asyncio, os, threading
+from pathlib import Path
+from dlokit.communication import topics
+from dlokit.communication.zenoh_session import ZenohConfig
+from dlokit.communication.zenoh_transport import ZenohTransport
+
+async def main():
+    bus = ZenohTransport(ZenohConfig(namespace=f"dlokit_test/urgent/{os.getpid()}", multicast_interface="lo"))
+    bus.latest(topics.FLOW)
+    ours = {thread.native_id: thread.name for thread in threading.enumerate()}
+    for task in Path("/proc/self/task").iterdir():
+        policy = os.sched_getscheduler(int(task.name)) & ~os.SCHED_RESET_ON_FORK
+        print(ours.get(int(task.name), (task / "comm").read_text().strip()), policy, sep=":")
+    await bus.close()
+
+asyncio.run(main())
+"""
 
 
 class Granted:
@@ -157,3 +178,16 @@ def test_what_was_computed_before_does_not_count() -> None:
     machine.go_on(MUCH, wanted=False)
     machine.go_on(LITTLE)
     assert machine.urgent == [True]
+
+
+@allowed
+def test_the_threads_of_the_bus_are_urgent_and_the_loop_is_not() -> None:
+    told = subprocess.run(
+        [sys.executable, "-c", THREADS_OF_THE_BUS], capture_output=True, check=True, text=True, timeout=60
+    ).stdout
+    policies = {name: int(policy) for name, policy in (line.rsplit(":", 1) for line in told.splitlines())}
+    zenoh_s = {name for name in policies if name.startswith(("net-", "app-", "acc-", "rx-", "tx-"))}
+    reader = f"reads {topics.FLOW.name}"
+    assert zenoh_s
+    assert {name: policies[name] for name in (*zenoh_s, reader)} == dict.fromkeys((*zenoh_s, reader), os.SCHED_RR)
+    assert policies["MainThread"] == os.SCHED_OTHER
