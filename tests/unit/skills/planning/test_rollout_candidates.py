@@ -36,6 +36,15 @@ def test_a_lay_down_that_missed_is_aimed_better() -> None:
     assert errors_m[-1] < 0.35 * errors_m[0]
 
 
+def test_the_first_few_carries_are_of_nodes_all_over_the_rod_the_farthest_from_its_goal_first() -> None:
+    here = scene()
+    few = [int(numbers[0]) for numbers in Carrying(here, dragging=True).first(6, np.random.default_rng(0))]
+    assert few[0] == np.argmax(here.error_m)
+    assert np.diff(sorted([0, *few, here.count - 1])).max() <= 10
+    every = [int(numbers[0]) for numbers in Carrying(here, dragging=True).first(100, np.random.default_rng(0))]
+    assert set(every) == set(np.argsort(-here.error_m, kind="stable")[::2].tolist())
+
+
 def test_a_carry_that_fell_short_is_released_farther() -> None:
     family = Carrying(scene(), dragging=True)
     numbers = family.first(1, np.random.default_rng(0))[0]

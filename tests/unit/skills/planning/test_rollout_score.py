@@ -11,7 +11,7 @@ from dlokit.description.dlo import SILICONE_HOSE, SOFT_ROPE, WIRE_B
 from dlokit.skills.model.quick_rollout import Played
 from dlokit.skills.planning.actions import FeasibilityConfig
 from dlokit.skills.planning.rollouts.config import ScoreConfig
-from dlokit.skills.planning.rollouts.score import cautious_m, remaining_m
+from dlokit.skills.planning.rollouts.score import cautious_m, least_remaining_m, remaining_m
 from dlokit.types.action import Drag, LayDown, PickPlace
 from dlokit.types.arrays import Float64Array
 
@@ -50,6 +50,14 @@ def test_a_doubtful_action_counts_for_less_than_a_sure_one_of_the_same_mean() ->
     scores = np.array([[0.01, 0.02], [0.03, 0.02]])
     assert cautious_m(scores, 0.0)[0] == pytest.approx(cautious_m(scores, 0.0)[1])
     assert cautious_m(scores, 1.0)[0] > cautious_m(scores, 1.0)[1]
+
+
+def test_no_shape_however_near_the_goal_scores_below_what_its_kind_misses_alone() -> None:
+    config, miss_m = ScoreConfig(), np.array([0.008, 0.008])
+    played = lying(S_SHAPE, S_SHAPE + np.array([0.002, 0.0, 0.0]))
+    at_goal, beside = remaining_m(played, miss_m, S_SHAPE, MODEL.radius_m, config, FeasibilityConfig())[0]
+    assert at_goal == pytest.approx(least_remaining_m(0.008, config))
+    assert beside > at_goal
 
 
 def test_a_lay_down_must_promise_more_than_a_small_correction_because_it_misses_by_more() -> None:

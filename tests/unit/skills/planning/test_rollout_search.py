@@ -20,13 +20,17 @@ from dlokit.skills.planning.rollouts.config import ScoreConfig, SearchConfig
 from dlokit.skills.planning.rollouts.laying import Laying
 from dlokit.skills.planning.rollouts.pushing import Pushing
 from dlokit.skills.planning.rollouts.score import remaining_m
-from dlokit.skills.planning.rollouts.search import Choice, Search, Watch, doubtful_rods
+from dlokit.skills.planning.rollouts.search import Choice, Scoring, Search, Watch, doubtful_rods
 from dlokit.types.action import Action, Drag, LayDown, PickPlace, Push
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
 
 P = ParamSpec("P")
 R = TypeVar("R")
+
+
+def expected(scores_m: Float64Array) -> Float64Array:
+    return scores_m[0]
 
 
 def test_finalists_are_of_more_than_one_kind_where_there_are_others() -> None:
@@ -36,7 +40,7 @@ def test_finalists_are_of_more_than_one_kind_where_there_are_others() -> None:
         asked.append(kinds)
         return np.array([[0.02 if kind is Drag else 0.01 for kind in kinds]] * len(played.nearest_m))
 
-    search = Search(I_SHAPE, MODEL, replace(SHORT, finalists=4), score, lambda scores: scores[0], InlineCompute())
+    search = Search(I_SHAPE, MODEL, replace(SHORT, finalists=4), Scoring(score=score, judge=expected), InlineCompute())
     families = [Carrying(scene(), dragging=dragging) for dragging in (True, False)]
     asyncio.run(search.run(families, np.random.default_rng(0)))
     assert set(asked[-1]) == {Drag, PickPlace}
@@ -50,7 +54,7 @@ def test_the_search_keeps_to_its_budget_and_refining_helps() -> None:
             miss_m = np.zeros(len(kinds))
             return remaining_m(played, miss_m, S_SHAPE, MODEL.radius_m, ScoreConfig(), FeasibilityConfig())
 
-        search = Search(I_SHAPE, MODEL, config, score, lambda scores: scores[0], InlineCompute())
+        search = Search(I_SHAPE, MODEL, config, Scoring(score=score, judge=expected), InlineCompute())
         found = asyncio.run(search.run([Carrying(scene(), dragging=False)], np.random.default_rng(0)))
         return search.spent, found[0].score_m
 
@@ -82,13 +86,30 @@ def test_a_slow_machine_tries_every_family_and_ends_in_time() -> None:
         return np.ones_like(played.nearest_m)
 
     watch = Watch(stopwatch=lambda: now_s[0])
-    search = Search(I_SHAPE, MODEL, SearchConfig(threads=2), score, lambda scores: scores[0], SlowCompute(), watch)
+    search = Search(I_SHAPE, MODEL, SearchConfig(threads=2), Scoring(score=score, judge=expected), SlowCompute(), watch)
     here = Scene(I_SHAPE, S_SHAPE, frozenset(), tools(reachable))
     families = [Laying(here, from_last=False), *(Carrying(here, dragging=dragging) for dragging in (True, False))]
     asyncio.run(search.run([*families, Pushing(here)], np.random.default_rng(0)))
     assert tried == {LayDown, PickPlace, Drag, Push}
     assert now_s[0] < 2.0 + 0.008 * 16  # a batch more: the clock counts one rollout at a time
     assert search.spent > 50  # of the 100 that fit in: what takes the rest is whether the arm reaches
+
+
+def test_the_kind_that_can_score_best_is_tried_first_and_one_that_cannot_win_not_at_all() -> None:
+    tried: list[type[Action]] = []
+
+    def score(played: Played, kinds: Sequence[type[Action]]) -> Float64Array:
+        tried.extend(kinds)
+        return np.full_like(played.nearest_m, 0.02)
+
+    least: dict[type[Action], float] = {LayDown: 0.02, PickPlace: 0.01, Drag: 0.0}
+
+    scoring = Scoring(score=score, judge=expected, least_m=lambda kind: least[kind])
+    search = Search(I_SHAPE, MODEL, SHORT, scoring, InlineCompute())
+    families = [Laying(scene(), from_last=False), *(Carrying(scene(), dragging=dragging) for dragging in (False, True))]
+    asyncio.run(search.run(families, np.random.default_rng(0)))
+    assert tried[0] is Drag
+    assert set(tried) == {Drag, PickPlace}
 
 
 def test_who_watches_is_told_the_best_of_each_kind_and_node_best_first() -> None:
@@ -101,7 +122,7 @@ def test_who_watches_is_told_the_best_of_each_kind_and_node_best_first() -> None
         return np.linalg.norm(played.nodes_world[:, :, 0] - S_SHAPE[0], axis=-1)
 
     config = SearchConfig(rollouts=100, threads=2)
-    search = Search(I_SHAPE, MODEL, config, score, lambda scores: scores[0], InlineCompute(), Watch(tell=tell))
+    search = Search(I_SHAPE, MODEL, config, Scoring(score=score, judge=expected), InlineCompute(), Watch(tell=tell))
     families = [
         Carrying(Scene(I_SHAPE, S_SHAPE, frozenset(), tools()), dragging=dragging) for dragging in (True, False)
     ]

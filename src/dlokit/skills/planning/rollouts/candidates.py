@@ -100,6 +100,19 @@ class Scene:
         """Length of the goal [m]."""
         return float(geometry.arc_lengths(self.goal_world)[-1])
 
+    @cached_property
+    def nodes_to_move(self) -> tuple[int, ...]:
+        """Every other node, the farthest from its goal first; then what is far from its goal and from those before it.
+
+        So any beginning of the list covers the rod, and a search that is short of time has tried all parts of it.
+        """
+        left = np.argsort(-self.error_m, kind="stable")[::2].tolist()
+        order = [left.pop(0)]
+        while left:
+            away = [min(abs(node - other) for other in order) for node in left]
+            order.append(left.pop(int(np.argmax(self.error_m[left] * away))))
+        return tuple(order)
+
     def hold(self, node: int) -> Hold | None:
         """How to grasp a node; None when it is marked or the gripper does not fit."""
         if node not in self._holds:

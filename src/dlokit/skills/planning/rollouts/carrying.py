@@ -36,13 +36,14 @@ class Carrying:
         return np.array([1.5, beside, beside, 0.25 * self._scale, 0.015, 0.1, 0.04])
 
     def first(self, count: int, rng: np.random.Generator) -> list[Float64Array]:
-        """The nodes farthest from their goals, every other one, each taken there and beyond."""
-        scene, speed = self._scene, self._scene.tools.actions.path.speed_m_s
-        lift = scene.tools.actions.path.lift_m
-        found: list[Float64Array] = []
-        for node in np.argsort(-scene.error_m, kind="stable")[::2]:
-            way = (scene.goal_world - scene.nodes_world)[node, :2]
-            found += [np.array([node, *(share * way), 0.0, lift, 0.0, speed]) for share in _OVERSHOOTS]
+        """Nodes all over the rod taken to their goals; then the same beyond them."""
+        scene, path = self._scene, self._scene.tools.actions.path
+        way = (scene.goal_world - scene.nodes_world)[:, :2]
+        found = [
+            np.array([node, *(share * way[node]), 0.0, path.lift_m, 0.0, path.speed_m_s])
+            for share in _OVERSHOOTS
+            for node in scene.nodes_to_move
+        ]
         return found[:count]
 
     def aimed(self, numbers: Float64Array, nodes_world: Float64Array) -> Float64Array:

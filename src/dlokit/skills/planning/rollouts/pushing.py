@@ -2,6 +2,7 @@
 gripper fits around the rod.
 """
 
+import itertools
 import math
 
 import numpy as np
@@ -46,19 +47,16 @@ class Pushing:
         return np.array([0.05, 0.25, 0.004, 0.012, 0.2, 0.1, 0.04])
 
     def first(self, count: int, rng: np.random.Generator) -> list[Float64Array]:
-        """The nodes farthest from their goals, every other one, each pushed as far across the rod, and a bit more."""
+        """Nodes all over the rod pushed across it, as far as they are from their goals; then the same a bit farther."""
         scene = self._scene
         found: list[Float64Array] = []
-        for node in np.argsort(-scene.error_m, kind="stable")[::2]:
-            share = float(node) / (scene.count - 1)
+        for more, node in itertools.product(_OVERSHOOTS, scene.nodes_to_move):
+            share = node / (scene.count - 1)
             way = (scene.goal_world - scene.nodes_world)[node, :2]
             across = rod_point(scene.nodes_world, share).yaw_rad + 0.5 * math.pi
             aside = float(way @ np.array([math.cos(across), math.sin(across)]))
-            direction, length = (0.0 if aside > 0.0 else math.pi), abs(aside)
-            found += [
-                np.array([share, direction, _USUAL_OFFSET_M, (1.0 + more) * length, 0.0, 0.0, _USUAL_SPEED_M_S])
-                for more in _OVERSHOOTS
-            ]
+            direction, length = (0.0 if aside > 0.0 else math.pi), (1.0 + more) * abs(aside)
+            found.append(np.array([share, direction, _USUAL_OFFSET_M, length, 0.0, 0.0, _USUAL_SPEED_M_S]))
         return found[:count]
 
     def make(self, numbers: Float64Array) -> Candidate | None:

@@ -40,6 +40,11 @@ def remaining_m(
     return score + _off_table(nodes, table)
 
 
+def least_remaining_m(miss_m: float, config: ScoreConfig) -> float:
+    """What `remaining_m` is never below for motions that usually miss by `miss_m`, however well they are aimed [m]."""
+    return (1.0 + config.next_action) * miss_m
+
+
 def cautious_m(score_m: Float64Array, caution: float) -> Float64Array:
     """One score (C,) [m] from those on several rods (R, C): the mean, and `caution` standard deviations more."""
     return score_m.mean(axis=0) + caution * score_m.std(axis=0)

@@ -50,6 +50,18 @@ class Choice:
     nodes_world: Float64Array
 
 
+@dataclass(frozen=True, kw_only=True)
+class Scoring:
+    """What candidates are compared by; less is better."""
+
+    score: Callable[[Played, Sequence[type[Action]]], Float64Array]
+    """(R, C) [m] of what C motions of these kinds did to R rods."""
+    judge: Callable[[Float64Array], Float64Array]
+    """(C,) [m] of that."""
+    least_m: Callable[[type[Action]], float] = lambda kind: 0.0
+    """What no action of the kind can score below [m], however well it is aimed."""
+
+
 async def _tell_nobody(rollouts: int, best: Sequence[Choice]) -> None:
     """Nobody watches."""
 
@@ -83,14 +95,12 @@ class Search:
         nodes_world: Float64Array,
         model: ModelConfig,
         config: SearchConfig,
-        score: Callable[[Played, Sequence[type[Action]]], Float64Array],
-        judge: Callable[[Float64Array], Float64Array],
+        scoring: Scoring,
         compute: Compute,
         watch: Watch | None = None,
     ) -> None:
-        """`score` gives (R, C) of what was played and the C kinds; `judge` makes (C,) of that."""
         self._nodes, self._model, self._config = nodes_world, model, config
-        self._score, self._judge, self._compute = score, judge, compute
+        self._scoring, self._compute = scoring, compute
         self._rods = doubtful_rods(config, model.belief)
         self._watch = watch or Watch()
         self._timer = Timer(
@@ -100,15 +110,22 @@ class Search:
         """Rollouts so far."""
 
     async def run(self, families: Sequence[Family], rng: np.random.Generator) -> list[Choice]:
-        """Choices, the best first."""
-        config = self._config
+        """Choices, the best first.
+
+        The kind that can score best is played first; one that cannot score as well as what was found is not played.
+        """
+        config, least_m = self._config, self._scoring.least_m
         each = len(self._rods)
         budget = config.rollouts - config.finalists * each
-        pools = [_Pool(family) for family in families]
+        pools = [_Pool(family) for family in sorted(families, key=lambda family: least_m(family.kind))]
         share = max(1, budget // (2 * len(pools)))
+        found_m = math.inf
         for k, pool in enumerate(pools):
+            if least_m(pool.family.kind) >= found_m:
+                break
             self._timer.allow(0.5 * (k + 1) / len(pools), config.finalists, each)
             await self._try(pool, pool.family.first(_TRIES * share, rng), share)
+            found_m = min([found_m, *(choice.score_m for choice in pool.choices)])
             await self._tell(pools)
         pools = [pool for pool in pools if pool.choices]
         if not pools:
@@ -148,7 +165,7 @@ class Search:
         """Play candidates on the rod that the model has."""
         played = await self._play(made, (QuickRod(),))
         for candidate, score, nodes in zip(
-            made, self._score(played, [pool.family.kind] * len(made))[0], played.nodes_world[0], strict=True
+            made, self._scoring.score(played, [pool.family.kind] * len(made))[0], played.nodes_world[0], strict=True
         ):
             pool.choices.append(Choice(candidate=candidate, score_m=float(score), nodes_world=nodes))
 
@@ -169,7 +186,7 @@ class Search:
             played = await self._play([choice.candidate for choice in some], rods)
             expected = np.array([[choice.score_m for choice in some]])
             kinds = [choice.candidate.kind for choice in some]
-            judged += self._judge(np.concatenate((expected, self._score(played, kinds)))).tolist()
+            judged += self._scoring.judge(np.concatenate((expected, self._scoring.score(played, kinds)))).tolist()
         return [*(finalists[k] for k in np.argsort(judged, kind="stable")), *finalists[len(judged) :]]
 
     async def _play(self, candidates: Sequence[Candidate], rods: tuple[QuickRod, ...]) -> Played:

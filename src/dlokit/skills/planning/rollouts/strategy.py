@@ -14,8 +14,8 @@ from dlokit.skills.planning.rollouts.laying import Laying
 from dlokit.skills.planning.rollouts.misses import Misses
 from dlokit.skills.planning.rollouts.pairing import Pairing
 from dlokit.skills.planning.rollouts.pushing import Pushing
-from dlokit.skills.planning.rollouts.score import cautious_m, remaining_m
-from dlokit.skills.planning.rollouts.search import Choice, Search, Watch
+from dlokit.skills.planning.rollouts.score import cautious_m, least_remaining_m, remaining_m
+from dlokit.skills.planning.rollouts.search import Choice, Scoring, Search, Watch
 from dlokit.types.action import Action, Marks
 from dlokit.types.arrays import Float64Array
 from dlokit.types.candidates import Candidates, CandidateSeen
@@ -44,6 +44,9 @@ class Rollout:
         def judge(scores_m: Float64Array) -> Float64Array:
             return cautious_m(scores_m, config.score.caution)
 
+        def least_m(kind: type[Action]) -> float:
+            return least_remaining_m(self._misses.of(kind), config.score)
+
         async def tell(rollouts: int, best: Sequence[Choice]) -> None:
             seen = tuple(_seen(choice) for choice in best)
             await tools.tell(
@@ -51,7 +54,8 @@ class Rollout:
             )
 
         watch = Watch(tell=tell, stopwatch=tools.stopwatch)
-        search = Search(shape.nodes_world, tools.model, config.search, score, judge, tools.compute, watch)
+        scoring = Scoring(score=score, judge=judge, least_m=least_m)
+        search = Search(shape.nodes_world, tools.model, config.search, scoring, tools.compute, watch)
         # Other candidates at another time: what did not do as predicted is not tried again in just the same way.
         rng = np.random.default_rng([config.seed, shape.stamp_ns])
         for choice in await search.run(self._families(scene), rng):
