@@ -16,8 +16,7 @@ from dlokit.communication.recording.summary import summarise
 from dlokit.communication.topics import OBSERVER_EVENT, TOPICS
 from dlokit.system.config import RunConfig
 from dlokit.system.process_report import read_report
-from dlokit.system.run_result import ActionResult
-from dlokit.types.candidates import Candidates
+from dlokit.system.shaping import Watcher
 from dlokit.types.flow import FlowStatus, RunOutcome
 
 pytestmark = pytest.mark.system
@@ -32,20 +31,7 @@ def started_by(pid: int) -> dict[str, psutil.Process]:
     return {line[-1]: child for child in children if "dlokit.system.process_main" in (line := child.cmdline())}
 
 
-class Silent:
-    """Watches and says nothing."""
-
-    def considered(self, candidates: Candidates) -> None:
-        pass
-
-    def step(self, status: FlowStatus) -> None:
-        pass
-
-    def action(self, row: ActionResult) -> None:
-        pass
-
-
-class Killer(Silent):
+class Killer(Watcher):
     """Kills a process of this one's, once, in the middle of an action."""
 
     def __init__(self, victim: str) -> None:
@@ -59,7 +45,7 @@ class Killer(Silent):
 
 
 def test_the_rope_is_shaped_by_all_processes_together(tmp_path: Path) -> None:
-    record = judged_run(LIVE, job_from_config(LIVE), tmp_path, Silent())
+    record = judged_run(LIVE, job_from_config(LIVE), tmp_path, Watcher())
     result = record.result
     assert result.outcome is RunOutcome.CONVERGED, result
     assert result.rmse_m is not None

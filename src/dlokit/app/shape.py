@@ -31,6 +31,7 @@ from dlokit.types.flow import RunOutcome
 RUNS = Path("runs")
 EXIT_CONVERGED = 0
 EXIT_ENDED_OTHERWISE = 3
+_DRAG = "Open it in a browser, drag the three frames to the goal you want, and press “Shape it”."
 
 C = TypeVar("C", bound=NamedConfig)
 
@@ -104,7 +105,6 @@ def run(args: ShapeArgs) -> int:
     folder = claim_run_folder(out) if out else new_run_folder(RUNS, job.name, datetime.now())
     console = Console()
     prepare(console, config)
-    _invite(console, config)
     # Not what was typed: its --out has been used, and its files may be named from another folder.
     again = shlex.join(["dlokit", "shape", "--config", str((folder / CONFIG_FILE).absolute())])
     return run_and_report(config, job, folder, console, again)
@@ -112,7 +112,8 @@ def run(args: ShapeArgs) -> int:
 
 def run_and_report(config: RunConfig, job: ShapeJob, folder: Path, console: Console, again: str) -> int:
     """Run a task, write what it leaves, and say how it ended; `again` is the command that repeats it."""
-    with RunDisplay(console, title=job.name, threshold_m=config.task.threshold_m) as display:
+    threshold_m, invitation = config.task.threshold_m, _DRAG if config.goal == INTERACTIVE else ""
+    with RunDisplay(console, title=job.name, threshold_m=threshold_m, invitation=invitation) as display:
         record = judged_run(config, job, folder, display)
     record = replace(record, command=again, machine=machine_facts())
     from dlokit.app.report import write_report  # draws with matplotlib, which nobody waits for before the run
@@ -121,15 +122,6 @@ def run_and_report(config: RunConfig, job: ShapeJob, folder: Path, console: Cons
     nearest = folder / NEAREST_FILE_NAME
     display.finish(record.result, report, nearest if nearest.exists() else None)
     return EXIT_CONVERGED if record.result.outcome is RunOutcome.CONVERGED else EXIT_ENDED_OTHERWISE
-
-
-def _invite(console: Console, config: RunConfig) -> None:
-    """Say where the viewer is, and what to do there."""
-    if config.headless:
-        return
-    console.print(f"viewer: {config.viewer.url}", markup=False, soft_wrap=True)
-    if config.goal == INTERACTIVE:
-        console.print("Open it in a browser, drag the three frames to the goal you want, and press “Shape it”.")
 
 
 def _defaults(arguments: Sequence[str]) -> ShapeArgs:

@@ -16,6 +16,7 @@ from rich.text import Text
 
 from dlokit.app.outcome_words import outcome_in_words
 from dlokit.system.run_result import ActionResult, RunResult
+from dlokit.system.shaping import Watcher
 from dlokit.types.action import Push
 from dlokit.types.candidates import Candidates
 from dlokit.types.feasibility import Standing
@@ -27,12 +28,16 @@ _WARNS = frozenset({"find_dlo", "set_goal", "track_model"})
 """Boxes before which something may have been said of the camera, or of the goal, that the operator should read."""
 
 
-class RunDisplay:
+class RunDisplay(Watcher):
     """Shows one run while it goes on. Use it as a context manager around the run."""
 
-    def __init__(self, console: Console, *, title: str, threshold_m: float) -> None:
-        """Show a run named `title` on `console`; errors below `threshold_m` are marked."""
+    def __init__(self, console: Console, *, title: str, threshold_m: float, invitation: str = "") -> None:
+        """Show a run named `title` on `console`; errors below `threshold_m` are marked.
+
+        `invitation` says what to do in the viewer, once it can be opened.
+        """
         self._console = console
+        self._invitation = invitation
         self._title = title
         self._threshold_m = threshold_m
         self._rows: list[ActionResult] = []
@@ -57,6 +62,12 @@ class RunDisplay:
             self._status = None
             self._refresh()
             self._live.stop()
+
+    def page(self, url: str) -> None:
+        """The viewer can be opened."""
+        self._console.print(f"viewer: {url}", markup=False, highlight=False, soft_wrap=True)
+        if self._invitation:
+            self._console.print(self._invitation, markup=False, highlight=False)
 
     def step(self, status: FlowStatus) -> None:
         """The flow has come to another step."""

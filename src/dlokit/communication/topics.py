@@ -18,6 +18,7 @@ from dlokit.types.image import StereoImages
 from dlokit.types.observation import Gripped, Observation
 from dlokit.types.observer_event import ObserverEvent
 from dlokit.types.robot import RobotState
+from dlokit.types.viewer_page import ViewerPage
 
 LAST = KeepLast()
 ANY_ACTION = cast(type[Action], Action)  # a union decodes like a type, but the type system has no word for that
@@ -41,6 +42,7 @@ FLOW          = Topic("decision/flow",     FlowStatus,      "decision",   None, 
 HEARTBEAT     = Topic("decision/heartbeat", Heartbeat,      "decision",   25.0,  LAST,       "that the commander of the robots is there")
 COMMAND       = Topic("viewer/command",    OperatorCommand, "viewer",     None,  Every(16),  "the operator's buttons")
 GOAL_FRAMES   = Topic("viewer/frames",     GoalFrames,      "viewer",     None,  LAST,       "the three frames that pull the goal")
+VIEWER_PAGE   = Topic("viewer/page",       ViewerPage,      "viewer",     None,  LAST,       "where a browser finds the viewer")
 # fmt: on
 
 TOPICS: tuple[Topic[Any], ...] = (
@@ -62,4 +64,5 @@ TOPICS: tuple[Topic[Any], ...] = (
     HEARTBEAT,
     COMMAND,
     GOAL_FRAMES,
+    VIEWER_PAGE,
 )

@@ -5,9 +5,8 @@ import contextlib
 import math
 import time
 from collections import defaultdict
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator, Coroutine, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 from dlokit import __version__
 from dlokit.communication import topics
@@ -33,20 +32,20 @@ LINGER_S = 2.2
 """The cell runs on this long after the last release [s]: the evaluator judges 2 s after it."""
 
 
-class Watcher(Protocol):
-    """Whoever shows a run while it goes on, e.g. the terminal."""
+class Watcher:
+    """Whoever shows a run while it goes on, e.g. the terminal; of itself it shows nothing."""
+
+    def page(self, url: str) -> None:
+        """The viewer's page is served, at this address; again when the viewer was started again."""
 
     def step(self, status: FlowStatus) -> None:
         """The flow has come to another step."""
-        ...
 
     def considered(self, candidates: Candidates) -> None:
         """A decision has come further."""
-        ...
 
     def action(self, row: ActionResult) -> None:
         """An action has ended, and its effect is known."""
-        ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,10 +86,7 @@ async def shape(
 ) -> RunRecord:
     """Run the task to its end and let the cell run on until its last shape can be judged."""
     album = _Album(transport.stream(topics.STEREO_IMAGES))
-    helpers = [
-        asyncio.create_task(waiting)
-        for waiting in (album.fill(), _tell(transport, watch), _tell_considered(transport, watch))
-    ]
+    helpers = [asyncio.create_task(waiting) for waiting in (album.fill(), *_told(transport, watch))]
     began_s, began_ns = time.perf_counter(), clock.now_ns()
     try:
         result = await decision.shape(
@@ -114,7 +110,21 @@ async def shape(
     )
 
 
-async def _tell(transport: Transport, watch: Watcher) -> None:
+def _told(transport: Transport, watch: Watcher) -> tuple[Coroutine[None, None, None], ...]:
+    """Tasks that tell who watches."""
+    return (
+        _tell_page(transport, watch),
+        _tell_step(transport, watch),
+        _tell_considered(transport, watch),
+    )
+
+
+async def _tell_page(transport: Transport, watch: Watcher) -> None:
+    async for page in transport.stream(topics.VIEWER_PAGE, with_last=True):
+        watch.page(page.url)
+
+
+async def _tell_step(transport: Transport, watch: Watcher) -> None:
     async for status in transport.stream(topics.FLOW):
         watch.step(status)
 

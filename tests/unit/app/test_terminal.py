@@ -51,6 +51,16 @@ def test_a_terminal_shows_the_table_and_the_present_step() -> None:
     assert "┃" in text
 
 
+@pytest.mark.parametrize("terminal", [True, False])
+def test_where_the_viewer_is_stands_there_once_it_can_be_opened_with_what_to_do_there(terminal: bool) -> None:
+    console = _console(terminal=terminal)
+    with RunDisplay(console, title="I to S", threshold_m=0.012, invitation="Drag the frames.") as display:
+        assert "viewer" not in _written(console)
+        display.page("http://127.0.0.1:8080")
+    at, todo = (_written(console).index(line) for line in ("viewer: http://127.0.0.1:8080", "Drag the frames."))
+    assert at < todo
+
+
 def test_the_whole_table_fits_into_80_columns() -> None:
     console = Console(file=io.StringIO(), width=80, color_system=None)
     rows = [

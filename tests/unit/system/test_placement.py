@@ -80,7 +80,7 @@ def test_a_meeting_place_that_is_open_or_lacks_certificates_is_refused(
 
 def test_a_host_publishes_the_topics_of_its_components_and_no_others() -> None:
     assert rights()["arms"].publishes == ("robot/state", "robot/state/opposite")
-    assert rights()["desk"].publishes == ("viewer/command", "viewer/frames")
+    assert rights()["desk"].publishes == ("viewer/command", "viewer/frames", "viewer/page")
     assert "decision/heartbeat" not in {topic for each in rights().values() for topic in each.publishes}
 
 

@@ -11,25 +11,12 @@ from dlokit.description.shapes import builtin_shape
 from dlokit.system.config import RunConfig
 from dlokit.system.live import Starting, run_live
 from dlokit.system.run_folder import claim_run_folder
-from dlokit.system.run_result import ActionResult
-from dlokit.system.shaping import ShapeJob
+from dlokit.system.shaping import ShapeJob, Watcher
 from dlokit.system.toml_config import read_toml
-from dlokit.types.candidates import Candidates
-from dlokit.types.flow import FlowStatus, RunOutcome
+from dlokit.types.flow import RunOutcome
 
 _POINTS = 101
 EXIT_ENDED_OTHERWISE = 3
-
-
-class _Silent:
-    def step(self, status: FlowStatus) -> None:
-        """Nobody looks."""
-
-    def considered(self, candidates: Candidates) -> None:
-        pass
-
-    def action(self, row: ActionResult) -> None:
-        pass
 
 
 def main(config_file: Path, folder: Path, disturbance: Path) -> int:
@@ -47,7 +34,7 @@ def main(config_file: Path, folder: Path, disturbance: Path) -> int:
         command=(sys.executable, "-m", "dlokit.bench.faults.disturbed_process", str(disturbance)),
         open_session=disturbed_by(disturbance, config.seed),
     )
-    record = judged_run(config, job, claim_run_folder(folder), _Silent(), partial(run_live, starting=starting))
+    record = judged_run(config, job, claim_run_folder(folder), Watcher(), partial(run_live, starting=starting))
     print(record.result.outcome.value, record.result.reason or "")
     return 0 if record.result.outcome is RunOutcome.CONVERGED else EXIT_ENDED_OTHERWISE
 

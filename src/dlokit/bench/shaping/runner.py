@@ -26,28 +26,16 @@ from dlokit.system.build import build_component
 from dlokit.system.config import RunConfig
 from dlokit.system.lockstep import run_lockstep
 from dlokit.system.run_record import RunRecord
-from dlokit.system.run_result import ActionResult, RunResult, read_result
+from dlokit.system.run_result import RunResult, read_result
 from dlokit.system.shaping import ShapeJob, Watcher
 from dlokit.types.arrays import Float64Array
-from dlokit.types.candidates import Candidates
-from dlokit.types.flow import FlowStatus, RunOutcome
+from dlokit.types.flow import RunOutcome
 
 log = logging.getLogger(__name__)
 
 SHAPES_FILE = "shapes.npz"
 FAULT_FILE = "fault.txt"
 START_FILE, GOAL_FILE = "start.npy", "goal.npy"
-
-
-class _Silent:
-    def considered(self, candidates: Candidates) -> None:
-        """Nobody looks."""
-
-    def step(self, status: FlowStatus) -> None:
-        pass
-
-    def action(self, row: ActionResult) -> None:
-        pass
 
 
 def attempt_case(case: Case, config: RunConfig, folder: Path) -> CaseResult:
@@ -78,7 +66,7 @@ def run_case(case: Case, config: RunConfig, folder: Path) -> CaseResult:
         build = OracleBuild() if case.method.sees_truth else build_component
         return run_lockstep(config, job, folder, watch, build)
 
-    record = judged_run(config, job, folder, _Silent(), run)
+    record = judged_run(config, job, folder, Watcher(), run)
     truth = read_truth(folder)
     shapes = CaseShapes(
         start_world=truth.nodes_world[0],

@@ -31,6 +31,7 @@ from dlokit.types.image import StereoImages
 from dlokit.types.observation import Observation
 from dlokit.types.observer_event import ObserverEvent
 from dlokit.types.robot import RobotState
+from dlokit.types.viewer_page import ViewerPage
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,7 +48,7 @@ class ViewerComponent(Component):
     """Serves the page while it runs. Handlers keep the newest of each topic; `run` draws what is new."""
 
     name = "viewer"
-    publishes = (topics.COMMAND, topics.GOAL_FRAMES)
+    publishes = (topics.COMMAND, topics.GOAL_FRAMES, topics.VIEWER_PAGE)
 
     def __init__(
         self,
@@ -112,6 +113,7 @@ class ViewerComponent(Component):
                 set_visible=scene.set_visible,
             )
             self.opened.set()
+            self.port.publish(topics.VIEWER_PAGE, ViewerPage(stamp_ns=self.port.clock.now_ns(), url=self.url))
             await self._draw_for_ever(server, scene, frames, panel)
         finally:
             self.opened.clear()

@@ -33,9 +33,3 @@ class ViewerConfig:
         for name, (low, high) in (("goal-x-m", self.goal_x_m), ("goal-y-m", self.goal_y_m)):
             if not low < high:
                 raise ConfigError(f"viewer.{name} is ({low}, {high}); the first number must be the smaller one.")
-
-    @property
-    def url(self) -> str:
-        """Where the page is; with port 0 the server knows."""
-        host = "localhost" if self.host in ("0.0.0.0", "::") else self.host
-        return f"http://{host}:{self.port}"

@@ -26,9 +26,13 @@ def _viewer(port: int = 0) -> ViewerComponent:
     )
 
 
-def _hosted(viewer: ViewerComponent, scenario: Callable[[Host], Coroutine[None, None, None]]) -> None:
+def _hosted(
+    viewer: ViewerComponent,
+    scenario: Callable[[Host], Coroutine[None, None, None]],
+    bus: MemoryTransport | None = None,
+) -> None:
     async def run() -> None:
-        host = Host(MemoryTransport(), LoopClock())
+        host = Host(bus or MemoryTransport(), LoopClock())
         host.add(viewer)
         async with asyncio.timeout(LIMIT_S), host:
             await scenario(host)
@@ -37,10 +41,11 @@ def _hosted(viewer: ViewerComponent, scenario: Callable[[Host], Coroutine[None, 
 
 
 def test_the_page_is_served_at_its_url_until_the_viewer_is_cancelled() -> None:
-    viewer = _viewer()
+    viewer, bus = _viewer(), MemoryTransport()
 
     async def scenario(_: Host) -> None:
-        await viewer.opened.wait()
+        page = await anext(aiter(bus.stream(topics.VIEWER_PAGE, with_last=True)))
+        assert page.url == viewer.url
         host, port = viewer.url.removeprefix("http://").split(":")
         reader, writer = await asyncio.open_connection(host, int(port))
         writer.write(b"GET / HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n")
@@ -48,7 +53,7 @@ def test_the_page_is_served_at_its_url_until_the_viewer_is_cancelled() -> None:
         writer.close()
         await writer.wait_closed()
 
-    _hosted(viewer, scenario)
+    _hosted(viewer, scenario, bus)
     assert not viewer.opened.is_set()
     check_port("127.0.0.1", int(viewer.url.rsplit(":", 1)[1]))
 
@@ -66,7 +71,7 @@ def test_a_port_in_use_ends_the_viewer_with_an_error_that_the_host_reports(caplo
 
 
 def test_the_viewer_publishes_commands_and_frames_and_sees_every_layer() -> None:
-    assert set(ViewerComponent.publishes) == {topics.COMMAND, topics.GOAL_FRAMES}
+    assert set(ViewerComponent.publishes) == {topics.COMMAND, topics.GOAL_FRAMES, topics.VIEWER_PAGE}
     assert set(ViewerComponent.subscribes()) == {
         topics.ROBOT_STATE,
         topics.STEREO_IMAGES,
