@@ -15,9 +15,10 @@ from dlokit.app.preflight import check_before_start
 from dlokit.app.preparing import prepare
 from dlokit.app.sweep_progress import followed
 from dlokit.bench.faults.fault_figures import all_right, fault_rows, figures
+from dlokit.bench.faults.judging import Finding
 from dlokit.bench.faults.sweep import claim_faults_folder, describe, run_faults
 from dlokit.bench.faults.table import BY_NAME, FAULTS, Fault
-from dlokit.bench.faults.trial import cases
+from dlokit.bench.faults.trial import Case, cases
 from dlokit.bench.report import bench_json
 from dlokit.errors import ConfigError, InputError
 from dlokit.system.config import RunConfig
@@ -82,16 +83,25 @@ def run_faults_bench(args: FaultsArgs) -> int:
     prepare(console, args.run)
     todo = list(cases(chosen, runs))
     done = followed(
-        run_faults(todo, args.run, folder), len(todo), folder, console, what="faults", line_of=lambda run: line_of(*run)
+        run_faults(todo, args.run, folder),
+        len(todo),
+        folder,
+        console,
+        what="faults",
+        line_of=lambda run: line_of(*run),
+        print_all=lambda runs: console.print(faults_table(fault_rows(_faults_of(runs)))),
     )
-    results = [(case.fault, finding) for case, finding in done]
-    console.print(faults_table(fault_rows(results)))
+    results = _faults_of(done)
     if args.json is not None:
         facts = {**describe(args.run), "faults": [fault.name for fault in chosen], "runs": runs}
         args.json.write_bytes(bench_json("faults", figures(results), machine_facts(), facts))
         console.print(f"figures: {args.json}", soft_wrap=True)
     console.print(f"runs: {folder}", soft_wrap=True)
     return 0 if all_right(results) else EXIT_WRONG
+
+
+def _faults_of(runs: list[tuple[Case, Finding]]) -> list[tuple[Fault, Finding]]:
+    return [(case.fault, finding) for case, finding in runs]
 
 
 def _chosen(args: FaultsArgs) -> tuple[Fault, ...]:

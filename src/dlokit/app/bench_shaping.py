@@ -102,9 +102,16 @@ def run_shaping(args: ShapingArgs) -> int:
         for method in methods:
             prepare(console, with_method(config, method))
     sweep = run_sweep(todo, config, folder, workers)
-    results = followed(sweep, len(todo), folder, console, what="shaping", line_of=line_of)
+    results = followed(
+        sweep,
+        len(todo),
+        folder,
+        console,
+        what="shaping",
+        line_of=line_of,
+        print_all=lambda done: print_results(sorted(done, key=_order(todo)), console),
+    )
     results.sort(key=_order(todo))
-    print_results(results, console)
     if args.json is not None:
         described = describe(config, suite, experiments, oracle=args.oracle)
         facts = {**described, "seeds": sorted({case.seed for case in todo}), "jobs": workers.jobs}
