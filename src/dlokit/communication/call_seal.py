@@ -7,8 +7,8 @@ import msgspec
 
 from dlokit.communication.envelope import check_sum
 
-_CHECK = struct.Struct(">I")
-_MARK = struct.Struct(">I1s")
+_CHECK = struct.Struct(">Q")
+_MARK = struct.Struct(">Q1s")
 
 
 class Kind(enum.Enum):

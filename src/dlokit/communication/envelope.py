@@ -2,18 +2,16 @@
 
 import struct
 import time
-import zlib
 from functools import cache
 from pathlib import Path
 
 import msgspec
+import xxhash
 
 from dlokit.communication.schema import FINGERPRINT_BYTES
 from dlokit.errors import CommunicationError, SchemaMismatch
 
-_LAYOUT = struct.Struct(f"<{FINGERPRINT_BYTES}sQqI")
-CHECKED_BYTES = 2**16
-"""States, clouds and whatever moves an arm are shorter."""
+_LAYOUT = struct.Struct(f"<{FINGERPRINT_BYTES}sQqQ")
 _BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 
 
@@ -26,7 +24,7 @@ class Envelope(msgspec.Struct, frozen=True, gc=False):
     sent_ns: int
     """When it was sent, on the sender's monotonic clock."""
     check: int
-    """Of the message; of a long one always 0."""
+    """Of the message."""
 
     def sent_s(self, arrived_s: float) -> float:
         """When it was sent on this machine's monotonic clock [s]; when it arrived, if another machine sent it."""
@@ -48,8 +46,8 @@ def seal(schema: bytes, message: bytes | bytearray) -> bytes:
 
 
 def check_sum(message: bytes | bytearray) -> int:
-    """CRC-32; 0 for what is so long that it would cost as much as the way: pictures."""
-    return zlib.crc32(message) if len(message) <= CHECKED_BYTES else 0
+    """XXH3, 64 bits: a tenth of the time in which memory is copied, so that pictures have one as well."""
+    return xxhash.xxh3_64_intdigest(message)
 
 
 def opened(envelope: bytes | None, schema: bytes) -> Envelope:

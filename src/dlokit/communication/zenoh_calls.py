@@ -48,15 +48,16 @@ def ask(
             answered.set_result(answer)
 
     def attempt(left: int) -> None:
-        altered = False
+        altered, came = False, False
 
         def on_reply(reply: zenoh.Reply) -> None:
-            nonlocal altered
+            nonlocal altered, came
             if reply.ok is None or reply.ok.attachment is None:
                 return
             answer = reply.ok.payload.to_bytes()
             match read_mark(reply.ok.attachment.to_bytes(), answer):
                 case Kind.OUTCOME:
+                    came = True
                     door.call(settle, answer)
                 case Kind.PROGRESS:
                     door.call(report, answer)
@@ -66,6 +67,8 @@ def ask(
                     log.debug("an answer of %s cannot be read", skill.key)
 
         def on_end() -> None:
+            if came:
+                return
             if altered and left > 0:
                 log.warning("a call to %s, or its answer, was altered on its way; it is sent again", skill.key)
                 door.call(attempt, left - 1)

@@ -2,7 +2,7 @@ import time
 
 import pytest
 
-from dlokit.communication.envelope import CHECKED_BYTES, Envelope, opened, seal, this_machine
+from dlokit.communication.envelope import Envelope, opened, seal, this_machine
 from dlokit.errors import CommunicationError, SchemaMismatch
 
 SCHEMA = b"01234567"
@@ -41,7 +41,7 @@ def test_order_is_known_only_on_one_machine() -> None:
     assert not early.not_after(None)
 
 
-@pytest.mark.parametrize("size", [1, 1000, CHECKED_BYTES])
+@pytest.mark.parametrize("size", [1, 1000, 4_000_000])
 def test_a_message_with_one_bit_altered_is_refused(size: int) -> None:
     message = bytearray(size)
     envelope = opened(seal(SCHEMA, message), SCHEMA)
@@ -49,7 +49,3 @@ def test_a_message_with_one_bit_altered_is_refused(size: int) -> None:
     message[size // 2] ^= 1
     with pytest.raises(CommunicationError, match="altered"):
         envelope.require_unaltered(bytes(message))
-
-
-def test_what_is_too_long_to_be_checked_is_taken_as_it_comes() -> None:
-    opened(seal(SCHEMA, bytes(CHECKED_BYTES + 1)), SCHEMA).require_unaltered(bytes(CHECKED_BYTES + 1))
