@@ -27,6 +27,7 @@ LARGEST_LISTING_BYTES = 2 * 2**20
 """The same for types that may hold any number of items: a byte of those can ask for 40 bytes of memory."""
 LARGE_ARRAY_BYTES = 2**14
 LONGEST_HEAD_BYTES = 64
+_PLAIN = (bool, int, float, str)
 
 
 def _encode_hook(value: Any) -> Any:
@@ -147,7 +148,16 @@ def _bulk_bytes(value: object) -> int:
         return len(value)
     if not isinstance(value, msgspec.Struct):
         return 0
-    return sum(_bulk_bytes(getattr(value, name)) for name in value.__struct_fields__)
+    bulk = 0
+    for name in _bulky_fields(type(value)):
+        bulk += _bulk_bytes(getattr(value, name))
+    return bulk
+
+
+@lru_cache(maxsize=512)
+def _bulky_fields(kind: type[msgspec.Struct]) -> tuple[str, ...]:
+    """Fields that may hold arrays or byte strings; most hold a number or a name, and are not looked at."""
+    return tuple(each.name for each in msgspec.structs.fields(kind) if each.type not in _PLAIN)
 
 
 def decode(data: bytes, wanted: type[T]) -> T:
