@@ -22,10 +22,10 @@ SUBCOMMAND = re.compile(r"\{([\w,]+)\}")
 
 
 def help_of(*arguments: str) -> str:
-    """What `dlokit … --help` prints."""
+    """What `dlokit … --help all` prints."""
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed), pytest.raises(SystemExit):
-        parse([*arguments, "--help"])
+        parse([*arguments, "--help", "all"])
     return printed.getvalue()
 
 

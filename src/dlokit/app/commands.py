@@ -13,6 +13,7 @@ from typing import Annotated, Any, NoReturn
 import tyro
 
 from dlokit.app.command import Command
+from dlokit.app.help_pages import paged
 
 DESCRIPTION = "Bring cables, ropes and wires into the shape you want with a robot and a camera."
 
@@ -97,14 +98,19 @@ def _command(arguments: Sequence[str]) -> tuple[Command[Any], Sequence[str]]:
 
 
 def _parsed(command: Command[Any], arguments: Sequence[str], rest: Sequence[str]) -> Any:
-    return tyro.cli(
-        command.arguments,
-        args=list(rest),
-        prog=" ".join(("dlokit", *arguments[: len(arguments) - len(rest)])),
-        default=command.defaults(rest) if command.defaults else tyro.MISSING_NONPROP,
-        # A strategy is chosen by its flag (`--observer cpd`); its settings are flags like all others.
-        config=(tyro.conf.AvoidSubcommands,),
-    )
+    words = " ".join(("dlokit", *arguments[: len(arguments) - len(rest)]))
+
+    def parsed(given: list[str]) -> Any:
+        return tyro.cli(
+            command.arguments,
+            args=given,
+            prog=words,
+            default=command.defaults(given) if command.defaults else tyro.MISSING_NONPROP,
+            # A strategy is chosen by its flag (`--observer cpd`); its settings are flags like all others.
+            config=(tyro.conf.AvoidSubcommands,),
+        )
+
+    return paged(words, rest, parsed)
 
 
 def _list(arguments: Sequence[str]) -> NoReturn:

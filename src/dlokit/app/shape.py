@@ -66,7 +66,7 @@ class ShapeChoices:
     `--cell.randomisation.…` changes or switches off each."""
     observer: Annotated[str | None, _one_of(OBSERVERS, AS_SHIPPED.observer.strategy)] = None
     """How nodes are found in a cloud, by one of ours (cpd, spr and som are the paper's) or of an installed package.
-    `--observer cpd --help` shows the settings of cpd."""
+    `--observer cpd --help observer` shows the settings of cpd."""
     segmentation: Annotated[str | None, _one_of(SEGMENTATIONS, AS_SHIPPED.perception.segmentation)] = None
     """Which pixels are DLO: by brightness (the paper's), by colour, or as an installed package has it."""
     planner: Annotated[str | None, _one_of(PLANNERS, AS_SHIPPED.planning.strategy)] = None

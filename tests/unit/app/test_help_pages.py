@@ -1,0 +1,60 @@
+"""The help of a command with many settings: a first page, and one for each group."""
+
+import re
+
+import pytest
+
+from dlokit.app.commands import parse
+from dlokit.errors import ConfigError
+
+TITLE = re.compile(r"^╭─ (.+?) ─+╮$", re.MULTILINE)
+
+
+def page(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    with pytest.raises(SystemExit) as end:
+        parse(arguments)
+    assert end.value.code == 0
+    return capsys.readouterr().out
+
+
+def test_the_first_page_has_what_people_use_and_says_which_others_there_are(capsys: pytest.CaptureFixture[str]) -> None:
+    text = page(capsys, "shape", "--help")
+    for flag in ("--goal", "--planner", "--threshold-m", "--max-actions"):
+        assert f"│ {flag} " in text
+    assert "--task.settle-s" not in text
+    assert TITLE.findall(text) == ["options", "task options"]
+    for group in ("cell", "perception", "observer", "model", "planning", "robot", "viewer"):
+        assert re.search(rf"^  {group} ", text, re.MULTILINE)
+    assert len(text.splitlines()) < 150
+
+
+def test_a_group_has_a_page_of_its_own_with_all_of_its_parts(capsys: pytest.CaptureFixture[str]) -> None:
+    text = page(capsys, "shape", "--help", "planning")
+    titles = TITLE.findall(text)
+    assert "planning.strategy.search options" in titles
+    assert all(title.startswith("planning.") for title in titles)
+    assert "--planning.strategy.search.rollouts INT" in text
+
+
+def test_the_settings_of_a_strategy_that_is_named_are_shown(capsys: pytest.CaptureFixture[str]) -> None:
+    assert "--observer.strategy.beta-m" in page(capsys, "shape", "--observer", "cpd", "--help", "observer")
+
+
+def test_all_pages_together_are_the_whole_help(capsys: pytest.CaptureFixture[str]) -> None:
+    whole = page(capsys, "shape", "--help", "all")
+    flags = re.findall(r"^│ (--\S+)", whole, re.MULTILINE)
+    assert len(flags) > 200
+    groups = ("task", "cell", "perception", "observer", "model", "planning", "robot", "viewer")
+    pages = [page(capsys, "shape", "--help"), *(page(capsys, "shape", "--help", group) for group in groups)]
+    assert set(flags) == {flag for text in pages for flag in re.findall(r"^│ (--\S+)", text, re.MULTILINE)}
+
+
+def test_a_page_that_there_is_none_of_is_refused_with_those_that_there_are() -> None:
+    with pytest.raises(ConfigError, match=r"no help on 'grippers'.*planning.*all"):
+        parse(["shape", "--help", "grippers"])
+
+
+def test_short_help_is_shown_whole(capsys: pytest.CaptureFixture[str]) -> None:
+    text = page(capsys, "stop", "-h")
+    assert "--run DIR" in text
+    assert "GROUP" not in text
