@@ -35,7 +35,10 @@ _STYLES = {
 
 @dataclass(frozen=True, kw_only=True)
 class PsArgs:
-    """List the processes of your running systems: state, restarts, heartbeat, processor and memory."""
+    """List the processes of your running systems: state, restarts, heartbeat, processor and memory.
+
+    `beat s` is the time since a process last gave a sign of life.
+    """
 
     run: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """Only the system of this run's folder."""
@@ -81,8 +84,9 @@ def process_table(system: RunningSystem, report: SystemReport | None, used: Mapp
     """The processes of one system, the decision process first; `now_s` is on the machine's monotonic clock."""
     silent_s = 0.0 if report is None else now_s - report.told_s
     caption = f"[red]the supervisor has said nothing for {silent_s:.0f} s[/]" if silent_s > STALE_S else None
-    table = Table(title=system.folder, title_justify="left", caption=caption)
-    for heading in ("process", "components", "pid", "state", "up s", "restarts", "heartbeat s", "cores", "MB"):
+    # Without lines between the columns it fits into a terminal of 80.
+    table = Table(title=system.folder, title_justify="left", caption=caption, box=None, padding=(0, 2, 0, 0))
+    for heading in ("process", "components", "pid", "state", "up s", "restarts", "beat s", "cores", "MB"):
         table.add_column(heading, justify="left" if heading in ("process", "components", "state") else "right")
     began_s = now_s - (time.time() - system.began_s)
     own = (DECISION.name, ", ".join(DECISION.components), str(system.pid), Text("running", style="green"))

@@ -89,7 +89,7 @@ def resumed_job(run_dir: Path) -> tuple[RunConfig, ShapeJob]:
     journal = read_journal(run_dir)
     config = read_toml(run_dir / CONFIG_FILE, RunConfig)
     job = ShapeJob(
-        name=f"{journal.request.name.rpartition('/')[2]} resumed",
+        name=f"to {journal.request.name.rpartition('/')[2]}, resumed",
         start_nodes_world=left_nodes_world(run_dir),
         request=journal.request,
         resumed=journal,

@@ -98,8 +98,11 @@ def the_running_system(run: Path | None, notes: Path | None = None) -> RunningSy
     if len(systems) == 1:
         return systems[0]
     if not systems:
-        what = "no system runs" if run is None else f"no system runs in {run}"
-        raise InputError(f"{what}: start one, e.g. dlokit shape --runtime live.")
+        if run is not None:
+            raise InputError(
+                f"no system runs in {run}: it has ended, or is still starting; dlokit ps lists those that run."
+            )
+        raise InputError("no system runs: start one, e.g. dlokit shape --runtime live.")
     raise InputError("several systems run; say which with --run: " + ", ".join(system.folder for system in systems))
 
 

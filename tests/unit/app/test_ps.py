@@ -4,8 +4,10 @@ import io
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
+import msgspec
 from rich.console import Console
 
 from dlokit.app.ps import Use, measure, process_table
@@ -38,6 +40,19 @@ def test_every_process_is_listed_with_its_state_its_restarts_and_what_it_uses() 
         assert cell in camera
     assert any("decision" in line and "41" in line for line in text.splitlines())
     assert "said nothing" not in text
+
+
+def test_a_healthy_system_fits_into_80_columns() -> None:
+    rows = (("simulation", "model"), ("camera", "perception"), ("observer", "observer"))
+    running = msgspec.structs.replace(CAMERA, pid=4_194_304, state=ProcessState.RUNNING, started_s=0.0, beat_s=3599.0)
+    processes = tuple(msgspec.structs.replace(running, name=name, components=(component,)) for name, component in rows)
+    used = {41: Use(cores=0.25, memory_bytes=300_000_000), 4_194_304: Use(cores=1.25, memory_bytes=1_300_000_000)}
+    system = msgspec.structs.replace(SYSTEM, began_s=time.time() - 3600.0)
+    console = Console(width=80, record=True, file=io.StringIO())
+    console.print(process_table(system, SystemReport(told_s=3600.0, processes=processes), used, 3600.0))
+    text = console.export_text()
+    for whole in (*(cell for row in rows for cell in row), "components", "4194304", "running", "restarts", "1300"):
+        assert whole in text
 
 
 def test_a_supervisor_that_is_silent_is_told_of() -> None:

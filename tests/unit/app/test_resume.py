@@ -54,7 +54,7 @@ def ended(folder: Path, outcome: RunOutcome) -> None:
 def test_a_killed_run_goes_on_with_its_goal_where_its_cell_left_the_dlo(run_dir: Path) -> None:
     config, job = resumed_job(run_dir)
     assert config == CONFIG
-    assert job.name == "S.csv resumed"
+    assert job.name == "to S.csv, resumed"
     assert job.resumed is not None
     assert job.resumed.actions == 1
     np.testing.assert_array_equal(job.start_nodes_world, LEFT)
