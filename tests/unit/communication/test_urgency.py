@@ -50,17 +50,43 @@ def policy_of_a_new_process() -> int:
 THREADS_OF_THE_BUS = """
 import asyncio, os, threading
 from pathlib import Path
-from dlokit.communication import topics
+from dlokit.communication import codec, topics, zenoh_calls
 from dlokit.communication.zenoh_session import ZenohConfig
 from dlokit.communication.zenoh_transport import ZenohTransport
+from dlokit.skills.robot import api as robot
+from dlokit.types.heartbeat import Heartbeat
+from dlokit.types.outcome import Succeeded
+
+def tell(name, thread=0):
+    print(name, os.sched_getscheduler(thread) & ~os.SCHED_RESET_ON_FORK, sep=":")
+
+def noted_label(data):
+    tell("takes calls")
+    return read_label(data)
+
+read_label, zenoh_calls.read_label = zenoh_calls.read_label, noted_label
+
+async def stopped(request, report):
+    return codec.encode(Succeeded(result=None))
 
 async def main():
     bus = ZenohTransport(ZenohConfig(namespace=f"dlokit_test/urgent/{os.getpid()}", multicast_interface="lo"))
     bus.latest(topics.FLOW)
+    heard = threading.Event()
+
+    def hear(data):
+        tell("hears heartbeats")
+        heard.set()
+
+    bus.tap(topics.HEARTBEAT, hear)
+    bus.publish(topics.HEARTBEAT, Heartbeat(stamp_ns=0, holder="me"))
+    assert await asyncio.to_thread(heard.wait, 10.0)
+    bus.serve("robot", stopped)
+    assert await bus.wait_for("robot", 10.0)
+    assert isinstance(await bus.call(robot.STOP), Succeeded)
     ours = {thread.native_id: thread.name for thread in threading.enumerate()}
     for task in Path("/proc/self/task").iterdir():
-        policy = os.sched_getscheduler(int(task.name)) & ~os.SCHED_RESET_ON_FORK
-        print(ours.get(int(task.name), (task / "comm").read_text().strip()), policy, sep=":")
+        tell(ours.get(int(task.name), (task / "comm").read_text().strip()), int(task.name))
     await bus.close()
 
 asyncio.run(main())
@@ -187,7 +213,7 @@ def test_the_threads_of_the_bus_are_urgent_and_the_loop_is_not() -> None:
     ).stdout
     policies = {name: int(policy) for name, policy in (line.rsplit(":", 1) for line in told.splitlines())}
     zenoh_s = {name for name in policies if name.startswith(("net-", "app-", "acc-", "rx-", "tx-"))}
-    reader = f"reads {topics.FLOW.name}"
+    ours = (f"reads {topics.FLOW.name}", "hears heartbeats", "takes calls")
     assert zenoh_s
-    assert {name: policies[name] for name in (*zenoh_s, reader)} == dict.fromkeys((*zenoh_s, reader), os.SCHED_RR)
+    assert {name: policies[name] for name in (*zenoh_s, *ours)} == dict.fromkeys((*zenoh_s, *ours), os.SCHED_RR)
     assert policies["MainThread"] == os.SCHED_OTHER
