@@ -22,6 +22,7 @@ from dlokit.types.candidates import Candidates
 from dlokit.types.feasibility import Standing
 from dlokit.types.flow import FlowStatus, RunOutcome
 
+_STARTING = Text.assemble(("▸ ", "cyan"), ("starting", "bold cyan"))
 PUSH = str(Push.__struct_config__.tag)
 
 _WARNS = frozenset({"find_dlo", "set_goal", "track_model"})
@@ -42,6 +43,7 @@ class RunDisplay(Watcher):
         self._threshold_m = threshold_m
         self._rows: list[ActionResult] = []
         self._status: FlowStatus | None = None
+        self._ended = False
         self._candidates: Candidates | None = None
         # Refreshed when something happens rather than by a thread: a run owns its process. It makes room for the
         # table at the end, which has the evaluator's column.
@@ -59,7 +61,7 @@ class RunDisplay(Watcher):
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if self._live is not None:
-            self._status = None
+            self._ended = True
             self._refresh()
             self._live.stop()
 
@@ -123,9 +125,9 @@ class RunDisplay(Watcher):
 
     def _view(self) -> RenderableType:
         table = action_table(self._rows, threshold_m=self._threshold_m, title=self._title)
-        if self._status is None:
+        if self._ended:
             return table
-        return Group(table, _progress(self._status, self._candidates))
+        return Group(table, _STARTING if self._status is None else _progress(self._status, self._candidates))
 
 
 def action_table(rows: Sequence[ActionResult], *, threshold_m: float, title: str = "") -> Table:

@@ -61,6 +61,15 @@ def test_where_the_viewer_is_stands_there_once_it_can_be_opened_with_what_to_do_
     assert at < todo
 
 
+def test_a_terminal_says_that_the_run_starts_until_its_first_step() -> None:
+    console = _console(terminal=True)
+    with RunDisplay(console, title="I to S", threshold_m=0.012) as display:
+        assert "▸ starting" in _written(console)
+        before = len(_written(console))
+        display.step(STATUS)
+        assert "starting" not in _written(console)[before:]
+
+
 def test_the_whole_table_fits_into_80_columns() -> None:
     console = Console(file=io.StringIO(), width=80, color_system=None)
     rows = [
