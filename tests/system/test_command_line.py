@@ -267,3 +267,9 @@ def test_shape_files_are_kept_by_their_absolute_paths(tmp_path: Path, monkeypatc
 
     assert kept[0].goal == f"{tmp_path / 'many.npy'}:1"
     assert kept[0].start == "I"
+
+
+def test_a_terminal_that_knows_only_ascii_is_written_to_all_the_same() -> None:
+    done = _dlokit("skills", environment={"LANG": "C", "PYTHONIOENCODING": "ascii"})
+    assert done.returncode == 0, done.stderr
+    assert "robot.stop" in done.stdout

@@ -4,6 +4,7 @@ from dlokit.app.environment import prepare_environment
 
 prepare_environment()  # before anything below imports MuJoCo or NumPy's linear algebra
 
+import io  # noqa: E402
 import logging  # noqa: E402
 import os  # noqa: E402
 import signal  # noqa: E402
@@ -24,6 +25,9 @@ EXIT_UNREAD = 141  # as a shell reports SIGPIPE
 
 def main() -> None:
     """One clear line for bad input, a traceback for nothing but our own mistakes; SIGTERM is a Ctrl-C."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # a terminal that knows no box or µ shows a question mark
     errors = Console(stderr=True)
     logging.basicConfig(
         level=logging.WARNING, format="%(message)s", handlers=[RichHandler(console=errors, show_path=False)]
