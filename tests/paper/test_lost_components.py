@@ -37,18 +37,22 @@ class LosingTransport(MemoryTransport):
         self._away_s = away_s
         self._back_s = -math.inf
         self._count = 0
+        self._losses = 0
 
     async def call(self, skill: Skill[P, R], *args: P.args, **kwargs: P.kwargs) -> Outcome[R]:
         if skill.component == self._component:
             self._count += 1
             if self._count in self._calls:
+                self._losses += 1
                 self._back_s = asyncio.get_running_loop().time() + self._away_s
             if self._gone:
                 return Unreachable(component=skill.component)
         return await super().call(skill, *args, **kwargs)
 
     def alive(self, component: str) -> Liveness:
-        return Known(False) if component == self._component and self._gone else super().alive(component)
+        if component != self._component:
+            return Known(super().alive(component).alive, f"the process of {component}")
+        return Known(False) if self._gone else Known(True, f"process {self._losses} of {component}")
 
     @property
     def _gone(self) -> bool:
@@ -86,6 +90,18 @@ def test_a_camera_lost_after_an_action_is_waited_for_and_the_action_counts_once(
     assert ("restore", "look_again", "track_again") in trace.edges()
     assert trace.result.outcome is RunOutcome.CONVERGED
     assert trace.calls.count("follow_path") == len(trace.result.history)
+
+
+@pytest.mark.parametrize(("component", "calls_before", "checks"), [("observer", 2, 1), ("perception", 9, 2)])
+def test_the_camera_is_checked_again_only_where_whoever_knew_its_place_was_lost(
+    component: str, calls_before: int, checks: int
+) -> None:
+    trace = shape(
+        Lab(nodes=I.copy(), checks_camera=True), GOAL, bus=lambda: LosingTransport(component, calls_before + 1)
+    )
+    assert ("restore", "look_again", "track_again") in trace.edges()
+    assert trace.calls.count("check_camera") == checks
+    assert trace.result.outcome is RunOutcome.CONVERGED
 
 
 def test_one_that_is_lost_again_while_it_is_told_what_it_must_know_is_waited_for_again() -> None:

@@ -193,6 +193,9 @@ class ShapeTask:
     """Component that did not answer the last call that failed; empty where that had another cause."""
     tracked_by: str = ""
     """The process of the observer that was told where the DLO lies: one that was started since knows nothing of it."""
+    place_known_by: str = ""
+    """The process of perception that was told where the camera stands, likewise; empty where nobody was, or where
+    processes have no names."""
     restorations: int = 0
     """How often a component was lost and waited for."""
     reason: str | None = None

@@ -3,7 +3,7 @@
 import asyncio
 
 from dlokit.decision.looking import state_after, tell_observer
-from dlokit.decision.steps.checking import check_camera
+from dlokit.decision.steps.checking import check_camera_unless_known
 from dlokit.decision.steps.explaining import RESTORABLE, fail
 from dlokit.decision.steps.outcomes import Restored
 from dlokit.decision.task import GoalRequest, ShapeTask
@@ -71,7 +71,7 @@ async def _tell(task: ShapeTask) -> bool:
         fail(task, model.SET_GOAL.key, told)
         return False
     await task.port.call(perception.SET_TRACKING, 0.0)
-    await check_camera(task)
+    await check_camera_unless_known(task)
     seen = await task.port.call(perception.LOOK)
     if not isinstance(seen, Succeeded):
         fail(task, perception.LOOK.key, seen)
