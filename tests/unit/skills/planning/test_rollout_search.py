@@ -29,6 +29,20 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 
+class TimedCompute(InlineCompute):
+    """Computes at once, on a machine whose clock says that each rollout took its time."""
+
+    def __init__(self, seconds_each: float) -> None:
+        self.now_s = 0.0
+        self._each_s = seconds_each
+
+    async def __call__(self, function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
+        played = await super().__call__(function, *args, **kwargs)
+        assert isinstance(played, Played)
+        self.now_s += self._each_s * played.nearest_m.size
+        return played
+
+
 def expected(scores_m: Float64Array) -> Float64Array:
     return scores_m[0]
 
@@ -66,17 +80,10 @@ def test_the_search_keeps_to_its_budget_and_refining_helps() -> None:
 
 
 def test_a_slow_machine_tries_every_family_and_ends_in_time() -> None:
-    now_s = [0.0]
-
-    class SlowCompute(InlineCompute):
-        async def __call__(self, function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
-            played = await super().__call__(function, *args, **kwargs)
-            assert isinstance(played, Played)
-            now_s[0] += 0.008 * played.nearest_m.size
-            return played
+    compute = TimedCompute(0.008)
 
     def reachable(pose: Pose) -> bool:
-        now_s[0] += 0.0005
+        compute.now_s += 0.0005
         return True
 
     tried: set[type[Action]] = set()
@@ -85,31 +92,34 @@ def test_a_slow_machine_tries_every_family_and_ends_in_time() -> None:
         tried.update(kinds)
         return np.ones_like(played.nearest_m)
 
-    watch = Watch(stopwatch=lambda: now_s[0])
-    search = Search(I_SHAPE, MODEL, SearchConfig(threads=2), Scoring(score=score, judge=expected), SlowCompute(), watch)
+    watch = Watch(stopwatch=lambda: compute.now_s)
+    search = Search(I_SHAPE, MODEL, SearchConfig(threads=2), Scoring(score=score, judge=expected), compute, watch)
     here = Scene(I_SHAPE, S_SHAPE, frozenset(), tools(reachable))
     families = [Laying(here, from_last=False), *(Carrying(here, dragging=dragging) for dragging in (True, False))]
     asyncio.run(search.run([*families, Pushing(here)], np.random.default_rng(0)))
     assert tried == {LayDown, PickPlace, Drag, Push}
-    assert now_s[0] < 2.0 + 0.008 * 16  # a batch more: the clock counts one rollout at a time
+    assert compute.now_s < 2.0 + 0.008 * 16  # a batch more: the clock counts one rollout at a time
     assert search.spent > 50  # of the 100 that fit in: what takes the rest is whether the arm reaches
 
 
-def test_the_kind_that_can_score_best_is_tried_first_and_one_that_cannot_win_not_at_all() -> None:
+@pytest.mark.parametrize(("seconds_each", "others"), [(0.0, {LayDown}), (0.008, set[type[Action]]())])
+def test_the_kind_that_can_score_best_is_tried_first_and_where_time_is_short_one_that_cannot_win_not_at_all(
+    seconds_each: float, others: set[type[Action]]
+) -> None:
     tried: list[type[Action]] = []
 
     def score(played: Played, kinds: Sequence[type[Action]]) -> Float64Array:
         tried.extend(kinds)
         return np.full_like(played.nearest_m, 0.02)
 
+    compute = TimedCompute(seconds_each)
     least: dict[type[Action], float] = {LayDown: 0.02, PickPlace: 0.01, Drag: 0.0}
-
     scoring = Scoring(score=score, judge=expected, least_m=lambda kind: least[kind])
-    search = Search(I_SHAPE, MODEL, SHORT, scoring, InlineCompute())
+    search = Search(I_SHAPE, MODEL, SearchConfig(threads=2), scoring, compute, Watch(stopwatch=lambda: compute.now_s))
     families = [Laying(scene(), from_last=False), *(Carrying(scene(), dragging=dragging) for dragging in (False, True))]
     asyncio.run(search.run(families, np.random.default_rng(0)))
     assert tried[0] is Drag
-    assert set(tried) == {Drag, PickPlace}
+    assert set(tried) == {Drag, PickPlace, *others}
 
 
 def test_who_watches_is_told_the_best_of_each_kind_and_node_best_first() -> None:

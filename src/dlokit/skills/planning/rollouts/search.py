@@ -112,8 +112,8 @@ class Search:
     async def run(self, families: Sequence[Family], rng: np.random.Generator) -> list[Choice]:
         """Choices, the best first.
 
-        The kind that can score best is played first; one that cannot score as well as what was found is not played,
-        and its share of the rollouts is saved.
+        The kind that can score best is played first; where time is short, one that cannot score as well as what was
+        found is not played, and its share of the rollouts is saved.
         """
         config, least_m = self._config, self._scoring.least_m
         each = len(self._rods)
@@ -122,7 +122,7 @@ class Search:
         share = max(1, budget // (2 * len(pools)))
         found_m = math.inf
         for k, pool in enumerate(pools):
-            if least_m(pool.family.kind) >= found_m:
+            if self._timer.too_short_for(config.rollouts) and least_m(pool.family.kind) >= found_m:
                 budget -= share * (len(pools) - k)  # more of what is played already would only find what flatters it
                 break
             self._timer.allow(0.5 * (k + 1) / len(pools), config.finalists, each)

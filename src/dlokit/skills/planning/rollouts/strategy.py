@@ -45,7 +45,8 @@ class Rollout:
             return cautious_m(scores_m, config.score.caution)
 
         def least_m(kind: type[Action]) -> float:
-            return least_remaining_m(self._misses.of(kind), config.score)
+            # Of what is usual: one action that went wrong must not keep its whole kind from being tried.
+            return least_remaining_m(config.score.miss_m(kind, tools.model), config.score)
 
         async def tell(rollouts: int, best: Sequence[Choice]) -> None:
             seen = tuple(_seen(choice) for choice in best)

@@ -49,6 +49,10 @@ class Timer:
         kept_s = min(math.ceil(finalists / self._cores) * part_s, most_s) if part_s <= most_s else 0.0
         self._until, self._kept_s = share, kept_s
 
+    def too_short_for(self, rollouts: int) -> bool:
+        """Whether at this pace so many rollouts would take longer than the time asked for."""
+        return self._stopwatch is not None and rollouts * self._each_s() > self._asked_s
+
     @property
     def over(self) -> bool:
         """Whether the allowed time has passed. Something must be played, or there is nothing to do."""
