@@ -40,9 +40,11 @@ def line_of(case: Case, finding: Finding) -> str:
 def faults_table(rows: Sequence[Row]) -> Table:
     """One row a fault."""
     caption = f"braking must begin within {BRAKES_WITHIN_S * 1e3:.0f} ms; times: median, max"
-    table = Table(title="faults", caption=caption)
-    for heading in ("fault", "runs", "right", "at least", "converged", "recovers s", "brakes ms", "lost s", "left"):
-        table.add_column(heading, justify="left" if heading == "fault" else "right")
+    # Without lines between the columns it fits into a terminal of 80.
+    table = Table(title="faults", caption=caption, box=None, padding=(0, 1, 0, 0))
+    headings = ("fault", "runs", "right", "at\nleast", "con-\nverged", "recovers\ns", "brakes\nms", "lost\ns", "left")
+    for heading in headings:
+        table.add_column(heading, justify="left" if heading == "fault" else "right", no_wrap=True)
     for row in rows:
         table.add_row(row.name, *_cells(row))
     return table
