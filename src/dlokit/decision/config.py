@@ -61,6 +61,8 @@ class TaskConfig:
     """Time between two of them [s]."""
     look_timeout_s: float = 20.0
     """Longest wait for the model's state after a look [s]."""
+    look_again_s: float = 5.0
+    """A look of which nothing came for so long is done again, as long as all are there [s]: a message was dropped."""
     max_recoveries: int = 5
     """Times that an arm which braked by itself (a sign of life came late) is cleared and the task goes on."""
     max_restorations: int = 4
@@ -89,6 +91,7 @@ class TaskConfig:
             "threshold_m",
             "max_time_s",
             "look_timeout_s",
+            "look_again_s",
             "robot_timeout_s",
             "restart_timeout_s",
             "grasp_force_n",

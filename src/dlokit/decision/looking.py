@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import logging
 
 import numpy as np
 
@@ -14,6 +15,8 @@ from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, TargetPoints
 from dlokit.types.outcome import Outcome, Succeeded
 
+log = logging.getLogger(__name__)
+
 _ALIVE_EVERY_S = 0.5
 """How often it is looked whether they are there, while a state is waited for [s]."""
 
@@ -24,18 +27,26 @@ async def state_after(task: ShapeTask, stamp_ns: int) -> DloState | None:
     It is not waited for while observer or model is gone, or the observer is another than the one that was told where
     the DLO lies: the cloud is lost with them.
     """
+    return await _state_within(task, stamp_ns, task.config.look_timeout_s) or _missed(task, stamp_ns)
+
+
+async def _state_within(task: ShapeTask, stamp_ns: int, seconds: float) -> DloState | None:
     with contextlib.suppress(TimeoutError, StopAsyncIteration):
-        async with asyncio.timeout(task.config.look_timeout_s):
+        async with asyncio.timeout(seconds):
             while _is_tracked(task):
                 with contextlib.suppress(TimeoutError):
                     async with asyncio.timeout(_ALIVE_EVERY_S):
                         return await _state_of(task, stamp_ns)
+    return None
+
+
+def _missed(task: ShapeTask, stamp_ns: int) -> None:
+    """Note that a state did not come, and why."""
     task.lost = observer.INITIALISE.component
     task.reason = (
         f"no model state within {task.config.look_timeout_s:g} s of the look at {stamp_ns / 1e9:.3f} s: "
         "observer or model does not answer, is gone, or was started anew"
     )
-    return None
 
 
 def _is_tracked(task: ShapeTask) -> bool:
@@ -63,12 +74,26 @@ async def _state_of(task: ShapeTask, stamp_ns: int) -> DloState:
 
 
 async def look(task: ShapeTask) -> DloState | None:
-    """Look once: pictures → cloud → target points → model; None (and a reason) when the DLO is not seen."""
-    seen = await task.port.call(perception.LOOK)
-    if isinstance(seen, Succeeded):
-        return await state_after(task, seen.result.stamp_ns)
-    fail(task, perception.LOOK.key, seen)
-    return None
+    """Look once: pictures → cloud → target points → model; None (and a reason) when the DLO is not seen.
+
+    Again, where nothing comes of it though all are there: a message on the way was altered, and dropped.
+    """
+    loop = asyncio.get_running_loop()
+    end_s, first_ns = loop.time() + task.config.look_timeout_s, None
+    while True:
+        seen = await task.port.call(perception.LOOK)
+        if not isinstance(seen, Succeeded):
+            fail(task, perception.LOOK.key, seen)
+            return None
+        first_ns = seen.result.stamp_ns if first_ns is None else first_ns
+        left_s = end_s - loop.time()
+        # That of an earlier look will do: on a busy machine it may be late, and not lost.
+        state = await _state_within(task, first_ns, min(task.config.look_again_s, left_s))
+        if state is not None:
+            return state
+        if left_s <= task.config.look_again_s or not _is_tracked(task):
+            return _missed(task, first_ns)
+        log.warning("no model state within %g s of a look; looking again", task.config.look_again_s)
 
 
 async def look_anew(task: ShapeTask, expected_world: Float64Array) -> bool:

@@ -4,17 +4,24 @@ import asyncio
 from types import SimpleNamespace
 from typing import cast
 
+import msgspec
+import numpy as np
 import pytest
 
 from dlokit.communication import topics, virtual_time
 from dlokit.communication.mailbox import Mailbox
 from dlokit.communication.transport import Known, Liveness
 from dlokit.decision.config import TaskConfig
-from dlokit.decision.looking import state_after
+from dlokit.decision.looking import look, state_after
 from dlokit.decision.task import ShapeTask
+from dlokit.skills.model.config import ModelConfig
+from dlokit.skills.model.rod import topology
 from dlokit.types.dlo import DloState
+from dlokit.types.outcome import Succeeded
 
 CONFIG = TaskConfig()
+MODEL = ModelConfig()
+STATE = DloState(stamp_ns=0, nodes_world=np.zeros((MODEL.nodes, 3)), topology=topology(MODEL))
 
 
 class Bus:
@@ -27,6 +34,34 @@ class Bus:
         if component != self._gone or asyncio.get_running_loop().time() < self._from_s:
             return Known(True, "1")
         return Known(True, "2") if self._replaced else Known(False)
+
+
+class Blind(Bus):
+    """On which all are there, and a look brings a state only from its nth time on."""
+
+    def __init__(self, states: Mailbox[DloState], brings_from: int) -> None:
+        super().__init__("nobody", 0.0, replaced=False)
+        self._states, self._brings_from = states, brings_from
+        self.looks = 0
+
+    async def call(self, skill: object) -> Succeeded[SimpleNamespace]:
+        self.looks += 1
+        stamp_ns = 1_000 * self.looks
+        if self.looks >= self._brings_from:
+            self._states.put(msgspec.structs.replace(STATE, observed_stamp_ns=stamp_ns), 0.0)
+        return Succeeded(result=SimpleNamespace(stamp_ns=stamp_ns))
+
+
+async def looked(brings_from: int) -> tuple[DloState | None, int, float, ShapeTask]:
+    """State, looks, time [s] and task of a look that brings something only from its nth time on."""
+    began_s = asyncio.get_running_loop().time()
+    states: Mailbox[DloState] = Mailbox(topics.STATE.policy)
+    bus = Blind(states, brings_from)
+    task = cast(
+        ShapeTask, SimpleNamespace(port=bus, states=states, config=CONFIG, tracked_by="1", lost="", reason=None)
+    )
+    state = await look(task)
+    return state, bus.looks, asyncio.get_running_loop().time() - began_s, task
 
 
 async def waited_s(gone: str, after_s: float, *, replaced: bool = False) -> tuple[float, ShapeTask]:
@@ -61,3 +96,19 @@ def test_a_state_that_does_not_come_though_all_are_there_is_waited_for_to_the_en
     assert task.lost == "observer"
     assert task.reason is not None
     assert "no model state within" in task.reason
+
+
+def test_a_look_of_which_nothing_came_is_done_again_while_all_are_there() -> None:
+    state, looks, waiting_s, task = virtual_time.run(looked(brings_from=3))
+    assert state is not None
+    assert looks == 3
+    assert waiting_s == pytest.approx(2 * CONFIG.look_again_s)
+    assert (task.lost, task.reason) == ("", None)
+
+
+def test_looks_of_which_nothing_comes_end_in_the_time_of_one() -> None:
+    state, looks, waiting_s, task = virtual_time.run(looked(brings_from=1000))
+    assert state is None
+    assert looks == CONFIG.look_timeout_s / CONFIG.look_again_s
+    assert waiting_s == pytest.approx(CONFIG.look_timeout_s)
+    assert task.lost == "observer"
