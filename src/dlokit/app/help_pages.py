@@ -82,8 +82,10 @@ def paged(words: str, arguments: Sequence[str], parse: Callable[[list[str]], T])
     try:
         with contextlib.redirect_stdout(caught):
             return parse(rest)
-    finally:
-        _print(caught.getvalue(), words, page)
+    except SystemExit:
+        if caught.getvalue():  # else what was typed beside --help was wrong, and has been told
+            _print(caught.getvalue(), words, page)
+        raise
 
 
 def _asked(arguments: Sequence[str]) -> tuple[list[str], str | None]:

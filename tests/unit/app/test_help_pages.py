@@ -5,7 +5,7 @@ import re
 import pytest
 
 from dlokit.app.commands import parse
-from dlokit.errors import ConfigError
+from dlokit.errors import ConfigError, InputError
 
 TITLE = re.compile(r"^╭─ (.+?) ─+╮$", re.MULTILINE)
 
@@ -58,3 +58,8 @@ def test_short_help_is_shown_whole(capsys: pytest.CaptureFixture[str]) -> None:
     text = page(capsys, "stop", "-h")
     assert "--run DIR" in text
     assert "GROUP" not in text
+
+
+def test_what_is_wrong_beside_it_is_told_and_not_taken_for_a_page_that_there_is_none_of() -> None:
+    with pytest.raises(InputError, match=r"missing\.toml"):
+        parse(["shape", "--config", "missing.toml", "--help", "planning"])
