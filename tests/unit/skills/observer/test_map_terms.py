@@ -227,3 +227,20 @@ def test_what_does_not_fit_between_two_tips_is_taken_up_by_the_gap() -> None:
     np.testing.assert_allclose(places[:4], rod[:4] + 0.01, atol=1e-6)
     np.testing.assert_allclose(places[-4:], rod[-4:] + 0.03, atol=1e-6)
     np.testing.assert_allclose(places_along(rod, Tips(last_m=0.53)), rod + 0.03, atol=1e-12)
+
+
+def test_rounding_does_not_decide_whether_a_node_at_rest_is_below_the_table() -> None:
+    for z in (0.004, np.nextafter(0.004, 0.0), np.nextafter(0.004, 1.0)):
+        nodes, system = np.column_stack([NODES[:, :2], np.full(M, z)]), ChainSystem(M)
+        add_table(system.band, system.rhs, nodes, 0.004, 0.1)
+        assert not system.band.any()
+
+
+def test_rounding_does_not_decide_on_which_side_of_a_bend_a_point_outside_of_it_is() -> None:
+    nodes = np.array([[0, 0, 0], [1, 0.1, 0], [2, 0.3, 0], [3, 0, 0]], dtype=np.float64)
+    # Fans of points from the outside of the bend at node 2, all of which are nearest to that node.
+    turns = np.linspace(np.radians(87), np.radians(98), 50)
+    points = nodes[2] + 0.02 * np.column_stack([np.cos(turns), np.sin(turns), np.zeros(50)])
+    for start in (1, 2):
+        around = np.full(50, start, dtype=np.int64)
+        assert (assign(points, nodes, around, around, 3).segment == start).all()

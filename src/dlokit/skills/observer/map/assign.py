@@ -9,6 +9,10 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
+_NEARER = 1.0 - 1e-6
+"""A point leaves its segment only where the squared distance to the next is less than this times its own. Outside
+of a bend the node between two segments is the nearest place on both, and rounding would decide."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Assignment:
@@ -97,7 +101,7 @@ def _assign(points: Array, nodes: Array, around: Indices, first: Indices, window
             if onward == at or onward < low or onward > high:
                 break
             raw, share_onward, d2_onward = _projected(points[n], nodes, onward, last)
-            if d2_onward >= d2:
+            if d2_onward >= _NEARER * d2:
                 break
             at, share, d2 = onward, share_onward, d2_onward
         segment[n], t[n], distance2[n] = at, share, d2

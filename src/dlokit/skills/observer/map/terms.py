@@ -17,6 +17,8 @@ from dlokit.skills.observer.map.settings import ChainPriors
 
 Array = NDArray[np.float64]
 
+_BELOW_M = 1e-6  # the least depth under the table that counts
+
 
 @lru_cache(maxsize=8)
 def coherence(count: int, step_m: float, priors: ChainPriors) -> tuple[Array, Array]:
@@ -141,8 +143,11 @@ def add_tip(band: Array, rhs: Array, nodes: Array, end: int, inner: int, sigma_m
 
 @njit(cache=True)
 def add_table(band: Array, rhs: Array, nodes: Array, height_m: float, sigma_m: float) -> None:
-    """The table as a half-space: r_i = z_i - height where `nodes` (M, 3) [m] lie below it, else nothing."""
+    """The table as a half-space: r_i = z_i - height where `nodes` (M, 3) [m] lie below it, else nothing.
+
+    Nodes at rest lie exactly at the height, and rounding must not decide whether they are below: a micrometre counts.
+    """
     for i in range(nodes.shape[0]):
-        if nodes[i, 2] < height_m:
+        if nodes[i, 2] < height_m - _BELOW_M:
             band[3 * i + 2, BELOW] += 1.0 / sigma_m**2
             rhs[i, 2] += height_m / sigma_m**2
