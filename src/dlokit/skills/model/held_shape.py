@@ -27,6 +27,11 @@ _TURN_RAD = 0.3  # trust region at first
 _WIDEST_RAD, _NARROWEST_RAD = 0.6, 1e-3
 _ENOUGH = 1e-3  # of a share less to minimise is no more progress
 _UNBOUNDED = 1e30
+# Curvature added to what is minimised along each kind of variable, so that each step has one clear minimum. With less
+# (the slack has none of its own) rounding decided which constraints the solver took, and often that it gave up.
+_PROXIMAL_TURN = 1e-3
+_PROXIMAL_TENSION = 1e-4
+_PROXIMAL_LACKING = 1.0
 
 
 @dataclass(frozen=True)
@@ -140,9 +145,10 @@ class _Problem:
         edges = self.edges
         jacobian = np.vstack((self._reach * -np.sin(point.theta), self._reach * np.cos(point.theta)))  # (2 M, E)
         off = (point.nodes - self._goal).T.ravel()
-        quadratic = np.diag(np.concatenate((np.full(edges, 1e-3), np.full(edges + 1, 1e-6))))
+        proximal = np.repeat((_PROXIMAL_TURN, _PROXIMAL_TENSION, _PROXIMAL_LACKING), (edges, edges, 1))
+        quadratic = np.diag(proximal)
         quadratic[:edges, :edges] += self._weight * jacobian.T @ jacobian
-        linear = np.concatenate((self._weight * jacobian.T @ off, np.zeros(edges), [_PENALTY]))
+        linear = np.concatenate((self._weight * jacobian.T @ off, -_PROXIMAL_TENSION * point.tension, [_PENALTY]))
         by_theta, by_tension = self._force_jacobians(point)
         # Forces to first order, with all of T anew.
         fixed = point.force - by_tension @ point.tension  # (2, M)
@@ -157,10 +163,8 @@ class _Problem:
         upper = np.concatenate((np.full(edges, within_rad), np.full(edges + 1, _UNBOUNDED), *room))
         lower = np.full(len(upper), -_UNBOUNDED)
         lower[:edges], lower[2 * edges] = -within_rad, 0.0
-        found, _, flag, _ = daqp.solve(quadratic, linear, np.ascontiguousarray(rows), upper, lower)
-        if flag <= 0:
-            return None
-        return np.asarray(found[:edges], dtype=np.float64), np.asarray(found[edges : 2 * edges], dtype=np.float64)
+        found = _solved(quadratic, linear, rows, lower, upper)
+        return None if found is None else (found[:edges], found[edges : 2 * edges])
 
     def _force_jacobians(self, point: _Point) -> tuple[Float64Array, Float64Array]:
         """Derivatives of the forces by θ and by T, both (2, M, E)."""
@@ -177,3 +181,25 @@ class _Problem:
             )
         )
         return by_theta, by_tension
+
+
+def _solved(
+    quadratic: Float64Array, linear: Float64Array, rows: Float64Array, lower: Float64Array, upper: Float64Array
+) -> Float64Array | None:
+    """The minimum (n,) of xᵀ `quadratic` x / 2 + `linear` · x; None: the solver failed.
+
+    `lower` and `upper` (n + m,) bound x itself, then `rows` (m, n) x. Variables are scaled to curvature 1 and rows to
+    length 1: radians, forces and slack differ by orders of magnitude, and the solver's tolerances are absolute.
+    """
+    count = len(linear)
+    scale = 1.0 / np.sqrt(np.diag(quadratic))
+    rows = rows * scale
+    bounds = 1.0 / np.concatenate((scale, np.linalg.norm(rows, axis=1)))
+    found, _, flag, _ = daqp.solve(
+        quadratic * np.outer(scale, scale),
+        linear * scale,
+        np.ascontiguousarray(rows * bounds[count:, None]),
+        upper * bounds,
+        lower * bounds,
+    )
+    return np.asarray(found, dtype=np.float64) * scale if flag > 0 else None
