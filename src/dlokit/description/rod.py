@@ -40,7 +40,6 @@ def add_rod(
     nodes: int,
     name: str = "rod",
     *,
-    self_collision: bool = True,
     collision_bits: int = 1,
 ) -> None:
     """Add a straight rod of `nodes` nodes, centred at the origin along x, to `spec` (MjSpec).
@@ -49,7 +48,7 @@ def add_rod(
     conaffinity. Raises ConfigError when the nodes lie too close together for their radius.
     """
     check_spacing(preset, nodes)
-    child = mujoco.MjSpec.from_string(_mjcf(preset, nodes, self_collision, collision_bits))
+    child = mujoco.MjSpec.from_string(_mjcf(preset, nodes, collision_bits))
     spec.attach(child, prefix=f"{name}/", frame=spec.worldbody.add_frame())
 
 
@@ -117,7 +116,7 @@ def _twist_joint(model: Any, name: str, edge: int, edges: int) -> int:
     return int(mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, joint))
 
 
-def _mjcf(preset: DloPreset, nodes: int, self_collision: bool, collision_bits: int) -> str:
+def _mjcf(preset: DloPreset, nodes: int, collision_bits: int) -> str:
     return f"""
 <mujoco>
   <worldbody>
@@ -127,7 +126,7 @@ def _mjcf(preset: DloPreset, nodes: int, self_collision: bool, collision_bits: i
       <elasticity young="{preset.young_pa:.9g}" poisson="{preset.poisson:.9g}" damping="{preset.damping_s:.9g}"/>
       <contact condim="6" friction="{preset.friction:.9g} {ROLLING_M:.9g} {ROLLING_M:.9g}"
                solref="{_numbers(CONTACT_SOLREF)}" solimp="{_numbers(CONTACT_SOLIMP)}"
-               selfcollide="{"auto" if self_collision else "none"}"
+               selfcollide="auto"
                contype="{collision_bits}" conaffinity="{collision_bits}"/>
     </flexcomp>
   </worldbody>

@@ -1,36 +1,63 @@
-"""The rod between two looks: held nodes follow their tools, friction and elasticity do the rest."""
+"""The rod between two looks: held nodes follow their tools, friction and elasticity do the rest.
+
+It is the planning rod. A rod in MuJoCo was tried: with contacts that appear and break, rounding in the last digit grew
+to centimetres within one carry, so that the same run differed between processors.
+"""
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dlokit import geometry
 from dlokit.skills.model.config import ModelConfig
-from dlokit.skills.model.grip import Grip, take_hold
-from dlokit.skills.model.rod import RodModel, fit_length
+from dlokit.skills.model.quick_push import NO_FINGERS
+from dlokit.skills.model.quick_rod import advance
+from dlokit.skills.model.quick_rollout import SINK_M, QuickRod, between_pads, fine_rod
 from dlokit.skills.model.tracking import Pin
 from dlokit.types.arrays import Float64Array
 from dlokit.types.robot import RobotState
 
 _LONGEST_GAP_S = 0.1  # after a longer silence of the robot the time between is not caught up with
+_STEP_S = 0.005  # of one physics step, about
+_NO_TOOL, _NO_PADS = np.zeros((0, 4)), np.zeros((0, 4))
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Grip:
+    """What is between the fingers of one tool."""
+
+    node: int
+    place_tcp: Float64Array
+    """Where the node is in the tool's frame (3,) [m]; closing fingers bring it to the middle between them."""
+    pads: Float64Array
+    """(3, 4) as `between_pads` gives them."""
+    tool: Float64Array
+    """The tool (4,) that the rod has followed so far: x, y, z [m], yaw [rad]."""
+    newest: RobotState
+    """Where the tool is now."""
 
 
 class Carry:
-    """A rod on the table whose held nodes move with the robots' tools."""
+    """A rod on the table whose held nodes move with the robots' tools, which point down."""
 
     def __init__(self, config: ModelConfig) -> None:
         self._config = config
-        self._rod = RodModel(config, timestep_s=config.rollout.timestep_s)
-        self._rod.on_table(True)
-        self._grips: dict[str, Grip] = {}
-        self._last: dict[str, RobotState] = {}
+        straight = np.column_stack((np.linspace(0.0, config.length_m, config.nodes), np.zeros((config.nodes, 2))))
+        self._grips: dict[str, _Grip] = {}
         self.travelled_m = 0.0
         """Path of the tools since the rod was last free [m]."""
+        self.place(straight)
+        # The kernel is loaded, or compiled after an installation, before an arm carries anything.
+        self._advance(_STEP_S, _NO_TOOL, _NO_PADS, rest_steps=1)
 
     @property
     def nodes_world(self) -> Float64Array:
-        """Nodes (M, 3) [m]."""
-        return self._rod.nodes_world
+        """Nodes (M, 3) [m], none below the table."""
+        nodes = geometry.resample(self._x[:, :3], self._config.nodes)
+        nodes[:, 2] = np.maximum(nodes[:, 2] + SINK_M, self._config.radius_m)
+        return nodes
 
     @property
     def holds(self) -> bool:
@@ -38,39 +65,53 @@ class Carry:
         return bool(self._grips)
 
     def place(self, nodes_world: Float64Array) -> None:
-        """Set the rod to what was seen, (M, 3) [m]; grips stay."""
-        self._rod.place(fit_length(self._config, nodes_world))
+        """Set the rod to what was seen, (K, 3) [m], at rest; grips stay."""
+        nodes = fine_rod(self._config, nodes_world)
+        # A node at rest lies as deep in the table as its weight presses it.
+        nodes[:, 2] = np.maximum(nodes[:, 2], self._config.radius_m) - SINK_M
+        self._rod = QuickRod().numbers(self._config, len(nodes))
+        self._x = np.column_stack((nodes, np.zeros(len(nodes))))
+        self._v, self._rest = np.zeros_like(self._x), np.zeros(len(nodes))
 
-    def take_hold(self, robot: str, node: int, tool: RobotState, nodes_world: Float64Array) -> None:
-        """Tie `node` of a rod lying as `nodes_world` (M, 3) [m] to a robot's tool."""
+    def take_hold(self, robot: str, node: int, tool: RobotState) -> None:
+        """Tie `node` of the rod to a robot's tool."""
         if not self._grips:
             self.travelled_m = 0.0
-        if 0 <= node < self._config.nodes:
-            self._grips[robot] = take_hold(nodes_world, node, tool.T_world_tcp)
-            self._last[robot] = tool
+        if not 0 <= node < self._config.nodes:
+            return
+        at = _pointing_down(tool, near_yaw_rad=0.0)
+        near = round(node * (len(self._x) - 1) / (self._config.nodes - 1))
+        place = geometry.transform(geometry.inverse(tool.T_world_tcp), self.nodes_world[node])
+        self._grips[robot] = _Grip(
+            node=node,
+            place_tcp=place * (1.0, 0.0, 1.0),
+            pads=between_pads(self._x[:, :3], near, at),
+            tool=at,
+            newest=tool,
+        )
 
     def move(self, robot: RobotState) -> bool:
-        """Follow a tool to where it is now; False when that robot holds nothing."""
+        """Follow a tool to where it is now; False when that robot holds nothing, or no time has passed."""
         grip = self._grips.get(robot.robot)
-        if grip is None or not robot.holding:
+        if grip is None or not robot.holding or robot.stamp_ns <= grip.newest.stamp_ns:
             return False
-        last = self._last[robot.robot]
-        # Time passes once, however many robots tell of it.
-        newest_ns = max(self._last[name].stamp_ns for name in self._grips)
-        passed_s = min((robot.stamp_ns - newest_ns) / 1e9, _LONGEST_GAP_S)
-        steps = math.floor(passed_s / self._config.rollout.timestep_s + 1e-6)
-        if steps < 1 and (len(self._grips) == 1 or robot.stamp_ns <= last.stamp_ns):
+        # Time passes once, however many robots report it.
+        before_ns = max(one.newest.stamp_ns for one in self._grips.values())
+        moved = robot.T_world_tcp.position_m - grip.newest.T_world_tcp.position_m
+        self.travelled_m += float(np.linalg.norm(moved))
+        self._grips[robot.robot] = replace(grip, newest=robot)
+        passed_s = min((robot.stamp_ns - before_ns) / 1e9, _LONGEST_GAP_S)
+        if passed_s <= 0.0:
             return False
-        self._last[robot.robot] = robot
-        self.travelled_m += float(np.linalg.norm(robot.T_world_tcp.position_m - last.T_world_tcp.position_m))
-        targets, gains = self._rod.nodes_world, np.zeros((self._config.nodes, 3))
-        if steps < 1:
-            return False
-        for name, held in self._grips.items():
-            targets[held.nodes] = held.targets_world(self._last[name].T_world_tcp)
-            gains[held.nodes] = held.gains_n_m(self._config.rollout.grip_stiffness_n_m)
-        self._rod.pull(targets, gains)
-        self._rod.step(steps)
+        steps = max(1, round(passed_s / _STEP_S))
+        tools = list[Float64Array]()
+        pads = list[Float64Array]()
+        for arm, (name, held) in enumerate(self._grips.items()):
+            end = _pointing_down(held.newest, near_yaw_rad=held.tool[3])
+            tools.append(np.linspace(held.tool, end, steps + 1)[1:])
+            pads.append(np.column_stack((held.pads[:, :3], np.full(len(held.pads), float(arm)))))
+            self._grips[name] = replace(held, tool=end)
+        self._advance(passed_s / steps, np.hstack(tools), np.concatenate(pads), rest_steps=0)
         return True
 
     def release(self, robot: str) -> bool:
@@ -79,20 +120,30 @@ class Carry:
             return False
         if self._grips:
             return False  # the rod comes to rest when the last one lets go
-        self._rod.let_go()
-        self._rod.step(math.ceil(self._config.rollout.release_s / self._config.rollout.timestep_s))
+        rest_steps = math.ceil(self._config.rollout.release_s / _STEP_S)
+        self._advance(_STEP_S, _NO_TOOL, _NO_PADS, rest_steps=rest_steps)
         return True
 
     def forget(self) -> None:
         """Let go of everything at once."""
         self._grips.clear()
-        self._rod.let_go()
 
     def pins(self, tools: Mapping[str, RobotState]) -> tuple[Pin, ...]:
         """Where the held nodes are, by the tools of their robots."""
         return tuple(
-            Pin(node=grip.node, position_world=grip.targets_world(tools[robot].T_world_tcp)[grip.nodes == grip.node][0])
+            Pin(node=grip.node, position_world=geometry.transform(tools[robot].T_world_tcp, grip.place_tcp))
             for robot, grip in self._grips.items()
             # A state from before the grip cannot know of it.
-            if tools[robot].holding or tools[robot].stamp_ns <= self._last[robot].stamp_ns
+            if tools[robot].holding or tools[robot].stamp_ns <= grip.newest.stamp_ns
         )
+
+    def _advance(self, step_s: float, tools: Float64Array, pads: Float64Array, rest_steps: int) -> None:
+        advance(self._x, self._v, self._rest, self._rod, step_s, rest_steps, tools, pads, NO_FINGERS)
+
+
+def _pointing_down(robot: RobotState, near_yaw_rad: float) -> Float64Array:
+    """A tool (4,): x, y, z [m], and its yaw [rad], of whole turns the one nearest to `near_yaw_rad`."""
+    R = geometry.rotation(robot.T_world_tcp)
+    yaw_rad = math.atan2(R[1, 0], R[0, 0])
+    yaw_rad += 2.0 * math.pi * round((near_yaw_rad - yaw_rad) / (2.0 * math.pi))
+    return np.array([*robot.T_world_tcp.position_m, yaw_rad])

@@ -14,7 +14,7 @@ from dlokit.communication import topics
 from dlokit.communication.component import Component, implements, on
 from dlokit.description.shapes import builtin_shape
 from dlokit.errors import SkillFailure, SkillRejected
-from dlokit.skills.model import api, rollout, settling
+from dlokit.skills.model import api, settling
 from dlokit.skills.model.belief import as_configured
 from dlokit.skills.model.carry import Carry
 from dlokit.skills.model.config import ModelConfig
@@ -22,6 +22,7 @@ from dlokit.skills.model.goal import GoalRod
 from dlokit.skills.model.identification.evidence import Evidence, evidence
 from dlokit.skills.model.identification.grips import Grips
 from dlokit.skills.model.identification.posterior import believed, posterior
+from dlokit.skills.model.quick_rollout import predict
 from dlokit.skills.model.rod import topology
 from dlokit.skills.model.tracking import Tracker
 from dlokit.types.action import Action
@@ -95,7 +96,7 @@ class ModelComponent(Component):
             if self._carry.release(gripped.robot):
                 self._follow(gripped.stamp_ns)
             return
-        self._carry.take_hold(gripped.robot, gripped.node, tool, self._state.nodes_world)
+        self._carry.take_hold(gripped.robot, gripped.node, tool)
 
     @on(topics.ROBOT_STATE)
     async def on_robot_state(self, robot: RobotState) -> None:
@@ -151,7 +152,7 @@ class ModelComponent(Component):
                 "bad_shape",
                 f"grasp of node {action.grasp.node} of {len(state.nodes_world)}; the model has {self._config.nodes}",
             )
-        nodes = await self.port.compute(rollout.predict, self._config, state.nodes_world, action)
+        nodes = await self.port.compute(predict, self._config, state.nodes_world, action)
         return DloState(stamp_ns=state.stamp_ns, nodes_world=nodes, topology=self._topology)
 
     @implements(api.SETTLE)

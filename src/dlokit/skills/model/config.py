@@ -54,12 +54,8 @@ class GoalConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class RolloutConfig:
-    """How actions are predicted: the rod on a table with friction, its grasped node on the tool's path."""
+    """How the rod is predicted while a tool holds it, and after its release."""
 
-    grip_stiffness_n_m: float = 400.0
-    """Spring between the tool and the grasped node [N/m]."""
-    timestep_s: float = 0.004
-    """Length of one physics step [s]."""
     release_s: float = 0.4
     """Time that the rod is given to come to rest after the release [s]."""
     publish_period_s: float = 0.1
@@ -123,8 +119,6 @@ class ModelConfig:
     yield_curvature_1_m: float | None = None
     """Curvature beyond which the DLO keeps a bend [1/m], 1 for a copper wire; without it the DLO is taken to spring
     back always, but for the chance in `--model.belief.takes-set`."""
-    self_collision: bool = True
-    """Whether the rod collides with itself where it lies on the table (rollouts)."""
     belief: BeliefConfig = field(default_factory=BeliefConfig)
     """How sure these figures are."""
     tracking: TrackingConfig = field(default_factory=TrackingConfig)

@@ -22,7 +22,6 @@ class GoalRod:
         self.config = config
         goal = config.goal
         self._rod = RodModel(config, timestep_s=goal.timestep_s, damping_n_s_m=goal.damping_n_s_m)
-        self._rod.on_table(False)
 
     @property
     def nodes_world(self) -> Float64Array:

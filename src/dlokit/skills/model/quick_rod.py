@@ -1,4 +1,4 @@
-"""The rod of planning: fast enough to play hundreds of actions through where the model of the state plays a few.
+"""The planning rod: fast enough to roll out hundreds of actions, and insensitive to rounding.
 
 Node i has a position x_i and a roll u_i (its angle times the radius). One implicit Euler step of length h solves
 
@@ -54,8 +54,30 @@ def play_motion(
     """
     count = len(nodes)
     x, v = np.zeros((count, 4)), np.zeros((count, 4))
-    plastic, rest, bend = math.isfinite(rod[8]), np.zeros(count), np.zeros((count, 3))
     x[:, :3] = nodes
+    nearest = advance(x, v, np.zeros(count), rod, step_s, rest_steps, tool, pads, fingers)
+    end[:] = x[:, :3]
+    return nearest
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def advance(
+    x: Array,
+    v: Array,
+    rest: Array,
+    rod: Array,
+    step_s: float,
+    rest_steps: int,
+    tool: Array,
+    pads: Array,
+    fingers: Array,
+) -> float:
+    """Continue in place from nodes with their roll `x` (M, 4) [m], `v` (M, 4) [m/s], rest curvatures `rest` (M,) [1/m].
+
+    The other arguments and the result are those of `play_motion`.
+    """
+    count = len(x)
+    plastic, bend = math.isfinite(rod[8]), np.zeros((count, 3))
     band, right, column = np.zeros((4 * count + BAND, BAND + 1)), np.zeros(4 * count + BAND), np.zeros(BAND + 1)
     nearest = np.inf
     for step in range(len(tool) + rest_steps):
@@ -76,7 +98,6 @@ def play_motion(
                 x[i, a] += step_s * v[i, a]
         if step % _LOOK_EVERY == 0:
             nearest = min(nearest, _nearest(x, rod[0]))
-    end[:] = x[:, :3]
     return nearest
 
 

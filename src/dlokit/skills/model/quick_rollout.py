@@ -96,8 +96,8 @@ def play(
 
     `threads` 0: as many as there are cores. The result is the same for any number.
     """
-    fine = max(config.nodes, math.ceil(config.length_m / _EDGE_M) + 1)
-    start = _finer(fit_length(config, nodes_world), fine)
+    start = fine_rod(config, nodes_world)
+    fine = len(start)
     start[:, 2] = config.radius_m - SINK_M
     ends = np.empty((len(rods), len(motions), config.nodes, 3))
     nearest = np.empty((len(rods), len(motions)))
@@ -135,17 +135,14 @@ def _track(motion: Motion, timestep_s: float) -> Float64Array:
 
 def _all_pads(nodes_world: Float64Array, motion: Motion, count: int) -> Float64Array:
     """What is between the pads of a motion's tool, and of its partner's, as `play_motion` takes it."""
-    pads = _between_pads(nodes_world, motion, count)
-    if motion.partner is None:
-        return pads
-    other = _between_pads(nodes_world, motion.partner, count)
-    other[:, 3] = 1.0
-    return np.concatenate((pads, other))
+    held = (motion,) if motion.partner is None else (motion, motion.partner)
+    at = [round(one.node * (len(nodes_world) - 1) / (count - 1)) for one in held]
+    return np.concatenate([between_pads(nodes_world, at[arm], one.waypoints[0], arm) for arm, one in enumerate(held)])
 
 
-def predict_push(config: ModelConfig, nodes_world: Float64Array, push: Push, timestep_s: float = 0.01) -> Float64Array:
-    """The shape (M, 3) [m] after `push` was done to a rod at `nodes_world` (K, 3) [m], in steps of `timestep_s` [s]."""
-    return play(config, nodes_world, (QuickRod(),), (motion_of(push),), timestep_s).nodes_world[0, 0]
+def predict(config: ModelConfig, nodes_world: Float64Array, action: Action, timestep_s: float = 0.01) -> Float64Array:
+    """The shape (M, 3) [m] that `action` leaves of a rod at `nodes_world` (K, 3) [m], in steps of `timestep_s` [s]."""
+    return play(config, nodes_world, (QuickRod(),), (motion_of(action),), timestep_s, threads=1).nodes_world[0, 0]
 
 
 def motion_of(action: Action) -> Motion:
@@ -158,24 +155,26 @@ def motion_of(action: Action) -> Motion:
     )
 
 
-def _finer(nodes_world: Float64Array, count: int) -> Float64Array:
-    """A rod (M, 3) [m] with `count` nodes on a smooth curve: on straight edges it would have kinks."""
-    share = np.linspace(0.0, 1.0, len(nodes_world))
-    return np.asarray(CubicSpline(share, nodes_world)(np.linspace(0.0, 1.0, count)), dtype=np.float64)
+def fine_rod(config: ModelConfig, nodes_world: Float64Array) -> Float64Array:
+    """A curve (K, 3) [m] as nodes (F, 3) [m] of a rod of the model's length, with edges as short as the planning rod
+    needs them; on a smooth curve, for on straight edges it would have kinks."""
+    nodes = fit_length(config, nodes_world)
+    count = max(config.nodes, math.ceil(config.length_m / _EDGE_M) + 1)
+    share = np.linspace(0.0, 1.0, len(nodes))
+    return np.asarray(CubicSpline(share, nodes)(np.linspace(0.0, 1.0, count)), dtype=np.float64)
 
 
-def _between_pads(nodes_world: Float64Array, motion: Motion, count: int) -> Float64Array:
-    """Points of a rod (M, 3) [m] between the pads, as `play_motion` takes them: their ends and middle.
+def between_pads(nodes_world: Float64Array, near: int, tool: Float64Array, arm: int = 0) -> Float64Array:
+    """Points of a rod (M, 3) [m] between the pads, as `play_motion` takes them (3, 4): their ends and middle.
 
-    The motion counts its node among `count` nodes.
+    The rod is held at its node `near` by the tool number `arm`, at `tool` (4,): x, y, z [m], yaw [rad].
     """
-    tool, edge_m = motion.waypoints[0], float(np.linalg.norm(nodes_world[1] - nodes_world[0]))
+    edge_m = float(np.linalg.norm(nodes_world[1] - nodes_world[0]))
     last = len(nodes_world) - 1
     axis = np.array([np.cos(tool[3]), np.sin(tool[3])])
-    near = round(motion.node * last / (count - 1))
     way = (nodes_world[min(near + 1, last)] - nodes_world[max(near - 1, 0)])[:2]
     same_way = 1.0 if way @ axis > 0.0 else -1.0
     held_m = near * edge_m - same_way * float((nodes_world[near, :2] - tool[:2]) @ axis)
     at_m = np.clip(held_m + np.array([-0.5, 0.0, 0.5]) * _PAD_M, 0.0, last * edge_m)
     up_m = float(nodes_world[near, 2] - tool[2])
-    return np.column_stack((at_m / edge_m, same_way * (at_m - held_m), np.full(3, up_m), np.zeros(3)))
+    return np.column_stack((at_m / edge_m, same_way * (at_m - held_m), np.full(3, up_m), np.full(3, float(arm))))

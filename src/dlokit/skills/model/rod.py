@@ -12,21 +12,16 @@ import numpy as np
 
 from dlokit import geometry
 from dlokit.description.dlo import DloPreset
-from dlokit.description.rod import (
-    add_ground,
-    add_rod,
-    rod_bodies,
-    set_rod_physics,
-)
+from dlokit.description.rod import add_rod, rod_bodies, set_rod_physics
 from dlokit.skills.model.config import ModelConfig
 from dlokit.types.arrays import Float64Array, Int64Array
 from dlokit.types.dlo import Topology
 
-_NO_TABLE = int(mujoco.mjtDisableBit.mjDSBL_CONTACT) | int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
+_WEIGHTLESS = int(mujoco.mjtDisableBit.mjDSBL_CONTACT) | int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
 
 
 class RodModel:
-    """One rod: M nodes on a table at z = 0, with a spring from each node to a target."""
+    """One weightless rod without contacts: M nodes, with a spring from each to a target."""
 
     def __init__(self, config: ModelConfig, *, timestep_s: float, damping_n_s_m: float = 0.0) -> None:
         """Build the rod straight along x.
@@ -61,10 +56,6 @@ class RodModel:
         mujoco.mj_resetData(self._model, self._data)
         self._data.qpos[self._qpos] = nodes_world - self._rest
         self.let_go()
-
-    def on_table(self, active: bool) -> None:
-        """Switch gravity, table and friction on or off."""
-        self._model.opt.disableflags = 0 if active else _NO_TABLE
 
     def pull(self, targets_world: Float64Array, stiffness_n_m: Float64Array) -> None:
         """Pull each node to its target (M, 3) [m] with gains Kp (M, 3) along the axes [N/m]; 0 leaves it free."""
@@ -104,14 +95,13 @@ def fit_length(config: ModelConfig, nodes_world: Float64Array) -> Float64Array:
 def _compile(config: ModelConfig, timestep_s: float) -> Any:
     spec = mujoco.MjSpec()
     set_rod_physics(spec, timestep_s)
-    add_ground(spec, config.friction)
+    spec.option.disableflags = _WEIGHTLESS
     rope = DloPreset(
         name="model",
         length_m=config.length_m,
         radius_m=config.radius_m,
         mass_per_length_kg_m=config.mass_kg_m,
         bending_stiffness_n_m2=config.bending_stiffness_n_m2,
-        friction=config.friction,
     )
-    add_rod(spec, rope, config.nodes, self_collision=config.self_collision)
+    add_rod(spec, rope, config.nodes)
     return spec.compile()

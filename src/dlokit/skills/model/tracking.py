@@ -43,7 +43,6 @@ class Tracker:
         gains = config.tracking
         followed = replace(config, bending_stiffness_n_m2=followed_stiffness_n_m2(config))
         self._rod = RodModel(followed, timestep_s=gains.timestep_s, damping_n_s_m=gains.damping_n_s_m)
-        self._rod.on_table(False)
 
     @property
     def nodes_world(self) -> Float64Array:

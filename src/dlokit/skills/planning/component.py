@@ -9,7 +9,7 @@ from typing import ParamSpec, TypeVar
 from dlokit.communication import topics
 from dlokit.communication.component import Component, implements
 from dlokit.errors import SkillFailure, SkillRejected
-from dlokit.skills.model import rollout
+from dlokit.skills.model import quick_rollout
 from dlokit.skills.model.belief import as_configured
 from dlokit.skills.model.config import ModelConfig
 from dlokit.skills.model.identification.posterior import as_believed
@@ -111,7 +111,7 @@ class PlanningComponent(Component):
         async def predict(action: Action) -> Float64Array:
             if action.predicted_nodes_world is not None:
                 return action.predicted_nodes_world
-            return await self.port.compute(rollout.predict, self._model, shape.nodes_world, action)
+            return await self.port.compute(quick_rollout.predict, self._model, shape.nodes_world, action)
 
         return await untangled(actions, predict, goal.nodes_world, self._config.foresight)
 

@@ -5,9 +5,11 @@ import pickle
 from typing import Any
 
 import numpy as np
+from model_bench import robot_at
 
 from dlokit.description.shapes import builtin_shape
 from dlokit.skills.model import quick_rod, tool_track
+from dlokit.skills.model.carry import Carry
 from dlokit.skills.model.config import ModelConfig
 from dlokit.skills.model.rod import topology
 from dlokit.skills.planning.actions import ActionConfig
@@ -38,6 +40,17 @@ def test_after_loading_a_decision_compiles_nothing() -> None:
         assert await anext(aiter(strategy.propose(shape, goal, Marks(invalid_nodes=np.zeros(0, dtype=np.int64)))))
 
     asyncio.run(decide())
+    assert compiled() == before
+
+
+def test_a_model_that_was_built_compiles_nothing_while_an_arm_carries() -> None:
+    carry = Carry(MODEL)
+    before = compiled()
+    rod = builtin_shape("I", MODEL.length_m, MODEL.nodes)
+    carry.place(rod)
+    carry.take_hold("panda", 15, robot_at(rod[15], 0))
+    assert carry.move(robot_at(rod[15] + 0.01, 20_000_000))
+    assert carry.release("panda")
     assert compiled() == before
 
 

@@ -6,7 +6,7 @@ import pytest
 from dlokit import geometry
 from dlokit.description.shapes import builtin_shape
 from dlokit.skills.model.config import ModelConfig
-from dlokit.skills.model.rollout import along, predict
+from dlokit.skills.model.quick_rollout import predict
 from dlokit.skills.model.settling import settle
 from dlokit.types.action import Grasp, PickPlace, Push, VelocityProfile
 
@@ -56,14 +56,6 @@ def test_friction_does_not_hold_a_bend_that_is_too_tight() -> None:
     stiff = ModelConfig(bending_stiffness_n_m2=1e-3)
     shape = builtin_shape("S", CONFIG.length_m, CONFIG.nodes)
     assert geometry.rmse_m(settle(stiff, shape), shape) > 0.02
-
-
-def test_a_path_is_walked_at_its_speed_to_its_end() -> None:
-    poses = (geometry.downward((0.5, 0.0, 0.1), 0.0), geometry.downward((0.5, 0.1, 0.1), 0.5))
-    walked = list(along(poses, speed_m_s=0.25, period_s=0.02))
-    steps = np.linalg.norm(np.diff([poses[0].position_m, *(pose.position_m for pose in walked)], axis=0), axis=1)
-    assert steps.max() <= 0.25 * 0.02 + 1e-9
-    assert walked[-1].position_m == pytest.approx(poses[1].position_m)
 
 
 @pytest.mark.parametrize(("beside_m", "moved_m"), [(0.03, 0.03), (0.12, 0.0)])
