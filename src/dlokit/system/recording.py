@@ -1,5 +1,6 @@
 """The recording of a run: which file, on which clock, and what it says of the run itself."""
 
+import os
 import platform
 import time
 from collections.abc import Generator, Mapping
@@ -7,6 +8,8 @@ from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
+
+import numpy
 
 from dlokit import __version__
 from dlokit.communication.clock import Clock, FollowedClock
@@ -31,10 +34,30 @@ from dlokit.system.run_result import config_hash
 from dlokit.system.toml_config import to_toml
 from dlokit.types.skill_call import CallBegun, CallRecord
 
-LIBRARIES = ("mcap", "mujoco", "numpy", "eclipse-zenoh", "msgspec")
+LIBRARIES = ("mcap", "mujoco", "numpy", "scipy", "numba", "daqp", "eclipse-zenoh", "msgspec")
 
 CABLES = frozenset({"cell"})
 """What drivers ask of the cell goes over a cable in a laboratory, and is not recorded."""
+
+
+def what_rounds() -> dict[str, str]:
+    """What decides how calculations round: versions, and which instructions compiled kernels and NumPy use.
+
+    A run repeats to the bit where all of these are the same.
+    """
+    from llvmlite.binding import get_host_cpu_name  # here: most processes that load this module compile nothing
+
+    extensions: Any = numpy.show_config(mode="dicts")
+    instructions = (
+        os.environ.get("NUMBA_CPU_NAME", get_host_cpu_name()),
+        *extensions["SIMD Extensions"].get("found", ()),
+        os.environ.get("OPENBLAS_CORETYPE", ""),
+    )
+    return {
+        "python": platform.python_version(),
+        **{library: version(library) for library in LIBRARIES},
+        "processor": " ".join(instructions).strip(),
+    }
 
 
 def run_metadata(config: RunConfig, name: str) -> dict[str, dict[str, str]]:
@@ -47,11 +70,7 @@ def run_metadata(config: RunConfig, name: str) -> dict[str, dict[str, str]]:
             "seed": str(config.seed),
             "config_hash": config_hash(toml),
         },
-        "versions": {
-            "dlokit": __version__,
-            "python": platform.python_version(),
-            **{library: version(library) for library in LIBRARIES},
-        },
+        "versions": {"dlokit": __version__, **what_rounds()},
         "configuration": {"config.toml": toml},
         "pictures": {"codec": IMAGE_FORMAT, "quality": str(IMAGE_QUALITY), "pairs per s": f"{IMAGES_PER_S:g}"},
     }

@@ -20,6 +20,7 @@ from dlokit.skills.perception.component import PerceptionComponent
 from dlokit.system.build import Wiring, build_component, instances_of_run
 from dlokit.system.component_table import COMPONENTS
 from dlokit.system.config import RunConfig
+from dlokit.system.recording import what_rounds
 from dlokit.system.start_file import NOBODYS_BUSINESS
 from dlokit.system.toml_config import from_plain, known_part
 from dlokit.types.image import StereoImages
@@ -68,6 +69,14 @@ def recorded_toml(path: Path) -> str:
     return text
 
 
+def rounded_as_here(path: Path) -> bool:
+    """Whether a recording was made by the processor and the versions that this process uses."""
+    raw = RawRecording(path=path)
+    next(iter(raw), None)  # the metadata is written first
+    recorded = raw.metadata.get("versions", {})
+    return all(recorded.get(name) == value for name, value in what_rounds().items())
+
+
 def recorded_config(path: Path, parts: Collection[str]) -> RunConfig:
     """The configuration of the run that left a recording: its `parts`, and what there was of processes and arms.
 
@@ -100,9 +109,11 @@ def replay(path: Path, name: str, config: RunConfig) -> Replay:
         raise InputError(f"{path} holds no pictures: perception has nothing to look at; replay into another component.")
     replayed = feed(_build(name, config, camera), line, said, instances_of_run(config))
     left_out = set[int]() if camera is None else camera.left_out
-    uncompared = UNCOMPARED_LIVE if config.runtime == "live" else ()
+    live = config.runtime == "live"
+    uncompared = UNCOMPARED_LIVE if live else ()
+    here = rounded_as_here(path)
     return Replay(
-        rows=compare(line, replayed, live=config.runtime == "live", left_out=left_out, uncompared=uncompared),
+        rows=compare(line, replayed, live=live, same_processor=here, left_out=left_out, uncompared=uncompared),
         left_out=len(left_out),
         unknown_calls=line.unknown,
         uncompared=tuple(what for what in uncompared if what.startswith(name)),

@@ -1,5 +1,6 @@
 """`dlokit replay`: what it prints and how it ends; what is replayed is tested in tests/replay."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -31,7 +32,8 @@ def test_a_component_that_does_what_it_did_ends_with_0_and_every_field_has_its_r
 ) -> None:
     assert execute(["replay", str(REFERENCE), "--into", "observer"]) == 0
     printed = " ".join(capsys.readouterr().out.split())
-    assert "│ observer/targets │ nodes_world │ 11 │ 0 │ 0.0001 │" in printed
+    # How much it differs, and what is allowed, depend on the processor that made the reference.
+    assert "│ observer/targets │ nodes_world │ 11 │ " in printed
     assert "│ observer.initialise │ result.health │" in printed
     assert "observer does what it did: every field is within its tolerance." in printed
 
@@ -46,7 +48,7 @@ def test_a_component_that_does_otherwise_ends_with_1_and_the_field_is_named(
     assert execute(["replay", str(REFERENCE), "--into", "observer", "--config", str(config)]) == 1
     printed = " ".join(capsys.readouterr().out.split())
     assert "beyond its tolerance: observer/targets nodes_world: " in printed
-    assert "allowed 0.0001 (iterations end at a tolerance of their own); at " in printed
+    assert re.search(r"observer/targets nodes_world: 0\.\d+, allowed 1e-0\d \(recorded with ", printed)
 
 
 @pytest.mark.parametrize(

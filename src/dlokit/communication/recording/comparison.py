@@ -45,8 +45,8 @@ class FieldRow:
 
 
 class _Rows:
-    def __init__(self, live: bool) -> None:
-        self._live = live
+    def __init__(self, live: bool, same_processor: bool) -> None:
+        self._live, self._same_processor = live, same_processor
         self._found: dict[tuple[str, str], tuple[int, float, int]] = {}
 
     def add(self, what: str, field: str, apart: float, at_ns: int, compared: int = 1) -> None:
@@ -63,7 +63,7 @@ class _Rows:
                 compared=count,
                 largest=largest,
                 at_ns=at_ns,
-                tolerance=tolerance_of(what, field, live=self._live),
+                tolerance=tolerance_of(what, field, live=self._live, same_processor=self._same_processor),
             )
             for (what, field), (count, largest, at_ns) in self._found.items()
         ]
@@ -74,15 +74,16 @@ def compare(
     replayed: Replayed,
     *,
     live: bool,
+    same_processor: bool,
     left_out: Collection[int] = (),
     uncompared: Collection[str] = (),
 ) -> list[FieldRow]:
     """A row a field, topics first, in the order of their first message.
 
     Messages with a stamp in `left_out`, and the topics and skills named in `uncompared`, are not looked at. `live` is
-    whether the run was live: tolerances differ.
+    whether the run was live, `same_processor` whether it rounded as this process does: tolerances differ.
     """
-    rows = _Rows(live)
+    rows = _Rows(live, same_processor)
     mine = _by_topic(recorded.said, left_out)
     theirs = _by_topic(replayed.said, left_out)
     for name in dict.fromkeys((*mine, *theirs)):

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import msgspec
+import pytest
 
 from dlokit.communication import topics, virtual_time
 from dlokit.communication.clock import LoopClock
@@ -16,6 +17,7 @@ from dlokit.communication.recording.comparison import FieldRow, compare
 from dlokit.communication.recording.feeding import feed
 from dlokit.communication.recording.recorder import Recorder
 from dlokit.communication.recording.timeline import Asked, Timeline, read_timeline
+from dlokit.communication.recording.tolerances import tolerance_of
 from dlokit.communication.skill import Skill
 from dlokit.errors import SkillFailure
 from dlokit.system.recording import with_calls_recorded
@@ -97,7 +99,7 @@ def recorded_run(path: Path) -> Timeline:
 
 
 def rows_of(line: Timeline, component: Component, *, live: bool = False) -> list[FieldRow]:
-    return compare(line, feed(component, line, Adder.publishes), live=live)
+    return compare(line, feed(component, line, Adder.publishes), live=live, same_processor=False)
 
 
 def test_a_timeline_holds_what_was_heard_asked_and_said_in_order(tmp_path: Path) -> None:
@@ -116,7 +118,7 @@ def test_a_component_fed_its_recording_says_and_answers_the_same_at_the_same_tim
     ends = [asked.answer.outcome for asked, _ in replayed.answers]
     assert ends == [CallEnd.SUCCEEDED, CallEnd.FAILED, CallEnd.CANCELLED, CallEnd.SUCCEEDED]
     assert isinstance(replayed.answers[2][1], Cancelled)
-    rows = compare(line, replayed, live=False)
+    rows = compare(line, replayed, live=False, same_processor=False)
     assert all(row.within and row.largest == 0.0 for row in rows)
     counts = {(row.what, row.field): row.compared for row in rows}
     assert counts["model/belief", "actions"] == 5
@@ -154,4 +156,11 @@ def test_what_was_not_recorded_is_left_out_of_the_comparison(tmp_path: Path) -> 
     line = recorded_run(tmp_path / "a.mcap")
     replayed = feed(Adder(error=1), line, Adder.publishes)
     stamps = {one.message.stamp_ns for one in line.said}
-    assert compare(line, replayed, live=False, left_out=stamps, uncompared={"model.add"}) == []
+    assert compare(line, replayed, live=False, same_processor=False, left_out=stamps, uncompared={"model.add"}) == []
+
+
+@pytest.mark.parametrize(("same_processor", "within"), [(True, False), (False, True)])
+def test_a_difference_as_of_another_processor_is_allowed_of_another_alone(same_processor: bool, within: bool) -> None:
+    field = "nodes_world"
+    allowed = tolerance_of("observer/targets", field, live=False, same_processor=same_processor).largest
+    assert (allowed >= 1e-8) is within
