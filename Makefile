@@ -5,7 +5,7 @@ BIN := .venv/bin
 # OpenGL without a screen for the cell's pictures; a browser for the tests of the viewer.
 SYSTEM_PACKAGES := libegl1 libgl1-mesa-dri chromium
 
-.PHONY: help setup system-packages demo test test-live test-rest check references lock clean
+.PHONY: help setup system-packages demo test test-live test-other check references lock clean
 .DEFAULT_GOAL := help
 
 help:
@@ -37,15 +37,22 @@ demo: setup
 # line come after them, so that both take as long.
 COMMAND_LINE := $(addprefix tests/system/test_,command_line.py command_line_runs.py shaping_sweep.py killed_recording.py)
 
+# Where each part leaves its results; the sum of all stands at the end.
+RESULTS := build/tests
+PARTS := live command-line other
+
 test: setup
-	@$(MAKE) --no-print-directory --jobs=2 --keep-going test-live test-rest
+	@rm -rf $(RESULTS); mkdir -p $(RESULTS); status=0; \
+	$(MAKE) --no-print-directory --jobs=2 --keep-going test-live test-other || status=$$?; \
+	$(BIN)/python tests/helpers/summary.py $(RESULTS) $(PARTS) || status=$$?; exit $$status
 
 test-live:
-	$(BIN)/pytest tests/system $(COMMAND_LINE:%=--ignore=%)
-	$(BIN)/pytest $(COMMAND_LINE)
+	@status=0; \
+	$(BIN)/pytest --junitxml=$(RESULTS)/live.xml tests/system $(COMMAND_LINE:%=--ignore=%) || status=$$?; \
+	$(BIN)/pytest --junitxml=$(RESULTS)/command-line.xml $(COMMAND_LINE) || status=$$?; exit $$status
 
-test-rest:
-	$(BIN)/pytest --ignore=tests/system
+test-other:
+	@$(BIN)/pytest --junitxml=$(RESULTS)/other.xml --ignore=tests/system
 
 check: setup
 	$(BIN)/ruff check .
