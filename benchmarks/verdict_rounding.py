@@ -1,0 +1,119 @@
+"""How much verdicts on goals depend on rounding: each goal is judged as it is, and moved by 1e-12 of its coordinates.
+
+    python benchmarks/verdict_rounding.py --goals 1000 --jobs 2
+
+Goals are made up as `dlokit bench feasibility` does it, for rods of 1 to 40 times the default stiffness. Prints how
+many verdicts differ, and for each of them how far its figures are from the limit that they crossed.
+"""
+
+import asyncio
+import time
+from dataclasses import dataclass, replace
+from itertools import count, islice
+from typing import Any
+
+import numpy as np
+import tyro
+from joblib import Parallel, delayed
+
+from dlokit import geometry
+from dlokit.bench.feasibility.made_goals import made_goals
+from dlokit.description.scene import default_calibration
+from dlokit.skills.model.belief import as_configured
+from dlokit.skills.model.config import ModelConfig
+from dlokit.skills.planning import holding
+from dlokit.skills.planning.config import PlanningConfig
+from dlokit.skills.planning.feasibility import Workplace
+from dlokit.skills.planning.goal_verdict import judge
+from dlokit.skills.robot.kinematics import PandaKinematics
+from dlokit.types.arrays import Float64Array
+from dlokit.types.dlo import GoalShape
+from dlokit.types.feasibility import GoalVerdict
+
+RELATIVE = 1e-12
+THRESHOLD_M = 0.012
+STIFFER = (1.0, 40.0)  # than the default rope
+PLANNING = PlanningConfig()
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A verdict, and the figures that it was decided by as fractions of their limits."""
+
+    verdict: GoalVerdict
+    springs_back: float
+    attainable: float
+
+    def apart(self, other: "Judged") -> str:
+        """What differs between two verdicts on one goal; empty when they are alike."""
+        if self.verdict.standing is other.verdict.standing and _problems(self) == _problems(other):
+            return ""
+        return (
+            f"{self.verdict.standing.value} {_problems(self)} / {other.verdict.standing.value} {_problems(other)}; of "
+            f"their limits: springs back {self.springs_back:.3f} / {other.springs_back:.3f}, attainable "
+            f"{self.attainable:.3f} / {other.attainable:.3f}"
+        )
+
+
+def _problems(judged: Judged) -> list[str]:
+    return [finding.problem.value for finding in judged.verdict.findings]
+
+
+def judged(goal_world: Float64Array, model: ModelConfig) -> Judged:
+    """The verdict on a goal (M, 3) [m] for the rod of `model`, as configured."""
+    holds = list[holding.Hold]()
+
+    async def try_goal(nodes_world: Float64Array) -> holding.Hold:
+        belief = as_configured(model, 0)
+        holds.append(holding.try_goal(model, belief, nodes_world, THRESHOLD_M, PLANNING.feasibility))
+        return holds[-1]
+
+    place = Workplace(PLANNING.feasibility, PLANNING.actions.grasp, PandaKinematics().reachable, default_calibration())
+    verdict = asyncio.run(
+        judge(
+            GoalShape(stamp_ns=0, nodes_world=goal_world),
+            THRESHOLD_M,
+            place=place,
+            length_m=model.length_m,
+            radius_m=model.radius_m,
+            try_goal=try_goal,
+        )
+    )
+    if not holds:
+        return Judged(verdict, np.nan, np.nan)
+    worst_m = max(release.rmse_m for release in holds[0].releases)
+    limits = PLANNING.feasibility.hold_share * THRESHOLD_M, PLANNING.feasibility.hopeless_factor * THRESHOLD_M
+    return Judged(verdict, worst_m / limits[0], holds[0].attainable_rmse_m / limits[1])
+
+
+def _compared(number: int, curve: Float64Array) -> tuple[str, float]:
+    rng = np.random.default_rng(number)
+    stiffer = float(np.exp(rng.uniform(*np.log(STIFFER))))
+    default = ModelConfig()
+    model = replace(default, bending_stiffness_n_m2=stiffer * default.bending_stiffness_n_m2)
+    goal = geometry.resample(curve, model.nodes)
+    moved = goal * (1.0 + RELATIVE * rng.uniform(-1.0, 1.0, goal.shape))
+    before, after = judged(goal, model), judged(moved, model)
+    nearest = [one.verdict.nearest_world for one in (before, after)]
+    apart_m = 0.0
+    if nearest[0] is not None and nearest[1] is not None:
+        apart_m = float(np.abs(nearest[0] - nearest[1]).max())
+    return before.apart(after), apart_m
+
+
+def main(goals: int = 1000, jobs: int = 1) -> None:
+    """Judge that many goals twice, in so many processes."""
+    default, began_s = ModelConfig(), time.perf_counter()
+    made = (curve for seed in count() for _, curve in made_goals(seed, default.length_m, default.radius_m))
+    parallel: Any = Parallel(n_jobs=jobs)
+    compared = parallel(delayed(_compared)(number, curve) for number, curve in enumerate(islice(made, goals)))
+    differ = [(number, text) for number, (text, _) in enumerate(compared) if text]
+    farthest_m = max((apart_m for _, apart_m in compared), default=0.0)
+    print(f"{len(differ)} of {goals} verdicts differ; {time.perf_counter() - began_s:.0f} s")
+    print(f"nearest shapes that hold are at most {farthest_m * 1000.0:.2g} mm apart")
+    for number, text in differ:
+        print(f"goal {number}: {text}")
+
+
+if __name__ == "__main__":
+    tyro.cli(main)

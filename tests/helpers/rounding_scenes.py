@@ -1,0 +1,186 @@
+"""What must not depend on rounding: each scene computes something that a user meets, from inputs that may be moved.
+
+As a script it writes what all scenes give to a file: `python rounding_scenes.py OUT.npz`. So they can be run with
+kernels compiled for another processor.
+"""
+
+import asyncio
+import logging
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from msgspec.structs import replace
+
+from dlokit.communication import topics
+from dlokit.communication.recording.reader import read_recording
+from dlokit.description.scene import default_calibration
+from dlokit.description.shapes import builtin_shape, moved, random_shape
+from dlokit.skills.model.belief import as_configured
+from dlokit.skills.model.carry import Carry
+from dlokit.skills.model.config import ModelConfig
+from dlokit.skills.model.held_shape import nearest_held
+from dlokit.skills.model.rod import topology
+from dlokit.skills.model.tracking import Tracker
+from dlokit.skills.observer.config import ObserverConfig
+from dlokit.skills.observer.following import follow
+from dlokit.skills.observer.strategies import OURS
+from dlokit.skills.planning import holding
+from dlokit.skills.planning.actions import ActionConfig
+from dlokit.skills.planning.base import PlanningTools
+from dlokit.skills.planning.config import PlanningConfig
+from dlokit.skills.planning.feasibility import Workplace
+from dlokit.skills.planning.goal_verdict import judge
+from dlokit.skills.planning.rollouts.config import RolloutConfig, SearchConfig
+from dlokit.skills.robot.kinematics import PandaKinematics
+from dlokit.types.action import Action, Marks, kind_of
+from dlokit.types.arrays import Float64Array
+from dlokit.types.dlo import DloState, GoalShape, TargetPoints
+from dlokit.types.feasibility import GoalVerdict
+from dlokit.types.observation import Gripped, Observation
+from dlokit.types.robot import RobotState
+
+Rounded = Callable[[Float64Array], Float64Array]
+"""Gives an input as it is, or moved by what rounding may do to it."""
+Outcome = dict[str, Float64Array | str]
+"""Lengths [m], by what they are of, and words."""
+
+MODEL = ModelConfig()
+GOALS = {name: builtin_shape(name, MODEL.length_m, MODEL.nodes) for name in ("I", "S")}
+STIFF_N_M2 = (5e-5, 2e-4, 1e-3)
+RECORDING = Path(__file__).parents[1] / "replay" / "references" / "rollout.mcap"
+"""A run whose rod is carried, half behind the arm."""
+
+
+def observed(rounded: Rounded) -> Outcome:
+    """Every observer's targets for every cloud of a recorded run, from the states that the run had."""
+    found: Outcome = {}
+    for config in OURS:
+        observer = ObserverConfig(strategy=config())
+        strategy = observer.strategy.build()
+        for number, (seen, prior) in enumerate(_looks()):
+            moved_prior = replace(prior, nodes_world=rounded(prior.nodes_world))
+            found[f"{config.name} {number}"] = follow(strategy, seen, moved_prior, observer).nodes_world
+    return found
+
+
+def _looks() -> list[tuple[Observation, DloState]]:
+    prior: DloState | None = None
+    found = list[tuple[Observation, DloState]]()
+    for one in read_recording(RECORDING, {topics.OBSERVATION.name, topics.STATE.name}):
+        if isinstance(one.message, DloState):
+            prior = one.message
+        elif isinstance(one.message, Observation) and prior is not None:
+            found.append((one.message, prior))
+    return found
+
+
+def tracked(rounded: Rounded) -> Outcome:
+    """The model dragged to the target points of a recorded run, of which some are hidden."""
+    tracker, found, before_ns = Tracker(MODEL), Outcome(), -1
+    for number, one in enumerate(read_recording(RECORDING, {topics.TARGETS.name})):
+        seen = one.message
+        assert isinstance(seen, TargetPoints)
+        if number == 0 or seen.stamp_ns == before_ns:  # found anew, in the order of the goal
+            tracker.place(rounded(seen.nodes_world))
+        before_ns = seen.stamp_ns
+        found[f"look {number}"] = tracker.track(rounded(seen.nodes_world), seen.visible).nodes_world
+    return found
+
+
+def carried(rounded: Rounded) -> Outcome:
+    """The model while a recorded tool carries the rod, and after its release."""
+    carry, tools, found = Carry(MODEL), dict[str, RobotState](), Outcome()
+    carry.place(rounded(GOALS["I"]))
+    names = {topics.ROBOT_STATE.name, topics.GRIPPED.name}
+    for number, one in enumerate(read_recording(RECORDING, names)):
+        match one.message:
+            case RobotState():
+                tools[one.message.robot] = one.message
+                if carry.move(one.message):
+                    found[f"state {number}"] = carry.nodes_world
+            case Gripped(node=None):
+                carry.release(one.message.robot)
+                found[f"released {number}"] = carry.nodes_world
+            case Gripped(node=int(node)):
+                carry.take_hold(one.message.robot, node, tools[one.message.robot])
+            case _:
+                pass
+    return found
+
+
+def held(rounded: Rounded) -> Outcome:
+    """The nearest shapes that friction holds, of an S and of ten random curves, for stiff rods."""
+    curves = [GOALS["S"], *(random_shape(np.random.default_rng(k), 0.5, 31, min_bend_radius_m=0.03) for k in range(10))]
+    weight_n_m = MODEL.friction * 9.81 * MODEL.mass_kg_m
+    return {
+        f"curve {k} EI {stiff}": nearest_held(rounded(curve), stiff / weight_n_m / 0.75).nodes_world
+        for k, curve in enumerate(curves)
+        for stiff in STIFF_N_M2
+    }
+
+
+def verdicts(rounded: Rounded) -> Outcome:
+    """Verdicts on goals near the edge of the table, and tight ones, with the nearest shape that holds."""
+    found: Outcome = {}
+    for k in range(12):
+        curve = random_shape(np.random.default_rng(100 + k), 0.5, 31, min_bend_radius_m=0.02)
+        goal = moved(curve, (0.02 * k, 0.0), 0.1 * k)
+        verdict = asyncio.run(_verdict(rounded(goal)))
+        problems = sorted(finding.problem.value for finding in verdict.findings)
+        found[f"goal {k} verdict"] = " ".join([verdict.standing.value, *problems])
+        if verdict.nearest_world is not None:
+            found[f"goal {k} nearest"] = verdict.nearest_world
+    return found
+
+
+async def _verdict(goal_world: Float64Array) -> GoalVerdict:
+    planning, threshold_m = PlanningConfig(), 0.012
+    place = Workplace(planning.feasibility, planning.actions.grasp, PandaKinematics().reachable, default_calibration())
+
+    async def try_goal(nodes_world: Float64Array) -> holding.Hold:
+        return holding.try_goal(MODEL, as_configured(MODEL, 0), nodes_world, threshold_m, planning.feasibility)
+
+    goal = GoalShape(stamp_ns=0, nodes_world=goal_world)
+    return await judge(
+        goal, threshold_m, place=place, length_m=MODEL.length_m, radius_m=MODEL.radius_m, try_goal=try_goal
+    )
+
+
+def planned(rounded: Rounded) -> Outcome:
+    """What the default planner does first: kind, node and path, from an I and from a random curve to an S."""
+    found: Outcome = {}
+    for name, start in (("I", GOALS["I"]), ("random", random_shape(np.random.default_rng(7), 0.5, 31))):
+        action = asyncio.run(_first_action(rounded(start), rounded(GOALS["S"])))
+        found[f"{name} action"] = f"{kind_of(action)} at node {action.grasp.node}"
+        poses = (action.grasp.T_world_tcp, *action.path)
+        found[f"{name} path"] = np.array([pose.position_m for pose in poses])
+    return found
+
+
+async def _first_action(start_world: Float64Array, goal_world: Float64Array) -> Action:
+    tools = PlanningTools(reachable=lambda T: True, actions=ActionConfig(), model=MODEL)
+    strategy = RolloutConfig(search=SearchConfig(rollouts=160, finalists=2)).build(tools)
+    shape = DloState(stamp_ns=0, nodes_world=start_world, topology=topology(MODEL))
+    marks = Marks(invalid_nodes=np.zeros(0, dtype=np.int64))
+    return await anext(aiter(strategy.propose(shape, GoalShape(stamp_ns=0, nodes_world=goal_world), marks)))
+
+
+SCENES = (observed, tracked, carried, held, verdicts, planned)
+
+
+def all_scenes() -> dict[str, Any]:
+    """What every scene gives for its inputs as they are."""
+    return {f"{scene.__name__}: {key}": value for scene in SCENES for key, value in scene(lambda array: array).items()}
+
+
+def main(out: Path) -> None:
+    """Write what every scene gives for its inputs as they are."""
+    logging.disable()
+    np.savez(out, **all_scenes())
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
