@@ -98,13 +98,64 @@ def test_a_cancelled_motion_brakes_and_leaves_the_arm_usable(with_robot: WithRob
         await asyncio.sleep(0.3)
         moving.cancel()
         await asyncio.gather(moving, return_exceptions=True)
-        await robot.stop()
+        await robot.halt()
         await asyncio.sleep(0.2)
         state = robot.state()
         assert state.mode is RobotMode.IDLE
         assert np.max(np.abs(state.dq_rad_s)) < 0.01
         assert np.max(np.abs(state.q_rad - AWAY)) > 0.1
         await robot.follow(joint_move(state.q_rad, PANDA_HOME_Q_RAD), LEASE)
+
+    with_robot(scenario)
+
+
+def test_halt_ends_a_motion_as_a_named_failure_and_the_next_may_begin(with_robot: WithRobot) -> None:
+    async def scenario(robot: Robot) -> None:
+        moving = asyncio.create_task(robot.follow(joint_move(PANDA_HOME_Q_RAD, AWAY), LEASE))
+        await asyncio.sleep(0.3)
+        await robot.halt()
+        with pytest.raises(SkillFailure) as failure:
+            await moving
+        assert failure.value.reason == "stopped"
+        await robot.follow(joint_move(robot.state().q_rad, PANDA_HOME_Q_RAD), LEASE)
+
+    with_robot(scenario)
+
+
+def test_after_a_stop_nothing_moves_until_it_is_enabled_and_recover_does_not_enable_it(with_robot: WithRobot) -> None:
+    async def scenario(robot: Robot) -> None:
+        await robot.stop()
+        await asyncio.sleep(0.1)
+        assert robot.state().stop_latched
+        await robot.recover()
+        stands, width_m = robot.state().q_rad, robot.state().finger_width_m
+        for motion in (robot.follow(joint_move(stands, AWAY), LEASE), robot.grip(0.02, 20.0, LEASE)):
+            with pytest.raises(SkillFailure) as failure:
+                await motion
+            assert failure.value.reason == "stop_latched"
+        await asyncio.sleep(0.3)
+        np.testing.assert_allclose(robot.state().q_rad, stands, atol=1e-3)
+        assert robot.state().finger_width_m == pytest.approx(width_m, abs=1e-4)
+        await robot.enable()
+        await robot.follow(joint_move(stands, AWAY), LEASE)
+        assert not robot.state().stop_latched
+
+    with_robot(scenario)
+
+
+def test_fingers_that_close_stay_where_they_are_when_the_arm_is_stopped(with_robot: WithRobot) -> None:
+    async def scenario(robot: Robot) -> None:
+        closing = asyncio.create_task(robot.grip(0.0, 20.0, LEASE))
+        await asyncio.sleep(0.2)
+        await robot.stop()
+        with pytest.raises(SkillFailure) as failure:
+            await closing
+        assert failure.value.reason == "stopped"
+        await asyncio.sleep(0.1)
+        stopped_m = robot.state().finger_width_m
+        assert 0.02 < stopped_m < 0.078
+        await asyncio.sleep(1.0)
+        assert robot.state().finger_width_m == pytest.approx(stopped_m, abs=1e-3)
 
     with_robot(scenario)
 
@@ -139,15 +190,15 @@ def test_a_motion_is_refused_while_another_runs_or_when_it_starts_elsewhere(with
 
 def test_it_grips_lifts_and_releases_a_rope_and_knows_air_from_rope(with_robot: WithRobot) -> None:
     async def scenario(robot: Robot) -> None:
-        empty = await robot.grip(0.0, 20.0)
+        empty = await robot.grip(0.0, 20.0, LEASE)
         assert not empty.held
-        await robot.grip(0.04, 20.0)
+        await robot.grip(0.04, 20.0, LEASE)
         assert robot.state().finger_width_m == pytest.approx(0.04, abs=1e-3)
         above = KINEMATICS.inverse(downward([0.5, 0.1, 0.1], np.pi / 2))
         await robot.follow(joint_move(PANDA_HOME_Q_RAD, above), LEASE)
         down = tool_move(KINEMATICS, above, (downward([0.5, 0.1, 0.011], np.pi / 2),), VelocityProfile())
         await robot.follow(down, LEASE)
-        gripped = await robot.grip(0.0, 20.0)
+        gripped = await robot.grip(0.0, 20.0, LEASE)
         assert gripped.held
         assert gripped.width_m == pytest.approx(0.008, abs=1.5e-3)  # the rope is 8 mm thick and its skin gives a little
         path = (downward([0.5, 0.1, 0.06], np.pi / 2), downward([0.45, 0.15, 0.06], np.pi / 2))
@@ -155,7 +206,7 @@ def test_it_grips_lifts_and_releases_a_rope_and_knows_air_from_rope(with_robot: 
         await robot.follow(carry, LEASE)
         await asyncio.sleep(0.1)
         assert robot.state().holding
-        released = await robot.grip(0.04, 20.0)
+        released = await robot.grip(0.04, 20.0, LEASE)
         assert not released.held
         assert not robot.state().holding
 
@@ -202,6 +253,10 @@ def test_the_arm_brakes_when_its_driver_dies_and_moves_again_once_recovered() ->
             await robot.recover()
             await asyncio.sleep(0.1)
             assert robot.state().mode is RobotMode.IDLE
+            with pytest.raises(SkillFailure) as failure:
+                await robot.grip(0.0, 20.0, LEASE)
+            assert failure.value.reason == "lost_commander"
+            assert robot.state().finger_width_m > 0.02
 
     virtual_time.run(main())
 

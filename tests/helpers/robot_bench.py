@@ -45,6 +45,7 @@ class PerfectArm:
         self.q = PANDA_HOME_Q_RAD.copy()
         self.width_m = 0.08
         self.stops = 0
+        self.latched = False
         self.silent = False
         self.sag_rad = 0.0  # how far the measured angles are from where the arm was told to be
         self.followed: list[JointTrajectory] = []
@@ -67,6 +68,7 @@ class PerfectArm:
             T_world_tcp=tcp_pose(self.q),
             finger_width_m=self.width_m,
             mode=RobotMode.IDLE,
+            stop_latched=self.latched,
         )
 
     async def follow(self, trajectory: JointTrajectory, lease: Lease) -> MotionResult:
@@ -82,13 +84,20 @@ class PerfectArm:
     async def servo(self, targets: AsyncIterator[Pose], lease: Lease) -> MotionResult:
         raise NotImplementedError
 
-    async def grip(self, width_m: float, force_n: float) -> GripResult:
+    async def grip(self, width_m: float, force_n: float, lease: Lease) -> GripResult:
         await asyncio.sleep(0.5)
         self.width_m = width_m
         return GripResult(width_m=width_m, held=False)
 
+    async def halt(self) -> None:
+        self.stops += 1
+
     async def stop(self) -> None:
         self.stops += 1
+        self.latched = True
+
+    async def enable(self) -> None:
+        self.latched = False
 
     def brake(self) -> None:
         self.stops += 1

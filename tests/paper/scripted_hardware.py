@@ -197,6 +197,11 @@ class ScriptedRobot(Component):
     async def recover(self) -> None:
         self._lab.enter("recover")
 
+    @implements(robot.HALT)
+    async def halt(self) -> None:
+        self._lab.calls.append("halt")
+        self._stopped.set()
+
     @implements(robot.STOP)
     async def stop(self) -> None:
         self._lab.calls.append("stop")

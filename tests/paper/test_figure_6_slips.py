@@ -15,7 +15,7 @@ def test_a_rope_that_slips_out_on_the_way_is_let_go_and_looked_for_again() -> No
     assert [record.slipped for record in trace.result.history] == [True, False]
     assert trace.result.history[0].grasp_ok
     carry = trace.calls.index("follow_path")
-    assert trace.calls[carry + 1 : carry + 4] == ["stop", "tracking 0", "release"]
+    assert trace.calls[carry + 1 : carry + 4] == ["halt", "tracking 0", "release"]
 
 
 def test_a_node_at_which_the_rope_slipped_twice_is_not_grasped_again() -> None:

@@ -30,7 +30,7 @@ def test_a_failing_skill_ends_the_task_with_its_name_and_a_safe_robot(
     assert trace.result.reason is not None
     assert reason in trace.result.reason
     if trace.result.outcome is RunOutcome.FAILED:
-        assert trace.calls[-2:] == ["stop", "tracking 0"]
+        assert trace.calls[-2:] == ["halt", "tracking 0"]
 
 
 @pytest.mark.parametrize(

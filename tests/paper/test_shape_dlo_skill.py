@@ -146,12 +146,12 @@ def test_a_cancelled_task_stops_the_robot_and_the_next_one_may_begin(on_bus: Bus
 
         task = asyncio.create_task(bus.call_reported(SHAPE_DLO, told, "S"))
         await carrying.wait()
-        assert "stop" not in lab.calls
+        assert "halt" not in lab.calls
         task.cancel()
         with pytest.raises(asyncio.CancelledError):
             await task
         # The caller goes on when the robot stands, not before.
-        assert "stop" in lab.calls
+        assert "halt" in lab.calls
         assert isinstance(await bus.call(SHAPE_DLO, "I", max_actions=1), Succeeded)
 
     on_bus(body)

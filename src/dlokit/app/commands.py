@@ -57,7 +57,8 @@ COMMANDS: Mapping[str, str] = {
         "Say what the runs of one DLO tell of it: length, radius, stiffness, friction, and whether it takes a set."
     ),
     "call": "Call one skill on a running system, and print what became of it.",
-    "stop": "Brake the arms of every running system of yours, now, and end their tasks.",
+    "stop": "Brake the arms of every running system of yours, now, keep them stopped, and end their tasks.",
+    "enable": "Let the arms of a running system move again that a person has stopped.",
     "resume": "Go on with a live run that was killed, failed or was cancelled: same goal, what is left of the budget.",
     "ps": "List the processes of your running systems: state, restarts, heartbeat, processor and memory.",
     "certs": "Make the certificates with which the hosts of a run on several machines know one another.",

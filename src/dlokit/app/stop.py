@@ -1,4 +1,4 @@
-"""`dlokit stop`: the arms of running systems brake, and their tasks end, whatever else is wrong."""
+"""`dlokit stop`: the arms of running systems brake and stay stopped, and their tasks end, whatever else is wrong."""
 
 import asyncio
 from collections.abc import Sequence
@@ -19,22 +19,26 @@ from dlokit.system.joined_bus import JoinedBus, join_bus
 from dlokit.system.processes import TimeBase
 from dlokit.system.recording import with_calls_told
 from dlokit.system.running import RunningSystem, running_systems, the_running_system
+from dlokit.system.stop_socket import STOP, Answer, left_stop, press, stop_socket
 from dlokit.system.toml_config import read_toml
-from dlokit.types.outcome import Outcome, Succeeded, Unreachable
+from dlokit.types.outcome import Succeeded
 
 EXIT_ALL_STAND = 0
 EXIT_NOT_ALL = 3
-FOUND_WITHIN_S = 5.0
+FOUND_WITHIN_S = 2.0
 STOPPED_WITHIN_S = 15.0
 """A system is waited for so long in all; an arm brakes in a fraction of a second."""
+STARTS_WITHIN_S = 10.0
+"""A robot process that has not begun yet is waited for so long; then it will begin stopped all the same."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class StopArgs:
-    """Brake the arms of every running system of yours, now, and end their tasks.
+    """Brake the arms of every running system of yours, now, keep them stopped, and end their tasks.
 
-    An arm stays where it is and holds what it holds. All systems are stopped at once, and each is told of. Exit code:
-    0 every arm stands, 3 one of them did not say so, 2 no system runs.
+    An arm stays where it is and its fingers hold what they hold, until `dlokit enable`. It works while the system
+    starts, and while its decision process is frozen or gone. All systems are stopped at once. Exit code: 0 feedback of
+    every arm shows that it stands and the task is ending, 3 something was not confirmed, 2 no system runs.
     """
 
     run: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
@@ -46,13 +50,13 @@ class Stopped:
     """What became of one system."""
 
     stands: bool
-    """Whether each of its arms said that it stands."""
+    """Whether feedback confirmed that each of its arms stands, and its task ends or there is none."""
     text: str
 
 
 def run_stop(args: StopArgs) -> int:
     """Brake first, ask afterwards."""
-    systems = running_systems() if args.run is None else [the_running_system(args.run)]
+    systems = running_systems(starting=True) if args.run is None else [the_running_system(args.run, starting=True)]
     if not systems:
         raise InputError("no system of yours runs: there is nothing to stop.")
     said = asyncio.run(stop_all(systems))
@@ -64,7 +68,7 @@ def run_stop(args: StopArgs) -> int:
 async def stop_all(
     systems: Sequence[RunningSystem], found_within_s: float = FOUND_WITHIN_S, stopped_within_s: float = STOPPED_WITHIN_S
 ) -> list[Stopped]:
-    """Stop all of them at once; none waits for another, and what is wrong with one is told in its line."""
+    """Stop all of them at once; none waits for another, and what is wrong with one is said in its line."""
 
     async def stopped(system: RunningSystem) -> Stopped:
         try:
@@ -79,37 +83,57 @@ async def stop_all(
 
 
 async def _stop(system: RunningSystem, found_within_s: float) -> Stopped:
-    arms = _arms(Path(system.folder))
-    async with join_bus(system.bus, TimeBase.MACHINE) as bus, asyncio.TaskGroup() as group:
-        brakes = [group.create_task(_brake(bus, mount, found_within_s)) for mount in arms]
-        ending = group.create_task(_end_task(bus, found_within_s))
-    outcomes = [brake.result() for brake in brakes]
-    words = [f"{mount.robot} {in_words(outcome)}" for mount, outcome in zip(arms, outcomes, strict=True)]
+    """Each arm by the socket of its own process, and only where there is none over the bus; then the task."""
+    arms = arms_of(Path(system.folder))
+    ending = asyncio.create_task(_end_task(system, found_within_s))
+    try:
+        answers = await asyncio.gather(*(_brake(system, mount, found_within_s) for mount in arms))
+        ended = await ending
+    finally:
+        ending.cancel()
+    words = [f"{mount.robot} {answer.text}" for mount, answer in zip(arms, answers, strict=True)]
     return Stopped(
-        stands=all(isinstance(outcome, Succeeded) for outcome in outcomes),
-        text="; ".join((*words, ending.result())),
+        stands=ended.confirmed and all(answer.confirmed for answer in answers), text="; ".join((*words, ended.text))
     )
 
 
-async def _brake(bus: JoinedBus, mount: ArmMount, found_within_s: float) -> Outcome[None]:
-    skill = robot.STOP.at(mount.instance)
-    if not await bus.transport.wait_for(skill.component, found_within_s):
-        return Unreachable(component=skill.component)
-    return await with_calls_told(bus.transport, bus.clock).call(skill)
+async def _brake(system: RunningSystem, mount: ArmMount, found_within_s: float) -> Answer:
+    socket = stop_socket(Path(system.folder), mount.robot)
+    if system.starting:
+        left_stop(socket).touch(mode=0o600)
+    within_s = STARTS_WITHIN_S if system.starting else found_within_s
+    answer = await press(socket, STOP, within_s, starts=system.starting)
+    if answer is not None:
+        return answer
+    if system.starting:
+        return Answer(confirmed=False, text="has not begun yet, and will begin stopped")
+    async with join_bus(system.bus, TimeBase.MACHINE) as bus:  # its process is on another host
+        skill = robot.STOP.at(mount.instance)
+        if not await bus.transport.wait_for(skill.component, found_within_s):
+            return Answer(confirmed=False, text="is unreachable: press the emergency stop of the arm")
+        outcome = await with_calls_told(bus.transport, bus.clock).call(skill)
+        return Answer(confirmed=isinstance(outcome, Succeeded), text=in_words(outcome))
 
 
-async def _end_task(bus: JoinedBus, found_within_s: float) -> str:
-    """An arm that stands between two motions would go on with the next: so the task ends as well; said in words."""
+async def _end_task(system: RunningSystem, found_within_s: float) -> Answer:
+    """The task would go on as far as it can without an arm, so it ends as well."""
+    if system.starting:
+        return Answer(confirmed=True, text="it has no task yet")
+    async with join_bus(system.bus, TimeBase.MACHINE) as bus:
+        return await _told_to_end(bus, found_within_s)
+
+
+async def _told_to_end(bus: JoinedBus, found_within_s: float) -> Answer:
     if not await bus.transport.wait_for(STOP_TASK.component, found_within_s):
-        return "it has no task to end"
+        return Answer(confirmed=False, text="its decision process does not answer, so its task was not ended")
     match await with_calls_told(bus.transport, bus.clock).call(STOP_TASK):
         case Succeeded(result=ran):
-            return "its task is told to end" if ran else "it has no task to end"
+            return Answer(confirmed=True, text="its task is ending" if ran else "it has no task to end")
         case outcome:
-            return f"its task could not be told to end: {in_words(outcome)}"
+            return Answer(confirmed=False, text=f"its task could not be ended: {in_words(outcome)}")
 
 
-def _arms(folder: Path) -> tuple[ArmMount, ...]:
+def arms_of(folder: Path) -> tuple[ArmMount, ...]:
     """The arms of a run, by its configuration; all that there may be where that cannot be read."""
     try:
         return ARMS[: read_toml(folder / CONFIG_FILE, RunConfig).arms]

@@ -45,7 +45,7 @@ def _shape_dlo(
 
 
 def _stop_task() -> bool:
-    """End the task that runs, as the operator's button does; whether one ran. The arm brakes meanwhile."""
+    """End the task that runs, as the operator's button does; whether one ran. The arms brake, and stay stopped."""
     ...
 
 

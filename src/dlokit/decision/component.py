@@ -62,6 +62,7 @@ class DecisionComponent(Component):
         self._radius_m = radius_m
         self._shaping = False
         self._flow: asyncio.Task[object] | None = None
+        self._stopped_by_person = False
         self._running = asyncio.Event()
         self._running.set()
 
@@ -140,7 +141,7 @@ class DecisionComponent(Component):
             chart = RESUME_DLO
         diary = Diary(task, self.gate, entered, self._keep)
         flow = asyncio.create_task(run_flow(chart, task, diary.entered), name="shape_dlo")
-        self._flow = flow
+        self._flow, self._stopped_by_person = flow, False
         besides = (
             asyncio.create_task(odometer.follow(self.port.stream(topics.ROBOT_STATE)), name="odometer"),
             asyncio.create_task(self._obey(flow), name="operator"),
@@ -159,6 +160,7 @@ class DecisionComponent(Component):
     @implements(api.STOP_TASK)
     async def stop_task(self) -> bool:
         """End the task, whoever asked for it."""
+        self._stopped_by_person = True
         return self._flow is not None and self._flow.cancel()
 
     async def gate(self) -> None:
@@ -184,11 +186,15 @@ class DecisionComponent(Component):
                 raise SkillFailure("task_failed", f"planning.set_strategy: {chosen}")
 
     async def _make_safe(self) -> None:
-        """Brake, and stop looking. Another cancellation ends the wait, but neither the braking nor the record."""
+        """Brake, and stop looking. Another cancellation ends the wait, but neither the braking nor the record.
+
+        A person's stop is latched in the arms; the end of a task for another reason leaves them ready for the next.
+        """
+        brake = robot.STOP if self._stopped_by_person else robot.HALT
 
         async def stop_all() -> None:
             for name in self._robots:
-                await self.port.call(robot.STOP.at(instance_of(name)))
+                await self.port.call(brake.at(instance_of(name)))
             await self.port.call(perception.SET_TRACKING, 0.0)
 
         with contextlib.suppress(asyncio.CancelledError):
@@ -198,6 +204,7 @@ class DecisionComponent(Component):
         async for message in self.port.stream(topics.COMMAND):
             match message:
                 case OperatorCommand(command=Command.STOP):
+                    self._stopped_by_person = True
                     flow.cancel()
                 case OperatorCommand(command=Command.PAUSE):
                     self._running.clear()

@@ -7,6 +7,7 @@ it takes to start, and to be there again after a crash.
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -65,9 +66,10 @@ def _robot(mount: ArmMount) -> "_Builder":
     def build(config: RunConfig, wiring: Wiring) -> Component:
         from dlokit.communication.pulse import ThreadPulse, loop_pulse
         from dlokit.functional.robots.simulated import SimulatedRobot
-        from dlokit.skills.robot.component import RobotComponent
+        from dlokit.skills.robot.component import RobotComponent, no_button
         from dlokit.skills.robot.kinematics import PandaKinematics
         from dlokit.skills.robot.lease_watch import LoopWatch, ThreadWatch
+        from dlokit.system.stop_socket import stop_button, stop_socket
 
         live = config.runtime == "live"
         pulse = ThreadPulse(config.robot.loop_silent_s) if live else loop_pulse
@@ -79,6 +81,7 @@ def _robot(mount: ArmMount) -> "_Builder":
             mount.instance,
             ThreadWatch() if live else LoopWatch(),
             neighbours=tuple(other.instance for other in ARMS[: config.arms] if other is not mount),
+            button=partial(stop_button, stop_socket(wiring.folder, mount.robot)) if live else no_button,
         )
 
     return build

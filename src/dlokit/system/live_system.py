@@ -142,7 +142,11 @@ async def live_system(
     meeting_point = (free_meeting_point(),)
     own_bus = ZenohConfig(namespace=launch.namespace, listen=meeting_point)
     others_bus = ZenohConfig(namespace=launch.namespace, connect=meeting_point)
-    with worker_pool() as compute:
+    # Announced before the first process starts, so that a person can stop a system that still starts.
+    with (
+        announced(launch.run_dir, launch.namespace, meeting_point[0]) as ready,
+        worker_pool() as compute,
+    ):
         async with (
             join_bus(own_bus, own.time_base, open_session) as bus,
             _beginning(compute, meanwhile),
@@ -150,8 +154,8 @@ async def live_system(
         ):
             await supervisor.guard(bus.first_tick(FIRST_TICK_S))
             await supervisor.guard(_all_seen(bus.transport, [name for row in others for name in row.components]))
-            with announced(launch.run_dir, launch.namespace, meeting_point[0]):
-                yield LiveSystem(bus.transport, bus.clock, compute, supervisor, others_bus)
+            ready()
+            yield LiveSystem(bus.transport, bus.clock, compute, supervisor, others_bus)
 
 
 @asynccontextmanager
@@ -172,7 +176,10 @@ async def spread_system(
     meeting_point = free_meeting_point()
     inside = through_door(meeting_point)
     own, *local = placement.own
-    with worker_pool() as compute:
+    with (
+        announced(launch.run_dir, NAMESPACE, meeting_point, client=True) as ready,
+        worker_pool() as compute,
+    ):
         async with (
             join_bus(main_door(hosts, placement, meeting_point), own.time_base) as bus,
             impatient_links(hosts.endpoint),
@@ -185,8 +192,8 @@ async def spread_system(
             try:
                 components = [name for row in rows[1:] for name in row.components]
                 await supervisor.guard(_all_seen(bus.transport, components))
-                with announced(launch.run_dir, NAMESPACE, meeting_point, client=True):
-                    yield LiveSystem(bus.transport, bus.clock, compute, supervisor, inside, shares)
+                ready()
+                yield LiveSystem(bus.transport, bus.clock, compute, supervisor, inside, shares)
             finally:
                 await shares.end()
 

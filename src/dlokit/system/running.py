@@ -7,8 +7,8 @@ a number of a process that is used again nor a clock that is set hides a system 
 import fcntl
 import os
 import tempfile
-from collections.abc import Generator
-from contextlib import contextmanager
+from collections.abc import Callable, Generator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import msgspec
@@ -31,6 +31,8 @@ class RunningSystem(msgspec.Struct, frozen=True, kw_only=True):
     endpoint: str
     client: bool = False
     """Whether whoever joins goes through the endpoint alone: it is a host's door, in a run on several."""
+    starting: bool = False
+    """Whether its processes have not all begun yet: it can be stopped, and not be asked for anything else."""
 
     @property
     def bus(self) -> ZenohConfig:
@@ -52,8 +54,11 @@ def notes_folder() -> Path:
 @contextmanager
 def announced(
     run_dir: Path, namespace: str, endpoint: str, notes: Path | None = None, *, client: bool = False
-) -> Generator[None]:
-    """Leave a note of this process's system meanwhile; `client` says that the endpoint is a host's door."""
+) -> Generator[Callable[[], None]]:
+    """Leave a note of this process's system meanwhile; `client` says that the endpoint is a host's door.
+
+    It is noted as starting until the given function is called.
+    """
     system = RunningSystem(
         pid=os.getpid(),
         began_s=psutil.Process().create_time(),
@@ -61,22 +66,27 @@ def announced(
         namespace=namespace,
         endpoint=endpoint,
         client=client,
+        starting=True,
     )
     note = _note_of(system.pid, notes)
+    with ExitStack() as held:
+        held.callback(note.unlink, missing_ok=True)
+        _write(note, system, held)
+        yield lambda: _write(note, msgspec.structs.replace(system, starting=False), held)
+
+
+def _write(note: Path, system: RunningSystem, held: ExitStack) -> None:
+    """Put a note in the place of the one before; its lock is held until `held` ends."""
     part = note.with_suffix(".part")
-    with part.open("wb") as file:
-        file.write(msgspec.json.encode(system))
-        file.flush()
-        fcntl.flock(file, fcntl.LOCK_EX)  # before anybody can see the note
-        part.replace(note)
-        try:
-            yield
-        finally:
-            note.unlink(missing_ok=True)
+    file = held.enter_context(part.open("wb"))
+    file.write(msgspec.json.encode(system))
+    file.flush()
+    fcntl.flock(file, fcntl.LOCK_EX)  # before anybody can see the note
+    part.replace(note)
 
 
-def running_systems(notes: Path | None = None) -> list[RunningSystem]:
-    """Those that run; notes of systems that were killed are removed."""
+def running_systems(notes: Path | None = None, *, starting: bool = False) -> list[RunningSystem]:
+    """Those that run, and with `starting` those that still start; notes of systems that were killed are removed."""
     found: list[RunningSystem] = []
     for note in sorted((notes or notes_folder()).glob("*.json")):
         try:
@@ -84,15 +94,18 @@ def running_systems(notes: Path | None = None) -> list[RunningSystem]:
         except (msgspec.DecodeError, FileNotFoundError):
             continue
         if _is_held(note):
-            found.append(system)
+            found += [system] * (starting or not system.starting)
         else:
             note.unlink(missing_ok=True)
     return found
 
 
-def the_running_system(run: Path | None, notes: Path | None = None) -> RunningSystem:
-    """The only one, or that of the folder `run`. Raises `InputError` when there is none, or no telling which."""
-    systems = running_systems(notes)
+def the_running_system(run: Path | None, notes: Path | None = None, *, starting: bool = False) -> RunningSystem:
+    """The only one, or that of the folder `run`. Raises `InputError` when there is none, or no telling which.
+
+    With `starting` one that still starts counts.
+    """
+    systems = running_systems(notes, starting=starting)
     if run is not None:
         systems = [system for system in systems if system.folder == str(run.resolve())]
     if len(systems) == 1:

@@ -45,6 +45,8 @@ class RobotState(Message, frozen=True, kw_only=True, eq=False):
     """Whether the fingers hold something (width and force agree)."""
     T_world_base: Pose | None = None
     """Where the arm stands; None: at the world's origin."""
+    stop_latched: bool = False
+    """Whether a person has stopped the arm: neither it nor its fingers move until a person enables it."""
 
 
 class JointTrajectory(Value, frozen=True, kw_only=True, eq=False):

@@ -14,7 +14,8 @@ from dlokit.system.running import announced, running_systems, still_runs, the_ru
 
 
 def test_a_system_is_found_while_it_runs_and_not_after(tmp_path: Path) -> None:
-    with announced(Path("runs/mine"), "dlokit/mine", "tcp/127.0.0.1:7447", tmp_path):
+    with announced(Path("runs/mine"), "dlokit/mine", "tcp/127.0.0.1:7447", tmp_path) as ready:
+        ready()
         system = the_running_system(None, tmp_path)
         assert system == the_running_system(Path("runs/mine"), tmp_path)
         assert system.bus.namespace == "dlokit/mine"
@@ -25,8 +26,19 @@ def test_a_system_is_found_while_it_runs_and_not_after(tmp_path: Path) -> None:
         the_running_system(None, tmp_path)
 
 
+def test_a_system_that_starts_can_be_stopped_and_not_be_asked_for_anything_else(tmp_path: Path) -> None:
+    with announced(Path("runs/mine"), "dlokit/mine", "tcp/127.0.0.1:7447", tmp_path) as ready:
+        assert running_systems(tmp_path) == []
+        with pytest.raises(InputError, match="no system runs"):
+            the_running_system(None, tmp_path)
+        assert the_running_system(None, tmp_path, starting=True).starting
+        ready()
+        assert not the_running_system(None, tmp_path).starting
+
+
 def test_the_note_of_a_killed_system_is_removed(tmp_path: Path) -> None:
-    with announced(Path("runs/mine"), "dlokit/mine", "tcp/127.0.0.1:7447", tmp_path):
+    with announced(Path("runs/mine"), "dlokit/mine", "tcp/127.0.0.1:7447", tmp_path) as ready:
+        ready()
         (system,) = running_systems(tmp_path)
         # Its number is that of a process that runs: this one's parent.
         left = msgspec.structs.replace(system, pid=os.getppid())
@@ -41,7 +53,8 @@ def test_the_note_of_a_killed_system_is_removed(tmp_path: Path) -> None:
 def test_a_system_that_is_killed_leaves_a_note_that_nobody_holds(tmp_path: Path) -> None:
     script = (
         "import sys, time\nfrom pathlib import Path\nfrom dlokit.system.running import announced\n"
-        "with announced(Path('x'), 'dlokit/x', 'tcp/127.0.0.1:1', Path(sys.argv[1])):\n"
+        "with announced(Path('x'), 'dlokit/x', 'tcp/127.0.0.1:1', Path(sys.argv[1])) as ready:\n"
+        "    ready()\n"
         "    print('there', flush=True)\n    time.sleep(60.0)\n"
     )
     with subprocess.Popen([sys.executable, "-c", script, str(tmp_path)], stdout=subprocess.PIPE) as process:
@@ -53,7 +66,8 @@ def test_a_system_that_is_killed_leaves_a_note_that_nobody_holds(tmp_path: Path)
 
 
 def test_several_systems_are_named_and_one_must_be_said(tmp_path: Path) -> None:
-    with announced(Path("runs/mine"), "dlokit/mine", "tcp/127.0.0.1:7447", tmp_path):
+    with announced(Path("runs/mine"), "dlokit/mine", "tcp/127.0.0.1:7447", tmp_path) as ready:
+        ready()
         (system,) = running_systems(tmp_path)
         other = msgspec.structs.replace(system, folder="/elsewhere/theirs")
         note = tmp_path / "other.json"

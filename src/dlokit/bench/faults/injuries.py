@@ -15,6 +15,8 @@ from dlokit.communication.recording.channels import FILE_NAME
 from dlokit.functional.cell import api as cell
 from dlokit.types.outcome import Succeeded
 
+_LEASE_S = 10.0  # of fingers that a bench moves past their driver; nobody renews it
+
 
 class Injury(Protocol):
     """Something that goes wrong."""
@@ -85,10 +87,10 @@ class SlippedGrasp:
 
     async def inject(self, run: LiveRun) -> None:
         """Past the robot, over its driver's cable to the cell."""
-        opened = await run.bus.transport.call(cell.GRIP, self.open_m, self.force_n)
+        opened = await run.bus.transport.call(cell.GRIP, self.open_m, self.force_n, _LEASE_S)
         assert isinstance(opened, Succeeded), opened
         await run.bus.clock.sleep(self.for_s)
-        await run.bus.transport.call(cell.GRIP, 0.0, self.force_n)
+        await run.bus.transport.call(cell.GRIP, 0.0, self.force_n, _LEASE_S)
 
     async def heal(self, run: LiveRun) -> None:
         """It is over."""

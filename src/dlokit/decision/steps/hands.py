@@ -130,7 +130,7 @@ async def together(task: ShapeTask, call: Callable[[Hand], Coroutine[Any, Any, O
 async def stop(task: ShapeTask, hands: list[Hand] | None = None) -> None:
     """Brake these hands' arms, or all of the action's."""
     for hand in hands_of(task.chosen) if hands is None else hands:
-        await task.port.call(robot.STOP.at(hand.instance))
+        await task.port.call(robot.HALT.at(hand.instance))
 
 
 async def _one_by_one(task: ShapeTask, call: Callable[[Hand], Coroutine[Any, Any, Outcome[R]]]) -> Outcome[R]:

@@ -21,42 +21,53 @@ def _capture() -> StereoImages:
 def _follow(trajectory: JointTrajectory, lease_s: float, robot: str = FIRST_ROBOT) -> MotionResult:
     """Move the arm along a joint trajectory, from the first of its samples to the last.
 
-    The arm brakes within its limits when the call is cancelled, on STOP, and when no RENEW came for `lease_s`
+    The arm brakes within its limits when the call is cancelled, on BRAKE and STOP, and when no RENEW came for `lease_s`
     seconds of the machine's clock; after the last it is in fault.
-    Fails with: stopped, lost_commander. Rejected with: no_such_robot, busy, fault, wrong_start, outside_limits,
-    bad_trajectory.
+    Fails with: stopped, lost_commander. Rejected with: no_such_robot, stop_latched, busy, fault, wrong_start,
+    outside_limits, bad_trajectory.
     """
     ...
 
 
 def _renew(robot: str = FIRST_ROBOT) -> None:
-    """Say that the commander of the motion is still there."""
+    """Say that the commander of the arm's motion, or of its fingers', is still there."""
     ...
 
 
 def _servo_to(q_rad: Float64Array, dq_rad_s: Float64Array, robot: str = FIRST_ROBOT) -> None:
     """Set the joint angles (7,) and velocities (7,) to be at now; call again within 0.1 s, or the arm brakes.
 
-    Rejected with: busy, fault, outside_limits.
+    Rejected with: stop_latched, busy, fault, outside_limits.
     """
     ...
 
 
-def _grip(width_m: float, force_n: float, robot: str = FIRST_ROBOT) -> GripResult:
+def _grip(width_m: float, force_n: float, lease_s: float, robot: str = FIRST_ROBOT) -> GripResult:
     """Bring the fingers to a width, pressing with at most `force_n` on what is between them; waits until they rest.
 
-    Rejected with: bad_width, bad_force.
+    They stay where they are on STOP, when the call is cancelled, and when no RENEW came for `lease_s` seconds of the
+    machine's clock. Fails with: stopped, lost_commander. Rejected with: stop_latched, bad_width, bad_force.
     """
+    ...
+
+
+def _brake(robot: str = FIRST_ROBOT) -> None:
+    """Brake the arm within its limits; returns when it stands. The next motion may begin at once."""
     ...
 
 
 def _stop(robot: str = FIRST_ROBOT) -> None:
-    """Brake the arm within its limits; returns when it stands."""
+    """Brake the arm, hold its fingers, and refuse whatever moves until ENABLE; returns when the arm stands."""
+    ...
+
+
+def _enable(robot: str = FIRST_ROBOT) -> None:
+    """Clear a STOP: a person has seen to it that the arm may move."""
     ...
 
 
 def _recover(robot: str = FIRST_ROBOT) -> None:
-    """Clear a fault; the arm stays where it is."""
+    """Clear a fault; the arm stays where it is, and a STOP stays."""
     ...
 
 
@@ -72,5 +83,7 @@ FOLLOW = Skill(
 RENEW = Skill("cell", "renew", _renew, timeout_s=1.0)
 SERVO_TO = Skill("cell", "servo_to", _servo_to, timeout_s=1.0, requires="no trajectory runs, no fault")
 GRIP = Skill("cell", "grip", _grip, timeout_s=10.0, ensures="the fingers are at rest")
-STOP = Skill("cell", "stop", _stop, timeout_s=5.0, ensures="the arm stands")
+BRAKE = Skill("cell", "brake", _brake, timeout_s=5.0, ensures="the arm stands")
+STOP = Skill("cell", "stop", _stop, timeout_s=5.0, ensures="arm and fingers stand, and nothing moves them")
+ENABLE = Skill("cell", "enable", _enable, timeout_s=5.0, ensures="the arm may be moved")
 RECOVER = Skill("cell", "recover", _recover, timeout_s=5.0, ensures="the arm is idle")

@@ -36,6 +36,8 @@ class CellArm:
         self._program: Program = Hold(q_rad)
         self._mode = RobotMode.IDLE
         self._fault = False
+        self.stop_latched = False
+        """Whether STOP was pressed, and ENABLE not since."""
         self._largest_error_rad = 0.0
         data.qpos[self._qpos] = q_rad
         self._data.ctrl[self._actuators] = q_rad
@@ -84,6 +86,16 @@ class CellArm:
         elif fault and self._mode == RobotMode.IDLE:
             self._mode = RobotMode.FAULT
 
+    def stop(self, time_s: float) -> None:
+        """Come to rest, fingers as well, until `enable`."""
+        self.stop_latched = True
+        self.brake(time_s)
+        self.fingers.hold()
+
+    def enable(self) -> None:
+        """Clear a stop."""
+        self.stop_latched = False
+
     def recover(self) -> None:
         """Clear a fault of a standing arm."""
         self._fault = False
@@ -114,6 +126,7 @@ class CellArm:
             mode=self._mode,
             holding=self.fingers.holding,
             T_world_base=self._T_world_base,
+            stop_latched=self.stop_latched,
         )
 
     @property

@@ -37,8 +37,12 @@ class _Line:
     instance: str
     """Whose topics its states go to."""
     watchdog: Watchdog = field(default_factory=lambda: Watchdog(longest_tick_s=2 * TICK_S))
+    """Of the arm's motion."""
+    finger_watchdog: Watchdog = field(default_factory=lambda: Watchdog(longest_tick_s=2 * TICK_S))
     interrupted: str = ""
     """Why the motion that runs was ended early."""
+    grip_interrupted: str = ""
+    """Why the motion of the fingers was ended early."""
 
 
 class CellComponent(Component):
@@ -133,36 +137,63 @@ class CellComponent(Component):
 
     @implements(api.RENEW)
     async def renew(self, robot: str = FIRST_ROBOT) -> None:
-        """Renew the lease of the motion that runs."""
-        self._line(robot).watchdog.renew()
+        """Renew the lease of the motions that run."""
+        line = self._line(robot)
+        line.watchdog.renew()
+        line.finger_watchdog.renew()
 
     @implements(api.SERVO_TO)
     async def servo_to(self, q_rad: Float64Array, dq_rad_s: Float64Array, robot: str = FIRST_ROBOT) -> None:
         """Lead the joints."""
-        arm = self._line(robot).arm
+        arm = self._enabled(robot).arm
         if not arm.led:
             self._idle(robot)
         check_servo(q_rad, dq_rad_s, arm.setpoint(self._cell.time_s), arm.limits)
         self._cell.set_servo(np.array(q_rad), np.array(dq_rad_s), robot)
 
     @implements(api.GRIP)
-    async def grip(self, width_m: float, force_n: float, robot: str = FIRST_ROBOT) -> GripResult:
-        """Move the fingers."""
+    async def grip(self, width_m: float, force_n: float, lease_s: float, robot: str = FIRST_ROBOT) -> GripResult:
+        """Move the fingers, under a lease."""
         check_grip(width_m, force_n)
-        fingers = self._line(robot).arm.fingers
+        line = self._enabled(robot)
+        fingers = line.arm.fingers
+        line.grip_interrupted = ""
+        line.finger_watchdog.arm(lease_s)
         self._cell.set_grip(width_m, force_n, robot)
-        while not fingers.at_rest:
-            await self._next_tick()
+        try:
+            while not fingers.at_rest:
+                await self._next_tick()
+        finally:
+            line.finger_watchdog.disarm()
+            fingers.hold()
+        if line.grip_interrupted:
+            raise SkillFailure(line.grip_interrupted, "the fingers were held before they came to rest")
         return fingers.result()
 
-    @implements(api.STOP)
-    async def stop(self, robot: str = FIRST_ROBOT) -> None:
+    @implements(api.BRAKE)
+    async def brake(self, robot: str = FIRST_ROBOT) -> None:
         """Brake."""
         line = self._line(robot)
         if line.arm.mode == RobotMode.MOVING:
             line.interrupted = "stopped"
             self._cell.brake(robot)
         await self._standing(line.arm)
+
+    @implements(api.STOP)
+    async def stop(self, robot: str = FIRST_ROBOT) -> None:
+        """Brake, hold the fingers, and refuse to move."""
+        line = self._line(robot)
+        if not line.arm.fingers.at_rest:
+            line.grip_interrupted = "stopped"
+        if line.arm.mode == RobotMode.MOVING:
+            line.interrupted = "stopped"
+        self._cell.stop(robot)
+        await self._standing(line.arm)
+
+    @implements(api.ENABLE)
+    async def enable(self, robot: str = FIRST_ROBOT) -> None:
+        """Clear a stop."""
+        self._line(robot).arm.enable()
 
     @implements(api.RECOVER)
     async def recover(self, robot: str = FIRST_ROBOT) -> None:
@@ -176,8 +207,14 @@ class CellComponent(Component):
             raise SkillRejected("no_such_robot", f"{robot}; the cell has {', '.join(self._lines)}")
         return self._lines[robot]
 
-    def _idle(self, robot: str) -> "_Line":
+    def _enabled(self, robot: str) -> "_Line":
         line = self._line(robot)
+        if line.arm.stop_latched:
+            raise SkillRejected("stop_latched", "a person has stopped the arm; a person must enable it: dlokit enable")
+        return line
+
+    def _idle(self, robot: str) -> "_Line":
+        line = self._enabled(robot)
         mode = line.arm.mode
         if mode == RobotMode.FAULT:
             raise SkillRejected("fault", "the arm stopped itself; call recover first")
@@ -192,6 +229,9 @@ class CellComponent(Component):
             if line.watchdog.expired(now_s) and line.arm.mode == RobotMode.MOVING:
                 line.interrupted = "lost_commander"
                 self._cell.brake(robot, fault=True)
+            if line.finger_watchdog.expired(now_s) and not line.arm.fingers.at_rest:
+                line.grip_interrupted = "lost_commander"
+                line.arm.fingers.hold()
 
     def _tell(self, pace: Pace) -> None:
         stamp_ns = self._cell.time_ns

@@ -58,6 +58,14 @@ class Fingers:
         self._ramp_m = self.width_m / 2.0
         self._slow_s, self._pressing = 0.0, False
 
+    def hold(self) -> None:
+        """Stay where they are; what they press on they go on pressing on."""
+        if self._pressing or self.at_rest:
+            return
+        self._goal_m = self._ramp_m = self.width_m / 2.0
+        self._slow_s = _REST_S
+        self._data.ctrl[self._actuators] = self._goal_m
+
     def result(self) -> GripResult:
         """How the grip ended."""
         return GripResult(width_m=self.width_m, held=self.holding)

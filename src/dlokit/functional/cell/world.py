@@ -102,6 +102,10 @@ class Cell:
         """Bring an arm to rest within its limits; with `fault` it then needs `CellArm.recover`."""
         self.arms[robot].brake(self.time_s, fault=fault)
 
+    def stop(self, robot: str = FIRST_ROBOT) -> None:
+        """Brake an arm and hold its fingers, until it is enabled."""
+        self.arms[robot].stop(self.time_s)
+
     def set_grip(self, width_m: float, force_n: float, robot: str = FIRST_ROBOT) -> None:
         """Begin to move an arm's fingers to a width, pressing with at most `force_n`."""
         self.arms[robot].fingers.start_grip(width_m, force_n)

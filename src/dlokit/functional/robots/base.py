@@ -44,12 +44,26 @@ class Robot(Protocol):
         """Follow tool poses (``T_world_tcp``) as they come, within the limits, until they end; then brake."""
         ...
 
-    async def grip(self, width_m: float, force_n: float) -> GripResult:
-        """Bring the fingers to a width, pressing with at most `force_n` on what is between them."""
+    async def grip(self, width_m: float, force_n: float, lease: Lease) -> GripResult:
+        """Bring the fingers to a width, pressing with at most `force_n` on what is between them.
+
+        Cancelling it holds the fingers where they are, and so does the death of this driver.
+        """
+        ...
+
+    async def halt(self) -> None:
+        """Brake within the limits; returns when the arm stands. The next motion may begin at once."""
         ...
 
     async def stop(self) -> None:
-        """Brake within the limits; returns when the arm stands."""
+        """Brake, hold the fingers, and refuse whatever moves until `enable`; returns when the arm stands.
+
+        The device keeps this, not the driver: ``state().stop_latched`` says so, to whoever connects later as well.
+        """
+        ...
+
+    async def enable(self) -> None:
+        """Clear a `stop`; called only because a person asked for it."""
         ...
 
     def brake(self) -> None:
@@ -60,5 +74,5 @@ class Robot(Protocol):
         ...
 
     async def recover(self) -> None:
-        """Clear a fault; the arm stays where it is."""
+        """Clear a fault; the arm stays where it is, and a `stop` stays."""
         ...

@@ -64,7 +64,7 @@ class SimulatedRobot:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """Brake, whatever happened; an absent cell has nothing to brake."""
-        await self._port.call(api.STOP, self._robot)
+        await self._port.call(api.BRAKE, self._robot)
         if self._reader is not None:
             self._reader.cancel()
 
@@ -98,7 +98,7 @@ class SimulatedRobot:
                 largest = max(largest, float(np.max(np.abs(self.state().q_rad - q))))
         finally:
             reader.cancel()
-            await self._port.call(api.STOP, self._robot)  # brakes, and returns when the arm stands
+            await self._port.call(api.BRAKE, self._robot)  # returns when the arm stands
         state = self.state()
         return MotionResult(
             q_rad=state.q_rad,
@@ -107,17 +107,27 @@ class SimulatedRobot:
             largest_joint_error_rad=largest,
         )
 
-    async def grip(self, width_m: float, force_n: float) -> GripResult:
-        """Bring the fingers to a width."""
-        return _result(await self._port.call(api.GRIP, width_m, force_n, self._robot))
+    async def grip(self, width_m: float, force_n: float, lease: Lease) -> GripResult:
+        """Bring the fingers to a width, renewing the right to move them all the while."""
+        renew = partial(self._port.send, api.RENEW, self._robot)
+        async with self._pulse(renew, lease.duration_s / _RENEWALS):
+            return _result(await self._port.call(api.GRIP, width_m, force_n, lease.duration_s, self._robot))
+
+    async def halt(self) -> None:
+        """Brake."""
+        _result(await self._port.call(api.BRAKE, self._robot))
 
     async def stop(self) -> None:
-        """Brake."""
+        """Press the stop of the arm."""
         _result(await self._port.call(api.STOP, self._robot))
+
+    async def enable(self) -> None:
+        """Clear the stop of the arm."""
+        _result(await self._port.call(api.ENABLE, self._robot))
 
     def brake(self) -> None:
         """Order the cell to brake."""
-        self._port.send(api.STOP, self._robot)
+        self._port.send(api.BRAKE, self._robot)
 
     async def recover(self) -> None:
         """Clear a fault."""

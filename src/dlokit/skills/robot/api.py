@@ -3,7 +3,8 @@
 Every motion is checked before it runs. Besides those named at each skill, a motion fails with: joint_limit,
 velocity_limit, acceleration_limit, jerk_limit, table_collision, self_collision, arms_too_near (also on the way),
 neighbour_silent, stopped, lease_lost, robot_lost, lost_commander, wrong_start, fault (call recover); and is rejected
-with: busy (another motion runs), not_commander (another holds the lease), lease_lost (the lease taken has run out).
+with: busy (another motion runs), not_commander (another holds the lease), lease_lost (the lease taken has run out),
+stop_latched (a person has stopped the arm, and none has enabled it since).
 Cancelling a motion brakes the arm.
 """
 
@@ -66,13 +67,27 @@ def _release(width_m: float = 0.04) -> GripResult:
     ...
 
 
+def _halt() -> None:
+    """Brake now, whatever runs; the motion that ran fails with ``stopped``, and the next may begin at once."""
+    ...
+
+
 def _stop() -> None:
-    """Brake now, whatever runs; the motion that ran fails with ``stopped``."""
+    """Brake now and hold the fingers; the motion that ran fails with ``stopped``, and nothing moves until `enable`.
+
+    A person's stop, for everybody to call. It returns when the arm stands, and outlasts task, lease and commander.
+    Fails with: not_confirmed (the arm's feedback does not say that it stands and that the stop is latched).
+    """
+    ...
+
+
+def _enable() -> None:
+    """Clear a person's stop. A person asks for this, who has seen that the arm may move; no program does on its own."""
     ...
 
 
 def _recover() -> None:
-    """Clear a fault of the arm; it stays where it is. Rejected with: not_commander."""
+    """Clear a fault of the arm; it stays where it is. Rejected with: not_commander, stop_latched."""
     ...
 
 
@@ -96,6 +111,7 @@ def _release_lease(holder: str) -> None:
 
 COMMANDER = Condition("the caller holds the lease, or nobody does", "not_commander")
 LEASE = Condition("a lease that was taken has not run out", "lease_lost")
+ENABLED = Condition("no person has stopped the arm since one enabled it", "stop_latched")
 _SEVEN = Condition("q_rad is seven finite angles", "bad_arguments", lambda q_rad: _is_seven(q_rad))
 _WIDTH = Condition(
     f"width_m is 0 to {PANDA_OPEN_WIDTH_M}", "bad_width", lambda width_m: 0.0 <= width_m <= PANDA_OPEN_WIDTH_M
@@ -114,7 +130,7 @@ def _motion(name: str, signature: Callable[P, R], timeout_s: float, ensures: str
         name,
         signature,
         timeout_s,
-        requires=(*requires, COMMANDER),
+        requires=(*requires, ENABLED, COMMANDER),
         ensures=ensures,
         keeps=(LEASE,),
         exclusive="motion",
@@ -127,8 +143,10 @@ MOVE_LINEAR = _motion("move_linear", _move_linear, 60.0, "the arm stands with th
 FOLLOW_PATH = _motion("follow_path", _follow_path, 120.0, "the arm stands with the tool at the last pose")
 GRASP = _motion("grasp", _grasp, 10.0, "the fingers are at rest", _FORCE)
 RELEASE = _motion("release", _release, 10.0, "the fingers are open and at rest", _WIDTH)
-STOP = Skill("robot", "stop", _stop, 5.0, "", "the arm stands")
-RECOVER = Skill("robot", "recover", _recover, 5.0, (COMMANDER,), "the arm is idle")
+HALT = Skill("robot", "halt", _halt, 5.0, "", "the arm stands")
+STOP = Skill("robot", "stop", _stop, 5.0, "", "arm and fingers stand, and nothing moves them before enable")
+ENABLE = Skill("robot", "enable", _enable, 5.0, "", "the arm may be moved")
+RECOVER = Skill("robot", "recover", _recover, 5.0, (ENABLED, COMMANDER), "the arm is idle")
 HOME = _motion("home", _home, 30.0, "the arm stands at home")
 RENEW_LEASE = Skill("robot", "renew_lease", _renew_lease, 1.0, "", "the arm brakes without a further renewal")
 RELEASE_LEASE = Skill("robot", "release_lease", _release_lease, 1.0, "", "no renewals are expected")

@@ -3,7 +3,7 @@
 import asyncio
 import contextlib
 import logging
-from collections.abc import AsyncGenerator, Callable, Coroutine
+from collections.abc import AsyncGenerator, Awaitable, Callable, Coroutine
 from contextlib import asynccontextmanager
 from typing import Any, TypeVar
 
@@ -38,6 +38,29 @@ _COMMANDED_WITHIN_RAD = 0.05
 """A trajectory starts where the last one was told to end, unless the arm was moved away from there."""
 
 
+_CONFIRMED_S = 0.8
+"""Longest wait for the feedback that confirms a stop [s]: an arm brakes within 0.3 s from its largest speed."""
+_STANDS_RAD_S = 0.02
+"""Joints slower than this stand [rad/s]; a held DLO that swings moves them by less."""
+
+
+StopButton = Callable[
+    [Callable[[], Awaitable[None]], Callable[[], Awaitable[None]]], contextlib.AbstractAsyncContextManager[None]
+]
+"""Lets a person stop and enable the arm meanwhile, by the two functions that it is given."""
+
+
+def no_button(
+    stop: Callable[[], Awaitable[None]], enable: Callable[[], Awaitable[None]]
+) -> contextlib.AbstractAsyncContextManager[None]:
+    """There is none: in lockstep nobody could press it in time."""
+    return contextlib.nullcontext()
+
+
+def _is_stopped(state: RobotState) -> bool:
+    return state.stop_latched and bool(np.max(np.abs(state.dq_rad_s)) < _STANDS_RAD_S)
+
+
 def loaded() -> None:
     """Nothing more: where it could be called, all that plans and checks a motion has been imported."""
 
@@ -59,11 +82,12 @@ class RobotComponent(Component):
         instance: str = "",
         watch: LeaseWatch | None = None,
         neighbours: tuple[str, ...] = (),
+        button: StopButton = no_button,
     ) -> None:
         """`monotonic_ns` is the machine's clock, for leases; it stands apart from the clock of the port.
 
         `instance` says which arm it is, where there is more than one, and `neighbours` which others there are; `watch`
-        looks after the lease, by default on the event loop.
+        looks after the lease, by default on the event loop. `button` is how a person stops the arm without the bus.
         """
         super().__init__()
         self.instance = instance
@@ -76,8 +100,10 @@ class RobotComponent(Component):
         self._motion: asyncio.Task[Any] | None = None
         self._braking: asyncio.Task[None] | None = None
         self._braked_because = ""
+        self._latched = False
         self._commanded: NDArray[np.float64] | None = None
         self._others = neighbours
+        self._button = button
         self._neighbours: Neighbours | None = None
 
     def attach(self, port: Port) -> None:
@@ -96,7 +122,7 @@ class RobotComponent(Component):
         published_ns = -1
         self.port.tap(topics.HEARTBEAT, lambda heartbeat: self._lease.hear(heartbeat.holder))
         try:
-            async with self._robot:
+            async with self._robot, self._button(self.stop, self.enable):
                 while True:
                     state = self._robot.state()
                     if state.stamp_ns != published_ns:
@@ -149,13 +175,13 @@ class RobotComponent(Component):
     async def grasp(self, force_n: float = 20.0) -> GripResult:
         """Close the fingers."""
         async with self._moving():
-            return await self._interruptible(self._robot.grip(0.0, force_n))
+            return await self._interruptible(self._robot.grip(0.0, force_n, self._driver_lease()))
 
     @implements(api.RELEASE)
     async def release(self, width_m: float = 0.04) -> GripResult:
         """Open the fingers."""
         async with self._moving():
-            return await self._interruptible(self._robot.grip(width_m, 20.0))
+            return await self._interruptible(self._robot.grip(width_m, 20.0, self._driver_lease()))
 
     @implements(api.HOME)
     async def home(self) -> MotionResult:
@@ -163,10 +189,26 @@ class RobotComponent(Component):
         async with self._moving():
             return await self._follow(joint_move(self._start(), PANDA_HOME_Q_RAD, self._robot.limits))
 
-    @implements(api.STOP)
-    async def stop(self) -> None:
+    @implements(api.HALT)
+    async def halt(self) -> None:
         """Brake now."""
         await self._brake("stopped")
+
+    @implements(api.STOP)
+    async def stop(self) -> None:
+        """Brake now, hold the fingers, and latch."""
+        self._latched = True
+        self._braked_because = "stopped"
+        self._robot.brake()  # at once; what follows may have to wait for the driver
+        self._end_motion()
+        await self._robot.stop()
+        await self._confirmed()
+
+    @implements(api.ENABLE)
+    async def enable(self) -> None:
+        """Clear a stop."""
+        await self._robot.enable()
+        self._latched = False
 
     @implements(api.RECOVER)
     async def recover(self) -> None:
@@ -208,7 +250,27 @@ class RobotComponent(Component):
     async def _brake(self, reason: str) -> None:
         self._braked_because = reason  # holds for a motion that is still being planned as well
         self._end_motion()
-        await self._robot.stop()
+        await self._robot.halt()
+
+    async def _confirmed(self) -> None:
+        """Wait for feedback, newer than now, that says that the arm stands and the stop is latched."""
+        now_ns = self._robot.state().stamp_ns
+        give_up_ns = self.port.clock.now_ns() + round(_CONFIRMED_S * 1e9)
+        while (state := self._robot.state()).stamp_ns <= now_ns or not _is_stopped(state):
+            if self.port.clock.now_ns() >= give_up_ns:
+                raise SkillFailure(
+                    "not_confirmed",
+                    f"no feedback said within {_CONFIRMED_S:g} s that the arm stands and the stop is latched; press "
+                    "the emergency stop of the arm",
+                )
+            await self.port.clock.sleep(1.0 / self._config.state_rate_hz)
+
+    @holds(api.ENABLED)
+    def _is_enabled(self, caller: str) -> str | None:
+        """Nothing moves after a person's stop, whoever asks."""
+        if not (self._latched or self._robot.state().stop_latched):
+            return None
+        return "a person has stopped this arm; a person enables it, by dlokit enable or the viewer's button"
 
     @holds(api.COMMANDER)
     def _is_commander(self, caller: str) -> str | None:
@@ -257,11 +319,13 @@ class RobotComponent(Component):
             check_apart(
                 trajectory, self._kinematics.T_world_base, others, around.arm_clearance_m, around.collision_step_rad
             )
-        lease = Lease(holder=self._lease.holder or self.address, duration_s=self._config.driver_lease_s)
         self._commanded = None
-        result = await self._interruptible(self._robot.follow(trajectory, lease))
+        result = await self._interruptible(self._robot.follow(trajectory, self._driver_lease()))
         self._commanded = trajectory.q_rad[-1].copy()
         return result
+
+    def _driver_lease(self) -> Lease:
+        return Lease(holder=self._lease.holder or self.address, duration_s=self._config.driver_lease_s)
 
     async def _interruptible(self, motion: Coroutine[Any, Any, R]) -> R:
         """Run a motion so that `_brake` can end it, and so that a cancelled caller leaves the arm standing."""
@@ -276,7 +340,7 @@ class RobotComponent(Component):
                 if self._braking is not None:
                     await self._braking  # the next motion must find the arm at rest
                 raise SkillFailure(self._braked_because, "the arm was braked before the end of the motion") from None
-            await self._robot.stop()
+            await self._robot.halt()
             raise
         except SkillFailure as error:
             if self._braked_because:  # from another thread: the arm said so before the motion could be ended

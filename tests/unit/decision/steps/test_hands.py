@@ -96,8 +96,8 @@ class Arm(Component):
         self._script.is_home = True
         return MotionResult(q_rad=np.zeros(7), T_world_tcp=TOOL, duration_s=0.0, largest_joint_error_rad=0.0)
 
-    @implements(robot.STOP)
-    async def stop(self) -> None:
+    @implements(robot.HALT)
+    async def halt(self) -> None:
         self._script.told.append("stop")
         self._stopped.set()
 

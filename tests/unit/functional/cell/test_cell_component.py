@@ -140,7 +140,7 @@ def test_the_cell_is_in_a_hurry_from_the_beginning_of_a_motion_until_the_arm_sta
             assert not wanted[-1]
             await asyncio.sleep(0.1)
             assert wanted[-1]
-            await bus.call(api.STOP)
+            await bus.call(api.BRAKE)
             await motion
             await asyncio.sleep(0.1)
             assert not wanted[-1]
@@ -148,11 +148,11 @@ def test_the_cell_is_in_a_hurry_from_the_beginning_of_a_motion_until_the_arm_sta
     virtual_time.run(main())
 
 
-def test_stop_ends_a_motion_as_stopped_and_the_arm_stands_before_the_end():
+def test_a_brake_ends_a_motion_as_stopped_and_the_arm_stands_before_the_end():
     async def story(bus: MemoryTransport) -> None:
         motion = asyncio.create_task(bus.call(api.FOLLOW, wave(duration_s=2.0), LEASE_S))
         await asyncio.sleep(1.0)
-        assert isinstance(await bus.call(api.STOP), Succeeded)
+        assert isinstance(await bus.call(api.BRAKE), Succeeded)
         outcome = await motion
         assert isinstance(outcome, Failed)
         assert outcome.reason == "stopped"
@@ -221,7 +221,7 @@ def test_a_trajectory_outside_the_rules_is_refused_by_name(trajectory: JointTraj
 @pytest.mark.parametrize(("width_m", "force_n", "reason"), [(0.2, 20.0, "bad_width"), (0.02, 0.0, "bad_force")])
 def test_a_grip_that_the_hand_cannot_do_is_refused(width_m: float, force_n: float, reason: str):
     async def story(bus: MemoryTransport) -> None:
-        outcome = await bus.call(api.GRIP, width_m, force_n)
+        outcome = await bus.call(api.GRIP, width_m, force_n, 5.0)
         assert isinstance(outcome, Rejected)
         assert outcome.reason == reason
 
@@ -230,7 +230,7 @@ def test_a_grip_that_the_hand_cannot_do_is_refused(width_m: float, force_n: floa
 
 def test_a_grip_returns_when_the_fingers_rest():
     async def story(bus: MemoryTransport) -> None:
-        outcome = await bus.call(api.GRIP, 0.02, 20.0)
+        outcome = await bus.call(api.GRIP, 0.02, 20.0, 5.0)
         assert isinstance(outcome, Succeeded)
         assert outcome.result.width_m == pytest.approx(0.02, abs=5e-4)
         assert not outcome.result.held

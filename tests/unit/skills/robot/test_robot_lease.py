@@ -16,7 +16,7 @@ def test_a_motion_that_is_stopped_while_it_is_planned_never_starts() -> None:
     async def scenario(bench: Bench) -> None:
         moving = asyncio.create_task(bench.port.call(api.MOVE_LINEAR, KINEMATICS.forward(bench.arm.q), PROFILE))
         await asyncio.sleep(0.5)
-        await bench.port.call(api.STOP)
+        await bench.port.call(api.HALT)
         assert reason(await moving) == "stopped"
         assert bench.arm.followed == []
 
@@ -35,11 +35,65 @@ def test_a_second_motion_is_rejected_while_one_runs() -> None:
     on_bench(scenario)
 
 
-def test_stop_brakes_and_the_motion_fails_as_stopped() -> None:
+def test_after_a_stop_every_motion_is_rejected_until_it_is_enabled() -> None:
     async def scenario(bench: Bench) -> None:
         moving = asyncio.create_task(bench.port.call(api.MOVE_JOINTS, FAR))
         await asyncio.sleep(0.1)
         assert isinstance(await bench.port.call(api.STOP), Succeeded)
+        assert reason(await moving) == "stopped"
+        followed = len(bench.arm.followed)
+        for refused in (
+            bench.port.call(api.HOME),
+            bench.port.call(api.MOVE_JOINTS, FAR),
+            bench.port.call(api.GRASP),
+            bench.port.call(api.RELEASE),
+            bench.port.call(api.RECOVER),
+        ):
+            assert reason(await refused) == "stop_latched"
+        assert len(bench.arm.followed) == followed
+        assert isinstance(await bench.port.call(api.ENABLE), Succeeded)
+        assert isinstance(await bench.port.call(api.HOME), Succeeded)
+
+    on_bench(scenario)
+
+
+def test_a_motion_that_is_being_planned_when_a_person_stops_the_arm_never_starts() -> None:
+    async def scenario(bench: Bench) -> None:
+        moving = asyncio.create_task(bench.port.call(api.MOVE_LINEAR, KINEMATICS.forward(bench.arm.q), PROFILE))
+        await asyncio.sleep(0.5)
+        assert isinstance(await bench.port.call(api.STOP), Succeeded)
+        assert reason(await moving) == "stopped"
+        assert bench.arm.followed == []
+
+    on_bench(scenario, SlowCompute())
+
+
+def test_a_stop_that_another_latched_in_the_arm_is_found() -> None:
+    async def scenario(bench: Bench) -> None:
+        bench.arm.latched = True
+        assert reason(await bench.port.call(api.HOME)) == "stop_latched"
+        # A lease may be taken, and loses nothing; it moves nothing either.
+        assert isinstance(await bench.port.call(api.RENEW_LEASE, bench.me, 0.2), Succeeded)
+        assert reason(await bench.port.call(api.HOME)) == "stop_latched"
+
+    on_bench(scenario)
+
+
+def test_a_stop_that_no_feedback_confirms_says_so() -> None:
+    async def scenario(bench: Bench) -> None:
+        bench.arm.silent = True
+        assert reason(await bench.port.call(api.STOP)) == "not_confirmed"
+        bench.arm.silent = False
+        assert reason(await bench.port.call(api.HOME)) == "stop_latched"
+
+    on_bench(scenario)
+
+
+def test_halt_brakes_and_the_motion_fails_as_stopped() -> None:
+    async def scenario(bench: Bench) -> None:
+        moving = asyncio.create_task(bench.port.call(api.MOVE_JOINTS, FAR))
+        await asyncio.sleep(0.1)
+        assert isinstance(await bench.port.call(api.HALT), Succeeded)
         assert reason(await moving) == "stopped"
         assert bench.arm.stops == 1
         # The next motion starts where the arm stands, not where it was to end.

@@ -1,0 +1,64 @@
+"""`dlokit enable`: arms that a person has stopped may move again."""
+
+import asyncio
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from dlokit.app.call import in_words
+from dlokit.app.command import Command
+from dlokit.app.stop import FOUND_WITHIN_S, arms_of
+from dlokit.description.arms import ArmMount
+from dlokit.skills.robot import api as robot
+from dlokit.system.joined_bus import join_bus
+from dlokit.system.processes import TimeBase
+from dlokit.system.recording import with_calls_told
+from dlokit.system.running import RunningSystem, the_running_system
+from dlokit.system.stop_socket import ENABLE, Answer, press, stop_socket
+from dlokit.types.outcome import Succeeded
+
+EXIT_ALL_ENABLED = 0
+EXIT_NOT_ALL = 3
+
+
+@dataclass(frozen=True, kw_only=True)
+class EnableArgs:
+    """Let the arms of a running system move again that a person has stopped.
+
+    Look first: is nobody within the arms' reach, and is the DLO free? Nothing moves by this alone; the next task, or
+    the next motion that somebody asks for, does. Exit code: 0 every arm is enabled, 3 one is not, 2 no system runs.
+    """
+
+    run: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    """The system of this run's folder, where several run."""
+
+
+def run_enable(args: EnableArgs) -> int:
+    """Enable every arm of one system."""
+    system = the_running_system(args.run, starting=True)
+    arms = arms_of(Path(system.folder))
+    answers = asyncio.run(_enable_all(system, arms))
+    for mount, answer in zip(arms, answers, strict=True):
+        print(f"{mount.robot} {answer.text}")
+    return EXIT_ALL_ENABLED if all(answer.confirmed for answer in answers) else EXIT_NOT_ALL
+
+
+async def _enable_all(system: RunningSystem, arms: tuple[ArmMount, ...]) -> list[Answer]:
+    return [await _enable(system, mount) for mount in arms]
+
+
+async def _enable(system: RunningSystem, mount: ArmMount) -> Answer:
+    answer = await press(stop_socket(Path(system.folder), mount.robot), ENABLE, FOUND_WITHIN_S)
+    if answer is not None:
+        return answer
+    async with join_bus(system.bus, TimeBase.MACHINE) as bus:  # its process is on another host
+        skill = robot.ENABLE.at(mount.instance)
+        if not await bus.transport.wait_for(skill.component, FOUND_WITHIN_S):
+            return Answer(confirmed=False, text="is unreachable: does its process run? dlokit ps says so")
+        outcome = await with_calls_told(bus.transport, bus.clock).call(skill)
+        return Answer(confirmed=isinstance(outcome, Succeeded), text=in_words(outcome))
+
+
+COMMAND = Command(EnableArgs, run_enable)
