@@ -148,7 +148,10 @@ def _decision(config: RunConfig, wiring: Wiring) -> Component:
 
 
 def build_viewer(config: RunConfig, *, operated: bool, key: str | None = None) -> "ViewerComponent":
-    """The viewer of a run; not `operated` where nobody would hear of what an operator does. Without `key`: a new one."""
+    """The viewer of a run; not `operated` where nobody would hear of what an operator does.
+
+    `key` is that of its page; None: a new one.
+    """
     from dlokit.decision.shape_flow import SHAPE_DLO
     from dlokit.skills.viewer.component import RodOutline, ViewerComponent
 

@@ -73,7 +73,8 @@ class Panel:
             self._chart = self._gui.add_html(flow_chart_svg(flow))
         with tabs.add_tab("View", viser.Icon.EYE):
             self._add_view(set_visible)
-            self._gui.add_html(_note(f"To let people look and not operate, give them {watch_url}"))
+            if operator is not None:
+                self._gui.add_html(_note(f"Address for people who may look and not operate: {watch_url}"))
             self._picture = self._gui.add_image(
                 np.full((3, 4, 3), 230, dtype=np.uint8), label="Left camera", format="jpeg", visible=False
             )

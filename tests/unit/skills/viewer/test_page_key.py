@@ -135,9 +135,7 @@ def test_the_page_may_be_opened_under_the_names_of_this_machine(names: str) -> N
     _served(scenario)
 
 
-def _refused(
-    served: Served, port: int
-) -> dict[str, tuple[str, str | None, str | None]]:  # path, host, origin
+def _refused(served: Served, port: int) -> dict[str, tuple[str, str | None, str | None]]:  # path, host, origin
     path, own = served.at.path, served.at.netloc
     return {
         "no key": ("", None, None),
