@@ -75,7 +75,7 @@ class PageGate:
         """Have every server that is started meanwhile ask this gate."""
         with _starting:
             module, serve = websockets.asyncio.server, websockets.asyncio.server.serve
-            setattr(module, _SERVE, self._guarded(serve))
+            setattr(module, _SERVE, self._gated(serve))
             try:
                 yield
             finally:
@@ -97,17 +97,17 @@ class PageGate:
             return "The key of the page is missing or wrong. Open the whole address that dlokit printed last."
         return None
 
-    def _guarded(self, serve: Callable[..., Any]) -> Callable[..., Any]:
+    def _gated(self, serve: Callable[..., Any]) -> Callable[..., Any]:
         # It must not raise: viser waits without a bound for a server thread that has died.
-        def guarded_serve(*args: Any, **options: Any) -> Any:
+        def gated_serve(*args: Any, **options: Any) -> Any:
             self.in_place = True
-            options["process_request"] = self._guarding(options.get("process_request"))
+            options["process_request"] = self._admission(options.get("process_request"))
             options["create_connection"] = PageConnection
             return serve(*args, **options)
 
-        return guarded_serve
+        return gated_serve
 
-    def _guarding(self, serve_page: ServePage | None) -> ServePage:
+    def _admission(self, serve_page: ServePage | None) -> ServePage:
         def admit(connection: ServerConnection, request: Request) -> Awaitable[Response | None] | Response | None:
             if (reason := self.refusal(request, connection.local_address[:2])) is not None:
                 return connection.respond(HTTPStatus.FORBIDDEN, reason + "\n")

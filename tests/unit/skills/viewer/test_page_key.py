@@ -240,7 +240,7 @@ def test_a_viser_that_starts_its_server_otherwise_serves_nothing(monkeypatch: py
 
 def test_a_server_that_does_not_ask_for_the_key_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:
     started: list[viser.ViserServer] = []
-    monkeypatch.setattr(PageGate, "_guarded", lambda _, serve: serve)
+    monkeypatch.setattr(PageGate, "_gated", lambda _, serve: serve)
     monkeypatch.setattr("dlokit.skills.viewer.page.remove_sharing", started.append)
     ended: list[viser.ViserServer] = []
     monkeypatch.setattr(viser.ViserServer, "stop", _then(viser.ViserServer.stop, ended.append))
