@@ -171,6 +171,50 @@ def test_a_page_to_watch_offers_nothing_that_nobody_would_hear_of(runner: asynci
     runner.run(scenario())
 
 
+async def _another_page(visit: Visit) -> Page:
+    browser = visit.page.context.browser
+    assert browser is not None
+    return await browser.new_page()
+
+
+def test_the_page_opens_with_its_key_alone_and_again_when_it_is_loaded_again(
+    runner: asyncio.Runner, visit: Visit
+) -> None:
+    async def scenario() -> None:
+        page = await _another_page(visit)
+        try:
+            refused = await page.goto(visit.url.rpartition("/")[0], timeout=LONG_S * 1000)
+            assert refused is not None
+            assert (refused.status, "address that dlokit printed" in await refused.text()) == (403, True)
+            await page.goto(visit.url, timeout=LONG_S * 1000)
+            for _ in range(2):
+                await page.get_by_role("button", name="Shape it").wait_for(timeout=LONG_S * 1000)
+                await page.reload(timeout=LONG_S * 1000)
+        finally:
+            await page.close()
+
+    runner.run(scenario())
+
+
+def test_another_page_of_the_browser_cannot_connect_even_with_the_key(runner: asyncio.Runner, visit: Visit) -> None:
+    connects = """url => new Promise(done => {
+        const socket = new WebSocket(url);
+        socket.onopen = () => done(true);
+        socket.onerror = () => done(false);
+    })"""
+
+    async def scenario() -> None:
+        url = visit.url.replace("http://", "ws://")
+        assert await visit.page.evaluate(connects, url)
+        page = await _another_page(visit)
+        try:
+            assert not await page.evaluate(connects, url)
+        finally:
+            await page.close()
+
+    runner.run(asyncio.wait_for(scenario(), LONG_S))
+
+
 def test_the_page_shows_the_robot_and_asks_nobody_else(runner: asyncio.Runner, visit: Visit) -> None:
     async def scenario() -> None:
         # The first pictures are blank.

@@ -6,7 +6,7 @@ it takes to start, and to be there again after a crash.
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,6 +17,7 @@ from dlokit.communication.compute import Compute, InlineCompute
 from dlokit.communication.port import Port
 from dlokit.communication.transport import Transport
 from dlokit.description.arms import ARMS, OPPOSITE, ArmMount
+from dlokit.skills.viewer.page_address import new_key
 from dlokit.system.config import RunConfig
 from dlokit.types.arrays import Float64Array
 
@@ -34,6 +35,8 @@ class Wiring:
     folder: Path
     """The run's folder."""
     start_nodes_world: Float64Array  # (K, 3) [m] where the cell lays its DLO; nobody else may look at it
+    page_key: str = field(default_factory=new_key, repr=False)
+    """Key of the viewer's page."""
 
 
 def build_component(name: str, config: RunConfig, wiring: Wiring) -> Component:
@@ -147,8 +150,11 @@ def _decision(config: RunConfig, wiring: Wiring) -> Component:
     )
 
 
-def build_viewer(config: RunConfig, *, operated: bool) -> "ViewerComponent":
-    """The viewer of a run; not `operated` where nobody would hear of what an operator does."""
+def build_viewer(config: RunConfig, *, operated: bool, key: str | None = None) -> "ViewerComponent":
+    """The viewer of a run; not `operated` where nobody would hear of what an operator does.
+
+    `key` is that of its page; None: a new one.
+    """
     from dlokit.decision.shape_flow import SHAPE_DLO
     from dlokit.skills.viewer.component import RodOutline, ViewerComponent
 
@@ -158,11 +164,12 @@ def build_viewer(config: RunConfig, *, operated: bool) -> "ViewerComponent":
         rod=RodOutline(nodes=config.model.nodes, length_m=config.model.length_m, radius_m=config.model.radius_m),
         threshold_m=config.task.threshold_m,
         operated=operated,
+        key=key,
     )
 
 
 def _viewer(config: RunConfig, wiring: Wiring) -> Component:
-    return build_viewer(config, operated=True)
+    return build_viewer(config, operated=True, key=wiring.page_key)
 
 
 _Builder = Callable[[RunConfig, Wiring], Component]

@@ -18,6 +18,8 @@ class ChildSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     run_dir: str
     instances: dict[str, tuple[str, ...]] = {}
     """What there is more than one of, besides the first, by component."""
+    page_key: str
+    """Key of the viewer's page; it is given here because lists of processes show arguments to everybody."""
     beat_fd: int
     """Inherited pipe: `READY` once, then `BEAT` again and again."""
     outlives_s: float = 0.0

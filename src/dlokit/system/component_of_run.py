@@ -18,5 +18,6 @@ def component_of_run(name: str, spec: ChildSpec, bus: JoinedBus) -> Component:
         clock=bus.clock,
         folder=Path(spec.run_dir),
         start_nodes_world=read_start(Path(spec.run_dir)) if name == "cell" else NOBODYS_BUSINESS,
+        page_key=spec.page_key,
     )
     return build_component(name, read_toml(Path(spec.config_file), RunConfig), wiring)

@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 
 from dlokit.communication.zenoh_session import ZenohConfig
 from dlokit.errors import DlokitError, InputError, ProcessFailure
+from dlokit.skills.viewer.page_address import new_key
 from dlokit.system.child_process import ChildProcess
 from dlokit.system.child_spec import EXIT_BAD_INPUT, ChildSpec
 from dlokit.system.process_report import TOLD_EVERY_S, ProcessReport, ProcessState, SystemReport, write_report
@@ -45,6 +46,8 @@ class Launch:
     """What there is more than one of, besides the first, by component."""
     command: tuple[str, ...] = PROCESS
     """What is run; it finds its `ChildSpec` on its standard input."""
+    page_key: str = field(default_factory=new_key, repr=False)
+    """Key of the viewer's page: a viewer that was started again has the old one, and open pages find it."""
 
 
 @dataclass
@@ -129,6 +132,7 @@ class Supervisor:
             config_file=str(self._launch.config_file),
             run_dir=str(self._launch.run_dir),
             instances=dict(self._launch.instances),
+            page_key=self._launch.page_key,
             outlives_s=row.outlives_s,
             after=tuple(name for other in self._rows if other.name in row.after for name in other.components),
             beat_fd=-1,

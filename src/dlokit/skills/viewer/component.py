@@ -19,6 +19,7 @@ from dlokit.skills.viewer.latest import Fresh
 from dlokit.skills.viewer.lit_step import LitStep
 from dlokit.skills.viewer.loop_gate import LoopGate
 from dlokit.skills.viewer.page import close_page, open_page
+from dlokit.skills.viewer.page_address import new_key, page_url, watch_key
 from dlokit.skills.viewer.panel import Operator, Panel
 from dlokit.skills.viewer.run_state import RunState, after_command, after_status
 from dlokit.skills.viewer.scene import Scene, thumbnail
@@ -58,10 +59,12 @@ class ViewerComponent(Component):
         rod: RodOutline,
         threshold_m: float,
         operated: bool = True,
+        key: str | None = None,
     ) -> None:
         """`flow` is the flow chart's table: (step, outcome, next) of every arrow.
 
         Without `operated` the page has neither buttons nor frames to drag: nobody would hear of them in a replay.
+        Whoever has `key` may open the page and operate; None: a new one.
         """
         super().__init__()
         self._config = config
@@ -69,6 +72,7 @@ class ViewerComponent(Component):
         self._rod = rod
         self._threshold_m = threshold_m
         self._operated = operated
+        self._key = new_key() if key is None else key
         self._port = config.port
         self.opened = asyncio.Event()
         """Set while the page is served."""
@@ -92,13 +96,17 @@ class ViewerComponent(Component):
 
     @property
     def url(self) -> str:
-        """Where the page is, or will be; with port 0 it is known once `opened` is set."""
-        host = "localhost" if self._config.host in ("0.0.0.0", "::") else self._config.host
-        return f"http://{host}:{self._port}"
+        """Where the page is, or will be, with its key; with port 0 it is known once `opened` is set."""
+        return page_url(self._config.host, self._port, self._key)
+
+    @property
+    def watch_url(self) -> str:
+        """Where the same page is for people who may look and not operate."""
+        return page_url(self._config.host, self._port, watch_key(self._key))
 
     async def run(self) -> None:
-        """Serve the page and draw, until cancelled. Raises `MachineError` when the port cannot be had."""
-        server = open_page(self._config.host, self._config.port)
+        """Serve the page and draw, until cancelled. Raises `MachineError` as `open_page` does."""
+        server = open_page(self._config.host, self._config.port, self._key)
         gate = LoopGate(asyncio.get_running_loop())
         try:
             self._port = server.get_port()
@@ -110,6 +118,7 @@ class ViewerComponent(Component):
                 flow=self._flow,
                 threshold_m=self._threshold_m,
                 operator=None if frames is None else self._operator(frames),
+                watch_url=self.watch_url,
                 set_visible=scene.set_visible,
             )
             self.opened.set()

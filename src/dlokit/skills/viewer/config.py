@@ -11,7 +11,8 @@ class ViewerConfig:
     """The browser viewer."""
 
     host: str = "127.0.0.1"
-    """Address that the page is served on; 0.0.0.0 lets other machines see it, and command the robot."""
+    """Address that the page is served on; with 0.0.0.0, whoever has the page's key can open it from other machines, and
+    command the robot."""
     port: int = 8080
     """TCP port of the page; 0 takes any free one."""
     draw_rate_hz: float = 15.0

@@ -48,6 +48,7 @@ class Panel:
         flow: Sequence[Edge],
         threshold_m: float,
         operator: Operator | None,
+        watch_url: str,
         set_visible: Callable[[Layer, bool], None],
     ) -> None:
         self._gui = server.gui
@@ -72,6 +73,8 @@ class Panel:
             self._chart = self._gui.add_html(flow_chart_svg(flow))
         with tabs.add_tab("View", viser.Icon.EYE):
             self._add_view(set_visible)
+            if operator is not None:
+                self._gui.add_html(_note(f"Address for people who may look and not operate: {watch_url}"))
             self._picture = self._gui.add_image(
                 np.full((3, 4, 3), 230, dtype=np.uint8), label="Left camera", format="jpeg", visible=False
             )

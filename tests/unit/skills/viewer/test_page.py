@@ -14,7 +14,7 @@ def test_a_port_in_use_is_one_error_that_says_what_to_do() -> None:
         with pytest.raises(MachineError, match=rf"port {port} .*--viewer\.port"):
             check_port("127.0.0.1", port)
         with pytest.raises(MachineError, match=rf"port {port} "):
-            open_page("127.0.0.1", port)
+            open_page("127.0.0.1", port, "key")
 
 
 def test_an_address_of_another_machine_is_an_error_and_not_a_wait() -> None:
@@ -23,7 +23,7 @@ def test_an_address_of_another_machine_is_an_error_and_not_a_wait() -> None:
 
 
 def test_a_closed_page_gives_its_port_back_and_prints_nothing(capsys: pytest.CaptureFixture[str]) -> None:
-    server = open_page("127.0.0.1", 0)
+    server = open_page("127.0.0.1", 0, "key")
     port = server.get_port()
     with pytest.raises(MachineError):
         check_port("127.0.0.1", port)

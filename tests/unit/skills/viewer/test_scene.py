@@ -20,7 +20,7 @@ from dlokit.types.observation import Observation
 
 @pytest.fixture
 def server() -> Iterator[viser.ViserServer]:
-    server = open_page("127.0.0.1", 0)
+    server = open_page("127.0.0.1", 0, "key")
     yield server
     close_page(server)
 

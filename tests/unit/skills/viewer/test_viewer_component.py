@@ -1,6 +1,7 @@
 import asyncio
 import socket
 from collections.abc import Callable, Coroutine
+from urllib.parse import urlsplit
 
 import pytest
 
@@ -46,16 +47,16 @@ def test_the_page_is_served_at_its_url_until_the_viewer_is_cancelled() -> None:
     async def scenario(_: Host) -> None:
         page = await anext(aiter(bus.stream(topics.VIEWER_PAGE, with_last=True)))
         assert page.url == viewer.url
-        host, port = viewer.url.removeprefix("http://").split(":")
-        reader, writer = await asyncio.open_connection(host, int(port))
-        writer.write(b"GET / HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n")
+        at = urlsplit(viewer.url)
+        reader, writer = await asyncio.open_connection(at.hostname, at.port)
+        writer.write(f"GET {at.path} HTTP/1.1\r\nHost: {at.netloc}\r\nConnection: close\r\n\r\n".encode())
         assert b"200 OK" in await reader.readline()
         writer.close()
         await writer.wait_closed()
 
     _hosted(viewer, scenario, bus)
     assert not viewer.opened.is_set()
-    check_port("127.0.0.1", int(viewer.url.rsplit(":", 1)[1]))
+    check_port("127.0.0.1", urlsplit(viewer.url).port or 0)
 
 
 def test_a_port_in_use_ends_the_viewer_with_an_error_that_the_host_reports(caplog: pytest.LogCaptureFixture) -> None:

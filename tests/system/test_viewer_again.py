@@ -1,0 +1,44 @@
+"""A viewer that is started again: pages that are open find it, because its address has the key of before."""
+
+import asyncio
+import os
+import signal
+from dataclasses import replace
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import pytest
+
+from dlokit.communication import topics
+from dlokit.skills.viewer.config import ViewerConfig
+from dlokit.system.config import RunConfig
+from dlokit.system.live_system import live_system, namespace_of
+from dlokit.system.processes import VIEWER, ProcessRow, TimeBase
+from dlokit.system.supervisor import Launch
+from dlokit.system.toml_config import to_toml
+
+pytestmark = pytest.mark.system
+
+WAIT_S = 120.0  # a viewer is there after 2 s; on a loaded machine it takes more
+OWN = ProcessRow(name="main", components=(), time_base=TimeBase.MACHINE)
+
+
+def test_a_viewer_that_was_killed_has_its_key_again_and_another_run_another_one(tmp_path: Path) -> None:
+    def launch() -> Launch:
+        return Launch(namespace=namespace_of(tmp_path), config_file=tmp_path / "config.toml", run_dir=tmp_path)
+
+    async def keys() -> list[str]:
+        async with live_system((OWN, replace(VIEWER, time_base=TimeBase.MACHINE)), launch()) as system:
+            pages = aiter(system.transport.stream(topics.VIEWER_PAGE, with_last=True))
+            first = await anext(pages)
+            os.kill(system.supervisor.pids["viewer"], signal.SIGKILL)
+            return [urlsplit(page.url).path for page in (first, await anext(pages))]
+
+    async def both() -> tuple[list[str], list[str]]:
+        async with asyncio.timeout(WAIT_S):
+            return await keys(), await keys()
+
+    (tmp_path / "config.toml").write_text(to_toml(RunConfig(viewer=ViewerConfig(port=0))), encoding="utf-8")
+    one, other = asyncio.run(both())
+    assert one[0] == one[1] != other[0] == other[1]
+    assert len(one[0]) > 30

@@ -1,0 +1,30 @@
+import pytest
+
+from dlokit.skills.viewer.page_address import new_key, page_url, watch_key
+
+
+@pytest.mark.parametrize(
+    ("host", "port", "url"),
+    [
+        ("127.0.0.1", 8080, "http://127.0.0.1:8080/k"),
+        ("0.0.0.0", 8080, "http://localhost:8080/k"),
+        ("::", 8080, "http://localhost:8080/k"),
+        ("::1", 8080, "http://[::1]:8080/k"),
+        ("lab-pc", 80, "http://lab-pc/k"),
+    ],
+)
+def test_an_address_is_one_that_a_browser_on_the_viewers_machine_opens(host: str, port: int, url: str) -> None:
+    assert page_url(host, port, "k") == url
+
+
+def test_keys_are_random_and_fit_into_an_address() -> None:
+    keys = {new_key() for _ in range(100)}
+    assert len(keys) == 100
+    assert all(len(key) == 32 and key.replace("-", "").replace("_", "").isalnum() for key in keys)
+
+
+def test_who_may_watch_has_another_key_that_is_always_the_same() -> None:
+    key = new_key()
+    assert watch_key(key) == watch_key(key) != key
+    assert watch_key(key) != watch_key(new_key())
+    assert len(watch_key(key)) == 32
