@@ -153,6 +153,7 @@ class DecisionComponent(Component):
             await asyncio.gather(*besides, return_exceptions=True)
         if outcome in (RunOutcome.CANCELLED, RunOutcome.FAILED):
             await self._make_safe()
+        _log_mistake(flow)  # after the arm has braked: a log line may block
         diary.close(outcome)
         return _result(task, outcome, tuple(diary.timings))
 
@@ -224,9 +225,13 @@ async def _outcome_of(flow: "asyncio.Task[End]", task: ShapeTask) -> RunOutcome:
         task.reason = "stopped by the operator"
         return RunOutcome.CANCELLED
     except Exception as error:  # it must not leave the arm moving, nor lose what was done so far
-        log.exception("the flow raised")
         task.reason = f"{type(error).__name__}: {error}"
         return RunOutcome.FAILED
+
+
+def _log_mistake(flow: "asyncio.Task[End]") -> None:
+    if not flow.cancelled() and (error := flow.exception()) is not None:
+        log.error("the flow raised", exc_info=error)
 
 
 def _result(task: ShapeTask, outcome: RunOutcome, timings: tuple[StepTiming, ...]) -> ShapeResult:
