@@ -35,6 +35,7 @@ def test_a_failing_skill_ends_the_task_with_its_name_and_a_safe_robot(
     assert edge in trace.edges()
     assert trace.result.reason is not None
     assert reason in trace.result.reason
+    assert ("by robot.stop" in trace.result.reason) == (reason == "stopped")
     if trace.result.outcome is RunOutcome.FAILED:
         assert trace.calls[-2:] == ["stop", "tracking 0"]
 
@@ -150,6 +151,7 @@ def test_the_operator_stops_the_task_and_the_robot_is_left_safe() -> None:
 
     trace = shape(lab(I), S, operator=presses_stop)
     assert trace.result.outcome is RunOutcome.CANCELLED
+    assert trace.result.reason == "stopped by the viewer's Stop button"
     assert trace.calls[-2:] == ["stop", "tracking 0"]
 
 

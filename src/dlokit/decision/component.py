@@ -62,6 +62,7 @@ class DecisionComponent(Component):
         self._radius_m = radius_m
         self._shaping = False
         self._flow: asyncio.Task[object] | None = None
+        self._stopped_by = ""
         self._running = asyncio.Event()
         self._running.set()
 
@@ -95,6 +96,7 @@ class DecisionComponent(Component):
         entered: Callable[[FlowStatus], None] = lambda status: None,
         config: TaskConfig | None = None,
         resumed: Journal | None = None,
+        canceller: Callable[[], str] = lambda: "",
     ) -> ShapeResult:
         """Bring the DLO into the requested shape (None: the operator's, from the viewer).
 
@@ -102,14 +104,15 @@ class DecisionComponent(Component):
         task alone. `resumed` is the journal of a task that a crash has ended. Raises `SkillRejected` ``busy`` while
         another task runs.
 
-        Cancelling it stops the robot and ends with outcome `cancelled`; a second cancellation gets through.
+        Cancelling it stops the robot and ends with outcome `cancelled`; a second cancellation gets through. `canceller`
+        then names who cancels it, for the result's reason; empty: its caller.
         """
         if (wrong := self._is_idle("")) is not None:
             raise SkillRejected(api.IDLE.reason, wrong)
         self._shaping = True
         self._running.set()  # a pause of before was that task's
         try:
-            return await self._shape(request, recorded, entered, config or self._config, resumed)
+            return await self._shape(request, recorded, entered, config or self._config, resumed, canceller)
         finally:
             self._shaping = False
 
@@ -120,6 +123,7 @@ class DecisionComponent(Component):
         entered: Callable[[FlowStatus], None],
         config: TaskConfig,
         resumed: Journal | None,
+        canceller: Callable[[], str],
     ) -> ShapeResult:
         odometer = Odometer()
         task = ShapeTask(
@@ -140,13 +144,15 @@ class DecisionComponent(Component):
             chart = RESUME_DLO
         diary = Diary(task, self.gate, entered, self._keep)
         flow = asyncio.create_task(run_flow(chart, task, diary.entered), name="shape_dlo")
-        self._flow = flow
+        self._flow, self._stopped_by = flow, ""
         besides = (
             asyncio.create_task(odometer.follow(self.port.stream(topics.ROBOT_STATE)), name="odometer"),
-            asyncio.create_task(self._obey(flow), name="operator"),
+            asyncio.create_task(self._obey(), name="operator"),
         )
         try:
             outcome = await _outcome_of(flow, task)
+            if outcome is RunOutcome.CANCELLED:
+                task.reason = f"stopped by {self._stopped_by or canceller() or 'its caller'}"
         finally:
             for task_besides in besides:
                 task_besides.cancel()
@@ -160,7 +166,14 @@ class DecisionComponent(Component):
     @implements(api.STOP_TASK)
     async def stop_task(self) -> bool:
         """End the task, whoever asked for it."""
-        return self._flow is not None and self._flow.cancel()
+        return self._stop_flow("a call to end the task (dlokit stop)")
+
+    def _stop_flow(self, by: str) -> bool:
+        """End the flow that runs; whether one ran. `by` is for the result's reason; the first to end the flow holds."""
+        ending = self._flow is not None and self._flow.cancel()
+        if ending:
+            self._stopped_by = self._stopped_by or by
+        return ending
 
     async def gate(self) -> None:
         """Wait while the operator has paused, however long; STOP ends the wait with the flow."""
@@ -195,11 +208,11 @@ class DecisionComponent(Component):
         with contextlib.suppress(asyncio.CancelledError):
             await asyncio.shield(stop_all())
 
-    async def _obey(self, flow: "asyncio.Task[object]") -> None:
+    async def _obey(self) -> None:
         async for message in self.port.stream(topics.COMMAND):
             match message:
                 case OperatorCommand(command=Command.STOP):
-                    flow.cancel()
+                    self._stop_flow("the viewer's Stop button")
                 case OperatorCommand(command=Command.PAUSE):
                     self._running.clear()
                 case OperatorCommand(command=Command.RESUME):
@@ -222,7 +235,6 @@ async def _outcome_of(flow: "asyncio.Task[End]", task: ShapeTask) -> RunOutcome:
     except asyncio.CancelledError:
         flow.cancel()
         await asyncio.gather(flow, return_exceptions=True)
-        task.reason = "stopped by the operator"
         return RunOutcome.CANCELLED
     except Exception as error:  # it must not leave the arm moving, nor lose what was done so far
         task.reason = f"{type(error).__name__}: {error}"
