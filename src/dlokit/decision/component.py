@@ -150,9 +150,7 @@ class DecisionComponent(Component):
             asyncio.create_task(self._obey(), name="operator"),
         )
         try:
-            outcome = await _outcome_of(flow, task)
-            if outcome is RunOutcome.CANCELLED:
-                task.reason = f"stopped by {self._stopped_by or canceller() or 'its caller'}"
+            outcome = await _outcome_of(flow, task, lambda: self._stopped_by or canceller() or "its caller")
         finally:
             for task_besides in besides:
                 task_besides.cancel()
@@ -228,13 +226,14 @@ def _error_to_asked(task: ShapeTask) -> float | None:
     return rmse_m(task.state.nodes_world, asked.nodes_world, ends_interchangeable=asked.ends_interchangeable)
 
 
-async def _outcome_of(flow: "asyncio.Task[End]", task: ShapeTask) -> RunOutcome:
+async def _outcome_of(flow: "asyncio.Task[End]", task: ShapeTask, stopped_by: Callable[[], str]) -> RunOutcome:
     """How the flow ends: by itself, cancelled, or by a mistake of ours; then the task's reason says so."""
     try:
         return (await flow).outcome
     except asyncio.CancelledError:
         flow.cancel()
         await asyncio.gather(flow, return_exceptions=True)
+        task.reason = f"stopped by {stopped_by()}"
         return RunOutcome.CANCELLED
     except Exception as error:  # it must not leave the arm moving, nor lose what was done so far
         task.reason = f"{type(error).__name__}: {error}"
