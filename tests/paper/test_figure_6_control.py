@@ -68,7 +68,7 @@ def test_a_correction_that_the_robot_refuses_is_a_deadlock_and_marks_the_grasp()
     trace = shape(refusing, moved(I, (0.04, 0.03)), replace(SERVO, max_actions=2, threshold_m=0.001, infeasible="try"))
     assert ("control", "deadlock", "release") in trace.edges()
     first, second = trace.result.history
-    assert first.control_end == "out_of_reach"
+    assert (first.control_end, first.ended_by) == ("out_of_reach", "")
     assert first.grasp_node != second.grasp_node
 
 
@@ -78,6 +78,7 @@ def test_an_arm_that_brakes_in_a_correction_is_cleared_and_lets_go() -> None:
     trace = shape(late, moved(I, (0.04, 0.03)), SERVO)
     assert ("control", "interrupted", "recover") in trace.edges()
     assert ("recover", "done", "release") in trace.edges()
+    assert [record.ended_by for record in trace.result.history] == ["lost_commander"]
 
 
 def test_an_arm_lost_in_a_correction_fails_the_task() -> None:

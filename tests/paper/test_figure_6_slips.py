@@ -1,9 +1,14 @@
 """A rope that slips out of the fingers is noticed; what an action tells of the DLO is learnt."""
 
 import pytest
-from ideal_lab import I, S, lab, shape
+from ideal_lab import I, S, lab, running, shape
 
+from dlokit.communication import virtual_time
+from dlokit.communication.clock import LoopClock
+from dlokit.communication.memory import MemoryTransport
 from dlokit.decision.config import TaskConfig
+from dlokit.decision.journal import Journal
+from dlokit.decision.task import GoalRequest
 
 
 def test_a_rope_that_slips_out_on_the_way_is_let_go_and_looked_for_again() -> None:
@@ -45,3 +50,52 @@ def test_the_dlo_is_learnt_from_an_action_where_that_is_asked_for(learn: bool) -
     trace = shape(feeling, S, TaskConfig(max_actions=1, learn=learn))
     assert trace.belief is not None
     assert trace.belief.actions == (1 if learn else 0)
+
+
+@pytest.mark.parametrize("cause", ["lease_lost", "lost_commander", "table_collision"])
+def test_a_carry_that_was_broken_off_is_named_by_its_cause_and_is_no_slip(cause: str) -> None:
+    late = lab(I)
+    late.fails["follow_path"] = [cause]
+    trace = shape(late, S, TaskConfig(max_actions=2, learn=True))
+    first, second = trace.result.history
+    assert (first.grasp_ok, first.slipped, first.ended_by) == (True, False, cause)
+    assert (second.slipped, second.ended_by) == (False, "")
+    # What was broken off tells nothing of the DLO.
+    assert trace.belief is not None
+    assert trace.belief.actions == 1
+
+
+def test_a_node_where_the_arm_braked_twice_may_be_grasped_again() -> None:
+    late = lab(I)
+    late.fails["follow_path"] = ["lease_lost"] * 3
+    journals: list[Journal] = []
+
+    async def main() -> None:
+        async with running(late, MemoryTransport(), LoopClock(), TaskConfig(max_actions=4), keep=journals.append) as it:
+            await it.shape(GoalRequest(nodes_world=S, name="S"), lambda record: None)
+
+    virtual_time.run(main())
+    assert journals[-1].slips == ()
+
+
+def test_a_slip_is_named_as_the_end_of_its_action() -> None:
+    slippery = lab(I)
+    slippery.feels = True
+    slippery.slips = 1
+    history = shape(slippery, S, TaskConfig(max_actions=2)).result.history
+    assert [record.ended_by for record in history] == ["slipped", ""]
+
+
+@pytest.mark.parametrize("skill", ["move_to", "move_linear"])
+def test_an_action_that_the_lease_ended_before_its_grasp_says_so(skill: str) -> None:
+    late = lab(I)
+    late.fails[skill] = ["lease_lost"]
+    (record,) = shape(late, S, TaskConfig(max_actions=1)).result.history
+    assert (record.grasp_ok, record.ended_by) == (False, "lease_lost")
+
+
+def test_an_interruption_after_the_release_does_not_end_the_action() -> None:
+    late = lab(I)
+    late.fails["release"] = ["", "lease_lost"]
+    (record,) = shape(late, S, TaskConfig(max_actions=1)).result.history
+    assert record.ended_by == ""

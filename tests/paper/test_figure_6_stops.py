@@ -1,9 +1,15 @@
 """How a task ends or goes on where the paper has no arrow: failures, an arm that braked, budgets, the operator."""
 
+import logging
+
 import pytest
 from ideal_lab import I, S, lab, shape
 
+from dlokit.decision import component
 from dlokit.decision.config import TaskConfig
+from dlokit.decision.steps import hands
+from dlokit.decision.steps.outcomes import Moved
+from dlokit.decision.task import ShapeTask
 from dlokit.description.shapes import moved
 from dlokit.types.flow import Command, FlowStatus, RunOutcome
 
@@ -29,6 +35,7 @@ def test_a_failing_skill_ends_the_task_with_its_name_and_a_safe_robot(
     assert edge in trace.edges()
     assert trace.result.reason is not None
     assert reason in trace.result.reason
+    assert ("by robot.stop" in trace.result.reason) == (reason == "stopped")
     if trace.result.outcome is RunOutcome.FAILED:
         assert trace.calls[-2:] == ["halt", "tracking 0"]
 
@@ -144,4 +151,27 @@ def test_the_operator_stops_the_task_and_the_robot_is_left_safe() -> None:
 
     trace = shape(lab(I), S, operator=presses_stop)
     assert trace.result.outcome is RunOutcome.CANCELLED
+    assert trace.result.reason == "stopped by the viewer's Stop button"
     assert trace.calls[-2:] == ["stop", "tracking 0"]
+
+
+def test_a_flow_that_raises_brakes_the_arm_before_the_log_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    broken, called = lab(I), list[bool]()
+
+    async def raises(task: ShapeTask) -> Moved:
+        raise RuntimeError("a mistake of ours")
+
+    class Looks(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            called.append("stop" in broken.calls)
+
+    handler = Looks(level=logging.ERROR)
+    monkeypatch.setattr(hands, "go_above", raises)
+    component.log.addHandler(handler)
+    try:
+        trace = shape(broken, S)
+    finally:
+        component.log.removeHandler(handler)
+    assert trace.result.outcome is RunOutcome.FAILED
+    assert trace.result.reason == "RuntimeError: a mistake of ours"
+    assert called == [True]

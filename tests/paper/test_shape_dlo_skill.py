@@ -243,8 +243,24 @@ def test_whoever_may_not_press_the_operators_buttons_ends_the_task_by_a_skill() 
             outcome = await bus.call(SHAPE_DLO, "S")
             assert isinstance(outcome, Succeeded)
             assert outcome.result.outcome is RunOutcome.CANCELLED
+            assert outcome.result.reason == "stopped by a call to end the task (dlokit stop)"
             assert lab.calls[-2:] == ["stop", "tracking 0"]
             shell.said.append(await bus.call(STOP_TASK))
         assert [isinstance(said, Succeeded) and said.result for said in shell.said] == [True, False]
+
+    virtual_time.run(main())
+
+
+@pytest.mark.parametrize(("canceller", "reason"), [("SIGTERM", "stopped by SIGTERM"), ("", "stopped by its caller")])
+def test_a_task_that_is_cancelled_names_who_cancels_it(canceller: str, reason: str) -> None:
+    async def main() -> None:
+        lab = Lab(nodes=AWAY.copy())
+        async with running(lab, MemoryTransport(), LoopClock()) as decision:
+            goal = GoalRequest(nodes_world=builtin_shape("S", LENGTH_M, NODES), name="S")
+            shaping = asyncio.create_task(decision.shape(goal, lambda record: None, canceller=lambda: canceller))
+            await asyncio.sleep(0.5)
+            shaping.cancel()
+            result = await shaping
+        assert (result.outcome, result.reason) == (RunOutcome.CANCELLED, reason)
 
     virtual_time.run(main())

@@ -49,9 +49,11 @@ def test_two_runs_side_by_side_and_one_from_the_configuration_give_the_same_figu
     assert _figures(folders[2]) == first
 
 
-@pytest.mark.parametrize(("number", "by"), [(signal.SIGINT, ()), (signal.SIGTERM, BACKGROUND)])
+@pytest.mark.parametrize(
+    ("number", "by", "cause"), [(signal.SIGINT, (), "SIGINT (Ctrl-C)"), (signal.SIGTERM, BACKGROUND, "SIGTERM")]
+)
 def test_a_signal_ends_a_run_as_cancelled_with_result_and_report(
-    tmp_path: Path, number: signal.Signals, by: tuple[str, ...]
+    tmp_path: Path, number: signal.Signals, by: tuple[str, ...], cause: str
 ) -> None:
     with _start("--threshold-m", "0.0001", "--infeasible", "try", "--out", str(tmp_path / "out"), by=by) as run:
         assert run.stdout is not None
@@ -66,4 +68,6 @@ def test_a_signal_ends_a_run_as_cancelled_with_result_and_report(
     assert result.outcome is RunOutcome.CANCELLED
     assert result.actions >= 1
     assert (tmp_path / "out" / "report.html").is_file()
-    assert "stopped by the operator" in output
+    assert result.reason == f"stopped by {cause}"
+    assert "stopped by" in output
+    assert "operator" not in output

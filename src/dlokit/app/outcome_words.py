@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from statistics import median
 
 from dlokit.system.goal_result import VerdictResult
-from dlokit.system.run_result import RunResult
+from dlokit.system.run_result import ActionResult, RunResult
 from dlokit.types.flow import RunOutcome
 
 MEANINGS: Mapping[RunOutcome, str] = {
@@ -12,7 +12,7 @@ MEANINGS: Mapping[RunOutcome, str] = {
     RunOutcome.STALLED: "Further actions did not bring the DLO nearer to the goal.",
     RunOutcome.INFEASIBLE: "The goal cannot be reached from here, or no grasp was possible.",
     RunOutcome.BUDGET: "The actions or the time allowed were used up before the goal was reached.",
-    RunOutcome.CANCELLED: "The run was stopped by the operator.",
+    RunOutcome.CANCELLED: "The run was stopped before its end.",
     RunOutcome.FAILED: "Something went wrong that the run could not recover from.",
 }
 
@@ -40,13 +40,17 @@ def outcome_in_words(result: RunResult) -> str:
 
 def _another_dlo(result: RunResult) -> str:
     """A sentence when the run did not converge, and its actions did not do what the model of the DLO promised."""
-    missed_m = [row.missed_m for row in result.history if row.missed_m is not None and row.grasp_ok and not row.slipped]
+    missed_m = [row.missed_m for row in result.history if row.missed_m is not None and _as_planned(row)]
     if result.outcome is RunOutcome.CONVERGED or len(missed_m) < 2 or median(missed_m) < ANOTHER_DLO_M:
         return ""
     return (
         f" Its actions ended {median(missed_m) * 1000:.0f} mm (median) from what was predicted: this is hardly the DLO "
         "that the configuration describes. `--learn` finds out while shaping, `dlokit identify` from this run."
     )
+
+
+def _as_planned(row: ActionResult) -> bool:
+    return row.grasp_ok and not row.slipped and row.ended_by is None
 
 
 def _instead(verdict: VerdictResult | None) -> str:

@@ -118,7 +118,7 @@ def _action_row(row: ActionResult, threshold_m: float) -> str:
     kind = ' class="met"' if row.rmse_m < threshold_m else ""
     cells = (
         f"<td>{row.action}</td><td>{escape(row.kind)}</td><td>{row.grasp_node}</td>",
-        f"<td>{grip}</td>" if grip in ("held", "pushed") else f'<td class="no">{grip}</td>',
+        f"<td>{grip}</td>" if grip in ("held", "pushed") else f'<td class="no">{escape(grip)}</td>',
         f"<td>{_millimetres(row.predicted_rmse_m)}</td>",
         f"<td>{_millimetres(row.rmse_m)}</td><td>{_millimetres(row.true_rmse_m)}</td>",
         f"<td>{row.duration_s:.1f} s</td>",

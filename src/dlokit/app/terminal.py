@@ -167,7 +167,9 @@ def _progress(status: FlowStatus, candidates: Candidates | None) -> Text:
 
 
 def grip_in_words(row: ActionResult) -> str:
-    """What became of the grip of an action: held, slipped, not held, or pushed, where nothing was to be held."""
+    """What became of the grip of an action: held, not held, pushed, or what ended the action early, e.g. slipped."""
+    if row.ended_by is not None:
+        return row.ended_by.replace("_", " ")
     if row.kind == PUSH:
         return "pushed"
     if row.slipped:

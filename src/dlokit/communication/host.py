@@ -116,9 +116,9 @@ class Host:
         if task.cancelled() or task.exception() is None:
             return
         error = task.exception()
-        log.error("%s ended: %s", task.get_name(), error, exc_info=error)
         if self._failed is not None and not self._failed.done() and error is not None:
             self._failed.set_exception(error)
+        log.error("%s ended: %s", task.get_name(), error, exc_info=error)
 
 
 async def _handle(component: Component, topic: Topic[Any], method: str, stream: Any) -> None:

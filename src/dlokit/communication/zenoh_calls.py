@@ -156,8 +156,9 @@ class CallServer:
         """Cancel the calls that run for a session that is gone; on the loop."""
         for call_id, task in list(self._tasks.items()):
             if call_id.rpartition("-")[0] == caller:
-                log.warning("%s is cancelled: its caller is gone", task.get_name())
                 task.cancel()
+                # Once it has ended, and the arm stands that it moved: a log line may block.
+                task.add_done_callback(_log_caller_gone)
 
     def _on_query(self, query: zenoh.Query) -> None:
         payload, attachment = query.payload, query.attachment
@@ -204,6 +205,10 @@ class CallServer:
             self._cancelled_early.append(call_id)
         else:
             task.cancel()
+
+
+def _log_caller_gone(task: "asyncio.Task[None]") -> None:
+    log.warning("%s was cancelled: its caller is gone", task.get_name())
 
 
 _WRONG_KEY = codec.encode(

@@ -62,7 +62,7 @@ class DecisionComponent(Component):
         self._radius_m = radius_m
         self._shaping = False
         self._flow: asyncio.Task[object] | None = None
-        self._stopped_by_person = False
+        self._stopped_by = ""
         self._running = asyncio.Event()
         self._running.set()
 
@@ -96,6 +96,7 @@ class DecisionComponent(Component):
         entered: Callable[[FlowStatus], None] = lambda status: None,
         config: TaskConfig | None = None,
         resumed: Journal | None = None,
+        canceller: Callable[[], str] = lambda: "",
     ) -> ShapeResult:
         """Bring the DLO into the requested shape (None: the operator's, from the viewer).
 
@@ -103,14 +104,15 @@ class DecisionComponent(Component):
         task alone. `resumed` is the journal of a task that a crash has ended. Raises `SkillRejected` ``busy`` while
         another task runs.
 
-        Cancelling it stops the robot and ends with outcome `cancelled`; a second cancellation gets through.
+        Cancelling it stops the robot and ends with outcome `cancelled`; a second cancellation gets through. `canceller`
+        then names who cancels it, for the result's reason; empty: its caller.
         """
         if (wrong := self._is_idle("")) is not None:
             raise SkillRejected(api.IDLE.reason, wrong)
         self._shaping = True
         self._running.set()  # a pause of before was that task's
         try:
-            return await self._shape(request, recorded, entered, config or self._config, resumed)
+            return await self._shape(request, recorded, entered, config or self._config, resumed, canceller)
         finally:
             self._shaping = False
 
@@ -121,6 +123,7 @@ class DecisionComponent(Component):
         entered: Callable[[FlowStatus], None],
         config: TaskConfig,
         resumed: Journal | None,
+        canceller: Callable[[], str],
     ) -> ShapeResult:
         odometer = Odometer()
         task = ShapeTask(
@@ -141,27 +144,34 @@ class DecisionComponent(Component):
             chart = RESUME_DLO
         diary = Diary(task, self.gate, entered, self._keep)
         flow = asyncio.create_task(run_flow(chart, task, diary.entered), name="shape_dlo")
-        self._flow, self._stopped_by_person = flow, False
+        self._flow, self._stopped_by = flow, ""
         besides = (
             asyncio.create_task(odometer.follow(self.port.stream(topics.ROBOT_STATE)), name="odometer"),
-            asyncio.create_task(self._obey(flow), name="operator"),
+            asyncio.create_task(self._obey(), name="operator"),
         )
         try:
-            outcome = await _outcome_of(flow, task)
+            outcome = await _outcome_of(flow, task, lambda: self._stopped_by or canceller() or "its caller")
         finally:
             for task_besides in besides:
                 task_besides.cancel()
             await asyncio.gather(*besides, return_exceptions=True)
         if outcome in (RunOutcome.CANCELLED, RunOutcome.FAILED):
             await self._make_safe()
+        _log_mistake(flow)  # after the arm has braked: a log line may block
         diary.close(outcome)
         return _result(task, outcome, tuple(diary.timings))
 
     @implements(api.STOP_TASK)
     async def stop_task(self) -> bool:
         """End the task, whoever asked for it."""
-        self._stopped_by_person = True
-        return self._flow is not None and self._flow.cancel()
+        return self._stop_flow("a call to end the task (dlokit stop)")
+
+    def _stop_flow(self, by: str) -> bool:
+        """End the flow that runs; whether one ran. `by` is for the result's reason; the first to end the flow holds."""
+        ending = self._flow is not None and self._flow.cancel()
+        if ending:
+            self._stopped_by = self._stopped_by or by
+        return ending
 
     async def gate(self) -> None:
         """Wait while the operator has paused, however long; STOP ends the wait with the flow."""
@@ -190,7 +200,7 @@ class DecisionComponent(Component):
 
         A person's stop is latched in the arms; the end of a task for another reason leaves them ready for the next.
         """
-        brake = robot.STOP if self._stopped_by_person else robot.HALT
+        brake = robot.STOP if self._stopped_by else robot.HALT
 
         async def stop_all() -> None:
             for name in self._robots:
@@ -200,12 +210,11 @@ class DecisionComponent(Component):
         with contextlib.suppress(asyncio.CancelledError):
             await asyncio.shield(stop_all())
 
-    async def _obey(self, flow: "asyncio.Task[object]") -> None:
+    async def _obey(self) -> None:
         async for message in self.port.stream(topics.COMMAND):
             match message:
                 case OperatorCommand(command=Command.STOP):
-                    self._stopped_by_person = True
-                    flow.cancel()
+                    self._stop_flow("the viewer's Stop button")
                 case OperatorCommand(command=Command.PAUSE):
                     self._running.clear()
                 case OperatorCommand(command=Command.RESUME):
@@ -221,19 +230,23 @@ def _error_to_asked(task: ShapeTask) -> float | None:
     return rmse_m(task.state.nodes_world, asked.nodes_world, ends_interchangeable=asked.ends_interchangeable)
 
 
-async def _outcome_of(flow: "asyncio.Task[End]", task: ShapeTask) -> RunOutcome:
+async def _outcome_of(flow: "asyncio.Task[End]", task: ShapeTask, stopped_by: Callable[[], str]) -> RunOutcome:
     """How the flow ends: by itself, cancelled, or by a mistake of ours; then the task's reason says so."""
     try:
         return (await flow).outcome
     except asyncio.CancelledError:
         flow.cancel()
         await asyncio.gather(flow, return_exceptions=True)
-        task.reason = "stopped by the operator"
+        task.reason = f"stopped by {stopped_by()}"
         return RunOutcome.CANCELLED
     except Exception as error:  # it must not leave the arm moving, nor lose what was done so far
-        log.exception("the flow raised")
         task.reason = f"{type(error).__name__}: {error}"
         return RunOutcome.FAILED
+
+
+def _log_mistake(flow: "asyncio.Task[End]") -> None:
+    if not flow.cancelled() and (error := flow.exception()) is not None:
+        log.error("the flow raised", exc_info=error)
 
 
 def _result(task: ShapeTask, outcome: RunOutcome, timings: tuple[StepTiming, ...]) -> ShapeResult:

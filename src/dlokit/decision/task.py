@@ -74,6 +74,9 @@ class ActionRecord(Value, frozen=True, kw_only=True, eq=False):
     """What control did before the release."""
     control_end: str = ""
     """Why control ended, or did not begin, by name; empty where it was not asked for."""
+    ended_by: str = ""
+    """What ended the action before its planned end: ``slipped``, or the robot's reason, e.g. ``lease_lost``; empty: it
+    came to that end."""
 
 
 class CameraReport(Value, frozen=True, kw_only=True, eq=False):
@@ -169,6 +172,8 @@ class ShapeTask:
     """Whether closed fingers have pushed the DLO in the action under way."""
     slipped: bool = False
     """Whether the DLO slipped out of the gripper in the action under way."""
+    ended_by: str = ""
+    """What ended the action under way before its planned end, as in its record."""
     belief: DloBelief | None = None
     """What was learnt of the DLO so far."""
     slips: dict[int, int] = field(default_factory=dict[int, int])

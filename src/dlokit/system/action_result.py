@@ -22,6 +22,7 @@ def action_result(action: ActionRecord) -> ActionResult:
         planning_time_s=action.planning_time_s,
         corrections=tuple(_correction(done) for done in action.corrections),
         control_end=action.control_end or None,
+        ended_by=action.ended_by or None,
     )
 
 

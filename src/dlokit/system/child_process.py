@@ -27,15 +27,16 @@ class ChildProcess:
     """
 
     def __init__(self, command: tuple[str, ...], spec: ChildSpec, log_file: Path) -> None:
+        """Start `command`, which appends its output to `log_file`. Raises `OSError` when the machine does not."""
         self._loop = asyncio.get_running_loop()
         self.name = spec.process
         self.log_file = log_file
         self.ready = asyncio.Event()
         self.last_beat_s = self._loop.time()
         self._beats, beat_end = os.pipe()
-        os.set_blocking(self._beats, False)
-        log_file.parent.mkdir(parents=True, exist_ok=True)
         try:
+            os.set_blocking(self._beats, False)
+            log_file.parent.mkdir(parents=True, exist_ok=True)
             with log_file.open("ab") as log:
                 self._popen = subprocess.Popen(
                     (*command, spec.process),  # the name is for people who list processes
@@ -45,6 +46,9 @@ class ChildProcess:
                     pass_fds=(beat_end,),
                     process_group=0,
                 )
+        except BaseException:
+            os.close(self._beats)
+            raise
         finally:
             os.close(beat_end)
         self._loop.add_reader(self._beats, self._on_beat)
@@ -65,10 +69,13 @@ class ChildProcess:
         return self._loop.time() - self.last_beat_s
 
     def tail(self) -> str:
-        """The last lines of its log."""
-        with self.log_file.open("rb") as log:
-            log.seek(max(0, self.log_file.stat().st_size - TAIL_BYTES))
-            lines = log.read().decode(errors="replace").splitlines()
+        """The last lines of its log; where that cannot be read, one line that says why."""
+        try:
+            with self.log_file.open("rb") as log:
+                log.seek(max(0, os.fstat(log.fileno()).st_size - TAIL_BYTES))
+                lines = log.read().decode(errors="replace").splitlines()
+        except OSError as error:
+            return f"the log of {self.name} cannot be read: {error}"
         return "\n".join(lines[-TAIL_LINES:])
 
     def last_line(self) -> str:

@@ -63,6 +63,9 @@ class ActionResult(msgspec.Struct, frozen=True, kw_only=True):
     """What control did before the release."""
     control_end: str | None = None
     """Why control ended, by name; not_worth_it where it was not chosen; None where it was not asked for."""
+    ended_by: str | None = None
+    """What ended the action before its planned end: slipped, or the robot's reason (lease_lost, lost_commander,
+    arms_too_near, …); None where nothing did."""
 
 
 class CameraResult(msgspec.Struct, frozen=True, kw_only=True):
@@ -84,7 +87,7 @@ class RunResult(msgspec.Struct, frozen=True, kw_only=True):
 
     outcome: RunOutcome
     reason: str | None = None
-    """A short name of what stood in the way; None when converged."""
+    """What stood in the way, or who stopped the run; None when converged."""
     actions: int
     rmse_m: float | None
     """The last estimate of the error [m]; None only when the DLO was never seen."""

@@ -22,6 +22,7 @@ from dlokit.system.config import RunConfig
 from dlokit.system.goal_result import VerdictResult, verdict_result
 from dlokit.system.run_record import ActionShape, RunRecord, StepTiming
 from dlokit.system.run_result import ActionResult, RunResult, config_hash
+from dlokit.system.stop_signals import signals_noted
 from dlokit.system.toml_config import to_toml
 from dlokit.types.arrays import Float64Array, UInt8Array
 from dlokit.types.candidates import Candidates
@@ -89,9 +90,13 @@ async def shape(
     helpers = [asyncio.create_task(waiting) for waiting in (album.fill(), *_told(transport, watch))]
     began_s, began_ns = time.perf_counter(), clock.now_ns()
     try:
-        result = await decision.shape(
-            job.request, lambda record: watch.action(action_result(record)), resumed=job.resumed
-        )
+        with signals_noted() as canceller:
+            result = await decision.shape(
+                job.request,
+                lambda record: watch.action(action_result(record)),
+                resumed=job.resumed,
+                canceller=canceller,
+            )
         last_ns = result.history[-1].release_stamp_ns if result.history else clock.now_ns()
         # Whoever ends the run now still gets the result: it stands.
         with contextlib.suppress(asyncio.CancelledError):

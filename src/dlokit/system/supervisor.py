@@ -69,6 +69,7 @@ class Supervisor:
         self._bus = bus
         self._watched: dict[str, _Watched] = {}
         self._watching: asyncio.Task[None] | None = None
+        self._stopping = False
         self._failed: asyncio.Future[None] | None = None
 
     @property
@@ -84,9 +85,11 @@ class Supervisor:
             await self._stop_all()
             raise
         self._watching = asyncio.create_task(self._watch(), name="watch processes")
+        self._watching.add_done_callback(self._watch_ended)
         return self
 
     async def __aexit__(self, *exc: object) -> None:
+        self._stopping = True
         if self._watching is not None:
             await end_tasks(self._watching)
         await self._stop_all()
@@ -94,9 +97,10 @@ class Supervisor:
             self._failed.exception()  # retrieved, so that the loop does not complain
 
     async def wait_failed(self) -> None:
-        """Return never, but raise when an essential process is dead for good.
+        """Return never, but raise when an essential process is dead for good, or the watch over the processes ends.
 
-        `ProcessFailure` names it; `InputError` says what of the configuration or the machine it could not work with.
+        `ProcessFailure` names it (``supervisor_failed`` is the end of the watch); `InputError` says what of the
+        configuration or the machine a process could not work with.
         """
         assert self._failed is not None, "the supervisor is not started"
         await asyncio.shield(self._failed)
@@ -118,12 +122,15 @@ class Supervisor:
         # All at once, because loading libraries is most of it; whoever comes after others waits for them by itself.
         for wave in waves:
             for row in wave:
-                self._watched[row.name] = _Watched(row, self._spawn(row), [asyncio.get_running_loop().time()])
+                child = self._spawn(row)
+                self._watched[row.name] = _Watched(row, child, [asyncio.get_running_loop().time()])
+                _log_start(child)
         for wave in waves:
             for row in wave:
                 await self._until_ready(self._watched[row.name])
 
     def _spawn(self, row: ProcessRow) -> ChildProcess:
+        """Start a process. Raises `ProcessFailure` when the machine does not start it or cannot open its log file."""
         spec = ChildSpec(
             process=row.name,
             components=row.components,
@@ -137,9 +144,12 @@ class Supervisor:
             after=tuple(name for other in self._rows if other.name in row.after for name in other.components),
             beat_fd=-1,
         )
-        child = ChildProcess(self._launch.command, spec, self._launch.run_dir / "logs" / f"{row.name}.log")
-        log.info("%s started as process %d", row.name, child.pid)
-        return child
+        log_file = self._launch.run_dir / "logs" / f"{row.name}.log"
+        try:
+            return ChildProcess(self._launch.command, spec, log_file)
+        except OSError as error:
+            detail = f"{error}; its log file is {log_file}. Free what the machine lacks, then start the run again."
+            raise ProcessFailure(f"process_not_started: {row.name}", detail) from error
 
     async def _until_ready(self, watched: _Watched) -> None:
         row, child = watched.row, watched.child
@@ -177,9 +187,7 @@ class Supervisor:
         row, child = watched.row, watched.child
         if watched.restart_at_s is not None:
             if now_s >= watched.restart_at_s:
-                watched.restart_at_s = None
-                watched.started_s.append(now_s)
-                watched.child = self._spawn(row)
+                self._start_again(watched, now_s)
         elif child.exit_code is not None:
             self._bury(watched, now_s, _cause_of_death(child))
         elif child.ready.is_set() and child.silent_s() > row.silent_for_s:
@@ -189,19 +197,48 @@ class Supervisor:
             detail = f"not ready within {row.ready_within_s:g} s; see {child.log_file}\n{child.tail()}"
             self._bury(watched, now_s, ProcessFailure(f"process_not_ready: {row.name}", detail))
 
+    def _start_again(self, watched: _Watched, now_s: float) -> None:
+        watched.restart_at_s = None
+        watched.started_s.append(now_s)
+        try:
+            watched.child = self._spawn(watched.row)
+        except ProcessFailure as failure:
+            self._settle(watched, now_s, failure)
+        else:
+            _log_start(watched.child)
+
     def _bury(self, watched: _Watched, now_s: float, cause: DlokitError) -> None:
         watched.child.release()
+        self._settle(watched, now_s, cause)
+
+    def _settle(self, watched: _Watched, now_s: float, cause: DlokitError) -> None:
+        """Decide whether a process that does not run is started again; what is decided holds before it is logged."""
         if may_restart(watched.row.restart, watched.started_s, now_s):
-            log.warning("%s; it is started again", cause)
             # Longer each time: what dies at once would else be started as often as the machine can.
             watched.restart_at_s = now_s + watched.row.restart.wait_s * 2 ** recent_restarts(
                 watched.row.restart, watched.started_s, now_s
             )
+            log.warning("%s; it is started again", cause)
             return
-        log.error("%s", cause)
         watched.given_up = True
-        if watched.row.essential and self._failed is not None and not self._failed.done():
+        if watched.row.essential:
+            self._fail(cause)
+        log.error("%s", cause)
+
+    def _fail(self, cause: DlokitError) -> None:
+        """Tell the task that waits in `wait_failed`; the first cause holds."""
+        if self._failed is not None and not self._failed.done():
             self._failed.set_exception(cause)
+
+    def _watch_ended(self, watch: "asyncio.Task[None]") -> None:
+        """Fail the run when the watch has ended though the processes are not being stopped: nothing notices a death."""
+        if self._stopping:
+            return
+        error = None if watch.cancelled() else watch.exception()
+        why = "cancelled" if error is None else type(error).__name__
+        failure = ProcessFailure(f"supervisor_failed: {why}", f"the processes are not watched any more: {error or why}")
+        self._fail(failure)
+        log.error("%s", failure, exc_info=error)
 
     async def _stop_all(self) -> None:
         try:
@@ -212,6 +249,10 @@ class Supervisor:
             # Also when the stopping itself is cancelled: none is left behind.
             for watched in self._watched.values():
                 watched.child.release()
+
+
+def _log_start(child: ChildProcess) -> None:
+    log.info("%s started as process %d", child.name, child.pid)
 
 
 def _report(watched: _Watched) -> ProcessReport:

@@ -1,5 +1,6 @@
 import io
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -8,7 +9,7 @@ from made_results import made_action, made_run
 from rich.console import Console
 
 from dlokit.app.outcome_words import MEANINGS, outcome_in_words
-from dlokit.app.terminal import RunDisplay, action_table
+from dlokit.app.terminal import RunDisplay, action_table, grip_in_words
 from dlokit.system.run_result import CameraResult
 from dlokit.types.candidates import Candidates, CandidateSeen
 from dlokit.types.flow import FlowStatus, RunOutcome
@@ -175,10 +176,12 @@ def test_a_run_whose_actions_did_not_do_as_predicted_names_the_commands_that_lea
     assert "--learn" in words
     assert "dlokit identify" in words
     slipped = tuple(msgspec.structs.replace(row, slipped=True) for row in rows)
+    braked = tuple(msgspec.structs.replace(row, ended_by="lease_lost") for row in rows)
     for said in (
         msgspec.structs.replace(stalled, outcome=RunOutcome.CONVERGED),
         msgspec.structs.replace(stalled, history=rows[:1]),
         msgspec.structs.replace(stalled, history=slipped),
+        msgspec.structs.replace(stalled, history=braked),
         msgspec.structs.replace(stalled, history=ROWS),
     ):
         assert "predicted" not in outcome_in_words(said)
@@ -195,3 +198,27 @@ def test_what_was_said_of_the_camera_is_written_once(terminal: bool) -> None:
     assert _written(console)[len(while_running) :].count("3.4 mm") == (1 if terminal else 0)
     if not terminal:
         assert while_running.count("3.4 mm") == 1
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({}, "held"),
+        ({"grasp_ok": False}, "not held"),
+        ({"kind": "push"}, "pushed"),
+        ({"slipped": True}, "slipped"),
+        ({"slipped": True, "ended_by": "slipped"}, "slipped"),
+        ({"ended_by": "lease_lost"}, "lease lost"),
+        ({"kind": "push", "ended_by": "lost_commander"}, "lost commander"),
+        ({"grasp_ok": False, "ended_by": "joint_limit"}, "joint limit"),
+    ],
+)
+def test_what_ended_an_action_is_named_by_its_cause(changes: dict[str, Any], words: str) -> None:
+    assert grip_in_words(msgspec.structs.replace(made_action(1), **changes)) == words
+
+
+def test_who_stopped_a_run_is_named() -> None:
+    stopped = msgspec.structs.replace(RESULT, outcome=RunOutcome.CANCELLED, reason="stopped by SIGTERM")
+    words = outcome_in_words(stopped)
+    assert "Reason: stopped by SIGTERM." in words
+    assert "operator" not in words

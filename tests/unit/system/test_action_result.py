@@ -43,6 +43,11 @@ def test_an_action_without_control_says_so() -> None:
     assert row.control_end is None
 
 
+@pytest.mark.parametrize(("ended_by", "told"), [("", None), ("lease_lost", "lease_lost")])
+def test_what_ended_an_action_early_is_told_by_name(ended_by: str, told: str | None) -> None:
+    assert action_result(msgspec.structs.replace(_record((), ""), ended_by=ended_by)).ended_by == told
+
+
 def test_how_far_a_shape_is_from_the_one_that_was_predicted_is_told_where_one_was() -> None:
     record = _record((), "")
     assert action_result(record).missed_m is None

@@ -26,7 +26,7 @@ FIELDS = [
 ]
 ACTION_FIELDS = [
     *("action", "kind", "grasp_node", "grasp_ok", "slipped", "rmse_m", "predicted_rmse_m", "missed_m", "true_rmse_m"),
-    *("duration_s", "robot_time_s", "path_length_m", "planning_time_s", "corrections", "control_end"),
+    *("duration_s", "robot_time_s", "path_length_m", "planning_time_s", "corrections", "control_end", "ended_by"),
 ]
 ACTION = ActionResult(
     action=1,

@@ -49,12 +49,25 @@ def judge_motion(task: ShapeTask, skill: str, outcome: Outcome[Any]) -> Moved:
     return Moved.FAILED
 
 
+def judge_action(task: ShapeTask, skill: str, outcome: Outcome[Any]) -> Moved:
+    """As `judge_motion`, for a motion without which the action does not come to its planned end."""
+    note_end(task, outcome)
+    return judge_motion(task, skill, outcome)
+
+
+def note_end(task: ShapeTask, outcome: Outcome[Any]) -> None:
+    """Keep why a motion was not done as what ended the action under way; the first cause holds."""
+    if isinstance(outcome, Failed | Rejected):
+        task.ended_by = task.ended_by or outcome.reason
+
+
 async def choose_grasp(task: ShapeTask) -> Found:
     """Best valid, unmarked grasp; the planner tries the next best where one is invalid."""
     assert task.state is not None
     assert task.goal is not None
     task.action_started_ns = task.port.clock.now_ns()
     task.grasp_ok = task.slipped = task.pushed = task.deadlock = False
+    task.ended_by = ""
     began = task.stopwatch()
     invalid = {pair.node for pair in task.marks} | task.slippery
     marks = Marks(invalid_nodes=np.array(sorted(invalid), dtype=np.int64))
@@ -91,8 +104,8 @@ async def approach(task: ShapeTask) -> Moved:
     """Open the fingers and move above the grasp in joint space."""
     opened = await hands.open_fingers(task)
     if not isinstance(opened, Succeeded):
-        return judge_motion(task, "robot.release", opened)
-    moved = judge_motion(task, "robot.move_to", await hands.go_above(task))
+        return judge_action(task, "robot.release", opened)
+    moved = judge_action(task, "robot.move_to", await hands.go_above(task))
     if moved is Moved.REFUSED and task.chosen.partner is not None:
         # One of the two may stand above its grasp already, in the way of what is chosen next.
         refused = task.reason
@@ -105,7 +118,7 @@ async def approach(task: ShapeTask) -> Moved:
 
 async def grasp(task: ShapeTask) -> Grasped:
     """Straight down and close; to push, the fingers are closed already and have nothing to feel."""
-    match judge_motion(task, "robot.move_linear", await hands.go_down(task)):
+    match judge_action(task, "robot.move_linear", await hands.go_down(task)):
         case Moved.REFUSED:
             return Grasped.MISSED
         case Moved.INTERRUPTED:
@@ -134,7 +147,7 @@ async def move_to_goal(task: ShapeTask) -> Carried:
         await task.port.call(perception.SET_TRACKING, 0.0)
     if task.slipped:
         return Carried.SLIPPED
-    match judge_motion(task, "robot.follow_path", moved):
+    match judge_action(task, "robot.follow_path", moved):
         case Moved.DONE:
             return Carried.TO_CONTROL if task.controlled else Carried.DONE
         case Moved.REFUSED:
@@ -147,7 +160,7 @@ async def move_to_goal(task: ShapeTask) -> Carried:
 
 async def push(task: ShapeTask) -> Moved:
     """Move the closed fingers along the path; what became of the rod is seen afterwards."""
-    judged = judge_motion(task, "robot.follow_path", await hands.follow_paths(task))
+    judged = judge_action(task, "robot.follow_path", await hands.follow_paths(task))
     task.pushed = judged is Moved.DONE
     return judged
 

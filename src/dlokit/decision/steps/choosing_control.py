@@ -31,7 +31,7 @@ async def choose_control(task: ShapeTask, action: Action) -> None:
 def missed_m(history: Sequence[ActionRecord], kind: str) -> float:
     """How far actions of a kind ended from what was predicted (RMS) [m]; 0 before the first.
 
-    Those that missed the DLO, lost it, or were corrected on the way tell nothing.
+    Those that missed the DLO, lost it, ended early, or were corrected on the way tell nothing.
     """
     squares = [
         rmse_m(done.nodes_world, done.expected_world) ** 2
@@ -42,4 +42,4 @@ def missed_m(history: Sequence[ActionRecord], kind: str) -> float:
 
 
 def _as_planned(done: ActionRecord) -> bool:
-    return done.grasp_ok and not done.slipped and not done.corrections
+    return done.grasp_ok and not done.slipped and not done.ended_by and not done.corrections

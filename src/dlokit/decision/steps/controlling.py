@@ -4,7 +4,7 @@ import msgspec
 
 from dlokit.communication import topics
 from dlokit.decision.looking import settle
-from dlokit.decision.steps.acting import judge_motion
+from dlokit.decision.steps.acting import judge_motion, note_end
 from dlokit.decision.steps.explaining import explain
 from dlokit.decision.steps.outcomes import Controlled, Moved
 from dlokit.decision.task import CorrectionRecord, ShapeTask
@@ -42,6 +42,7 @@ async def control(task: ShapeTask) -> Controlled:
         case Moved.REFUSED:
             return _ends(task, Controlled.DEADLOCK, "out_of_reach")
         case Moved.INTERRUPTED:
+            note_end(task, moved)
             return Controlled.INTERRUPTED
         case Moved.FAILED:
             return Controlled.FAILED

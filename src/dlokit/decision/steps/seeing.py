@@ -233,6 +233,7 @@ async def track_again(task: ShapeTask) -> Sight:
         path_world=np.array([pose.position_m for pose in (task.chosen.grasp.T_world_tcp, *task.chosen.path)]),
         corrections=tuple(task.corrections_seen),
         control_end=task.control_end,
+        ended_by=task.ended_by,
     )
     task.belief = await _learnt(task) or task.belief
     task.history.append(record)
@@ -242,7 +243,7 @@ async def track_again(task: ShapeTask) -> Sight:
 
 async def _learnt(task: ShapeTask) -> DloBelief | None:
     """What the action said of the DLO; None where nothing is learnt, which stops nothing."""
-    if not (task.config.learn and task.grasp_ok) or task.slipped or task.before_world is None or task.state is None:
+    if not (task.config.learn and task.grasp_ok) or task.ended_by or task.before_world is None or task.state is None:
         return None
     said = await task.port.call(model.LEARN, task.before_world, task.state.nodes_world)
     return said.result if isinstance(said, Succeeded) else None

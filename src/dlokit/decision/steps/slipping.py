@@ -12,6 +12,8 @@ from dlokit.types.arrays import Float64Array
 from dlokit.types.outcome import Outcome
 from dlokit.types.robot import MotionResult
 
+SLIPPED = "slipped"
+"""The name of a slip as the end of an action."""
 _STILL_M = 0.008  # a DLO no node of which moved by more than this has not moved, as far as a camera can tell
 _MOVED_M = 0.03  # a tool that came to rest nearer than this to the grasp need not have moved the DLO visibly
 
@@ -49,13 +51,16 @@ async def _fingers_close(task: ShapeTask, hand: Hand) -> None:
 
 def note_slip(task: ShapeTask, node: int) -> None:
     """The action under way has lost the DLO at that node; one that lost it twice is not grasped again."""
-    task.slipped = True
+    task.slipped, task.ended_by = True, task.ended_by or SLIPPED
     task.slips[node] = task.slips.get(node, 0) + 1
 
 
 def stayed_behind(task: ShapeTask, after_world: Float64Array) -> bool:
-    """Whether the tool went away and the DLO, now lying as `after_world` (M, 3) [m], did not come with it."""
-    if not task.grasp_ok or task.slipped or task.before_world is None:
+    """Whether the tool went away and the DLO, now lying as `after_world` (M, 3) [m], did not come with it.
+
+    Of a carry that ended before its planned end it is not known how far the tool went: that one says nothing.
+    """
+    if not task.grasp_ok or task.ended_by or task.before_world is None:
         return False
     action = task.chosen
     way_m = np.linalg.norm(action.path[-1].position_m[:2] - action.grasp.T_world_tcp.position_m[:2])

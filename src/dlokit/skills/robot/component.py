@@ -141,9 +141,11 @@ class RobotComponent(Component):
             return
         why = self._neighbours.too_near(state)
         if why:
-            log.warning("braked: %s", why)
+            self._braked_because = ARMS_TOO_NEAR
+            self._robot.brake()  # at once: the task below begins after the log line, which may block
             # Not awaited: the other arm must hear of this one while it brakes.
             self._braking = asyncio.create_task(self._brake(ARMS_TOO_NEAR), name="robot braking")
+            log.warning("braked: %s", why)
 
     @implements(api.MOVE_JOINTS)
     async def move_joints(self, q_rad: Float64Array) -> MotionResult:

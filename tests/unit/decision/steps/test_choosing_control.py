@@ -36,6 +36,7 @@ def test_only_actions_of_the_same_kind_that_went_as_planned_tell_how_far_such_ac
         done("lay-down", 0.2),
         done("drag", 0.2, grasp_ok=False),
         done("drag", 0.2, slipped=True),
+        done("drag", 0.2, ended_by="lease_lost"),
         done("drag", 0.2, corrections=(CORRECTION,)),
         done("drag", 0.2, expected_world=None),
     )

@@ -1,0 +1,94 @@
+"""A log line that blocks or raises keeps no arm moving: the order to brake is given first."""
+
+import asyncio
+import logging
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from unittest.mock import MagicMock
+
+import pytest
+from robot_bench import PerfectArm, reason
+
+from dlokit.communication import virtual_time, zenoh_calls
+from dlokit.communication.clock import LoopClock
+from dlokit.communication.compute import InlineCompute
+from dlokit.communication.host import Host
+from dlokit.communication.memory import MemoryTransport
+from dlokit.communication.port import Port
+from dlokit.skills.robot import api, component
+from dlokit.skills.robot.apart import ARMS_TOO_NEAR
+from dlokit.skills.robot.component import RobotComponent
+from dlokit.skills.robot.config import RobotConfig
+from dlokit.skills.robot.neighbours import Neighbours
+
+
+@contextmanager
+def before_each_line(log: logging.Logger, look: Callable[[], None], *, raises: bool) -> Generator[None]:
+    """Call `look` when a line is logged, at the moment at which a handler could block."""
+
+    class Handler(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            look()
+            if raises:
+                raise OSError("no space left on device")
+
+    handler = Handler()
+    log.addHandler(handler)
+    try:
+        yield
+    finally:
+        log.removeHandler(handler)
+
+
+@pytest.mark.parametrize("raises", [False, True], ids=["blocks", "raises"])
+def test_an_arm_that_comes_too_near_brakes_before_the_log_line(monkeypatch: pytest.MonkeyPatch, raises: bool) -> None:
+    def too_near(self: Neighbours, state: object) -> str:
+        return "0.02 m apart"
+
+    monkeypatch.setattr(Neighbours, "too_near", too_near)
+    arm, stops = PerfectArm(), list[int]()
+
+    async def main() -> None:
+        transport, clock = MemoryTransport(), LoopClock()
+        host = Host(transport, clock)
+        host.add(RobotComponent(RobotConfig(), arm, lambda: 0, neighbours=("opposite",)))
+        async with host:
+            port = Port(transport, clock, InlineCompute(), owner="test", publishes=())
+            outcome = await port.call(api.GRASP)
+            # A component whose log raises ends, and no arm of its own obeys the order to brake here.
+            assert raises or reason(outcome) == ARMS_TOO_NEAR
+            await asyncio.sleep(1.0)
+
+    with before_each_line(component.log, lambda: stops.append(arm.stops), raises=raises):
+        virtual_time.run(main())
+    assert stops == [1]
+
+
+@pytest.mark.parametrize("raises", [False, True], ids=["blocks", "raises"])
+def test_the_motions_of_a_caller_that_is_gone_have_ended_before_the_log_line(raises: bool) -> None:
+    braked: list[str] = []
+    lines: list[int] = []
+
+    async def motion(arm: str) -> None:
+        try:
+            await asyncio.Event().wait()
+        finally:
+            await asyncio.sleep(0.3)  # until it stands
+            braked.append(arm)
+
+    async def main() -> None:
+        asyncio.get_running_loop().set_exception_handler(lambda loop, context: None)  # the handler of the log raises
+        server = zenoh_calls.CallServer(MagicMock(), "robot", MagicMock(), b"", MagicMock())
+        tasks = {f"dead-{arm}": asyncio.create_task(motion(arm)) for arm in ("one", "two")}
+        server._tasks.update(tasks)  # pyright: ignore[reportPrivateUsage]  # else it takes a network
+        await asyncio.sleep(0.1)
+        server.cancel_all_of("dead")
+        assert lines == []  # nothing that may block stands before the end of this turn of the loop
+        await asyncio.wait(tasks.values())
+        await asyncio.sleep(0.0)
+
+    with before_each_line(zenoh_calls.log, lambda: lines.append(len(braked)), raises=raises):
+        virtual_time.run(main())
+    assert braked == ["one", "two"]
+    assert len(lines) == 2
+    assert all(lines)
