@@ -12,12 +12,14 @@ from playwright.async_api import Page, async_playwright
 
 from dlokit.communication import topics
 from dlokit.communication.clock import LoopClock
+from dlokit.communication.component import Component, implements
 from dlokit.communication.host import Host
 from dlokit.communication.memory import MemoryTransport
 from dlokit.description.panda_data import PANDA_HOME_Q_RAD
 from dlokit.description.shapes import builtin_shape
-from dlokit.geometry import pose, tangents
-from dlokit.skills.viewer.component import RodOutline, ViewerComponent
+from dlokit.geometry import downward, pose, tangents
+from dlokit.skills.robot import api as robot
+from dlokit.skills.viewer.component import ArmButtons, RodOutline, ViewerComponent
 from dlokit.skills.viewer.config import ViewerConfig
 from dlokit.skills.viewer.frames import HEIGHT_M, SCALE_M
 from dlokit.skills.viewer.scene import VISITOR_FOV_RAD, VISITOR_LOOK_AT_M, VISITOR_POSITION_M
@@ -57,8 +59,8 @@ pytestmark = [
 class Visit:
     """One visitor of a running viewer."""
 
-    def __init__(self, page: Page, bus: MemoryTransport, url: str, requests: list[str]) -> None:
-        self.page, self.bus, self.url, self.requests = page, bus, url, requests
+    def __init__(self, page: Page, bus: MemoryTransport, url: str, requests: list[str], arm: "Arm") -> None:
+        self.page, self.bus, self.url, self.requests, self.arm = page, bus, url, requests, arm
 
     async def scene_picture(self) -> UInt8Array:
         """The scene as the browser shows it, (H, W, 3) BGR, without the panel beside it."""
@@ -87,6 +89,41 @@ class Visit:
         await self.page.mouse.up()
 
 
+class Arm(Component):
+    """Notes what a person's buttons ask of it, and says whether it is stopped."""
+
+    name = "robot"
+    publishes = (topics.ROBOT_STATE,)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.asked = asyncio.Queue[str]()
+
+    @implements(robot.STOP)
+    async def stop(self) -> None:
+        self.asked.put_nowait("stop")
+        self._say(latched=True)
+
+    @implements(robot.ENABLE)
+    async def enable(self) -> None:
+        self.asked.put_nowait("enable")
+        self._say(latched=False)
+
+    def _say(self, *, latched: bool) -> None:
+        state = RobotState(
+            stamp_ns=1,
+            robot="panda",
+            q_rad=PANDA_HOME_Q_RAD,
+            dq_rad_s=np.zeros(7),
+            tau_nm=np.zeros(7),
+            T_world_tcp=downward([0.5, 0.0, 0.3], 0.0),
+            finger_width_m=0.08,
+            mode=RobotMode.IDLE,
+            stop_latched=latched,
+        )
+        self.port.publish(topics.ROBOT_STATE, state)
+
+
 def _visitor_axes() -> tuple[Float64Array, Float64Array, Float64Array]:
     forward = np.array(VISITOR_LOOK_AT_M) - np.array(VISITOR_POSITION_M)
     forward /= np.linalg.norm(forward)
@@ -99,8 +136,17 @@ def _visitor_axes() -> tuple[Float64Array, Float64Array, Float64Array]:
 async def _a_visit(*, operated: bool = True) -> AsyncGenerator[Visit]:
     bus = MemoryTransport()
     host = Host(bus, LoopClock())
-    viewer = ViewerComponent(ViewerConfig(port=0), flow=FLOW, rod=ROD, threshold_m=0.012, operated=operated)
+    viewer = ViewerComponent(
+        ViewerConfig(port=0),
+        flow=FLOW,
+        rod=ROD,
+        threshold_m=0.012,
+        operated=operated,
+        arms=(ArmButtons(stop=robot.STOP, enable=robot.ENABLE),),
+    )
     host.add(viewer)
+    arm = Arm()
+    host.add(arm)
     async with host, async_playwright() as playwright:
         await asyncio.wait_for(viewer.opened.wait(), LONG_S)
         bus.publish(topics.FLOW, _status("look", 0.050))
@@ -112,7 +158,7 @@ async def _a_visit(*, operated: bool = True) -> AsyncGenerator[Visit]:
             page.on("websocket", lambda socket: requests.append(socket.url.replace("ws://", "http://")))
             await page.goto(viewer.url, timeout=LONG_S * 1000)
             await page.get_by_text("RMSE 50.0 mm").wait_for(timeout=LONG_S * 1000)  # after all that does not change
-            yield Visit(page, bus, viewer.url, requests)
+            yield Visit(page, bus, viewer.url, requests, arm)
         finally:
             await browser.close()
 
@@ -157,6 +203,22 @@ def _on_the_rod(frames: GoalFrames) -> bool:
 
 def test_whoever_comes_late_sees_what_was_published_before(runner: asyncio.Runner, visit: Visit) -> None:
     runner.run(visit.page.get_by_text("RMSE 50.0 mm").wait_for(timeout=LONG_S * 1000))
+
+
+def test_stop_goes_to_the_arm_itself_and_enable_is_offered_while_it_is_latched(
+    runner: asyncio.Runner, visit: Visit
+) -> None:
+    async def scenario() -> None:
+        enable = visit.page.get_by_role("button", name="Enable arms")
+        assert await enable.count() == 0
+        # No decision component is here: the arm hears of it all the same.
+        await visit.page.get_by_role("button", name="Stop").click(timeout=LONG_S * 1000)
+        assert await asyncio.wait_for(visit.arm.asked.get(), LONG_S) == "stop"
+        await enable.click(timeout=LONG_S * 1000)
+        assert await asyncio.wait_for(visit.arm.asked.get(), LONG_S) == "enable"
+        await enable.wait_for(state="detached", timeout=LONG_S * 1000)
+
+    runner.run(scenario())
 
 
 def test_a_page_to_watch_offers_nothing_that_nobody_would_hear_of(runner: asyncio.Runner, visit: Visit) -> None:

@@ -163,7 +163,7 @@ def test_a_flow_that_raises_brakes_the_arm_before_the_log_line(monkeypatch: pyte
 
     class Looks(logging.Handler):
         def emit(self, record: logging.LogRecord) -> None:
-            called.append("stop" in broken.calls)
+            called.append("halt" in broken.calls)
 
     handler = Looks(level=logging.ERROR)
     monkeypatch.setattr(hands, "go_above", raises)

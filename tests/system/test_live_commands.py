@@ -20,7 +20,7 @@ from dlokit.system.processes import CELL, ROBOT, ProcessRow
 from dlokit.system.start_file import write_start
 from dlokit.system.supervisor import Launch
 from dlokit.system.toml_config import to_toml
-from dlokit.types.outcome import Failed
+from dlokit.types.outcome import Failed, Rejected, Succeeded
 from dlokit.types.robot import RobotState
 
 pytestmark = pytest.mark.system
@@ -37,7 +37,7 @@ STANDING_RAD_S = 0.01
 
 @asynccontextmanager
 async def arm_and_cell(folder: Path) -> AsyncGenerator[LiveSystem]:
-    config = RunConfig()
+    config = RunConfig(runtime="live")
     write_start(folder, builtin_shape("I", config.cell.dlo.length_m, 101, radius_m=config.cell.dlo.radius_m))
     (folder / CONFIG_FILE).write_text(to_toml(config), encoding="utf-8")
     launch = Launch(namespace=namespace_of(folder), config_file=folder / CONFIG_FILE, run_dir=folder)
@@ -69,13 +69,22 @@ def test_an_arm_is_called_and_stopped_in_the_middle_of_a_motion(
             assert capsys.readouterr().out.startswith("succeeded {")
             moving = asyncio.create_task(live.transport.call(robot.MOVE_JOINTS, far_rad))
             await until_speed(live.transport, MOVING_RAD_S, np.inf)
-            assert await dlokit("stop", "--run", str(tmp_path)) == 0
-            assert capsys.readouterr().out == f"{tmp_path}: panda succeeded; it has no task to end\n"
+            # There is no decision process here, so nobody can say that no task goes on.
+            assert await dlokit("stop", "--run", str(tmp_path)) == 3
+            said = capsys.readouterr().out.splitlines()
+            assert said[0] == f"{tmp_path}: panda stands, and is stopped until dlokit enable"
+            assert said[1].startswith(f"{tmp_path}: its decision process does not answer")
             outcome = await moving
             assert isinstance(outcome, Failed)
             assert outcome.reason == "stopped"
             stands = await until_speed(live.transport, 0.0, STANDING_RAD_S)
             # Far from where it was sent: a motion that is at its end is a hundredth of this away.
             assert np.abs(stands.q_rad - far_rad).max() > 0.1 * FAR_RAD
+            refused = await live.transport.call(robot.HOME)
+            assert isinstance(refused, Rejected)
+            assert refused.reason == "stop_latched"
+            assert await dlokit("enable", "--run", str(tmp_path)) == 0
+            assert capsys.readouterr().out == "panda is enabled\n"
+            assert isinstance(await live.transport.call(robot.HOME), Succeeded)
 
     asyncio.run(body())

@@ -1,7 +1,7 @@
 """`dlokit stop`: the arms of running systems brake and stay stopped, and their tasks end, whatever else is wrong."""
 
 import asyncio
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -59,42 +59,58 @@ def run_stop(args: StopArgs) -> int:
     systems = running_systems(starting=True) if args.run is None else [the_running_system(args.run, starting=True)]
     if not systems:
         raise InputError("no system of yours runs: there is nothing to stop.")
-    said = asyncio.run(stop_all(systems))
-    for system, stopped in zip(systems, said, strict=True):
-        print(f"{system.folder}: {stopped.text}")
+    said = asyncio.run(stop_all(systems, say=print))
     return EXIT_ALL_STAND if all(stopped.stands for stopped in said) else EXIT_NOT_ALL
 
 
 async def stop_all(
-    systems: Sequence[RunningSystem], found_within_s: float = FOUND_WITHIN_S, stopped_within_s: float = STOPPED_WITHIN_S
+    systems: Sequence[RunningSystem],
+    found_within_s: float = FOUND_WITHIN_S,
+    stopped_within_s: float = STOPPED_WITHIN_S,
+    say: Callable[[str], None] = lambda line: None,
 ) -> list[Stopped]:
-    """Stop all of them at once; none waits for another, and what is wrong with one is said in its line."""
+    """Stop all of them at once; none waits for another, and what is wrong with one is said in its lines."""
 
     async def stopped(system: RunningSystem) -> Stopped:
+        lines = list[str]()
+
+        def note(line: str) -> None:
+            lines.append(line)
+            say(f"{system.folder}: {line}")
+
         try:
             async with asyncio.timeout(stopped_within_s):
-                return await _stop(system, found_within_s)
+                stands = await _stop(system, found_within_s, note)
         except TimeoutError:
-            return Stopped(stands=False, text=f"it did not answer within {stopped_within_s:g} s")
+            stands = False
+            note(f"it did not answer within {stopped_within_s:g} s")
         except Exception as error:  # whatever is wrong with one system, the arms of the others must brake
-            return Stopped(stands=False, text=f"it could not be asked: {error}")
+            stands = False
+            note(f"it could not be asked: {error}")
+        return Stopped(stands=stands, text="; ".join(lines))
 
     return await asyncio.gather(*(stopped(system) for system in systems))
 
 
-async def _stop(system: RunningSystem, found_within_s: float) -> Stopped:
-    """Each arm by the socket of its own process, and only where there is none over the bus; then the task."""
-    arms = arms_of(Path(system.folder))
+async def _stop(system: RunningSystem, found_within_s: float, note: Callable[[str], None]) -> bool:
+    """Each arm by the socket of its own process, and only where there is none over the bus; then the task.
+
+    Whether all of it was confirmed. Arms are noted as they answer: a frozen decision process is waited for.
+    """
+
+    async def brake(mount: ArmMount) -> bool:
+        answer = await _brake(system, mount, found_within_s)
+        note(f"{mount.robot} {answer.text}")
+        return answer.confirmed
+
     ending = asyncio.create_task(_end_task(system, found_within_s))
     try:
-        answers = await asyncio.gather(*(_brake(system, mount, found_within_s) for mount in arms))
+        stand = await asyncio.gather(*(brake(mount) for mount in arms_of(Path(system.folder))))
         ended = await ending
     finally:
         ending.cancel()
-    words = [f"{mount.robot} {answer.text}" for mount, answer in zip(arms, answers, strict=True)]
-    return Stopped(
-        stands=ended.confirmed and all(answer.confirmed for answer in answers), text="; ".join((*words, ended.text))
-    )
+    note(ended.text)
+    return ended.confirmed and all(stand)
 
 
 async def _brake(system: RunningSystem, mount: ArmMount, found_within_s: float) -> Answer:

@@ -156,7 +156,8 @@ def build_viewer(config: RunConfig, *, operated: bool, key: str | None = None) -
     `key` is that of its page; None: a new one.
     """
     from dlokit.decision.shape_flow import SHAPE_DLO
-    from dlokit.skills.viewer.component import RodOutline, ViewerComponent
+    from dlokit.skills.robot import api as robot
+    from dlokit.skills.viewer.component import ArmButtons, RodOutline, ViewerComponent
 
     return ViewerComponent(
         config.viewer,
@@ -164,6 +165,10 @@ def build_viewer(config: RunConfig, *, operated: bool, key: str | None = None) -
         rod=RodOutline(nodes=config.model.nodes, length_m=config.model.length_m, radius_m=config.model.radius_m),
         threshold_m=config.task.threshold_m,
         operated=operated,
+        arms=tuple(
+            ArmButtons(stop=robot.STOP.at(mount.instance), enable=robot.ENABLE.at(mount.instance))
+            for mount in ARMS[: config.arms]
+        ),
         key=key,
     )
 

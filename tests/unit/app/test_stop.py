@@ -4,7 +4,7 @@ import asyncio
 import itertools
 import os
 import socket
-from collections.abc import AsyncGenerator, Sequence
+from collections.abc import AsyncGenerator, Callable, Sequence
 from contextlib import asynccontextmanager
 from pathlib import Path
 
@@ -151,8 +151,10 @@ def test_a_line_a_system_and_a_code_that_tells_whether_all_stand(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    async def told(systems: Sequence[RunningSystem]) -> list[Stopped]:
-        return [Stopped(stands=one, text=f"stands: {one}") for one in stands]
+    async def told(systems: Sequence[RunningSystem], say: Callable[[str], None]) -> list[Stopped]:
+        for system, one in zip(systems, stands, strict=True):
+            say(f"{system.folder}: stands: {one}")
+        return [Stopped(stands=one, text="") for one in stands]
 
     systems = [noted(tmp_path / name) for name in ("one", "two")]
     monkeypatch.setattr(stop, "running_systems", lambda starting: systems)

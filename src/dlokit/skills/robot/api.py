@@ -82,7 +82,10 @@ def _stop() -> None:
 
 
 def _enable() -> None:
-    """Clear a person's stop. A person asks for this, who has seen that the arm may move; no program does on its own."""
+    """Clear a person's stop. A person asks for this, who has seen that the arm may move; no program does on its own.
+
+    Fails with: not_confirmed (the arm's feedback does not say that the stop is cleared).
+    """
     ...
 
 

@@ -204,12 +204,15 @@ class RobotComponent(Component):
         self._robot.brake()  # at once; what follows may have to wait for the driver
         self._end_motion()
         await self._robot.stop()
-        await self._confirmed()
+        await self._confirmed(
+            _is_stopped, "the arm stands and the stop is latched; press the emergency stop of the arm"
+        )
 
     @implements(api.ENABLE)
     async def enable(self) -> None:
         """Clear a stop."""
         await self._robot.enable()
+        await self._confirmed(lambda state: not state.stop_latched, "the stop is cleared; try it again")
         self._latched = False
 
     @implements(api.RECOVER)
@@ -254,17 +257,13 @@ class RobotComponent(Component):
         self._end_motion()
         await self._robot.halt()
 
-    async def _confirmed(self) -> None:
-        """Wait for feedback, newer than now, that says that the arm stands and the stop is latched."""
+    async def _confirmed(self, is_so: Callable[[RobotState], bool], what: str) -> None:
+        """Wait for feedback, newer than now, that shows it; `what` says what, and what to do where it does not."""
         now_ns = self._robot.state().stamp_ns
         give_up_ns = self.port.clock.now_ns() + round(_CONFIRMED_S * 1e9)
-        while (state := self._robot.state()).stamp_ns <= now_ns or not _is_stopped(state):
+        while (state := self._robot.state()).stamp_ns <= now_ns or not is_so(state):
             if self.port.clock.now_ns() >= give_up_ns:
-                raise SkillFailure(
-                    "not_confirmed",
-                    f"no feedback said within {_CONFIRMED_S:g} s that the arm stands and the stop is latched; press "
-                    "the emergency stop of the arm",
-                )
+                raise SkillFailure("not_confirmed", f"no feedback said within {_CONFIRMED_S:g} s that {what}")
             await self.port.clock.sleep(1.0 / self._config.state_rate_hz)
 
     @holds(api.ENABLED)

@@ -3,12 +3,14 @@
 import asyncio
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import viser
 
 from dlokit.communication import topics
 from dlokit.communication.clock import LoopClock
 from dlokit.communication.component import Component, on
+from dlokit.communication.skill import Skill
 from dlokit.description.shapes import builtin_shape
 from dlokit.skills.viewer.config import ViewerConfig
 from dlokit.skills.viewer.error_history import ErrorHistory
@@ -45,6 +47,14 @@ class RodOutline:
     radius_m: float
 
 
+@dataclass(frozen=True, kw_only=True)
+class ArmButtons:
+    """What stops and enables one arm. It is called without the decision process, which may be frozen."""
+
+    stop: Skill[[], None]
+    enable: Skill[[], None]
+
+
 class ViewerComponent(Component):
     """Serves the page while it runs. Handlers keep the newest of each topic; `run` draws what is new."""
 
@@ -59,6 +69,7 @@ class ViewerComponent(Component):
         rod: RodOutline,
         threshold_m: float,
         operated: bool = True,
+        arms: tuple[ArmButtons, ...] = (),
         key: str | None = None,
     ) -> None:
         """`flow` is the flow chart's table: (step, outcome, next) of every arrow.
@@ -72,6 +83,8 @@ class ViewerComponent(Component):
         self._rod = rod
         self._threshold_m = threshold_m
         self._operated = operated
+        self._arms = arms
+        self._calls: set[asyncio.Task[Any]] = set()
         self._key = new_key() if key is None else key
         self._port = config.port
         self.opened = asyncio.Event()
@@ -225,6 +238,7 @@ class ViewerComponent(Component):
             scene.hide_action()
             scene.hide_candidates(0)
         self._verdict.take(panel.draw_verdict)
+        panel.draw_stop(any(robot.value is not None and robot.value.stop_latched for robot in self._robots.values()))
         self._status.take(lambda status: panel.draw_status(self._run_state, status, self._lit, self._history))
 
     def _operator(self, frames: GoalFramesView) -> Operator:
@@ -232,6 +246,7 @@ class ViewerComponent(Component):
             command=self._publish_command,
             shape_it=self._shape_it,
             reset_frames=lambda: self._reset_frames(frames),
+            enable=lambda: self._call_arms([arm.enable for arm in self._arms]),
         )
 
     def _publish_frames(self) -> None:
@@ -240,7 +255,15 @@ class ViewerComponent(Component):
     def _publish_command(self, command: Command) -> None:
         self._run_state = after_command(self._run_state, command)
         self._status.again()
+        if command is Command.STOP:
+            self._call_arms([arm.stop for arm in self._arms])
         self.port.publish(topics.COMMAND, OperatorCommand(stamp_ns=self.port.clock.now_ns(), command=command))
+
+    def _call_arms(self, skills: Sequence[Skill[[], None]]) -> None:
+        for skill in skills:
+            call = asyncio.create_task(self.port.call(skill), name=f"viewer calls {skill.key}")
+            self._calls.add(call)
+            call.add_done_callback(self._calls.discard)
 
     def _shape_it(self) -> None:
         # The frames once more, before the start: whoever missed the drag gets the goal that the operator sees.

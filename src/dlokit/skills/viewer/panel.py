@@ -35,6 +35,7 @@ class Operator:
     command: Callable[[Command], None]
     shape_it: Callable[[], None]
     reset_frames: Callable[[], None]
+    enable: Callable[[], None]
 
 
 class Panel:
@@ -64,6 +65,7 @@ class Panel:
         self._observer = self._gui.add_html("", visible=False)
         self._verdict = self._gui.add_html("")
         self._gui.add_html(legend_html(palette.LAYERS))
+        self._enable: viser.GuiButtonHandle | None = None
         if operator is not None:
             self._add_buttons(operator)
         tabs = self._gui.add_tab_group()
@@ -103,6 +105,11 @@ class Panel:
         self._picture.image = picture
         self._picture.visible = True
 
+    def draw_stop(self, latched: bool) -> None:
+        """Offer to enable the arms while a person's stop is latched in one of them."""
+        if self._enable is not None:
+            self._enable.visible = latched
+
     def _add_buttons(self, operator: Operator) -> None:
         gui = self._gui
         with gui.add_folder("Goal"):
@@ -117,12 +124,22 @@ class Panel:
                 gui.add_button("Reset frames", color="gray", hint="Put the frames back on the goal rod, untwisted"),
                 operator.reset_frames,
             )
-        run = gui.add_button_group("Run", tuple(_RUN), hint="Start uses the goal that is set; Stop halts the arm")
+        run = gui.add_button_group(
+            "Run", tuple(_RUN), hint="Start uses the goal that is set; Stop stops the arms until Enable"
+        )
 
         async def pressed(_: object) -> None:
             self._gate.post(operator.command, _RUN[run.value])
 
         run.on_click(pressed)
+        self._enable = gui.add_button(
+            "Enable arms",
+            color="orange",
+            icon=viser.Icon.LOCK_OPEN,
+            hint="A stop is latched: look that nobody is within reach, then let the arms move again",
+            visible=False,
+        )
+        self._on_click(self._enable, operator.enable)
 
     def _add_view(self, set_visible: Callable[[Layer, bool], None]) -> None:
         for layer in palette.LAYERS:
