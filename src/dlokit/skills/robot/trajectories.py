@@ -10,6 +10,7 @@ from scipy.interpolate import CubicSpline
 
 from dlokit.description.panda_data import PANDA_LIMITS
 from dlokit.errors import SkillFailure
+from dlokit.motion.limits import scaled, slowdown
 from dlokit.skills.robot.kinematics import UNREACHABLE, PandaKinematics, Yaw
 from dlokit.skills.robot.tool_path import ToolPath, split_at_turns
 from dlokit.types.action import VelocityProfile
@@ -126,12 +127,15 @@ def _time_law(
     )
     tool = np.cbrt(float(np.max(np.abs(np.diff(gain)))) / dt / velocity.jerk_m_s3)
     factor = 1.0 / max(1.0, joints / _MARGIN, tool)
-    return JointTrajectory(
+    law = JointTrajectory(
         times_s=times / factor,
         q_rad=curve(travelled),
         dq_rad_s=dq * factor,
         ddq_rad_s2=ddq * factor**2,
     )
+    # Sampled at short legs and high jerk, the spline's velocities change by more than its accelerations say.
+    late = slowdown(law, limits)
+    return law if late <= 1.0 else scaled(law, _MARGIN / late)
 
 
 def _speed_along(
