@@ -30,6 +30,9 @@ LARGEST_STEP_RAD = 0.1
 its velocity limit turns by 0.013 rad in the 5 ms between planned ones."""
 REST_RAD_S = 1e-3
 """Slower than this is at rest [rad/s]; planned trajectories are below 1e-13."""
+START_RAD = 0.05
+"""A trajectory may start this far from where a joint is measured [rad]: it starts where the last one was commanded to
+end, and a loaded arm sags from there."""
 _ROUNDING = 1e-6
 """Rounding in sums of thousands of steps stays below this fraction of any limit."""
 _SMALLEST = 1e-9

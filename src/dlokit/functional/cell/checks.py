@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from dlokit.description.panda_data import PANDA_GRIP_FORCE_N, PANDA_OPEN_WIDTH_M
 from dlokit.errors import SkillRejected
 from dlokit.functional.cell.setpoints import Servo, Setpoint
 from dlokit.motion.limits import BAD_TRAJECTORY, limit_violation
@@ -12,8 +13,6 @@ START_RAD = 0.02
 """A motion may start this far from what was last commanded [rad]."""
 MARGIN = 1.02
 """Limits are kept to this factor: samples of a trajectory at its limits are rounded."""
-GRIP_WIDTH_M = 0.08
-GRIP_FORCE_N = 70.0
 
 
 def check_trajectory(trajectory: JointTrajectory, now: Setpoint, limits: JointLimits) -> None:
@@ -43,10 +42,10 @@ def check_servo(q_rad: Float64Array, dq_rad_s: Float64Array, now: Setpoint, limi
 
 def check_grip(width_m: float, force_n: float) -> None:
     """Raise `SkillRejected` on what the hand cannot do."""
-    if not 0.0 <= width_m <= GRIP_WIDTH_M:
-        raise SkillRejected("bad_width", f"{width_m} m; the fingers open between 0 and {GRIP_WIDTH_M} m")
-    if not 0.0 < force_n <= GRIP_FORCE_N:
-        raise SkillRejected("bad_force", f"{force_n} N; the hand presses with up to {GRIP_FORCE_N} N")
+    if not 0.0 <= width_m <= PANDA_OPEN_WIDTH_M:
+        raise SkillRejected("bad_width", f"{width_m} m; the fingers open between 0 and {PANDA_OPEN_WIDTH_M} m")
+    if not 0.0 < force_n <= PANDA_GRIP_FORCE_N:
+        raise SkillRejected("bad_force", f"{force_n} N; the hand presses with up to {PANDA_GRIP_FORCE_N} N")
 
 
 def _check_limits(q_rad: Float64Array, dq_rad_s: Float64Array, limits: JointLimits) -> None:
