@@ -4,6 +4,7 @@
     ├── InputError            the user gave something that cannot work     (exit code 2)
     │   ├── ShapeError        a start or goal shape
     │   ├── ConfigError       a configuration file or value
+    │   ├── BadValue          a pose, a speed or a trajectory that cannot be one
     │   └── MachineError      something this machine lacks (OpenGL, a free port, a package)
     ├── SkillFailure          a skill ran and did not reach its end        (outcome ``Failed``)
     ├── SkillRejected         a skill's precondition does not hold         (outcome ``Rejected``)
@@ -31,6 +32,13 @@ class ShapeError(InputError):
 
 class ConfigError(InputError):
     """A configuration file or value that cannot be used."""
+
+
+class BadValue(InputError, ValueError):
+    """A value that cannot be made: a pose that is not finite, a speed of zero, a trajectory of unequal lengths.
+
+    Also a `ValueError`, so that a message that holds one fails to decode like any other malformed message.
+    """
 
 
 class MachineError(InputError):

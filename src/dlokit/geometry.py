@@ -7,15 +7,22 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
+from dlokit.errors import BadValue
 from dlokit.types.pose import Pose
 
 Array = NDArray[np.float64]
 
 
 def pose(position_m: ArrayLike, wxyz: ArrayLike = (1.0, 0.0, 0.0, 0.0)) -> Pose:
-    """A pose from a position (3,) [m] and a quaternion (4,), which is normalised."""
+    """A pose from a position (3,) [m] and a quaternion (4,), which is normalised.
+
+    Raises `BadValue` where one of them is not finite, or the quaternion is zero.
+    """
     quaternion = np.asarray(wxyz, dtype=np.float64)
-    return Pose(position_m=np.array(position_m, dtype=np.float64), wxyz=quaternion / np.linalg.norm(quaternion))
+    norm = np.linalg.norm(quaternion)
+    if not 0.0 < norm < np.inf:
+        raise BadValue(f"the quaternion wxyz is {quaternion}; give four finite numbers that are not all 0")
+    return Pose(position_m=np.array(position_m, dtype=np.float64), wxyz=quaternion / norm)
 
 
 def pose_from_matrix(matrix: ArrayLike) -> Pose:

@@ -21,6 +21,8 @@ from dlokit.functional.cell import api as cell_api
 from dlokit.functional.cell.component import CellComponent
 from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.robots.base import Robot
+from dlokit.functional.robots.gate import GatedRobot
+from dlokit.functional.robots.gate_config import GateConfig
 from dlokit.functional.robots.simulated import SimulatedRobot
 from dlokit.geometry import downward, matrix
 from dlokit.skills.robot.kinematics import PandaKinematics
@@ -49,7 +51,14 @@ async def simulated() -> AsyncGenerator[Robot, None]:
         yield robot
 
 
-ROBOTS: dict[str, Callable[[], AbstractAsyncContextManager[Robot]]] = {"simulated": simulated}
+@asynccontextmanager
+async def gated() -> AsyncGenerator[Robot, None]:
+    """The same behind the gate."""
+    async with simulated() as robot:
+        yield GatedRobot(robot, GateConfig(), LoopClock().now_ns)
+
+
+ROBOTS: dict[str, Callable[[], AbstractAsyncContextManager[Robot]]] = {"simulated": simulated, "gated": gated}
 
 
 @pytest.fixture(params=ROBOTS)

@@ -15,6 +15,8 @@ from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.port import Port
 from dlokit.description.panda_data import PANDA_HOME_Q_RAD, PANDA_LIMITS
 from dlokit.description.panda_kinematics import tcp_pose
+from dlokit.functional.robots.gate import GatedRobot
+from dlokit.functional.robots.gate_config import GateConfig
 from dlokit.geometry import downward
 from dlokit.skills.robot.component import RobotComponent
 from dlokit.skills.robot.config import RobotConfig
@@ -115,7 +117,8 @@ class Bench:
         transport, clock = MemoryTransport(), LoopClock()
         self.me = transport.identity
         self.host = Host(transport, clock, compute)
-        self.host.add(RobotComponent(RobotConfig(), self.arm, lambda: round(self.machine_s * 1e9)))
+        gated = GatedRobot(self.arm, GateConfig(), clock.now_ns)
+        self.host.add(RobotComponent(RobotConfig(), gated, lambda: round(self.machine_s * 1e9)))
         self.port = Port(transport, clock, InlineCompute(), owner="test", publishes=())
 
 

@@ -60,6 +60,8 @@ again when the tool comes down to this height.
 """
 PANDA_OPEN_WIDTH_M = 0.08
 """Largest distance between the fingertips [m]."""
+PANDA_GRIP_FORCE_N = 70.0
+"""Largest continuous force of the fingers [N]."""
 PANDA_FINGER_SPEED_M_S = 0.05
 """Speed of each finger [m/s]."""
 

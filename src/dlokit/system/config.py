@@ -11,6 +11,7 @@ from dlokit.description.dlo import DloPreset
 from dlokit.errors import ConfigError
 from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.cell.dlo_physics import ElasticRod, ElastoplasticChain
+from dlokit.functional.robots.gate_config import GateConfig
 from dlokit.skills.model.config import ModelConfig
 from dlokit.skills.observer.config import ObserverConfig
 from dlokit.skills.perception.config import PerceptionConfig
@@ -67,6 +68,8 @@ class RunConfig:
     """Which grasp next."""
     robot: RobotConfig = field(default_factory=RobotConfig)
     """How the arm moves."""
+    gate: GateConfig = field(default_factory=GateConfig)
+    """What every motion must keep before it reaches an arm: workspace, tool speed, speed scale."""
     viewer: ViewerConfig = field(default_factory=ViewerConfig)
     """The browser viewer."""
     hosts: tyro.conf.Suppress[tyro.conf.Fixed[HostsConfig | None]] = None

@@ -1,5 +1,8 @@
 """Actions: one grasp-to-release each, of whatever kind."""
 
+import math
+
+from dlokit.errors import BadValue
 from dlokit.types.arrays import Float64Array, Int64Array
 from dlokit.types.message import Message, Value
 from dlokit.types.pose import Pose
@@ -7,11 +10,23 @@ from dlokit.types.robot import FIRST_ROBOT
 
 
 class VelocityProfile(Value, frozen=True, kw_only=True, eq=False):
-    """How fast the tool moves along a path; different profiles may give different shapes."""
+    """How fast the tool moves along a path; different profiles may give different shapes.
+
+    Raises `BadValue` where one of the three is not a finite number above 0.
+    """
 
     speed_m_s: float = 0.25
     acceleration_m_s2: float = 1.0
     jerk_m_s3: float = 10.0
+
+    def __post_init__(self) -> None:
+        for name, value, unit in (
+            ("speed_m_s", self.speed_m_s, "m/s"),
+            ("acceleration_m_s2", self.acceleration_m_s2, "m/s²"),
+            ("jerk_m_s3", self.jerk_m_s3, "m/s³"),
+        ):
+            if not 0.0 < value < math.inf:
+                raise BadValue(f"a velocity profile's {name} is {value}; give a finite number above 0 in {unit}")
 
 
 class Grasp(Value, frozen=True, kw_only=True, eq=False):

@@ -2,6 +2,7 @@
 
 import enum
 
+from dlokit.errors import BadValue
 from dlokit.types.arrays import Float64Array
 from dlokit.types.message import Message, Value
 from dlokit.types.pose import Pose
@@ -50,12 +51,24 @@ class RobotState(Message, frozen=True, kw_only=True, eq=False):
 
 
 class JointTrajectory(Value, frozen=True, kw_only=True, eq=False):
-    """A joint-space path in time, sampled densely enough for linear interpolation of the velocity."""
+    """A joint-space path in time, sampled densely enough for linear interpolation of the velocity.
+
+    Raises `BadValue` where the arrays do not have the same number of samples and joints; `dlokit.motion.limits` checks
+    the values.
+    """
 
     times_s: Float64Array  # (K,) [s], rising from 0
     q_rad: Float64Array  # (K, J)
     dq_rad_s: Float64Array  # (K, J)
     ddq_rad_s2: Float64Array  # (K, J)
+
+    def __post_init__(self) -> None:
+        times, q, dq, ddq = (array.shape for array in (self.times_s, self.q_rad, self.dq_rad_s, self.ddq_rad_s2))
+        if len(times) != 1 or len(q) != 2 or q[0] != times[0] or not q == dq == ddq or 0 in q:
+            raise BadValue(
+                f"a trajectory has times of shape {times} and samples of shapes {q}, {dq}, {ddq}; allowed are (K,) "
+                "and three times (K, J), with at least one sample and one joint"
+            )
 
 
 class MotionResult(Value, frozen=True, kw_only=True, eq=False):

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from dlokit import geometry
 from dlokit.communication import codec
 from dlokit.communication.codec import (
     ALLOWED_DTYPES,
@@ -53,7 +54,7 @@ def random_message(rng: np.random.Generator) -> Everything:
         return tuple(rng.integers(0, 5, size=rng.integers(0, LARGEST_RANK + 1)))
 
     def pose() -> Pose:
-        return Pose(position_m=rng.normal(size=3), wxyz=rng.normal(size=4))
+        return geometry.pose(rng.normal(size=3), rng.normal(size=4))
 
     return Everything(
         stamp_ns=int(rng.integers(2**62)),

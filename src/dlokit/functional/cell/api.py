@@ -76,7 +76,7 @@ FOLLOW = Skill(
     "cell",
     "follow",
     _follow,
-    timeout_s=120.0,
+    timeout_s=240.0,
     requires="no other motion runs, no fault, the trajectory starts at rest where the arm is and keeps its limits",
     ensures="the arm stands at the last sample",
 )

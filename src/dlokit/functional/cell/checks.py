@@ -2,43 +2,30 @@
 
 import numpy as np
 
+from dlokit.description.panda_data import PANDA_GRIP_FORCE_N, PANDA_OPEN_WIDTH_M
 from dlokit.errors import SkillRejected
 from dlokit.functional.cell.setpoints import Servo, Setpoint
+from dlokit.motion.limits import BAD_TRAJECTORY, limit_violation
 from dlokit.types.arrays import Float64Array
 from dlokit.types.robot import JointLimits, JointTrajectory
 
 START_RAD = 0.02
 """A motion may start this far from what was last commanded [rad]."""
-REST_RAD_S = 0.02
-"""Slower than this counts as standing [rad/s]."""
 MARGIN = 1.02
 """Limits are kept to this factor: samples of a trajectory at its limits are rounded."""
-GRIP_WIDTH_M = 0.08
-GRIP_FORCE_N = 70.0
 
 
 def check_trajectory(trajectory: JointTrajectory, now: Setpoint, limits: JointLimits) -> None:
     """Raise `SkillRejected` on a trajectory that is malformed, starts elsewhere, or breaks a limit."""
-    times, joints = trajectory.times_s, len(now.q_rad)
-    arrays = (trajectory.q_rad, trajectory.dq_rad_s, trajectory.ddq_rad_s2)
-    if times.ndim != 1 or len(times) < 2 or any(array.shape != (len(times), joints) for array in arrays):
-        raise SkillRejected(
-            "bad_trajectory",
-            f"times {times.shape} and samples {[array.shape for array in arrays]}; (K,) and (K, {joints}), K >= 2",
-        )
-    if not all(np.isfinite(array).all() for array in (times, *arrays)):
-        raise SkillRejected("bad_trajectory", "it holds values that are not finite")
-    if times[0] != 0.0 or np.any(np.diff(times) <= 0.0):
-        raise SkillRejected("bad_trajectory", "times must rise from 0")
+    broken = limit_violation(trajectory, limits, MARGIN)
+    if broken is not None:
+        reason = broken.reason if broken.reason == BAD_TRAJECTORY else "outside_limits"
+        raise SkillRejected(reason, broken.detail)
     off_rad = float(np.abs(trajectory.q_rad[0] - now.q_rad).max())
-    if off_rad > START_RAD or np.abs(trajectory.dq_rad_s[0]).max() > REST_RAD_S:
+    if off_rad > START_RAD:
         raise SkillRejected(
-            "wrong_start", f"it starts {off_rad:.3f} rad from where the arm is, or moving; plan from the present state"
+            "wrong_start", f"it starts {off_rad:.3f} rad from where the arm is; plan from the present state"
         )
-    if np.abs(trajectory.dq_rad_s[-1]).max() > REST_RAD_S:
-        raise SkillRejected("bad_trajectory", "it ends moving; its last velocity must be 0")
-    _check_limits(trajectory.q_rad, trajectory.dq_rad_s, limits)
-    _check_at_most(trajectory.ddq_rad_s2, limits.acceleration_rad_s2, "acceleration", "rad/s²")
 
 
 def check_servo(q_rad: Float64Array, dq_rad_s: Float64Array, now: Setpoint, limits: JointLimits) -> None:
@@ -55,10 +42,10 @@ def check_servo(q_rad: Float64Array, dq_rad_s: Float64Array, now: Setpoint, limi
 
 def check_grip(width_m: float, force_n: float) -> None:
     """Raise `SkillRejected` on what the hand cannot do."""
-    if not 0.0 <= width_m <= GRIP_WIDTH_M:
-        raise SkillRejected("bad_width", f"{width_m} m; the fingers open between 0 and {GRIP_WIDTH_M} m")
-    if not 0.0 < force_n <= GRIP_FORCE_N:
-        raise SkillRejected("bad_force", f"{force_n} N; the hand presses with up to {GRIP_FORCE_N} N")
+    if not 0.0 <= width_m <= PANDA_OPEN_WIDTH_M:
+        raise SkillRejected("bad_width", f"{width_m} m; the fingers open between 0 and {PANDA_OPEN_WIDTH_M} m")
+    if not 0.0 < force_n <= PANDA_GRIP_FORCE_N:
+        raise SkillRejected("bad_force", f"{force_n} N; the hand presses with up to {PANDA_GRIP_FORCE_N} N")
 
 
 def _check_limits(q_rad: Float64Array, dq_rad_s: Float64Array, limits: JointLimits) -> None:

@@ -2,10 +2,10 @@
 
 Every motion is checked before it runs. Besides those named at each skill, a motion fails with: joint_limit,
 velocity_limit, acceleration_limit, jerk_limit, table_collision, self_collision, arms_too_near (also on the way),
-neighbour_silent, stopped, lease_lost, robot_lost, lost_commander, wrong_start, fault (call recover); and is rejected
-with: busy (another motion runs), not_commander (another holds the lease), lease_lost (the lease taken has run out),
-stop_latched (a person has stopped the arm, and none has enabled it since).
-Cancelling a motion brakes the arm.
+neighbour_silent, stopped, lease_lost, robot_lost, lost_commander, fault (call recover); at the gate before the driver
+with: bad_trajectory, outside_workspace, tool_speed, stale_feedback, wrong_start; and is rejected with: busy (another
+motion runs), not_commander (another holds the lease), lease_lost (the lease taken has run out), stop_latched (a person
+has stopped the arm, and none has enabled it since). Cancelling a motion brakes the arm.
 """
 
 import math
@@ -43,7 +43,8 @@ def _move_to(target: Pose, either_way: bool = True) -> MotionResult:
 def _move_linear(target: Pose, velocity: VelocityProfile) -> MotionResult:
     """Move the tool on a straight line to a pose ``T_world_tcp``, or to the same turned by half a turn if nearer.
 
-    Slower than `velocity` where the joints ask for it. Fails with: unreachable (some pose on the way).
+    Slower than `velocity` where the joints ask for it. Fails with: unreachable (some pose on the way), too_slow (a
+    profile with which it would take longer than the skill may).
     """
     ...
 
@@ -52,13 +53,17 @@ def _follow_path(path: tuple[Pose, ...], velocity: VelocityProfile) -> MotionRes
     """Move the tool on straight lines through poses ``T_world_tcp``, rounding corners by up to 5 cm before and after.
 
     It stops at the last pose, and where the path turns back. All poses are turned by half a turn when that brings the
-    first nearer. Fails with: unreachable (some pose on the way).
+    first nearer. Fails with: unreachable (some pose on the way), too_slow (a profile or a path with which it would take
+    longer than 120 s).
     """
     ...
 
 
 def _grasp(force_n: float = 20.0) -> GripResult:
-    """Close the fingers with at most `force_n`; the result says whether they hold something."""
+    """Close the fingers with at most `force_n`; the result says whether they hold something.
+
+    Fails with: bad_force (more than the hand can).
+    """
     ...
 
 
@@ -140,16 +145,17 @@ def _motion(name: str, signature: Callable[P, R], timeout_s: float, ensures: str
     )
 
 
-MOVE_JOINTS = _motion("move_joints", _move_joints, 30.0, "the arm stands at the angles", _SEVEN)
-MOVE_TO = _motion("move_to", _move_to, 30.0, "the arm stands with the tool at the pose")
-MOVE_LINEAR = _motion("move_linear", _move_linear, 60.0, "the arm stands with the tool at the pose")
-FOLLOW_PATH = _motion("follow_path", _follow_path, 120.0, "the arm stands with the tool at the last pose")
+# Time enough for the longest motions that are planned, at the smallest speed scale (0.05).
+MOVE_JOINTS = _motion("move_joints", _move_joints, 60.0, "the arm stands at the angles", _SEVEN)
+MOVE_TO = _motion("move_to", _move_to, 60.0, "the arm stands with the tool at the pose")
+MOVE_LINEAR = _motion("move_linear", _move_linear, 120.0, "the arm stands with the tool at the pose")
+FOLLOW_PATH = _motion("follow_path", _follow_path, 240.0, "the arm stands with the tool at the last pose")
 GRASP = _motion("grasp", _grasp, 10.0, "the fingers are at rest", _FORCE)
 RELEASE = _motion("release", _release, 10.0, "the fingers are open and at rest", _WIDTH)
 HALT = Skill("robot", "halt", _halt, 5.0, "", "the arm stands")
 STOP = Skill("robot", "stop", _stop, 5.0, "", "arm and fingers stand, and nothing moves them before enable")
 ENABLE = Skill("robot", "enable", _enable, 5.0, "", "the arm may be moved")
 RECOVER = Skill("robot", "recover", _recover, 5.0, (ENABLED, COMMANDER), "the arm is idle")
-HOME = _motion("home", _home, 30.0, "the arm stands at home")
+HOME = _motion("home", _home, 60.0, "the arm stands at home")
 RENEW_LEASE = Skill("robot", "renew_lease", _renew_lease, 1.0, "", "the arm brakes without a further renewal")
 RELEASE_LEASE = Skill("robot", "release_lease", _release_lease, 1.0, "", "no renewals are expected")

@@ -10,19 +10,22 @@ from dlokit.description.panda_data import PANDA_LIMITS
 from dlokit.description.panda_kinematics import capsule_ends
 from dlokit.description.panda_shape import PANDA_COLLISION
 from dlokit.errors import SkillFailure
+from dlokit.motion.limits import (
+    ACCELERATION_LIMIT,
+    BAD_TRAJECTORY,
+    JERK_LIMIT,
+    JOINT_LIMIT,
+    VELOCITY_LIMIT,
+    limit_violation,
+)
 from dlokit.skills.robot.config import Surroundings
 from dlokit.types.pose import Pose
 from dlokit.types.robot import JointLimits, JointTrajectory
 
 Array = NDArray[np.float64]
 
-JOINT_LIMIT = "joint_limit"
-VELOCITY_LIMIT = "velocity_limit"
-ACCELERATION_LIMIT = "acceleration_limit"
-JERK_LIMIT = "jerk_limit"
 TABLE_COLLISION = "table_collision"
 SELF_COLLISION = "self_collision"
-BAD_TRAJECTORY = "bad_trajectory"
 FAILURES = (
     *(JOINT_LIMIT, VELOCITY_LIMIT, ACCELERATION_LIMIT, JERK_LIMIT),
     *(TABLE_COLLISION, SELF_COLLISION, BAD_TRAJECTORY),
@@ -55,28 +58,10 @@ _ABOVE_TABLE = np.array([link not in ("link0", "link1") for link in _LINKS])  # 
 
 
 def check_limits(trajectory: JointTrajectory, limits: JointLimits = PANDA_LIMITS) -> None:
-    """Hold every sample, and every step between two, to the limits of position, velocity, acceleration and jerk."""
-    times, q = trajectory.times_s, trajectory.q_rad
-    if len(times) < 2 or times[0] != 0.0 or np.any(np.diff(times) <= 0.0) or not np.all(np.isfinite(q)):
-        raise SkillFailure(BAD_TRAJECTORY, "times must rise from 0 over at least two finite samples; plan it again")
-    below, above = limits.position_lower_rad - q, q - limits.position_upper_rad
-    _hold(np.maximum(below, above), np.zeros(q.shape[1]), JOINT_LIMIT, "rad beyond its range", times)
-    _hold(np.abs(trajectory.dq_rad_s), limits.velocity_rad_s, VELOCITY_LIMIT, "rad/s", times)
-    _hold(np.abs(trajectory.ddq_rad_s2), limits.acceleration_rad_s2, ACCELERATION_LIMIT, "rad/s²", times)
-    jerk = np.abs(np.diff(trajectory.ddq_rad_s2, axis=0)) / np.diff(times)[:, None]
-    _hold(jerk, limits.jerk_rad_s3, JERK_LIMIT, "rad/s³", times)
-
-
-def _hold(values: Array, allowed: Array, reason: str, unit: str, times: Array) -> None:
-    # Rounding in sums of thousands of steps stays below a millionth of any limit.
-    excess = values - allowed * (1 + 1e-6) - 1e-9
-    if np.any(excess > 0.0):
-        sample, joint = np.unravel_index(int(np.argmax(excess)), excess.shape)
-        raise SkillFailure(
-            reason,
-            f"joint {joint + 1} at {times[sample]:.3f} s: {values[sample, joint]:.4g} {unit}, allowed are "
-            f"{allowed[joint]:.4g}; move slower or choose another target",
-        )
+    """Hold a trajectory, also by its own differences, to the limits of position, velocity, acceleration and jerk."""
+    broken = limit_violation(trajectory, limits)
+    if broken is not None:
+        raise SkillFailure(broken.reason, broken.detail)
 
 
 def check_collisions(q_rad: Array, surroundings: Surroundings | None = None, T_world_base: Pose | None = None) -> None:

@@ -16,6 +16,7 @@ from dlokit.communication.port import Port
 from dlokit.description.panda_data import PANDA_HOME_Q_RAD
 from dlokit.errors import HardwareError, SkillFailure
 from dlokit.functional.robots.base import Robot
+from dlokit.motion.limits import START_RAD
 from dlokit.skills.robot import api
 from dlokit.skills.robot.apart import ARMS_TOO_NEAR, check_apart
 from dlokit.skills.robot.checks import check_trajectory
@@ -33,9 +34,6 @@ from dlokit.types.robot import GripResult, JointTrajectory, Lease, MotionResult,
 R = TypeVar("R")
 
 log = logging.getLogger(__name__)
-
-_COMMANDED_WITHIN_RAD = 0.05
-"""A trajectory starts where the last one was told to end, unless the arm was moved away from there."""
 
 
 _CONFIRMED_S = 0.8
@@ -83,18 +81,20 @@ class RobotComponent(Component):
         watch: LeaseWatch | None = None,
         neighbours: tuple[str, ...] = (),
         button: StopButton = no_button,
+        lease: LeaseKeeper | None = None,
     ) -> None:
         """`monotonic_ns` is the machine's clock, for leases; it stands apart from the clock of the port.
 
         `instance` says which arm it is, where there is more than one, and `neighbours` which others there are; `watch`
         looks after the lease, by default on the event loop. `button` is how a person stops the arm without the bus.
+        `lease` is shared with the robot's gate.
         """
         super().__init__()
         self.instance = instance
         self._config = config
         self._robot = robot
         self._kinematics = kinematics or PandaKinematics()
-        self._lease = LeaseKeeper(monotonic_ns)
+        self._lease = lease or LeaseKeeper(monotonic_ns)
         self._watch = watch or LoopWatch()
         self._loop: asyncio.AbstractEventLoop | None = None
         self._motion: asyncio.Task[Any] | None = None
@@ -299,7 +299,7 @@ class RobotComponent(Component):
     def _start(self) -> NDArray[np.float64]:
         """Where the next trajectory starts: the angles last commanded, or the measured ones when those differ."""
         measured = self._robot.state().q_rad
-        if self._commanded is not None and np.max(np.abs(self._commanded - measured)) < _COMMANDED_WITHIN_RAD:
+        if self._commanded is not None and np.max(np.abs(self._commanded - measured)) < START_RAD:
             return self._commanded
         return np.clip(measured, self._robot.limits.position_lower_rad, self._robot.limits.position_upper_rad)
 

@@ -8,6 +8,7 @@ The gripper is the same turned by half a turn, so a pose stands for two; `Yaw` s
 """
 
 import enum
+import math
 from functools import cached_property
 
 import mink
@@ -35,6 +36,8 @@ _UPPER = float(np.hypot(_ELBOW_OFFSET_M, _UPPER_ARM_M))
 _FORE = float(np.hypot(_ELBOW_OFFSET_M, _FOREARM_M))
 # Angle at the elbow, between shoulder and wrist, that the offsets leave when joint 4 is at zero.
 _ELBOW_AT_ZERO = float(np.arctan2(_UPPER_ARM_M, _ELBOW_OFFSET_M) + np.arctan2(_FOREARM_M, _ELBOW_OFFSET_M))
+_LENGTH_M = _UPPER + _FORE + _WRIST_OFFSET_M + _HAND_M
+"""No posture brings the tool centre point farther from the shoulder [m]."""
 _DOWN_TOLERANCE_RAD = 1e-4
 _POSITION_TOLERANCE_M = 1e-5
 _ROTATION_TOLERANCE_RAD = 1e-4
@@ -73,6 +76,10 @@ class PandaKinematics:
         self.lower_rad = PANDA_LIMITS.position_lower_rad + limit_margin_rad
         self.upper_rad = PANDA_LIMITS.position_upper_rad - limit_margin_rad
         self._iterations = iterations
+        shoulder = np.array([[0.0, 0.0, _SHOULDER_HEIGHT_M]])
+        self._shoulder_world: list[float] = (
+            shoulder if T_world_base is None else geometry.transform(T_world_base, shoulder)
+        )[0].tolist()
 
     def __reduce__(self) -> tuple[object, ...]:
         """Pickles as its settings: the solver is built anew where it is needed."""
@@ -88,6 +95,7 @@ class PandaKinematics:
 
         Raises `SkillFailure` ``unreachable`` when there are none.
         """
+        self.check_length(T_world_tcp, yaw)
         near = PANDA_HOME_Q_RAD if near_q_rad is None else np.asarray(near_q_rad, dtype=np.float64)
         T = T_world_tcp if self._T_base_world is None else geometry.compose(self._T_base_world, T_world_tcp)
         solve = self._pointing_down if points_down(T) else self._differential
@@ -104,6 +112,11 @@ class PandaKinematics:
         except SkillFailure:
             return False
         return True
+
+    def check_length(self, T_world_tcp: Pose, yaw: Yaw = Yaw.EXACT) -> None:
+        """Raise `SkillFailure` ``unreachable`` on a pose farther from the shoulder than the stretched arm is long."""
+        if not math.dist(T_world_tcp.position_m.tolist(), self._shoulder_world) <= _LENGTH_M:
+            raise SkillFailure(UNREACHABLE, _explain(T_world_tcp, yaw))
 
     def _inside(self, q: Array) -> bool:
         return bool(np.all(q >= self.lower_rad) and np.all(q <= self.upper_rad))

@@ -38,6 +38,10 @@ class LeaseKeeper:
         """Who has it; empty when nobody."""
         return self._holder
 
+    def allows(self, holder: str) -> bool:
+        """Whether a motion of that holder may begin: it has the lease and it runs, or nobody has it."""
+        return not self.lost and self._holder in ("", holder)
+
     def renew(self, holder: str, duration_s: float) -> None:
         """Take or keep the lease. Raises `SkillRejected` ``leased`` while another holds it."""
         with self._lock:

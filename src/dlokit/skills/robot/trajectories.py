@@ -10,6 +10,7 @@ from scipy.interpolate import CubicSpline
 
 from dlokit.description.panda_data import PANDA_LIMITS
 from dlokit.errors import SkillFailure
+from dlokit.motion.limits import scaled, slowdown
 from dlokit.skills.robot.kinematics import UNREACHABLE, PandaKinematics, Yaw
 from dlokit.skills.robot.tool_path import ToolPath, split_at_turns
 from dlokit.types.action import VelocityProfile
@@ -20,6 +21,12 @@ Array = NDArray[np.float64]
 
 SAMPLE_S = 0.005
 """Time between samples [s]."""
+LONGEST_S = 120.0
+"""Longest time of a tool path [s], that of the skill which waits longest; its samples take 5 MB."""
+LONGEST_M = 30.0
+"""Longest tool path [m], `LONGEST_S` at the default speed; its inverse kinematics takes 0.6 s."""
+MOST_STOPS = 100
+"""Most stops of a tool path, where it turns back; each takes 5 ms to plan."""
 _PATH_STEP_M = 0.005
 _LARGEST_STEP_RAD = 0.5  # between path samples; more is a jump to another posture
 # Share of a joint's acceleration that the bend of the path may use, and that speeding up along it may use.
@@ -66,15 +73,42 @@ def tool_move(
     """Straight lines of the tool through `poses`, rounded where two meet, from where it is at `start_q_rad` (7,).
 
     The gripper may be turned by half a turn as a whole, whichever is nearer at the first pose. Slower than `velocity`
-    where the joints ask for it. Raises `SkillFailure` ``unreachable``.
+    where the joints ask for it. Raises `SkillFailure` ``unreachable`` and ``too_slow``.
     """
     q = np.asarray(start_q_rad, dtype=np.float64)
     pieces: list[JointTrajectory] = []
-    for path in split_at_turns(kinematics.forward(q), poses):
+    for pose in poses:
+        kinematics.check_length(pose)
+    paths = split_at_turns(kinematics.forward(q), poses)
+    _check_effort(paths, velocity)
+    for path in paths:
         piece = _timed(_follow(kinematics, path, q), path, velocity, limits)
         pieces.append(piece)
         q = piece.q_rad[-1]
     return _joined(pieces) if pieces else _standing(q)
+
+
+def _check_effort(paths: list[ToolPath], velocity: VelocityProfile) -> None:
+    """Refuse at once what would be planned for minutes: nothing of it could run within a skill's time."""
+    lengths = np.array([path.length_m for path in paths])
+    # Bounds from below on the time from rest to rest, by each of the profile's values alone.
+    least = np.maximum.reduce(
+        [
+            lengths / velocity.speed_m_s,
+            2.0 * np.sqrt(lengths / velocity.acceleration_m_s2),
+            np.cbrt(32.0 * lengths / velocity.jerk_m_s3),
+        ]
+    )
+    # The acceleration rises in that time, over which speeds are averaged.
+    seconds = max(float(np.sum(least)), velocity.acceleration_m_s2 / velocity.jerk_m_s3)
+    if seconds > LONGEST_S or np.sum(lengths) > LONGEST_M or len(paths) > MOST_STOPS:
+        raise SkillFailure(
+            "too_slow",
+            f"a path of {np.sum(lengths):.3g} m with {len(paths)} stops at {velocity.speed_m_s:.3g} m/s, "
+            f"{velocity.acceleration_m_s2:.3g} m/s² and {velocity.jerk_m_s3:.3g} m/s³ takes {seconds:.3g} s or more to "
+            f"run or to speed up; allowed are {LONGEST_S:.0f} s, {LONGEST_M:.0f} m and {MOST_STOPS} stops; choose a "
+            "faster profile, or split the path",
+        )
 
 
 def _follow(kinematics: PandaKinematics, path: ToolPath, start_q: Array) -> tuple[Array, Array]:
@@ -126,12 +160,15 @@ def _time_law(
     )
     tool = np.cbrt(float(np.max(np.abs(np.diff(gain)))) / dt / velocity.jerk_m_s3)
     factor = 1.0 / max(1.0, joints / _MARGIN, tool)
-    return JointTrajectory(
+    law = JointTrajectory(
         times_s=times / factor,
         q_rad=curve(travelled),
         dq_rad_s=dq * factor,
         ddq_rad_s2=ddq * factor**2,
     )
+    # Sampled at short legs and high jerk, the spline's velocities change by more than its accelerations say.
+    late = slowdown(law, limits)
+    return law if late <= 1.0 else scaled(law, _MARGIN / late)
 
 
 def _speed_along(

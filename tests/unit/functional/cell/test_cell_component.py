@@ -206,7 +206,6 @@ def bad(**changes: object) -> JointTrajectory:
         (bad(q_rad=np.where(np.arange(101)[:, None] > 50, 9.0, wave().q_rad)), "outside_limits"),
         (bad(q_rad=np.full((101, 7), np.nan)), "bad_trajectory"),
         (bad(times_s=np.zeros(101)), "bad_trajectory"),
-        (bad(dq_rad_s=wave().dq_rad_s[:5]), "bad_trajectory"),
     ],
 )
 def test_a_trajectory_outside_the_rules_is_refused_by_name(trajectory: JointTrajectory, reason: str):

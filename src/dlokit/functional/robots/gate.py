@@ -1,0 +1,254 @@
+"""The last check before any driver: a motion that cannot be right does not reach the arm, whoever planned it."""
+
+import asyncio
+import math
+import threading
+from collections.abc import AsyncGenerator, AsyncIterator, Callable
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dlokit import geometry
+from dlokit.description.panda_data import PANDA_GRIP_FORCE_N, PANDA_OPEN_WIDTH_M
+from dlokit.description.panda_kinematics import tcp_matrices
+from dlokit.errors import SkillFailure
+from dlokit.functional.robots.base import Robot
+from dlokit.functional.robots.gate_config import GateConfig
+from dlokit.motion.limits import START_RAD, limit_violation, scaled
+from dlokit.types.pose import Pose
+from dlokit.types.robot import GripResult, JointLimits, JointTrajectory, Lease, MotionResult, RobotState
+
+STALE_FEEDBACK = "stale_feedback"
+WRONG_START = "wrong_start"
+OUTSIDE_WORKSPACE = "outside_workspace"
+TOOL_SPEED = "tool_speed"
+LEASE_LOST = "lease_lost"
+NOT_SCALED = "not_scaled"
+
+_REST_RAD_S = 0.05
+"""An arm whose joints are measured slower than this stands [rad/s]; a standing arm of the cell is measured at 0.01."""
+_LONGEST_WAIT_S = 1.0
+"""Time on the gate's clock [s] for new feedback: a simulated cell that draws a picture says nothing for 0.3 s."""
+_LOOK_S = 0.01
+"""Time between two looks for new feedback [s], half a period of the arm's state."""
+
+
+class GatedRobot:
+    """A robot whose motions pass the gate first; all else is the driver's own."""
+
+    def __init__(
+        self,
+        robot: Robot,
+        config: GateConfig,
+        now_ns: Callable[[], int],
+        *,
+        T_world_base: Pose | None = None,
+        may_move: Callable[[str], bool] = bool,
+    ) -> None:
+        """`now_ns` is the machine's clock, by which feedback ages; virtual time in lockstep.
+
+        `may_move` says whether the holder of that name has the right to move now; by default any holder with a name.
+        """
+        self._robot = robot
+        self._config = config
+        self._now_ns = now_ns
+        self._T_world_base = T_world_base
+        self._may_move = may_move
+        self._feedback = _Feedback()
+
+    @property
+    def limits(self) -> JointLimits:
+        """The driver's."""
+        return self._robot.limits
+
+    async def __aenter__(self) -> Self:
+        """Connect. Raises `HardwareError` when the arm does not answer."""
+        self._feedback.begin(self._now_ns())
+        await self._robot.__aenter__()
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Leave the arm at rest and disconnect."""
+        await self._robot.__aexit__(kind, error, trace)
+
+    def state(self) -> RobotState:
+        """The driver's newest state."""
+        state = self._robot.state()
+        self._feedback.age_s(state.stamp_ns, self._now_ns())
+        return state
+
+    async def follow(self, trajectory: JointTrajectory, lease: Lease) -> MotionResult:
+        """Run a trajectory at the pace of `speed_scale`, when it passes.
+
+        Raises `SkillFailure` joint_limit, velocity_limit, acceleration_limit, jerk_limit, bad_trajectory,
+        outside_workspace, tool_speed, stale_feedback, wrong_start or lease_lost, before the driver hears of it.
+        """
+        paced = scaled(trajectory, self._config.speed_scale)
+        broken = limit_violation(paced, self.limits)
+        if broken is not None:
+            raise SkillFailure(broken.reason, broken.detail)
+        self._check_tool(paced)
+        await self._check_start(paced)
+        self._check_lease(lease)
+        return await self._robot.follow(paced, lease)
+
+    async def servo(self, targets: AsyncIterator[Pose], lease: Lease) -> MotionResult:
+        """Follow tool poses; the arm brakes before a target outside the workspace, and the motion fails.
+
+        Raises `SkillFailure` stale_feedback, lease_lost, outside_workspace, and not_scaled for a `speed_scale` below 1.
+        """
+        if self._config.speed_scale < 1.0:
+            raise SkillFailure(
+                NOT_SCALED,
+                f"servoing cannot be slowed, and --gate.speed-scale is {self._config.speed_scale}; run it with 1",
+            )
+        await self._standing()
+        self._check_lease(lease)
+        refused: list[SkillFailure] = []
+        result = await self._robot.servo(self._inside(targets, refused), lease)
+        if refused:
+            raise refused[0]
+        return result
+
+    async def grip(self, width_m: float, force_n: float, lease: Lease) -> GripResult:
+        """Bring the fingers to a width.
+
+        Raises `SkillFailure` bad_width or bad_force on what the hand cannot do, and lease_lost.
+        """
+        if not 0.0 <= width_m <= PANDA_OPEN_WIDTH_M:
+            raise SkillFailure("bad_width", f"{width_m} m; the fingers open between 0 and {PANDA_OPEN_WIDTH_M} m")
+        if not 0.0 < force_n <= PANDA_GRIP_FORCE_N:
+            raise SkillFailure("bad_force", f"{force_n} N; the hand presses with up to {PANDA_GRIP_FORCE_N} N")
+        self._check_lease(lease)
+        return await self._robot.grip(width_m, force_n, lease)
+
+    async def halt(self) -> None:
+        """Brake; never held up by the gate."""
+        await self._robot.halt()
+
+    async def stop(self) -> None:
+        """Brake and latch; never held up by the gate."""
+        await self._robot.stop()
+
+    async def enable(self) -> None:
+        """Clear a stop."""
+        await self._robot.enable()
+
+    def brake(self) -> None:
+        """Order the arm to brake; never held up by the gate."""
+        self._robot.brake()
+
+    async def recover(self) -> None:
+        """Clear a fault."""
+        await self._robot.recover()
+
+    def _check_tool(self, trajectory: JointTrajectory) -> None:
+        """Hold the tool centre point inside the box and below its speed, by its places at the samples."""
+        places = tcp_matrices(trajectory.q_rad)[:, :3, 3]
+        if self._T_world_base is not None:
+            places = geometry.transform(self._T_world_base, places)
+        outside = np.flatnonzero(self._outside(places))
+        if len(outside):
+            raise self._refused_place(places[outside[0]], f"at {trajectory.times_s[outside[0]]:.3f} s")
+        speeds = np.linalg.norm(np.diff(places, axis=0), axis=1) / np.diff(trajectory.times_s)
+        fastest, allowed = float(speeds.max()), self._config.largest_tool_speed_m_s
+        if fastest > allowed:
+            raise SkillFailure(
+                TOOL_SPEED,
+                f"the tool would move at {fastest:.3f} m/s, allowed are {allowed} (--gate.largest-tool-speed-m-s); "
+                "move slower, or go by way of another posture",
+            )
+
+    def _outside(self, places_world: NDArray[np.float64]) -> NDArray[np.bool_]:
+        lower, upper = self._config.workspace_lower_m, self._config.workspace_upper_m
+        return np.any((places_world < lower) | (places_world > upper), axis=-1)
+
+    def _refused_place(self, place_world: NDArray[np.float64], when: str) -> SkillFailure:
+        lower, upper = self._config.workspace_lower_m, self._config.workspace_upper_m
+        return SkillFailure(
+            OUTSIDE_WORKSPACE,
+            f"the tool would be at {np.round(place_world, 3).tolist()} m {when}, outside the box from {lower} to "
+            f"{upper}; choose a target inside, or widen --gate.workspace-lower-m and --gate.workspace-upper-m",
+        )
+
+    async def _inside(self, targets: AsyncIterator[Pose], refused: list[SkillFailure]) -> AsyncGenerator[Pose, None]:
+        async for target in targets:
+            if self._outside(target.position_m):
+                refused.append(self._refused_place(target.position_m, "as a target"))
+                return
+            yield target
+
+    async def _check_start(self, trajectory: JointTrajectory) -> None:
+        """Hold the first sample to where the arm stands by fresh feedback."""
+        state = await self._standing()
+        off_rad = float(np.abs(trajectory.q_rad[0] - state.q_rad).max())
+        if not off_rad <= START_RAD:  # NaN too
+            raise SkillFailure(
+                WRONG_START,
+                f"it starts {off_rad:.3f} rad from where the arm is measured, allowed are {START_RAD} rad; plan from "
+                "the present state",
+            )
+
+    async def _standing(self) -> RobotState:
+        """A fresh state of the arm at rest; waited for where feedback is too old, or the arm still moves."""
+        began_ns, allowed_s = self._now_ns(), self._config.feedback_age_s
+        while True:
+            state = self._robot.state()
+            age_s = self._feedback.age_s(state.stamp_ns, self._now_ns())
+            # By feedback of some age an arm may still move that has come to rest since, braking within its limits.
+            still = np.abs(state.dq_rad_s) <= _REST_RAD_S + age_s * self.limits.acceleration_rad_s2
+            if age_s <= allowed_s and still.all():
+                return state
+            waited_s = (self._now_ns() - began_ns) / 1e9
+            if waited_s > _LONGEST_WAIT_S:
+                raise _not_standing(state, age_s, allowed_s, waited_s)
+            await asyncio.sleep(_LOOK_S)
+
+    def _check_lease(self, lease: Lease) -> None:
+        if not (0.0 < lease.duration_s < math.inf and self._may_move(lease.holder)):
+            raise SkillFailure(
+                LEASE_LOST,
+                f"{lease.holder or 'nobody'} with a lease of {lease.duration_s} s does not hold this arm; take its "
+                "lease for a finite time, and renew it",
+            )
+
+
+def _not_standing(state: RobotState, age_s: float, allowed_s: float, waited_s: float) -> SkillFailure:
+    if age_s > allowed_s:
+        return SkillFailure(
+            STALE_FEEDBACK,
+            f"no feedback of the arm younger than {allowed_s} s (--gate.feedback-age-s) came within {waited_s:.1f} s; "
+            "is its driver running, and the machine not overloaded?",
+        )
+    return SkillFailure(
+        WRONG_START,
+        f"the arm moves at {np.abs(state.dq_rad_s).max():.3f} rad/s where a motion starts, and did so for "
+        f"{waited_s:.1f} s; stop it first",
+    )
+
+
+class _Feedback:
+    """How old an arm's state may be, by when a new one was first seen: its stamp is of a clock that can stand still."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()  # a lease's watch looks from its own thread
+        self._stamp_ns = -1
+        self._looked_ns = -math.inf
+        self._newer_than_ns = -math.inf
+
+    def begin(self, now_ns: int) -> None:
+        """Feedback that is found from now on is no older than this: the driver connects now."""
+        with self._lock:
+            self._looked_ns = now_ns
+
+    def age_s(self, stamp_ns: int, now_ns: int) -> float:
+        """Largest age of the state of that stamp [s]: it came after the last look that found another."""
+        with self._lock:
+            if stamp_ns != self._stamp_ns:
+                self._stamp_ns, self._newer_than_ns = stamp_ns, self._looked_ns
+            self._looked_ns = now_ns
+            return (now_ns - self._newer_than_ns) / 1e9

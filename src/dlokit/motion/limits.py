@@ -1,0 +1,236 @@
+"""Whether a trajectory keeps the joint limits, by its own differences. Pure.
+
+A robot runs the cubic Hermite pieces through the samples' angles and velocities. So neither the velocities nor the
+accelerations that a trajectory states are believed: all are compared with divided differences of its angles.
+
+A divided difference of n + 1 nodes, some of which may coincide, times n!, is a value that the n-th derivative takes
+between them (de Boor, "Divided differences", Surveys in Approximation Theory 1, 2005). A motion that keeps the limits
+at every moment therefore keeps them by these differences, at any sampling rate, with no tolerance but for rounding. Two
+values are not differences but what the pieces themselves reach: their speed, which is held to the limit (planned
+motions stay 2 % below it), and their acceleration, with what sampling may add.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dlokit.types.arrays import Float64Array
+from dlokit.types.robot import JointLimits, JointTrajectory
+
+JOINT_LIMIT = "joint_limit"
+VELOCITY_LIMIT = "velocity_limit"
+ACCELERATION_LIMIT = "acceleration_limit"
+JERK_LIMIT = "jerk_limit"
+BAD_TRAJECTORY = "bad_trajectory"
+
+SHORTEST_STEP_S = 1e-4
+"""Smallest time between two samples [s]: below it, rounding of the angles shows in their third differences."""
+LARGEST_STEP_RAD = 0.1
+"""Largest turn of a joint between two samples [rad]: collisions and the tool's place are checked at samples. A joint at
+its velocity limit turns by 0.013 rad in the 5 ms between planned ones."""
+REST_RAD_S = 1e-3
+"""Slower than this is at rest [rad/s]; planned trajectories are below 1e-13."""
+START_RAD = 0.05
+"""A trajectory may start this far from where a joint is measured [rad]: it starts where the last one was commanded to
+end, and a loaded arm sags from there."""
+_ROUNDING = 1e-6
+"""Rounding in sums of thousands of steps stays below this fraction of any limit."""
+_SMALLEST = 1e-9
+"""The same for what is allowed to be nothing."""
+
+
+_ORDER = {VELOCITY_LIMIT: 1, ACCELERATION_LIMIT: 2, JERK_LIMIT: 3, BAD_TRAJECTORY: 3}
+"""Power of the pace with which values grow against what is allowed of them."""
+
+
+@dataclass(frozen=True)
+class Violation:
+    """Why a trajectory is refused."""
+
+    reason: str
+    """One of the five names above."""
+    detail: str
+    """What was wrong, what is allowed, what to do."""
+
+
+@dataclass(frozen=True)
+class _Bound:
+    """Values (n, J) along the padded trajectory, and what is allowed of their magnitude, (J,) or (n, J)."""
+
+    values: Float64Array
+    allowed: Float64Array
+    reason: str
+    what: str
+
+
+def limit_violation(trajectory: JointTrajectory, limits: JointLimits, factor: float = 1.0) -> Violation | None:
+    """What a trajectory breaks first, or None: form, rest at both ends, range, velocity, acceleration, jerk.
+
+    `factor` raises the limits of velocity, acceleration and jerk, for a check that repeats another one's.
+    """
+    malformed = _malformed(trajectory, len(limits.velocity_rad_s))
+    if malformed:
+        return Violation(BAD_TRAJECTORY, f"{malformed}; plan it again")
+    times = trajectory.times_s
+    beyond = _largest(_beyond_range(trajectory, limits), np.zeros(1))
+    if beyond is not None:
+        sample, joint, value = beyond
+        lower, upper = limits.position_lower_rad[joint], limits.position_upper_rad[joint]
+        return Violation(
+            JOINT_LIMIT,
+            f"joint {joint + 1} leaves its range of {lower:.4f} to {upper:.4f} rad by {value:.4g} rad at "
+            f"{times[sample]:.3f} s; choose another target",
+        )
+    for bound in _bounds(_at_rest_around(trajectory), limits, factor):
+        found = _largest(bound.values, bound.allowed)
+        if found is not None:
+            sample, joint, value = found
+            allowed = np.broadcast_to(bound.allowed, bound.values.shape)[sample, joint]
+            time_s = times[min(max(sample - 1, 0), len(times) - 1)]  # one sample was put before the first
+            return Violation(
+                bound.reason,
+                f"{bound.what.format(joint=joint + 1)} at {time_s:.3f} s: {value:.4g}, allowed are {allowed:.4g}; "
+                "move slower or choose another target",
+            )
+    return _too_coarse(trajectory)
+
+
+def slowdown(trajectory: JointTrajectory, limits: JointLimits) -> float:
+    """The factor by which a well-formed trajectory must be slower to keep the limits; at most 1 where it keeps them."""
+    return max(
+        float(np.max(np.abs(bound.values) / bound.allowed)) ** (1.0 / _ORDER[bound.reason])
+        for bound in _bounds(_at_rest_around(trajectory), limits, 1.0)
+    )
+
+
+def scaled(trajectory: JointTrajectory, pace: float) -> JointTrajectory:
+    """The same path at `pace` times the speed; at 1 the same trajectory."""
+    if pace == 1.0:
+        return trajectory
+    return JointTrajectory(
+        times_s=trajectory.times_s / pace,
+        q_rad=trajectory.q_rad,
+        dq_rad_s=trajectory.dq_rad_s * pace,
+        ddq_rad_s2=trajectory.ddq_rad_s2 * pace**2,
+    )
+
+
+def executed_range(trajectory: JointTrajectory) -> tuple[Float64Array, Float64Array]:
+    """Smallest and largest angle on each cubic Hermite piece, two arrays (K - 1, J) [rad]."""
+    h = np.diff(trajectory.times_s)[:, None]
+    q0, q1 = trajectory.q_rad[:-1], trajectory.q_rad[1:]
+    a, b, c = _velocity_polynomial(trajectory)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        # Roots of a u² + b u + c without cancellation; those outside the piece and those that are none become an end.
+        half = -0.5 * (b + np.copysign(np.sqrt(b * b - 4.0 * a * c), b))
+        turns = [np.nan_to_num(root, nan=0.0, posinf=0.0, neginf=0.0).clip(0.0, 1.0) for root in (half / a, c / half)]
+    reached = [q0, q1, *(q0 + h * u * (c + u * (b / 2 + u * a / 3)) for u in turns)]
+    return np.minimum.reduce(reached), np.maximum.reduce(reached)
+
+
+def executed_peak_velocity(trajectory: JointTrajectory) -> Float64Array:
+    """Largest speed of each joint on each cubic Hermite piece, (K - 1, J) [rad/s]."""
+    a, b, c = _velocity_polynomial(trajectory)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        vertex = np.nan_to_num(-b / (2.0 * a), nan=0.0, posinf=0.0, neginf=0.0).clip(0.0, 1.0)
+    return np.maximum.reduce([np.abs(c), np.abs(a + b + c), np.abs(c + vertex * (b + vertex * a))])
+
+
+def _velocity_polynomial(trajectory: JointTrajectory) -> tuple[Float64Array, Float64Array, Float64Array]:
+    """Coefficients (K - 1, J) of the velocity a u² + b u + c [rad/s] on each piece, u from 0 to 1."""
+    slope = np.diff(trajectory.q_rad, axis=0) / np.diff(trajectory.times_s)[:, None]
+    v0, v1 = trajectory.dq_rad_s[:-1], trajectory.dq_rad_s[1:]
+    return 3.0 * (v0 + v1 - 2.0 * slope), 6.0 * slope - 4.0 * v0 - 2.0 * v1, v0
+
+
+def _malformed(trajectory: JointTrajectory, joints: int) -> str:
+    times, dq = trajectory.times_s, trajectory.dq_rad_s
+    if trajectory.q_rad.shape[1] != joints:
+        return f"it has {trajectory.q_rad.shape[1]} joints, the arm has {joints}"
+    named = ("times_s", "q_rad", "dq_rad_s", "ddq_rad_s2")
+    broken = [name for name in named if not np.isfinite(getattr(trajectory, name)).all()]
+    if broken:
+        return f"{', '.join(broken)} must be finite"
+    if len(times) < 2 or times[0] != 0.0 or np.any(np.diff(times) <= 0.0):
+        return "times must rise from 0 over at least two samples"
+    step_s = float(np.diff(times).min())
+    if step_s < SHORTEST_STEP_S:
+        return f"two samples are {step_s:.3g} s apart, allowed are at least {SHORTEST_STEP_S} s"
+    moving = float(np.abs(dq[[0, -1]]).max())
+    if moving > REST_RAD_S:
+        return f"it starts or ends moving at {moving:.3g} rad/s; its first and last velocity must be 0"
+    return ""
+
+
+def _too_coarse(trajectory: JointTrajectory) -> Violation | None:
+    step_rad = float(np.abs(np.diff(trajectory.q_rad, axis=0)).max())
+    if step_rad <= LARGEST_STEP_RAD:
+        return None
+    return Violation(
+        BAD_TRAJECTORY,
+        f"a joint turns by {step_rad:.3g} rad between two samples, allowed are {LARGEST_STEP_RAD}; give more samples",
+    )
+
+
+def _beyond_range(trajectory: JointTrajectory, limits: JointLimits) -> Float64Array:
+    lowest, highest = executed_range(trajectory)
+    return np.maximum(limits.position_lower_rad - lowest, highest - limits.position_upper_rad).clip(min=0.0)
+
+
+def _at_rest_around(trajectory: JointTrajectory) -> JointTrajectory:
+    """The same with a sample at rest before it and one after it, so that a start with a jump shows."""
+    t, q = trajectory.times_s, trajectory.q_rad
+    zero = np.zeros((1, q.shape[1]))
+    return JointTrajectory(
+        times_s=np.concatenate(([t[0] - (t[1] - t[0])], t, [t[-1] + (t[-1] - t[-2])])),
+        q_rad=np.concatenate((q[:1], q, q[-1:])),
+        dq_rad_s=np.concatenate((zero, trajectory.dq_rad_s, zero)),
+        ddq_rad_s2=np.concatenate((zero, trajectory.ddq_rad_s2, zero)),
+    )
+
+
+def _bounds(padded: JointTrajectory, limits: JointLimits, factor: float) -> list[_Bound]:
+    """Everything that is compared, what the trajectory states before what its differences say."""
+    velocity, acceleration, jerk = (
+        factor * each for each in (limits.velocity_rad_s, limits.acceleration_rad_s2, limits.jerk_rad_s3)
+    )
+    t, q, dq, ddq = padded.times_s, padded.q_rad, padded.dq_rad_s, padded.ddq_rad_s2
+    h = np.diff(t)[:, None]
+    slope, change, piece_jerk = np.diff(q, axis=0) / h, np.diff(dq, axis=0) / h, _velocity_polynomial(padded)[0]
+    second = 2.0 * np.diff(slope, axis=0) / (t[2:] - t[:-2])[:, None]  # nodes t0, t1, t2
+    first_end, last_end = 2.0 * (slope - dq[:-1]) / h, 2.0 * (dq[1:] - slope) / h  # t0, t0, t1 and t0, t1, t1
+    ends = np.maximum(np.abs(change - piece_jerk / h), np.abs(change + piece_jerk / h))
+    # The second derivative of a Hermite piece at its end is an integral of the true one with the kernel 4 - 6 u, whose
+    # magnitude integrates to 5/3, and differs from the true one there by an integral of the jerk, at most 8/27 of it.
+    between = np.minimum(5.0 / 3.0 * acceleration, acceleration + 8.0 / 27.0 * jerk * h)
+    third = 3.0 * np.diff(second, axis=0) / (t[3:] - t[:-3])[:, None]  # t0, t1, t2, t3
+    # The last row: the trapezoidal rule errs by at most a quarter of the largest slope of its integrand, here the jerk.
+    joint = "joint {joint}"
+    return [
+        _Bound(dq, velocity, VELOCITY_LIMIT, f"velocity [rad/s] of {joint}"),
+        _Bound(ddq, acceleration, ACCELERATION_LIMIT, f"acceleration [rad/s²] of {joint}"),
+        _Bound(np.diff(ddq, axis=0) / h, jerk, JERK_LIMIT, f"jerk [rad/s³] of {joint}"),
+        _Bound(executed_peak_velocity(padded), velocity, VELOCITY_LIMIT, f"velocity [rad/s] run by {joint}"),
+        _Bound(change, acceleration, ACCELERATION_LIMIT, f"change of velocity [rad/s²] of {joint}"),
+        *(
+            _Bound(values, acceleration, ACCELERATION_LIMIT, f"acceleration [rad/s²] by the angles of {joint}")
+            for values in (second, first_end, last_end)
+        ),
+        _Bound(ends, between, ACCELERATION_LIMIT, f"acceleration [rad/s²] between samples of {joint}"),
+        *(
+            _Bound(values, jerk, JERK_LIMIT, f"jerk [rad/s³] by the angles and velocities of {joint}")
+            for values in (2.0 * piece_jerk / h**2, 2.0 * np.diff(change, axis=0) / (t[2:] - t[:-2])[:, None], third)
+        ),
+        _Bound(
+            (ddq[1:] + ddq[:-1]) / 2 - change, jerk * h / 4, BAD_TRAJECTORY, f"ddq less the change of dq of {joint}"
+        ),
+    ]
+
+
+def _largest(values: Float64Array, allowed: Float64Array) -> tuple[int, int, float] | None:
+    """Row, column and magnitude of what exceeds what is allowed by most, or None."""
+    excess = np.abs(values) - allowed * (1.0 + _ROUNDING) - _SMALLEST
+    if not np.any(excess > 0.0):
+        return None
+    row, column = np.unravel_index(int(np.argmax(excess)), excess.shape)
+    return int(row), int(column), float(abs(values[row, column]))

@@ -1,0 +1,295 @@
+"""What the gate lets through to an arm, and what it refuses by name."""
+
+import asyncio
+from collections.abc import AsyncIterator, Awaitable, Callable
+
+import msgspec
+import numpy as np
+import pytest
+from robot_bench import ABOVE, FAR, KINEMATICS, PerfectArm
+
+from dlokit.communication import virtual_time
+from dlokit.communication.clock import LoopClock
+from dlokit.description.panda_data import PANDA_HOME_Q_RAD
+from dlokit.errors import ConfigError, SkillFailure
+from dlokit.functional.robots import gate
+from dlokit.functional.robots.gate import GatedRobot
+from dlokit.functional.robots.gate_config import GateConfig
+from dlokit.geometry import downward, pose
+from dlokit.motion import limits
+from dlokit.motion.limits import scaled
+from dlokit.skills.robot.trajectories import joint_move, tool_move
+from dlokit.types.action import VelocityProfile
+from dlokit.types.pose import Pose
+from dlokit.types.robot import Lease, MotionResult, RobotState
+
+LEASE = Lease(holder="test")
+GOOD = joint_move(PANDA_HOME_Q_RAD, FAR)
+
+
+class FeltArm(PerfectArm):
+    """An arm whose feedback can freeze, shake or be wrong."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.frozen_ns = -1
+        self.dq_rad_s = 0.0
+        self.aimed: list[Pose] = []
+
+    def state(self) -> RobotState:
+        state = super().state()
+        stamp_ns = state.stamp_ns // 20_000_000 if self.frozen_ns < 0 else self.frozen_ns  # 50 Hz
+        return msgspec.structs.replace(state, stamp_ns=stamp_ns, dq_rad_s=np.full(7, self.dq_rad_s))
+
+    async def servo(self, targets: AsyncIterator[Pose], lease: Lease) -> MotionResult:
+        async for target in targets:
+            self.aimed.append(target)
+        return MotionResult(q_rad=self.q, T_world_tcp=ABOVE, duration_s=0.0, largest_joint_error_rad=0.0)
+
+
+def at_gate(
+    scenario: Callable[[FeltArm, GatedRobot], Awaitable[None]],
+    config: GateConfig | None = None,
+    may_move: Callable[[str], bool] = bool,
+    T_world_base: Pose | None = None,
+) -> None:
+    async def main() -> None:
+        arm = FeltArm()
+        robot = GatedRobot(
+            arm, config or GateConfig(), LoopClock().now_ns, may_move=may_move, T_world_base=T_world_base
+        )
+        await scenario(arm, robot)
+
+    virtual_time.run(main())
+
+
+async def refusal(motion: Awaitable[object]) -> str:
+    with pytest.raises(SkillFailure) as failure:
+        await motion
+    assert failure.value.detail
+    return failure.value.reason
+
+
+def test_a_planned_motion_passes_as_it_is() -> None:
+    async def scenario(arm: FeltArm, robot: GatedRobot) -> None:
+        await robot.follow(GOOD, LEASE)
+        assert arm.followed == [GOOD]
+
+    at_gate(scenario)
+
+
+def test_a_motion_that_breaks_a_limit_by_its_differences_is_refused() -> None:
+    async def scenario(arm: FeltArm, robot: GatedRobot) -> None:
+        times, nothing = np.array([0.0, 0.005]), np.zeros((2, 7))
+        q = PANDA_HOME_Q_RAD + np.array([[0.0], [0.08]])
+        jump = msgspec.structs.replace(GOOD, times_s=times, q_rad=q, dq_rad_s=nothing, ddq_rad_s2=nothing)
+        assert await refusal(robot.follow(jump, LEASE)) == limits.VELOCITY_LIMIT
+        spoilt = GOOD.dq_rad_s.copy()
+        spoilt[10, 2] = np.nan
+        lost = msgspec.structs.replace(GOOD, dq_rad_s=spoilt)
+        assert await refusal(robot.follow(lost, LEASE)) == limits.BAD_TRAJECTORY
+        assert arm.followed == []
+
+    at_gate(scenario)
+
+
+def test_every_motion_is_slowed_by_the_speed_scale() -> None:
+    async def scenario(arm: FeltArm, robot: GatedRobot) -> None:
+        result = await robot.follow(GOOD, LEASE)
+        assert result.duration_s == pytest.approx(10.0 * GOOD.times_s[-1])
+        np.testing.assert_allclose(arm.q, FAR, atol=1e-9)
+        assert await refusal(robot.servo(_poses(ABOVE), LEASE)) == gate.NOT_SCALED
+
+    at_gate(scenario, GateConfig(speed_scale=0.1))
+
+
+def test_a_motion_too_fast_for_the_limits_passes_when_it_is_scaled_into_them() -> None:
+    async def scenario(arm: FeltArm, robot: GatedRobot) -> None:
+        await robot.follow(scaled(GOOD, 1.5), LEASE)
+
+    at_gate(scenario, GateConfig(speed_scale=0.5))
+
+
+@pytest.mark.parametrize("off_rad", [0.06, -1.0, np.nan])
+def test_a_motion_that_starts_elsewhere_than_the_arm_stands_is_refused(off_rad: float) -> None:
+    async def scenario(arm: FeltArm, robot: GatedRobot) -> None:
+        arm.sag_rad = off_rad
+        assert await refusal(robot.follow(GOOD, LEASE)) == gate.WRONG_START
+
+    at_gate(scenario)
+
+
+@pytest.mark.parametrize("dq_rad_s", [1.5, np.nan])
+def test_a_motion_from_an_arm_that_moves_is_refused(dq_rad_s: float) -> None:
+    async def scenario(arm: FeltArm, robot: GatedRobot) -> None:
+        arm.dq_rad_s = dq_rad_s
+        assert await refusal(robot.follow(GOOD, LEASE)) == gate.WRONG_START
+
+    at_gate(scenario)
+
+
+def test_frozen_feedback_is_waited_for_and_then_refused() -> None:
+    async def scenario(arm: FeltArm, robot: GatedRobot) -> None:
+        await robot.follow(GOOD, LEASE)
+        arm.frozen_ns = 7
+        robot.state()
+        await asyncio.sleep(0.5)
+        loop = asyncio.get_running_loop()
+        began = loop.time()
+        home = joint_move(FAR, PANDA_HOME_Q_RAD)
+        assert await refusal(robot.follow(home, LEASE)) == gate.STALE_FEEDBACK
+        assert loop.time() - began == pytest.approx(1.0, abs=0.05)
+        loop.call_later(0.3, setattr, arm, "frozen_ns", 8)
+        await robot.follow(home, LEASE)
+        assert len(arm.followed) == 2
+
+    at_gate(scenario)
+
+
+def test_a_state_seen_after_a_long_pause_may_be_as_old_as_the_pause() -> None:
+    async def scenario(arm: FeltArm, robot: GatedRobot) -> None:
+        robot.state()
+        arm.frozen_ns = 7
+        await asyncio.sleep(5.0)
+        assert await refusal(robot.follow(GOOD, LEASE)) == gate.STALE_FEEDBACK
+
+    at_gate(scenario)
+
+
+def test_an_arm_that_has_just_connected_moves_at_once() -> None:
+    async def scenario(arm: FeltArm, robot: GatedRobot) -> None:
+        async with robot:
+            result = await robot.follow(GOOD, LEASE)
+        assert asyncio.get_running_loop().time() == result.duration_s
+
+    at_gate(scenario)
+
+
+def test_an_arm_that_comes_to_rest_is_waited_for() -> None:
+    async def scenario(arm: FeltArm, robot: GatedRobot) -> None:
+        arm.dq_rad_s = 1.5
+        asyncio.get_running_loop().call_later(0.2, setattr, arm, "dq_rad_s", 0.01)
+        await robot.follow(GOOD, LEASE)
+
+    at_gate(scenario)
+
+
+def test_nothing_is_waited_for_while_states_come() -> None:
+    async def scenario(arm: FeltArm, robot: GatedRobot) -> None:
+        for _ in range(5):
+            robot.state()
+            await asyncio.sleep(0.02)
+        loop = asyncio.get_running_loop()
+        began = loop.time()
+        await robot.follow(GOOD, LEASE)
+        assert loop.time() - began == pytest.approx(GOOD.times_s[-1], abs=1e-9)
+
+    at_gate(scenario)
+
+
+def test_the_tool_stays_inside_its_box_also_of_an_arm_that_stands_elsewhere() -> None:
+    async def scenario(arm: FeltArm, robot: GatedRobot) -> None:
+        assert await refusal(robot.follow(GOOD, LEASE)) == gate.OUTSIDE_WORKSPACE
+        assert arm.followed == []
+
+    lower, upper = (0.2, -0.2, 0.3), (0.6, 0.2, 0.6)
+    at_gate(scenario, GateConfig(workspace_lower_m=lower, workspace_upper_m=upper))  # it turns to y = 0.24 m
+    at_gate(scenario, T_world_base=pose([0.0, 0.0, -0.5]))
+
+
+def test_a_tool_faster_than_allowed_is_refused() -> None:
+    async def scenario(arm: FeltArm, robot: GatedRobot) -> None:
+        assert await refusal(robot.follow(GOOD, LEASE)) == gate.TOOL_SPEED
+
+    at_gate(scenario, GateConfig(largest_tool_speed_m_s=0.3))
+
+
+@pytest.mark.parametrize("duration_s", [np.inf, np.nan, 0.0, -1.0])
+def test_a_lease_without_an_end_is_refused(duration_s: float) -> None:
+    async def scenario(arm: FeltArm, robot: GatedRobot) -> None:
+        assert await refusal(robot.follow(GOOD, Lease(holder="test", duration_s=duration_s))) == gate.LEASE_LOST
+
+    at_gate(scenario)
+
+
+def test_only_the_holder_of_the_lease_moves_the_arm() -> None:
+    async def scenario(arm: FeltArm, robot: GatedRobot) -> None:
+        assert await refusal(robot.follow(GOOD, LEASE)) == gate.LEASE_LOST
+        assert await refusal(robot.servo(_poses(ABOVE), LEASE)) == gate.LEASE_LOST
+        await robot.follow(GOOD, Lease(holder="another"))
+
+    at_gate(scenario, may_move=lambda holder: holder == "another")
+
+
+async def _poses(*targets: Pose) -> AsyncIterator[Pose]:
+    for target in targets:
+        yield target
+
+
+def test_servoing_ends_before_a_target_outside_the_box_and_fails() -> None:
+    async def scenario(arm: FeltArm, robot: GatedRobot) -> None:
+        far = downward([5.0, 0.0, 0.2], 0.0)
+        assert await refusal(robot.servo(_poses(ABOVE, far, ABOVE), LEASE)) == gate.OUTSIDE_WORKSPACE
+        assert arm.aimed == [ABOVE]
+
+    at_gate(scenario)
+
+
+@pytest.mark.parametrize("width_m", [-0.01, 0.081, np.nan, np.inf])
+def test_a_width_that_the_hand_has_not_is_refused(width_m: float) -> None:
+    async def scenario(arm: FeltArm, robot: GatedRobot) -> None:
+        assert await refusal(robot.grip(width_m, 20.0, LEASE)) == "bad_width"
+        assert arm.width_m == 0.08
+
+    at_gate(scenario)
+
+
+@pytest.mark.parametrize("force_n", [0.0, -5.0, 71.0, np.nan, np.inf])
+def test_a_force_that_the_hand_has_not_is_refused(force_n: float) -> None:
+    async def scenario(arm: FeltArm, robot: GatedRobot) -> None:
+        assert await refusal(robot.grip(0.0, force_n, LEASE)) == "bad_force"
+
+    at_gate(scenario)
+
+
+def test_stopping_braking_and_recovering_pass_whatever_else() -> None:
+    async def scenario(arm: FeltArm, robot: GatedRobot) -> None:
+        arm.frozen_ns = 1
+        await robot.stop()
+        robot.brake()
+        await robot.recover()
+        assert arm.stops == 3
+
+    at_gate(scenario, may_move=lambda _: False)
+
+
+@pytest.mark.parametrize(
+    ("settings", "named"),
+    [
+        ({"speed_scale": 0.04}, "speed-scale"),
+        ({"speed_scale": 1.1}, "speed-scale"),
+        ({"speed_scale": np.nan}, "speed-scale"),
+        ({"largest_tool_speed_m_s": 0.0}, "largest-tool-speed-m-s"),
+        ({"feedback_age_s": np.inf}, "feedback-age-s"),
+        ({"workspace_lower_m": (0.0, 0.0, 2.0)}, "workspace-lower-m"),
+        ({"workspace_upper_m": (1.0, np.nan, 1.0)}, "workspace-upper-m"),
+    ],
+)
+def test_settings_that_cannot_be_are_refused(settings: dict[str, float], named: str) -> None:
+    with pytest.raises(ConfigError, match=named):
+        GateConfig(**settings)  # type: ignore[arg-type]  # the point of the test
+
+
+def test_the_box_holds_home_the_table_work_and_lifts_to_half_a_metre() -> None:
+    async def scenario(arm: FeltArm, robot: GatedRobot) -> None:
+        for x, y in ((0.4, -0.4), (0.6, 0.25), (0.5, 0.0)):
+            low, high = downward([x, y, 0.011], 0.0), downward([x, y, 0.5], 0.0)
+            q = KINEMATICS.inverse(low)
+            for move in (
+                joint_move(arm.q, q),
+                tool_move(KINEMATICS, q, (high,), VelocityProfile(speed_m_s=1.0)),
+            ):
+                await robot.follow(move, LEASE)
+            await robot.follow(joint_move(arm.q, PANDA_HOME_Q_RAD), LEASE)
+
+    at_gate(scenario)

@@ -1,0 +1,100 @@
+"""Arguments that cannot be, through whole skills: each call ends in a named refusal, at once, and nothing moves."""
+
+import itertools
+import time
+import tracemalloc
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+from robot_bench import Bench, on_bench, reason
+
+from dlokit.geometry import downward
+from dlokit.skills.robot import api
+from dlokit.types.action import VelocityProfile
+from dlokit.types.outcome import Succeeded
+from dlokit.types.pose import Pose
+
+SPOILT = (np.nan, np.inf, -np.inf, 1e308, -1e308)
+NO_SPEED = (0.0, -0.25, np.nan, np.inf, -np.inf)
+LONGEST_S, MOST_BYTES = 1.0, 256 * 2**20
+
+
+def spoilt_poses() -> list[Pose]:
+    """Poses as a program that checks nothing would send them: spoilt after they were made."""
+    poses: list[Pose] = []
+    for name, size in (("position_m", 3), ("wxyz", 4)):
+        for index, value in itertools.product(range(size), SPOILT):
+            pose = downward([0.5, 0.1, 0.1], 0.3)
+            getattr(pose, name)[index] = value
+            poses.append(pose)
+    for factor in (0.0, 0.5, 1.01, 1e-200, 1e200):
+        pose = downward([0.5, 0.1, 0.1], 0.3)
+        pose.wxyz[:] *= factor
+        poses.append(pose)
+    return poses
+
+
+def spoilt_profiles() -> list[VelocityProfile]:
+    profiles: list[VelocityProfile] = []
+    for name, value in itertools.product(("speed_m_s", "acceleration_m_s2", "jerk_m_s3"), NO_SPEED):
+        profile = VelocityProfile()
+        msgspec.structs.force_setattr(profile, name, value)
+        profiles.append(profile)
+    return profiles
+
+
+GOOD_POSE, GOOD_PROFILE = downward([0.5, 0.1, 0.1], 0.3), VelocityProfile()
+FAR_POSES = [downward(place, 0.0) for place in ([1e9, 0.0, 0.1], [0.0, -1e300, 0.1], [0.5, 0.0, 1.5])]
+EXTREME = [
+    VelocityProfile(speed_m_s=v, acceleration_m_s2=a, jerk_m_s3=j)
+    for v, a, j in itertools.product((1e-300, 1e-6, 1e300), repeat=3)
+    if min(v, a, j) < 1.0  # the fastest of all profiles runs at the joints' limits
+]
+CALLS: list[tuple[str, Any, tuple[Any, ...]]] = [
+    *(("move_to", api.MOVE_TO, (pose,)) for pose in (*spoilt_poses(), *FAR_POSES)),
+    *(("move_linear", api.MOVE_LINEAR, (pose, GOOD_PROFILE)) for pose in (*spoilt_poses(), *FAR_POSES)),
+    *(("move_linear", api.MOVE_LINEAR, (GOOD_POSE, profile)) for profile in spoilt_profiles()),
+    *(("follow_path", api.FOLLOW_PATH, ((GOOD_POSE, pose), GOOD_PROFILE)) for pose in (*spoilt_poses(), *FAR_POSES)),
+    *(("follow_path", api.FOLLOW_PATH, ((GOOD_POSE,), profile)) for profile in (*spoilt_profiles(), *EXTREME)),
+    *(
+        ("move_joints", api.MOVE_JOINTS, (np.full(size, value),))
+        for size, value in ((7, np.nan), (7, np.inf), (7, 1e308), (7, 9.0), (6, 0.0), (8, 0.0), (0, 0.0))
+    ),
+    *(("grasp", api.GRASP, (force,)) for force in (0.0, -1.0, 71.0, *SPOILT)),
+    *(("release", api.RELEASE, (width,)) for width in (-1e-3, 0.081, *SPOILT)),
+]
+NAMED = {
+    *("bad_arguments", "bad_force", "bad_width", "unreachable", "too_slow", "joint_limit"),
+}
+
+
+@pytest.mark.parametrize("name", sorted({name for name, _, _ in CALLS}))
+def test_arguments_that_cannot_be_end_in_a_named_refusal_at_once(name: str) -> None:
+    async def scenario(bench: Bench) -> None:
+        for _, skill, arguments in (call for call in CALLS if call[0] == name):
+            began = time.perf_counter()
+            outcome = await bench.port.call(skill, *arguments)
+            assert time.perf_counter() - began < LONGEST_S
+            assert reason(outcome) in NAMED, (arguments, outcome)
+        assert bench.arm.followed == []
+        assert bench.arm.width_m == 0.08
+
+    tracemalloc.start()
+    try:
+        on_bench(scenario)
+        assert tracemalloc.get_traced_memory()[1] < MOST_BYTES
+    finally:
+        tracemalloc.stop()
+
+
+def test_a_path_that_turns_back_without_end_is_refused_at_once() -> None:
+    async def scenario(bench: Bench) -> None:
+        path = tuple(downward([0.5, 0.01 * (-1) ** i, 0.2], 0.0) for i in range(2000))
+        began = time.perf_counter()
+        assert reason(await bench.port.call(api.FOLLOW_PATH, path, GOOD_PROFILE)) == "too_slow"
+        assert time.perf_counter() - began < LONGEST_S
+        assert isinstance(await bench.port.call(api.FOLLOW_PATH, path[:5], GOOD_PROFILE), Succeeded)
+
+    on_bench(scenario)
