@@ -1,0 +1,126 @@
+"""A person's stop of a whole live run whose decision process does not answer: the arm stands, and goes on standing."""
+
+import asyncio
+import contextlib
+import json
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Coroutine
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dlokit.app.stop import stop_all
+from dlokit.communication import topics
+from dlokit.communication.transport import Transport
+from dlokit.errors import InputError
+from dlokit.system.joined_bus import join_bus
+from dlokit.system.processes import TimeBase
+from dlokit.system.running import RunningSystem, the_running_system
+from dlokit.types.robot import RobotState
+
+pytestmark = pytest.mark.system
+
+Process = subprocess.Popen[bytes]
+
+DLOKIT = Path(sys.executable).with_name("dlokit")
+WAIT_S = 120.0  # a run takes half a minute of two idle cores
+MOVING_RAD_S = 0.2
+STANDS_RAD = 0.02  # of any joint: what a held arm and the DLO's pull move it by
+
+
+async def found(folder: Path, *, starting: bool) -> RunningSystem:
+    while True:
+        with contextlib.suppress(InputError):
+            return the_running_system(folder, starting=starting)
+        await asyncio.sleep(0.05)
+
+
+async def until_moving(transport: Transport) -> None:
+    async for state in transport.stream(topics.ROBOT_STATE):
+        if np.abs(state.dq_rad_s).max() > MOVING_RAD_S:
+            return
+
+
+async def states_until_the_end(transport: Transport, process: Process) -> list[RobotState]:
+    states = list[RobotState]()
+
+    async def listen() -> None:
+        async for state in transport.stream(topics.ROBOT_STATE):
+            states.append(state)
+
+    listening = asyncio.create_task(listen())
+    await asyncio.to_thread(process.wait, WAIT_S)
+    listening.cancel()
+    return states
+
+
+def run_of(folder: Path) -> Process:
+    command = ("shape", "--runtime", "live", "--headless", "--goal", "S", "--no-check-camera", "--out", str(folder))
+    return subprocess.Popen([str(DLOKIT), *command], stdout=subprocess.DEVNULL)
+
+
+def test_an_arm_is_stopped_while_its_decision_process_is_frozen_and_stays_stopped_after_the_thaw(
+    tmp_path: Path,
+) -> None:
+    async def body(process: Process) -> None:
+        async with asyncio.timeout(WAIT_S):
+            system = await found(tmp_path / "run", starting=False)
+            async with join_bus(system.bus, TimeBase.MACHINE) as bus:
+                await until_moving(bus.transport)
+                process.send_signal(signal.SIGSTOP)
+                said = list[str]()
+                began_s = time.monotonic()
+                confirmed_s = list[float]()
+
+                def say(line: str) -> None:
+                    said.append(line)
+                    confirmed_s.append(time.monotonic() - began_s)
+
+                [stopped] = await stop_all([system], say=say)
+                assert "panda stands, and is stopped until dlokit enable" in said[0]
+                assert not stopped.stands, "nobody said that the task ends"
+                assert confirmed_s[0] < confirmed_s[-1]  # the arm's line does not wait for the frozen process
+                process.send_signal(signal.SIGCONT)
+                states = await states_until_the_end(bus.transport, process)
+        q_rad = np.array([state.q_rad for state in states])
+        assert len(q_rad) > 1
+        assert np.ptp(q_rad, axis=0).max() < STANDS_RAD
+        assert all(state.stop_latched for state in states)
+        result = json.loads((tmp_path / "run" / "result.json").read_text())
+        assert result["outcome"] in ("failed", "cancelled"), result
+
+    ends(body, run_of(tmp_path / "run"))
+
+
+def test_a_system_that_is_stopped_while_it_starts_never_moves_its_arm(tmp_path: Path) -> None:
+    async def body(process: Process) -> None:
+        async with asyncio.timeout(WAIT_S):
+            system = await found(tmp_path / "run", starting=True)
+            assert system.starting
+            await stop_all([system])
+            ready = await found(tmp_path / "run", starting=False)
+            async with join_bus(ready.bus, TimeBase.MACHINE) as bus:
+                states = await states_until_the_end(bus.transport, process)
+        assert np.ptp(np.array([state.q_rad for state in states]), axis=0).max() < STANDS_RAD
+        result = json.loads((tmp_path / "run" / "result.json").read_text())
+        assert result["outcome"] == "failed"
+        assert "stop" in result["reason"]
+
+    ends(body, run_of(tmp_path / "run"))
+
+
+def ends(body: Callable[[Process], Coroutine[Any, Any, None]], process: Process) -> None:
+    """Run it, and leave no process behind whatever becomes of it."""
+    try:
+        asyncio.run(body(process))
+    finally:
+        process.send_signal(signal.SIGCONT)
+        process.terminate()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(WAIT_S)
+        process.kill()
