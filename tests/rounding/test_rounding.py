@@ -50,7 +50,7 @@ def test_inputs_moved_by_rounding_give_the_same(scene: Any) -> None:
 
 
 def test_a_plain_processor_gives_the_same(tmp_path: Path) -> None:
-    # An x86-64 without AVX: Numba compiles for it anew, NumPy and OpenBLAS take other paths.
+    # An x86-64 without AVX: Numba compiles for it, NumPy and OpenBLAS take other paths.
     instructions: Any = np.show_config(mode="dicts")
     plain = {
         "NUMBA_CPU_NAME": "generic",

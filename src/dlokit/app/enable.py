@@ -7,17 +7,12 @@ from typing import Annotated
 
 import tyro
 
-from dlokit.app.call import in_words
 from dlokit.app.command import Command
-from dlokit.app.stop import FOUND_WITHIN_S, arms_of
+from dlokit.app.stop import FOUND_WITHIN_S, arms_of, ask_on_bus
 from dlokit.description.arms import ArmMount
 from dlokit.skills.robot import api as robot
-from dlokit.system.joined_bus import join_bus
-from dlokit.system.processes import TimeBase
-from dlokit.system.recording import with_calls_told
 from dlokit.system.running import RunningSystem, the_running_system
 from dlokit.system.stop_socket import ENABLE, Answer, press, stop_socket
-from dlokit.types.outcome import Succeeded
 
 EXIT_ALL_ENABLED = 0
 EXIT_NOT_ALL = 3
@@ -53,12 +48,8 @@ async def _enable(system: RunningSystem, mount: ArmMount) -> Answer:
     answer = await press(stop_socket(Path(system.folder), mount.robot), ENABLE, FOUND_WITHIN_S)
     if answer is not None:
         return answer
-    async with join_bus(system.bus, TimeBase.MACHINE) as bus:  # its process is on another host
-        skill = robot.ENABLE.at(mount.instance)
-        if not await bus.transport.wait_for(skill.component, FOUND_WITHIN_S):
-            return Answer(confirmed=False, text="is unreachable: does its process run? dlokit ps says so")
-        outcome = await with_calls_told(bus.transport, bus.clock).call(skill)
-        return Answer(confirmed=isinstance(outcome, Succeeded), text=in_words(outcome))
+    unreachable = "is unreachable: does its process run? dlokit ps says so"
+    return await ask_on_bus(system, robot.ENABLE.at(mount.instance), FOUND_WITHIN_S, unreachable)
 
 
 COMMAND = Command(EnableArgs, run_enable)

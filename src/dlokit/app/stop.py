@@ -10,6 +10,7 @@ import tyro
 
 from dlokit.app.call import in_words
 from dlokit.app.command import Command
+from dlokit.communication.skill import Skill
 from dlokit.decision.api import STOP_TASK
 from dlokit.description.arms import ARMS, ArmMount
 from dlokit.errors import InputError
@@ -123,10 +124,15 @@ async def _brake(system: RunningSystem, mount: ArmMount, found_within_s: float) 
         return answer
     if system.starting:
         return Answer(confirmed=False, text="has not begun yet, and will begin stopped")
-    async with join_bus(system.bus, TimeBase.MACHINE) as bus:  # its process is on another host
-        skill = robot.STOP.at(mount.instance)
+    unreachable = "is unreachable: press the emergency stop of the arm"
+    return await ask_on_bus(system, robot.STOP.at(mount.instance), found_within_s, unreachable)
+
+
+async def ask_on_bus(system: RunningSystem, skill: Skill[[], None], found_within_s: float, unreachable: str) -> Answer:
+    """Call a skill of a robot without a socket on this machine: its process is on another host."""
+    async with join_bus(system.bus, TimeBase.MACHINE) as bus:
         if not await bus.transport.wait_for(skill.component, found_within_s):
-            return Answer(confirmed=False, text="is unreachable: press the emergency stop of the arm")
+            return Answer(confirmed=False, text=unreachable)
         outcome = await with_calls_told(bus.transport, bus.clock).call(skill)
         return Answer(confirmed=isinstance(outcome, Succeeded), text=in_words(outcome))
 
