@@ -205,10 +205,12 @@ def test_whoever_comes_late_sees_what_was_published_before(runner: asyncio.Runne
     runner.run(visit.page.get_by_text("RMSE 50.0 mm").wait_for(timeout=LONG_S * 1000))
 
 
-def test_stop_goes_to_the_arm_itself_and_enable_is_offered_while_it_is_latched(
-    runner: asyncio.Runner, visit: Visit
-) -> None:
+def test_stop_goes_to_the_arm_itself_and_enable_is_offered_while_it_is_latched(runner: asyncio.Runner) -> None:
     async def scenario() -> None:
+        async with _a_visit() as visit:  # of its own: the arm that it shows would be seen by the others
+            await stopped_and_enabled(visit)
+
+    async def stopped_and_enabled(visit: Visit) -> None:
         enable = visit.page.get_by_role("button", name="Enable arms")
         assert await enable.count() == 0
         # No decision component is here: the arm hears of it all the same.

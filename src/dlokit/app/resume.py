@@ -81,7 +81,7 @@ def resumed_job(run_dir: Path) -> tuple[RunConfig, ShapeJob]:
     """Configuration and task of a run that can go on. Raises `InputError` where there is none."""
     if not run_dir.is_dir():
         raise InputError(f"{run_dir} is no folder: give the folder of a live run.")
-    if any(system.folder == str(run_dir.resolve()) for system in running_systems()):
+    if any(system.folder == str(run_dir.resolve()) for system in running_systems(starting=True)):
         raise InputError(f"{run_dir} still runs: dlokit ps shows it, dlokit stop ends it.")
     _wait_for_end(run_dir)
     if (run_dir / FILE_NAME).exists() and (outcome := read_result(run_dir).outcome) not in RESUMABLE:

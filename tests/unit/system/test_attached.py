@@ -81,7 +81,8 @@ def system(tmp_path: Path) -> Iterator[RunningSystem]:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
-    with announced(tmp_path, f"dlokit/test_attached_{port}", f"tcp/127.0.0.1:{port}"):
+    with announced(tmp_path, f"dlokit/test_attached_{port}", f"tcp/127.0.0.1:{port}") as ready:
+        ready()
         yield the_running_system(tmp_path)
 
 

@@ -1,12 +1,19 @@
 """Any value of a type, from the type alone: where a new field comes, its examples come by themselves."""
 
 import enum
+import math
 import types
+from collections.abc import Callable
 from random import Random
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import msgspec
 import numpy as np
+
+from dlokit import geometry
+from dlokit.types.action import VelocityProfile
+from dlokit.types.pose import Pose
+from dlokit.types.robot import JointTrajectory
 
 _ODD_FLOATS = (0.0, -0.0, 1e-300, -1e300, float("nan"), float("inf"), float("-inf"))
 _ODD_INTS = (0, 1, -1, 127, 128, 2**31, -(2**63), 2**63 - 1)
@@ -19,6 +26,8 @@ def example(wanted: Any, rng: Random) -> Any:
     """A value of a type that a message may hold: plain values, Structs, enums, arrays, and collections of those."""
     if isinstance(wanted, type) and issubclass(wanted, enum.Enum):
         return rng.choice(list(wanted))
+    if wanted in _VALID:
+        return _VALID[wanted](rng)
     if _is_struct(wanted):
         return _struct(wanted, rng)
     if wanted in _PLAIN:
@@ -82,3 +91,29 @@ _PLAIN: dict[Any, Any] = {
     bytes: lambda rng: rng.randbytes(rng.randrange(2 * _MOST)),
     type(None): lambda rng: None,
 }
+
+
+_NEVER_ZERO = np.array([20.0, 0.0, 0.0, 0.0])  # added to four numbers of at most 10 it is a direction
+
+
+def _floats(rng: Random, *shape: int) -> Any:
+    return np.array([rng.uniform(-10.0, 10.0) for _ in range(math.prod(shape))]).reshape(shape)
+
+
+def _trajectory(rng: Random) -> JointTrajectory:
+    samples, joints = rng.randrange(1, _MOST), rng.randrange(1, _MOST)
+    q, dq, ddq = (_floats(rng, samples, joints) for _ in range(3))
+    return JointTrajectory(times_s=_floats(rng, samples), q_rad=q, dq_rad_s=dq, ddq_rad_s2=ddq)
+
+
+def _profile(rng: Random) -> VelocityProfile:
+    speed, acceleration, jerk = (rng.uniform(1e-3, 10.0) for _ in range(3))
+    return VelocityProfile(speed_m_s=speed, acceleration_m_s2=acceleration, jerk_m_s3=jerk)
+
+
+_VALID: dict[Any, Callable[[Random], Any]] = {
+    Pose: lambda rng: geometry.pose(_floats(rng, 3), _floats(rng, 4) + _NEVER_ZERO),
+    VelocityProfile: _profile,
+    JointTrajectory: _trajectory,
+}
+"""Types that refuse values which cannot be, when they are made."""
