@@ -15,6 +15,7 @@ from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.port import Port
 from dlokit.description.panda_data import PANDA_HOME_Q_RAD, PANDA_LIMITS
 from dlokit.description.panda_kinematics import tcp_pose
+from dlokit.errors import HardwareError
 from dlokit.functional.robots.gate import GatedRobot
 from dlokit.functional.robots.gate_config import GateConfig
 from dlokit.geometry import downward
@@ -48,11 +49,14 @@ class PerfectArm:
         self.width_m = 0.08
         self.stops = 0
         self.latched = False
+        self.connected = True
         self.silent = False
         self.sag_rad = 0.0  # how far the measured angles are from where the arm was told to be
         self.followed: list[JointTrajectory] = []
 
     async def __aenter__(self) -> Self:
+        if not self.connected:
+            await asyncio.Event().wait()
         return self
 
     async def __aexit__(
@@ -61,6 +65,8 @@ class PerfectArm:
         self.stops += 1
 
     def state(self) -> RobotState:
+        if not self.connected:
+            raise HardwareError("the arm has not been heard of yet")
         return RobotState(
             stamp_ns=0 if self.silent else round(asyncio.get_running_loop().time() * 1e9),
             robot="panda",
@@ -100,6 +106,7 @@ class PerfectArm:
 
     async def enable(self) -> None:
         self.latched = False
+        self.connected = True
 
     def brake(self) -> None:
         self.stops += 1

@@ -59,8 +59,10 @@ def test_the_rope_is_shaped_by_all_processes_together(tmp_path: Path) -> None:
     assert set(recorded.channels) >= {topic.name for topic in TOPICS if topic.publisher != "viewer"} - {
         OBSERVER_EVENT.name  # the DLO was not lost
     }
-    # An action whose grasp missed, as may happen on a busy machine, carries nothing.
-    assert 1 <= recorded.calls["robot.follow_path"].outcomes["succeeded"] <= result.actions
+    # Every action that held the DLO carried it; one whose grasp missed, as may happen on a busy machine, did not.
+    carried = sum(action.grasp_ok and action.ended_by is None for action in result.history)
+    assert carried >= 1
+    assert recorded.calls["robot.follow_path"].outcomes["succeeded"] == carried
     assert recorded.last_step is not None
     assert recorded.last_step.outcome is RunOutcome.CONVERGED
 

@@ -74,6 +74,7 @@ async def stop_button(
     finally:
         server.close()
         _remove(socket)
+        _remove(left_stop(socket))
 
 
 def _remove(path: Path) -> None:

@@ -269,7 +269,11 @@ class RobotComponent(Component):
     @holds(api.ENABLED)
     def _is_enabled(self, caller: str) -> str | None:
         """Nothing moves after a person's stop, whoever asks."""
-        if not (self._latched or self._robot.state().stop_latched):
+        try:
+            latched = self._latched or self._robot.state().stop_latched
+        except HardwareError:  # not connected yet: the motion itself fails as robot_lost
+            latched = self._latched
+        if not latched:
             return None
         return "a person has stopped this arm; a person enables it, by dlokit enable or the viewer's button"
 

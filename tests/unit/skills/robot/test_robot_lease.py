@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from robot_bench import FAR, KINEMATICS, PROFILE, Bench, SlowCompute, on_bench, reason
 
+from dlokit.communication import virtual_time
 from dlokit.errors import ConfigError
 from dlokit.skills.robot import api
 from dlokit.skills.robot.config import RobotConfig
@@ -176,3 +177,13 @@ def test_a_robot_that_another_commands_refuses_motions_but_not_to_stop() -> None
 def test_a_lease_that_never_runs_out_or_at_once_is_refused(lease_s: float) -> None:
     with pytest.raises(ConfigError, match="commander-lease-s"):
         RobotConfig(commander_lease_s=lease_s)
+
+
+def test_a_motion_asked_for_before_the_arm_is_connected_fails_by_name() -> None:
+    async def main() -> None:
+        bench = Bench()
+        bench.arm.connected = False
+        async with bench.host:
+            assert reason(await bench.port.call(api.HOME)) == "robot_lost"
+
+    virtual_time.run(main())
