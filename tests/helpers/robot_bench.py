@@ -79,6 +79,12 @@ class PerfectArm:
             stop_latched=self.latched,
         )
 
+    def now_ns(self) -> int:
+        return round(asyncio.get_running_loop().time() * 1e9)
+
+    def newest_ns(self) -> int:
+        return self.state().stamp_ns
+
     async def follow(self, trajectory: JointTrajectory, lease: Lease) -> MotionResult:
         self.followed.append(trajectory)
         started = asyncio.get_running_loop().time()

@@ -19,6 +19,7 @@ from tiny_process import ECHO, Echo, TinyCell
 from dlokit import geometry
 from dlokit.communication import topics
 from dlokit.communication.component import Component, implements
+from dlokit.communication.deadlines import ThreadWatch
 from dlokit.communication.transport import Transport
 from dlokit.communication.zenoh_session import TlsFiles, ZenohConfig, open_session
 from dlokit.communication.zenoh_transport import ZenohTransport
@@ -26,7 +27,6 @@ from dlokit.errors import MachineError, ProcessFailure, SkillFailure
 from dlokit.skills.robot import api
 from dlokit.skills.robot.config import RobotConfig
 from dlokit.skills.robot.lease import LeaseKeeper
-from dlokit.skills.robot.lease_watch import ThreadWatch
 from dlokit.system.child_runtime import run_child
 from dlokit.system.child_spec import ChildSpec
 from dlokit.system.doors import NAMESPACE, other_door
@@ -94,7 +94,7 @@ class TinyRobot(Component):
                 )
                 await asyncio.sleep(STATE_PERIOD_S)  # also when the cell's clock stands, because its host is cut off
         finally:
-            self._watch.end()
+            self._watch.close()
 
     def _hear(self, heartbeat: Heartbeat) -> None:
         self._lease.hear(heartbeat.holder)

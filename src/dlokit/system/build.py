@@ -67,17 +67,18 @@ def _cell(config: RunConfig, wiring: Wiring) -> Component:
 
 def _robot(mount: ArmMount) -> "_Builder":
     def build(config: RunConfig, wiring: Wiring) -> Component:
+        from dlokit.communication.deadlines import LoopWatch, ThreadWatch
         from dlokit.communication.pulse import ThreadPulse, loop_pulse
         from dlokit.functional.robots.gate import GatedRobot
         from dlokit.functional.robots.simulated import SimulatedRobot
         from dlokit.skills.robot.component import RobotComponent, no_button
         from dlokit.skills.robot.kinematics import PandaKinematics
         from dlokit.skills.robot.lease import LeaseKeeper
-        from dlokit.skills.robot.lease_watch import LoopWatch, ThreadWatch
         from dlokit.system.stop_socket import stop_button, stop_socket
 
         live = config.runtime == "live"
         pulse = ThreadPulse(config.robot.loop_silent_s) if live else loop_pulse
+        watch = ThreadWatch() if live else LoopWatch()
         lease = LeaseKeeper(time.monotonic_ns)
         robot = GatedRobot(
             SimulatedRobot(_driver_port(wiring, "robot driver"), mount, pulse),
@@ -85,6 +86,7 @@ def _robot(mount: ArmMount) -> "_Builder":
             time.monotonic_ns if live else wiring.clock.now_ns,
             T_world_base=mount.T_world_base,
             may_move=lease.allows,
+            watch=watch,
         )
         return RobotComponent(
             config.robot,
@@ -92,7 +94,7 @@ def _robot(mount: ArmMount) -> "_Builder":
             time.monotonic_ns,
             PandaKinematics(mount.T_world_base),
             mount.instance,
-            ThreadWatch() if live else LoopWatch(),
+            watch,
             neighbours=tuple(other.instance for other in ARMS[: config.arms] if other is not mount),
             button=partial(stop_button, stop_socket(wiring.folder, mount.robot)) if live else no_button,
             lease=lease,

@@ -1,4 +1,4 @@
-"""A bus that is disturbed: messages come late, or altered. Between zenoh and the transport, in processes of the bench.
+"""A bus that is disturbed: messages come late, altered, or not at all. Between zenoh and transport, in a bench.
 
 Whether it is, and how, stands in a file that the bench writes while a run goes on: so all its processes are disturbed
 at the same time, also those that are started meanwhile.
@@ -16,6 +16,7 @@ from typing import Any, cast
 
 import zenoh
 
+from dlokit.communication import topics
 from dlokit.communication.zenoh_session import ZenohConfig, open_session
 
 log = logging.getLogger(__name__)
@@ -25,6 +26,8 @@ LATE_S = 0.5
 ALTERED = 0.01
 """The part of all messages that is altered, in one byte each."""
 LOOK_EVERY_S = 0.05
+FEEDBACK = tuple(f"topic/{topic.name}" for topic in (topics.ARM_STATE, topics.ROBOT_STATE))
+"""How the keys begin of what arms tell."""
 
 
 class Kind(enum.Enum):
@@ -33,6 +36,9 @@ class Kind(enum.Enum):
     NONE = ""
     LATE = "late"
     ALTERED = "altered"
+    DEAF = "deaf"
+    """What an arm feels does not come to its driver, nor what arms tell of themselves to their neighbours; all else
+    does."""
 
 
 class Line:
@@ -67,6 +73,11 @@ class Line:
             if data:
                 data[self._rng.randrange(len(data))] ^= self._rng.randrange(1, 256)
             return bytes(data)
+
+    def deaf(self) -> bool:
+        """Whether feedback of arms is to be dropped now."""
+        with self._lock:
+            return self._now() is Kind.DEAF
 
     def _now(self) -> Kind:
         now_s = time.monotonic()
@@ -124,6 +135,11 @@ class _Session:
 
     def declare_publisher(self, key: str, **how: Any) -> Any:
         return _Publisher(self._session.declare_publisher(key, **how), self._line)
+
+    def declare_subscriber(self, key: str, handler: Any) -> Any:
+        if not callable(handler) or not key.startswith(FEEDBACK):
+            return self._session.declare_subscriber(key, handler)
+        return self._session.declare_subscriber(key, lambda sample: None if self._line.deaf() else handler(sample))
 
     def declare_queryable(self, key: str, handler: Callable[[Any], None]) -> Any:
         return self._session.declare_queryable(key, lambda query: handler(_Query(query, self._line)))

@@ -33,8 +33,9 @@ REFUSALS = frozenset(
 """Reasons for which the robot refuses a motion before it moves, or breaks it off: another grasp may do."""
 
 
-INTERRUPTIONS = frozenset({"lost_commander", "lease_lost"})
-"""Reasons for which an arm brakes by itself though nothing is broken: on a busy machine a sign of life came late."""
+INTERRUPTIONS = frozenset({"lost_commander", "lease_lost", "stale_feedback", "neighbour_silent"})
+"""Reasons for which an arm brakes by itself though nothing is broken: on a busy machine a sign of life, or feedback,
+came late."""
 
 
 def judge_motion(task: ShapeTask, skill: str, outcome: Outcome[Any]) -> Moved:

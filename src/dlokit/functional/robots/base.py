@@ -33,6 +33,14 @@ class Robot(Protocol):
         """The newest state, at once. Raises `HardwareError` when the arm has not been heard of."""
         ...
 
+    def now_ns(self) -> int:
+        """The time now on the clock of the stamps of its states [ns]; from any thread."""
+        ...
+
+    def newest_ns(self) -> int:
+        """Stamp of the newest feedback that has come, however busy this process is [ns]; from any thread."""
+        ...
+
     async def follow(self, trajectory: JointTrajectory, lease: Lease) -> MotionResult:
         """Run a trajectory that starts at rest where the arm is; cancelling it brakes the arm.
 

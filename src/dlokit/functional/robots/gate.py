@@ -3,7 +3,7 @@
 import asyncio
 import math
 import threading
-from collections.abc import AsyncGenerator, AsyncIterator, Callable
+from collections.abc import AsyncGenerator, AsyncIterator, Awaitable, Callable
 from types import TracebackType
 from typing import Self
 
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlokit import geometry
+from dlokit.communication.deadlines import LoopWatch, Watch
 from dlokit.description.panda_data import PANDA_GRIP_FORCE_N, PANDA_OPEN_WIDTH_M
 from dlokit.description.panda_kinematics import tcp_matrices
 from dlokit.errors import SkillFailure
@@ -46,10 +47,12 @@ class GatedRobot:
         *,
         T_world_base: Pose | None = None,
         may_move: Callable[[str], bool] = bool,
+        watch: Watch | None = None,
     ) -> None:
-        """`now_ns` is the machine's clock, by which feedback ages; virtual time in lockstep.
+        """`now_ns` is the machine's clock, by which feedback ages before a motion; virtual time in lockstep.
 
         `may_move` says whether the holder of that name has the right to move now; by default any holder with a name.
+        `watch` looks whether feedback stays fresh while the arm moves, by default on the event loop.
         """
         self._robot = robot
         self._config = config
@@ -57,6 +60,7 @@ class GatedRobot:
         self._T_world_base = T_world_base
         self._may_move = may_move
         self._feedback = _Feedback()
+        self._watch = watch or LoopWatch()
 
     @property
     def limits(self) -> JointLimits:
@@ -81,11 +85,20 @@ class GatedRobot:
         self._feedback.age_s(state.stamp_ns, self._now_ns())
         return state
 
+    def now_ns(self) -> int:
+        """The driver's."""
+        return self._robot.now_ns()
+
+    def newest_ns(self) -> int:
+        """The driver's."""
+        return self._robot.newest_ns()
+
     async def follow(self, trajectory: JointTrajectory, lease: Lease) -> MotionResult:
-        """Run a trajectory at the pace of `speed_scale`, when it passes.
+        """Run a trajectory at the pace of `speed_scale`, when it passes; brake where feedback fails on the way.
 
         Raises `SkillFailure` joint_limit, velocity_limit, acceleration_limit, jerk_limit, bad_trajectory,
-        outside_workspace, tool_speed, stale_feedback, wrong_start or lease_lost, before the driver hears of it.
+        outside_workspace, tool_speed, stale_feedback, wrong_start or lease_lost before the driver hears of it, and
+        stale_feedback after the arm was braked on its way.
         """
         paced = scaled(trajectory, self._config.speed_scale)
         broken = limit_violation(paced, self.limits)
@@ -94,7 +107,7 @@ class GatedRobot:
         self._check_tool(paced)
         await self._check_start(paced)
         self._check_lease(lease)
-        return await self._robot.follow(paced, lease)
+        return await self._felt(self._robot.follow(paced, lease))
 
     async def servo(self, targets: AsyncIterator[Pose], lease: Lease) -> MotionResult:
         """Follow tool poses; the arm brakes before a target outside the workspace, and the motion fails.
@@ -193,6 +206,29 @@ class GatedRobot:
                 "the present state",
             )
 
+    async def _felt(self, motion: Awaitable[MotionResult]) -> MotionResult:
+        """Run a motion; it is braked, and has failed, when the arm's feedback grows too old."""
+        felt = _Felt(self._robot, self._config.feedback_age_s)
+        self._watch.begin(felt, felt.brake)
+        try:
+            result = await motion
+        except SkillFailure as error:
+            if felt.lost:
+                raise self._felt_no_more() from error
+            raise
+        finally:
+            self._watch.end(felt)
+        if felt.lost:  # the order to brake came to an arm that had arrived, as far as anybody knows
+            raise self._felt_no_more()
+        return result
+
+    def _felt_no_more(self) -> SkillFailure:
+        return SkillFailure(
+            STALE_FEEDBACK,
+            f"the arm was braked: its feedback was older than {self._config.feedback_age_s} s "
+            "(--gate.feedback-age-s) on the way; is its driver running, and the machine not overloaded?",
+        )
+
     async def _standing(self) -> RobotState:
         """A fresh state of the arm at rest; waited for where feedback is too old, or the arm still moves."""
         began_ns, allowed_s = self._now_ns(), self._config.feedback_age_s
@@ -229,6 +265,25 @@ def _not_standing(state: RobotState, age_s: float, allowed_s: float, waited_s: f
         f"the arm moves at {np.abs(state.dq_rad_s).max():.3f} rad/s where a motion starts, and did so for "
         f"{waited_s:.1f} s; stop it first",
     )
+
+
+class _Felt:
+    """That an arm in motion is felt: over when its newest state is too old, by the clock of its stamps."""
+
+    def __init__(self, robot: Robot, allowed_s: float) -> None:
+        self._robot = robot
+        self._allowed_s = allowed_s
+        self.lost = False
+
+    @property
+    def left_s(self) -> float:
+        """As `Deadline`."""
+        return self._allowed_s - (self._robot.now_ns() - self._robot.newest_ns()) / 1e9
+
+    def brake(self) -> None:
+        """Brake for it."""
+        self.lost = True
+        self._robot.brake()
 
 
 class _Feedback:

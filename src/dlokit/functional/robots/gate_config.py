@@ -22,7 +22,8 @@ class GateConfig:
     speed_scale: float = 1.0
     """Factor on the speed of every motion, 0.05 to 1; accelerations change with its square. 0.1 to try things out."""
     feedback_age_s: float = 0.1
-    """Largest age of the arm's feedback when a motion starts [s of the machine's clock]; the gate waits for newer."""
+    """Largest age of the arm's feedback [s]: a motion does not begin before newer has come, by the machine's clock, and
+    is braked on its way by the arm's own clock, which stands while a simulated cell draws a picture."""
 
     def __post_init__(self) -> None:
         corners = (*self.workspace_lower_m, *self.workspace_upper_m)

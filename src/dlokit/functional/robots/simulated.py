@@ -16,6 +16,7 @@ from dlokit.description.panda_data import PANDA_LIMITS
 from dlokit.errors import HardwareError, SkillFailure
 from dlokit.functional.cell import api
 from dlokit.functional.robots.pose_servo import PoseServo
+from dlokit.types.clock import ClockTick
 from dlokit.types.outcome import Cancelled, Failed, Outcome, Rejected, Succeeded, TimedOut, Unreachable
 from dlokit.types.pose import Pose
 from dlokit.types.robot import GripResult, JointLimits, JointTrajectory, Lease, MotionResult, RobotState
@@ -41,6 +42,7 @@ class SimulatedRobot:
         self._state: RobotState | None = None
         self._heard = asyncio.Event()
         self._reader: asyncio.Task[None] | None = None
+        self._now_ns = self._newest_ns = 0
 
     @property
     def limits(self) -> JointLimits:
@@ -50,6 +52,9 @@ class SimulatedRobot:
     async def __aenter__(self) -> Self:
         """Wait until the cell speaks. Raises `HardwareError` after 10 s of the machine's clock."""
         self._reader = asyncio.create_task(self._read_states(), name="arm states")
+        # Past the loop as well: how old feedback is must not depend on how busy this process is.
+        self._port.tap(topics.CLOCK, self._hear_tick)
+        self._port.tap(self._states, self._hear_state)
         try:
             async with asyncio.timeout(_CONNECT_S):
                 await self._heard.wait()
@@ -73,11 +78,25 @@ class SimulatedRobot:
             self._state = state
             self._heard.set()
 
+    def _hear_tick(self, tick: ClockTick) -> None:
+        self._now_ns = tick.stamp_ns
+
+    def _hear_state(self, state: RobotState) -> None:
+        self._newest_ns = state.stamp_ns
+
     def state(self) -> RobotState:
         """What the cell said last."""
         if self._state is None:
             raise HardwareError("the arm has not been heard of yet; start the cell, and wait for its first state")
         return self._state
+
+    def now_ns(self) -> int:
+        """The cell's clock, which stands while the cell draws a picture, and the arm with it."""
+        return self._now_ns
+
+    def newest_ns(self) -> int:
+        """Stamp of what the cell said last."""
+        return self._newest_ns
 
     async def follow(self, trajectory: JointTrajectory, lease: Lease) -> MotionResult:
         """Run a trajectory, renewing the right to move all the while; a cancelled call brakes the arm."""

@@ -3,8 +3,8 @@
 import asyncio
 import contextlib
 import logging
-from collections.abc import AsyncGenerator, Awaitable, Callable, Coroutine
-from contextlib import asynccontextmanager
+from collections.abc import AsyncGenerator, Awaitable, Callable, Coroutine, Generator
+from contextlib import asynccontextmanager, contextmanager
 from typing import Any, TypeVar
 
 import numpy as np
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from dlokit.communication import topics
 from dlokit.communication.component import Component, holds, implements
+from dlokit.communication.deadlines import LoopWatch, Watch
 from dlokit.communication.port import Port
 from dlokit.description.panda_data import PANDA_HOME_Q_RAD
 from dlokit.errors import HardwareError, SkillFailure
@@ -23,8 +24,7 @@ from dlokit.skills.robot.checks import check_trajectory
 from dlokit.skills.robot.config import RobotConfig
 from dlokit.skills.robot.kinematics import PandaKinematics, Yaw
 from dlokit.skills.robot.lease import LeaseKeeper
-from dlokit.skills.robot.lease_watch import LeaseWatch, LoopWatch
-from dlokit.skills.robot.neighbours import Neighbours
+from dlokit.skills.robot.neighbours import NEIGHBOUR_SILENT, Neighbours
 from dlokit.skills.robot.trajectories import joint_move, tool_move
 from dlokit.types.action import VelocityProfile
 from dlokit.types.arrays import Float64Array
@@ -36,6 +36,8 @@ R = TypeVar("R")
 log = logging.getLogger(__name__)
 
 
+_STOPPED = "stopped"
+"""Reason of a motion that `robot.halt` or `robot.stop` has ended."""
 _CONFIRMED_S = 0.8
 """Longest wait for the feedback that confirms a stop [s]: an arm brakes within 0.3 s from its largest speed."""
 _STANDS_RAD_S = 0.02
@@ -78,7 +80,7 @@ class RobotComponent(Component):
         monotonic_ns: Callable[[], int],
         kinematics: PandaKinematics | None = None,
         instance: str = "",
-        watch: LeaseWatch | None = None,
+        watch: Watch | None = None,
         neighbours: tuple[str, ...] = (),
         button: StopButton = no_button,
         lease: LeaseKeeper | None = None,
@@ -86,8 +88,8 @@ class RobotComponent(Component):
         """`monotonic_ns` is the machine's clock, for leases; it stands apart from the clock of the port.
 
         `instance` says which arm it is, where there is more than one, and `neighbours` which others there are; `watch`
-        looks after the lease, by default on the event loop. `button` is how a person stops the arm without the bus.
-        `lease` is shared with the robot's gate.
+        looks after the lease and after what is heard of the others, by default on the event loop. `button` is how a
+        person stops the arm without the bus. `lease` is shared with the robot's gate.
         """
         super().__init__()
         self.instance = instance
@@ -98,7 +100,6 @@ class RobotComponent(Component):
         self._watch = watch or LoopWatch()
         self._loop: asyncio.AbstractEventLoop | None = None
         self._motion: asyncio.Task[Any] | None = None
-        self._braking: asyncio.Task[None] | None = None
         self._braked_because = ""
         self._latched = False
         self._commanded: NDArray[np.float64] | None = None
@@ -110,7 +111,9 @@ class RobotComponent(Component):
         """Keep the port, and watch the other arms through it."""
         super().attach(port)
         self._neighbours = (
-            Neighbours(port, self._others, self._config.surroundings.arm_clearance_m) if self._others else None
+            Neighbours(port, self._others, self._config.surroundings.arm_clearance_m, self._robot.now_ns)
+            if self._others
+            else None
         )
 
     def preparation(self) -> Callable[[], object]:
@@ -120,6 +123,7 @@ class RobotComponent(Component):
     async def run(self) -> None:
         """Publish the robot's state, each once: when the arm falls silent, so does the topic, and its age tells."""
         published_ns = -1
+        self._loop = asyncio.get_running_loop()
         self.port.tap(topics.HEARTBEAT, lambda heartbeat: self._lease.hear(heartbeat.holder))
         try:
             async with self._robot, self._button(self.stop, self.enable):
@@ -131,9 +135,7 @@ class RobotComponent(Component):
                         self._keep_apart(state)
                     await self.port.clock.sleep(1.0 / self._config.state_rate_hz)
         finally:
-            self._watch.end()
-            if self._braking is not None:
-                self._braking.cancel()
+            self._watch.close()
 
     def _keep_apart(self, state: RobotState) -> None:
         """Brake where another arm comes too near on the way."""
@@ -141,10 +143,7 @@ class RobotComponent(Component):
             return
         why = self._neighbours.too_near(state)
         if why:
-            self._braked_because = ARMS_TOO_NEAR
-            self._robot.brake()  # at once: the task below begins after the log line, which may block
-            # Not awaited: the other arm must hear of this one while it brakes.
-            self._braking = asyncio.create_task(self._brake(ARMS_TOO_NEAR), name="robot braking")
+            self._brake_at_once(ARMS_TOO_NEAR)
             log.warning("braked: %s", why)
 
     @implements(api.MOVE_JOINTS)
@@ -194,13 +193,13 @@ class RobotComponent(Component):
     @implements(api.HALT)
     async def halt(self) -> None:
         """Brake now."""
-        await self._brake("stopped")
+        await self._brake(_STOPPED)
 
     @implements(api.STOP)
     async def stop(self) -> None:
         """Brake now, hold the fingers, and latch."""
         self._latched = True
-        self._braked_because = "stopped"
+        self._braked_because = _STOPPED
         self._robot.brake()  # at once; what follows may have to wait for the driver
         self._end_motion()
         await self._robot.stop()
@@ -224,7 +223,6 @@ class RobotComponent(Component):
     async def renew_lease(self, holder: str, duration_s: float = 0.2) -> None:
         """Take or keep the right to move."""
         self._lease.renew(holder, duration_s)
-        self._loop = asyncio.get_running_loop()
         self._watch.begin(self._lease, self._ran_out)
 
     @implements(api.RELEASE_LEASE)
@@ -239,9 +237,12 @@ class RobotComponent(Component):
         """
         if self._braked_because == api.LEASE.reason and not self._in_motion():
             return
-        self._braked_because = api.LEASE.reason
+        self._brake_at_once(api.LEASE.reason)
+
+    def _brake_at_once(self, reason: str) -> None:
+        self._braked_because = reason
         self._robot.brake()
-        assert self._loop is not None, "a lease that has run out was taken"
+        assert self._loop is not None, "a component whose skills are called runs"
         with contextlib.suppress(RuntimeError):  # the loop has ended, and with it every motion
             self._loop.call_soon_threadsafe(self._end_motion)
 
@@ -325,9 +326,22 @@ class RobotComponent(Component):
                 trajectory, self._kinematics.T_world_base, others, around.arm_clearance_m, around.collision_step_rad
             )
         self._commanded = None
-        result = await self._interruptible(self._robot.follow(trajectory, self._driver_lease()))
+        with self._others_heard():
+            result = await self._interruptible(self._robot.follow(trajectory, self._driver_lease()))
         self._commanded = trajectory.q_rad[-1].copy()
         return result
+
+    @contextmanager
+    def _others_heard(self) -> Generator[None]:
+        """Brake, meanwhile, when another arm is not heard of: it may be anywhere."""
+        if self._neighbours is None:
+            yield
+            return
+        self._watch.begin(self._neighbours, lambda: self._brake_at_once(self._braked_because or NEIGHBOUR_SILENT))
+        try:
+            yield
+        finally:
+            self._watch.end(self._neighbours)
 
     def _driver_lease(self) -> Lease:
         return Lease(holder=self._lease.holder or self.address, duration_s=self._config.driver_lease_s)
@@ -342,8 +356,9 @@ class RobotComponent(Component):
             return await self._motion
         except asyncio.CancelledError:
             if self._braked_because:
-                if self._braking is not None:
-                    await self._braking  # the next motion must find the arm at rest
+                if self._braked_because != _STOPPED:  # by whoever waits until the arm stands
+                    with contextlib.suppress(SkillFailure):  # an arm that is gone: that it was braked says more
+                        await self._robot.halt()  # the next motion must find it at rest
                 raise SkillFailure(self._braked_because, "the arm was braked before the end of the motion") from None
             await self._robot.halt()
             raise

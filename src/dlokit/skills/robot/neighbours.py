@@ -1,5 +1,9 @@
 """The other arms of a cell: where they are, as far as they were heard of, and whether they are too near."""
 
+import math
+from collections.abc import Callable
+from functools import partial
+
 import numpy as np
 
 from dlokit.communication import topics
@@ -11,8 +15,8 @@ from dlokit.types.robot import RobotState
 
 NEIGHBOUR_SILENT = "neighbour_silent"
 
-_SILENT_S = 0.5
-"""An arm that was not heard of for so long may be anywhere [s of the loop's clock]."""
+SILENT_S = 0.2
+"""An arm that was not heard of for so long may be anywhere [s of the arm's own clock]; ten of its states."""
 _WAIT_S = 2.0
 """How long a motion waits for another arm to be heard of, when both have just started [s]."""
 _POLL_S = 0.02
@@ -22,12 +26,17 @@ moves no part of an arm by half of what arms keep apart."""
 
 
 class Neighbours:
-    """The other arms, by the instances of their robot components."""
+    """The other arms, by the instances of their robot components; a `Deadline`: over when one is silent."""
 
-    def __init__(self, port: Port, instances: tuple[str, ...], clearance_m: float) -> None:
-        """`clearance_m` is the least distance to keep [m]."""
+    def __init__(self, port: Port, instances: tuple[str, ...], clearance_m: float, now_ns: Callable[[], int]) -> None:
+        """`clearance_m` is the least distance to keep [m]; `now_ns` is the clock of this arm's own states."""
         self._port = port
         self._instances = instances
+        self._now_ns = now_ns
+        self._heard: dict[str, tuple[RobotState, int]] = {}
+        """Of each that was heard of, its newest state and when that came [ns]."""
+        for instance in instances:
+            port.tap(topics.ROBOT_STATE.at(instance), partial(self._hear, instance))
         self._clearance_m = clearance_m
         self._met: dict[str, Float64Array] = {}
         """Joint angles (7,) [rad] of the others when the motion was held against them, by robot."""
@@ -52,14 +61,12 @@ class Neighbours:
         return known
 
     def too_near(self, mine: RobotState) -> str:
-        """Why an arm that moves must brake now for another; empty when it need not.
+        """Why an arm that moves must brake now for another that is heard of; empty when it need not.
 
         It must where both, braking now, would come nearer than they may and than they are: to part is allowed. Another
         that stands where it stood when the motion was held against it is in nobody's way: the motion, which ends near
         it as slowly as an arm can brake, would else be broken off.
         """
-        if silent := self._silent():
-            return f"nothing is heard of the arm {silent!r} any more"
         for other in self._known():
             met = self._met.get(other.robot)
             if met is not None and np.max(np.abs(other.q_rad - met)) < _STANDS_RAD:
@@ -69,13 +76,24 @@ class Neighbours:
                 return f"{other.robot} is {1e3 * gap_m(mine, other):.0f} mm away and both are under way"
         return ""
 
+    @property
+    def left_s(self) -> float:
+        """As `Deadline`: until one has been silent for too long [s]."""
+        return SILENT_S - max(map(self._age_s, self._instances))
+
+    def _hear(self, instance: str, state: RobotState) -> None:
+        """On a thread of the network's: past a loop that is busy. An arm whose feedback is frozen says nothing new."""
+        heard = self._heard.get(instance)
+        if heard is None or state.stamp_ns != heard[0].stamp_ns:
+            self._heard[instance] = state, self._now_ns()
+
+    def _age_s(self, instance: str) -> float:
+        heard = self._heard.get(instance)
+        return math.inf if heard is None else (self._now_ns() - heard[1]) / 1e9
+
     def _silent(self) -> str:
         """An arm that is not heard of, or empty."""
-        for instance in self._instances:
-            if self._port.latest(topics.ROBOT_STATE.at(instance)).age_s > _SILENT_S:
-                return instance or "first"
-        return ""
+        return next((instance or "first" for instance in self._instances if self._age_s(instance) > SILENT_S), "")
 
     def _known(self) -> list[RobotState]:
-        heard = (self._port.latest(topics.ROBOT_STATE.at(instance)).value for instance in self._instances)
-        return [state for state in heard if state is not None]
+        return [self._heard[instance][0] for instance in self._instances if instance in self._heard]

@@ -32,14 +32,20 @@ class FeltArm(PerfectArm):
 
     def __init__(self) -> None:
         super().__init__()
-        self.frozen_ns = -1
+        self.frozen_ns: int | None = None
+        self.brakings_s: list[float] = []
         self.dq_rad_s = 0.0
         self.aimed: list[Pose] = []
 
     def state(self) -> RobotState:
         state = super().state()
-        stamp_ns = state.stamp_ns // 20_000_000 if self.frozen_ns < 0 else self.frozen_ns  # 50 Hz
+        newest_ns = state.stamp_ns // 20_000_000 * 20_000_000  # 50 Hz
+        stamp_ns = newest_ns if self.frozen_ns is None else self.frozen_ns
         return msgspec.structs.replace(state, stamp_ns=stamp_ns, dq_rad_s=np.full(7, self.dq_rad_s))
+
+    def brake(self) -> None:
+        super().brake()
+        self.brakings_s.append(asyncio.get_running_loop().time())
 
     async def servo(self, targets: AsyncIterator[Pose], lease: Lease) -> MotionResult:
         async for target in targets:
@@ -139,7 +145,7 @@ def test_frozen_feedback_is_waited_for_and_then_refused() -> None:
         home = joint_move(FAR, PANDA_HOME_Q_RAD)
         assert await refusal(robot.follow(home, LEASE)) == gate.STALE_FEEDBACK
         assert loop.time() - began == pytest.approx(1.0, abs=0.05)
-        loop.call_later(0.3, setattr, arm, "frozen_ns", 8)
+        loop.call_later(0.3, setattr, arm, "frozen_ns", None)
         await robot.follow(home, LEASE)
         assert len(arm.followed) == 2
 
@@ -154,6 +160,37 @@ def test_a_state_seen_after_a_long_pause_may_be_as_old_as_the_pause() -> None:
         assert await refusal(robot.follow(GOOD, LEASE)) == gate.STALE_FEEDBACK
 
     at_gate(scenario)
+
+
+def test_a_motion_is_braked_and_fails_when_feedback_freezes_on_its_way() -> None:
+    async def scenario(arm: FeltArm, robot: GatedRobot) -> None:
+        loop = asyncio.get_running_loop()
+        loop.call_at(0.5, setattr, arm, "frozen_ns", 500_000_000)
+        assert await refusal(robot.follow(GOOD, LEASE)) == gate.STALE_FEEDBACK
+        assert 0.6 < arm.brakings_s[0] <= 0.63
+        arm.frozen_ns = None
+        ordered = len(arm.brakings_s)
+        await robot.follow(joint_move(FAR, PANDA_HOME_Q_RAD), LEASE)
+        assert len(arm.brakings_s) == ordered  # no order of the motion before comes late
+
+    at_gate(scenario)
+
+
+def test_an_arm_whose_clock_stands_is_not_braked() -> None:
+    class DrawnArm(FeltArm):
+        """As of a cell that draws a picture: neither its state nor its clock goes on."""
+
+        def now_ns(self) -> int:
+            return super().now_ns() if self.frozen_ns is None else self.frozen_ns
+
+    async def main() -> None:
+        loop, arm = asyncio.get_running_loop(), DrawnArm()
+        robot = GatedRobot(arm, GateConfig(), LoopClock().now_ns)
+        loop.call_at(0.5, setattr, arm, "frozen_ns", 500_000_000)
+        await robot.follow(GOOD, LEASE)
+        assert arm.brakings_s == []
+
+    virtual_time.run(main())
 
 
 def test_an_arm_that_has_just_connected_moves_at_once() -> None:

@@ -5,9 +5,9 @@ import time
 
 import pytest
 
+from dlokit.communication.deadlines import ThreadWatch
 from dlokit.errors import SkillRejected
 from dlokit.skills.robot.lease import LeaseKeeper
-from dlokit.skills.robot.lease_watch import ThreadWatch
 
 PATIENCE_S = 30.0  # it takes milliseconds; a test that waits in vain fails
 
@@ -71,7 +71,7 @@ def test_the_thread_tells_of_a_lease_that_has_run_out_until_it_runs_again() -> N
         keeper.hear("the decision process")
         assert not keeper.lost
     finally:
-        watch.end()
+        watch.close()
 
 
 def test_the_thread_goes_on_when_whoever_it_tells_raises() -> None:
@@ -87,7 +87,7 @@ def test_the_thread_goes_on_when_whoever_it_tells_raises() -> None:
         assert told.acquire(timeout=PATIENCE_S)
         assert told.acquire(timeout=PATIENCE_S)
     finally:
-        watch.end()
+        watch.close()
 
 
 def test_the_thread_looks_while_nothing_else_of_its_process_gets_on() -> None:
@@ -99,4 +99,4 @@ def test_the_thread_looks_while_nothing_else_of_its_process_gets_on() -> None:
         while not told.is_set():  # this thread never waits: what looks has to come between
             assert time.monotonic() < end_s
     finally:
-        watch.end()
+        watch.close()

@@ -3,6 +3,7 @@
 import asyncio
 import math
 from collections.abc import Awaitable, Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from dlokit.communication.compute import InlineCompute
 from dlokit.communication.host import Host
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.port import Port
+from dlokit.communication.topic import Topic
 from dlokit.description.arms import ARMS, OPPOSITE, ArmMount
 from dlokit.description.panda_data import PANDA_HOME_Q_RAD, PANDA_LIMITS
 from dlokit.description.panda_kinematics import capsule_ends, tcp_jacobian
@@ -124,6 +126,45 @@ def test_no_motion_beside_an_arm_that_is_not_heard_of() -> None:
         assert refused.reason == NEIGHBOUR_SILENT
 
     in_cell(scenario, ARMS[:1])
+
+
+@pytest.mark.parametrize("silence", ["nothing comes", "the same comes again"])
+def test_an_arm_is_braked_on_its_way_when_the_other_is_not_heard_of_any_more(
+    silence: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    publish, last, since_s = MemoryTransport.publish, list[RobotState](), math.inf
+
+    def withhold(bus: MemoryTransport, topic: Topic[Any], message: Any) -> None:
+        if topic.name == topics.ROBOT_STATE.at(OPPOSITE).name:
+            if asyncio.get_running_loop().time() < since_s:
+                last[:] = [message]
+            elif silence == "nothing comes":
+                return
+            message = last[0]
+        publish(bus, topic, message)
+
+    async def scenario(port: Port) -> None:
+        nonlocal since_s
+        aside = PANDA_HOME_Q_RAD + np.array([1.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+        states(port)
+        moving = asyncio.create_task(port.call(api.MOVE_JOINTS, aside))
+        since_s = asyncio.get_running_loop().time() + 0.4
+        brakings_s = list[float]()
+        async for state in port.stream(topics.ARM_STATE):
+            if state.mode is RobotMode.BRAKING:
+                brakings_s.append(asyncio.get_running_loop().time())
+            if moving.done():
+                break
+        outcome = await moving
+        assert isinstance(outcome, Failed)
+        assert outcome.reason == NEIGHBOUR_SILENT
+        assert 0.2 < brakings_s[0] - since_s <= 0.25
+        since_s = math.inf  # it is heard of again
+        assert isinstance(await port.call(api.HOME), Succeeded)
+
+    monkeypatch.setattr(MemoryTransport, "publish", withhold)
+
+    in_cell(scenario)
 
 
 @pytest.mark.parametrize(("speed_m_s", "nearer_mm"), [(0.4, 32.0), (-0.4, 0.0)])
