@@ -8,7 +8,7 @@ from dlokit import geometry
 from dlokit.description.arms import ArmMount
 from dlokit.description.panda_data import PANDA_FINGER_SPEED_M_S, PANDA_LIMITS
 from dlokit.functional.cell.fingers import Fingers
-from dlokit.functional.cell.setpoints import Brake, Follow, Hold, Program, Servo, Setpoint
+from dlokit.functional.cell.setpoints import Brake, Fade, Follow, Hold, Program, Servo, Setpoint
 from dlokit.types.arrays import Float64Array, Int64Array
 from dlokit.types.pose import Pose
 from dlokit.types.robot import JointTrajectory, RobotMode, RobotState
@@ -68,7 +68,9 @@ class CellArm:
 
     def start_follow(self, trajectory: JointTrajectory, time_s: float) -> None:
         """Begin a trajectory now; whoever calls has checked it."""
-        self._begin(Follow(trajectory, time_s), RobotMode.MOVING)
+        offset_rad = self._program.at(time_s).q_rad - trajectory.q_rad[0]
+        fade = Fade(offset_rad, self.limits) if np.any(offset_rad) else None
+        self._begin(Follow(trajectory, time_s, fade), RobotMode.MOVING)
 
     def servo_to(self, q_rad: Float64Array, dq_rad_s: Float64Array, time_s: float) -> None:
         """Lead the joints: be at `q_rad` (7,) with `dq_rad_s` (7,) now."""
