@@ -1,4 +1,4 @@
-"""What the arm is told to do over time: hold, follow a trajectory, be led, brake."""
+"""What the arm is told to do over time: hold, follow a trajectory, brake."""
 
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -98,22 +98,6 @@ class Fade:
             point.dq_rad_s + rate * self._offset_rad,
             point.ddq_rad_s2 + gain * self._offset_rad,
         )
-
-
-class Servo:
-    """Be led: extrapolate the last target by its velocity until it is too old."""
-
-    KEEP_S = 0.1
-    """Longest time that a target stays good [s]."""
-
-    def __init__(self, q_rad: Float64Array, dq_rad_s: Float64Array, now_s: float) -> None:
-        self._q, self._dq, self._now_s = q_rad, dq_rad_s, now_s
-        self.end_s = now_s + self.KEEP_S
-
-    def at(self, time_s: float) -> Setpoint:
-        """The target, moved on by its velocity."""
-        ahead = min(max(time_s - self._now_s, 0.0), self.KEEP_S)
-        return Setpoint(self._q + ahead * self._dq, self._dq, np.zeros(self._q.shape))
 
 
 class Brake:
