@@ -36,13 +36,13 @@ from adversarial_calls import Batch, CallResult
 from robot_bench import KINEMATICS, PerfectArm
 
 from dlokit.communication import virtual_time
-from dlokit.description.panda_data import PANDA_HOME_Q_RAD, PANDA_LIMITS
+from dlokit.description.panda_data import PANDA_LIMITS
 from dlokit.errors import BadValue, CommunicationError, SkillFailure
 from dlokit.functional.robots.gate import GatedRobot
 from dlokit.functional.robots.gate_config import GateConfig
 from dlokit.skills.robot.trajectories import joint_move, tool_move
 from dlokit.types.action import VelocityProfile
-from dlokit.types.robot import JointTrajectory, Lease, MotionResult
+from dlokit.types.robot import GripResult, JointTrajectory, Lease, MotionResult
 
 LONGEST_S, MOST_MIB = 1.0, 256.0
 MISSED = 3
@@ -85,6 +85,14 @@ class Tally:
 
 class NotingArm(PerfectArm):
     """Stands where each motion begins, and takes no time for it, however long it is."""
+
+    gripped = 0
+
+    async def grip(self, width_m: float, force_n: float, lease: Lease) -> GripResult:
+        """Count it."""
+        self.gripped += 1
+        self.width_m = width_m
+        return GripResult(width_m=width_m, held=False)
 
     async def follow(self, trajectory: JointTrajectory, lease: Lease) -> MotionResult:
         """Note it."""
@@ -170,7 +178,7 @@ class AtGate:
     async def _try(self, kind: str, tally: Tally) -> None:
         base = self._bases[int(self._rng.integers(len(self._bases)))]
         self._arm.followed.clear()
-        self._arm.q, self._arm.width_m = base.q_rad[0], 0.08
+        self._arm.q, self._arm.width_m, self._arm.gripped = base.q_rad[0], 0.08, 0
         tally.tried += 1
         try:
             with measured(tally, self._memory), np.errstate(all="ignore"):
@@ -195,6 +203,7 @@ class AtGate:
         await self._robot.follow(made, LEASE)
 
     def _judge(self, kind: str, tally: Tally) -> None:
+        tally.executed += self._arm.gripped
         for run in self._arm.followed:
             tally.executed += 1
             breach = executed_breach(run, CONFIG, PIECES)
@@ -234,7 +243,7 @@ async def _speeds(robot: GatedRobot, base: JointTrajectory, rng: Rng) -> None:
     else:
         v, a, j = 10 ** rng.uniform(-8.0, 8.0, 3)
         profile = VelocityProfile(speed_m_s=v, acceleration_m_s2=a, jerk_m_s3=j)
-    await robot.follow(tool_move(KINEMATICS, PANDA_HOME_Q_RAD, (honest_pose(rng),), profile), LEASE)
+    await robot.follow(tool_move(KINEMATICS, base.q_rad[0], (honest_pose(rng),), profile), LEASE)
 
 
 async def _grips(robot: GatedRobot, base: JointTrajectory, rng: Rng) -> None:
