@@ -1,7 +1,7 @@
 """What every robot driver must do: one grid over all of them. Another driver is one more row in `ROBOTS`."""
 
 import asyncio
-from collections.abc import AsyncGenerator, AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncGenerator, Awaitable, Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from typing import Any, ParamSpec
 
@@ -28,7 +28,6 @@ from dlokit.geometry import downward, matrix
 from dlokit.skills.robot.kinematics import PandaKinematics
 from dlokit.skills.robot.trajectories import joint_move, tool_move
 from dlokit.types.action import VelocityProfile
-from dlokit.types.pose import Pose
 from dlokit.types.robot import Lease, RobotMode
 
 P = ParamSpec("P")
@@ -218,23 +217,6 @@ def test_it_grips_lifts_and_releases_a_rope_and_knows_air_from_rope(with_robot: 
         released = await robot.grip(0.04, 20.0, LEASE)
         assert not released.held
         assert not robot.state().holding
-
-    with_robot(scenario)
-
-
-def test_it_follows_poses_as_they_come_and_stands_when_they_end(with_robot: WithRobot) -> None:
-    target = downward([0.4, 0.1, 0.3], 0.3)
-
-    async def targets() -> AsyncIterator[Pose]:
-        for _ in range(100):
-            yield target
-            await asyncio.sleep(0.02)
-
-    async def scenario(robot: Robot) -> None:
-        result = await robot.servo(targets(), LEASE)
-        np.testing.assert_allclose(result.T_world_tcp.position_m, target.position_m, atol=2e-3)
-        await asyncio.sleep(0.2)
-        assert robot.state().mode is RobotMode.IDLE
 
     with_robot(scenario)
 

@@ -1,7 +1,7 @@
 """A robot component on a bench: its arm obeys to the bit, and its time is virtual."""
 
 import asyncio
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import Awaitable, Callable
 from types import TracebackType
 from typing import Any, ParamSpec, Self, TypeVar
 
@@ -24,7 +24,6 @@ from dlokit.skills.robot.config import RobotConfig
 from dlokit.skills.robot.kinematics import PandaKinematics
 from dlokit.types.action import VelocityProfile
 from dlokit.types.outcome import Failed, Outcome, Rejected
-from dlokit.types.pose import Pose
 from dlokit.types.robot import (
     GripResult,
     JointLimits,
@@ -94,9 +93,6 @@ class PerfectArm:
             passed = asyncio.get_running_loop().time() - started
             self.q = np.array([np.interp(passed, trajectory.times_s, trajectory.q_rad[:, joint]) for joint in range(7)])
         return MotionResult(q_rad=self.q, T_world_tcp=tcp_pose(self.q), duration_s=passed, largest_joint_error_rad=0.0)
-
-    async def servo(self, targets: AsyncIterator[Pose], lease: Lease) -> MotionResult:
-        raise NotImplementedError
 
     async def grip(self, width_m: float, force_n: float, lease: Lease) -> GripResult:
         await asyncio.sleep(0.5)

@@ -25,6 +25,8 @@ BAD_TRAJECTORY = "bad_trajectory"
 
 SHORTEST_STEP_S = 1e-4
 """Smallest time between two samples [s]: below it, rounding of the angles shows in their third differences."""
+LONGEST_S = 3600.0
+"""Longest trajectory [s]; no skill waits as long, and times of 1e300 s overflow in whatever executes them."""
 LARGEST_STEP_RAD = 0.1
 """Largest turn of a joint between two samples [rad]: collisions and the tool's place are checked at samples. A joint at
 its velocity limit turns by 0.013 rad in the 5 ms between planned ones."""
@@ -156,6 +158,8 @@ def _malformed(trajectory: JointTrajectory, joints: int) -> str:
     step_s = float(np.diff(times).min())
     if step_s < SHORTEST_STEP_S:
         return f"two samples are {step_s:.3g} s apart, allowed are at least {SHORTEST_STEP_S} s"
+    if times[-1] > LONGEST_S:
+        return f"it lasts {times[-1]:.3g} s, allowed are {LONGEST_S:.0f} s"
     moving = float(np.abs(dq[[0, -1]]).max())
     if moving > REST_RAD_S:
         return f"it starts or ends moving at {moving:.3g} rad/s; its first and last velocity must be 0"

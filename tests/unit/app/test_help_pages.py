@@ -21,8 +21,9 @@ def test_the_first_page_has_what_people_use_and_says_which_others_there_are(caps
     text = page(capsys, "shape", "--help")
     for flag in ("--goal", "--planner", "--threshold-m", "--max-actions"):
         assert f"│ {flag} " in text
+    assert "│ --speed-scale FLOAT, --gate.speed-scale FLOAT " in text
     assert "--task.settle-s" not in text
-    assert TITLE.findall(text) == ["options", "task options"]
+    assert TITLE.findall(text) == ["options", "task options", "gate options"]
     for group in ("cell", "perception", "observer", "model", "planning", "robot", "gate", "viewer"):
         assert re.search(rf"^  {group} ", text, re.MULTILINE)
     assert len(text.splitlines()) < 150
@@ -63,3 +64,10 @@ def test_short_help_is_shown_whole(capsys: pytest.CaptureFixture[str]) -> None:
 def test_what_is_wrong_beside_it_is_told_and_not_taken_for_a_page_that_there_is_none_of() -> None:
     with pytest.raises(InputError, match=r"missing\.toml"):
         parse(["shape", "--config", "missing.toml", "--help", "planning"])
+
+
+@pytest.mark.parametrize("flag", ["--speed-scale", "--gate.speed-scale"])
+def test_the_speed_scale_has_a_short_name(flag: str) -> None:
+    assert parse(["shape", flag, "0.05"]).run.gate.speed_scale == 0.05
+    with pytest.raises(ConfigError, match=r"--speed-scale is 0\.04"):
+        parse(["shape", flag, "0.04"])

@@ -96,6 +96,12 @@ def test_an_arm_of_other_joints_and_samples_too_far_apart_or_too_near_are_refuse
     assert reason_of(trajectory(np.array([0.0, 1e-5]), *np.zeros((3, 2)))) == BAD_TRAJECTORY
 
 
+@pytest.mark.parametrize("last_s", [3601.0, 1e308])
+def test_a_trajectory_without_an_end_is_refused(last_s: float) -> None:
+    q = np.array([0.0, 0.0])
+    assert reason_of(trajectory(np.array([0.0, last_s]), q, 0.0 * q, 0.0 * q)) == BAD_TRAJECTORY
+
+
 def test_a_range_that_is_left_between_samples_only_is_left() -> None:
     times, rows = 0.05 * np.arange(3, dtype=np.float64), np.tile(PANDA_HOME_Q_RAD, (3, 1))
     rows[:, 3] = PANDA_LIMITS.position_upper_rad[3] - 1e-4

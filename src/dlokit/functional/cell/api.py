@@ -5,7 +5,6 @@ is not among them. Each arm is called by its name.
 """
 
 from dlokit.communication.skill import Skill
-from dlokit.types.arrays import Float64Array
 from dlokit.types.image import StereoImages
 from dlokit.types.robot import FIRST_ROBOT, GripResult, JointTrajectory, MotionResult
 
@@ -31,14 +30,6 @@ def _follow(trajectory: JointTrajectory, lease_s: float, robot: str = FIRST_ROBO
 
 def _renew(robot: str = FIRST_ROBOT) -> None:
     """Say that the commander of the arm's motion, or of its fingers', is still there."""
-    ...
-
-
-def _servo_to(q_rad: Float64Array, dq_rad_s: Float64Array, robot: str = FIRST_ROBOT) -> None:
-    """Set the joint angles (7,) and velocities (7,) to be at now; call again within 0.1 s, or the arm brakes.
-
-    Rejected with: stop_latched, busy, fault, outside_limits.
-    """
     ...
 
 
@@ -81,7 +72,6 @@ FOLLOW = Skill(
     ensures="the arm stands at the last sample",
 )
 RENEW = Skill("cell", "renew", _renew, timeout_s=1.0)
-SERVO_TO = Skill("cell", "servo_to", _servo_to, timeout_s=1.0, requires="no trajectory runs, no fault")
 GRIP = Skill("cell", "grip", _grip, timeout_s=10.0, ensures="the fingers are at rest")
 BRAKE = Skill("cell", "brake", _brake, timeout_s=5.0, ensures="the arm stands")
 STOP = Skill("cell", "stop", _stop, timeout_s=5.0, ensures="arm and fingers stand, and nothing moves them")

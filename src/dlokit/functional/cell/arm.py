@@ -8,7 +8,7 @@ from dlokit import geometry
 from dlokit.description.arms import ArmMount
 from dlokit.description.panda_data import PANDA_FINGER_SPEED_M_S, PANDA_LIMITS
 from dlokit.functional.cell.fingers import Fingers
-from dlokit.functional.cell.setpoints import Brake, Follow, Hold, Program, Servo, Setpoint
+from dlokit.functional.cell.setpoints import Brake, Fade, Follow, Hold, Program, Setpoint
 from dlokit.types.arrays import Float64Array, Int64Array
 from dlokit.types.pose import Pose
 from dlokit.types.robot import JointTrajectory, RobotMode, RobotState
@@ -48,11 +48,6 @@ class CellArm:
         return self._mode
 
     @property
-    def led(self) -> bool:
-        """Whether it follows servo targets."""
-        return self._mode == RobotMode.MOVING and isinstance(self._program, Servo)
-
-    @property
     def q_rad(self) -> Float64Array:
         """Measured joint angles (7,)."""
         return np.array(self._data.qpos[self._qpos], dtype=np.float64)
@@ -68,14 +63,9 @@ class CellArm:
 
     def start_follow(self, trajectory: JointTrajectory, time_s: float) -> None:
         """Begin a trajectory now; whoever calls has checked it."""
-        self._begin(Follow(trajectory, time_s), RobotMode.MOVING)
-
-    def servo_to(self, q_rad: Float64Array, dq_rad_s: Float64Array, time_s: float) -> None:
-        """Lead the joints: be at `q_rad` (7,) with `dq_rad_s` (7,) now."""
-        if isinstance(self._program, Servo):
-            self._program = Servo(q_rad, dq_rad_s, time_s)
-        else:
-            self._begin(Servo(q_rad, dq_rad_s, time_s), RobotMode.MOVING)
+        offset_rad = self._program.at(time_s).q_rad - trajectory.q_rad[0]
+        fade = Fade(offset_rad, self.limits) if np.any(offset_rad) else None
+        self._begin(Follow(trajectory, time_s, fade), RobotMode.MOVING)
 
     def brake(self, time_s: float, *, fault: bool = False) -> None:
         """Come to rest within the limits; with `fault` the arm then needs `recover`."""
@@ -142,8 +132,5 @@ class CellArm:
         self._largest_error_rad = 0.0
 
     def _finish(self, time_s: float) -> None:
-        if isinstance(self._program, Servo):
-            self.brake(time_s)
-            return
         self._program = Hold(self._program.at(time_s).q_rad)
         self._mode = RobotMode.FAULT if self._fault else RobotMode.IDLE

@@ -4,7 +4,6 @@ import asyncio
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from dlokit.communication import topics
@@ -14,7 +13,7 @@ from dlokit.description.arms import FIRST_ALONE, ArmMount
 from dlokit.errors import MachineError, SkillFailure, SkillRejected
 from dlokit.functional.cell import api
 from dlokit.functional.cell.arm import CellArm
-from dlokit.functional.cell.checks import check_grip, check_servo, check_trajectory
+from dlokit.functional.cell.checks import check_grip, check_trajectory
 from dlokit.functional.cell.config import TICK_S, CellConfig
 from dlokit.functional.cell.pace import Pace
 from dlokit.functional.cell.truth import TruthRecorder
@@ -141,15 +140,6 @@ class CellComponent(Component):
         line = self._line(robot)
         line.watchdog.renew()
         line.finger_watchdog.renew()
-
-    @implements(api.SERVO_TO)
-    async def servo_to(self, q_rad: Float64Array, dq_rad_s: Float64Array, robot: str = FIRST_ROBOT) -> None:
-        """Lead the joints."""
-        arm = self._enabled(robot).arm
-        if not arm.led:
-            self._idle(robot)
-        check_servo(q_rad, dq_rad_s, arm.setpoint(self._cell.time_s), arm.limits)
-        self._cell.set_servo(np.array(q_rad), np.array(dq_rad_s), robot)
 
     @implements(api.GRIP)
     async def grip(self, width_m: float, force_n: float, lease_s: float, robot: str = FIRST_ROBOT) -> GripResult:

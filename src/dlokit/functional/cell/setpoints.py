@@ -1,4 +1,4 @@
-"""What the arm is told to do over time: hold, follow a trajectory, be led, brake."""
+"""What the arm is told to do over time: hold, follow a trajectory, brake."""
 
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -43,12 +43,16 @@ class Hold:
 
 
 class Follow:
-    """Sample a trajectory: cubic Hermite in position, so that position and velocity agree between samples."""
+    """Sample a trajectory: cubic Hermite in position, so that position and velocity agree between samples.
 
-    def __init__(self, trajectory: JointTrajectory, start_s: float) -> None:
+    Where the arm was commanded to be a little beside the first sample, as after a brake, that offset fades out.
+    """
+
+    def __init__(self, trajectory: JointTrajectory, start_s: float, fade: "Fade | None" = None) -> None:
         self._trajectory = trajectory
         self._start_s = start_s
-        self.end_s = start_s + float(trajectory.times_s[-1])
+        self._fade = fade
+        self.end_s = start_s + max(float(trajectory.times_s[-1]), 0.0 if fade is None else fade.duration_s)
 
     def at(self, time_s: float) -> Setpoint:
         """The set-point, held at both ends."""
@@ -62,23 +66,38 @@ class Follow:
         q0, q1, v0, v1 = t.q_rad[i], t.q_rad[i + 1], t.dq_rad_s[i], t.dq_rad_s[i + 1]
         step = q1 - q0
         q = q0 + u * (h * v0 + u * (3 * step - h * (2 * v0 + v1) + u * (h * (v0 + v1) - 2 * step)))
-        return Setpoint(q, (1 - u) * v0 + u * v1, (1 - u) * t.ddq_rad_s2[i] + u * t.ddq_rad_s2[i + 1])
+        point = Setpoint(q, (1 - u) * v0 + u * v1, (1 - u) * t.ddq_rad_s2[i] + u * t.ddq_rad_s2[i + 1])
+        return point if self._fade is None else self._fade.added(point, time_s - self._start_s)
 
 
-class Servo:
-    """Be led: extrapolate the last target by its velocity until it is too old."""
+class Fade:
+    """An offset of the joints that goes to nothing by a minimum-jerk profile, with a hundredth of their limits."""
 
-    KEEP_S = 0.1
-    """Longest time that a target stays good [s]."""
+    _USED = 0.01
 
-    def __init__(self, q_rad: Float64Array, dq_rad_s: Float64Array, now_s: float) -> None:
-        self._q, self._dq, self._now_s = q_rad, dq_rad_s, now_s
-        self.end_s = now_s + self.KEEP_S
+    def __init__(self, offset_rad: Float64Array, limits: JointLimits) -> None:
+        """`offset_rad` (7,) is where the arm is commanded to be less where its next motion begins."""
+        size = np.abs(offset_rad)
+        # Largest speed, acceleration and jerk of a minimum-jerk profile of one unit in one second.
+        seconds = (
+            1.875 * size / (self._USED * limits.velocity_rad_s),
+            np.sqrt(5.774 * size / (self._USED * limits.acceleration_rad_s2)),
+            np.cbrt(60.0 * size / (self._USED * limits.jerk_rad_s3)),
+        )
+        self._offset_rad = offset_rad
+        self.duration_s = float(np.max(seconds))
 
-    def at(self, time_s: float) -> Setpoint:
-        """The target, moved on by its velocity."""
-        ahead = min(max(time_s - self._now_s, 0.0), self.KEEP_S)
-        return Setpoint(self._q + ahead * self._dq, self._dq, np.zeros(self._q.shape))
+    def added(self, point: Setpoint, passed_s: float) -> Setpoint:
+        """The set-point with what is left of the offset after a time."""
+        T = self.duration_s
+        u = min(max(passed_s / T, 0.0), 1.0)
+        left = 1.0 - u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
+        rate, gain = -30.0 * u**2 * (1.0 - u) ** 2 / T, -60.0 * u * (1.0 - u) * (1.0 - 2.0 * u) / T**2
+        return Setpoint(
+            point.q_rad + left * self._offset_rad,
+            point.dq_rad_s + rate * self._offset_rad,
+            point.ddq_rad_s2 + gain * self._offset_rad,
+        )
 
 
 class Brake:

@@ -94,10 +94,6 @@ class Cell:
         """Begin a joint trajectory of an arm now."""
         self.arms[robot].start_follow(trajectory, self.time_s)
 
-    def set_servo(self, q_rad: Float64Array, dq_rad_s: Float64Array, robot: str = FIRST_ROBOT) -> None:
-        """Lead the joints of an arm: be at `q_rad` (7,) with `dq_rad_s` (7,) now."""
-        self.arms[robot].servo_to(q_rad, dq_rad_s, self.time_s)
-
     def brake(self, robot: str = FIRST_ROBOT, *, fault: bool = False) -> None:
         """Bring an arm to rest within its limits; with `fault` it then needs `CellArm.recover`."""
         self.arms[robot].brake(self.time_s, fault=fault)

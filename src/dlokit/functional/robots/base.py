@@ -1,10 +1,8 @@
 """What every robot driver is: the narrow waist between the robot skills and an arm."""
 
-from collections.abc import AsyncIterator
 from types import TracebackType
 from typing import Protocol, Self
 
-from dlokit.types.pose import Pose
 from dlokit.types.robot import GripResult, JointLimits, JointTrajectory, Lease, MotionResult, RobotState
 
 
@@ -46,10 +44,6 @@ class Robot(Protocol):
 
         The arm also brakes when this driver dies: it hears from it more often than every ``lease.duration_s``.
         """
-        ...
-
-    async def servo(self, targets: AsyncIterator[Pose], lease: Lease) -> MotionResult:
-        """Follow tool poses (``T_world_tcp``) as they come, within the limits, until they end; then brake."""
         ...
 
     async def grip(self, width_m: float, force_n: float, lease: Lease) -> GripResult:

@@ -3,7 +3,7 @@
 import asyncio
 import math
 import threading
-from collections.abc import AsyncGenerator, AsyncIterator, Awaitable, Callable
+from collections.abc import Awaitable, Callable
 from types import TracebackType
 from typing import Self
 
@@ -26,7 +26,6 @@ WRONG_START = "wrong_start"
 OUTSIDE_WORKSPACE = "outside_workspace"
 TOOL_SPEED = "tool_speed"
 LEASE_LOST = "lease_lost"
-NOT_SCALED = "not_scaled"
 
 _REST_RAD_S = 0.05
 """An arm whose joints are measured slower than this stands [rad/s]; a standing arm of the cell is measured at 0.01."""
@@ -109,24 +108,6 @@ class GatedRobot:
         self._check_lease(lease)
         return await self._felt(self._robot.follow(paced, lease))
 
-    async def servo(self, targets: AsyncIterator[Pose], lease: Lease) -> MotionResult:
-        """Follow tool poses; the arm brakes before a target outside the workspace, and the motion fails.
-
-        Raises `SkillFailure` stale_feedback, lease_lost, outside_workspace, and not_scaled for a `speed_scale` below 1.
-        """
-        if self._config.speed_scale < 1.0:
-            raise SkillFailure(
-                NOT_SCALED,
-                f"servoing cannot be slowed, and --gate.speed-scale is {self._config.speed_scale}; run it with 1",
-            )
-        await self._standing()
-        self._check_lease(lease)
-        refused: list[SkillFailure] = []
-        result = await self._robot.servo(self._inside(targets, refused), lease)
-        if refused:
-            raise refused[0]
-        return result
-
     async def grip(self, width_m: float, force_n: float, lease: Lease) -> GripResult:
         """Bring the fingers to a width.
 
@@ -187,13 +168,6 @@ class GatedRobot:
             f"the tool would be at {np.round(place_world, 3).tolist()} m {when}, outside the box from {lower} to "
             f"{upper}; choose a target inside, or widen --gate.workspace-lower-m and --gate.workspace-upper-m",
         )
-
-    async def _inside(self, targets: AsyncIterator[Pose], refused: list[SkillFailure]) -> AsyncGenerator[Pose, None]:
-        async for target in targets:
-            if self._outside(target.position_m):
-                refused.append(self._refused_place(target.position_m, "as a target"))
-                return
-            yield target
 
     async def _check_start(self, trajectory: JointTrajectory) -> None:
         """Hold the first sample to where the arm stands by fresh feedback."""

@@ -2,6 +2,9 @@
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
+
+import tyro
 
 from dlokit.errors import ConfigError
 
@@ -19,7 +22,7 @@ class GateConfig:
     """The opposite corner [m]; by default the box holds what one arm, or two opposite arms, reach in front."""
     largest_tool_speed_m_s: float = 2.5
     """Largest speed of the tool centre point [m/s]; joint motions over the table reach 1.9."""
-    speed_scale: float = 1.0
+    speed_scale: Annotated[float, tyro.conf.arg(aliases=("--speed-scale",))] = 1.0
     """Factor on the speed of every motion, 0.05 to 1; accelerations change with its square. 0.1 to try things out."""
     feedback_age_s: float = 0.1
     """Largest age of the arm's feedback [s]: a motion does not begin before newer has come, by the machine's clock, and
@@ -34,7 +37,7 @@ class GateConfig:
                 f"{self.workspace_upper_m}; they must be finite, and the first below the second in x, y and z."
             )
         if not SLOWEST_SCALE <= self.speed_scale <= 1.0:
-            raise ConfigError(f"--gate.speed-scale is {self.speed_scale}; it must be {SLOWEST_SCALE} to 1.")
+            raise ConfigError(f"--speed-scale is {self.speed_scale}; it must be {SLOWEST_SCALE} to 1.")
         for name, value, unit in (
             ("largest-tool-speed-m-s", self.largest_tool_speed_m_s, "m/s"),
             ("feedback-age-s", self.feedback_age_s, "s"),

@@ -1,12 +1,9 @@
 """A Panda of the simulated cell: every verb is a call to the cell's socket."""
 
 import asyncio
-from collections.abc import AsyncIterator
 from functools import partial
 from types import TracebackType
 from typing import Self, TypeVar
-
-import numpy as np
 
 from dlokit.communication import topics
 from dlokit.communication.port import Port
@@ -15,10 +12,8 @@ from dlokit.description.arms import ARMS, ArmMount
 from dlokit.description.panda_data import PANDA_LIMITS
 from dlokit.errors import HardwareError, SkillFailure
 from dlokit.functional.cell import api
-from dlokit.functional.robots.pose_servo import PoseServo
 from dlokit.types.clock import ClockTick
 from dlokit.types.outcome import Cancelled, Failed, Outcome, Rejected, Succeeded, TimedOut, Unreachable
-from dlokit.types.pose import Pose
 from dlokit.types.robot import GripResult, JointLimits, JointTrajectory, Lease, MotionResult, RobotState
 
 R = TypeVar("R")
@@ -26,7 +21,6 @@ R = TypeVar("R")
 _RENEWALS = 5
 """Signs of life in the time after which the arm would brake."""
 _CONNECT_S = 10.0
-_SERVO_PERIOD_S = 0.02
 
 
 class SimulatedRobot:
@@ -37,7 +31,6 @@ class SimulatedRobot:
         self._port = port
         self._pulse = pulse
         self._robot = mount.robot
-        self._T_world_base = mount.T_world_base
         self._states = topics.ARM_STATE.at(mount.instance)
         self._state: RobotState | None = None
         self._heard = asyncio.Event()
@@ -104,28 +97,6 @@ class SimulatedRobot:
         async with self._pulse(renew, lease.duration_s / _RENEWALS):
             return _result(await self._port.call(api.FOLLOW, trajectory, lease.duration_s, self._robot))
 
-    async def servo(self, targets: AsyncIterator[Pose], lease: Lease) -> MotionResult:
-        """Follow tool poses by differential inverse kinematics at 50 Hz of the cell's clock."""
-        servo = PoseServo(self.state().q_rad, PANDA_LIMITS, _SERVO_PERIOD_S, self._T_world_base)
-        reader = asyncio.create_task(_feed(servo, targets))
-        started_ns, largest = self._port.clock.now_ns(), 0.0
-        try:
-            while not reader.done():
-                q, dq = servo.step()
-                _result(await self._port.call(api.SERVO_TO, q, dq, self._robot))
-                await self._port.clock.sleep(_SERVO_PERIOD_S)
-                largest = max(largest, float(np.max(np.abs(self.state().q_rad - q))))
-        finally:
-            reader.cancel()
-            await self._port.call(api.BRAKE, self._robot)  # returns when the arm stands
-        state = self.state()
-        return MotionResult(
-            q_rad=state.q_rad,
-            T_world_tcp=state.T_world_tcp,
-            duration_s=(self._port.clock.now_ns() - started_ns) / 1e9,
-            largest_joint_error_rad=largest,
-        )
-
     async def grip(self, width_m: float, force_n: float, lease: Lease) -> GripResult:
         """Bring the fingers to a width, renewing the right to move them all the while."""
         renew = partial(self._port.send, api.RENEW, self._robot)
@@ -151,11 +122,6 @@ class SimulatedRobot:
     async def recover(self) -> None:
         """Clear a fault."""
         _result(await self._port.call(api.RECOVER, self._robot))
-
-
-async def _feed(servo: PoseServo, targets: AsyncIterator[Pose]) -> None:
-    async for target in targets:
-        servo.aim(target)
 
 
 def _result(outcome: Outcome[R]) -> R:

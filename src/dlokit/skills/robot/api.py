@@ -25,6 +25,9 @@ from dlokit.types.robot import GripResult, MotionResult
 P = ParamSpec("P")
 R = TypeVar("R")
 
+LONGEST_LEASE_S = 60.0
+"""Longest time that a lease may last without renewal [s]: the arm moves for as long after its commander is lost."""
+
 
 def _move_joints(q_rad: Float64Array) -> MotionResult:
     """Move on a straight line in joint space to joint angles (7,) [rad], as fast as the limits allow."""
@@ -107,7 +110,7 @@ def _home() -> MotionResult:
 def _renew_lease(holder: str, duration_s: float = 0.2) -> None:
     """Take the right to move the robot, or keep it: from now on the arm brakes when no renewal comes in time.
 
-    `duration_s` counts on the machine's monotonic clock. Rejected with: leased (another holds it).
+    `duration_s` counts on the machine's monotonic clock. Rejected with: leased (another holds it), bad_lease.
     """
     ...
 
@@ -125,6 +128,11 @@ _WIDTH = Condition(
     f"width_m is 0 to {PANDA_OPEN_WIDTH_M}", "bad_width", lambda width_m: 0.0 <= width_m <= PANDA_OPEN_WIDTH_M
 )
 _FORCE = Condition("force_n is above 0", "bad_force", lambda force_n: 0.0 < force_n < math.inf)
+_DURATION = Condition(
+    f"duration_s is above 0 and at most {LONGEST_LEASE_S:g}",
+    "bad_lease",
+    lambda duration_s: 0.0 < duration_s <= LONGEST_LEASE_S,
+)
 
 
 def _is_seven(q_rad: Float64Array) -> bool:
@@ -157,5 +165,5 @@ STOP = Skill("robot", "stop", _stop, 5.0, "", "arm and fingers stand, and nothin
 ENABLE = Skill("robot", "enable", _enable, 5.0, "", "the arm may be moved")
 RECOVER = Skill("robot", "recover", _recover, 5.0, (ENABLED, COMMANDER), "the arm is idle")
 HOME = _motion("home", _home, 60.0, "the arm stands at home")
-RENEW_LEASE = Skill("robot", "renew_lease", _renew_lease, 1.0, "", "the arm brakes without a further renewal")
+RENEW_LEASE = Skill("robot", "renew_lease", _renew_lease, 1.0, (_DURATION,), "the arm brakes without a further renewal")
 RELEASE_LEASE = Skill("robot", "release_lease", _release_lease, 1.0, "", "no renewals are expected")

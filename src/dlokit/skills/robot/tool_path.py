@@ -2,11 +2,12 @@
 
 import itertools
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dlokit.skills.robot.kinematics import half_turned
+from dlokit.skills.robot.kinematics import half_turned, points_down
 from dlokit.types.pose import Pose
 
 Array = NDArray[np.float64]
@@ -34,9 +35,22 @@ class ToolPath:
         """Largest path parameter [m]."""
         return float(np.sum(self.lengths_m))
 
+    @property
+    def points_down(self) -> bool:
+        """Whether the gripper points straight down all along."""
+        return all(
+            points_down(Pose(position_m=position_m, wxyz=wxyz))
+            for position_m, wxyz in zip(self.positions_m, self.turns_wxyz, strict=True)
+        )
+
+    @cached_property
+    def _ends_m(self) -> Array:
+        """Path parameters at which the lines end (n - 1,) [m]; made once, as a path is asked for thousands of poses."""
+        return np.cumsum(self.lengths_m)
+
     def pose(self, sigma_m: float) -> Pose:
         """The tool pose at a path parameter from 0 to `length_m` [m]."""
-        ends = np.cumsum(self.lengths_m)
+        ends = self._ends_m
         leg = int(np.clip(np.searchsorted(ends, sigma_m), 0, len(ends) - 1))
         for corner in (leg, leg + 1):
             if 0 < corner < len(self.lengths_m) + 1 and corner <= len(self.lengths_m) - 1:

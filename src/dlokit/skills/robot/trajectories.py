@@ -23,8 +23,11 @@ SAMPLE_S = 0.005
 """Time between samples [s]."""
 LONGEST_S = 120.0
 """Longest time of a tool path [s], that of the skill which waits longest; its samples take 5 MB."""
-LONGEST_M = 30.0
-"""Longest tool path [m], `LONGEST_S` at the default speed; its inverse kinematics takes 0.6 s."""
+LONGEST_M = 15.0
+"""Longest tool path [m], a minute at the default speed; to plan it takes 0.5 s."""
+LONGEST_TILTED_M = 3.0
+"""Longest of it with a gripper that does not point straight down [m]: its inverse kinematics is solved by steps, 0.15 s
+a metre."""
 MOST_STOPS = 100
 """Most stops of a tool path, where it turns back; each takes 5 ms to plan."""
 _PATH_STEP_M = 0.005
@@ -101,13 +104,16 @@ def _check_effort(paths: list[ToolPath], velocity: VelocityProfile) -> None:
     )
     # The acceleration rises in that time, over which speeds are averaged.
     seconds = max(float(np.sum(least)), velocity.acceleration_m_s2 / velocity.jerk_m_s3)
-    if seconds > LONGEST_S or np.sum(lengths) > LONGEST_M or len(paths) > MOST_STOPS:
+    tilted_m = sum(path.length_m for path in paths if not path.points_down)
+    too_long = np.sum(lengths) > LONGEST_M or tilted_m > LONGEST_TILTED_M
+    if seconds > LONGEST_S or too_long or len(paths) > MOST_STOPS:
         raise SkillFailure(
             "too_slow",
-            f"a path of {np.sum(lengths):.3g} m with {len(paths)} stops at {velocity.speed_m_s:.3g} m/s, "
-            f"{velocity.acceleration_m_s2:.3g} m/s² and {velocity.jerk_m_s3:.3g} m/s³ takes {seconds:.3g} s or more to "
-            f"run or to speed up; allowed are {LONGEST_S:.0f} s, {LONGEST_M:.0f} m and {MOST_STOPS} stops; choose a "
-            "faster profile, or split the path",
+            f"a path of {np.sum(lengths):.3g} m, of which {tilted_m:.3g} m tilted, with {len(paths)} stops at "
+            f"{velocity.speed_m_s:.3g} m/s, {velocity.acceleration_m_s2:.3g} m/s² and {velocity.jerk_m_s3:.3g} m/s³ "
+            f"takes {seconds:.3g} s or more to run or to speed up; allowed are {LONGEST_S:.0f} s, {LONGEST_M:.0f} m, "
+            f"{LONGEST_TILTED_M:.0f} m tilted and "
+            f"{MOST_STOPS} stops; choose a faster profile, or split the path",
         )
 
 
@@ -116,14 +122,14 @@ def _follow(kinematics: PandaKinematics, path: ToolPath, start_q: Array) -> tupl
     sigma = np.linspace(0.0, path.length_m, max(8, int(np.ceil(path.length_m / _PATH_STEP_M)) + 1))
     q = [start_q]
     for s in sigma[1:]:
-        q.append(kinematics.inverse(path.pose(float(s)), q[-1], Yaw.EXACT))
-    steps = np.max(np.abs(np.diff(q, axis=0)), axis=1)
-    if np.any(steps > _LARGEST_STEP_RAD):
-        x, y, z = path.pose(float(sigma[int(np.argmax(steps)) + 1])).position_m
-        raise SkillFailure(
-            UNREACHABLE,
-            f"the arm cannot pass ({x:.3f}, {y:.3f}, {z:.3f}) m without changing its posture; split the path there",
-        )
+        pose = path.pose(float(s))
+        q.append(kinematics.inverse(pose, q[-1], Yaw.EXACT))
+        if np.max(np.abs(q[-1] - q[-2])) > _LARGEST_STEP_RAD:  # at once: the rest of the path may take long
+            x, y, z = pose.position_m
+            raise SkillFailure(
+                UNREACHABLE,
+                f"the arm cannot pass ({x:.3f}, {y:.3f}, {z:.3f}) m without changing its posture; split the path there",
+            )
     return sigma, np.array(q)
 
 

@@ -237,17 +237,6 @@ def test_a_grip_returns_when_the_fingers_rest():
     run(story)
 
 
-def test_a_servo_target_out_of_reach_of_one_step_is_refused():
-    async def story(bus: MemoryTransport) -> None:
-        near = await bus.call(api.SERVO_TO, HOME + 0.01, np.zeros(7))
-        assert isinstance(near, Succeeded)
-        far = await bus.call(api.SERVO_TO, HOME + 0.6, np.zeros(7))
-        assert isinstance(far, Rejected)
-        assert far.reason == "outside_limits"
-
-    run(story)
-
-
 def test_the_truth_is_a_file_of_its_own_at_10_hz(tmp_path: Path):
     async def main() -> None:
         async with running(tmp_path) as bus:

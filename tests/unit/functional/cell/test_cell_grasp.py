@@ -151,17 +151,6 @@ def test_braking_keeps_the_limits_and_comes_to_rest():
     assert np.abs(cell.arm_state().dq_rad_s).max() < 1e-3  # rad/s, at rest
 
 
-def test_a_servo_without_new_targets_brakes():
-    cell = Cell(CellConfig(), seed=0)
-    dq = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5])
-    for k in range(10):
-        cell.set_servo(cell.arm.setpoint(0.0).q_rad if k == 0 else cell.arm.setpoint(cell.time_s).q_rad, dq)
-        cell.step(0.02)
-    assert cell.arm.mode == RobotMode.MOVING
-    cell.step(1.0)
-    assert cell.arm.mode == RobotMode.IDLE
-
-
 def test_fingers_that_lost_the_rope_close_and_no_longer_hold() -> None:
     cell = Cell(CellConfig(), seed=0)
     cell.place_dlo(builtin_shape("I", 0.5, 200), settle=False)

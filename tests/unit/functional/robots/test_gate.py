@@ -1,12 +1,12 @@
 """What the gate lets through to an arm, and what it refuses by name."""
 
 import asyncio
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import Awaitable, Callable
 
 import msgspec
 import numpy as np
 import pytest
-from robot_bench import ABOVE, FAR, KINEMATICS, PerfectArm
+from robot_bench import FAR, KINEMATICS, PerfectArm
 
 from dlokit.communication import virtual_time
 from dlokit.communication.clock import LoopClock
@@ -21,7 +21,7 @@ from dlokit.motion.limits import scaled
 from dlokit.skills.robot.trajectories import joint_move, tool_move
 from dlokit.types.action import VelocityProfile
 from dlokit.types.pose import Pose
-from dlokit.types.robot import Lease, MotionResult, RobotState
+from dlokit.types.robot import Lease, RobotState
 
 LEASE = Lease(holder="test")
 GOOD = joint_move(PANDA_HOME_Q_RAD, FAR)
@@ -35,7 +35,6 @@ class FeltArm(PerfectArm):
         self.frozen_ns: int | None = None
         self.brakings_s: list[float] = []
         self.dq_rad_s = 0.0
-        self.aimed: list[Pose] = []
 
     def state(self) -> RobotState:
         state = super().state()
@@ -46,11 +45,6 @@ class FeltArm(PerfectArm):
     def brake(self) -> None:
         super().brake()
         self.brakings_s.append(asyncio.get_running_loop().time())
-
-    async def servo(self, targets: AsyncIterator[Pose], lease: Lease) -> MotionResult:
-        async for target in targets:
-            self.aimed.append(target)
-        return MotionResult(q_rad=self.q, T_world_tcp=ABOVE, duration_s=0.0, largest_joint_error_rad=0.0)
 
 
 def at_gate(
@@ -104,7 +98,6 @@ def test_every_motion_is_slowed_by_the_speed_scale() -> None:
         result = await robot.follow(GOOD, LEASE)
         assert result.duration_s == pytest.approx(10.0 * GOOD.times_s[-1])
         np.testing.assert_allclose(arm.q, FAR, atol=1e-9)
-        assert await refusal(robot.servo(_poses(ABOVE), LEASE)) == gate.NOT_SCALED
 
     at_gate(scenario, GateConfig(speed_scale=0.1))
 
@@ -252,24 +245,9 @@ def test_a_lease_without_an_end_is_refused(duration_s: float) -> None:
 def test_only_the_holder_of_the_lease_moves_the_arm() -> None:
     async def scenario(arm: FeltArm, robot: GatedRobot) -> None:
         assert await refusal(robot.follow(GOOD, LEASE)) == gate.LEASE_LOST
-        assert await refusal(robot.servo(_poses(ABOVE), LEASE)) == gate.LEASE_LOST
         await robot.follow(GOOD, Lease(holder="another"))
 
     at_gate(scenario, may_move=lambda holder: holder == "another")
-
-
-async def _poses(*targets: Pose) -> AsyncIterator[Pose]:
-    for target in targets:
-        yield target
-
-
-def test_servoing_ends_before_a_target_outside_the_box_and_fails() -> None:
-    async def scenario(arm: FeltArm, robot: GatedRobot) -> None:
-        far = downward([5.0, 0.0, 0.2], 0.0)
-        assert await refusal(robot.servo(_poses(ABOVE, far, ABOVE), LEASE)) == gate.OUTSIDE_WORKSPACE
-        assert arm.aimed == [ABOVE]
-
-    at_gate(scenario)
 
 
 @pytest.mark.parametrize("width_m", [-0.01, 0.081, np.nan, np.inf])

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from robot_bench import Bench, on_bench, reason
 
-from dlokit.geometry import downward
+from dlokit.geometry import compose, downward, pose
 from dlokit.skills.robot import api
 from dlokit.types.action import VelocityProfile
 from dlokit.types.outcome import Succeeded
@@ -26,13 +26,13 @@ def spoilt_poses() -> list[Pose]:
     poses: list[Pose] = []
     for name, size in (("position_m", 3), ("wxyz", 4)):
         for index, value in itertools.product(range(size), SPOILT):
-            pose = downward([0.5, 0.1, 0.1], 0.3)
-            getattr(pose, name)[index] = value
-            poses.append(pose)
+            spoilt = downward([0.5, 0.1, 0.1], 0.3)
+            getattr(spoilt, name)[index] = value
+            poses.append(spoilt)
     for factor in (0.0, 0.5, 1.01, 1e-200, 1e200):
-        pose = downward([0.5, 0.1, 0.1], 0.3)
-        pose.wxyz[:] *= factor
-        poses.append(pose)
+        spoilt = downward([0.5, 0.1, 0.1], 0.3)
+        spoilt.wxyz[:] *= factor
+        poses.append(spoilt)
     return poses
 
 
@@ -53,10 +53,10 @@ EXTREME = [
     if min(v, a, j) < 1.0  # the fastest of all profiles runs at the joints' limits
 ]
 CALLS: list[tuple[str, Any, tuple[Any, ...]]] = [
-    *(("move_to", api.MOVE_TO, (pose,)) for pose in (*spoilt_poses(), *FAR_POSES)),
-    *(("move_linear", api.MOVE_LINEAR, (pose, GOOD_PROFILE)) for pose in (*spoilt_poses(), *FAR_POSES)),
+    *(("move_to", api.MOVE_TO, (bad,)) for bad in (*spoilt_poses(), *FAR_POSES)),
+    *(("move_linear", api.MOVE_LINEAR, (bad, GOOD_PROFILE)) for bad in (*spoilt_poses(), *FAR_POSES)),
     *(("move_linear", api.MOVE_LINEAR, (GOOD_POSE, profile)) for profile in spoilt_profiles()),
-    *(("follow_path", api.FOLLOW_PATH, ((GOOD_POSE, pose), GOOD_PROFILE)) for pose in (*spoilt_poses(), *FAR_POSES)),
+    *(("follow_path", api.FOLLOW_PATH, ((GOOD_POSE, bad), GOOD_PROFILE)) for bad in (*spoilt_poses(), *FAR_POSES)),
     *(("follow_path", api.FOLLOW_PATH, ((GOOD_POSE,), profile)) for profile in (*spoilt_profiles(), *EXTREME)),
     *(
         ("move_joints", api.MOVE_JOINTS, (np.full(size, value),))
@@ -64,9 +64,10 @@ CALLS: list[tuple[str, Any, tuple[Any, ...]]] = [
     ),
     *(("grasp", api.GRASP, (force,)) for force in (0.0, -1.0, 71.0, *SPOILT)),
     *(("release", api.RELEASE, (width,)) for width in (-1e-3, 0.081, *SPOILT)),
+    *(("renew_lease", api.RENEW_LEASE, ("another", duration)) for duration in (0.0, -1.0, 61.0, *SPOILT)),
 ]
 NAMED = {
-    *("bad_arguments", "bad_force", "bad_width", "unreachable", "too_slow", "joint_limit"),
+    *("bad_arguments", "bad_force", "bad_width", "bad_lease", "unreachable", "too_slow", "joint_limit"),
 }
 
 
@@ -96,5 +97,19 @@ def test_a_path_that_turns_back_without_end_is_refused_at_once() -> None:
         assert reason(await bench.port.call(api.FOLLOW_PATH, path, GOOD_PROFILE)) == "too_slow"
         assert time.perf_counter() - began < LONGEST_S
         assert isinstance(await bench.port.call(api.FOLLOW_PATH, path[:5], GOOD_PROFILE), Succeeded)
+
+    on_bench(scenario)
+
+
+@pytest.mark.parametrize("tilt_rad", [0.0, 0.3])
+def test_a_path_that_takes_long_to_plan_is_refused_at_once(tilt_rad: float) -> None:
+    async def scenario(bench: Bench) -> None:
+        tilt = pose([0.0, 0.0, 0.0], [np.cos(tilt_rad / 2), np.sin(tilt_rad / 2), 0.0, 0.0])
+        circle = [[0.5 + 0.1 * np.cos(angle), 0.1 * np.sin(angle), 0.3] for angle in np.linspace(0.0, 280.0, 1000)]
+        path = tuple(compose(downward(place, 0.0), tilt) for place in circle)
+        began = time.perf_counter()
+        assert reason(await bench.port.call(api.FOLLOW_PATH, path, VelocityProfile(speed_m_s=2.0))) == "too_slow"
+        assert time.perf_counter() - began < LONGEST_S
+        assert isinstance(await bench.port.call(api.FOLLOW_PATH, path[:50], GOOD_PROFILE), Succeeded)
 
     on_bench(scenario)

@@ -1,0 +1,283 @@
+"""Honest and adversarial values for the gate, and the limits by which an executed motion is judged.
+
+The property tests and `benchmarks/gate_values.py` draw from the same generators. They are here, not in the package:
+no user needs them, and a benchmark can add this folder to its path as pytest does, while tests do not import a script.
+"""
+
+import itertools
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from dlokit.communication import codec
+from dlokit.description.panda_data import PANDA_HOME_Q_RAD, PANDA_LIMITS
+from dlokit.description.panda_kinematics import tcp_matrices
+from dlokit.functional.cell.setpoints import Follow
+from dlokit.functional.robots.gate_config import GateConfig
+from dlokit.geometry import downward
+from dlokit.motion.limits import scaled
+from dlokit.skills.robot.kinematics import PandaKinematics
+from dlokit.skills.robot.trajectories import joint_move, tool_move
+from dlokit.types.action import VelocityProfile
+from dlokit.types.arrays import Float64Array
+from dlokit.types.pose import Pose
+from dlokit.types.robot import JointTrajectory
+
+KINEMATICS = PandaKinematics()
+PARTS = ("times_s", "q_rad", "dq_rad_s", "ddq_rad_s2")
+POISON = (np.nan, np.inf, -np.inf, 1e308, -1e308, 1e-308, 0.0, 1.0, -3.0)
+BETWEEN = 5.0 / 3.0
+"""A cubic piece through samples of a motion needs up to this factor of the motion's acceleration between them."""
+
+
+def executed_breach(trajectory: JointTrajectory, config: GateConfig, pieces: int = 10) -> str:
+    """Which limit the cell's own set-points break, `pieces` to a sample, by their differences; empty where none.
+
+    Before and after the trajectory the arm stands, so a start or an end with a jump counts as well.
+    """
+    program, samples = Follow(trajectory, 0.0), trajectory.times_s
+    samples = np.concatenate(([samples[0] - samples[1]], samples, [2.0 * samples[-1] - samples[-2]]))
+    fine = np.concatenate(
+        [*(np.linspace(a, b, pieces, endpoint=False) for a, b in itertools.pairwise(samples)), samples[-1:]]
+    )
+    q = np.array([program.at(float(t)).q_rad for t in fine])
+    sampled = q[::pieces]
+    velocity, acceleration, jerk = (
+        PANDA_LIMITS.velocity_rad_s,
+        PANDA_LIMITS.acceleration_rad_s2,
+        PANDA_LIMITS.jerk_rad_s3,
+    )
+    # Differences of differences carry the rounding of the angles.
+    rounding = 64.0 * np.finfo(np.float64).eps * np.abs(q).max() / np.diff(samples).min() ** 3
+    checks = (
+        ("position", PANDA_LIMITS.position_lower_rad - q, 1e-6),
+        ("position", q - PANDA_LIMITS.position_upper_rad, 1e-6),
+        ("velocity", divided(fine, q, 1), velocity * (1 + 1e-5)),
+        ("acceleration", divided(samples, sampled, 2), acceleration * (1 + 1e-4)),
+        ("acceleration between samples", divided(fine, q, 2), BETWEEN * acceleration * (1 + 1e-4) + 1e-2),
+        ("jerk", divided(samples, sampled, 3), jerk * (1 + 1e-4) + rounding),
+    )
+    for what, values, allowed in checks:
+        if not np.all((values if what == "position" else np.abs(values)) <= allowed):
+            return what
+    return tool_breach(trajectory.times_s, trajectory.q_rad, config)
+
+
+def tool_breach(times_s: Float64Array, q_rad: Float64Array, config: GateConfig) -> str:
+    """Whether the tool centre point leaves the box or its speed at times (K,) [s] and angles (K, 7) [rad]."""
+    places = tcp_matrices(q_rad)[:, :3, 3]
+    if not np.all((places >= config.workspace_lower_m) & (places <= config.workspace_upper_m)):
+        return "box"
+    speeds = np.linalg.norm(np.diff(places, axis=0), axis=1) / np.diff(times_s)
+    return "" if np.all(speeds <= config.largest_tool_speed_m_s) else "tool speed"
+
+
+def divided(times_s: Float64Array, q_rad: Float64Array, order: int) -> Float64Array:
+    """Divided differences of angles (K, J) [rad] times `order`!: velocity, acceleration or jerk, (K - order, J)."""
+    values = q_rad
+    for n in range(1, order + 1):
+        values = n * np.diff(values, axis=0) / (times_s[n:] - times_s[:-n])[:, None]
+    return values
+
+
+def honest(seed: int) -> JointTrajectory:
+    """A planned motion over the table, of one of the kinds that skills plan. Raises `SkillFailure` where none is."""
+    rng = np.random.default_rng(seed)
+    start = _angles(rng)
+    kind = rng.integers(4)
+    if kind == 0:
+        return joint_move(start, _angles(rng))
+    if kind == 1:
+        return joint_move(start, start + rng.normal(size=7) * 10 ** rng.uniform(-6.0, -2.0))
+    poses = tuple(KINEMATICS.forward(_angles(rng)) for _ in range(kind - 1))
+    return tool_move(KINEMATICS, start, poses, VelocityProfile(speed_m_s=10 ** rng.uniform(-1.5, 0.3)))
+
+
+def _angles(rng: np.random.Generator) -> Float64Array:
+    return KINEMATICS.inverse(honest_pose(rng))
+
+
+def honest_pose(rng: np.random.Generator) -> Pose:
+    """A pose over the table that the arm reaches, mostly."""
+    place = [rng.uniform(0.35, 0.65), rng.uniform(-0.3, 0.3), rng.uniform(0.011, 0.4)]
+    return downward(place, rng.uniform(-0.7, 0.7))
+
+
+def poisoned(base: JointTrajectory, rng: np.random.Generator) -> JointTrajectory:
+    """One to three entries of one array replaced by values that are no angles, or wrong ones."""
+    part = str(rng.choice(PARTS))
+    values = getattr(base, part).copy()
+    values.reshape(-1)[rng.integers(0, values.size, rng.integers(1, 4))] = rng.choice(POISON)
+    return msgspec.structs.replace(base, **{part: values})
+
+
+def disagreeing(
+    base: JointTrajectory, rng: np.random.Generator, part: str = "", size: float = 0.0, how: str = ""
+) -> JointTrajectory:
+    """One array changed, so that angles, velocities, accelerations and times disagree; drawn where not given."""
+    part = part or str(rng.choice(PARTS))
+    size = size or float(10 ** rng.uniform(-6.0, 0.5))
+    how = how or str(rng.choice(DISAGREEMENTS))
+    values = getattr(base, part)
+    half = (np.arange(len(values)) > len(values) // 2).reshape(-1, *(1,) * (values.ndim - 1))
+    changed = {
+        "factor": values * (1.0 + size),
+        "sign": -values,
+        "noise": values + size * rng.normal(size=values.shape),
+        "shift": values + size,
+        "step": values + size * half,
+        "zero": np.zeros_like(values),
+        "pace": values,
+    }[how]
+    if how == "pace":
+        return scaled(base, 1.0 + size)
+    return msgspec.structs.replace(base, **{part: changed})
+
+
+DISAGREEMENTS = ("factor", "sign", "noise", "shift", "step", "zero", "pace")
+
+
+def warped(base: JointTrajectory, rng: np.random.Generator) -> JointTrajectory:
+    """Honest angles at other times: each step stretched by a factor of its own, velocities to match or not."""
+    factors = 10 ** rng.uniform(-1.0, 1.0, len(base.times_s) - 1) ** rng.choice([0.05, 0.3, 1.0])
+    times = np.concatenate(([0.0], np.cumsum(np.diff(base.times_s) * factors)))
+    dq = base.dq_rad_s
+    if rng.random() < 0.5:
+        dq = np.gradient(base.q_rad, times, axis=0)
+        dq[[0, -1]] = 0.0
+    return msgspec.structs.replace(base, times_s=times, dq_rad_s=dq)
+
+
+def shuffled(base: JointTrajectory, rng: np.random.Generator) -> JointTrajectory:
+    """Rows of one array, or of all, in another order, dropped or repeated; or the joints in another order."""
+    count = len(base.times_s)
+    how = rng.integers(4)
+    if how == 0:
+        order = rng.permutation(count)
+        part = str(rng.choice(PARTS))
+        return msgspec.structs.replace(base, **{part: getattr(base, part)[order]})
+    if how == 1:
+        joints = rng.permutation(7)
+        part = str(rng.choice(PARTS[1:]))
+        return msgspec.structs.replace(base, **{part: getattr(base, part)[:, joints]})
+    # Rows that are left out make a coarser motion, rows that come twice a step of no time.
+    order = np.sort(rng.choice(count, max(2, count // int(rng.integers(2, 9))), replace=how == 3))
+    chosen = {part: getattr(base, part)[order] for part in PARTS}
+    return JointTrajectory(**{**chosen, "times_s": chosen["times_s"] - chosen["times_s"][0]})
+
+
+def jumping(base: JointTrajectory, rng: np.random.Generator) -> JointTrajectory:
+    """A jump of one joint between two samples, or between the start and the first of them."""
+    q, row, joint = base.q_rad.copy(), int(rng.integers(0, len(base.times_s))), int(rng.integers(0, 7))
+    q[row:, joint] += rng.choice([-1.0, 1.0]) * 10 ** rng.uniform(-7.0, 1.0)
+    return msgspec.structs.replace(base, q_rad=q)
+
+
+def zigzag(base: JointTrajectory, rng: np.random.Generator) -> JointTrajectory:
+    """A joint that shakes between samples, with velocities that hide it or say so."""
+    times, q = base.times_s, base.q_rad.copy()
+    joint, size_rad = int(rng.integers(0, 7)), float(10 ** rng.uniform(-8.0, -1.0))
+    sign = np.where(np.arange(len(times)) // int(rng.integers(1, 5)) % 2 == 0, 0.0, 1.0)
+    q[:, joint] += size_rad * sign
+    dq = base.dq_rad_s if rng.random() < 0.5 else np.gradient(q, times, axis=0)
+    return msgspec.structs.replace(base, q_rad=q, dq_rad_s=dq)
+
+
+def random_numbers(base: JointTrajectory, rng: np.random.Generator) -> JointTrajectory:
+    """A few samples of random numbers around home."""
+    samples = int(rng.integers(2, 13))
+    size, step_s = 10 ** rng.uniform(-9.0, 2.0), 10 ** rng.uniform(-6.0, 2.0)
+    q, dq, ddq = size * rng.normal(size=(3, samples, 7)) * np.array([1.0, 10.0, 100.0])[:, None, None]
+    times = np.concatenate(([0.0], np.cumsum(step_s * rng.uniform(0.1, 1.0, samples - 1))))
+    return JointTrajectory(times_s=times, q_rad=PANDA_HOME_Q_RAD + q - q[:1], dq_rad_s=dq, ddq_rad_s2=ddq)
+
+
+def smooth(base: JointTrajectory, rng: np.random.Generator) -> JointTrajectory:
+    """A minimum-jerk motion of random joints from anywhere in the range: too fast, outside the box, or neither."""
+    lower, upper = PANDA_LIMITS.position_lower_rad, PANDA_LIMITS.position_upper_rad
+    start = np.where(rng.random() < 0.5, base.q_rad[0], rng.uniform(lower, upper))
+    way = rng.normal(size=7) * 10 ** rng.uniform(-3.0, 0.5) * (rng.random(7) < 0.5)
+    duration_s, count = 10 ** rng.uniform(-1.5, 1.0), int(rng.integers(5, 200))
+    u = np.linspace(0.0, 1.0, count)[:, None]
+    return JointTrajectory(
+        times_s=duration_s * u[:, 0],
+        q_rad=start + way * u**3 * (10.0 - 15.0 * u + 6.0 * u**2),
+        dq_rad_s=way * 30.0 * u**2 * (1.0 - u) ** 2 / duration_s,
+        ddq_rad_s2=way * 60.0 * u * (1.0 - u) * (1.0 - 2.0 * u) / duration_s**2,
+    )
+
+
+def wrong_lengths(base: JointTrajectory, rng: np.random.Generator) -> JointTrajectory:
+    """One array with rows, joints or axes that the others do not have."""
+    part = str(rng.choice(PARTS))
+    values = getattr(base, part)
+    wrong = (values[:-1], values[:0], values[..., None], values.reshape(-1)[:3], np.float64(0.5) + values[:1].sum())
+    return msgspec.structs.replace(base, **{part: np.asarray(wrong[int(rng.integers(len(wrong)))])})
+
+
+def other_arm(base: JointTrajectory, rng: np.random.Generator) -> JointTrajectory:
+    """A well-formed motion of an arm with another number of joints."""
+    joints = int(rng.choice([1, 2, 6, 8, 14]))
+    return JointTrajectory(
+        times_s=base.times_s,
+        **{part: np.resize(getattr(base, part), (len(base.times_s), joints)) for part in PARTS[1:]},
+    )
+
+
+def decoded(base: JointTrajectory, rng: np.random.Generator) -> JointTrajectory:
+    """What decoding makes of plain values of wrong types or shapes. Raises `CommunicationError` where nothing."""
+    plain: dict[str, Any] = {part: getattr(base, part) for part in PARTS}
+    part = str(rng.choice(PARTS))
+    wrong: tuple[Any, ...] = (
+        *(None, "fast", 7.0, True, [], {}, [[0.0] * 7] * 2, plain[part].tolist()),
+        *(plain[part].astype(kind) for kind in (np.float32, np.int64, np.uint8, np.bool_)),
+        *(plain[part][None], np.zeros((2, 2, 2, 2, 2)), plain[part][::-1]),
+    )
+    plain[part] = wrong[int(rng.integers(len(wrong)))]
+    if rng.random() < 0.1:
+        plain.pop(str(rng.choice(PARTS)))
+    return codec.decode(codec.encode(plain), JointTrajectory)
+
+
+Mutation = Callable[[JointTrajectory, np.random.Generator], JointTrajectory]
+MUTATIONS: dict[str, Mutation] = {
+    "as planned": lambda base, rng: base,
+    "poisoned entries": poisoned,
+    "parts that disagree": disagreeing,
+    "times warped": warped,
+    "rows or joints shuffled": shuffled,
+    "jump": jumping,
+    "zigzag": zigzag,
+    "random numbers": random_numbers,
+    "fast, far or outside": smooth,
+    "wrong lengths": wrong_lengths,
+    "other joints": other_arm,
+    "decoded": decoded,
+}
+"""What is made of an honest motion, by name. Raises `BadValue` or `CommunicationError` where no value can be made."""
+
+
+def spoilt_pose(rng: np.random.Generator) -> Pose:
+    """A pose as a program that checks nothing would send it: spoilt after it was made."""
+    made = downward([0.5, 0.1, 0.1], 0.3)
+    values = made.position_m if rng.random() < 0.4 else made.wxyz
+    if values is made.wxyz and rng.random() < 0.5:
+        values *= rng.choice([0.0, 0.5, 0.99, 1.01, -2.0, 1e-200, 1e200])
+    else:
+        values[rng.integers(len(values))] = rng.choice([np.nan, np.inf, -np.inf, 1e308, -1e308])
+    return made
+
+
+def remade(value: Any) -> Any:
+    """The same Struct made again from its fields. Raises `BadValue` where it cannot be."""
+    return type(value)(**msgspec.structs.asdict(value))
+
+
+def spoilt_profile(rng: np.random.Generator) -> VelocityProfile:
+    """A velocity profile of which one value is zero, negative or not finite; spoilt after it was made."""
+    profile = VelocityProfile()
+    name = str(rng.choice(["speed_m_s", "acceleration_m_s2", "jerk_m_s3"]))
+    msgspec.structs.force_setattr(profile, name, float(rng.choice([0.0, -0.25, -1e9, np.nan, np.inf, -np.inf])))
+    return profile
