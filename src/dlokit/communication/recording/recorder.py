@@ -15,6 +15,7 @@ from dlokit.communication.recording.channels import IMAGES_PER_S
 from dlokit.communication.recording.writer import RecordingWriter
 from dlokit.communication.topic import Topic
 from dlokit.communication.topics import STEREO_IMAGES
+from dlokit.communication.urgency import BoundedUrgency, never_urgent
 from dlokit.errors import CommunicationError
 from dlokit.types.message import Message
 
@@ -123,7 +124,10 @@ class Recorder:
     def _write_until_end(self, writer: RecordingWriter) -> None:
         flush_at_s = time.monotonic() + FLUSH_EVERY_S
         ending = False
+        # While it holds the interpreter's lock, and is put aside, no heartbeat of this process is given.
+        urgency = never_urgent if self._patient else BoundedUrgency()
         while not ending:
+            urgency(True)
             ending = self._ending.wait(BATCH_EVERY_S)
             # No more than wait now: a flush must not be put off by what comes meanwhile.
             for _ in range(self._waiting.qsize()):
