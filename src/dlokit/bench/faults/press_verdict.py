@@ -15,6 +15,8 @@ FINGERS_STAND_M = 0.0005
 REFUSED = f"Rejected {robot.ENABLED.reason}"
 TRIED = (robot.MOVE_JOINTS.key, robot.GRASP.key, robot.RECOVER.key)
 """Each of these must have been tried, and refused, before a stop counts as one that holds."""
+NOT_SENT = "Unreachable"
+"""A commander that was frozen for long has lost the bus for a moment: such an attempt reached no arm."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,7 +102,18 @@ def judged(report: StopReport, watched: Watched, *, exit_code: int, holds: bool,
     )
 
 
+def all_tried(attempts: Sequence[Attempt]) -> bool:
+    """Whether the arm has answered attempts of each kind."""
+    return not _not_tried(attempts)
+
+
+def _not_tried(attempts: Sequence[Attempt]) -> list[str]:
+    answered = {one.skill for one in attempts if one.ended_as != NOT_SENT}
+    return [key for key in TRIED if key not in answered]
+
+
 def _not_refused(attempts: Sequence[Attempt]) -> list[str]:
-    accepted = {f"{one.skill} was not refused: {one.ended_as}" for one in attempts if one.ended_as != REFUSED}
-    missing = [f"{key} was not tried" for key in TRIED if key not in {one.skill for one in attempts}]
-    return [*sorted(accepted), *missing]
+    accepted = {
+        f"{one.skill} was not refused: {one.ended_as}" for one in attempts if one.ended_as not in (REFUSED, NOT_SENT)
+    }
+    return [*sorted(accepted), *(f"{key} was not tried" for key in _not_tried(attempts))]

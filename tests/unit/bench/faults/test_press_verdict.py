@@ -61,6 +61,12 @@ def test_what_was_accepted_or_never_tried_is_named() -> None:
     )
 
 
+def test_an_attempt_that_reached_no_arm_proves_nothing() -> None:
+    unsent = replace(REFUSALS[0], ended_as="Unreachable")
+    assert verdict(attempts=(unsent, *REFUSALS)).wrong == ()
+    assert verdict(attempts=(unsent, *REFUSALS[1:])).wrong == ("robot.move_joints was not tried",)
+
+
 def test_the_command_must_confirm_by_its_lines_and_by_its_exit_code() -> None:
     assert verdict(report=StopReport(confirmed_s=None, exit_code=3), goes_on=False).wrong == (
         "the stop was not confirmed",
