@@ -26,7 +26,7 @@ from dlokit.system.stop_socket import STANDS, stop_socket
 from dlokit.system.tasks import end_tasks
 from dlokit.types.robot import RobotMode, RobotState
 
-ACTS_WITHIN_S = 180.0
+ACTS_WITHIN_S = 90.0
 """A commander that has just been started, thawed or enabled moves the arm long before, on a busy machine too."""
 WATCHED_S = 1.0
 """A stopped arm is watched for at least so long while its commander tries to move it [s]."""
@@ -83,17 +83,21 @@ class Scene:
         The time until the confirmation counts from when the robot's process listens.
         """
         system, confirmed_at_s = the_running_system(folder, starting=True), list[float]()
+        lines = list[str]()
 
         def hear(line: str) -> None:
+            lines.append(line)
             if STANDS in line:
                 confirmed_at_s.append(time.monotonic())
 
         listens = asyncio.create_task(_listens(stop_socket(folder, ARMS[0].robot)), name="listens")
         try:
             exit_code = await self.person.stop(system, hear)
+            said = "; ".join(lines)
             if not confirmed_at_s:
-                return StopReport(confirmed_s=None, exit_code=exit_code), time.monotonic()
-            return StopReport(confirmed_s=confirmed_at_s[0] - await listens, exit_code=exit_code), confirmed_at_s[0]
+                return StopReport(confirmed_s=None, exit_code=exit_code, said=said), time.monotonic()
+            confirmed_s = confirmed_at_s[0] - await listens
+            return StopReport(confirmed_s=confirmed_s, exit_code=exit_code, said=said), confirmed_at_s[0]
         finally:
             await end_tasks(listens)
 
@@ -115,13 +119,14 @@ class Trials:
         presses: list[Press] = []
         try:
             self._begin(row.program)
-            for number in range(count):
-                await row.moment(self)
-                report, from_s = await self._scene.stop(self._folder)
-                row.then(self)
-                press = await self.judge(report, from_s, row)
-                self._scene.tell(row.name, number, count, press)
+            while len(presses) < count:
+                press = await self._press(row)
+                self._scene.tell(row.name, len(presses), count, press)
                 presses.append(press)
+        except ProcessFailure as failure:  # the figures of the other rows are kept
+            press = Press(confirmed_s=None, moved_rad=0.0, fingers_m=0.0, wrong=(f"the row ended early: {failure}",))
+            self._scene.tell(row.name, len(presses), count, press)
+            presses.append(press)
         finally:
             self._end()
         return PressRow(name=row.name, presses=tuple(presses))
@@ -142,6 +147,12 @@ class Trials:
         watched = Watched(states=self._states.since(from_s), attempts=self._attempts.between(from_s, end_s))
         goes_on = await self._enable()
         return judged(report, watched, exit_code=row.exit_code, holds=row.holds, goes_on=goes_on)
+
+    async def _press(self, row: "Row") -> Press:
+        await row.moment(self)
+        report, from_s = await self._scene.stop(self._folder)
+        row.then(self)
+        return await self.judge(report, from_s, row)
 
     async def moves(self) -> None:
         """Wait for a random moment of a motion."""

@@ -64,6 +64,8 @@ class StopReport:
     confirmed_s: float | None
     """From the order, or from the start of the robot's process, until the confirmation [s]; None: it never came."""
     exit_code: int
+    said: str = ""
+    """The lines that it printed."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,7 +87,7 @@ def judged(report: StopReport, watched: Watched, *, exit_code: int, holds: bool,
     moved_rad = float(np.abs(q_rad - q_rad[0]).max())
     fingers_m = float(np.abs(width_m - width_m[0]).max())
     checks = (
-        (report.confirmed_s is not None, "the stop was not confirmed"),
+        (report.confirmed_s is not None, f"the stop was not confirmed: {report.said}"),
         (report.exit_code == exit_code, f"exit code {report.exit_code} of dlokit stop, which should be {exit_code}"),
         (moved_rad <= STANDS_RAD, f"a joint moved by {moved_rad:.3f} rad"),
         (fingers_m <= FINGERS_STAND_M, f"the fingers moved by {fingers_m * 1e3:.2f} mm"),

@@ -49,7 +49,7 @@ class PressPlan:
 async def measure_presses(plan: PressPlan, person: Person, said: Callable[[str], None]) -> tuple[PressRow, ...]:
     """Press and enable as often as planned in each row; `said` hears how far it is.
 
-    Raises `ProcessFailure` when the commander does not do what a row waits for.
+    Raises `ProcessFailure` when a system does not start, or is ready too soon.
     """
     scene = Scene(plan.run, person, said, np.random.default_rng(plan.seed))
     rows = [await _row_of_starts(scene, plan.presses)]

@@ -27,14 +27,15 @@ R = TypeVar("R")
 SWING_RAD = 2.4
 """Of the first joint, to either side of home, always to the farther one: a motion takes 1.4 s at least, long enough to
 be interrupted at any moment of its first second."""
+NUDGE_RAD = 0.1
 RETRY_S = 0.05
 PAUSE_S = 1.0
 """Time without a motion in the program with pauses [s]."""
 OPENING_M = 0.05
 ABOVE_M = 0.12
 """Height of the tool centre point before the grasp and while the DLO is carried [m]."""
-CARRY_M = 0.13
-"""The DLO is carried as far to either side of where it lay, always to the farther one [m]."""
+CARRY_M = 0.1
+"""The DLO is carried so far across itself, towards the arm and away from it, always to the farther end [m]."""
 
 
 class CommandedArm:
@@ -62,7 +63,7 @@ class CommandedArm:
         await self._call(robot.RECOVER)
         if isinstance(outcome, Rejected) and outcome.reason == robot.ENABLED.reason:
             await self._call(robot.GRASP)
-            await self._call(robot.MOVE_JOINTS, farther_side(self.state))
+            await self._call(robot.MOVE_JOINTS, nearby(self.state))
         return False
 
     async def _call(self, skill: Skill[P, R], *args: P.args, **kwargs: P.kwargs) -> Outcome[R]:
@@ -78,6 +79,14 @@ def farther_side(state: RobotState | None) -> Float64Array:
     """Joint angles (7,) [rad] with the first joint on the other side of home than it is now."""
     side = 1.0 if state is None or state.q_rad[0] < PANDA_HOME_Q_RAD[0] else -1.0
     return PANDA_HOME_Q_RAD + np.array([side * SWING_RAD, 0, 0, 0, 0, 0, 0])
+
+
+def nearby(state: RobotState | None) -> Float64Array:
+    """Joint angles (7,) [rad] with the first joint a little nearer to home: what is held is not shaken."""
+    if state is None:
+        return PANDA_HOME_Q_RAD
+    side = 1.0 if state.q_rad[0] < PANDA_HOME_Q_RAD[0] else -1.0
+    return state.q_rad + np.array([side * NUDGE_RAD, 0, 0, 0, 0, 0, 0])
 
 
 async def to_and_fro(arm: CommandedArm) -> None:
@@ -101,7 +110,7 @@ async def grips(arm: CommandedArm) -> None:
 
 
 async def carries(arm: CommandedArm) -> None:
-    """Grasp the DLO, a straight one along y, in its middle; carry it from side to side and never let it go."""
+    """Grasp the DLO, a straight one along y, in its middle; carry it across itself and never let it go."""
     while True:
         state = arm.state
         if state is None:
@@ -110,7 +119,7 @@ async def carries(arm: CommandedArm) -> None:
         if not state.holding:
             await _pick(arm)
             continue
-        side = 1.0 if state.T_world_tcp.position_m[1] < CENTRE_M[1] else -1.0
+        side = 1.0 if state.T_world_tcp.position_m[0] < CENTRE_M[0] else -1.0
         await arm.do(robot.MOVE_LINEAR, _tool(side * CARRY_M, ABOVE_M), VelocityProfile())
 
 
@@ -127,8 +136,8 @@ async def _pick(arm: CommandedArm) -> None:
 
 
 def _tool(aside_m: float, height_m: float) -> Pose:
-    """The tool across a DLO along y, so far to the side of its middle."""
-    return geometry.downward((CENTRE_M[0], CENTRE_M[1] + aside_m, height_m), np.pi / 2.0)
+    """The tool across a DLO along y, so far beside its middle."""
+    return geometry.downward((CENTRE_M[0] + aside_m, CENTRE_M[1], height_m), np.pi / 2.0)
 
 
 TO_AND_FRO, WITH_PAUSES, GRIPS, CARRIES = "to and fro", "with pauses", "grips", "carries"

@@ -68,8 +68,8 @@ def test_an_attempt_that_reached_no_arm_proves_nothing() -> None:
 
 
 def test_the_command_must_confirm_by_its_lines_and_by_its_exit_code() -> None:
-    assert verdict(report=StopReport(confirmed_s=None, exit_code=3), goes_on=False).wrong == (
-        "the stop was not confirmed",
+    assert verdict(report=StopReport(confirmed_s=None, exit_code=3, said="no feedback"), goes_on=False).wrong == (
+        "the stop was not confirmed: no feedback",
         "exit code 3 of dlokit stop, which should be 0",
         "the arm did not move again after dlokit enable",
     )
