@@ -1,6 +1,7 @@
 """`dlokit enable`: arms that a person has stopped may move again."""
 
 import asyncio
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -34,13 +35,19 @@ def run_enable(args: EnableArgs) -> int:
     """Enable every arm of one system."""
     system = the_running_system(args.run, starting=True)
     arms = arms_of(Path(system.folder))
-    answers = asyncio.run(_enable_all(system, arms))
+    answers = asyncio.run(enable_all(system, arms))
     for mount, answer in zip(arms, answers, strict=True):
         print(f"{mount.robot} {answer.text}")
+    return exit_code(answers)
+
+
+def exit_code(answers: Sequence[Answer]) -> int:
+    """0 where each arm is enabled, 3 where one is not."""
     return EXIT_ALL_ENABLED if all(answer.confirmed for answer in answers) else EXIT_NOT_ALL
 
 
-async def _enable_all(system: RunningSystem, arms: tuple[ArmMount, ...]) -> list[Answer]:
+async def enable_all(system: RunningSystem, arms: Sequence[ArmMount]) -> list[Answer]:
+    """Enable the arms of one system, one after the other; what each of them answers."""
     return [await _enable(system, mount) for mount in arms]
 
 

@@ -60,7 +60,11 @@ def run_stop(args: StopArgs) -> int:
     systems = running_systems(starting=True) if args.run is None else [the_running_system(args.run, starting=True)]
     if not systems:
         raise InputError("no system of yours runs: there is nothing to stop.")
-    said = asyncio.run(stop_all(systems, say=print))
+    return exit_code(asyncio.run(stop_all(systems, say=print)))
+
+
+def exit_code(said: Sequence[Stopped]) -> int:
+    """0 where each system confirmed everything, 3 where one did not."""
     return EXIT_ALL_STAND if all(stopped.stands for stopped in said) else EXIT_NOT_ALL
 
 

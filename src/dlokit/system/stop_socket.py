@@ -18,6 +18,8 @@ from dlokit.errors import DlokitError, MachineError
 from dlokit.system.running import notes_folder
 
 STOP, ENABLE = b"stop\n", b"enable\n"
+STANDS = "stands, and is stopped until dlokit enable"
+"""What a robot's process says of a stop that feedback has confirmed."""
 _LONGEST_PATH = 107  # bytes that the address of a socket may have on Linux
 _ORDER_WITHIN_S = 1.0  # for a caller to say what it wants
 _RETRY_S = 0.05
@@ -91,7 +93,7 @@ async def _answer(
     try:
         if order == STOP:
             await stop()
-            return Answer(confirmed=True, text="stands, and is stopped until dlokit enable")
+            return Answer(confirmed=True, text=STANDS)
         if order == ENABLE:
             _remove(left_stop(socket))
             await enable()

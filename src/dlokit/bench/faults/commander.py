@@ -1,46 +1,54 @@
-"""A commander that does nothing but move the arm to and fro under its lease, in a process that may be killed."""
+"""A commander that makes the arm do one thing under its lease, in a process that may be killed."""
 
 import asyncio
 import logging
 import multiprocessing
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
+from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from typing import Any
 
-import numpy as np
-
-from dlokit.communication import topics
-from dlokit.communication.clock import Clock
-from dlokit.communication.transport import Transport
+from dlokit.bench.faults.attempts import Attempt
+from dlokit.bench.faults.programs import PROGRAMS, RETRY_S, TO_AND_FRO, CommandedArm
+from dlokit.communication.component import Component, implements
+from dlokit.communication.host import Host
 from dlokit.communication.zenoh_session import ZenohConfig
-from dlokit.description.panda_data import PANDA_HOME_Q_RAD
+from dlokit.decision.api import STOP_TASK
 from dlokit.errors import ProcessFailure
-from dlokit.skills.robot import api as robot
 from dlokit.skills.robot.config import RobotConfig
 from dlokit.system.joined_bus import join_bus
 from dlokit.system.lease_keeper import leases_held
 from dlokit.system.processes import TimeBase
 from dlokit.system.worker import end_with_parent
-from dlokit.types.outcome import Succeeded
 
-log = logging.getLogger(__name__)
-
-SWING_RAD = 2.4
-"""Of the first joint, to either side of home, always to the farther one: a motion takes 1.4 s at least, long enough to
-be interrupted at any moment of its first second."""
 FIRST_TICK_S = 30.0
 TAKEN_OVER_S = 60.0
 """The lease of a commander that was killed runs out long before."""
-RETRY_S = 0.05
 
 
 @dataclass(frozen=True, kw_only=True)
 class Order:
-    """What a commander's process is told."""
+    """Settings of a commander's process."""
 
     bus: ZenohConfig
     robot: RobotConfig
+    program: str = TO_AND_FRO
+    """One of `PROGRAMS`."""
+    reports: Connection | None = None
+    """Where each `Attempt` is sent to; None: nobody reads them."""
+
+
+class DeafTask(Component):
+    """A task that says that it ends, and goes on: what keeps the arm still must be the arm."""
+
+    name = "decision"
+
+    @implements(STOP_TASK)
+    async def stop_task(self) -> bool:
+        """Say that it ends."""
+        return True
 
 
 def start_commander(order: Order) -> BaseProcess:
@@ -53,6 +61,18 @@ def start_commander(order: Order) -> BaseProcess:
     return process
 
 
+def pid_of(commander: BaseProcess) -> int:
+    """Number of the process of a commander that was started."""
+    assert commander.pid is not None, "it was started"
+    return commander.pid
+
+
+def end_commander(commander: BaseProcess) -> None:
+    """Kill it, frozen or not."""
+    commander.kill()
+    commander.join()
+
+
 def _main(order: Order) -> None:
     end_with_parent()
     logging.basicConfig(level=logging.WARNING)
@@ -62,25 +82,19 @@ def _main(order: Order) -> None:
 async def _command(order: Order) -> None:
     async with join_bus(order.bus, TimeBase.CELL) as bus:
         await bus.first_tick(FIRST_TICK_S)
-        async with asyncio.timeout(None) as limit:
+        host = Host(bus.transport, bus.clock)
+        host.add(DeafTask())
+        arm = CommandedArm(bus.transport, _reporter(order.reports))
+        async with host, asyncio.timeout(None) as limit:
             limit.reschedule(asyncio.get_running_loop().time() + TAKEN_OVER_S)
             while True:
                 try:
                     async with leases_held(bus.transport, bus.clock, order.robot):
                         limit.reschedule(None)
-                        await _to_and_fro(bus.transport, bus.clock)
+                        await PROGRAMS[order.program](arm)
                 except ProcessFailure:
                     await asyncio.sleep(RETRY_S)
 
 
-async def _to_and_fro(transport: Transport, clock: Clock) -> None:
-    while True:
-        arm = transport.latest(topics.ROBOT_STATE).value
-        side = 1.0 if arm is None or arm.q_rad[0] < PANDA_HOME_Q_RAD[0] else -1.0
-        goal = PANDA_HOME_Q_RAD + np.array([side * SWING_RAD, 0, 0, 0, 0, 0, 0])
-        moved = await transport.call(robot.MOVE_JOINTS, goal)
-        if isinstance(moved, Succeeded):
-            continue
-        log.info("the motion ended: %s", moved)
-        await asyncio.sleep(RETRY_S)
-        await transport.call(robot.RECOVER)
+def _reporter(reports: Connection | None) -> Callable[[Attempt], None]:
+    return (lambda attempt: None) if reports is None else reports.send

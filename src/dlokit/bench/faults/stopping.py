@@ -4,28 +4,21 @@ import os
 import signal
 import tempfile
 import time
-from collections.abc import AsyncGenerator, Callable
-from contextlib import asynccontextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
-from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 import numpy as np
 
 from dlokit.bench.faults.arm_log import AT_REST, ArmLog
 from dlokit.bench.faults.burden import burden
-from dlokit.bench.faults.commander import Order, start_commander
-from dlokit.description.shapes import builtin_shape
+from dlokit.bench.faults.commander import Order, end_commander, pid_of, start_commander
+from dlokit.bench.faults.small_system import arm_and_cell
 from dlokit.errors import ProcessFailure
 from dlokit.system.config import RunConfig
-from dlokit.system.live_system import LiveSystem, live_system, namespace_of
-from dlokit.system.processes import CELL, ROBOT, ProcessRow
-from dlokit.system.start_file import write_start
-from dlokit.system.supervisor import Launch
-from dlokit.system.toml_config import to_toml
+from dlokit.system.live_system import LiveSystem
 from dlokit.types.robot import RobotMode
 
-OWN = ProcessRow(name="bench", components=())
 MOVES_WITHIN_S = 60.0
 """A commander that was thawed, or takes over, moves the arm long before."""
 STARTS_WITHIN_S = 180.0
@@ -73,7 +66,7 @@ class StopPlan:
 async def measure_stops(plan: StopPlan, said: Callable[[str], None]) -> StopFigures:
     """Run the plan on cell, robot and commander as processes of this machine; `said` hears how far it is."""
     with tempfile.TemporaryDirectory(prefix="dlokit-stop-") as folder:
-        async with _arm_and_cell(plan.run, Path(folder)) as live:
+        async with arm_and_cell(plan.run, Path(folder)) as live:
             return await _Trials(plan, live, said).run()
 
 
@@ -93,7 +86,7 @@ class _Trials:
             with burden(self._plan.busy_processes):  # from here on: starting takes long enough without
                 return await self._all()
         finally:
-            _end(self._commander)
+            end_commander(self._commander)
 
     async def _all(self) -> StopFigures:
         false_stops, watched_s = await self._watch()
@@ -120,7 +113,7 @@ class _Trials:
     async def _freeze(self) -> Stop:
         while True:
             stop = await self._struck(signal.SIGSTOP)
-            os.kill(_pid(self._commander), signal.SIGCONT)
+            os.kill(pid_of(self._commander), signal.SIGCONT)
             if stop is not None:
                 return stop
 
@@ -140,7 +133,7 @@ class _Trials:
             if self._arm.mode is RobotMode.MOVING:  # and was not braked meanwhile
                 break
         struck_s = time.monotonic()
-        os.kill(_pid(self._commander), fault)
+        os.kill(pid_of(self._commander), fault)
         ended = (RobotMode.BRAKING, *AT_REST)
         ended_s = await self._arm.until(*ended, after_s=struck_s, within_s=BRAKES_WITHIN_S)
         if ended_s is None:
@@ -154,25 +147,3 @@ class _Trials:
         """Return when the arm has begun its next motion. Raises `ProcessFailure` when it does not."""
         if await self._arm.until(RobotMode.MOVING, after_s=after_s, within_s=within_s) is None:
             raise ProcessFailure("no_motion", f"the commander did not move the arm within {within_s:g} s")
-
-
-def _pid(commander: BaseProcess) -> int:
-    assert commander.pid is not None, "it was started"
-    return commander.pid
-
-
-def _end(commander: BaseProcess) -> None:
-    commander.kill()
-    commander.join()
-
-
-@asynccontextmanager
-async def _arm_and_cell(run: RunConfig, folder: Path) -> AsyncGenerator[LiveSystem]:
-    """The cell and the robot as processes."""
-    dlo = run.cell.dlo
-    write_start(folder, builtin_shape("I", dlo.length_m, 101, radius_m=dlo.radius_m))
-    config_file = folder / "config.toml"
-    config_file.write_text(to_toml(run), encoding="utf-8")
-    launch = Launch(namespace=namespace_of(folder), config_file=config_file, run_dir=folder)
-    async with live_system((OWN, CELL, ROBOT), launch) as live:
-        yield live

@@ -1,0 +1,21 @@
+"""Cell, robot and a commander as real processes: a person's stop holds, whatever becomes of the commander."""
+
+import asyncio
+
+import pytest
+
+from dlokit.app.bench_stop import PERSON
+from dlokit.bench.faults.pressing import ROWS, STARTING, PressPlan, measure_presses
+from dlokit.system.config import RunConfig
+
+pytestmark = pytest.mark.system
+
+
+def test_nothing_moves_after_a_persons_stop_and_everything_does_after_the_arm_is_enabled() -> None:
+    plan = PressPlan(run=RunConfig(runtime="live", headless=True), presses=1, busy_processes=0, seed=0)
+    # How soon is measured by `dlokit bench stop`; a test on a machine that does other things as well asks whether.
+    rows = asyncio.run(measure_presses(plan, PERSON, print))
+    assert [row.name for row in rows] == [STARTING.name, *(row.name for row in ROWS)]
+    for row in rows:
+        for press in row.presses:
+            assert press.wrong == (), row.name
