@@ -28,14 +28,14 @@ BAR_S = 0.25
 CONFIRMED_WITHIN_S = 1.0
 """A person's stop is confirmed within this, for 99 of 100."""
 EXIT_BELOW_BAR = 3
-NOT_MEASURED = StopFigures(killed=(), frozen=(), watched_s=0.0, false_stops=0)
+NOT_MEASURED = StopFigures()
 
 
 @dataclass(frozen=True, kw_only=True)
 class StopBenchArgs:
-    """Kill and freeze the commander of a moving arm at random times on a busy machine, and press stop.
+    """Kill and freeze the commander of a moving arm at random times on a busy machine, cut its feedback, press stop.
 
-    Cell, robot and commander are processes of this machine. Times are by its monotonic clock, from the signal until the
+    Cell, robot and commander are processes of this machine. Times are by its monotonic clock, from the fault until the
     arm is heard to brake; it tells 50 times a second. Then how often the arm brakes though nothing is done to anybody.
 
     A person's stop is pressed at random moments of seven cases: the system starts, the commander is frozen, it is
@@ -51,6 +51,8 @@ class StopBenchArgs:
     """Commanders killed (SIGKILL)."""
     freezes: int = 100
     """Commanders frozen (SIGSTOP), and thawed afterwards."""
+    silences: int = 100
+    """Times that an arm's feedback is withheld from its driver, and that another arm in the cell falls silent."""
     quiet_s: float = 600.0
     """Time in which nothing is done to the commander in motion [s]."""
     presses: int = 20
@@ -65,8 +67,10 @@ class StopBenchArgs:
 
 def run_stop_bench(args: StopBenchArgs) -> int:
     """Measure and print."""
-    if min(args.kills, args.freezes, args.presses, args.busy) < 0 or not 0.0 <= args.quiet_s < float("inf"):
-        raise ConfigError("--kills, --freezes, --presses, --busy and --quiet-s must be 0 or more.")
+    if min(args.kills, args.freezes, args.silences, args.presses, args.busy) < 0 or not 0.0 <= args.quiet_s < float(
+        "inf"
+    ):
+        raise ConfigError("--kills, --freezes, --silences, --presses, --busy and --quiet-s must be 0 or more.")
     if args.json is not None and not args.json.resolve().parent.is_dir():
         raise InputError(f"--json {args.json}: there is no folder {args.json.resolve().parent}; create it first.")
     console = Console()
@@ -88,11 +92,12 @@ def run_stop_bench(args: StopBenchArgs) -> int:
 async def _measure(args: StopBenchArgs, said: Callable[[str], None]) -> tuple[StopFigures, tuple[PressRow, ...]]:
     run = replace(args.run, runtime="live", headless=True, arms=1)
     figures, rows = NOT_MEASURED, tuple[PressRow, ...]()
-    if args.kills or args.freezes or args.quiet_s:
+    if args.kills or args.freezes or args.silences or args.quiet_s:
         plan = StopPlan(
             run=run,
             kills=args.kills,
             freezes=args.freezes,
+            silences=args.silences,
             quiet_s=args.quiet_s,
             busy_processes=args.busy,
             seed=args.run.seed,
@@ -118,7 +123,7 @@ PERSON = Person(stop=_stop, enable=_enable)
 
 def holds_the_bar(figures: StopFigures) -> bool:
     """Whether braking begins in time, and never for nothing."""
-    in_time = all(percentile_s(stops, 99.0) <= BAR_S for stops in (figures.killed, figures.frozen) if stops)
+    in_time = all(percentile_s(stops, 99.0) <= BAR_S for stops in figures.by_fault.values())
     return in_time and figures.false_stops == 0
 
 
@@ -149,14 +154,13 @@ def stops_table(figures: StopFigures, busy: int) -> Table:
         title=f"ms until braking begins, {busy} busy processes beside the system",
         caption=f"false stops: {figures.false_stops} in {figures.watched_s:.0f} s of motion",
     )
-    for heading in ("the commander is", "n", "p50", "p99", "max", "stands after, max"):
+    for heading in ("the fault", "n", "p50", "p99", "max", "stands after, max"):
         table.add_column(heading, justify="left" if heading.startswith("the") else "right")
-    for name, stops in (("killed", figures.killed), ("frozen", figures.frozen)):
-        if stops:
-            stood = [stop.stood_s for stop in stops]
-            longest = "never" if None in stood else _ms(max(value for value in stood if value is not None))
-            cells = [_ms(percentile_s(stops, percent)) for percent in (50.0, 99.0, 100.0)]
-            table.add_row(name, str(len(stops)), *cells, longest)
+    for name, stops in figures.by_fault.items():
+        stood = [stop.stood_s for stop in stops]
+        longest = "never" if None in stood else _ms(max(value for value in stood if value is not None))
+        cells = [_ms(percentile_s(stops, percent)) for percent in (50.0, 99.0, 100.0)]
+        table.add_row(name, str(len(stops)), *cells, longest)
     return table
 
 

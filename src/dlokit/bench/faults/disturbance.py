@@ -25,7 +25,7 @@ FILE_NAME = "disturbance"
 LATE_S = 0.5
 ALTERED = 0.01
 """The part of all messages that is altered, in one byte each."""
-LOOK_EVERY_S = 0.05
+LOOK_EVERY_S = 0.01
 FEEDBACK = tuple(f"topic/{topic.name}" for topic in (topics.ARM_STATE, topics.ROBOT_STATE))
 """How the keys begin of what arms tell."""
 

@@ -1,4 +1,4 @@
-"""Figures of what became of an arm whose commander was lost, or that a person stopped."""
+"""Figures of what became of an arm whose commander or feedback was lost, or that a person stopped."""
 
 import math
 from collections.abc import Sequence
@@ -24,9 +24,7 @@ def confirmed_percentile_s(presses: Sequence[Press], percent: float) -> float:
 def stop_figures(figures: StopFigures) -> list[Figure]:
     """Rows for the JSON file; an arm that never braked has no figure but in the count."""
     rows: list[Figure] = []
-    for case, stops in (("killed", figures.killed), ("frozen", figures.frozen)):
-        if not stops:
-            continue
+    for case, stops in figures.by_fault.items():
         never = sum(stop.began_s is None for stop in stops)
         rows.append(_figure(case, "never braked", never, "1", len(stops)))
         for name, percent in (("p50", 50.0), ("p99", 99.0), ("max", 100.0)):

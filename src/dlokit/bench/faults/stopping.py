@@ -1,11 +1,13 @@
-"""How soon the arm brakes when its commander is killed or frozen, and how often it does when nothing is wrong."""
+"""How soon the arm brakes when its commander or its feedback is lost, and how often when nothing is wrong."""
 
 import os
 import signal
+import sys
 import tempfile
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import AsyncGenerator, Callable
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,10 +15,13 @@ import numpy as np
 from dlokit.bench.faults.arm_log import AT_REST, ArmLog
 from dlokit.bench.faults.burden import burden
 from dlokit.bench.faults.commander import Order, end_commander, pid_of, start_commander
+from dlokit.bench.faults.disturbance import FILE_NAME as DISTURBANCE
+from dlokit.bench.faults.disturbance import Kind, disturb
 from dlokit.bench.faults.small_system import arm_and_cell
 from dlokit.errors import ProcessFailure
 from dlokit.system.config import RunConfig
 from dlokit.system.live_system import LiveSystem
+from dlokit.system.processes import OPPOSITE
 from dlokit.types.robot import RobotMode
 
 MOVES_WITHIN_S = 60.0
@@ -43,12 +48,28 @@ class Stop:
 class StopFigures:
     """All that is measured."""
 
-    killed: tuple[Stop, ...]
-    frozen: tuple[Stop, ...]
-    watched_s: float
+    killed: tuple[Stop, ...] = ()
+    """The commander of the arm."""
+    frozen: tuple[Stop, ...] = ()
+    withheld: tuple[Stop, ...] = ()
+    """Feedback of the arm, from its driver."""
+    silenced: tuple[Stop, ...] = ()
+    """The process of another arm in the same cell: it was frozen."""
+    watched_s: float = 0.0
     """Time in which nothing was done to a commander in motion [s]."""
-    false_stops: int
+    false_stops: int = 0
     """How often the arm braked in that time."""
+
+    @property
+    def by_fault(self) -> dict[str, tuple[Stop, ...]]:
+        """The stops after each fault that was tried, by its name."""
+        each = {
+            "commander killed": self.killed,
+            "commander frozen": self.frozen,
+            "feedback withheld": self.withheld,
+            "other arm silent": self.silenced,
+        }
+        return {name: stops for name, stops in each.items() if stops}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,47 +79,105 @@ class StopPlan:
     run: RunConfig
     kills: int
     freezes: int
+    silences: int
+    """How often feedback is withheld from the arm's driver, and as often another arm falls silent."""
     quiet_s: float
     busy_processes: int
     seed: int
 
 
 async def measure_stops(plan: StopPlan, said: Callable[[str], None]) -> StopFigures:
-    """Run the plan on cell, robot and commander as processes of this machine; `said` hears how far it is."""
-    with tempfile.TemporaryDirectory(prefix="dlokit-stop-") as folder:
-        async with arm_and_cell(plan.run, Path(folder)) as live:
-            return await _Trials(plan, live, said).run()
+    """Run the plan on cell, robots and commander as processes of this machine; `said` hears how far it is."""
+    figures = StopFigures()
+    if plan.kills or plan.freezes or plan.quiet_s:
+        async with _trials(plan, 1, said) as trials:
+            figures = await trials.of_commander()
+    if plan.silences:
+        async with _trials(plan, 1, said) as trials:
+            figures = replace(figures, withheld=await trials.feedback_withheld())
+        async with _trials(plan, 2, said) as trials:
+            figures = replace(figures, silenced=await trials.other_arm_silent())
+    return figures
+
+
+@asynccontextmanager
+async def _trials(plan: StopPlan, arms: int, said: Callable[[str], None]) -> AsyncGenerator["_Trials"]:
+    """A system with so many arms, of which the first is commanded, on a machine that is busy as planned."""
+    with tempfile.TemporaryDirectory(prefix="dlokit-stop-") as name:
+        folder = Path(name)
+        process = (sys.executable, "-m", "dlokit.bench.faults.disturbed_process", str(folder / DISTURBANCE))
+        run_dir = folder / "run"
+        run_dir.mkdir()
+        async with arm_and_cell(replace(plan.run, arms=arms), run_dir, process) as live:
+            trials = _Trials(plan, live, folder, said)
+            try:
+                await trials.begin()
+                with burden(plan.busy_processes):  # from here on: starting takes long enough without
+                    yield trials
+            finally:
+                trials.end()
 
 
 class _Trials:
-    def __init__(self, plan: StopPlan, live: LiveSystem, said: Callable[[str], None]) -> None:
+    def __init__(self, plan: StopPlan, live: LiveSystem, folder: Path, said: Callable[[str], None]) -> None:
         self._plan = plan
-        self._clock = live.clock
+        self._live = live
+        self._folder = folder
         self._arm = ArmLog(live.transport)
         self._order = Order(bus=live.bus, robot=plan.run.robot)
         self._said = said
         self._rng = np.random.default_rng(plan.seed)
-
-    async def run(self) -> StopFigures:
         self._commander = start_commander(self._order)
-        try:
-            await self._moving(after_s=0.0, within_s=STARTS_WITHIN_S)
-            with burden(self._plan.busy_processes):  # from here on: starting takes long enough without
-                return await self._all()
-        finally:
-            end_commander(self._commander)
 
-    async def _all(self) -> StopFigures:
+    async def begin(self) -> None:
+        """Return when the commander moves the arm."""
+        await self._moving(after_s=0.0, within_s=STARTS_WITHIN_S)
+
+    def end(self) -> None:
+        """End the commander."""
+        end_commander(self._commander)
+
+    async def of_commander(self) -> StopFigures:
+        """What becomes of the arm when nothing is done to its commander, when it is frozen, and when it is killed."""
         false_stops, watched_s = await self._watch()
-        frozen: list[Stop] = []
-        for number in range(self._plan.freezes):
-            frozen.append(await self._freeze())
-            self._said(f"frozen {number + 1} of {self._plan.freezes}")
-        killed: list[Stop] = []
-        for number in range(self._plan.kills):
-            killed.append(await self._kill())
-            self._said(f"killed {number + 1} of {self._plan.kills}")
-        return StopFigures(killed=tuple(killed), frozen=tuple(frozen), watched_s=watched_s, false_stops=false_stops)
+        frozen = await self._repeated("frozen", self._plan.freezes, self._freeze, self._thaw)
+        killed = await self._repeated("killed", self._plan.kills, self._kill, self._start_anew)
+        return StopFigures(killed=killed, frozen=frozen, watched_s=watched_s, false_stops=false_stops)
+
+    async def feedback_withheld(self) -> tuple[Stop, ...]:
+        """What the arm feels does not come to its driver any more."""
+
+        def withhold() -> None:
+            disturb(self._folder, Kind.DEAF)
+
+        def hand_on() -> None:
+            disturb(self._folder, Kind.NONE)
+
+        return await self._repeated("feedback withheld", self._plan.silences, withhold, hand_on)
+
+    async def other_arm_silent(self) -> tuple[Stop, ...]:
+        """The process of the second arm is frozen."""
+        other = self._live.supervisor.pids[OPPOSITE.name]
+
+        def freeze() -> None:
+            os.kill(other, signal.SIGSTOP)
+
+        def thaw() -> None:
+            os.kill(other, signal.SIGCONT)
+
+        return await self._repeated("other arm silent", self._plan.silences, freeze, thaw)
+
+    async def _repeated(
+        self, name: str, times: int, fault: Callable[[], None], mend: Callable[[], None]
+    ) -> tuple[Stop, ...]:
+        stops: list[Stop] = []
+        while len(stops) < times:
+            stop = await self._struck(fault)
+            mend()
+            if stop is not None:
+                stops.append(stop)
+                self._said(f"{name}, {len(stops)} of {times}")
+        return tuple(stops)
 
     async def _watch(self) -> tuple[int, float]:
         """Let the arm move for a while; how often it braked."""
@@ -110,30 +189,28 @@ class _Trials:
             self._said(f"{left_s:.0f} s of quiet motion left; braked {self._arm.brakings - before} times")
         return self._arm.brakings - before, time.monotonic() - began_s
 
-    async def _freeze(self) -> Stop:
-        while True:
-            stop = await self._struck(signal.SIGSTOP)
-            os.kill(pid_of(self._commander), signal.SIGCONT)
-            if stop is not None:
-                return stop
+    def _freeze(self) -> None:
+        os.kill(pid_of(self._commander), signal.SIGSTOP)
 
-    async def _kill(self) -> Stop:
-        while True:
-            stop = await self._struck(signal.SIGKILL)
-            self._commander.join()
-            self._commander = start_commander(self._order)
-            if stop is not None:
-                return stop
+    def _thaw(self) -> None:
+        os.kill(pid_of(self._commander), signal.SIGCONT)
 
-    async def _struck(self, fault: signal.Signals) -> Stop | None:
+    def _kill(self) -> None:
+        os.kill(pid_of(self._commander), signal.SIGKILL)
+
+    def _start_anew(self) -> None:
+        self._commander.join()
+        self._commander = start_commander(self._order)
+
+    async def _struck(self, fault: Callable[[], None]) -> Stop | None:
         """At a random moment of a motion; None when the motion came to its end before anybody had to notice."""
         while True:
             await self._moving(after_s=time.monotonic())
-            await self._clock.sleep(float(self._rng.uniform(0.0, LATEST_S)))
+            await self._live.clock.sleep(float(self._rng.uniform(0.0, LATEST_S)))
             if self._arm.mode is RobotMode.MOVING:  # and was not braked meanwhile
                 break
         struck_s = time.monotonic()
-        os.kill(pid_of(self._commander), fault)
+        fault()
         ended = (RobotMode.BRAKING, *AT_REST)
         ended_s = await self._arm.until(*ended, after_s=struck_s, within_s=BRAKES_WITHIN_S)
         if ended_s is None:

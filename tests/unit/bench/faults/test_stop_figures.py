@@ -26,9 +26,9 @@ def test_a_percentile_is_the_time_that_so_many_did_not_exceed() -> None:
 def test_an_arm_that_never_braked_is_later_than_all_others() -> None:
     assert percentile_s(stops(0.1, None, 0.2), 100.0) == math.inf
     rows = {(row.case, row.metric): row.value for row in stop_figures(measured(stops(0.1, None, 0.2)))}
-    assert rows["killed", "never braked"] == 1
-    assert rows["killed", "braking begins after, p50"] == 0.2
-    assert ("killed", "braking begins after, max") not in rows
+    assert rows["commander killed", "never braked"] == 1
+    assert rows["commander killed", "braking begins after, p50"] == 0.2
+    assert ("commander killed", "braking begins after, max") not in rows
 
 
 def test_the_bar_asks_for_99_of_100_in_time_and_none_for_nothing() -> None:
