@@ -26,6 +26,10 @@ WRONG_START = "wrong_start"
 OUTSIDE_WORKSPACE = "outside_workspace"
 TOOL_SPEED = "tool_speed"
 LEASE_LOST = "lease_lost"
+TOO_SLOW = "too_slow"
+
+LONGEST_MOTION_S = 200.0
+"""Longest motion at its own pace [s]: no skill waits for one that takes longer."""
 
 _REST_RAD_S = 0.05
 """An arm whose joints are measured slower than this stands [rad/s]; a standing arm of the cell is measured at 0.01."""
@@ -96,13 +100,14 @@ class GatedRobot:
         """Run a trajectory at the pace of `speed_scale`, when it passes; brake where feedback fails on the way.
 
         Raises `SkillFailure` joint_limit, velocity_limit, acceleration_limit, jerk_limit, bad_trajectory,
-        outside_workspace, tool_speed, stale_feedback, wrong_start or lease_lost before the driver hears of it, and
+        too_slow, outside_workspace, tool_speed, stale_feedback, wrong_start or lease_lost before the driver hears of it, and
         stale_feedback after the arm was braked on its way.
         """
         paced = scaled(trajectory, self._config.speed_scale)
         broken = limit_violation(paced, self.limits)
         if broken is not None:
             raise SkillFailure(broken.reason, broken.detail)
+        self._check_duration(paced)
         self._check_tool(paced)
         await self._check_start(paced)
         self._check_lease(lease)
@@ -139,6 +144,15 @@ class GatedRobot:
     async def recover(self) -> None:
         """Clear a fault."""
         await self._robot.recover()
+
+    def _check_duration(self, trajectory: JointTrajectory) -> None:
+        """Hold it to the time for which whoever asked for it waits."""
+        if trajectory.times_s[-1] > LONGEST_MOTION_S:
+            raise SkillFailure(
+                TOO_SLOW,
+                f"it would take {trajectory.times_s[-1]:.0f} s at --speed-scale {self._config.speed_scale}, allowed are "
+                f"{LONGEST_MOTION_S:.0f} s; move faster or less far, or use a larger scale",
+            )
 
     def _check_tool(self, trajectory: JointTrajectory) -> None:
         """Hold the tool centre point inside the box and below its speed, by its places at the samples."""

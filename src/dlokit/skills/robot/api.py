@@ -153,10 +153,10 @@ def _motion(name: str, signature: Callable[P, R], timeout_s: float, ensures: str
     )
 
 
-# Time enough for the longest motions that are planned, at the smallest speed scale (0.05).
+# Longer than the gate lets a motion take. A joint motion takes 50 s at most, at the smallest speed scale (0.05).
 MOVE_JOINTS = _motion("move_joints", _move_joints, 60.0, "the arm stands at the angles", _SEVEN)
 MOVE_TO = _motion("move_to", _move_to, 60.0, "the arm stands with the tool at the pose")
-MOVE_LINEAR = _motion("move_linear", _move_linear, 120.0, "the arm stands with the tool at the pose")
+MOVE_LINEAR = _motion("move_linear", _move_linear, 240.0, "the arm stands with the tool at the pose")
 FOLLOW_PATH = _motion("follow_path", _follow_path, 240.0, "the arm stands with the tool at the last pose")
 GRASP = _motion("grasp", _grasp, 10.0, "the fingers are at rest", _FORCE)
 RELEASE = _motion("release", _release, 10.0, "the fingers are open and at rest", _WIDTH)

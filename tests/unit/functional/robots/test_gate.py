@@ -102,6 +102,19 @@ def test_every_motion_is_slowed_by_the_speed_scale() -> None:
     at_gate(scenario, GateConfig(speed_scale=0.1))
 
 
+def test_a_motion_that_would_take_longer_than_anybody_waits_is_refused_at_a_small_scale() -> None:
+    path = (downward([0.5, 0.1, 0.1], 0.3), downward([0.5, -0.3, 0.1], 0.3), downward([0.5, 0.3, 0.1], 0.3))
+    slow = tool_move(KINEMATICS, KINEMATICS.inverse(path[0]), path[1:], VelocityProfile(speed_m_s=0.08))
+    assert 10.0 < slow.times_s[-1] < 20.0
+
+    async def scenario(arm: FeltArm, robot: GatedRobot) -> None:
+        arm.q = slow.q_rad[0]
+        assert await refusal(robot.follow(slow, LEASE)) == gate.TOO_SLOW
+        assert arm.followed == []
+
+    at_gate(scenario, GateConfig(speed_scale=0.05))
+
+
 def test_a_motion_too_fast_for_the_limits_passes_when_it_is_scaled_into_them() -> None:
     async def scenario(arm: FeltArm, robot: GatedRobot) -> None:
         await robot.follow(scaled(GOOD, 1.5), LEASE)
