@@ -33,7 +33,7 @@ COMMANDS: Mapping[str, str] = {
         "nothing is drawn."
     ),
     "bench stop": (
-        "Kill and freeze the commander of a moving arm at random times on a busy machine: when does braking begin?"
+        "Kill and freeze the commander of a moving arm at random times on a busy machine, and press stop."
     ),
     "bench faults": (
         "Let something go wrong in live runs, at random times: do they still end as they should, with the arm stopped?"

@@ -28,6 +28,8 @@ from dlokit.types.robot import RobotMode, RobotState
 
 ACTS_WITHIN_S = 90.0
 """A commander that has just been started, thawed or enabled moves the arm long before, on a busy machine too."""
+TRIED_WITHIN_S = 30.0
+"""A commander has tried everything long before: one that was thawed may have to find the bus again."""
 WATCHED_S = 1.0
 """A stopped arm is watched for at least so long while its commander tries to move it [s]."""
 LATEST_S = 0.9
@@ -142,7 +144,7 @@ class Trials:
     async def judge(self, report: StopReport, from_s: float, row: "Row") -> Press:
         """Let the commander try for a while, enable the arm, and see it move."""
         await asyncio.sleep(WATCHED_S)
-        await self._attempts.until(lambda: all_tried(self._attempts.between(from_s, time.monotonic())), ACTS_WITHIN_S)
+        await self._attempts.until(lambda: all_tried(self._attempts.between(from_s, time.monotonic())), TRIED_WITHIN_S)
         end_s = time.monotonic()
         watched = Watched(states=self._states.since(from_s), attempts=self._attempts.between(from_s, end_s))
         goes_on = await self._enable()

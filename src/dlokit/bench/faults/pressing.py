@@ -28,7 +28,7 @@ ROWS = (
     Row(name="commander frozen", moment=Trials.frozen, then=Trials.thaw, exit_code=NOT_ALL),
     Row(name="commander killed", moment=Trials.killed, then=Trials.replace, exit_code=NOT_ALL),
     Row(name="recover runs", moment=Trials.recovers),
-    Row(name="between two motions", program=programs.WITH_PAUSES, moment=Trials.pauses),
+    Row(name="between motions", program=programs.WITH_PAUSES, moment=Trials.pauses),
     Row(name="fingers close", program=programs.GRIPS, moment=Trials.closes),
     Row(name="DLO is carried", program=programs.CARRIES, moment=Trials.carries, holds=True),
 )
