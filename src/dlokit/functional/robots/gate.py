@@ -99,8 +99,8 @@ class GatedRobot:
     async def follow(self, trajectory: JointTrajectory, lease: Lease) -> MotionResult:
         """Run a trajectory at the pace of `speed_scale`, when it passes; brake where feedback fails on the way.
 
-        Raises `SkillFailure` joint_limit, velocity_limit, acceleration_limit, jerk_limit, bad_trajectory,
-        too_slow, outside_workspace, tool_speed, stale_feedback, wrong_start or lease_lost before the driver hears of it, and
+        Raises `SkillFailure` joint_limit, velocity_limit, acceleration_limit, jerk_limit, bad_trajectory, too_slow,
+        outside_workspace, tool_speed, stale_feedback, wrong_start or lease_lost before the driver hears of it, and
         stale_feedback after the arm was braked on its way.
         """
         paced = scaled(trajectory, self._config.speed_scale)
@@ -150,8 +150,8 @@ class GatedRobot:
         if trajectory.times_s[-1] > LONGEST_MOTION_S:
             raise SkillFailure(
                 TOO_SLOW,
-                f"it would take {trajectory.times_s[-1]:.0f} s at --speed-scale {self._config.speed_scale}, allowed are "
-                f"{LONGEST_MOTION_S:.0f} s; move faster or less far, or use a larger scale",
+                f"it would take {trajectory.times_s[-1]:.0f} s at --speed-scale {self._config.speed_scale}, allowed "
+                f"are {LONGEST_MOTION_S:.0f} s; move faster or less far, or use a larger scale",
             )
 
     def _check_tool(self, trajectory: JointTrajectory) -> None:
