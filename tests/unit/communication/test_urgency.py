@@ -1,5 +1,7 @@
 """Real-time priority: asked for where it is allowed, gone without where it is not, and never handed to workers."""
 
+import asyncio
+import gc
 import os
 import subprocess
 import sys
@@ -15,6 +17,7 @@ from dlokit.communication.urgency import (
     REST_S,
     WINDOW_S,
     BoundedUrgency,
+    loaded_is_spared,
     make_urgent,
     may_be_urgent,
     threads_urgent,
@@ -217,3 +220,12 @@ def test_the_threads_of_the_bus_are_urgent_and_the_loop_is_not() -> None:
     assert zenoh_s
     assert {name: policies[name] for name in (*zenoh_s, *ours)} == dict.fromkeys((*zenoh_s, *ours), os.SCHED_RR)
     assert policies["MainThread"] == os.SCHED_OTHER
+
+
+def test_no_garbage_is_looked_for_meanwhile_among_what_was_loaded_before() -> None:
+    async def scenario() -> None:
+        async with loaded_is_spared():
+            assert gc.get_freeze_count() > 1000  # what Python itself has loaded
+        assert gc.get_freeze_count() == 0
+
+    asyncio.run(scenario())
