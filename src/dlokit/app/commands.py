@@ -32,7 +32,9 @@ COMMANDS: Mapping[str, str] = {
         "Compare verdicts on goals with what the cell's DLO does, laid there and released; nobody plans, "
         "nothing is drawn."
     ),
-    "bench stop": ("Kill and freeze the commander of a moving arm at random times on a busy machine, and press stop."),
+    "bench stop": (
+        "Kill and freeze the commander of a moving arm at random times on a busy machine, cut its feedback, press stop."
+    ),
     "bench faults": (
         "Let something go wrong in live runs, at random times: do they still end as they should, with the arm stopped?"
     ),
