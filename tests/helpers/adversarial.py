@@ -5,8 +5,12 @@ no user needs them, and a benchmark can add this folder to its path as pytest do
 """
 
 import itertools
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from typing import Any
+from unittest.mock import patch
 
 import msgspec
 import numpy as np
@@ -14,7 +18,9 @@ import numpy as np
 from dlokit.communication import codec
 from dlokit.description.panda_data import PANDA_HOME_Q_RAD, PANDA_LIMITS
 from dlokit.description.panda_kinematics import tcp_matrices
+from dlokit.functional.cell.arm import CellArm
 from dlokit.functional.cell.setpoints import Follow
+from dlokit.functional.cell.world import Cell
 from dlokit.functional.robots.gate_config import GateConfig
 from dlokit.geometry import downward
 from dlokit.motion.limits import scaled
@@ -30,6 +36,8 @@ PARTS = ("times_s", "q_rad", "dq_rad_s", "ddq_rad_s2")
 POISON = (np.nan, np.inf, -np.inf, 1e308, -1e308, 1e-308, 0.0, 1.0, -3.0)
 BETWEEN = 5.0 / 3.0
 """A cubic piece through samples of a motion needs up to this factor of the motion's acceleration between them."""
+LAG_RAD = 0.05
+"""Measured joints stay this near to their set-points [rad]; 0.02 at the largest acceleration."""
 
 
 def executed_breach(trajectory: JointTrajectory, config: GateConfig, pieces: int = 10) -> str:
@@ -281,3 +289,68 @@ def spoilt_profile(rng: np.random.Generator) -> VelocityProfile:
     name = str(rng.choice(["speed_m_s", "acceleration_m_s2", "jerk_m_s3"]))
     msgspec.structs.force_setattr(profile, name, float(rng.choice([0.0, -0.25, -1e9, np.nan, np.inf, -np.inf])))
     return profile
+
+
+@dataclass
+class Executed:
+    """Set-points and measured joints of every physics step, and the machine's time that the physics took."""
+
+    times_s: list[float] = field(default_factory=list[float])
+    commanded: list[Float64Array] = field(default_factory=list[Float64Array])
+    measured: list[Float64Array] = field(default_factory=list[Float64Array])
+    physics_s: float = 0.0
+    used: dict[str, float] = field(default_factory=dict[str, float])
+    """Largest fraction of each limit, over all that was judged."""
+
+    @contextmanager
+    def noted(self) -> Generator[None, None, None]:
+        """Note what the arm of every cell does meanwhile."""
+        before_step, step = CellArm.before_step, Cell.step
+
+        def noting(arm: CellArm, time_s: float) -> None:
+            before_step(arm, time_s)
+            self.times_s.append(time_s)
+            self.commanded.append(arm.setpoint(time_s).q_rad)
+            self.measured.append(arm.q_rad)
+
+        def timing(cell: Cell, duration_s: float) -> None:
+            began_s = time.perf_counter()
+            step(cell, duration_s)
+            self.physics_s += time.perf_counter() - began_s
+
+        with patch.object(CellArm, "before_step", noting), patch.object(Cell, "step", timing):
+            yield
+
+    def forget(self) -> None:
+        """Keep the last steps alone, so that the next differences join on."""
+        for rows in (self.times_s, self.commanded, self.measured):
+            del rows[:-8]
+
+    def moved(self) -> bool:
+        """Whether the set-points changed."""
+        return len(self.commanded) > 1 and bool(np.any(np.ptp(np.array(self.commanded), axis=0) > 0.0))
+
+    def breaches(self, config: GateConfig) -> list[str]:
+        """Which limits differences of the set-points break."""
+        if len(self.times_s) < 20:
+            return []
+        times, q = np.array(self.times_s), np.array(self.commanded)
+        limits, measured = PANDA_LIMITS, np.array(self.measured)
+        found: list[str] = []
+        for what, values, allowed in (
+            ("position", np.maximum(limits.position_lower_rad - q, q - limits.position_upper_rad), np.full(7, 1e-6)),
+            ("velocity", divided(times, q, 1), limits.velocity_rad_s * (1 + 1e-5)),
+            ("acceleration", divided(times, q, 2), BETWEEN * limits.acceleration_rad_s2 * (1 + 1e-4) + 1e-2),
+            ("jerk", divided(times, q, 3), limits.jerk_rad_s3 * (1 + 1e-3)),
+            ("acceleration at ticks", divided(times[::4], q[::4], 2), limits.acceleration_rad_s2 * (1 + 1e-4)),
+            ("jerk at ticks", divided(times[::4], q[::4], 3), limits.jerk_rad_s3 * (1 + 1e-4)),
+            ("lag", measured - q, np.full(7, LAG_RAD)),
+        ):
+            used = (values if what == "position" else np.abs(values)) / allowed
+            self.used[what] = max(self.used.get(what, 0.0), float(used.max()))
+            if not used.max() <= 1.0:
+                row, joint = np.unravel_index(int(np.argmax(used)), used.shape)
+                found.append(f"{what} of joint {joint + 1} {used.max():.3f} of its limit, {times[row]:.3f} s")
+        ticks = slice(None, None, 4)
+        found += [tool] if (tool := tool_breach(times[ticks], q[ticks], config)) else []
+        return found

@@ -2,15 +2,13 @@
 
 import asyncio
 import time
-from collections.abc import Callable, Generator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from random import Random
 from typing import Any
-from unittest.mock import patch
 
 import numpy as np
-from adversarial import BETWEEN, KINEMATICS, divided, honest_pose, spoilt_pose, spoilt_profile, tool_breach
+from adversarial import KINEMATICS, Executed, honest_pose, spoilt_pose, spoilt_profile
 
 from dlokit import geometry
 from dlokit.bench.fuzz.mutations import mutated
@@ -26,10 +24,8 @@ from dlokit.communication.transport import CallHandler
 from dlokit.description.panda_data import PANDA_HOME_Q_RAD, PANDA_LIMITS
 from dlokit.description.shapes import builtin_shape
 from dlokit.errors import CommunicationError
-from dlokit.functional.cell.arm import CellArm
 from dlokit.functional.cell.component import CellComponent
 from dlokit.functional.cell.config import CellConfig
-from dlokit.functional.cell.world import Cell
 from dlokit.functional.robots.gate import GatedRobot
 from dlokit.functional.robots.gate_config import GateConfig
 from dlokit.functional.robots.simulated import SimulatedRobot
@@ -53,8 +49,6 @@ SETTLE_S = 0.3
 """Time after each call [s]: an arm swings in by up to 6 mm after its last set-point, or still brakes."""
 AT_GOAL_RAD, AT_GOAL_M = 5e-3, 2e-3
 """How far measured joints and tool may be from the goal then."""
-LAG_RAD = 0.05
-"""Measured joints stay this near to their set-points [rad]; 0.02 at the largest acceleration."""
 
 
 @dataclass
@@ -70,71 +64,6 @@ class CallResult:
     wrong: list[str] = field(default_factory=list[str])
     planning_s: float = 0.0
     largest_mib: float = 0.0
-
-
-@dataclass
-class Executed:
-    """Set-points and measured joints of every physics step, and the machine's time that the physics took."""
-
-    times_s: list[float] = field(default_factory=list[float])
-    commanded: list[Float64Array] = field(default_factory=list[Float64Array])
-    measured: list[Float64Array] = field(default_factory=list[Float64Array])
-    physics_s: float = 0.0
-    used: dict[str, float] = field(default_factory=dict[str, float])
-    """Largest fraction of each limit, over all that was judged."""
-
-    @contextmanager
-    def noted(self) -> Generator[None, None, None]:
-        """Note what the arm of every cell does meanwhile."""
-        before_step, step = CellArm.before_step, Cell.step
-
-        def noting(arm: CellArm, time_s: float) -> None:
-            before_step(arm, time_s)
-            self.times_s.append(time_s)
-            self.commanded.append(arm.setpoint(time_s).q_rad)
-            self.measured.append(arm.q_rad)
-
-        def timing(cell: Cell, duration_s: float) -> None:
-            began_s = time.perf_counter()
-            step(cell, duration_s)
-            self.physics_s += time.perf_counter() - began_s
-
-        with patch.object(CellArm, "before_step", noting), patch.object(Cell, "step", timing):
-            yield
-
-    def forget(self) -> None:
-        """Keep the last steps alone, so that the next differences join on."""
-        for rows in (self.times_s, self.commanded, self.measured):
-            del rows[:-8]
-
-    def moved(self) -> bool:
-        """Whether the set-points changed."""
-        return len(self.commanded) > 1 and bool(np.any(np.ptp(np.array(self.commanded), axis=0) > 0.0))
-
-    def breaches(self, config: GateConfig) -> list[str]:
-        """Which limits differences of the set-points break."""
-        if len(self.times_s) < 20:
-            return []
-        times, q = np.array(self.times_s), np.array(self.commanded)
-        limits, measured = PANDA_LIMITS, np.array(self.measured)
-        found: list[str] = []
-        for what, values, allowed in (
-            ("position", np.maximum(limits.position_lower_rad - q, q - limits.position_upper_rad), np.full(7, 1e-6)),
-            ("velocity", divided(times, q, 1), limits.velocity_rad_s * (1 + 1e-5)),
-            ("acceleration", divided(times, q, 2), BETWEEN * limits.acceleration_rad_s2 * (1 + 1e-4) + 1e-2),
-            ("jerk", divided(times, q, 3), limits.jerk_rad_s3 * (1 + 1e-3)),
-            ("acceleration at ticks", divided(times[::4], q[::4], 2), limits.acceleration_rad_s2 * (1 + 1e-4)),
-            ("jerk at ticks", divided(times[::4], q[::4], 3), limits.jerk_rad_s3 * (1 + 1e-4)),
-            ("lag", measured - q, np.full(7, LAG_RAD)),
-        ):
-            used = (values if what == "position" else np.abs(values)) / allowed
-            self.used[what] = max(self.used.get(what, 0.0), float(used.max()))
-            if not used.max() <= 1.0:
-                row, joint = np.unravel_index(int(np.argmax(used)), used.shape)
-                found.append(f"{what} of joint {joint + 1} {used.max():.3f} of its limit, {times[row]:.3f} s")
-        ticks = slice(None, None, 4)
-        found += [tool] if (tool := tool_breach(times[ticks], q[ticks], config)) else []
-        return found
 
 
 class OpenTransport(MemoryTransport):

@@ -16,7 +16,7 @@ def test_an_arm_whose_commander_or_feedback_is_lost_brakes_and_moves_again_when_
         run=RunConfig(runtime="live", headless=True),
         kills=1,
         freezes=1,
-        silences=1,
+        feedback_losses=1,
         quiet_s=0.0,
         busy_processes=0,
         seed=0,

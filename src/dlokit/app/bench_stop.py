@@ -1,6 +1,7 @@
 """`dlokit bench stop`: how soon the arm brakes when its commander is lost, and whether a person's stop holds."""
 
 import asyncio
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -19,7 +20,7 @@ from dlokit.bench.faults.press_verdict import PressRow
 from dlokit.bench.faults.pressing import PressPlan, measure_presses
 from dlokit.bench.faults.stopping import StopFigures, StopPlan, measure_stops
 from dlokit.bench.report import bench_json
-from dlokit.communication.urgency import loaded_is_spared
+from dlokit.communication.urgency import garbage_frozen
 from dlokit.errors import ConfigError, InputError
 from dlokit.system.config import RunConfig
 from dlokit.system.running import RunningSystem
@@ -52,7 +53,7 @@ class StopBenchArgs:
     """Commanders killed (SIGKILL)."""
     freezes: int = 100
     """Commanders frozen (SIGSTOP), and thawed afterwards."""
-    silences: int = 100
+    feedback_losses: int = 100
     """Times that an arm's feedback is withheld from its driver, and that another arm in the cell falls silent."""
     quiet_s: float = 600.0
     """Time in which nothing is done to the commander in motion [s]."""
@@ -68,10 +69,9 @@ class StopBenchArgs:
 
 def run_stop_bench(args: StopBenchArgs) -> int:
     """Measure and print."""
-    if min(args.kills, args.freezes, args.silences, args.presses, args.busy) < 0 or not 0.0 <= args.quiet_s < float(
-        "inf"
-    ):
-        raise ConfigError("--kills, --freezes, --silences, --presses, --busy and --quiet-s must be 0 or more.")
+    counts = (args.kills, args.freezes, args.feedback_losses, args.presses, args.busy)
+    if min(counts) < 0 or not 0.0 <= args.quiet_s < math.inf:
+        raise ConfigError("--kills, --freezes, --feedback-losses, --presses, --busy and --quiet-s must be 0 or more.")
     if args.json is not None and not args.json.resolve().parent.is_dir():
         raise InputError(f"--json {args.json}: there is no folder {args.json.resolve().parent}; create it first.")
     console = Console()
@@ -93,12 +93,12 @@ def run_stop_bench(args: StopBenchArgs) -> int:
 async def _measure(args: StopBenchArgs, said: Callable[[str], None]) -> tuple[StopFigures, tuple[PressRow, ...]]:
     run = replace(args.run, runtime="live", headless=True, arms=1)
     figures, rows = NOT_MEASURED, tuple[PressRow, ...]()
-    if args.kills or args.freezes or args.silences or args.quiet_s:
+    if args.kills or args.freezes or args.feedback_losses or args.quiet_s:
         plan = StopPlan(
             run=run,
             kills=args.kills,
             freezes=args.freezes,
-            silences=args.silences,
+            feedback_losses=args.feedback_losses,
             quiet_s=args.quiet_s,
             busy_processes=args.busy,
             seed=args.run.seed,
@@ -106,7 +106,7 @@ async def _measure(args: StopBenchArgs, said: Callable[[str], None]) -> tuple[St
         figures = await measure_stops(plan, said)
     if args.presses:
         presses = PressPlan(run=run, presses=args.presses, busy_processes=args.busy, seed=args.run.seed)
-        async with loaded_is_spared():  # looking for garbage of the bench's own would count as the arm's delay
+        async with garbage_frozen():  # looking for garbage of the bench's own would count as the arm's delay
             rows = await measure_presses(presses, PERSON, said)
     return figures, rows
 

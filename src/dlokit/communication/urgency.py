@@ -100,11 +100,11 @@ def may_be_urgent() -> bool:
 
 
 @asynccontextmanager
-async def loaded_is_spared() -> AsyncGenerator[None]:
-    """Meanwhile no garbage is looked for among what this process has loaded before.
+async def garbage_frozen() -> AsyncGenerator[None]:
+    """Keep the garbage collector away from what this process has loaded before.
 
-    There is hardly any, and to look through all of it holds the interpreter's lock for 0.1 to 0.7 s: no sign of life is
-    given, no order is passed on.
+    There is hardly any garbage in it, and a full collection holds the interpreter's lock for 0.1 to 0.7 s: no heartbeat
+    is sent meanwhile, and no order passed on.
     """
     gc.freeze()
     try:

@@ -80,14 +80,6 @@ def tcp_pose(q_rad: ArrayLike) -> Pose:
     return pose_from_matrix(tcp_matrices(q_rad)[0])
 
 
-def tcp_jacobian(q_rad: ArrayLike) -> Array:
-    """Geometric Jacobian (6, 7) of the tool centre point: velocity [m/s] over angular velocity [rad/s], base frame."""
-    arm = arm_transforms(q_rad)[0]
-    tip = (arm[7] @ _T_LINK7_TCP)[:3, 3]
-    axes = arm[1:, :3, 2]  # (7, 3) joint axes
-    return np.vstack([np.cross(axes, tip - arm[1:, :3, 3]).T, axes.T])
-
-
 def capsule_ends(
     q_rad: ArrayLike,
     finger_width_m: float = PANDA_OPEN_WIDTH_M,

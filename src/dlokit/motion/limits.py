@@ -22,11 +22,12 @@ VELOCITY_LIMIT = "velocity_limit"
 ACCELERATION_LIMIT = "acceleration_limit"
 JERK_LIMIT = "jerk_limit"
 BAD_TRAJECTORY = "bad_trajectory"
+TOO_SLOW = "too_slow"
 
 SHORTEST_STEP_S = 1e-4
 """Smallest time between two samples [s]: below it, rounding of the angles shows in their third differences."""
-LONGEST_S = 3600.0
-"""Longest trajectory [s]; no skill waits as long, and times of 1e300 s overflow in whatever executes them."""
+LONGEST_S = 200.0
+"""Longest trajectory [s], at the pace at which it runs: no skill waits for a longer one."""
 LARGEST_STEP_RAD = 0.1
 """Largest turn of a joint between two samples [rad]: collisions and the tool's place are checked at samples. A joint at
 its velocity limit turns by 0.013 rad in the 5 ms between planned ones."""
@@ -66,7 +67,7 @@ class _Bound:
 
 
 def limit_violation(trajectory: JointTrajectory, limits: JointLimits, factor: float = 1.0) -> Violation | None:
-    """What a trajectory breaks first, or None: form, rest at both ends, range, velocity, acceleration, jerk.
+    """What a trajectory breaks first, or None: form, rest at both ends, duration, range, velocity, acceleration, jerk.
 
     `factor` raises the limits of velocity, acceleration and jerk, for a check that repeats another one's.
     """
@@ -74,6 +75,12 @@ def limit_violation(trajectory: JointTrajectory, limits: JointLimits, factor: fl
     if malformed:
         return Violation(BAD_TRAJECTORY, f"{malformed}; plan it again")
     times = trajectory.times_s
+    if times[-1] > LONGEST_S:
+        return Violation(
+            TOO_SLOW,
+            f"it takes {times[-1]:.4g} s, allowed are {LONGEST_S:.0f} s; move faster or less far, or use a larger "
+            "--speed-scale",
+        )
     beyond = _largest(_beyond_range(trajectory, limits), np.zeros(1))
     if beyond is not None:
         sample, joint, value = beyond
@@ -158,8 +165,6 @@ def _malformed(trajectory: JointTrajectory, joints: int) -> str:
     step_s = float(np.diff(times).min())
     if step_s < SHORTEST_STEP_S:
         return f"two samples are {step_s:.3g} s apart, allowed are at least {SHORTEST_STEP_S} s"
-    if times[-1] > LONGEST_S:
-        return f"it lasts {times[-1]:.3g} s, allowed are {LONGEST_S:.0f} s"
     moving = float(np.abs(dq[[0, -1]]).max())
     if moving > REST_RAD_S:
         return f"it starts or ends moving at {moving:.3g} rad/s; its first and last velocity must be 0"

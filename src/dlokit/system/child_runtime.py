@@ -13,7 +13,7 @@ from typing import Any
 
 from dlokit.communication.component import Component
 from dlokit.communication.host import Host
-from dlokit.communication.urgency import loaded_is_spared, may_be_urgent
+from dlokit.communication.urgency import garbage_frozen, may_be_urgent
 from dlokit.communication.zenoh_session import OpenSession, open_session
 from dlokit.errors import InputError, ProcessFailure
 from dlokit.system.child_spec import BEAT, BEAT_PERIOD_S, EXIT_BAD_INPUT, READY, STOP_GRACE_S, ChildSpec, decode_spec
@@ -53,7 +53,7 @@ async def _serve(spec: ChildSpec, build: Build, open_session: OpenSession) -> No
                 host.add(build(name, spec, bus))
             # The first look of a loaded machine would else wait for a worker to start, and time out.
             await asyncio.gather(host.prepare(), _others_there(spec, bus))
-            async with loaded_is_spared(), host:
+            async with garbage_frozen(), host:
                 await _until_stopped(stop, host, spec.beat_fd)
     log.info("%s has ended", spec.process)
 

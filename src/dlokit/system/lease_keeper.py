@@ -9,7 +9,7 @@ from dlokit.communication import topics
 from dlokit.communication.clock import Clock, FollowedClock
 from dlokit.communication.pulse import ThreadPulse
 from dlokit.communication.transport import Transport
-from dlokit.communication.urgency import loaded_is_spared
+from dlokit.communication.urgency import garbage_frozen
 from dlokit.description.arms import FIRST_ALONE, ArmMount
 from dlokit.errors import ProcessFailure
 from dlokit.skills.robot import api
@@ -32,7 +32,7 @@ async def leases_held(
     give = heartbeats(transport, clock)
     pulse = ThreadPulse(config.loop_silent_s)
     # It beats before the first lease is taken: taking the second one may take longer than the first one lasts.
-    async with loaded_is_spared(), pulse(give, config.commander_lease_s / HEARTBEATS_A_LEASE):
+    async with garbage_frozen(), pulse(give, config.commander_lease_s / HEARTBEATS_A_LEASE):
         for mount in arms:
             taken = await transport.call(
                 api.RENEW_LEASE.at(mount.instance), transport.identity, config.commander_lease_s

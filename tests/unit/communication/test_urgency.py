@@ -17,7 +17,7 @@ from dlokit.communication.urgency import (
     REST_S,
     WINDOW_S,
     BoundedUrgency,
-    loaded_is_spared,
+    garbage_frozen,
     make_urgent,
     may_be_urgent,
     threads_urgent,
@@ -224,7 +224,7 @@ def test_the_threads_of_the_bus_are_urgent_and_the_loop_is_not() -> None:
 
 def test_no_garbage_is_looked_for_meanwhile_among_what_was_loaded_before() -> None:
     async def scenario() -> None:
-        async with loaded_is_spared():
+        async with garbage_frozen():
             assert gc.get_freeze_count() > 1000  # what Python itself has loaded
         assert gc.get_freeze_count() == 0
 

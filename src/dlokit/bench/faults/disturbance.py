@@ -36,9 +36,8 @@ class Kind(enum.Enum):
     NONE = ""
     LATE = "late"
     ALTERED = "altered"
-    DEAF = "deaf"
-    """What an arm feels does not come to its driver, nor what arms tell of themselves to their neighbours; all else
-    does."""
+    NO_FEEDBACK = "no_feedback"
+    """No arm's feedback reaches its driver, nor an arm's published state another arm; all else arrives."""
 
 
 class Line:
@@ -74,10 +73,10 @@ class Line:
                 data[self._rng.randrange(len(data))] ^= self._rng.randrange(1, 256)
             return bytes(data)
 
-    def deaf(self) -> bool:
+    def drops_feedback(self) -> bool:
         """Whether feedback of arms is to be dropped now."""
         with self._lock:
-            return self._now() is Kind.DEAF
+            return self._now() is Kind.NO_FEEDBACK
 
     def _now(self) -> Kind:
         now_s = time.monotonic()
@@ -139,7 +138,12 @@ class _Session:
     def declare_subscriber(self, key: str, handler: Any) -> Any:
         if not callable(handler) or not key.startswith(FEEDBACK):
             return self._session.declare_subscriber(key, handler)
-        return self._session.declare_subscriber(key, lambda sample: None if self._line.deaf() else handler(sample))
+
+        def hand_on(sample: Any) -> None:
+            if not self._line.drops_feedback():
+                handler(sample)
+
+        return self._session.declare_subscriber(key, hand_on)
 
     def declare_queryable(self, key: str, handler: Callable[[Any], None]) -> Any:
         return self._session.declare_queryable(key, lambda query: handler(_Query(query, self._line)))

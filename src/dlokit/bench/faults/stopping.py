@@ -79,7 +79,7 @@ class StopPlan:
     run: RunConfig
     kills: int
     freezes: int
-    silences: int
+    feedback_losses: int
     """How often feedback is withheld from the arm's driver, and as often another arm falls silent."""
     quiet_s: float
     busy_processes: int
@@ -92,7 +92,7 @@ async def measure_stops(plan: StopPlan, said: Callable[[str], None]) -> StopFigu
     if plan.kills or plan.freezes or plan.quiet_s:
         async with _trials(plan, 1, said) as trials:
             figures = await trials.of_commander()
-    if plan.silences:
+    if plan.feedback_losses:
         async with _trials(plan, 1, said) as trials:
             figures = replace(figures, withheld=await trials.feedback_withheld())
         async with _trials(plan, 2, said) as trials:
@@ -148,12 +148,12 @@ class _Trials:
         """What the arm feels does not come to its driver any more."""
 
         def withhold() -> None:
-            disturb(self._folder, Kind.DEAF)
+            disturb(self._folder, Kind.NO_FEEDBACK)
 
         def hand_on() -> None:
             disturb(self._folder, Kind.NONE)
 
-        return await self._repeated("feedback withheld", self._plan.silences, withhold, hand_on)
+        return await self._repeated("feedback withheld", self._plan.feedback_losses, withhold, hand_on)
 
     async def other_arm_silent(self) -> tuple[Stop, ...]:
         """The process of the second arm is frozen."""
@@ -165,7 +165,7 @@ class _Trials:
         def thaw() -> None:
             os.kill(other, signal.SIGCONT)
 
-        return await self._repeated("other arm silent", self._plan.silences, freeze, thaw)
+        return await self._repeated("other arm silent", self._plan.feedback_losses, freeze, thaw)
 
     async def _repeated(
         self, name: str, times: int, fault: Callable[[], None], mend: Callable[[], None]

@@ -63,7 +63,7 @@ FROZEN_S = 5.0
 
 
 LATE_FOR_S = 10.0
-DEAF_FOR_S = 2.0
+NO_FEEDBACK_S = 2.0
 """More than the gate waits for feedback before a motion [s]."""
 
 
@@ -99,8 +99,9 @@ FAULTS: tuple[Fault, ...] = (
     Fault(name="freeze-planner",    what="SIGSTOP to the worker that plans",
           injury=_to("decision", STOP, worker=True), when=(THINKING,)),
     Fault(name="drop-camera",       what="no pictures for 5 s", injury=_to("camera", STOP), over_after_s=FROZEN_S),
-    Fault(name="withhold-feedback", what="what an arm feels does not come to its driver, for 2 s",
-          injury=partial(Disturbed, Kind.DEAF), when=(MOVING,), over_after_s=DEAF_FOR_S, disturbed=True, brakes=True),
+    Fault(name="withhold-feedback", what="no feedback of the arm reaches its driver for 2 s",
+          injury=partial(Disturbed, Kind.NO_FEEDBACK), when=(MOVING,), over_after_s=NO_FEEDBACK_S, disturbed=True,
+          brakes=True),
     Fault(name="slip-grasp",        what="the DLO falls out of the fingers", injury=SlippedGrasp, when=(HOLDING,)),
     Fault(name="delay-messages",    what="all messages and calls come 500 ms late, for 10 s",
           injury=partial(Disturbed, Kind.LATE), over_after_s=LATE_FOR_S, disturbed=True),

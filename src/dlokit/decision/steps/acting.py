@@ -28,6 +28,9 @@ REFUSALS = frozenset(
         "table_collision",
         "self_collision",
         "arms_too_near",
+        "outside_workspace",
+        "tool_speed",
+        "too_slow",
     }
 )
 """Reasons for which the robot refuses a motion before it moves, or breaks it off: another grasp may do."""

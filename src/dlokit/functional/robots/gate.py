@@ -26,10 +26,6 @@ WRONG_START = "wrong_start"
 OUTSIDE_WORKSPACE = "outside_workspace"
 TOOL_SPEED = "tool_speed"
 LEASE_LOST = "lease_lost"
-TOO_SLOW = "too_slow"
-
-LONGEST_MOTION_S = 200.0
-"""Longest motion at its own pace [s]: no skill waits for one that takes longer."""
 
 _REST_RAD_S = 0.05
 """An arm whose joints are measured slower than this stands [rad/s]; a standing arm of the cell is measured at 0.01."""
@@ -107,11 +103,10 @@ class GatedRobot:
         broken = limit_violation(paced, self.limits)
         if broken is not None:
             raise SkillFailure(broken.reason, broken.detail)
-        self._check_duration(paced)
         self._check_tool(paced)
         await self._check_start(paced)
         self._check_lease(lease)
-        return await self._felt(self._robot.follow(paced, lease))
+        return await self._watched(self._robot.follow(paced, lease))
 
     async def grip(self, width_m: float, force_n: float, lease: Lease) -> GripResult:
         """Bring the fingers to a width.
@@ -144,15 +139,6 @@ class GatedRobot:
     async def recover(self) -> None:
         """Clear a fault."""
         await self._robot.recover()
-
-    def _check_duration(self, trajectory: JointTrajectory) -> None:
-        """Hold it to the time for which whoever asked for it waits."""
-        if trajectory.times_s[-1] > LONGEST_MOTION_S:
-            raise SkillFailure(
-                TOO_SLOW,
-                f"it would take {trajectory.times_s[-1]:.0f} s at --speed-scale {self._config.speed_scale}, allowed "
-                f"are {LONGEST_MOTION_S:.0f} s; move faster or less far, or use a larger scale",
-            )
 
     def _check_tool(self, trajectory: JointTrajectory) -> None:
         """Hold the tool centre point inside the box and below its speed, by its places at the samples."""
@@ -194,23 +180,23 @@ class GatedRobot:
                 "the present state",
             )
 
-    async def _felt(self, motion: Awaitable[MotionResult]) -> MotionResult:
+    async def _watched(self, motion: Awaitable[MotionResult]) -> MotionResult:
         """Run a motion; it is braked, and has failed, when the arm's feedback grows too old."""
-        felt = _Felt(self._robot, self._config.feedback_age_s)
-        self._watch.begin(felt, felt.brake)
+        fresh = _FreshFeedback(self._robot, self._config.feedback_age_s)
+        self._watch.begin(fresh, fresh.brake)
         try:
             result = await motion
         except SkillFailure as error:
-            if felt.lost:
-                raise self._felt_no_more() from error
+            if fresh.lost:
+                raise self._stale() from error
             raise
         finally:
-            self._watch.end(felt)
-        if felt.lost:  # the order to brake came to an arm that had arrived, as far as anybody knows
-            raise self._felt_no_more()
+            self._watch.end(fresh)
+        if fresh.lost:  # the order to brake came to an arm that had arrived, as far as anybody knows
+            raise self._stale()
         return result
 
-    def _felt_no_more(self) -> SkillFailure:
+    def _stale(self) -> SkillFailure:
         return SkillFailure(
             STALE_FEEDBACK,
             f"the arm was braked: its feedback was older than {self._config.feedback_age_s} s "
@@ -255,8 +241,8 @@ def _not_standing(state: RobotState, age_s: float, allowed_s: float, waited_s: f
     )
 
 
-class _Felt:
-    """That an arm in motion is felt: over when its newest state is too old, by the clock of its stamps."""
+class _FreshFeedback:
+    """A deadline: it expires when the newest feedback of an arm is too old, by the clock of its stamps."""
 
     def __init__(self, robot: Robot, allowed_s: float) -> None:
         self._robot = robot
@@ -269,7 +255,7 @@ class _Felt:
         return self._allowed_s - (self._robot.now_ns() - self._robot.newest_ns()) / 1e9
 
     def brake(self) -> None:
-        """Brake for it."""
+        """Order the arm to brake, and note why; called when the deadline has expired."""
         self.lost = True
         self._robot.brake()
 

@@ -88,8 +88,8 @@ class SimulatedRobot:
         return self._now_ns
 
     def newest_ns(self) -> int:
-        """Stamp of what the cell said last."""
-        return self._newest_ns
+        """Stamp of what the cell said last, also before the first tap: states that waited for a late joiner count."""
+        return max(self._newest_ns, self.state().stamp_ns)
 
     async def follow(self, trajectory: JointTrajectory, lease: Lease) -> MotionResult:
         """Run a trajectory, renewing the right to move all the while; a cancelled call brakes the arm."""

@@ -10,7 +10,7 @@ from scipy.interpolate import CubicSpline
 
 from dlokit.description.panda_data import PANDA_LIMITS
 from dlokit.errors import SkillFailure
-from dlokit.motion.limits import scaled, slowdown
+from dlokit.motion.limits import TOO_SLOW, scaled, slowdown
 from dlokit.skills.robot.kinematics import UNREACHABLE, PandaKinematics, Yaw
 from dlokit.skills.robot.tool_path import ToolPath, split_at_turns
 from dlokit.types.action import VelocityProfile
@@ -108,12 +108,11 @@ def _check_effort(paths: list[ToolPath], velocity: VelocityProfile) -> None:
     too_long = np.sum(lengths) > LONGEST_M or tilted_m > LONGEST_TILTED_M
     if seconds > LONGEST_S or too_long or len(paths) > MOST_STOPS:
         raise SkillFailure(
-            "too_slow",
+            TOO_SLOW,
             f"a path of {np.sum(lengths):.3g} m, of which {tilted_m:.3g} m tilted, with {len(paths)} stops at "
             f"{velocity.speed_m_s:.3g} m/s, {velocity.acceleration_m_s2:.3g} m/s² and {velocity.jerk_m_s3:.3g} m/s³ "
             f"takes {seconds:.3g} s or more to run or to speed up; allowed are {LONGEST_S:.0f} s, {LONGEST_M:.0f} m, "
-            f"{LONGEST_TILTED_M:.0f} m tilted and "
-            f"{MOST_STOPS} stops; choose a faster profile, or split the path",
+            f"{LONGEST_TILTED_M:.0f} m tilted and {MOST_STOPS} stops; choose a faster profile, or split the path",
         )
 
 

@@ -16,13 +16,15 @@ from dlokit.communication.memory import MemoryTransport
 from dlokit.decision.config import TaskConfig
 from dlokit.decision.odometer import Odometer
 from dlokit.decision.steps import hands
-from dlokit.decision.steps.acting import approach
+from dlokit.decision.steps.acting import approach, judge_motion
 from dlokit.decision.steps.hands import place_in_tool
 from dlokit.decision.steps.outcomes import Moved
 from dlokit.decision.steps.slipping import follow_while_held
 from dlokit.decision.task import ShapeTask
 from dlokit.description.arms import OPPOSITE
 from dlokit.errors import SkillFailure
+from dlokit.functional.robots.gate import OUTSIDE_WORKSPACE, TOOL_SPEED
+from dlokit.motion.limits import ACCELERATION_LIMIT, JERK_LIMIT, JOINT_LIMIT, TOO_SLOW, VELOCITY_LIMIT
 from dlokit.skills.robot import api as robot
 from dlokit.types.action import Grasp, PairPlace, Partner, VelocityProfile
 from dlokit.types.outcome import Failed, Succeeded
@@ -184,6 +186,19 @@ def test_when_one_hand_fails_the_other_is_stopped_and_the_failure_is_told(fails:
     with_two_arms(*scripts, check)
     assert scripts[fails].told == ["follow_path"]
     assert scripts[1 - fails].told == ["follow_path", "stop"]
+
+
+@pytest.mark.parametrize(
+    "reason", [JOINT_LIMIT, VELOCITY_LIMIT, ACCELERATION_LIMIT, JERK_LIMIT, TOO_SLOW, OUTSIDE_WORKSPACE, TOOL_SPEED]
+)
+def test_a_motion_that_the_gate_refuses_leads_to_another_grasp(reason: str) -> None:
+    first, second = Script(), Script()
+    first.fails = reason
+
+    async def check(task: ShapeTask) -> None:
+        assert judge_motion(task, robot.FOLLOW_PATH.name, await hands.follow_paths(task)) is Moved.REFUSED
+
+    with_two_arms(first, second, check)
 
 
 @pytest.mark.parametrize("blocked", [0, 1])

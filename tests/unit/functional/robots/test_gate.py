@@ -109,7 +109,7 @@ def test_a_motion_that_would_take_longer_than_anybody_waits_is_refused_at_a_smal
 
     async def scenario(arm: FeltArm, robot: GatedRobot) -> None:
         arm.q = slow.q_rad[0]
-        assert await refusal(robot.follow(slow, LEASE)) == gate.TOO_SLOW
+        assert await refusal(robot.follow(slow, LEASE)) == limits.TOO_SLOW
         assert arm.followed == []
 
     at_gate(scenario, GateConfig(speed_scale=0.05))

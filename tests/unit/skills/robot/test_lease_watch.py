@@ -1,11 +1,12 @@
 """The lease on a robot, and who looks after it."""
 
+import asyncio
 import threading
 import time
 
 import pytest
 
-from dlokit.communication.deadlines import ThreadWatch
+from dlokit.communication.deadlines import LoopWatch, ThreadWatch
 from dlokit.errors import SkillRejected
 from dlokit.skills.robot.lease import LeaseKeeper
 
@@ -86,6 +87,50 @@ def test_the_thread_goes_on_when_whoever_it_tells_raises() -> None:
     try:
         assert told.acquire(timeout=PATIENCE_S)
         assert told.acquire(timeout=PATIENCE_S)
+    finally:
+        watch.close()
+
+
+class Unknown:
+    """A deadline that cannot say how much time is left."""
+
+    @property
+    def left_s(self) -> float:
+        raise RuntimeError("the driver is gone")
+
+
+def test_a_deadline_that_raises_counts_as_expired_on_thread_and_loop() -> None:
+    told, on_thread = threading.Semaphore(0), ThreadWatch()
+    on_thread.begin(Unknown(), lambda: told.release())
+    try:
+        assert told.acquire(timeout=PATIENCE_S)
+        assert told.acquire(timeout=PATIENCE_S)
+    finally:
+        on_thread.close()
+
+    async def on_loop() -> None:
+        told, watch = asyncio.Event(), LoopWatch()
+        watch.begin(Unknown(), told.set)
+        async with asyncio.timeout(PATIENCE_S):
+            await told.wait()
+        watch.close()
+
+    asyncio.run(on_loop())
+
+
+def test_nothing_is_told_of_a_deadline_that_is_no_longer_watched() -> None:
+    told, other, watch = threading.Semaphore(0), threading.Semaphore(0), ThreadWatch()
+    ended = Unknown()
+    watch.begin(ended, lambda: told.release())
+    watch.begin(Unknown(), lambda: other.release())
+    try:
+        assert told.acquire(timeout=PATIENCE_S)
+        watch.end(ended)
+        while told.acquire(blocking=False):
+            pass
+        for _ in range(3):  # the thread has looked again since
+            assert other.acquire(timeout=PATIENCE_S)
+        assert not told.acquire(blocking=False)
     finally:
         watch.close()
 
