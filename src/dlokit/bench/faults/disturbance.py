@@ -10,7 +10,7 @@ import queue
 import random
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, cast
 
@@ -136,8 +136,10 @@ class _Session:
         return _Publisher(self._session.declare_publisher(key, **how), self._line)
 
     def declare_subscriber(self, key: str, handler: Any) -> Any:
-        if not callable(handler) or not key.startswith(FEEDBACK):
+        if not key.startswith(FEEDBACK):
             return self._session.declare_subscriber(key, handler)
+        if not callable(handler):  # a ring of samples, which its reader takes
+            return _Subscriber(self._session.declare_subscriber(key, handler), self._line)
 
         def hand_on(sample: Any) -> None:
             if not self._line.drops_feedback():
@@ -166,6 +168,27 @@ class _Publisher:
     def put(self, payload: Any, **how: Any) -> None:
         altered = self._line.altered(payload)
         self._line.send(lambda: self._publisher.put(altered, **how))
+
+
+class _Subscriber:
+    """A subscriber with a ring of samples: its `handler` hands out those alone that are not dropped."""
+
+    def __init__(self, subscriber: Any, line: Line) -> None:
+        self._subscriber = subscriber
+        self._line = line
+
+    @property
+    def handler(self) -> "_Subscriber":
+        return self
+
+    def __iter__(self) -> Iterator[Any]:
+        return (sample for sample in self._subscriber.handler if not self._line.drops_feedback())
+
+    def try_recv(self) -> Any:
+        while (sample := self._subscriber.handler.try_recv()) is not None:
+            if not self._line.drops_feedback():
+                return sample
+        return None
 
 
 class _Query:

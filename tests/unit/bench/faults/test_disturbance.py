@@ -1,11 +1,22 @@
-"""A bus that is disturbed: late in order, or altered now and then; and not before it is told to be."""
+"""A bus that is disturbed: late in order, altered now and then, without feedback; and not before it is told to be."""
 
+import asyncio
 import random
 import threading
+from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
+
 from dlokit.bench.faults import disturbance
-from dlokit.bench.faults.disturbance import FILE_NAME, Kind, Line, disturb, kind_in
+from dlokit.bench.faults.disturbance import FILE_NAME, Kind, Line, disturb, disturbed_by, kind_in
+from dlokit.communication import topics
+from dlokit.communication.zenoh_session import ZenohConfig
+from dlokit.communication.zenoh_transport import ZenohTransport
+from dlokit.description.panda_data import PANDA_HOME_Q_RAD
+from dlokit.geometry import downward
+from dlokit.types.clock import ClockTick
+from dlokit.types.robot import FIRST_ROBOT, RobotMode, RobotState
 
 PAYLOAD = bytes(100)
 
@@ -42,3 +53,61 @@ def test_late_messages_keep_their_order_also_when_the_bus_is_well_again(tmp_path
     line.send(lambda: (arrived.append(2), last.set()))
     assert last.wait(60.0)
     assert arrived == [1, 2]
+
+
+def arm_state(stamp_ns: int) -> RobotState:
+    return RobotState(
+        stamp_ns=stamp_ns,
+        robot=FIRST_ROBOT,
+        q_rad=PANDA_HOME_Q_RAD,
+        dq_rad_s=np.zeros(7),
+        tau_nm=np.zeros(7),
+        T_world_tcp=downward([0.3, 0.0, 0.4], 0.0),
+        finger_width_m=0.0,
+        mode=RobotMode.IDLE,
+    )
+
+
+async def until(said: Callable[[], None], there: Callable[[], bool]) -> None:
+    """Say it again until it is there."""
+    async with asyncio.timeout(60.0):
+        while not there():
+            said()
+            await asyncio.sleep(0.01)
+
+
+def test_while_feedback_is_withheld_neither_a_reader_nor_a_tap_has_any(tmp_path: Path) -> None:
+    async def main() -> None:
+        where = f"unixsock-stream/{tmp_path}/bus"
+        arm = ZenohTransport(ZenohConfig(namespace="withheld", listen=(where,)))
+        reads = ZenohConfig(namespace="withheld", listen=(), connect=(where,))
+        driver = ZenohTransport(reads, open_session=disturbed_by(tmp_path / FILE_NAME, 0))
+        tapped: list[bytes] = []
+        driver.tap(topics.ARM_STATE, tapped.append)
+
+        def stamp_ns() -> int:
+            newest = driver.latest(topics.ARM_STATE).value
+            return 0 if newest is None else newest.stamp_ns
+
+        def clock_ns() -> int:
+            newest = driver.latest(topics.CLOCK).value
+            return 0 if newest is None else newest.stamp_ns
+
+        try:
+            await until(lambda: arm.publish(topics.ARM_STATE, arm_state(1)), lambda: stamp_ns() == 1 and bool(tapped))
+            disturb(tmp_path, Kind.NO_FEEDBACK)
+            await asyncio.sleep(2 * disturbance.LOOK_EVERY_S)  # until the line has looked again
+            tapped.clear()
+            for _ in range(10):
+                arm.publish(topics.ARM_STATE, arm_state(2))
+            # Everything else arrives, on the same link and after it.
+            await until(lambda: arm.publish(topics.CLOCK, ClockTick(stamp_ns=2)), lambda: clock_ns() == 2)
+            assert stamp_ns() == 1
+            assert tapped == []
+            disturb(tmp_path, Kind.NONE)
+            await until(lambda: arm.publish(topics.ARM_STATE, arm_state(3)), lambda: stamp_ns() == 3 and bool(tapped))
+        finally:
+            await driver.close()
+            await arm.close()
+
+    asyncio.run(main())
