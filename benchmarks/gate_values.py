@@ -35,7 +35,7 @@ from adversarial import MUTATIONS, executed_breach, honest, honest_pose, remade,
 from adversarial_calls import Batch, CallResult
 from robot_bench import KINEMATICS, PerfectArm
 
-from dlokit.communication import virtual_time
+from dlokit.communication.timing import virtual_time
 from dlokit.description.panda_data import PANDA_LIMITS
 from dlokit.errors import BadValue, CommunicationError, SkillFailure
 from dlokit.functional.robots.gate import GatedRobot

@@ -22,8 +22,8 @@ from playwright.async_api import Browser, async_playwright
 from dlokit.bench.faults.burden import burden
 from dlokit.bench.faults.live_run import LiveRun, Program, live_run
 from dlokit.communication import topics
-from dlokit.communication.recording.channels import FILE_NAME
-from dlokit.communication.recording.reader import read_recording
+from dlokit.recording.channels import FILE_NAME
+from dlokit.recording.reader import read_recording
 from dlokit.system.run_result import read_result
 from dlokit.types.skill_call import CallRecord
 

@@ -11,10 +11,10 @@ import pytest
 from playwright.async_api import Page, async_playwright
 
 from dlokit.communication import topics
-from dlokit.communication.clock import LoopClock
 from dlokit.communication.component import Component, implements
-from dlokit.communication.host import Host
+from dlokit.communication.container import Host
 from dlokit.communication.memory import MemoryTransport
+from dlokit.communication.timing.clock import LoopClock
 from dlokit.description.panda_data import PANDA_HOME_Q_RAD
 from dlokit.description.shapes import builtin_shape
 from dlokit.geometry import downward, pose, tangents

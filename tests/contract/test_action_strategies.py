@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from dlokit import geometry
-from dlokit.communication import codec
+from dlokit.communication.wire import codec
 from dlokit.description.shapes import builtin_shape, moved, random_shape
 from dlokit.errors import SkillRejected
 from dlokit.skills.model.config import ModelConfig

@@ -2,12 +2,12 @@
 
 import asyncio
 
-from dlokit.communication import codec
-from dlokit.communication.call_seal import label_of
 from dlokit.communication.calls import encode_call
 from dlokit.communication.transport import Report
-from dlokit.communication.zenoh_session import ZenohConfig, open_session
-from dlokit.communication.zenoh_transport import ZenohTransport
+from dlokit.communication.wire import codec
+from dlokit.communication.wire.envelope import label_of
+from dlokit.communication.zenoh.session import ZenohConfig, open_session
+from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.skills.robot import api
 from dlokit.system.host_agent import free_meeting_point
 from dlokit.types.outcome import Outcome, Rejected, Succeeded

@@ -10,11 +10,11 @@ import msgspec
 import numpy as np
 import pytest
 
-from dlokit.communication import virtual_time
-from dlokit.communication.clock import LoopClock
 from dlokit.communication.component import Component, implements
-from dlokit.communication.host import Host
+from dlokit.communication.container import Host
 from dlokit.communication.memory import MemoryTransport
+from dlokit.communication.timing import virtual_time
+from dlokit.communication.timing.clock import LoopClock
 from dlokit.errors import ConfigError, HardwareError, SkillFailure
 from dlokit.functional.cameras.base import Camera
 from dlokit.functional.cameras.calibration_file import read_calibration, write_calibration

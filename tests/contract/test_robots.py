@@ -8,13 +8,12 @@ from typing import Any, ParamSpec
 import numpy as np
 import pytest
 
-from dlokit.communication import virtual_time
-from dlokit.communication.clock import LoopClock
-from dlokit.communication.compute import InlineCompute
-from dlokit.communication.host import Host
+from dlokit.communication.container import Host
 from dlokit.communication.memory import MemoryTransport
-from dlokit.communication.port import Port
+from dlokit.communication.port import InlineCompute, Port
 from dlokit.communication.skill import Skill
+from dlokit.communication.timing import virtual_time
+from dlokit.communication.timing.clock import LoopClock
 from dlokit.description.panda_data import PANDA_HOME_Q_RAD
 from dlokit.errors import HardwareError, SkillFailure
 from dlokit.functional.cell import api as cell_api

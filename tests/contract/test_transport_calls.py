@@ -14,12 +14,12 @@ from transport_grid import (
     over_zenoh,
 )
 
-from dlokit.communication.clock import LoopClock
 from dlokit.communication.component import Component, implements
-from dlokit.communication.host import Host
+from dlokit.communication.container import Host
 from dlokit.communication.skill import Skill
-from dlokit.communication.zenoh_session import ZenohConfig
-from dlokit.communication.zenoh_transport import ZenohTransport
+from dlokit.communication.timing.clock import LoopClock
+from dlokit.communication.zenoh.session import ZenohConfig
+from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.errors import SkillFailure, SkillRejected
 from dlokit.types.outcome import Cancelled, Failed, Rejected, Succeeded, TimedOut, Unreachable
 

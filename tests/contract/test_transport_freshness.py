@@ -9,7 +9,7 @@ import pytest
 from transport_grid import NEWEST, WAIT_S, Bus, Grid, connected, eventually, newest_seq, over_zenoh, reading
 
 from dlokit.communication.topic import KeepLast, Topic
-from dlokit.communication.zenoh_transport import ZenohTransport
+from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.types.arrays import Float64Array
 from dlokit.types.message import Message
 

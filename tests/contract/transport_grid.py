@@ -9,12 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dlokit.communication import virtual_time
 from dlokit.communication.memory import MemoryTransport
+from dlokit.communication.timing import virtual_time
 from dlokit.communication.topic import Every, KeepLast, Topic
 from dlokit.communication.transport import Transport
-from dlokit.communication.zenoh_session import ZenohConfig
-from dlokit.communication.zenoh_transport import ZenohTransport
+from dlokit.communication.zenoh.session import ZenohConfig
+from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.types.arrays import Float64Array
 from dlokit.types.message import Message
 

@@ -15,7 +15,7 @@ from unittest.mock import patch
 import msgspec
 import numpy as np
 
-from dlokit.communication import codec
+from dlokit.communication.wire import codec
 from dlokit.description.panda_data import PANDA_HOME_Q_RAD, PANDA_LIMITS
 from dlokit.description.panda_kinematics import tcp_matrices
 from dlokit.functional.cell.arm import CellArm

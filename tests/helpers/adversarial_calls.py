@@ -12,15 +12,14 @@ from adversarial import KINEMATICS, Executed, honest_pose, spoilt_pose, spoilt_p
 
 from dlokit import geometry
 from dlokit.bench.fuzz.mutations import mutated
-from dlokit.communication import codec
 from dlokit.communication.calls import decode_answer
-from dlokit.communication.clock import LoopClock
-from dlokit.communication.compute import InlineCompute
-from dlokit.communication.host import Host
+from dlokit.communication.container import Host
 from dlokit.communication.memory import MemoryTransport
-from dlokit.communication.port import Port
+from dlokit.communication.port import InlineCompute, Port
 from dlokit.communication.skill import Skill, SkillCall
+from dlokit.communication.timing.clock import LoopClock
 from dlokit.communication.transport import CallHandler
+from dlokit.communication.wire import codec
 from dlokit.description.panda_data import PANDA_HOME_Q_RAD, PANDA_LIMITS
 from dlokit.description.shapes import builtin_shape
 from dlokit.errors import CommunicationError

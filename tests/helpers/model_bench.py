@@ -5,12 +5,13 @@ from collections.abc import Awaitable, Callable
 import numpy as np
 
 from dlokit import geometry
-from dlokit.communication import topics, virtual_time
-from dlokit.communication.clock import LoopClock
+from dlokit.communication import topics
 from dlokit.communication.component import Component
-from dlokit.communication.host import Host
+from dlokit.communication.container import Host
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.port import Port
+from dlokit.communication.timing import virtual_time
+from dlokit.communication.timing.clock import LoopClock
 from dlokit.description.shapes import builtin_shape
 from dlokit.skills.model.component import ModelComponent
 from dlokit.skills.model.config import ModelConfig

@@ -7,12 +7,11 @@ from typing import Any, ParamSpec, Self, TypeVar
 
 import numpy as np
 
-from dlokit.communication import virtual_time
-from dlokit.communication.clock import LoopClock
-from dlokit.communication.compute import Compute, InlineCompute
-from dlokit.communication.host import Host
+from dlokit.communication.container import Host
 from dlokit.communication.memory import MemoryTransport
-from dlokit.communication.port import Port
+from dlokit.communication.port import Compute, InlineCompute, Port
+from dlokit.communication.timing import virtual_time
+from dlokit.communication.timing.clock import LoopClock
 from dlokit.description.panda_data import PANDA_HOME_Q_RAD, PANDA_LIMITS
 from dlokit.description.panda_kinematics import tcp_pose
 from dlokit.errors import HardwareError

@@ -15,9 +15,9 @@ import numpy as np
 from msgspec.structs import replace
 
 from dlokit.communication import topics
-from dlokit.communication.recording.reader import read_recording
 from dlokit.description.scene import default_calibration
 from dlokit.description.shapes import builtin_shape, moved, random_shape
+from dlokit.recording.reader import read_recording
 from dlokit.skills.model.belief import as_configured
 from dlokit.skills.model.carry import Carry
 from dlokit.skills.model.config import ModelConfig

@@ -10,11 +10,12 @@ from dataclasses import dataclass, replace
 
 from scripted_hardware import LENGTH_M, NODES, Array, Lab, ScriptedPerception, ScriptedRobot
 
-from dlokit.communication import topics, virtual_time
-from dlokit.communication.clock import Clock, LoopClock
+from dlokit.communication import topics
 from dlokit.communication.component import Component
-from dlokit.communication.host import Host
+from dlokit.communication.container import Host
 from dlokit.communication.memory import MemoryTransport
+from dlokit.communication.timing import virtual_time
+from dlokit.communication.timing.clock import Clock, LoopClock
 from dlokit.communication.transport import Transport
 from dlokit.decision.component import DecisionComponent
 from dlokit.decision.config import TaskConfig

@@ -15,15 +15,16 @@ from dataclasses import dataclass
 import msgspec
 import pytest
 
-from dlokit.communication import codec, virtual_time
-from dlokit.communication.clock import LoopClock
 from dlokit.communication.component import Component, implements
-from dlokit.communication.host import Host
+from dlokit.communication.container import Host
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.skill import Skill, SkillCall
+from dlokit.communication.timing import virtual_time
+from dlokit.communication.timing.clock import LoopClock
 from dlokit.communication.transport import CallHandler, Report, Transport
-from dlokit.communication.zenoh_session import ZenohConfig
-from dlokit.communication.zenoh_transport import ZenohTransport
+from dlokit.communication.wire import codec
+from dlokit.communication.zenoh.session import ZenohConfig
+from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.errors import SkillFailure, SkillRejected
 from dlokit.types.outcome import Failed, Outcome, Rejected, Succeeded, Unreachable
 

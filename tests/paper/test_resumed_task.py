@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from ideal_lab import LENGTH_M, NODES, PATIENT, Lab, running
 
-from dlokit.communication import virtual_time
-from dlokit.communication.clock import LoopClock
 from dlokit.communication.memory import MemoryTransport
+from dlokit.communication.timing import virtual_time
+from dlokit.communication.timing.clock import LoopClock
 from dlokit.decision.config import TaskConfig
 from dlokit.decision.journal import Journal
 from dlokit.decision.task import ActionRecord, GoalRequest, ShapeResult

@@ -11,13 +11,14 @@ import pytest
 from ideal_lab import running
 from scripted_hardware import LENGTH_M, NODES, Lab
 
-from dlokit.communication import topics, virtual_time
-from dlokit.communication.clock import Clock, FollowedClock, LoopClock
+from dlokit.communication import topics
 from dlokit.communication.component import Component
 from dlokit.communication.memory import MemoryTransport
+from dlokit.communication.timing import virtual_time
+from dlokit.communication.timing.clock import Clock, FollowedClock, LoopClock
 from dlokit.communication.transport import Transport
-from dlokit.communication.zenoh_session import ZenohConfig
-from dlokit.communication.zenoh_transport import ZenohTransport
+from dlokit.communication.zenoh.session import ZenohConfig
+from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.decision.api import SHAPE_DLO, STOP_TASK, ShapeProgress
 from dlokit.decision.task import GoalRequest
 from dlokit.description.shapes import builtin_shape, moved

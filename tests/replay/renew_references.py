@@ -9,7 +9,7 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
 from dlokit.app.commands import execute
-from dlokit.communication.recording.channels import FILE_NAME
+from dlokit.recording.channels import FILE_NAME
 
 FOLDER = Path(__file__).with_name("references")
 

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from dlokit.communication import topics
-from dlokit.communication.recording.comparison import FieldRow
-from dlokit.communication.recording.reader import read_recording
 from dlokit.errors import InputError
+from dlokit.recording.comparison import FieldRow
+from dlokit.recording.reader import read_recording
 from dlokit.skills.observer.config import ObserverConfig
 from dlokit.skills.observer.spr_config import SprConfig
 from dlokit.system.config import RunConfig

@@ -19,10 +19,10 @@ from tiny_process import ECHO, Echo, TinyCell
 from dlokit import geometry
 from dlokit.communication import topics
 from dlokit.communication.component import Component, implements
-from dlokit.communication.deadlines import ThreadWatch
+from dlokit.communication.timing.deadlines import ThreadWatch
 from dlokit.communication.transport import Transport
-from dlokit.communication.zenoh_session import TlsFiles, ZenohConfig, open_session
-from dlokit.communication.zenoh_transport import ZenohTransport
+from dlokit.communication.zenoh.session import TlsFiles, ZenohConfig, open_session
+from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.errors import MachineError, ProcessFailure, SkillFailure
 from dlokit.skills.robot import api
 from dlokit.skills.robot.config import RobotConfig

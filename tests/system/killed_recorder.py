@@ -5,7 +5,7 @@ import time
 from pathlib import Path
 
 from dlokit.communication import topics
-from dlokit.communication.recording.recorder import Recorder
+from dlokit.recording.recorder import Recorder
 from dlokit.types.clock import ClockTick
 
 

@@ -7,12 +7,12 @@ import pytest
 
 from dlokit.bench.faults import disturbance
 from dlokit.bench.faults.disturbance import FILE_NAME, Kind, disturb, disturbed_by
-from dlokit.communication.clock import LoopClock
 from dlokit.communication.component import Component, implements
-from dlokit.communication.host import Host
+from dlokit.communication.container import Host
 from dlokit.communication.skill import Skill
-from dlokit.communication.zenoh_session import ZenohConfig
-from dlokit.communication.zenoh_transport import ZenohTransport
+from dlokit.communication.timing.clock import LoopClock
+from dlokit.communication.zenoh.session import ZenohConfig
+from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.system.live_system import namespace_of
 from dlokit.types.outcome import Succeeded
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from dlokit.communication.recording.reader import read_recording
-from dlokit.communication.recording.summary import summarise
+from dlokit.recording.reader import read_recording
+from dlokit.recording.summary import summarise
 
 pytestmark = pytest.mark.system
 

@@ -11,9 +11,9 @@ import pytest
 
 from dlokit.app.job import job_from_config
 from dlokit.bench.judged_run import judged_run
-from dlokit.communication.recording.channels import FILE_NAME
-from dlokit.communication.recording.summary import summarise
 from dlokit.communication.topics import OBSERVER_EVENT, TOPICS
+from dlokit.recording.channels import FILE_NAME
+from dlokit.recording.summary import summarise
 from dlokit.system.config import RunConfig
 from dlokit.system.process_report import read_report
 from dlokit.system.shaping import Watcher

@@ -20,7 +20,7 @@ from dlokit.bench.faults.press_verdict import PressRow
 from dlokit.bench.faults.pressing import PressPlan, measure_presses
 from dlokit.bench.faults.stopping import StopFigures, StopPlan, measure_stops
 from dlokit.bench.report import bench_json
-from dlokit.communication.urgency import garbage_frozen
+from dlokit.communication.timing.urgency import garbage_frozen
 from dlokit.errors import ConfigError, InputError
 from dlokit.system.config import RunConfig
 from dlokit.system.running import RunningSystem

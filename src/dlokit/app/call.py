@@ -11,9 +11,9 @@ from rich.console import Console
 
 from dlokit.app.command import Command, flag
 from dlokit.app.skill_table import skill_named
-from dlokit.communication.recording.plain import to_json
 from dlokit.communication.skill import ReportingSkill, Skill
 from dlokit.errors import CommunicationError, InputError
+from dlokit.recording.plain import to_json
 from dlokit.system.joined_bus import JoinedBus, join_bus
 from dlokit.system.processes import TimeBase
 from dlokit.system.recording import with_calls_told

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
 
-from dlokit.communication.strategy_kinds import NamedConfig, StrategyKind
+from dlokit.communication.strategies import NamedConfig, StrategyKind
 from dlokit.description.dlo import preset
 from dlokit.errors import ConfigError
 from dlokit.functional.cell.dlo_physics import PHYSICS

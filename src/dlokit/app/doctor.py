@@ -26,7 +26,7 @@ from dlokit.app.doctor_findings import (
 )
 from dlokit.app.doctor_packages import HARDWARE, dependency_findings, hardware_finding, importable
 from dlokit.app.opengl_probe import probe_opengl
-from dlokit.communication.urgency import may_be_urgent
+from dlokit.communication.timing.urgency import may_be_urgent
 
 EXIT_READY, EXIT_LACKING = 0, 2
 

@@ -10,8 +10,8 @@ from rich.console import Console
 from dlokit.app.command import Command
 from dlokit.app.export_lerobot import write_lerobot
 from dlokit.app.export_tables import write_csv, write_npz
-from dlokit.communication.recording.channels import FILE_NAME
 from dlokit.errors import InputError
+from dlokit.recording.channels import FILE_NAME
 from dlokit.system.run_folder import claim_run_folder
 
 MOST_NAMED = 8

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlokit.app.lerobot_frames import Frames, read_frames
-from dlokit.communication.recording.pictures import from_jpeg
 from dlokit.errors import InputError, MachineError
+from dlokit.recording.views import from_jpeg
 
 VERSION = "v2.1"
 CHUNK = 1000

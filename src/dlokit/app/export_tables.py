@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dlokit.communication.recording.channels import RECORDED, topic_of
-from dlokit.communication.recording.columns import Column, columns
-from dlokit.communication.recording.reader import RawRecording, Recorded, picture_file, read_recording
 from dlokit.communication.topics import STEREO_IMAGES
+from dlokit.recording.channels import RECORDED, topic_of
+from dlokit.recording.columns import Column, columns
+from dlokit.recording.reader import RawRecording, Recorded, picture_file, read_recording
 
 MOST_COLUMNS = 512
 """Fields of more numbers a message are left out of `.csv` files: covariances and depth."""

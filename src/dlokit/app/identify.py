@@ -11,9 +11,9 @@ from rich.table import Table
 from dlokit.app.command import Command, flag
 from dlokit.app.identify_picture import write_picture
 from dlokit.app.measuring import Measures, measure
-from dlokit.communication.recording.channels import FILE_NAME
-from dlokit.communication.recording.reader import read_recording
 from dlokit.errors import InputError
+from dlokit.recording.channels import FILE_NAME
+from dlokit.recording.reader import read_recording
 from dlokit.skills.model.belief import as_configured
 from dlokit.skills.model.config import ModelConfig
 from dlokit.skills.model.identification.history import Lesson, lessons

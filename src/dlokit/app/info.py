@@ -11,9 +11,9 @@ from rich.console import Console
 from rich.table import Table
 
 from dlokit.app.command import Command
-from dlokit.communication.recording.channels import FILE_NAME
-from dlokit.communication.recording.summary import RecordingSummary, summarise
 from dlokit.errors import InputError
+from dlokit.recording.channels import FILE_NAME
+from dlokit.recording.summary import RecordingSummary, summarise
 from dlokit.system.config import RunConfig
 from dlokit.system.toml_config import to_plain
 

@@ -9,9 +9,9 @@ from typing import Any, cast
 import numpy as np
 
 from dlokit.communication import topics
-from dlokit.communication.recording.channels import topic_of
-from dlokit.communication.recording.reader import RawRecording, picture_file, read_recording
 from dlokit.errors import InputError
+from dlokit.recording.channels import topic_of
+from dlokit.recording.reader import RawRecording, picture_file, read_recording
 from dlokit.types.arrays import Float32Array, Float64Array, Int64Array
 from dlokit.types.robot import RobotState
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from dlokit import geometry
 from dlokit.communication import topics
-from dlokit.communication.recording.reader import Recorded
 from dlokit.errors import SkillFailure
+from dlokit.recording.reader import Recorded
 from dlokit.skills.observer.initialise import initial_targets
 from dlokit.skills.perception.config import PerceptionConfig
 from dlokit.skills.perception.pipeline import corrected_camera_pose, perceive

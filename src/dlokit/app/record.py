@@ -9,8 +9,8 @@ from typing import Annotated
 from rich.console import Console
 
 from dlokit.app.command import Command, flag
-from dlokit.communication.recording.summary import summarise
 from dlokit.errors import InputError
+from dlokit.recording.summary import summarise
 from dlokit.system.attached import record_until_ended
 from dlokit.system.running import the_running_system
 

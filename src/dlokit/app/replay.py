@@ -10,9 +10,9 @@ from rich.console import Console
 from rich.table import Table
 
 from dlokit.app.command import Command, flag
-from dlokit.communication.recording.channels import FILE_NAME
-from dlokit.communication.recording.comparison import FieldRow
 from dlokit.errors import InputError
+from dlokit.recording.channels import FILE_NAME
+from dlokit.recording.comparison import FieldRow
 from dlokit.system.config import RunConfig
 from dlokit.system.replay import REPLAYABLE, Replay, recorded_config, replay
 from dlokit.system.toml_config import read_toml

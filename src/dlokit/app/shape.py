@@ -18,7 +18,7 @@ from dlokit.app.preflight import check_before_start
 from dlokit.app.preparing import prepare
 from dlokit.app.terminal import RunDisplay
 from dlokit.bench.judged_run import judged_run
-from dlokit.communication.strategy_kinds import NamedConfig, StrategyKind
+from dlokit.communication.strategies import NamedConfig, StrategyKind
 from dlokit.skills.observer.strategies import OBSERVERS
 from dlokit.skills.perception.segmentations import SEGMENTATIONS
 from dlokit.skills.planning.strategies import PLANNERS

@@ -6,8 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Union, get_args, get_origin, get_type_hints
 
-from dlokit.communication.contract import Condition
-from dlokit.communication.skill import ReportingSkill, Skill
+from dlokit.communication.skill import Condition, ReportingSkill, Skill
 from dlokit.errors import InputError
 from dlokit.system.component_table import COMPONENTS
 

@@ -4,9 +4,9 @@ import logging
 from collections.abc import Callable
 from typing import ParamSpec, TypeVar
 
-from dlokit.communication import codec
 from dlokit.communication.skill import SCHEMA_MISMATCH, ReportingSkill, Skill, SkillCall
 from dlokit.communication.transport import Report
+from dlokit.communication.wire import codec
 from dlokit.errors import CommunicationError
 from dlokit.types.outcome import Failed, Outcome, Rejected
 

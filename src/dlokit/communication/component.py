@@ -4,9 +4,8 @@ import inspect
 from collections.abc import Awaitable, Callable, Coroutine
 from typing import Any, ClassVar, Concatenate, ParamSpec, TypeVar
 
-from dlokit.communication.contract import Condition
 from dlokit.communication.port import Port
-from dlokit.communication.skill import ReportingSkill, Skill
+from dlokit.communication.skill import Condition, ReportingSkill, Skill
 from dlokit.communication.topic import Topic
 from dlokit.types.message import Message
 

@@ -1,20 +1,65 @@
-"""Algorithm 2 for one component: a call is checked against the skill's contract, run once, and answered."""
+"""Algorithm 2 for one component: a call is checked against the skill's contract, run at most once, and answered."""
 
 import asyncio
 import logging
+from collections import OrderedDict
+from collections.abc import Awaitable, Callable
 from functools import partial
 from typing import Any
 
-from dlokit.communication import codec
-from dlokit.communication.answers import Answers
-from dlokit.communication.clock import Clock
 from dlokit.communication.component import Component
-from dlokit.communication.contract import Condition
-from dlokit.communication.envelope import mismatch
-from dlokit.communication.skill import SCHEMA_MISMATCH, ReportingSkill, Skill, SkillCall
+from dlokit.communication.skill import SCHEMA_MISMATCH, Condition, ReportingSkill, Skill, SkillCall
+from dlokit.communication.timing.clock import Clock
 from dlokit.communication.transport import Report
+from dlokit.communication.wire import codec
+from dlokit.communication.wire.envelope import mismatch
 from dlokit.errors import CommunicationError, SkillFailure, SkillRejected
 from dlokit.types.outcome import Cancelled, Failed, Outcome, Rejected, Succeeded, TimedOut
+
+LARGEST_TOTAL_BYTES = 8_000_000
+"""Of the answers kept; the oldest go first."""
+CALLS_KNOWN = 4096
+"""Calls whose number is remembered, with or without their answers."""
+
+
+class Answers:
+    """Encoded outcomes of the calls to one component, by the calls' numbers."""
+
+    def __init__(self, forgotten: bytes, cancelled: bytes) -> None:
+        """`forgotten` answers a call whose outcome is no longer kept; `cancelled` one whose first was cancelled."""
+        self._forgotten = forgotten
+        self._cancelled = cancelled
+        self._kept: OrderedDict[str, bytes | None] = OrderedDict()
+        self._total = 0
+        self._running: dict[str, asyncio.Future[bytes]] = {}
+
+    async def once(self, call_id: str, run: Callable[[], Awaitable[bytes]]) -> bytes:
+        """The answer to a call: of `run`, of the one that runs already, or of before."""
+        if call_id in self._kept:
+            return self._kept[call_id] or self._forgotten
+        if call_id in self._running:
+            return await asyncio.shield(self._running[call_id])
+        answered = self._running[call_id] = asyncio.get_running_loop().create_future()
+        answer = self._cancelled
+        try:
+            answer = await run()
+        finally:
+            answered.set_result(answer)
+            del self._running[call_id]
+            self._keep(call_id, answer)
+        return answer
+
+    def _keep(self, call_id: str, answer: bytes) -> None:
+        self._kept[call_id] = answer
+        self._total += len(answer)
+        while len(self._kept) > CALLS_KNOWN:
+            self._total -= len(self._kept.popitem(last=False)[1] or b"")
+        for old, kept in self._kept.items():
+            if self._total <= LARGEST_TOTAL_BYTES:
+                return
+            self._total -= len(kept or b"")
+            self._kept[old] = None
+
 
 log = logging.getLogger(__name__)
 

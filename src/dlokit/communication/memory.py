@@ -7,12 +7,11 @@ from collections import defaultdict
 from collections.abc import Callable
 from typing import Any, ParamSpec, TypeVar
 
-from dlokit.communication import codec
 from dlokit.communication.calls import decode_answer, decoding, encode_call, unheard
-from dlokit.communication.mailbox import Mailbox
 from dlokit.communication.skill import ReportingSkill, Skill
 from dlokit.communication.topic import Topic
-from dlokit.communication.transport import CallHandler, Known, Latest, Liveness, Report
+from dlokit.communication.transport import CallHandler, Known, Latest, Liveness, Mailbox, Report
+from dlokit.communication.wire import codec
 from dlokit.types.message import Message
 from dlokit.types.outcome import Outcome, Rejected, Unreachable
 

@@ -1,26 +1,45 @@
-"""A component's window to the rest of the system: its messages, calls, clock and compute."""
+"""A component's window to the rest of the system: its messages, calls, clock, and where its heavy work goes."""
 
 import logging
 from collections.abc import Callable
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, ParamSpec, Protocol, TypeVar
 
 import msgspec
 
-from dlokit.communication import codec
-from dlokit.communication.clock import Clock
-from dlokit.communication.compute import Compute
 from dlokit.communication.skill import ReportingSkill, Skill
+from dlokit.communication.timing.clock import Clock
 from dlokit.communication.topic import Topic
 from dlokit.communication.transport import Latest, Liveness, Stream, Transport
+from dlokit.communication.wire import codec
 from dlokit.errors import CommunicationError
 from dlokit.types.message import Message
 from dlokit.types.outcome import Outcome
 
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+class Compute(Protocol):
+    """Runs a pure, picklable function of ours somewhere."""
+
+    async def __call__(self, function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
+        """Result of ``function(*args, **kwargs)``."""
+        ...
+
+
+class InlineCompute:
+    """Here and now; the virtual clock stands still meanwhile."""
+
+    async def __call__(self, function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
+        """Result of ``function(*args, **kwargs)``."""
+        return function(*args, **kwargs)
+
+
 log = logging.getLogger(__name__)
 
 T = TypeVar("T", bound=Message)
-P = ParamSpec("P")
-R = TypeVar("R")
+
+
 Q = TypeVar("Q")
 
 

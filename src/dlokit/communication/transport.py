@@ -1,15 +1,68 @@
-"""What carries messages and calls: in memory, or over zenoh."""
+"""What carries messages and calls, in memory or over zenoh, and where messages wait for their reader."""
 
+import asyncio
+from collections import deque
 from collections.abc import AsyncIterator, Awaitable, Callable
 from dataclasses import dataclass
 from typing import Any, Generic, ParamSpec, Protocol, TypeVar
 
 from dlokit.communication.skill import ReportingSkill, Skill
-from dlokit.communication.topic import Topic
+from dlokit.communication.topic import Every, Policy, Topic
 from dlokit.types.message import Message
 from dlokit.types.outcome import Outcome
 
-T = TypeVar("T", bound=Message)
+T = TypeVar("T")
+
+
+class Mailbox(AsyncIterator[T], Generic[T]):
+    """Bounded by the topic's policy; when it is full the oldest message goes. One reader."""
+
+    def __init__(self, policy: Policy, refresh: Callable[[], None] | None = None) -> None:
+        """`refresh` fetches what has arrived and was not handed out yet: the loop may have been busy."""
+        self._items: deque[tuple[T, float]] = deque(maxlen=policy.depth if isinstance(policy, Every) else 1)
+        self._refresh = refresh
+        self._woken: asyncio.Future[None] | None = None
+        self._closed = False
+        self._read_sent_s = float("-inf")
+        self.dropped = 0
+
+    @property
+    def age_s(self) -> float:
+        """Time since the message that was read last was sent [s]; inf before the first."""
+        return asyncio.get_running_loop().time() - self._read_sent_s
+
+    def put(self, item: T, sent_s: float) -> None:
+        """Add a message that was sent at `sent_s` of the loop's clock; on the loop's thread."""
+        if len(self._items) == self._items.maxlen:
+            self.dropped += 1
+        self._items.append((item, sent_s))
+        self._wake()
+
+    def close(self) -> None:
+        """No more will come: the reader gets what waits, then the end."""
+        self._closed = True
+        self._wake()
+
+    def __aiter__(self) -> "Mailbox[T]":
+        return self
+
+    async def __anext__(self) -> T:
+        if self._refresh is not None:
+            self._refresh()
+        while not self._items:
+            if self._closed:
+                raise StopAsyncIteration
+            self._woken = asyncio.get_running_loop().create_future()
+            await self._woken
+        item, self._read_sent_s = self._items.popleft()
+        return item
+
+    def _wake(self) -> None:
+        if self._woken is not None and not self._woken.done():
+            self._woken.set_result(None)
+
+
+M = TypeVar("M", bound=Message)
 T_co = TypeVar("T_co", covariant=True)
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -23,10 +76,10 @@ CallHandler = Callable[[bytes, Report], Awaitable[bytes]]
 
 
 @dataclass(frozen=True)
-class Latest(Generic[T]):
+class Latest(Generic[M]):
     """The newest message of a topic."""
 
-    value: T | None
+    value: M | None
     """None when nothing has come yet."""
     age_s: float
     """Time since it was sent, on the loop's clock [s]; from another machine, since it arrived. Inf: nothing has."""
@@ -77,15 +130,15 @@ class Transport(Protocol):
         """Who calls through it, as the called ones see it."""
         ...
 
-    def publish(self, topic: Topic[T], message: T) -> None:
+    def publish(self, topic: Topic[M], message: M) -> None:
         """Send a message to all readers; returns at once."""
         ...
 
-    def latest(self, topic: Topic[T]) -> Latest[T]:
+    def latest(self, topic: Topic[M]) -> Latest[M]:
         """The newest message; the first call on a topic subscribes to it."""
         ...
 
-    def stream(self, topic: Topic[T], *, with_last: bool = False) -> Stream[T]:
+    def stream(self, topic: Topic[M], *, with_last: bool = False) -> Stream[M]:
         """Messages that come from now on, in order; drops as the topic's row says.
 
         With `with_last`, the last one of before comes first, so that whoever joins late knows it.

@@ -1,7 +1,6 @@
 """What the decision layer can be asked to do: a finished flow is itself a skill, and larger tasks build on it."""
 
-from dlokit.communication.contract import Condition
-from dlokit.communication.skill import ReportingSkill, Skill
+from dlokit.communication.skill import Condition, ReportingSkill, Skill
 from dlokit.decision.config import Infeasible
 from dlokit.decision.task import ActionRecord, GoalRequest, ShapeResult
 from dlokit.types.message import Value

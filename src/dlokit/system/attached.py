@@ -6,9 +6,9 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from dlokit.communication.recording.recorder import Recorder
 from dlokit.communication.topic import Topic
-from dlokit.communication.zenoh_transport import ZenohTransport
+from dlokit.communication.zenoh.transport import ZenohTransport
+from dlokit.recording.recorder import Recorder
 from dlokit.system.config import RunConfig
 from dlokit.system.joined_bus import JoinedBus, join_bus
 from dlokit.system.processes import TimeBase

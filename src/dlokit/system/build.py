@@ -11,10 +11,9 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dlokit.communication.clock import Clock
 from dlokit.communication.component import Component
-from dlokit.communication.compute import Compute, InlineCompute
-from dlokit.communication.port import Port
+from dlokit.communication.port import Compute, InlineCompute, Port
+from dlokit.communication.timing.clock import Clock
 from dlokit.communication.transport import Transport
 from dlokit.description.arms import ARMS, OPPOSITE, ArmMount
 from dlokit.skills.viewer.page_address import new_key
@@ -51,7 +50,7 @@ def _driver_port(wiring: Wiring, owner: str) -> Port:
 
 
 def _cell(config: RunConfig, wiring: Wiring) -> Component:
-    from dlokit.communication.urgency import BoundedUrgency, never_urgent
+    from dlokit.communication.timing.urgency import BoundedUrgency, never_urgent
     from dlokit.functional.cell.component import CellComponent
 
     return CellComponent(
@@ -67,8 +66,8 @@ def _cell(config: RunConfig, wiring: Wiring) -> Component:
 
 def _robot(mount: ArmMount) -> "_Builder":
     def build(config: RunConfig, wiring: Wiring) -> Component:
-        from dlokit.communication.deadlines import LoopWatch, ThreadWatch
-        from dlokit.communication.pulse import ThreadPulse, loop_pulse
+        from dlokit.communication.timing.deadlines import LoopWatch, ThreadWatch
+        from dlokit.communication.timing.pulse import ThreadPulse, loop_pulse
         from dlokit.functional.robots.gate import GatedRobot
         from dlokit.functional.robots.simulated import SimulatedRobot
         from dlokit.skills.robot.component import RobotComponent, no_button

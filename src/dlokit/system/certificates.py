@@ -15,7 +15,7 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
-from dlokit.communication.zenoh_session import TlsFiles
+from dlokit.communication.zenoh.session import TlsFiles
 from dlokit.errors import ConfigError, InputError
 from dlokit.system.lab_host import AUTHORITY, LabHost, is_ip
 

@@ -12,9 +12,9 @@ from collections.abc import Callable
 from typing import Any
 
 from dlokit.communication.component import Component
-from dlokit.communication.host import Host
-from dlokit.communication.urgency import garbage_frozen, may_be_urgent
-from dlokit.communication.zenoh_session import OpenSession, open_session
+from dlokit.communication.container import Host
+from dlokit.communication.timing.urgency import garbage_frozen, may_be_urgent
+from dlokit.communication.zenoh.session import OpenSession, open_session
 from dlokit.errors import InputError, ProcessFailure
 from dlokit.system.child_spec import BEAT, BEAT_PERIOD_S, EXIT_BAD_INPUT, READY, STOP_GRACE_S, ChildSpec, decode_spec
 from dlokit.system.joined_bus import JoinedBus, join_bus

@@ -2,7 +2,7 @@
 
 import msgspec
 
-from dlokit.communication.zenoh_session import ZenohConfig
+from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.system.processes import TimeBase
 
 

@@ -4,7 +4,7 @@ The main host's door is the only one that listens to the network. Processes of a
 interface, and open no port.
 """
 
-from dlokit.communication.zenoh_session import ZenohConfig
+from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.system.certificates import host_files
 from dlokit.system.hosts_config import HostsConfig, kind_of
 from dlokit.system.placement import Placement, placed, rights_at_main, rights_elsewhere

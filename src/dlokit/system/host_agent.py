@@ -9,8 +9,8 @@ from contextlib import asynccontextmanager
 
 from dlokit import __version__
 from dlokit.communication.component import Component, implements, implements_reporting
-from dlokit.communication.host import Host
-from dlokit.communication.zenoh_session import ZenohConfig
+from dlokit.communication.container import Host
+from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.errors import InputError, MachineError, ProcessFailure, SkillFailure, SkillRejected
 from dlokit.system.doors import NAMESPACE, through_door
 from dlokit.system.host_api import HELLO, RUN_SHARE, HostFacts, ShareReady

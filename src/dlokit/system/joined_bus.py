@@ -6,9 +6,9 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass
 
 from dlokit.communication import topics
-from dlokit.communication.clock import Clock, FollowedClock, LoopClock
-from dlokit.communication.zenoh_session import OpenSession, ZenohConfig, open_session
-from dlokit.communication.zenoh_transport import ZenohTransport
+from dlokit.communication.timing.clock import Clock, FollowedClock, LoopClock
+from dlokit.communication.zenoh.session import OpenSession, ZenohConfig, open_session
+from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.errors import ProcessFailure
 from dlokit.system.processes import TimeBase
 from dlokit.system.tasks import end_tasks

@@ -3,7 +3,7 @@
 import logging
 from pathlib import Path
 
-from dlokit.communication import codec
+from dlokit.communication.wire import codec
 from dlokit.decision.journal import Journal
 from dlokit.errors import CommunicationError, InputError
 

@@ -6,10 +6,10 @@ from collections.abc import AsyncGenerator, Callable
 from contextlib import asynccontextmanager
 
 from dlokit.communication import topics
-from dlokit.communication.clock import Clock, FollowedClock
-from dlokit.communication.pulse import ThreadPulse
+from dlokit.communication.timing.clock import Clock, FollowedClock
+from dlokit.communication.timing.pulse import ThreadPulse
+from dlokit.communication.timing.urgency import garbage_frozen
 from dlokit.communication.transport import Transport
-from dlokit.communication.urgency import garbage_frozen
 from dlokit.description.arms import FIRST_ALONE, ArmMount
 from dlokit.errors import ProcessFailure
 from dlokit.skills.robot import api

@@ -14,7 +14,7 @@ from contextlib import asynccontextmanager
 
 import psutil
 
-from dlokit.communication.zenoh_session import LINK_LEASE_MS
+from dlokit.communication.zenoh.session import LINK_LEASE_MS
 from dlokit.system.tasks import end_tasks
 
 LOOK_EVERY_S = 1.0

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import msgspec
 
-from dlokit.communication.host import Host
-from dlokit.communication.zenoh_session import OpenSession, open_session
+from dlokit.communication.container import Host
+from dlokit.communication.zenoh.session import OpenSession, open_session
 from dlokit.decision.component import DecisionComponent
 from dlokit.description.arms import ARMS
 from dlokit.errors import ProcessFailure

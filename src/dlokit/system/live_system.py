@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from dlokit.communication.clock import Clock, FollowedClock
-from dlokit.communication.compute import Compute
-from dlokit.communication.zenoh_session import OpenSession, ZenohConfig, open_session
-from dlokit.communication.zenoh_transport import ZenohTransport
+from dlokit.communication.port import Compute
+from dlokit.communication.timing.clock import Clock, FollowedClock
+from dlokit.communication.zenoh.session import OpenSession, ZenohConfig, open_session
+from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.errors import ProcessFailure
 from dlokit.system.doors import NAMESPACE, main_door, through_door
 from dlokit.system.host_agent import free_meeting_point

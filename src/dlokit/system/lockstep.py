@@ -6,14 +6,14 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from dlokit.communication import virtual_time
-from dlokit.communication.clock import Clock, LoopClock
-from dlokit.communication.host import Host
+from dlokit.communication.container import Host
 from dlokit.communication.memory import MemoryTransport
-from dlokit.communication.recording.recorder import Recorder
+from dlokit.communication.timing import virtual_time
+from dlokit.communication.timing.clock import Clock, LoopClock
 from dlokit.communication.transport import Transport
 from dlokit.decision.component import DecisionComponent
 from dlokit.errors import DlokitError
+from dlokit.recording.recorder import Recorder
 from dlokit.system.build import Build, Wiring, build_component, components_of_run, instances_of_run
 from dlokit.system.config import RunConfig
 from dlokit.system.recording import lockstep_recorder, with_calls_recorded

@@ -6,7 +6,7 @@ from typing import Any
 
 from dlokit.communication.topic import Topic
 from dlokit.communication.topics import TOPICS
-from dlokit.communication.zenoh_access import HostRights
+from dlokit.communication.zenoh.access import HostRights
 from dlokit.decision.api import STOP_TASK
 from dlokit.description.arms import ARMS
 from dlokit.errors import ConfigError

@@ -12,9 +12,13 @@ from typing import Any
 import numpy
 
 from dlokit import __version__
-from dlokit.communication.clock import Clock, FollowedClock
-from dlokit.communication.recording.call_log import CallLog
-from dlokit.communication.recording.channels import (
+from dlokit.communication.timing.clock import Clock, FollowedClock
+from dlokit.communication.topic import Topic
+from dlokit.communication.topics import TOPICS
+from dlokit.communication.transport import Transport
+from dlokit.communication.zenoh.transport import ZenohTransport
+from dlokit.recording.call_log import CallLog
+from dlokit.recording.channels import (
     CALLS,
     CALLS_BEGUN,
     FILE_NAME,
@@ -23,11 +27,7 @@ from dlokit.communication.recording.channels import (
     IMAGES_PER_S,
     SKILL_CALLS,
 )
-from dlokit.communication.recording.recorder import Recorder
-from dlokit.communication.topic import Topic
-from dlokit.communication.topics import TOPICS
-from dlokit.communication.transport import Transport
-from dlokit.communication.zenoh_transport import ZenohTransport
+from dlokit.recording.recorder import Recorder
 from dlokit.system.build import instances_of_run
 from dlokit.system.config import RunConfig
 from dlokit.system.run_result import config_hash

@@ -7,15 +7,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from dlokit.communication import topics
-from dlokit.communication.clock import LoopClock
 from dlokit.communication.component import Component
 from dlokit.communication.memory import MemoryTransport
-from dlokit.communication.recording.comparison import FieldRow, compare
-from dlokit.communication.recording.feeding import feed
-from dlokit.communication.recording.reader import RawRecording, read_recording
-from dlokit.communication.recording.timeline import Timeline, read_timeline
+from dlokit.communication.timing.clock import LoopClock
 from dlokit.errors import InputError
 from dlokit.functional.cameras.played import PlayedCamera, RecordedPair
+from dlokit.recording.comparison import FieldRow, compare
+from dlokit.recording.feeding import Timeline, feed, read_timeline
+from dlokit.recording.reader import RawRecording, read_recording
 from dlokit.skills.perception.component import PerceptionComponent
 from dlokit.system.build import Wiring, build_component, instances_of_run
 from dlokit.system.component_table import COMPONENTS

@@ -14,7 +14,7 @@ from pathlib import Path
 import msgspec
 import psutil
 
-from dlokit.communication.zenoh_session import ZenohConfig
+from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.errors import InputError, MachineError
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from dlokit import __version__
 from dlokit.communication import topics
-from dlokit.communication.clock import Clock
+from dlokit.communication.timing.clock import Clock
 from dlokit.communication.transport import Transport
 from dlokit.decision.component import DecisionComponent
 from dlokit.decision.journal import Journal

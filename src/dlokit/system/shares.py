@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from dlokit import __version__
-from dlokit.communication.zenoh_transport import ZenohTransport
+from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.errors import ProcessFailure
 from dlokit.system.host_api import HELLO, RUN_SHARE, ShareReady
 from dlokit.system.placement import AGENT

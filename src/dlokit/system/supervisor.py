@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
-from dlokit.communication.zenoh_session import ZenohConfig
+from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.errors import DlokitError, InputError, ProcessFailure
 from dlokit.skills.viewer.page_address import new_key
 from dlokit.system.child_process import ChildProcess

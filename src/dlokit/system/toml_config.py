@@ -13,7 +13,7 @@ from typing import Annotated, Any, TypeVar, Union, cast, get_args, get_origin, g
 import msgspec
 import tomli_w
 
-from dlokit.communication.strategy_kinds import StrategyKind
+from dlokit.communication.strategies import StrategyKind
 from dlokit.errors import ConfigError
 
 C = TypeVar("C")

@@ -5,11 +5,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from dlokit.communication.clock import LoopClock
-from dlokit.communication.host import Host
+from dlokit.communication.container import Host
 from dlokit.communication.memory import MemoryTransport
-from dlokit.communication.recording.channels import topic_of
-from dlokit.communication.recording.reader import Recorded, read_recording
+from dlokit.communication.timing.clock import LoopClock
+from dlokit.recording.channels import topic_of
+from dlokit.recording.reader import Recorded, read_recording
 from dlokit.skills.viewer.component import ViewerComponent
 from dlokit.system.build import build_viewer, instances_of_run
 from dlokit.system.config import RunConfig

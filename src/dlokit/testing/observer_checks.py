@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from dlokit.communication import codec
+from dlokit.communication.wire import codec
 from dlokit.errors import SkillFailure
 from dlokit.geometry import resample, rmse_m
 from dlokit.skills.observer.base import ObserverStrategy

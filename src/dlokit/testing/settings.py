@@ -9,7 +9,7 @@ import textwrap
 from collections.abc import Iterator
 from typing import Any
 
-from dlokit.communication.strategy_kinds import StrategyKind
+from dlokit.communication.strategies import StrategyKind
 from dlokit.system.toml_config import KIND, from_toml, to_toml
 from dlokit.testing.checks import Check
 

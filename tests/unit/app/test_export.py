@@ -11,8 +11,8 @@ import pytest
 
 from dlokit.app.commands import execute
 from dlokit.app.lerobot_frames import read_frames
-from dlokit.communication.recording.reader import RawRecording, read_recording
 from dlokit.errors import InputError, MachineError
+from dlokit.recording.reader import RawRecording, read_recording
 
 REFERENCES = Path(__file__).parents[2] / "replay" / "references"
 RUN = REFERENCES / "farthest.mcap"

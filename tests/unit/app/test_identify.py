@@ -10,10 +10,10 @@ import pytest
 from dlokit import geometry
 from dlokit.app.commands import execute
 from dlokit.communication import topics
-from dlokit.communication.recording.channels import FILE_NAME
-from dlokit.communication.recording.writer import RecordingWriter
 from dlokit.description.shapes import builtin_shape
 from dlokit.errors import InputError
+from dlokit.recording.channels import FILE_NAME
+from dlokit.recording.writer import RecordingWriter
 from dlokit.skills.model.quick_rollout import Motion, QuickRod, play
 from dlokit.skills.model.rod import topology
 from dlokit.skills.model.tool_track import tool_track

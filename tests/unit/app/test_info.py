@@ -8,9 +8,9 @@ from dlokit.app.bench_shaping import ShapingArgs
 from dlokit.app.commands import execute, parse
 from dlokit.app.shape import ShapeArgs
 from dlokit.communication import topics
-from dlokit.communication.recording.channels import CALLS_BEGUN, FILE_NAME, SKILL_CALLS
-from dlokit.communication.recording.writer import RecordingWriter
 from dlokit.errors import InputError
+from dlokit.recording.channels import CALLS_BEGUN, FILE_NAME, SKILL_CALLS
+from dlokit.recording.writer import RecordingWriter
 from dlokit.types.clock import ClockTick
 from dlokit.types.flow import FlowStatus
 from dlokit.types.skill_call import CallBegun, CallEnd, CallRecord

@@ -6,11 +6,11 @@ import numpy as np
 
 from dlokit.app.measuring import measure
 from dlokit.communication import topics
-from dlokit.communication.recording.reader import Recorded
 from dlokit.description.dlo import SOFT_ROPE
 from dlokit.description.shapes import random_shape
 from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.cell.world import Cell
+from dlokit.recording.reader import Recorded
 from dlokit.skills.perception.config import PerceptionConfig
 from dlokit.types.flow import FlowStatus
 from dlokit.types.message import Message

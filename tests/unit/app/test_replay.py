@@ -7,9 +7,9 @@ import pytest
 
 from dlokit.app.commands import execute
 from dlokit.communication import topics
-from dlokit.communication.recording.channels import FILE_NAME
-from dlokit.communication.recording.writer import RecordingWriter
 from dlokit.errors import InputError
+from dlokit.recording.channels import FILE_NAME
+from dlokit.recording.writer import RecordingWriter
 from dlokit.system.config import RunConfig
 from dlokit.system.toml_config import to_toml
 from dlokit.types.clock import ClockTick

@@ -13,11 +13,11 @@ import pytest
 
 from dlokit.app import stop
 from dlokit.app.stop import StopArgs, Stopped, run_stop, stop_all
-from dlokit.communication.clock import LoopClock
 from dlokit.communication.component import Component, implements
-from dlokit.communication.host import Host
-from dlokit.communication.zenoh_session import ZenohConfig
-from dlokit.communication.zenoh_transport import ZenohTransport
+from dlokit.communication.container import Host
+from dlokit.communication.timing.clock import LoopClock
+from dlokit.communication.zenoh.session import ZenohConfig
+from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.decision.api import STOP_TASK
 from dlokit.errors import InputError, SkillFailure
 from dlokit.skills.robot import api as robot

@@ -4,15 +4,15 @@ import asyncio
 
 import pytest
 
-from dlokit.communication import answers, codec, virtual_time
-from dlokit.communication.answers import Answers
-from dlokit.communication.clock import LoopClock
+from dlokit.communication import dispatch
 from dlokit.communication.component import Component, holds, implements
-from dlokit.communication.contract import Condition
-from dlokit.communication.dispatch import Dispatcher
-from dlokit.communication.host import Host
+from dlokit.communication.container import Host
+from dlokit.communication.dispatch import Answers, Dispatcher
 from dlokit.communication.memory import MemoryTransport
-from dlokit.communication.skill import Skill, SkillCall
+from dlokit.communication.skill import Condition, Skill, SkillCall
+from dlokit.communication.timing import virtual_time
+from dlokit.communication.timing.clock import LoopClock
+from dlokit.communication.wire import codec
 from dlokit.types.outcome import Cancelled, Failed, Outcome, Rejected, Succeeded
 
 
@@ -211,8 +211,8 @@ def test_a_call_that_was_cancelled_is_not_run_again() -> None:
 
 
 def test_the_record_is_bounded_and_a_forgotten_answer_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(answers, "LARGEST_TOTAL_BYTES", 100)
-    monkeypatch.setattr(answers, "CALLS_KNOWN", 3)
+    monkeypatch.setattr(dispatch, "LARGEST_TOTAL_BYTES", 100)
+    monkeypatch.setattr(dispatch, "CALLS_KNOWN", 3)
 
     async def main() -> None:
         record = Answers(forgotten=b"forgotten", cancelled=b"cancelled")

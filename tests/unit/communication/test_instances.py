@@ -4,13 +4,14 @@ import asyncio
 
 import pytest
 
-from dlokit.communication import topics, virtual_time
-from dlokit.communication.clock import LoopClock
+from dlokit.communication import topics
 from dlokit.communication.component import Component, implements, on
-from dlokit.communication.host import Host
+from dlokit.communication.container import Host
 from dlokit.communication.memory import MemoryTransport
-from dlokit.communication.recording.channels import type_of
 from dlokit.communication.skill import Skill
+from dlokit.communication.timing import virtual_time
+from dlokit.communication.timing.clock import LoopClock
+from dlokit.recording.channels import type_of
 from dlokit.types.flow import FlowStatus
 from dlokit.types.outcome import Succeeded, Unreachable
 

@@ -2,9 +2,9 @@ import asyncio
 
 import pytest
 
-from dlokit.communication import virtual_time
-from dlokit.communication.mailbox import Mailbox
+from dlokit.communication.timing import virtual_time
 from dlokit.communication.topic import Every, KeepLast
+from dlokit.communication.transport import Mailbox
 
 
 async def drained(mailbox: Mailbox[int]) -> list[int]:

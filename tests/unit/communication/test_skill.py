@@ -4,8 +4,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from dlokit.communication import codec
 from dlokit.communication.skill import Skill
+from dlokit.communication.wire import codec
 from dlokit.errors import CommunicationError
 from dlokit.types.arrays import Float64Array
 from dlokit.types.outcome import Cancelled, Failed, Rejected, Succeeded, TimedOut, Unreachable

@@ -8,7 +8,7 @@ from typing import ClassVar, get_args
 import pytest
 from installed_packages import install
 
-from dlokit.communication.strategy_kinds import NamedConfig, StrategyKind
+from dlokit.communication.strategies import NamedConfig, StrategyKind
 from dlokit.errors import ConfigError, SkillRejected
 from dlokit.types.strategy import StrategySpec
 

@@ -8,9 +8,9 @@ import msgspec
 import numpy as np
 import pytest
 
-from dlokit.communication import topics, virtual_time
-from dlokit.communication.mailbox import Mailbox
-from dlokit.communication.transport import Known, Liveness
+from dlokit.communication import topics
+from dlokit.communication.timing import virtual_time
+from dlokit.communication.transport import Known, Liveness, Mailbox
 from dlokit.decision.config import TaskConfig
 from dlokit.decision.looking import look, state_after
 from dlokit.decision.task import ShapeTask

@@ -11,11 +11,11 @@ import pytest
 from dlokit.app.record import RecordArgs, run
 from dlokit.communication import topics
 from dlokit.communication.component import Component, implements
-from dlokit.communication.host import Host
-from dlokit.communication.recording.reader import read_recording
-from dlokit.communication.recording.summary import summarise
-from dlokit.communication.zenoh_session import ZenohConfig
+from dlokit.communication.container import Host
+from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.errors import InputError
+from dlokit.recording.reader import read_recording
+from dlokit.recording.summary import summarise
 from dlokit.skills.model import api as model
 from dlokit.system.attached import record_until_ended
 from dlokit.system.config import RunConfig

@@ -5,7 +5,7 @@ from functools import partial
 
 import pytest
 
-from dlokit.communication.zenoh_access import HostRights
+from dlokit.communication.zenoh.access import HostRights
 from dlokit.errors import ConfigError
 from dlokit.system.config import RunConfig
 from dlokit.system.hosts_config import HostsConfig

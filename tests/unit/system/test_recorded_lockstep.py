@@ -5,13 +5,13 @@ from pathlib import Path
 import pytest
 
 from dlokit.app.job import job_from_config
-from dlokit.communication import virtual_time
-from dlokit.communication.clock import LoopClock
-from dlokit.communication.recording.channels import CALLS, FILE_NAME, SKILL_CALLS
-from dlokit.communication.recording.plain import to_json
-from dlokit.communication.recording.reader import RawRecording, read_recording
-from dlokit.communication.recording.views import VIEWS
+from dlokit.communication.timing import virtual_time
+from dlokit.communication.timing.clock import LoopClock
 from dlokit.communication.topics import ARM_STATE, CLOCK, OBSERVATION, ROBOT_STATE, STEREO_IMAGES, TOPICS
+from dlokit.recording.channels import CALLS, FILE_NAME, SKILL_CALLS
+from dlokit.recording.plain import to_json
+from dlokit.recording.reader import RawRecording, read_recording
+from dlokit.recording.views import VIEWS
 from dlokit.skills.perception import api as perception
 from dlokit.skills.robot import api as robot
 from dlokit.system.config import RunConfig

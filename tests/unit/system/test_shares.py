@@ -11,11 +11,11 @@ from dataclasses import dataclass, replace
 import pytest
 
 from dlokit import __version__
-from dlokit.communication.clock import LoopClock
 from dlokit.communication.component import Component, implements, implements_reporting
-from dlokit.communication.host import Host
-from dlokit.communication.zenoh_session import ZenohConfig
-from dlokit.communication.zenoh_transport import ZenohTransport
+from dlokit.communication.container import Host
+from dlokit.communication.timing.clock import LoopClock
+from dlokit.communication.zenoh.session import ZenohConfig
+from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.errors import ProcessFailure, SkillFailure, SkillRejected
 from dlokit.system import shares as shares_module
 from dlokit.system.host_agent import free_meeting_point

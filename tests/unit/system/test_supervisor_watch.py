@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from dlokit.communication.zenoh_session import ZenohConfig
+from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.errors import ProcessFailure
 from dlokit.system import supervisor as module
 from dlokit.system.processes import NEVER, ProcessRow, Restart

@@ -5,7 +5,7 @@ from typing import Annotated, ClassVar
 
 import pytest
 
-from dlokit.communication.strategy_kinds import NamedConfig, StrategyKind
+from dlokit.communication.strategies import NamedConfig, StrategyKind
 from dlokit.errors import ConfigError
 from dlokit.system.config import RunConfig
 from dlokit.system.toml_config import from_toml, known_part, to_plain, to_toml

@@ -8,7 +8,7 @@ import pytest
 from robot_bench import Bench, on_bench, reason
 
 from dlokit import geometry
-from dlokit.communication import codec
+from dlokit.communication.wire import codec
 from dlokit.errors import BadValue, CommunicationError
 from dlokit.geometry import downward
 from dlokit.skills.robot import api

@@ -16,8 +16,8 @@ import msgspec
 from dlokit.bench.bus.far_end import READY
 from dlokit.bench.bus.load import SIZES_BYTES, Delay, Plan, bare_session
 from dlokit.bench.bus.near_end import NearEnd, ZmqSockets, send_all
-from dlokit.communication.zenoh_session import ZenohConfig
-from dlokit.communication.zenoh_transport import ZenohTransport
+from dlokit.communication.zenoh.session import ZenohConfig
+from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.errors import MachineError
 
 FAR_END_S = 60.0

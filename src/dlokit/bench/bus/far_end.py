@@ -25,11 +25,11 @@ from dlokit.bench.bus.load import (
     since_stamp,
     topic_of,
 )
-from dlokit.communication.clock import LoopClock
 from dlokit.communication.component import Component, implements
-from dlokit.communication.host import Host
-from dlokit.communication.zenoh_session import ZenohConfig
-from dlokit.communication.zenoh_transport import ZenohTransport
+from dlokit.communication.container import Host
+from dlokit.communication.timing.clock import LoopClock
+from dlokit.communication.zenoh.session import ZenohConfig
+from dlokit.communication.zenoh.transport import ZenohTransport
 
 READY = b"ready\n"
 Note = Callable[[str, int, float], None]

@@ -7,10 +7,10 @@ import msgspec
 import numpy as np
 import zenoh
 
-from dlokit.communication import codec
 from dlokit.communication.skill import Skill
+from dlokit.communication.timing.urgency import threads_urgent
 from dlokit.communication.topic import KeepLast, Topic
-from dlokit.communication.urgency import threads_urgent
+from dlokit.communication.wire import codec
 from dlokit.types.arrays import Float32Array
 from dlokit.types.message import Message
 

@@ -8,10 +8,9 @@ from typing import Any
 import zenoh
 
 from dlokit.bench.bus.load import FAR, NEAR, TAKE, Delay, Plan, body_of, load_now, stamped, topic_of
-from dlokit.communication.clock import LoopClock
-from dlokit.communication.compute import InlineCompute
-from dlokit.communication.port import Port
-from dlokit.communication.zenoh_transport import ZenohTransport
+from dlokit.communication.port import InlineCompute, Port
+from dlokit.communication.timing.clock import LoopClock
+from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.errors import MachineError
 from dlokit.types.outcome import Succeeded
 

@@ -15,11 +15,10 @@ from dlokit.bench.bus.comparison import far_process, free_endpoint, result_of
 from dlokit.bench.bus.far_end import READY
 from dlokit.bench.bus.load import FAST, NEAR, SLOW_SIZE, body_of, load_now
 from dlokit.bench.bus.near_end import FOUND_S, SETTLE_S
-from dlokit.communication.clock import LoopClock
-from dlokit.communication.compute import InlineCompute
-from dlokit.communication.port import Port
-from dlokit.communication.zenoh_session import ZenohConfig
-from dlokit.communication.zenoh_transport import ZenohTransport
+from dlokit.communication.port import InlineCompute, Port
+from dlokit.communication.timing.clock import LoopClock
+from dlokit.communication.zenoh.session import ZenohConfig
+from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.errors import MachineError
 
 NEEDS_S = 0.05

@@ -3,8 +3,9 @@
 import asyncio
 import time
 
-from dlokit.communication import codec, topics
+from dlokit.communication import topics
 from dlokit.communication.transport import Transport
+from dlokit.communication.wire import codec
 from dlokit.types.robot import RobotMode, RobotState
 
 AT_REST = (RobotMode.IDLE, RobotMode.FAULT)

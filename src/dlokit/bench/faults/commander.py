@@ -13,8 +13,8 @@ from typing import Any
 from dlokit.bench.faults.attempts import Attempt
 from dlokit.bench.faults.programs import PROGRAMS, RETRY_S, TO_AND_FRO, CommandedArm
 from dlokit.communication.component import Component, implements
-from dlokit.communication.host import Host
-from dlokit.communication.zenoh_session import ZenohConfig
+from dlokit.communication.container import Host
+from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.decision.api import STOP_TASK
 from dlokit.errors import ProcessFailure
 from dlokit.skills.robot.config import RobotConfig

@@ -17,7 +17,7 @@ from typing import Any, cast
 import zenoh
 
 from dlokit.communication import topics
-from dlokit.communication.zenoh_session import ZenohConfig, open_session
+from dlokit.communication.zenoh.session import ZenohConfig, open_session
 
 log = logging.getLogger(__name__)
 

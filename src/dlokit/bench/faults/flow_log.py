@@ -4,8 +4,9 @@ import asyncio
 import time
 from collections.abc import Callable
 
-from dlokit.communication import codec, topics
+from dlokit.communication import topics
 from dlokit.communication.transport import Transport
+from dlokit.communication.wire import codec
 from dlokit.types.flow import FlowStatus
 
 MENDING = frozenset({"restore", "recover"})

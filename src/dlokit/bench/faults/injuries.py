@@ -11,8 +11,8 @@ import psutil
 
 from dlokit.bench.faults.disturbance import Kind, disturb
 from dlokit.bench.faults.live_run import LiveRun
-from dlokit.communication.recording.channels import FILE_NAME
 from dlokit.functional.cell import api as cell
+from dlokit.recording.channels import FILE_NAME
 from dlokit.types.outcome import Succeeded
 
 _LEASE_S = 10.0  # of fingers that a bench moves past their driver; nobody renews it

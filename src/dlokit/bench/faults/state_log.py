@@ -5,8 +5,9 @@ import time
 from collections import deque
 from collections.abc import Callable
 
-from dlokit.communication import codec, topics
+from dlokit.communication import topics
 from dlokit.communication.transport import Transport
+from dlokit.communication.wire import codec
 from dlokit.types.robot import RobotState
 
 KEPT = 6000

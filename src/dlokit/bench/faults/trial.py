@@ -19,10 +19,10 @@ from dlokit.bench.faults.judging import Finding
 from dlokit.bench.faults.live_run import LiveRun, Program, live_run
 from dlokit.bench.faults.moments import Moment, comes, ends_first
 from dlokit.bench.faults.table import Fault
-from dlokit.communication.recording.channels import FILE_NAME
-from dlokit.communication.recording.reader import read_recording
-from dlokit.communication.recording.summary import summarise
 from dlokit.errors import InputError, ProcessFailure
+from dlokit.recording.channels import FILE_NAME
+from dlokit.recording.reader import read_recording
+from dlokit.recording.summary import summarise
 from dlokit.system.config import CONFIG_FILE, RunConfig
 from dlokit.system.run_result import read_result
 from dlokit.system.toml_config import to_toml

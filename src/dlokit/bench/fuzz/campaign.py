@@ -8,7 +8,7 @@ from random import Random
 
 from dlokit.bench.fuzz.decoders import Decoder
 from dlokit.bench.fuzz.mutations import mutated
-from dlokit.communication.codec import LARGEST_MESSAGE_BYTES
+from dlokit.communication.wire.codec import LARGEST_MESSAGE_BYTES
 from dlokit.errors import CommunicationError
 
 SOUND_EACH = 32

@@ -6,11 +6,11 @@ from random import Random
 from typing import Any
 
 from dlokit.bench.fuzz.examples import example
-from dlokit.communication import codec
-from dlokit.communication.envelope import opened, seal
-from dlokit.communication.schema import fingerprint
 from dlokit.communication.skill import ReportingSkill, Skill, SkillCall
 from dlokit.communication.topics import TOPICS
+from dlokit.communication.wire import codec
+from dlokit.communication.wire.envelope import opened, seal
+from dlokit.communication.wire.schema import fingerprint
 from dlokit.system.component_table import COMPONENTS
 from dlokit.types.skill_call import CallRecord
 

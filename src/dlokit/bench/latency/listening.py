@@ -7,8 +7,8 @@ from typing import TypeVar
 from dlokit.bench.latency.hops import CLOUD, PICTURES, STATE, TARGETS, Sent
 from dlokit.communication import topics
 from dlokit.communication.topic import Topic
-from dlokit.communication.zenoh_session import ZenohConfig
-from dlokit.communication.zenoh_transport import ZenohTransport
+from dlokit.communication.zenoh.session import ZenohConfig
+from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.types.message import Message
 
 T = TypeVar("T", bound=Message)

@@ -8,7 +8,7 @@ from typing import Self
 
 import msgspec
 
-from dlokit.communication.clock import LoopClock
+from dlokit.communication.timing.clock import LoopClock
 from dlokit.errors import HardwareError
 from dlokit.types.image import CameraCalibration, StereoImages
 

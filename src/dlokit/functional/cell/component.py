@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from dlokit.communication import topics
 from dlokit.communication.component import Component, implements
-from dlokit.communication.urgency import Urgency, never_urgent
+from dlokit.communication.timing.urgency import Urgency, never_urgent
 from dlokit.description.arms import FIRST_ALONE, ArmMount
 from dlokit.errors import MachineError, SkillFailure, SkillRejected
 from dlokit.functional.cell import api

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlokit import geometry
-from dlokit.communication.deadlines import LoopWatch, Watch
+from dlokit.communication.timing.deadlines import LoopWatch, Watch
 from dlokit.description.panda_data import PANDA_GRIP_FORCE_N, PANDA_OPEN_WIDTH_M
 from dlokit.description.panda_kinematics import tcp_matrices
 from dlokit.errors import SkillFailure

@@ -7,7 +7,7 @@ from typing import Self, TypeVar
 
 from dlokit.communication import topics
 from dlokit.communication.port import Port
-from dlokit.communication.pulse import Pulse, loop_pulse
+from dlokit.communication.timing.pulse import Pulse, loop_pulse
 from dlokit.description.arms import ARMS, ArmMount
 from dlokit.description.panda_data import PANDA_LIMITS
 from dlokit.errors import HardwareError, SkillFailure

@@ -4,7 +4,7 @@ from typing import Annotated, get_args
 
 import tyro
 
-from dlokit.communication.strategy_kinds import StrategyKind
+from dlokit.communication.strategies import StrategyKind
 from dlokit.skills.observer.anchored_config import AnchoredConfig
 from dlokit.skills.observer.base import ObserverStrategyConfig
 from dlokit.skills.observer.cpd_config import CpdConfig

@@ -1,7 +1,6 @@
 """What perception can be asked to do."""
 
-from dlokit.communication.contract import Condition
-from dlokit.communication.skill import Skill
+from dlokit.communication.skill import Condition, Skill
 from dlokit.types.arrays import Float64Array
 from dlokit.types.camera_check import CameraCheck
 from dlokit.types.observation import Observation

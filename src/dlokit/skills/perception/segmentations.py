@@ -4,7 +4,7 @@ from typing import Annotated
 
 import tyro
 
-from dlokit.communication.strategy_kinds import StrategyKind
+from dlokit.communication.strategies import StrategyKind
 from dlokit.skills.perception.base import SegmentationConfig
 from dlokit.skills.perception.brightness_config import BrightnessConfig
 from dlokit.skills.perception.colour_config import ColourConfig

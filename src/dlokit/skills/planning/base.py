@@ -4,7 +4,7 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar, Protocol, runtime_checkable
 
-from dlokit.communication.compute import Compute, InlineCompute
+from dlokit.communication.port import Compute, InlineCompute
 from dlokit.skills.model.config import ModelConfig
 from dlokit.skills.planning.actions import ActionConfig, FeasibilityConfig
 from dlokit.types.action import Action, Marks

@@ -4,7 +4,7 @@ from typing import Annotated
 
 import tyro
 
-from dlokit.communication.strategy_kinds import StrategyKind
+from dlokit.communication.strategies import StrategyKind
 from dlokit.skills.planning.base import StrategyConfig
 from dlokit.skills.planning.farthest_config import FarthestConfig, FarthestTangentConfig
 from dlokit.skills.planning.rollouts.config import RolloutConfig

@@ -14,8 +14,7 @@ from typing import ParamSpec, TypeVar
 
 import numpy as np
 
-from dlokit.communication.contract import Condition
-from dlokit.communication.skill import Skill
+from dlokit.communication.skill import Condition, Skill
 from dlokit.description.panda_data import PANDA_OPEN_WIDTH_M
 from dlokit.types.action import VelocityProfile
 from dlokit.types.arrays import Float64Array

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from dlokit.communication import topics
 from dlokit.communication.component import Component, holds, implements
-from dlokit.communication.deadlines import LoopWatch, Watch
 from dlokit.communication.port import Port
+from dlokit.communication.timing.deadlines import LoopWatch, Watch
 from dlokit.description.panda_data import PANDA_HOME_Q_RAD
 from dlokit.errors import HardwareError, SkillFailure
 from dlokit.functional.robots.base import Robot

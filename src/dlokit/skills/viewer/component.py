@@ -8,9 +8,9 @@ from typing import Any
 import viser
 
 from dlokit.communication import topics
-from dlokit.communication.clock import LoopClock
 from dlokit.communication.component import Component, on
 from dlokit.communication.skill import Skill
+from dlokit.communication.timing.clock import LoopClock
 from dlokit.description.shapes import builtin_shape
 from dlokit.skills.viewer.config import ViewerConfig
 from dlokit.skills.viewer.error_history import ErrorHistory

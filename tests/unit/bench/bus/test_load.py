@@ -3,7 +3,7 @@ import time
 import pytest
 
 from dlokit.bench.bus.load import SIZES_BYTES, body_of, load_now, since_load, since_stamp, stamped
-from dlokit.communication import codec
+from dlokit.communication.wire import codec
 
 
 @pytest.mark.parametrize("size", SIZES_BYTES)

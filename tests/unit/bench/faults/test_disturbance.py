@@ -11,8 +11,8 @@ import numpy as np
 from dlokit.bench.faults import disturbance
 from dlokit.bench.faults.disturbance import FILE_NAME, Kind, Line, disturb, disturbed_by, kind_in
 from dlokit.communication import topics
-from dlokit.communication.zenoh_session import ZenohConfig
-from dlokit.communication.zenoh_transport import ZenohTransport
+from dlokit.communication.zenoh.session import ZenohConfig
+from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.description.panda_data import PANDA_HOME_Q_RAD
 from dlokit.geometry import downward
 from dlokit.types.clock import ClockTick

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from dlokit.bench.fuzz.campaign import ALLOWED_BYTES, fuzz
 from dlokit.bench.fuzz.decoders import Decoder, all_decoders
 from dlokit.bench.fuzz.examples import example
-from dlokit.communication import codec
 from dlokit.communication.skill import SkillCall
 from dlokit.communication.topics import TOPICS
+from dlokit.communication.wire import codec
 from dlokit.errors import CommunicationError
 from dlokit.types.skill_call import CallRecord
 

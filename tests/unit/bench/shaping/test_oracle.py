@@ -7,10 +7,11 @@ import pytest
 
 from dlokit import geometry
 from dlokit.bench.shaping.oracle import OracleObserver, OraclePerception
-from dlokit.communication import topics, virtual_time
-from dlokit.communication.clock import LoopClock
-from dlokit.communication.host import Host
+from dlokit.communication import topics
+from dlokit.communication.container import Host
 from dlokit.communication.memory import MemoryTransport
+from dlokit.communication.timing import virtual_time
+from dlokit.communication.timing.clock import LoopClock
 from dlokit.description import shapes
 from dlokit.skills.observer import api as observer
 from dlokit.skills.perception import api as perception

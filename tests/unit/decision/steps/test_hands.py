@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from dlokit import geometry
-from dlokit.communication import topics, virtual_time
-from dlokit.communication.clock import LoopClock
+from dlokit.communication import topics
 from dlokit.communication.component import Component, implements
-from dlokit.communication.host import Host
+from dlokit.communication.container import Host
 from dlokit.communication.memory import MemoryTransport
+from dlokit.communication.timing import virtual_time
+from dlokit.communication.timing.clock import LoopClock
 from dlokit.decision.config import TaskConfig
 from dlokit.decision.odometer import Odometer
 from dlokit.decision.steps import hands

@@ -5,8 +5,8 @@ import asyncio
 import numpy as np
 import pytest
 
-from dlokit.communication import virtual_time
-from dlokit.communication.clock import LoopClock
+from dlokit.communication.timing import virtual_time
+from dlokit.communication.timing.clock import LoopClock
 from dlokit.errors import HardwareError
 from dlokit.functional.cameras.played import PlayedCamera, RecordedPair
 from dlokit.types.image import CameraCalibration, StereoImages

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 from dlokit.bench.truth import read_truth
-from dlokit.communication import topics, virtual_time
-from dlokit.communication.clock import LoopClock
-from dlokit.communication.host import Host
+from dlokit.communication import topics
+from dlokit.communication.container import Host
 from dlokit.communication.memory import MemoryTransport
-from dlokit.communication.urgency import Urgency, never_urgent
+from dlokit.communication.timing import virtual_time
+from dlokit.communication.timing.clock import LoopClock
+from dlokit.communication.timing.urgency import Urgency, never_urgent
 from dlokit.description.panda_data import PANDA_HOME_Q_RAD
 from dlokit.description.shapes import builtin_shape
 from dlokit.functional.cell import api

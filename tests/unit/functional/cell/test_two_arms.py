@@ -4,12 +4,12 @@ import asyncio
 
 import numpy as np
 
-from dlokit.communication import topics, virtual_time
-from dlokit.communication.clock import LoopClock
-from dlokit.communication.compute import InlineCompute
-from dlokit.communication.host import Host
+from dlokit.communication import topics
+from dlokit.communication.container import Host
 from dlokit.communication.memory import MemoryTransport
-from dlokit.communication.port import Port
+from dlokit.communication.port import InlineCompute, Port
+from dlokit.communication.timing import virtual_time
+from dlokit.communication.timing.clock import LoopClock
 from dlokit.description.arms import ARMS, OPPOSITE
 from dlokit.description.panda_data import PANDA_HOME_Q_RAD
 from dlokit.description.shapes import builtin_shape

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from robot_bench import FAR, KINEMATICS, PerfectArm
 
-from dlokit.communication import virtual_time
-from dlokit.communication.clock import LoopClock
+from dlokit.communication.timing import virtual_time
+from dlokit.communication.timing.clock import LoopClock
 from dlokit.description.panda_data import PANDA_HOME_Q_RAD
 from dlokit.errors import ConfigError, SkillFailure
 from dlokit.functional.robots import gate

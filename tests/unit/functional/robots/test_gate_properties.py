@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 from robot_bench import PerfectArm
 
-from dlokit.communication import virtual_time
+from dlokit.communication.timing import virtual_time
 from dlokit.description.panda_data import PANDA_HOME_Q_RAD, PANDA_LIMITS
 from dlokit.errors import BadValue, CommunicationError, SkillFailure
 from dlokit.functional.robots.gate import GatedRobot

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 from synthetic_clouds import LENGTH_M, NODES, cloud, shape, state
 
-from dlokit.communication import topics, virtual_time
-from dlokit.communication.clock import LoopClock
-from dlokit.communication.host import Host
+from dlokit.communication import topics
+from dlokit.communication.container import Host
 from dlokit.communication.memory import MemoryTransport
+from dlokit.communication.timing import virtual_time
+from dlokit.communication.timing.clock import LoopClock
 from dlokit.geometry import rmse_m
 from dlokit.skills.observer import api
 from dlokit.skills.observer.anchored import Anchored

@@ -8,11 +8,12 @@ import pytest
 from stereo_scene import Scene
 
 from dlokit import geometry
-from dlokit.communication import topics, virtual_time
-from dlokit.communication.clock import LoopClock
+from dlokit.communication import topics
 from dlokit.communication.component import Component
-from dlokit.communication.host import Host
+from dlokit.communication.container import Host
 from dlokit.communication.memory import MemoryTransport
+from dlokit.communication.timing import virtual_time
+from dlokit.communication.timing.clock import LoopClock
 from dlokit.errors import HardwareError
 from dlokit.skills.perception import api
 from dlokit.skills.perception.brightness_config import BrightnessConfig

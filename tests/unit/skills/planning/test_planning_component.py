@@ -7,12 +7,13 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from dlokit.communication import topics, virtual_time
-from dlokit.communication.clock import LoopClock
+from dlokit.communication import topics
 from dlokit.communication.component import Component
-from dlokit.communication.host import Host
+from dlokit.communication.container import Host
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.port import Port
+from dlokit.communication.timing import virtual_time
+from dlokit.communication.timing.clock import LoopClock
 from dlokit.description.shapes import builtin_shape, moved
 from dlokit.skills.model import quick_rod
 from dlokit.skills.model.belief import as_configured

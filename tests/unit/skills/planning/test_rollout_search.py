@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from rollout_bench import I_SHAPE, MODEL, S_SHAPE, SHORT, scene, tools
 
-from dlokit.communication.compute import InlineCompute
+from dlokit.communication.port import InlineCompute
 from dlokit.skills.model.config import BeliefConfig
 from dlokit.skills.model.quick_rollout import Played
 from dlokit.skills.planning.actions import FeasibilityConfig

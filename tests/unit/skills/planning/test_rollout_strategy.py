@@ -8,7 +8,7 @@ import pytest
 from rollout_bench import I_SHAPE, MODEL, S_SHAPE, SHORT, scene, tools
 
 from dlokit import geometry
-from dlokit.communication import codec
+from dlokit.communication.wire import codec
 from dlokit.description.shapes import moved
 from dlokit.errors import ConfigError
 from dlokit.skills.model.rod import topology

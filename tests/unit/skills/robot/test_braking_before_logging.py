@@ -9,12 +9,12 @@ from unittest.mock import MagicMock
 import pytest
 from robot_bench import PerfectArm, reason
 
-from dlokit.communication import virtual_time, zenoh_calls
-from dlokit.communication.clock import LoopClock
-from dlokit.communication.compute import InlineCompute
-from dlokit.communication.host import Host
+from dlokit.communication.container import Host
 from dlokit.communication.memory import MemoryTransport
-from dlokit.communication.port import Port
+from dlokit.communication.port import InlineCompute, Port
+from dlokit.communication.timing import virtual_time
+from dlokit.communication.timing.clock import LoopClock
+from dlokit.communication.zenoh import calls
 from dlokit.skills.robot import api, component
 from dlokit.skills.robot.apart import ARMS_TOO_NEAR
 from dlokit.skills.robot.component import RobotComponent
@@ -78,7 +78,7 @@ def test_the_motions_of_a_caller_that_is_gone_have_ended_before_the_log_line(rai
 
     async def main() -> None:
         asyncio.get_running_loop().set_exception_handler(lambda loop, context: None)  # the handler of the log raises
-        server = zenoh_calls.CallServer(MagicMock(), "robot", MagicMock(), b"", MagicMock())
+        server = calls.CallServer(MagicMock(), "robot", MagicMock(), b"", MagicMock())
         tasks = {f"dead-{arm}": asyncio.create_task(motion(arm)) for arm in ("one", "two")}
         server._tasks.update(tasks)  # pyright: ignore[reportPrivateUsage]  # else it takes a network
         await asyncio.sleep(0.1)
@@ -87,7 +87,7 @@ def test_the_motions_of_a_caller_that_is_gone_have_ended_before_the_log_line(rai
         await asyncio.wait(tasks.values())
         await asyncio.sleep(0.0)
 
-    with before_each_line(zenoh_calls.log, lambda: lines.append(len(braked)), raises=raises):
+    with before_each_line(calls.log, lambda: lines.append(len(braked)), raises=raises):
         virtual_time.run(main())
     assert braked == ["one", "two"]
     assert len(lines) == 2

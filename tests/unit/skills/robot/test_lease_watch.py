@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from dlokit.communication.deadlines import LoopWatch, ThreadWatch
+from dlokit.communication.timing.deadlines import LoopWatch, ThreadWatch
 from dlokit.errors import SkillRejected
 from dlokit.skills.robot.lease import LeaseKeeper
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from robot_bench import FAR, KINEMATICS, PROFILE, Bench, SlowCompute, on_bench, reason
 
-from dlokit.communication import virtual_time
+from dlokit.communication.timing import virtual_time
 from dlokit.errors import ConfigError
 from dlokit.skills.robot import api
 from dlokit.skills.robot.config import RobotConfig

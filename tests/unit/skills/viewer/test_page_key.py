@@ -18,9 +18,9 @@ from websockets.http11 import Request
 from websockets.typing import Origin, Subprotocol
 
 from dlokit.communication import topics
-from dlokit.communication.clock import LoopClock
-from dlokit.communication.host import Host
+from dlokit.communication.container import Host
 from dlokit.communication.memory import MemoryTransport
+from dlokit.communication.timing.clock import LoopClock
 from dlokit.errors import MachineError
 from dlokit.skills.viewer.component import RodOutline, ViewerComponent
 from dlokit.skills.viewer.config import ViewerConfig

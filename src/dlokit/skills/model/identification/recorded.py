@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from dlokit.communication import topics
-from dlokit.communication.recording.reader import Recorded
+from dlokit.recording.reader import Recorded
 from dlokit.skills.model.identification.experience import Experience
 from dlokit.skills.model.identification.grips import Grips
 from dlokit.types.dlo import DloState

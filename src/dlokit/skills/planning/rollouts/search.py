@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from dlokit.communication.compute import Compute
+from dlokit.communication.port import Compute
 from dlokit.skills.model.config import BeliefConfig, ModelConfig
 from dlokit.skills.model.quick_rollout import Motion, Played, QuickRod, play
 from dlokit.skills.planning.rollouts.candidates import Candidate, Family

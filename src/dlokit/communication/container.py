@@ -1,0 +1,130 @@
+"""The host: wires components to a bus and answers skill calls (Algorithm 2)."""
+
+import asyncio
+import logging
+from collections.abc import Mapping
+from typing import Any
+
+from dlokit.communication.component import Component
+from dlokit.communication.dispatch import Dispatcher
+from dlokit.communication.port import Compute, InlineCompute, Port
+from dlokit.communication.timing.clock import Clock
+from dlokit.communication.topic import KeepLast, Topic
+from dlokit.communication.transport import Transport
+from dlokit.errors import CommunicationError, ConfigError, SkillFailure, SkillRejected
+
+log = logging.getLogger(__name__)
+
+STOP_PATIENCE_S = 5.0
+"""A component's tasks get this long to end when the host stops."""
+
+
+class Host:
+    """Runs components of one process on one event loop. Use as an async context manager."""
+
+    def __init__(
+        self,
+        transport: Transport,
+        clock: Clock,
+        compute: Compute | None = None,
+        instances: Mapping[str, tuple[str, ...]] | None = None,
+    ) -> None:
+        """`instances` names, by component, those that there are besides the first; who reads one reads them all."""
+        self._instances = instances or {}
+        self.transport = transport
+        self.clock = clock
+        self._compute: Compute = compute or InlineCompute()
+        self._components: list[Component] = []
+        self._tasks: list[asyncio.Task[None]] = []
+        self._failed: asyncio.Future[None] | None = None
+
+    def add(self, component: Component) -> None:
+        """Wire a component: give it a port, answer its calls. Before the host is started."""
+        for topic in component.publishes:
+            if topic.publisher != component.name:
+                raise ConfigError(f"{component.name} cannot publish {topic.name}: its row names {topic.publisher}")
+        component.attach(
+            Port(
+                self.transport,
+                self.clock,
+                self._compute,
+                owner=component.address,
+                publishes=component.publishes,
+                subscribes=component.subscribes(),
+                instance=component.instance,
+            )
+        )
+        self._components.append(component)
+
+    async def prepare(self) -> None:
+        """Let the components' compute port load what they need; live, before anyone is told that they are ready."""
+        for component in self._components:
+            preparation = component.preparation()
+            if preparation is None:
+                continue
+            try:
+                await self._compute(preparation)
+            except Exception:  # what cannot be loaded is told again, by name, by the call that needs it
+                log.exception("%s could not be prepared; its first work will take longer", component.address)
+
+    async def __aenter__(self) -> "Host":
+        self._failed = asyncio.get_running_loop().create_future()
+        # All subscriptions stand before the first component runs, so that no first message is lost.
+        for component in self._components:
+            for row, method in component.handlers().items():
+                for topic in self._of_all(row):
+                    # A state of before the component was there still holds; an event of before is past.
+                    stream = self.transport.stream(topic, with_last=isinstance(topic.policy, KeepLast))
+                    self._start(component, f"on {topic.name}", _handle(component, topic, method, stream))
+            for row in component.reads:
+                for topic in self._of_all(row):
+                    # The first look at a topic subscribes to it and finds nothing yet: it must not be the component's.
+                    self.transport.latest(topic)
+        for component in self._components:
+            self.transport.serve(component.address, Dispatcher(component, self.clock))
+        for component in self._components:
+            self._start(component, "run", component.run())
+        return self
+
+    async def __aexit__(self, *exc: object) -> None:
+        for component in reversed(self._components):
+            await self.transport.withdraw(component.address)
+        for task in reversed(self._tasks):
+            task.cancel()
+        if self._tasks:
+            _, stuck = await asyncio.wait(self._tasks, timeout=STOP_PATIENCE_S)
+            for task in stuck:
+                log.error("%s does not end though it was cancelled", task.get_name())
+        if self._failed is not None and self._failed.done():
+            self._failed.exception()  # retrieved, so that the loop does not complain
+
+    async def wait_failed(self) -> None:
+        """Return never, but raise when a component's own loop has raised."""
+        assert self._failed is not None, "the host is not started"
+        await asyncio.shield(self._failed)
+
+    def _of_all(self, topic: Topic[Any]) -> tuple[Topic[Any], ...]:
+        return (topic, *(topic.at(instance) for instance in self._instances.get(topic.publisher, ())))
+
+    def _start(self, component: Component, what: str, coroutine: Any) -> None:
+        task: asyncio.Task[None] = asyncio.create_task(coroutine, name=f"{component.address} {what}")
+        task.add_done_callback(self._note)
+        self._tasks.append(task)
+
+    def _note(self, task: asyncio.Task[None]) -> None:
+        if task.cancelled() or task.exception() is None:
+            return
+        error = task.exception()
+        if self._failed is not None and not self._failed.done() and error is not None:
+            self._failed.set_exception(error)
+        log.error("%s ended: %s", task.get_name(), error, exc_info=error)
+
+
+async def _handle(component: Component, topic: Topic[Any], method: str, stream: Any) -> None:
+    handler = getattr(component, method)
+    async for message in stream:
+        try:
+            await handler(message)
+        except (SkillFailure, SkillRejected, CommunicationError) as error:
+            # One bad message must not end the component: it waits for the next.
+            log.warning("%s on %s: %s", component.address, topic.name, error)

@@ -1,0 +1,1 @@
+"""How a value becomes bytes and back, and what both ends compare."""

@@ -1,0 +1,246 @@
+"""Skill calls over zenoh: the caller's side (Algorithm 1) and the called one's, which hands to the host.
+
+A call is a query on the key of the component's skill, by which access control tells skills apart. An answer is an
+encoded outcome; no answer at all means that nobody is there. A caller that gives up sends the call's id to the
+component's cancel key.
+"""
+
+import asyncio
+import logging
+from collections import deque
+from typing import Any
+
+import msgspec
+import zenoh
+
+from dlokit.communication.skill import Skill
+from dlokit.communication.timing.urgency import threads_urgent
+from dlokit.communication.transport import CallHandler, Report
+from dlokit.communication.wire import codec
+from dlokit.communication.wire.envelope import Kind, label_of, mark_of, read_label, read_mark
+from dlokit.communication.zenoh.connection import LoopDoor
+from dlokit.errors import CommunicationError
+from dlokit.types.outcome import Rejected
+
+log = logging.getLogger(__name__)
+
+NETWORK_LIMIT_S = 86_400.0
+"""Zenoh ends a query by itself after this long; earlier ends are ours, on the clock that skills live by."""
+
+SENT_LIMIT_S = 10.0
+"""The answer to a call that nobody waits for is forgotten after this long."""
+
+CALLS_REMEMBERED = 64
+"""Cancelled calls whose request has not arrived yet, that are remembered."""
+
+
+ATTEMPTS = 5
+"""A call that came altered, or whose answer did, is sent again under its number: it runs once all the same."""
+
+
+def ask(
+    session: zenoh.Session, door: LoopDoor, skill: Skill[..., Any], request: bytes, call_id: str, report: Report
+) -> "asyncio.Future[bytes | None]":
+    """The encoded outcome to come; None when nobody answers. Cancelling it does not cancel the skill: see `cancel`."""
+    answered: asyncio.Future[bytes | None] = asyncio.get_running_loop().create_future()
+
+    def settle(answer: bytes | None) -> None:
+        if not answered.done():
+            answered.set_result(answer)
+
+    def attempt(left: int) -> None:
+        altered, came = False, False
+
+        def on_reply(reply: zenoh.Reply) -> None:
+            nonlocal altered, came
+            if reply.ok is None or reply.ok.attachment is None:
+                return
+            answer = reply.ok.payload.to_bytes()
+            match read_mark(reply.ok.attachment.to_bytes(), answer):
+                case Kind.OUTCOME:
+                    came = True
+                    door.call(settle, answer)
+                case Kind.PROGRESS:
+                    door.call(report, answer)
+                case Kind.ALTERED:
+                    altered = True
+                case None:
+                    log.debug("an answer of %s cannot be read", skill.key)
+
+        def on_end() -> None:
+            if came:
+                return
+            if altered and left > 0:
+                log.warning("a call to %s, or its answer, was altered on its way; it is sent again", skill.key)
+                door.call(attempt, left - 1)
+            else:
+                door.call(settle, None)
+
+        if answered.done():
+            return
+        try:
+            session.get(
+                f"call/{skill.component}/{skill.name}",
+                # On zenoh's own thread: both only wake the loop, and a thread for every call costs 0.7 ms.
+                zenoh.handlers.Callback(on_reply, on_end, indirect=False),
+                payload=request,
+                attachment=label_of(call_id, request),
+                timeout=NETWORK_LIMIT_S,
+                # The answer goes to the loop at once, not when the query has ended.
+                consolidation=zenoh.ConsolidationMode.NONE,
+            )
+        except zenoh.ZError as error:
+            log.warning("a call to %s could not be sent: %s", skill.key, error)
+            settle(None)
+
+    attempt(ATTEMPTS - 1)
+    return answered
+
+
+def send(session: zenoh.Session, skill: Skill[..., Any], request: bytes, call_id: str) -> None:
+    """Ask without waiting for an answer; before whatever else waits to be sent."""
+    session.get(
+        f"call/{skill.component}/{skill.name}",
+        zenoh.handlers.Callback(lambda reply: None, indirect=False),
+        payload=request,
+        attachment=label_of(call_id, request),
+        timeout=SENT_LIMIT_S,
+        priority=zenoh.Priority.REAL_TIME,
+        express=True,
+    )
+
+
+def cancel(session: zenoh.Session, component: str, call_id: str) -> None:
+    """Ask the component to stop working on a call; its answer is then ``Cancelled``."""
+    if not session.is_closed():
+        session.put(f"cancel/{component}", call_id.encode(), congestion_control=zenoh.CongestionControl.BLOCK)
+
+
+class CallServer:
+    """Answers calls to one component on the loop; a task a call, so that it can be cancelled."""
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        component: str,
+        handler: CallHandler,
+        cancelled: bytes,
+        door: LoopDoor,
+    ) -> None:
+        """`cancelled` is the encoded outcome of a call that was cancelled."""
+        self._handler = handler
+        self._cancelled = cancelled
+        self._door = door
+        self._tasks: dict[str, asyncio.Task[None]] = {}
+        self._cancelled_early: deque[str] = deque(maxlen=CALLS_REMEMBERED)
+        self._closing = False
+        # Whoever sees the token may call: it comes last.
+        self._cancels = session.declare_subscriber(f"cancel/{component}", self._on_cancel)
+        with threads_urgent():  # the call may be an order to brake; its thread only hands it to the loop
+            self._calls = session.declare_queryable(f"call/{component}/*", self._on_query)
+        self._token = session.liveliness().declare_token(f"alive/{component}/{session.zid()}")
+
+    async def close(self, patience_s: float) -> None:
+        """Take no more calls, cancel those that run, and let them answer."""
+        self._closing = True
+        self._token.undeclare()
+        tasks = list(self._tasks.values())
+        for task in tasks:
+            task.cancel()
+        if tasks:
+            await asyncio.wait(tasks, timeout=patience_s)
+        self._calls.undeclare()
+        self._cancels.undeclare()
+
+    def cancel_all_of(self, caller: str) -> None:
+        """Cancel the calls that run for a session that is gone; on the loop."""
+        for call_id, task in list(self._tasks.items()):
+            if call_id.rpartition("-")[0] == caller:
+                task.cancel()
+                # Once it has ended, and the arm stands that it moved: a log line may block.
+                task.add_done_callback(_log_caller_gone)
+
+    def _on_query(self, query: zenoh.Query) -> None:
+        payload, attachment = query.payload, query.attachment
+        if payload is None or attachment is None:
+            query.drop()
+            return
+        request, label = payload.to_bytes(), read_label(attachment.to_bytes())
+        if label.fits(request):
+            self._door.call(self._start, query, request, label.call_id)
+        else:
+            _reply(query, b"", Kind.ALTERED)
+
+    def _start(self, query: zenoh.Query, request: bytes, call_id: str) -> None:
+        if self._closing:
+            query.drop()
+            return
+        if not _came_by_its_key(query, request):
+            log.error("a call is rejected that names another skill than its key %s", query.key_expr)
+            _reply(query, _WRONG_KEY)
+            return
+        if call_id in self._cancelled_early:
+            _reply(query, self._cancelled)
+            return
+        task = asyncio.create_task(self._answer(query, request), name=f"call {call_id}")
+        self._tasks[call_id] = task
+        task.add_done_callback(lambda _: self._tasks.pop(call_id, None))
+
+    async def _answer(self, query: zenoh.Query, request: bytes) -> None:
+        answer = self._cancelled
+        try:
+            answer = await self._handler(request, lambda data: _tell(query, data))
+        except asyncio.CancelledError:
+            log.debug("a call was cancelled")
+        finally:
+            _reply(query, answer)
+
+    def _on_cancel(self, sample: zenoh.Sample) -> None:
+        call_id = sample.payload.to_bytes().decode(errors="replace")
+        self._door.call(self._cancel, call_id)
+
+    def _cancel(self, call_id: str) -> None:
+        task = self._tasks.get(call_id)
+        if task is None:
+            self._cancelled_early.append(call_id)
+        else:
+            task.cancel()
+
+
+def _log_caller_gone(task: "asyncio.Task[None]") -> None:
+    log.warning("%s was cancelled: its caller is gone", task.get_name())
+
+
+_WRONG_KEY = codec.encode(
+    Rejected(reason="wrong_key", detail="the call names another skill than the key that it came by")
+)
+
+
+class _Named(msgspec.Struct):
+    """Of a call, which skill is meant; the rest is read by whoever handles it."""
+
+    skill: str
+
+
+def _came_by_its_key(query: zenoh.Query, request: bytes) -> bool:
+    """Access control has looked at the key alone: whoever may stop an arm may not move it by the same key."""
+    try:
+        return codec.decode(request, _Named).skill == str(query.key_expr).rpartition("/")[2]
+    except CommunicationError:
+        return True  # whoever handles it says what is wrong with it
+
+
+def _tell(query: zenoh.Query, progress: bytes) -> None:
+    try:
+        query.reply(query.key_expr, progress, attachment=mark_of(Kind.PROGRESS, progress))
+    except zenoh.ZError as error:
+        log.warning("progress could not be sent: %s", error)
+
+
+def _reply(query: zenoh.Query, answer: bytes, kind: Kind = Kind.OUTCOME) -> None:
+    try:
+        query.reply(query.key_expr, answer, attachment=mark_of(kind, answer))
+    except zenoh.ZError as error:
+        log.warning("an answer could not be sent: %s", error)
+    finally:
+        query.drop()

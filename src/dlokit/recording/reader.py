@@ -1,0 +1,119 @@
+"""Recordings read again, also those whose writer was killed."""
+
+from collections.abc import Container, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import msgspec
+from mcap.records import Channel, McapRecord, Metadata, Schema
+from mcap.records import Message as McapMessage
+from mcap.stream_reader import StreamReader
+
+from dlokit.communication.topics import STEREO_IMAGES
+from dlokit.errors import CommunicationError, InputError, SchemaMismatch
+from dlokit.recording import foxglove
+from dlokit.recording.channels import RECORDED, type_of
+from dlokit.recording.plain import from_plain
+from dlokit.recording.views import VIEWS, from_jpeg
+from dlokit.types.message import Message
+
+_MAGIC = b"\x89MCAP0\r\n"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recorded:
+    """One message of a recording."""
+
+    topic: str
+    log_ns: int
+    """When it came [ns], on the run's clock; the message's own stamp is what it speaks of."""
+    message: Message
+
+
+@dataclass(kw_only=True)
+class RawRecording:
+    """Records of a file in order, nothing decoded. Iterate once; the rest is filled meanwhile."""
+
+    path: Path
+    metadata: dict[str, dict[str, str]] = field(default_factory=dict[str, dict[str, str]])
+    channels: dict[int, Channel] = field(default_factory=dict[int, Channel])
+    schemas: dict[int, str] = field(default_factory=dict[int, str])
+    whole: bool = False
+    """Whether the file's end was found: its writer was not killed."""
+
+    def __iter__(self) -> Iterator[tuple[str, McapMessage]]:
+        """Channel and message. Raises `InputError` when the file is no recording."""
+        try:
+            with self.path.open("rb") as stream:
+                if (head := stream.read(len(_MAGIC))) != _MAGIC:
+                    what = "is empty" if not head else "is not an MCAP file"
+                    raise InputError(f"{self.path} {what}; give the recording.mcap of a run's folder.")
+                yield from self._messages(StreamReader(stream, skip_magic=True, validate_crcs=True))
+        except OSError as error:
+            raise InputError(
+                f"{self.path} cannot be read ({error.strerror}); give the recording.mcap of a run's folder."
+            ) from error
+
+    def schema_of(self, topic: str) -> str:
+        """Name of the type of a channel that has been read."""
+        return next(self.schemas.get(of.schema_id, "") for of in self.channels.values() if of.topic == topic)
+
+    def _messages(self, reader: StreamReader) -> Iterator[tuple[str, McapMessage]]:
+        for record in self._until_cut(reader):
+            match record:
+                case McapMessage():
+                    yield self.channels[record.channel_id].topic, record
+                case Channel():
+                    self.channels[record.id] = record
+                case Schema():
+                    self.schemas[record.id] = record.name
+                case Metadata():
+                    self.metadata[record.name] = record.metadata
+                case _:
+                    pass
+
+    def _until_cut(self, reader: StreamReader) -> Iterator[McapRecord]:
+        records = reader.records
+        while True:
+            try:
+                record = next(records)
+            except StopIteration:
+                self.whole = True
+                return
+            except Exception:  # whatever the parser stumbles over is where the file was cut
+                return
+            yield record
+
+
+def read_recording(path: Path, only: Container[str] | None = None) -> Iterator[Recorded]:
+    """Every message of every topic, and the skill calls, in the order in which they came; or those of `only` alone.
+
+    They equal what was published, but for pictures, which are as good as their JPEG files. Raises `InputError` when
+    the file is no recording, and `SchemaMismatch` when another version wrote messages that this one cannot read.
+    """
+    pictures: dict[str, bytes] = {}
+    for channel, record in RawRecording(path=path):
+        if channel in ("view/left", "view/right"):
+            pictures[channel] = record.data
+        elif channel not in VIEWS and (only is None or channel in only):
+            yield Recorded(topic=channel, log_ns=record.log_time, message=_message(channel, record.data, pictures))
+
+
+def picture_file(data: bytes) -> foxglove.CompressedImage:
+    """A picture of `view/left` or `view/right`, as it is in the file. Raises `SchemaMismatch`."""
+    try:
+        return foxglove.from_bytes(data, foxglove.CompressedImage)
+    except CommunicationError as error:
+        raise SchemaMismatch(f"{error}; another version wrote the file: read it with that one") from error
+
+
+def _message(channel: str, data: bytes, pictures: dict[str, bytes]) -> Message:
+    kind = type_of(channel)
+    if kind is None:
+        raise SchemaMismatch(f"{channel} is no topic of this version; it knows {sorted(RECORDED)}")
+    plain: Any = msgspec.json.decode(data)
+    if channel == STEREO_IMAGES.name:
+        for side in ("left", "right"):
+            plain[side] = from_jpeg(picture_file(pictures[f"view/{side}"]).data)
+    return from_plain(plain, kind)

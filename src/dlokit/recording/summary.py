@@ -1,0 +1,121 @@
+"""What is in a recording, in figures."""
+
+from collections import Counter, defaultdict
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from dlokit.communication.topics import FLOW
+from dlokit.recording.channels import CALLS_BEGUN, SKILL_CALLS
+from dlokit.recording.plain import from_json
+from dlokit.recording.reader import RawRecording
+from dlokit.types.flow import FlowStatus
+from dlokit.types.skill_call import CallBegun, CallRecord
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChannelSummary:
+    """One channel."""
+
+    count: int
+    schema: str
+    """Name of its type, e.g. ``"dlokit.DloState"``."""
+    rate_hz: float | None
+    """Mean rate between its first and its last message; None for fewer than two."""
+    size_bytes: int
+    """Before compression."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CallSummary:
+    """The calls of one skill."""
+
+    outcomes: Counter[str]
+    """How often each outcome, with its reason where there is one."""
+    mean_s: float
+    """Mean time from the call to its end, on the run's clock."""
+    longest_s: float
+    """Longest time."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordingSummary:
+    """One file."""
+
+    size_bytes: int
+    whole: bool
+    """False: the writer was killed before it ended the file; what is there is good."""
+    duration_s: float
+    """From the first message to the last, on the run's clock."""
+    metadata: Mapping[str, Mapping[str, str]]
+    channels: Mapping[str, ChannelSummary]
+    calls: Mapping[str, CallSummary]
+    """By skill."""
+    running: tuple[str, ...]
+    """Skills that had been called and had not ended when the recording did."""
+    last_step: FlowStatus | None
+    """Where the flow was; its outcome when the run had ended."""
+
+
+class _Calls:
+    """Calls as they are read."""
+
+    def __init__(self) -> None:
+        self._running: dict[tuple[str, int], str] = {}
+        self._outcomes: defaultdict[str, Counter[str]] = defaultdict(Counter)
+        self._times_s: defaultdict[str, list[float]] = defaultdict(list)
+
+    def begun(self, call: CallBegun) -> None:
+        self._running[call.caller, call.call] = call.skill
+
+    def ended(self, call: CallRecord) -> None:
+        self._running.pop((call.caller, call.call), None)
+        self._outcomes[call.skill][f"{call.outcome.value} {call.reason}".strip()] += 1
+        self._times_s[call.skill].append((call.stamp_ns - call.began_ns) / 1e9)
+
+    def running(self) -> tuple[str, ...]:
+        return tuple(self._running.values())
+
+    def summaries(self) -> dict[str, CallSummary]:
+        return {
+            skill: CallSummary(outcomes=self._outcomes[skill], mean_s=sum(times) / len(times), longest_s=max(times))
+            for skill, times in self._times_s.items()
+        }
+
+
+def summarise(path: Path) -> RecordingSummary:
+    """Read a file through. Raises `InputError` when it is no recording, `SchemaMismatch` when another version's."""
+    raw, calls = RawRecording(path=path), _Calls()
+    times: defaultdict[str, list[int]] = defaultdict(list)
+    sizes: Counter[str] = Counter()
+    last_step: bytes | None = None
+    for channel, record in raw:
+        times[channel].append(record.log_time)
+        sizes[channel] += len(record.data)
+        if channel == SKILL_CALLS.name:
+            calls.ended(from_json(record.data, CallRecord))
+        elif channel == CALLS_BEGUN.name:
+            calls.begun(from_json(record.data, CallBegun))
+        elif channel == FLOW.name:
+            last_step = record.data
+    stamps = [stamp for channel in times.values() for stamp in (channel[0], channel[-1])]
+    return RecordingSummary(
+        size_bytes=path.stat().st_size,
+        whole=raw.whole,
+        duration_s=(max(stamps) - min(stamps)) / 1e9 if stamps else 0.0,
+        metadata=raw.metadata,
+        channels={
+            channel: ChannelSummary(
+                count=len(of), rate_hz=_rate_hz(of), schema=raw.schema_of(channel), size_bytes=sizes[channel]
+            )
+            for channel, of in times.items()
+        },
+        calls=calls.summaries(),
+        running=calls.running(),
+        last_step=None if last_step is None else from_json(last_step, FlowStatus),
+    )
+
+
+def _rate_hz(stamps_ns: list[int]) -> float | None:
+    span_s = (stamps_ns[-1] - stamps_ns[0]) / 1e9
+    return (len(stamps_ns) - 1) / span_s if span_s > 0 else None

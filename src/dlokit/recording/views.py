@@ -1,0 +1,179 @@
+"""What Foxglove's panels show of our messages: pictures, clouds, frames, the rod in the scene, and a log."""
+
+import cv2
+import numpy as np
+
+from dlokit.errors import CommunicationError
+from dlokit.recording import foxglove as fox
+from dlokit.recording.channels import IMAGE_FORMAT, IMAGE_QUALITY
+from dlokit.types.arrays import Float32Array, Float64Array, UInt8Array
+from dlokit.types.dlo import DloState, GoalShape, TargetPoints
+from dlokit.types.feasibility import GoalVerdict, Standing
+from dlokit.types.flow import FlowStatus, RunOutcome
+from dlokit.types.image import CameraCalibration, StereoImages
+from dlokit.types.message import Message
+from dlokit.types.observation import Observation
+from dlokit.types.observer_event import ObserverEvent
+from dlokit.types.pose import Pose
+from dlokit.types.robot import RobotState
+from dlokit.types.skill_call import CallEnd, CallRecord
+
+
+def to_jpeg(pixels: UInt8Array) -> bytes:
+    """A picture (height, width, 3) RGB, or (height, width) grey, as the bytes of a file."""
+    picture = cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR) if pixels.ndim == 3 else pixels
+    _, data = cv2.imencode(f".{IMAGE_FORMAT}", picture, [cv2.IMWRITE_JPEG_QUALITY, IMAGE_QUALITY])
+    return data.tobytes()
+
+
+def from_jpeg(data: bytes) -> UInt8Array:
+    """The picture (height, width, 3) RGB. Raises `CommunicationError` when there is none."""
+    picture = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_COLOR)
+    if picture is None:
+        raise CommunicationError("a recorded picture cannot be decoded: its bytes are no JPEG file")
+    return cv2.cvtColor(picture, cv2.COLOR_BGR2RGB).astype(np.uint8, copy=False)
+
+
+View = fox.FrameTransform | fox.CompressedImage | fox.CameraCalibration | fox.PointCloud | fox.SceneUpdate | fox.Log
+
+VIEWS: dict[str, type[View]] = {
+    "view/tool": fox.FrameTransform,
+    "view/camera_frame": fox.FrameTransform,
+    "view/camera": fox.CameraCalibration,
+    "view/left": fox.CompressedImage,
+    "view/right": fox.CompressedImage,
+    "view/cloud": fox.PointCloud,
+    "view/scene": fox.SceneUpdate,
+    "view/rod": fox.PointCloud,
+    "view/targets": fox.PointCloud,
+    "view/goal": fox.PointCloud,
+    "view/log": fox.Log,
+}
+"""Every channel that is made for Foxglove, with its type."""
+
+WORLD = "world"
+CAMERA = "camera"
+
+_ROD = fox.Color(r=0.95, g=0.55, b=0.1, a=1.0)
+_TARGETS = fox.Color(r=0.1, g=0.45, b=0.95, a=1.0)
+_GOAL = fox.Color(r=0.2, g=0.75, b=0.3, a=0.7)
+_DIAMETER_M = 0.008
+
+
+def views_of(message: Message) -> list[tuple[str, View]]:
+    """What to show of a message, by channel; pictures need a codec and are not among it."""
+    match message:
+        case RobotState():
+            return [("view/tool", _frame(message.stamp_ns, f"{message.robot}_tool", message.T_world_tcp))]
+        case StereoImages():
+            pose = message.calibration.T_world_camera
+            return [
+                ("view/camera_frame", _frame(message.stamp_ns, CAMERA, pose)),
+                ("view/camera", _camera(message.stamp_ns, message.calibration)),
+            ]
+        case Observation():
+            return [("view/cloud", _cloud(message.stamp_ns, message.points_world))]
+        case DloState():
+            return _both("rod", message, _rod(message.stamp_ns, "rod", message.nodes_world, _ROD))
+        case GoalShape():
+            return _both("goal", message, _rod(message.stamp_ns, "goal", message.nodes_world, _GOAL))
+        case TargetPoints():
+            visible = message.nodes_world[message.visible]
+            return _both("targets", message, _points(message.stamp_ns, "targets", visible))
+        case FlowStatus() | ObserverEvent() | GoalVerdict() | CallRecord():
+            return [("view/log", _log(message))]
+        case _:
+            return []
+
+
+def _vector(position: Float64Array) -> fox.Vector3:
+    x, y, z = position.tolist()
+    return fox.Vector3(x=x, y=y, z=z)
+
+
+def _frame(stamp_ns: int, name: str, pose: Pose) -> fox.FrameTransform:
+    w, x, y, z = pose.wxyz.tolist()
+    return fox.FrameTransform(
+        timestamp=fox.time_of(stamp_ns),
+        parent_frame_id=WORLD,
+        child_frame_id=name,
+        translation=_vector(pose.position_m),
+        rotation=fox.Quaternion(x=x, y=y, z=z, w=w),
+    )
+
+
+def _camera(stamp_ns: int, camera: CameraCalibration) -> fox.CameraCalibration:
+    fx, fy, cx, cy = camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px
+    return fox.CameraCalibration(
+        timestamp=fox.time_of(stamp_ns),
+        frame_id=CAMERA,
+        width=camera.width_px,
+        height=camera.height_px,
+        distortion_model="" if camera.distortion is None else "plumb_bob",
+        D=[] if camera.distortion is None else camera.distortion.tolist(),
+        K=[fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0],
+        R=[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+        P=[fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0],
+    )
+
+
+def _both(name: str, message: DloState | GoalShape | TargetPoints, drawn: fox.SceneUpdate) -> list[tuple[str, View]]:
+    """A shape as it is drawn, and its nodes as a cloud: Rerun knows no scenes."""
+    return [("view/scene", drawn), (f"view/{name}", _cloud(message.stamp_ns, message.nodes_world))]
+
+
+def _cloud(stamp_ns: int, points_world: Float32Array | Float64Array) -> fox.PointCloud:
+    points = np.ascontiguousarray(points_world, dtype="<f4")
+    return fox.PointCloud(
+        timestamp=fox.time_of(stamp_ns),
+        frame_id=WORLD,
+        pose=fox.HERE,
+        point_stride=12,
+        fields=[
+            fox.PackedElementField(name=name, offset=4 * i, type=fox.PackedElementField.FLOAT32)
+            for i, name in enumerate("xyz")
+        ],
+        data=points.tobytes(),
+    )
+
+
+def _rod(stamp_ns: int, name: str, nodes_world: Float64Array, color: fox.Color) -> fox.SceneUpdate:
+    line = fox.LinePrimitive(
+        type=fox.LinePrimitive.LINE_STRIP,
+        pose=fox.HERE,
+        thickness=_DIAMETER_M,
+        scale_invariant=False,
+        points=[fox.Point3(x=x, y=y, z=z) for x, y, z in nodes_world.tolist() if np.isfinite((x, y, z)).all()],
+        color=color,
+    )
+    entity = fox.SceneEntity(timestamp=fox.time_of(stamp_ns), frame_id=WORLD, id=name, lines=[line])
+    return fox.SceneUpdate(entities=[entity])
+
+
+def _points(stamp_ns: int, name: str, points_world: Float64Array) -> fox.SceneUpdate:
+    size = fox.Vector3(x=_DIAMETER_M, y=_DIAMETER_M, z=_DIAMETER_M)
+    spheres = [
+        fox.SpherePrimitive(pose=fox.Pose(position=_vector(point), orientation=fox.UPRIGHT), size=size, color=_TARGETS)
+        for point in points_world
+        if np.isfinite(point).all()
+    ]
+    entity = fox.SceneEntity(timestamp=fox.time_of(stamp_ns), frame_id=WORLD, id=name, spheres=spheres)
+    return fox.SceneUpdate(entities=[entity])
+
+
+def _log(message: FlowStatus | ObserverEvent | GoalVerdict | CallRecord) -> fox.Log:
+    match message:
+        case FlowStatus():
+            level = fox.Log.WARNING if message.outcome not in (None, RunOutcome.CONVERGED) else fox.Log.INFO
+            name, text = message.flow, f"{message.step}: {message.text}"
+        case ObserverEvent():
+            level, name = fox.Log.WARNING, "observer"
+            text = message.kind.value if message.reason is None else f"{message.kind.value}: {message.reason.value}"
+        case GoalVerdict():
+            level = fox.Log.INFO if message.standing is Standing.HOLDS else fox.Log.WARNING
+            name, text = "planning", message.text
+        case CallRecord():
+            level = fox.Log.INFO if message.outcome is CallEnd.SUCCEEDED else fox.Log.WARNING
+            name = message.skill
+            text = " ".join(part for part in (message.outcome.value, message.reason, message.detail) if part)
+    return fox.Log(timestamp=fox.time_of(message.stamp_ns), level=level, message=text, name=name)

@@ -1,0 +1,116 @@
+"""Messages into an MCAP file."""
+
+from collections import defaultdict
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+from mcap.writer import CompressionType, Writer
+
+from dlokit import __version__
+from dlokit.communication.topic import Topic
+from dlokit.communication.topics import ARM_STATE
+from dlokit.recording import foxglove
+from dlokit.recording.channels import IMAGE_FORMAT, type_of
+from dlokit.recording.plain import json_schema, kind_name, to_json
+from dlokit.recording.views import CAMERA, VIEWS, View, to_jpeg, views_of
+from dlokit.types.image import StereoImages
+from dlokit.types.message import Message
+from dlokit.types.skill_call import CallBegun, CallRecord
+
+_NO_PIXELS = np.empty((0, 0, 3), dtype=np.uint8)
+
+
+class RecordingWriter:
+    """Writes one recording; what `flush` has written survives a killed process. Raises `OSError` as files do."""
+
+    def __init__(self, path: Path, metadata: Mapping[str, Mapping[str, str]]) -> None:
+        """`metadata` is written first, so that a file that was cut off has it too."""
+        self._stream = path.open("wb")
+        self._writer = Writer(self._stream, compression=CompressionType.ZSTD)
+        self._channels: dict[str, int] = {}
+        self._last_seq: dict[str, int] = {}
+        self.lost: defaultdict[str, int] = defaultdict(int)
+        """Messages by topic whose number is missing."""
+        try:
+            self._writer.start(library=f"dlokit {__version__}")
+            for name, entries in metadata.items():
+                self.add_metadata(name, entries)
+            self.flush()
+        except OSError:
+            self.abandon()
+            raise
+
+    def add_metadata(self, name: str, entries: Mapping[str, str]) -> None:
+        """Names and values of one kind."""
+        self._writer.add_metadata(name, dict(entries))
+
+    def add(self, topic: Topic[Any], log_ns: int, message: Message) -> None:
+        """One message, with what is shown of it; `log_ns` is when it came, its stamp what it speaks of."""
+        self._count_lost(topic, message)
+        if isinstance(message, StereoImages):
+            # The pictures first: who reads the message has them then.
+            self._add_picture("view/left", log_ns, message.stamp_ns, to_jpeg(message.left))
+            self._add_picture("view/right", log_ns, message.stamp_ns, to_jpeg(message.right))
+        # The arm's sensors say again what the robot says: shown is the robot.
+        for channel, view in () if topic.row == ARM_STATE.row else views_of(message):
+            self._add(channel, log_ns, message.stamp_ns, 0, view)
+        if isinstance(message, StereoImages):
+            message = msgspec.structs.replace(message, left=_NO_PIXELS, right=_NO_PIXELS)
+        self._add(topic.name, log_ns, message.stamp_ns, message.seq, message)
+
+    def flush(self) -> None:
+        """End the chunk, and hand it to the system."""
+        self._writer.flush()
+
+    def close(self) -> None:
+        """Write the index, and end the file."""
+        self._writer.finish()
+        self._stream.close()
+
+    def abandon(self) -> None:
+        """Close the file as it is: it cannot be written any more."""
+        try:
+            self._stream.close()
+        except OSError:
+            # What is still buffered cannot be written either; the file is closed all the same.
+            assert self._stream.closed
+
+    def _count_lost(self, topic: Topic[Any], message: Message) -> None:
+        # Of a topic there is one publisher, of calls there are as many as call.
+        counted = f"{topic.name} {message.caller}" if isinstance(message, CallBegun | CallRecord) else topic.name
+        last, seq = self._last_seq.get(counted), message.seq
+        # A publisher that was started again counts from 1.
+        if last is not None and seq > last + 1:
+            self.lost[topic.name] += seq - last - 1
+        self._last_seq[counted] = seq
+
+    def _add_picture(self, channel: str, log_ns: int, stamp_ns: int, data: bytes) -> None:
+        picture = foxglove.CompressedImage(
+            timestamp=foxglove.time_of(stamp_ns), frame_id=CAMERA, data=data, format=IMAGE_FORMAT
+        )
+        self._add(channel, log_ns, stamp_ns, 0, picture)
+
+    def _add(self, channel: str, log_ns: int, stamp_ns: int, seq: int, value: Message | View) -> None:
+        number = self._channels.get(channel)
+        if number is None:
+            number = self._channels[channel] = self._register(channel)
+        self._writer.add_message(number, log_time=log_ns, publish_time=stamp_ns, sequence=seq, data=_encoded(value))
+
+    def _register(self, channel: str) -> int:
+        if channel in VIEWS:
+            name, schema = foxglove.schema_name(VIEWS[channel]), foxglove.schema_of(VIEWS[channel])
+            encoding = schema_encoding = foxglove.ENCODING
+        else:
+            kind = type_of(channel)
+            assert kind is not None, f"{channel} is no topic"
+            name, schema = f"dlokit.{kind_name(kind)}", json_schema(kind)
+            encoding, schema_encoding = "json", "jsonschema"
+        number = self._writer.register_schema(name, schema_encoding, schema)
+        return self._writer.register_channel(channel, encoding, number)
+
+
+def _encoded(value: Message | View) -> bytes:
+    return to_json(value) if isinstance(value, Message) else value.SerializeToString(deterministic=True)

@@ -1,0 +1,60 @@
+"""Signs of life: they come while the loop is busy for a moment, and end when it hangs."""
+
+import asyncio
+import threading
+import time
+
+from dlokit.communication.timing import virtual_time
+from dlokit.communication.timing.pulse import ThreadPulse, loop_pulse
+
+PATIENCE_S = 30.0  # it takes milliseconds; a test that waits in vain fails
+PERIOD_S = 0.005
+
+
+def test_on_the_loop_they_come_at_their_beat() -> None:
+    async def main() -> None:
+        given: list[float] = []
+        async with loop_pulse(lambda: given.append(round(asyncio.get_running_loop().time(), 3)), 0.04):
+            await asyncio.sleep(0.13)
+        await asyncio.sleep(1.0)
+        assert given == [0.04, 0.08, 0.12]
+
+    virtual_time.run(main())
+
+
+def test_a_busy_loop_delays_none() -> None:
+    async def main() -> None:
+        given = threading.Semaphore(0)
+        async with ThreadPulse(PATIENCE_S)(lambda: given.release(), PERIOD_S):
+            # The loop does not come round in between.
+            assert all(given.acquire(timeout=PATIENCE_S) for _ in range(3))
+
+    asyncio.run(main())
+
+
+def test_a_loop_that_hangs_gives_no_more_and_one_that_goes_on_gives_them_again() -> None:
+    async def main() -> None:
+        heard = threading.Event()
+        silent_s = 0.03
+        async with ThreadPulse(silent_s)(heard.set, PERIOD_S):
+            end_s = time.monotonic() + PATIENCE_S
+            while heard.wait(10 * silent_s):  # the loop hangs here until no sign has come for a long time
+                heard.clear()
+                assert time.monotonic() < end_s
+            assert await asyncio.to_thread(heard.wait, PATIENCE_S)
+
+    asyncio.run(main())
+
+
+def test_one_that_fails_does_not_end_them() -> None:
+    async def main() -> None:
+        tried = threading.Semaphore(0)
+
+        def give() -> None:
+            tried.release()
+            raise RuntimeError("the network is not there")
+
+        async with ThreadPulse(PATIENCE_S)(give, PERIOD_S):
+            assert all(tried.acquire(timeout=PATIENCE_S) for _ in range(2))
+
+    asyncio.run(main())

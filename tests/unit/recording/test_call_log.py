@@ -1,0 +1,92 @@
+"""Skill calls are told of when they have ended, however they end."""
+
+import asyncio
+
+import pytest
+
+from dlokit.communication.component import Component, implements
+from dlokit.communication.container import Host
+from dlokit.communication.memory import MemoryTransport
+from dlokit.communication.skill import Skill
+from dlokit.communication.timing import virtual_time
+from dlokit.communication.timing.clock import LoopClock
+from dlokit.errors import SkillFailure, SkillRejected
+from dlokit.recording.call_log import CallLog
+from dlokit.types.outcome import Unreachable
+from dlokit.types.skill_call import CallBegun, CallEnd, CallRecord
+
+
+def _act(how: str, for_s: float = 0.5) -> int:
+    """Act."""
+    ...
+
+
+ACT = Skill("model", "act", _act, timeout_s=2.0)
+ELSEWHERE = Skill("nobody", "act", _act, timeout_s=2.0)
+CABLE = Skill("cell", "act", _act, timeout_s=2.0)
+
+
+class Actor(Component):
+    name = "model"
+
+    @implements(ACT)
+    async def act(self, how: str, for_s: float = 0.5) -> int:
+        await self.port.clock.sleep(for_s)
+        if how == "fail":
+            raise SkillFailure("slipped", "by 3 mm")
+        if how == "reject":
+            raise SkillRejected("busy")
+        return 7
+
+
+def told_of(*hows: tuple[str, float]) -> list[CallBegun | CallRecord]:
+    records: list[CallBegun | CallRecord] = []
+
+    async def main() -> None:
+        clock = LoopClock()
+        log = CallLog(MemoryTransport(), clock.now_ns, records.append, untold=frozenset({"cell"}))
+        host = Host(log, clock)
+        host.add(Actor())
+        async with host:
+            for how, for_s in hows:
+                await log.call(ACT, how, for_s)
+            assert isinstance(await log.call(ELSEWHERE, "x"), Unreachable)
+            assert isinstance(await log.call(CABLE, "x"), Unreachable)
+            task = asyncio.create_task(log.call(ACT, "be cancelled"))
+            await clock.sleep(0.1)
+            task.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await task
+
+    virtual_time.run(main())
+    return records
+
+
+def records_of(*hows: tuple[str, float]) -> list[CallRecord]:
+    return [one for one in told_of(*hows) if isinstance(one, CallRecord)]
+
+
+def test_a_call_is_told_of_when_it_is_made_with_the_number_that_its_end_will_have() -> None:
+    told = told_of(("succeed", 0.5), ("fail", 0.0))
+    assert [(type(one), one.skill, one.call, one.caller) for one in told[:4]] == [
+        (CallBegun, "model.act", 1, "memory"),
+        (CallRecord, "model.act", 1, "memory"),
+        (CallBegun, "model.act", 2, "memory"),
+        (CallRecord, "model.act", 2, "memory"),
+    ]
+    assert [one.stamp_ns for one in told[:2]] == [0, 500_000_000]
+
+
+def test_every_outcome_is_told_with_its_reason_and_when_it_was_called_and_ended() -> None:
+    records = records_of(("succeed", 0.5), ("fail", 0.0), ("reject", 0.0), ("time out", 3.0))
+    assert [(one.skill, one.outcome, one.reason, one.detail) for one in records] == [
+        ("model.act", CallEnd.SUCCEEDED, "", ""),
+        ("model.act", CallEnd.FAILED, "slipped", "by 3 mm"),
+        ("model.act", CallEnd.REJECTED, "busy", ""),
+        ("model.act", CallEnd.TIMED_OUT, "", "after 2 s"),
+        ("nobody.act", CallEnd.UNREACHABLE, "", ""),  # what goes over a cable is not told
+        ("model.act", CallEnd.CANCELLED, "", ""),
+    ]
+    assert [one.seq for one in records] == [1, 2, 3, 4, 5, 6]
+    assert (records[0].began_ns, records[0].stamp_ns) == (0, 500_000_000)
+    assert (records[0].arguments, records[0].result) == ('{"how": "succeed", "for_s": 0.5}', "7")

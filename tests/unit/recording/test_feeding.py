@@ -1,0 +1,166 @@
+"""A component is fed a recording: what it says and answers is what it did, or the difference is named."""
+
+import asyncio
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from dlokit.communication import topics
+from dlokit.communication.component import Component, implements, on
+from dlokit.communication.container import Host
+from dlokit.communication.memory import MemoryTransport
+from dlokit.communication.skill import Skill
+from dlokit.communication.timing import virtual_time
+from dlokit.communication.timing.clock import LoopClock
+from dlokit.errors import SkillFailure
+from dlokit.recording.comparison import FieldRow, compare
+from dlokit.recording.feeding import Asked, Timeline, feed, read_timeline
+from dlokit.recording.recorder import Recorder
+from dlokit.recording.tolerances import tolerance_of
+from dlokit.system.recording import with_calls_recorded
+from dlokit.types.dlo_belief import DloBelief, Figure
+from dlokit.types.flow import FlowStatus
+from dlokit.types.outcome import Cancelled
+from dlokit.types.skill_call import CallEnd
+
+
+def _add(amount: int, after_s: float = 0.0) -> int:
+    """Add to the sum."""
+    ...
+
+
+ADD = Skill("model", "add", _add, timeout_s=5.0)
+
+
+class Adder(Component):
+    """Adds up the actions of flow messages and calls; says the sum at every one of them."""
+
+    name = "model"
+    publishes = (topics.BELIEF,)
+
+    def __init__(self, error: int = 0) -> None:
+        self._sum = 0
+        self._error = error
+
+    async def run(self) -> None:
+        self._tell()
+
+    @on(topics.FLOW)
+    async def on_flow(self, status: FlowStatus) -> None:
+        self._sum += status.actions
+        self._tell()
+
+    @implements(ADD)
+    async def add(self, amount: int, after_s: float = 0.0) -> int:
+        await self.port.clock.sleep(after_s)
+        if amount < 0:
+            raise SkillFailure("negative")
+        self._sum += amount
+        self._tell()
+        return self._sum + self._error
+
+    def _tell(self) -> None:
+        one = Figure(value=1.0)
+        self.port.publish(
+            topics.BELIEF,
+            DloBelief(
+                stamp_ns=self.port.clock.now_ns(), length_m=one, radius_m=one, bending_stiffness_n_m2=one,
+                weight_n_m=one, friction=one, elastic_m3=one, actions=self._sum + self._error,
+            ),
+        )  # fmt: skip
+
+
+def recorded_run(path: Path) -> Timeline:
+    """Messages and calls that depend on their order: within one moment too."""
+
+    async def main() -> None:
+        clock = LoopClock()
+        with Recorder(path, clock.now_ns, {}, patient=True) as recorder:
+            bus = with_calls_recorded(MemoryTransport(recorder.put), clock, recorder)
+            host = Host(bus, clock)
+            host.add(Adder())
+            async with host:
+                await clock.sleep(0.5)
+                bus.publish(topics.FLOW, FlowStatus(stamp_ns=0, flow="f", step="s", actions=2))
+                await bus.call(ADD, 3, 0.25)
+                await bus.call(ADD, -1)
+                late = asyncio.create_task(bus.call(ADD, 100, 2.0))
+                await clock.sleep(0.1)
+                late.cancel()
+                await asyncio.wait({late})
+                bus.publish(topics.FLOW, FlowStatus(stamp_ns=0, flow="f", step="s", actions=5))
+                await bus.call(ADD, 7)
+
+    virtual_time.run(main())
+    return read_timeline(path, Adder, Adder.publishes)
+
+
+def rows_of(line: Timeline, component: Component, *, live: bool = False) -> list[FieldRow]:
+    return compare(line, feed(component, line, Adder.publishes), live=live, same_processor=False)
+
+
+def test_a_timeline_holds_what_was_heard_asked_and_said_in_order(tmp_path: Path) -> None:
+    line = recorded_run(tmp_path / "a.mcap")
+    order = [event.skill.key if isinstance(event, Asked) else event.topic.name for event in line.events]
+    assert order == ["decision/flow", "model.add", "model.add", "model.add", "decision/flow", "model.add"]
+    assert [dict(event.arguments)["amount"] for event in line.events if isinstance(event, Asked)] == [3, -1, 100, 7]
+    assert [one.message.stamp_ns for one in line.said if one.topic is topics.BELIEF][:3] == [0, 5e8, 7.5e8]
+    assert (line.begin_ns, line.unknown) == (0, 0)
+
+
+def test_a_component_fed_its_recording_says_and_answers_the_same_at_the_same_times(tmp_path: Path) -> None:
+    line = recorded_run(tmp_path / "a.mcap")
+    replayed = feed(Adder(), line, Adder.publishes)
+    assert [one.log_ns for one in replayed.said] == [one.log_ns for one in line.said]
+    ends = [asked.answer.outcome for asked, _ in replayed.answers]
+    assert ends == [CallEnd.SUCCEEDED, CallEnd.FAILED, CallEnd.CANCELLED, CallEnd.SUCCEEDED]
+    assert isinstance(replayed.answers[2][1], Cancelled)
+    rows = compare(line, replayed, live=False, same_processor=False)
+    assert all(row.within and row.largest == 0.0 for row in rows)
+    counts = {(row.what, row.field): row.compared for row in rows}
+    assert counts["model/belief", "actions"] == 5
+    assert counts["model.add", "outcome"] == 4
+    assert counts["model.add", "result"] == 2
+
+
+def test_a_component_that_changed_is_named_with_the_field_and_how_far(tmp_path: Path) -> None:
+    line = recorded_run(tmp_path / "a.mcap")
+    beyond = {(row.what, row.field): row for row in rows_of(line, Adder(error=1)) if not row.within}
+    assert set(beyond) == {("model/belief", "actions"), ("model.add", "result")}
+    assert beyond["model/belief", "actions"].largest == 1.0
+    assert beyond["model.add", "result"].at_ns == 750_000_000  # the first of the largest
+
+
+def test_messages_that_are_missing_or_too_many_are_counted_and_the_others_found_by_their_stamps(tmp_path: Path) -> None:
+    line = recorded_run(tmp_path / "a.mcap")
+    line.said.pop(2)
+    (messages,) = [row for row in rows_of(line, Adder()) if row.field == "(messages)"]
+    assert (messages.largest, messages.compared, messages.within) == (1.0, 4, False)
+    assert all(row.within for row in rows_of(line, Adder()) if row.field != "(messages)")
+
+
+def test_a_call_that_ends_otherwise_is_beyond_any_tolerance(tmp_path: Path) -> None:
+    line = recorded_run(tmp_path / "a.mcap")
+    for place, event in enumerate(line.events):
+        if isinstance(event, Asked) and event.arguments["amount"] == -1:
+            line.events[place] = replace(event, answer=msgspec.structs.replace(event.answer, reason="busy"))
+    (outcome,) = [row for row in rows_of(line, Adder()) if row.field == "outcome"]
+    assert outcome.largest == math.inf
+    assert not outcome.within
+
+
+def test_what_was_not_recorded_is_left_out_of_the_comparison(tmp_path: Path) -> None:
+    line = recorded_run(tmp_path / "a.mcap")
+    replayed = feed(Adder(error=1), line, Adder.publishes)
+    stamps = {one.message.stamp_ns for one in line.said}
+    assert compare(line, replayed, live=False, same_processor=False, left_out=stamps, uncompared={"model.add"}) == []
+
+
+@pytest.mark.parametrize(("same_processor", "within"), [(True, False), (False, True)])
+def test_a_difference_as_of_another_processor_is_allowed_of_another_alone(same_processor: bool, within: bool) -> None:
+    field = "nodes_world"
+    allowed = tolerance_of("observer/targets", field, live=False, same_processor=same_processor).largest
+    assert (allowed >= 1e-8) is within

@@ -1,0 +1,119 @@
+"""The recorder: what it keeps, what a killed writer leaves, and that a run never ends with it."""
+
+import logging
+from pathlib import Path
+
+import pytest
+from example_messages import EXAMPLES
+
+from dlokit.communication import topics
+from dlokit.communication.wire import codec
+from dlokit.errors import InputError
+from dlokit.recording.reader import RawRecording, read_recording
+from dlokit.recording.recorder import Recorder
+from dlokit.recording.summary import summarise
+from dlokit.recording.writer import RecordingWriter
+from dlokit.types.clock import ClockTick
+
+
+class Now:
+    """A clock that is set by hand."""
+
+    ns = 0
+
+    def __call__(self) -> int:
+        return self.ns
+
+
+def tick(number: int) -> ClockTick:
+    return ClockTick(stamp_ns=number, seq=number)
+
+
+def test_messages_are_recorded_with_the_time_they_came_whether_encoded_or_not(tmp_path: Path) -> None:
+    now = Now()
+    with Recorder(tmp_path / "a.mcap", now, {"run": {"name": "x"}}, patient=True) as recorder:
+        now.ns = 5
+        recorder.put(topics.CLOCK, tick(1))
+        now.ns = 7
+        recorder.put(topics.CLOCK, codec.encode(tick(2)))
+    recorder.put(topics.CLOCK, tick(3))  # a late one is nobody's
+
+    assert [(one.log_ns, one.message.stamp_ns) for one in read_recording(tmp_path / "a.mcap")] == [(5, 1), (7, 2)]
+    summary = summarise(tmp_path / "a.mcap")
+    assert summary.whole
+    assert summary.metadata["run"] == {"name": "x"}
+
+
+def test_a_message_that_cannot_be_decoded_is_left_out_by_name(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    with Recorder(tmp_path / "a.mcap", Now(), {}, patient=True) as recorder:
+        recorder.put(topics.CLOCK, b"nonsense")
+        recorder.put(topics.CLOCK, tick(1))
+    assert "cell/clock is not recorded" in caplog.text
+    assert len(list(read_recording(tmp_path / "a.mcap"))) == 1
+
+
+def test_pictures_are_thinned_to_the_stated_rate_and_counted_and_not_called_lost(tmp_path: Path) -> None:
+    now = Now()
+    pair = codec.encode(EXAMPLES[topics.STEREO_IMAGES.name])
+    with Recorder(tmp_path / "a.mcap", now, {}, patient=True) as recorder:
+        for now.ns in range(0, 2_000_000_000, 100_000_000):  # 10 Hz for 2 s
+            recorder.put(topics.STEREO_IMAGES, pair)
+    summary = summarise(tmp_path / "a.mcap")
+    assert summary.channels[topics.STEREO_IMAGES.name].count == 4
+    assert summary.metadata["thinned"] == {topics.STEREO_IMAGES.name: "16"}
+    assert summary.metadata["lost"] == {}
+
+
+def test_a_file_that_is_cut_anywhere_gives_what_was_flushed_before(tmp_path: Path) -> None:
+    path = tmp_path / "whole.mcap"
+    writer = RecordingWriter(path, {"run": {"name": "x"}})
+    sizes: list[int] = []
+    for number in range(1, 6):
+        writer.add(topics.CLOCK, number, tick(number))
+        writer.flush()
+        sizes.append(path.stat().st_size)
+    writer.close()
+    data = path.read_bytes()
+    for length in range(sizes[0], len(data) - 1, 7):
+        cut = tmp_path / "cut.mcap"
+        cut.write_bytes(data[:length])
+        raw = RawRecording(path=cut)
+        numbers = [record.log_time for _, record in raw]
+        # The index of a chunk stands behind it: a cut there loses nothing.
+        flushed = sum(size <= length for size in sizes)
+        assert numbers[:flushed] == list(range(1, flushed + 1))
+        assert raw.metadata["run"] == {"name": "x"}
+        assert not raw.whole
+
+
+def test_a_full_disk_is_told_once_and_the_run_goes_on(caplog: pytest.LogCaptureFixture) -> None:
+    with caplog.at_level(logging.WARNING), Recorder(Path("/dev/full"), Now(), {}, patient=True) as recorder:
+        for number in range(1, 5000):  # more than may wait
+            recorder.put(topics.CLOCK, tick(number))
+    (record,) = caplog.records
+    assert "recording_failed: /dev/full" in record.message
+    assert "No space left on device" in record.message
+
+
+def test_a_disk_that_fills_up_later_ends_the_recording_and_not_the_run(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def no_space(self: RecordingWriter) -> None:
+        raise OSError(28, "No space left on device")
+
+    with Recorder(tmp_path / "a.mcap", Now(), {}, patient=True) as recorder:
+        recorder.put(topics.CLOCK, tick(1))
+        monkeypatch.setattr(RecordingWriter, "close", no_space)
+    assert "recording_failed" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("content", "match"),
+    [(None, "cannot be read"), (b"", "is empty"), (b"x,y,z\n1,2,3\n", "is not an MCAP file")],
+)
+def test_what_is_no_recording_is_refused_with_what_to_give(tmp_path: Path, content: bytes | None, match: str) -> None:
+    path = tmp_path / "a.mcap"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(InputError, match=f"a.mcap {match}.*give the recording.mcap of a run's folder"):
+        list(read_recording(path))

@@ -1,0 +1,200 @@
+"""What is recorded comes back the same, in files that Foxglove's reader takes."""
+
+import enum
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+from example_messages import EXAMPLES
+from google.protobuf.descriptor_pb2 import FileDescriptorSet
+from google.protobuf.descriptor_pool import DescriptorPool
+from google.protobuf.message_factory import GetMessageClass
+from google.protobuf.unknown_fields import UnknownFieldSet
+from mcap.reader import make_reader
+from mcap.records import Schema
+
+from dlokit.communication.topics import STEREO_IMAGES, TOPICS
+from dlokit.errors import CommunicationError
+from dlokit.recording.channels import CALLS, CALLS_BEGUN, RECORDED
+from dlokit.recording.plain import from_json, json_schema, kind_name, to_json
+from dlokit.recording.reader import read_recording
+from dlokit.recording.views import VIEWS
+from dlokit.recording.writer import RecordingWriter
+from dlokit.types.action import Drag, LayDown, PairPlace, Partner, PickPlace, Push
+from dlokit.types.clock import ClockTick
+from dlokit.types.message import Message
+from dlokit.types.robot import RobotState
+from dlokit.types.skill_call import CallBegun
+
+JPEG_ERROR = 4  # of 255, on a picture of one colour
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """One message of every channel."""
+    path = tmp_path_factory.mktemp("recording") / "all.mcap"
+    writer = RecordingWriter(path, {"run": {"name": "I to S"}})
+    for number, (name, message) in enumerate(EXAMPLES.items()):
+        writer.add(RECORDED[name], number, message)
+    writer.close()
+    return path
+
+
+def assert_same(one: Any, other: Any) -> None:
+    assert type(one) is type(other)
+    if isinstance(one, np.ndarray):
+        assert one.dtype == other.dtype
+        np.testing.assert_array_equal(one, other, strict=True)
+    elif isinstance(one, msgspec.Struct):
+        for name in one.__struct_fields__:
+            assert_same(getattr(one, name), getattr(other, name))
+    elif isinstance(one, tuple):
+        assert len(one) == len(other)
+        for mine, theirs in zip(one, other, strict=True):
+            assert_same(mine, theirs)
+    else:
+        assert one == other or (one != one and other != other)
+
+
+def test_the_topics_of_the_table_and_the_skill_calls_are_recorded_and_nothing_else() -> None:
+    # The cell's true shape is on no topic of the table: tests/architecture/test_tables.py.
+    assert set(RECORDED) == {topic.name for topic in (*TOPICS, *CALLS)}
+    assert set(EXAMPLES) == set(RECORDED)
+
+
+@pytest.mark.parametrize("name", [name for name in EXAMPLES if name != STEREO_IMAGES.name])
+def test_a_message_comes_back_the_same(name: str) -> None:
+    assert_same(EXAMPLES[name], from_json(to_json(EXAMPLES[name]), RECORDED[name].type))
+
+
+def test_a_file_gives_every_message_back_in_order_with_the_time_it_came(recording: Path) -> None:
+    back = list(read_recording(recording))
+    assert [one.topic for one in back] == list(EXAMPLES)
+    assert [one.log_ns for one in back] == list(range(len(EXAMPLES)))
+    for one in back:
+        if one.topic != STEREO_IMAGES.name:
+            assert_same(EXAMPLES[one.topic], one.message)
+
+
+def test_pictures_come_back_as_good_as_their_files_and_the_rest_of_their_message_the_same(recording: Path) -> None:
+    (pair,) = [one.message for one in read_recording(recording) if one.topic == STEREO_IMAGES.name]
+    sent: Any = EXAMPLES[STEREO_IMAGES.name]
+    for side in ("left", "right"):
+        difference = getattr(pair, side).astype(int) - getattr(sent, side)
+        assert np.abs(difference).max() <= JPEG_ERROR
+        pair = msgspec.structs.replace(pair, **{side: getattr(sent, side)})
+    assert_same(sent, pair)
+
+
+def test_every_channel_has_a_schema_that_foxglove_reads_and_its_messages_have_its_fields(recording: Path) -> None:
+    seen: set[str] = set()
+    with recording.open("rb") as stream:
+        for schema, channel, message in make_reader(stream).iter_messages():
+            assert schema is not None
+            seen.add(channel.topic)
+            if channel.topic in VIEWS:
+                assert (channel.message_encoding, schema.encoding) == ("protobuf", "protobuf")
+                assert schema.name == f"foxglove.{VIEWS[channel.topic].__name__}"
+                check_described(schema, message.data)
+            else:
+                assert (channel.message_encoding, schema.encoding) == ("json", "jsonschema")
+                check_readable(msgspec.json.decode(schema.data), msgspec.json.decode(message.data))
+                assert schema.name == f"dlokit.{kind_name(RECORDED[channel.topic].type)}"
+    assert seen == set(VIEWS) | set(RECORDED)
+
+
+def check_described(schema: Schema, data: bytes) -> None:
+    """The file's own description of a message is all that is needed to read it: no field is left over."""
+    pool = DescriptorPool()
+    for file in FileDescriptorSet.FromString(schema.data).file:
+        pool.Add(file)  # fails where a file comes before one that it needs
+    message = GetMessageClass(pool.FindMessageTypeByName(schema.name))()
+    message.ParseFromString(data)
+    assert message.ByteSize() == len(data) > 0
+    assert len(UnknownFieldSet(message)) == 0
+    assert message.ListFields()[0][0].name in ("timestamp", "entities")
+
+
+def check_readable(schema: dict[str, Any], value: Any) -> None:
+    """Foxglove takes objects of primitives, of objects, and of arrays of either; no unions, no arrays of arrays."""
+    if value is None:
+        return
+    match schema["type"]:
+        case "object":
+            assert set(value) == set(schema["properties"])
+            for name, part in schema["properties"].items():
+                check_readable(part, value[name])
+        case "array":
+            assert schema["items"]["type"] != "array"
+            for item in value:
+                check_readable(schema["items"], item)
+        case primitive:
+            python = {"boolean": bool, "integer": int, "number": float | int | str, "string": str}
+            assert isinstance(value, python[primitive])
+
+
+def test_what_is_no_number_in_json_is_one_again() -> None:
+    text = to_json(EXAMPLES["cell/clock"])
+    assert b'"Infinity"' in text
+    assert from_json(text, ClockTick).real_time_factor == float("inf")
+
+
+@pytest.mark.parametrize(
+    ("array", "match"),
+    [
+        ({"dtype": "<f4", "shape": [1], "values": [1.0], "base64": ""}, "array of float64 expected"),
+        ({"dtype": "O", "shape": [1], "values": [1.0], "base64": ""}, "refused; allowed"),
+        ({"dtype": "<f8", "shape": [2], "values": [1.0], "base64": ""}, "cannot reshape"),
+        ({"dtype": "<f8", "shape": [1], "values": [], "base64": "AAAA"}, "cannot decode"),
+        ({"dtype": "<f8"}, "cannot decode"),
+    ],
+)
+def test_an_array_that_is_none_is_refused(array: dict[str, Any], match: str) -> None:
+    plain = msgspec.json.decode(to_json(EXAMPLES["robot/state"])) | {"q_rad": array}
+    with pytest.raises(CommunicationError, match=match):
+        from_json(msgspec.json.encode(plain), RobotState)
+
+
+def test_every_kind_of_action_comes_back_as_itself_and_is_named() -> None:
+    picked: Any = EXAMPLES["planning/action"]
+    fields = {name: getattr(picked, name) for name in picked.__struct_fields__}
+    for kind in (PickPlace, Drag, LayDown, Push):
+        assert_same(kind(**fields), from_json(to_json(kind(**fields)), RECORDED["planning/action"].type))
+    partner = Partner(robot="opposite", grasp=picked.grasp, path=picked.path, velocity=picked.velocity)
+    paired: dict[str, Any] = {**fields, "partner": partner}
+    pair = PairPlace(**paired)
+    assert_same(pair, from_json(to_json(pair), RECORDED["planning/action"].type))
+    assert kind_name(RECORDED["planning/action"].type) == "PickPlace|Drag|LayDown|Push|PairPlace"
+
+
+def test_a_type_that_json_has_no_schema_for_is_not_forgotten() -> None:
+    class Either(Message, frozen=True, kw_only=True, eq=False):
+        value: int | str
+
+    with pytest.raises(CommunicationError, match="no schema in common"):
+        json_schema(Either)
+
+
+def test_numbers_of_messages_that_are_missing_are_counted(tmp_path: Path) -> None:
+    writer = RecordingWriter(tmp_path / "gaps.mcap", {})
+    for seq in (4, 5, 8, 1, 2):  # the publisher was started again after 8
+        writer.add(RECORDED["cell/clock"], seq, ClockTick(stamp_ns=seq, seq=seq))
+    writer.close()
+    assert writer.lost == {"cell/clock": 2}
+
+
+def test_calls_are_numbered_by_their_callers_and_none_is_missing_when_two_call_in_turn(tmp_path: Path) -> None:
+    writer = RecordingWriter(tmp_path / "calls.mcap", {})
+    for seq, caller in ((7, "one"), (1, "other"), (8, "one"), (4, "other")):
+        writer.add(CALLS_BEGUN, seq, CallBegun(stamp_ns=0, seq=seq, skill="robot.stop", call=seq, caller=caller))
+    writer.close()
+    assert writer.lost == {CALLS_BEGUN.name: 2}  # the other's second and third
+
+
+def test_an_enumeration_is_written_by_its_value() -> None:
+    class Colour(enum.Enum):
+        RED = "red"
+
+    assert to_json(Colour.RED) == b'"red"'
