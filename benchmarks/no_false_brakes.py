@@ -24,7 +24,7 @@ from dlokit.bench.faults.live_run import LiveRun, Program, live_run
 from dlokit.communication import topics
 from dlokit.recording.channels import FILE_NAME
 from dlokit.recording.reader import read_recording
-from dlokit.system.run_result import read_result
+from dlokit.system.results.run_result import read_result
 from dlokit.types.skill_call import CallRecord
 
 BRAKED = frozenset({"lease_lost", "lost_commander", "stale_feedback", "neighbour_silent"})

@@ -16,7 +16,7 @@ mpl.use("Agg")
 import tyro  # noqa: E402
 from matplotlib.axes import Axes  # noqa: E402
 
-from dlokit.app.job import job_from_config  # noqa: E402
+from dlokit.app.shape.job import job_from_config  # noqa: E402
 from dlokit.communication.timing import virtual_time  # noqa: E402
 from dlokit.skills.planning.config import PlanningConfig  # noqa: E402
 from dlokit.skills.planning.farthest_config import FarthestConfig  # noqa: E402

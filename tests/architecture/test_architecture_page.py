@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from dlokit.app.graph import DRAWINGS, GraphArgs, run, with_charts
+from dlokit.app.operate.graph import DRAWINGS, GraphArgs, run, with_charts
 from dlokit.errors import InputError
 
 PAGE = Path(__file__).parents[2] / "ARCHITECTURE.md"

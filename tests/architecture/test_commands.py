@@ -9,27 +9,27 @@ from pathlib import Path
 import pytest
 
 from dlokit import app
-from dlokit.app.command import Command
-from dlokit.app.commands import COMMANDS, GROUPS
+from dlokit.app.commands import COMMANDS, GROUPS, Command
 
 LARGE = ("matplotlib", "viser", "numba", "scipy.stats", "pandas", "pyarrow")
 
 
 def command_of(name: str) -> Command[object]:
-    return import_module(f"dlokit.app.{name.replace(' ', '_')}").COMMAND
+    return import_module(f"dlokit.app.{COMMANDS[name].module}").COMMAND
 
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_the_list_says_what_the_command_says_of_itself(name: str) -> None:
     help_page = inspect.getdoc(command_of(name).arguments)
     assert help_page is not None
-    assert help_page.split("\n\n")[0].replace("\n", " ") == COMMANDS[name]
+    assert help_page.split("\n\n")[0].replace("\n", " ") == COMMANDS[name].summary
 
 
 def test_every_module_with_a_command_is_in_the_table() -> None:
     (folder,) = app.__path__
-    holding = {path.stem for path in Path(folder).glob("*.py") if "\nCOMMAND = " in path.read_text(encoding="utf-8")}
-    assert holding == {name.replace(" ", "_") for name in COMMANDS}
+    modules = (path for path in Path(folder).rglob("*.py") if "\nCOMMAND = " in path.read_text(encoding="utf-8"))
+    holding = {".".join(path.relative_to(folder).with_suffix("").parts) for path in modules}
+    assert holding == {row.module for row in COMMANDS.values()}
 
 
 def test_a_command_of_two_words_begins_with_a_group() -> None:

@@ -22,7 +22,7 @@ from dlokit.errors import CommunicationError
 from dlokit.system.build import COMPONENT_NAMES, components_of_run, instances_of_run
 from dlokit.system.component_table import COMPONENTS
 from dlokit.system.config import RunConfig
-from dlokit.system.processes import DECISION, PROCESSES, processes_of_run
+from dlokit.system.table import DECISION, PROCESSES, processes_of_run
 from dlokit.types.dlo import DloState
 from dlokit.types.outcome import Succeeded
 

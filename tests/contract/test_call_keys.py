@@ -9,7 +9,7 @@ from dlokit.communication.wire.envelope import label_of
 from dlokit.communication.zenoh.session import ZenohConfig, open_session
 from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.skills.robot import api
-from dlokit.system.host_agent import free_meeting_point
+from dlokit.system.hosts.agent import free_meeting_point
 from dlokit.types.outcome import Outcome, Rejected, Succeeded
 
 NAMESPACE = "dlokit_test_call_keys"

@@ -1,6 +1,6 @@
 """Results of runs that never ran, for tests of what is told of runs."""
 
-from dlokit.system.run_result import ActionResult, RunResult
+from dlokit.system.results.run_result import ActionResult, RunResult
 from dlokit.types.flow import RunOutcome
 
 

@@ -27,16 +27,16 @@ from dlokit.errors import MachineError, ProcessFailure, SkillFailure
 from dlokit.skills.robot import api
 from dlokit.skills.robot.config import RobotConfig
 from dlokit.skills.robot.lease import LeaseKeeper
-from dlokit.system.child_runtime import run_child
-from dlokit.system.child_spec import ChildSpec
-from dlokit.system.doors import NAMESPACE, other_door
-from dlokit.system.host_agent import free_meeting_point, serve_host
-from dlokit.system.hosts_config import HostsConfig
-from dlokit.system.joined_bus import JoinedBus
-from dlokit.system.lease_keeper import leases_held
-from dlokit.system.live_system import LiveSystem, spread_system
-from dlokit.system.processes import AGAIN, ProcessRow, TimeBase
-from dlokit.system.supervisor import Launch
+from dlokit.system.hosts.agent import free_meeting_point, serve_host
+from dlokit.system.hosts.config import HostsConfig
+from dlokit.system.hosts.doors import NAMESPACE, other_door
+from dlokit.system.live import LiveSystem, spread_system
+from dlokit.system.processes.bus import JoinedBus
+from dlokit.system.processes.child import run_child
+from dlokit.system.processes.child_process import ChildSpec
+from dlokit.system.processes.lease_keeper import leases_held
+from dlokit.system.processes.supervisor import Launch
+from dlokit.system.table import AGAIN, ProcessRow, TimeBase
 from dlokit.types.heartbeat import Heartbeat
 from dlokit.types.robot import MotionResult, RobotMode, RobotState
 

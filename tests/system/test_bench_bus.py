@@ -2,7 +2,7 @@
 
 import pytest
 
-from dlokit.app.bench_bus import by_method
+from dlokit.app.bench.bus import by_method
 from dlokit.bench.bus.comparison import compare
 from dlokit.bench.bus.slow_reader import WAYS, measure_slow_readers
 

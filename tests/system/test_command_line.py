@@ -12,9 +12,9 @@ import numpy as np
 import psutil
 import pytest
 
-from dlokit.app import shape as shape_command
 from dlokit.app.commands import execute, parse
-from dlokit.app.shape import ShapeArgs
+from dlokit.app.shape import shape as shape_command
+from dlokit.app.shape.shape import ShapeArgs
 from dlokit.description.shapes import builtin_shape
 from dlokit.errors import ConfigError, InputError
 from dlokit.functional.cell.dlo_physics import ElasticRod, ElastoplasticChain

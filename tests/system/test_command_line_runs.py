@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from dlokit.system.run_result import read_result
+from dlokit.system.results.run_result import read_result
 from dlokit.types.flow import RunOutcome
 
 pytestmark = pytest.mark.system

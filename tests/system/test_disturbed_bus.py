@@ -13,7 +13,7 @@ from dlokit.communication.skill import Skill
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.communication.zenoh.transport import ZenohTransport
-from dlokit.system.live_system import namespace_of
+from dlokit.system.live import namespace_of
 from dlokit.types.outcome import Succeeded
 
 pytestmark = pytest.mark.system

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from dlokit.system.certificates import make_certificates
-from dlokit.system.lab_host import LabHost
+from dlokit.system.hosts.certificates import make_certificates
+from dlokit.system.hosts.config import LabHost
 
 pytestmark = pytest.mark.system
 

@@ -15,10 +15,10 @@ from dlokit.description.panda_data import PANDA_HOME_Q_RAD
 from dlokit.description.shapes import builtin_shape
 from dlokit.skills.robot import api as robot
 from dlokit.system.config import CONFIG_FILE, RunConfig
-from dlokit.system.live_system import LiveSystem, live_system, namespace_of
-from dlokit.system.processes import CELL, ROBOT, ProcessRow
-from dlokit.system.start_file import write_start
-from dlokit.system.supervisor import Launch
+from dlokit.system.live import LiveSystem, live_system, namespace_of
+from dlokit.system.processes.supervisor import Launch
+from dlokit.system.results.run_folder import write_start
+from dlokit.system.table import CELL, ROBOT, ProcessRow
 from dlokit.system.toml_config import to_toml
 from dlokit.types.outcome import Failed, Rejected, Succeeded
 from dlokit.types.robot import RobotState

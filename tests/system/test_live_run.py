@@ -9,13 +9,13 @@ from pathlib import Path
 import psutil
 import pytest
 
-from dlokit.app.job import job_from_config
-from dlokit.bench.judged_run import judged_run
+from dlokit.app.shape.job import job_from_config
 from dlokit.communication.topics import OBSERVER_EVENT, TOPICS
+from dlokit.evaluation.judged_run import judged_run
 from dlokit.recording.channels import FILE_NAME
 from dlokit.recording.summary import summarise
 from dlokit.system.config import RunConfig
-from dlokit.system.process_report import read_report
+from dlokit.system.processes.report import read_report
 from dlokit.system.shaping import Watcher
 from dlokit.types.flow import FlowStatus, RunOutcome
 
@@ -28,7 +28,7 @@ LIVE = RunConfig(runtime="live", headless=True)
 def started_by(pid: int) -> dict[str, psutil.Process]:
     """The processes of the table that a process has started, by name."""
     children = (child for child in psutil.Process(pid).children() if child.status() != psutil.STATUS_ZOMBIE)
-    return {line[-1]: child for child in children if "dlokit.system.process_main" in (line := child.cmdline())}
+    return {line[-1]: child for child in children if "dlokit.system.processes.main" in (line := child.cmdline())}
 
 
 class Killer(Watcher):

@@ -18,8 +18,8 @@ from tiny_process import ECHO, HANG, WORKER
 from tiny_system import BROKEN, UNPLUGGED, echo_row, tiny_system
 
 from dlokit.errors import InputError, ProcessFailure
-from dlokit.system.live_system import LiveSystem
-from dlokit.system.processes import ProcessRow, Restart
+from dlokit.system.live import LiveSystem
+from dlokit.system.table import ProcessRow, Restart
 from dlokit.types.outcome import Succeeded, Unreachable
 
 pytestmark = pytest.mark.system

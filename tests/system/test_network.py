@@ -13,7 +13,7 @@ from tiny_system import echo_row, tiny_system
 from dlokit.communication import topics
 from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.communication.zenoh.transport import ZenohTransport
-from dlokit.system.live_system import LiveSystem
+from dlokit.system.live import LiveSystem
 from dlokit.types.flow import Command, OperatorCommand
 from dlokit.types.outcome import Succeeded
 

@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from dlokit.app.bench_stop import PERSON
+from dlokit.app.bench.stop import PERSON
 from dlokit.bench.faults.pressing import ROWS, STARTING, PressPlan, measure_presses
 from dlokit.system.config import RunConfig
 

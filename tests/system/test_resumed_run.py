@@ -9,8 +9,8 @@ import psutil
 import pytest
 
 from dlokit.errors import InputError
-from dlokit.system.journal_file import read_journal
-from dlokit.system.run_result import read_result
+from dlokit.system.results.journal_file import read_journal
+from dlokit.system.results.run_result import read_result
 from dlokit.types.flow import RunOutcome
 
 pytestmark = pytest.mark.system

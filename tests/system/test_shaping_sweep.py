@@ -19,7 +19,7 @@ from dlokit.bench.shaping.suites import paper_suite
 from dlokit.bench.shaping.sweep import Workers, run_sweep
 from dlokit.errors import MachineError
 from dlokit.system.config import RunConfig
-from dlokit.system.run_result import RunResult
+from dlokit.system.results.run_result import RunResult
 
 pytestmark = pytest.mark.system
 

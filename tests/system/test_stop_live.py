@@ -14,13 +14,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dlokit.app.stop import stop_all
+from dlokit.app.operate.stop import stop_all
 from dlokit.communication import topics
 from dlokit.communication.transport import Transport
 from dlokit.errors import InputError
-from dlokit.system.joined_bus import join_bus
-from dlokit.system.processes import TimeBase
-from dlokit.system.running import RunningSystem, the_running_system
+from dlokit.system.processes.bus import join_bus
+from dlokit.system.processes.running import RunningSystem, the_running_system
+from dlokit.system.table import TimeBase
 from dlokit.types.robot import RobotState
 
 pytestmark = pytest.mark.system

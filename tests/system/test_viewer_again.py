@@ -12,9 +12,9 @@ import pytest
 from dlokit.communication import topics
 from dlokit.skills.viewer.config import ViewerConfig
 from dlokit.system.config import RunConfig
-from dlokit.system.live_system import live_system, namespace_of
-from dlokit.system.processes import VIEWER, ProcessRow, TimeBase
-from dlokit.system.supervisor import Launch
+from dlokit.system.live import live_system, namespace_of
+from dlokit.system.processes.supervisor import Launch
+from dlokit.system.table import VIEWER, ProcessRow, TimeBase
 from dlokit.system.toml_config import to_toml
 
 pytestmark = pytest.mark.system

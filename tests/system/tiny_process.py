@@ -8,9 +8,9 @@ from dlokit.communication import topics
 from dlokit.communication.component import Component, implements
 from dlokit.communication.skill import Skill
 from dlokit.errors import MachineError
-from dlokit.system.child_runtime import run_child
-from dlokit.system.child_spec import ChildSpec
-from dlokit.system.joined_bus import JoinedBus
+from dlokit.system.processes.bus import JoinedBus
+from dlokit.system.processes.child import run_child
+from dlokit.system.processes.child_process import ChildSpec
 from dlokit.types.clock import ClockTick
 
 TICK_S = 0.01

@@ -6,9 +6,9 @@ from contextlib import AbstractAsyncContextManager
 from pathlib import Path
 
 from dlokit.errors import ProcessFailure
-from dlokit.system.live_system import LiveSystem, live_system, namespace_of
-from dlokit.system.processes import NEVER, ProcessRow, Restart, TimeBase
-from dlokit.system.supervisor import Launch
+from dlokit.system.live import LiveSystem, live_system, namespace_of
+from dlokit.system.processes.supervisor import Launch
+from dlokit.system.table import NEVER, ProcessRow, Restart, TimeBase
 
 OWN = ProcessRow(name="main", components=())
 CELL = ProcessRow(name="cell", components=("cell",), time_base=TimeBase.MACHINE, outlives_s=2.0)

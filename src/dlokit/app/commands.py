@@ -1,76 +1,137 @@
-"""The commands of `dlokit`: each is a module, which is imported when it is asked for.
+"""The commands of `dlokit`: each is a module with a COMMAND, which is imported when it is asked for.
 
 A command must not wait for the libraries of another, `dlokit stop` least of all.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import make_dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, make_dataclass
 from functools import reduce
 from importlib import import_module
 from operator import or_
-from typing import Annotated, Any, NoReturn
+from typing import Annotated, Any, Generic, NoReturn, TypeVar
 
 import tyro
 
-from dlokit.app.command import Command
 from dlokit.app.help_pages import paged
+
+A = TypeVar("A")
+
+
+@dataclass(frozen=True)
+class Command(Generic[A]):
+    """One command; each has a module of its own, where it is called COMMAND."""
+
+    arguments: type[A]
+    """A dataclass: its fields are the flags, its docstring is the help."""
+    run: Callable[[A], int]
+    """Does it, and gives the exit code."""
+    defaults: Callable[[Sequence[str]], A] | None = None
+    """What holds where the command line says nothing, where that depends on the command line (`--config FILE`)."""
+
+
+def flag(metavar: str, default: str = "") -> Any:
+    """A flag that is not set unless it is given; `default` says in words what holds then."""
+    return tyro.conf.arg(metavar=metavar, help_behavior_hint=f"(default: {default})" if default else "")
+
 
 DESCRIPTION = "Bring cables, ropes and wires into the shape you want with a robot and a camera."
 
-COMMANDS: Mapping[str, str] = {
-    "shape": "Bring the DLO from a start to a goal shape by looking at it with the stereo camera.",
-    "demo": "Watch a simulated arm bring a rope from I to S by looking at it with a stereo camera.",
-    "track": "Find the nodes of a DLO in recorded clouds, one after the other, and write them with a picture.",
-    "bench shaping": (
-        "Compare planners and observers on the same starts, goals and cells, in lockstep, judged by the hidden truth."
-    ),
-    "bench simulation": (
-        "Measure where the time of a lockstep run goes: physics, rendering, perception, observer, model."
-    ),
-    "bench observers": "Compare observers on simulated and recorded sequences whose nodes are known.",
-    "bench feasibility": (
-        "Compare verdicts on goals with what the cell's DLO does, laid there and released; nobody plans, "
-        "nothing is drawn."
-    ),
-    "bench stop": (
-        "Kill and freeze the commander of a moving arm at random times on a busy machine, cut its feedback, press stop."
-    ),
-    "bench faults": (
-        "Let something go wrong in live runs, at random times: do they still end as they should, with the arm stopped?"
-    ),
-    "bench bus": "Time messages and calls between two processes, beside bare zenoh and bare pyzmq in turns.",
-    "bench fuzz": (
-        "Send damaged messages through every decoder of the bus; exit code 1 when one crashes, hangs or asks too much."
-    ),
-    "bench latency": "Time a live run from the exposure of each pair of pictures to the decision, hop by hop.",
-    "info": (
-        "Say what is in a recording: its run, versions, settings, topics with counts and rates, calls with outcomes."
-    ),
-    "export": (
-        "Hand recorded runs to people who learn from them: states, targets, goals, robot, actions, calls, pictures."
-    ),
-    "record": "Record a live system that runs, until Ctrl-C or until it ends: all topics, and all skill calls.",
-    "replay": (
-        "Feed one component what it received in a recorded run, and compare what it says now with what it said then."
-    ),
-    "identify": (
-        "Say what the runs of one DLO tell of it: length, radius, stiffness, friction, and whether it takes a set."
-    ),
-    "call": "Call one skill on a running system, and print what became of it.",
-    "stop": "Brake the arms of every running system of yours, now, keep them stopped, and end their tasks.",
-    "enable": "Let the arms of a running system move again that a person has stopped.",
-    "resume": "Go on with a live run that was killed, failed or was cancelled: same goal, what is left of the budget.",
-    "ps": "List the processes of your running systems: state, restarts, heartbeat, processor and memory.",
-    "certs": "Make the certificates with which the hosts of a run on several machines know one another.",
-    "host": "Run this machine's share of runs on several machines, one run after the other, until Ctrl-C.",
-    "skills": "List the skills of all components: arguments with types and units, time limit, and contract.",
-    "graph": "Print the system as Mermaid charts, drawn from the tables that run it.",
-    "doctor": "Tell what this machine has, what it lacks, and the command that mends it.",
-}
-"""What each command does, by the words that call it, which are the name of its module as well.
 
-The first sentence of its own help stands here so that the list of all needs none of the modules.
-"""
+@dataclass(frozen=True)
+class Row:
+    """A row of the table of commands."""
+
+    module: str
+    """Below `dlokit.app`; it has the command as COMMAND."""
+    summary: str
+    """The first sentence of the command's own help: here, so that the list of all needs none of the modules."""
+
+
+COMMANDS: Mapping[str, Row] = {
+    "shape": Row("shape.shape", "Bring the DLO from a start to a goal shape by looking at it with the stereo camera."),
+    "demo": Row("shape.demo", "Watch a simulated arm bring a rope from I to S by looking at it with a stereo camera."),
+    "track": Row(
+        "data.track", "Find the nodes of a DLO in recorded clouds, one after the other, and write them with a picture."
+    ),
+    "bench shaping": Row(
+        "bench.shaping",
+        "Compare planners and observers on the same starts, goals and cells, in lockstep, judged by the hidden truth.",
+    ),
+    "bench simulation": Row(
+        "bench.simulation",
+        "Measure where the time of a lockstep run goes: physics, rendering, perception, observer, model.",
+    ),
+    "bench observers": Row(
+        "bench.observers", "Compare observers on simulated and recorded sequences whose nodes are known."
+    ),
+    "bench feasibility": Row(
+        "bench.feasibility",
+        "Compare verdicts on goals with what the cell's DLO does, laid there and released; nobody plans, "
+        "nothing is drawn.",
+    ),
+    "bench stop": Row(
+        "bench.stop",
+        "Kill and freeze the commander of a moving arm at random times on a busy machine, cut its feedback, "
+        "press stop.",
+    ),
+    "bench faults": Row(
+        "bench.faults",
+        "Let something go wrong in live runs, at random times: do they still end as they should, with the arm stopped?",
+    ),
+    "bench bus": Row(
+        "bench.bus", "Time messages and calls between two processes, beside bare zenoh and bare pyzmq in turns."
+    ),
+    "bench fuzz": Row(
+        "bench.fuzz",
+        "Send damaged messages through every decoder of the bus; exit code 1 when one crashes, hangs or asks too much.",
+    ),
+    "bench latency": Row(
+        "bench.latency", "Time a live run from the exposure of each pair of pictures to the decision, hop by hop."
+    ),
+    "info": Row(
+        "data.info",
+        "Say what is in a recording: its run, versions, settings, topics with counts and rates, calls with outcomes.",
+    ),
+    "export": Row(
+        "data.export",
+        "Hand recorded runs to people who learn from them: states, targets, goals, robot, actions, calls, pictures.",
+    ),
+    "record": Row(
+        "data.record", "Record a live system that runs, until Ctrl-C or until it ends: all topics, and all skill calls."
+    ),
+    "replay": Row(
+        "data.replay",
+        "Feed one component what it received in a recorded run, and compare what it says now with what it said then.",
+    ),
+    "identify": Row(
+        "data.identify",
+        "Say what the runs of one DLO tell of it: length, radius, stiffness, friction, and whether it takes a set.",
+    ),
+    "call": Row("operate.call", "Call one skill on a running system, and print what became of it."),
+    "stop": Row(
+        "operate.stop", "Brake the arms of every running system of yours, now, keep them stopped, and end their tasks."
+    ),
+    "enable": Row("operate.enable", "Let the arms of a running system move again that a person has stopped."),
+    "resume": Row(
+        "shape.resume",
+        "Go on with a live run that was killed, failed or was cancelled: same goal, what is left of the budget.",
+    ),
+    "ps": Row(
+        "operate.ps", "List the processes of your running systems: state, restarts, heartbeat, processor and memory."
+    ),
+    "certs": Row(
+        "operate.certs", "Make the certificates with which the hosts of a run on several machines know one another."
+    ),
+    "host": Row(
+        "operate.host", "Run this machine's share of runs on several machines, one run after the other, until Ctrl-C."
+    ),
+    "skills": Row(
+        "operate.skills", "List the skills of all components: arguments with types and units, time limit, and contract."
+    ),
+    "graph": Row("operate.graph", "Print the system as Mermaid charts, drawn from the tables that run it."),
+    "doctor": Row("doctor.doctor", "Tell what this machine has, what it lacks, and the command that mends it."),
+}
+"""The commands, by the words that call them."""
 
 GROUPS: Mapping[str, str] = {"bench": "Compare and measure; every bench prints a table and writes JSON with --json."}
 """The first words that need a second one."""
@@ -93,7 +154,7 @@ def _command(arguments: Sequence[str]) -> tuple[Command[Any], Sequence[str]]:
     for words in (2, 1):
         name = " ".join(arguments[:words])
         if name in COMMANDS:
-            command: Command[Any] = import_module(f"{__package__}.{name.replace(' ', '_')}").COMMAND
+            command: Command[Any] = import_module(f"{__package__}.{COMMANDS[name].module}").COMMAND
             return command, arguments[words:]
     return _list(arguments)
 
@@ -118,10 +179,10 @@ def _list(arguments: Sequence[str]) -> NoReturn:
     """List the commands, or those of a group, or say which word is none of them; ends the process."""
     if arguments and arguments[0] in GROUPS:
         group = arguments[0]
-        offered = {name.split()[1]: summary for name, summary in COMMANDS.items() if name.startswith(f"{group} ")}
+        offered = {name.split()[1]: row.summary for name, row in COMMANDS.items() if name.startswith(f"{group} ")}
         words, description, arguments = f"dlokit {group}", GROUPS[group], arguments[1:]
     else:
-        offered = {name: summary for name, summary in COMMANDS.items() if " " not in name} | dict(GROUPS)
+        offered = {name: row.summary for name, row in COMMANDS.items() if " " not in name} | dict(GROUPS)
         words, description = "dlokit", DESCRIPTION
     nothings = (_does_nothing(name, summary) for name, summary in offered.items())
     tyro.cli(reduce(or_, nothings), args=list(arguments), prog=words, description=description)

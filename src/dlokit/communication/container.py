@@ -1,4 +1,4 @@
-"""The host: wires components to a bus and answers skill calls (Algorithm 2)."""
+"""The container: wires components to a bus and answers skill calls (Algorithm 2)."""
 
 import asyncio
 import logging
@@ -128,3 +128,10 @@ async def _handle(component: Component, topic: Topic[Any], method: str, stream: 
         except (SkillFailure, SkillRejected, CommunicationError) as error:
             # One bad message must not end the component: it waits for the next.
             log.warning("%s on %s: %s", component.address, topic.name, error)
+
+
+async def end_tasks(*tasks: asyncio.Task[Any]) -> None:
+    """Cancel tasks and wait until they have ended, whatever they end with."""
+    for task in tasks:
+        task.cancel()
+    await asyncio.gather(*tasks, return_exceptions=True)

@@ -73,7 +73,7 @@ def _robot(mount: ArmMount) -> "_Builder":
         from dlokit.skills.robot.component import RobotComponent, no_button
         from dlokit.skills.robot.kinematics import PandaKinematics
         from dlokit.skills.robot.lease import LeaseKeeper
-        from dlokit.system.stop_socket import stop_button, stop_socket
+        from dlokit.system.processes.stop_socket import stop_button, stop_socket
 
         live = config.runtime == "live"
         pulse = ThreadPulse(config.robot.loop_silent_s) if live else loop_pulse
@@ -149,7 +149,7 @@ def _second_arm(config: RunConfig) -> "SecondArm | None":
 
 def _decision(config: RunConfig, wiring: Wiring) -> Component:
     from dlokit.decision.component import DecisionComponent
-    from dlokit.system.journal_file import JournalFile
+    from dlokit.system.results.journal_file import JournalFile
 
     return DecisionComponent(
         config.task,

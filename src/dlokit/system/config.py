@@ -18,7 +18,7 @@ from dlokit.skills.perception.config import PerceptionConfig
 from dlokit.skills.planning.config import PlanningConfig
 from dlokit.skills.robot.config import RobotConfig
 from dlokit.skills.viewer.config import ViewerConfig
-from dlokit.system.hosts_config import HostsConfig
+from dlokit.system.hosts.config import HostsConfig
 
 CONFIG_FILE = "config.toml"
 """What a run was told, in its folder."""

@@ -1,31 +1,228 @@
-"""Live: every process of the table at its own rate, over zenoh; the task runs in this one."""
+"""The live runtime: every process of the table at its own rate, over zenoh; the task runs in this one."""
 
 import asyncio
 import logging
+from collections.abc import AsyncGenerator, Callable, Coroutine
+from contextlib import asynccontextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Any, TypeVar
 
 import msgspec
 
-from dlokit.communication.container import Host
-from dlokit.communication.zenoh.session import OpenSession, open_session
+from dlokit.communication.container import Host, end_tasks
+from dlokit.communication.port import Compute
+from dlokit.communication.timing.clock import Clock, FollowedClock
+from dlokit.communication.zenoh.session import OpenSession, ZenohConfig, open_session
+from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.decision.component import DecisionComponent
 from dlokit.description.arms import ARMS
 from dlokit.errors import ProcessFailure
 from dlokit.skills.planning.loading import load
 from dlokit.system.build import Wiring, build_component, instances_of_run
 from dlokit.system.config import CONFIG_FILE, RunConfig
-from dlokit.system.lease_keeper import leases_held
-from dlokit.system.live_system import LiveSystem, live_system, namespace_of, spread_system
-from dlokit.system.processes import DECISION, processes_of_run
-from dlokit.system.recording import live_recorder, with_calls_told
-from dlokit.system.run_record import RunRecord
+from dlokit.system.hosts.agent import free_meeting_point
+from dlokit.system.hosts.config import HostsConfig
+from dlokit.system.hosts.doors import NAMESPACE, impatient_links, main_door, through_door
+from dlokit.system.hosts.placement import placed
+from dlokit.system.hosts.shares import RemoteShares
+from dlokit.system.processes.bus import join_bus
+from dlokit.system.processes.lease_keeper import leases_held
+from dlokit.system.processes.running import announced
+from dlokit.system.processes.supervisor import PROCESS, Launch, Supervisor
+from dlokit.system.processes.workers import worker_pool
+from dlokit.system.results.recording import live_recorder, with_calls_told
+from dlokit.system.results.run_folder import NOBODYS_BUSINESS, write_start
+from dlokit.system.results.run_record import RunRecord
 from dlokit.system.shaping import ShapeJob, Watcher, shape
-from dlokit.system.start_file import NOBODYS_BUSINESS, write_start
-from dlokit.system.supervisor import PROCESS, Launch
+from dlokit.system.table import DECISION, ProcessRow, processes_of_run
 from dlokit.system.toml_config import to_toml
 from dlokit.types.flow import RunOutcome
+
+T = TypeVar("T")
+
+FIRST_TICK_S = 30.0
+NOTICE_S = 4.0
+"""A task whose call was not answered knows already, and makes the arm safe: it is not disturbed at once."""
+WIND_UP_S = 10.0
+"""Time for a task to end and to say what became of it, once a process has died."""
+TICK_S = 0.02
+SEEN_WITHIN_S = 10.0
+"""Ready processes are on the bus; seeing them there takes milliseconds."""
+
+
+@dataclass(frozen=True)
+class LiveSystem:
+    """A running system, as its decision process sees it."""
+
+    transport: ZenohTransport
+    clock: Clock
+    """The cell's time, or the machine's with hardware."""
+    compute: Compute
+    supervisor: Supervisor
+    bus: ZenohConfig
+    """How another process of this machine joins it."""
+    shares: RemoteShares | None = None
+    """What of it runs on other hosts."""
+
+    async def run(self, main: Coroutine[Any, Any, T], when_failed: Callable[[T, ProcessFailure], T]) -> T:
+        """Result of `main`, which is cancelled when an essential process dies, or when the caller is (Ctrl-C).
+
+        A `main` that ends with a result though it was cancelled has that result returned; after a dead process
+        `when_failed` says what it means. Raises `ProcessFailure` where there is no result, and `InputError` when a
+        process could not work on this machine or with this configuration.
+        """
+        task = asyncio.create_task(main, name="main")
+        watch = asyncio.create_task(self._wait_failed(), name="watch")
+        try:
+            await asyncio.wait({task, watch}, return_when=asyncio.FIRST_COMPLETED)
+            if task.done():
+                return task.result()
+            return await self._wind_up(task, watch, when_failed)
+        except asyncio.CancelledError:
+            task.cancel()
+            return await task
+        finally:
+            await end_tasks(task, watch)
+
+    async def _wait_failed(self) -> None:
+        """Return never, but raise when an essential process is dead for good, or another host's share has ended."""
+        if self.shares is None:
+            return await self.supervisor.wait_failed()
+        own = asyncio.create_task(self.supervisor.wait_failed(), name="watch this host")
+        others = asyncio.create_task(self.shares.wait_failed(), name="watch other hosts")
+        try:
+            done, _ = await asyncio.wait({own, others}, return_when=asyncio.FIRST_COMPLETED)
+            done.pop().result()
+        finally:
+            await end_tasks(own, others)
+
+    async def _wind_up(
+        self, task: "asyncio.Task[T]", watch: "asyncio.Task[None]", when_failed: Callable[[T, ProcessFailure], T]
+    ) -> T:
+        failure = watch.exception()
+        assert failure is not None, "the watch ends only with what it has seen"
+        going_on = asyncio.create_task(_let_time_go_on(self.clock), name="time goes on")
+        try:
+            await asyncio.wait({task}, timeout=NOTICE_S)
+            task.cancel()
+            await asyncio.wait({task}, timeout=WIND_UP_S)
+            if (
+                isinstance(failure, ProcessFailure)
+                and task.done()
+                and not task.cancelled()
+                and task.exception() is None
+            ):
+                return when_failed(task.result(), failure)
+            raise failure
+        finally:
+            await end_tasks(going_on)
+
+
+async def _let_time_go_on(clock: Clock) -> None:
+    """Whoever waits on a clock whose cell has died would wait for ever; so it goes on at the machine's pace."""
+    while isinstance(clock, FollowedClock):
+        await asyncio.sleep(TICK_S)
+        clock.tick(clock.now_ns() + round(TICK_S * 1e9))
+
+
+def _nothing() -> None:
+    pass
+
+
+@asynccontextmanager
+async def _beginning(compute: Compute, work: Callable[[], object]) -> AsyncGenerator[None]:
+    """Begin `work`, which nobody waits for: who needs what it loads loads it, or waits for the rest of it."""
+    working = asyncio.create_task(compute(work), name="meanwhile")
+    try:
+        yield
+    finally:
+        await end_tasks(working)
+
+
+@asynccontextmanager
+async def live_system(
+    rows: tuple[ProcessRow, ...],
+    launch: Launch,
+    open_session: OpenSession = open_session,
+    meanwhile: Callable[[], object] = _nothing,
+) -> AsyncGenerator[LiveSystem]:
+    """Start every process but the first row's, which is this one; stop them in reverse order at the end.
+
+    This process takes a free port of the loopback interface, and the others meet there. Its own worker does `meanwhile`
+    while they start. Raises `ProcessFailure` when one does not start; `MachineError` when no port is free.
+    """
+    own, *others = rows
+    meeting_point = (free_meeting_point(),)
+    own_bus = ZenohConfig(namespace=launch.namespace, listen=meeting_point)
+    others_bus = ZenohConfig(namespace=launch.namespace, connect=meeting_point)
+    # Announced before the first process starts, so that a person can stop a system that still starts.
+    with (
+        announced(launch.run_dir, launch.namespace, meeting_point[0]) as ready,
+        worker_pool() as compute,
+    ):
+        async with (
+            join_bus(own_bus, own.time_base, open_session) as bus,
+            _beginning(compute, meanwhile),
+            Supervisor(tuple(others), launch, others_bus) as supervisor,
+        ):
+            await supervisor.guard(bus.first_tick(FIRST_TICK_S))
+            await supervisor.guard(_all_seen(bus.transport, [name for row in others for name in row.components]))
+            ready()
+            yield LiveSystem(bus.transport, bus.clock, compute, supervisor, others_bus)
+
+
+@asynccontextmanager
+async def spread_system(
+    rows: tuple[ProcessRow, ...],
+    launch: Launch,
+    hosts: HostsConfig,
+    config_toml: str,
+    say: Callable[[str], None],
+    meanwhile: Callable[[], object] = _nothing,
+) -> AsyncGenerator[LiveSystem]:
+    """As `live_system`, on several hosts: this one's processes are started here, the others' by `dlokit host` there.
+
+    `config_toml` is what all of them run with. Raises `ConfigError` for what `hosts` gets wrong, and `ProcessFailure`
+    when a host is missing, or its share does not start.
+    """
+    placement = placed(hosts, rows)
+    meeting_point = free_meeting_point()
+    inside = through_door(meeting_point)
+    own, *local = placement.own
+    with (
+        announced(launch.run_dir, NAMESPACE, meeting_point, client=True) as ready,
+        worker_pool() as compute,
+    ):
+        async with (
+            join_bus(main_door(hosts, placement, meeting_point), own.time_base) as bus,
+            impatient_links(hosts.endpoint),
+            _beginning(compute, meanwhile),
+            Supervisor(tuple(local), launch, inside) as supervisor,
+        ):
+            await supervisor.guard(bus.first_tick(FIRST_TICK_S))
+            shares = RemoteShares(bus.transport, placement.others, config_toml, hosts.wait_s, say)
+            await supervisor.guard(shares.start())
+            try:
+                components = [name for row in rows[1:] for name in row.components]
+                await supervisor.guard(_all_seen(bus.transport, components))
+                ready()
+                yield LiveSystem(bus.transport, bus.clock, compute, supervisor, inside, shares)
+            finally:
+                await shares.end()
+
+
+async def _all_seen(transport: ZenohTransport, components: list[str]) -> None:
+    for component in components:
+        if not await transport.wait_for(component, SEEN_WITHIN_S):
+            raise ProcessFailure(f"component_missing: {component}", "its process runs, but nobody serves it on the bus")
+
+
+def namespace_of(run_dir: Path) -> str:
+    """A name on the bus that belongs to one run folder."""
+    return "dlokit/" + run_dir.resolve().as_posix().strip("/").replace("/", "_").replace("*", "_")
+
 
 log = logging.getLogger(__name__)
 

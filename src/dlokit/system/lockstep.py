@@ -16,8 +16,8 @@ from dlokit.errors import DlokitError
 from dlokit.recording.recorder import Recorder
 from dlokit.system.build import Build, Wiring, build_component, components_of_run, instances_of_run
 from dlokit.system.config import RunConfig
-from dlokit.system.recording import lockstep_recorder, with_calls_recorded
-from dlokit.system.run_record import RunRecord
+from dlokit.system.results.recording import lockstep_recorder, with_calls_recorded
+from dlokit.system.results.run_record import RunRecord
 from dlokit.system.shaping import ShapeJob, Watcher, shape
 from dlokit.types.arrays import Float64Array
 

@@ -1,26 +1,30 @@
-"""One component, built as in a recorded run, is fed that run again and compared with it."""
+"""A recorded run once more: through one component, compared with the recording, or onto the viewer's page."""
 
+import asyncio
 import logging
 import tomllib
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from dlokit.communication import topics
 from dlokit.communication.component import Component
+from dlokit.communication.container import Host, end_tasks
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.errors import InputError
 from dlokit.functional.cameras.played import PlayedCamera, RecordedPair
+from dlokit.recording.channels import topic_of
 from dlokit.recording.comparison import FieldRow, compare
 from dlokit.recording.feeding import Timeline, feed, read_timeline
-from dlokit.recording.reader import RawRecording, read_recording
+from dlokit.recording.reader import RawRecording, Recorded, read_recording
 from dlokit.skills.perception.component import PerceptionComponent
-from dlokit.system.build import Wiring, build_component, instances_of_run
+from dlokit.skills.viewer.component import ViewerComponent
+from dlokit.system.build import Wiring, build_component, build_viewer, instances_of_run
 from dlokit.system.component_table import COMPONENTS
 from dlokit.system.config import RunConfig
-from dlokit.system.recording import what_rounds
-from dlokit.system.start_file import NOBODYS_BUSINESS
+from dlokit.system.results.recording import what_rounds
+from dlokit.system.results.run_folder import NOBODYS_BUSINESS
 from dlokit.system.toml_config import from_plain, known_part
 from dlokit.types.image import StereoImages
 
@@ -138,3 +142,70 @@ def _looks(path: Path, line: Timeline) -> list[tuple[int, int]]:
     kept = {record.publish_time: record.log_time for channel, record in RawRecording(path=path) if channel == PICTURES}
     clouds = {one.message.stamp_ns: one.log_ns for one in line.said}
     return sorted((clouds | kept).items())
+
+
+WATCHED_PARTS = ("viewer", "model", "task")
+"""Of the configuration, what the viewer is built from."""
+
+
+def watch(path: Path, config: RunConfig, rate: float, port: int | None, say: Callable[[str], None]) -> None:
+    """Serve the page, play the recording `rate` times as fast as it was, and stay until Ctrl-C.
+
+    `port` takes the place of the configured one. Raises `InputError` when the file is no recording, `MachineError`
+    when the port cannot be had.
+    """
+    if port is not None:
+        config = replace(config, viewer=replace(config.viewer, port=port))
+    try:
+        asyncio.run(show(path, config, rate, say))
+    except KeyboardInterrupt:
+        say("the page is closed")
+
+
+async def show(path: Path, config: RunConfig, rate: float, say: Callable[[str], None]) -> None:
+    """As `watch`, until it is cancelled."""
+    transport, clock = MemoryTransport(), LoopClock()
+    host = Host(transport, clock, instances=instances_of_run(config))
+    viewer = build_viewer(config, operated=False)
+    host.add(viewer)
+    wanted = _Read()
+    async with host:
+        fault = asyncio.create_task(host.wait_failed())
+        playing = asyncio.create_task(_play(transport, clock, read_recording(path, wanted), rate, viewer, say))
+        try:
+            await asyncio.wait({fault, playing}, return_when=asyncio.FIRST_COMPLETED)
+            (fault if fault.done() else playing).result()
+            await fault  # the page stays
+        finally:
+            await end_tasks(fault, playing)
+
+
+class _Read:
+    """The topics that the viewer reads, whosever they are."""
+
+    def __init__(self) -> None:
+        self._rows = {topic.name for topic in ViewerComponent.subscribes()}
+
+    def __contains__(self, channel: object) -> bool:
+        topic = topic_of(str(channel))
+        return topic is not None and topic.row in self._rows
+
+
+async def _play(
+    transport: MemoryTransport,
+    clock: LoopClock,
+    messages: Iterator[Recorded],
+    rate: float,
+    viewer: ViewerComponent,
+    say: Callable[[str], None],
+) -> None:
+    await viewer.opened.wait()
+    say(f"viewer: {viewer.url}")
+    first_ns, began_ns = None, clock.now_ns()
+    for one in messages:
+        first_ns = one.log_ns if first_ns is None else first_ns
+        await clock.sleep_until(began_ns + round((one.log_ns - first_ns) / rate))
+        topic = topic_of(one.topic)
+        assert topic is not None, f"{one.topic} was read, so it is known"
+        transport.publish(topic, one.message)
+    say("The recording is at its end; Ctrl-C closes the page.")

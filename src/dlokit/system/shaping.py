@@ -3,10 +3,14 @@
 import asyncio
 import contextlib
 import math
+import signal
+import threading
 import time
 from collections import defaultdict
-from collections.abc import AsyncIterator, Coroutine, Sequence
+from collections.abc import AsyncIterator, Callable, Coroutine, Generator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from types import FrameType
 
 from dlokit import __version__
 from dlokit.communication import topics
@@ -16,18 +20,50 @@ from dlokit.decision.component import DecisionComponent
 from dlokit.decision.journal import Journal
 from dlokit.decision.task import GoalRequest, ShapeResult
 from dlokit.decision.task import StepTiming as Visit
-from dlokit.system.action_result import action_result
-from dlokit.system.camera_result import camera_result
 from dlokit.system.config import RunConfig
-from dlokit.system.goal_result import VerdictResult, verdict_result
-from dlokit.system.run_record import ActionShape, RunRecord, StepTiming
-from dlokit.system.run_result import ActionResult, RunResult, config_hash
-from dlokit.system.stop_signals import signals_noted
+from dlokit.system.results.run_record import ActionShape, RunRecord, StepTiming
+from dlokit.system.results.run_result import (
+    ActionResult,
+    RunResult,
+    VerdictResult,
+    action_result,
+    camera_result,
+    config_hash,
+    verdict_result,
+)
 from dlokit.system.toml_config import to_toml
 from dlokit.types.arrays import Float64Array, UInt8Array
 from dlokit.types.candidates import Candidates
 from dlokit.types.flow import FlowStatus
 from dlokit.types.image import StereoImages
+
+NAMES = {signal.SIGINT: "SIGINT (Ctrl-C)", signal.SIGTERM: "SIGTERM"}
+
+
+@contextmanager
+def signals_noted() -> Generator[Callable[[], str]]:
+    """Note which of SIGINT and SIGTERM comes first meanwhile, and pass each on to the handler that was set before.
+
+    Gives a function that names it; empty where none came. None is noted on another thread than the main one, which
+    alone gets signals, nor one that has no handler in Python.
+    """
+    came: list[str] = []
+
+    def note(number: int, frame: FrameType | None) -> None:
+        came.append(NAMES[signal.Signals(number)])
+        handlers[signal.Signals(number)](number, frame)
+
+    handlers: dict[signal.Signals, Callable[[int, FrameType | None], object]] = {}
+    if threading.current_thread() is threading.main_thread():
+        handlers = {number: handler for number in NAMES if callable(handler := signal.getsignal(number))}
+    for number in handlers:
+        signal.signal(number, note)
+    try:
+        yield lambda: came[0] if came else ""
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+
 
 LINGER_S = 2.2
 """The cell runs on this long after the last release [s]: the evaluator judges 2 s after it."""

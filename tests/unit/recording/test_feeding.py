@@ -20,7 +20,7 @@ from dlokit.recording.comparison import FieldRow, compare
 from dlokit.recording.feeding import Asked, Timeline, feed, read_timeline
 from dlokit.recording.recorder import Recorder
 from dlokit.recording.tolerances import tolerance_of
-from dlokit.system.recording import with_calls_recorded
+from dlokit.system.results.recording import with_calls_recorded
 from dlokit.types.dlo_belief import DloBelief, Figure
 from dlokit.types.flow import FlowStatus
 from dlokit.types.outcome import Cancelled

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from dlokit.app.job import job_from_config
+from dlokit.app.shape.job import job_from_config
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.communication.topics import ARM_STATE, CLOCK, OBSERVATION, ROBOT_STATE, STEREO_IMAGES, TOPICS
@@ -16,7 +16,7 @@ from dlokit.skills.perception import api as perception
 from dlokit.skills.robot import api as robot
 from dlokit.system.config import RunConfig
 from dlokit.system.lockstep import lockstep_system
-from dlokit.system.recording import lockstep_recorder
+from dlokit.system.results.recording import lockstep_recorder
 from dlokit.system.toml_config import from_toml
 from dlokit.types.outcome import Succeeded
 from dlokit.types.skill_call import CallBegun, CallRecord

@@ -7,7 +7,7 @@ from collections.abc import Generator
 
 import pytest
 
-from dlokit.system.stop_signals import signals_noted
+from dlokit.system.shaping import signals_noted
 
 
 @pytest.fixture

@@ -4,8 +4,7 @@ import asyncio
 from dataclasses import replace
 from pathlib import Path
 
-from dlokit.system.replay import recorded_config
-from dlokit.system.watching import WATCHED_PARTS, show
+from dlokit.system.replay import WATCHED_PARTS, recorded_config, show
 
 REFERENCE = Path(__file__).parents[2] / "replay" / "references" / "wire.mcap"
 LIMIT_S = 60.0  # it takes one

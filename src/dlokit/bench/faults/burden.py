@@ -4,7 +4,7 @@ import multiprocessing
 from collections.abc import Generator
 from contextlib import contextmanager
 
-from dlokit.system.worker import end_with_parent
+from dlokit.system.processes.workers import end_with_parent
 
 
 @contextmanager

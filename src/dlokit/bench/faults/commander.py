@@ -18,10 +18,10 @@ from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.decision.api import STOP_TASK
 from dlokit.errors import ProcessFailure
 from dlokit.skills.robot.config import RobotConfig
-from dlokit.system.joined_bus import join_bus
-from dlokit.system.lease_keeper import leases_held
-from dlokit.system.processes import TimeBase
-from dlokit.system.worker import end_with_parent
+from dlokit.system.processes.bus import join_bus
+from dlokit.system.processes.lease_keeper import leases_held
+from dlokit.system.processes.workers import end_with_parent
+from dlokit.system.table import TimeBase
 
 FIRST_TICK_S = 30.0
 TAKEN_OVER_S = 60.0

@@ -7,7 +7,6 @@ if __name__ == "__main__":
     from pathlib import Path
 
     from dlokit.bench.faults.disturbance import disturbed_by
-    from dlokit.system.child_runtime import run_child
-    from dlokit.system.component_of_run import component_of_run
+    from dlokit.system.processes.child import component_of_run, run_child
 
     run_child(component_of_run, disturbed_by(Path(sys.argv[1]), os.getpid()))

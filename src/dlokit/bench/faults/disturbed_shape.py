@@ -5,12 +5,12 @@ from functools import partial
 from pathlib import Path
 
 from dlokit.bench.faults.disturbance import disturbed_by
-from dlokit.bench.judged_run import judged_run
 from dlokit.decision.task import GoalRequest
 from dlokit.description.shapes import builtin_shape
+from dlokit.evaluation.judged_run import judged_run
 from dlokit.system.config import RunConfig
 from dlokit.system.live import Starting, run_live
-from dlokit.system.run_folder import claim_run_folder
+from dlokit.system.results.run_folder import claim_run_folder
 from dlokit.system.shaping import ShapeJob, Watcher
 from dlokit.system.toml_config import read_toml
 from dlokit.types.flow import RunOutcome

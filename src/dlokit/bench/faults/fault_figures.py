@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from dlokit.bench.faults.judging import Finding, faults_of
 from dlokit.bench.faults.table import Fault
 from dlokit.bench.report import Figure, figure
-from dlokit.bench.statistics import Interval, median, success_rate, without_interval
+from dlokit.evaluation.statistics import Interval, median, success_rate, without_interval
 from dlokit.types.flow import RunOutcome
 
 ALL = "all"

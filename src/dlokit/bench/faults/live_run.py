@@ -17,10 +17,10 @@ import psutil
 from dlokit.bench.faults.arm_log import ArmLog
 from dlokit.bench.faults.flow_log import FlowLog
 from dlokit.errors import ProcessFailure
-from dlokit.system.joined_bus import JoinedBus, join_bus
-from dlokit.system.process_report import read_report
-from dlokit.system.processes import DECISION, TimeBase
-from dlokit.system.running import RunningSystem, running_systems
+from dlokit.system.processes.bus import JoinedBus, join_bus
+from dlokit.system.processes.report import read_report
+from dlokit.system.processes.running import RunningSystem, running_systems
+from dlokit.system.table import DECISION, TimeBase
 
 DLOKIT = (sys.executable, "-c", "from dlokit.app.main import main; main()")
 """The command line, whatever folder it was installed into."""
@@ -30,7 +30,7 @@ the bench."""
 STARTS_WITHIN_S = 420.0
 TICKS_WITHIN_S = 30.0
 LOOK_EVERY_S = 0.1
-PROCESS_MODULE = "dlokit.system.process_main"
+PROCESS_MODULE = "dlokit.system.processes.main"
 WORKER_MARK = "--multiprocessing-fork"
 
 

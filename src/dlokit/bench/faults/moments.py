@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from dlokit.bench.faults.live_run import LOOK_EVERY_S, LiveRun
-from dlokit.system.tasks import end_tasks
+from dlokit.communication.container import end_tasks
 from dlokit.types.robot import RobotMode
 
 

@@ -16,14 +16,14 @@ from dlokit.bench.faults import commander, programs
 from dlokit.bench.faults.attempts import AttemptLog
 from dlokit.bench.faults.press_verdict import Press, PressRow, StopReport, Watched, all_tried, judged
 from dlokit.bench.faults.state_log import StateLog
+from dlokit.communication.container import end_tasks
 from dlokit.description.arms import ARMS
 from dlokit.errors import ProcessFailure
 from dlokit.skills.robot import api as robot
 from dlokit.system.config import RunConfig
-from dlokit.system.live_system import LiveSystem
-from dlokit.system.running import RunningSystem, the_running_system
-from dlokit.system.stop_socket import STANDS, stop_socket
-from dlokit.system.tasks import end_tasks
+from dlokit.system.live import LiveSystem
+from dlokit.system.processes.running import RunningSystem, the_running_system
+from dlokit.system.processes.stop_socket import STANDS, stop_socket
 from dlokit.types.robot import RobotMode, RobotState
 
 ACTS_WITHIN_S = 90.0

@@ -13,10 +13,10 @@ from dlokit.bench.faults.burden import burden
 from dlokit.bench.faults.press_trials import NOT_ALL, Person, Row, Scene, Trials, until_there
 from dlokit.bench.faults.press_verdict import Press, PressRow, StopReport
 from dlokit.bench.faults.small_system import arm_and_cell
+from dlokit.communication.container import end_tasks
 from dlokit.errors import InputError, ProcessFailure
 from dlokit.system.config import RunConfig
-from dlokit.system.running import RunningSystem, the_running_system
-from dlokit.system.tasks import end_tasks
+from dlokit.system.processes.running import RunningSystem, the_running_system
 
 STARTING_S = 1.5
 """A stop comes within this time of the start of a system [s]: its robot's process is not ready yet."""

@@ -7,10 +7,10 @@ from pathlib import Path
 from dlokit.description.shapes import builtin_shape
 from dlokit.system.build import instances_of_run
 from dlokit.system.config import CONFIG_FILE, RunConfig
-from dlokit.system.live_system import LiveSystem, live_system, namespace_of
-from dlokit.system.processes import CELL, OPPOSITE, ROBOT, ProcessRow
-from dlokit.system.start_file import write_start
-from dlokit.system.supervisor import PROCESS, Launch
+from dlokit.system.live import LiveSystem, live_system, namespace_of
+from dlokit.system.processes.supervisor import PROCESS, Launch
+from dlokit.system.results.run_folder import write_start
+from dlokit.system.table import CELL, OPPOSITE, ROBOT, ProcessRow
 from dlokit.system.toml_config import to_toml
 
 OWN = ProcessRow(name="bench", components=())

@@ -20,8 +20,8 @@ from dlokit.bench.faults.disturbance import Kind, disturb
 from dlokit.bench.faults.small_system import arm_and_cell
 from dlokit.errors import ProcessFailure
 from dlokit.system.config import RunConfig
-from dlokit.system.live_system import LiveSystem
-from dlokit.system.processes import OPPOSITE
+from dlokit.system.live import LiveSystem
+from dlokit.system.table import OPPOSITE
 from dlokit.types.robot import RobotMode
 
 MOVES_WITHIN_S = 60.0

@@ -13,7 +13,7 @@ from dlokit.bench.faults.judging import Finding
 from dlokit.bench.faults.trial import Case, finished, try_case
 from dlokit.errors import InputError
 from dlokit.system.config import RunConfig
-from dlokit.system.run_folder import claim_run_folder
+from dlokit.system.results.run_folder import claim_run_folder
 from dlokit.system.toml_config import to_plain
 
 SWEEP_FILE = "faults.json"

@@ -24,7 +24,7 @@ from dlokit.recording.channels import FILE_NAME
 from dlokit.recording.reader import read_recording
 from dlokit.recording.summary import summarise
 from dlokit.system.config import CONFIG_FILE, RunConfig
-from dlokit.system.run_result import read_result
+from dlokit.system.results.run_result import read_result
 from dlokit.system.toml_config import to_toml
 from dlokit.types.robot import RobotMode
 

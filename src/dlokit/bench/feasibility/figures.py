@@ -8,7 +8,7 @@ from dlokit.bench.feasibility.beliefs import Level
 from dlokit.bench.feasibility.cases import Judged
 from dlokit.bench.feasibility.releases import Happened
 from dlokit.bench.report import Figure, figure
-from dlokit.bench.statistics import success_rate, without_interval
+from dlokit.evaluation.statistics import success_rate, without_interval
 from dlokit.types.feasibility import Standing
 
 ALL = "all"

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from dlokit import geometry
-from dlokit.bench.evaluator import SETTLE_S
 from dlokit.bench.feasibility.beliefs import true_elastic_m3
 from dlokit.description import shapes
+from dlokit.evaluation.evaluator import SETTLE_S
 from dlokit.functional.cell.world import Cell
 from dlokit.skills.model.held_shape import nearest_held
 from dlokit.skills.planning.feasibility import overlaps

@@ -8,7 +8,7 @@ import numpy as np
 from dlokit.bench.observers.metrics import CORRELATION, CORRELATION_FRAMES, FLAGGED, METRICS, Metric
 from dlokit.bench.observers.runner import Trial
 from dlokit.bench.report import Figure, figure
-from dlokit.bench.statistics import Interval, bootstrap
+from dlokit.evaluation.statistics import Interval, bootstrap
 
 ALL_CASES = "all cases"
 """The case of figures over the whole run; its units are seeds."""

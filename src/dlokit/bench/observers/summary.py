@@ -12,7 +12,7 @@ from dlokit.bench.observers.methods import PUBLISHED, default_name
 from dlokit.bench.observers.metrics import CORRELATION, FLAGGED
 from dlokit.bench.observers.runner import Trial
 from dlokit.bench.report import Figure, figure
-from dlokit.bench.statistics import bootstrap
+from dlokit.evaluation.statistics import bootstrap
 
 RATIO = "node error by the best peer's"
 HALF = 0.5

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from dlokit.bench.shaping.experiments import Experiment
 from dlokit.bench.shaping.methods import Method
-from dlokit.system.run_result import RunResult
+from dlokit.system.results.run_result import RunResult
 from dlokit.types.arrays import Float64Array
 
 

@@ -11,8 +11,8 @@ from dlokit.bench.shaping import metrics
 from dlokit.bench.shaping.cases import CaseResult
 from dlokit.bench.shaping.rows import Row, experiment_rows, group_rows
 from dlokit.bench.shaping.verdicts import verdict_figures
-from dlokit.bench.statistics import Interval, bootstrap, median, success_rate, without_interval
-from dlokit.system.run_result import RunResult
+from dlokit.evaluation.statistics import Interval, bootstrap, median, success_rate, without_interval
+from dlokit.system.results.run_result import RunResult
 
 Value = Callable[[RunResult], float | None]
 

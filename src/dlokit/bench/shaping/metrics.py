@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from dlokit.decision.config import TaskConfig
-from dlokit.system.run_result import RunResult
+from dlokit.system.results.run_result import RunResult
 from dlokit.types.feasibility import Standing
 from dlokit.types.flow import RunOutcome
 

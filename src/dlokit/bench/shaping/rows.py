@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from dlokit.bench.shaping.cases import CaseResult
 from dlokit.bench.shaping.metrics import standing
-from dlokit.system.run_result import RunResult
+from dlokit.system.results.run_result import RunResult
 from dlokit.types.feasibility import Standing
 
 ALL = "all"

@@ -11,22 +11,22 @@ from pathlib import Path
 import numpy as np
 
 from dlokit import __version__
-from dlokit.bench.judged_run import judged_run
 from dlokit.bench.shaping.cases import Case, CaseResult, CaseShapes
 from dlokit.bench.shaping.experiments import RANDOM
 from dlokit.bench.shaping.goal_curves import BuiltInGoal
 from dlokit.bench.shaping.methods import with_method
 from dlokit.bench.shaping.oracle import OracleBuild
-from dlokit.bench.truth import read_truth
 from dlokit.decision.task import GoalRequest
 from dlokit.errors import InputError
+from dlokit.evaluation.evaluator import read_truth
+from dlokit.evaluation.judged_run import judged_run
 from dlokit.skills.observer.kernels import warm
 from dlokit.skills.planning.base import Loaded
 from dlokit.system.build import build_component
 from dlokit.system.config import RunConfig
 from dlokit.system.lockstep import run_lockstep
-from dlokit.system.run_record import RunRecord
-from dlokit.system.run_result import RunResult, read_result
+from dlokit.system.results.run_record import RunRecord
+from dlokit.system.results.run_result import RunResult, read_result
 from dlokit.system.shaping import ShapeJob, Watcher
 from dlokit.types.arrays import Float64Array
 from dlokit.types.flow import RunOutcome

@@ -17,7 +17,7 @@ from dlokit.bench.shaping.experiments import Experiment
 from dlokit.bench.shaping.runner import attempt_case, finished_case
 from dlokit.errors import InputError, MachineError
 from dlokit.system.config import RunConfig
-from dlokit.system.run_folder import claim_run_folder
+from dlokit.system.results.run_folder import claim_run_folder
 from dlokit.system.toml_config import to_plain
 from dlokit.types.flow import RunOutcome
 

@@ -9,7 +9,7 @@ from dlokit.bench.shaping import metrics
 from dlokit.bench.shaping.cases import CaseResult
 from dlokit.bench.shaping.rows import Row
 from dlokit.bench.shaping.verdicts import confusion, goals_refuted
-from dlokit.bench.statistics import success_rate
+from dlokit.evaluation.statistics import success_rate
 
 COLUMNS = (
     *("experiment", "method", "converged", "95 %", "actions", "by kind", "robot s", "path m"),

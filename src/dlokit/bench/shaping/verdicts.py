@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from dlokit.bench.report import Figure, figure
 from dlokit.bench.shaping.cases import CaseResult
 from dlokit.bench.shaping.metrics import reached, standing
-from dlokit.bench.statistics import success_rate
+from dlokit.evaluation.statistics import success_rate
 from dlokit.types.feasibility import Standing
 
 VERDICTS = "verdicts"

@@ -5,7 +5,7 @@ from dataclasses import replace
 import msgspec
 import numpy as np
 
-from dlokit.app.bench_stop import stops_hold
+from dlokit.app.bench.stop import stops_hold
 from dlokit.bench.faults.attempts import Attempt
 from dlokit.bench.faults.figures import confirmed_percentile_s, press_figures
 from dlokit.bench.faults.press_verdict import REFUSED, TRIED, Press, PressRow, StopReport, Watched, judged

@@ -2,7 +2,7 @@
 
 import math
 
-from dlokit.app.bench_stop import holds_the_bar
+from dlokit.app.bench.stop import holds_the_bar
 from dlokit.bench.faults.figures import percentile_s, stop_figures
 from dlokit.bench.faults.stopping import Stop, StopFigures
 

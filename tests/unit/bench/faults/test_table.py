@@ -5,7 +5,7 @@ from dataclasses import replace
 from dlokit.bench.faults.table import FAULTS
 from dlokit.bench.faults.trial import cases
 from dlokit.system.config import RunConfig
-from dlokit.system.processes import PROCESSES, Needed
+from dlokit.system.table import PROCESSES, Needed
 
 
 def test_every_process_of_a_run_with_one_arm_is_killed_and_frozen() -> None:

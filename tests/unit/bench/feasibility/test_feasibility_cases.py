@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dlokit.app.bench_feasibility import FeasibilityArgs, run_feasibility
+from dlokit.app.bench.feasibility import FeasibilityArgs, run_feasibility
 from dlokit.bench.feasibility.beliefs import Level, known, true_elastic_m3
 from dlokit.bench.feasibility.cases import Case, bench_dlo, judge_case
 from dlokit.bench.feasibility.made_goals import made_goals

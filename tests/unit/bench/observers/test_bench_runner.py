@@ -11,8 +11,8 @@ import pytest
 from cables import write_cable
 from trials import run_plan
 
-from dlokit.app import bench_observers
-from dlokit.app.bench_observers import ObserversArgs, run_observers
+from dlokit.app.bench import observers
+from dlokit.app.bench.observers import ObserversArgs, run_observers
 from dlokit.bench.observers import peers
 from dlokit.bench.observers.cases import BASE, Case
 from dlokit.bench.observers.clouds import Looks
@@ -173,7 +173,7 @@ def test_an_early_end_keeps_what_was_done(monkeypatch: pytest.MonkeyPatch, tmp_p
         yield done
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(bench_observers, "run_in_workers", interrupted)
+    monkeypatch.setattr(observers, "run_in_workers", interrupted)
     file = tmp_path / "figures.json"
     assert run_observers(ObserversArgs(quick=True, methods="cpd", json=file, out=tmp_path / "out")) == 0
     assert len(msgspec.json.decode(file.read_bytes())["rows"]) == 1
@@ -281,10 +281,10 @@ def test_processes_are_started_with_one_thread_for_linear_algebra(monkeypatch: p
 
 
 def test_a_case_that_is_too_long_for_few_frames_is_left_out_and_named() -> None:
-    plan, left_out = bench_observers._plan(ObserversArgs(frames=30))  # pyright: ignore[reportPrivateUsage]
+    plan, left_out = observers._plan(ObserversArgs(frames=30))  # pyright: ignore[reportPrivateUsage]
     assert all(case.conditions.dark_s == 0.0 for case in plan.cases)
     assert any("dark for 1 s" in reason for reason in left_out)
-    plan, _ = bench_observers._plan(ObserversArgs(quick=True))  # pyright: ignore[reportPrivateUsage]
+    plan, _ = observers._plan(ObserversArgs(quick=True))  # pyright: ignore[reportPrivateUsage]
     assert any(case.conditions.dark_s == 1.0 for case in plan.cases)
 
 

@@ -9,8 +9,7 @@ from dlokit.bench.shaping.experiments import Experiment
 from dlokit.bench.shaping.goal_curves import BuiltInGoal
 from dlokit.bench.shaping.methods import Method
 from dlokit.description import shapes
-from dlokit.system.goal_result import VerdictResult
-from dlokit.system.run_result import ActionResult, RunResult
+from dlokit.system.results.run_result import ActionResult, RunResult, VerdictResult
 from dlokit.types.feasibility import Standing
 from dlokit.types.flow import RunOutcome
 

@@ -15,7 +15,7 @@ from dlokit.bench.shaping.suites import paper_suite
 from dlokit.bench.shaping.sweep import Workers, claim_sweep_folder, run_sweep
 from dlokit.errors import ConfigError, InputError, MachineError
 from dlokit.system.config import RunConfig
-from dlokit.system.run_result import write_result
+from dlokit.system.results.run_result import write_result
 from dlokit.types.flow import RunOutcome
 
 CONFIG = RunConfig(record=False)

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dlokit.bench.truth import read_truth
 from dlokit.communication import topics
 from dlokit.communication.container import Host
 from dlokit.communication.memory import MemoryTransport
@@ -17,6 +16,7 @@ from dlokit.communication.timing.clock import LoopClock
 from dlokit.communication.timing.urgency import Urgency, never_urgent
 from dlokit.description.panda_data import PANDA_HOME_Q_RAD
 from dlokit.description.shapes import builtin_shape
+from dlokit.evaluation.evaluator import read_truth
 from dlokit.functional.cell import api
 from dlokit.functional.cell.component import CellComponent
 from dlokit.functional.cell.config import CellConfig

@@ -1,0 +1,180 @@
+"""`dlokit bench faults`: live runs that something goes wrong in, and how they end."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import tyro
+from rich.console import Console
+from rich.table import Table
+
+from dlokit.app.bench.progress import followed
+from dlokit.app.commands import Command, flag
+from dlokit.app.shape.preflight import check_before_start, prepare
+from dlokit.bench.faults.fault_figures import Row, all_right, fault_rows, figures, recovered_s
+from dlokit.bench.faults.judging import BRAKES_WITHIN_S, Finding, faults_of
+from dlokit.bench.faults.sweep import claim_faults_folder, describe, run_faults
+from dlokit.bench.faults.table import BY_NAME, FAULTS, Fault
+from dlokit.bench.faults.trial import Case, cases
+from dlokit.bench.report import bench_json, machine_facts
+from dlokit.errors import ConfigError, InputError
+from dlokit.system.config import RunConfig
+from dlokit.system.results.run_folder import new_run_folder
+from dlokit.types.flow import RunOutcome
+
+
+def line_of(case: Case, finding: Finding) -> str:
+    """One run in one line."""
+    head = f"{case.folder_name}: "
+    if finding.skipped:
+        return f"{head}skipped: {finding.skipped}"
+    if finding.broken:
+        return f"{head}BROKEN: {finding.broken.splitlines()[0]}"
+    if not finding.struck:
+        return f"{head}the task was done before the fault came, each time"
+    wrong = faults_of(finding, case.fault)
+    ended = "no result" if finding.outcome is None else finding.outcome.value
+    said = [f"in {finding.step}", ended]
+    if finding.reason:
+        said.append(finding.reason.splitlines()[0][:80])
+    if finding.true_rmse_m is not None:
+        said.append(f"true {finding.true_rmse_m * 1e3:.1f} mm")
+    if finding.braked_s is not None:
+        said.append(f"braked after {finding.braked_s * 1e3:.0f} ms")
+    if finding.mended_s and recovered_s(finding) is not None:
+        said.append(f"went on after {finding.mended_s:.0f} s")
+    if finding.lost_s is not None:
+        said.append(f"recording lacks {finding.lost_s:.2f} s")
+    verdict = "as it should" if not wrong else f"WRONG: {'; '.join(wrong)}"
+    return f"{head}{', '.join(said)} ({finding.wall_s:.0f} s) {verdict}"
+
+
+def faults_table(rows: Sequence[Row]) -> Table:
+    """One row a fault."""
+    caption = f"braking must begin within {BRAKES_WITHIN_S * 1e3:.0f} ms; times: median, max"
+    # Without lines between the columns it fits into a terminal of 80.
+    table = Table(title="faults", caption=caption, box=None, padding=(0, 1, 0, 0))
+    headings = ("fault", "runs", "right", "at\nleast", "con-\nverged", "recovers\ns", "brakes\nms", "lost\ns", "left")
+    for heading in headings:
+        table.add_column(heading, justify="left" if heading == "fault" else "right", no_wrap=True)
+    for row in rows:
+        table.add_row(row.name, *_cells(row))
+    return table
+
+
+def _cells(row: Row) -> tuple[str, ...]:
+    skipped = f" ({len(row.others)} not struck)" if row.others else ""
+    rate = row.rate
+    if rate is None or rate.low is None:
+        return (f"0{skipped}", *[""] * 7)
+    return (
+        f"{len(row.judged)}{skipped}",
+        str(row.right),
+        f"{rate.low:.0%}",
+        str(sum(finding.outcome is RunOutcome.CONVERGED for finding in row.findings)),
+        _spread(row.values(recovered_s), 1.0, 1),
+        _spread(row.values(lambda finding: finding.braked_s), 1e3, 0),
+        _spread(row.values(lambda finding: finding.lost_s), 1.0, 2),
+        str(sum(len(finding.left_behind) for finding in row.findings)),
+    )
+
+
+def _spread(values: Sequence[float], factor: float, digits: int) -> str:
+    if not values:
+        return ""
+    return f"{np.median(values) * factor:.{digits}f}, {max(values) * factor:.{digits}f}"
+
+
+FULL_RUNS = 8
+QUICK = ("kill-decision", "freeze-camera", "kill-simulation", "slip-grasp", "fill-disk")
+"""One of each kind."""
+EXIT_WRONG = 3
+
+
+def _headless() -> RunConfig:
+    return RunConfig(runtime="live", headless=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FaultsArgs:
+    """Let something go wrong in live runs, at random times: do they still end as they should, with the arm stopped?
+
+    Try
+      dlokit bench faults --quick
+      dlokit bench faults --faults kill-decision,freeze-camera --runs 3
+      dlokit bench faults --out runs/faults --json faults.json
+
+    Each run is a `dlokit shape` in processes of its own, of one or two actions. What happens to it is a row of a table
+    (docs/reference/bench-faults.md), when it does is drawn from the seed. It is judged from outside: its result and
+    exit code, the arm's own sensors, the hidden truth, the recording, and the machine's table of processes.
+    Ctrl-C keeps what is finished; the same command with the same --out goes on from there.
+
+    Exit code 0: every run ended as it should; 3: not so.
+    """
+
+    faults: Annotated[str, flag("NAMES", "all")] = ""
+    """Only these, e.g. kill-decision,drop-camera."""
+    runs: Annotated[
+        int | None,
+        flag("INT", "8, which makes more than 150; 1 with --quick"),
+    ] = None
+    """Runs of each fault."""
+    quick: bool = False
+    """One run of each of five faults: about five minutes."""
+    json: Annotated[Path | None, flag("FILE")] = None
+    """Also write every figure to this file."""
+    out: Annotated[Path | None, flag("DIR", "runs/<time>-bench-faults/")] = None
+    """Folder for the runs; that of an interrupted sweep is continued."""
+    run: Annotated[RunConfig, tyro.conf.arg(name="")] = field(default_factory=_headless)
+    """Settings of every run; start, goal and runtime are the bench's, --seed that of the first run of a fault."""
+
+
+def run_faults_bench(args: FaultsArgs) -> int:
+    """Run what is not finished yet, and print."""
+    chosen = _chosen(args)
+    runs = args.runs if args.runs is not None else (1 if args.quick else FULL_RUNS)
+    if runs < 1:
+        raise ConfigError(f"--runs is {runs}; it must be 1 or more.")
+    if args.json is not None and not args.json.resolve().parent.is_dir():
+        raise InputError(f"--json {args.json}: there is no folder {args.json.resolve().parent}; create it first.")
+    check_before_start(args.run)
+    folder = args.out or new_run_folder(Path("runs"), "bench-faults", datetime.now())
+    claim_faults_folder(folder, args.run)
+    console = Console()
+    prepare(console, args.run)
+    todo = list(cases(chosen, runs))
+    done = followed(
+        run_faults(todo, args.run, folder),
+        len(todo),
+        folder,
+        console,
+        what="faults",
+        line_of=lambda run: line_of(*run),
+        print_all=lambda runs: console.print(faults_table(fault_rows(_faults_of(runs)))),
+    )
+    results = _faults_of(done)
+    if args.json is not None:
+        facts = {**describe(args.run), "faults": [fault.name for fault in chosen], "runs": runs}
+        args.json.write_bytes(bench_json("faults", figures(results), machine_facts(), facts))
+        console.print(f"figures: {args.json}", soft_wrap=True)
+    console.print(f"runs: {folder}", soft_wrap=True)
+    return 0 if all_right(results) else EXIT_WRONG
+
+
+def _faults_of(runs: list[tuple[Case, Finding]]) -> list[tuple[Fault, Finding]]:
+    return [(case.fault, finding) for case, finding in runs]
+
+
+def _chosen(args: FaultsArgs) -> tuple[Fault, ...]:
+    names = tuple(dict.fromkeys(name.strip() for name in args.faults.split(",") if name.strip()))
+    if unknown := [name for name in names if name not in BY_NAME]:
+        raise ConfigError(f"--faults {unknown[0]!r} is not known; choose of {', '.join(BY_NAME)}.")
+    if not names and args.quick:
+        names = QUICK
+    return tuple(fault for fault in FAULTS if not names or fault.name in names)
+
+
+COMMAND = Command(FaultsArgs, run_faults_bench)

@@ -1,0 +1,240 @@
+"""`dlokit bench observers`: every observer and the published peers on the same clouds."""
+
+import itertools
+import time
+from collections.abc import Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from dlokit.app.commands import Command, flag
+from dlokit.bench.observers import iterations
+from dlokit.bench.observers.cases import CASES, TUNING_SEED, Case, external_cases
+from dlokit.bench.observers.conditions import long_enough
+from dlokit.bench.observers.external import unread_arrays
+from dlokit.bench.observers.figures import ALL_CASES, figures
+from dlokit.bench.observers.methods import choose, default_name
+from dlokit.bench.observers.metrics import METRICS, Metric
+from dlokit.bench.observers.pictures import draw
+from dlokit.bench.observers.report import observers_json
+from dlokit.bench.observers.runner import Plan, Trial
+from dlokit.bench.observers.sequences import RATE_HZ
+from dlokit.bench.observers.summary import HALF, Bar, Compared, bars, compare
+from dlokit.bench.observers.tables import by_key, case_table, methods_of, metric_table, shown
+from dlokit.bench.observers.workers import Said, in_a_worker, run_in_workers
+from dlokit.bench.report import Figure, machine_facts
+from dlokit.errors import ConfigError, InputError, MachineError
+from dlokit.system.results.run_folder import claim_run_folder, new_run_folder
+
+_METRIC = {metric.name: metric for metric in METRICS}
+
+
+def print_figures(rows: Sequence[Figure], console: Console, *, comparable: bool) -> None:
+    """Node errors of every case, every metric of the first one, and what health is worth over all."""
+    methods = methods_of(rows)
+    first = rows[0].case
+    tables = [
+        _table(f"node error, {METRICS[0].shown}", "case", methods, list(case_table(rows, METRICS[0]))),
+        _table(f"case {first!r}, every metric", "metric", methods, list(metric_table(rows, first))),
+    ]
+    if over_all := list(metric_table(rows, ALL_CASES)):
+        tables.append(_table("all cases, what health is worth", "metric", methods, over_all))
+    # A table that folds its figures cannot be read: a narrow or unknown width is overruled.
+    wide = Console(width=max(console.width, 34 + 24 * len(methods)))
+    for table in tables:
+        wide.print(table)
+    times = "times are processor time a frame, one thread"
+    if not comparable:
+        times += "; NOT comparable, because processes ran side by side"
+    console.print(f"default observer: {default_name()}; {times}", highlight=False)
+
+
+def print_summary(rows: Sequence[Figure], compared: Sequence[Compared], plan: Plan, console: Console) -> None:
+    """The default observer, without pins, against the best peer and against the bars."""
+    wide = Console(width=max(console.width, 100))
+    if compared:
+        table = Table(title=f"{default_name()} against the best peer, node error", caption=f"bar: at most {HALF}")
+        for heading in ("case", f"{default_name()} mm", "best peer mm", "peer", "ratio (95 %)", ""):
+            table.add_column(heading, no_wrap=True, justify="left" if heading in ("case", "peer", "") else "right")
+        for one in compared:
+            low, high = one.figure.low, one.figure.high
+            interval = "" if low is None or high is None else f" ({low:.2f} to {high:.2f})"
+            verdict = ("met" if one.met else "MISSED") if one.has_bar else "no bar"
+            ratio = f"{one.figure.value:.2f}{interval}"
+            table.add_row(one.case, f"{one.own_m * 1e3:.1f}", f"{one.peer_m * 1e3:.1f}", one.peer, ratio, verdict)
+        wide.print(table)
+    lines = [line for bar in bars(plan.cases) if (line := _bar_line(bar, rows)) is not None]
+    if lines:
+        table = Table(title=f"bars, default observer {default_name()}")
+        for heading in ("case", "metric", "figure", "bar", ""):
+            table.add_column(heading, no_wrap=True, justify="right" if heading in ("figure", "bar") else "left")
+        for line in lines:
+            table.add_row(*line)
+        wide.print(table)
+
+
+def _bar_line(bar: Bar, rows: Sequence[Figure]) -> tuple[str, ...] | None:
+    row = by_key(rows).get((bar.case, bar.method or default_name(), bar.metric))
+    if row is None:
+        return None
+    metric = _METRIC.get(bar.metric) or Metric(name=bar.metric, unit=row.unit, factor=1.0, shown="")
+    limit = f"{'≥' if bar.is_least else '≤'} {shown(bar.most, metric)} {metric.shown}".rstrip()
+    what = bar.metric if bar.method is None else f"{bar.metric}, {bar.method}"
+    return bar.case, what, shown(row.value, metric), limit, "met" if bar.met(row.value) else "MISSED"
+
+
+def _table(title: str, first: str, methods: Sequence[str], lines: Sequence[tuple[str, ...]]) -> Table:
+    table = Table(title=title, caption="mean over sequences (95 % interval)")
+    table.add_column(first, no_wrap=True)
+    for method in methods:
+        table.add_column(method, justify="right", no_wrap=True)
+    for line in lines:
+        table.add_row(*line)
+    return table
+
+
+FULL_SEEDS, FULL_FRAMES = 10, 100
+QUICK_SEEDS, QUICK_FRAMES = 2, 50
+_LOG_EVERY_S = 30.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObserversArgs:
+    """Compare observers on simulated and recorded sequences whose nodes are known.
+
+    From a base case (30 % hidden in the middle, 2 mm noise, 5 % outliers, full speed) one factor is changed at a
+    time. Prints tables with 95 % intervals over sequences and draws one picture a metric. Ctrl-C keeps what is done.
+    """
+
+    quick: bool = False
+    """Fewer seeds and shorter sequences: some minutes, for a first look."""
+    seeds: Annotated[int | None, flag("INT", "10; 2 with --quick")] = None
+    """Seeds 0 to K-1 of each case."""
+    frames: Annotated[
+        int | None,
+        flag("INT", "100, which are 4 s; 50 with --quick; all of a --sequence"),
+    ] = None
+    """Frames of each sequence at most."""
+    sequence: tyro.conf.UseAppendAction[tuple[tuple[Path, ...], ...]] = ()
+    """External sequences (.npz) in place of the simulated ones; one or more, and again."""
+    methods: Annotated[str, flag("NAMES", "all that are installed")] = ""
+    """Observers and peers to run, e.g. anchored,cpd,pycpd."""
+    jobs: int = 1
+    """Cases side by side, a process each. With more than one, times are not comparable."""
+    json: Annotated[Path | None, flag("FILE")] = None
+    """Also write every figure to this file."""
+    out: Annotated[Path | None, flag("DIR", "runs/<time>-bench-observers/")] = None
+    """Folder for the pictures."""
+
+
+def run_observers(args: ObserversArgs) -> int:
+    """Run the comparison; exit code 0 also when it was ended early, with what was done."""
+    plan, left_out = _plan(args)
+    _check_writable(args.json)
+    console = Console()
+    for reason in left_out:
+        console.print(f"left out: {reason}", highlight=False, soft_wrap=True, markup=False)
+    folder = claim_run_folder(args.out) if args.out else new_run_folder(Path("runs"), "bench-observers", datetime.now())
+    times = _iterations(args)
+    trials, whole = _trials(plan, args.jobs, console)
+    if not trials:
+        console.print("ended before anything was done")
+        return 0 if whole else 1
+    rows, apart = figures(trials), iterations.figures(times)
+    compared = list(compare(trials, plan.cases))
+    if args.json is not None:
+        all_rows = [*rows, *(one.figure for one in compared), *apart]
+        args.json.write_bytes(observers_json(all_rows, machine_facts(), plan, jobs=args.jobs))
+    print_figures(rows, console, comparable=args.jobs == 1)
+    if times:
+        console.print(iterations.table(times))
+    print_summary([*rows, *apart], compared, plan, console)
+    pictures = draw(rows, folder)
+    if args.json is not None:
+        console.print(f"figures: {args.json}")
+    console.print(f"pictures: {len(pictures)} in {folder}")
+    return 0 if whole else 1
+
+
+def _iterations(args: ObserversArgs) -> list[iterations.IterationTimes]:
+    """One iteration of CPD, ours and the packages', where all methods are compared."""
+    if args.sequence or args.methods:
+        return []
+    return in_a_worker(iterations.measure)
+
+
+def _plan(args: ObserversArgs) -> tuple[Plan, tuple[str, ...]]:
+    seeds = args.seeds if args.seeds is not None else (QUICK_SEEDS if args.quick else FULL_SEEDS)
+    frames = args.frames if args.frames is not None else (QUICK_FRAMES if args.quick else FULL_FRAMES)
+    if not 1 <= seeds <= TUNING_SEED or frames < 2:
+        raise ConfigError(
+            f"--seeds {seeds} and --frames {frames}: needed are 1 to {TUNING_SEED} seeds (those above are for tuning) "
+            "and at least 2 frames."
+        )
+    if args.jobs < 1:
+        raise ConfigError(f"--jobs {args.jobs}: at least 1 is needed.")
+    choice = choose(tuple(name.strip() for name in args.methods.split(",") if name.strip()))
+    if args.sequence:
+        whole = args.frames is None and not args.quick
+        paths = tuple(dict.fromkeys(itertools.chain.from_iterable(args.sequence)))
+        cases = external_cases(paths)
+        left_out = tuple(f"arrays of {path}: {', '.join(names)}" for path in paths if (names := unread_arrays(path)))
+        plan = Plan(cases=cases, methods=choice.methods, seeds=seeds, frames=None if whole else frames)
+        return plan, (*choice.left_out, *left_out)
+    short = [case for case in CASES if not long_enough(case.conditions, frames, RATE_HZ)]
+    plan = Plan(
+        cases=tuple(case for case in CASES if case not in short), methods=choice.methods, seeds=seeds, frames=frames
+    )
+    return plan, (*choice.left_out, *(_too_short(case, frames) for case in short))
+
+
+def _too_short(case: Case, frames: int) -> str:
+    return f"the case {case.name!r}: {frames} frames are too few for what comes before and after; use more --frames"
+
+
+def _check_writable(path: Path | None) -> None:
+    """An hour's work must not end at a folder that does not exist."""
+    if path is not None and not path.resolve().parent.is_dir():
+        raise InputError(f"--json {path}: there is no folder {path.resolve().parent}; create it or name another.")
+
+
+def _trials(plan: Plan, jobs: int, console: Console) -> tuple[list[Trial], bool]:
+    """What was done, and whether nothing broke."""
+    trials: list[Trial] = []
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with (
+        Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress,
+        closing(run_in_workers(plan, jobs)) as said,
+    ):
+        bar = progress.add_task("observers", total=plan.trials)
+        logged_s = time.monotonic()
+        try:
+            for item in said:
+                if isinstance(item, Trial):
+                    trials.append(item)
+                progress.update(bar, completed=len(trials), description=_where(item))
+                if not console.is_terminal and time.monotonic() - logged_s > _LOG_EVERY_S:
+                    # Nothing moves in a log: a line now and then shows that it goes on.
+                    logged_s = time.monotonic()
+                    console.print(f"{len(trials)} of {plan.trials}: {_where(item)}", highlight=False, soft_wrap=True)
+        except KeyboardInterrupt:
+            console.print(f"ended early: {len(trials)} of {plan.trials} trials are done; figures are of these")
+        except MachineError as error:
+            console.print(f"{error} Figures are of the {len(trials)} of {plan.trials} trials done.", soft_wrap=True)
+            return trials, False
+    return trials, True
+
+
+def _where(item: Said) -> str:
+    where = f"{item.case}, seed {item.seed}, {item.method}"
+    return where if isinstance(item, Trial) else f"{where}, frame {item.frame} of {item.frames}"
+
+
+COMMAND = Command(ObserversArgs, run_observers)

@@ -1,0 +1,247 @@
+"""`dlokit bench shaping`: planners and observers on the same starts and goals, judged by the hidden truth."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from datetime import datetime
+from itertools import chain
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from rich.console import Console
+from rich.table import Table
+
+from dlokit.app.bench.progress import followed
+from dlokit.app.commands import Command, flag
+from dlokit.app.shape.job import config_file_of
+from dlokit.app.shape.preflight import prepare
+from dlokit.bench.report import bench_json, machine_facts
+from dlokit.bench.shaping.cases import Case, CaseResult, cases
+from dlokit.bench.shaping.cluster import check_address
+from dlokit.bench.shaping.experiments import Experiment
+from dlokit.bench.shaping.figures import figures
+from dlokit.bench.shaping.methods import IDEAL, Method, methods_of, with_method
+from dlokit.bench.shaping.metrics import falsely_converged, standing
+from dlokit.bench.shaping.pictures import draw
+from dlokit.bench.shaping.rows import experiment_rows, group_rows, verdict_row
+from dlokit.bench.shaping.suites import SEEDS_APART, SUITE_NAMES, suite_of
+from dlokit.bench.shaping.sweep import Workers, claim_sweep_folder, describe, run_sweep
+from dlokit.bench.shaping.tables import COLUMNS, outcomes, overview, verdict_lines
+from dlokit.errors import ConfigError, InputError
+from dlokit.functional.cell.randomisation import RANDOMISED, Randomisation
+from dlokit.system.config import RunConfig
+from dlokit.system.results.run_folder import new_run_folder
+from dlokit.system.toml_config import read_toml
+from dlokit.types.feasibility import Standing
+
+TABLE_WIDTH = 190
+MOST_EXPERIMENTS = 15
+"""A suite of more experiments has a table of its groups; all figures are in the JSON file."""
+_LEFT = 2
+
+
+def line_of(done: CaseResult) -> str:
+    """A case in one line."""
+    case, result = done.case, done.result
+    rmse = "-" if result.rmse_m is None else f"{result.rmse_m * 1e3:.1f} mm"
+    true = "-" if result.true_rmse_m is None else f"{result.true_rmse_m * 1e3:.1f} mm"
+    actions = "action" if result.actions == 1 else "actions"
+    return (
+        f"{case.experiment.name:12} seed {case.seed}  {case.method.name:14}  {result.outcome.value:10} "
+        f"{result.actions:3d} {actions:7}  RMSE {rmse:>8}  true {true:>8}  "
+        f"{result.sim_time_s:6.1f} s simulated in {result.wall_time_s:6.1f} s"
+        + ("  (FALSE)" if falsely_converged(result) else "")
+        + (f"  ({result.reason})" if result.reason else "")
+    )
+
+
+def print_results(results: Sequence[CaseResult], console: Console) -> None:
+    """The tables, how runs ended, and verdicts against what happened."""
+    # A table that folds its figures cannot be read: a narrow or unknown width is overruled.
+    wide = Console(file=console.file, width=max(console.width, TABLE_WIDTH))
+    wide.print(_table(results))
+    for heading, lines in (("how runs ended", outcomes(results)), ("verdicts", verdict_lines(results))):
+        console.print(f"[bold]{heading}[/]", highlight=False)
+        for line in lines:
+            console.print(f"  {line}", highlight=False, soft_wrap=True, markup=False)
+    for done in results:
+        if done.fault:
+            where = f"{done.case.experiment.name}, seed {done.case.seed}, {done.case.method.name}"
+            console.print(f"broke down, run again by the same command: {where}: {done.fault}", markup=False)
+
+
+def _table(results: Sequence[CaseResult]) -> Table:
+    table = Table(caption="median (largest) over runs; by kind: all runs together; false: reported below, truly above")
+    for at, heading in enumerate(COLUMNS):
+        table.add_column(heading, justify="left" if at < _LEFT else "right", no_wrap=True)
+    few = len({done.case.experiment.name for done in results}) <= MOST_EXPERIMENTS
+    rows = chain(experiment_rows(results), group_rows(results)) if few else group_rows(results)
+    # Where all goals have the same verdict, its row says what the last one says.
+    repeated = {verdict_row(said) for said in Standing if all(standing(done.result) is said for done in results)}
+    for row in overview(row for row in rows if row.name not in repeated):
+        table.add_row(*row)
+    return table
+
+
+FULL_SEEDS = 5
+QUICK_SEEDS = {"paper": 3, "goals": 1, "stiffness": 2, "wires": 1}
+QUICK_JOBS = 2
+EXIT_FAULT = 1
+
+
+def shaping_defaults(config_file: Path | None = None) -> RunConfig:
+    """The settings of every run where nothing else is said: as shipped, or those of a file. Raises `ConfigError`."""
+    run = RunConfig() if config_file is None else read_toml(config_file, RunConfig)
+    # A verdict is compared with what happens: a goal that is said not to hold is tried all the same.
+    return replace(run, record=False, task=replace(run.task, infeasible="try"))
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShapingArgs:
+    """Compare planners and observers on the same starts, goals and cells, in lockstep, judged by the hidden truth.
+
+    Try
+      dlokit bench shaping --quick --planner farthest,rollout
+      dlokit bench shaping --suite goals goals.npy --randomised --seeds 2 --jobs 2 --out runs/goals
+      dlokit bench shaping --suite stiffness --oracle
+      dlokit bench shaping --suite wires --randomised --config examples/configurations/wire.toml
+
+    Prints tables with 95 % intervals, draws start, goal and end of every case, and leaves every run's files in its own
+    folder. Ctrl-C keeps what is finished; the same command with the same --out goes on from there.
+    """
+
+    suite: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME [FILE]")] = ("paper",)
+    """paper: its five experiments. goals FILE: curves of a .npy file (G, K, 3). stiffness: an S for rods of rising
+    stiffness. wires: the paper's with published wires, which take a set."""
+    seeds: Annotated[int | None, flag("INT", "5; 1 to 3 with --quick")] = None
+    """Seeds 0 to K-1 of each experiment."""
+    first_seed: int = 0
+    """Seeds F to F+K-1 in place of 0 to K-1; what was tuned on some (1000 and more) is reported on others."""
+    planner: Annotated[str, flag("NAMES", "the configuration's")] = ""
+    """Planners to compare on the same starts, e.g. farthest,rollout."""
+    observer: Annotated[str, flag("NAMES", "the configuration's")] = ""
+    """Observers to compare, each with every planner, e.g. map,cpd."""
+    randomised: bool = False
+    """Draw friction, stiffness, weight, curl, hand-eye error, tilt of the table, light and colour from each seed."""
+    oracle: bool = False
+    """Take the state from the cell's truth instead of from the camera: what planning is worth without seeing."""
+    quick: bool = False
+    """Fewer seeds and experiments, two at a time: within 15 minutes on two cores."""
+    jobs: Annotated[int | None, flag("INT", "1; 2 with --quick")] = None
+    """Runs side by side, a process each."""
+    cluster: str = ""
+    """Address of a cluster whose workers run the cases: tcp://HOST:PORT (Dask) or ray://HOST:PORT."""
+    json: Annotated[Path | None, flag("FILE")] = None
+    """Also write every figure to this file."""
+    out: Annotated[Path | None, flag("DIR", "runs/<time>-bench-shaping/")] = None
+    """Folder for the runs; that of an interrupted sweep is continued."""
+    config: Annotated[Path | None, flag("FILE")] = None
+    """A configuration: its settings hold where this command line says nothing else."""
+    run: Annotated[RunConfig, tyro.conf.arg(name="")] = field(default_factory=shaping_defaults)
+    """Settings of every run; start, goal, seed and runtime are the bench's. Goals that may not hold are tried, and runs
+    recorded only with `--record`."""
+
+
+def run_shaping(args: ShapingArgs) -> int:
+    """Run the suite; exit code 0 when every run ended, converged or not, 1 when one broke down."""
+    suite, experiments = _suite(args)
+    config, methods, todo, workers = _plan(args, suite, experiments)
+    _check_writable(args.json)
+    console = Console()
+    folder = args.out or new_run_folder(Path("runs"), "bench-shaping", datetime.now())
+    claim_sweep_folder(folder, config, suite, experiments, oracle=args.oracle)
+    console.print(_headline(args, suite, config, todo), highlight=False, soft_wrap=True)
+    if not args.cluster:
+        for method in methods:
+            prepare(console, with_method(config, method))
+    sweep = run_sweep(todo, config, folder, workers)
+    results = followed(
+        sweep,
+        len(todo),
+        folder,
+        console,
+        what="shaping",
+        line_of=line_of,
+        print_all=lambda done: print_results(sorted(done, key=_order(todo)), console),
+    )
+    results.sort(key=_order(todo))
+    if args.json is not None:
+        described = describe(config, suite, experiments, oracle=args.oracle)
+        facts = {**described, "seeds": sorted({case.seed for case in todo}), "jobs": workers.jobs}
+        args.json.write_bytes(bench_json("shaping", figures(results), machine_facts(), facts))
+        console.print(f"figures: {args.json}", soft_wrap=True)
+    for path in draw(results, folder):
+        console.print(f"pictures: {path}", soft_wrap=True)
+    console.print(f"runs: {folder}", soft_wrap=True)
+    return EXIT_FAULT if any(done.fault for done in results) else 0
+
+
+def _suite(args: ShapingArgs) -> tuple[str, tuple[Experiment, ...]]:
+    name, *files = args.suite or ("",)
+    if len(files) > 1:
+        raise ConfigError(f"--suite {' '.join(args.suite)}: a suite takes one file at most ({', '.join(SUITE_NAMES)}).")
+    return name, suite_of(name, Path(files[0]) if files else None, quick=args.quick)
+
+
+def _plan(
+    args: ShapingArgs, suite: str, experiments: Sequence[Experiment]
+) -> tuple[RunConfig, tuple[Method, ...], list[Case], Workers]:
+    """What is to be run; whatever is wrong with it is told before anything runs."""
+    seeds = args.seeds if args.seeds is not None else (QUICK_SEEDS[suite] if args.quick else FULL_SEEDS)
+    jobs = args.jobs if args.jobs is not None else (QUICK_JOBS if args.quick else 1)
+    if seeds < 1 or jobs < 1 or args.first_seed < 0 or args.first_seed + seeds > SEEDS_APART:
+        raise ConfigError(
+            f"--seeds {seeds}, --jobs {jobs}, --first-seed {args.first_seed}: at least 1, 1 and 0 are needed, and "
+            f"seeds below {SEEDS_APART}."
+        )
+    if args.oracle and args.observer:
+        raise ConfigError(f"--oracle takes the place of an observer: leave --observer {args.observer} away.")
+    observers = (IDEAL,) if args.oracle else _names(args.observer)
+    config = _randomised(args)
+    methods = methods_of(config, observers, _names(args.planner))
+    for method in methods:
+        with_method(config, method)
+    check_address(args.cluster)
+    todo = list(cases(experiments, seeds, methods, first_seed=args.first_seed))
+    return config, methods, todo, Workers(jobs=jobs, cluster=args.cluster)
+
+
+def _randomised(args: ShapingArgs) -> RunConfig:
+    cell = args.run.cell
+    if not args.randomised:
+        return args.run
+    if cell.randomisation != Randomisation():
+        raise ConfigError(
+            "--randomised draws everything: with --cell.randomisation.… of your own choice leave it away."
+        )
+    return replace(args.run, cell=replace(cell, randomisation=RANDOMISED))
+
+
+def _names(listed: str) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(name.strip() for name in listed.split(",") if name.strip()))
+
+
+def _check_writable(path: Path | None) -> None:
+    """Hours of work must not end at a folder that does not exist."""
+    if path is not None and not path.resolve().parent.is_dir():
+        raise InputError(f"--json {path}: there is no folder {path.resolve().parent}; create it or name another.")
+
+
+def _headline(args: ShapingArgs, suite: str, config: RunConfig, todo: Sequence[Case]) -> str:
+    drawn = "one cell for all" if config.cell.randomisation == Randomisation() else "a randomised cell for each seed"
+    seen = "state from the truth (oracle)" if args.oracle else "perception in the loop"
+    threshold_mm = config.task.threshold_m * 1e3
+    return f"suite {suite}: {len(todo)} runs, {drawn}, {seen}, threshold {threshold_mm:g} mm"
+
+
+def _order(todo: Sequence[Case]) -> Callable[[CaseResult], int]:
+    rank = {case.folder_name: at for at, case in enumerate(todo)}
+    return lambda done: rank[done.case.folder_name]
+
+
+def _defaults(arguments: Sequence[str]) -> ShapingArgs:
+    config = config_file_of(arguments)
+    return ShapingArgs(config=config, run=shaping_defaults(config))
+
+
+COMMAND = Command(ShapingArgs, run_shaping, _defaults)

@@ -1,0 +1,1 @@
+"""Commands for recorded data: `info`, `record`, `replay`, `export`, `identify`, `track`."""

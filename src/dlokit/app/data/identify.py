@@ -1,0 +1,182 @@
+"""`dlokit identify`: what the actions of recorded runs say of the DLO."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure as Drawing
+from matplotlib.ticker import MaxNLocator
+from rich.console import Console
+from rich.table import Table
+
+from dlokit.app.commands import Command, flag
+from dlokit.app.data.measuring import Measures, measure
+from dlokit.errors import InputError
+from dlokit.recording.channels import FILE_NAME
+from dlokit.recording.reader import read_recording
+from dlokit.skills.model.belief import as_configured
+from dlokit.skills.model.config import ModelConfig
+from dlokit.skills.model.identification.history import Lesson, lessons
+from dlokit.skills.model.identification.posterior import as_believed
+from dlokit.skills.model.identification.recorded import experiences
+from dlokit.system.config import CONFIG_FILE, RunConfig
+from dlokit.system.toml_config import read_toml, to_toml
+from dlokit.types.dlo_belief import DloBelief, Figure
+
+
+def write_picture(path: Path, lessons: Sequence[Lesson]) -> None:
+    """Write a PNG with both plots."""
+    figure = Drawing(figsize=(9.0, 3.6), layout="constrained")
+    FigureCanvasAgg(figure)
+    left, right = figure.subplots(1, 2)
+    _errors(left, lessons)
+    _belief(right, lessons)
+    figure.savefig(path, dpi=120)
+
+
+def _errors(axes: Axes, lessons: Sequence[Lesson]) -> None:
+    numbers = range(1, len(lessons) + 1)
+    axes.plot(numbers, [lesson.configured_m * 1e3 for lesson in lessons], "o--", color="0.55", label="as configured")
+    axes.plot(numbers, [lesson.learnt_m * 1e3 for lesson in lessons], "o-", color="C0", label="as learnt before it")
+    axes.set_ylim(bottom=0.0)
+    axes.set_xlabel("action")
+    axes.set_ylabel("error of the prediction, mm")
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.legend(frameon=False)
+
+
+def _belief(axes: Axes, lessons: Sequence[Lesson]) -> None:
+    numbers = list(range(1, len(lessons) + 1))
+    beliefs = [lesson.belief.elastic_m3 for lesson in lessons]
+    low, high = zip(*(figure.between() for figure in beliefs), strict=True)
+    axes.fill_between(numbers, low, high, color="C0", alpha=0.2, linewidth=0.0, label="95 %")
+    axes.plot(numbers, [figure.value for figure in beliefs], "o-", color="C0")
+    for number, lesson in zip(numbers, lessons, strict=True):
+        if lesson.belief.yield_curvature_1_m is not None:
+            axes.annotate("set", (number, lesson.belief.elastic_m3.value), xytext=(0, 6), textcoords="offset points")
+    axes.set_yscale("log")
+    axes.set_xlabel("actions learnt from")
+    axes.set_ylabel("EI / (μ w), m³")
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.legend(frameon=False)
+
+
+LEARNT_FILE = "identified.toml"
+PICTURE_FILE = "identified.png"
+TABLE_WIDTH = 100
+
+
+@dataclass(frozen=True, kw_only=True)
+class IdentifyArgs:
+    """Say what the runs of one DLO tell of it: length, radius, stiffness, friction, and whether it takes a set.
+
+    Length and radius are measured in the pictures. Each action is played again in the rod of planning, for many rods,
+    and compared with what the camera saw.
+
+    Try
+      dlokit identify runs/<run>
+      dlokit identify runs/<run> runs/<other run of the same DLO>
+      dlokit shape --config runs/<run>/identified.toml --goal S      a run that knows the DLO
+
+    Written are identified.toml, the configuration of the last run with the figures found, and identified.png.
+    Exit code: 0; 2 when a folder holds no recorded run, or one that says nothing.
+    """
+
+    runs: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    """Folders of runs of one DLO, in their order."""
+    out: Annotated[Path | None, flag("DIR", "the last run's folder")] = None
+    """Folder for what is written."""
+
+
+def run(args: IdentifyArgs) -> int:
+    """Read, learn, print and write."""
+    if not args.runs:
+        raise InputError("no run is named; give the folders of one or more runs, e.g. dlokit identify runs/<run>.")
+    config = read_toml(args.runs[-1] / CONFIG_FILE, RunConfig)
+    size = measure(read_recording(args.runs[-1] / FILE_NAME), config.perception)
+    model = config.model if size is None else _with_size(config.model, size)
+    seen = [lesson for folder in args.runs for lesson in experiences(read_recording(folder / FILE_NAME))]
+    found = lessons(model, seen)
+    if not found and size is None:
+        raise InputError(
+            f"{', '.join(map(str, args.runs))}: the DLO is in no picture, and no action held and moved it; "
+            f"give a run that saw it."
+        )
+    out = args.out or args.runs[-1]
+    out.mkdir(parents=True, exist_ok=True)
+    belief = found[-1].belief if found else as_configured(model, stamp_ns=0)
+    learnt = replace(config, model=as_believed(model, belief))
+    (out / LEARNT_FILE).write_text(to_toml(learnt), encoding="utf-8")
+    console = Console()
+    console = Console(width=max(console.width, TABLE_WIDTH))
+    written = [out / LEARNT_FILE]
+    if found:
+        console.print(_actions(found))
+        write_picture(out / PICTURE_FILE, found)
+        written.append(out / PICTURE_FILE)
+    console.print(_figures(belief, config, size))
+    console.print(f"written: {', '.join(map(str, written))}", highlight=False, markup=False, soft_wrap=True)
+    return 0
+
+
+def _with_size(model: ModelConfig, size: Measures) -> ModelConfig:
+    told = as_configured(model, stamp_ns=0)
+    length, radius = told.length_m.with_measured(size.length_m), told.radius_m.with_measured(size.radius_m)
+    sure = replace(model.belief, length_log_sd=length.log_sd, radius_log_sd=radius.log_sd)
+    return replace(model, length_m=length.value, radius_m=radius.value, belief=sure)
+
+
+def _actions(found: list[Lesson]) -> Table:
+    table = Table(title="actions", caption="prediction error: of all nodes, RMSE; as learnt: from the actions before")
+    for heading in ("action", "moved, mm", "as configured, mm", "as learnt, mm", "EI/(μ w), cm³", "takes a set"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for lesson in found:
+        low, high = lesson.belief.elastic_m3.between()
+        bend = lesson.belief.yield_curvature_1_m
+        table.add_row(
+            str(lesson.action),
+            f"{lesson.moved_m * 1e3:.0f}",
+            f"{lesson.configured_m * 1e3:.1f}",
+            f"{lesson.learnt_m * 1e3:.1f}",
+            f"{lesson.belief.elastic_m3.value * 1e6:.0f} ({low * 1e6:.0f} to {high * 1e6:.0f})",
+            "no" if bend is None else f"beyond {bend:g} /m",
+        )
+    return table
+
+
+def _figures(belief: DloBelief, config: RunConfig, size: Measures | None) -> Table:
+    table = Table(title=f"the DLO, from {0 if size is None else size.looks} looks and {belief.actions} actions")
+    for heading in ("", "configured", "found", "95 % within"):
+        table.add_column(heading, justify="left" if not heading else "right", no_wrap=True)
+    model = config.model
+    rows: tuple[tuple[str, float, Figure], ...] = (
+        ("length, m", model.length_m, belief.length_m),
+        ("radius, m", model.radius_m, belief.radius_m),
+        ("bending stiffness EI, N·m²", model.bending_stiffness_n_m2, belief.bending_stiffness_n_m2),
+        ("friction μ", model.friction, belief.friction),
+        (
+            "EI/(μ w), m³",
+            model.bending_stiffness_n_m2 / (model.friction * belief.weight_n_m.value),
+            belief.elastic_m3,
+        ),
+    )
+    for name, before, figure in rows:
+        low, high = figure.between()
+        table.add_row(name, f"{before:.3g}", f"{figure.value:.3g}", f"{low:.3g} to {high:.3g}")
+    bend = belief.yield_curvature_1_m
+    told = model.yield_curvature_1_m
+    table.add_row(
+        "keeps a bend beyond, 1/m",
+        "never" if told is None else f"{told:g}",
+        "never" if bend is None else f"{bend:g}",
+        "",
+    )
+    table.add_row("tightest arc that friction holds, cm", "", f"{belief.held_radius_m * 100:.1f}", "")
+    return table
+
+
+COMMAND = Command(IdentifyArgs, run)

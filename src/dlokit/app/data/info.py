@@ -1,0 +1,135 @@
+"""`dlokit info`: what is in a recording."""
+
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, cast
+
+import tyro
+from rich.console import Console
+from rich.table import Table
+
+from dlokit.app.commands import Command
+from dlokit.errors import InputError
+from dlokit.recording.channels import FILE_NAME
+from dlokit.recording.summary import RecordingSummary, summarise
+from dlokit.system.config import RunConfig
+from dlokit.system.toml_config import to_plain
+
+TABLE_WIDTH = 100
+WHOLE = "The file is whole."
+CUT_OFF = "The file was cut off: its writer was killed. What came before is whole, and all that is shown here."
+
+
+@dataclass(frozen=True, kw_only=True)
+class InfoArgs:
+    """Say what is in a recording: its run, versions, settings, topics with counts and rates, calls with outcomes.
+
+    Every `dlokit shape` and `dlokit demo` leaves one, unless told not to by `--no-record`.
+
+    Try
+      dlokit info runs/<run>/recording.mcap
+      dlokit info runs/<run>                                   the same
+      dlokit info runs/<run> --configuration > again.toml      all settings; dlokit shape --config again.toml
+
+    The file opens in Foxglove and in Rerun as well. Exit code: 0, also when the file was cut off; 2 when it is none.
+    """
+
+    file: Annotated[Path, tyro.conf.Positional]
+    """The recording.mcap of a run, or the run's folder."""
+    configuration: bool = False
+    """Print the run's whole config.toml, and nothing else."""
+
+
+def run(args: InfoArgs) -> int:
+    """Read the file through and print."""
+    path = args.file / FILE_NAME if args.file.is_dir() else args.file
+    summary = summarise(path)
+    if args.configuration:
+        print(_toml(path, summary), end="")
+        return 0
+    console = Console()
+    # A table that folds its figures cannot be read: a narrow or unknown width is overruled.
+    console = Console(width=max(console.width, TABLE_WIDTH))
+    for line in _head(path, summary):
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
+    console.print(_topics(summary))
+    console.print(_calls(summary))
+    return 0
+
+
+def _head(path: Path, summary: RecordingSummary) -> list[str]:
+    about = summary.metadata.get("run", {})
+    lines = [
+        f"{path}: {summary.duration_s:.1f} s on the run's clock, {summary.size_bytes / 1e6:.1f} MB",
+        f"run: {_pairs(about)}",
+        f"versions: {_pairs(summary.metadata.get('versions', {}))}",
+        f"pictures: {_pairs(summary.metadata.get('pictures', {}))}",
+        f"settings, other than as shipped: {_changed_settings(summary)}",
+    ]
+    last = summary.last_step
+    if last is not None:
+        ended = "it had not ended" if last.outcome is None else f"outcome {last.outcome.value}"
+        lines.append(f"last step: {last.step}, after {last.actions} actions; {ended}")
+    for name, what in (("lost", "not recorded, because the disk was slow"), ("thinned", "left out, as the rate says")):
+        if entries := {topic: number for topic, number in summary.metadata.get(name, {}).items() if number != "0"}:
+            lines.append(f"{what}: {_pairs(entries)}")
+    if summary.running:
+        lines.append(f"calls that had not ended: {', '.join(summary.running)}")
+    return [*lines, WHOLE if summary.whole else CUT_OFF]
+
+
+def _toml(path: Path, summary: RecordingSummary) -> str:
+    text = summary.metadata.get("configuration", {}).get("config.toml")
+    if text is None:
+        raise InputError(f"{path} does not say how its run was configured; give the recording.mcap of a run's folder.")
+    return text
+
+
+def _changed_settings(summary: RecordingSummary) -> str:
+    """What of the configuration is not as this version ships it."""
+    try:
+        settings = tomllib.loads(summary.metadata.get("configuration", {}).get("config.toml", ""))
+    except tomllib.TOMLDecodeError:
+        return "not known"
+    shipped = dict(_flat(to_plain(RunConfig())))
+    changed = [f"{name} {value}" for name, value in _flat(settings) if shipped.get(name) != value]
+    return ", ".join(changed) or "none"
+
+
+def _flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for name, value in table.items():
+        if isinstance(value, dict):
+            yield from _flat(cast(dict[str, Any], value), f"{prefix}{name}.")
+        else:
+            yield f"{prefix}{name}", value
+
+
+def _pairs(entries: Mapping[str, str]) -> str:
+    return ", ".join(f"{name} {value}" for name, value in entries.items()) or "not known"
+
+
+def _topics(summary: RecordingSummary) -> Table:
+    table = Table(title="topics", caption="view/… repeats what Foxglove can show; kB before compression")
+    for heading in ("topic", "type", "messages", "per s", "kB"):
+        table.add_column(heading, justify="left" if heading in ("topic", "type") else "right", no_wrap=True)
+    for name, channel in sorted(summary.channels.items()):
+        rate = "-" if channel.rate_hz is None else f"{channel.rate_hz:.1f}"
+        table.add_row(name, channel.schema, str(channel.count), rate, f"{channel.size_bytes / 1e3:.0f}")
+    return table
+
+
+def _calls(summary: RecordingSummary) -> Table:
+    table = Table(title="skill calls")
+    table.add_column("skill", no_wrap=True)
+    table.add_column("mean, s", justify="right", no_wrap=True)
+    table.add_column("longest, s", justify="right", no_wrap=True)
+    table.add_column("outcomes")
+    for skill, of in sorted(summary.calls.items()):
+        outcomes = ", ".join(f"{number} {outcome}" for outcome, number in of.outcomes.most_common())
+        table.add_row(skill, f"{of.mean_s:.2f}", f"{of.longest_s:.2f}", outcomes)
+    return table
+
+
+COMMAND = Command(InfoArgs, run)

@@ -1,0 +1,122 @@
+"""`dlokit replay`: a recorded run once more, into one component or onto the viewer's page."""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+from rich.console import Console
+from rich.table import Table
+
+from dlokit.app.commands import Command, flag
+from dlokit.errors import InputError
+from dlokit.recording.channels import FILE_NAME
+from dlokit.recording.comparison import FieldRow
+from dlokit.system.config import RunConfig
+from dlokit.system.replay import REPLAYABLE, WATCHED_PARTS, Replay, recorded_config, replay, watch
+from dlokit.system.toml_config import read_toml
+
+EXIT_WITHIN = 0
+EXIT_BEYOND = 1
+TABLE_WIDTH = 125
+
+Fed = Literal["perception", "observer", "model", "planning"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReplayArgs:
+    """Feed one component what it received in a recorded run, and compare what it says now with what it said then.
+
+    Try
+      dlokit replay runs/<run>/recording.mcap --into observer     each field, its largest deviation, its tolerance
+      dlokit replay runs/<run> --into observer --config other.toml   what another observer would have said
+      dlokit replay runs/<run> --rate 2                            watch the run in the browser, twice as fast
+
+    Without --into the run is shown on the viewer's page. Exit code: 0 within the tolerances, 1 beyond one (which is
+    named), 2 bad input.
+    """
+
+    file: Annotated[Path, tyro.conf.Positional]
+    """The recording.mcap of a run, or the run's folder."""
+    into: Fed | None = None
+    """Which component is fed. The recorded calls of its skills are made again, with the same arguments at the same
+    times."""
+    rate: Annotated[float | None, flag("X")] = None
+    """How many times as fast as it was the run is shown; as fast as it was if nothing is said. A component is fed as
+    fast as it works."""
+    config: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """Another configuration than the recorded run's."""
+    port: int | None = None
+    """TCP port of the viewer's page; 0 takes any free one. Without it, the configuration's."""
+
+
+def run(args: ReplayArgs) -> int:
+    """Feed and compare, or show."""
+    path = args.file / FILE_NAME if args.file.is_dir() else args.file
+    parts = WATCHED_PARTS if args.into is None else REPLAYABLE[args.into]
+    config = recorded_config(path, parts) if args.config is None else read_toml(args.config, RunConfig)
+    if args.into is None:
+        return _show(path, config, args)
+    if args.rate is not None:
+        raise InputError("--rate is for watching: leave it away, a component is fed as fast as it works.")
+    return _fed(path, args.into, replay(path, args.into, config))
+
+
+def _show(path: Path, config: RunConfig, args: ReplayArgs) -> int:
+    rate = 1.0 if args.rate is None else args.rate
+    if not (math.isfinite(rate) and rate > 0.0):
+        raise InputError(f"--rate is {rate:g}; it must be above 0, e.g. 2 for twice as fast.")
+    console = Console()
+    watch(path, config, rate, args.port, lambda text: console.print(text, markup=False, soft_wrap=True))
+    return EXIT_WITHIN
+
+
+def _fed(path: Path, name: str, done: Replay) -> int:
+    console = Console()
+    console = Console(width=max(console.width, TABLE_WIDTH))
+    console.print(_table(f"{name}, fed from {path}", done.rows))
+    for line in _notes(done):
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
+    beyond = [row for row in done.rows if not row.within]
+    for row in beyond:
+        console.print(
+            f"beyond its tolerance: {row.what} {row.field}: {_number(row.largest)}, allowed {_number(row.allowed)} "
+            f"({row.tolerance.why}); at {row.at_ns / 1e9:.3f} s",
+            highlight=False,
+            markup=False,
+            soft_wrap=True,
+        )
+    if not beyond:
+        console.print(f"{name} does what it did: every field is within its tolerance.", highlight=False)
+    return EXIT_BEYOND if beyond else EXIT_WITHIN
+
+
+def _notes(done: Replay) -> list[str]:
+    notes: list[str] = []
+    if done.left_out:
+        notes.append(f"{done.left_out} looks are not compared: their pictures were left out, as the rate says.")
+    if done.unknown_calls:
+        notes.append(f"{done.unknown_calls} calls were not made again: the recording does not hold all of them.")
+    if done.uncompared:
+        notes.append(f"not compared, as a live decision ends by the clock: {', '.join(done.uncompared)}.")
+    return notes
+
+
+def _table(title: str, rows: list[FieldRow]) -> Table:
+    table = Table(title=title)
+    for heading in ("topic or skill", "field"):
+        table.add_column(heading, no_wrap=True)
+    for heading in ("compared", "largest deviation", "tolerance"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for row in rows:
+        style = None if row.within else "bold red"
+        table.add_row(row.what, row.field, str(row.compared), _number(row.largest), _number(row.allowed), style=style)
+    return table
+
+
+def _number(value: float) -> str:
+    return "differs" if math.isinf(value) else f"{value:.3g}"
+
+
+COMMAND = Command(ReplayArgs, run)

@@ -1,0 +1,309 @@
+"""`dlokit track`: perception's filters and the observer over recorded clouds."""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import tyro
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.table import Table
+
+from dlokit.app.commands import Command, flag
+from dlokit.app.data.cloud_files import read_cloud, read_nodes
+from dlokit.errors import InputError, SkillFailure
+from dlokit.skills.observer.anchored import chain_lengths
+from dlokit.skills.observer.base import ObserverStrategyConfig
+from dlokit.skills.observer.config import ObserverConfig
+from dlokit.skills.observer.following import follow
+from dlokit.skills.observer.initialise import initial_targets
+from dlokit.skills.observer.skeleton import spanning_tree
+from dlokit.skills.observer.strategies import strategies
+from dlokit.skills.observer.visibility import distance_to_dlo_m
+from dlokit.skills.perception.box import inside_box
+from dlokit.skills.perception.cloud import lonely, thin
+from dlokit.skills.perception.config import BoxConfig, CloudConfig
+from dlokit.system.results.run_folder import claim_run_folder, new_run_folder
+from dlokit.types.dlo import DloState, TargetPoints, Topology
+from dlokit.types.observation import Observation
+
+Array = NDArray[np.float64]
+
+MOST_PANELS = 12
+
+
+def draw_tracks(
+    clouds: Sequence[Array],
+    nodes_world: Array,
+    visible: NDArray[np.bool_],
+    edges: NDArray[np.int64],
+    names: Sequence[str],
+    path: Path,
+) -> None:
+    """Draw F clouds (N, 3) [m] with nodes (F, M, 3) [m], seen along the axis in which they extend least.
+
+    More than 12 clouds are shown by 12 of them, evenly spaced.
+    """
+    shown = np.unique(np.linspace(0, len(clouds) - 1, min(len(clouds), MOST_PANELS)).astype(np.int64))
+    columns = min(len(shown), 3)
+    rows = -(-len(shown) // columns)
+    figure = Figure(figsize=(5.0 * columns, 4.2 * rows), layout="constrained")
+    FigureCanvasAgg(figure)
+    extent = np.ptp(np.concatenate([nodes_world.reshape(-1, 3), *clouds]), axis=0)
+    across, up = sorted(np.argsort(extent)[1:].tolist())
+    for place, number in enumerate(shown, start=1):
+        axes = figure.add_subplot(rows, columns, place)
+        cloud, nodes, seen = clouds[number], nodes_world[number], visible[number]
+        axes.scatter(cloud[:, across], cloud[:, up], s=2, color="0.7", label="cloud")
+        for a, b in edges:
+            axes.plot(nodes[[a, b], across], nodes[[a, b], up], color="tab:blue", linewidth=1)
+        axes.scatter(nodes[seen, across], nodes[seen, up], s=12, color="tab:blue", zorder=3, label="visible node")
+        axes.scatter(nodes[~seen, across], nodes[~seen, up], s=12, color="tab:red", zorder=3, label="hidden node")
+        axes.scatter(nodes[:1, across], nodes[:1, up], s=60, facecolors="none", edgecolors="black", label="node 0")
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.set_title(names[int(number)])
+        axes.set_xlabel(f"{'xyz'[across]} [m]")
+        axes.set_ylabel(f"{'xyz'[up]} [m]")
+        if place == 1:
+            axes.legend(fontsize="small")
+    figure.savefig(path, dpi=110)
+
+
+Corner = tuple[float, float, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrackArgs:
+    """Find the nodes of a DLO in recorded clouds, one after the other, and write them with a picture."""
+
+    clouds: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    """Clouds in the order of recording: .pcd, .ply, .npy or .csv files of points [m]."""
+    initial: Annotated[Path | None, flag("FILE")] = None
+    """Nodes (M, 3) [m] at the first cloud, .npy or .csv; the DLO may be branched. Without, the first cloud is
+    ordered into one chain."""
+    out: Path | None = None
+    """Folder for nodes.npy, nodes.csv, edges.csv and track.png; by default runs/<time>-track."""
+    nodes: int = 31
+    """Number of nodes M, where no initial ones are given."""
+    length_m: float | None = None
+    """Length of the DLO [m], where no initial nodes are given; by default what the first cloud shows."""
+    observer: str = "map"
+    """Strategy: map, anchored, cpd, spr, som, or another that is installed."""
+    box_lower: Corner | None = None
+    """Corner of the box filter with the smallest coordinates [m]; by default there is no box."""
+    box_upper: Corner | None = None
+    """Corner of the box filter with the largest coordinates [m]."""
+    voxel_m: float = 0.004
+    """Side of the cubes that clouds are thinned to [m]; 0 keeps all points."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrackResult:
+    """What was found in F clouds."""
+
+    nodes_world: Array
+    """(F, M, 3) [m]."""
+    visible: NDArray[np.bool_]
+    """(F, M)."""
+    health: Array
+    """(F,), from 0 to 1."""
+    distance_m: Array
+    """(F,) root mean square distance of a cloud's points to the DLO [m]."""
+    seconds: Array
+    """(F,) time for filters and observer [s]."""
+    topology: Topology
+    clouds: tuple[Array, ...]
+    """F filtered clouds (N, 3) [m]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrackSettings:
+    """How clouds are filtered and followed."""
+
+    observer: ObserverStrategyConfig
+    nodes: int = 31
+    length_m: float | None = None
+    box: BoxConfig | None = None
+    cloud: CloudConfig = field(default_factory=CloudConfig)
+
+
+def run(args: TrackArgs) -> int:
+    """The command: 0, or `InputError`."""
+    settings = _settings(args)
+    clouds = [read_cloud(path) for path in args.clouds]
+    initial = None if args.initial is None else read_nodes(args.initial)
+    result = track_clouds(clouds, initial, settings, names=[str(path) for path in args.clouds])
+    out = new_run_folder(Path("runs"), "track", datetime.now()) if args.out is None else claim_run_folder(args.out)
+    write_result(result, args.clouds, out)
+    _print(result, args.clouds, out)
+    return 0
+
+
+def track(
+    clouds: Sequence[Path], initial: Path | None, out: Path, settings: TrackSettings | None = None
+) -> TrackResult:
+    """Read clouds, follow the DLO through them, and write what was found to a folder. Raises `InputError`."""
+    points = [read_cloud(path) for path in clouds]
+    nodes = None if initial is None else read_nodes(initial)
+    settings = settings or TrackSettings(observer=ObserverConfig().strategy)
+    result = track_clouds(points, nodes, settings, names=[str(path) for path in clouds])
+    write_result(result, clouds, claim_run_folder(out))
+    return result
+
+
+def track_clouds(
+    clouds: Sequence[Array], initial: Array | None, settings: TrackSettings, *, names: Sequence[str]
+) -> TrackResult:
+    """Follow a DLO through clouds (N, 3) [m], from `initial` nodes (M, 3) [m] or the order of the first cloud.
+
+    Each cloud's prior is what was found in the one before. `names` are for errors. Raises `InputError`.
+    """
+    if not clouds:
+        raise InputError("no cloud was given: name at least one .pcd, .ply, .npy or .csv file")
+    config = ObserverConfig()
+    strategy = settings.observer.build()
+    found: list[TargetPoints] = []
+    filtered: list[Array] = []
+    seconds: list[float] = []
+    topology = None if initial is None else topology_of(initial)
+    for number, (cloud, name) in enumerate(zip(clouds, names, strict=True)):
+        begin = time.perf_counter()
+        points = filter_cloud(cloud, settings, name)
+        seen = Observation(stamp_ns=number, points_world=points.astype(np.float32))
+        if topology is None:
+            targets = _first(seen, settings, config, name)
+            topology = chain_lengths(targets.nodes_world)
+        else:
+            nodes = found[-1].nodes_world if found else initial
+            assert nodes is not None
+            prior = DloState(stamp_ns=number, nodes_world=nodes, topology=topology)
+            targets = follow(strategy, seen, prior, config)
+        seconds.append(time.perf_counter() - begin)
+        found.append(targets)
+        filtered.append(points)
+    assert topology is not None
+    return _result(found, filtered, np.array(seconds), topology)
+
+
+def _result(found: Sequence[TargetPoints], clouds: Sequence[Array], seconds: Array, topology: Topology) -> TrackResult:
+    return TrackResult(
+        nodes_world=np.stack([targets.nodes_world for targets in found]),
+        visible=np.stack([targets.visible for targets in found]),
+        health=np.array([targets.health for targets in found]),
+        distance_m=np.array(
+            [
+                float(np.sqrt(np.mean(distance_to_dlo_m(points, targets.nodes_world, topology) ** 2)))
+                for points, targets in zip(clouds, found, strict=True)
+            ]
+        ),
+        seconds=seconds,
+        topology=topology,
+        clouds=tuple(clouds),
+    )
+
+
+def filter_cloud(points: Array, settings: TrackSettings, name: str) -> Array:
+    """Perception's filters that apply to a cloud alone: box, thinning, lonely points. Raises `InputError`."""
+    inside = points if settings.box is None else points[inside_box(points, settings.box)]
+    thinned = thin(inside, settings.cloud.voxel_m)
+    kept = thinned[~lonely(thinned, settings.cloud)]
+    if len(kept) < 2:
+        raise InputError(
+            f"{name}: of {len(points)} points {len(inside)} lie in the box and {len(kept)} are left by the filters; "
+            f"at least 2 are needed: widen the box, or check that the cloud is in metres"
+        )
+    return kept
+
+
+def topology_of(nodes: Array) -> Topology:
+    """How nodes (M, 3) [m] of unknown topology hang together: their minimum spanning tree.
+
+    Edges run from the smaller index to the larger, sorted, so that nodes in order along a rod give its chain.
+    """
+    tree = spanning_tree(nodes, float(np.linalg.norm(np.ptp(nodes, axis=0))) + 1e-9).tocoo()
+    edges = np.sort(np.column_stack([tree.row, tree.col]).astype(np.int64), axis=1)
+    edges = edges[np.lexsort((edges[:, 1], edges[:, 0]))]
+    if len(edges) != len(nodes) - 1:
+        raise InputError("two of the initial nodes lie at the same place; give each node once")
+    lengths = np.linalg.norm(nodes[edges[:, 0]] - nodes[edges[:, 1]], axis=1)
+    return Topology(edges=edges, rest_lengths_m=lengths)
+
+
+def write_result(result: TrackResult, clouds: Sequence[Path], out: Path) -> None:
+    """Write nodes.npy (F, M, 3), nodes.csv, edges.csv and track.png to a folder."""
+    np.save(out / "nodes.npy", result.nodes_world)
+    np.savetxt(out / "edges.csv", result.topology.edges, fmt="%d", delimiter=",", header="node,node", comments="")
+    with (out / "nodes.csv").open("w", encoding="utf-8") as file:
+        file.write("cloud,node,x_m,y_m,z_m,visible\n")
+        for number, nodes in enumerate(result.nodes_world):
+            for node, (x, y, z) in enumerate(nodes):
+                file.write(f"{number},{node},{x:.6f},{y:.6f},{z:.6f},{int(result.visible[number, node])}\n")
+    draw_tracks(
+        result.clouds,
+        result.nodes_world,
+        result.visible,
+        result.topology.edges,
+        [path.name for path in clouds],
+        out / "track.png",
+    )
+
+
+def _first(seen: Observation, settings: TrackSettings, config: ObserverConfig, name: str) -> TargetPoints:
+    try:
+        return initial_targets(seen, settings.nodes, settings.length_m, config.initialise)
+    except SkillFailure as failure:
+        raise InputError(
+            f"{name}: {failure.reason}: {failure.detail}; or give the nodes at the first cloud with --initial"
+        ) from failure
+
+
+def _settings(args: TrackArgs) -> TrackSettings:
+    known = strategies()
+    if args.observer not in known:
+        raise InputError(f"--observer {args.observer} is unknown; there are {', '.join(known)}")
+    if args.nodes < 3:
+        raise InputError(f"--nodes {args.nodes}: at least 3 are needed, 31 are usual")
+    if args.length_m is not None and not 0.01 <= args.length_m <= 100.0:
+        raise InputError(f"--length-m {args.length_m}: the length is given in metres, from 0.01 to 100")
+    if args.voxel_m < 0.0:
+        raise InputError(f"--voxel-m {args.voxel_m}: cubes have a side of 0 (keep all points) or more metres")
+    if (args.box_lower is None) != (args.box_upper is None):
+        raise InputError("--box-lower and --box-upper go together: give both corners, or neither")
+    box = None
+    if args.box_lower is not None and args.box_upper is not None:
+        try:
+            box = BoxConfig(lower_world=args.box_lower, upper_world=args.box_upper)
+        except ValueError as error:
+            raise InputError(str(error)) from error
+    return TrackSettings(
+        observer=known[args.observer](),
+        nodes=args.nodes,
+        length_m=args.length_m,
+        box=box,
+        cloud=CloudConfig(voxel_m=args.voxel_m),
+    )
+
+
+def _print(result: TrackResult, clouds: Sequence[Path], out: Path) -> None:
+    table = Table("cloud", "points", "visible", "health", "distance, mm", "time, ms")
+    for number, path in enumerate(clouds):
+        table.add_row(
+            path.name,
+            str(len(result.clouds[number])),
+            f"{np.count_nonzero(result.visible[number])}/{result.visible.shape[1]}",
+            f"{result.health[number]:.2f}",
+            f"{result.distance_m[number] * 1000:.1f}",
+            f"{result.seconds[number] * 1000:.0f}",
+        )
+    console = Console()
+    console.print(table)
+    console.print(f"nodes.npy, nodes.csv, edges.csv and track.png in {out}")
+
+
+COMMAND = Command(TrackArgs, run)

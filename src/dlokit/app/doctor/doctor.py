@@ -1,0 +1,94 @@
+"""`dlokit doctor`: what this machine has, what it lacks, and the command that mends it."""
+
+import shutil
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import psutil
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from dlokit.app.commands import Command
+from dlokit.app.doctor.machine import (
+    Finding,
+    Standing,
+    browser_finding,
+    cores_finding,
+    kernels_finding,
+    memory_finding,
+    opengl_finding,
+    port_finding,
+    python_finding,
+    urgency_finding,
+    usable_cores,
+)
+from dlokit.app.doctor.opengl import probe_opengl
+from dlokit.app.doctor.packages import HARDWARE, dependency_findings, hardware_finding, importable
+from dlokit.communication.timing.urgency import may_be_urgent
+
+EXIT_READY, EXIT_LACKING = 0, 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class DoctorArgs:
+    """Tell what this machine has, what it lacks, and the command that mends it."""
+
+    viewer_host: str = "127.0.0.1"
+    """Address that the viewer would listen on."""
+    viewer_port: int = 8080
+    """Port that the viewer would listen on."""
+    opengl_timeout_s: float = 60.0
+    """Time to wait for one tiny picture [s]."""
+
+
+def run(args: DoctorArgs) -> int:
+    """Print what was found. Returns 0 when everything needed is there, else 2."""
+    findings = examine(args)
+    console = Console()
+    console.print(findings_table(findings))
+    lacking = [finding.what for finding in findings if finding.standing is Standing.LACKING]
+    if lacking:
+        console.print(f"[bold red]dlokit cannot run here yet:[/] {', '.join(lacking)}.", highlight=False)
+        return EXIT_LACKING
+    console.print("[bold green]dlokit can run here.[/] Try: dlokit demo", highlight=False)
+    return EXIT_READY
+
+
+def examine(args: DoctorArgs) -> tuple[Finding, ...]:
+    """Look at everything, in the order of the table."""
+    return (
+        python_finding(sys.version_info[:3]),
+        opengl_finding(probe_opengl(args.opengl_timeout_s)),
+        cores_finding(usable_cores()),
+        urgency_finding(may_be_urgent()),
+        memory_finding(psutil.virtual_memory().available / 2**30),
+        port_finding(args.viewer_host, args.viewer_port),
+        *dependency_findings(),
+        kernels_finding(),
+        *(hardware_finding(package, importable) for package in HARDWARE),
+        browser_finding(shutil.which),
+    )
+
+
+def findings_table(findings: Sequence[Finding]) -> Table:
+    """The findings as a table; commands stay in one piece, so that they can be copied."""
+    styles = {
+        Standing.READY: "green",
+        Standing.LACKING: "bold red",
+        Standing.ADVICE: "yellow",
+        Standing.OPTIONAL: "dim",
+    }
+    table = Table(title="dlokit doctor", title_justify="left", title_style="bold")
+    table.add_column("what", no_wrap=True)
+    table.add_column("", no_wrap=True)
+    table.add_column("found", overflow="fold")
+    table.add_column("to mend it", overflow="fold")
+    for finding in findings:
+        standing = Text(finding.standing.value, style=styles[finding.standing])
+        table.add_row(finding.what, standing, Text(finding.found), Text(finding.mend, style="cyan"))
+    return table
+
+
+COMMAND = Command(DoctorArgs, run)

@@ -1,0 +1,107 @@
+"""What `dlokit doctor` finds of packages: those that dlokit requires, and those that one kind of hardware needs."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module, metadata
+from importlib.util import find_spec
+
+from packaging.requirements import Requirement
+
+from dlokit.app.doctor.machine import Finding, Standing
+
+
+def dependency_findings(distribution: str = "dlokit") -> tuple[Finding, ...]:
+    """The packages that dlokit requires, with their versions. Extras are not asked for."""
+    try:
+        required = [Requirement(line) for line in metadata.requires(distribution) or []]
+    except metadata.PackageNotFoundError:
+        mend = f"pip install {distribution}"
+        return (Finding(what=distribution, standing=Standing.LACKING, found="not installed as a package", mend=mend),)
+    own = Finding(what=distribution, standing=Standing.READY, found=metadata.version(distribution))
+    return (
+        own,
+        *(
+            package_finding(one, _version)
+            for one in required
+            if one.marker is None or one.marker.evaluate({"extra": ""})
+        ),
+    )
+
+
+def package_finding(required: Requirement, version_of: Callable[[str], str | None]) -> Finding:
+    """One required package."""
+    mend = f"pip install '{required.name}{required.specifier}'"
+    version = version_of(required.name)
+    if version is None:
+        return Finding(what=required.name, standing=Standing.LACKING, found="not installed", mend=mend)
+    if not required.specifier.contains(version, prereleases=True):
+        found = f"{version}; {required.specifier} is needed"
+        return Finding(what=required.name, standing=Standing.LACKING, found=found, mend=mend)
+    return Finding(what=required.name, standing=Standing.READY, found=version)
+
+
+@dataclass(frozen=True, kw_only=True)
+class HardwarePackage:
+    """A package that only one kind of hardware needs."""
+
+    name: str
+    module: str
+    purpose: str
+    mend: str
+
+
+HARDWARE = (
+    HardwarePackage(name="franky-control", module="franky", purpose="the FR3 arm", mend="pip install franky-control"),
+    HardwarePackage(name="panda-python", module="panda_py", purpose="the Panda arm", mend="pip install panda-python"),
+    HardwarePackage(
+        name="pyrealsense2", module="pyrealsense2", purpose="RealSense cameras", mend="pip install pyrealsense2"
+    ),
+    HardwarePackage(
+        name="visiontransfer",
+        module="visiontransfer",
+        purpose="SceneScan stereo cameras",
+        mend="install it from the camera's maker: https://nerian.com/support/software/",
+    ),
+    HardwarePackage(
+        name="aravis",
+        module="gi",
+        purpose="GenICam cameras",
+        mend="sudo apt install gir1.2-aravis-0.8 python3-gi",
+    ),
+)
+
+"""Optional packages of hardware drivers."""
+
+
+def hardware_finding(package: HardwarePackage, importable: Callable[[str], bool]) -> Finding:
+    """One optional package."""
+    if importable(package.module):
+        return Finding(what=package.name, standing=Standing.READY, found=f"for {package.purpose}")
+    found = f"only needed for {package.purpose}"
+    return Finding(what=package.name, standing=Standing.OPTIONAL, found=found, mend=package.mend)
+
+
+def importable(module: str) -> bool:
+    """Whether a module is there, without running it: drivers may reach for their device on import."""
+    if module == "gi":
+        return _aravis_there()
+    return find_spec(module) is not None
+
+
+def _aravis_there() -> bool:
+    """Whether GObject introspection finds aravis."""
+    if find_spec("gi") is None:
+        return False
+    gi = import_module("gi")  # optional, and not on every system
+    try:
+        gi.require_version("Aravis", "0.8")
+    except ValueError:
+        return False
+    return True
+
+
+def _version(distribution: str) -> str | None:
+    try:
+        return metadata.version(distribution)
+    except metadata.PackageNotFoundError:
+        return None

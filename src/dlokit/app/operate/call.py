@@ -1,0 +1,126 @@
+"""`dlokit call`: one skill of a running system, from any shell."""
+
+import asyncio
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+from rich.console import Console
+
+from dlokit.app.commands import Command, flag
+from dlokit.app.operate.skills import skill_named
+from dlokit.communication.skill import ReportingSkill, Skill
+from dlokit.errors import CommunicationError, InputError
+from dlokit.recording.plain import to_json
+from dlokit.system.processes.bus import JoinedBus, join_bus
+from dlokit.system.processes.running import RunningSystem, the_running_system
+from dlokit.system.results.recording import with_calls_told
+from dlokit.system.table import TimeBase
+from dlokit.types.outcome import Failed, Outcome, Rejected, Succeeded
+
+EXIT_SUCCEEDED = 0
+EXIT_ENDED_OTHERWISE = 3
+FOUND_WITHIN_S = 5.0
+FIRST_TICK_S = 10.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class CallArgs:
+    """Call one skill on a running system, and print what became of it.
+
+    Try
+      dlokit call perception.look
+      dlokit call decision.shape_dlo goal=S threshold_m=0.01
+      dlokit call planning.set_strategy '{"spec": {"name": "rollout"}}'
+
+    `dlokit skills` lists them. A robot that a task commands rejects motions from here as not_commander, and another
+    task is rejected as busy. Ctrl-C cancels the skill. Exit code: 0 succeeded, 3 ended otherwise, 2 bad input.
+    """
+
+    skill: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="COMPONENT.SKILL")]
+    """Which skill, of which component."""
+    arguments: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="NAME=VALUE")] = ()
+    """Its arguments: NAME=VALUE, the value as JSON or plain text; or all of them as one JSON object."""
+    run: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    """The run's folder, where more than one system runs."""
+    timeout: Annotated[float | None, flag("SECONDS")] = None
+    """Cancel the skill after so many seconds; it has a time limit of its own."""
+
+
+def run_call(args: CallArgs) -> int:
+    """Find the system, call, print."""
+    skill = skill_named(args.skill)
+    given = arguments_from(skill, args.arguments)
+    system = the_running_system(args.run)
+    outcome = asyncio.run(_call(system, skill, given, args.timeout, Console(stderr=True)))
+    print(in_words(outcome))
+    return EXIT_SUCCEEDED if isinstance(outcome, Succeeded) else EXIT_ENDED_OTHERWISE
+
+
+def arguments_from(skill: Skill[..., Any], texts: tuple[str, ...]) -> dict[str, Any]:
+    """What was typed, as the skill's types. Raises `InputError`."""
+    plain: dict[str, Any] = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if text.startswith("{"):
+            whole = _json_or_text(text)
+            if not isinstance(whole, dict):
+                raise InputError(f'{text} is no JSON object: write {{"name": value}}, or name=value.')
+            plain.update(whole)
+        elif equals:
+            plain[name] = _json_or_text(value)
+        else:
+            raise InputError(f"{text!r} is no argument: write name=value, or one JSON object with all of them.")
+    try:
+        return skill.plain_arguments(plain)
+    except CommunicationError as error:
+        raise InputError(str(error)) from error
+
+
+def in_words(outcome: Outcome[Any]) -> str:
+    """An outcome as one line; a result as JSON."""
+    match outcome:
+        case Succeeded(result=result):
+            return "succeeded" if result is None else f"succeeded {to_json(result).decode()}"
+        case Failed(reason=reason, detail=detail):
+            return f"failed {reason}: {detail}"
+        case Rejected(reason=reason, detail=detail):
+            return f"rejected {reason}: {detail}"
+        case _:
+            return " ".join((type(outcome).__name__.lower(), to_json(outcome).decode()))
+
+
+def _json_or_text(text: str) -> Any:
+    try:
+        return json.loads(text)
+    except json.JSONDecodeError:
+        return text
+
+
+async def _call(
+    system: RunningSystem, skill: Skill[..., Any], given: dict[str, Any], limit_s: float | None, console: Console
+) -> Outcome[Any]:
+    async with join_bus(system.bus, TimeBase.CELL) as bus:
+        await bus.first_tick(FIRST_TICK_S)
+        await bus.transport.wait_for(skill.component, FOUND_WITHIN_S)
+        try:
+            async with asyncio.timeout(limit_s):
+                return await _told(bus, skill, given, console)
+        except TimeoutError:
+            return Failed(reason="cancelled", detail=f"it had not ended after {limit_s:g} s, as --timeout asks")
+
+
+async def _told(bus: JoinedBus, skill: Skill[..., Any], given: dict[str, Any], console: Console) -> Outcome[Any]:
+    transport = with_calls_told(bus.transport, bus.clock)
+    if not isinstance(skill, ReportingSkill):
+        return await transport.call(skill, **given)
+
+    def told(progress: object) -> None:
+        console.print(to_json(progress).decode()[:200], markup=False, highlight=False, soft_wrap=True)
+
+    return await transport.call_reported(skill, told, **given)
+
+
+COMMAND = Command(CallArgs, run_call)

@@ -1,0 +1,62 @@
+"""`dlokit enable`: arms that a person has stopped may move again."""
+
+import asyncio
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from dlokit.app.commands import Command
+from dlokit.app.operate.stop import FOUND_WITHIN_S, arms_of, ask_on_bus
+from dlokit.description.arms import ArmMount
+from dlokit.skills.robot import api as robot
+from dlokit.system.processes.running import RunningSystem, the_running_system
+from dlokit.system.processes.stop_socket import ENABLE, Answer, press, stop_socket
+
+EXIT_ALL_ENABLED = 0
+EXIT_NOT_ALL = 3
+
+
+@dataclass(frozen=True, kw_only=True)
+class EnableArgs:
+    """Let the arms of a running system move again that a person has stopped.
+
+    Look first: is nobody within the arms' reach, and is the DLO free? Nothing moves by this alone; the next task, or
+    the next motion that somebody asks for, does. Exit code: 0 every arm is enabled, 3 one is not, 2 no system runs.
+    """
+
+    run: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    """The system of this run's folder, where several run."""
+
+
+def run_enable(args: EnableArgs) -> int:
+    """Enable every arm of one system."""
+    system = the_running_system(args.run, starting=True)
+    arms = arms_of(Path(system.folder))
+    answers = asyncio.run(enable_all(system, arms))
+    for mount, answer in zip(arms, answers, strict=True):
+        print(f"{mount.robot} {answer.text}")
+    return exit_code(answers)
+
+
+def exit_code(answers: Sequence[Answer]) -> int:
+    """0 where each arm is enabled, 3 where one is not."""
+    return EXIT_ALL_ENABLED if all(answer.confirmed for answer in answers) else EXIT_NOT_ALL
+
+
+async def enable_all(system: RunningSystem, arms: Sequence[ArmMount]) -> list[Answer]:
+    """Enable the arms of one system, one after the other; what each of them answers."""
+    return [await _enable(system, mount) for mount in arms]
+
+
+async def _enable(system: RunningSystem, mount: ArmMount) -> Answer:
+    answer = await press(stop_socket(Path(system.folder), mount.robot), ENABLE, FOUND_WITHIN_S)
+    if answer is not None:
+        return answer
+    unreachable = "is unreachable: does its process run? dlokit ps says so"
+    return await ask_on_bus(system, robot.ENABLE.at(mount.instance), FOUND_WITHIN_S, unreachable)
+
+
+COMMAND = Command(EnableArgs, run_enable)

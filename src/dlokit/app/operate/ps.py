@@ -1,0 +1,160 @@
+"""`dlokit ps`: the processes of the running systems, as their supervisors see them, and what they use."""
+
+import os
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import psutil
+import tyro
+from rich.console import Console, Group
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
+
+from dlokit.app.commands import Command
+from dlokit.errors import InputError
+from dlokit.system.processes.report import ProcessReport, ProcessState, SystemReport, read_report
+from dlokit.system.processes.running import RunningSystem, running_systems, the_running_system
+from dlokit.system.table import DECISION
+
+MEASURED_S = 0.5
+"""Processor use is measured over this time [s]."""
+STALE_S = 5.0
+"""A supervisor that has not told anything for so long is said to be silent."""
+
+_STYLES = {
+    ProcessState.RUNNING: "green",
+    ProcessState.STARTING: "yellow",
+    ProcessState.WAITING: "yellow",
+    ProcessState.GONE: "bold red",
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class PsArgs:
+    """List the processes of your running systems: state, restarts, heartbeat, processor and memory.
+
+    `beat s` is the time since a process last gave a sign of life.
+    """
+
+    run: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    """Only the system of this run's folder."""
+    watch: bool = False
+    """Go on until Ctrl-C."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Use:
+    """What a process and its workers use."""
+
+    cores: float
+    memory_bytes: int
+
+
+def run(args: PsArgs) -> int:
+    """Print once, or again and again; exit code 0, 2 when no system runs."""
+    console = Console()
+    if not args.watch:
+        console.print(_tables(_systems(args.run)))
+        return 0
+    with Live(console=console, refresh_per_second=4) as live:
+        while True:
+            live.update(_tables(_systems(args.run)))
+
+
+def _systems(folder: Path | None) -> list[RunningSystem]:
+    systems = running_systems() if folder is None else [the_running_system(folder)]
+    if not systems:
+        raise InputError("no system of yours runs: start one, e.g. dlokit shape --runtime live.")
+    return systems
+
+
+def _tables(systems: Sequence[RunningSystem]) -> Group:
+    reports = [(system, read_report(Path(system.folder))) for system in systems]
+    pids = {system.pid for system in systems}
+    pids |= {process.pid for _, report in reports if report is not None for process in report.processes}
+    used, now_s = measure(pids, MEASURED_S), time.monotonic()
+    return Group(*(process_table(system, report, used, now_s) for system, report in reports))
+
+
+def process_table(system: RunningSystem, report: SystemReport | None, used: Mapping[int, Use], now_s: float) -> Table:
+    """The processes of one system, the decision process first; `now_s` is on the machine's monotonic clock."""
+    silent_s = 0.0 if report is None else now_s - report.told_s
+    caption = f"[red]the supervisor has said nothing for {silent_s:.0f} s[/]" if silent_s > STALE_S else None
+    # Without lines between the columns it fits into a terminal of 80.
+    table = Table(title=system.folder, title_justify="left", caption=caption, box=None, padding=(0, 2, 0, 0))
+    for heading in ("process", "components", "pid", "state", "up s", "restarts", "beat s", "cores", "MB"):
+        table.add_column(heading, justify="left" if heading in ("process", "components", "state") else "right")
+    began_s = now_s - (time.time() - system.began_s)
+    own = (DECISION.name, ", ".join(DECISION.components), str(system.pid), Text("running", style="green"))
+    table.add_row(*own, f"{now_s - began_s:.0f}", "", "", *_used(used.get(system.pid)))
+    for process in () if report is None else report.processes:
+        table.add_row(*_cells(process, now_s), *_used(used.get(process.pid)))
+    return table
+
+
+def _cells(process: ProcessReport, now_s: float) -> tuple[str | Text, ...]:
+    return (
+        process.name,
+        ", ".join(process.components),
+        str(process.pid),
+        Text(process.state.value, style=_STYLES[process.state]),
+        f"{now_s - process.started_s:.0f}",
+        str(process.restarts),
+        f"{now_s - process.beat_s:.1f}",
+    )
+
+
+def _used(use: Use | None) -> tuple[str, str]:
+    return ("", "") if use is None else (f"{use.cores:.2f}", f"{use.memory_bytes / 1e6:.0f}")
+
+
+def measure(pids: Iterable[int], duration_s: float) -> dict[int, Use]:
+    """What processes use with all that they have started, over the next `duration_s`; dead ones are left out."""
+    families = {pid: family for pid in pids if (family := _family(pid))}
+    before = {pid: sum(map(_busy_s, family)) for pid, family in families.items()}
+    time.sleep(duration_s)
+    return {
+        pid: Use(
+            cores=max(sum(map(_busy_s, family)) - before[pid], 0.0) / duration_s,
+            memory_bytes=sum(map(_resident_bytes, family)),
+        )
+        for pid, family in families.items()
+    }
+
+
+def _family(pid: int) -> list[psutil.Process]:
+    """A process and its workers; those that lead a group of their own are processes of the table."""
+    try:
+        process = psutil.Process(pid)
+        return [process, *(child for child in process.children(recursive=True) if _group(child) == _group(process))]
+    except psutil.NoSuchProcess:
+        return []
+
+
+def _group(process: psutil.Process) -> int:
+    try:
+        return os.getpgid(process.pid)
+    except ProcessLookupError:
+        return -1
+
+
+def _busy_s(process: psutil.Process) -> float:
+    try:
+        times = process.cpu_times()
+    except psutil.NoSuchProcess:
+        return 0.0
+    return times.user + times.system
+
+
+def _resident_bytes(process: psutil.Process) -> int:
+    try:
+        return process.memory_info().rss
+    except psutil.NoSuchProcess:
+        return 0
+
+
+COMMAND = Command(PsArgs, run)

@@ -1,0 +1,190 @@
+"""`dlokit skills`: what every component can be asked to do, with arguments, units, contract and reasons."""
+
+import inspect
+import types
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
+
+import tyro
+from rich.console import Console
+from rich.markdown import Markdown
+from rich.table import Table
+from rich.text import Text
+
+from dlokit.app.commands import Command
+from dlokit.communication.skill import Condition, ReportingSkill, Skill
+from dlokit.errors import InputError
+from dlokit.system.component_table import COMPONENTS
+
+_UNITS = (
+    ("_m_s2", "m/s²"),
+    ("_m_s3", "m/s³"),
+    ("_rad_s", "rad/s"),
+    ("_m_s", "m/s"),
+    ("_rad", "rad"),
+    ("_hz", "Hz"),
+    ("_ns", "ns"),
+    ("_nm", "N·m"),
+    ("_n", "N"),
+    ("_s", "s"),
+    ("_m", "m"),
+    ("_world", "m, in the world"),
+)
+"""What the end of an argument's name says of its unit; the longer ends first."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ArgumentRow:
+    """One argument of a skill."""
+
+    name: str
+    kind: str
+    """Its type, in short."""
+    unit: str
+    """By the end of its name; empty: it has none, or its type says it."""
+    default: str
+    """Empty: it must be given."""
+
+
+def all_skills() -> dict[str, Skill[..., Any]]:
+    """Every skill of every component, by ``component.skill``."""
+    return {skill.key: skill for component in COMPONENTS.values() for skill in component.skills()}
+
+
+def skill_named(key: str) -> Skill[..., Any]:
+    """The skill ``component.skill``, or ``component.instance.skill``. Raises `InputError` with those there are."""
+    component, _, name = key.rpartition(".")
+    kind, _, instance = component.partition(".")
+    found = all_skills().get(f"{kind}.{name}")
+    if found is not None:
+        return found.at(instance)
+    if kind in COMPONENTS:
+        names = ", ".join(sorted(skill.key for skill in COMPONENTS[kind].skills()))
+        raise InputError(f"There is no skill {key!r}; {kind} has {names}.")
+    raise InputError(f"There is no skill {key!r}: say COMPONENT.SKILL, with one of {', '.join(COMPONENTS)}.")
+
+
+def arguments_of(skill: Skill[..., Any]) -> tuple[ArgumentRow, ...]:
+    """The arguments of a skill, in order."""
+    hints = get_type_hints(skill.signature)
+    return tuple(
+        ArgumentRow(
+            name=name,
+            kind=in_short(hints[name]),
+            unit=next((unit for end, unit in _UNITS if name.endswith(end)), ""),
+            default="" if parameter.default is inspect.Parameter.empty else repr(parameter.default),
+        )
+        for name, parameter in inspect.signature(skill.signature).parameters.items()
+    )
+
+
+def in_short(hint: Any) -> str:
+    """A type as people write it."""
+    if hint is type(None):
+        return "None"
+    origin, parts = get_origin(hint), get_args(hint)
+    if origin in (Union, types.UnionType):
+        return " or ".join(in_short(part) for part in parts)
+    name = str(getattr(hint, "__name__", hint))
+    if name == "ndarray":
+        return f"array of {get_args(parts[1])[0].__name__}"
+    if name == "Literal":
+        return " or ".join(str(part) for part in parts)
+    if origin is tuple:
+        return f"several {in_short(parts[0])}"
+    return name
+
+
+def markdown() -> str:
+    """The table of skills, a section a component."""
+    sections = [
+        "\n".join((f"## {name}", "", *(entry(skill) for skill in component.skills())))
+        for name, component in COMPONENTS.items()
+        if component.skills()
+    ]
+    return "\n".join(sections)
+
+
+def entry(skill: Skill[..., Any]) -> str:
+    """All of one skill, as Markdown."""
+    result = in_short(get_type_hints(skill.signature)["return"])
+    lines = [f"### {skill.key}", "", skill.doc, ""]
+    lines += [f"- `{row.name}`: {_about(row)}" for row in arguments_of(skill)]
+    lines.append(f"- gives: {result}; within {skill.timeout_s:g} s")
+    if isinstance(skill, ReportingSkill):
+        lines.append(f"- reports: {in_short(skill.reports)}")
+    for what, conditions in (
+        ("requires", skill.preconditions),
+        ("keeps", skill.keeps),
+        ("ensures", skill.postconditions),
+    ):
+        if conditions:
+            lines.append(f"- {what}: {_all_of(conditions)}")
+    if skill.exclusive:
+        lines.append(f"- one at a time with all that take the {skill.exclusive}; else rejected as `busy`")
+    return "\n".join((*lines, ""))
+
+
+def _about(row: ArgumentRow) -> str:
+    kind = f"{row.kind} [{row.unit}]" if row.unit else row.kind
+    return f"{kind}, default `{row.default}`" if row.default else kind
+
+
+def _all_of(conditions: Iterable[Condition]) -> str:
+    return "; ".join(
+        f"{condition.text} (`{condition.reason}`)" if condition.reason else condition.text for condition in conditions
+    )
+
+
+BEGIN, END = "<!-- dlokit skills -->", "<!-- end -->"
+
+
+@dataclass(frozen=True, kw_only=True)
+class SkillsArgs:
+    """List the skills of all components: arguments with types and units, time limit, and contract.
+
+    Try
+      dlokit skills                      one line a skill
+      dlokit skills robot.move_linear    all of one
+    """
+
+    skill: Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="COMPONENT.SKILL")] = None
+    """One of them."""
+    write: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """Renew the list in a Markdown file, between its two marks."""
+
+
+def run(args: SkillsArgs) -> int:
+    """Print, or renew a page."""
+    console = Console()
+    if args.write is not None:
+        args.write.write_text(renewed(args.write.read_text(encoding="utf-8"), str(args.write)), encoding="utf-8")
+    elif args.skill is not None:
+        console.print(Markdown(entry(skill_named(args.skill))))
+    else:
+        console.print(_table())
+    return 0
+
+
+def renewed(page: str, name: str) -> str:
+    """The page with the list as it is now. Raises `InputError` when it lacks the marks."""
+    head, begin, rest = page.partition(BEGIN)
+    _, end, tail = rest.partition(END)
+    if not (begin and end):
+        raise InputError(f"{name} has no lines {BEGIN} and {END}: write them where the list shall stand.")
+    return f"{head}{BEGIN}\n{markdown()}{END}{tail}"
+
+
+def _table() -> Table:
+    table = Table()
+    for heading in ("skill", "arguments", "within", "does"):
+        table.add_column(heading, no_wrap=heading == "skill")
+    for key, skill in all_skills().items():
+        arguments = [f"{row.name}={row.default}" if row.default else row.name for row in arguments_of(skill)]
+        table.add_row(key, Text(", ".join(arguments)), f"{skill.timeout_s:g} s", Text(skill.doc.split("\n")[0]))
+    return table
+
+
+COMMAND = Command(SkillsArgs, run)

@@ -1,0 +1,170 @@
+"""`dlokit stop`: the arms of running systems brake and stay stopped, and their tasks end, whatever else is wrong."""
+
+import asyncio
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from dlokit.app.commands import Command
+from dlokit.app.operate.call import in_words
+from dlokit.communication.skill import Skill
+from dlokit.decision.api import STOP_TASK
+from dlokit.description.arms import ARMS, ArmMount
+from dlokit.errors import InputError
+from dlokit.skills.robot import api as robot
+from dlokit.system.config import CONFIG_FILE, RunConfig
+from dlokit.system.processes.bus import JoinedBus, join_bus
+from dlokit.system.processes.running import RunningSystem, running_systems, the_running_system
+from dlokit.system.processes.stop_socket import STOP, Answer, left_stop, press, stop_socket
+from dlokit.system.results.recording import with_calls_told
+from dlokit.system.table import TimeBase
+from dlokit.system.toml_config import read_toml
+from dlokit.types.outcome import Succeeded
+
+EXIT_ALL_STAND = 0
+EXIT_NOT_ALL = 3
+FOUND_WITHIN_S = 2.0
+STOPPED_WITHIN_S = 15.0
+"""A system is waited for so long in all; an arm brakes in a fraction of a second."""
+STARTS_WITHIN_S = 10.0
+"""A robot process that has not begun yet is waited for so long; then it will begin stopped all the same."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class StopArgs:
+    """Brake the arms of every running system of yours, now, keep them stopped, and end their tasks.
+
+    An arm stays where it is and its fingers hold what they hold, until `dlokit enable`. It works while the system
+    starts, and while its decision process is frozen or gone. All systems are stopped at once. Exit code: 0 feedback of
+    every arm shows that it stands and the task is ending, 3 something was not confirmed, 2 no system runs.
+    """
+
+    run: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    """Only the system of this run's folder."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stopped:
+    """What became of one system."""
+
+    stands: bool
+    """Whether feedback confirmed that each of its arms stands, and its task ends or there is none."""
+    text: str
+
+
+def run_stop(args: StopArgs) -> int:
+    """Brake first, ask afterwards."""
+    systems = running_systems(starting=True) if args.run is None else [the_running_system(args.run, starting=True)]
+    if not systems:
+        raise InputError("no system of yours runs: there is nothing to stop.")
+    return exit_code(asyncio.run(stop_all(systems, say=print)))
+
+
+def exit_code(said: Sequence[Stopped]) -> int:
+    """0 where each system confirmed everything, 3 where one did not."""
+    return EXIT_ALL_STAND if all(stopped.stands for stopped in said) else EXIT_NOT_ALL
+
+
+async def stop_all(
+    systems: Sequence[RunningSystem],
+    found_within_s: float = FOUND_WITHIN_S,
+    stopped_within_s: float = STOPPED_WITHIN_S,
+    say: Callable[[str], None] = lambda line: None,
+) -> list[Stopped]:
+    """Stop all of them at once; none waits for another, and what is wrong with one is said in its lines."""
+
+    async def stopped(system: RunningSystem) -> Stopped:
+        lines = list[str]()
+
+        def note(line: str) -> None:
+            lines.append(line)
+            say(f"{system.folder}: {line}")
+
+        try:
+            async with asyncio.timeout(stopped_within_s):
+                stands = await _stop(system, found_within_s, note)
+        except TimeoutError:
+            stands = False
+            note(f"it did not answer within {stopped_within_s:g} s")
+        except Exception as error:  # whatever is wrong with one system, the arms of the others must brake
+            stands = False
+            note(f"it could not be asked: {error}")
+        return Stopped(stands=stands, text="; ".join(lines))
+
+    return await asyncio.gather(*(stopped(system) for system in systems))
+
+
+async def _stop(system: RunningSystem, found_within_s: float, note: Callable[[str], None]) -> bool:
+    """Each arm by the socket of its own process, and only where there is none over the bus; then the task.
+
+    Whether all of it was confirmed. Arms are noted as they answer: a frozen decision process is waited for.
+    """
+
+    async def brake(mount: ArmMount) -> bool:
+        answer = await _brake(system, mount, found_within_s)
+        note(f"{mount.robot} {answer.text}")
+        return answer.confirmed
+
+    ending = asyncio.create_task(_end_task(system, found_within_s))
+    try:
+        stand = await asyncio.gather(*(brake(mount) for mount in arms_of(Path(system.folder))))
+        ended = await ending
+    finally:
+        ending.cancel()
+    note(ended.text)
+    return ended.confirmed and all(stand)
+
+
+async def _brake(system: RunningSystem, mount: ArmMount, found_within_s: float) -> Answer:
+    socket = stop_socket(Path(system.folder), mount.robot)
+    if system.starting:
+        left_stop(socket).touch(mode=0o600)
+    within_s = STARTS_WITHIN_S if system.starting else found_within_s
+    answer = await press(socket, STOP, within_s, starts=system.starting)
+    if answer is not None:
+        return answer
+    if system.starting:
+        return Answer(confirmed=False, text="has not begun yet, and will begin stopped")
+    unreachable = "is unreachable: press the emergency stop of the arm"
+    return await ask_on_bus(system, robot.STOP.at(mount.instance), found_within_s, unreachable)
+
+
+async def ask_on_bus(system: RunningSystem, skill: Skill[[], None], found_within_s: float, unreachable: str) -> Answer:
+    """Call a skill of a robot without a socket on this machine: its process is on another host."""
+    async with join_bus(system.bus, TimeBase.MACHINE) as bus:
+        if not await bus.transport.wait_for(skill.component, found_within_s):
+            return Answer(confirmed=False, text=unreachable)
+        outcome = await with_calls_told(bus.transport, bus.clock).call(skill)
+        return Answer(confirmed=isinstance(outcome, Succeeded), text=in_words(outcome))
+
+
+async def _end_task(system: RunningSystem, found_within_s: float) -> Answer:
+    """The task would go on as far as it can without an arm, so it ends as well."""
+    if system.starting:
+        return Answer(confirmed=True, text="it has no task yet")
+    async with join_bus(system.bus, TimeBase.MACHINE) as bus:
+        return await _told_to_end(bus, found_within_s)
+
+
+async def _told_to_end(bus: JoinedBus, found_within_s: float) -> Answer:
+    if not await bus.transport.wait_for(STOP_TASK.component, found_within_s):
+        return Answer(confirmed=False, text="its decision process does not answer, so its task was not ended")
+    match await with_calls_told(bus.transport, bus.clock).call(STOP_TASK):
+        case Succeeded(result=ran):
+            return Answer(confirmed=True, text="its task is ending" if ran else "it has no task to end")
+        case outcome:
+            return Answer(confirmed=False, text=f"its task could not be ended: {in_words(outcome)}")
+
+
+def arms_of(folder: Path) -> tuple[ArmMount, ...]:
+    """The arms of a run, by its configuration; all that there may be where that cannot be read."""
+    try:
+        return ARMS[: read_toml(folder / CONFIG_FILE, RunConfig).arms]
+    except InputError:
+        return ARMS
+
+
+COMMAND = Command(StopArgs, run_stop)

@@ -1,0 +1,164 @@
+"""The figures of a run report, as inline SVG that follows the page's colours in light and dark."""
+
+from collections.abc import Mapping
+
+import cv2
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
+
+from dlokit.app.report.drawing import (
+    FINAL,
+    FONT_PT,
+    GOAL,
+    GRID,
+    INK,
+    MUTED,
+    START,
+    STEP,
+    TRUTH,
+    as_svg,
+    draw_rope,
+    draw_table,
+    new_figure,
+)
+from dlokit.system.results.run_record import RunRecord, StepTiming
+from dlokit.types.arrays import UInt8Array
+from dlokit.types.feasibility import GoalVerdict
+
+QUICK_S = 0.02
+"""Steps that took less than this over the whole run [s] are named rather than drawn."""
+
+
+def overlay(record: RunRecord) -> str:
+    """Start, goal and the shape after each action, seen from above, as SVG."""
+    figure, axes = new_figure(7.4, 6.4)
+    draw_table(axes)
+    goal = record.goal_nodes_world
+    axes.plot(goal[:, 0], goal[:, 1], color=GOAL, linewidth=9, alpha=0.35, solid_capstyle="round", label="goal")
+    if record.start_nodes_world is not None:
+        draw_rope(axes, record.start_nodes_world, START, 2.0, "start", dashed=True)
+    between = record.actions[:-1]
+    for number, action in enumerate(between, start=1):
+        nodes = action.nodes_world
+        label = "after each action" if number == 1 else "_nolegend_"
+        shade = 0.4 + 0.5 * number / len(between)
+        axes.plot(nodes[:, 0], nodes[:, 1], color=STEP, linewidth=1.3, alpha=shade, label=label)
+    if record.actions:
+        draw_rope(axes, record.actions[-1].nodes_world, FINAL, 3.0, "final")
+        _moves(axes, record)
+    axes.legend(
+        loc="upper left",
+        bbox_to_anchor=(1.02, 1.0),
+        frameon=False,
+        labelcolor=INK,
+        fontsize=FONT_PT,
+        handlelength=2.5,
+    )
+    return as_svg(figure, "Top view of the table: start, goal, and the shape after each action")
+
+
+def spring_back(verdict: GoalVerdict) -> str:
+    """A goal, where the DLO comes to rest when it is released there, and the nearest shape that holds, as SVG."""
+    figure, axes = new_figure(7.4, 6.4)
+    draw_table(axes)
+    goal = verdict.goal_world
+    axes.plot(goal[:, 0], goal[:, 1], color=GOAL, linewidth=9, alpha=0.35, solid_capstyle="round", label="goal")
+    for number, release in enumerate(verdict.releases):
+        nodes, label = release.nodes_world, ("released there", "in doubt", "_nolegend_")[min(number, 2)]
+        color, width = (TRUTH, 2.2) if number == 0 else (MUTED, 1.0)
+        axes.plot(nodes[:, 0], nodes[:, 1], color=color, linewidth=width, label=label)
+    if verdict.nearest_world is not None:
+        draw_rope(axes, verdict.nearest_world, FINAL, 2.0, "nearest that holds", dashed=True)
+    axes.legend(loc="upper left", bbox_to_anchor=(1.02, 1.0), frameon=False, labelcolor=INK, fontsize=FONT_PT)
+    return as_svg(figure, "Top view of the table: the goal, and where the DLO springs back to")
+
+
+def error_curve(record: RunRecord) -> str:
+    """The error to the goal against the number of actions, with the threshold, as SVG."""
+    figure, axes = new_figure(7.4, 6.2)
+    result = record.result
+    estimates = [(row.action, row.rmse_m * 1000.0) for row in result.history]
+    if record.start_rmse_m is not None:
+        estimates.insert(0, (0, record.start_rmse_m * 1000.0))
+    truths = [(row.action, row.true_rmse_m * 1000.0) for row in result.history if row.true_rmse_m is not None]
+    threshold_mm = result.threshold_m * 1000.0
+    axes.axhline(
+        threshold_mm, color=GOAL, linewidth=1.5, linestyle=(0, (5, 3)), label=f"threshold {threshold_mm:.4g} mm"
+    )
+    axes.axhspan(0.0, threshold_mm, color=GOAL, alpha=0.10, linewidth=0)
+    if truths:
+        axes.plot(
+            *zip(*truths, strict=True),
+            color=TRUTH,
+            linewidth=1.4,
+            marker="D",
+            markersize=4,
+            label="true, 2 s after release",
+        )
+    if estimates:
+        axes.plot(
+            *zip(*estimates, strict=True), color=FINAL, linewidth=2.2, marker="o", markersize=5, label="estimated"
+        )
+    lost = [(row.action, row.rmse_m * 1000.0) for row in result.history if not row.grasp_ok and row.kind != "push"]
+    if lost:
+        axes.plot(
+            *zip(*lost, strict=True), color=INK, linestyle="none", marker="x", markersize=9, label="grasp not held"
+        )
+    axes.set_ylim(bottom=0.0)
+    last = max(1, *(number for number, _ in estimates)) if estimates else 1
+    axes.set_xlim(-0.25, last + 0.25)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.set_xlabel("actions", color=MUTED, fontsize=FONT_PT - 1)
+    axes.set_ylabel("RMSE [mm]", color=MUTED, fontsize=FONT_PT - 1)
+    axes.grid(axis="y", color=GRID, linewidth=0.8)
+    axes.legend(frameon=False, labelcolor=INK, fontsize=FONT_PT)
+    return as_svg(figure, "Error to the goal after each action, with the threshold")
+
+
+def timing_bars(timings: Mapping[str, StepTiming]) -> str:
+    """Time on the cell's clock and computing time of each step of the flow, as SVG. Quick steps are left out."""
+    shown = [name for name, timing in timings.items() if timing.sim_time_s + timing.wall_time_s >= QUICK_S]
+    names = sorted(shown, key=lambda name: timings[name].sim_time_s + timings[name].wall_time_s)
+    figure, axes = new_figure(13.0, 0.9 + 0.5 * len(names))
+    rows = np.arange(len(names))
+    for offset, color, label, seconds in (
+        (0.2, FINAL, "cell time", [timings[name].sim_time_s for name in names]),
+        (-0.2, TRUTH, "computing", [timings[name].wall_time_s for name in names]),
+    ):
+        bars = axes.barh(rows + offset, seconds, height=0.36, color=color, label=label)
+        axes.bar_label(bars, fmt="%.2f s", padding=4, color=MUTED, fontsize=FONT_PT - 2)
+    axes.set_yticks(rows, [f"{name.replace('_', ' ')} ({timings[name].calls}×)" for name in names])
+    axes.tick_params(axis="y", length=0, colors=INK)
+    axes.set_xlim(right=1.14 * max(*axes.get_xlim(), 1e-9))
+    axes.grid(axis="x", color=GRID, linewidth=0.8)
+    axes.set_axisbelow(True)
+    axes.legend(frameon=False, labelcolor=INK, fontsize=FONT_PT, loc="lower right")
+    return as_svg(figure, "Time by step of the flow")
+
+
+def picture_jpeg(image: UInt8Array) -> bytes:
+    """A picture (height, width, 3) RGB as JPEG: the camera's noise would make a PNG seven times as large."""
+    done, encoded = cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, 90])
+    if not done:
+        raise ValueError(f"a picture of shape {image.shape} and type {image.dtype} cannot be written as JPEG")
+    return encoded.tobytes()
+
+
+def _moves(axes: Axes, record: RunRecord) -> None:
+    """An arrow an action, numbered: from where the grasped node lay to where it came to lie."""
+    before = record.start_nodes_world
+    for row, action in zip(record.result.history, record.actions, strict=True):
+        if before is not None:
+            (x0, y0), (x1, y1) = before[row.grasp_node, :2], action.nodes_world[row.grasp_node, :2]
+            style = {"arrowstyle": "-|>", "color": MUTED, "linewidth": 0.9, "shrinkA": 0, "shrinkB": 0}
+            axes.annotate("", xy=(x1, y1), xytext=(x0, y0), arrowprops=style)
+            axes.annotate(
+                str(row.action),
+                xy=(x0, y0),
+                xytext=(4, 4),
+                textcoords="offset points",
+                color=INK,
+                fontsize=FONT_PT - 1,
+            )
+        before = action.nodes_world

@@ -1,0 +1,1 @@
+"""Commands that shape a DLO: `shape`, `demo`, `resume`."""

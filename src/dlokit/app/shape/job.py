@@ -1,0 +1,140 @@
+"""From what the user typed to what a run does: the settings that flags choose by name, start, goal and task."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from dlokit.app.shape.inputs import is_file_name, shape_from_text
+from dlokit.communication.strategies import NamedConfig, StrategyKind
+from dlokit.decision.task import GoalRequest
+from dlokit.description.dlo import preset
+from dlokit.errors import ConfigError
+from dlokit.functional.cell.dlo_physics import PHYSICS
+from dlokit.functional.cell.randomisation import RANDOMISED
+from dlokit.skills.observer.strategies import OBSERVERS
+from dlokit.skills.perception.segmentations import SEGMENTATIONS
+from dlokit.skills.planning.strategies import PLANNERS
+from dlokit.system.config import INTERACTIVE, RunConfig, with_dlo
+from dlokit.system.shaping import ShapeJob
+from dlokit.system.toml_config import read_toml
+from dlokit.types.arrays import Float64Array
+
+C = TypeVar("C", bound=NamedConfig)
+
+
+def chosen_settings(arguments: Sequence[str], config_file: Path | None) -> RunConfig:
+    """What holds where the other arguments say nothing. Raises `ConfigError`."""
+    run = RunConfig() if config_file is None else read_toml(config_file, RunConfig)
+    if (name := value_of(arguments, "--dlo")) is not None:
+        run = with_dlo(run, preset(name))
+    if (name := value_of(arguments, "--physics")) is not None:
+        run = _with_physics(run, name)
+    if "--randomised" in arguments:
+        run = replace(run, cell=replace(run.cell, randomisation=RANDOMISED))
+    if (name := value_of(arguments, "--observer")) is not None:
+        observer = _chosen(OBSERVERS, "--observer", name, run.observer.strategy)
+        run = replace(run, observer=replace(run.observer, strategy=observer))
+    if (name := value_of(arguments, "--segmentation")) is not None:
+        segmentation = _chosen(SEGMENTATIONS, "--segmentation", name, run.perception.segmentation)
+        run = replace(run, perception=replace(run.perception, segmentation=segmentation))
+    if (name := value_of(arguments, "--planner")) is not None:
+        planner = _chosen(PLANNERS, "--planner", name, run.planning.strategy)
+        run = replace(run, planning=replace(run.planning, strategy=planner))
+    return run
+
+
+def _with_physics(run: RunConfig, name: str) -> RunConfig:
+    if name not in PHYSICS:
+        raise ConfigError(f"--physics {name!r} is not known; choose one of {', '.join(PHYSICS)}.")
+    return replace(run, cell=replace(run.cell, physics=PHYSICS[name]()))
+
+
+def config_file_of(arguments: Sequence[str]) -> Path | None:
+    """The file after `--config`."""
+    name = value_of(arguments, "--config")
+    return None if name is None else Path(name)
+
+
+def value_of(arguments: Sequence[str], flag: str) -> str | None:
+    """The last value of a flag, as argument parsers have it."""
+    value: str | None = None
+    for index, argument in enumerate(arguments):
+        if argument == flag:
+            if index + 1 == len(arguments):
+                raise ConfigError(f"{flag} lacks its value; --help says what it takes.")
+            value = arguments[index + 1]
+        elif argument.startswith(f"{flag}="):
+            value = argument.removeprefix(f"{flag}=")
+    return value
+
+
+def _chosen(kind: StrategyKind[C], flag: str, name: str, before: C) -> C:
+    """The strategy of that name with its defaults; where it is the one of `before`, with its settings."""
+    wanted = kind.named(name, flag)
+    return before if type(before) is wanted else wanted()
+
+
+_CURVE_POINTS = 101  # start and goal are kept finer than either rod and resampled by each
+
+
+def job_from_config(config: RunConfig) -> ShapeJob:
+    """Read, draw or look up start and goal. Raises `ShapeError`.
+
+    The start is as long as the cell's DLO, the goal as long as the system believes it to be.
+    """
+    start = _shape(config, config.start, config.cell.dlo.length_m, config.cell.dlo.radius_m, stream=0)
+    name = f"{Path(config.start).name} to {Path(config.goal).name}"
+    if config.goal == INTERACTIVE:
+        return ShapeJob(name=name, start_nodes_world=start, request=None)
+    model = config.model
+    goal = _shape(
+        config,
+        config.goal,
+        model.length_m,
+        model.radius_m,
+        stream=1,
+        middle_m=config.goal_at_m,
+        # A goal off the table is refused at once, unless it shall be moved, or tried where it is.
+        on_table=config.task.infeasible == "reject",
+    )
+    request = GoalRequest(nodes_world=goal, name=config.goal, ends_interchangeable=config.ends_interchangeable)
+    return ShapeJob(name=name, start_nodes_world=start, request=request)
+
+
+def with_absolute_files(config: RunConfig) -> RunConfig:
+    """Files by their absolute paths, so that the configuration of the run holds in every folder."""
+    hosts = config.hosts
+    if hosts is not None and hosts.certificates:
+        hosts = replace(hosts, certificates=str(hosts.folder.absolute()))
+    return replace(config, start=_absolute(config.start), goal=_absolute(config.goal), hosts=hosts)
+
+
+def _absolute(text: str) -> str:
+    return str(Path(text).expanduser().absolute()) if is_file_name(text) else text
+
+
+def _shape(
+    config: RunConfig,
+    text: str,
+    length_m: float,
+    radius_m: float,
+    *,
+    stream: int,
+    middle_m: tuple[float, float] | None = None,
+    on_table: bool = True,
+) -> Float64Array:
+    # Start and goal draw from streams of their own, so that one does not change the other.
+    rng = np.random.default_rng([config.seed, stream])
+    return shape_from_text(
+        text,
+        length_m=length_m,
+        count=_CURVE_POINTS,
+        radius_m=radius_m,
+        rng=rng,
+        fit_length=config.fit_length,
+        middle_m=middle_m,
+        on_table=on_table,
+    )

@@ -1,0 +1,186 @@
+"""What a run shows in the terminal: a live table of actions, the present step, and the summary at the end.
+
+Where the output is no terminal (a log file, a pipe), one plain line an action is written instead.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from rich.console import Console, Group, RenderableType
+from rich.live import Live
+from rich.markup import escape
+from rich.table import Table
+from rich.text import Text
+
+from dlokit.app.shape.outcome_words import outcome_in_words
+from dlokit.system.results.run_result import ActionResult, RunResult
+from dlokit.system.shaping import Watcher
+from dlokit.types.action import Push
+from dlokit.types.candidates import Candidates
+from dlokit.types.feasibility import Standing
+from dlokit.types.flow import FlowStatus, RunOutcome
+
+_STARTING = Text.assemble(("▸ ", "cyan"), ("starting", "bold cyan"))
+PUSH = str(Push.__struct_config__.tag)
+
+_WARNS = frozenset({"find_dlo", "set_goal", "track_model"})
+"""Boxes before which something may have been said of the camera, or of the goal, that the operator should read."""
+
+
+class RunDisplay(Watcher):
+    """Shows one run while it goes on. Use it as a context manager around the run."""
+
+    def __init__(self, console: Console, *, title: str, threshold_m: float, invitation: str = "") -> None:
+        """Show a run named `title` on `console`; errors below `threshold_m` are marked.
+
+        `invitation` says what to do in the viewer, once it can be opened.
+        """
+        self._console = console
+        self._invitation = invitation
+        self._title = title
+        self._threshold_m = threshold_m
+        self._rows: list[ActionResult] = []
+        self._status: FlowStatus | None = None
+        self._ended = False
+        self._candidates: Candidates | None = None
+        # Refreshed when something happens rather than by a thread: a run owns its process. It makes room for the
+        # table at the end, which has the evaluator's column.
+        self._live = Live(console=console, auto_refresh=False, transient=True) if console.is_terminal else None
+
+    def __enter__(self) -> Self:
+        if self._live is None:
+            self._console.print(f"{self._title}: threshold {_mm(self._threshold_m)}", markup=False)
+        else:
+            self._live.start()
+            self._refresh()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._live is not None:
+            self._ended = True
+            self._refresh()
+            self._live.stop()
+
+    def page(self, url: str) -> None:
+        """The viewer can be opened."""
+        self._console.print(f"viewer: {url}", markup=False, highlight=False, soft_wrap=True)
+        if self._invitation:
+            self._console.print(self._invitation, markup=False, highlight=False)
+
+    def step(self, status: FlowStatus) -> None:
+        """The flow has come to another step."""
+        if self._live is None and status.step in _WARNS and status.text:
+            self._console.print(status.text, markup=False, highlight=False, soft_wrap=True)
+        self._status, self._candidates = status, None
+        self._refresh()
+
+    def considered(self, candidates: Candidates) -> None:
+        """A decision has come further."""
+        self._candidates = candidates
+        self._refresh()
+
+    def action(self, row: ActionResult) -> None:
+        """An action has ended."""
+        self._rows.append(row)
+        if self._live is None:
+            self._console.print(_plain(row), markup=False, highlight=False)
+        self._refresh()
+
+    def finish(self, result: RunResult, report: Path | None = None, nearest: Path | None = None) -> None:
+        """The run has ended: the table, the outcome in words, where the report lies, and the nearest goal that holds.
+
+        Call it after the `with` block.
+        """
+        if result.history:
+            self._console.print(action_table(result.history, threshold_m=self._threshold_m, title=self._title))
+        color = "green" if result.outcome is RunOutcome.CONVERGED else "red"
+        self._console.print(
+            f"[bold {color}]{result.outcome.value}[/]  {escape(outcome_in_words(result))}", highlight=False
+        )
+        if result.true_rmse_m is not None:
+            self._console.print(f"true error {_mm(result.true_rmse_m)}, 2 s after the last release", highlight=False)
+        if result.camera is not None and self._live is not None:  # else it was written when it was known
+            self._console.print(escape(result.camera.text), highlight=False)
+        pace = result.sim_time_s / result.wall_time_s if result.wall_time_s > 0.0 else 0.0
+        self._console.print(
+            f"{result.sim_time_s:.1f} s on the cell's clock in {result.wall_time_s:.1f} s ({pace:.1f} times real time)",
+            highlight=False,
+        )
+        verdict = result.goal_verdict if result.outcome is not RunOutcome.INFEASIBLE else None
+        if verdict is not None and verdict.standing is not Standing.HOLDS:
+            self._console.print(f"[bold yellow]goal[/]  {escape(verdict.text)}", highlight=False)
+        if nearest is not None:
+            self._console.print(f"nearest goal that holds: {nearest}", markup=False, highlight=False, soft_wrap=True)
+        if report is not None:
+            # A path must stay in one piece, or it can neither be clicked nor copied.
+            self._console.print(f"report: {report}", markup=False, highlight=False, soft_wrap=True)
+
+    def _refresh(self) -> None:
+        if self._live is not None:
+            self._live.update(self._view(), refresh=True)
+
+    def _view(self) -> RenderableType:
+        table = action_table(self._rows, threshold_m=self._threshold_m, title=self._title)
+        if self._ended:
+            return table
+        return Group(table, _STARTING if self._status is None else _progress(self._status, self._candidates))
+
+
+def action_table(rows: Sequence[ActionResult], *, threshold_m: float, title: str = "") -> Table:
+    """The table of actions with the error after each; errors below `threshold_m` are marked."""
+    with_truth = any(row.true_rmse_m is not None for row in rows)
+    table = Table(title=escape(title) or None, title_justify="left", title_style="bold")
+    table.add_column("action", justify="right")
+    table.add_column("kind", min_width=len("pick-and-place"))
+    table.add_column("node", justify="right")
+    table.add_column("grasp")
+    # In two lines: the whole table must fit into 80 columns.
+    table.add_column(f"RMSE\n< {_mm(threshold_m)}", justify="right")
+    if with_truth:
+        table.add_column("true\nRMSE", justify="right")
+    table.add_column("duration", justify="right")
+    for row in rows:
+        rmse = Text(_mm(row.rmse_m), style="green" if row.rmse_m < threshold_m else "")
+        grip = grip_in_words(row)
+        held = Text(grip, style="" if grip in ("held", "pushed") else "red")
+        true = [Text("–" if row.true_rmse_m is None else _mm(row.true_rmse_m))] if with_truth else []
+        table.add_row(str(row.action), row.kind, str(row.grasp_node), held, rmse, *true, f"{row.duration_s:.1f} s")
+    return table
+
+
+def _progress(status: FlowStatus, candidates: Candidates | None) -> Text:
+    text = Text.assemble(("▸ ", "cyan"), (status.step.replace("_", " "), "bold cyan"))
+    if status.rmse_m is not None:
+        text.append(f"   error {_mm(status.rmse_m)}")
+    if status.text:
+        text.append(f"   {status.text}", style="dim")
+    if candidates is not None:
+        text.append(f"   {candidates.rollouts} of {candidates.budget} rollouts", style="dim")
+        if candidates.best:
+            best = candidates.best[0]
+            text.append(f", best: {best.kind} at node {best.node}, score {_mm(best.score_m)}", style="dim")
+    return text
+
+
+def grip_in_words(row: ActionResult) -> str:
+    """What became of the grip of an action: held, not held, pushed, or what ended the action early, e.g. slipped."""
+    if row.ended_by is not None:
+        return row.ended_by.replace("_", " ")
+    if row.kind == PUSH:
+        return "pushed"
+    if row.slipped:
+        return "slipped"
+    return "held" if row.grasp_ok else "not held"
+
+
+def _plain(row: ActionResult) -> str:
+    done = f"{row.kind}, node {row.grasp_node} {grip_in_words(row)}"
+    return f"action {row.action}: {done}, RMSE {_mm(row.rmse_m)}, {row.duration_s:.1f} s"
+
+
+def _mm(value_m: float) -> str:
+    return f"{value_m * 1000:.1f} mm"

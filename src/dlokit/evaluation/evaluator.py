@@ -1,0 +1,159 @@
+"""The evaluator: the true error of a run, from the cell's hidden truth, after the run. It alone reads `truth.npz`."""
+
+import zipfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from dlokit import geometry
+from dlokit.errors import InputError
+from dlokit.system.results.run_record import RunRecord
+from dlokit.system.results.run_result import RunResult
+from dlokit.types.arrays import Float64Array, Int64Array
+
+FILE_NAME = "truth.npz"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Truth:
+    """Where the DLO really was, all along a run."""
+
+    stamps_ns: Int64Array  # (T,) rising, on the cell's clock [ns]
+    nodes_world: Float64Array  # (T, Mc, 3) [m], Mc nodes of the cell's own rod
+
+    def at(self, stamp_ns: int) -> Float64Array:
+        """Nodes (Mc, 3) [m] at a time, interpolated between the two records around it; held before and after."""
+        last = len(self.stamps_ns) - 1
+        after = int(np.clip(np.searchsorted(self.stamps_ns, stamp_ns), min(1, last), last))
+        before = max(after - 1, 0)
+        span = float(self.stamps_ns[after] - self.stamps_ns[before])
+        part = 0.0 if span == 0.0 else float(np.clip((stamp_ns - self.stamps_ns[before]) / span, 0.0, 1.0))
+        return (1.0 - part) * self.nodes_world[before] + part * self.nodes_world[after]
+
+
+def read_truth(folder: Path) -> Truth:
+    """The truth in a run's folder. Raises `InputError` when it is missing or has another layout."""
+    path = folder / FILE_NAME
+    try:
+        with np.load(path, allow_pickle=False) as arrays:
+            stamps, nodes = np.asarray(arrays["stamps_ns"]), np.asarray(arrays["nodes_world"])
+    except FileNotFoundError:
+        raise InputError(f"{folder} holds no {FILE_NAME}: only runs on the simulated cell have one.") from None
+    except (KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        raise InputError(f"{path} is not a cell's truth ({error}): run it again.") from error
+    if stamps.ndim != 1 or len(stamps) == 0 or nodes.ndim != 3 or nodes.shape[::2] != (len(stamps), 3):
+        raise InputError(
+            f"{path} holds stamps_ns {stamps.shape} and nodes_world {nodes.shape}; expected (T,) and (T, Mc, 3) "
+            "with T of at least 1: run it again."
+        )
+    return Truth(stamps_ns=stamps.astype(np.int64), nodes_world=nodes.astype(np.float64))
+
+
+SETTLE_S = 2.0
+"""A released rope is judged this long after the release [s]."""
+_GRACE_NS = 100_000_000
+"""A record that ends up to 0.1 s early still counts: rope that has lain for 1.9 s moves by micrometres."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrueErrors:
+    """What the evaluator found."""
+
+    after_action_m: tuple[float | None, ...]
+    """Error 2 s after each release [m]; None for an action without a release, or that the truth does not cover."""
+    final_m: float | None
+    """Error 2 s after the last release, or at the end of the record when nothing was released [m]."""
+    final_largest_m: float | None
+    """Distance of the farthest node from its goal node then [m]."""
+    reversed_order: bool
+    """Whether the system counts the nodes from the other end than the cell."""
+
+
+def evaluate(record: RunRecord, truth: Truth) -> TrueErrors:
+    """The true errors of a run. Raises `InputError` when the two do not fit."""
+    if record.start_nodes_world is None:
+        # Never seen: there is no order of the system's to take, so the nearer one is the fairer.
+        goal = record.goal_nodes_world
+        nodes = geometry.resample(truth.nodes_world[-1], len(goal))
+        rmse_m, largest_m = _errors(nodes, goal, ends_interchangeable=True)
+        return TrueErrors(after_action_m=(), final_m=rmse_m, final_largest_m=largest_m, reversed_order=False)
+    return true_errors(
+        truth,
+        goal_nodes_world=record.goal_nodes_world,
+        first_nodes_world=record.start_nodes_world,
+        first_stamp_ns=record.start_stamp_ns,
+        release_stamps_ns=[action.release_stamp_ns for action in record.actions],
+        ends_interchangeable=record.ends_interchangeable,
+    )
+
+
+def true_errors(
+    truth: Truth,
+    *,
+    goal_nodes_world: Float64Array,
+    first_nodes_world: Float64Array,
+    first_stamp_ns: int,
+    release_stamps_ns: Sequence[int | None],
+    ends_interchangeable: bool = False,
+) -> TrueErrors:
+    """The true errors to a goal (M, 3) [m], in the order that fits the system's first estimate (M, 3) [m] best.
+
+    `release_stamps_ns` are on the cell's clock [ns], one an action, None for an action without a release.
+    Raises `InputError` when a stamp lies before the truth begins.
+    """
+    count = len(goal_nodes_world)
+    at_first = geometry.resample(_covered(truth, first_stamp_ns), len(first_nodes_world))
+    forward = geometry.rmse_m(at_first, first_nodes_world)
+    reversed_order = geometry.rmse_m(at_first[::-1], first_nodes_world) < forward
+
+    def errors_at(stamp_ns: int) -> tuple[float, float] | tuple[None, None]:
+        if stamp_ns > truth.stamps_ns[-1] + _GRACE_NS:
+            return None, None
+        nodes = geometry.resample(_covered(truth, stamp_ns), count)
+        ordered = nodes[::-1] if reversed_order else nodes
+        return _errors(ordered, goal_nodes_world, ends_interchangeable=ends_interchangeable)
+
+    settle_ns = round(SETTLE_S * 1e9)
+    after = tuple(None if stamp is None else errors_at(stamp + settle_ns)[0] for stamp in release_stamps_ns)
+    releases = [stamp for stamp in release_stamps_ns if stamp is not None]
+    final_stamp_ns = max(releases) + settle_ns if releases else int(truth.stamps_ns[-1])
+    final_m, final_largest_m = errors_at(final_stamp_ns)
+    return TrueErrors(
+        after_action_m=after, final_m=final_m, final_largest_m=final_largest_m, reversed_order=reversed_order
+    )
+
+
+def _errors(nodes: Float64Array, goal: Float64Array, *, ends_interchangeable: bool) -> tuple[float, float]:
+    """RMSE and largest distance [m] of nodes (M, 3) to goal nodes (M, 3) [m], the nearer order if both are allowed."""
+    orders = [nodes, nodes[::-1]] if ends_interchangeable else [nodes]
+    nearer = min(orders, key=lambda ordered: geometry.rmse_m(ordered, goal))
+    return geometry.rmse_m(nearer, goal), float(np.linalg.norm(nearer - goal, axis=1).max())
+
+
+def with_truth(result: RunResult, errors: TrueErrors) -> RunResult:
+    """A result with the evaluator's figures filled in. Raises `InputError` when the numbers of actions differ."""
+    if len(errors.after_action_m) != len(result.history):
+        raise InputError(
+            f"The result tells of {len(result.history)} actions, the record of {len(errors.after_action_m)}: "
+            "they are not of the same run."
+        )
+    history = tuple(
+        msgspec.structs.replace(row, true_rmse_m=error)
+        for row, error in zip(result.history, errors.after_action_m, strict=True)
+    )
+    return msgspec.structs.replace(
+        result, history=history, true_rmse_m=errors.final_m, true_largest_m=errors.final_largest_m
+    )
+
+
+def _covered(truth: Truth, stamp_ns: int) -> Float64Array:
+    """The truth (Mc, 3) [m] at a time that it covers."""
+    if stamp_ns < truth.stamps_ns[0] - _GRACE_NS:
+        raise InputError(
+            f"The truth begins at {truth.stamps_ns[0] * 1e-9:.3f} s, after {stamp_ns * 1e-9:.3f} s: the files are "
+            "not of the same run, or the cell began to record too late."
+        )
+    return np.asarray(truth.at(stamp_ns))

@@ -1,0 +1,1 @@
+"""A live system on several machines."""

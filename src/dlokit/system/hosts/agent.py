@@ -1,0 +1,120 @@
+"""One host's part in a run on several: it starts its processes when the decision's host asks, and watches them."""
+
+import asyncio
+import logging
+import socket
+import time
+from collections.abc import AsyncGenerator, Callable, Mapping
+from contextlib import asynccontextmanager
+
+from dlokit import __version__
+from dlokit.communication.component import Component, implements, implements_reporting
+from dlokit.communication.container import Host
+from dlokit.communication.zenoh.session import ZenohConfig
+from dlokit.errors import InputError, MachineError, ProcessFailure, SkillFailure, SkillRejected
+from dlokit.system.hosts.api import HELLO, RUN_SHARE, HostFacts, ShareReady
+from dlokit.system.hosts.doors import NAMESPACE, impatient_links, through_door
+from dlokit.system.hosts.placement import AGENT
+from dlokit.system.processes.bus import join_bus
+from dlokit.system.processes.running import announced
+from dlokit.system.processes.supervisor import Launch, Supervisor
+from dlokit.system.table import ProcessRow, TimeBase
+
+log = logging.getLogger(__name__)
+
+Prepare = Callable[[str], Launch]
+"""From the configuration of a run to how its processes are started here. Raises `InputError`."""
+
+
+class HostAgent(Component):
+    """Answers for one host; one share at a time."""
+
+    name = AGENT
+
+    def __init__(
+        self,
+        name: str,
+        rows: Mapping[str, ProcessRow],
+        prepare: Prepare,
+        meeting_point: str,
+        say: Callable[[str], None],
+    ) -> None:
+        """`rows` are the processes that there are; the host's own reach its door at `meeting_point`."""
+        super().__init__()
+        self.instance = name
+        self._rows = rows
+        self._prepare = prepare
+        self._meeting_point = meeting_point
+        self._say = say
+
+    @implements(HELLO)
+    async def hello(self) -> HostFacts:
+        """Version and time of day."""
+        return HostFacts(version=__version__, wall_ns=time.time_ns())
+
+    @implements_reporting(RUN_SHARE)
+    async def run_share(
+        self, report: Callable[[ShareReady], None], config_toml: str, processes: tuple[str, ...]
+    ) -> None:
+        """Run a share until the caller has had enough, or is gone."""
+        try:
+            launch = self._prepare(config_toml)
+            rows = tuple(self._rows[name] for name in processes)
+        except (InputError, KeyError) as error:
+            self._say(f"a run is refused: {error}")
+            raise SkillRejected("bad_configuration", str(error)) from error
+        self._say(f"starting {', '.join(processes)}; logs in {launch.run_dir / 'logs'}")
+        try:
+            async with Supervisor(rows, launch, through_door(self._meeting_point)) as supervisor:
+                with announced(launch.run_dir, NAMESPACE, self._meeting_point, client=True):
+                    self._say("ready")
+                    report(ShareReady(host=self.instance))
+                    await supervisor.wait_failed()
+        except ProcessFailure as failure:
+            self._say(str(failure))
+            raise SkillFailure(failure.reason, failure.detail) from failure
+        except InputError as error:
+            self._say(str(error))
+            raise SkillFailure("process_could_not_work", str(error)) from error
+        finally:
+            self._say("the share has ended; waiting for the next run")
+
+
+@asynccontextmanager
+async def host_served(
+    name: str,
+    door: Callable[[str], ZenohConfig],
+    rows: Mapping[str, ProcessRow],
+    prepare: Prepare,
+    say: Callable[[str], None],
+) -> AsyncGenerator[None]:
+    """Open this host's door and answer for it meanwhile. Raises `MachineError` when no port is free."""
+    meeting_point = free_meeting_point()
+    config = door(meeting_point)
+    async with join_bus(config, TimeBase.MACHINE) as bus, impatient_links(config.connect[0]):
+        host = Host(bus.transport, bus.clock)
+        host.add(HostAgent(name, rows, prepare, meeting_point, say))
+        async with host:
+            yield
+
+
+async def serve_host(
+    name: str,
+    door: Callable[[str], ZenohConfig],
+    rows: Mapping[str, ProcessRow],
+    prepare: Prepare,
+    say: Callable[[str], None],
+) -> None:
+    """As `host_served`, until it is cancelled."""
+    async with host_served(name, door, rows, prepare, say):
+        await asyncio.Event().wait()
+
+
+def free_meeting_point() -> str:
+    """An endpoint of the loopback interface that nobody uses. Raises `MachineError` when there is none."""
+    with socket.socket() as probe:
+        try:
+            probe.bind(("127.0.0.1", 0))
+        except OSError as error:
+            raise MachineError(f"no port is free on 127.0.0.1: {error}; end other programs") from error
+        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"

@@ -1,0 +1,111 @@
+"""Which process of the table runs on which host, and what each host may do on the others."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from dlokit.communication.topic import Topic
+from dlokit.communication.topics import TOPICS
+from dlokit.communication.zenoh.access import HostRights
+from dlokit.decision.api import STOP_TASK
+from dlokit.description.arms import ARMS
+from dlokit.errors import ConfigError
+from dlokit.skills.robot import api as robot
+from dlokit.system.hosts.config import HostsConfig
+from dlokit.system.table import CAMERA, CELL, DECISION, OPPOSITE, PROCESSES, ROBOT, ProcessRow
+
+AGENT = "host"
+"""Component by which the decision's host asks another one for its share: `host.NAME`."""
+DRIVERS = frozenset({ROBOT.name, OPPOSITE.name, CAMERA.name})
+"""Processes that speak to the cell as they would to their device."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Placement:
+    """The rows of a run by host."""
+
+    main: str
+    """The host of the decision process, where the others connect."""
+    own: tuple[ProcessRow, ...]
+    """Its rows, the decision process first."""
+    others: Mapping[str, tuple[ProcessRow, ...]]
+    """Those of each other host; none where a host only looks on."""
+
+
+def placed(hosts: HostsConfig, rows: tuple[ProcessRow, ...]) -> Placement:
+    """Where the rows of a run go, the first of which is the decision process. Raises `ConfigError`."""
+    where = _host_by_process(hosts)
+    nowhere = [row.name for row in rows if row.name not in where]
+    if nowhere:
+        raise ConfigError(f"[hosts.runs] places {', '.join(nowhere)} on no host: add each to the list of one host.")
+    main = where[rows[0].name]
+    if where.get(CELL.name, main) != main:
+        raise ConfigError(
+            f"[hosts.runs] places the simulated cell on {where[CELL.name]}: it must run on {main}, where "
+            f"{DECISION.name} does and its truth is judged after the run."
+        )
+    return Placement(
+        main=main,
+        own=tuple(row for row in rows if where[row.name] == main),
+        others={host: tuple(row for row in rows if where[row.name] == host) for host in hosts.runs if host != main},
+    )
+
+
+def main_host(hosts: HostsConfig) -> str:
+    """The host of the decision process. Raises `ConfigError` when none has it."""
+    where = _host_by_process(hosts)
+    if DECISION.name not in where:
+        raise ConfigError(f"[hosts.runs] places {DECISION.name} on no host: add it to the list of one host.")
+    return where[DECISION.name]
+
+
+def _host_by_process(hosts: HostsConfig) -> dict[str, str]:
+    known = [row.name for row in PROCESSES]
+    where: dict[str, str] = {}
+    for host, names in hosts.runs.items():
+        for name in names:
+            if name not in known:
+                raise ConfigError(
+                    f"[hosts.runs] places {name!r} on {host}, which is no process; there are {', '.join(known)}."
+                )
+            if name in where:
+                raise ConfigError(f"[hosts.runs] places {name} on {where[name]} and on {host}: name it once.")
+            where[name] = host
+    return where
+
+
+def rights_at_main(placement: Placement) -> tuple[HostRights, ...]:
+    """What each other host may do: speak for its components, stop arm and task, and drive the cell if that is its work.
+
+    Calls to anything else come from the main host alone, motions of the robot above all, and so do the heartbeats
+    that keep its lease.
+    """
+    stops = tuple(
+        f"{skill.component}/{skill.name}" for skill in (*(robot.STOP.at(arm.instance) for arm in ARMS), STOP_TASK)
+    )
+    return tuple(
+        HostRights(
+            host=host,
+            publishes=tuple(topic.name for topic in _topics_of(share)),
+            serves=(f"{AGENT}.{host}", *_components(share)),
+            calls=(*stops, *(("cell/*",) if any(row.name in DRIVERS for row in share) else ())),
+        )
+        for host, share in placement.others.items()
+    )
+
+
+def rights_elsewhere(main: str) -> tuple[HostRights, ...]:
+    """What other hosts may do on one that is not the main host: only that one connects, and has looked at the rest."""
+    return (HostRights(host=main, trusted=True),)
+
+
+def _components(share: tuple[ProcessRow, ...]) -> tuple[str, ...]:
+    return tuple(component for row in share for component in row.components)
+
+
+def _topics_of(share: tuple[ProcessRow, ...]) -> list[Topic[Any]]:
+    found: list[Topic[Any]] = []
+    for address in _components(share):
+        kind, _, instance = address.partition(".")
+        found += [topic.at(instance) for topic in TOPICS if topic.publisher == kind]
+    return found

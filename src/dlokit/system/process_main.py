@@ -1,8 +1,0 @@
-"""Entry point of every started process: which components it runs comes on its standard input."""
-
-if __name__ == "__main__":
-    # Here, because the workers of a process import its entry point anew, and need none of this.
-    from dlokit.system.child_runtime import run_child
-    from dlokit.system.component_of_run import component_of_run
-
-    run_child(component_of_run)

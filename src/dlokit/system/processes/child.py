@@ -1,0 +1,132 @@
+"""What every started process does around its components: bus, clock, heartbeat, and an end in any case."""
+
+import asyncio
+import contextlib
+import logging
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from dlokit.communication.component import Component
+from dlokit.communication.container import Host, end_tasks
+from dlokit.communication.timing.urgency import garbage_frozen, may_be_urgent
+from dlokit.communication.zenoh.session import OpenSession, open_session
+from dlokit.errors import InputError, ProcessFailure
+from dlokit.system.build import Wiring, build_component
+from dlokit.system.config import RunConfig
+from dlokit.system.processes.bus import JoinedBus, join_bus
+from dlokit.system.processes.child_process import (
+    BEAT,
+    BEAT_PERIOD_S,
+    EXIT_BAD_INPUT,
+    READY,
+    STOP_GRACE_S,
+    ChildSpec,
+    decode_spec,
+)
+from dlokit.system.processes.workers import worker_pool
+from dlokit.system.results.run_folder import NOBODYS_BUSINESS, read_start
+from dlokit.system.toml_config import read_toml
+
+
+def component_of_run(name: str, spec: ChildSpec, bus: JoinedBus) -> Component:
+    """The component of that name from the run's configuration file."""
+    wiring = Wiring(
+        transport=bus.transport,
+        clock=bus.clock,
+        folder=Path(spec.run_dir),
+        start_nodes_world=read_start(Path(spec.run_dir)) if name == "cell" else NOBODYS_BUSINESS,
+        page_key=spec.page_key,
+    )
+    return build_component(name, read_toml(Path(spec.config_file), RunConfig), wiring)
+
+
+log = logging.getLogger(__name__)
+
+Build = Callable[[str, ChildSpec, JoinedBus], Component]
+"""Makes the component of a name."""
+
+
+def run_child(build: Build, open_session: OpenSession = open_session) -> None:
+    """Serve the components that standard input asks for, until standard input ends or SIGTERM comes."""
+    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
+    spec = decode_spec(sys.stdin.buffer.readline())
+    if not may_be_urgent():
+        log.info("no real-time priority is allowed here; dlokit doctor says what that means")
+    try:
+        asyncio.run(_serve(spec, build, open_session))
+    except InputError as error:
+        sys.stderr.write(" ".join(str(error).split()) + "\n")
+        sys.exit(EXIT_BAD_INPUT)
+
+
+async def _serve(spec: ChildSpec, build: Build, open_session: OpenSession) -> None:
+    stop = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    loop.add_signal_handler(signal.SIGTERM, stop.set)
+    # A daemon, because nothing can wake it but the end of the pipe.
+    threading.Thread(target=_end_with_parent, args=(loop, stop, spec.outlives_s), daemon=True).start()
+    with worker_pool() as compute:
+        async with join_bus(spec.bus, spec.time_base, open_session) as bus:
+            host = Host(bus.transport, bus.clock, compute, spec.instances)
+            for name in spec.components:
+                host.add(build(name, spec, bus))
+            # The first look of a loaded machine would else wait for a worker to start, and time out.
+            await asyncio.gather(host.prepare(), _others_there(spec, bus))
+            async with garbage_frozen(), host:
+                await _until_stopped(stop, host, spec.beat_fd)
+    log.info("%s has ended", spec.process)
+
+
+async def _others_there(spec: ChildSpec, bus: JoinedBus) -> None:
+    """Wait for whom this process comes after; meanwhile it loads what it needs. Raises `ProcessFailure`."""
+    for component in spec.after:
+        if not await bus.transport.wait_for(component, spec.others_within_s):
+            raise ProcessFailure(
+                f"component_missing: {component}", f"{spec.process} waited {spec.others_within_s:g} s for it"
+            )
+    await bus.first_tick(spec.others_within_s)
+
+
+async def _until_stopped(stop: asyncio.Event, host: Host, beat_fd: int) -> None:
+    """Beat until `stop` is set; raises what a component's own loop raises."""
+    tasks: set[asyncio.Task[Any]] = {
+        asyncio.create_task(stop.wait(), name="stop"),
+        asyncio.create_task(host.wait_failed(), name="failed"),
+        asyncio.create_task(_beat(beat_fd), name="beat"),
+    }
+    try:
+        done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        for task in done:
+            task.result()
+    finally:
+        await end_tasks(*tasks)
+
+
+async def _beat(beat_fd: int) -> None:
+    """On the loop that serves the components, so that the heart stops when the loop does."""
+    os.set_blocking(beat_fd, False)
+    mark = READY
+    while True:
+        # The pipe is full: the supervisor sleeps, not we. Or it is gone, which standard input tells.
+        with contextlib.suppress(BlockingIOError, BrokenPipeError):
+            os.write(beat_fd, mark)
+        mark = BEAT
+        await asyncio.sleep(BEAT_PERIOD_S)
+
+
+def _end_with_parent(loop: asyncio.AbstractEventLoop, stop: asyncio.Event, outlives_s: float) -> None:
+    """Wait for the end of standard input, which is the end of the process that started this one."""
+    while os.read(sys.stdin.fileno(), 1024):
+        pass
+    time.sleep(outlives_s)
+    with contextlib.suppress(RuntimeError):  # the loop has ended already
+        loop.call_soon_threadsafe(stop.set)
+    # A loop that hangs is not asked twice; the group holds this process and its own workers.
+    threading.Event().wait(STOP_GRACE_S)
+    os.killpg(0, signal.SIGKILL)

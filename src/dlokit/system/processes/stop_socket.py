@@ -1,0 +1,129 @@
+"""The stop of a robot's process: a socket of its own, with no other process in between.
+
+All processes meet on the bus at the decision process. A person's stop must reach the arm while that one is frozen or
+gone, so each robot process listens on a socket in the user's runtime folder (mode 0700). A stop of a system that still
+starts is left as a file beside the socket, and the robot process finds it when it begins.
+"""
+
+import asyncio
+import contextlib
+import hashlib
+from collections.abc import AsyncGenerator, Awaitable, Callable
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import msgspec
+
+from dlokit.errors import DlokitError, MachineError
+from dlokit.system.processes.running import notes_folder
+
+STOP, ENABLE = b"stop\n", b"enable\n"
+STANDS = "stands, and is stopped until dlokit enable"
+"""What a robot's process says of a stop that feedback has confirmed."""
+_LONGEST_PATH = 107  # bytes that the address of a socket may have on Linux
+_ORDER_WITHIN_S = 1.0  # for a caller to say what it wants
+_RETRY_S = 0.05
+
+
+class Answer(msgspec.Struct, frozen=True, kw_only=True):
+    """What a robot's process says of an order."""
+
+    confirmed: bool
+    """Whether feedback of the arm shows that it was carried out."""
+    text: str
+
+
+def stop_socket(run_dir: Path, robot: str, notes: Path | None = None) -> Path:
+    """Where the process of a robot of a run listens. Raises `MachineError` where no socket can have that path."""
+    digest = hashlib.sha256(str(run_dir.resolve()).encode()).hexdigest()[:16]
+    path = (notes or notes_folder()) / f"{digest}-{robot}.stop"
+    if len(str(path).encode()) > _LONGEST_PATH:
+        raise MachineError(
+            f"{path} is longer than the {_LONGEST_PATH} bytes that a socket may have: set TMPDIR to a shorter folder."
+        )
+    return path
+
+
+def left_stop(socket: Path) -> Path:
+    """The file that tells a robot process which has not begun yet to begin stopped."""
+    return socket.with_suffix(".stopped")
+
+
+@asynccontextmanager
+async def stop_button(
+    socket: Path, stop: Callable[[], Awaitable[None]], enable: Callable[[], Awaitable[None]]
+) -> AsyncGenerator[None]:
+    """Listen meanwhile; each order is answered when it was carried out, or with why not.
+
+    `stop` and `enable` raise `DlokitError` where feedback does not confirm them.
+    """
+
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        with contextlib.suppress(OSError, TimeoutError, ValueError):
+            async with asyncio.timeout(_ORDER_WITHIN_S):
+                order = await reader.readline()
+            answer = await _answer(order, socket, stop, enable)
+            writer.write(msgspec.json.encode(answer) + b"\n")
+            await writer.drain()
+        writer.close()
+
+    _remove(socket)  # of a process that was killed
+    server = await asyncio.start_unix_server(serve, socket)
+    try:
+        if _is_left(socket):
+            await stop()
+        yield
+    finally:
+        server.close()
+        _remove(socket)
+        _remove(left_stop(socket))
+
+
+def _remove(path: Path) -> None:
+    path.unlink(missing_ok=True)
+
+
+def _is_left(socket: Path) -> bool:
+    return left_stop(socket).exists()
+
+
+async def _answer(
+    order: bytes, socket: Path, stop: Callable[[], Awaitable[None]], enable: Callable[[], Awaitable[None]]
+) -> Answer:
+    try:
+        if order == STOP:
+            await stop()
+            return Answer(confirmed=True, text=STANDS)
+        if order == ENABLE:
+            _remove(left_stop(socket))
+            await enable()
+            return Answer(confirmed=True, text="is enabled")
+    except DlokitError as error:
+        return Answer(confirmed=False, text=str(error))
+    return Answer(confirmed=False, text=f"{order!r} is no order; {STOP!r} and {ENABLE!r} are")
+
+
+async def press(socket: Path, order: bytes, within_s: float, *, starts: bool = False) -> Answer | None:
+    """Give an order to a robot's process; None where none listens, and one that `starts` not within `within_s` [s]."""
+    try:
+        async with asyncio.timeout(within_s):
+            while True:
+                try:
+                    reader, writer = await asyncio.open_unix_connection(socket)
+                    break
+                except (FileNotFoundError, ConnectionRefusedError):
+                    if not starts:
+                        return None
+                    await asyncio.sleep(_RETRY_S)
+    except TimeoutError:
+        return None
+    try:
+        async with asyncio.timeout(within_s):
+            writer.write(order)
+            await writer.drain()
+            line = await reader.readline()
+        return msgspec.json.decode(line, type=Answer)
+    except (TimeoutError, OSError, msgspec.DecodeError):
+        return Answer(confirmed=False, text=f"its process did not answer within {within_s:g} s")
+    finally:
+        writer.close()

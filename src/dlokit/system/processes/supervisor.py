@@ -1,0 +1,308 @@
+"""Starts the processes of a run, watches them, and stops them: none is left behind.
+
+Time here is the machine's monotonic clock, whatever the cell's clock does.
+"""
+
+import asyncio
+import contextlib
+import logging
+import math
+import sys
+from collections.abc import Coroutine, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TypeVar
+
+from dlokit.communication.container import end_tasks
+from dlokit.communication.zenoh.session import ZenohConfig
+from dlokit.errors import DlokitError, InputError, ProcessFailure
+from dlokit.skills.viewer.page_address import new_key
+from dlokit.system.processes.child_process import EXIT_BAD_INPUT, ChildProcess, ChildSpec
+from dlokit.system.processes.report import TOLD_EVERY_S, ProcessReport, ProcessState, SystemReport, write_report
+from dlokit.system.table import ProcessRow, Restart
+
+T = TypeVar("T")
+
+log = logging.getLogger(__name__)
+
+WATCH_PERIOD_S = 0.1
+
+
+PROCESS = (sys.executable, "-m", "dlokit.system.processes.main")
+"""The command of every process that is started."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Launch:
+    """How the processes of a run are started."""
+
+    namespace: str
+    """Of the run, on the bus."""
+    config_file: Path
+    run_dir: Path
+    """Logs go to `logs/` in it."""
+    instances: Mapping[str, tuple[str, ...]] = field(default_factory=dict[str, tuple[str, ...]])
+    """What there is more than one of, besides the first, by component."""
+    command: tuple[str, ...] = PROCESS
+    """What is run; it finds its `ChildSpec` on its standard input."""
+    page_key: str = field(default_factory=new_key, repr=False)
+    """Key of the viewer's page: a viewer that was started again has the old one, and open pages find it."""
+
+
+@dataclass
+class _Watched:
+    row: ProcessRow
+    child: ChildProcess
+    started_s: list[float] = field(default_factory=list[float])
+    restart_at_s: float | None = None
+    """When a dead process is started again; None: it is not dead."""
+    given_up: bool = False
+
+
+class Supervisor:
+    """Owner of the processes of one run. Use as an async context manager, on the main thread's loop."""
+
+    def __init__(self, rows: tuple[ProcessRow, ...], launch: Launch, bus: ZenohConfig) -> None:
+        self._rows = rows
+        self._launch = launch
+        self._bus = bus
+        self._watched: dict[str, _Watched] = {}
+        self._watching: asyncio.Task[None] | None = None
+        self._stopping = False
+        self._failed: asyncio.Future[None] | None = None
+
+    @property
+    def pids(self) -> dict[str, int]:
+        """Process numbers by name."""
+        return {name: watched.child.pid for name, watched in self._watched.items()}
+
+    async def __aenter__(self) -> "Supervisor":
+        self._failed = asyncio.get_running_loop().create_future()
+        try:
+            await self._start_all()
+        except BaseException:  # Ctrl-C as well: none of the processes is left behind
+            await self._stop_all()
+            raise
+        self._watching = asyncio.create_task(self._watch(), name="watch processes")
+        self._watching.add_done_callback(self._watch_ended)
+        return self
+
+    async def __aexit__(self, *exc: object) -> None:
+        self._stopping = True
+        if self._watching is not None:
+            await end_tasks(self._watching)
+        await self._stop_all()
+        if self._failed is not None and self._failed.done():
+            self._failed.exception()  # retrieved, so that the loop does not complain
+
+    async def wait_failed(self) -> None:
+        """Return never, but raise when an essential process is dead for good, or the watch over the processes ends.
+
+        `ProcessFailure` names it (``supervisor_failed`` is the end of the watch); `InputError` says what of the
+        configuration or the machine a process could not work with.
+        """
+        assert self._failed is not None, "the supervisor is not started"
+        await asyncio.shield(self._failed)
+
+    async def guard(self, main: Coroutine[Any, Any, T]) -> T:
+        """Result of `main`, unless a process dies first: then `main` is cancelled and the failure raised."""
+        task = asyncio.create_task(main)
+        watch = asyncio.create_task(self.wait_failed())
+        try:
+            await asyncio.wait({task, watch}, return_when=asyncio.FIRST_COMPLETED)
+            if watch.done():
+                watch.result()
+            return task.result()
+        finally:
+            await end_tasks(task, watch)
+
+    async def _start_all(self) -> None:
+        waves = start_waves(self._rows)
+        # All at once, because loading libraries is most of it; whoever comes after others waits for them by itself.
+        for wave in waves:
+            for row in wave:
+                child = self._spawn(row)
+                self._watched[row.name] = _Watched(row, child, [asyncio.get_running_loop().time()])
+                _log_start(child)
+        for wave in waves:
+            for row in wave:
+                await self._until_ready(self._watched[row.name])
+
+    def _spawn(self, row: ProcessRow) -> ChildProcess:
+        """Start a process. Raises `ProcessFailure` when the machine does not start it or cannot open its log file."""
+        spec = ChildSpec(
+            process=row.name,
+            components=row.components,
+            bus=self._bus,
+            time_base=row.time_base,
+            config_file=str(self._launch.config_file),
+            run_dir=str(self._launch.run_dir),
+            instances=dict(self._launch.instances),
+            page_key=self._launch.page_key,
+            outlives_s=row.outlives_s,
+            after=tuple(name for other in self._rows if other.name in row.after for name in other.components),
+            beat_fd=-1,
+        )
+        log_file = self._launch.run_dir / "logs" / f"{row.name}.log"
+        try:
+            return ChildProcess(self._launch.command, spec, log_file)
+        except OSError as error:
+            detail = f"{error}; its log file is {log_file}. Free what the machine lacks, then start the run again."
+            raise ProcessFailure(f"process_not_started: {row.name}", detail) from error
+
+    async def _until_ready(self, watched: _Watched) -> None:
+        row, child = watched.row, watched.child
+        end_s = watched.started_s[-1] + row.ready_within_s
+        while not child.ready.is_set():
+            if child.exit_code is not None:
+                raise _cause_of_death(child)
+            left_s = end_s - asyncio.get_running_loop().time()
+            if left_s <= 0:
+                raise ProcessFailure(
+                    f"process_not_ready: {row.name}", f"not ready within {row.ready_within_s:g} s\n{child.tail()}"
+                )
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(child.ready.wait(), min(WATCH_PERIOD_S, left_s))
+
+    def report(self) -> SystemReport:
+        """How every process stands."""
+        return SystemReport(
+            told_s=asyncio.get_running_loop().time(),
+            processes=tuple(_report(watched) for watched in self._watched.values()),
+        )
+
+    async def _watch(self) -> None:
+        told_s = -math.inf
+        while True:
+            if asyncio.get_running_loop().time() - told_s >= TOLD_EVERY_S:
+                told_s = asyncio.get_running_loop().time()
+                write_report(self._launch.run_dir, self.report())
+            await asyncio.sleep(WATCH_PERIOD_S)
+            for watched in self._watched.values():
+                if not watched.given_up:
+                    self._examine(watched, asyncio.get_running_loop().time())
+
+    def _examine(self, watched: _Watched, now_s: float) -> None:
+        row, child = watched.row, watched.child
+        if watched.restart_at_s is not None:
+            if now_s >= watched.restart_at_s:
+                self._start_again(watched, now_s)
+        elif child.exit_code is not None:
+            self._bury(watched, now_s, _cause_of_death(child))
+        elif child.ready.is_set() and child.silent_s() > row.silent_for_s:
+            detail = f"no heartbeat for {child.silent_s():.0f} s; see {child.log_file}\n{child.tail()}"
+            self._bury(watched, now_s, ProcessFailure(f"process_frozen: {row.name}", detail))
+        elif not child.ready.is_set() and now_s - watched.started_s[-1] > row.ready_within_s:
+            detail = f"not ready within {row.ready_within_s:g} s; see {child.log_file}\n{child.tail()}"
+            self._bury(watched, now_s, ProcessFailure(f"process_not_ready: {row.name}", detail))
+
+    def _start_again(self, watched: _Watched, now_s: float) -> None:
+        watched.restart_at_s = None
+        watched.started_s.append(now_s)
+        try:
+            watched.child = self._spawn(watched.row)
+        except ProcessFailure as failure:
+            self._settle(watched, now_s, failure)
+        else:
+            _log_start(watched.child)
+
+    def _bury(self, watched: _Watched, now_s: float, cause: DlokitError) -> None:
+        watched.child.release()
+        self._settle(watched, now_s, cause)
+
+    def _settle(self, watched: _Watched, now_s: float, cause: DlokitError) -> None:
+        """Decide whether a process that does not run is started again; what is decided holds before it is logged."""
+        if may_restart(watched.row.restart, watched.started_s, now_s):
+            # Longer each time: what dies at once would else be started as often as the machine can.
+            watched.restart_at_s = now_s + watched.row.restart.wait_s * 2 ** recent_restarts(
+                watched.row.restart, watched.started_s, now_s
+            )
+            log.warning("%s; it is started again", cause)
+            return
+        watched.given_up = True
+        if watched.row.essential:
+            self._fail(cause)
+        log.error("%s", cause)
+
+    def _fail(self, cause: DlokitError) -> None:
+        """Tell the task that waits in `wait_failed`; the first cause holds."""
+        if self._failed is not None and not self._failed.done():
+            self._failed.set_exception(cause)
+
+    def _watch_ended(self, watch: "asyncio.Task[None]") -> None:
+        """Fail the run when the watch has ended though the processes are not being stopped: nothing notices a death."""
+        if self._stopping:
+            return
+        error = None if watch.cancelled() else watch.exception()
+        why = "cancelled" if error is None else type(error).__name__
+        failure = ProcessFailure(f"supervisor_failed: {why}", f"the processes are not watched any more: {error or why}")
+        self._fail(failure)
+        log.error("%s", failure, exc_info=error)
+
+    async def _stop_all(self) -> None:
+        try:
+            for wave in reversed(start_waves(self._rows)):
+                started = [self._watched[row.name] for row in wave if row.name in self._watched]
+                await asyncio.gather(*(watched.child.stop() for watched in started))
+        finally:
+            # Also when the stopping itself is cancelled: none is left behind.
+            for watched in self._watched.values():
+                watched.child.release()
+
+
+def _log_start(child: ChildProcess) -> None:
+    log.info("%s started as process %d", child.name, child.pid)
+
+
+def _report(watched: _Watched) -> ProcessReport:
+    if watched.given_up:
+        state = ProcessState.GONE
+    elif watched.restart_at_s is not None:
+        state = ProcessState.WAITING
+    else:
+        state = ProcessState.RUNNING if watched.child.ready.is_set() else ProcessState.STARTING
+    return ProcessReport(
+        name=watched.row.name,
+        components=watched.row.components,
+        pid=watched.child.pid,
+        state=state,
+        started_s=watched.started_s[-1],
+        restarts=len(watched.started_s) - 1,
+        beat_s=watched.child.last_beat_s,
+    )
+
+
+def start_waves(rows: tuple[ProcessRow, ...]) -> list[list[ProcessRow]]:
+    """Rows that may be started together, in the order in which to start; stopping goes the other way.
+
+    Raises `ProcessFailure` when processes wait for one another.
+    """
+    names = {row.name for row in rows}
+    waves: list[list[ProcessRow]] = []
+    ready: set[str] = set()
+    while ready != names:
+        wave = [row for row in rows if row.name not in ready and names.intersection(row.after) <= ready]
+        if not wave:
+            raise ProcessFailure("start_order", f"{sorted(names - ready)} wait for one another; see the process table")
+        waves.append(wave)
+        ready.update(row.name for row in wave)
+    return waves
+
+
+def may_restart(policy: Restart, started_s: list[float], now_s: float) -> bool:
+    """Whether a process that was started at these times may be started once more; the first start is free."""
+    return recent_restarts(policy, started_s, now_s) < policy.times
+
+
+def recent_restarts(policy: Restart, started_s: list[float], now_s: float) -> int:
+    """How often a process that was started at these times was started again within the window."""
+    return sum(now_s - start <= policy.window_s for start in started_s[1:])
+
+
+def _cause_of_death(child: ChildProcess) -> DlokitError:
+    code = child.exit_code
+    if code == EXIT_BAD_INPUT:
+        return InputError(child.last_line())
+    how = f"signal {-code}" if code is not None and code < 0 else f"exit code {code}"
+    detail = f"{child.name} ended with {how}; the end of {child.log_file}:\n{child.tail()}"
+    return ProcessFailure(f"process_died: {child.name}", detail)

@@ -1,0 +1,65 @@
+"""What a runtime remembers of a run, for the evaluator and for the report."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from dlokit.system.results.run_result import RunResult
+from dlokit.types.arrays import Float64Array, UInt8Array
+from dlokit.types.feasibility import GoalVerdict
+
+
+@dataclass(frozen=True, kw_only=True)
+class ActionShape:
+    """What one action made of the DLO; its figures are in the result's history."""
+
+    nodes_world: Float64Array  # (M, 3) [m]
+    """The estimated shape after the action."""
+    release_stamp_ns: int | None = None
+    """When the fingers opened, on the cell's clock [ns]; None when they never closed."""
+    expected_world: Float64Array | None = None  # (M, 3) [m]
+    """The shape that was expected when the action was chosen; None where none was predicted."""
+    path_world: Float64Array | None = None  # (W, 3) [m]
+    """The tool's path as it was planned, from the grasp to the release."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class StepTiming:
+    """How long one step of the flow took, over the whole run."""
+
+    calls: int
+    sim_time_s: float
+    """On the cell's clock [s]."""
+    wall_time_s: float
+    """Computing, on the machine's clock [s]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunRecord:
+    """A run, as the system itself saw it. The truth is no part of it."""
+
+    name: str
+    """For people, e.g. ``"I to S"``."""
+    result: RunResult
+    goal_nodes_world: Float64Array  # (M, 3) [m]
+    ends_interchangeable: bool = False
+    """Whether the goal is met the other way round as well."""
+    verdict: GoalVerdict | None = None
+    """What was said of the goal before the robot moved; None when the run ended before that."""
+    asked_nodes_world: Float64Array | None = None  # (M, 3) [m]
+    """The goal that was asked for, when the run went for the nearest one that holds instead."""
+    start_nodes_world: Float64Array | None = None  # (M, 3) [m]
+    """The first estimate; None when the DLO was never seen."""
+    start_stamp_ns: int = 0
+    """Stamp of the pictures of the first estimate [ns]."""
+    start_rmse_m: float | None = None
+    actions: tuple[ActionShape, ...] = ()
+    """One an action, in the order of the result's history."""
+    timings: Mapping[str, StepTiming] = field(default_factory=dict[str, StepTiming])
+    """By step of the flow."""
+    image_before: UInt8Array | None = None  # (height, width, 3) RGB
+    image_after: UInt8Array | None = None  # (height, width, 3) RGB
+    config_toml: str = ""
+    command: str = ""
+    """The command line that repeats the run."""
+    machine: Mapping[str, str] = field(default_factory=dict[str, str])
+    """What it ran on and with which versions, e.g. ``{"mujoco": "4.0.0"}``."""

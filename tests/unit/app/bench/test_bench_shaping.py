@@ -1,0 +1,78 @@
+"""What `dlokit bench shaping` refuses before anything runs, and that `--quick` is little."""
+
+from pathlib import Path
+
+import pytest
+
+from dlokit.app.bench.shaping import QUICK_SEEDS, ShapingArgs, run_shaping
+from dlokit.app.commands import parse
+from dlokit.bench.shaping.suites import SUITE_NAMES, suite_of
+from dlokit.errors import ConfigError, InputError
+from dlokit.system.config import RunConfig
+
+WIRE = Path(__file__).parents[4] / "examples" / "configurations" / "wire.toml"
+
+
+def _args(*arguments: str) -> ShapingArgs:
+    args = parse(["bench", "shaping", *arguments])
+    assert isinstance(args, ShapingArgs)
+    return args
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--seeds", "0"), "--seeds 0"),
+        (("--jobs", "0"), "--jobs 0"),
+        (("--first-seed", "9999", "--seeds", "2"), "seeds below 10000"),
+        (("--oracle", "--observer", "map"), "--observer map away"),
+        (("--randomised", "--cell.randomisation.light", "0.1"), "leave it away"),
+        (("--planner", "crystal_ball"), "farthest"),
+        (("--suite", "ropes"), "paper, goals, stiffness, wires"),
+        (("--suite", "goals"), "needs a file"),
+        (("--suite", "goals", "a.npy", "b.npy"), "one file at most"),
+        (("--cluster", "localhost"), "no address"),
+    ],
+)
+def test_what_makes_no_sense_is_one_clear_error_and_leaves_no_folder(
+    tmp_path: Path, arguments: tuple[str, ...], message: str
+) -> None:
+    folder = tmp_path / "sweep"
+
+    with pytest.raises(ConfigError, match=message):
+        run_shaping(_args(*arguments, "--out", str(folder)))
+
+    assert not folder.exists()
+
+
+def test_a_json_file_in_no_folder_is_told_before_hours_of_work(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="there is no folder"):
+        run_shaping(_args("--json", str(tmp_path / "missing" / "figures.json"), "--out", str(tmp_path / "sweep")))
+
+    assert not (tmp_path / "sweep").exists()
+
+
+def test_settings_of_a_file_hold_where_the_command_line_says_nothing_else() -> None:
+    args = _args("--config", str(WIRE), "--seeds", "2", "--model.yield-curvature-1-m", "2.0")
+
+    assert args.seeds == 2
+    assert args.run.task.learn
+    assert args.run.task.infeasible == "try"
+    assert args.run.model.bending_stiffness_n_m2 > 10.0 * RunConfig().model.bending_stiffness_n_m2
+    assert args.run.model.yield_curvature_1_m == 2.0
+
+
+def test_settings_of_a_run_are_settings_of_all_and_goals_that_may_not_hold_are_tried() -> None:
+    args = _args("--suite", "wires", "--threshold-m", "0.006")
+
+    assert args.run.task.threshold_m == 0.006
+    assert args.run.task.infeasible == "try"
+    assert not args.run.record
+
+
+def test_quick_suites_are_small_enough_for_a_quarter_of_an_hour() -> None:
+    # Two planners at 15 s a run of the rope and 30 s of a wire, which is a chain, two side by side.
+    for name in SUITE_NAMES:
+        if name != "goals":
+            runs = 2 * QUICK_SEEDS[name] * len(suite_of(name, None, quick=True))
+            assert runs * (30.0 if name == "wires" else 15.0) / 2 < 15 * 60.0

@@ -1,0 +1,58 @@
+"""What a person sees of a sweep, also of one that was interrupted."""
+
+import io
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from dlokit.app.bench.progress import followed
+
+
+def two_then_interrupted() -> Iterator[int]:
+    yield 1
+    yield 2
+    raise KeyboardInterrupt
+
+
+def followed_on(console: Console, runs: Iterator[int]) -> list[int]:
+    return followed(
+        runs,
+        3,
+        Path("sweep"),
+        console,
+        what="numbers",
+        line_of=lambda number: f"number {number}",
+        print_all=lambda numbers: console.print(f"all: {numbers}"),
+    )
+
+
+def test_every_run_has_its_line_and_the_end_its_table() -> None:
+    console = Console(file=io.StringIO())
+    assert followed_on(console, iter([1, 2, 3])) == [1, 2, 3]
+    assert isinstance(console.file, io.StringIO)
+    assert console.file.getvalue().splitlines() == ["1/3 number 1", "2/3 number 2", "3/3 number 3", "all: [1, 2, 3]"]
+
+
+def test_an_interrupted_sweep_prints_what_is_finished_and_how_to_go_on() -> None:
+    console = Console(file=io.StringIO())
+    with pytest.raises(KeyboardInterrupt):
+        followed_on(console, two_then_interrupted())
+    assert isinstance(console.file, io.StringIO)
+    assert console.file.getvalue().splitlines()[-2:] == [
+        "all: [1, 2]",
+        "2 of 3 runs are finished; the same command with --out sweep goes on.",
+    ]
+
+
+def test_of_a_sweep_that_was_interrupted_at_once_there_is_no_table() -> None:
+    def at_once() -> Iterator[int]:
+        raise KeyboardInterrupt
+        yield
+
+    console = Console(file=io.StringIO())
+    with pytest.raises(KeyboardInterrupt):
+        followed_on(console, at_once())
+    assert isinstance(console.file, io.StringIO)
+    assert "all" not in console.file.getvalue()

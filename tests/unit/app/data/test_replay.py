@@ -1,0 +1,79 @@
+"""`dlokit replay`: what it prints and how it ends; what is replayed is tested in tests/replay."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from dlokit.app.commands import execute
+from dlokit.communication import topics
+from dlokit.errors import InputError
+from dlokit.recording.channels import FILE_NAME
+from dlokit.recording.writer import RecordingWriter
+from dlokit.system.config import RunConfig
+from dlokit.system.toml_config import to_toml
+from dlokit.types.clock import ClockTick
+
+REFERENCE = Path(__file__).parents[3] / "replay" / "references" / "farthest.mcap"
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    """The folder of a run of which nothing but the clock was recorded."""
+    metadata = {"configuration": {"config.toml": to_toml(RunConfig())}}
+    writer = RecordingWriter(tmp_path / FILE_NAME, metadata)
+    writer.add(topics.CLOCK, 0, ClockTick(stamp_ns=0, seq=1))
+    writer.close()
+    return tmp_path
+
+
+def test_a_component_that_does_what_it_did_ends_with_0_and_every_field_has_its_row(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert execute(["replay", str(REFERENCE), "--into", "observer"]) == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    # How much it differs, and what is allowed, depend on the processor that made the reference.
+    assert "│ observer/targets │ nodes_world │ 11 │ " in printed
+    assert "│ observer.initialise │ result.health │" in printed
+    assert "observer does what it did: every field is within its tolerance." in printed
+
+
+def test_a_component_that_does_otherwise_ends_with_1_and_the_field_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    config = tmp_path / "other.toml"
+    config.write_text(to_toml(RunConfig()).replace('kind = "map"', 'kind = "spr"', 1).partition("[observer.str")[0])
+    with config.open("a") as file:
+        file.write('[observer.strategy]\nkind = "spr"\n')
+    assert execute(["replay", str(REFERENCE), "--into", "observer", "--config", str(config)]) == 1
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "beyond its tolerance: observer/targets nodes_world: " in printed
+    assert re.search(r"observer/targets nodes_world: 0\.\d+, allowed 1e-0\d \(recorded with ", printed)
+
+
+@pytest.mark.parametrize(
+    ("flags", "match"),
+    [
+        (["--into", "model", "--rate", "2"], "--rate is for watching: leave it away"),
+        (["--rate", "0"], "--rate is 0; it must be above 0"),
+        (["--into", "planning"], "holds nothing of planning"),
+    ],
+)
+def test_what_cannot_be_replayed_is_refused_with_what_to_do(run: Path, flags: list[str], match: str) -> None:
+    with pytest.raises(InputError, match=match):
+        execute(["replay", str(run), *flags])
+
+
+def test_a_recording_that_does_not_say_how_its_run_was_configured_is_refused(tmp_path: Path) -> None:
+    writer = RecordingWriter(tmp_path / "a.mcap", {})
+    writer.add(topics.CLOCK, 0, ClockTick(stamp_ns=0, seq=1))
+    writer.close()
+    with pytest.raises(InputError, match=r"does not say how its run was configured; give the recording\.mcap"):
+        execute(["replay", str(tmp_path / "a.mcap"), "--into", "model"])
+
+
+def test_a_recording_without_a_message_is_refused(tmp_path: Path) -> None:
+    metadata = {"configuration": {"config.toml": to_toml(RunConfig())}}
+    RecordingWriter(tmp_path / "a.mcap", metadata).close()
+    with pytest.raises(InputError, match="holds nothing of observer"):
+        execute(["replay", str(tmp_path / "a.mcap"), "--into", "observer"])

@@ -1,0 +1,142 @@
+import re
+import socket
+from collections.abc import Callable
+
+import pytest
+from packaging.requirements import Requirement
+from rich.console import Console
+
+from dlokit.app.doctor import doctor, machine, packages
+from dlokit.app.doctor.doctor import DoctorArgs
+from dlokit.app.doctor.machine import Finding, Standing
+from dlokit.app.doctor.opengl import OpenGLReport, probe_opengl
+
+
+def _nowhere(name: str) -> None:
+    return None
+
+
+def test_a_picture_is_really_rendered() -> None:
+    report = probe_opengl()
+
+    assert report.works, report.text
+    assert report.text
+
+
+def test_a_broken_opengl_is_told_with_its_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    # Where the loader looks for drivers; with none, EGL cannot start.
+    monkeypatch.setenv("__EGL_VENDOR_LIBRARY_DIRS", "/nonexistent")
+    monkeypatch.setenv("__EGL_VENDOR_LIBRARY_FILENAMES", "/nonexistent")
+
+    report = probe_opengl()
+    finding = machine.opengl_finding(report)
+
+    assert not report.works
+    assert "Error" in report.text
+    assert "\n" not in report.text
+    assert finding.standing is Standing.LACKING
+    assert "apt install" in finding.mend
+
+
+def test_a_picture_that_takes_too_long_is_a_finding_and_no_hang() -> None:
+    report = probe_opengl(timeout_s=0.001)
+
+    assert not report.works
+    assert "did not end" in report.text
+
+
+@pytest.mark.parametrize(
+    ("finding", "standing"),
+    [
+        (machine.python_finding((3, 11, 2)), Standing.READY),
+        (machine.python_finding((3, 10, 9)), Standing.LACKING),
+        (machine.opengl_finding(OpenGLReport(works=True, text="llvmpipe")), Standing.READY),
+        (machine.cores_finding(2), Standing.READY),
+        (machine.cores_finding(1), Standing.ADVICE),
+        (machine.urgency_finding(True), Standing.READY),
+        (machine.urgency_finding(False), Standing.ADVICE),
+        (machine.memory_finding(8.0), Standing.READY),
+        (machine.memory_finding(0.5), Standing.ADVICE),
+        (packages.package_finding(Requirement("numpy>=2.2"), {"numpy": "2.2.1"}.get), Standing.READY),
+        (packages.package_finding(Requirement("numpy>=2.2"), {"numpy": "2.1.9"}.get), Standing.LACKING),
+        (packages.package_finding(Requirement("numpy>=2.2"), _nowhere), Standing.LACKING),
+        (packages.hardware_finding(packages.HARDWARE[0], lambda _: True), Standing.READY),
+        (packages.hardware_finding(packages.HARDWARE[0], lambda _: False), Standing.OPTIONAL),
+        (machine.browser_finding(lambda name: f"/usr/bin/{name}"), Standing.READY),
+        (machine.browser_finding(_nowhere), Standing.OPTIONAL),
+    ],
+)
+def test_each_finding_says_how_it_stands_and_how_to_mend_it(finding: Finding, standing: Standing) -> None:
+    assert finding.standing is standing
+    assert bool(finding.mend) is (standing is not Standing.READY)
+
+
+def test_a_wrong_version_names_the_one_that_is_needed() -> None:
+    finding = packages.package_finding(Requirement("mujoco>=4.0"), {"mujoco": "3.3.0"}.get)
+
+    assert finding.found == "3.3.0; >=4.0 is needed"
+    assert finding.mend == "pip install 'mujoco>=4.0'"
+
+
+def test_every_dependency_is_looked_at_but_no_extra() -> None:
+    names = {finding.what for finding in packages.dependency_findings()}
+
+    assert {"dlokit", "mujoco", "eclipse-zenoh", "numpy"} <= names
+    assert not {"pytest", "pycpd"} & names
+
+
+def test_a_package_that_is_not_installed_is_lacking() -> None:
+    (finding,) = packages.dependency_findings("dlokit-that-is-not-there")
+
+    assert finding.standing is Standing.LACKING
+
+
+def test_a_port_in_use_is_told_with_a_way_out() -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+
+        finding = machine.port_finding("127.0.0.1", port)
+
+    assert finding.standing is Standing.ADVICE
+    assert str(port) in finding.what
+    assert "--viewer.port" in finding.mend
+    assert machine.port_finding("127.0.0.1", port).standing is Standing.READY
+
+
+def test_the_kernels_of_observers_and_planners_are_compiled_and_their_time_told() -> None:
+    finding = machine.kernels_finding()
+
+    assert finding.standing is Standing.READY
+    assert re.search(r"loaded in \d+\.\d s", finding.found)
+
+
+LACKING = Finding(what="OpenGL (EGL)", standing=Standing.LACKING, found="no EGL", mend="sudo apt install libegl1")
+OPTIONAL = Finding(what="aravis", standing=Standing.OPTIONAL, found="only for cameras", mend="sudo apt install aravis")
+READY = Finding(what="Python", standing=Standing.READY, found="3.11.2")
+
+
+def _examines(*findings: Finding) -> Callable[[DoctorArgs], tuple[Finding, ...]]:
+    return lambda _: findings
+
+
+def test_the_exit_code_tells_whether_anything_needed_is_lacking(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(doctor, "examine", _examines(READY, LACKING, OPTIONAL))
+    assert doctor.run(DoctorArgs()) == 2
+    assert "cannot run here yet: OpenGL (EGL)" in capsys.readouterr().out
+
+    monkeypatch.setattr(doctor, "examine", _examines(READY, OPTIONAL))
+    assert doctor.run(DoctorArgs()) == 0
+    assert "can run here" in capsys.readouterr().out
+
+
+def test_the_table_shows_the_command_that_mends() -> None:
+    console = Console(width=140, record=True, quiet=False, file=None)
+    with console.capture() as captured:
+        console.print(doctor.findings_table([READY, LACKING]))
+
+    assert "sudo apt install libegl1" in captured.get()
+    assert "lacking" in captured.get()

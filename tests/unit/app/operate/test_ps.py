@@ -1,0 +1,76 @@
+"""`dlokit ps`: what is told of processes, and what they use."""
+
+import io
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import msgspec
+from rich.console import Console
+
+from dlokit.app.operate.ps import Use, measure, process_table
+from dlokit.system.processes.report import ProcessReport, ProcessState, SystemReport, read_report, write_report
+from dlokit.system.processes.running import RunningSystem
+
+SYSTEM = RunningSystem(pid=41, began_s=0.0, folder="runs/a", namespace="dlokit/a", endpoint="tcp/127.0.0.1:1")
+CAMERA = ProcessReport(
+    name="camera",
+    components=("perception",),
+    pid=42,
+    state=ProcessState.WAITING,
+    started_s=100.0,
+    restarts=2,
+    beat_s=107.5,
+)
+
+
+def text_of(report: SystemReport | None, used: dict[int, Use], now_s: float) -> str:
+    console = Console(width=120, record=True, file=io.StringIO())
+    console.print(process_table(SYSTEM, report, used, now_s))
+    return console.export_text()
+
+
+def test_every_process_is_listed_with_its_state_its_restarts_and_what_it_uses() -> None:
+    report = SystemReport(told_s=110.0, processes=(CAMERA,))
+    text = text_of(report, {42: Use(cores=0.25, memory_bytes=300_000_000)}, now_s=110.0)
+    camera = next(line for line in text.splitlines() if "camera" in line)
+    for cell in ("perception", "42", "waiting to start again", " 10 ", " 2 ", " 2.5 ", "0.25", "300"):
+        assert cell in camera
+    assert any("decision" in line and "41" in line for line in text.splitlines())
+    assert "said nothing" not in text
+
+
+def test_a_healthy_system_fits_into_80_columns() -> None:
+    rows = (("simulation", "model"), ("camera", "perception"), ("observer", "observer"))
+    running = msgspec.structs.replace(CAMERA, pid=4_194_304, state=ProcessState.RUNNING, started_s=0.0, beat_s=3599.0)
+    processes = tuple(msgspec.structs.replace(running, name=name, components=(component,)) for name, component in rows)
+    used = {41: Use(cores=0.25, memory_bytes=300_000_000), 4_194_304: Use(cores=1.25, memory_bytes=1_300_000_000)}
+    system = msgspec.structs.replace(SYSTEM, began_s=time.time() - 3600.0)
+    console = Console(width=80, record=True, file=io.StringIO())
+    console.print(process_table(system, SystemReport(told_s=3600.0, processes=processes), used, 3600.0))
+    text = console.export_text()
+    for whole in (*(cell for row in rows for cell in row), "components", "4194304", "running", "restarts", "1300"):
+        assert whole in text
+
+
+def test_a_supervisor_that_is_silent_is_told_of() -> None:
+    assert "said nothing for 30 s" in text_of(SystemReport(told_s=110.0, processes=()), {}, now_s=140.0)
+    assert "decision" in text_of(None, {}, now_s=140.0)
+
+
+def test_the_report_is_read_as_it_was_written_and_a_full_disk_stops_nobody(tmp_path: Path) -> None:
+    report = SystemReport(told_s=110.0, processes=(CAMERA,))
+    assert read_report(tmp_path) is None
+    write_report(tmp_path, report)
+    assert read_report(tmp_path) == report
+    write_report(tmp_path / "gone", report)
+
+
+def test_use_is_measured_and_a_process_that_has_ended_is_left_out() -> None:
+    with subprocess.Popen((sys.executable, "-c", "")) as ended:
+        ended.wait()
+    used = measure((os.getpid(), ended.pid), 0.01)
+    assert used[os.getpid()].memory_bytes > 1_000_000
+    assert ended.pid not in used

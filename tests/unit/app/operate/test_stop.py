@@ -1,0 +1,227 @@
+"""`dlokit stop`: every system is stopped at once, and what is wrong with one is told and keeps none of the others."""
+
+import asyncio
+import itertools
+import os
+import socket
+from collections.abc import AsyncGenerator, Callable, Sequence
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from dlokit.app.operate import stop
+from dlokit.app.operate.stop import StopArgs, Stopped, run_stop, stop_all
+from dlokit.communication.component import Component, implements
+from dlokit.communication.container import Host
+from dlokit.communication.timing.clock import LoopClock
+from dlokit.communication.zenoh.session import ZenohConfig
+from dlokit.communication.zenoh.transport import ZenohTransport
+from dlokit.decision.api import STOP_TASK
+from dlokit.errors import InputError, SkillFailure
+from dlokit.skills.robot import api as robot
+from dlokit.system.config import CONFIG_FILE, RunConfig
+from dlokit.system.processes.running import RunningSystem
+from dlokit.system.processes.stop_socket import ENABLE, STOP, left_stop, press, stop_button, stop_socket
+from dlokit.system.toml_config import to_toml
+
+PATIENCE_S = 30.0  # it takes milliseconds; a test that waits in vain fails
+SOON_S = 0.3  # what nobody answers is waited for no longer
+numbers = itertools.count()
+
+
+class Arm(Component):
+    name = "robot"
+
+    def __init__(self, *, hangs: bool) -> None:
+        self._hangs = hangs
+        self.stopped = asyncio.Event()
+
+    @implements(robot.STOP)
+    async def stop(self) -> None:
+        if self._hangs:
+            await asyncio.Event().wait()
+        self.stopped.set()
+
+
+class Task(Component):
+    """Has a task, or none."""
+
+    name = "decision"
+
+    def __init__(self, *, runs: bool = True) -> None:
+        self._runs = runs
+        self.ended = asyncio.Event()
+
+    @implements(STOP_TASK)
+    async def stop_task(self) -> bool:
+        self.ended.set()
+        return self._runs
+
+
+def noted(folder: Path, *, arms: int = 1) -> RunningSystem:
+    folder.mkdir()
+    (folder / CONFIG_FILE).write_text(to_toml(RunConfig(arms=2 if arms == 2 else 1)), encoding="utf-8")
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    namespace = f"dlokit_test_stop/{os.getpid()}/{next(numbers)}"
+    return RunningSystem(pid=os.getpid(), began_s=0.0, folder=str(folder), namespace=namespace, endpoint=endpoint)
+
+
+@asynccontextmanager
+async def on_bus(system: RunningSystem, *components: Component) -> AsyncGenerator[None]:
+    transport = ZenohTransport(ZenohConfig(namespace=system.namespace, listen=(system.endpoint,)))
+    host = Host(transport, LoopClock())
+    for component in components:
+        host.add(component)
+    async with host:
+        yield
+    await transport.close()
+
+
+async def stopped(systems: Sequence[RunningSystem], within_s: float = PATIENCE_S) -> list[Stopped]:
+    return await stop_all(systems, found_within_s=SOON_S, stopped_within_s=within_s)
+
+
+def test_the_arm_brakes_and_the_task_is_told_to_end(tmp_path: Path) -> None:
+    async def body() -> None:
+        system, arm, task = noted(tmp_path / "run"), Arm(hangs=False), Task()
+        async with asyncio.timeout(PATIENCE_S), on_bus(system, arm, task):
+            [said] = await stop_all([system])
+        assert task.ended.is_set()
+        assert arm.stopped.is_set()
+        assert said == Stopped(stands=True, text="panda succeeded; its task is ending")
+
+    asyncio.run(body())
+
+
+def test_a_system_between_two_tasks_has_none_to_end(tmp_path: Path) -> None:
+    async def body() -> None:
+        system = noted(tmp_path / "run")
+        async with asyncio.timeout(PATIENCE_S), on_bus(system, Arm(hangs=False), Task(runs=False)):
+            [said] = await stop_all([system])
+        assert said == Stopped(stands=True, text="panda succeeded; it has no task to end")
+
+    asyncio.run(body())
+
+
+def test_systems_that_do_not_answer_keep_no_other_from_being_stopped(tmp_path: Path) -> None:
+    async def body() -> None:
+        gone, hanging, well = (noted(tmp_path / name) for name in ("gone", "hanging", "well"))
+        arm = Arm(hangs=False)
+        async with asyncio.timeout(PATIENCE_S), on_bus(hanging, Arm(hangs=True)), on_bus(well, arm, Task(runs=False)):
+            said = await stopped([gone, hanging, well], within_s=1.0)
+        assert arm.stopped.is_set()
+        assert [one.stands for one in said] == [False, False, True]
+        assert said[0].text.startswith("panda is unreachable")
+        assert said[1].text == "it did not answer within 1 s"
+        assert said[2].text == "panda succeeded; it has no task to end"
+
+    asyncio.run(body())
+
+
+def test_a_system_that_cannot_be_asked_at_all_is_told_of(tmp_path: Path) -> None:
+    async def body() -> None:
+        broken = RunningSystem(pid=1, began_s=0.0, folder=str(tmp_path), namespace="a//b", endpoint="nowhere")
+        [said] = await stopped([broken])
+        assert not said.stands
+        assert said.text.startswith("it could not be asked: ")
+
+    asyncio.run(body())
+
+
+def test_an_arm_of_two_that_is_not_there_does_not_stand(tmp_path: Path) -> None:
+    async def body() -> None:
+        system = noted(tmp_path / "run", arms=2)
+        async with asyncio.timeout(PATIENCE_S), on_bus(system, Arm(hangs=False)):
+            [said] = await stopped([system])
+        assert not said.stands
+        assert "panda succeeded; opposite is unreachable" in said.text
+
+    asyncio.run(body())
+
+
+@pytest.mark.parametrize(("stands", "code"), [((True, True), 0), ((True, False), 3)])
+def test_a_line_a_system_and_a_code_that_tells_whether_all_stand(
+    stands: tuple[bool, ...],
+    code: int,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    async def told(systems: Sequence[RunningSystem], say: Callable[[str], None]) -> list[Stopped]:
+        for system, one in zip(systems, stands, strict=True):
+            say(f"{system.folder}: stands: {one}")
+        return [Stopped(stands=one, text="") for one in stands]
+
+    systems = [noted(tmp_path / name) for name in ("one", "two")]
+    monkeypatch.setattr(stop, "running_systems", lambda starting: systems)
+    monkeypatch.setattr(stop, "stop_all", told)
+    assert run_stop(StopArgs()) == code
+    assert capsys.readouterr().out == f"{tmp_path / 'one'}: stands: True\n{tmp_path / 'two'}: stands: {stands[1]}\n"
+
+
+def test_where_nothing_runs_there_is_nothing_to_stop(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(stop, "running_systems", lambda starting: [])
+    with pytest.raises(InputError, match="nothing to stop"):
+        run_stop(StopArgs())
+
+
+def test_an_arm_is_stopped_by_the_socket_of_its_process_though_nothing_answers_on_the_bus(tmp_path: Path) -> None:
+    async def body() -> None:
+        system, pressed = noted(tmp_path / "run"), asyncio.Event()
+
+        async def press_stop() -> None:
+            pressed.set()
+
+        async with stop_button(stop_socket(tmp_path / "run", "panda"), press_stop, press_stop):
+            [said] = await stopped([system])
+        assert pressed.is_set()
+        assert said.text.startswith("panda stands, and is stopped until dlokit enable; its decision process does not")
+        assert not said.stands  # the task is not known to end
+
+    asyncio.run(body())
+
+
+def test_a_stop_that_feedback_does_not_confirm_is_not_confirmed(tmp_path: Path) -> None:
+    async def body() -> None:
+        async def fail() -> None:
+            raise SkillFailure("not_confirmed", "no feedback")
+
+        socket = stop_socket(tmp_path, "panda")
+        async with stop_button(socket, fail, fail):
+            for order in (STOP, ENABLE, b"dance\n"):
+                answer = await press(socket, order, PATIENCE_S)
+                assert answer is not None
+                assert not answer.confirmed
+        assert await press(socket, STOP, SOON_S) is None
+
+    asyncio.run(body())
+
+
+def test_a_system_that_still_starts_begins_stopped(tmp_path: Path) -> None:
+    async def body() -> None:
+        system = msgspec.structs.replace(noted(tmp_path / "run"), starting=True)
+        socket, stops = stop_socket(tmp_path / "run", "panda"), list[str]()
+
+        async def press_stop() -> None:
+            stops.append("stop")
+
+        async def enable() -> None:
+            stops.append("enable")
+
+        stopping = asyncio.create_task(stopped([system]))
+        await asyncio.sleep(SOON_S)
+        async with stop_button(socket, press_stop, enable):
+            assert stops[0] == "stop"
+            [said] = await stopping
+            assert said == Stopped(
+                stands=True, text="panda stands, and is stopped until dlokit enable; it has no task yet"
+            )
+            await press(socket, ENABLE, PATIENCE_S)
+        assert stops[-1] == "enable"
+        assert not left_stop(socket).exists()
+
+    asyncio.run(body())

@@ -1,0 +1,208 @@
+import base64
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import cv2
+import msgspec
+import numpy as np
+import pytest
+from made_results import made_action, made_run
+
+from dlokit.app.report import figures
+from dlokit.app.report.page import report_html, write_report
+from dlokit.description import shapes
+from dlokit.system.results.run_record import ActionShape, RunRecord, StepTiming
+from dlokit.system.results.run_result import CameraResult
+from dlokit.types.flow import RunOutcome
+
+GOAL = shapes.builtin_shape("S", 0.5, 31)
+START = shapes.builtin_shape("I", 0.5, 31)
+VOID = {"meta", "img", "path", "use", "rect"}  # elements that are not closed, or close themselves
+
+
+class _Balance(HTMLParser):
+    """Collects what is opened and closed, and every reference to something outside."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.references: list[str] = []
+        self.ids: list[str] = []
+        self.tags: set[str] = set()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self._attributes(tag, attrs)
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self._attributes(tag, attrs)
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag not in VOID:
+            assert self.open.pop() == tag
+
+    def _attributes(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.add(tag)
+        self.references += [value or "" for name, value in attrs if name in {"src", "href", "xlink:href"}]
+        self.ids += [value or "" for name, value in attrs if name == "id"]
+
+
+def _parse(page: str) -> _Balance:
+    parser = _Balance()
+    parser.feed(page)
+    return parser
+
+
+@pytest.fixture(scope="module")
+def record() -> RunRecord:
+    history = (
+        made_action(
+            1, "lay-down", grasp_ok=True, rmse_m=0.0311, true_rmse_m=0.0322, duration_s=11.0, robot_time_s=10.0
+        ),
+        made_action(2, "drag", grasp_ok=False, rmse_m=0.0311, duration_s=6.0, robot_time_s=5.0),
+        made_action(
+            3, "pick-and-place", grasp_ok=True, rmse_m=0.0088, true_rmse_m=0.0099, duration_s=12.0, robot_time_s=11.0
+        ),
+    )
+    result = made_run(history, rmse_m=0.0088, true_rmse_m=0.0099, sim_time_s=40.0)
+    between = shapes.moved((START + GOAL) / 2, (0.0, 0.01))
+    picture = np.zeros((56, 64, 3), dtype=np.uint8)
+    picture[:, :32] = (200, 30, 10)
+    return RunRecord(
+        name="I to S",
+        result=result,
+        goal_nodes_world=GOAL,
+        start_nodes_world=START,
+        start_rmse_m=0.06,
+        actions=(
+            ActionShape(nodes_world=between, release_stamp_ns=1),
+            ActionShape(nodes_world=between),
+            ActionShape(nodes_world=GOAL, release_stamp_ns=2),
+        ),
+        timings={
+            "look": StepTiming(calls=4, sim_time_s=2.0, wall_time_s=1.5),
+            "clear_marks": StepTiming(calls=2, sim_time_s=0.0, wall_time_s=0.001),
+            "move_to_goal": StepTiming(calls=3, sim_time_s=20.0, wall_time_s=9.0),
+        },
+        image_before=picture,
+        image_after=picture[::-1].copy(),
+        config_toml='name = "<rope> & co"\n',
+        command="dlokit shape --start I --goal S --seed 4",
+        machine={"mujoco": "4.0.0"},
+    )
+
+
+def test_the_page_is_well_formed_and_needs_nothing_else(record: RunRecord) -> None:
+    page = _parse(report_html(record))
+
+    assert page.open == []
+    assert not page.tags & {"script", "link", "iframe"}
+    assert all(reference.startswith(("#", "data:")) for reference in page.references)
+    assert len(page.ids) == len(set(page.ids))
+    assert {reference[1:] for reference in page.references if reference.startswith("#")} <= set(page.ids)
+
+
+def test_the_page_tells_outcome_figures_actions_and_setup(record: RunRecord) -> None:
+    page = report_html(record)
+
+    for text in (
+        *("I to S", "converged", "8.8 mm", "9.9 mm", "31.1 mm", "lay-down", "not held", "12 mm", "2.0× real time"),
+        *("dlokit shape --start I --goal S --seed 4", "0123456789ab", "mujoco", "4.0.0", "move to goal (3×)"),
+    ):
+        assert text in page, text
+    assert page.count('class="met"') == 1
+
+
+def test_configuration_and_names_are_escaped(record: RunRecord) -> None:
+    page = report_html(replace(record, name="<b>goal</b>"))
+
+    assert "&lt;rope&gt; &amp; co" in page
+    assert "<b>goal" not in page
+
+
+def test_pictures_are_inside_the_page_in_their_colours(record: RunRecord) -> None:
+    encoded = re.findall(r'src="data:image/jpeg;base64,([^"]+)"', report_html(record))
+
+    pictures = [cv2.imdecode(np.frombuffer(base64.b64decode(data), np.uint8), cv2.IMREAD_COLOR) for data in encoded]
+    assert len(pictures) == 2
+    assert pictures[0] is not None
+    # OpenCV reads BGR; JPEG of this quality is right to a few counts.
+    np.testing.assert_allclose(pictures[0][28, 8], (10, 30, 200), atol=4)
+
+
+def test_figures_take_their_colours_from_the_page_so_that_dark_mode_reaches_them(record: RunRecord) -> None:
+    for figure in (
+        figures.overlay(record),
+        figures.error_curve(record),
+        figures.timing_bars(record.timings),
+    ):
+        assert "var(--final)" in figure
+        assert "#0" not in figure.replace('"#', '"')  # no stand-in is left
+        assert "#000000" not in figure
+
+
+def test_every_shape_is_drawn(record: RunRecord) -> None:
+    overlay = figures.overlay(record)
+    short = msgspec.structs.replace(record.result, history=record.result.history[:2])
+    fewer = figures.overlay(replace(record, actions=record.actions[:2], result=short))
+
+    assert overlay.count("var(--step)") == fewer.count("var(--step)") + 1  # the final shape has a colour of its own
+    for variable in ("--goal", "--start", "--final"):
+        assert f"var({variable})" in overlay
+
+
+def test_quick_steps_are_named_but_not_drawn(record: RunRecord) -> None:
+    assert "Below 0.02 s in all: clear marks (2×)." in report_html(record)
+    assert "clear marks" not in figures.timing_bars(record.timings)
+
+
+def test_every_action_is_an_arrow_with_its_number(record: RunRecord) -> None:
+    texts = re.findall(r"<text[^>]*>([^<]*)</text>", figures.overlay(record))
+    unseen = re.findall(r"<text[^>]*>([^<]*)</text>", figures.overlay(replace(record, start_nodes_world=None)))
+
+    assert [text for text in texts if text.isdecimal()] == ["1", "2", "3"]
+    assert [text for text in unseen if text.isdecimal()] == ["2", "3"]  # where the first came from is not known
+
+
+def test_the_threshold_and_the_start_are_in_the_error_curve(record: RunRecord) -> None:
+    curve = figures.error_curve(record)
+
+    assert "threshold 12 mm" in curve
+    assert "grasp not held" in curve
+    assert "true, 2 s after release" in curve
+
+
+def test_equal_runs_give_equal_pages(record: RunRecord) -> None:
+    assert report_html(record) == report_html(record)
+
+
+@pytest.mark.parametrize("outcome", [RunOutcome.FAILED, RunOutcome.CONVERGED])
+def test_a_run_without_any_action_picture_or_estimate_has_a_page(record: RunRecord, outcome: RunOutcome) -> None:
+    result = msgspec.structs.replace(
+        record.result, outcome=outcome, reason="out_of_view", actions=0, rmse_m=None, true_rmse_m=None, history=()
+    )
+    bare = RunRecord(name="I to S", result=result, goal_nodes_world=GOAL)
+
+    page = report_html(bare)
+
+    assert _parse(page).open == []
+    assert "without any action" in page
+    assert "out of view" in page
+    assert "No picture" in page
+
+
+def test_the_page_is_written_into_the_runs_folder(record: RunRecord, tmp_path: Path) -> None:
+    path = write_report(tmp_path, record)
+
+    assert path == tmp_path / "report.html"
+    assert path.read_text(encoding="utf-8").startswith("<!doctype html>")
+
+
+def test_the_page_says_what_the_hand_told_of_the_camera(record: RunRecord) -> None:
+    text = "the camera was 3.4 mm & 0.10° off"
+    told = replace(record, result=msgspec.structs.replace(record.result, camera=CameraResult(text=text)))
+    assert "The camera was 3.4 mm &amp; 0.10° off." in report_html(told)
+    assert "The camera was" not in report_html(record)

@@ -1,0 +1,224 @@
+import io
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+from made_results import made_action, made_run
+from rich.console import Console
+
+from dlokit.app.shape.outcome_words import MEANINGS, outcome_in_words
+from dlokit.app.shape.terminal import RunDisplay, action_table, grip_in_words
+from dlokit.system.results.run_result import CameraResult
+from dlokit.types.candidates import Candidates, CandidateSeen
+from dlokit.types.flow import FlowStatus, RunOutcome
+
+ROWS = (
+    made_action(1, "lay-down", grasp_ok=True, rmse_m=0.0453, duration_s=11.34, robot_time_s=10.34),
+    made_action(2, "drag", grasp_ok=False, rmse_m=0.0101, duration_s=9.0),
+)
+RESULT = made_run(ROWS, rmse_m=0.0101, true_rmse_m=0.0112)
+STATUS = FlowStatus(stamp_ns=0, flow="shape_dlo", step="choose_grasp", rmse_m=0.0453, text="node 30")
+
+
+def _console(*, terminal: bool) -> Console:
+    return Console(
+        file=io.StringIO(), force_terminal=terminal, width=100, color_system=None, _environ={"TERM": "xterm"}
+    )
+
+
+def _written(console: Console) -> str:
+    assert isinstance(console.file, io.StringIO)
+    return console.file.getvalue()
+
+
+def _show(console: Console, report: Path | None = None) -> str:
+    with RunDisplay(console, title="I to S", threshold_m=0.012) as display:
+        display.step(STATUS)
+        for row in ROWS:
+            display.action(row)
+    display.finish(RESULT, report)
+    return _written(console)
+
+
+def test_a_terminal_shows_the_table_and_the_present_step() -> None:
+    text = _show(_console(terminal=True))
+
+    assert "choose grasp" in text
+    assert "45.3 mm" in text
+    assert "< 12.0 mm" in text
+    assert "not held" in text
+    assert "┃" in text
+
+
+@pytest.mark.parametrize("terminal", [True, False])
+def test_where_the_viewer_is_stands_there_once_it_can_be_opened_with_what_to_do_there(terminal: bool) -> None:
+    console = _console(terminal=terminal)
+    with RunDisplay(console, title="I to S", threshold_m=0.012, invitation="Drag the frames.") as display:
+        assert "viewer" not in _written(console)
+        display.page("http://127.0.0.1:8080")
+    at, todo = (_written(console).index(line) for line in ("viewer: http://127.0.0.1:8080", "Drag the frames."))
+    assert at < todo
+
+
+def test_a_terminal_says_that_the_run_starts_until_its_first_step() -> None:
+    console = _console(terminal=True)
+    with RunDisplay(console, title="I to S", threshold_m=0.012) as display:
+        assert "▸ starting" in _written(console)
+        before = len(_written(console))
+        display.step(STATUS)
+        assert "starting" not in _written(console)[before:]
+
+
+def test_the_whole_table_fits_into_80_columns() -> None:
+    console = Console(file=io.StringIO(), width=80, color_system=None)
+    rows = [
+        msgspec.structs.replace(row, kind="pick-and-place", rmse_m=0.1234, true_rmse_m=0.1234, duration_s=123.4)
+        for row in ROWS
+    ]
+    console.print(action_table(rows, threshold_m=0.012))
+    for whole in ("pick-and-place", "not held", "123.4 mm", "123.4 s", "duration", "< 12.0 mm", "action"):
+        assert whole in _written(console), whole
+
+
+def test_a_decision_shows_how_far_it_is_and_its_best_candidate_until_the_next_step() -> None:
+    console = _console(terminal=True)
+    best = CandidateSeen(kind="drag", node=7, score_m=0.0123, nodes_world=np.zeros((2, 3)), path_world=np.zeros((2, 3)))
+    with RunDisplay(console, title="I to S", threshold_m=0.012) as display:
+        display.step(STATUS)
+        display.considered(Candidates(stamp_ns=0, rollouts=48, budget=480))
+        display.considered(Candidates(stamp_ns=0, rollouts=96, budget=480, best=(best,)))
+        deciding = _written(console)
+        display.step(STATUS)
+        after = _written(console)[len(deciding) :]
+
+    assert "48 of 480 rollouts" in deciding
+    assert "96 of 480 rollouts, best: drag at node 7, score 12.3 mm" in deciding
+    assert "rollouts" not in after
+
+
+def test_a_log_file_does_not_get_the_progress_of_decisions() -> None:
+    console = _console(terminal=False)
+    with RunDisplay(console, title="I to S", threshold_m=0.012) as display:
+        display.considered(Candidates(stamp_ns=0, rollouts=48, budget=480))
+
+    assert "rollouts" not in _written(console)
+
+
+def test_the_step_is_gone_when_the_run_has_ended() -> None:
+    console = _console(terminal=True)
+    with RunDisplay(console, title="I to S", threshold_m=0.012) as display:
+        display.step(STATUS)
+        before = len(_written(console))
+
+    assert "choose grasp" not in _written(console)[before:]
+
+
+def test_a_log_file_gets_one_plain_line_anmade_action() -> None:
+    lines = _show(_console(terminal=False)).splitlines()
+
+    assert lines[0] == "I to S: threshold 12.0 mm"
+    assert lines[1] == "action 1: lay-down, node 30 held, RMSE 45.3 mm, 11.3 s"
+    assert lines[2] == "action 2: drag, node 7 not held, RMSE 10.1 mm, 9.0 s"
+    assert not any("choose grasp" in line or "\x1b" in line for line in lines)
+
+
+def test_the_summary_says_outcome_error_pace_and_where_the_report_lies() -> None:
+    report = Path("/somewhere/with a long name/" + "deep/" * 30 + "report.html")
+
+    text = _show(_console(terminal=False), report)
+
+    assert "converged" in text
+    assert "true error 11.2 mm" in text
+    assert "1.5 times real time" in text
+    assert f"report: {report}\n" in text  # in one piece, however narrow the terminal
+
+
+def test_brackets_in_names_and_reasons_are_shown_as_they_are() -> None:
+    console = _console(terminal=True)
+    with RunDisplay(console, title="goals[bold].npy:3", threshold_m=0.012):
+        pass
+    RunDisplay(console, title="", threshold_m=0.012).finish(msgspec.structs.replace(RESULT, reason="axis [x]"))
+
+    assert "goals[bold].npy:3" in _written(console)
+    assert "axis [x]" in _written(console)
+
+
+def test_a_run_that_raises_leaves_the_terminal_usable() -> None:
+    console = _console(terminal=True)
+    with pytest.raises(KeyboardInterrupt), RunDisplay(console, title="I to S", threshold_m=0.012):
+        raise KeyboardInterrupt
+
+    assert "\x1b[?25h" in _written(console)  # the cursor is shown again
+
+
+@pytest.mark.parametrize("outcome", RunOutcome)
+def test_every_outcome_has_words(outcome: RunOutcome) -> None:
+    words = outcome_in_words(msgspec.structs.replace(RESULT, outcome=outcome, reason="out_of_view"))
+
+    assert words.startswith(MEANINGS[outcome])
+    assert "Reason: out of view." in words
+    assert "10.1 mm" in words
+
+
+def test_words_tell_whether_the_threshold_was_met() -> None:
+    assert "below the threshold of 12 mm" in outcome_in_words(RESULT)
+    assert "above the threshold" in outcome_in_words(msgspec.structs.replace(RESULT, rmse_m=0.02))
+    assert "never seen" in outcome_in_words(msgspec.structs.replace(RESULT, rmse_m=None, outcome=RunOutcome.FAILED))
+
+
+def test_a_run_whose_actions_did_not_do_as_predicted_names_the_commands_that_learn_the_dlo() -> None:
+    rows = tuple(msgspec.structs.replace(ROWS[0], action=number, missed_m=0.05) for number in (1, 2, 3))
+    stalled = msgspec.structs.replace(RESULT, outcome=RunOutcome.STALLED, history=rows)
+    words = outcome_in_words(stalled)
+    assert "50 mm (median) from what was predicted" in words
+    assert "--learn" in words
+    assert "dlokit identify" in words
+    slipped = tuple(msgspec.structs.replace(row, slipped=True) for row in rows)
+    braked = tuple(msgspec.structs.replace(row, ended_by="lease_lost") for row in rows)
+    for said in (
+        msgspec.structs.replace(stalled, outcome=RunOutcome.CONVERGED),
+        msgspec.structs.replace(stalled, history=rows[:1]),
+        msgspec.structs.replace(stalled, history=slipped),
+        msgspec.structs.replace(stalled, history=braked),
+        msgspec.structs.replace(stalled, history=ROWS),
+    ):
+        assert "predicted" not in outcome_in_words(said)
+
+
+@pytest.mark.parametrize("terminal", [True, False])
+def test_what_was_said_of_the_camera_is_written_once(terminal: bool) -> None:
+    text = "the camera was 3.4 mm and 0.10° off its calibration along the table; corrected"
+    console = _console(terminal=terminal)
+    with RunDisplay(console, title="I to S", threshold_m=0.012) as display:
+        display.step(FlowStatus(stamp_ns=0, flow="shape_dlo", step="find_dlo", text=text))
+    while_running = _written(console)
+    display.finish(msgspec.structs.replace(RESULT, camera=CameraResult(text=text)))
+    assert _written(console)[len(while_running) :].count("3.4 mm") == (1 if terminal else 0)
+    if not terminal:
+        assert while_running.count("3.4 mm") == 1
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({}, "held"),
+        ({"grasp_ok": False}, "not held"),
+        ({"kind": "push"}, "pushed"),
+        ({"slipped": True}, "slipped"),
+        ({"slipped": True, "ended_by": "slipped"}, "slipped"),
+        ({"ended_by": "lease_lost"}, "lease lost"),
+        ({"kind": "push", "ended_by": "lost_commander"}, "lost commander"),
+        ({"grasp_ok": False, "ended_by": "joint_limit"}, "joint limit"),
+    ],
+)
+def test_what_ended_an_action_is_named_by_its_cause(changes: dict[str, Any], words: str) -> None:
+    assert grip_in_words(msgspec.structs.replace(made_action(1), **changes)) == words
+
+
+def test_who_stopped_a_run_is_named() -> None:
+    stopped = msgspec.structs.replace(RESULT, outcome=RunOutcome.CANCELLED, reason="stopped by SIGTERM")
+    words = outcome_in_words(stopped)
+    assert "Reason: stopped by SIGTERM." in words
+    assert "operator" not in words

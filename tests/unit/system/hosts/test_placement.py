@@ -1,0 +1,105 @@
+"""Which process runs on which host, and what each host may do on the others."""
+
+from collections.abc import Callable, Mapping
+from functools import partial
+
+import pytest
+
+from dlokit.communication.zenoh.access import HostRights
+from dlokit.errors import ConfigError
+from dlokit.system.config import RunConfig
+from dlokit.system.hosts.config import HostsConfig
+from dlokit.system.hosts.placement import placed, rights_at_main
+from dlokit.system.table import processes_of_run
+from dlokit.system.toml_config import from_toml, to_toml
+
+ROWS = processes_of_run(simulated=True, watched=True, arms=2)
+RUNS = {
+    "brain": ("decision", "cell", "simulation", "observer"),
+    "arms": ("robot", "opposite"),
+    "eye": ("camera",),
+    "desk": ("viewer",),
+}
+
+
+def hosts(runs: Mapping[str, tuple[str, ...]]) -> HostsConfig:
+    return HostsConfig(endpoint="tls/10.0.0.1:7447", certificates="lab", runs=runs)
+
+
+def rights() -> dict[str, HostRights]:
+    return {each.host: each for each in rights_at_main(placed(hosts(RUNS), ROWS))}
+
+
+def test_each_host_gets_its_rows_and_the_decision_process_comes_first() -> None:
+    placement = placed(hosts(RUNS), ROWS)
+    assert placement.main == "brain"
+    assert [row.name for row in placement.own] == ["decision", "cell", "simulation", "observer"]
+    assert {host: [row.name for row in share] for host, share in placement.others.items()} == {
+        "arms": ["robot", "opposite"],
+        "eye": ["camera"],
+        "desk": ["viewer"],
+    }
+
+
+def test_a_process_that_a_run_does_not_need_may_be_placed() -> None:
+    placement = placed(hosts(RUNS), processes_of_run(simulated=True, watched=False))
+    assert placement.others["desk"] == ()
+    assert [row.name for row in placement.others["arms"]] == ["robot"]
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"desk": ()}, "places viewer on no host"),
+        ({"desk": ("viewer", "camera")}, "places camera on eye and on desk"),
+        ({"desk": ("viewer", "brewer")}, "'brewer' on desk, which is no process; there are decision, cell"),
+        ({"brain": RUNS["brain"][:1] + RUNS["brain"][2:], "eye": ("camera", "cell")}, "the simulated cell on eye"),
+        ({"Desk 1": ()}, "'Desk 1' cannot name a host"),
+    ],
+)
+def test_what_is_placed_wrongly_is_named(change: dict[str, tuple[str, ...]], said: str) -> None:
+    with pytest.raises(Exception, match=said):
+        placed(hosts(RUNS | change), ROWS)
+
+
+@pytest.mark.parametrize(
+    ("configured", "said"),
+    [
+        (partial(HostsConfig, endpoint="10.0.0.1"), "no place where hosts can meet"),
+        (partial(HostsConfig, endpoint="tls/10.0.0.1:7447"), "names no folder `certificates`"),
+        (partial(HostsConfig, endpoint="tcp/10.0.0.1:7447"), "whoever reaches the port could command the robot"),
+        (partial(HostsConfig, endpoint="tcp/10.0.0.1:7447", plain_tcp=True, wait_s=0.0), "wait_s"),
+    ],
+)
+def test_a_meeting_place_that_is_open_or_lacks_certificates_is_refused(
+    configured: Callable[[], HostsConfig], said: str
+) -> None:
+    with pytest.raises(ConfigError, match=said):
+        configured()
+
+
+def test_a_host_publishes_the_topics_of_its_components_and_no_others() -> None:
+    assert rights()["arms"].publishes == ("robot/state", "robot/state/opposite")
+    assert rights()["desk"].publishes == ("viewer/command", "viewer/frames", "viewer/page")
+    assert "decision/heartbeat" not in {topic for each in rights().values() for topic in each.publishes}
+
+
+def test_no_other_host_may_call_more_of_a_robot_than_to_stop_it() -> None:
+    for each in rights().values():
+        of_robots = {call for call in each.calls if call.startswith("robot")}
+        assert of_robots == {"robot/stop", "robot.opposite/stop"}
+        assert not each.trusted
+
+
+def test_every_host_may_do_what_dlokit_stop_does() -> None:
+    for each in rights().values():
+        assert {"robot/stop", "robot.opposite/stop", "decision/stop_task"} <= set(each.calls)
+
+
+def test_only_drivers_may_call_the_cell() -> None:
+    assert {host for host, each in rights().items() if "cell/*" in each.calls} == {"arms", "eye"}
+
+
+def test_hosts_are_read_from_a_file_and_written_again() -> None:
+    run = RunConfig(hosts=hosts(RUNS))
+    assert from_toml(to_toml(run), RunConfig, "it") == run

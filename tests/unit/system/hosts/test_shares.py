@@ -1,0 +1,187 @@
+"""What the main host makes of other hosts that are missing, of another version, elsewhere in time, or refuse."""
+
+import asyncio
+import itertools
+import logging
+import time
+from collections.abc import AsyncGenerator, Callable
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, replace
+
+import pytest
+
+from dlokit import __version__
+from dlokit.communication.component import Component, implements, implements_reporting
+from dlokit.communication.container import Host
+from dlokit.communication.timing.clock import LoopClock
+from dlokit.communication.zenoh.session import ZenohConfig
+from dlokit.communication.zenoh.transport import ZenohTransport
+from dlokit.errors import ProcessFailure, SkillFailure, SkillRejected
+from dlokit.system.hosts import shares as shares_module
+from dlokit.system.hosts.agent import free_meeting_point
+from dlokit.system.hosts.api import HELLO, RUN_SHARE, HostFacts, ShareReady
+from dlokit.system.hosts.shares import CLOCK_OFF_S, RemoteShares
+from dlokit.system.table import ROBOT, ProcessRow
+
+NAMESPACE = "dlokit_test_shares"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Manner:
+    """How a host behaves."""
+
+    version: str = __version__
+    ahead_s: float = 0.0
+    raises: Exception | None = None
+    """Instead of running its share."""
+    ready_first: bool = False
+    """Whether it says before that it is ready."""
+
+
+class OddHost(Component):
+    name = "host"
+    instance = "arm"
+
+    def __init__(self, manner: Manner) -> None:
+        super().__init__()
+        self._manner = manner
+        self.endpoint = ""
+        self.main: ZenohTransport | None = None
+        self.ran: list[tuple[str, tuple[str, ...]]] = []
+
+    @implements(HELLO)
+    async def hello(self) -> HostFacts:
+        return HostFacts(version=self._manner.version, wall_ns=time.time_ns() + round(self._manner.ahead_s * 1e9))
+
+    @implements_reporting(RUN_SHARE)
+    async def run_share(
+        self, report: Callable[[ShareReady], None], config_toml: str, processes: tuple[str, ...]
+    ) -> None:
+        self.ran.append((config_toml, processes))
+        if self._manner.ready_first:
+            report(ShareReady(host=self.instance))
+        if self._manner.raises is not None:
+            raise self._manner.raises
+        report(ShareReady(host=self.instance))
+        await asyncio.Event().wait()
+
+
+@asynccontextmanager
+async def shares_with(
+    manner: Manner | None, row: ProcessRow = ROBOT, wait_s: float = 30.0
+) -> AsyncGenerator[tuple[RemoteShares, OddHost]]:
+    """Shares of a run whose other host behaves so; with None it is not there."""
+    endpoint = free_meeting_point()
+    here = ZenohTransport(ZenohConfig(namespace=NAMESPACE, listen=(endpoint,)))
+    there = ZenohTransport(ZenohConfig(namespace=NAMESPACE, connect=(endpoint,)))
+    odd = OddHost(manner or Manner())
+    odd.endpoint, odd.main = endpoint, here
+    host = Host(there, LoopClock())
+    shares = RemoteShares(here, {"arm": (row,), "desk": ()}, "seed = 3", wait_s, lambda said: None)
+    try:
+        if manner is not None:
+            host.add(odd)
+        async with host:
+            yield shares, odd
+    finally:
+        await shares.end()
+        await here.close()
+        await there.close()
+
+
+async def failure_of_start(manner: Manner | None, wait_s: float = 30.0) -> ProcessFailure:
+    async with shares_with(manner, wait_s=wait_s) as (shares, _):
+        with pytest.raises(ProcessFailure) as raised:
+            await shares.start()
+        return raised.value
+
+
+def test_a_share_gets_the_configuration_and_its_processes_and_is_ended() -> None:
+    async def body() -> None:
+        async with shares_with(Manner()) as (shares, odd):
+            await shares.start()
+            assert odd.ran == [("seed = 3", ("robot",))]
+
+    asyncio.run(body())
+
+
+def test_a_host_that_does_not_come_is_named() -> None:
+    assert asyncio.run(failure_of_start(None, wait_s=0.1)).reason == "host_missing: arm"
+
+
+def test_a_host_of_another_version_is_named() -> None:
+    failure = asyncio.run(failure_of_start(Manner(version="0.0.1")))
+    assert failure.reason == "host_version: arm"
+    assert f"dlokit 0.0.1 there, {__version__} here" in failure.detail
+
+
+def test_a_host_that_refuses_or_fails_says_why() -> None:
+    refused = asyncio.run(failure_of_start(Manner(raises=SkillRejected("bad_configuration", "no such strategy"))))
+    assert (refused.reason, refused.detail) == ("bad_configuration", "on host arm: no such strategy")
+    died = asyncio.run(failure_of_start(Manner(raises=SkillFailure("process_died: robot", "signal 9"))))
+    assert died.reason == "process_died: robot"
+
+
+@pytest.mark.parametrize(("ahead_s", "said"), [(60.0, "60.0 s ahead"), (-60.0, "60.0 s behind"), (0.0, None)])
+def test_a_host_whose_time_of_day_is_off_is_named(
+    ahead_s: float, said: str | None, caplog: pytest.LogCaptureFixture
+) -> None:
+    assert abs(ahead_s) > CLOCK_OFF_S or said is None
+
+    async def body() -> None:
+        async with shares_with(Manner(ahead_s=ahead_s)) as (shares, _):
+            await shares.start()
+
+    with caplog.at_level(logging.WARNING, "dlokit.system.hosts.shares"):
+        asyncio.run(body())
+    warned = [record.getMessage() for record in caplog.records if "clocks_differ" in record.getMessage()]
+    assert [said in text for text in warned if said is not None] == ([] if said is None else [True])
+    assert len(warned) == (said is not None)
+
+
+def test_a_host_whose_processes_are_not_needed_ends_no_run_but_its_start(caplog: pytest.LogCaptureFixture) -> None:
+    died = SkillFailure("process_died: viewer", "signal 9")
+    viewer = replace(ROBOT, essential=False)
+
+    async def body() -> None:
+        async with shares_with(Manner(ready_first=True, raises=died), viewer) as (shares, _):
+            await shares.start()
+            with pytest.raises(TimeoutError):  # as long as the failure needs to come ten times
+                async with asyncio.timeout(0.3):
+                    await shares.wait_failed()
+        async with shares_with(Manner(raises=died), viewer) as (shares, _):
+            with pytest.raises(ProcessFailure, match="process_died: viewer"):
+                await shares.start()
+
+    with caplog.at_level(logging.WARNING, "dlokit.system.hosts.shares"):
+        asyncio.run(body())
+    assert "the run goes on without host arm: process_died: viewer" in caplog.text
+
+
+async def until_two_serve(main: ZenohTransport | None) -> None:
+    assert main is not None
+    async with asyncio.timeout(30.0):
+        for _ in itertools.count():
+            if main.serving("host.arm") == 2:
+                return
+            await asyncio.sleep(0.01)
+
+
+def test_a_host_that_runs_twice_is_named_and_neither_runs_the_share(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shares_module, "GONE_WITHIN_S", 0.0)
+
+    async def body() -> None:
+        async with shares_with(Manner()) as (shares, odd):
+            bus = ZenohConfig(namespace=NAMESPACE, role="client", listen=(), connect=(odd.endpoint,))
+            twin = ZenohTransport(bus)
+            second = OddHost(Manner())
+            host = Host(twin, LoopClock())
+            host.add(second)
+            async with host:
+                await until_two_serve(odd.main)
+                with pytest.raises(ProcessFailure, match="host_twice: arm"):
+                    await shares.start()
+            assert odd.ran == second.ran == []
+            await twin.close()
+
+    asyncio.run(body())

@@ -1,0 +1,24 @@
+"""Which processes of a run have not ended."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+from dlokit.system.processes.report import ProcessReport, ProcessState, SystemReport, still_there, write_report
+
+
+def process(name: str, pid: int) -> ProcessReport:
+    return ProcessReport(
+        name=name, components=(name,), pid=pid, state=ProcessState.RUNNING, started_s=0.0, restarts=0, beat_s=0.0
+    )
+
+
+def test_a_process_is_still_there_until_it_has_ended_and_its_number_may_be_used_again(tmp_path: Path) -> None:
+    assert still_there(tmp_path) == []
+    waits = (sys.executable, "-c", "import sys; sys.stdin.read()", "cell")
+    with subprocess.Popen(waits, stdin=subprocess.PIPE) as cell:
+        write_report(
+            tmp_path, SystemReport(told_s=0.0, processes=(process("cell", cell.pid), process("robot", cell.pid)))
+        )
+        assert still_there(tmp_path) == ["cell"]
+    assert still_there(tmp_path) == []

@@ -1,0 +1,79 @@
+"""Notes of running systems: found by any shell, gone with their system."""
+
+import fcntl
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from dlokit.errors import InputError
+from dlokit.system.processes.running import announced, running_systems, still_runs, the_running_system
+
+
+def test_a_system_is_found_while_it_runs_and_not_after(tmp_path: Path) -> None:
+    with announced(Path("runs/mine"), "dlokit/mine", "tcp/127.0.0.1:7447", tmp_path) as ready:
+        ready()
+        system = the_running_system(None, tmp_path)
+        assert system == the_running_system(Path("runs/mine"), tmp_path)
+        assert system.bus.namespace == "dlokit/mine"
+        assert system.bus.connect == ("tcp/127.0.0.1:7447",)
+        with pytest.raises(InputError, match="no system runs in"):
+            the_running_system(Path("runs/other"), tmp_path)
+    with pytest.raises(InputError, match="no system runs"):
+        the_running_system(None, tmp_path)
+
+
+def test_a_system_that_starts_can_be_stopped_and_not_be_asked_for_anything_else(tmp_path: Path) -> None:
+    with announced(Path("runs/mine"), "dlokit/mine", "tcp/127.0.0.1:7447", tmp_path) as ready:
+        assert running_systems(tmp_path) == []
+        with pytest.raises(InputError, match="no system runs"):
+            the_running_system(None, tmp_path)
+        assert the_running_system(None, tmp_path, starting=True).starting
+        ready()
+        assert not the_running_system(None, tmp_path).starting
+
+
+def test_the_note_of_a_killed_system_is_removed(tmp_path: Path) -> None:
+    with announced(Path("runs/mine"), "dlokit/mine", "tcp/127.0.0.1:7447", tmp_path) as ready:
+        ready()
+        (system,) = running_systems(tmp_path)
+        # Its number is that of a process that runs: this one's parent.
+        left = msgspec.structs.replace(system, pid=os.getppid())
+        note = tmp_path / f"{left.pid}.json"
+        note.write_bytes(msgspec.json.encode(left))
+        assert not still_runs(left, tmp_path)
+        assert running_systems(tmp_path) == [system]
+        assert not note.exists()
+        assert still_runs(system, tmp_path)
+
+
+def test_a_system_that_is_killed_leaves_a_note_that_nobody_holds(tmp_path: Path) -> None:
+    script = (
+        "import sys, time\nfrom pathlib import Path\nfrom dlokit.system.processes.running import announced\n"
+        "with announced(Path('x'), 'dlokit/x', 'tcp/127.0.0.1:1', Path(sys.argv[1])) as ready:\n"
+        "    ready()\n"
+        "    print('there', flush=True)\n    time.sleep(60.0)\n"
+    )
+    with subprocess.Popen([sys.executable, "-c", script, str(tmp_path)], stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == b"there\n"
+        assert [system.pid for system in running_systems(tmp_path)] == [process.pid]
+        process.kill()
+    assert running_systems(tmp_path) == []
+
+
+def test_several_systems_are_named_and_one_must_be_said(tmp_path: Path) -> None:
+    with announced(Path("runs/mine"), "dlokit/mine", "tcp/127.0.0.1:7447", tmp_path) as ready:
+        ready()
+        (system,) = running_systems(tmp_path)
+        other = msgspec.structs.replace(system, folder="/elsewhere/theirs")
+        note = tmp_path / "other.json"
+        note.write_bytes(msgspec.json.encode(other))
+        with note.open("rb") as held:
+            fcntl.flock(held, fcntl.LOCK_EX)
+            with pytest.raises(InputError, match="/elsewhere/theirs"):
+                the_running_system(None, tmp_path)
+            assert the_running_system(Path("/elsewhere/theirs"), tmp_path).folder == "/elsewhere/theirs"

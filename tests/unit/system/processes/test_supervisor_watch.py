@@ -1,0 +1,181 @@
+"""Whatever ends the supervisor's watch, or keeps it from its files: a death is noticed, and has a name."""
+
+import asyncio
+import errno
+import gc
+import logging
+import os
+import resource
+import shutil
+import signal
+import sys
+from collections.abc import Callable, Generator
+from pathlib import Path
+
+import pytest
+
+from dlokit.communication.zenoh.session import ZenohConfig
+from dlokit.errors import ProcessFailure
+from dlokit.system.processes import supervisor as module
+from dlokit.system.processes.supervisor import Launch, Supervisor
+from dlokit.system.table import NEVER, ProcessRow, Restart
+
+BEATS = """
+import json, os, sys, time
+beats = json.loads(sys.stdin.readline())["beat_fd"]
+os.write(beats, b"r")
+while True:
+    time.sleep(0.1)
+    os.write(beats, b".")
+"""
+NOTICED_WITHIN_S = 10.0
+"""A tenth of a second on an idle machine."""
+ONCE = Restart(times=1, window_s=600.0, wait_s=0.05)
+
+
+@pytest.fixture
+def no_more_files() -> Generator[Callable[[], None]]:
+    """From the call on no file can be opened; files that are open stay open."""
+    limits = resource.getrlimit(resource.RLIMIT_NOFILE)
+    yield lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (3, limits[1]))
+    resource.setrlimit(resource.RLIMIT_NOFILE, limits)
+
+
+def supervisor(run_dir: Path, restart: Restart = NEVER) -> Supervisor:
+    rows = (ProcessRow(name="lamp", components=(), restart=restart),)
+    launch = Launch(
+        namespace="lamp", config_file=run_dir / "config.toml", run_dir=run_dir, command=(sys.executable, "-Sc", BEATS)
+    )
+    return Supervisor(rows, launch, ZenohConfig(namespace="lamp"))
+
+
+def kill(running: Supervisor) -> None:
+    os.kill(running.pids["lamp"], signal.SIGKILL)
+
+
+def failure_of(running: Supervisor, what_happens: Callable[[Supervisor], object]) -> ProcessFailure:
+    """What is told to the task that waits for the run when something happens."""
+
+    async def main() -> ProcessFailure:
+        async with running:
+            waiting = asyncio.create_task(running.wait_failed())
+            await asyncio.sleep(0.0)
+            what_happens(running)
+            with pytest.raises(ProcessFailure) as failure:
+                async with asyncio.timeout(NOTICED_WITHIN_S):
+                    await waiting
+            return failure.value
+
+    return asyncio.run(main())
+
+
+def test_a_death_is_noticed_though_the_folder_of_the_logs_is_gone(tmp_path: Path) -> None:
+    def happens(running: Supervisor) -> None:
+        shutil.rmtree(tmp_path)
+        kill(running)
+
+    failure = failure_of(supervisor(tmp_path / "run"), happens)
+    assert failure.reason == "process_died: lamp"
+    assert "lamp.log" in failure.detail
+
+
+@pytest.mark.parametrize(("restart", "reason"), [(NEVER, "process_died: lamp"), (ONCE, "process_not_started: lamp")])
+def test_a_death_is_noticed_though_no_file_can_be_opened(
+    tmp_path: Path, no_more_files: Callable[[], None], restart: Restart, reason: str
+) -> None:
+    def happens(running: Supervisor) -> None:
+        no_more_files()
+        kill(running)
+
+    failure = failure_of(supervisor(tmp_path, restart), happens)
+    assert failure.reason == reason
+    assert os.strerror(errno.EMFILE) in failure.detail
+
+
+def test_a_process_that_cannot_be_started_at_all_is_a_named_failure(tmp_path: Path) -> None:
+    async def main() -> None:
+        (tmp_path / "logs").write_text("a file in the place of the folder", encoding="utf-8")
+        async with supervisor(tmp_path):
+            pass
+
+    with pytest.raises(ProcessFailure, match=r"process_not_started: lamp: .*logs"):
+        asyncio.run(main())
+
+
+def test_a_failed_start_keeps_no_file_open(tmp_path: Path) -> None:
+    async def main() -> int:
+        (tmp_path / "logs").write_text("a file in the place of the folder", encoding="utf-8")
+        gc.collect()  # what other tests have left is not closed meanwhile
+        before = len(os.listdir("/proc/self/fd"))
+        for _ in range(3):
+            with pytest.raises(ProcessFailure):
+                await supervisor(tmp_path).__aenter__()
+        return len(os.listdir("/proc/self/fd")) - before
+
+    assert asyncio.run(main()) == 0
+
+
+class Raises(logging.Handler):
+    """A handler of log lines that does not do its part."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+@pytest.mark.parametrize(("restart", "reason"), [(NEVER, "process_died: lamp"), (ONCE, "supervisor_failed: OSError")])
+def test_a_log_line_that_cannot_be_written_hides_no_death(tmp_path: Path, restart: Restart, reason: str) -> None:
+    handler = Raises(level=logging.WARNING)
+    module.log.addHandler(handler)
+    try:
+        assert failure_of(supervisor(tmp_path, restart), kill).reason == reason
+    finally:
+        module.log.removeHandler(handler)
+
+
+def test_the_failure_is_told_before_it_is_logged(tmp_path: Path) -> None:
+    running, told = supervisor(tmp_path), list[bool]()
+
+    class Looks(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            failed = running._failed  # pyright: ignore[reportPrivateUsage]
+            told.append(failed is not None and failed.done())
+
+    handler = Looks(level=logging.ERROR)
+    module.log.addHandler(handler)
+    try:
+        failure_of(running, kill)
+    finally:
+        module.log.removeHandler(handler)
+    assert told == [True]
+
+
+def test_a_watch_that_raises_is_a_failed_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def raises(child: object) -> None:
+        raise RuntimeError("a mistake of ours")
+
+    def happens(running: Supervisor) -> None:
+        monkeypatch.setattr(module.ChildProcess, "silent_s", raises)
+
+    failure = failure_of(supervisor(tmp_path), happens)
+    assert failure.reason == "supervisor_failed: RuntimeError"
+    assert "a mistake of ours" in failure.detail
+
+
+def test_a_watch_that_is_cancelled_by_another_is_a_failed_run(tmp_path: Path) -> None:
+    def happens(running: Supervisor) -> None:
+        [watch] = [task for task in asyncio.all_tasks() if task.get_name() == "watch processes"]
+        watch.cancel()
+
+    assert failure_of(supervisor(tmp_path), happens).reason == "supervisor_failed: cancelled"
+
+
+def test_an_orderly_end_is_no_failure(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    async def main() -> None:
+        async with supervisor(tmp_path) as running:
+            waiting = asyncio.create_task(running.wait_failed())
+            await asyncio.sleep(0.0)
+        assert not waiting.done()
+        waiting.cancel()
+
+    asyncio.run(main())
+    assert "supervisor_failed" not in caplog.text

@@ -1,0 +1,61 @@
+"""A worker that dies or freezes is replaced, and its work done once more."""
+
+import asyncio
+import os
+import signal
+from pathlib import Path
+
+import pytest
+
+from dlokit.errors import SkillFailure
+from dlokit.system.processes import workers
+from dlokit.system.processes.workers import worker_pool
+
+
+def die_unless(done_before: Path) -> int:
+    if not done_before.exists():
+        done_before.touch()
+        os._exit(1)
+    return os.getpid()
+
+
+def freeze_unless(done_before: Path) -> int:
+    if not done_before.exists():
+        done_before.touch()
+        os.kill(os.getpid(), signal.SIGSTOP)
+    return os.getpid()
+
+
+def die() -> None:
+    os._exit(1)
+
+
+def test_the_work_of_a_worker_that_dies_is_done_by_another(tmp_path: Path) -> None:
+    async def main() -> None:
+        with worker_pool() as compute:
+            # Both: the second task waits in the pool that breaks.
+            first, second = await asyncio.gather(compute(die_unless, tmp_path / "mark"), compute(os.getpid))
+            assert first == second != os.getpid()
+
+    asyncio.run(main())
+
+
+def test_the_work_of_a_worker_that_freezes_is_done_by_another(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(workers, "SILENT_S", 1.0)
+
+    async def main() -> None:
+        with worker_pool() as compute:
+            frozen = await compute(os.getpid)
+            assert await compute(freeze_unless, tmp_path / "mark") != frozen
+
+    asyncio.run(main())
+
+
+def test_work_that_kills_every_worker_fails_by_name_and_the_next_work_is_done() -> None:
+    async def main() -> None:
+        with worker_pool() as compute:
+            with pytest.raises(SkillFailure, match="worker_died"):
+                await compute(die)
+            assert await compute(os.getpid) != os.getpid()
+
+    asyncio.run(main())

@@ -1,0 +1,111 @@
+"""A system that runs is recorded by another process: what holds already, what comes, every call, and a whole file."""
+
+import asyncio
+import socket
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dlokit.app.data.record import RecordArgs, run
+from dlokit.communication import topics
+from dlokit.communication.component import Component, implements
+from dlokit.communication.container import Host
+from dlokit.communication.zenoh.session import ZenohConfig
+from dlokit.errors import InputError
+from dlokit.recording.reader import read_recording
+from dlokit.recording.summary import summarise
+from dlokit.skills.model import api as model
+from dlokit.system.config import RunConfig
+from dlokit.system.processes.bus import JoinedBus, join_bus
+from dlokit.system.processes.running import RunningSystem, announced, the_running_system
+from dlokit.system.results.recording import record_until_ended, with_calls_told
+from dlokit.system.table import TimeBase
+from dlokit.system.toml_config import to_toml
+from dlokit.types.clock import ClockTick
+from dlokit.types.dlo import GoalShape
+from dlokit.types.outcome import Succeeded
+
+LIMIT_S = 60.0  # it takes two
+
+
+class Model(Component):
+    name = "model"
+
+    @implements(model.SETTLE)
+    async def settle(self, nodes_world: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
+        return nodes_world
+
+
+def goal(seq: int, name: str) -> GoalShape:
+    return GoalShape(stamp_ns=seq, seq=seq, nodes_world=np.zeros((2, 3)), name=name)
+
+
+async def tick(bus: JoinedBus) -> None:
+    seq = 0
+    while True:
+        seq += 1
+        bus.transport.publish(topics.CLOCK, ClockTick(stamp_ns=seq * 10_000_000, seq=seq))
+        await asyncio.sleep(0.01)
+
+
+async def recorded(system: RunningSystem, path: Path) -> None:
+    """Run a small system, attach to it, let it do something, and give up recording."""
+    own = ZenohConfig(namespace=system.namespace, listen=(system.endpoint,), multicast_interface=None)
+    async with join_bus(own, TimeBase.MACHINE) as bus, asyncio.timeout(LIMIT_S):
+        host = Host(bus.transport, bus.clock)
+        host.add(Model())
+        async with host:
+            ticking = asyncio.create_task(tick(bus))
+            bus.transport.publish(topics.GOAL, goal(4, "before"))
+            attached = asyncio.Event()
+            recording = asyncio.create_task(record_until_ended(system, path, lambda _: attached.set()))
+            await asyncio.wait({recording, asyncio.create_task(attached.wait())}, return_when=asyncio.FIRST_COMPLETED)
+            told = with_calls_told(bus.transport, bus.clock)
+            # Until the recorder's subscriptions have reached this process, what is said is said to nobody.
+            for seq in range(5, 155):
+                bus.transport.publish(topics.GOAL, goal(seq, "after"))
+                assert isinstance(await told.call(model.SETTLE, np.ones((2, 3))), Succeeded)
+                await asyncio.sleep(0.01)
+            recording.cancel()
+            await asyncio.wait({recording})
+            ticking.cancel()
+
+
+@pytest.fixture
+def system(tmp_path: Path) -> Iterator[RunningSystem]:
+    """This process, as if it were a system that runs."""
+    (tmp_path / "config.toml").write_text(to_toml(RunConfig(seed=7)))
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    with announced(tmp_path, f"dlokit/test_attached_{port}", f"tcp/127.0.0.1:{port}") as ready:
+        ready()
+        yield the_running_system(tmp_path)
+
+
+def test_what_holds_what_comes_and_every_call_is_recorded_into_a_whole_file(
+    system: RunningSystem, tmp_path: Path
+) -> None:
+    path = tmp_path / "a.mcap"
+    asyncio.run(recorded(system, path))
+    summary = summarise(path)
+    assert summary.whole
+    assert summary.metadata["run"]["attached"]
+    assert "seed = 7" in summary.metadata["configuration"]["config.toml"]
+    assert summary.calls["model.settle"].outcomes["succeeded"] > 20
+    assert summary.channels["skill_calls_begun"].count >= summary.calls["model.settle"].outcomes["succeeded"]
+    assert summary.channels["cell/clock"].count > 20
+    goals = [one.message for one in read_recording(path, {"model/goal"})]
+    assert len(goals) > 20
+    numbers = [one.seq for one in goals]
+    assert numbers == sorted(set(numbers))  # none twice: not the one of before either
+
+
+def test_a_file_that_exists_is_not_overwritten(system: RunningSystem, tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    path.write_text("mine")
+    with pytest.raises(InputError, match=r"a\.mcap exists: recordings are never overwritten"):
+        run(RecordArgs(out=path, run=Path(system.folder)))
+    assert path.read_text() == "mine"
