@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from dlokit.description.collision_bits import LINK_BIT, ROBOT_BIT, WORLD_BIT
+from dlokit.description.collision_bits import CONTACT_SOLIMP, CONTACT_SOLREF, LINK_BIT, ROBOT_BIT, WORLD_BIT
 from dlokit.description.dlo import DloPreset
-from dlokit.description.rod import CONTACT_SOLIMP, CONTACT_SOLREF, ROLLING_M, check_spacing
+from dlokit.description.rod import ROLLING_M, check_spacing
 from dlokit.errors import ConfigError
 from dlokit.types.arrays import Float64Array, Int64Array
 

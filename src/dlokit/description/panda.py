@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dlokit.description.collision_bits import ROBOT_BIT, WORLD_BIT
+from dlokit.description.collision_bits import CONTACT_SOLIMP, CONTACT_SOLREF, ROBOT_BIT, WORLD_BIT
 from dlokit.description.panda_data import (
     PANDA_DH,
     PANDA_FINGER_M,
@@ -30,7 +30,6 @@ from dlokit.description.panda_shape import (
     Capsule,
     panda_mesh_file,
 )
-from dlokit.description.rod import CONTACT_SOLIMP, CONTACT_SOLREF
 from dlokit.types.pose import Pose
 
 __all__ = [

@@ -11,14 +11,11 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dlokit.description.collision_bits import CONTACT_SOLIMP, CONTACT_SOLREF
 from dlokit.description.dlo import DloPreset
 from dlokit.errors import ConfigError
 from dlokit.types.arrays import Float64Array, Int64Array
 
-CONTACT_SOLREF = (0.004, 1.0)
-"""Time constant [s] and damping ratio of contacts that do not creep; table, rod and pads share it."""
-CONTACT_SOLIMP = (0.99, 0.999, 0.001, 0.5, 2.0)
-"""Impedance of contacts that do not creep: static friction creeps with ``1 - solimp[0]``."""
 IMPRATIO = 100.0
 """Ratio of frictional to normal impedance; with elliptic cones, what keeps a bent rod from sliding for ever."""
 

@@ -6,7 +6,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from dlokit import geometry
-from dlokit.description.rod import CONTACT_SOLIMP, CONTACT_SOLREF
+from dlokit.description.collision_bits import CONTACT_SOLIMP, CONTACT_SOLREF
 from dlokit.types.arrays import Float64Array, UInt8Array
 from dlokit.types.image import CameraCalibration
 

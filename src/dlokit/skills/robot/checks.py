@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from dlokit.description.panda_data import PANDA_LIMITS
 from dlokit.description.panda_kinematics import capsule_ends
 from dlokit.description.panda_shape import PANDA_COLLISION
+from dlokit.description.table import Surroundings
 from dlokit.errors import SkillFailure
 from dlokit.motion.limits import (
     ACCELERATION_LIMIT,
@@ -18,7 +19,6 @@ from dlokit.motion.limits import (
     VELOCITY_LIMIT,
     limit_violation,
 )
-from dlokit.skills.robot.config import Surroundings
 from dlokit.types.pose import Pose
 from dlokit.types.robot import JointLimits, JointTrajectory
 

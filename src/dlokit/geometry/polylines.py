@@ -1,0 +1,38 @@
+"""Polylines: the nodes of a DLO as a curve in space."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+def arc_lengths(nodes: ArrayLike) -> Array:
+    """Length along a polyline (K, d) [m] at each of its points, (K,), from 0."""
+    steps = np.linalg.norm(np.diff(np.asarray(nodes, dtype=np.float64), axis=0), axis=1)
+    return np.concatenate(([0.0], np.cumsum(steps)))
+
+
+def resample(nodes: ArrayLike, count: int) -> Array:
+    """A polyline (K, d) [m] as `count` points equally spaced by arc length, (count, d)."""
+    points = np.asarray(nodes, dtype=np.float64)
+    s = arc_lengths(points)
+    wanted = np.linspace(0.0, s[-1], count)
+    return np.column_stack([np.interp(wanted, s, points[:, axis]) for axis in range(points.shape[1])])
+
+
+def tangents(nodes: ArrayLike) -> Array:
+    """Unit tangents (K, d) of a polyline by central differences."""
+    gradient = np.gradient(np.asarray(nodes, dtype=np.float64), axis=0)
+    return gradient / np.maximum(np.linalg.norm(gradient, axis=1, keepdims=True), 1e-12)
+
+
+def rmse_m(nodes: ArrayLike, goal: ArrayLike, *, ends_interchangeable: bool = False) -> float:
+    """Root mean square over nodes of the distance from node i to goal node i [m], both (M, 3).
+
+    The reverse order counts as well only when the goal says that ends are interchangeable.
+    """
+    a, b = np.asarray(nodes, dtype=np.float64), np.asarray(goal, dtype=np.float64)
+    forward = float(np.sqrt(np.mean(np.sum((a - b) ** 2, axis=1))))
+    if not ends_interchangeable:
+        return forward
+    return min(forward, float(np.sqrt(np.mean(np.sum((a[::-1] - b) ** 2, axis=1)))))
