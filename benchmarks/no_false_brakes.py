@@ -19,13 +19,13 @@ from pathlib import Path
 import tyro
 from playwright.async_api import Browser, async_playwright
 
-from dlokit.bench.faults.burden import burden
 from dlokit.bench.faults.live_run import LiveRun, Program, live_run
+from dlokit.bench.stop.small_system import burden
 from dlokit.communication import topics
 from dlokit.recording.channels import FILE_NAME
 from dlokit.recording.reader import read_recording
 from dlokit.system.results.run_result import read_result
-from dlokit.types.skill_call import CallRecord
+from dlokit.types.outcome import CallRecord
 
 BRAKED = frozenset({"lease_lost", "lost_commander", "stale_feedback", "neighbour_silent"})
 ENDS_WITHIN_S = 300.0

@@ -19,13 +19,12 @@ from joblib import Parallel, delayed
 from dlokit import geometry
 from dlokit.bench.feasibility.made_goals import made_goals
 from dlokit.description.scene import default_calibration
-from dlokit.skills.model.belief import as_configured
-from dlokit.skills.model.config import ModelConfig
-from dlokit.skills.planning import holding
+from dlokit.motion.inverse_kinematics import PandaKinematics
+from dlokit.rod.believed import ModelConfig, as_configured
 from dlokit.skills.planning.config import PlanningConfig
-from dlokit.skills.planning.feasibility import Workplace
-from dlokit.skills.planning.goal_verdict import judge
-from dlokit.skills.robot.kinematics import PandaKinematics
+from dlokit.skills.planning.verdict import holding
+from dlokit.skills.planning.verdict.feasibility import Workplace
+from dlokit.skills.planning.verdict.goal_verdict import judge
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import GoalShape
 from dlokit.types.feasibility import GoalVerdict

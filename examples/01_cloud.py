@@ -9,8 +9,7 @@ from example_lab import result_of, run_example
 from dlokit.functional.cell import api as cell
 from dlokit.skills.perception.cloud import reproject
 from dlokit.skills.perception.config import PerceptionConfig
-from dlokit.skills.perception.pictures import grey
-from dlokit.skills.perception.rectification import Rectifier
+from dlokit.skills.perception.rectification import Rectifier, grey
 from dlokit.skills.perception.stereo import StereoMatcher
 from dlokit.system.lockstep import LockstepSystem
 

@@ -17,7 +17,7 @@ from dlokit.communication.skill import ReportingSkill, Skill
 from dlokit.communication.topic import Topic
 from dlokit.communication.topics import TOPICS
 from dlokit.communication.wire import codec
-from dlokit.description.arms import ARMS
+from dlokit.description.arm.mounts import ARMS
 from dlokit.errors import CommunicationError
 from dlokit.system.build import COMPONENT_NAMES, components_of_run, instances_of_run
 from dlokit.system.component_table import COMPONENTS

@@ -15,7 +15,7 @@ from dlokit.communication.component import Component, implements
 from dlokit.communication.container import Host
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing.clock import LoopClock
-from dlokit.description.panda_data import PANDA_HOME_Q_RAD
+from dlokit.description.arm.panda import PANDA_HOME_Q_RAD
 from dlokit.description.shapes import builtin_shape
 from dlokit.geometry import downward, pose, tangents
 from dlokit.skills.robot import api as robot

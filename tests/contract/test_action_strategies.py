@@ -10,17 +10,17 @@ from dlokit import geometry
 from dlokit.communication.wire import codec
 from dlokit.description.shapes import builtin_shape, moved, random_shape
 from dlokit.errors import SkillRejected
-from dlokit.skills.model.config import ModelConfig
-from dlokit.skills.model.rod import topology
+from dlokit.rod.believed import ModelConfig
+from dlokit.rod.tracking_rod import topology
 from dlokit.skills.planning.actions import ActionConfig
 from dlokit.skills.planning.base import PlanningTools, StrategyConfig
-from dlokit.skills.planning.rollouts.config import RolloutConfig, SearchConfig
+from dlokit.skills.planning.rollout.config import RolloutConfig, SearchConfig
 from dlokit.skills.planning.strategies import OURS, from_spec, to_spec
 from dlokit.types.action import Action, Drag, Marks, Push
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, GoalShape
 from dlokit.types.pose import Pose
-from dlokit.types.strategy import StrategySpec
+from dlokit.types.system import StrategySpec
 
 MODEL = ModelConfig()
 STARTS = {

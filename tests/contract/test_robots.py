@@ -14,7 +14,7 @@ from dlokit.communication.port import InlineCompute, Port
 from dlokit.communication.skill import Skill
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
-from dlokit.description.panda_data import PANDA_HOME_Q_RAD
+from dlokit.description.arm.panda import PANDA_HOME_Q_RAD
 from dlokit.errors import HardwareError, SkillFailure
 from dlokit.functional.cell import api as cell_api
 from dlokit.functional.cell.component import CellComponent
@@ -24,8 +24,8 @@ from dlokit.functional.robots.gate import GatedRobot
 from dlokit.functional.robots.gate_config import GateConfig
 from dlokit.functional.robots.simulated import SimulatedRobot
 from dlokit.geometry import downward, matrix
-from dlokit.skills.robot.kinematics import PandaKinematics
-from dlokit.skills.robot.trajectories import joint_move, tool_move
+from dlokit.motion.inverse_kinematics import PandaKinematics
+from dlokit.motion.trajectories import joint_move, tool_move
 from dlokit.types.action import VelocityProfile
 from dlokit.types.robot import Lease, RobotMode
 

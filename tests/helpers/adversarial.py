@@ -16,16 +16,16 @@ import msgspec
 import numpy as np
 
 from dlokit.communication.wire import codec
-from dlokit.description.panda_data import PANDA_HOME_Q_RAD, PANDA_LIMITS
-from dlokit.description.panda_kinematics import tcp_matrices
+from dlokit.description.arm.panda import PANDA_HOME_Q_RAD, PANDA_LIMITS
 from dlokit.functional.cell.arm import CellArm
 from dlokit.functional.cell.setpoints import Follow
 from dlokit.functional.cell.world import Cell
 from dlokit.functional.robots.gate_config import GateConfig
 from dlokit.geometry import downward
+from dlokit.motion.forward_kinematics import tcp_matrices
+from dlokit.motion.inverse_kinematics import PandaKinematics
 from dlokit.motion.limits import scaled
-from dlokit.skills.robot.kinematics import PandaKinematics
-from dlokit.skills.robot.trajectories import joint_move, tool_move
+from dlokit.motion.trajectories import joint_move, tool_move
 from dlokit.types.action import VelocityProfile
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose

@@ -20,7 +20,7 @@ from dlokit.communication.skill import Skill, SkillCall
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.communication.transport import CallHandler
 from dlokit.communication.wire import codec
-from dlokit.description.panda_data import PANDA_HOME_Q_RAD, PANDA_LIMITS
+from dlokit.description.arm.panda import PANDA_HOME_Q_RAD, PANDA_LIMITS
 from dlokit.description.shapes import builtin_shape
 from dlokit.errors import CommunicationError
 from dlokit.functional.cell.component import CellComponent
@@ -29,10 +29,10 @@ from dlokit.functional.robots.gate import GatedRobot
 from dlokit.functional.robots.gate_config import GateConfig
 from dlokit.functional.robots.simulated import SimulatedRobot
 from dlokit.geometry import downward
+from dlokit.motion.inverse_kinematics import half_turned
 from dlokit.skills.robot import api
 from dlokit.skills.robot.component import RobotComponent
 from dlokit.skills.robot.config import RobotConfig
-from dlokit.skills.robot.kinematics import half_turned
 from dlokit.types.action import VelocityProfile
 from dlokit.types.arrays import Float64Array
 from dlokit.types.outcome import Cancelled, Failed, Outcome, Rejected, Succeeded, TimedOut

@@ -13,8 +13,8 @@ from dlokit.communication.port import Port
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.description.shapes import builtin_shape
+from dlokit.rod.believed import ModelConfig
 from dlokit.skills.model.component import ModelComponent
-from dlokit.skills.model.config import ModelConfig
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, TargetPoints
 from dlokit.types.robot import RobotMode, RobotState

@@ -12,15 +12,15 @@ from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.port import Compute, InlineCompute, Port
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
-from dlokit.description.panda_data import PANDA_HOME_Q_RAD, PANDA_LIMITS
-from dlokit.description.panda_kinematics import tcp_pose
+from dlokit.description.arm.panda import PANDA_HOME_Q_RAD, PANDA_LIMITS
 from dlokit.errors import HardwareError
 from dlokit.functional.robots.gate import GatedRobot
 from dlokit.functional.robots.gate_config import GateConfig
 from dlokit.geometry import downward
+from dlokit.motion.forward_kinematics import tcp_pose
+from dlokit.motion.inverse_kinematics import PandaKinematics
 from dlokit.skills.robot.component import RobotComponent
 from dlokit.skills.robot.config import RobotConfig
-from dlokit.skills.robot.kinematics import PandaKinematics
 from dlokit.types.action import VelocityProfile
 from dlokit.types.outcome import Failed, Outcome, Rejected
 from dlokit.types.robot import (

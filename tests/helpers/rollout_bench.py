@@ -3,11 +3,11 @@
 from collections.abc import Callable
 
 from dlokit.description.shapes import builtin_shape
-from dlokit.skills.model.config import ModelConfig
+from dlokit.rod.believed import ModelConfig
 from dlokit.skills.planning.actions import ActionConfig
 from dlokit.skills.planning.base import PlanningTools
-from dlokit.skills.planning.rollouts.candidates import Scene
-from dlokit.skills.planning.rollouts.config import SearchConfig
+from dlokit.skills.planning.rollout.candidates import Scene
+from dlokit.skills.planning.rollout.config import SearchConfig
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
 

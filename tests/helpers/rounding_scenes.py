@@ -17,24 +17,23 @@ from msgspec.structs import replace
 from dlokit.communication import topics
 from dlokit.description.scene import default_calibration
 from dlokit.description.shapes import builtin_shape, moved, random_shape
+from dlokit.motion.inverse_kinematics import PandaKinematics
 from dlokit.recording.reader import read_recording
-from dlokit.skills.model.belief import as_configured
+from dlokit.rod.believed import ModelConfig, as_configured
+from dlokit.rod.equilibrium import nearest_held
+from dlokit.rod.tracking_rod import topology
 from dlokit.skills.model.carry import Carry
-from dlokit.skills.model.config import ModelConfig
-from dlokit.skills.model.held_shape import nearest_held
-from dlokit.skills.model.rod import topology
 from dlokit.skills.model.tracking import Tracker
 from dlokit.skills.observer.config import ObserverConfig
 from dlokit.skills.observer.following import follow
 from dlokit.skills.observer.strategies import OURS
-from dlokit.skills.planning import holding
 from dlokit.skills.planning.actions import ActionConfig
 from dlokit.skills.planning.base import PlanningTools
 from dlokit.skills.planning.config import PlanningConfig
-from dlokit.skills.planning.feasibility import Workplace
-from dlokit.skills.planning.goal_verdict import judge
-from dlokit.skills.planning.rollouts.config import RolloutConfig, SearchConfig
-from dlokit.skills.robot.kinematics import PandaKinematics
+from dlokit.skills.planning.rollout.config import RolloutConfig, SearchConfig
+from dlokit.skills.planning.verdict import holding
+from dlokit.skills.planning.verdict.feasibility import Workplace
+from dlokit.skills.planning.verdict.goal_verdict import judge
 from dlokit.types.action import Action, Marks, kind_of
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, GoalShape, TargetPoints

@@ -22,15 +22,15 @@ from dlokit.decision.config import TaskConfig
 from dlokit.decision.journal import Journal
 from dlokit.decision.task import ActionRecord, GoalRequest, ShapeResult
 from dlokit.description.shapes import builtin_shape
+from dlokit.rod.believed import ModelConfig
 from dlokit.skills.model.component import ModelComponent
-from dlokit.skills.model.config import ModelConfig
 from dlokit.skills.observer.component import ObserverComponent
 from dlokit.skills.observer.config import ObserverConfig
 from dlokit.skills.planning.component import PlanningComponent
 from dlokit.skills.planning.config import PlanningConfig
 from dlokit.skills.planning.farthest_config import FarthestConfig
 from dlokit.skills.planning.servoing.config import ServoConfig
-from dlokit.types.dlo_belief import DloBelief
+from dlokit.types.dlo import DloBelief
 from dlokit.types.flow import Command, FlowStatus, GoalFrames, OperatorCommand
 from dlokit.types.pose import Pose
 

@@ -15,7 +15,7 @@ from dlokit.skills.observer import api as observer
 from dlokit.skills.perception import api as perception
 from dlokit.skills.robot import api as robot
 from dlokit.types.action import VelocityProfile
-from dlokit.types.camera_check import CameraCheck
+from dlokit.types.image import CameraCheck
 from dlokit.types.observation import Observation
 from dlokit.types.pose import Pose
 from dlokit.types.robot import FIRST_ROBOT, GripResult, MotionResult, RobotMode, RobotState

@@ -11,7 +11,7 @@ from scripted_hardware import LENGTH_M, NODES
 from dlokit.decision.config import TaskConfig
 from dlokit.description.shapes import builtin_shape, moved
 from dlokit.geometry import rmse_m
-from dlokit.skills.model.config import SettleConfig
+from dlokit.rod.believed import SettleConfig
 from dlokit.types.feasibility import Standing
 from dlokit.types.flow import FlowStatus, GoalFrame, GoalFrames, RunOutcome
 

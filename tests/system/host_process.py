@@ -37,8 +37,8 @@ from dlokit.system.processes.child_process import ChildSpec
 from dlokit.system.processes.lease_keeper import leases_held
 from dlokit.system.processes.supervisor import Launch
 from dlokit.system.table import AGAIN, ProcessRow, TimeBase
-from dlokit.types.heartbeat import Heartbeat
 from dlokit.types.robot import MotionResult, RobotMode, RobotState
+from dlokit.types.system import Heartbeat
 
 MAIN, ARM, EYE, DESK = "main", "arm", "eye", "desk"
 OWN = ProcessRow(name="decision", components=())

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from dlokit.communication import topics
 from dlokit.recording.recorder import Recorder
-from dlokit.types.clock import ClockTick
+from dlokit.types.system import ClockTick
 
 
 def tick_for_ever(path: Path) -> None:

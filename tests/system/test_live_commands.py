@@ -11,7 +11,7 @@ import pytest
 from dlokit.app.commands import execute
 from dlokit.communication import topics
 from dlokit.communication.transport import Transport
-from dlokit.description.panda_data import PANDA_HOME_Q_RAD
+from dlokit.description.arm.panda import PANDA_HOME_Q_RAD
 from dlokit.description.shapes import builtin_shape
 from dlokit.skills.robot import api as robot
 from dlokit.system.config import CONFIG_FILE, RunConfig

@@ -12,8 +12,7 @@ import msgspec
 import pytest
 
 from dlokit.bench.shaping import sweep
-from dlokit.bench.shaping.cases import Case, CaseResult, cases
-from dlokit.bench.shaping.methods import IDEAL, Method
+from dlokit.bench.shaping.cases import IDEAL, Case, CaseResult, Method, cases
 from dlokit.bench.shaping.runner import SHAPES_FILE
 from dlokit.bench.shaping.suites import paper_suite
 from dlokit.bench.shaping.sweep import Workers, run_sweep

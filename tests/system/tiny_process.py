@@ -11,7 +11,7 @@ from dlokit.errors import MachineError
 from dlokit.system.processes.bus import JoinedBus
 from dlokit.system.processes.child import run_child
 from dlokit.system.processes.child_process import ChildSpec
-from dlokit.types.clock import ClockTick
+from dlokit.types.system import ClockTick
 
 TICK_S = 0.01
 

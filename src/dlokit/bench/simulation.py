@@ -11,7 +11,7 @@ from dlokit.functional.cell.world import Cell
 from dlokit.skills.model.tracking import Tracker
 from dlokit.skills.observer.anchored import chain
 from dlokit.skills.observer.following import follow
-from dlokit.skills.observer.initialise import initial_targets
+from dlokit.skills.observer.initialise.first_shape import initial_targets
 from dlokit.skills.perception.pipeline import perceive
 from dlokit.system.config import RunConfig
 from dlokit.types.dlo import DloState

@@ -1,4 +1,8 @@
-"""Strategies by name: ours and third parties' by their entry points, and how one travels over the bus."""
+"""Strategies by name: ours and third parties' by their entry points, and how one travels over the bus.
+
+A skill has one `StrategyKind` for each of its strategy protocols. Over the bus goes a name with settings as JSON; who
+receives it knows the type by the name, so decoding never executes anything.
+"""
 
 import dataclasses
 import logging
@@ -11,7 +15,7 @@ from typing import Any, ClassVar, Generic, Literal, Protocol, TypeVar, Union, ge
 import msgspec
 
 from dlokit.errors import ConfigError, SkillRejected
-from dlokit.types.strategy import StrategySpec
+from dlokit.types.system import StrategySpec
 
 log = logging.getLogger(__name__)
 

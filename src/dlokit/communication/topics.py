@@ -6,19 +6,14 @@ The cell's true DLO state is not here, and a test holds that it never will be.
 from typing import Any, cast
 
 from dlokit.communication.topic import Every, KeepLast, Topic
-from dlokit.types.action import Action
-from dlokit.types.candidates import Candidates
-from dlokit.types.clock import ClockTick
-from dlokit.types.dlo import DloState, GoalShape, TargetPoints
-from dlokit.types.dlo_belief import DloBelief
+from dlokit.types.action import Action, Candidates
+from dlokit.types.dlo import DloBelief, DloState, GoalShape, TargetPoints
 from dlokit.types.feasibility import GoalVerdict
 from dlokit.types.flow import FlowStatus, GoalFrames, OperatorCommand
-from dlokit.types.heartbeat import Heartbeat
 from dlokit.types.image import StereoImages
-from dlokit.types.observation import Gripped, Observation
-from dlokit.types.observer_event import ObserverEvent
+from dlokit.types.observation import Gripped, Observation, ObserverEvent
 from dlokit.types.robot import RobotState
-from dlokit.types.viewer_page import ViewerPage
+from dlokit.types.system import ClockTick, Heartbeat, ViewerPage
 
 LAST = KeepLast()
 ANY_ACTION = cast(type[Action], Action)  # a union decodes like a type, but the type system has no word for that

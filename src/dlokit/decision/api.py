@@ -4,7 +4,7 @@ from dlokit.communication.skill import Condition, ReportingSkill, Skill
 from dlokit.decision.config import Infeasible
 from dlokit.decision.task import ActionRecord, GoalRequest, ShapeResult
 from dlokit.types.message import Value
-from dlokit.types.strategy import StrategySpec
+from dlokit.types.system import StrategySpec
 
 
 class ShapeProgress(Value, frozen=True, kw_only=True, eq=False):

@@ -5,20 +5,22 @@ import contextlib
 import logging
 import math
 from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
 
 from dlokit.communication import topics
 from dlokit.communication.component import Component, holds, implements, implements_reporting
 from dlokit.decision import api
-from dlokit.decision.asked import adjusted, goal_request
 from dlokit.decision.config import Infeasible, TaskConfig
 from dlokit.decision.diary import Diary, Progress
 from dlokit.decision.flow import End, run_flow
 from dlokit.decision.journal import Journal, take_up
-from dlokit.decision.odometer import Odometer
 from dlokit.decision.shape_flow import RESUME_DLO, SHAPE_DLO
-from dlokit.decision.task import ActionRecord, GoalRequest, ShapeResult, ShapeTask, StepTiming
-from dlokit.description.arms import instance_of
-from dlokit.errors import SkillFailure, SkillRejected
+from dlokit.decision.task import ActionRecord, GoalRequest, Odometer, ShapeResult, ShapeTask, StepTiming
+from dlokit.description.arm.mounts import instance_of
+from dlokit.description.shapes import builtin_shape
+from dlokit.errors import ConfigError, ShapeError, SkillFailure, SkillRejected
 from dlokit.geometry import rmse_m
 from dlokit.skills.perception import api as perception
 from dlokit.skills.planning import api as planning
@@ -26,7 +28,49 @@ from dlokit.skills.robot import api as robot
 from dlokit.types.flow import Command, FlowStatus, OperatorCommand, RunOutcome
 from dlokit.types.outcome import Failed, Rejected, Succeeded
 from dlokit.types.robot import FIRST_ROBOT
-from dlokit.types.strategy import StrategySpec
+from dlokit.types.system import StrategySpec
+
+_CURVE_POINTS = 101
+"""Of a built-in shape; finer than the rod, which resamples it."""
+
+
+def goal_request(goal: str | GoalRequest, *, length_m: float, radius_m: float) -> GoalRequest:
+    """A built-in shape by its name, made for a DLO of that length and radius [m], or a curve as it is.
+
+    Raises `SkillRejected` ``unknown_shape`` or ``bad_shape``.
+    """
+    if isinstance(goal, GoalRequest):
+        return _checked(goal)
+    try:
+        nodes = builtin_shape(goal, length_m, _CURVE_POINTS, radius_m=radius_m)
+    except ShapeError as error:
+        raise SkillRejected("unknown_shape", str(error)) from error
+    return GoalRequest(nodes_world=nodes, name=goal)
+
+
+def _checked(goal: GoalRequest) -> GoalRequest:
+    nodes = goal.nodes_world
+    if nodes.ndim != 2 or nodes.shape[1] != 3 or len(nodes) < 2 or not np.isfinite(nodes).all():
+        raise SkillRejected(
+            "bad_shape", f"the goal has the shape {nodes.shape}; (K, 3) finite metres, K >= 2, are needed"
+        )
+    return goal
+
+
+def adjusted(
+    config: TaskConfig, threshold_m: float | None, max_actions: int | None, infeasible: Infeasible | None
+) -> TaskConfig:
+    """The settings of one task. Raises `SkillRejected` ``bad_settings``."""
+    try:
+        return replace(
+            config,
+            threshold_m=config.threshold_m if threshold_m is None else threshold_m,
+            max_actions=config.max_actions if max_actions is None else max_actions,
+            infeasible=config.infeasible if infeasible is None else infeasible,
+        )
+    except ConfigError as error:
+        raise SkillRejected("bad_settings", str(error)) from error
+
 
 log = logging.getLogger(__name__)
 

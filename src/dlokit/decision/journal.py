@@ -1,7 +1,6 @@
 """What a shape task must know to go on in another process: written at each box, read after a crash."""
 
-from dlokit.decision.marks import FailedPair
-from dlokit.decision.task import GoalRequest, ShapeTask
+from dlokit.decision.task import FailedPair, GoalRequest, ShapeTask
 from dlokit.types.arrays import Float64Array
 from dlokit.types.message import Value
 

@@ -6,7 +6,7 @@ import logging
 
 import numpy as np
 
-from dlokit.decision.steps.explaining import fail
+from dlokit.decision.steps.outcomes import fail
 from dlokit.decision.task import ShapeTask
 from dlokit.skills.model import api as model
 from dlokit.skills.observer import api as observer

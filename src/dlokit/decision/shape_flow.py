@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from dlokit.decision.convergence import Progress
 from dlokit.decision.flow import End, Flow, Step
-from dlokit.decision.steps import acting, checking, controlling, judging, restoring, seeing, taking_over
+from dlokit.decision.steps import act, control, goal, perceive, recover
 from dlokit.decision.steps.outcomes import (
     Carried,
     Change,
@@ -31,7 +31,7 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
     steps=(
         Step(
             "check_camera",
-            checking.check_camera,
+            perceive.check_camera,
             {
                 Checked.CORRECTED: "find_dlo",
                 Checked.KEPT: "find_dlo",
@@ -42,19 +42,19 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
         ),
         Step(
             "find_dlo",
-            seeing.find_dlo,
+            perceive.find_dlo,
             {Sight.SEEN: "set_goal", Sight.UNUSABLE: "infeasible", Sight.LOST: "restore", Sight.FAILED: "failed"},
             "Drive out of the picture, look, and order the cloud into the first shape.",
         ),
         Step(
             "set_goal",
-            seeing.set_goal,
+            perceive.set_goal,
             {GoalSet.SET: "judge_goal", GoalSet.LOST: "restore", GoalSet.FAILED: "failed"},
             "The operator's goal, in the model, so that it obeys the rod.",
         ),
         Step(
             "judge_goal",
-            judging.judge_goal,
+            goal.judge_goal,
             {
                 GoalJudged.HOLDS: "track_model",
                 GoalJudged.DOUBTFUL: "track_model",
@@ -68,13 +68,13 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
         ),
         Step(
             "track_model",
-            seeing.track_model,
+            perceive.track_model,
             {Sight.SEEN: "compare", Sight.UNUSABLE: "infeasible", Sight.LOST: "restore", Sight.FAILED: "failed"},
             "Look until the model, dragged to the target points, has settled.",
         ),
         Step(
             "compare",
-            seeing.compare,
+            perceive.compare,
             {
                 Progress.CONVERGED: "converged",
                 Progress.NOT_YET: "choose_grasp",
@@ -86,7 +86,7 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
         ),
         Step(
             "choose_grasp",
-            acting.choose_grasp,
+            act.choose_grasp,
             {
                 Found.FOUND: "approach",
                 Found.NONE_LEFT: "stalled",
@@ -98,7 +98,7 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
         ),
         Step(
             "approach",
-            acting.approach,
+            act.approach,
             {
                 Moved.DONE: "grasp",
                 Moved.REFUSED: "mark_invalid",
@@ -110,7 +110,7 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
         ),
         Step(
             "grasp",
-            acting.grasp,
+            act.grasp,
             {
                 Grasped.HELD: "move_to_goal",
                 Grasped.BESIDE: "push",
@@ -123,7 +123,7 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
         ),
         Step(
             "move_to_goal",
-            acting.move_to_goal,
+            act.move_to_goal,
             {
                 Carried.DONE: "release",
                 Carried.SLIPPED: "release",
@@ -137,7 +137,7 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
         ),
         Step(
             "control",
-            controlling.control,
+            control.control,
             {
                 Controlled.CORRECTED: "control",
                 Controlled.SETTLED: "release",
@@ -150,7 +150,7 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
         ),
         Step(
             "push",
-            acting.push,
+            act.push,
             {
                 Moved.DONE: "release",
                 Moved.REFUSED: "release",
@@ -162,19 +162,19 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
         ),
         Step(
             "release",
-            acting.release,
+            act.release,
             {Released.DONE: "track_again", Released.INTERRUPTED: "recover", Released.FAILED: "failed"},
             "Open, retreat straight up, drive out of the picture.",
         ),
         Step(
             "recover",
-            acting.recover,
+            act.recover,
             {Recovered.DONE: "release", Recovered.TOO_OFTEN: "failed", Recovered.FAILED: "failed"},
             "The arm braked by itself: clear the fault, let go, and look again.",
         ),
         Step(
             "restore",
-            restoring.restore,
+            recover.restore,
             {
                 Restored.BEGIN: "check_camera",
                 Restored.LOOK_AGAIN: "track_again",
@@ -186,7 +186,7 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
         ),
         Step(
             "track_again",
-            seeing.track_again,
+            perceive.track_again,
             {
                 Sight.SEEN: "has_error_changed",
                 Sight.UNUSABLE: "infeasible",
@@ -197,19 +197,19 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
         ),
         Step(
             "has_error_changed",
-            acting.has_error_changed,
+            act.has_error_changed,
             {Change.CHANGED: "clear_marks", Change.UNCHANGED: "mark_invalid"},
             "Did the action change the error?",
         ),
         Step(
             "clear_marks",
-            acting.clear_marks,
+            act.clear_marks,
             {Marked.DONE: "compare"},
             "Grasp points are valid again, but for those that failed from a shape like this one.",
         ),
         Step(
             "mark_invalid",
-            acting.mark_invalid,
+            act.mark_invalid,
             {Marked.DONE: "compare"},
             "Do not take this grasp point again until the shape has changed.",
         ),
@@ -229,7 +229,7 @@ RESUME_DLO: Flow[ShapeTask] = replace(
     steps=(
         Step(
             "take_over",
-            taking_over.take_over,
+            recover.take_over,
             {TakenOver.DONE: SHAPE_DLO.start, TakenOver.FAILED: "failed"},
             "After a crash: clear faults, let go where the arm stands, and go straight up.",
         ),

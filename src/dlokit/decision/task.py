@@ -1,22 +1,57 @@
 """What a shape task knows while it runs, and what it leaves behind."""
 
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Sequence
 from dataclasses import dataclass, field
+
+import numpy as np
 
 from dlokit.communication.port import Port
 from dlokit.decision.config import TaskConfig
-from dlokit.decision.marks import FailedPair
-from dlokit.decision.odometer import Odometer
-from dlokit.types.action import Action
+from dlokit.geometry import rmse_m
+from dlokit.types.action import Action, Correction
 from dlokit.types.arrays import Float64Array
-from dlokit.types.camera_check import CameraCheck
-from dlokit.types.control import Correction
-from dlokit.types.dlo import DloState, GoalShape
-from dlokit.types.dlo_belief import DloBelief
+from dlokit.types.dlo import DloBelief, DloState, GoalShape
 from dlokit.types.feasibility import GoalVerdict, Standing
 from dlokit.types.flow import OperatorCommand, RunOutcome
+from dlokit.types.image import CameraCheck
 from dlokit.types.message import Value
-from dlokit.types.robot import FIRST_ROBOT
+from dlokit.types.robot import FIRST_ROBOT, RobotState
+
+
+@dataclass(frozen=True, kw_only=True)
+class FailedPair:
+    """A grasp that led to nothing from a shape."""
+
+    node: int
+    nodes_world: Float64Array  # (M, 3) [m]
+
+
+def still_marked(pairs: Sequence[FailedPair], nodes_world: Float64Array, alike_m: float) -> list[FailedPair]:
+    """The pairs whose shape is nearer than `alike_m` (RMSE) [m] to the present one (M, 3) [m]; with 0 none is."""
+    return [pair for pair in pairs if rmse_m(pair.nodes_world, nodes_world) < alike_m]
+
+
+class Odometer:
+    """Adds up the way of every robot's tool centre point, sample by sample."""
+
+    def __init__(self) -> None:
+        self._last: dict[str, Float64Array] = {}
+        self.travelled_m = 0.0
+        """Of all tools together [m]; what is shorter than a sample apart is cut, a few millimetres in a metre."""
+
+    async def follow(self, states: AsyncIterator[RobotState]) -> None:
+        """Count for as long as there are states."""
+        async for state in states:
+            self.put(state)
+
+    def put(self, state: RobotState) -> None:
+        """Count the way from the robot's last state to this one."""
+        here = state.T_world_tcp.position_m
+        last = self._last.get(state.robot)
+        if last is not None:
+            self.travelled_m += float(np.linalg.norm(here - last))
+        self._last[state.robot] = here
+
 
 _SLIPS_ENOUGH = 2
 

@@ -6,7 +6,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from dlokit import geometry
-from dlokit.description.collision_bits import CONTACT_SOLIMP, CONTACT_SOLREF
+from dlokit.description.contacts import CONTACT_SOLIMP, CONTACT_SOLREF
 from dlokit.types.arrays import Float64Array, UInt8Array
 from dlokit.types.image import CameraCalibration
 

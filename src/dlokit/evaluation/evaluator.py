@@ -1,4 +1,10 @@
-"""The evaluator: the true error of a run, from the cell's hidden truth, after the run. It alone reads `truth.npz`."""
+"""The evaluator: the true error of a run, from the cell's hidden truth, after the run. It alone reads `truth.npz`.
+
+It reports the distance to the same goal as the system does, 2 s after each release. The system cannot know which
+end of the rope is which, and orders the nodes of its first look by a rule of its own. So the truth is brought to
+the system's order once, at the first estimate, to the order that is nearer to it, and keeps that order: a system
+that confuses the ends later is charged for it.
+"""
 
 import zipfile
 from collections.abc import Sequence

@@ -8,8 +8,17 @@ from dlokit.communication.topic import Topic
 from dlokit.communication.transport import CallHandler, Latest, Liveness, Stream, Transport
 from dlokit.recording.plain import to_json
 from dlokit.types.message import Message
-from dlokit.types.outcome import Cancelled, Failed, Outcome, Rejected, Succeeded, TimedOut
-from dlokit.types.skill_call import CallBegun, CallEnd, CallRecord
+from dlokit.types.outcome import (
+    CallBegun,
+    CallEnd,
+    CallRecord,
+    Cancelled,
+    Failed,
+    Outcome,
+    Rejected,
+    Succeeded,
+    TimedOut,
+)
 
 T = TypeVar("T", bound=Message)
 P = ParamSpec("P")

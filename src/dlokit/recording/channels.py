@@ -5,7 +5,7 @@ from typing import Any
 from dlokit.communication.topic import Every, Topic
 from dlokit.communication.topics import TOPICS
 from dlokit.types.message import Message
-from dlokit.types.skill_call import CallBegun, CallRecord
+from dlokit.types.outcome import CallBegun, CallRecord
 
 FILE_NAME = "recording.mcap"
 

@@ -18,8 +18,7 @@ from dlokit.recording.channels import CALLS_BEGUN, SKILL_CALLS, topic_of
 from dlokit.recording.plain import from_json, from_plain
 from dlokit.recording.reader import RawRecording, Recorded, read_recording
 from dlokit.types.message import Message
-from dlokit.types.outcome import Cancelled, Outcome
-from dlokit.types.skill_call import CallBegun, CallEnd, CallRecord
+from dlokit.types.outcome import CallBegun, CallEnd, CallRecord, Cancelled, Outcome
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,7 +10,7 @@ from dlokit.recording.channels import CALLS_BEGUN, SKILL_CALLS
 from dlokit.recording.plain import from_json
 from dlokit.recording.reader import RawRecording
 from dlokit.types.flow import FlowStatus
-from dlokit.types.skill_call import CallBegun, CallRecord
+from dlokit.types.outcome import CallBegun, CallRecord
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,11 +12,10 @@ from dlokit.types.feasibility import GoalVerdict, Standing
 from dlokit.types.flow import FlowStatus, RunOutcome
 from dlokit.types.image import CameraCalibration, StereoImages
 from dlokit.types.message import Message
-from dlokit.types.observation import Observation
-from dlokit.types.observer_event import ObserverEvent
+from dlokit.types.observation import Observation, ObserverEvent
+from dlokit.types.outcome import CallEnd, CallRecord
 from dlokit.types.pose import Pose
 from dlokit.types.robot import RobotState
-from dlokit.types.skill_call import CallEnd, CallRecord
 
 
 def to_jpeg(pixels: UInt8Array) -> bytes:

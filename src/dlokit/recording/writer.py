@@ -18,7 +18,7 @@ from dlokit.recording.plain import json_schema, kind_name, to_json
 from dlokit.recording.views import CAMERA, VIEWS, View, to_jpeg, views_of
 from dlokit.types.image import StereoImages
 from dlokit.types.message import Message
-from dlokit.types.skill_call import CallBegun, CallRecord
+from dlokit.types.outcome import CallBegun, CallRecord
 
 _NO_PIXELS = np.empty((0, 0, 3), dtype=np.uint8)
 

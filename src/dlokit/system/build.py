@@ -15,8 +15,8 @@ from dlokit.communication.component import Component
 from dlokit.communication.port import Compute, InlineCompute, Port
 from dlokit.communication.timing.clock import Clock
 from dlokit.communication.transport import Transport
-from dlokit.description.arms import ARMS, OPPOSITE, ArmMount
-from dlokit.skills.viewer.page_address import new_key
+from dlokit.description.arm.mounts import ARMS, OPPOSITE, ArmMount
+from dlokit.skills.viewer.address import new_key
 from dlokit.system.config import RunConfig
 from dlokit.types.arrays import Float64Array
 
@@ -70,8 +70,8 @@ def _robot(mount: ArmMount) -> "_Builder":
         from dlokit.communication.timing.pulse import ThreadPulse, loop_pulse
         from dlokit.functional.robots.gate import GatedRobot
         from dlokit.functional.robots.simulated import SimulatedRobot
+        from dlokit.motion.inverse_kinematics import PandaKinematics
         from dlokit.skills.robot.component import RobotComponent, no_button
-        from dlokit.skills.robot.kinematics import PandaKinematics
         from dlokit.skills.robot.lease import LeaseKeeper
         from dlokit.system.processes.stop_socket import stop_button, stop_socket
 
@@ -122,8 +122,8 @@ def _model(config: RunConfig, wiring: Wiring) -> Component:
 
 
 def _planning(config: RunConfig, wiring: Wiring) -> Component:
+    from dlokit.motion.inverse_kinematics import PandaKinematics
     from dlokit.skills.planning.component import PlanningComponent
-    from dlokit.skills.robot.kinematics import PandaKinematics
 
     # In lockstep nothing may depend on how fast the machine is.
     stopwatch = time.perf_counter if config.runtime == "live" else None
@@ -131,9 +131,9 @@ def _planning(config: RunConfig, wiring: Wiring) -> Component:
 
 
 def _second_arm(config: RunConfig) -> "SecondArm | None":
+    from dlokit.motion.arm_distance import Apart
+    from dlokit.motion.inverse_kinematics import PandaKinematics
     from dlokit.skills.planning.base import SecondArm
-    from dlokit.skills.robot.apart import Apart
-    from dlokit.skills.robot.kinematics import PandaKinematics
 
     if config.arms == 1:
         return None

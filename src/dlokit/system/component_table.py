@@ -2,7 +2,7 @@
 
 from dlokit.communication.component import Component
 from dlokit.decision.component import DecisionComponent
-from dlokit.description.arms import OPPOSITE
+from dlokit.description.arm.mounts import OPPOSITE
 from dlokit.functional.cell.component import CellComponent
 from dlokit.skills.model.component import ModelComponent
 from dlokit.skills.observer.component import ObserverComponent

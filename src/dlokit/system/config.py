@@ -12,7 +12,7 @@ from dlokit.errors import ConfigError
 from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.cell.dlo_physics import ElasticRod, ElastoplasticChain
 from dlokit.functional.robots.gate_config import GateConfig
-from dlokit.skills.model.config import ModelConfig
+from dlokit.rod.believed import ModelConfig
 from dlokit.skills.observer.config import ObserverConfig
 from dlokit.skills.perception.config import PerceptionConfig
 from dlokit.skills.planning.config import PlanningConfig

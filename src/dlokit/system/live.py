@@ -17,7 +17,7 @@ from dlokit.communication.timing.clock import Clock, FollowedClock
 from dlokit.communication.zenoh.session import OpenSession, ZenohConfig, open_session
 from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.decision.component import DecisionComponent
-from dlokit.description.arms import ARMS
+from dlokit.description.arm.mounts import ARMS
 from dlokit.errors import ProcessFailure
 from dlokit.skills.planning.loading import load
 from dlokit.system.build import Wiring, build_component, instances_of_run

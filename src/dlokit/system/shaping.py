@@ -32,8 +32,8 @@ from dlokit.system.results.run_result import (
     verdict_result,
 )
 from dlokit.system.toml_config import to_toml
+from dlokit.types.action import Candidates
 from dlokit.types.arrays import Float64Array, UInt8Array
-from dlokit.types.candidates import Candidates
 from dlokit.types.flow import FlowStatus
 from dlokit.types.image import StereoImages
 

@@ -234,7 +234,7 @@ OBSERVER_CHECKS: tuple[Check[Build], ...] = (
     Check(
         name="hidden nodes",
         wanted="nodes without points around them are not visible and keep their place among their neighbours; "
-        "dlokit.skills.observer.hidden.fill_hidden does that",
+        "dlokit.skills.observer.anchored.fill_hidden does that",
         run=_hidden,
     ),
     Check(name="seen nodes", wanted="nodes with points around them are visible", run=_seen),

@@ -1,6 +1,6 @@
-"""Pictures and what is known of the camera that took them."""
+"""Pictures, and what is known of the camera that took them."""
 
-from dlokit.types.arrays import BoolArray, Float32Array, UInt8Array
+from dlokit.types.arrays import BoolArray, Float32Array, Float64Array, UInt8Array
 from dlokit.types.message import Message, Value
 from dlokit.types.pose import Pose
 
@@ -51,3 +51,17 @@ class Mask(Value, frozen=True, kw_only=True, eq=False):
     """Which pixels are DLO."""
 
     pixels: BoolArray  # (height, width)
+
+
+class CameraCheck(Value, frozen=True, kw_only=True, eq=False):
+    """How far the camera is seen to be off its believed place along the table, and how well that is known."""
+
+    offset_m: Float64Array  # (2,) x, y [m] from the believed place to the seen one
+    yaw_rad: float
+    """How far it is turned about the vertical through the middle of what was looked at [rad]."""
+    center_world: Float64Array  # (2,) x, y [m]
+    """The point on the table that the offset is told of, and the turn is about."""
+    scatter_m: float
+    """How far the pictures disagree after the correction (root mean square) [m]."""
+    points: int
+    """Points of the arm's outline that were found."""

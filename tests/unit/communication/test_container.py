@@ -14,9 +14,9 @@ from dlokit.communication.skill import Skill
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import FollowedClock, LoopClock
 from dlokit.errors import CommunicationError, ConfigError, SkillFailure
-from dlokit.types.clock import ClockTick
 from dlokit.types.flow import FlowStatus
 from dlokit.types.outcome import Cancelled, Failed, Succeeded, TimedOut
+from dlokit.types.system import ClockTick
 
 
 def _nothing() -> None:

@@ -10,7 +10,7 @@ from installed_packages import install
 
 from dlokit.communication.strategies import NamedConfig, StrategyKind
 from dlokit.errors import ConfigError, SkillRejected
-from dlokit.types.strategy import StrategySpec
+from dlokit.types.system import StrategySpec
 
 GROUP = "dlokit.strategies_of_this_test"
 CONFIG = '''

@@ -14,8 +14,8 @@ from dlokit.communication.transport import Known, Liveness, Mailbox
 from dlokit.decision.config import TaskConfig
 from dlokit.decision.looking import look, state_after
 from dlokit.decision.task import ShapeTask
-from dlokit.skills.model.config import ModelConfig
-from dlokit.skills.model.rod import topology
+from dlokit.rod.believed import ModelConfig
+from dlokit.rod.tracking_rod import topology
 from dlokit.types.dlo import DloState
 from dlokit.types.outcome import Succeeded
 

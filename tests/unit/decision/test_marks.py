@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dlokit.decision.marks import FailedPair, still_marked
+from dlokit.decision.task import FailedPair, still_marked
 
 SHAPE = np.column_stack((np.linspace(0.3, 0.8, 31), np.zeros(31), np.full(31, 0.004)))
 

@@ -4,7 +4,7 @@ from collections.abc import AsyncIterator
 import numpy as np
 import pytest
 
-from dlokit.decision.odometer import Odometer
+from dlokit.decision.task import Odometer
 from dlokit.geometry import downward
 from dlokit.types.robot import RobotMode, RobotState
 

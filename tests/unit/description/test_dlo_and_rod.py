@@ -5,18 +5,18 @@ import mujoco
 import numpy as np
 import pytest
 
-from dlokit.description import rod
 from dlokit.description.dlo import PRESETS, SOFT_ROPE, DloPreset, preset
 from dlokit.description.scene import default_calibration, table_texture
 from dlokit.description.shapes import S_RADIUS_M
 from dlokit.errors import ConfigError
 from dlokit.geometry import matrix
+from dlokit.rod import elastic
 
 
 def build(nodes: int = 41):
     spec = mujoco.MjSpec()
-    rod.set_rod_physics(spec, 0.0025)
-    rod.add_rod(spec, SOFT_ROPE, nodes)
+    elastic.set_rod_physics(spec, 0.0025)
+    elastic.add_rod(spec, SOFT_ROPE, nodes)
     model = spec.compile()
     return model, mujoco.MjData(model)
 
@@ -45,41 +45,41 @@ def test_a_preset_without_stiffness_is_refused():
 def test_nodes_that_would_touch_are_refused_with_the_number_that_fits():
     spec = mujoco.MjSpec()
     with pytest.raises(ConfigError, match="3 to 57"):
-        rod.add_rod(spec, SOFT_ROPE, 80)
+        elastic.add_rod(spec, SOFT_ROPE, 80)
 
 
 def test_nodes_are_where_they_were_put():
     model, data = build()
     wanted = np.column_stack([np.linspace(0.3, 0.6, 41), np.linspace(-0.2, 0.2, 41), np.full(41, 0.004)])
-    rod.set_rod_nodes(model, data, wanted)
-    assert np.allclose(rod.rod_nodes(model, data), wanted, atol=1e-12)  # rounding only
+    elastic.set_rod_nodes(model, data, wanted)
+    assert np.allclose(elastic.rod_nodes(model, data), wanted, atol=1e-12)  # rounding only
     mujoco.mj_forward(model, data)
-    assert np.allclose(data.xpos[rod.rod_bodies(model)], wanted, atol=1e-12)
+    assert np.allclose(data.xpos[elastic.rod_bodies(model)], wanted, atol=1e-12)
     assert np.all(data.qvel == 0.0)
 
 
 def test_a_wrong_number_of_nodes_is_refused():
     model, data = build()
     with pytest.raises(ConfigError, match="41"):
-        rod.set_rod_nodes(model, data, np.zeros((40, 3)))
+        elastic.set_rod_nodes(model, data, np.zeros((40, 3)))
 
 
 def test_the_rod_weighs_what_its_preset_says():
     model, _ = build()
     # The hinges that carry the twist have inertia but next to no mass: a thousandth at most.
-    assert model.body_mass[rod.rod_bodies(model)].sum() == pytest.approx(SOFT_ROPE.mass_kg, rel=1e-3)
+    assert model.body_mass[elastic.rod_bodies(model)].sum() == pytest.approx(SOFT_ROPE.mass_kg, rel=1e-3)
 
 
 def test_two_rods_live_in_one_model_by_their_names():
     spec = mujoco.MjSpec()
-    rod.set_rod_physics(spec, 0.0025)
-    rod.add_rod(spec, SOFT_ROPE, 21, "a")
-    rod.add_rod(spec, SOFT_ROPE, 31, "b")
+    elastic.set_rod_physics(spec, 0.0025)
+    elastic.add_rod(spec, SOFT_ROPE, 21, "a")
+    elastic.add_rod(spec, SOFT_ROPE, 31, "b")
     model = spec.compile()
-    assert len(rod.rod_bodies(model, "a")) == 21
-    assert len(rod.rod_bodies(model, "b")) == 31
+    assert len(elastic.rod_bodies(model, "a")) == 21
+    assert len(elastic.rod_bodies(model, "b")) == 31
     with pytest.raises(ConfigError, match="'c'"):
-        rod.rod_bodies(model, "c")
+        elastic.rod_bodies(model, "c")
 
 
 def test_the_camera_stands_and_looks_where_the_paper_says():

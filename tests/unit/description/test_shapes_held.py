@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from dlokit import geometry
-from dlokit.description import rod, scene, shapes
+from dlokit.description import scene, shapes
 from dlokit.description.dlo import SOFT_ROPE
+from dlokit.rod import elastic
 
 NODES = 41
 SETTLE_S = 2.0  # when the evaluator judges
@@ -19,14 +20,14 @@ HELD_M = 1e-3
 def _after_settling(nodes_world: np.ndarray) -> np.ndarray:
     """Where the default rope comes to lie on the cell's table when it is laid down as given."""
     spec: Any = mujoco.MjSpec()
-    rod.set_rod_physics(spec, 0.002)
+    elastic.set_rod_physics(spec, 0.002)
     scene.add_table(spec, friction=SOFT_ROPE.friction)
-    rod.add_rod(spec, SOFT_ROPE, NODES)
+    elastic.add_rod(spec, SOFT_ROPE, NODES)
     model = spec.compile()
     data: Any = mujoco.MjData(model)
-    rod.set_rod_nodes(model, data, nodes_world)
+    elastic.set_rod_nodes(model, data, nodes_world)
     mujoco.mj_step(model, data, nstep=round(SETTLE_S / 0.002))
-    return rod.rod_nodes(model, data)
+    return elastic.rod_nodes(model, data)
 
 
 @pytest.mark.parametrize("name", shapes.BUILTIN_SHAPES)

@@ -4,8 +4,9 @@ import msgspec
 import numpy as np
 import pytest
 
-from dlokit.description.panda_data import PANDA_HOME_Q_RAD, PANDA_LIMITS
+from dlokit.description.arm.panda import PANDA_HOME_Q_RAD, PANDA_LIMITS
 from dlokit.geometry import pose
+from dlokit.motion.inverse_kinematics import PandaKinematics
 from dlokit.motion.limits import (
     ACCELERATION_LIMIT,
     BAD_TRAJECTORY,
@@ -19,8 +20,7 @@ from dlokit.motion.limits import (
     scaled,
     slowdown,
 )
-from dlokit.skills.robot.kinematics import PandaKinematics
-from dlokit.skills.robot.trajectories import joint_move, tool_move
+from dlokit.motion.trajectories import joint_move, tool_move
 from dlokit.types.action import VelocityProfile
 from dlokit.types.arrays import Float64Array
 from dlokit.types.robot import JointTrajectory

@@ -4,22 +4,25 @@ import numpy as np
 
 from dlokit.communication import topics
 from dlokit.recording.channels import CALLS_BEGUN, SKILL_CALLS
-from dlokit.types.action import Grasp, PickPlace, VelocityProfile
-from dlokit.types.candidates import Candidates, CandidateSeen
-from dlokit.types.clock import ClockTick
-from dlokit.types.dlo import DloState, GoalShape, TargetPoints, Topology
-from dlokit.types.dlo_belief import DloBelief, Figure
+from dlokit.types.action import Candidates, CandidateSeen, Grasp, PickPlace, VelocityProfile
+from dlokit.types.dlo import DloBelief, DloState, Figure, GoalShape, TargetPoints, Topology
 from dlokit.types.feasibility import Finding, GoalVerdict, Problem, Standing
 from dlokit.types.flow import Command, FlowStatus, GoalFrame, GoalFrames, Mode, OperatorCommand, RunOutcome
-from dlokit.types.heartbeat import Heartbeat
 from dlokit.types.image import CameraCalibration, StereoImages
 from dlokit.types.message import Message
-from dlokit.types.observation import Gripped, GripperPin, Observation, Occlusion
-from dlokit.types.observer_event import Doubt, ObserverEvent, ObserverEventKind
+from dlokit.types.observation import (
+    Doubt,
+    Gripped,
+    GripperPin,
+    Observation,
+    ObserverEvent,
+    ObserverEventKind,
+    Occlusion,
+)
+from dlokit.types.outcome import CallBegun, CallEnd, CallRecord
 from dlokit.types.pose import Pose
 from dlokit.types.robot import RobotMode, RobotState
-from dlokit.types.skill_call import CallBegun, CallEnd, CallRecord
-from dlokit.types.viewer_page import ViewerPage
+from dlokit.types.system import ClockTick, Heartbeat, ViewerPage
 
 RNG = np.random.default_rng(5)
 NODES = 31

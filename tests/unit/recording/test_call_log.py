@@ -12,8 +12,7 @@ from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.errors import SkillFailure, SkillRejected
 from dlokit.recording.call_log import CallLog
-from dlokit.types.outcome import Unreachable
-from dlokit.types.skill_call import CallBegun, CallEnd, CallRecord
+from dlokit.types.outcome import CallBegun, CallEnd, CallRecord, Unreachable
 
 
 def _act(how: str, for_s: float = 0.5) -> int:

@@ -21,10 +21,9 @@ from dlokit.recording.feeding import Asked, Timeline, feed, read_timeline
 from dlokit.recording.recorder import Recorder
 from dlokit.recording.tolerances import tolerance_of
 from dlokit.system.results.recording import with_calls_recorded
-from dlokit.types.dlo_belief import DloBelief, Figure
+from dlokit.types.dlo import DloBelief, Figure
 from dlokit.types.flow import FlowStatus
-from dlokit.types.outcome import Cancelled
-from dlokit.types.skill_call import CallEnd
+from dlokit.types.outcome import CallEnd, Cancelled
 
 
 def _add(amount: int, after_s: float = 0.0) -> int:

@@ -13,7 +13,7 @@ from dlokit.recording.reader import RawRecording, read_recording
 from dlokit.recording.recorder import Recorder
 from dlokit.recording.summary import summarise
 from dlokit.recording.writer import RecordingWriter
-from dlokit.types.clock import ClockTick
+from dlokit.types.system import ClockTick
 
 
 class Now:

@@ -23,10 +23,10 @@ from dlokit.recording.reader import read_recording
 from dlokit.recording.views import VIEWS
 from dlokit.recording.writer import RecordingWriter
 from dlokit.types.action import Drag, LayDown, PairPlace, Partner, PickPlace, Push
-from dlokit.types.clock import ClockTick
 from dlokit.types.message import Message
+from dlokit.types.outcome import CallBegun
 from dlokit.types.robot import RobotState
-from dlokit.types.skill_call import CallBegun
+from dlokit.types.system import ClockTick
 
 JPEG_ERROR = 4  # of 255, on a picture of one colour
 

@@ -18,8 +18,7 @@ from dlokit.system.config import RunConfig
 from dlokit.system.lockstep import lockstep_system
 from dlokit.system.results.recording import lockstep_recorder
 from dlokit.system.toml_config import from_toml
-from dlokit.types.outcome import Succeeded
-from dlokit.types.skill_call import CallBegun, CallRecord
+from dlokit.types.outcome import CallBegun, CallRecord, Succeeded
 
 CONFIG = RunConfig(headless=True, seed=3)
 

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from dlokit.description.dlo import SILICONE_HOSE, WIRE_B
-from dlokit.skills.model.config import BeliefConfig, ModelConfig
+from dlokit.rod.believed import BeliefConfig, ModelConfig
 from dlokit.system.config import UNKNOWN_STIFFNESS_LOG_SD, RunConfig, with_dlo
 
 

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from dlokit.types.dlo_belief import Figure
+from dlokit.types.dlo import Figure
 
 
 def test_an_interval_is_a_factor_to_either_side() -> None:

@@ -14,8 +14,16 @@ from rich.table import Table
 from dlokit.app.bench.progress import followed
 from dlokit.app.commands import Command, flag
 from dlokit.app.shape.preflight import check_before_start, prepare
-from dlokit.bench.faults.fault_figures import Row, all_right, fault_rows, figures, recovered_s
-from dlokit.bench.faults.judging import BRAKES_WITHIN_S, Finding, faults_of
+from dlokit.bench.faults.judging import (
+    BRAKES_WITHIN_S,
+    Finding,
+    Row,
+    all_right,
+    fault_rows,
+    faults_of,
+    figures,
+    recovered_s,
+)
 from dlokit.bench.faults.sweep import claim_faults_folder, describe, run_faults
 from dlokit.bench.faults.table import BY_NAME, FAULTS, Fault
 from dlokit.bench.faults.trial import Case, cases

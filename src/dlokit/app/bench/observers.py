@@ -23,11 +23,10 @@ from dlokit.bench.observers.figures import ALL_CASES, figures
 from dlokit.bench.observers.methods import choose, default_name
 from dlokit.bench.observers.metrics import METRICS, Metric
 from dlokit.bench.observers.pictures import draw
-from dlokit.bench.observers.report import observers_json
+from dlokit.bench.observers.report import by_key, case_table, methods_of, metric_table, observers_json, shown
 from dlokit.bench.observers.runner import Plan, Trial
 from dlokit.bench.observers.sequences import RATE_HZ
 from dlokit.bench.observers.summary import HALF, Bar, Compared, bars, compare
-from dlokit.bench.observers.tables import by_key, case_table, methods_of, metric_table, shown
 from dlokit.bench.observers.workers import Said, in_a_worker, run_in_workers
 from dlokit.bench.report import Figure, machine_facts
 from dlokit.errors import ConfigError, InputError, MachineError

@@ -16,17 +16,22 @@ from dlokit.app.commands import Command, flag
 from dlokit.app.shape.job import config_file_of
 from dlokit.app.shape.preflight import prepare
 from dlokit.bench.report import bench_json, machine_facts
-from dlokit.bench.shaping.cases import Case, CaseResult, cases
-from dlokit.bench.shaping.cluster import check_address
+from dlokit.bench.shaping.cases import IDEAL, Case, CaseResult, Method, cases, methods_of, with_method
 from dlokit.bench.shaping.experiments import Experiment
-from dlokit.bench.shaping.figures import figures
-from dlokit.bench.shaping.methods import IDEAL, Method, methods_of, with_method
+from dlokit.bench.shaping.figures import (
+    COLUMNS,
+    experiment_rows,
+    figures,
+    group_rows,
+    outcomes,
+    overview,
+    verdict_lines,
+    verdict_row,
+)
 from dlokit.bench.shaping.metrics import falsely_converged, standing
 from dlokit.bench.shaping.pictures import draw
-from dlokit.bench.shaping.rows import experiment_rows, group_rows, verdict_row
 from dlokit.bench.shaping.suites import SEEDS_APART, SUITE_NAMES, suite_of
-from dlokit.bench.shaping.sweep import Workers, claim_sweep_folder, describe, run_sweep
-from dlokit.bench.shaping.tables import COLUMNS, outcomes, overview, verdict_lines
+from dlokit.bench.shaping.sweep import Workers, check_address, claim_sweep_folder, describe, run_sweep
 from dlokit.errors import ConfigError, InputError
 from dlokit.functional.cell.randomisation import RANDOMISED, Randomisation
 from dlokit.system.config import RunConfig

@@ -13,12 +13,12 @@ from rich.table import Table
 
 from dlokit.app.commands import Command, flag
 from dlokit.app.operate import enable, stop
-from dlokit.bench.faults.figures import confirmed_percentile_s, percentile_s, press_figures, stop_figures
-from dlokit.bench.faults.press_trials import Person
-from dlokit.bench.faults.press_verdict import PressRow
-from dlokit.bench.faults.pressing import PressPlan, measure_presses
-from dlokit.bench.faults.stopping import StopFigures, StopPlan, measure_stops
 from dlokit.bench.report import bench_json, machine_facts
+from dlokit.bench.stop.figures import confirmed_percentile_s, percentile_s, press_figures, stop_figures
+from dlokit.bench.stop.press_trials import Person
+from dlokit.bench.stop.press_verdict import PressRow
+from dlokit.bench.stop.presses import PressPlan, measure_presses
+from dlokit.bench.stop.stopping import StopFigures, StopPlan, measure_stops
 from dlokit.communication.timing.urgency import garbage_frozen
 from dlokit.errors import ConfigError, InputError
 from dlokit.system.config import RunConfig

@@ -1,4 +1,7 @@
-"""Recorded clouds: .pcd, .ply, .npy and .csv files as points in metres."""
+"""Recorded clouds: .pcd, .ply, .npy and .csv files as points in metres.
+
+Only x, y and z of the element ``vertex`` are read. Nothing is allocated beyond what the file holds.
+"""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -18,14 +18,12 @@ from dlokit.app.data.measuring import Measures, measure
 from dlokit.errors import InputError
 from dlokit.recording.channels import FILE_NAME
 from dlokit.recording.reader import read_recording
-from dlokit.skills.model.belief import as_configured
-from dlokit.skills.model.config import ModelConfig
-from dlokit.skills.model.identification.history import Lesson, lessons
-from dlokit.skills.model.identification.posterior import as_believed
-from dlokit.skills.model.identification.recorded import experiences
+from dlokit.rod.believed import ModelConfig, as_configured
+from dlokit.rod.posterior import Lesson, as_believed, lessons
+from dlokit.skills.model.experiences import experiences
 from dlokit.system.config import CONFIG_FILE, RunConfig
 from dlokit.system.toml_config import read_toml, to_toml
-from dlokit.types.dlo_belief import DloBelief, Figure
+from dlokit.types.dlo import DloBelief, Figure
 
 
 def write_picture(path: Path, lessons: Sequence[Lesson]) -> None:

@@ -1,4 +1,8 @@
-"""Recorded runs as a LeRobot dataset, version 2.1: an episode a run, frames at a steady rate."""
+"""Recorded runs as a LeRobot dataset, version 2.1: an episode a run, frames at a steady rate.
+
+meta/info.json  meta/tasks.jsonl  meta/episodes.jsonl  meta/episodes_stats.jsonl
+data/chunk-000/episode_000000.parquet …        pictures are within, as files
+"""
 
 import importlib
 import json

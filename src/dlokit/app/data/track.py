@@ -22,12 +22,11 @@ from dlokit.skills.observer.anchored import chain_lengths
 from dlokit.skills.observer.base import ObserverStrategyConfig
 from dlokit.skills.observer.config import ObserverConfig
 from dlokit.skills.observer.following import follow
-from dlokit.skills.observer.initialise import initial_targets
-from dlokit.skills.observer.skeleton import spanning_tree
+from dlokit.skills.observer.initialise.first_shape import initial_targets
+from dlokit.skills.observer.initialise.skeleton import spanning_tree
 from dlokit.skills.observer.strategies import strategies
 from dlokit.skills.observer.visibility import distance_to_dlo_m
-from dlokit.skills.perception.box import inside_box
-from dlokit.skills.perception.cloud import lonely, thin
+from dlokit.skills.perception.cloud import inside_box, lonely, thin
 from dlokit.skills.perception.config import BoxConfig, CloudConfig
 from dlokit.system.results.run_folder import claim_run_folder, new_run_folder
 from dlokit.types.dlo import DloState, TargetPoints, Topology

@@ -107,7 +107,7 @@ def port_finding(host: str, port: int) -> Finding:
     what = f"viewer port {port}"
     try:
         # Here, because the doctor must be able to tell that a package of the viewer is missing.
-        from dlokit.skills.viewer.port import check_port
+        from dlokit.skills.viewer.address import check_port
 
         check_port(host, port)
     except (ImportError, MachineError) as error:
@@ -120,7 +120,7 @@ def kernels_finding() -> Finding:
     what = "compiled kernels"
     try:
         # Here, because the doctor must be able to tell that a package which they need is missing.
-        from dlokit.skills.model.quick_kernels import warm as warm_planning
+        from dlokit.rod.rollout import warm as warm_planning
         from dlokit.skills.observer.kernels import warm
     except ImportError as error:
         return Finding(what=what, standing=Standing.ADVICE, found=str(error), mend="pip install dlokit")

@@ -10,7 +10,7 @@ import tyro
 
 from dlokit.app.commands import Command
 from dlokit.app.operate.stop import FOUND_WITHIN_S, arms_of, ask_on_bus
-from dlokit.description.arms import ArmMount
+from dlokit.description.arm.mounts import ArmMount
 from dlokit.skills.robot import api as robot
 from dlokit.system.processes.running import RunningSystem, the_running_system
 from dlokit.system.processes.stop_socket import ENABLE, Answer, press, stop_socket

@@ -12,7 +12,7 @@ from dlokit.app.commands import Command
 from dlokit.app.operate.call import in_words
 from dlokit.communication.skill import Skill
 from dlokit.decision.api import STOP_TASK
-from dlokit.description.arms import ARMS, ArmMount
+from dlokit.description.arm.mounts import ARMS, ArmMount
 from dlokit.errors import InputError
 from dlokit.skills.robot import api as robot
 from dlokit.system.config import CONFIG_FILE, RunConfig

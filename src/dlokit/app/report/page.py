@@ -8,7 +8,7 @@ from pathlib import Path
 from dlokit.app.report import action_figures, figures
 from dlokit.app.shape.outcome_words import outcome_in_words
 from dlokit.app.shape.terminal import grip_in_words
-from dlokit.decision.steps.choosing_control import NOT_WORTH_IT
+from dlokit.decision.steps.act import NOT_WORTH_IT
 from dlokit.system.results.run_record import RunRecord
 from dlokit.system.results.run_result import ActionResult, CorrectionResult
 from dlokit.types.arrays import UInt8Array

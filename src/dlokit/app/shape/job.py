@@ -1,4 +1,7 @@
-"""From what the user typed to what a run does: the settings that flags choose by name, start, goal and task."""
+"""From what the user typed to what a run does: the settings that flags choose by name, start, goal and task.
+
+They are read before the rest, so that the other arguments change them and `--help` shows them.
+"""
 
 from collections.abc import Sequence
 from dataclasses import replace

@@ -17,8 +17,7 @@ from rich.text import Text
 from dlokit.app.shape.outcome_words import outcome_in_words
 from dlokit.system.results.run_result import ActionResult, RunResult
 from dlokit.system.shaping import Watcher
-from dlokit.types.action import Push
-from dlokit.types.candidates import Candidates
+from dlokit.types.action import Candidates, Push
 from dlokit.types.feasibility import Standing
 from dlokit.types.flow import FlowStatus, RunOutcome
 

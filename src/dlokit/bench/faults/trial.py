@@ -13,10 +13,9 @@ import msgspec
 import numpy as np
 
 from dlokit.bench.faults.disturbance import FILE_NAME as DISTURBANCE
-from dlokit.bench.faults.flow_log import mended_after_s
 from dlokit.bench.faults.injuries import Injury
 from dlokit.bench.faults.judging import Finding
-from dlokit.bench.faults.live_run import LiveRun, Program, live_run
+from dlokit.bench.faults.live_run import LiveRun, Program, live_run, mended_after_s
 from dlokit.bench.faults.moments import Moment, comes, ends_first
 from dlokit.bench.faults.table import Fault
 from dlokit.errors import InputError, ProcessFailure

@@ -9,10 +9,9 @@ import numpy as np
 
 from dlokit.description.dlo import SOFT_ROPE, DloPreset
 from dlokit.functional.cell.config import CellConfig
-from dlokit.skills.model.belief import GRAVITY_M_S2, as_configured
-from dlokit.skills.model.config import BeliefConfig, ModelConfig
+from dlokit.rod.believed import GRAVITY_M_S2, BeliefConfig, ModelConfig, as_configured
 from dlokit.system.config import RunConfig, with_dlo
-from dlokit.types.dlo_belief import DloBelief, Figure
+from dlokit.types.dlo import DloBelief, Figure
 
 _STIFFER, _HEAVIER, _SMOOTHER = 1.3, 1.17, 0.75
 _LEARNT_LOG_SD, _LEARNT_YIELD_LOG_SD = 0.12, 0.2

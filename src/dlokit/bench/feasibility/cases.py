@@ -19,13 +19,13 @@ from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.cell.dlo_physics import ElasticRod, ElastoplasticChain
 from dlokit.functional.cell.randomisation import RANDOMISED
 from dlokit.functional.cell.world import Cell
-from dlokit.skills.model.config import ModelConfig
-from dlokit.skills.planning import holding
+from dlokit.motion.inverse_kinematics import PandaKinematics
+from dlokit.rod.believed import ModelConfig
 from dlokit.skills.planning.config import PlanningConfig
-from dlokit.skills.planning.feasibility import Workplace
-from dlokit.skills.planning.goal_verdict import judge
 from dlokit.skills.planning.loading import load
-from dlokit.skills.robot.kinematics import PandaKinematics
+from dlokit.skills.planning.verdict import holding
+from dlokit.skills.planning.verdict.feasibility import Workplace
+from dlokit.skills.planning.verdict.goal_verdict import judge
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import GoalShape
 from dlokit.types.feasibility import GoalVerdict, Standing

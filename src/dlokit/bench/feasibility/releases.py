@@ -11,8 +11,8 @@ from dlokit.bench.feasibility.beliefs import true_elastic_m3
 from dlokit.description import shapes
 from dlokit.evaluation.evaluator import SETTLE_S
 from dlokit.functional.cell.world import Cell
-from dlokit.skills.model.held_shape import nearest_held
-from dlokit.skills.planning.feasibility import overlaps
+from dlokit.rod.equilibrium import nearest_held
+from dlokit.skills.planning.verdict.feasibility import overlaps
 from dlokit.types.arrays import Float64Array
 
 _FRICTION_SHARES = (1.2, 0.9, 0.7)  # with which the nearest shape that holds is sought

@@ -12,7 +12,7 @@ from dlokit.communication.wire import codec
 from dlokit.communication.wire.envelope import opened, seal
 from dlokit.communication.wire.schema import fingerprint
 from dlokit.system.component_table import COMPONENTS
-from dlokit.types.skill_call import CallRecord
+from dlokit.types.outcome import CallRecord
 
 
 @dataclass(frozen=True)

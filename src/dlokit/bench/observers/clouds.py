@@ -9,10 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from dlokit.bench.observers.centre_line import FINE, centre_line
-from dlokit.bench.observers.conditions import Conditions, dark_frames
-from dlokit.bench.observers.rays import Ball, ball_hiding, behind_itself, depth_image, hides
-from dlokit.bench.observers.sequence import Sequence
+from dlokit.bench.observers.conditions import (
+    Ball,
+    Conditions,
+    ball_hiding,
+    behind_itself,
+    dark_frames,
+    depth_image,
+    hides,
+)
+from dlokit.bench.observers.sequence import FINE, Sequence, centre_line
 from dlokit.bench.observers.stereo import as_believed, believed_pose, camera_of, moved, stereo_cloud
 from dlokit.types.arrays import Float64Array
 from dlokit.types.image import CameraCalibration

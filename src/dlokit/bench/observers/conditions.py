@@ -1,7 +1,16 @@
-"""What makes the clouds of a case hard."""
+"""What makes the clouds of a case hard, among it a ball that stands in the way of the camera's view rays."""
 
 from dataclasses import dataclass
 from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from dlokit.geometry import rotation, tangents
+from dlokit.types.arrays import Float64Array
+from dlokit.types.image import CameraCalibration
+from dlokit.types.observation import Occlusion
 
 Place = Literal["middle", "tip", "moving"]
 
@@ -42,3 +51,107 @@ def long_enough(conditions: Conditions, frames: int, rate_hz: float) -> bool:
     """Whether the light is on before the dark, and after it for as many frames as a track may take to recover."""
     dark = dark_frames(conditions, frames, rate_hz)
     return len(dark) == 0 or (dark.start >= 3 and frames - dark.stop > RECOVERED_WITHIN)
+
+
+Flags = NDArray[np.bool_]
+Span = tuple[int, int]
+
+STANDS_AT = 0.7
+"""The ball's middle lies at this share of the way from the camera to the DLO, so that a small one hides much."""
+SCALE = 8
+"""Pixels a cell of the depth image in which the observer gets to know the ball."""
+_WIDE_RAD = 1.5  # a ray so far aside leaves the picture: nothing is cut off there
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ball:
+    """Something in the way, of known geometry like the robot."""
+
+    centre_world: Float64Array  # (3,) [m]
+    radius_m: float
+
+
+def hides(ball: Ball, eye_world: Float64Array, positions_world: Float64Array) -> Flags:
+    """Whether the ball cuts the view ray from the camera's eye (3,) to each position (K, 3), (K,)."""
+    return passing_m(ball.centre_world, eye_world, positions_world) < ball.radius_m
+
+
+def passing_m(place_world: Float64Array, eye_world: Float64Array, positions_world: Float64Array) -> Float64Array:
+    """How near to a place (3,) [m] the view ray from the eye (3,) to each position (K, 3) comes, (K,) [m]."""
+    rays = positions_world - eye_world
+    to_place = place_world - eye_world
+    nearest = np.clip(rays @ to_place / np.maximum(np.sum(rays**2, axis=1), 1e-12), 0.0, 1.0)
+    return np.linalg.norm(nearest[:, None] * rays - to_place, axis=1)
+
+
+def ball_hiding(share: float, aim_world: Float64Array, line_world: Float64Array, eye_world: Float64Array) -> Ball:
+    """The ball on the view ray to a place (3,) [m] that hides a share of a line's points (K, 3) [m].
+
+    It never reaches the camera, and hides less where it would have to.
+    """
+    centre = eye_world + STANDS_AT * (aim_world - eye_world)
+    passing = np.sort(passing_m(centre, eye_world, line_world))
+    count = min(max(round(share * len(line_world)), 1), len(line_world))
+    radius_m = float(passing[count - 1 : count + 1].mean())  # between the last ray it cuts and the next
+    if count == len(line_world):
+        radius_m *= 1.0 + 1e-9
+    return Ball(centre_world=centre, radius_m=min(radius_m, 0.99 * float(np.linalg.norm(centre - eye_world))))
+
+
+def depth_image(ball: Ball, camera: CameraCalibration) -> Occlusion:
+    """The ball's depth as the camera sees it, at the middle of each cell."""
+    rows, columns = -(-camera.height_px // SCALE), -(-camera.width_px // SCALE)
+    depth = np.full((rows, columns), np.inf, dtype=np.float32)
+    c = (ball.centre_world - camera.T_world_camera.position_m) @ rotation(camera.T_world_camera)
+    left, right = _cells(c[0], c[2], ball.radius_m, camera.fx_px, camera.cx_px, columns)
+    top, bottom = _cells(c[1], c[2], ball.radius_m, camera.fy_px, camera.cy_px, rows)
+    u, v = np.meshgrid((np.arange(left, right) + 0.5) * SCALE, (np.arange(top, bottom) + 0.5) * SCALE)
+    d = np.stack([(u - camera.cx_px) / camera.fx_px, (v - camera.cy_px) / camera.fy_px, np.ones_like(u)], axis=-1)
+    # |z d - c|² = r², solved for the nearer depth z.
+    a, b = np.sum(d**2, axis=-1), d @ c
+    inside = b**2 - a * (c @ c - ball.radius_m**2)
+    depth[top:bottom, left:right] = np.where(inside >= 0.0, (b - np.sqrt(np.maximum(inside, 0.0))) / a, np.inf)
+    return Occlusion(depth_m=depth, scale=SCALE)
+
+
+def _cells(aside_m: float, ahead_m: float, radius_m: float, focal_px: float, centre_px: float, count: int) -> Span:
+    """The cells along one side of the picture outside of which a ball is not to be seen."""
+    middle = np.arctan2(aside_m, ahead_m)
+    half = np.arcsin(min(1.0, radius_m / max(float(np.hypot(aside_m, ahead_m)), 1e-12)))
+    if abs(middle) + half > _WIDE_RAD:
+        return 0, count
+    at = (np.tan(np.array([middle - half, middle + half])) * focal_px + centre_px) / SCALE
+    return int(np.clip(np.floor(at[0]), 0, count)), int(np.clip(np.ceil(at[1]), 0, count))
+
+
+def behind_itself(line_world: Float64Array, radius_m: float, camera: CameraCalibration) -> Flags:
+    """Which points of a rod's centre line (K, 3) [m], closer than its radius, another part of the rod hides, (K,).
+
+    A point is hidden when the ray to the side of it that faces the camera goes through the rod elsewhere. So a steep
+    part that comes straight at the camera does not hide itself, as none of its middle but all of its side is seen.
+    """
+    T = camera.T_world_camera
+    R = rotation(T)
+    line = (line_world - T.position_m) @ R
+    along = tangents(line)
+    facing = -line + np.sum(line * along, axis=1, keepdims=True) * along
+    surface = line + radius_m * facing / np.maximum(np.linalg.norm(facing, axis=1, keepdims=True), 1e-12)
+    seen, middle = surface[:, :2] / surface[:, 2:], line[:, :2] / line[:, 2:]
+    pairs = KDTree(np.concatenate([seen, middle])).query_pairs(
+        radius_m / float(line[:, 2].min()), output_type="ndarray"
+    )
+    back, front = pairs.min(axis=1), pairs.max(axis=1) - len(line)
+    of_both = (back < len(line)) & (front >= 0)
+    back, front = back[of_both], front[of_both]
+    # Short of the radius: the line is points, and its own side is a radius away.
+    through = np.linalg.norm(seen[back] - middle[front], axis=1) * line[front, 2] < 0.9 * radius_m
+    nearer = surface[back, 2] - line[front, 2] > 0.25 * radius_m
+    hidden = np.zeros(len(line), dtype=np.bool_)
+    hidden[back[through & nearer]] = True
+    return hidden
+
+
+def depths_m(positions_world: Float64Array, camera: CameraCalibration) -> Float64Array:
+    """Depth (K,) [m] of positions (K, 3) [m] along the camera's z axis."""
+    T = camera.T_world_camera
+    return (positions_world - T.position_m) @ rotation(T)[:, 2]

@@ -11,7 +11,7 @@ from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
 from dlokit.bench.observers.methods import PINNED
 from dlokit.bench.observers.metrics import METRICS, Metric
-from dlokit.bench.observers.tables import by_key, is_shown, methods_of
+from dlokit.bench.observers.report import by_key, is_shown, methods_of
 from dlokit.bench.report import Figure
 
 _MARKERS = "osD^vP"  # another for every ten colours

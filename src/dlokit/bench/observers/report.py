@@ -1,6 +1,6 @@
-"""The JSON file of the bench of observers."""
+"""The report of the bench of observers: tables of figures as text, and its JSON file."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -9,8 +9,56 @@ import msgspec
 from dlokit import __version__
 from dlokit.bench.observers.cases import TUNING_SEED, Case
 from dlokit.bench.observers.methods import PUBLISHED, default_name
+from dlokit.bench.observers.metrics import METRICS, Metric
 from dlokit.bench.observers.runner import Plan
 from dlokit.bench.report import Figure
+
+FigureKey = tuple[str, str, str]
+
+
+def case_table(rows: Sequence[Figure], metric: Metric) -> Iterator[tuple[str, ...]]:
+    """One metric: a line a case that has it, a column a method."""
+    found = by_key(rows)
+    for case in dict.fromkeys(row.case for row in rows if row.metric == metric.name):
+        yield (case, *(_cell(found.get((case, method, metric.name)), metric) for method in methods_of(rows)))
+
+
+def metric_table(rows: Sequence[Figure], case: str) -> Iterator[tuple[str, ...]]:
+    """One case: a line a metric that it has, a column a method."""
+    found = by_key(rows)
+    for metric in METRICS:
+        if is_shown(metric, [row for row in rows if row.case == case]):
+            cells = [_cell(found.get((case, method, metric.name)), metric) for method in methods_of(rows)]
+            yield (f"{metric.name} {metric.shown}".rstrip(), *cells)
+
+
+def is_shown(metric: Metric, rows: Sequence[Figure]) -> bool:
+    """Whether there is something to see of a metric."""
+    return any(row.metric == metric.name and (row.value != 0.0 or not metric.rare) for row in rows)
+
+
+def methods_of(rows: Sequence[Figure]) -> tuple[str, ...]:
+    """The methods there are figures of, in order."""
+    return tuple(dict.fromkeys(row.method for row in rows))
+
+
+def by_key(rows: Sequence[Figure]) -> dict[FigureKey, Figure]:
+    """Rows by case, method and metric."""
+    return {(row.case, row.method, row.metric): row for row in rows}
+
+
+def shown(value: float, metric: Metric) -> str:
+    """A figure as people read it."""
+    return f"{value * metric.factor:.{metric.digits}f}"
+
+
+def _cell(row: Figure | None, metric: Metric) -> str:
+    if row is None:
+        return "-"
+    text = shown(row.value, metric)
+    if row.low is None or row.high is None:
+        return text
+    return f"{text} ({shown(row.low, metric)} to {shown(row.high, metric)})"
 
 
 def observers_json(rows: Sequence[Figure], machine: Mapping[str, str], plan: Plan, *, jobs: int = 1) -> bytes:

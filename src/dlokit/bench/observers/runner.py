@@ -9,9 +9,8 @@ import numpy as np
 from dlokit.bench.observers.cases import Case
 from dlokit.bench.observers.clouds import Look, Looks, looks, with_pins
 from dlokit.bench.observers.methods import Method
-from dlokit.bench.observers.metrics import Track, score
+from dlokit.bench.observers.metrics import Losses, Track, losses, score
 from dlokit.bench.observers.sequence import Sequence
-from dlokit.bench.observers.trust import Losses, losses
 from dlokit.skills.observer.base import ObserverStrategy, nothing_seen, prior_from
 from dlokit.skills.observer.config import ObserverConfig
 from dlokit.types.arrays import Float64Array

@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 
 from dlokit.description.dlo import DloPreset
-from dlokit.description.rod import (
+from dlokit.rod.elastic import (
     CONTACT_SOLIMP,
     add_ground,
     add_rod,

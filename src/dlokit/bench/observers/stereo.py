@@ -4,8 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from dlokit.bench.observers.conditions import Conditions
-from dlokit.bench.observers.rays import depths_m
+from dlokit.bench.observers.conditions import Conditions, depths_m
 from dlokit.bench.observers.sequence import Sequence
 from dlokit.description.scene import default_calibration
 from dlokit.geometry import inverse, matrix, pose_from_matrix, tangents, transform

@@ -22,7 +22,7 @@ from dlokit.system.config import RunConfig
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import TargetPoints
 from dlokit.types.observation import Observation
-from dlokit.types.strategy import StrategySpec
+from dlokit.types.system import StrategySpec
 
 Truth = Callable[[], Float64Array]
 """Where the DLO is now, (Mc, 3) [m]."""

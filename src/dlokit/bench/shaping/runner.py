@@ -11,10 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from dlokit import __version__
-from dlokit.bench.shaping.cases import Case, CaseResult, CaseShapes
-from dlokit.bench.shaping.experiments import RANDOM
-from dlokit.bench.shaping.goal_curves import BuiltInGoal
-from dlokit.bench.shaping.methods import with_method
+from dlokit.bench.shaping.cases import Case, CaseResult, CaseShapes, with_method
+from dlokit.bench.shaping.experiments import RANDOM, BuiltInGoal
 from dlokit.bench.shaping.oracle import OracleBuild
 from dlokit.decision.task import GoalRequest
 from dlokit.errors import InputError

@@ -6,8 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dlokit.bench.shaping.experiments import RANDOM, Experiment
-from dlokit.bench.shaping.goal_curves import RAMP_M, BentGoal, BuiltInGoal, CurveGoal
+from dlokit.bench.shaping.experiments import RAMP_M, RANDOM, BentGoal, BuiltInGoal, CurveGoal, Experiment
 from dlokit.description import shapes
 from dlokit.description.dlo import SOFT_ROPE, WIRE_A, WIRE_B, WIRE_C, DloPreset
 from dlokit.errors import ConfigError, ShapeError

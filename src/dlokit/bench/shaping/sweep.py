@@ -1,25 +1,95 @@
-"""A sweep: every case once, side by side or over machines, in a folder from which an interrupted one goes on."""
+"""A sweep: every case once, on this machine or a cluster, in a folder from which an interrupted one goes on."""
 
 import hashlib
-from collections.abc import Iterator, Sequence
+import importlib
+from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import BrokenExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import msgspec
-from joblib import Parallel, delayed
+from joblib import Parallel, delayed, parallel_config
 
 from dlokit import __version__
 from dlokit.bench.shaping.cases import Case, CaseResult
-from dlokit.bench.shaping.cluster import cluster_backend
 from dlokit.bench.shaping.experiments import Experiment
 from dlokit.bench.shaping.runner import attempt_case, finished_case
-from dlokit.errors import InputError, MachineError
+from dlokit.errors import ConfigError, InputError, MachineError
 from dlokit.system.config import RunConfig
 from dlokit.system.results.run_folder import claim_run_folder
 from dlokit.system.toml_config import to_plain
 from dlokit.types.flow import RunOutcome
+
+DASK, RAY = ("tcp://", "tls://"), "ray://"
+_INSTALL = {"distributed": "pip install 'dlokit[sweeps]'", "ray": "pip install 'ray[client]'"}
+
+
+def check_address(address: str) -> None:
+    """Raise `ConfigError` where an address names neither Dask nor Ray; an empty one is this machine."""
+    if address and not address.startswith((*DASK, RAY)):
+        raise ConfigError(
+            f"--cluster {address} is no address: tcp://HOST:PORT is Dask's scheduler, ray://HOST:PORT is Ray."
+        )
+
+
+@contextmanager
+def cluster_backend(address: str, jobs: int) -> Generator[int]:
+    """Have joblib run there meanwhile; gives the number of processes to ask it for, -1: as many as there are.
+
+    `address` is empty for `jobs` processes of this machine, ``tcp://HOST:PORT`` for Dask's scheduler, or
+    ``ray://HOST:PORT`` for Ray. Raises `ConfigError` for another, `MachineError` where the package or the cluster is
+    missing.
+    """
+    check_address(address)
+    if not address:
+        # Fresh processes, not forked ones, whose OpenGL context would not be usable.
+        with parallel_config(backend="loky"):
+            yield jobs
+    elif address.startswith(DASK):
+        client = _dask(address)
+        try:
+            with parallel_config(backend="dask", client=client):
+                yield -1
+        finally:
+            client.close()
+    else:
+        ray = _ray(address)
+        try:
+            with parallel_config(backend="ray"):
+                yield -1
+        finally:
+            ray.shutdown()
+
+
+def _dask(address: str) -> Any:
+    distributed = _package("distributed", address)
+    try:
+        return distributed.Client(address, timeout="10s")
+    except OSError as error:
+        raise MachineError(
+            f"No Dask scheduler answers at {address} ({error}); start one with `dask scheduler`."
+        ) from error
+
+
+def _ray(address: str) -> Any:
+    ray = _package("ray", address)
+    try:
+        ray.init(address, log_to_driver=False)
+    except ConnectionError as error:
+        raise MachineError(f"No Ray cluster answers at {address} ({error}); see `ray start --head`.") from error
+    _package("ray.util.joblib", address).register_ray()
+    return ray
+
+
+def _package(name: str, address: str) -> Any:
+    try:
+        return importlib.import_module(name)
+    except ImportError as error:
+        package = name.split(".")[0]
+        raise MachineError(f"--cluster {address} needs the package {package}: {_INSTALL[package]}.") from error
+
 
 SWEEP_FILE = "sweep.json"
 

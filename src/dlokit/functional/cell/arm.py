@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 
 from dlokit import geometry
-from dlokit.description.arms import ArmMount
-from dlokit.description.panda_data import PANDA_FINGER_SPEED_M_S, PANDA_LIMITS
+from dlokit.description.arm.mounts import ArmMount
+from dlokit.description.arm.panda import PANDA_FINGER_SPEED_M_S, PANDA_LIMITS
 from dlokit.functional.cell.fingers import Fingers
 from dlokit.functional.cell.setpoints import Brake, Fade, Follow, Hold, Program, Setpoint
 from dlokit.types.arrays import Float64Array, Int64Array

@@ -9,20 +9,79 @@ from numpy.typing import ArrayLike
 from dlokit.communication import topics
 from dlokit.communication.component import Component, implements
 from dlokit.communication.timing.urgency import Urgency, never_urgent
-from dlokit.description.arms import FIRST_ALONE, ArmMount
+from dlokit.description.arm.mounts import FIRST_ALONE, ArmMount
 from dlokit.errors import MachineError, SkillFailure, SkillRejected
 from dlokit.functional.cell import api
 from dlokit.functional.cell.arm import CellArm
-from dlokit.functional.cell.checks import check_grip, check_trajectory
 from dlokit.functional.cell.config import TICK_S, CellConfig
-from dlokit.functional.cell.pace import Pace
+from dlokit.functional.cell.setpoints import check_grip, check_trajectory
 from dlokit.functional.cell.truth import TruthRecorder
-from dlokit.functional.cell.watchdog import Watchdog
 from dlokit.functional.cell.world import Cell
 from dlokit.types.arrays import Float64Array
-from dlokit.types.clock import ClockTick
 from dlokit.types.image import StereoImages
 from dlokit.types.robot import FIRST_ROBOT, GripResult, JointTrajectory, MotionResult, RobotMode
+from dlokit.types.system import ClockTick
+
+_SLIP_NS = 100_000_000  # the cell falls that far behind before it gives up catching up
+_MEMORY = 0.98  # of the running mean of the pace, a tick
+
+
+class Pace:
+    """Ticks at real time or slower: a cell that cannot keep up falls back instead of racing afterwards."""
+
+    def __init__(self, real_time_factor: float, now_ns: int) -> None:
+        self._period_ns = round(TICK_S * 1e9 / real_time_factor)
+        self._due_ns = now_ns
+        self._last_ns = now_ns
+        self._mean_ns = float(self._period_ns)
+
+    @property
+    def real_time_factor(self) -> float:
+        """Cell seconds a second of the host's clock, lately."""
+        return TICK_S * 1e9 / self._mean_ns
+
+    def next_ns(self, now_ns: int) -> int:
+        """When the next tick is due; call once a tick."""
+        self._mean_ns = _MEMORY * self._mean_ns + (1.0 - _MEMORY) * (now_ns - self._last_ns)
+        self._last_ns = now_ns
+        self._due_ns = max(self._due_ns + self._period_ns, now_ns - _SLIP_NS)
+        return self._due_ns
+
+
+class Watchdog:
+    """Measures silence on the machine's clock, so that a slow cell does not look like a lost commander.
+
+    Time in which the cell itself was busy, rendering say, and could not listen does not count: of the time between
+    two looks, at most `longest_tick_s` does.
+    """
+
+    def __init__(self, longest_tick_s: float) -> None:
+        self._longest_tick_s = longest_tick_s
+        self._lease_s: float | None = None
+        self._silence_s = 0.0
+        self._looked_s: float | None = None
+
+    def arm(self, lease_s: float) -> None:
+        """Begin to listen."""
+        self._lease_s, self._silence_s, self._looked_s = lease_s, 0.0, None
+
+    def disarm(self) -> None:
+        """End listening."""
+        self._lease_s = None
+
+    def renew(self) -> None:
+        """The commander is there."""
+        self._silence_s = 0.0
+
+    def expired(self, now_s: float) -> bool:
+        """Whether the silence has lasted longer than the lease; `now_s` is the machine's monotonic clock."""
+        if self._lease_s is None:
+            return False
+        if self._looked_s is not None:
+            self._silence_s += min(now_s - self._looked_s, self._longest_tick_s)
+        self._looked_s = now_s
+        return self._silence_s > self._lease_s
+
 
 _TICKS_PER_STATE = 2  # arm states at 50 Hz
 _IN_MOTION = (RobotMode.MOVING, RobotMode.BRAKING)

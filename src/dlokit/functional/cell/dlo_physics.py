@@ -6,10 +6,33 @@ The choice between them is a setting, and every process loads the settings: a me
 from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol, get_args
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from dlokit.description.dlo import DloPreset
+from dlokit.rod.elastic import rod_nodes, set_rod_friction, set_rod_nodes
 from dlokit.types.arrays import Float64Array
+
+
+class RodBody:
+    """A `DloBody` of the flex `rod`."""
+
+    def __init__(self, model: Any, data: Any) -> None:
+        self._model, self._data = model, data
+
+    @property
+    def nodes_world(self) -> Float64Array:
+        """Nodes (M, 3) [m]."""
+        return rod_nodes(self._model, self._data)
+
+    def place(self, nodes_world: ArrayLike) -> None:
+        """Lay the rod along `nodes_world` (M, 3) [m], at rest."""
+        set_rod_nodes(self._model, self._data, nodes_world)
+
+    def set_friction(self, friction: ArrayLike) -> None:
+        """Set the friction on the table to the mean of those at each node, (M,)."""
+        # A rod has one coefficient: it feels the mean of the places where it lies.
+        set_rod_friction(self._model, float(np.asarray(friction, dtype=np.float64).mean()))
 
 
 class DloBody(Protocol):
@@ -37,13 +60,13 @@ class ElasticRod:
 
     def add(self, spec: Any, dlo: DloPreset, nodes: int) -> None:
         """Add the DLO to `spec` (MjSpec)."""
-        from dlokit.description.rod import add_rod
+        from dlokit.rod.elastic import add_rod
 
         add_rod(spec, dlo, nodes)
 
     def take_over(self, model: Any, data: Any, dlo: DloPreset) -> DloBody:
         """The DLO that `add` has added, in the compiled model."""
-        from dlokit.functional.cell.rod_body import RodBody
+        pass
 
         return RodBody(model, data)
 
@@ -56,13 +79,13 @@ class ElastoplasticChain:
 
     def add(self, spec: Any, dlo: DloPreset, nodes: int) -> None:
         """Add the DLO to `spec` (MjSpec)."""
-        from dlokit.description.chain import add_chain
+        from dlokit.rod.chain import add_chain
 
         add_chain(spec, dlo, nodes)
 
     def take_over(self, model: Any, data: Any, dlo: DloPreset) -> DloBody:
         """The DLO that `add` has added, in the compiled model."""
-        from dlokit.description.chain import Chain
+        from dlokit.rod.chain import Chain
 
         return Chain(model, data, dlo.curl_1_m)
 

@@ -1,9 +1,11 @@
-"""The record of truth: where the DLO really was. A file of its own in the run's folder, never on the bus."""
+"""The record of truth: where the DLO really was, and how a cell has left it. A file of its own, never on the bus."""
 
+import zipfile
 from pathlib import Path
 
 import numpy as np
 
+from dlokit.errors import InputError
 from dlokit.functional.cell.world import Cell
 from dlokit.types.arrays import Float64Array
 
@@ -40,3 +42,19 @@ class TruthRecorder:
         np.savez(draft, stamps_ns=np.array(self._stamps_ns, dtype=np.int64), nodes_world=np.array(self._nodes_world))
         draft.replace(self._path)
         self._written_ns = self._stamps_ns[-1]
+
+
+def left_nodes_world(folder: Path) -> Float64Array:
+    """Where the DLO of the cell that ran in `folder` lay last, (Mc, 3) [m]; nobody but the next cell may be told.
+
+    Raises `InputError` where no cell has left anything.
+    """
+    path = folder / TruthRecorder.FILE_NAME
+    try:
+        with np.load(path, allow_pickle=False) as arrays:
+            return np.array(arrays["nodes_world"][-1], dtype=np.float64)
+    except (OSError, KeyError, ValueError, IndexError, EOFError, zipfile.BadZipFile) as error:
+        raise InputError(
+            f"{path} does not tell how the cell left its DLO ({error}): start anew with dlokit shape --config "
+            f"{folder / 'config.toml'}"
+        ) from error

@@ -7,20 +7,46 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dlokit import geometry
-from dlokit.description.arms import FIRST_ALONE, ArmMount
-from dlokit.description.panda import add_panda
-from dlokit.description.panda_data import PANDA_HOME_Q_RAD
-from dlokit.description.rod import set_rod_physics
+from dlokit.description.arm.mounts import FIRST_ALONE, ArmMount
+from dlokit.description.arm.panda import PANDA_HOME_Q_RAD
+from dlokit.description.arm.panda_model import add_panda
 from dlokit.description.scene import TABLE_CENTER_M, TABLE_HALF_SIZE_M, add_lights, add_table, table_height_m
+from dlokit.description.shapes import CENTRE_M
 from dlokit.errors import DlokitError, ShapeError
 from dlokit.functional.cell.arm import CellArm
 from dlokit.functional.cell.config import TICK_S, CellConfig
+from dlokit.functional.cell.dlo_physics import DloBody
 from dlokit.functional.cell.episode import apply_episode, draw_episode
 from dlokit.functional.cell.rendering import StereoRig, add_cameras
-from dlokit.functional.cell.table_friction import TableFriction
+from dlokit.rod.elastic import set_rod_physics
 from dlokit.types.arrays import Float64Array
 from dlokit.types.image import StereoImages
 from dlokit.types.robot import FIRST_ROBOT, JointTrajectory, RobotState
+
+
+class TableFriction:
+    """Gives the DLO at each node the friction of the quarter of the table where it lies."""
+
+    def __init__(self, model: Any, dlo: DloBody, config: CellConfig) -> None:
+        """The quarters meet in the middle of where shapes lie."""
+        self._dlo = dlo
+        self._differs = set(config.table_regions) != {1.0}
+        # Of two surfaces that touch the larger friction counts: the table's own must not hide what nodes are told.
+        self._nominal = max(config.table_friction, config.dlo.friction)
+        self._factors = np.array(config.table_regions).reshape(2, 2)  # near and far, right and left
+        if self._differs:
+            model.geom_friction[model.geom("table_top").id, 0] = 0.0
+
+    def update(self) -> None:
+        """Follow the DLO; call at least every few millimetres that it moves. Kinematics must be up to date."""
+        if self._differs:
+            self._dlo.set_friction(self.at(self._dlo.nodes_world[:, :2]))
+
+    def at(self, places_world: Float64Array) -> Float64Array:
+        """Coefficient of friction (K,) at places (K, 2) [m]."""
+        far, left = (places_world[:, axis] >= CENTRE_M[axis] for axis in range(2))
+        return self._nominal * self._factors[far.astype(np.int64), left.astype(np.int64)]
+
 
 _DIVERGED = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
 _LENGTH_TOLERANCE = 0.02  # of the DLO's length: what a hand-drawn curve may be off

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from dlokit import geometry
 from dlokit.communication.timing.deadlines import LoopWatch, Watch
-from dlokit.description.panda_data import PANDA_GRIP_FORCE_N, PANDA_OPEN_WIDTH_M
-from dlokit.description.panda_kinematics import tcp_matrices
+from dlokit.description.arm.panda import PANDA_GRIP_FORCE_N, PANDA_OPEN_WIDTH_M
 from dlokit.errors import SkillFailure
 from dlokit.functional.robots.base import Robot
 from dlokit.functional.robots.gate_config import GateConfig
+from dlokit.motion.forward_kinematics import tcp_matrices
 from dlokit.motion.limits import START_RAD, limit_violation, scaled
 from dlokit.types.pose import Pose
 from dlokit.types.robot import GripResult, JointLimits, JointTrajectory, Lease, MotionResult, RobotState

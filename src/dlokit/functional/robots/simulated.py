@@ -8,13 +8,13 @@ from typing import Self, TypeVar
 from dlokit.communication import topics
 from dlokit.communication.port import Port
 from dlokit.communication.timing.pulse import Pulse, loop_pulse
-from dlokit.description.arms import ARMS, ArmMount
-from dlokit.description.panda_data import PANDA_LIMITS
+from dlokit.description.arm.mounts import ARMS, ArmMount
+from dlokit.description.arm.panda import PANDA_LIMITS
 from dlokit.errors import HardwareError, SkillFailure
 from dlokit.functional.cell import api
-from dlokit.types.clock import ClockTick
 from dlokit.types.outcome import Cancelled, Failed, Outcome, Rejected, Succeeded, TimedOut, Unreachable
 from dlokit.types.robot import GripResult, JointLimits, JointTrajectory, Lease, MotionResult, RobotState
+from dlokit.types.system import ClockTick
 
 R = TypeVar("R")
 

@@ -3,8 +3,7 @@
 from dlokit.communication.skill import Skill
 from dlokit.types.action import Action
 from dlokit.types.arrays import Float64Array
-from dlokit.types.dlo import DloState, GoalShape
-from dlokit.types.dlo_belief import DloBelief
+from dlokit.types.dlo import DloBelief, DloState, GoalShape
 from dlokit.types.flow import GoalFrame
 
 

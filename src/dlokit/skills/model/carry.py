@@ -11,10 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dlokit import geometry
-from dlokit.skills.model.config import ModelConfig
-from dlokit.skills.model.quick_push import NO_FINGERS
-from dlokit.skills.model.quick_rod import advance
-from dlokit.skills.model.quick_rollout import SINK_M, QuickRod, between_pads, fine_rod
+from dlokit.rod.believed import ModelConfig
+from dlokit.rod.planning_rod import NO_FINGERS, advance
+from dlokit.rod.rollout import SINK_M, QuickRod, between_pads, fine_rod
 from dlokit.skills.model.tracking import Pin
 from dlokit.types.arrays import Float64Array
 from dlokit.types.robot import RobotState

@@ -14,21 +14,19 @@ from dlokit.communication import topics
 from dlokit.communication.component import Component, implements, on
 from dlokit.description.shapes import builtin_shape
 from dlokit.errors import SkillFailure, SkillRejected
-from dlokit.skills.model import api, settling
-from dlokit.skills.model.belief import as_configured
+from dlokit.rod import rollout
+from dlokit.rod.believed import ModelConfig, as_configured
+from dlokit.rod.posterior import Evidence, believed, evidence, posterior
+from dlokit.rod.rollout import predict
+from dlokit.rod.tracking_rod import topology
+from dlokit.skills.model import api
 from dlokit.skills.model.carry import Carry
-from dlokit.skills.model.config import ModelConfig
+from dlokit.skills.model.experiences import Grips
 from dlokit.skills.model.goal import GoalRod
-from dlokit.skills.model.identification.evidence import Evidence, evidence
-from dlokit.skills.model.identification.grips import Grips
-from dlokit.skills.model.identification.posterior import believed, posterior
-from dlokit.skills.model.quick_rollout import predict
-from dlokit.skills.model.rod import topology
 from dlokit.skills.model.tracking import Tracker
 from dlokit.types.action import Action
 from dlokit.types.arrays import BoolArray, Float64Array
-from dlokit.types.dlo import DloState, GoalShape, TargetPoints
-from dlokit.types.dlo_belief import DloBelief
+from dlokit.types.dlo import DloBelief, DloState, GoalShape, TargetPoints
 from dlokit.types.flow import GoalFrame, GoalFrames
 from dlokit.types.observation import Gripped
 from dlokit.types.robot import RobotState
@@ -159,7 +157,7 @@ class ModelComponent(Component):
     async def settle(self, nodes_world: Float64Array) -> Float64Array:
         """Where a released rod comes to rest under friction."""
         _require_curve(nodes_world)
-        return await self.port.compute(settling.settle, self._config, nodes_world)
+        return await self.port.compute(rollout.settle, self._config, nodes_world)
 
     @implements(api.LEARN)
     async def learn(self, before_world: Float64Array, after_world: Float64Array) -> DloBelief:

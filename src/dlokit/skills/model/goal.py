@@ -7,8 +7,8 @@ import math
 
 import numpy as np
 
-from dlokit.skills.model.config import ModelConfig
-from dlokit.skills.model.rod import RodModel, fit_length
+from dlokit.rod.believed import ModelConfig
+from dlokit.rod.tracking_rod import RodModel, fit_length
 from dlokit.types.arrays import Float64Array
 from dlokit.types.flow import GoalFrame
 

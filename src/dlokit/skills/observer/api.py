@@ -3,7 +3,7 @@
 from dlokit.communication.skill import Skill
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import TargetPoints
-from dlokit.types.strategy import StrategySpec
+from dlokit.types.system import StrategySpec
 
 
 def _initialise(after_stamp_ns: int = 0, towards_world: Float64Array | None = None) -> TargetPoints:

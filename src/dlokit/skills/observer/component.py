@@ -10,17 +10,15 @@ from dlokit.errors import SkillFailure
 from dlokit.skills.observer import api
 from dlokit.skills.observer.anchored import chain
 from dlokit.skills.observer.base import ObserverStrategy, prior_from
-from dlokit.skills.observer.cleaning import cleaned
 from dlokit.skills.observer.config import ObserverConfig
-from dlokit.skills.observer.following import followed
-from dlokit.skills.observer.initialise import initial_targets
+from dlokit.skills.observer.following import cleaned, followed
+from dlokit.skills.observer.initialise.first_shape import initial_targets
 from dlokit.skills.observer.kernels import warm
 from dlokit.skills.observer.strategies import from_spec
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, TargetPoints
-from dlokit.types.observation import Observation
-from dlokit.types.observer_event import Doubt, ObserverEvent, ObserverEventKind
-from dlokit.types.strategy import StrategySpec
+from dlokit.types.observation import Doubt, Observation, ObserverEvent, ObserverEventKind
+from dlokit.types.system import StrategySpec
 
 
 class ObserverComponent(Component):

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from dlokit.skills.observer.initialise_config import InitialiseConfig
+from dlokit.skills.observer.initialise.config import InitialiseConfig
 from dlokit.skills.observer.map.config import MapConfig
 from dlokit.skills.observer.strategies import Observer
 

@@ -2,10 +2,10 @@
 
 from dlokit.communication.skill import Condition, Skill
 from dlokit.types.arrays import Float64Array
-from dlokit.types.camera_check import CameraCheck
+from dlokit.types.image import CameraCheck
 from dlokit.types.observation import Observation
 from dlokit.types.robot import FIRST_ROBOT
-from dlokit.types.strategy import StrategySpec
+from dlokit.types.system import StrategySpec
 
 
 def _look() -> Observation:

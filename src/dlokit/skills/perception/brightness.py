@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 
 from dlokit.skills.perception.brightness_config import BrightnessConfig
-from dlokit.skills.perception.pictures import grey
+from dlokit.skills.perception.rectification import grey
 from dlokit.types.image import Image, Mask
 
 

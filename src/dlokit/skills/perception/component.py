@@ -15,18 +15,17 @@ from dlokit.errors import HardwareError, SkillFailure, SkillRejected
 from dlokit.functional.cameras.base import Camera
 from dlokit.skills.perception import api
 from dlokit.skills.perception.base import SegmentationConfig
+from dlokit.skills.perception.calibration.hand_sight import HandLook, camera_from_hand, corrected_by
 from dlokit.skills.perception.config import BoxConfig, PerceptionConfig
-from dlokit.skills.perception.hand_sight import HandLook, camera_from_hand, corrected_by
 from dlokit.skills.perception.pipeline import corrected_camera_pose, loaded, observe
 from dlokit.skills.perception.rectification import Rectifier
 from dlokit.skills.perception.segmentations import from_spec
 from dlokit.types.arrays import Float64Array
-from dlokit.types.camera_check import CameraCheck
-from dlokit.types.image import StereoImages
+from dlokit.types.image import CameraCheck, StereoImages
 from dlokit.types.observation import Gripped, GripperPin, Observation
 from dlokit.types.pose import Pose
 from dlokit.types.robot import FIRST_ROBOT, RobotState
-from dlokit.types.strategy import StrategySpec
+from dlokit.types.system import StrategySpec
 
 log = logging.getLogger(__name__)
 

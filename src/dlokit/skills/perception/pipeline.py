@@ -9,17 +9,20 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from dlokit.skills.perception import arm_outline
 from dlokit.skills.perception.base import Segmentation, SegmentationConfig
-from dlokit.skills.perception.box import box_outline, inside_box
-from dlokit.skills.perception.cloud import clean, reproject, to_centre_line
+from dlokit.skills.perception.calibration import arm_outline
+from dlokit.skills.perception.calibration.table import camera_pose_from_table
+from dlokit.skills.perception.cloud import box_outline, clean, inside_box, reproject, to_centre_line
 from dlokit.skills.perception.config import PerceptionConfig
-from dlokit.skills.perception.pictures import grey
-from dlokit.skills.perception.rectification import Rectifier
-from dlokit.skills.perception.robot_shape import Capsules, panda_capsules
-from dlokit.skills.perception.selffilter import occlusion_map, robot_distance_m, robot_outline
+from dlokit.skills.perception.rectification import Rectifier, grey
+from dlokit.skills.perception.self_filter import (
+    Capsules,
+    occlusion_map,
+    panda_capsules,
+    robot_distance_m,
+    robot_outline,
+)
 from dlokit.skills.perception.stereo import Disparity, StereoMatcher, window_around
-from dlokit.skills.perception.table import camera_pose_from_table
 from dlokit.types.arrays import BoolArray, Float32Array, UInt8Array
 from dlokit.types.image import CameraCalibration, Image, StereoImages
 from dlokit.types.observation import GripperPin, Observation

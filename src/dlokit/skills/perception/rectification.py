@@ -1,4 +1,4 @@
-"""Rectification: pictures as two ideal cameras side by side would have taken them."""
+"""Rectification: pictures as two ideal cameras side by side would have taken them, and as grey values."""
 
 import cv2
 import msgspec
@@ -6,6 +6,13 @@ import numpy as np
 
 from dlokit.types.arrays import Float32Array, UInt8Array
 from dlokit.types.image import CameraCalibration, StereoImages
+
+
+def grey(pixels: UInt8Array) -> UInt8Array:
+    """A picture (height, width, 3) RGB or (height, width) as grey values (height, width)."""
+    if pixels.ndim == 2:
+        return pixels
+    return np.asarray(cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
 
 
 class Rectifier:

@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from dlokit.geometry.camera import PlaneDisparity, plane_disparity
 from dlokit.skills.perception.config import StereoConfig
-from dlokit.skills.perception.projection import PlaneDisparity, plane_disparity
 from dlokit.types.arrays import BoolArray, Float32Array, UInt8Array
 from dlokit.types.image import CameraCalibration
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from dlokit.description.panda_data import PANDA_GRASP_HEIGHT_M
+from dlokit.description.arm.panda import PANDA_GRASP_HEIGHT_M
 from dlokit.description.table import TABLE_X_M, TABLE_Y_M
 from dlokit.errors import ConfigError
 

@@ -1,11 +1,10 @@
 """What planning can be asked to do."""
 
 from dlokit.communication.skill import Skill
-from dlokit.types.action import Action, Marks
-from dlokit.types.control import ControlAdvice, ControlForecast, Correction, HeldNode
+from dlokit.types.action import Action, ControlAdvice, ControlForecast, Correction, HeldNode, Marks
 from dlokit.types.dlo import DloState, GoalShape
 from dlokit.types.feasibility import GoalVerdict, Verdict
-from dlokit.types.strategy import StrategySpec
+from dlokit.types.system import StrategySpec
 
 
 def _propose(shape: DloState, goal: GoalShape, marks: Marks, skip: int = 0) -> Action:

@@ -5,10 +5,9 @@ from dataclasses import dataclass, field
 from typing import ClassVar, Protocol, runtime_checkable
 
 from dlokit.communication.port import Compute, InlineCompute
-from dlokit.skills.model.config import ModelConfig
+from dlokit.rod.believed import ModelConfig
 from dlokit.skills.planning.actions import ActionConfig, FeasibilityConfig
-from dlokit.types.action import Action, Marks
-from dlokit.types.candidates import Candidates
+from dlokit.types.action import Action, Candidates, Marks
 from dlokit.types.dlo import DloState, GoalShape
 from dlokit.types.pose import Pose
 

@@ -9,30 +9,27 @@ from typing import ParamSpec, TypeVar
 from dlokit.communication import topics
 from dlokit.communication.component import Component, implements
 from dlokit.errors import SkillFailure, SkillRejected
-from dlokit.skills.model import quick_rollout
-from dlokit.skills.model.belief import as_configured
-from dlokit.skills.model.config import ModelConfig
-from dlokit.skills.model.identification.posterior import as_believed
-from dlokit.skills.planning import api, holding
+from dlokit.rod import rollout
+from dlokit.rod.believed import ModelConfig, as_configured
+from dlokit.rod.posterior import as_believed
+from dlokit.skills.planning import api
 from dlokit.skills.planning.base import ActionStrategy, PlanningTools, Reachable, SecondArm, StrategyConfig
 from dlokit.skills.planning.config import PlanningConfig
-from dlokit.skills.planning.feasibility import Workplace, check_start
 from dlokit.skills.planning.foresight import untangled
-from dlokit.skills.planning.goal_verdict import judge
-from dlokit.skills.planning.holding import Hold
 from dlokit.skills.planning.loading import load
 from dlokit.skills.planning.pick_place import goal_in_order
 from dlokit.skills.planning.servoing.controller import Held, advise
 from dlokit.skills.planning.servoing.forecast import foresee
 from dlokit.skills.planning.strategies import from_spec
-from dlokit.types.action import Action, Marks
+from dlokit.skills.planning.verdict import holding
+from dlokit.skills.planning.verdict.feasibility import Workplace, check_start
+from dlokit.skills.planning.verdict.goal_verdict import judge
+from dlokit.skills.planning.verdict.holding import Hold
+from dlokit.types.action import Action, Candidates, ControlAdvice, ControlForecast, Correction, HeldNode, Marks
 from dlokit.types.arrays import Float64Array
-from dlokit.types.candidates import Candidates
-from dlokit.types.control import ControlAdvice, ControlForecast, Correction, HeldNode
-from dlokit.types.dlo import DloState, GoalShape
-from dlokit.types.dlo_belief import DloBelief
+from dlokit.types.dlo import DloBelief, DloState, GoalShape
 from dlokit.types.feasibility import GoalVerdict, Verdict
-from dlokit.types.strategy import StrategySpec
+from dlokit.types.system import StrategySpec
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -111,7 +108,7 @@ class PlanningComponent(Component):
         async def predict(action: Action) -> Float64Array:
             if action.predicted_nodes_world is not None:
                 return action.predicted_nodes_world
-            return await self.port.compute(quick_rollout.predict, self._model, shape.nodes_world, action)
+            return await self.port.compute(rollout.predict, self._model, shape.nodes_world, action)
 
         return await untangled(actions, predict, goal.nodes_world, self._config.foresight)
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 
 from dlokit.skills.planning.actions import ActionConfig, FeasibilityConfig
-from dlokit.skills.planning.rollouts.config import RolloutConfig
+from dlokit.skills.planning.rollout.config import RolloutConfig
 from dlokit.skills.planning.servoing.config import ServoConfig
 from dlokit.skills.planning.strategies import Planner
 

@@ -7,7 +7,7 @@ import tyro
 from dlokit.communication.strategies import StrategyKind
 from dlokit.skills.planning.base import StrategyConfig
 from dlokit.skills.planning.farthest_config import FarthestConfig, FarthestTangentConfig
-from dlokit.skills.planning.rollouts.config import RolloutConfig
+from dlokit.skills.planning.rollout.config import RolloutConfig
 
 OURS: tuple[type[StrategyConfig], ...] = (FarthestConfig, FarthestTangentConfig, RolloutConfig)
 """Strategies that ship with dlokit, the paper's first."""

@@ -15,7 +15,7 @@ from typing import ParamSpec, TypeVar
 import numpy as np
 
 from dlokit.communication.skill import Condition, Skill
-from dlokit.description.panda_data import PANDA_OPEN_WIDTH_M
+from dlokit.description.arm.panda import PANDA_OPEN_WIDTH_M
 from dlokit.types.action import VelocityProfile
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose

@@ -14,18 +14,18 @@ from dlokit.communication import topics
 from dlokit.communication.component import Component, holds, implements
 from dlokit.communication.port import Port
 from dlokit.communication.timing.deadlines import LoopWatch, Watch
-from dlokit.description.panda_data import PANDA_HOME_Q_RAD
+from dlokit.description.arm.panda import PANDA_HOME_Q_RAD
 from dlokit.errors import HardwareError, SkillFailure
 from dlokit.functional.robots.base import Robot
+from dlokit.motion.arm_distance import ARMS_TOO_NEAR, check_apart
+from dlokit.motion.collisions import check_trajectory
+from dlokit.motion.inverse_kinematics import PandaKinematics, Yaw
 from dlokit.motion.limits import START_RAD
+from dlokit.motion.trajectories import joint_move, tool_move
 from dlokit.skills.robot import api
-from dlokit.skills.robot.apart import ARMS_TOO_NEAR, check_apart
-from dlokit.skills.robot.checks import check_trajectory
 from dlokit.skills.robot.config import RobotConfig
-from dlokit.skills.robot.kinematics import PandaKinematics, Yaw
 from dlokit.skills.robot.lease import LeaseKeeper
 from dlokit.skills.robot.neighbours import NEIGHBOUR_SILENT, Neighbours
-from dlokit.skills.robot.trajectories import joint_move, tool_move
 from dlokit.types.action import VelocityProfile
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose

@@ -9,7 +9,7 @@ import numpy as np
 from dlokit.communication import topics
 from dlokit.communication.port import Port
 from dlokit.errors import SkillFailure
-from dlokit.skills.robot.apart import AS_FAR_M, gap_m, stopping_gap_m
+from dlokit.motion.arm_distance import AS_FAR_M, gap_m, stopping_gap_m
 from dlokit.types.arrays import Float64Array
 from dlokit.types.robot import RobotState
 

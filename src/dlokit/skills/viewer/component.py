@@ -12,29 +12,22 @@ from dlokit.communication.component import Component, on
 from dlokit.communication.skill import Skill
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.description.shapes import builtin_shape
+from dlokit.skills.viewer.address import new_key, page_url, watch_key
 from dlokit.skills.viewer.config import ViewerConfig
-from dlokit.skills.viewer.error_history import ErrorHistory
 from dlokit.skills.viewer.flow_chart import Edge
-from dlokit.skills.viewer.frames import GoalFramesView
-from dlokit.skills.viewer.goal_handles import GoalHandles
-from dlokit.skills.viewer.latest import Fresh
-from dlokit.skills.viewer.lit_step import LitStep
-from dlokit.skills.viewer.loop_gate import LoopGate
-from dlokit.skills.viewer.page import close_page, open_page
-from dlokit.skills.viewer.page_address import new_key, page_url, watch_key
+from dlokit.skills.viewer.frames import GoalFramesView, GoalHandles
+from dlokit.skills.viewer.page import LoopGate, close_page, open_page
 from dlokit.skills.viewer.panel import Operator, Panel
-from dlokit.skills.viewer.run_state import RunState, after_command, after_status
 from dlokit.skills.viewer.scene import Scene, thumbnail
-from dlokit.types.action import Action
-from dlokit.types.candidates import Candidates
+from dlokit.skills.viewer.state import ErrorHistory, Fresh, LitStep, RunState, after_command, after_status
+from dlokit.types.action import Action, Candidates
 from dlokit.types.dlo import DloState, GoalShape, TargetPoints
 from dlokit.types.feasibility import GoalVerdict
 from dlokit.types.flow import Command, FlowStatus, OperatorCommand
 from dlokit.types.image import StereoImages
-from dlokit.types.observation import Observation
-from dlokit.types.observer_event import ObserverEvent
+from dlokit.types.observation import Observation, ObserverEvent
 from dlokit.types.robot import RobotState
-from dlokit.types.viewer_page import ViewerPage
+from dlokit.types.system import ViewerPage
 
 
 @dataclass(frozen=True, kw_only=True)

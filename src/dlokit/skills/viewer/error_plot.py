@@ -5,7 +5,7 @@ import viser
 from viser import uplot
 
 from dlokit.skills.viewer import palette
-from dlokit.skills.viewer.error_history import ErrorHistory
+from dlokit.skills.viewer.state import ErrorHistory
 
 _MM_PER_M = 1000.0
 

@@ -1,13 +1,203 @@
-"""The server of the page: opened on a port of this machine, behind a key, or not at all."""
+"""The server of the page: admits only browsers that have its key, and hands what they do to the event loop.
 
+The client of viser connects its websocket to the address of its page, path included: a key in the path of the page
+is in the path of the websocket's handshake. viser has no hook there, so its call of `websockets.asyncio.server.serve`
+is replaced while its server starts. Where a viser does not make that call the page is not served at all.
+"""
+
+import asyncio
 import contextlib
+import importlib
 import io
+import secrets
+import socket
+import threading
+from collections.abc import Awaitable, Callable, Generator
+from contextlib import contextmanager
+from dataclasses import replace
+from http import HTTPStatus
+from typing import Any, ParamSpec
 
+import msgspec
 import viser
+import viser.infra
+import websockets
+import websockets.asyncio.server
+from websockets.asyncio.server import ServerConnection
+from websockets.http11 import Request, Response
 
 from dlokit.errors import MachineError
-from dlokit.skills.viewer.page_key import PageGate, check_guarded, check_viser, remove_sharing
-from dlokit.skills.viewer.port import check_port
+from dlokit.skills.viewer.address import EVERY_ADDRESS, authority, check_port, watch_key
+
+P = ParamSpec("P")
+
+
+class LoopGate:
+    """Lets other threads run functions on one event loop. What comes after it was shut is dropped."""
+
+    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
+        self._loop = loop
+        self._open = True
+
+    def post(self, function: Callable[P, object], *args: P.args, **kwargs: P.kwargs) -> None:
+        """Run ``function(*args, **kwargs)`` on the loop, soon. Callable on any thread."""
+        if not self._open:
+            return
+        try:
+            self._loop.call_soon_threadsafe(self._run, lambda: function(*args, **kwargs))
+        except RuntimeError:
+            # The loop was closed between the question and the call: there is nobody to hear it any more.
+            self._open = False
+
+    def shut(self) -> None:
+        """Run nothing more; also what is posted already."""
+        self._open = False
+
+    def _run(self, function: Callable[[], object]) -> None:
+        if self._open:
+            function()
+
+
+ServePage = Callable[[ServerConnection, Request], Awaitable[Response | None] | Response | None]
+"""Answers a request for a file; None for the handshake of a websocket, which then goes on."""
+
+SHARE_MESSAGES = ("ShareUrlRequest", "ShareUrlDisconnect")
+"""Messages by which a browser has viser publish the page on the internet."""
+WATCHER_MESSAGES = frozenset({"ViewerCameraMessage"})
+"""All that is heard of a page that only looks: viser draws nothing for a client before it knows its camera."""
+
+_SERVE = "serve"
+_starting = threading.Lock()
+
+
+class PageConnection(ServerConnection):
+    """A connection that drops what a watcher sends; every client is a watcher until it is admitted as an operator."""
+
+    operates = False
+
+    async def recv(self, decode: Any = None) -> Any:
+        """The next message that the client may send."""
+        while True:
+            data = await super().recv(decode)
+            if self.operates or _may_be_sent_by_a_watcher(data):
+                return data
+
+
+def _may_be_sent_by_a_watcher(data: object) -> bool:
+    try:
+        message = msgspec.msgpack.decode(data) if isinstance(data, bytes) else None
+    except msgspec.DecodeError:
+        return False
+    return isinstance(message, dict) and message.get("type") in WATCHER_MESSAGES
+
+
+class PageGate:
+    """Decides about every request that reaches the server of one page, before viser sees it."""
+
+    def __init__(self, host: str, key: str) -> None:
+        """Admit requests under `host` and the names of the loopback interface; `key` is in their path."""
+        self._key = key
+        self._watch_key = watch_key(key)
+        self._hosts = ("localhost", "127.0.0.1", "::1", socket.gethostname() if host in EVERY_ADDRESS else host)
+        self.in_place = False
+        """Whether a server asks it."""
+
+    @contextmanager
+    def guarding(self) -> Generator[None]:
+        """Have every server that is started meanwhile ask this gate."""
+        with _starting:
+            module, serve = websockets.asyncio.server, websockets.asyncio.server.serve
+            setattr(module, _SERVE, self._gated(serve))
+            try:
+                yield
+            finally:
+                setattr(module, _SERVE, serve)
+
+    def refusal(self, request: Request, local: tuple[str, int]) -> str | None:
+        """Why a request that arrived at the address `local` is refused; None: it is not."""
+        allowed = [authority(host, local[1]) for host in (*self._hosts, local[0])]
+        hosts = [host.lower() for host in request.headers.get_all("Host")]
+        if len(hosts) != 1 or hosts[0] not in allowed:
+            return (
+                f"The request is for the host {hosts!r}; this page is served for {', '.join(dict.fromkeys(allowed))}. "
+                "Open the address that dlokit printed; a tunnel must have the same port at both ends."
+            )
+        origins = request.headers.get_all("Origin")  # browsers send it with every handshake of a websocket
+        if any(origin.lower() != f"http://{hosts[0]}" for origin in origins):
+            return f"The request comes from a page of {origins!r}; only the viewer's own page may make it."
+        if not (_is_in(request, self._key) or _is_in(request, self._watch_key)):
+            return "The key of the page is missing or wrong. Open the whole address that dlokit printed last."
+        return None
+
+    def _gated(self, serve: Callable[..., Any]) -> Callable[..., Any]:
+        # It must not raise: viser waits without a bound for a server thread that has died.
+        def gated_serve(*args: Any, **options: Any) -> Any:
+            self.in_place = True
+            options["process_request"] = self._admission(options.get("process_request"))
+            options["create_connection"] = PageConnection
+            return serve(*args, **options)
+
+        return gated_serve
+
+    def _admission(self, serve_page: ServePage | None) -> ServePage:
+        def admit(connection: ServerConnection, request: Request) -> Awaitable[Response | None] | Response | None:
+            if (reason := self.refusal(request, connection.local_address[:2])) is not None:
+                return connection.respond(HTTPStatus.FORBIDDEN, reason + "\n")
+            if isinstance(connection, PageConnection):
+                connection.operates = _is_in(request, self._key)
+            path = "/" + "/".join(_segments(request)[1:])
+            return None if serve_page is None else serve_page(connection, replace(request, path=path))
+
+        return admit
+
+
+def _segments(request: Request) -> list[str]:
+    return request.path.partition("?")[0].removeprefix("/").split("/")
+
+
+def _is_in(request: Request, key: str) -> bool:
+    given = _segments(request)[0].encode(errors="surrogateescape")
+    return secrets.compare_digest(given, key.encode())
+
+
+def check_viser() -> None:
+    """Raise `MachineError` when the installed viser does not start its server in the way that is guarded."""
+    try:
+        starts = importlib.import_module("viser.infra._infra")
+        messages = importlib.import_module("viser._messages")
+    except ImportError as error:
+        raise _unknown_viser(str(error)) from error
+    if vars(starts).get("websockets") is not websockets:
+        raise _unknown_viser("its server is not started by websockets.asyncio.server.serve")
+    for name in (*SHARE_MESSAGES, *WATCHER_MESSAGES):
+        if not hasattr(messages, name):
+            raise _unknown_viser(f"it has no message {name}")
+
+
+def remove_sharing(server: viser.ViserServer) -> None:
+    """Have `server` hear no request to publish the page. Raises `MachineError` when it does not hear them already."""
+    inner = vars(server).get("_websock_server")
+    if not isinstance(inner, viser.infra.WebsockServer):
+        raise _unknown_viser("its server is not where it was")
+    handlers = vars(inner).get("_incoming_handlers")
+    kinds = {kind.__name__: kind for kind in handlers} if isinstance(handlers, dict) else {}
+    for name in SHARE_MESSAGES:
+        if name not in kinds:
+            raise _unknown_viser(f"it has no handler of {name}")
+        inner.unregister_handler(kinds[name])
+
+
+def check_guarded(gate: PageGate) -> None:
+    """Raise `MachineError` when a server that was started does not ask `gate`."""
+    if not gate.in_place:
+        raise _unknown_viser("its server was started without the check of the key")
+
+
+def _unknown_viser(what: str) -> MachineError:
+    return MachineError(
+        f"The viewer's page cannot be protected with viser {viser.__version__}: {what}. "
+        "Allowed is the version in requirements.lock; install it, or run with --headless."
+    )
 
 
 def open_page(host: str, port: int, key: str) -> viser.ViserServer:

@@ -11,18 +11,16 @@ import numpy as np
 import viser
 
 from dlokit.skills.viewer import palette
-from dlokit.skills.viewer.error_history import ErrorHistory
 from dlokit.skills.viewer.error_plot import ErrorPlot
 from dlokit.skills.viewer.flow_chart import Edge, flow_chart_svg
-from dlokit.skills.viewer.lit_step import LitStep
-from dlokit.skills.viewer.loop_gate import LoopGate
+from dlokit.skills.viewer.page import LoopGate
 from dlokit.skills.viewer.palette import Layer
-from dlokit.skills.viewer.run_state import RunState
+from dlokit.skills.viewer.state import ErrorHistory, LitStep, RunState
+from dlokit.types.action import Candidates
 from dlokit.types.arrays import UInt8Array
-from dlokit.types.candidates import Candidates
 from dlokit.types.feasibility import GoalVerdict
 from dlokit.types.flow import Command, FlowStatus, Mode
-from dlokit.types.observer_event import Doubt, ObserverEvent, ObserverEventKind
+from dlokit.types.observation import Doubt, ObserverEvent, ObserverEventKind
 
 _WIDTH_PX = 380
 _RUN = {"Start": Command.START, "Pause": Command.PAUSE, "Resume": Command.RESUME, "Stop": Command.STOP}

@@ -8,7 +8,7 @@ import viser
 from scipy.spatial.transform import Rotation
 
 from dlokit import geometry
-from dlokit.description.panda_data import (
+from dlokit.description.arm.panda import (
     PANDA_DH,
     PANDA_FINGER_M,
     PANDA_FLANGE_M,
@@ -17,8 +17,8 @@ from dlokit.description.panda_data import (
     PANDA_OPEN_WIDTH_M,
     PANDA_TCP_M,
     DenavitHartenberg,
+    panda_mesh_file,
 )
-from dlokit.description.panda_shape import panda_mesh_file
 from dlokit.skills.viewer import palette
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose

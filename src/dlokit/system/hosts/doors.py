@@ -1,4 +1,12 @@
-"""The bus of a run on several hosts: each host has one door, and its processes go through it."""
+"""The bus of a run on several hosts: each host has one door, and its processes go through it.
+
+The main host's door is the only one that listens to the network. Processes of a host reach their door over the loopback
+interface, and open no port.
+
+A cable that is pulled closes no connection. The system would send again for a quarter of an hour, and a door whose
+buffer is full meanwhile could not even close the link; so each connection gets a limit (``TCP_USER_TIMEOUT``), which
+zenoh cannot set.
+"""
 
 import asyncio
 import contextlib

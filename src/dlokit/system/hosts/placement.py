@@ -8,7 +8,7 @@ from dlokit.communication.topic import Topic
 from dlokit.communication.topics import TOPICS
 from dlokit.communication.zenoh.access import HostRights
 from dlokit.decision.api import STOP_TASK
-from dlokit.description.arms import ARMS
+from dlokit.description.arm.mounts import ARMS
 from dlokit.errors import ConfigError
 from dlokit.skills.robot import api as robot
 from dlokit.system.hosts.config import HostsConfig

@@ -10,12 +10,12 @@ from dlokit.communication.timing.clock import Clock, FollowedClock
 from dlokit.communication.timing.pulse import ThreadPulse
 from dlokit.communication.timing.urgency import garbage_frozen
 from dlokit.communication.transport import Transport
-from dlokit.description.arms import FIRST_ALONE, ArmMount
+from dlokit.description.arm.mounts import FIRST_ALONE, ArmMount
 from dlokit.errors import ProcessFailure
 from dlokit.skills.robot import api
 from dlokit.skills.robot.config import RobotConfig
-from dlokit.types.heartbeat import Heartbeat
 from dlokit.types.outcome import Succeeded
+from dlokit.types.system import Heartbeat
 
 HEARTBEATS_A_LEASE = 5
 """One that comes late, or is lost, stops no arm."""

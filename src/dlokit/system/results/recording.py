@@ -37,7 +37,7 @@ from dlokit.system.processes.running import RunningSystem, still_runs
 from dlokit.system.results.run_result import config_hash
 from dlokit.system.table import TimeBase
 from dlokit.system.toml_config import read_toml, to_toml
-from dlokit.types.skill_call import CallBegun, CallRecord
+from dlokit.types.outcome import CallBegun, CallRecord
 
 LIBRARIES = ("mcap", "mujoco", "numpy", "scipy", "numba", "daqp", "eclipse-zenoh", "msgspec")
 

@@ -12,11 +12,11 @@ from dlokit.app.commands import execute
 from dlokit.communication import topics
 from dlokit.description.shapes import builtin_shape
 from dlokit.errors import InputError
+from dlokit.motion.tool_track import tool_track
 from dlokit.recording.channels import FILE_NAME
 from dlokit.recording.writer import RecordingWriter
-from dlokit.skills.model.quick_rollout import Motion, QuickRod, play
-from dlokit.skills.model.rod import topology
-from dlokit.skills.model.tool_track import tool_track
+from dlokit.rod.rollout import Motion, QuickRod, play
+from dlokit.rod.tracking_rod import topology
 from dlokit.system.config import RunConfig
 from dlokit.system.toml_config import read_toml, to_toml
 from dlokit.types.action import VelocityProfile

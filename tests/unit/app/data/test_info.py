@@ -11,9 +11,9 @@ from dlokit.communication import topics
 from dlokit.errors import InputError
 from dlokit.recording.channels import CALLS_BEGUN, FILE_NAME, SKILL_CALLS
 from dlokit.recording.writer import RecordingWriter
-from dlokit.types.clock import ClockTick
 from dlokit.types.flow import FlowStatus
-from dlokit.types.skill_call import CallBegun, CallEnd, CallRecord
+from dlokit.types.outcome import CallBegun, CallEnd, CallRecord
+from dlokit.types.system import ClockTick
 
 
 @pytest.fixture

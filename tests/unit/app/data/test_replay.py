@@ -12,7 +12,7 @@ from dlokit.recording.channels import FILE_NAME
 from dlokit.recording.writer import RecordingWriter
 from dlokit.system.config import RunConfig
 from dlokit.system.toml_config import to_toml
-from dlokit.types.clock import ClockTick
+from dlokit.types.system import ClockTick
 
 REFERENCE = Path(__file__).parents[3] / "replay" / "references" / "farthest.mcap"
 

@@ -11,7 +11,7 @@ from rich.console import Console
 from dlokit.app.shape.outcome_words import MEANINGS, outcome_in_words
 from dlokit.app.shape.terminal import RunDisplay, action_table, grip_in_words
 from dlokit.system.results.run_result import CameraResult
-from dlokit.types.candidates import Candidates, CandidateSeen
+from dlokit.types.action import Candidates, CandidateSeen
 from dlokit.types.flow import FlowStatus, RunOutcome
 
 ROWS = (

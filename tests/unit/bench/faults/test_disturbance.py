@@ -13,10 +13,10 @@ from dlokit.bench.faults.disturbance import FILE_NAME, Kind, Line, disturb, dist
 from dlokit.communication import topics
 from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.communication.zenoh.transport import ZenohTransport
-from dlokit.description.panda_data import PANDA_HOME_Q_RAD
+from dlokit.description.arm.panda import PANDA_HOME_Q_RAD
 from dlokit.geometry import downward
-from dlokit.types.clock import ClockTick
 from dlokit.types.robot import FIRST_ROBOT, RobotMode, RobotState
+from dlokit.types.system import ClockTick
 
 PAYLOAD = bytes(100)
 

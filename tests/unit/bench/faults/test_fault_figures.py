@@ -4,8 +4,7 @@ import msgspec
 import pytest
 from scipy import stats
 
-from dlokit.bench.faults.fault_figures import ALL, all_right, fault_rows, figures
-from dlokit.bench.faults.judging import Finding
+from dlokit.bench.faults.judging import ALL, Finding, all_right, fault_rows, figures
 from dlokit.bench.faults.table import BY_NAME, Fault
 from dlokit.types.flow import RunOutcome
 

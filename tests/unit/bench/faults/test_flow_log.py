@@ -2,7 +2,7 @@
 
 import math
 
-from dlokit.bench.faults.flow_log import mended_after_s
+from dlokit.bench.faults.live_run import mended_after_s
 
 
 def test_a_flow_that_never_had_to_mend_anything_went_on_at_once() -> None:

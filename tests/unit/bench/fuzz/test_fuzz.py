@@ -13,7 +13,7 @@ from dlokit.communication.skill import SkillCall
 from dlokit.communication.topics import TOPICS
 from dlokit.communication.wire import codec
 from dlokit.errors import CommunicationError
-from dlokit.types.skill_call import CallRecord
+from dlokit.types.outcome import CallRecord
 
 DECODERS = all_decoders()
 TYPES = {topic.name: topic.type for topic in TOPICS} | {"call": SkillCall, "record": CallRecord}

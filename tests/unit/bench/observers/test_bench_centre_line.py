@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from cables import LENGTH_M, NODES, cable_nodes
 
-from dlokit.bench.observers.centre_line import FINE, centre_line, lengths_between_m, smooth_line
+from dlokit.bench.observers.sequence import FINE, centre_line, lengths_between_m, smooth_line
 
 
 def test_lengths_between_few_nodes_are_those_of_the_curve_not_of_the_chords() -> None:

@@ -6,8 +6,18 @@ import numpy as np
 import pytest
 
 from dlokit.bench.observers.clouds import Look, looks
-from dlokit.bench.observers.conditions import Conditions, Place, dark_frames, long_enough
-from dlokit.bench.observers.rays import Ball, ball_hiding, behind_itself, depth_image, depths_m, hides
+from dlokit.bench.observers.conditions import (
+    Ball,
+    Conditions,
+    Place,
+    ball_hiding,
+    behind_itself,
+    dark_frames,
+    depth_image,
+    depths_m,
+    hides,
+    long_enough,
+)
 from dlokit.bench.observers.sequence import Sequence
 from dlokit.bench.observers.stereo import NOISE_DEPTH_M, camera_of, moved, stereo_cloud
 from dlokit.description.scene import default_calibration

@@ -8,13 +8,15 @@ import pytest
 from dlokit.bench.observers.metrics import (
     CORRELATION,
     CORRELATION_FRAMES,
+    Losses,
     Track,
     curve_error_m,
     longest_loss,
+    losses,
+    rank_correlation,
     score,
     to_polyline_m,
 )
-from dlokit.bench.observers.trust import Losses, losses, rank_correlation
 
 FRAMES, NODES = 4, 11
 

@@ -19,13 +19,11 @@ from dlokit.bench.observers.clouds import Looks
 from dlokit.bench.observers.conditions import Conditions
 from dlokit.bench.observers.figures import ALL_CASES, figures
 from dlokit.bench.observers.methods import Method, choose, default_name
-from dlokit.bench.observers.metrics import CORRELATION, FLAGGED, METRICS
+from dlokit.bench.observers.metrics import CORRELATION, FLAGGED, METRICS, Losses
 from dlokit.bench.observers.peers import PycpdConfig
 from dlokit.bench.observers.pictures import draw
-from dlokit.bench.observers.report import observers_json
+from dlokit.bench.observers.report import case_table, metric_table, observers_json
 from dlokit.bench.observers.runner import WARM_UP_FRAMES, Plan, Trial, follow
-from dlokit.bench.observers.tables import case_table, metric_table
-from dlokit.bench.observers.trust import Losses
 from dlokit.bench.observers.workers import THREAD_VARIABLES, one_thread, run_in_workers
 from dlokit.errors import ConfigError, InputError, MachineError
 from dlokit.skills.observer.base import ObserverStrategy, nothing_seen

@@ -4,10 +4,8 @@ import msgspec
 import numpy as np
 from made_results import made_action
 
-from dlokit.bench.shaping.cases import Case, CaseResult, CaseShapes
-from dlokit.bench.shaping.experiments import Experiment
-from dlokit.bench.shaping.goal_curves import BuiltInGoal
-from dlokit.bench.shaping.methods import Method
+from dlokit.bench.shaping.cases import Case, CaseResult, CaseShapes, Method
+from dlokit.bench.shaping.experiments import BuiltInGoal, Experiment
 from dlokit.description import shapes
 from dlokit.system.results.run_result import ActionResult, RunResult, VerdictResult
 from dlokit.types.feasibility import Standing

@@ -4,8 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from dlokit.bench.shaping.cases import cases
-from dlokit.bench.shaping.methods import Method, methods_of, with_method
+from dlokit.bench.shaping.cases import Method, cases, methods_of, with_method
 from dlokit.bench.shaping.suites import paper_suite
 from dlokit.errors import ConfigError
 from dlokit.skills.observer.cpd_config import CpdConfig

@@ -5,10 +5,8 @@ from shaping_results import BENT, FARTHEST, ROLLOUT, STRAIGHT, done, run
 
 from dlokit.bench.report import Figure
 from dlokit.bench.shaping import metrics, pictures
-from dlokit.bench.shaping.figures import figures
-from dlokit.bench.shaping.rows import experiment_rows, group_rows
-from dlokit.bench.shaping.tables import COLUMNS as HEADINGS
-from dlokit.bench.shaping.tables import outcomes, overview, verdict_lines
+from dlokit.bench.shaping.figures import COLUMNS as HEADINGS
+from dlokit.bench.shaping.figures import experiment_rows, figures, group_rows, outcomes, overview, verdict_lines
 from dlokit.types.feasibility import Standing
 from dlokit.types.flow import RunOutcome
 

@@ -3,7 +3,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dlokit.bench.shaping.goal_curves import BentGoal, CurveGoal
+from dlokit.bench.shaping.experiments import BentGoal, CurveGoal
 from dlokit.bench.shaping.suites import goals_suite, paper_suite, stiffness_suite, suite_of, wires_suite
 from dlokit.description import shapes
 from dlokit.description.table import TABLE_X_M, TABLE_Y_M

@@ -7,12 +7,10 @@ import pytest
 from shaping_results import BENT, FARTHEST, ROLLOUT, STRAIGHT, done, run, same_shapes
 
 from dlokit.bench.shaping import sweep
-from dlokit.bench.shaping.cases import Case, CaseResult, CaseShapes, cases
-from dlokit.bench.shaping.cluster import cluster_backend
-from dlokit.bench.shaping.methods import IDEAL, Method
+from dlokit.bench.shaping.cases import IDEAL, Case, CaseResult, CaseShapes, Method, cases
 from dlokit.bench.shaping.runner import FAULT_FILE, SHAPES_FILE, attempt_case, case_config, finished_case, job_of
 from dlokit.bench.shaping.suites import paper_suite
-from dlokit.bench.shaping.sweep import Workers, claim_sweep_folder, run_sweep
+from dlokit.bench.shaping.sweep import Workers, claim_sweep_folder, cluster_backend, run_sweep
 from dlokit.errors import ConfigError, InputError, MachineError
 from dlokit.system.config import RunConfig
 from dlokit.system.results.run_result import write_result

@@ -59,7 +59,7 @@ from dlokit.communication.zenoh import calls
 from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.skills.robot import api as robot
-from dlokit.types.heartbeat import Heartbeat
+from dlokit.types.system import Heartbeat
 from dlokit.types.outcome import Succeeded
 
 def tell(name, thread=0):

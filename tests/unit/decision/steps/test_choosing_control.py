@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dlokit.decision.steps.choosing_control import missed_m
+from dlokit.decision.steps.act import missed_m
 from dlokit.decision.task import ActionRecord, CorrectionRecord
 
 LINE = np.column_stack((np.linspace(0.0, 0.5, 31), np.zeros(31), np.zeros(31)))

@@ -15,14 +15,12 @@ from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.decision.config import TaskConfig
-from dlokit.decision.odometer import Odometer
 from dlokit.decision.steps import hands
-from dlokit.decision.steps.acting import approach, judge_motion
-from dlokit.decision.steps.hands import place_in_tool
+from dlokit.decision.steps.act import approach, judge_motion
+from dlokit.decision.steps.hands import follow_while_held, place_in_tool
 from dlokit.decision.steps.outcomes import Moved
-from dlokit.decision.steps.slipping import follow_while_held
-from dlokit.decision.task import ShapeTask
-from dlokit.description.arms import OPPOSITE
+from dlokit.decision.task import Odometer, ShapeTask
+from dlokit.description.arm.mounts import OPPOSITE
 from dlokit.errors import SkillFailure
 from dlokit.functional.robots.gate import OUTSIDE_WORKSPACE, TOOL_SPEED
 from dlokit.motion.limits import ACCELERATION_LIMIT, JERK_LIMIT, JOINT_LIMIT, TOO_SLOW, VELOCITY_LIMIT

@@ -14,7 +14,7 @@ from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.communication.timing.urgency import Urgency, never_urgent
-from dlokit.description.panda_data import PANDA_HOME_Q_RAD
+from dlokit.description.arm.panda import PANDA_HOME_Q_RAD
 from dlokit.description.shapes import builtin_shape
 from dlokit.evaluation.evaluator import read_truth
 from dlokit.functional.cell import api

@@ -6,9 +6,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from dlokit import geometry
+from dlokit.description.arm.panda import PANDA_GRASP_HEIGHT_M, PANDA_LIMITS
+from dlokit.description.arm.panda_model import add_panda
 from dlokit.description.dlo import SOFT_ROPE, WIRE_A, DloPreset
-from dlokit.description.panda import add_panda
-from dlokit.description.panda_data import PANDA_GRASP_HEIGHT_M, PANDA_LIMITS
 from dlokit.description.shapes import builtin_shape
 from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.cell.dlo_physics import DloPhysics, ElasticRod, ElastoplasticChain

@@ -5,14 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dlokit.description.panda_data import PANDA_HOME_Q_RAD, PANDA_LIMITS
+from dlokit.description.arm.panda import PANDA_HOME_Q_RAD, PANDA_LIMITS
+from dlokit.functional.cell.component import Pace, Watchdog
 from dlokit.functional.cell.config import TICK_S, CellConfig
-from dlokit.functional.cell.pace import Pace
 from dlokit.functional.cell.setpoints import Fade, Follow
 from dlokit.functional.cell.truth import TruthRecorder
-from dlokit.functional.cell.watchdog import Watchdog
 from dlokit.functional.cell.world import Cell
-from dlokit.skills.robot.trajectories import joint_move
+from dlokit.motion.trajectories import joint_move
 from dlokit.types.arrays import Float64Array
 from dlokit.types.robot import JointTrajectory
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from dlokit.description.dlo import WIRE_A
-from dlokit.description.rod import rod_bodies
 from dlokit.description.shapes import builtin_shape, random_shape
 from dlokit.errors import ConfigError, DlokitError, ShapeError
 from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.cell.dlo_physics import ElastoplasticChain
 from dlokit.functional.cell.world import Cell
 from dlokit.geometry import rmse_m
+from dlokit.rod.elastic import rod_bodies
 from dlokit.types.arrays import Float64Array
 
 CONFIG = CellConfig()

@@ -10,15 +10,15 @@ from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.port import InlineCompute, Port
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
-from dlokit.description.arms import ARMS, OPPOSITE
-from dlokit.description.panda_data import PANDA_HOME_Q_RAD
+from dlokit.description.arm.mounts import ARMS, OPPOSITE
+from dlokit.description.arm.panda import PANDA_HOME_Q_RAD
 from dlokit.description.shapes import builtin_shape
 from dlokit.functional.cell import api
 from dlokit.functional.cell.component import CellComponent
 from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.robots.simulated import SimulatedRobot
-from dlokit.skills.robot.kinematics import PandaKinematics
-from dlokit.skills.robot.trajectories import joint_move
+from dlokit.motion.inverse_kinematics import PandaKinematics
+from dlokit.motion.trajectories import joint_move
 from dlokit.types.outcome import Rejected
 from dlokit.types.robot import Lease
 

@@ -10,7 +10,7 @@ from robot_bench import FAR, KINEMATICS, PerfectArm
 
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
-from dlokit.description.panda_data import PANDA_HOME_Q_RAD
+from dlokit.description.arm.panda import PANDA_HOME_Q_RAD
 from dlokit.errors import ConfigError, SkillFailure
 from dlokit.functional.robots import gate
 from dlokit.functional.robots.gate import GatedRobot
@@ -18,7 +18,7 @@ from dlokit.functional.robots.gate_config import GateConfig
 from dlokit.geometry import downward, pose
 from dlokit.motion import limits
 from dlokit.motion.limits import scaled
-from dlokit.skills.robot.trajectories import joint_move, tool_move
+from dlokit.motion.trajectories import joint_move, tool_move
 from dlokit.types.action import VelocityProfile
 from dlokit.types.pose import Pose
 from dlokit.types.robot import Lease, RobotState

@@ -6,8 +6,8 @@ from model_bench import CONFIG, I_SHAPE, robot_at
 from msgspec.structs import replace
 
 from dlokit import geometry
+from dlokit.rod.rollout import Motion, QuickRod, play
 from dlokit.skills.model.carry import Carry
-from dlokit.skills.model.quick_rollout import Motion, QuickRod, play
 from dlokit.types.action import VelocityProfile
 from dlokit.types.arrays import Float64Array
 from dlokit.types.robot import RobotState

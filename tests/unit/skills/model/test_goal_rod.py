@@ -5,7 +5,7 @@ import pytest
 
 from dlokit.description.shapes import builtin_shape
 from dlokit.geometry import arc_lengths
-from dlokit.skills.model.config import ModelConfig
+from dlokit.rod.believed import ModelConfig
 from dlokit.skills.model.goal import GoalRod
 from dlokit.types.flow import GoalFrame
 

@@ -5,9 +5,8 @@ import pytest
 
 from dlokit import geometry
 from dlokit.description.shapes import builtin_shape
-from dlokit.skills.model.config import ModelConfig
-from dlokit.skills.model.quick_rollout import predict
-from dlokit.skills.model.settling import settle
+from dlokit.rod.believed import ModelConfig
+from dlokit.rod.rollout import predict, settle
 from dlokit.types.action import Grasp, PickPlace, Push, VelocityProfile
 
 CONFIG = ModelConfig()

@@ -9,8 +9,8 @@ import pytest
 from dlokit.description.shapes import builtin_shape, moved
 from dlokit.errors import ConfigError
 from dlokit.geometry import arc_lengths, rmse_m
-from dlokit.skills.model.config import ModelConfig
-from dlokit.skills.model.rod import RodModel, fit_length
+from dlokit.rod.believed import ModelConfig
+from dlokit.rod.tracking_rod import RodModel, fit_length
 from dlokit.skills.model.tracking import Pin, Tracker
 from dlokit.types.arrays import Float64Array
 

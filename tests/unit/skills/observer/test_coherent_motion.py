@@ -6,8 +6,8 @@ from numpy.typing import NDArray
 from synthetic_clouds import shape
 
 from dlokit.skills.observer.coherent_motion import CoherentMotion, low_rank
-from dlokit.skills.observer.local_structure import lle_weights, structure_matrix
 from dlokit.skills.observer.mixture import kernel
+from dlokit.skills.observer.spr import lle_weights, structure_matrix
 
 Array = NDArray[np.float64]
 

@@ -8,14 +8,12 @@ import pytest
 from synthetic_clouds import cloud, shape, state
 
 from dlokit.skills.observer.base import ObserverStrategyConfig
-from dlokit.skills.observer.cleaning import cleaned
 from dlokit.skills.observer.config import ObserverConfig
-from dlokit.skills.observer.following import followed
+from dlokit.skills.observer.following import cleaned, followed
 from dlokit.skills.observer.strategies import OURS
-from dlokit.skills.observer.unseen import grown_covariance
+from dlokit.skills.observer.visibility import grown_covariance
 from dlokit.types.dlo import DloState, TargetPoints
-from dlokit.types.observation import Observation
-from dlokit.types.observer_event import Doubt
+from dlokit.types.observation import Doubt, Observation
 
 ROD = shape("S")
 SECOND_NS = 1_000_000_000

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 from synthetic_clouds import cloud, shape, state
 
-from dlokit.skills.observer import behind_itself, coherent_motion, mixture_kernels
+from dlokit.skills.observer import coherent_motion, mixture_kernels
 from dlokit.skills.observer.base import ObserverStrategyConfig
 from dlokit.skills.observer.kernels import warm
 from dlokit.skills.observer.map import terms, view
@@ -36,7 +36,7 @@ def test_after_warming_no_observer_compiles_anything(config: type[ObserverStrate
     [
         vars(view)["_shaded"],
         vars(view)["_nearest_shade"],
-        behind_itself.behind_in_camera,
+        view.behind_in_camera,
         vars(terms)["add_tip"],
         vars(terms)["add_place"],
     ],

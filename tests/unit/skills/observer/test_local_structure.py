@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from synthetic_clouds import shape
 
-from dlokit.skills.observer.local_structure import lle_weights, structure_matrix
+from dlokit.skills.observer.spr import lle_weights, structure_matrix
 
 HELIX_T = np.linspace(0.0, 4.0, 25)
 HELIX = np.column_stack([0.1 * np.cos(HELIX_T), 0.1 * np.sin(HELIX_T), 0.05 * HELIX_T])

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dlokit.skills.observer.map.align import moved_rigidly
 from dlokit.skills.observer.map.assign import assign, inlier_probability, moments, soft_places
 from dlokit.skills.observer.map.band import BELOW, ChainSystem
-from dlokit.skills.observer.map.settings import ChainPriors, TipConfig
+from dlokit.skills.observer.map.coarse import moved_rigidly
+from dlokit.skills.observer.map.config import ChainPriors, TipConfig
 from dlokit.skills.observer.map.terms import (
     add_coherence,
     add_lengths,

@@ -27,10 +27,9 @@ from dlokit.skills.observer.som_config import SomConfig
 from dlokit.skills.observer.spr_config import SprConfig
 from dlokit.skills.observer.strategies import from_spec, strategies, to_spec
 from dlokit.types.dlo import DloState, TargetPoints
-from dlokit.types.observation import Observation
-from dlokit.types.observer_event import Doubt, ObserverEventKind
+from dlokit.types.observation import Doubt, Observation, ObserverEventKind
 from dlokit.types.outcome import Failed, Rejected, Succeeded
-from dlokit.types.strategy import StrategySpec
+from dlokit.types.system import StrategySpec
 
 FRAME_NS = 100_000_000
 

@@ -11,9 +11,8 @@ from dlokit.geometry import rmse_m
 from dlokit.skills.observer import cpd
 from dlokit.skills.observer.cpd import Cpd
 from dlokit.skills.observer.cpd_config import CpdConfig
-from dlokit.skills.observer.local_structure import lle_weights, structure_matrix
 from dlokit.skills.observer.mixture import kernel
-from dlokit.skills.observer.spr import Spr, register
+from dlokit.skills.observer.spr import Spr, lle_weights, register, structure_matrix
 from dlokit.skills.observer.spr_config import SprConfig
 
 # A kernel so narrow that motion alone keeps little of the shape; the defaults' wide ones leave less to the structure.

@@ -5,8 +5,7 @@ import numpy as np
 from synthetic_clouds import cloud, shape, state
 
 from dlokit.geometry import downward, transform
-from dlokit.skills.observer.anchored import Anchored
-from dlokit.skills.observer.hidden import fill_hidden
+from dlokit.skills.observer.anchored import Anchored, fill_hidden
 from dlokit.skills.observer.visibility import shaded, supported
 from dlokit.skills.observer.visibility_config import VisibilityConfig
 from dlokit.types.image import CameraCalibration

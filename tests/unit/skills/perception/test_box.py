@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 from stereo_scene import calibration
 
-from dlokit.skills.perception.box import box_outline, inside_box
+from dlokit.geometry.camera import project
+from dlokit.skills.perception.cloud import box_outline, inside_box
 from dlokit.skills.perception.config import BoxConfig
-from dlokit.skills.perception.projection import project
 
 BOX = BoxConfig(lower_world=(0.3, -0.2, 0.0), upper_world=(0.7, 0.2, 0.1))
 

@@ -1,9 +1,9 @@
 import numpy as np
 from stereo_scene import calibration
 
+from dlokit.geometry.camera import plane_disparity
 from dlokit.skills.perception.cloud import lonely, reproject, thin, to_centre_line
 from dlokit.skills.perception.config import CloudConfig
-from dlokit.skills.perception.projection import plane_disparity
 from dlokit.skills.perception.stereo import Disparity, Window
 
 CONFIG = CloudConfig()

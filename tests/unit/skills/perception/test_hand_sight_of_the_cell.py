@@ -8,12 +8,12 @@ from dlokit import geometry
 from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.cell.randomisation import RANDOMISED
 from dlokit.functional.cell.world import Cell
+from dlokit.geometry.camera import project
+from dlokit.motion.inverse_kinematics import PandaKinematics
+from dlokit.motion.trajectories import joint_move
+from dlokit.skills.perception.calibration.hand_sight import HandLook, camera_from_hand, corrected_by
 from dlokit.skills.perception.config import PerceptionConfig
-from dlokit.skills.perception.hand_sight import HandLook, camera_from_hand, corrected_by
 from dlokit.skills.perception.pipeline import corrected_camera_pose
-from dlokit.skills.perception.projection import project
-from dlokit.skills.robot.kinematics import PandaKinematics
-from dlokit.skills.robot.trajectories import joint_move
 from dlokit.types.image import CameraCalibration, StereoImages
 from dlokit.types.pose import Pose
 

@@ -23,7 +23,7 @@ from dlokit.skills.perception.segmentations import to_spec
 from dlokit.types.image import CameraCalibration, StereoImages
 from dlokit.types.observation import Gripped
 from dlokit.types.outcome import Failed, Rejected, Succeeded
-from dlokit.types.strategy import StrategySpec
+from dlokit.types.system import StrategySpec
 
 NO_CORRECTION = PerceptionConfig(table=TableConfig(correct_pose=False))
 

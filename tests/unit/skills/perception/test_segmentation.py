@@ -6,7 +6,7 @@ from dlokit.skills.perception.brightness_config import BrightnessConfig
 from dlokit.skills.perception.colour_config import ColourConfig
 from dlokit.skills.perception.segmentations import from_spec, to_spec
 from dlokit.types.image import Image
-from dlokit.types.strategy import StrategySpec
+from dlokit.types.system import StrategySpec
 
 BLACK, WHITE, RED, GREEN = (0, 0, 0), (255, 255, 255), (230, 10, 10), (10, 200, 10)
 

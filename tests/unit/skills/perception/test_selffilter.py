@@ -3,12 +3,17 @@ import pytest
 from msgspec.structs import replace
 from stereo_scene import calibration, robot_state
 
-from dlokit.description.panda_data import PANDA_LINKS
-from dlokit.description.panda_kinematics import link_transforms
+from dlokit.description.arm.panda import PANDA_LINKS
 from dlokit.geometry import inverse, pose, transform
-from dlokit.skills.perception.projection import project
-from dlokit.skills.perception.robot_shape import Capsules, panda_capsules
-from dlokit.skills.perception.selffilter import occlusion_map, robot_distance_m, robot_outline
+from dlokit.geometry.camera import project
+from dlokit.motion.forward_kinematics import link_transforms
+from dlokit.skills.perception.self_filter import (
+    Capsules,
+    occlusion_map,
+    panda_capsules,
+    robot_distance_m,
+    robot_outline,
+)
 
 OVER_TABLE_Q_RAD = np.array([-0.1, 0.35, 0.05, -2.2, 0.0, 2.5, 0.8])
 

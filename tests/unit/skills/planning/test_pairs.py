@@ -5,17 +5,17 @@ import asyncio
 import numpy as np
 import pytest
 
-from dlokit.description.arms import ARMS, OPPOSITE
+from dlokit.description.arm.mounts import ARMS, OPPOSITE
 from dlokit.description.shapes import builtin_shape
 from dlokit.geometry import downward, lifted, rmse_m
-from dlokit.skills.model.config import ModelConfig
-from dlokit.skills.model.quick_rollout import Motion, QuickRod, play
-from dlokit.skills.model.rod import topology
+from dlokit.motion.arm_distance import Apart
+from dlokit.motion.inverse_kinematics import PandaKinematics, Yaw
+from dlokit.rod.believed import ModelConfig
+from dlokit.rod.rollout import Motion, QuickRod, play
+from dlokit.rod.tracking_rod import topology
 from dlokit.skills.planning.actions import ActionConfig
 from dlokit.skills.planning.base import PlanningTools, SecondArm
-from dlokit.skills.planning.rollouts.config import RolloutConfig, SearchConfig
-from dlokit.skills.robot.apart import Apart
-from dlokit.skills.robot.kinematics import PandaKinematics, Yaw
+from dlokit.skills.planning.rollout.config import RolloutConfig, SearchConfig
 from dlokit.types.action import Marks, PairPlace, VelocityProfile
 from dlokit.types.dlo import DloState, GoalShape
 

@@ -7,7 +7,7 @@ import pytest
 
 from dlokit import geometry
 from dlokit.skills.planning.actions import PathConfig
-from dlokit.skills.planning.path import carry_path
+from dlokit.skills.planning.pick_place import carry_path
 
 START = np.array([0.4, 0.0, 0.011])
 END = np.array([0.5, 0.1, 0.011])

@@ -15,10 +15,9 @@ from dlokit.communication.port import Port
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.description.shapes import builtin_shape, moved
-from dlokit.skills.model import quick_rod
-from dlokit.skills.model.belief import as_configured
-from dlokit.skills.model.config import ModelConfig
-from dlokit.skills.model.settling import settle
+from dlokit.rod import planning_rod
+from dlokit.rod.believed import ModelConfig, as_configured
+from dlokit.rod.rollout import settle
 from dlokit.skills.planning import api
 from dlokit.skills.planning.component import PlanningComponent
 from dlokit.skills.planning.config import PlanningConfig
@@ -26,12 +25,11 @@ from dlokit.skills.planning.farthest_config import FarthestConfig
 from dlokit.skills.planning.loading import load
 from dlokit.skills.planning.strategies import strategies, to_spec
 from dlokit.types.action import Marks
-from dlokit.types.dlo import DloState, GoalShape, Topology
-from dlokit.types.dlo_belief import Figure
+from dlokit.types.dlo import DloState, Figure, GoalShape, Topology
 from dlokit.types.feasibility import Standing
 from dlokit.types.outcome import Failed, Rejected, Succeeded
 from dlokit.types.pose import Pose
-from dlokit.types.strategy import StrategySpec
+from dlokit.types.system import StrategySpec
 
 I_SHAPE = builtin_shape("I", 0.5, 31)
 TOPOLOGY = Topology(edges=np.zeros((0, 2), dtype=np.int64), rest_lengths_m=np.zeros(0))
@@ -163,7 +161,7 @@ def test_whatever_the_strategy_a_verdict_finds_its_code_compiled() -> None:
     prepare = PlanningComponent(PlanningConfig(strategy=FarthestConfig()), everywhere, ModelConfig()).preparation()
     assert prepare is not None
     pickle.loads(pickle.dumps(prepare))()  # it is sent to the worker that computes
-    kernel: Any = quick_rod.play_motion
+    kernel: Any = planning_rod.play_motion
     assert len(kernel.signatures) == 1
     settle(ModelConfig(), GOAL.nodes_world)
     assert len(kernel.signatures) == 1

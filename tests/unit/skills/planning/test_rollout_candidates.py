@@ -5,11 +5,11 @@ import pytest
 from rollout_bench import I_SHAPE, MODEL, S_SHAPE, scene, tools
 
 from dlokit import geometry
-from dlokit.skills.model.quick_rollout import QuickRod, play
-from dlokit.skills.planning.rollouts.candidates import Candidate, Scene
-from dlokit.skills.planning.rollouts.carrying import Carrying
-from dlokit.skills.planning.rollouts.laying import Laying
-from dlokit.skills.planning.rollouts.pushing import Pushing
+from dlokit.rod.rollout import QuickRod, play
+from dlokit.skills.planning.rollout.candidates import Candidate, Scene
+from dlokit.skills.planning.rollout.carrying import Carrying
+from dlokit.skills.planning.rollout.laying import Laying
+from dlokit.skills.planning.rollout.pushing import Pushing
 
 
 def test_a_lay_down_ends_with_the_held_end_at_its_goal_and_the_rest_behind_it() -> None:

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from dlokit.description.shapes import builtin_shape
-from dlokit.skills.model.config import ModelConfig
-from dlokit.skills.model.rod import topology
-from dlokit.skills.planning.rollouts.config import ScoreConfig
-from dlokit.skills.planning.rollouts.misses import Misses
+from dlokit.rod.believed import ModelConfig
+from dlokit.rod.tracking_rod import topology
+from dlokit.skills.planning.rollout.config import ScoreConfig
+from dlokit.skills.planning.rollout.score import Misses
 from dlokit.types.action import Action, Drag, Grasp, LayDown, VelocityProfile
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState

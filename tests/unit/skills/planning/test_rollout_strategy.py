@@ -11,13 +11,13 @@ from dlokit import geometry
 from dlokit.communication.wire import codec
 from dlokit.description.shapes import moved
 from dlokit.errors import ConfigError
-from dlokit.skills.model.rod import topology
-from dlokit.skills.planning.rollouts.candidates import to_action
-from dlokit.skills.planning.rollouts.carrying import Carrying
-from dlokit.skills.planning.rollouts.config import RolloutConfig, SearchConfig
-from dlokit.skills.planning.rollouts.laying import Laying
-from dlokit.skills.planning.rollouts.pushing import Pushing
-from dlokit.skills.planning.rollouts.search import doubtful_rods
+from dlokit.rod.tracking_rod import topology
+from dlokit.skills.planning.rollout.candidates import to_action
+from dlokit.skills.planning.rollout.carrying import Carrying
+from dlokit.skills.planning.rollout.config import RolloutConfig, SearchConfig
+from dlokit.skills.planning.rollout.laying import Laying
+from dlokit.skills.planning.rollout.pushing import Pushing
+from dlokit.skills.planning.rollout.search import doubtful_rods
 from dlokit.types.action import Action, Drag, LayDown, Marks, PickPlace, Push, kind_of
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, GoalShape

@@ -2,7 +2,7 @@
 
 import pytest
 
-from dlokit.skills.planning.rollouts.timer import Timer
+from dlokit.skills.planning.rollout.search import Timer
 
 
 class HandClock:

@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 
 from dlokit.geometry import downward, rmse_m
-from dlokit.skills.model.config import ModelConfig
-from dlokit.skills.model.rod import topology
+from dlokit.rod.believed import ModelConfig
+from dlokit.rod.tracking_rod import topology
 from dlokit.skills.planning.servoing.config import ServoConfig
-from dlokit.skills.planning.servoing.controller import Held, advise
-from dlokit.skills.planning.servoing.doubt import gain
+from dlokit.skills.planning.servoing.controller import Held, advise, gain
 from dlokit.skills.planning.servoing.forecast import foresee
 from dlokit.skills.planning.servoing.jacobian import (
     Grip,
@@ -23,8 +22,7 @@ from dlokit.skills.planning.servoing.jacobian import (
     scaled,
     velocity,
 )
-from dlokit.types.action import Drag, Grasp, PairPlace, Partner, Push
-from dlokit.types.control import ControlVerdict, Correction, HeldNode
+from dlokit.types.action import ControlVerdict, Correction, Drag, Grasp, HeldNode, PairPlace, Partner, Push
 from dlokit.types.dlo import DloState
 from dlokit.types.pose import Pose
 

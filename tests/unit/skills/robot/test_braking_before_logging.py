@@ -15,8 +15,8 @@ from dlokit.communication.port import InlineCompute, Port
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.communication.zenoh import calls
+from dlokit.motion.arm_distance import ARMS_TOO_NEAR
 from dlokit.skills.robot import api, component
-from dlokit.skills.robot.apart import ARMS_TOO_NEAR
 from dlokit.skills.robot.component import RobotComponent
 from dlokit.skills.robot.config import RobotConfig
 from dlokit.skills.robot.neighbours import Neighbours

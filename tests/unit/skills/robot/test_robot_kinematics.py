@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from dlokit.description.panda_data import PANDA_GRASP_HEIGHT_M, PANDA_HOME_Q_RAD, PANDA_LIMITS
+from dlokit.description.arm.panda import PANDA_GRASP_HEIGHT_M, PANDA_HOME_Q_RAD, PANDA_LIMITS
 from dlokit.errors import SkillFailure
 from dlokit.geometry import compose, downward, matrix, pose
-from dlokit.skills.robot.checks import check_collisions
-from dlokit.skills.robot.kinematics import PandaKinematics, Yaw, half_turned, points_down
+from dlokit.motion.collisions import check_collisions
+from dlokit.motion.inverse_kinematics import PandaKinematics, Yaw, half_turned, points_down
 from dlokit.types.pose import Pose
 
 KINEMATICS = PandaKinematics()

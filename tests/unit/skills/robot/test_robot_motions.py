@@ -7,7 +7,7 @@ import pytest
 from robot_bench import ABOVE, FAR, PROFILE, Bench, on_bench, reason
 
 from dlokit.communication import topics
-from dlokit.description.panda_data import PANDA_HOME_Q_RAD
+from dlokit.description.arm.panda import PANDA_HOME_Q_RAD
 from dlokit.geometry import downward, matrix
 from dlokit.skills.robot import api
 from dlokit.types.outcome import Succeeded

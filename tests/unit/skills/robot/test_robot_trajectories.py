@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from dlokit.description.panda_data import PANDA_HOME_Q_RAD, PANDA_LIMITS
+from dlokit.description.arm.panda import PANDA_HOME_Q_RAD, PANDA_LIMITS
 from dlokit.errors import SkillFailure
 from dlokit.geometry import downward, matrix
-from dlokit.skills.robot.checks import check_limits, check_trajectory
-from dlokit.skills.robot.kinematics import PandaKinematics, Yaw, half_turned
-from dlokit.skills.robot.trajectories import joint_move, tool_move
+from dlokit.motion.collisions import check_limits, check_trajectory
+from dlokit.motion.inverse_kinematics import PandaKinematics, Yaw, half_turned
+from dlokit.motion.trajectories import joint_move, tool_move
 from dlokit.types.action import VelocityProfile
 from dlokit.types.pose import Pose
 from dlokit.types.robot import JointTrajectory

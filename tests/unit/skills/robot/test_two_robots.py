@@ -15,21 +15,20 @@ from dlokit.communication.port import InlineCompute, Port
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.communication.topic import Topic
-from dlokit.description.arms import ARMS, OPPOSITE, ArmMount
-from dlokit.description.panda_data import PANDA_HOME_Q_RAD, PANDA_LIMITS
-from dlokit.description.panda_kinematics import capsule_ends, tcp_matrices
-from dlokit.description.panda_shape import PANDA_COLLISION
+from dlokit.description.arm.mounts import ARMS, OPPOSITE, ArmMount
+from dlokit.description.arm.panda import PANDA_COLLISION, PANDA_HOME_Q_RAD, PANDA_LIMITS
 from dlokit.description.shapes import CENTRE_M, builtin_shape
 from dlokit.functional.cell.component import CellComponent
 from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.robots.simulated import SimulatedRobot
 from dlokit.geometry import downward, rotation
+from dlokit.motion.arm_distance import ARMS_TOO_NEAR, Apart, gap_m, stopping_gap_m
+from dlokit.motion.collisions import segment_distances
+from dlokit.motion.forward_kinematics import capsule_ends, tcp_matrices
+from dlokit.motion.inverse_kinematics import PandaKinematics
 from dlokit.skills.robot import api
-from dlokit.skills.robot.apart import ARMS_TOO_NEAR, Apart, gap_m, stopping_gap_m
-from dlokit.skills.robot.checks import segment_distances
 from dlokit.skills.robot.component import RobotComponent
 from dlokit.skills.robot.config import RobotConfig
-from dlokit.skills.robot.kinematics import PandaKinematics
 from dlokit.skills.robot.neighbours import NEIGHBOUR_SILENT
 from dlokit.types.arrays import Float64Array
 from dlokit.types.outcome import Failed, Succeeded

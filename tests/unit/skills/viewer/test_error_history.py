@@ -1,6 +1,6 @@
 import numpy as np
 
-from dlokit.skills.viewer.error_history import ErrorHistory
+from dlokit.skills.viewer.state import ErrorHistory
 from dlokit.types.flow import FlowStatus
 
 

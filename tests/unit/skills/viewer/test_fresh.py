@@ -1,4 +1,4 @@
-from dlokit.skills.viewer.latest import Fresh
+from dlokit.skills.viewer.state import Fresh
 
 
 def test_each_value_is_handed_out_once_and_only_the_newest() -> None:

@@ -1,4 +1,4 @@
-from dlokit.skills.viewer.lit_step import LitStep
+from dlokit.skills.viewer.state import LitStep
 from dlokit.types.flow import FlowStatus, RunOutcome
 
 

@@ -3,7 +3,7 @@
 import pytest
 
 from dlokit.skills.viewer.panel import observer_html
-from dlokit.types.observer_event import Doubt, ObserverEvent, ObserverEventKind
+from dlokit.types.observation import Doubt, ObserverEvent, ObserverEventKind
 
 
 @pytest.mark.parametrize(

@@ -22,12 +22,10 @@ from dlokit.communication.container import Host
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.errors import MachineError
+from dlokit.skills.viewer.address import check_port, watch_key
 from dlokit.skills.viewer.component import RodOutline, ViewerComponent
 from dlokit.skills.viewer.config import ViewerConfig
-from dlokit.skills.viewer.page import open_page
-from dlokit.skills.viewer.page_address import watch_key
-from dlokit.skills.viewer.page_key import PageGate
-from dlokit.skills.viewer.port import check_port
+from dlokit.skills.viewer.page import PageGate, open_page
 from dlokit.types.flow import Command
 
 KEY = "the-key"

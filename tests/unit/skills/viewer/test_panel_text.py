@@ -3,8 +3,8 @@ import numpy as np
 
 from dlokit.skills.viewer import palette
 from dlokit.skills.viewer.panel import candidates_html, legend_html, status_html
-from dlokit.skills.viewer.run_state import RunState
-from dlokit.types.candidates import Candidates, CandidateSeen
+from dlokit.skills.viewer.state import RunState
+from dlokit.types.action import Candidates, CandidateSeen
 from dlokit.types.flow import FlowStatus, Mode, RunOutcome
 
 

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from dlokit import geometry
-from dlokit.description.panda import add_panda
-from dlokit.description.panda_data import PANDA_DH, PANDA_HOME_Q_RAD, PANDA_OPEN_WIDTH_M
+from dlokit.description.arm.panda import PANDA_DH, PANDA_HOME_Q_RAD, PANDA_OPEN_WIDTH_M
+from dlokit.description.arm.panda_model import add_panda
 from dlokit.skills.viewer.robot_figure import MeshStore, finger_pose, joint_pose
 from dlokit.types.arrays import Float64Array
 

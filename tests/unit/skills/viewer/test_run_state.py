@@ -1,6 +1,6 @@
 import pytest
 
-from dlokit.skills.viewer.run_state import RunState, after_command, after_status
+from dlokit.skills.viewer.state import RunState, after_command, after_status
 from dlokit.types.flow import Command, FlowStatus, RunOutcome
 
 

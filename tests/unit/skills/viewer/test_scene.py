@@ -10,9 +10,8 @@ from dlokit.skills.viewer.config import ViewerConfig
 from dlokit.skills.viewer.page import close_page, open_page
 from dlokit.skills.viewer.palette import Layer
 from dlokit.skills.viewer.scene import Scene
-from dlokit.types.action import Grasp, PickPlace, VelocityProfile
+from dlokit.types.action import Candidates, CandidateSeen, Grasp, PickPlace, VelocityProfile
 from dlokit.types.arrays import Float64Array
-from dlokit.types.candidates import Candidates, CandidateSeen
 from dlokit.types.dlo import DloState, GoalShape, TargetPoints, Topology
 from dlokit.types.image import CameraCalibration, StereoImages
 from dlokit.types.observation import Observation

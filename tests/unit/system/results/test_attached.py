@@ -23,9 +23,9 @@ from dlokit.system.processes.running import RunningSystem, announced, the_runnin
 from dlokit.system.results.recording import record_until_ended, with_calls_told
 from dlokit.system.table import TimeBase
 from dlokit.system.toml_config import to_toml
-from dlokit.types.clock import ClockTick
 from dlokit.types.dlo import GoalShape
 from dlokit.types.outcome import Succeeded
+from dlokit.types.system import ClockTick
 
 LIMIT_S = 60.0  # it takes two
 

@@ -2,7 +2,7 @@ import numpy as np
 
 from dlokit.decision.task import CameraReport
 from dlokit.system.results.run_result import camera_result
-from dlokit.types.camera_check import CameraCheck
+from dlokit.types.image import CameraCheck
 
 
 def test_a_correction_has_its_figures_and_a_refusal_its_words_alone() -> None:

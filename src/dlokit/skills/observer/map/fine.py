@@ -1,4 +1,4 @@
-"""The fine stage of the MAP observer: points on segments, tips at the ends of the cloud."""
+"""The fine stage of the MAP observer: points on segments, tips at the ends of the cloud, places along the chain."""
 
 from dataclasses import dataclass
 
@@ -8,13 +8,45 @@ from numpy.typing import NDArray
 
 from dlokit.skills.observer.map.assign import Assignment, assign, moments, nearest_segment
 from dlokit.skills.observer.map.band import ChainSystem
-from dlokit.skills.observer.map.chain import arc_lengths, places
+from dlokit.skills.observer.map.config import MapSettings
 from dlokit.skills.observer.map.problem import Problem, with_priors
-from dlokit.skills.observer.map.settings import MapSettings
 from dlokit.skills.observer.map.terms import add_place, add_points, add_tip
 from dlokit.skills.observer.map.tips import Tips, extent, places_along, seen_tips
 
 Array = NDArray[np.float64]
+
+_END_M = 0.02  # past an end the curve goes straight on, along its last stretch of this length
+
+
+@njit(cache=True)
+def arc_lengths(nodes: Array) -> Array:
+    """Arc length of each node (M, 3) from node 0, (M,) [m]."""
+    s = np.zeros(nodes.shape[0])
+    for i in range(1, nodes.shape[0]):
+        a, b, c = nodes[i, 0] - nodes[i - 1, 0], nodes[i, 1] - nodes[i - 1, 1], nodes[i, 2] - nodes[i - 1, 2]
+        s[i] = s[i - 1] + np.sqrt(a * a + b * b + c * c)
+    return s
+
+
+@njit(cache=True)
+def places(nodes: Array, s: Array, wanted_m: Array) -> Array:
+    """Positions (n, 3) at arc lengths (n,) of the chain (M, 3), whose nodes lie at s (M,); straight on past an end."""
+    found = np.empty((wanted_m.shape[0], 3))
+    for axis in range(3):
+        found[:, axis] = np.interp(wanted_m, s, nodes[:, axis])
+    for end, sign in ((0, 1.0), (nodes.shape[0] - 1, -1.0)):
+        inner = np.empty(3)
+        for axis in range(3):
+            inner[axis] = np.interp(s[end] + sign * _END_M, s, nodes[:, axis])
+        away = nodes[end] - inner
+        away /= max(np.sqrt(np.sum(away**2)), 1e-9)
+        for n in range(wanted_m.shape[0]):
+            past = sign * (s[end] - wanted_m[n])
+            if past > 0.0:
+                found[n] = nodes[end] + past * away
+    return found
+
+
 Flags = NDArray[np.bool_]
 Indices = NDArray[np.int64]
 

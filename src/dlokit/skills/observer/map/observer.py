@@ -4,29 +4,60 @@ Two stages a cloud, each with x from H x = b of `terms` at every step. Coarse (`
 nodes softly, with a Gaussian that narrows. Fine (`fine`): nodes take the places along the rod that the
 seen tips give them, and points lie on segments, within a window of arc length, outliers weighed down. H also
 gives each node's covariance (`trust`). docs/explanations/map-observer.md has the whole.
+
+The problem is solved with nodes in between, on a cubic spline through the given ones, which alone are returned.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from dlokit.skills.observer.anchored import is_chain
 from dlokit.skills.observer.base import nothing_seen
 from dlokit.skills.observer.cpd import register
 from dlokit.skills.observer.map.coarse import coarse
-from dlokit.skills.observer.map.config import MapConfig
+from dlokit.skills.observer.map.config import MapConfig, MapSettings
 from dlokit.skills.observer.map.fine import Fitted, fine
 from dlokit.skills.observer.map.problem import Problem, posed
-from dlokit.skills.observer.map.refine import refined, refined_pins, refinement
-from dlokit.skills.observer.map.settings import MapSettings
 from dlokit.skills.observer.map.trust import health, stated_covariance
 from dlokit.skills.observer.mixture import thinned
 from dlokit.skills.observer.partial import register_visible
-from dlokit.types.dlo import DloState, TargetPoints
-from dlokit.types.observation import Observation
+from dlokit.types.dlo import DloState, TargetPoints, Topology
+from dlokit.types.observation import GripperPin, Observation
 
 Array = NDArray[np.float64]
+
+
+def refinement(prior: DloState, longest_edge_m: float) -> int:
+    """Into how many pieces each edge is to be cut so that none is longer than `longest_edge_m`."""
+    return max(int(np.ceil(float(np.mean(prior.topology.rest_lengths_m)) / longest_edge_m)), 1)
+
+
+def refined(prior: DloState, pieces: int) -> DloState:
+    """The prior with each edge of its chain cut into `pieces` of equal rest length."""
+    if pieces == 1:
+        return prior
+    rest = np.repeat(prior.topology.rest_lengths_m / pieces, pieces)
+    at = np.concatenate(([0.0], np.cumsum(rest)))
+    first = np.arange(len(rest))
+    spline = CubicSpline(at[::pieces], prior.nodes_world)
+    nearest = np.rint(np.arange(len(at)) / pieces).astype(np.int64)
+    return DloState(
+        stamp_ns=prior.stamp_ns,
+        nodes_world=np.asarray(spline(at), dtype=np.float64),
+        topology=Topology(edges=np.column_stack([first, first + 1]).astype(np.int64), rest_lengths_m=rest),
+        visible=None if prior.visible is None else prior.visible[nearest],
+        observed_stamp_ns=prior.observed_stamp_ns,
+        health=prior.health,
+        covariance=None if prior.covariance is None else prior.covariance[nearest],
+    )
+
+
+def refined_pins(pins: tuple[GripperPin, ...], pieces: int) -> tuple[GripperPin, ...]:
+    """The pins, at the same nodes of the refined chain."""
+    return tuple(GripperPin(robot=pin.robot, node=pin.node * pieces, position_world=pin.position_world) for pin in pins)
 
 
 class MapObserver:

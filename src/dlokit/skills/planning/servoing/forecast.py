@@ -7,14 +7,13 @@ more than the eye could feign.
 
 import numpy as np
 
-from dlokit.skills.model.config import ModelConfig
-from dlokit.skills.model.quick_rollout import QuickRod, motion_of, play
+from dlokit.rod.believed import ModelConfig
+from dlokit.rod.rollout import QuickRod, motion_of, play
 from dlokit.skills.planning.servoing.config import ServoConfig
-from dlokit.skills.planning.servoing.doubt import gain, usual
+from dlokit.skills.planning.servoing.controller import gain, usual
 from dlokit.skills.planning.servoing.jacobian import Grip, damped_step, jacobian, probes, released, scaled
-from dlokit.types.action import Action, Push
+from dlokit.types.action import Action, ControlForecast, Push
 from dlokit.types.arrays import Float64Array
-from dlokit.types.control import ControlForecast
 
 
 def foresee(

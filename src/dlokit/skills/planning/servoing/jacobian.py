@@ -9,12 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dlokit.skills.model.config import ModelConfig
-from dlokit.skills.model.quick_rollout import Motion, QuickRod, play
+from dlokit.rod.believed import ModelConfig
+from dlokit.rod.rollout import Motion, QuickRod, play
 from dlokit.skills.planning.servoing.config import ServoConfig
-from dlokit.types.action import VelocityProfile
+from dlokit.types.action import Correction, VelocityProfile
 from dlokit.types.arrays import Float64Array
-from dlokit.types.control import Correction
 
 STILL = np.zeros(4)
 _ACCELERATION_M_S2, _JERK_M_S3 = 1.0, 10.0

@@ -1,0 +1,1 @@
+"""What the arm is made of, and where arms stand."""

@@ -1,0 +1,153 @@
+"""The geometry of a tool path: straight lines through poses, rounded where two of them meet. Pure."""
+
+import itertools
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dlokit.motion.inverse_kinematics import half_turned, points_down
+from dlokit.types.pose import Pose
+
+Array = NDArray[np.float64]
+
+_ROUNDING_M = 0.05
+"""Where the rounding of a corner starts and ends, before and after it [m]."""
+_TURN_LEVER_M = 0.15
+"""A turn by 1 rad counts as this much path [m], so that turning on the spot takes time."""
+_SHARPEST = np.cos(np.radians(120.0))  # a corner sharper than that is stopped at, not rounded
+_SHORTEST_M = 1e-5
+_SAME_PLACE_M, _SAME_DIRECTION_RAD = 1e-4, 1e-3
+_LONGEST_TURN_RAD = 2.5  # of one line; beyond half a turn it would go the other way round
+
+
+@dataclass(frozen=True)
+class ToolPath:
+    """Poses (n, at least 2) joined by lines of `lengths_m` (n - 1,); the corners between are rounded."""
+
+    positions_m: Array  # (n, 3) [m]
+    turns_wxyz: Array  # (n, 4) unit quaternions
+    lengths_m: Array  # (n - 1,) [m]
+
+    @property
+    def length_m(self) -> float:
+        """Largest path parameter [m]."""
+        return float(np.sum(self.lengths_m))
+
+    @property
+    def points_down(self) -> bool:
+        """Whether the gripper points straight down all along."""
+        return all(
+            points_down(Pose(position_m=position_m, wxyz=wxyz))
+            for position_m, wxyz in zip(self.positions_m, self.turns_wxyz, strict=True)
+        )
+
+    @cached_property
+    def _ends_m(self) -> Array:
+        """Path parameters at which the lines end (n - 1,) [m]; made once, as a path is asked for thousands of poses."""
+        return np.cumsum(self.lengths_m)
+
+    def pose(self, sigma_m: float) -> Pose:
+        """The tool pose at a path parameter from 0 to `length_m` [m]."""
+        ends = self._ends_m
+        leg = int(np.clip(np.searchsorted(ends, sigma_m), 0, len(ends) - 1))
+        for corner in (leg, leg + 1):
+            if 0 < corner < len(self.lengths_m) + 1 and corner <= len(self.lengths_m) - 1:
+                reach = self._reach(corner)
+                after = sigma_m - (ends[corner - 1] - reach)
+                if 0.0 < after < 2 * reach:
+                    return self._rounded(corner, reach, after / (2 * reach))
+        share = (sigma_m - (ends[leg] - self.lengths_m[leg])) / self.lengths_m[leg]
+        position, rotation = self._on_leg(leg, float(np.clip(share, 0.0, 1.0)))
+        return Pose(position_m=position, wxyz=rotation)
+
+    def _reach(self, corner: int) -> float:
+        return min(_ROUNDING_M, 0.5 * float(self.lengths_m[corner - 1]), 0.5 * float(self.lengths_m[corner]))
+
+    def _on_leg(self, leg: int, share: float) -> tuple[Array, Array]:
+        a, b = self.positions_m[leg], self.positions_m[leg + 1]
+        return a + share * (b - a), _between(self.turns_wxyz[leg], self.turns_wxyz[leg + 1], share)
+
+    def _rounded(self, corner: int, reach: float, u: float) -> Pose:
+        """A quadratic Bézier curve from `reach` before the corner to `reach` after it (De Casteljau)."""
+        before = reach / float(self.lengths_m[corner - 1])
+        after = reach / float(self.lengths_m[corner])
+        p0, r0 = self._on_leg(corner - 1, 1.0 - before * (1.0 - u))
+        p1, r1 = self._on_leg(corner, after * u)
+        return Pose(position_m=(1.0 - u) * p0 + u * p1, wxyz=_between(r0, r1, u))
+
+
+def split_at_turns(start: Pose, poses: tuple[Pose, ...]) -> list[ToolPath]:
+    """Paths from `start` through `poses`, cut where the tool turns back and so must stop.
+
+    All poses are turned by half a turn when that brings the first nearer to `start`: the gripper is symmetric.
+    """
+    if not poses:
+        return []
+    if _x_axis(start) @ _x_axis(poses[0]) < 0.0:
+        poses = tuple(half_turned(pose) for pose in poses)
+    points = [start]
+    for pose in poses:
+        if _distance(points[-1], pose) <= _SHORTEST_M:
+            continue
+        if len(points) > 1 and _on_the_way(points[-2], points[-1], pose):
+            points.pop()
+        points.append(pose)
+    if len(points) < 2:
+        return []
+    cuts = [0]
+    for i in range(1, len(points) - 1):
+        before = points[i].position_m - points[i - 1].position_m
+        after = points[i + 1].position_m - points[i].position_m
+        norm = float(np.linalg.norm(before) * np.linalg.norm(after))
+        if norm > 0.0 and float(before @ after) / norm < _SHARPEST:
+            cuts.append(i)
+    cuts.append(len(points) - 1)
+    return [_path(points[a : b + 1]) for a, b in itertools.pairwise(cuts)]
+
+
+def _path(points: list[Pose]) -> ToolPath:
+    return ToolPath(
+        positions_m=np.array([pose.position_m for pose in points]),
+        turns_wxyz=np.array([pose.wxyz for pose in points]),
+        lengths_m=np.array([_distance(a, b) for a, b in itertools.pairwise(points)]),
+    )
+
+
+def _on_the_way(a: Pose, b: Pose, c: Pose) -> bool:
+    """Whether a straight line from `a` to `c` passes `b`; a line too many would make corners tighter than needed."""
+    if _turn(a, c) > _LONGEST_TURN_RAD:
+        return False
+    share = _distance(a, b) / max(_distance(a, c), _SHORTEST_M)
+    if share >= 1.0:
+        return False
+    position = a.position_m + share * (c.position_m - a.position_m)
+    there = Pose(position_m=position, wxyz=_between(a.wxyz, c.wxyz, share))
+    return float(np.linalg.norm(position - b.position_m)) < _SAME_PLACE_M and _turn(there, b) < _SAME_DIRECTION_RAD
+
+
+def _turn(a: Pose, b: Pose) -> float:
+    # From the sine: near zero the cosine of a small angle is 1 to rounding.
+    apart = min(float(np.linalg.norm(a.wxyz - b.wxyz)), float(np.linalg.norm(a.wxyz + b.wxyz)))
+    return 4.0 * float(np.arcsin(min(1.0, apart / 2.0)))
+
+
+def _distance(a: Pose, b: Pose) -> float:
+    return max(float(np.linalg.norm(a.position_m - b.position_m)), _TURN_LEVER_M * _turn(a, b))
+
+
+def _between(a: Array, b: Array, share: float) -> Array:
+    """A unit quaternion (4,) on the shorter turn from `a` to `b`; Shoemake, SIGGRAPH 1985."""
+    cosine = float(a @ b)
+    nearer = b if cosine >= 0.0 else -b
+    angle = np.arccos(min(1.0, abs(cosine)))
+    if angle < 1e-6:
+        return a
+    mixed = (np.sin((1.0 - share) * angle) * a + np.sin(share * angle) * nearer) / np.sin(angle)
+    return mixed / np.linalg.norm(mixed)
+
+
+def _x_axis(T: Pose) -> Array:
+    w, x, y, z = T.wxyz
+    return np.array([w * w + x * x - y * y - z * z, 2 * (x * y + w * z), 2 * (x * z - w * y)])

@@ -1,0 +1,116 @@
+"""Where a tool is at every step of a rollout: the robot's rounded path and its time law, without the joints.
+
+As `dlokit.motion.tool_path` and `trajectories` have it; the joints' own limits are left out.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+_ROUNDING_M = 0.05
+_TURN_LEVER_M = 0.15
+_SHARPEST_COSINE = -0.5  # 120°: a sharper corner is stopped at
+_GRID_M = 0.01
+_SHORTEST_M = 1e-5
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def tool_track(waypoints: Array, speed_m_s: float, acceleration_m_s2: float, jerk_m_s3: float, step_s: float) -> Array:
+    """The tool (T, 4) at every `step_s` [s] of a motion through `waypoints` (W, 4): x, y, z [m], yaw [rad].
+
+    It starts and ends at rest, rounds corners, and stops where the path turns back.
+    """
+    track = np.empty((0, 4))
+    first = 0
+    for last in range(1, len(waypoints)):
+        if last < len(waypoints) - 1 and not _sharp(waypoints, last):
+            continue
+        piece = _piece(waypoints[first : last + 1], speed_m_s, acceleration_m_s2, jerk_m_s3, step_s)
+        track = np.concatenate((track, piece))
+        first = last
+    return track
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _sharp(waypoints: Array, corner: int) -> bool:
+    before, after = waypoints[corner, :3] - waypoints[corner - 1, :3], waypoints[corner + 1, :3] - waypoints[corner, :3]
+    norm = math.sqrt(np.sum(before**2) * np.sum(after**2))
+    return bool(norm > 0.0 and np.sum(before * after) / norm < _SHARPEST_COSINE)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _piece(waypoints: Array, speed: float, acceleration: float, jerk: float, step_s: float) -> Array:
+    """Rest to rest along one rounded path."""
+    ends = np.zeros(len(waypoints))
+    for k in range(1, len(waypoints)):
+        way = waypoints[k] - waypoints[k - 1]
+        straight = math.sqrt(way[0] ** 2 + way[1] ** 2 + way[2] ** 2)
+        ends[k] = ends[k - 1] + max(straight, _TURN_LEVER_M * abs(way[3]), _SHORTEST_M)
+    count = max(8, math.ceil(ends[-1] / _GRID_M))
+    grid = np.empty((count + 1, 4))
+    for k in range(count + 1):
+        grid[k] = _place(waypoints, ends, ends[-1] * k / count)
+    pace = _pace(grid, ends[-1] / count, speed, acceleration)
+    travelled = _travelled(pace, ends[-1] / count, acceleration / jerk, step_s)
+    track = np.empty((len(travelled), 4))
+    for axis in range(4):
+        track[:, axis] = np.interp(travelled, np.linspace(0.0, ends[-1], count + 1), grid[:, axis])
+    return track
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _travelled(pace: Array, grid_m: float, smoothing_s: float, step_s: float) -> Array:
+    """The path parameter (T,) [m] after every step: the pace, smoothed over time so that the jerk is bounded."""
+    times = np.zeros(len(pace))
+    for k in range(1, len(pace)):
+        times[k] = times[k - 1] + 2.0 * grid_m / max(pace[k] + pace[k - 1], 1e-6)
+    steps, window = max(2, math.ceil(times[-1] / step_s)), max(1, math.ceil(smoothing_s / step_s))
+    rate = np.zeros(steps + window)
+    rate[:steps] = np.interp((np.arange(steps) + 0.5) * (times[-1] / steps), times, pace)
+    travelled, moving = np.empty(len(rate)), 0.0
+    for k in range(len(rate)):
+        moving += rate[k] - (rate[k - window] if k >= window else 0.0)
+        travelled[k] = moving + (travelled[k - 1] if k > 0 else 0.0)
+    return travelled * ((len(pace) - 1) * grid_m / travelled[-1])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _place(waypoints: Array, ends: Array, at: float) -> Array:
+    """The tool (4,) at a path parameter; corners are quadratic Bézier curves."""
+    leg = 1
+    while leg < len(ends) - 1 and ends[leg] < at:
+        leg += 1
+    for corner in (leg - 1, leg):
+        if 0 < corner < len(ends) - 1:
+            before, after = ends[corner] - ends[corner - 1], ends[corner + 1] - ends[corner]
+            reach = min(_ROUNDING_M, 0.5 * before, 0.5 * after)
+            beyond = at - (ends[corner] - reach)
+            if 0.0 < beyond < 2.0 * reach:
+                u = beyond / (2.0 * reach)
+                start = waypoints[corner] + reach / before * (1.0 - u) * (waypoints[corner - 1] - waypoints[corner])
+                end = waypoints[corner] + reach / after * u * (waypoints[corner + 1] - waypoints[corner])
+                return (1.0 - u) * start + u * end
+    share = (at - ends[leg - 1]) / (ends[leg] - ends[leg - 1])
+    return waypoints[leg - 1] + min(max(share, 0.0), 1.0) * (waypoints[leg] - waypoints[leg - 1])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _pace(grid: Array, step_m: float, speed: float, acceleration: float) -> Array:
+    """Speed along the path at each point of the grid [m/s]: bends and both ends are taken slowly."""
+    count = len(grid)
+    square = np.full(count, speed**2)
+    for k in range(1, count - 1):
+        bend = 0.0
+        for axis in range(3):
+            bend += (grid[k + 1, axis] - 2.0 * grid[k, axis] + grid[k - 1, axis]) ** 2
+        square[k] = min(square[k], acceleration * step_m**2 / max(math.sqrt(bend), 1e-9))
+    square[0] = square[count - 1] = 0.0
+    for k in range(1, count):
+        square[k] = min(square[k], square[k - 1] + 2.0 * acceleration * step_m)
+    for k in range(count - 2, -1, -1):
+        square[k] = min(square[k], square[k + 1] + 2.0 * acceleration * step_m)
+    return np.sqrt(square)

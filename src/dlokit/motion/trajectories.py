@@ -1,0 +1,241 @@
+"""Trajectories: joint space by ruckig, tool paths by a speed limit along the path. Pure.
+
+Both start and end at rest and keep the joint limits of position, velocity, acceleration and jerk.
+"""
+
+import numpy as np
+import ruckig
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import CubicSpline
+
+from dlokit.description.arm.panda import PANDA_LIMITS
+from dlokit.errors import SkillFailure
+from dlokit.motion.inverse_kinematics import UNREACHABLE, PandaKinematics, Yaw
+from dlokit.motion.limits import TOO_SLOW, scaled, slowdown
+from dlokit.motion.tool_path import ToolPath, split_at_turns
+from dlokit.types.action import VelocityProfile
+from dlokit.types.pose import Pose
+from dlokit.types.robot import JointLimits, JointTrajectory
+
+Array = NDArray[np.float64]
+
+SAMPLE_S = 0.005
+"""Time between samples [s]."""
+LONGEST_S = 120.0
+"""Longest time of a tool path [s], that of the skill which waits longest; its samples take 5 MB."""
+LONGEST_M = 15.0
+"""Longest tool path [m], a minute at the default speed; to plan it takes 0.5 s."""
+LONGEST_TILTED_M = 3.0
+"""Longest of it with a gripper that does not point straight down [m]: its inverse kinematics is solved by steps, 0.15 s
+a metre."""
+MOST_STOPS = 100
+"""Most stops of a tool path, where it turns back; each takes 5 ms to plan."""
+_PATH_STEP_M = 0.005
+_LARGEST_STEP_RAD = 0.5  # between path samples; more is a jump to another posture
+# Share of a joint's acceleration that the bend of the path may use, and that speeding up along it may use.
+_BEND_SHARE, _SPEEDUP_SHARE = 0.6, 0.4
+_MARGIN = 0.98  # of each limit, for what happens between samples
+
+
+def joint_move(start_q_rad: ArrayLike, end_q_rad: ArrayLike, limits: JointLimits = PANDA_LIMITS) -> JointTrajectory:
+    """The fastest straight line in joint space between two configurations (7,) [rad], at rest at both.
+
+    Raises `SkillFailure` ``joint_limit`` when the end lies outside the limits.
+    """
+    start, end = np.asarray(start_q_rad, dtype=np.float64), np.asarray(end_q_rad, dtype=np.float64)
+    outside = np.flatnonzero((end < limits.position_lower_rad) | (end > limits.position_upper_rad))
+    if len(outside):
+        joint = int(outside[0])
+        raise SkillFailure(
+            "joint_limit",
+            f"joint {joint + 1} cannot go to {end[joint]:.3f} rad; allowed are {limits.position_lower_rad[joint]:.3f} "
+            f"to {limits.position_upper_rad[joint]:.3f} rad",
+        )
+    if np.max(np.abs(end - start)) < 1e-6:
+        return _standing(end)
+    request = ruckig.InputParameter(len(start))
+    request.current_position, request.target_position = start.tolist(), end.tolist()
+    request.max_velocity = (_MARGIN * limits.velocity_rad_s).tolist()
+    request.max_acceleration = (_MARGIN * limits.acceleration_rad_s2).tolist()
+    request.max_jerk = (_MARGIN * limits.jerk_rad_s3).tolist()
+    request.synchronization = ruckig.Synchronization.Phase
+    motion = ruckig.Trajectory(len(start))
+    ruckig.Ruckig(len(start)).calculate(request, motion)
+    times = np.linspace(0.0, motion.duration, int(np.ceil(motion.duration / SAMPLE_S)) + 1)
+    samples = np.array([motion.at_time(float(t)) for t in times])  # (K, 3, 7)
+    return JointTrajectory(times_s=times, q_rad=samples[:, 0], dq_rad_s=samples[:, 1], ddq_rad_s2=samples[:, 2])
+
+
+def tool_move(
+    kinematics: PandaKinematics,
+    start_q_rad: ArrayLike,
+    poses: tuple[Pose, ...],
+    velocity: VelocityProfile,
+    limits: JointLimits = PANDA_LIMITS,
+) -> JointTrajectory:
+    """Straight lines of the tool through `poses`, rounded where two meet, from where it is at `start_q_rad` (7,).
+
+    The gripper may be turned by half a turn as a whole, whichever is nearer at the first pose. Slower than `velocity`
+    where the joints ask for it. Raises `SkillFailure` ``unreachable`` and ``too_slow``.
+    """
+    q = np.asarray(start_q_rad, dtype=np.float64)
+    pieces: list[JointTrajectory] = []
+    for pose in poses:
+        kinematics.check_length(pose)
+    paths = split_at_turns(kinematics.forward(q), poses)
+    _check_effort(paths, velocity)
+    for path in paths:
+        piece = _timed(_follow(kinematics, path, q), path, velocity, limits)
+        pieces.append(piece)
+        q = piece.q_rad[-1]
+    return _joined(pieces) if pieces else _standing(q)
+
+
+def _check_effort(paths: list[ToolPath], velocity: VelocityProfile) -> None:
+    """Refuse at once what would be planned for minutes: nothing of it could run within a skill's time."""
+    lengths = np.array([path.length_m for path in paths])
+    # Bounds from below on the time from rest to rest, by each of the profile's values alone.
+    least = np.maximum.reduce(
+        [
+            lengths / velocity.speed_m_s,
+            2.0 * np.sqrt(lengths / velocity.acceleration_m_s2),
+            np.cbrt(32.0 * lengths / velocity.jerk_m_s3),
+        ]
+    )
+    # The acceleration rises in that time, over which speeds are averaged.
+    seconds = max(float(np.sum(least)), velocity.acceleration_m_s2 / velocity.jerk_m_s3)
+    tilted_m = sum(path.length_m for path in paths if not path.points_down)
+    too_long = np.sum(lengths) > LONGEST_M or tilted_m > LONGEST_TILTED_M
+    if seconds > LONGEST_S or too_long or len(paths) > MOST_STOPS:
+        raise SkillFailure(
+            TOO_SLOW,
+            f"a path of {np.sum(lengths):.3g} m, of which {tilted_m:.3g} m tilted, with {len(paths)} stops at "
+            f"{velocity.speed_m_s:.3g} m/s, {velocity.acceleration_m_s2:.3g} m/s² and {velocity.jerk_m_s3:.3g} m/s³ "
+            f"takes {seconds:.3g} s or more to run or to speed up; allowed are {LONGEST_S:.0f} s, {LONGEST_M:.0f} m, "
+            f"{LONGEST_TILTED_M:.0f} m tilted and {MOST_STOPS} stops; choose a faster profile, or split the path",
+        )
+
+
+def _follow(kinematics: PandaKinematics, path: ToolPath, start_q: Array) -> tuple[Array, Array]:
+    """Path parameters (n,) [m] and joint angles (n, 7) [rad] along a tool path."""
+    sigma = np.linspace(0.0, path.length_m, max(8, int(np.ceil(path.length_m / _PATH_STEP_M)) + 1))
+    q = [start_q]
+    for s in sigma[1:]:
+        pose = path.pose(float(s))
+        q.append(kinematics.inverse(pose, q[-1], Yaw.EXACT))
+        if np.max(np.abs(q[-1] - q[-2])) > _LARGEST_STEP_RAD:  # at once: the rest of the path may take long
+            x, y, z = pose.position_m
+            raise SkillFailure(
+                UNREACHABLE,
+                f"the arm cannot pass ({x:.3f}, {y:.3f}, {z:.3f}) m without changing its posture; split the path there",
+            )
+    return sigma, np.array(q)
+
+
+def _timed(
+    samples: tuple[Array, Array], path: ToolPath, velocity: VelocityProfile, limits: JointLimits
+) -> JointTrajectory:
+    """A time law for a path: as fast as profile and joints allow, with bounded jerk."""
+    sigma, q = samples
+    curve = CubicSpline(sigma, q)
+    place = CubicSpline(sigma, np.array([path.pose(float(s)).position_m for s in sigma]))
+    fine = np.linspace(0.0, sigma[-1], 4 * len(sigma))
+    speed = _speed_along(fine, curve, place, velocity, limits)
+    # A wider average costs time once, at the end; a narrower one costs wherever the speed dips and rises again.
+    laws = (_time_law(fine, speed, curve, velocity, limits, width) for width in (1.0, 2.0))
+    return min(laws, key=lambda law: float(law.times_s[-1]))
+
+
+def _time_law(
+    fine: Array, speed: Array, curve: CubicSpline, velocity: VelocityProfile, limits: JointLimits, width: float
+) -> JointTrajectory:
+    """The path at these speeds, smoothed; what remains of violations is taken out by running all of it more slowly."""
+    times, travelled, rate = _smoothed(fine, speed, velocity, width)
+    dt = times[1]
+    gain = np.gradient(rate, dt)
+    first, second = curve(travelled, 1), curve(travelled, 2)
+    dq = first * rate[:, None]
+    ddq = second * rate[:, None] ** 2 + first * gain[:, None]
+    jerk = np.diff(ddq, axis=0) / dt
+    # Velocities scale with the factor, accelerations with its square, jerks with its cube.
+    joints = max(
+        _ratio(dq, limits.velocity_rad_s),
+        np.sqrt(_ratio(ddq, limits.acceleration_rad_s2)),
+        np.cbrt(_ratio(jerk, limits.jerk_rad_s3)),
+    )
+    tool = np.cbrt(float(np.max(np.abs(np.diff(gain)))) / dt / velocity.jerk_m_s3)
+    factor = 1.0 / max(1.0, joints / _MARGIN, tool)
+    law = JointTrajectory(
+        times_s=times / factor,
+        q_rad=curve(travelled),
+        dq_rad_s=dq * factor,
+        ddq_rad_s2=ddq * factor**2,
+    )
+    # Sampled at short legs and high jerk, the spline's velocities change by more than its accelerations say.
+    late = slowdown(law, limits)
+    return law if late <= 1.0 else scaled(law, _MARGIN / late)
+
+
+def _speed_along(
+    fine: Array, curve: CubicSpline, place: CubicSpline, velocity: VelocityProfile, limits: JointLimits
+) -> Array:
+    """Largest speed along the path at each of its parameters `fine`, (n,) [m/s], from rest to rest."""
+    first = np.maximum(np.abs(curve(fine, 1)), 1e-6)
+    second = np.maximum(np.abs(curve(fine, 2)), 1e-6)
+    bend = np.maximum(np.linalg.norm(place(fine, 2), axis=1), 1e-6)
+    top = np.minimum.reduce(
+        [
+            np.full(len(fine), velocity.speed_m_s),
+            np.sqrt(velocity.acceleration_m_s2 / bend),
+            np.min(_MARGIN * limits.velocity_rad_s / first, axis=1),
+            np.min(np.sqrt(_BEND_SHARE * limits.acceleration_rad_s2 / second), axis=1),
+        ]
+    )
+    gain = np.minimum(velocity.acceleration_m_s2, np.min(_SPEEDUP_SHARE * limits.acceleration_rad_s2 / first, axis=1))
+    square = top**2
+    square[0] = square[-1] = 0.0
+    step = fine[1] - fine[0]
+    for i in range(1, len(fine)):
+        square[i] = min(square[i], square[i - 1] + 2 * gain[i] * step)
+    for i in range(len(fine) - 2, -1, -1):
+        square[i] = min(square[i], square[i + 1] + 2 * gain[i] * step)
+    return np.sqrt(square)
+
+
+def _smoothed(fine: Array, speed: Array, velocity: VelocityProfile, width: float) -> tuple[Array, Array, Array]:
+    """Times (K,) [s], path parameters (K,) [m] and speeds (K,) [m/s], with the jerk bounded by a moving average."""
+    arrival = np.concatenate(([0.0], np.cumsum(2 * np.diff(fine) / np.maximum(speed[:-1] + speed[1:], 1e-6))))
+    window = max(2, int(np.ceil(width * velocity.acceleration_m_s2 / velocity.jerk_m_s3 / SAMPLE_S)))
+    steps = max(2, int(np.ceil(arrival[-1] / SAMPLE_S)))
+    dt = arrival[-1] / steps
+    rate = np.interp(np.linspace(0.0, arrival[-1], steps + 1), arrival, speed)
+    rate = np.convolve(np.pad(rate, (1, 1)), np.full(window, 1.0 / window))
+    travelled = np.concatenate(([0.0], np.cumsum((rate[1:] + rate[:-1]) * dt / 2)))
+    scale = fine[-1] / travelled[-1]
+    return np.arange(len(rate)) * dt, np.minimum(travelled * scale, fine[-1]), rate * scale
+
+
+def _ratio(values: Array, limits: Array) -> float:
+    return float(np.max(np.abs(values) / limits))
+
+
+def _standing(q: Array) -> JointTrajectory:
+    zero = np.zeros((2, len(q)))
+    return JointTrajectory(
+        times_s=np.array([0.0, SAMPLE_S]), q_rad=np.array([q, q]), dq_rad_s=zero, ddq_rad_s2=zero.copy()
+    )
+
+
+def _joined(pieces: list[JointTrajectory]) -> JointTrajectory:
+    """Pieces one after the other; each starts where and as the one before ended, at rest."""
+    times, offset = [pieces[0].times_s], float(pieces[0].times_s[-1])
+    for piece in pieces[1:]:
+        times.append(piece.times_s[1:] + offset)
+        offset += float(piece.times_s[-1])
+    rest = pieces[1:]
+    return JointTrajectory(
+        times_s=np.concatenate(times),
+        q_rad=np.concatenate([pieces[0].q_rad, *(piece.q_rad[1:] for piece in rest)]),
+        dq_rad_s=np.concatenate([pieces[0].dq_rad_s, *(piece.dq_rad_s[1:] for piece in rest)]),
+        ddq_rad_s2=np.concatenate([pieces[0].ddq_rad_s2, *(piece.ddq_rad_s2[1:] for piece in rest)]),
+    )

@@ -1,0 +1,168 @@
+"""The rod as the system believes it to be: its figures, how sure they are, and how it is driven.
+
+They are deliberately not those of the simulated cell: in a lab nobody knows the DLO exactly either.
+"""
+
+import math
+from dataclasses import dataclass, field, fields
+
+from dlokit.errors import ConfigError
+from dlokit.types.dlo import DloBelief, Figure
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrackingConfig:
+    """The PD controller that drags the model to the target points."""
+
+    stiffness_n_m: float = 20.0
+    """Proportional gain Kp of the force on a visible node [N/m]."""
+    hold_stiffness_n_m: float = 200.0
+    """Proportional gain on a node that the gripper holds [N/m]."""
+    damping_n_s_m: float = 0.2
+    """Derivative gain Kd [N·s/m]."""
+    force_limit_n: float = 0.25
+    """Largest force of one target point [N]; outliers pull no harder than this."""
+    held_gate_m: float = 0.02
+    """Distance of a target to the model beyond which it is left out while a gripper holds the rod [m]: the model
+    follows the tool, so such a target is a mistake of an observer who sees the rod half behind the arm."""
+    held_gate_per_m: float = 0.15
+    """Growth of that distance with the path of the tool [m/m]: the model's friction is not the table's."""
+    hidden_friction_share: float = 0.4
+    """Share of the table's friction that holds a hidden node where it was; 0 leaves it to the rod alone."""
+    tightest_bend_m: float = 0.02
+    """Radius of the tightest bend that a DLO which keeps bends is followed into [m]."""
+    steps: int = 120
+    """Physics steps of one update; fixed, so that runs repeat."""
+    timestep_s: float = 0.01
+    """Length of one physics step while tracking [s]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class GoalConfig:
+    """How the operator's frames drag the goal rod."""
+
+    stiffness_n_m: float = 40.0
+    """Spring between a frame and its node [N/m]."""
+    force_limit_n: float = 0.1
+    """Largest force of a frame on its node [N]; more would stretch the rod."""
+    damping_n_s_m: float = 0.05
+    """Damping of the goal rod [N·s/m]."""
+    steps: int = 150
+    """Physics steps of one update."""
+    timestep_s: float = 0.01
+    """Length of one physics step while a goal is dragged [s]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RolloutConfig:
+    """How the rod is predicted while a tool holds it, and after its release."""
+
+    release_s: float = 0.4
+    """Time that the rod is given to come to rest after the release [s]."""
+    publish_period_s: float = 0.1
+    """Time between two states while the model follows a tool [s]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SettleConfig:
+    """How it is found out where a released rod comes to rest."""
+
+    duration_s: float = 2.0
+    """Longest time that it is given [s]: as long as the evaluator waits."""
+    timestep_s: float = 0.005
+    """Length of one physics step [s]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class BeliefConfig:
+    """How sure the figures of the model are; most are standard deviations of logarithms, 0.1 is about 10 %."""
+
+    length_log_sd: float = 0.01
+    """Of the length."""
+    radius_log_sd: float = 0.05
+    """Of the radius."""
+    stiffness_log_sd: float = 0.35
+    """Of the bending stiffness."""
+    weight_log_sd: float = 0.15
+    """Of the mass per length."""
+    friction_log_sd: float = 0.25
+    """Of the friction."""
+    takes_set: float = 0.2
+    """Chance, 0 to 1, that the DLO keeps bends, though no curvature is told beyond which it does. Say 0 of one that is
+    known to spring back always: without that no goal is called infeasible for springing back."""
+
+    def __post_init__(self) -> None:
+        if not self.takes_set <= 1.0:
+            raise ConfigError(f"--model.belief.takes-set is {self.takes_set}; it must be a number from 0 to 1.")
+        for field_ in fields(self):
+            value: float = getattr(self, field_.name)
+            if not (math.isfinite(value) and value >= 0.0):
+                name = field_.name.replace("_", "-")
+                raise ConfigError(f"--model.belief.{name} is {value}; it must be a number, 0 or more.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelConfig:
+    """The rod as the system believes it to be, and how it is driven."""
+
+    nodes: int = 31
+    """Number of nodes M; the paper splits its DLO in 30 segments."""
+    length_m: float = 0.5
+    """Length of the DLO [m]."""
+    radius_m: float = 0.004
+    """Radius of the DLO [m]."""
+    bending_stiffness_n_m2: float = 1.3e-5
+    """Bending stiffness EI [N·m²]."""
+    mass_kg_m: float = 0.035
+    """Mass per length [kg/m]."""
+    friction: float = 0.6
+    """Sliding friction coefficient between the DLO and the table."""
+    yield_curvature_1_m: float | None = None
+    """Curvature beyond which the DLO keeps a bend [1/m], 1 for a copper wire; without it the DLO is taken to spring
+    back always, but for the chance in `--model.belief.takes-set`."""
+    belief: BeliefConfig = field(default_factory=BeliefConfig)
+    """How sure these figures are."""
+    tracking: TrackingConfig = field(default_factory=TrackingConfig)
+    """The PD controller."""
+    goal: GoalConfig = field(default_factory=GoalConfig)
+    """Dragging of the goal."""
+    rollout: RolloutConfig = field(default_factory=RolloutConfig)
+    """Prediction of actions."""
+    settle: SettleConfig = field(default_factory=SettleConfig)
+    """Where a released rod comes to rest."""
+
+    def __post_init__(self) -> None:
+        if self.nodes < 3:
+            raise ConfigError(f"--model.nodes is {self.nodes}; it must be 3 or more.")
+        if self.yield_curvature_1_m is not None and not self.yield_curvature_1_m > 0.0:
+            raise ConfigError(
+                f"--model.yield-curvature-1-m is {self.yield_curvature_1_m}; it must be a number above 0, or left away "
+                f"for a DLO that takes no set."
+            )
+        for name in ("length_m", "radius_m", "bending_stiffness_n_m2", "mass_kg_m", "friction"):
+            value: float = getattr(self, name)
+            if not (math.isfinite(value) and value > 0.0):
+                raise ConfigError(f"--model.{name.replace('_', '-')} is {value}; it must be a number above 0.")
+
+
+GRAVITY_M_S2 = 9.81
+
+
+def as_configured(config: ModelConfig, stamp_ns: int) -> DloBelief:
+    """The belief before anything was learnt."""
+    sure = config.belief
+    weight_n_m = GRAVITY_M_S2 * config.mass_kg_m
+    return DloBelief(
+        stamp_ns=stamp_ns,
+        length_m=Figure(value=config.length_m, log_sd=sure.length_log_sd),
+        radius_m=Figure(value=config.radius_m, log_sd=sure.radius_log_sd),
+        bending_stiffness_n_m2=Figure(value=config.bending_stiffness_n_m2, log_sd=sure.stiffness_log_sd),
+        weight_n_m=Figure(value=weight_n_m, log_sd=sure.weight_log_sd),
+        friction=Figure(value=config.friction, log_sd=sure.friction_log_sd),
+        elastic_m3=Figure(
+            value=config.bending_stiffness_n_m2 / (config.friction * weight_n_m),
+            log_sd=math.hypot(sure.stiffness_log_sd, sure.weight_log_sd, sure.friction_log_sd),
+        ),
+        yield_curvature_1_m=config.yield_curvature_1_m,
+        takes_set=sure.takes_set if config.yield_curvature_1_m is None else 1.0,
+    )

@@ -1,0 +1,159 @@
+"""A DLO in MuJoCo: a 1D flex, which is a discrete elastic rod (Bergou et al., SIGGRAPH 2008).
+
+Every node is a body with three slides, every edge a hinge that twists. The rod bends and twists by
+elasticity; edge equalities keep its length. The model it is added to must use the ``discrete`` integrator.
+"""
+
+from collections.abc import Iterable
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dlokit.description.contacts import CONTACT_SOLIMP, CONTACT_SOLREF
+from dlokit.description.dlo import DloPreset
+from dlokit.errors import ConfigError
+from dlokit.types.arrays import Float64Array, Int64Array
+
+IMPRATIO = 100.0
+"""Ratio of frictional to normal impedance; with elliptic cones, what keeps a bent rod from sliding for ever."""
+
+ROLLING_M = 0.001
+"""Resistance to rolling and turning on the spot [m]: without it a released rod rolls away like a steel bar."""
+
+
+def set_rod_physics(spec: Any, timestep_s: float) -> None:
+    """Set the options of `spec` (MjSpec) under which a rod is stable and its friction holds."""
+    spec.option.timestep = timestep_s
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_DISCRETE
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.impratio = IMPRATIO
+
+
+def add_rod(
+    spec: Any,
+    preset: DloPreset,
+    nodes: int,
+    name: str = "rod",
+    *,
+    collision_bits: int = 1,
+) -> None:
+    """Add a straight rod of `nodes` nodes, centred at the origin along x, to `spec` (MjSpec).
+
+    Its flex is called ``{name}/flex``, its bodies ``{name}/flex_0`` and following. `collision_bits` is both contype and
+    conaffinity. Raises ConfigError when the nodes lie too close together for their radius.
+    """
+    check_spacing(preset, nodes)
+    child = mujoco.MjSpec.from_string(_mjcf(preset, nodes, collision_bits))
+    spec.attach(child, prefix=f"{name}/", frame=spec.worldbody.add_frame())
+
+
+def check_spacing(preset: DloPreset, nodes: int) -> None:
+    """Raise ConfigError when `nodes` nodes lie too close together for their radius."""
+    spacing_m = preset.length_m / (nodes - 1) if nodes > 1 else 0.0
+    if nodes < 3 or spacing_m < 2.2 * preset.radius_m:
+        most = int(preset.length_m / (2.2 * preset.radius_m)) + 1
+        raise ConfigError(
+            f"A rod of {preset.length_m} m and radius {preset.radius_m} m cannot have {nodes} nodes; "
+            f"3 to {most} are allowed, or its neighbours touch. Choose fewer nodes or a thinner rod."
+        )
+
+
+def rod_bodies(model: Any, name: str = "rod") -> Int64Array:
+    """Body ids of the nodes of rod `name`, in order, (M,)."""
+    flex = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_FLEX, f"{name}/flex")
+    if flex < 0:
+        raise ConfigError(f"The model has no rod named {name!r}; add one with add_rod first.")
+    start, count = model.flex_vertadr[flex], model.flex_vertnum[flex]
+    return np.array(model.flex_vertbodyid[start : start + count], dtype=np.int64)
+
+
+def rod_nodes(model: Any, data: Any, name: str = "rod") -> Float64Array:
+    """Where the nodes of rod `name` are now, (M, 3) [m], in the world frame."""
+    bodies = rod_bodies(model, name)
+    return np.asarray(data.qpos[_slide_addresses(model, bodies)] + model.body_pos[bodies], dtype=np.float64)
+
+
+def set_rod_friction(model: Any, friction: float, name: str = "rod") -> None:
+    """Set the coefficient of sliding friction of rod `name`, everywhere alike."""
+    model.flex_friction[mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_FLEX, f"{name}/flex"), 0] = friction
+
+
+def set_rod_nodes(model: Any, data: Any, nodes_world: ArrayLike, name: str = "rod") -> None:
+    """Put the nodes of rod `name` at `nodes_world` (M, 3) [m], at rest and without twist.
+
+    Call mj_forward afterwards if derived quantities are read before the next step.
+    """
+    bodies = rod_bodies(model, name)
+    nodes = np.asarray(nodes_world, dtype=np.float64)
+    if nodes.shape != (len(bodies), 3):
+        raise ConfigError(
+            f"Rod {name!r} has {len(bodies)} nodes; nodes_world must be ({len(bodies)}, 3), not {nodes.shape}."
+        )
+    data.qpos[_slide_addresses(model, bodies)] = nodes - model.body_pos[bodies]
+    dofs = model.jnt_dofadr[model.body_jntadr[bodies]]
+    data.qvel[dofs[:, None] + np.arange(3)] = 0.0
+    for edge in range(len(bodies) - 1):
+        joint = _twist_joint(model, name, edge, len(bodies) - 1)
+        data.qpos[model.jnt_qposadr[joint]] = 0.0
+        data.qvel[model.jnt_dofadr[joint]] = 0.0
+    # Zero frames make the engine start them anew from the current tangents, free of twist.
+    data.plastic[:] = 0.0
+    data.qacc_warmstart[:] = 0.0
+
+
+def _slide_addresses(model: Any, bodies: Int64Array) -> NDArray[np.int64]:
+    """Addresses in qpos of the three slides of each body, (M, 3)."""
+    return np.asarray(model.jnt_qposadr[model.body_jntadr[bodies]][:, None] + np.arange(3), dtype=np.int64)
+
+
+def _twist_joint(model: Any, name: str, edge: int, edges: int) -> int:
+    joint = f"{name}/flex_twist" if edge == edges - 1 else f"{name}/flex_twist_{edge}"
+    return int(mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, joint))
+
+
+def _mjcf(preset: DloPreset, nodes: int, collision_bits: int) -> str:
+    return f"""
+<mujoco>
+  <worldbody>
+    <flexcomp name="flex" dim="1" {_vertices(preset, nodes)}
+              radius="{preset.radius_m:.9g}" mass="{preset.mass_kg:.9g}" rgba="{_numbers(preset.color_rgb)} 1">
+      <edge equality="true" solref="{_numbers(CONTACT_SOLREF)}"/>
+      <elasticity young="{preset.young_pa:.9g}" poisson="{preset.poisson:.9g}" damping="{preset.damping_s:.9g}"/>
+      <contact condim="6" friction="{preset.friction:.9g} {ROLLING_M:.9g} {ROLLING_M:.9g}"
+               solref="{_numbers(CONTACT_SOLREF)}" solimp="{_numbers(CONTACT_SOLIMP)}"
+               selfcollide="auto"
+               contype="{collision_bits}" conaffinity="{collision_bits}"/>
+    </flexcomp>
+  </worldbody>
+</mujoco>"""
+
+
+def _vertices(preset: DloPreset, nodes: int) -> str:
+    """The rod's shape without load: straight along x, or with its curl, in the xy plane."""
+    if preset.curl_1_m == 0.0:
+        return f'type="grid" count="{nodes} 1 1" spacing="{preset.length_m / (nodes - 1):.12g} 1 1"'
+    turns = preset.curl_1_m * np.linspace(-preset.length_m / 2.0, preset.length_m / 2.0, nodes)
+    points = np.column_stack((np.sin(turns), 1.0 - np.cos(turns), np.zeros(nodes))) / preset.curl_1_m
+    # On the arc the nodes are a chord apart; their distance is the rod's.
+    chord_m = np.linalg.norm(points[1] - points[0])
+    points *= preset.length_m / (nodes - 1) / chord_m
+    edges = " ".join(f"{i} {i + 1}" for i in range(nodes - 1))
+    return f'type="direct" point="{_numbers(points.ravel())}" element="{edges}"'
+
+
+def _numbers(values: Iterable[float]) -> str:
+    return " ".join(f"{value:.9g}" for value in values)
+
+
+def add_ground(spec: mujoco.MjSpec, friction: float) -> None:
+    """Add an endless ground at z = 0 whose contacts hold a rod without creeping; `friction` is that of sliding."""
+    spec.worldbody.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        size=[3.0, 3.0, 0.1],
+        condim=3,
+        friction=[friction, 0.001, 0.0001],
+        solref=list(CONTACT_SOLREF),
+        solimp=list(CONTACT_SOLIMP),
+    )

@@ -1,0 +1,319 @@
+"""The planning rod: fast enough to roll out hundreds of actions, and insensitive to rounding. Fingers may push it.
+
+Node i has a position x_i and a roll u_i (its angle times the radius). One implicit Euler step of length h solves
+
+    (M + h C + h² K) v' = M v + h f(x),    x' = x + h v',
+
+with the linear bending energy EI / (2 l³) Σ |x_{i-1} - 2 x_i + x_{i+1}|² (Bergou et al., *A Quadratic Bending Model
+for Inextensible Surfaces*, SGP 2006), twist GJ / (2 l) Σ (φ_{i+1} - φ_i)², stiff edges, Rayleigh damping, a stiff
+table, and Coulomb friction with rolling, in which the speed that divides is that of the step before. A round rod rolls:
+sideways it meets the resistance to rolling, along itself that to sliding. The matrix has a band of eight, so a step is
+one Cholesky sweep over the nodes. The rod does not collide with itself; how near its strands came is told instead.
+
+A rod that takes a set has a rest curvature κ0 about the vertical: where its curvature differs from that by more than
+the yield curvature, κ0 follows (ideal plasticity). It is counted as a force of the step before. Bends out of the
+plane of the table are elastic.
+
+Closed fingers are a wall with round ends that stands on the table and moves. Where a point of the rod is nearer to the
+middle line of the wall than both radii together, a stiff one-sided spring pushes it out, implicit in the step of the
+rod and so stable. Along the wall the rod slides freely: that fits what closed fingers do to the rod of the simulated
+cell, where friction of any size fits worse.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+FINGERS = np.array([0.0085, 0.009, 0.0089])
+"""The Panda's fingers, closed: half the length of the middle line across the tool, radius around it, and how far the
+tips are below the tool [m]."""
+NO_FINGERS = np.zeros(3)
+"""For a motion that holds the rod."""
+_PUSH_N_M = 800.0  # of the spring at one point of the rod
+_POINTS = 4  # of an edge at which the rod is looked at
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def push(x: Array, tool: Array, fingers: Array, radius: float, h: float, band: Array, right: Array) -> None:
+    """Add the fingers at `tool` (4,): x, y, z [m], yaw [rad] to one implicit step of length `h` [s].
+
+    `x` (M, 4): nodes with their roll; `fingers` (3,) as `FINGERS`; `band` and `right` as the rod has them.
+    """
+    reach = fingers[1] + radius
+    edge = math.sqrt((x[1, 0] - x[0, 0]) ** 2 + (x[1, 1] - x[0, 1]) ** 2 + (x[1, 2] - x[0, 2]) ** 2)
+    far = fingers[0] + reach + 2.0 * edge
+    # The middle line lies across the tool, along its y axis; the tool points down, so that is its right-hand side.
+    ax, ay = math.sin(tool[3]), -math.cos(tool[3])
+    for i in range(len(x) - 1):
+        if (x[i, 0] - tool[0]) ** 2 + (x[i, 1] - tool[1]) ** 2 > far * far:
+            continue
+        for k in range(_POINTS):
+            share = (k + 0.5) / _POINTS
+            px = (1.0 - share) * x[i, 0] + share * x[i + 1, 0] - tool[0]
+            py = (1.0 - share) * x[i, 1] + share * x[i + 1, 1] - tool[1]
+            pz = (1.0 - share) * x[i, 2] + share * x[i + 1, 2]
+            along = min(max(px * ax + py * ay, -fingers[0]), fingers[0])
+            mx, my = px - along * ax, py - along * ay
+            distance = math.sqrt(mx * mx + my * my)
+            # A rod below the tips is not touched, and one exactly in the middle has no side to go to.
+            if distance < reach and distance > 1e-6 and pz + 0.5 * radius > tool[2] - fingers[2]:
+                _add(i, share, mx / distance, my / distance, reach - distance, h, band, right)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _add(i: int, share: float, mx: float, my: float, depth: float, h: float, band: Array, right: Array) -> None:
+    """Add the spring at one point between two nodes, along (mx, my), to both of them."""
+    row, first, stiff, force = 4 * i, 1.0 - share, h * h * _PUSH_N_M, h * _PUSH_N_M * depth
+    right[row] += first * force * mx
+    right[row + 1] += first * force * my
+    right[row + 4] += share * force * mx
+    right[row + 5] += share * force * my
+    for node, weight in ((row, first * first), (row + 4, share * share)):
+        band[node, 0] += weight * stiff * mx * mx
+        band[node + 1, 0] += weight * stiff * my * my
+        band[node, 1] += weight * stiff * mx * my
+    mixed = first * share * stiff
+    band[row, 4] += mixed * mx * mx
+    band[row + 1, 4] += mixed * my * my
+    band[row, 5] += mixed * mx * my
+    band[row + 1, 3] += mixed * mx * my
+
+
+BAND = 8
+STRETCH_N_M = 2000.0
+"""Stiffness of an edge [N/m]."""
+GRIP_N_M = 2000.0
+"""Stiffness of the pads under each of their points [N/m]."""
+_TABLE_N_M = 40.0  # of the table under a node
+_CREEP_M_S = 2e-4  # slower than this, friction is viscous
+_GRAVITY_M_S2 = 9.81
+_NEIGHBOURS_M = 0.06  # parts nearer than this along the rod are one strand
+_UPRIGHT = 0.3  # share of its length that an edge is long from above, below which its bend is not one in the plane
+_LOOK_EVERY = 5  # steps between two looks at how near the strands are
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def play_motion(
+    nodes: Array, rod: Array, step_s: float, rest_steps: int, tool: Array, pads: Array, fingers: Array, end: Array
+) -> float:
+    """Play one motion of the tool on a rod lying as `nodes` (M, 3) [m] and write where it ends to `end` (M, 3).
+
+    `rod` (9,): length of an edge [m], mass of a node [kg], bending EI / l³ and twist GJ / (l r²) [N/m], damping [s],
+    friction, rolling resistance over radius, radius [m], yield curvature [1/m] (infinite: it always springs back).
+    `tool` (T, 4 K): x, y, z [m] and yaw [rad] of K tools at every step; then the rod is free for `rest_steps`. `pads`
+    (n, 4): points of the rod between the pads, as a number of nodes from the first, where they are from their tool
+    (along, up) [m], and which tool that is.
+    `fingers` (3,): as `FINGERS` where they are closed and push, zeros where they hold. Returns how near two
+    strands came [m].
+    """
+    count = len(nodes)
+    x, v = np.zeros((count, 4)), np.zeros((count, 4))
+    x[:, :3] = nodes
+    nearest = advance(x, v, np.zeros(count), rod, step_s, rest_steps, tool, pads, fingers)
+    end[:] = x[:, :3]
+    return nearest
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def advance(
+    x: Array,
+    v: Array,
+    rest: Array,
+    rod: Array,
+    step_s: float,
+    rest_steps: int,
+    tool: Array,
+    pads: Array,
+    fingers: Array,
+) -> float:
+    """Continue in place from nodes with their roll `x` (M, 4) [m], `v` (M, 4) [m/s], rest curvatures `rest` (M,) [1/m].
+
+    The other arguments and the result are those of `play_motion`.
+    """
+    count = len(x)
+    plastic, bend = math.isfinite(rod[8]), np.zeros((count, 3))
+    band, right, column = np.zeros((4 * count + BAND, BAND + 1)), np.zeros(4 * count + BAND), np.zeros(BAND + 1)
+    nearest = np.inf
+    for step in range(len(tool) + rest_steps):
+        band[:], right[:] = 0.0, 0.0
+        _inertia_and_table(x, v, rod, step_s, band, right)
+        if plastic:
+            _set(x, rod, rest, bend)
+        _elasticity(x, rod, bend, step_s, band, right)
+        _edges(x, rod[0], step_s, band, right)
+        if step < len(tool):
+            _grip(x, tool[step], pads, step_s, band, right)
+            if fingers[1] > 0.0:
+                push(x, tool[step], fingers, rod[7], step_s, band, right)
+        _solve(band, right, column, 4 * count)
+        for i in range(count):
+            for a in range(4):
+                v[i, a] = right[4 * i + a]
+                x[i, a] += step_s * v[i, a]
+        if step % _LOOK_EVERY == 0:
+            nearest = min(nearest, _nearest(x, rod[0]))
+    return nearest
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _inertia_and_table(x: Array, v: Array, rod: Array, h: float, band: Array, right: Array) -> None:
+    """Masses, gravity, and the table with its friction: nodes slide along the rod and roll across it."""
+    mass, friction, rolling, radius = rod[1], rod[5], rod[6], rod[7]
+    last = len(x) - 1
+    for i in range(len(x)):
+        row = 4 * i
+        for a in range(3):
+            band[row + a, 0] = mass
+            right[row + a] = mass * v[i, a]
+        # A solid cylinder: its inertia about the axis is half of what a ring would have.
+        band[row + 3, 0] = 0.5 * mass
+        right[row + 3] = 0.5 * mass * v[i, 3]
+        right[row + 2] -= h * mass * _GRAVITY_M_S2
+        normal = _TABLE_N_M * (radius - x[i, 2])
+        if normal <= 0.0:
+            continue
+        right[row + 2] += h * normal
+        band[row + 2, 0] += h * h * _TABLE_N_M + h * math.sqrt(_TABLE_N_M * mass)
+        tx = x[min(i + 1, last), 0] - x[max(i - 1, 0), 0]
+        ty = x[min(i + 1, last), 1] - x[max(i - 1, 0), 1]
+        norm = math.sqrt(tx * tx + ty * ty) + 1e-12
+        tx, ty = tx / norm, ty / norm
+        along, across = v[i, 0] * tx + v[i, 1] * ty, v[i, 1] * tx - v[i, 0] * ty + v[i, 3]
+        speed = math.sqrt(friction**2 * (along**2 + across**2) + (rolling * v[i, 3]) ** 2)
+        speed = max(speed, _CREEP_M_S * friction)
+        slide, roll = h * normal * friction**2 / speed, h * normal * rolling**2 / speed
+        band[row, 0] += slide
+        band[row + 1, 0] += slide
+        band[row + 3, 0] += slide + roll
+        band[row, 3] -= slide * ty
+        band[row + 1, 2] += slide * tx
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _set(x: Array, rod: Array, rest: Array, bend: Array) -> None:
+    """Let the rest curvature `rest` (M,) [1/m] follow what is beyond yield; `bend` (M, 3) [m] is x'' l² of it now."""
+    square = rod[0] * rod[0]
+    for i in range(1, len(x) - 1):
+        tx, ty = x[i + 1, 0] - x[i - 1, 0], x[i + 1, 1] - x[i - 1, 1]
+        norm = math.sqrt(tx * tx + ty * ty)
+        bend[i, 0] = bend[i, 1] = 0.0
+        if norm < _UPRIGHT * 2.0 * rod[0]:
+            continue
+        nx, ny = -ty / norm, tx / norm
+        curvature = nx * (x[i - 1, 0] - 2.0 * x[i, 0] + x[i + 1, 0]) + ny * (x[i - 1, 1] - 2.0 * x[i, 1] + x[i + 1, 1])
+        curvature /= square
+        rest[i] = min(max(rest[i], curvature - rod[8]), curvature + rod[8])
+        bend[i, 0], bend[i, 1] = square * rest[i] * nx, square * rest[i] * ny
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _elasticity(x: Array, rod: Array, bend: Array, h: float, band: Array, right: Array) -> None:
+    """Bending away from what it rests in, and twist, with damping as a share of the stiffness."""
+    bending, twist, implicit = rod[2], rod[3], h * h + h * rod[4]
+    for i in range(len(x) - 1):
+        row, force, gain = 4 * i + 3, h * twist * (x[i + 1, 3] - x[i, 3]), implicit * twist
+        right[row] += force
+        right[row + 4] -= force
+        band[row, 0] += gain
+        band[row + 4, 0] += gain
+        band[row, 4] -= gain
+    gain = implicit * bending
+    for i in range(1, len(x) - 1):
+        for a in range(3):
+            row = 4 * (i - 1) + a
+            force = h * bending * (x[i - 1, a] - 2.0 * x[i, a] + x[i + 1, a] - bend[i, a])
+            right[row] -= force
+            right[row + 4] += 2.0 * force
+            right[row + 8] -= force
+            band[row, 0] += gain
+            band[row + 4, 0] += 4.0 * gain
+            band[row + 8, 0] += gain
+            band[row, 4] -= 2.0 * gain
+            band[row + 4, 4] -= 2.0 * gain
+            band[row, 8] += gain
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _edges(x: Array, length: float, h: float, band: Array, right: Array) -> None:
+    """Stiff edges; their geometric stiffness only where it is positive, so that the matrix stays so."""
+    t = np.zeros(3)
+    for i in range(len(x) - 1):
+        for a in range(3):
+            t[a] = x[i + 1, a] - x[i, a]
+        now = math.sqrt(t[0] ** 2 + t[1] ** 2 + t[2] ** 2)
+        force = h * STRETCH_N_M * (now - length)
+        sideways = max(0.0, h * force / now)
+        for a in range(3):
+            t[a] /= now
+        for a in range(3):
+            right[4 * i + a] += force * t[a]
+            right[4 * i + 4 + a] -= force * t[a]
+            for b in range(3):
+                value = (h * h * STRETCH_N_M - sideways) * t[a] * t[b]
+                if a == b:
+                    value += sideways
+                if b <= a:
+                    band[4 * i + b, a - b] += value
+                    band[4 * i + 4 + b, a - b] += value
+                band[4 * i + b, 4 + a - b] -= value
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _grip(x: Array, tool: Array, pads: Array, h: float, band: Array, right: Array) -> None:
+    """Springs from each tool to the points between its pads, which keep the rod from turning as well."""
+    target = np.zeros(4)
+    for k in range(len(pads)):
+        at = 4 * int(pads[k, 3])
+        cosine, sine = math.cos(tool[at + 3]), math.sin(tool[at + 3])
+        i = min(int(pads[k, 0]), len(x) - 2)
+        share = pads[k, 0] - i
+        target[0], target[1] = tool[at] + cosine * pads[k, 1], tool[at + 1] + sine * pads[k, 1]
+        target[2] = tool[at + 2] + pads[k, 2]
+        for a in range(4):
+            row = 4 * i + a
+            force = h * GRIP_N_M * (target[a] - (1.0 - share) * x[i, a] - share * x[i + 1, a])
+            gain = h * h * GRIP_N_M
+            right[row] += (1.0 - share) * force
+            right[row + 4] += share * force
+            band[row, 0] += (1.0 - share) ** 2 * gain
+            band[row + 4, 0] += share**2 * gain
+            band[row, 4] += (1.0 - share) * share * gain
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _solve(band: Array, right: Array, column: Array, size: int) -> None:
+    """Solve in place by Cholesky; `band[c, d]` is element (c + d, c). Both have `BAND` spare rows, so that all loops
+    have fixed lengths."""
+    for c in range(size):
+        inverse = 1.0 / math.sqrt(band[c, 0])
+        value = right[c] * inverse
+        band[c, 0], right[c] = inverse, value
+        for d in range(1, 9):
+            column[d] = band[c, d] * inverse
+            band[c, d] = column[d]
+            right[c + d] -= column[d] * value
+        for e in range(1, 9):
+            factor = column[e]
+            for d in range(9 - e):
+                band[c + e, d] -= factor * column[e + d]
+    for c in range(size - 1, -1, -1):
+        value = right[c]
+        for d in range(1, 9):
+            value -= band[c, d] * right[c + d]
+        right[c] = value * band[c, 0]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _nearest(x: Array, length: float) -> float:
+    """Distance [m] of the two nodes nearest to each other that are not on one strand."""
+    apart = math.ceil(_NEIGHBOURS_M / length)
+    nearest = np.inf
+    for i in range(len(x) - apart):
+        for j in range(i + apart, len(x)):
+            square = (x[i, 0] - x[j, 0]) ** 2 + (x[i, 1] - x[j, 1]) ** 2 + (x[i, 2] - x[j, 2]) ** 2
+            nearest = min(nearest, square)
+    return math.sqrt(nearest)

@@ -1,0 +1,277 @@
+"""From what actions did to what is believed: Bayes' rule on a grid of friction, stiffness and yield.
+
+The prior is what was configured, or, with some chance, quite another DLO: a model may have been set up for a rope when
+a wire lies on the table.
+"""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import msgspec
+import numpy as np
+from scipy.interpolate import RectBivariateSpline
+
+from dlokit import geometry
+from dlokit.rod.believed import BeliefConfig, ModelConfig, as_configured
+from dlokit.rod.rollout import Motion, QuickRod, play
+from dlokit.types.action import VelocityProfile
+from dlokit.types.arrays import Float64Array
+from dlokit.types.dlo import DloBelief, Figure
+from dlokit.types.robot import RobotState
+
+
+@dataclass(frozen=True, kw_only=True)
+class Experience:
+    """One grasp-to-release in which the DLO was held all the way."""
+
+    before_world: Float64Array  # (M, 3) [m] at rest
+    after_world: Float64Array  # (M, 3) [m] at rest
+    node: int
+    """The node between the fingers."""
+    times_s: Float64Array  # (T,) [s], rising
+    tool: Float64Array  # (T, 4) x, y, z [m] and yaw [rad] of the tool from the grasp to the release
+
+    def motion(self, timestep_s: float) -> Motion:
+        """The same for the quick rod: where the tool was at every time step."""
+        steps = max(2, round((self.times_s[-1] - self.times_s[0]) / timestep_s) + 1)
+        times_s = np.linspace(self.times_s[0], self.times_s[-1], steps)
+        track = np.column_stack([np.interp(times_s, self.times_s, column) for column in self.tool.T])
+        return Motion(node=self.node, waypoints=track[[0, -1]], velocity=VelocityProfile(), track=track)
+
+    @property
+    def moved_m(self) -> Float64Array:
+        """How far each node came to lie from where it was (M,) [m]."""
+        return np.linalg.norm((self.after_world - self.before_world)[:, :2], axis=1)
+
+
+def tool_of(states: Sequence[RobotState]) -> tuple[Float64Array, Float64Array]:
+    """Times (T,) [s] and places (T, 4) of a tool that points down: x, y, z [m], yaw [rad]. Stamps rise."""
+    turns = [geometry.rotation(state.T_world_tcp) for state in states]
+    yaw = np.unwrap([np.arctan2(turn[1, 0], turn[0, 0]) for turn in turns])
+    places = np.array([state.T_world_tcp.position_m for state in states])
+    return np.array([state.stamp_ns / 1e9 for state in states]), np.column_stack((places, yaw))
+
+
+FRICTION_LOG = np.log(2.0) * np.linspace(-1.0, 1.0, 5)
+"""Logarithms of the friction that are tried, over the model's: half to twice of it."""
+STIFFNESS_LOG = np.log(2.0) * np.arange(-2.0, 10.0)
+"""Logarithms of the bending stiffness that are tried, over the model's: a quarter to 512 times of it."""
+YIELDS_1_M = (math.inf, 3.0, 1.0)
+"""Yield curvatures that are tried [1/m]: a DLO that springs back always, and two that take a set."""
+_TIMESTEP_S = 0.005
+_REST_S = 1.0
+_SEEN_M = 0.004  # the state's own error
+_MODEL_SHARE = 0.08  # error of the rod of planning, as a share of how far a node was moved
+_LOW_LIFT_M = 0.05
+_LIFT_SHARE = 0.1  # error, as a share of a higher lift: out of the plane sets and turns in the pads are not modelled
+_FREEDOM = 3.0  # of Student's t: a mistake of the observer does not decide alone
+_INDEPENDENT = 5.0  # nodes err together: so many independent ones say as much
+_LEAST_MOVED_M = 0.01  # an action that moved less tells of noise alone
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What one action says of the rods of the grid."""
+
+    log_likelihood: Float64Array  # (Y, F, S) by yield, friction and stiffness
+    rmse_m: Float64Array  # (Y, F, S) [m] of what each rod predicts to what was seen
+
+
+def evidence(config: ModelConfig, seen: Experience, threads: int = 0) -> Evidence | None:
+    """Play an action through on every rod of the grid; None when it moved the DLO too little to tell anything."""
+    if seen.moved_m.max() < _LEAST_MOVED_M:
+        return None
+    rods = tuple(
+        QuickRod(friction_share=math.exp(a), stiffness_share=math.exp(b), yield_curvature_1_m=bend)
+        for bend in YIELDS_1_M
+        for a in FRICTION_LOG
+        for b in STIFFNESS_LOG
+    )
+    patient = replace(config, rollout=replace(config.rollout, release_s=_REST_S))
+    played = play(patient, seen.before_world, rods, (seen.motion(_TIMESTEP_S),), _TIMESTEP_S, threads)
+    residual = np.linalg.norm((played.nodes_world[:, 0] - seen.after_world)[..., :2], axis=-1)  # (R, M)
+    rmse_m = np.sqrt(np.mean(residual**2, axis=1))
+    beyond_m = max(float(np.ptp(seen.tool[:, 2])) - _LOW_LIFT_M, 0.0)
+    # What no rod of the grid explains is the fault of all of them: it must not choose between them.
+    unexplained_m = math.hypot(_SEEN_M, _LIFT_SHARE * beyond_m, float(rmse_m.min()))
+    sigma = np.hypot(unexplained_m, _MODEL_SHARE * seen.moved_m)
+    square = (residual / sigma) ** 2
+    # In the plane Student's t falls by (ν + 2) / 2.
+    log_likelihood = -0.5 * (_FREEDOM + 2.0) * np.log1p(square / _FREEDOM).mean(axis=1) * _INDEPENDENT
+    grid = (len(YIELDS_1_M), len(FRICTION_LOG), len(STIFFNESS_LOG))
+    return Evidence(log_likelihood=log_likelihood.reshape(grid), rmse_m=rmse_m.reshape(grid))
+
+
+_ANOTHER = 0.2  # chance of a DLO that is not what was configured
+_ANOTHER_STIFFNESS_LOG_SD = 2.5
+_ANOTHER_FRICTION_LOG_SD = 0.4
+_OTHER_YIELD = 0.2  # chance that a DLO that is told to take a set does so at another curvature, or never
+_NO_CHANCE = 1e-12  # of what is told to be impossible
+_MODEL_LOG_SD = 0.1  # the rod of planning is not the DLO, however often it was seen
+_SET_MODEL_LOG_SD = 0.3  # less so where it takes a set: how much is strained before an action nobody sees
+_FINER = 8  # points of the fine grid in one cell of the coarse one
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """How probable each rod is: yields Y, frictions F and stiffnesses S on a fine grid."""
+
+    probability: Float64Array  # (Y, F, S), its sum is 1
+    friction_log: Float64Array  # (F,) over the model's
+    stiffness_log: Float64Array  # (S,) over the model's
+
+    @property
+    def best_yield(self) -> int:
+        """Index of the most probable yield."""
+        return int(self.probability.sum(axis=(1, 2)).argmax())
+
+    @property
+    def takes_set(self) -> float:
+        """How probable it is that the DLO keeps bends at all."""
+        finite = np.isfinite(np.array(YIELDS_1_M))
+        return min(1.0, float(self.probability[finite].sum()))
+
+
+def posterior(config: ModelConfig, heard: Sequence[Evidence]) -> Posterior:
+    """Bayes' rule over everything that was heard."""
+    fine_friction, fine_stiffness = _fine(FRICTION_LOG), _fine(STIFFNESS_LOG)
+    total = np.zeros((len(YIELDS_1_M), len(FRICTION_LOG), len(STIFFNESS_LOG)))
+    for one in heard:
+        total += one.log_likelihood
+    fine = np.stack(
+        [RectBivariateSpline(FRICTION_LOG, STIFFNESS_LOG, layer, kx=2, ky=2)(fine_friction, fine_stiffness)
+         for layer in total]
+    )  # fmt: skip
+    weight = fine + _log_prior(config, fine_friction, fine_stiffness)
+    probability = np.exp(weight - weight.max())
+    return Posterior(
+        probability=probability / probability.sum(), friction_log=fine_friction, stiffness_log=fine_stiffness
+    )
+
+
+def believed(config: ModelConfig, of: Posterior, actions: int, stamp_ns: int) -> DloBelief:
+    """The belief that a posterior stands for: the most probable yield, and mean and spread of the rest under it."""
+    layer = of.probability[of.best_yield]
+    layer = layer / layer.sum()
+    friction, stiffness = _moments(layer, of.friction_log[:, None]), _moments(layer, of.stiffness_log[None, :])
+    ratio = _moments(layer, of.stiffness_log[None, :] - of.friction_log[:, None])
+    before = as_configured(config, stamp_ns)
+    bend = YIELDS_1_M[of.best_yield]
+    floor = _MODEL_LOG_SD if math.isinf(bend) else _SET_MODEL_LOG_SD
+    return msgspec.structs.replace(
+        before,
+        # All that a rod on a table shows is EI / w and μ: the doubt of the weight stays in EI alone.
+        bending_stiffness_n_m2=_scaled(
+            before.bending_stiffness_n_m2, stiffness, math.hypot(floor, config.belief.weight_log_sd)
+        ),
+        friction=_scaled(before.friction, friction, floor),
+        elastic_m3=_scaled(before.elastic_m3, ratio, floor),
+        yield_curvature_1_m=None if math.isinf(bend) else bend,
+        takes_set=of.takes_set,
+        actions=actions,
+    )
+
+
+def as_believed(config: ModelConfig, belief: DloBelief) -> ModelConfig:
+    """The model with the figures of a belief."""
+    return replace(
+        config,
+        bending_stiffness_n_m2=belief.bending_stiffness_n_m2.value,
+        friction=belief.friction.value,
+        yield_curvature_1_m=belief.yield_curvature_1_m,
+        belief=replace(
+            config.belief,
+            stiffness_log_sd=belief.bending_stiffness_n_m2.log_sd,
+            friction_log_sd=belief.friction.log_sd,
+            takes_set=belief.takes_set,
+        ),
+    )
+
+
+def _fine(coarse: Float64Array) -> Float64Array:
+    return np.linspace(coarse[0], coarse[-1], _FINER * (len(coarse) - 1) + 1)
+
+
+def _log_prior(config: ModelConfig, friction_log: Float64Array, stiffness_log: Float64Array) -> Float64Array:
+    """Of every rod (Y, F, S), up to a constant."""
+    sure: BeliefConfig = config.belief
+    a, b = friction_log[:, None], stiffness_log[None, :]
+    same = (1.0 - _ANOTHER) * _normal(a, sure.friction_log_sd) * _normal(b, sure.stiffness_log_sd)
+    other = _ANOTHER * _normal(a, _ANOTHER_FRICTION_LOG_SD) * _normal(b, _ANOTHER_STIFFNESS_LOG_SD)
+    plane = np.log(same + other)
+    told = config.yield_curvature_1_m
+    other_yield = sure.takes_set if told is None else _OTHER_YIELD
+    shares = [max(other_yield, _NO_CHANCE) / (len(YIELDS_1_M) - 1)] * len(YIELDS_1_M)
+    nearest = 0 if told is None else int(np.argmin([abs(math.log(bend / told)) for bend in YIELDS_1_M]))
+    shares[nearest] = max(1.0 - other_yield, _NO_CHANCE)
+    return np.log(np.array(shares))[:, None, None] + plane
+
+
+def _normal(log: Float64Array, sd: float) -> Float64Array:
+    sd = max(sd, 1e-3)
+    return np.exp(-0.5 * (log / sd) ** 2) / sd
+
+
+def _moments(probability: Float64Array, log: Float64Array) -> tuple[float, float]:
+    mean = float((probability * log).sum())
+    return mean, math.sqrt(float((probability * (log - mean) ** 2).sum()))
+
+
+def _scaled(before: Figure, log: tuple[float, float], doubt_log_sd: float) -> Figure:
+    log_sd = math.hypot(log[1], doubt_log_sd)
+    return Figure(value=before.value * math.exp(log[0]), log_sd=log_sd)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Lesson:
+    """One action that said something."""
+
+    action: int
+    """Number of the action in its run, from 1."""
+    moved_m: float
+    """How far it moved the node that it moved most [m]."""
+    configured_m: float
+    """How far the rod as configured predicts the nodes from where they came to lie (RMSE) [m]."""
+    learnt_m: float
+    """The same for the rod as learnt from the actions before [m]."""
+    belief: DloBelief
+    """After it."""
+
+
+def lessons(config: ModelConfig, seen: Iterable[tuple[int, Experience]], threads: int = 0) -> list[Lesson]:
+    """Learn from experiences in their order; those that tell nothing are left out."""
+    heard: list[Evidence] = []
+    found: list[Lesson] = []
+    known = posterior(config, heard)
+    configured = _nearest_rod(known)
+    for action, experience in seen:
+        said = evidence(config, experience, threads)
+        if said is None:
+            continue
+        before = _nearest_rod(known)
+        heard.append(said)
+        known = posterior(config, heard)
+        found.append(
+            Lesson(
+                action=action,
+                moved_m=float(experience.moved_m.max()),
+                configured_m=float(said.rmse_m[configured]),
+                learnt_m=float(said.rmse_m[before]),
+                belief=believed(config, known, len(heard), stamp_ns=round(experience.times_s[-1] * 1e9)),
+            )
+        )
+    return found
+
+
+def _nearest_rod(of: Posterior) -> tuple[int, int, int]:
+    """The rod of the grid that is nearest to a belief."""
+    layer = of.probability[of.best_yield]
+    layer = layer / layer.sum()
+    friction = float((layer.sum(axis=1) * of.friction_log).sum())
+    stiffness = float((layer.sum(axis=0) * of.stiffness_log).sum())
+    return (
+        of.best_yield,
+        int(np.abs(FRICTION_LOG - friction).argmin()),
+        int(np.abs(STIFFNESS_LOG - stiffness).argmin()),
+    )

@@ -1,0 +1,221 @@
+"""Many motions of a tool on many planning rods at once, and where a rod that is laid down and let go comes to rest.
+
+A rod on a level table is held where friction balances its elastic forces, which depends on one figure alone, EI / (μ w)
+with w the weight per length. A rod that yields has kept, where it lies, what it was bent beyond its yield curvature.
+"""
+
+import math
+import os
+import time
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from dlokit import geometry
+from dlokit.motion.tool_track import tool_track
+from dlokit.rod.believed import ModelConfig
+from dlokit.rod.elastic import ROLLING_M
+from dlokit.rod.planning_rod import FINGERS, NO_FINGERS, play_motion
+from dlokit.rod.tracking_rod import fit_length
+from dlokit.types.action import Action, Push, VelocityProfile
+from dlokit.types.arrays import Float64Array
+
+_POISSON = 0.3
+_DAMPING_S = 0.05
+_PAD_M = 0.02  # length of the pads along the rod
+_EDGE_M = 0.0125  # longest edge: a hanging rod bends too easily where longer ones meet the pads and the table
+SINK_M = 2e-4
+"""How deep a resting node lies in the table of the quick rod [m]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class QuickRod:
+    """What a rod may be like, if it is not quite as the model has it."""
+
+    friction_share: float = 1.0
+    """Friction and rolling resistance, against the model's."""
+    stiffness_share: float = 1.0
+    """Stiffness against bending and twist, against the model's."""
+    shift_m: tuple[float, float] = (0.0, 0.0)
+    """Where it lies against where it is believed to lie (x, y) [m]: the tool takes it a little beside."""
+
+    yield_curvature_1_m: float | None = None
+    """Curvature beyond which it keeps a bend [1/m]; infinite: it always springs back; None: the model's."""
+
+    def numbers(self, config: ModelConfig, nodes: int) -> Float64Array:
+        """The nine numbers (9,) that `play_motion` takes, in SI units, for a rod of so many nodes."""
+        edge_m = config.length_m / (nodes - 1)
+        taken_for = self.yield_curvature_1_m or config.yield_curvature_1_m or math.inf
+        bending = self.stiffness_share * config.bending_stiffness_n_m2
+        return np.array(
+            [
+                edge_m,
+                config.mass_kg_m * edge_m,
+                bending / edge_m**3,
+                bending / (1.0 + _POISSON) / (edge_m * config.radius_m**2),
+                _DAMPING_S,
+                self.friction_share * config.friction,
+                self.friction_share * ROLLING_M / config.radius_m,
+                config.radius_m,
+                taken_for,
+            ]
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Motion:
+    """A tool that takes hold of a rod, moves, and lets go; or one whose closed fingers push."""
+
+    node: int
+    waypoints: Float64Array
+    """(W, 4): x, y, z [m], yaw [rad] of the tool, which points down; the first is the grasp."""
+    velocity: VelocityProfile
+    track: Float64Array | None = None
+    """(T, 4): where the tool was at every time step, when that is known; the waypoints are not looked at then."""
+    holds: bool = True
+    """False: the fingers are closed, and the first waypoint is beside the node."""
+    partner: "Motion | None" = None
+    """What a second tool does at the same time; both let go when the slower has arrived."""
+
+
+@dataclass(frozen=True)
+class Played:
+    """What motions did to rods: R rods, C motions."""
+
+    nodes_world: Float64Array  # (R, C, M, 3) [m] where each rod came to lie
+    nearest_m: Float64Array  # (R, C) how near two strands came on the way [m]
+
+
+def play(
+    config: ModelConfig,
+    nodes_world: Float64Array,
+    rods: tuple[QuickRod, ...],
+    motions: tuple[Motion, ...],
+    timestep_s: float,
+    threads: int = 0,
+) -> Played:
+    """Play every motion through on every rod, all of them lying as `nodes_world` (K, 3) [m].
+
+    `threads` 0: as many as there are cores. The result is the same for any number.
+    """
+    start = fine_rod(config, nodes_world)
+    fine = len(start)
+    start[:, 2] = config.radius_m - SINK_M
+    ends = np.empty((len(rods), len(motions), config.nodes, 3))
+    nearest = np.empty((len(rods), len(motions)))
+    numbers = [rod.numbers(config, fine) for rod in rods]
+    starts = [start + np.array([*rod.shift_m, 0.0]) for rod in rods]
+    rest = round(config.rollout.release_s / timestep_s)
+
+    def one(motion_index: int) -> None:
+        motion = motions[motion_index]
+        tool = _track(motion, timestep_s)
+        fingers, end = NO_FINGERS if motion.holds else FINGERS, np.empty_like(start)
+        for k, rod in enumerate(numbers):
+            pads = _all_pads(starts[k], motion, config.nodes) if motion.holds else np.empty((0, 4))
+            nearest[k, motion_index] = play_motion(starts[k], rod, timestep_s, rest, tool, pads, fingers, end)
+            ends[k, motion_index] = geometry.resample(end, config.nodes)
+
+    with ThreadPoolExecutor(threads or len(os.sched_getaffinity(0))) as pool:
+        for _ in pool.map(one, range(len(motions))):
+            pass
+    ends[..., 2] = np.maximum(ends[..., 2], config.radius_m)
+    return Played(nodes_world=ends, nearest_m=nearest)
+
+
+def _track(motion: Motion, timestep_s: float) -> Float64Array:
+    """The tool (T, 4) at every step; with a partner both, side by side (T, 8), the faster waiting for the other."""
+    pace, tool = motion.velocity, motion.track
+    if tool is None:
+        tool = tool_track(motion.waypoints, pace.speed_m_s, pace.acceleration_m_s2, pace.jerk_m_s3, timestep_s)
+    if motion.partner is None:
+        return tool
+    other = _track(motion.partner, timestep_s)
+    at = np.arange(max(len(tool), len(other)))
+    return np.hstack((tool[np.minimum(at, len(tool) - 1)], other[np.minimum(at, len(other) - 1)]))
+
+
+def _all_pads(nodes_world: Float64Array, motion: Motion, count: int) -> Float64Array:
+    """What is between the pads of a motion's tool, and of its partner's, as `play_motion` takes it."""
+    held = (motion,) if motion.partner is None else (motion, motion.partner)
+    at = [round(one.node * (len(nodes_world) - 1) / (count - 1)) for one in held]
+    return np.concatenate([between_pads(nodes_world, at[arm], one.waypoints[0], arm) for arm, one in enumerate(held)])
+
+
+def predict(config: ModelConfig, nodes_world: Float64Array, action: Action, timestep_s: float = 0.01) -> Float64Array:
+    """The shape (M, 3) [m] that `action` leaves of a rod at `nodes_world` (K, 3) [m], in steps of `timestep_s` [s]."""
+    return play(config, nodes_world, (QuickRod(),), (motion_of(action),), timestep_s, threads=1).nodes_world[0, 0]
+
+
+def motion_of(action: Action) -> Motion:
+    """What the first arm's tool does in an action."""
+    tools = [geometry.matrix(pose) for pose in (action.grasp.T_world_tcp, *action.path)]
+    yaws = np.unwrap([math.atan2(T[1, 0], T[0, 0]) for T in tools])
+    waypoints = np.column_stack(([T[:3, 3] for T in tools], yaws))
+    return Motion(
+        node=action.grasp.node, waypoints=waypoints, velocity=action.velocity, holds=not isinstance(action, Push)
+    )
+
+
+def fine_rod(config: ModelConfig, nodes_world: Float64Array) -> Float64Array:
+    """A curve (K, 3) [m] as nodes (F, 3) [m] of a rod of the model's length, with edges as short as the planning rod
+    needs them; on a smooth curve, for on straight edges it would have kinks."""
+    nodes = fit_length(config, nodes_world)
+    count = max(config.nodes, math.ceil(config.length_m / _EDGE_M) + 1)
+    share = np.linspace(0.0, 1.0, len(nodes))
+    return np.asarray(CubicSpline(share, nodes)(np.linspace(0.0, 1.0, count)), dtype=np.float64)
+
+
+def between_pads(nodes_world: Float64Array, near: int, tool: Float64Array, arm: int = 0) -> Float64Array:
+    """Points of a rod (M, 3) [m] between the pads, as `play_motion` takes them (3, 4): their ends and middle.
+
+    The rod is held at its node `near` by the tool number `arm`, at `tool` (4,): x, y, z [m], yaw [rad].
+    """
+    edge_m = float(np.linalg.norm(nodes_world[1] - nodes_world[0]))
+    last = len(nodes_world) - 1
+    axis = np.array([np.cos(tool[3]), np.sin(tool[3])])
+    way = (nodes_world[min(near + 1, last)] - nodes_world[max(near - 1, 0)])[:2]
+    same_way = 1.0 if way @ axis > 0.0 else -1.0
+    held_m = near * edge_m - same_way * float((nodes_world[near, :2] - tool[:2]) @ axis)
+    at_m = np.clip(held_m + np.array([-0.5, 0.0, 0.5]) * _PAD_M, 0.0, last * edge_m)
+    up_m = float(nodes_world[near, 2] - tool[2])
+    return np.column_stack((at_m / edge_m, same_way * (at_m - held_m), np.full(3, up_m), np.full(3, float(arm))))
+
+
+_STEP_S = 0.02
+_SMALL = ModelConfig(nodes=5, length_m=0.08)
+
+
+def warm() -> float:
+    """Play one short motion on a small rod; the seconds that took.
+
+    At the first call after an installation Numba compiles, which takes some twenty seconds, and keeps what it made
+    beside the modules, or in the user's cache folder where it may not write there. Later it loads that.
+    """
+    began = time.perf_counter()
+    lying = np.column_stack((np.linspace(0.0, _SMALL.length_m, _SMALL.nodes), np.zeros((_SMALL.nodes, 2))))
+    there_and_up = np.array([[0.04, 0.0, 0.011, 1.5], [0.04, 0.0, 0.03, 1.5], [0.06, 0.0, 0.03, 1.6]])
+    motion = Motion(node=2, waypoints=there_and_up, velocity=VelocityProfile())
+    play(_SMALL, lying, (QuickRod(),), (motion,), _STEP_S, threads=1)
+    return time.perf_counter() - began
+
+
+_AS_MODELLED = QuickRod()
+_NO_TOOL, _NO_PADS = np.zeros((0, 4)), np.zeros((0, 3))
+
+
+def settle(config: ModelConfig, nodes_world: Float64Array, rod: QuickRod = _AS_MODELLED) -> Float64Array:
+    """Where a rod laid down as `nodes_world` (K, 3) [m] and let go comes to rest, (M, 3) [m].
+
+    It is taken to have been straight before it was laid down, and does not collide with itself.
+    """
+    nodes = fit_length(config, nodes_world)
+    nodes[:, 2] = config.radius_m - SINK_M
+    end = np.empty_like(nodes)
+    step_s = config.settle.timestep_s
+    steps = round(config.settle.duration_s / step_s)
+    play_motion(nodes, rod.numbers(config, config.nodes), step_s, steps, _NO_TOOL, _NO_PADS, NO_FINGERS, end)
+    end[:, 2] = np.maximum(end[:, 2], config.radius_m)
+    return end

@@ -1,0 +1,107 @@
+"""The DLO as a discrete elastic rod of its own, in MuJoCo.
+
+Bending and twist follow Bergou et al., Discrete Elastic Rods, SIGGRAPH 2008 (MuJoCo's 1D flex); the length of
+every edge is held by a constraint. Forces of the form ``F = Kp (target - x) - Kd v`` are joint springs, which the
+integrator treats implicitly: any gain is stable at any time step.
+"""
+
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from dlokit import geometry
+from dlokit.description.dlo import DloPreset
+from dlokit.rod.believed import ModelConfig
+from dlokit.rod.elastic import add_rod, rod_bodies, set_rod_physics
+from dlokit.types.arrays import Float64Array, Int64Array
+from dlokit.types.dlo import Topology
+
+_WEIGHTLESS = int(mujoco.mjtDisableBit.mjDSBL_CONTACT) | int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
+
+
+class RodModel:
+    """One weightless rod without contacts: M nodes, with a spring from each to a target."""
+
+    def __init__(self, config: ModelConfig, *, timestep_s: float, damping_n_s_m: float = 0.0) -> None:
+        """Build the rod straight along x.
+
+        `damping_n_s_m` acts on every node's velocity against the world. Raises `ConfigError` on a rod that
+        cannot be built, e.g. one with more nodes than its radius leaves room for.
+        """
+        self.config = config
+        self.topology = topology(config)
+        self._model: Any = _compile(config, timestep_s)
+        self._data: Any = mujoco.MjData(self._model)
+        bodies = rod_bodies(self._model)
+        self._rest: Float64Array = self._model.body_pos[bodies].copy()  # (M, 3)
+        joints: Int64Array = np.add.outer(self._model.body_jntadr[bodies], np.arange(3)).astype(np.int64)  # (M, 3)
+        self._joints = joints
+        self._qpos = self._model.jnt_qposadr[joints]
+        self._dofs = self._model.jnt_dofadr[joints]
+        self._model.dof_damping[self._dofs] = damping_n_s_m
+
+    @property
+    def nodes_world(self) -> Float64Array:
+        """Nodes (M, 3) [m], world frame."""
+        return self._rest + self._data.qpos[self._qpos]
+
+    @property
+    def speed_m_s(self) -> float:
+        """Largest speed of a node [m/s]."""
+        return float(np.abs(self._data.qvel[self._dofs]).max())
+
+    def place(self, nodes_world: Float64Array) -> None:
+        """Set the nodes (M, 3) [m] at rest, without twist, and let go of all targets."""
+        mujoco.mj_resetData(self._model, self._data)
+        self._data.qpos[self._qpos] = nodes_world - self._rest
+        self.let_go()
+
+    def pull(self, targets_world: Float64Array, stiffness_n_m: Float64Array) -> None:
+        """Pull each node to its target (M, 3) [m] with gains Kp (M, 3) along the axes [N/m]; 0 leaves it free."""
+        self._model.qpos_spring[self._qpos] = targets_world - self._rest
+        self._model.jnt_stiffness[self._joints] = stiffness_n_m
+
+    def let_go(self) -> None:
+        """Take all target forces away."""
+        self._model.jnt_stiffness[self._joints] = 0.0
+
+    def step(self, count: int) -> None:
+        """Advance the physics by `count` steps."""
+        mujoco.mj_step(self._model, self._data, count)
+
+
+def topology(config: ModelConfig) -> Topology:
+    """The rod's edges: a single line of equal segments."""
+    first = np.arange(config.nodes - 1, dtype=np.int64)
+    spacing = config.length_m / (config.nodes - 1)
+    return Topology(edges=np.column_stack((first, first + 1)), rest_lengths_m=np.full(config.nodes - 1, spacing))
+
+
+def fit_length(config: ModelConfig, nodes_world: Float64Array) -> Float64Array:
+    """A curve (K, 3) [m] as the rod's nodes (M, 3): its ends cut or prolonged equally to the rod's length."""
+    s = geometry.arc_lengths(nodes_world)
+    if len(nodes_world) == config.nodes and abs(s[-1] - config.length_m) < 0.005 * config.length_m:
+        # A rod already. Moving nodes along it would cut its corners a little every time.
+        return nodes_world.copy()
+    excess = (s[-1] - config.length_m) / 2.0
+    wanted = np.linspace(excess, s[-1] - excess, config.nodes)
+    inside = np.clip(wanted, 0.0, s[-1])
+    nodes = np.column_stack([np.interp(inside, s, nodes_world[:, axis]) for axis in range(3)])
+    start, end = geometry.tangents(nodes_world)[[0, -1]]
+    return nodes + np.outer(np.minimum(wanted, 0.0), start) + np.outer(np.maximum(wanted - s[-1], 0.0), end)
+
+
+def _compile(config: ModelConfig, timestep_s: float) -> Any:
+    spec = mujoco.MjSpec()
+    set_rod_physics(spec, timestep_s)
+    spec.option.disableflags = _WEIGHTLESS
+    rope = DloPreset(
+        name="model",
+        length_m=config.length_m,
+        radius_m=config.radius_m,
+        mass_per_length_kg_m=config.mass_kg_m,
+        bending_stiffness_n_m2=config.bending_stiffness_n_m2,
+    )
+    add_rod(spec, rope, config.nodes)
+    return spec.compile()

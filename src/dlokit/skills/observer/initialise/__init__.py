@@ -1,0 +1,1 @@
+"""The first shape: a cloud of unknown order becomes nodes, with no prior."""

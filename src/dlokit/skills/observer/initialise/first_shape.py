@@ -1,0 +1,154 @@
+"""The first shape: a cloud of unknown order becomes nodes, with no prior.
+
+Draw the cloud together to a skeleton, cut it where it branches, put the pieces in the order of the way that bends
+least and has the rod's length (`ordering`), and let the smooth centre line along that way be the rod. Node 0 is the
+end farther to the robot's left (larger y in the world); of two ends within 2 cm in y, the one nearer to the
+robot's base (smaller x).
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from dlokit.errors import SkillFailure
+from dlokit.geometry import arc_lengths, resample, rmse_m
+from dlokit.skills.observer.curve import FittedCurve, fit_curve
+from dlokit.skills.observer.initialise.config import InitialiseConfig
+from dlokit.skills.observer.initialise.ordering import Way, faces_itself, links, polyline, ways
+from dlokit.skills.observer.initialise.skeleton import skeleton
+from dlokit.skills.observer.visibility import shaded, supported
+from dlokit.types.dlo import TargetPoints
+from dlokit.types.observation import Observation
+
+Array = NDArray[np.float64]
+
+
+def initial_targets(
+    seen: Observation,
+    count: int,
+    length_m: float | None,
+    config: InitialiseConfig | None = None,
+    prior_nodes: Array | None = None,
+) -> TargetPoints:
+    """The cloud as `count` nodes in order along a rod of known length [m]; with None, whatever length is seen.
+
+    With `prior_nodes` (count, 3) [m] the order is the one nearer to them; else node 0 is the end farther to
+    the left (see the module). Nodes in a gap are marked not visible. Raises `SkillFailure` with reason
+    ``no_points``, ``out_of_view`` (an end is cut off by the picture or the robot, or much of the rod is missing),
+    ``crossing`` (the rod lies across or against itself in a way that leaves more than one order) or
+    ``fragmented`` (pieces too far apart or too many to be one rod).
+    """
+    config = config or InitialiseConfig()
+    points = np.asarray(seen.points_world, dtype=np.float64)
+    kept = without_lone_points(points, config)
+    if len(kept) < config.least_points:
+        raise SkillFailure(
+            "no_points",
+            f"{len(kept)} points of the DLO in the cloud, at least {config.least_points} are needed; "
+            f"is it in view, and do the filters fit its colour?",
+        )
+    curve = fit_curve(kept, _ordered(kept, length_m, config), config.curve)
+    if curve is None:
+        raise SkillFailure("fragmented", "no curve runs through the points; look again")
+    if length_m is not None:
+        _check_length(curve, length_m, seen, config)
+    nodes = curve.at(np.linspace(curve.segments[0].start_m, curve.segments[-1].end_m, count))
+    span = curve.segments[-1].end_m - curve.segments[0].start_m
+    fit = 1.0 if length_m is None else 1.0 - abs(span / length_m - 1.0)
+    nodes = oriented(nodes, prior_nodes)
+    return TargetPoints(
+        stamp_ns=seen.stamp_ns,
+        nodes_world=nodes,
+        visible=supported(nodes, kept, config.visibility),
+        health=float(np.mean(curve.used)) * len(kept) / len(points) * fit,
+    )
+
+
+def oriented(nodes: Array, prior_nodes: Array | None = None) -> Array:
+    """The nodes (M, 3) [m] in the prior's direction, or from the end farther to the left (larger y), see the module."""
+    if prior_nodes is not None and len(prior_nodes) == len(nodes):
+        return nodes if rmse_m(nodes, prior_nodes) <= rmse_m(nodes[::-1], prior_nodes) else nodes[::-1].copy()
+    first, last = nodes[0], nodes[-1]
+    if abs(first[1] - last[1]) > 0.02:
+        return nodes if first[1] > last[1] else nodes[::-1].copy()
+    return nodes if first[0] <= last[0] else nodes[::-1].copy()
+
+
+def without_lone_points(points: Array, config: InitialiseConfig) -> Array:
+    """The points (N, 3) [m] that have enough others around them."""
+    if len(points) == 0:
+        return points
+    counts = np.asarray(KDTree(points).query_ball_point(points, config.lone_radius_m, return_length=True))
+    return points[counts > 0.25 * np.median(counts)]
+
+
+def _ordered(points: Array, length_m: float | None, config: InitialiseConfig) -> Array:
+    """A line (K, 3) [m] along the rod, from tip to tip, through the points (N, 3) [m]."""
+    pieces = skeleton(points, config.skeleton)
+    if not 1 <= len(pieces) <= config.most_pieces:
+        raise SkillFailure(
+            "fragmented",
+            f"the cloud falls into {len(pieces)} pieces of line, 1 to {config.most_pieces} are allowed: it shows an "
+            f"area or many things; check the box and the segmentation",
+        )
+    rod_m = length_m or sum(float(arc_lengths(piece)[-1]) for piece in pieces)
+    joined = links(pieces, points, config.ordering.gap_share * rod_m, config.ordering)
+    found = ways(pieces, joined, length_m, config.ordering, config.ambiguity)
+    best = polyline(found[0], pieces, joined)
+    _check_left_out(found[0], pieces, best, config)
+    if faces_itself(best, config.ordering):
+        raise SkillFailure("crossing", "the rod's ends touch, so that it has no beginning; lay them apart")
+    for other in found[1:]:
+        if not _same(best, polyline(other, pieces, joined), config.same_order_m):
+            raise SkillFailure(
+                "crossing",
+                "the rod lies across or against itself such that two orders are equally likely; lay it out",
+            )
+    return best
+
+
+def _same(a: Array, b: Array, tolerance_m: float) -> bool:
+    """Whether two lines (K, 3) [m] run the same way, from whichever end."""
+    return rmse_m(resample(a, 50), resample(b, 50), ends_interchangeable=True) < tolerance_m
+
+
+def _check_left_out(way: Way, pieces: list[Array], line: Array, config: InitialiseConfig) -> None:
+    """Raise ``fragmented`` or ``crossing`` when much of what was seen is not part of the rod."""
+    others = [piece for number, piece in enumerate(pieces) if number not in way.pieces]
+    left_out_m = sum(float(arc_lengths(piece)[-1]) for piece in others)
+    if left_out_m <= config.branch_m:
+        return
+    apart_m = float(np.min(KDTree(line).query(np.vstack(others))[0]))
+    if apart_m > 0.02:
+        raise SkillFailure(
+            "fragmented",
+            f"{left_out_m:.2f} m of what is seen lies {apart_m * 1000:.0f} mm apart from the rest; something hides "
+            f"the rod between them, or there is more than one: clear the view and look again",
+        )
+    raise SkillFailure(
+        "crossing",
+        f"{left_out_m:.2f} m of what is seen branch off the rod; it lies across itself, or something of its "
+        f"colour lies there: lay it out without loops",
+    )
+
+
+def _check_length(curve: FittedCurve, length_m: float, seen: Observation, config: InitialiseConfig) -> None:
+    """Raise ``out_of_view`` when the curve is too short, ``crossing`` when it is too long to be one rod."""
+    start, end = curve.segments[0].start_m, curve.segments[-1].end_m
+    span = end - start
+    if span > (1.0 + config.length_tolerance) * length_m:
+        raise SkillFailure(
+            "crossing",
+            f"the curve is {span:.3f} m long, the rod {length_m:.3f} m; something else lies in the cloud, "
+            f"or the configured length is wrong",
+        )
+    if span >= (1.0 - config.length_tolerance) * length_m:
+        return
+    onward = np.array([0.005, 0.01, 0.015])
+    cut = [bool(np.any(shaded(curve.at(s), seen, config.visibility))) for s in (start - onward, end + onward)]
+    where = "at the border of the picture or behind the robot" if any(cut) else "by the box filter, or unseen"
+    raise SkillFailure(
+        "out_of_view",
+        f"only {span:.3f} m of the {length_m:.3f} m long rod are seen, the rest is cut off {where}; "
+        f"lay it into view, or correct the configured length",
+    )

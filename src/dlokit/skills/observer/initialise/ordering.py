@@ -1,0 +1,214 @@
+"""Pieces of line in the order of one rod: the way that bends least, crosses gaps least, and has the rod's length.
+
+Where a rod lies across itself it goes straight on; where it is not seen it goes on in its direction. Every way that
+joins the pieces' ends costs: for each link its bending energy and what of it no point supports, for the whole what it
+leaves out and how far its length is from the rod's. A depth-first search with a bound finds the cheapest.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from dlokit.geometry import arc_lengths
+from dlokit.skills.observer.initialise.config import OrderingConfig
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Way:
+    """One order of the pieces."""
+
+    cost: float
+    ends: tuple[int, ...]
+    """Ends at which pieces are entered, in order; end 2 i is the first point of piece i, 2 i + 1 its last."""
+    length_m: float
+
+    @property
+    def pieces(self) -> tuple[int, ...]:
+        """The pieces in order."""
+        return tuple(end // 2 for end in self.ends)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Links:
+    """All ways from end to end; E = 2 x number of pieces."""
+
+    cost: Array
+    """(E, E), infinite where there is none."""
+    length_m: Array
+    """(E, E)."""
+    points: Array
+    """(E, E, S, 3) [m] places along it."""
+
+
+LINK_STEPS = 13
+
+
+def links(pieces: list[Array], support: Array, longest_gap_m: float, config: OrderingConfig) -> Links:
+    """The links between the ends of pieces (K_i, 3) [m], supported by points (N, 3) [m].
+
+    The bending energy is that of the cubic between the middles of the two last stretches with their directions,
+    4 / c (α² + α β + β²) with the angles α and β from the chord c [m].
+    """
+    inner, outward, ends, bend = _ends(pieces, config)
+    count = len(ends)
+    a, b = np.nonzero(np.arange(count)[:, None] // 2 != np.arange(count)[None, :] // 2)
+    chord = inner[b] - inner[a]
+    span = np.maximum(np.linalg.norm(chord, axis=1), 1e-6)
+    chord = chord / span[:, None]
+    leaving, arriving = _turn(chord, outward[a]), _turn(chord, -outward[b])
+    goes_on = 0.25 * (bend[a] + bend[b]) * span[:, None]
+    goes_on -= _dot(goes_on, chord)[:, None] * chord
+    energy = (1 - config.inertia) * _energy(leaving, arriving, span)
+    energy += config.inertia * _energy(leaving + goes_on, arriving - goes_on, span)
+    curves = hermite(ends[a], outward[a], ends[b], -outward[b])
+    steps = np.linalg.norm(np.diff(curves, axis=1), axis=2)
+    length = steps.sum(axis=1)
+    middles = 0.5 * (curves[:, 1:] + curves[:, :-1])
+    seen = KDTree(support).query(middles.reshape(-1, 3), distance_upper_bound=config.support_m)[0]
+    unseen = np.sum(steps * ~np.isfinite(seen).reshape(steps.shape), axis=1)
+    sharpest = np.maximum(np.linalg.norm(leaving, axis=1), np.linalg.norm(arriving, axis=1))
+    allowed = (unseen <= longest_gap_m) & (length < 2.0 * longest_gap_m) & (sharpest < config.sharpest_rad)
+    result = Links(
+        cost=np.full((count, count), np.inf),
+        length_m=np.zeros((count, count)),
+        points=np.zeros((count, count, LINK_STEPS, 3)),
+    )
+    result.cost[a, b] = np.where(allowed, energy + config.unseen_per_m * unseen, np.inf)
+    result.length_m[a, b] = length
+    result.points[a, b] = curves
+    return result
+
+
+def _energy(leaving: Array, arriving: Array, span_m: Array) -> Array:
+    return 4.0 / span_m * (_dot(leaving, leaving) + _dot(leaving, arriving) + _dot(arriving, arriving))
+
+
+def _dot(a: Array, b: Array) -> Array:
+    return np.sum(a * b, axis=1)
+
+
+def _turn(chord: Array, direction: Array) -> Array:
+    """The angle from chords (n, 3) to directions (n, 3), along the part of the direction across the chord (n, 3)."""
+    along = _dot(chord, direction)
+    across = direction - along[:, None] * chord
+    size = np.linalg.norm(across, axis=1)
+    return across * (np.arctan2(size, along) / np.maximum(size, 1e-9))[:, None]
+
+
+def _ends(pieces: list[Array], config: OrderingConfig) -> tuple[Array, Array, Array, Array]:
+    """For each end the middle of its last stretch, the direction outward there, its last point, the curvature [1/m].
+
+    All (E, 3).
+    """
+    inner, outward, last, bend = [], [], [], []
+    for piece in pieces:
+        for way in (piece, piece[::-1]):
+            s = arc_lengths(way)
+            part = way[: max(int(np.searchsorted(s, config.tangent_m, side="right")), 2)]
+            middle = part.mean(axis=0)
+            axis = np.linalg.svd(part - middle)[2][0]
+            inner.append(middle)
+            outward.append(axis if axis @ (part[0] - part[-1]) > 0 else -axis)
+            last.append(way[0])
+            count = int(np.searchsorted(s, config.bend_m, side="right"))
+            if s[count - 1] < 0.5 * config.bend_m:
+                bend.append(np.zeros(3))
+            else:
+                c = np.polynomial.polynomial.polyfit(s[:count], way[:count], 2)
+                bend.append(2.0 * c[2])
+    return np.array(inner), np.array(outward), np.array(last), np.array(bend)
+
+
+def hermite(start: Array, leaving: Array, end: Array, arriving: Array) -> Array:
+    """Places (n, S, 3) along the cubics from `start` to `end` with unit tangents there, all (n, 3)."""
+    span = np.linalg.norm(end - start, axis=1)[:, None, None]
+    t = np.linspace(0.0, 1.0, LINK_STEPS)[None, :, None]
+    p, q = start[:, None], end[:, None]
+    u, v = span * leaving[:, None], span * arriving[:, None]
+    return (2 * t**3 - 3 * t**2 + 1) * p + (t**3 - 2 * t**2 + t) * u + (3 * t**2 - 2 * t**3) * q + (t**3 - t**2) * v
+
+
+def ways(
+    pieces: list[Array], joined: Links, length_m: float | None, config: OrderingConfig, margin: float
+) -> list[Way]:
+    """The cheapest way through the pieces (K, 3) [m] and all that cost up to `margin` more, cheapest first."""
+    search = _Search(pieces, joined, length_m, config, margin)
+    search.run()
+    best = min((way.cost for way in search.found), default=np.inf)
+    return sorted((way for way in search.found if way.cost <= best + margin), key=lambda way: way.cost)
+
+
+class _Search:
+    """Depth first from every end; what costs more than the best way so far and the margin is cut off."""
+
+    def __init__(
+        self, pieces: list[Array], joined: Links, length_m: float | None, config: OrderingConfig, margin: float
+    ) -> None:
+        self._lengths = [float(arc_lengths(piece)[-1]) for piece in pieces]
+        self._cost = joined.cost.tolist()
+        self._link_m = joined.length_m.tolist()
+        self._onward = [[int(b) for b in np.argsort(row) if np.isfinite(row[b])] for row in joined.cost]
+        self._length_m = length_m
+        self._config = config
+        self._margin = margin
+        self._best = np.inf
+        self._steps = 0
+        self.found: list[Way] = []
+
+    def run(self) -> None:
+        """Search."""
+        for start in range(2 * len(self._lengths)):
+            self._extend([start], {start // 2}, 0.0, self._lengths[start // 2])
+
+    def _extend(self, entered: list[int], used: set[int], cost: float, length_m: float) -> None:
+        self._steps += 1
+        self._keep(entered, used, cost, length_m)
+        if self._steps > self._config.most_steps:
+            return
+        leaving = entered[-1] ^ 1
+        for end in self._onward[leaving]:
+            onward = cost + self._cost[leaving][end]
+            if onward > self._best + self._margin:
+                return
+            piece = end // 2
+            if piece not in used:
+                entered.append(end)
+                used.add(piece)
+                self._extend(entered, used, onward, length_m + self._link_m[leaving][end] + self._lengths[piece])
+                used.remove(piece)
+                entered.pop()
+
+    def _keep(self, entered: list[int], used: set[int], cost: float, length_m: float) -> None:
+        if entered[0] > (entered[-1] ^ 1):
+            return  # the same way from its other end is kept instead
+        config = self._config
+        left_out = sum(length for piece, length in enumerate(self._lengths) if piece not in used)
+        total = cost + config.left_out_per_m * left_out
+        if self._length_m is not None:
+            off = (length_m / self._length_m - 1.0) / config.length_sigma
+            total += config.length_cost * off**2
+        if total <= self._best + self._margin:
+            self._best = min(self._best, total)
+            self.found.append(Way(cost=total, ends=tuple(entered), length_m=length_m))
+
+
+def polyline(way: Way, pieces: list[Array], joined: Links) -> Array:
+    """The pieces (K_i, 3) [m] of a way and the links between them as one line (K, 3) [m]."""
+    parts: list[Array] = []
+    for place, end in enumerate(way.ends):
+        if place > 0:
+            parts.append(joined.points[way.ends[place - 1] ^ 1, end, 1:-1])
+        parts.append(pieces[end // 2] if end % 2 == 0 else pieces[end // 2][::-1])
+    return np.vstack(parts)
+
+
+def faces_itself(line: Array, config: OrderingConfig) -> bool:
+    """Whether the two ends of a line (K, 3) [m] point at each other from near: a ring, cut anywhere."""
+    if float(np.linalg.norm(line[0] - line[-1])) > config.facing_m:
+        return False
+    _, outward, _, _ = _ends([line], config)
+    return float(outward[0] @ outward[1]) < -0.5

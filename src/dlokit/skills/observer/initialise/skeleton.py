@@ -1,0 +1,206 @@
+"""The skeleton of a cloud: its points drawn together to a line, and the unbranched pieces of that line."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix, csr_matrix
+from scipy.sparse.csgraph import minimum_spanning_tree
+from scipy.spatial import KDTree
+
+from dlokit.geometry import arc_lengths
+from dlokit.skills.observer.initialise.config import SkeletonConfig
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Indices = NDArray[np.int64]
+
+
+def skeleton(points: Array, config: SkeletonConfig) -> list[Array]:
+    """The unbranched pieces (K, 3) [m] of a cloud (N, 3) [m], each in order, in no order among themselves.
+
+    None at all of a cloud that covers an area.
+    """
+    line = spaced(contracted(points, config), config.spacing_m)
+    if len(line) > config.most_points:
+        return []
+    joined = _neighbours(spanning_tree(line, 3.0 * config.spacing_m), len(line))
+    _prune(joined, config.spur_m)
+    branching = line[[len(near) > 2 for near in joined]]
+    if len(branching) > 0:
+        _cut(joined, np.flatnonzero(KDTree(branching).query(line)[0] < config.junction_m).tolist())
+    pieces: list[Array] = []
+    for chain in _chains(joined):
+        corners = _corners(line[chain], config.corner_m, config.sharpest_rad)
+        pieces += [line[part] for part in np.split(np.array(chain), corners)]
+    pieces = [piece for piece in pieces if len(piece) > 1 and arc_lengths(piece)[-1] >= config.least_m]
+    return _split_where_met(pieces, config)
+
+
+def contracted(points: Array, config: SkeletonConfig) -> Array:
+    """Points (K, 3) [m] of the cloud (N, 3) [m], averaged over cubes and moved across the line to its middle.
+
+    A moving least-squares line (Lee 2000): a point goes to the weighted mean of its neighbours, but only across their
+    main direction, so that tips stay where they are.
+    """
+    line, weights = averaged(points, config.voxel_m)
+    for _ in range(config.rounds):
+        pairs = KDTree(line).query_pairs(config.radius_m, output_type="ndarray")
+        line = _round(line, weights, pairs, config.radius_m)
+    around = np.array([weights[near].sum() for near in KDTree(line).query_ball_point(line, config.spacing_m)])
+    return line[around > config.least_share * np.median(around)]
+
+
+def _round(line: Array, weights: Array, pairs: Indices, radius_m: float) -> Array:
+    a = np.concatenate([pairs[:, 0], pairs[:, 1], np.arange(len(line))])
+    b = np.concatenate([pairs[:, 1], pairs[:, 0], np.arange(len(line))])
+    apart = line[b] - line[a]
+    near = 1.0 - np.sum(apart**2, axis=1) / radius_m**2
+    kernel = weights[b] * near**2
+    graph = csr_matrix((kernel, (a, b)), shape=(len(line), len(line)))
+    total = np.asarray(graph.sum(axis=1)).ravel()
+    mean = (graph @ line) / total[:, None]
+    squares = (line[:, :, None] * line[:, None, :]).reshape(-1, 9)
+    spread = ((graph @ squares) / total[:, None]).reshape(-1, 3, 3) - mean[:, :, None] * mean[:, None, :]
+    along = np.linalg.eigh(spread)[1][:, :, 2]
+    shift = mean - line
+    return line + shift - np.sum(shift * along, axis=1)[:, None] * along
+
+
+def averaged(points: Array, voxel_m: float) -> tuple[Array, Array]:
+    """The mean (K, 3) of the points in each occupied cube, and their number (K,)."""
+    cell = np.floor((points - points.min(axis=0)) / voxel_m).astype(np.int64)
+    size = cell.max(axis=0) + 1
+    _, cube, counts = np.unique(
+        (cell[:, 0] * size[1] + cell[:, 1]) * size[2] + cell[:, 2], return_inverse=True, return_counts=True
+    )
+    means = [np.bincount(cube, weights=points[:, axis]) / counts for axis in range(3)]
+    return np.column_stack(means), counts.astype(np.float64)
+
+
+def spaced(points: Array, spacing_m: float) -> Array:
+    """Some of the points (N, 3) [m], none nearer than `spacing_m` to another, and all others so near to one of them."""
+    neighbours = KDTree(points).query_ball_point(points, spacing_m)
+    free = np.ones(len(points), dtype=np.bool_)
+    kept: list[int] = []
+    for index, near in enumerate(neighbours):
+        if free[index]:
+            kept.append(index)
+            free[near] = False
+    return points[kept]
+
+
+def spanning_tree(points: Array, longest_m: float) -> csr_matrix:
+    """The minimum spanning tree (K, K) of the points, or forest, by edges up to `longest_m`, weights [m]."""
+    edges = KDTree(points).query_pairs(longest_m, output_type="ndarray")
+    lengths = np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1)
+    graph = coo_matrix((lengths, (edges[:, 0], edges[:, 1])), shape=(len(points), len(points)))
+    return csr_matrix(minimum_spanning_tree(graph.tocsr()))
+
+
+Neighbours = list[dict[int, float]]
+"""For each point the points it is joined to, and how far away they are [m]."""
+
+
+def _neighbours(tree: csr_matrix, count: int) -> Neighbours:
+    joined: Neighbours = [{} for _ in range(count)]
+    entries = tree.tocoo()
+    for a, b, length in zip(entries.row.tolist(), entries.col.tolist(), entries.data.tolist(), strict=True):
+        joined[a][b] = joined[b][a] = length
+    return joined
+
+
+def _spur(joined: Neighbours, leaf: int) -> tuple[float, list[int], int]:
+    """The way from a leaf to the first branching: its length [m], its points, the branching; infinite without one."""
+    way, length = [leaf], 0.0
+    while True:
+        onward = [point for point in joined[way[-1]] if len(way) < 2 or point != way[-2]]
+        if not onward:
+            return np.inf, way, -1
+        length += joined[way[-1]][onward[0]]
+        if len(joined[onward[0]]) > 2:
+            return length, way, onward[0]
+        way.append(onward[0])
+
+
+def _prune(joined: Neighbours, spur_m: float) -> None:
+    """Take side branches shorter than `spur_m` away, at each branching the shortest first."""
+    while True:
+        leaves = [index for index, near in enumerate(joined) if len(near) == 1]
+        spurs = sorted(spur for spur in (_spur(joined, leaf) for leaf in leaves) if spur[0] < spur_m)
+        if not spurs:
+            return
+        done: set[int] = set()
+        for _, way, branching in spurs:
+            if branching not in done:
+                done.add(branching)
+                _cut(joined, way)
+
+
+def _cut(joined: Neighbours, points: list[int]) -> None:
+    """Take points out."""
+    for point in points:
+        for other in joined[point]:
+            del joined[other][point]
+        joined[point] = {}
+
+
+def _chains(joined: Neighbours) -> list[list[int]]:
+    """The unbranched ways from leaf to leaf."""
+    chains: list[list[int]] = []
+    done: set[int] = set()
+    for leaf in [index for index, near in enumerate(joined) if len(near) == 1]:
+        if leaf in done:
+            continue
+        way = [leaf]
+        while onward := [point for point in joined[way[-1]] if len(way) < 2 or point != way[-2]]:
+            way.append(onward[0])
+        done.add(way[-1])
+        chains.append(way)
+    return chains
+
+
+def _corners(chain: Array, reach_m: float, sharpest: float) -> list[int]:
+    """Where a way (K, 3) [m] turns by more than `sharpest` [rad] within `reach_m` to both sides."""
+    s = arc_lengths(chain)
+    found: list[tuple[float, int]] = []
+    for index in range(1, len(chain) - 1):
+        before = chain[index] - chain[np.searchsorted(s, max(s[index] - reach_m, 0.0))]
+        after = chain[min(np.searchsorted(s, s[index] + reach_m), len(chain) - 1)] - chain[index]
+        cosine = before @ after / max(float(np.linalg.norm(before) * np.linalg.norm(after)), 1e-12)
+        if cosine < np.cos(sharpest):
+            found.append((float(cosine), index))
+    taken: list[int] = []
+    for _, index in sorted(found):
+        if all(abs(s[index] - s[other]) > reach_m for other in taken):
+            taken.append(index)
+    return sorted(taken)
+
+
+def _split_where_met(pieces: list[Array], config: SkeletonConfig) -> list[Array]:
+    """The pieces, those split in two to which the end of another points from near."""
+    if len(pieces) == 0:
+        return []
+    owner = np.concatenate([np.full(len(piece), number) for number, piece in enumerate(pieces)])
+    index = np.concatenate([np.arange(len(piece)) for piece in pieces])
+    line = np.vstack(pieces)
+    inside = np.concatenate([_inside(piece, config.corner_m) for piece in pieces])
+    tree = KDTree(line)
+    cuts: list[set[int]] = [set() for _ in pieces]
+    steps = np.arange(0.004, config.ahead_m, 0.002)[:, None]
+    for number, piece in enumerate(pieces):
+        for way in (piece, piece[::-1]):
+            inner = way[min(np.searchsorted(arc_lengths(way), config.corner_m), len(way) - 1)]
+            direction = (way[0] - inner) / max(float(np.linalg.norm(way[0] - inner)), 1e-9)
+            distance, nearest = tree.query(way[0] + steps * direction, distance_upper_bound=config.meet_m)
+            found = np.asarray(nearest, dtype=np.int64)[np.isfinite(distance)]
+            own = (owner == number) & (np.linalg.norm(line - way[0], axis=1) < 3.0 * config.corner_m)
+            hit = found[~own[found] & inside[found]]
+            if len(hit) > 0:
+                cuts[owner[hit[0]]].add(int(index[hit[0]]))
+    parts = [part for piece, at in zip(pieces, cuts, strict=True) for part in np.split(piece, sorted(at))]
+    return [part for part in parts if len(part) > 1 and arc_lengths(part)[-1] >= config.least_m]
+
+
+def _inside(piece: Array, margin_m: float) -> Flags:
+    """Which points of a piece (K, 3) [m] are farther than a margin from both its ends along it, (K,)."""
+    s = arc_lengths(piece)
+    return (s > margin_m) & (s < s[-1] - margin_m)

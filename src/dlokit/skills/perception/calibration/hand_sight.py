@@ -1,0 +1,281 @@
+"""Where the camera stands along the table, from pictures of the robot's own hand, whose place is known exactly.
+
+The outline of the arm is drawn for the believed camera (`arm_outline`) and looked for in the picture, where it differs
+from one without the arm (`outline_search`). All points of all pictures give one weighted least squares for
+
+- the offset of the camera along x and y, and its turn about the vertical: what the table's plane cannot tell;
+- its height and two tilts, which the table has told but for its own being level: they are held near to that. They
+  matter, as the hand is above the table, and the offset is wanted on it;
+- how far the hand is beside where its model has it, in the tool's frame, and how much wider the arm looks than it is.
+  With the hand turned by half a turn between two looks the first of these cancels.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from dlokit import geometry
+from dlokit.errors import SkillFailure
+from dlokit.geometry import rotation
+from dlokit.geometry.camera import baseline_m
+from dlokit.skills.perception.calibration.arm_outline import Outline, arm_outline
+from dlokit.skills.perception.config import HandSightConfig
+from dlokit.types.arrays import BoolArray, Float32Array, UInt8Array
+from dlokit.types.image import CameraCalibration, CameraCheck, StereoImages
+from dlokit.types.pose import Pose
+from dlokit.types.robot import RobotState
+
+Array = NDArray[np.float64]
+
+_BLUR_PX = 0.7
+_STEP_PX = 0.5
+_EDGE_SHARE = 0.15
+"""Share of the difference within the arm at which its edge lies: low, as rounded parts are dim at their edges."""
+_LEAST_EDGE = 10.0
+"""Differences below this are noise [grey levels]."""
+_LEAST_DIFFERENCE = 25.0
+"""The arm must differ from the table by this [grey levels]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Edges:
+    """How far from each of K points the edge was found."""
+
+    offsets_px: Array  # (K,) along the normal, positive outwards
+    found: BoolArray  # (K,)
+
+
+def difference(picture: UInt8Array, background: UInt8Array) -> Float32Array:
+    """How much each pixel has changed (height, width) [grey levels], between pictures (height, width, 3)."""
+    changed = np.asarray(cv2.absdiff(picture, background)).astype(np.float32).mean(axis=2)
+    return np.asarray(cv2.GaussianBlur(changed, (0, 0), _BLUR_PX), dtype=np.float32)
+
+
+def find_edges(changed: Float32Array, pixels: Array, normals: Array, reach_px: float) -> Edges:
+    """The outermost edge of what has changed within `reach_px` of pixels (K, 2), along normals (K, 2)."""
+    steps = np.arange(-reach_px, reach_px + 0.5 * _STEP_PX, _STEP_PX)
+    places = (pixels[:, None] + normals[:, None] * steps[:, None]).astype(np.float32)
+    profile = np.asarray(cv2.remap(changed, places[..., 0], places[..., 1], cv2.INTER_LINEAR), dtype=np.float64)
+    within = np.median(profile[:, steps < -0.5 * reach_px], axis=1)
+    beside = np.median(profile[:, steps > 0.7 * reach_px], axis=1)
+    level = np.maximum(_EDGE_SHARE * within, _LEAST_EDGE)
+    above = profile >= level[:, None]
+    last = len(steps) - 1 - np.argmax(above[:, ::-1], axis=1)
+    found = above.any(axis=1) & (last < len(steps) - 1) & (within > _LEAST_DIFFERENCE) & (beside < level)
+    rows, last = np.arange(len(pixels)), np.minimum(last, len(steps) - 2)
+    high, low = profile[rows, last], profile[rows, last + 1]
+    share = (high - level) / np.maximum(high - low, 1e-6)
+    return Edges(offsets_px=steps[last] + _STEP_PX * share, found=found)
+
+
+FEW_POINTS, SCATTERED, TOO_FAR = "few_points", "scattered", "too_far"
+
+_FAR_PX, _NEAR_PX = (12.0, 8.0), (6.0,)
+"""How far from where it is believed the outline is looked for [px]; and, drawn anew for where the camera was found,
+from where it shows another outline, how far from there."""
+_OF_CAMERA = np.array([True] * 6 + [False] * 3)
+"""Which of the unknowns a drawing can take in."""
+_REWEIGHTINGS = 10
+_NOISE_PX = 1.6
+"""Standard deviation of a point of the outline; neighbours err alike, so that it is larger than their scatter [px]."""
+_OUTLIER = 3.0
+_LEAST_SCALE_PX = 0.1
+
+
+@dataclass(frozen=True, kw_only=True)
+class HandLook:
+    """A rectified pair of pictures of the hand, and where the arm was."""
+
+    images: StereoImages
+    robot: RobotState
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Picture:
+    """One picture and what is expected in it."""
+
+    changed: Float32Array  # (height, width) against the background
+    outline: Outline
+    slopes: Array  # (K, 9) change of the outline along its normals [px] by each unknown
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Fit:
+    """The unknowns, and how well the N edges that were found agree with them."""
+
+    unknowns: Array  # (9,) as in `_slopes`, beyond what was drawn
+    slopes: Array  # (N, 9)
+    errors_px: Array  # (N,)
+    weights: Array  # (N,) 0 for outliers
+    picture: NDArray[np.int64]  # (N,) which one it is in
+
+
+def camera_from_hand(background: StereoImages, looks: Sequence[HandLook], config: HandSightConfig) -> CameraCheck:
+    """How far the camera of `background` is off its believed pose, told on the table's plane at height 0.
+
+    `background` is a rectified pair without the arm over the table, its pose corrected by the table. Raises
+    `SkillFailure` few_points, scattered or too_far, where what is seen does not suffice or cannot be right.
+    """
+    center = np.append(np.mean([look.robot.T_world_tcp.position_m[:2] for look in looks], axis=0), 0.0)
+    nothing = np.zeros(9)
+    rough = _fit(_pictures(background, looks, nothing, center), nothing, _FAR_PX, config)
+    known = np.where(_OF_CAMERA, rough.unknowns, 0.0)
+    fit = _fit(_pictures(background, looks, known, center), known, _NEAR_PX, config)
+    camera = known + fit.unknowns
+    check = CameraCheck(
+        offset_m=camera[:2],
+        yaw_rad=float(camera[2]),
+        center_world=center[:2],
+        scatter_m=_scatter_m(fit),
+        points=int(np.count_nonzero(fit.weights)),
+    )
+    _hold(check, config)
+    return check
+
+
+def corrected_by(T_world_camera: Pose, check: CameraCheck) -> Pose:
+    """A believed camera pose, moved to where the hand says that it is."""
+    center = np.append(check.center_world, 0.0)
+    return _moved(T_world_camera, np.append(check.offset_m, 0.0), np.array([0.0, 0.0, check.yaw_rad]), center)
+
+
+def _moved(T: Pose, by_m: Array, turn_rad: Array, center: Array) -> Pose:
+    """A pose turned about a point `center` (3,) of the world by a rotation vector (3,), and then moved by (3,)."""
+    turn = Rotation.from_rotvec(turn_rad)
+    place = center + turn.apply(T.position_m - center) + by_m
+    return geometry.pose(place, (turn * Rotation.from_quat(T.wxyz, scalar_first=True)).as_quat(scalar_first=True))
+
+
+def _pictures(background: StereoImages, looks: Sequence[HandLook], known: Array, center: Array) -> list[_Picture]:
+    """All pictures, with what is expected in them from where the camera is known to be (9,) so far."""
+    camera = background.calibration
+    shift_m, turn_rad = known[[0, 1, 3]], known[[4, 5, 2]]
+    pose = _moved(camera.T_world_camera, shift_m, turn_rad, center)
+    left, right = _both(msgspec.structs.replace(camera, T_world_camera=pose))
+    return [
+        _picture(look.robot, difference(picture, empty), camera, center)
+        for look in looks
+        for picture, empty, camera in (
+            (look.images.left, background.left, left),
+            (look.images.right, background.right, right),
+        )
+    ]
+
+
+def _picture(robot: RobotState, changed: Float32Array, camera: CameraCalibration, center: Array) -> _Picture:
+    outline = arm_outline(robot, camera)
+    return _Picture(changed=changed, outline=outline, slopes=_slopes(outline, robot, camera, center))
+
+
+def _both(camera: CameraCalibration) -> tuple[CameraCalibration, CameraCalibration]:
+    """The left camera of a pair, and the right one as a camera of its own."""
+    T = camera.T_world_camera
+    beside = geometry.pose(T.position_m + baseline_m(camera) * rotation(T)[:, 0], T.wxyz)
+    return camera, msgspec.structs.replace(camera, T_world_camera=beside)
+
+
+def _slopes(outline: Outline, robot: RobotState, camera: CameraCalibration, center: Array) -> Array:
+    """Change of an outline along its normals (K, 9) [px] by each unknown.
+
+    The unknowns: the camera's offset x, y [m], its turn about z [rad], its height z [m], its tilts about x, y [rad];
+    the hand's offset along the tool's x, y [m]; how much wider the arm looks [px].
+    """
+    R, tool = rotation(camera.T_world_camera), rotation(robot.T_world_tcp)
+    x, y, z = ((outline.points_world - camera.T_world_camera.position_m) @ R).T
+    n_u, n_v = outline.normals.T * np.array([[camera.fx_px], [camera.fy_px]])
+    # Of the pinhole camera: du = fx (dx / z - x dz / z²), the same for v; then from the camera's axes to the world's.
+    by_point = np.column_stack([n_u / z, n_v / z, -(n_u * x + n_v * y) / z**2]) @ R.T
+    by_turn = np.cross(outline.points_world - center, by_point)
+    # A camera that stands farther along x sees everything moved the other way.
+    camera_columns = -np.column_stack([by_point[:, :2], by_turn[:, 2], by_point[:, 2], by_turn[:, :2]])
+    hand_columns = (by_point @ tool[:, :2]) * outline.turns_with_hand[:, None]
+    return np.column_stack([camera_columns, hand_columns, np.ones(len(x))])
+
+
+def _fit(pictures: Sequence[_Picture], known: Array, reaches_px: Sequence[float], config: HandSightConfig) -> _Fit:
+    """Look for the outlines, fit, and look again from there, nearer. Raises `SkillFailure` few_points."""
+    fit = _Fit(
+        unknowns=np.zeros(9),
+        slopes=np.zeros((0, 9)),
+        errors_px=np.zeros(0),
+        weights=np.zeros(0),
+        picture=np.zeros(0, dtype=np.int64),
+    )
+    for reach_px in reaches_px:
+        offsets_px, slopes, picture = _search(pictures, fit.unknowns, reach_px)
+        if len(offsets_px) < config.least_points:
+            raise SkillFailure(
+                FEW_POINTS,
+                f"{len(offsets_px)} points of the arm's outline were found, at least {config.least_points} are "
+                "needed; is the hand in the picture, and does it differ from the table?",
+            )
+        fit = _fitted(offsets_px, slopes, picture, known, config)
+    return fit
+
+
+def _search(pictures: Sequence[_Picture], unknowns: Array, reach_px: float) -> tuple[Array, Array, NDArray[np.int64]]:
+    """The edges near to where the outlines are with these unknowns.
+
+    Their offsets (N,) [px] from the outlines as drawn, how these change (N, 9), and which picture each is in (N,).
+    """
+    offsets: list[Array] = []
+    slopes: list[Array] = []
+    for picture in pictures:
+        moved_px = picture.slopes @ unknowns
+        outline = picture.outline
+        at = outline.pixels + moved_px[:, None] * outline.normals
+        edges = find_edges(picture.changed, at, outline.normals, reach_px)
+        offsets.append((edges.offsets_px + moved_px)[edges.found])
+        slopes.append(picture.slopes[edges.found])
+    numbers = np.repeat(np.arange(len(pictures)), [len(part) for part in offsets])
+    return np.concatenate(offsets), np.concatenate(slopes), numbers
+
+
+def _fitted(b: Array, A: Array, picture: NDArray[np.int64], known: Array, config: HandSightConfig) -> _Fit:
+    """The unknowns from offsets `b` (N,) and slopes `A` (N, 9): least squares with Tukey's weights, and priors."""
+    tilt, hand = config.tilt_sigma_rad, config.hand_sigma_m
+    prior = np.array([np.inf, np.inf, np.inf, config.height_sigma_m, tilt, tilt, hand, hand, np.inf]) ** -2.0
+    unknowns, error, weights = np.zeros(9), b, np.ones(len(b))
+    for _ in range(_REWEIGHTINGS):
+        weighted = (A * weights[:, None]).T / _NOISE_PX**2
+        # What is known is in the drawing already; the priors are of the whole.
+        solution = np.linalg.lstsq(weighted @ A + np.diag(prior), weighted @ b - prior * known, rcond=None)[0]
+        unknowns = np.asarray(solution, dtype=np.float64)
+        error = b - A @ unknowns
+        scale = max(1.4826 * float(np.median(np.abs(error))), _LEAST_SCALE_PX)
+        weights = np.maximum(1.0 - (error / (_OUTLIER * scale)) ** 2, 0.0) ** 2
+    return _Fit(unknowns=unknowns, slopes=A, errors_px=error, weights=weights, picture=picture)
+
+
+def _scatter_m(fit: _Fit) -> float:
+    """How far each picture alone would still move the camera along the table, root mean square [m]."""
+    left: list[Array] = []
+    for number in np.unique(fit.picture):
+        mine = fit.picture == number
+        root = np.sqrt(fit.weights[mine])
+        A, b = fit.slopes[mine, :2] * root[:, None], fit.errors_px[mine] * root
+        left.append(np.asarray(np.linalg.lstsq(A, b, rcond=None)[0], dtype=np.float64))
+    return float(np.sqrt(np.mean(np.sum(np.square(left), axis=1))))
+
+
+def _hold(check: CameraCheck, config: HandSightConfig) -> None:
+    """Raise `SkillFailure` for what cannot be believed."""
+    if check.scatter_m > config.largest_scatter_m:
+        raise SkillFailure(
+            SCATTERED,
+            f"the pictures disagree by {1e3 * check.scatter_m:.1f} mm, at most {1e3 * config.largest_scatter_m:.1f} mm "
+            "are believed; did something else move between them?",
+        )
+    offset_m = float(np.linalg.norm(check.offset_m))
+    if offset_m > config.largest_offset_m or abs(check.yaw_rad) > config.largest_yaw_rad:
+        raise SkillFailure(
+            TOO_FAR,
+            f"the camera would be off by {1e3 * offset_m:.1f} mm and {np.degrees(check.yaw_rad):.2f} degrees, believed "
+            f"are up to {1e3 * config.largest_offset_m:.0f} mm and {np.degrees(config.largest_yaw_rad):.2f} degrees; "
+            "calibrate it anew",
+        )

@@ -1,0 +1,105 @@
+"""Corrects the believed camera pose by the table, which is known to be flat and level.
+
+A pair of pictures of a textured table gives its plane in the camera frame: two tilts and the height, of the six
+numbers of a pose. The other three (a shift along the table, a turn about the vertical) cannot be seen in it.
+"""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from dlokit.geometry import rotation
+from dlokit.geometry.camera import PlaneDisparity, baseline_m, plane_disparity
+from dlokit.skills.perception.cloud import box_outline
+from dlokit.skills.perception.config import BoxConfig, TableConfig
+from dlokit.skills.perception.rectification import grey
+from dlokit.types.arrays import BoolArray, Float32Array, UInt8Array
+from dlokit.types.image import CameraCalibration, StereoImages
+from dlokit.types.pose import Pose
+
+Array = NDArray[np.float64]
+
+_BLUR_PX = 1.5
+"""Standard deviation of the blur before the alignment [px]: wider than the disparities to be corrected."""
+_ITERATIONS = 6
+_STRIDE = 5
+"""One in so many pixels is enough for three parameters."""
+_LEAST_PIXELS = 1000
+
+
+def camera_pose_from_table(images: StereoImages, hidden: BoolArray, box: BoxConfig, config: TableConfig) -> Pose | None:
+    """The corrected T_world_camera of a rectified pair; None when no plane near the believed one is found.
+
+    `hidden` (height, width) are pixels that do not show the table: the DLO's and the robot's. The table is
+    what the box stands on.
+    """
+    camera = images.calibration
+    footprint = BoxConfig(
+        lower_world=(box.lower_world[0], box.lower_world[1], config.height_m - 0.001),
+        upper_world=(box.upper_world[0], box.upper_world[1], config.height_m + 0.001),
+    )
+    shown = box_outline(footprint, camera) & ~hidden
+    plane = _aligned(grey(images.left), grey(images.right), shown, plane_disparity(camera, config.height_m), config)
+    return None if plane is None else _corrected(camera, plane, config)
+
+
+def _aligned(
+    left: UInt8Array, right: UInt8Array, shown: BoolArray, believed: PlaneDisparity, config: TableConfig
+) -> PlaneDisparity | None:
+    """The plane whose shear brings the right picture onto the left one, from the believed one.
+
+    Lucas and Kanade's method with three parameters: least squares of the difference of the pictures, which is
+    finer than matching pixel by pixel, whose disparities lean towards whole pixels.
+    """
+    rows, columns = (indices[::_STRIDE] for indices in np.nonzero(shown))
+    u, v = columns.astype(np.float64), rows.astype(np.float64)
+    J_plane = np.column_stack([u, v, np.ones(len(u))])  # (K, 3) change of the disparity by the parameters
+    wanted = cv2.GaussianBlur(left, (0, 0), _BLUR_PX)[rows, columns].astype(np.float64)
+    blurred = np.asarray(cv2.GaussianBlur(right, (0, 0), _BLUR_PX), dtype=np.float32)
+    slope = np.asarray(cv2.Sobel(blurred, cv2.CV_32F, 1, 0, ksize=3, scale=1 / 8), dtype=np.float32)
+    p: Array = np.array([believed.per_u, believed.per_v, believed.constant])
+    agreeing = 0
+    for _ in range(_ITERATIONS):
+        at_u = u - (p[0] * u + p[1] * v + p[2])
+        known = (at_u >= 0.0) & (at_u <= right.shape[1] - 1)
+        if np.count_nonzero(known) < _LEAST_PIXELS:
+            return None
+        residual = _sheared(blurred, p)[rows, columns] - wanted
+        residual -= np.median(residual[known])  # the two cameras may differ in brightness
+        good = known & (np.abs(residual) <= 3.0 * max(float(np.median(np.abs(residual[known]))), 1.0))
+        J = -_sheared(slope, p)[rows[good], columns[good], None] * J_plane[good]
+        # einsum stays on this thread; a large matrix product would wake the pool of BLAS for a few sums.
+        H, g = np.einsum("ki,kj->ij", J, J), np.einsum("ki,k->i", J, residual[good])
+        p -= np.linalg.lstsq(H, g, rcond=None)[0]
+        agreeing = np.count_nonzero(good)
+    if agreeing < config.least_share * len(u) or float(np.std(wanted)) < config.least_texture:
+        return None
+    return PlaneDisparity(per_u=float(p[0]), per_v=float(p[1]), constant=float(p[2]))
+
+
+def _sheared(picture: Float32Array, p: Array) -> Float32Array:
+    """The right picture with each pixel moved by the disparity of the plane `p`, (height, width)."""
+    shear = np.array([[1.0 - p[0], -p[1], -p[2]], [0.0, 1.0, 0.0]])
+    size = (picture.shape[1], picture.shape[0])
+    return np.asarray(
+        cv2.warpAffine(picture, shear, size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP), dtype=np.float32
+    )
+
+
+def _corrected(camera: CameraCalibration, plane: PlaneDisparity, config: TableConfig) -> Pose | None:
+    """The believed pose, turned and lifted the shortest way so that the plane is level and at its height."""
+    fB = camera.fx_px * baseline_m(camera)
+    # 1 / Z = n · r / -h, with r = ((u - cx) / fx, (v - cy) / fy, 1); so -n / h can be read off the coefficients.
+    center = plane.per_u * camera.cx_px + plane.per_v * camera.cy_px + plane.constant
+    toward = -np.array([plane.per_u * camera.fx_px, plane.per_v * camera.fy_px, center]) / fB
+    height_m = 1.0 / float(np.linalg.norm(toward))
+    normal_camera = toward * height_m
+    R = rotation(camera.T_world_camera)
+    turn = Rotation.align_vectors(R[2][None, :], normal_camera[None, :])[0]
+    lift = height_m + config.height_m - float(camera.T_world_camera.position_m[2])
+    if turn.magnitude() > config.largest_angle_rad or abs(lift) > config.largest_height_m:
+        return None
+    position = camera.T_world_camera.position_m + np.array([0.0, 0.0, lift])
+    wxyz = Rotation.from_matrix(R @ turn.as_matrix()).as_quat(scalar_first=True, canonical=True)
+    return Pose(position_m=position, wxyz=wxyz)

@@ -1,0 +1,123 @@
+"""Removes the robot's own pixels and points, by its known shape, and says what the robot hides."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from dlokit.description.arm.panda import PANDA_COLLISION
+from dlokit.geometry import rotation
+from dlokit.geometry.camera import project, rays
+from dlokit.motion.forward_kinematics import capsule_ends
+from dlokit.types.arrays import BoolArray
+from dlokit.types.image import CameraCalibration
+from dlokit.types.observation import Occlusion
+from dlokit.types.robot import RobotState
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Capsules:
+    """C capsules in the world frame: all points within a radius of a segment."""
+
+    starts_world: Array  # (C, 3) [m]
+    ends_world: Array  # (C, 3) [m]
+    radii_m: Array  # (C,)
+
+
+def panda_capsules(robots: Sequence[RobotState]) -> Capsules:
+    """What is known of the robots' shape, from their joint angles and finger widths."""
+    ends = [
+        capsule_ends(state.q_rad, state.finger_width_m, T_world_base=state.T_world_base)  # of one configuration
+        for state in robots
+    ]
+    nowhere = np.zeros((0, 3))
+    return Capsules(
+        starts_world=np.concatenate([nowhere, *(start[0] for start, _ in ends)]),
+        ends_world=np.concatenate([nowhere, *(end[0] for _, end in ends)]),
+        radii_m=np.array([capsule.radius_m for capsule in PANDA_COLLISION] * len(robots)),
+    )
+
+
+_RIM = np.column_stack([np.cos(np.linspace(0, 2 * np.pi, 24)), np.sin(np.linspace(0, 2 * np.pi, 24))])
+
+
+def robot_outline(capsules: Capsules, camera: CameraCalibration, margin_m: float) -> BoolArray:
+    """Pixels (height, width) in which the robot, wider by `margin_m`, is seen or hides what is behind it."""
+    outline = np.zeros((camera.height_px, camera.width_px), dtype=np.uint8)
+    a, b = project(capsules.starts_world, camera), project(capsules.ends_world, camera)
+    radii = capsules.radii_m + margin_m
+    nearest = np.minimum(a.depth_m, b.depth_m)
+    for index in np.flatnonzero(nearest > 2.0 * radii):  # nearer ones have no outline; a camera is never there
+        radius = radii[index]
+        rim = np.concatenate(
+            [end.pixels[index] + _RIM * (radius * camera.fx_px / end.depth_m[index]) for end in (a, b)]
+        )
+        hull = cv2.convexHull(np.clip(np.round(rim), -10_000, 10_000).astype(np.int32))
+        cv2.fillConvexPoly(outline, hull, (1.0,))
+    return outline > 0
+
+
+def robot_distance_m(points_world: NDArray[np.floating], capsules: Capsules) -> Array:
+    """Distance of points (N, 3) [m] to the nearest capsule's surface, (N,); negative inside, inf without a robot."""
+    points = np.asarray(points_world, dtype=np.float64)
+    nearest = np.full(len(points), np.inf)
+    for start, end, radius in zip(capsules.starts_world, capsules.ends_world, capsules.radii_m, strict=True):
+        axis = end - start
+        along = np.clip((points - start) @ axis / max(float(axis @ axis), 1e-12), 0.0, 1.0)
+        distance = np.linalg.norm(points - start - along[:, None] * axis, axis=1) - radius
+        np.minimum(nearest, distance, out=nearest)
+    return nearest
+
+
+def occlusion_map(capsules: Capsules, camera: CameraCalibration, scale: int) -> Occlusion:
+    """Depth of the capsules in every `scale`-th pixel, by casting a ray through the middle of each cell."""
+    rows, columns = -(-camera.height_px // scale), -(-camera.width_px // scale)
+    depth = np.full((rows, columns), np.inf, dtype=np.float32)
+    a, b = project(capsules.starts_world, camera), project(capsules.ends_world, camera)
+    R, position = rotation(camera.T_world_camera), camera.T_world_camera.position_m
+    starts, ends = (capsules.starts_world - position) @ R, (capsules.ends_world - position) @ R
+    nearest = np.minimum(a.depth_m, b.depth_m)
+    for index in np.flatnonzero(nearest > 2.0 * capsules.radii_m):
+        radius = float(capsules.radii_m[index])
+        reach = radius * camera.fx_px / (nearest[index] - radius)
+        both = np.array([a.pixels[index], b.pixels[index]])
+        low = np.clip((both.min(axis=0) - reach) // scale, 0, [columns, rows]).astype(np.int64)
+        high = np.clip((both.max(axis=0) + reach) // scale + 1, 0, [columns, rows]).astype(np.int64)
+        if np.any(high <= low):
+            continue
+        v, u = np.mgrid[low[1] : high[1], low[0] : high[0]]
+        middles = (np.column_stack([u.ravel(), v.ravel()]) + 0.5) * scale - 0.5
+        hit = _ray_depth(rays(middles, camera), starts[index], ends[index], radius).reshape(u.shape)
+        part = depth[low[1] : high[1], low[0] : high[0]]
+        np.minimum(part, hit.astype(np.float32), out=part)
+    return Occlusion(depth_m=depth, scale=scale)
+
+
+def _ray_depth(directions: Array, start: Array, end: Array, radius: float) -> Array:
+    """Depth (K,) [m] at which rays (K, 3) of z = 1 from the camera enter a capsule; inf where they miss.
+
+    A ray enters the capsule where it enters the cylinder between its ends, or else one of the two end spheres.
+    """
+    axis = end - start
+    length = float(np.linalg.norm(axis))
+    along = axis / max(length, 1e-12)
+    d_along, s_along = directions @ along, float(start @ along)
+    across = directions - d_along[:, None] * along
+    offset = start - s_along * along
+    t = _first_root(np.sum(across**2, axis=1), across @ offset, float(offset @ offset) - radius**2)
+    height = t * d_along - s_along
+    cylinder = np.where((height >= 0.0) & (height <= length), t, np.inf)
+    square = np.sum(directions**2, axis=1)
+    spheres = [_first_root(square, directions @ center, float(center @ center) - radius**2) for center in (start, end)]
+    return np.minimum(cylinder, np.minimum(spheres[0], spheres[1]))
+
+
+def _first_root(a: Array, b: Array, c: float) -> Array:
+    """Smaller solution of ``a t² - 2 b t + c = 0``; inf where there is none."""
+    discriminant = b * b - a * c
+    valid = (discriminant >= 0.0) & (a > 1e-12)
+    return np.where(valid, (b - np.sqrt(np.maximum(discriminant, 0.0))) / np.where(valid, a, 1.0), np.inf)

@@ -1,0 +1,1 @@
+"""The strategy `rollout`: actions played through on the planning rod."""

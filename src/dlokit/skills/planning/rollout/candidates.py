@@ -1,0 +1,199 @@
+"""Candidates: numbers that describe an action, made into a motion of the tool that the gripper and the arm can do."""
+
+import itertools
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+
+from dlokit import geometry
+from dlokit.rod.rollout import Motion
+from dlokit.skills.planning.base import PlanningTools
+from dlokit.skills.planning.grasp import (
+    RodPoint,
+    fitting_opening_m,
+    grasp_pose,
+    grasp_share,
+    grasp_yaw,
+    rod_point,
+    wrapped,
+)
+from dlokit.types.action import Action, Grasp, PairPlace, Partner, Push, VelocityProfile
+from dlokit.types.arrays import Float64Array
+from dlokit.types.pose import Pose
+
+_LARGEST_TURN_RAD = 2.6  # beyond, the wrist seldom has room
+_POSE_EVERY_RAD = 0.3  # poses of a path are no further apart, so that nobody turns the short way round
+
+
+@dataclass(frozen=True, kw_only=True)
+class Candidate:
+    """A motion, and what it was made from."""
+
+    kind: type[Action]
+    numbers: Float64Array
+    """What the family made it from."""
+    motion: Motion
+    opening_m: float
+    """Finger opening at which the gripper fits around the rod [m]."""
+    partner_opening_m: float = 0.0
+    """The same of the partner's, where there is one [m]."""
+
+
+class Family(Protocol):
+    """Candidates that differ in some numbers (D,), the meaning and units of which each family states."""
+
+    kind: type[Action]
+
+    def first(self, count: int, rng: np.random.Generator) -> list[Float64Array]:
+        """Numbers of `count` candidates to begin with."""
+        ...
+
+    @property
+    def spread(self) -> Float64Array:
+        """How far the numbers of a first refinement lie around those of a good candidate."""
+        ...
+
+    def aimed(self, numbers: Float64Array, nodes_world: Float64Array) -> Float64Array:
+        """The numbers, corrected by where they brought the rod (M, 3) [m] instead of to the goal."""
+        ...
+
+    def make(self, numbers: Float64Array) -> Candidate | None:
+        """The candidate of these numbers; None when the gripper does not fit or the arm does not reach."""
+        ...
+
+
+@dataclass(frozen=True)
+class Hold:
+    """A node that can be grasped, and where it is to be in the goal."""
+
+    node: int
+    here: RodPoint
+    there: RodPoint
+    opening_m: float
+
+
+class Scene:
+    """A shape, its goal, and what the gripper can do there."""
+
+    def __init__(
+        self, nodes_world: Float64Array, goal_world: Float64Array, marked: frozenset[int], tools: PlanningTools
+    ) -> None:
+        """Both shapes (M, 3) [m]; `marked` nodes are not grasped."""
+        self.nodes_world, self.goal_world, self.marked, self.tools = nodes_world, goal_world, marked, tools
+        self._holds: dict[int, Hold | None] = {}
+
+    @property
+    def count(self) -> int:
+        """Number of nodes M."""
+        return len(self.nodes_world)
+
+    @cached_property
+    def error_m(self) -> Float64Array:
+        """Distance of every node to its goal (M,) [m]."""
+        return np.linalg.norm(self.goal_world - self.nodes_world, axis=1)
+
+    @cached_property
+    def length_m(self) -> float:
+        """Length of the goal [m]."""
+        return float(geometry.arc_lengths(self.goal_world)[-1])
+
+    @cached_property
+    def nodes_to_move(self) -> tuple[int, ...]:
+        """Every other node, the farthest from its goal first; then what is far from its goal and from those before it.
+
+        So any beginning of the list covers the rod, and a search that is short of time has tried all parts of it.
+        """
+        left = np.argsort(-self.error_m, kind="stable")[::2].tolist()
+        order = [left.pop(0)]
+        while left:
+            away = [min(abs(node - other) for other in order) for node in left]
+            order.append(left.pop(int(np.argmax(self.error_m[left] * away))))
+        return tuple(order)
+
+    def hold(self, node: int) -> Hold | None:
+        """How to grasp a node; None when it is marked or the gripper does not fit."""
+        if node not in self._holds:
+            self._holds[node] = self._find(node)
+        return self._holds[node]
+
+    def _find(self, node: int) -> Hold | None:
+        if node in self.marked:
+            return None
+        grasp = self.tools.actions.grasp
+        share = grasp_share(self.nodes_world, node, grasp.end_inset_m)
+        here = rod_point(self.nodes_world, share)
+        opening_m = fitting_opening_m(self.nodes_world, here, grasp)
+        if opening_m is None:
+            return None
+        return Hold(node=node, here=here, there=rod_point(self.goal_world, share), opening_m=opening_m)
+
+    def start(
+        self, hold: Hold, more_turn_rad: float, place_m: tuple[float, float] = (0.0, 0.0)
+    ) -> tuple[Float64Array, float]:
+        """The tool at the grasp (4,): x, y, z [m], yaw [rad]; and how far it turns to the goal's tangent and more.
+
+        The arm stands at `place_m`.
+        """
+        grasp = self.tools.actions.grasp
+        turn = wrapped(hold.there.yaw_rad - hold.here.yaw_rad) + more_turn_rad
+        turn = min(max(turn, -_LARGEST_TURN_RAD), _LARGEST_TURN_RAD)
+        yaw = grasp_yaw(hold.here, turn, grasp, place_m)
+        return np.array([*hold.here.position_world[:2], grasp.height_m, yaw]), turn
+
+    def candidate(
+        self, kind: type[Action], numbers: Float64Array, hold: Hold, tool: Float64Array, velocity: VelocityProfile
+    ) -> Candidate | None:
+        """A candidate from waypoints (W, 4) of the tool; None when the arm does not reach one of them."""
+        if not all(self.tools.reachable(tool_pose(point)) for point in tool):
+            return None
+        motion = Motion(node=hold.node, waypoints=tool, velocity=velocity, holds=kind is not Push)
+        return Candidate(kind=kind, numbers=numbers, motion=motion, opening_m=hold.opening_m)
+
+
+def to_action(candidate: Candidate, stamp_ns: int, predicted_nodes_world: Float64Array, tools: PlanningTools) -> Action:
+    """The action that a candidate stands for, with the shape (M, 3) [m] expected after it."""
+    kind, motion = candidate.kind, candidate.motion
+    grasp, path = _handled(motion, candidate.opening_m, tools)
+    if issubclass(kind, PairPlace):
+        assert motion.partner is not None
+        assert tools.second is not None
+        other_grasp, other_path = _handled(motion.partner, candidate.partner_opening_m, tools)
+        return PairPlace(
+            stamp_ns=stamp_ns,
+            grasp=grasp,
+            path=path,
+            velocity=motion.velocity,
+            predicted_nodes_world=predicted_nodes_world,
+            partner=Partner(
+                robot=tools.second.robot, grasp=other_grasp, path=other_path, velocity=motion.partner.velocity
+            ),
+        )
+    return kind(
+        stamp_ns=stamp_ns,
+        grasp=grasp,
+        path=path,
+        velocity=motion.velocity,
+        predicted_nodes_world=predicted_nodes_world,
+    )
+
+
+def _handled(motion: Motion, opening_m: float, tools: PlanningTools) -> tuple[Grasp, tuple[Pose, ...]]:
+    """Grasp and path of one tool."""
+    tool = motion.waypoints
+    poses: list[Pose] = []
+    for start, end in itertools.pairwise(tool):
+        count = max(1, math.ceil(abs(end[3] - start[3]) / _POSE_EVERY_RAD))
+        poses += [tool_pose(start + share * (end - start)) for share in np.linspace(0.0, 1.0, count + 1)[1:]]
+    first = RodPoint(s_m=0.0, position_world=tool[0, :3], yaw_rad=0.0)
+    T_world_tcp = grasp_pose(first, float(tool[0, 3]), tools.actions.grasp)
+    return Grasp(node=motion.node, T_world_tcp=T_world_tcp, opening_m=opening_m), tuple(poses)
+
+
+def tool_pose(point: Float64Array) -> Pose:
+    """The pose of a tool (4,) that points down: x, y, z [m], yaw [rad]."""
+    # `geometry.downward`, written out: this is asked for every waypoint of every candidate.
+    half = 0.5 * point[3]
+    return Pose(position_m=point[:3].copy(), wxyz=np.array([0.0, np.cos(half), np.sin(half), 0.0]))

@@ -1,0 +1,81 @@
+"""Pick-and-place and drag: one node goes to its place in the goal, or a little beside it."""
+
+import numpy as np
+
+from dlokit.skills.planning.rollout.candidates import Candidate, Scene
+from dlokit.types.action import Action, Drag, PickPlace, VelocityProfile
+from dlokit.types.arrays import Float64Array
+
+_LOWEST_LIFT_M = 0.02
+_HIGHEST_LIFT_M = 0.25
+_DRAG_LIFT_M = 0.004
+_SPEED_M_S = (0.1, 0.5)
+_OVERSHOOTS = (0.0, 0.12, 0.25)
+_FOLLOW_M = 0.08  # neighbours this far along the rod follow a carried node by a third
+_AIM = 0.5  # share of a correction that is made at once
+_FAR_M = 0.05  # an error as large as this is corrected with the whole spread
+
+
+class Carrying:
+    """Numbers: node, release beside the goal (x, y) [m], turn beyond the goal's tangent [rad], lift [m], bow, speed.
+
+    The bow is how far the path leaves the straight line in its middle, as a share of its length. A drag keeps the rod
+    on the table.
+    """
+
+    def __init__(self, scene: Scene, *, dragging: bool) -> None:
+        self.kind: type[Action] = Drag if dragging else PickPlace
+        self._scene, self._dragging = scene, dragging
+        error_m = float(np.sqrt(np.mean(scene.error_m**2)))
+        self._scale = min(max(error_m / _FAR_M, 0.3), 1.0)
+
+    @property
+    def spread(self) -> Float64Array:
+        """Spread of the numbers; smaller where the shape is near the goal already."""
+        beside = 0.015 * self._scale
+        return np.array([1.5, beside, beside, 0.25 * self._scale, 0.015, 0.1, 0.04])
+
+    def first(self, count: int, rng: np.random.Generator) -> list[Float64Array]:
+        """Nodes all over the rod taken to their goals; then the same beyond them."""
+        scene, path = self._scene, self._scene.tools.actions.path
+        way = (scene.goal_world - scene.nodes_world)[:, :2]
+        found = [
+            np.array([node, *(share * way[node]), 0.0, path.lift_m, 0.0, path.speed_m_s])
+            for share in _OVERSHOOTS
+            for node in scene.nodes_to_move
+        ]
+        return found[:count]
+
+    def aimed(self, numbers: Float64Array, nodes_world: Float64Array) -> Float64Array:
+        """The release shifted by what helps the node and its neighbours most, if they follow it as they usually do."""
+        scene = self._scene
+        away = np.abs(np.arange(scene.count) - numbers[0]) * scene.length_m / (scene.count - 1)
+        follow = np.exp(-((away / _FOLLOW_M) ** 2))
+        error = (scene.goal_world - nodes_world)[:, :2]
+        corrected = numbers.copy()
+        corrected[1:3] += _AIM * follow @ error / (follow @ follow)
+        return corrected
+
+    def make(self, numbers: Float64Array) -> Candidate | None:
+        """The candidate of these numbers."""
+        node, x, y, more_turn, lift, bow, speed = (float(number) for number in numbers)
+        scene = self._scene
+        hold = scene.hold(int(min(max(round(node), 0), scene.count - 1)))
+        if hold is None:
+            return None
+        first, turn = scene.start(hold, more_turn)
+        last = np.array([*(hold.there.position_world[:2] + np.array([x, y])), first[2], first[3] + turn])
+        height = _DRAG_LIFT_M if self._dragging else min(max(lift, _LOWEST_LIFT_M), _HIGHEST_LIFT_M)
+        up, way = np.array([0.0, 0.0, height, 0.0]), last - first
+        middle = first + 0.5 * way + min(max(bow, -0.5), 0.5) * np.array([-way[1], way[0], 0.0, 0.0])
+        tool = np.stack((first, first + up, middle + up, last + up, last))
+        clean = np.array([hold.node, x, y, more_turn, height, bow, speed])
+        return scene.candidate(self.kind, clean, hold, tool, self._velocity(speed))
+
+    def _velocity(self, speed_m_s: float) -> VelocityProfile:
+        path = self._scene.tools.actions.path
+        return VelocityProfile(
+            speed_m_s=min(max(speed_m_s, _SPEED_M_S[0]), _SPEED_M_S[1]),
+            acceleration_m_s2=path.acceleration_m_s2,
+            jerk_m_s3=path.jerk_m_s3,
+        )

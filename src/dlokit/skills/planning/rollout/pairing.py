@@ -1,0 +1,123 @@
+"""Pairs of grasps: two arms take a node each to its place in the goal, at the same time."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from dlokit.rod.rollout import Motion
+from dlokit.skills.planning.base import SecondArm
+from dlokit.skills.planning.rollout.candidates import Candidate, Hold, Scene, tool_pose
+from dlokit.types.action import Action, PairPlace, VelocityProfile
+from dlokit.types.arrays import Float64Array
+
+_LEAST_BETWEEN_M = 0.16  # grippers side by side need as much room
+_LEAST_APART_M = 0.03  # of the arms, by their capsules
+_LIFT_M = (0.02, 0.2)
+_SPEED_M_S = (0.1, 0.4)
+_TURN_LEVER_M = 0.15  # a turn by 1 rad takes as long as this much way, as the robot has it
+_SHARES = ((0.0, 1.0), (0.1, 0.9), (0.2, 0.8), (0.25, 0.65), (0.35, 0.75), (0.3, 0.7), (0.0, 0.6), (0.4, 1.0))
+_OVERSHOOTS = (0.0, 0.12)
+_AIM = 0.7
+_FOLLOW_M = 0.08
+
+
+class Pairing:
+    """Numbers: of both grasps the node, release beside the goal (x, y) [m] and turn beyond its tangent [rad]; then the
+    lift [m] and the speed of the tool with the longer way [m/s]."""
+
+    def __init__(self, scene: Scene, second: SecondArm) -> None:
+        self.kind: type[Action] = PairPlace
+        self._scene, self._second = scene, second
+
+    @property
+    def spread(self) -> Float64Array:
+        """Spread of the numbers."""
+        one = [1.5, 0.012, 0.012, 0.2]
+        return np.array([*one, *one, 0.015, 0.04])
+
+    def first(self, count: int, rng: np.random.Generator) -> list[Float64Array]:
+        """Nodes far apart, each taken to its place and beyond; then others around these."""
+        scene, path = self._scene, self._scene.tools.actions.path
+        way = (scene.goal_world - scene.nodes_world)[:, :2]
+        found: list[Float64Array] = []
+        for overshoot in _OVERSHOOTS:
+            for shares in _SHARES:
+                nodes = [round(share * (scene.count - 1)) for share in shares]
+                ends = [number for node in nodes for number in (node, *(overshoot * way[node]), 0.0)]
+                found.append(np.array([*ends, path.lift_m, path.speed_m_s]))
+        usual = list(found)
+        while len(found) < count:
+            found.append(usual[len(found) % len(usual)] + self.spread * rng.standard_normal(len(self.spread)))
+        return found[:count]
+
+    def aimed(self, numbers: Float64Array, nodes_world: Float64Array) -> Float64Array:
+        """Both releases shifted by what helps the nodes and their neighbours most."""
+        scene = self._scene
+        error = (scene.goal_world - nodes_world)[:, :2]
+        corrected = numbers.copy()
+        for at in (0, 4):
+            away = np.abs(np.arange(scene.count) - numbers[at]) * scene.length_m / (scene.count - 1)
+            follow = np.exp(-((away / _FOLLOW_M) ** 2))
+            corrected[at + 1 : at + 3] += _AIM * follow @ error / (follow @ follow)
+        return corrected
+
+    def make(self, numbers: Float64Array) -> Candidate | None:
+        """The candidate of these numbers, by the arms that do not cross; None when neither way round will do."""
+        scene = self._scene
+        nodes = [int(min(max(round(float(numbers[at])), 0), scene.count - 1)) for at in (0, 4)]
+        if abs(nodes[0] - nodes[1]) * scene.length_m / (scene.count - 1) < _LEAST_BETWEEN_M:
+            return None
+        holds = [scene.hold(node) for node in nodes]
+        if holds[0] is None or holds[1] is None:
+            return None
+        clean = numbers.copy()
+        clean[[0, 4]] = nodes
+        ways = ((holds[0], clean[1:4]), (holds[1], clean[5:8]))
+        for own, other in (ways, ways[::-1]):
+            made = self._by(own, other, clean)
+            if made is not None:
+                return made
+        return None
+
+    def _by(
+        self, own: tuple[Hold, Float64Array], other: tuple[Hold, Float64Array], numbers: Float64Array
+    ) -> Candidate | None:
+        """The first arm takes `own`, the second `other`; None when they do not reach, or come too near one another."""
+        lift_m = min(max(float(numbers[8]), _LIFT_M[0]), _LIFT_M[1])
+        first, second = self._tool(*own, lift_m, (0.0, 0.0)), self._tool(*other, lift_m, self._second.place_m)
+        poses = [tool_pose(point) for point in first], [tool_pose(point) for point in second]
+        if not (all(map(self._scene.tools.reachable, poses[0])) and all(map(self._second.reachable, poses[1]))):
+            return None
+        if self._second.apart_m(*poses) < _LEAST_APART_M:
+            return None
+        ways_m = _length_m(first), _length_m(second)
+        paces = [self._pace(float(numbers[9]), way_m / max(ways_m)) for way_m in ways_m]
+        partner = Motion(node=other[0].node, waypoints=second, velocity=paces[1])
+        return Candidate(
+            kind=self.kind,
+            numbers=numbers,
+            motion=replace(Motion(node=own[0].node, waypoints=first, velocity=paces[0]), partner=partner),
+            opening_m=own[0].opening_m,
+            partner_opening_m=other[0].opening_m,
+        )
+
+    def _tool(self, hold: Hold, release: Float64Array, lift_m: float, place_m: tuple[float, float]) -> Float64Array:
+        """Waypoints (5, 4) of one tool: down at the grasp, up, over, above the release, down."""
+        first, turn = self._scene.start(hold, float(release[2]), place_m)
+        last = np.array([*(hold.there.position_world[:2] + release[:2]), first[2], first[3] + turn])
+        up = np.array([0.0, 0.0, lift_m, 0.0])
+        return np.stack((first, first + up, 0.5 * (first + last) + up, last + up, last))
+
+    def _pace(self, speed_m_s: float, share: float) -> VelocityProfile:
+        """The pace of a tool whose way is a share of the longer one: all scaled, so that both arrive together."""
+        path = self._scene.tools.actions.path
+        return VelocityProfile(
+            speed_m_s=share * min(max(speed_m_s, _SPEED_M_S[0]), _SPEED_M_S[1]),
+            acceleration_m_s2=share * path.acceleration_m_s2,
+            jerk_m_s3=share * path.jerk_m_s3,
+        )
+
+
+def _length_m(tool: Float64Array) -> float:
+    steps = np.diff(tool, axis=0)
+    return float(np.sum(np.maximum(np.linalg.norm(steps[:, :3], axis=1), _TURN_LEVER_M * np.abs(steps[:, 3]))))

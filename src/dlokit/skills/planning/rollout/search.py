@@ -1,0 +1,320 @@
+"""The search: candidates of every family, the promising ones refined, the best tried on rods that the DLO may be."""
+
+import itertools
+import math
+import os
+from collections.abc import Awaitable, Callable, Generator, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+import numpy as np
+
+from dlokit.communication.port import Compute
+from dlokit.rod.believed import BeliefConfig, ModelConfig
+from dlokit.rod.rollout import Motion, Played, QuickRod, play
+from dlokit.skills.planning.rollout.candidates import Candidate, Family
+from dlokit.skills.planning.rollout.config import SearchConfig
+from dlokit.types.action import Action
+from dlokit.types.arrays import Float64Array
+
+T = TypeVar("T")
+
+_LARGEST_BATCH = 8  # rollouts a core between two looks at the time
+_BATCH_SHARE = 0.05  # of the time, that a batch may take
+_FINALS_SHARE = 0.3  # of the time, that is kept for the finals at most
+_PATIENCE = 3.0  # times the time, that a decision on a busy machine may take at most
+
+
+class Timer:
+    """A time for a whole decision, of which parts are allowed one after the other. Without stopwatch it never ends.
+
+    On a machine so busy that fewer than the `least` rollouts would fit, the time is as much longer, up to three times:
+    an action chosen among a dozen costs the robot more than the wait.
+    """
+
+    def __init__(
+        self, seconds: float, stopwatch: Callable[[], float] | None, cores: int = 0, *, least: int = 0
+    ) -> None:
+        """`cores` that play at once; 0: those of this machine."""
+        self._asked_s, self._least, self._stopwatch = seconds, least, stopwatch
+        self._cores = cores or len(os.sched_getaffinity(0))
+        self._began_s = stopwatch() if stopwatch is not None else 0.0
+        self._played, self._playing_s = 0, 0.0
+        self._until = 1.0  # share of the time
+        self._kept_s = 0.0
+
+    @contextmanager
+    def playing(self, rollouts: int) -> Generator[None]:
+        """So many rollouts are played in the block."""
+        began_s = self._passed_s()
+        yield
+        self._played += rollouts
+        self._playing_s += self._passed_s() - began_s
+
+    def allow(self, share: float, finalists: int, each: int) -> None:
+        """From now on, up to that share of the time, less what finalists of `each` rollouts will take at this pace.
+
+        Where not even a part of the finals would end in its share of the time, none is kept for them.
+        """
+        part_s, most_s = each * self._cores * self._each_s(), _FINALS_SHARE * self._seconds
+        kept_s = min(math.ceil(finalists / self._cores) * part_s, most_s) if part_s <= most_s else 0.0
+        self._until, self._kept_s = share, kept_s
+
+    def too_short_for(self, rollouts: int) -> bool:
+        """Whether at this pace so many rollouts would take longer than the time asked for."""
+        return self._stopwatch is not None and rollouts * self._each_s() > self._asked_s
+
+    @property
+    def over(self) -> bool:
+        """Whether the allowed time has passed. Something must be played, or there is nothing to do."""
+        return (
+            self._stopwatch is not None
+            and self._played > 0
+            and self._passed_s() >= self._until * (self._seconds - self._kept_s)
+        )
+
+    def batch(self, count: int) -> int:
+        """How many of `count` rollouts to play before the next look at the time: a few while the pace is not known."""
+        if self._stopwatch is None:
+            return count
+        if self._played == 0:
+            return min(count, self._cores)
+        rounds = int(_BATCH_SHARE * self._seconds / max(self._cores * self._each_s(), 1e-9))
+        return min(count, self._cores * min(max(rounds, 1), _LARGEST_BATCH))
+
+    def rounds(self, items: Sequence[T], each: int) -> Iterator[Sequence[T]]:
+        """The items, which take `each` rollouts, in parts that will end in the whole time, at the pace so far."""
+        size = len(items) if self._stopwatch is None else self._cores
+        for start in range(0, len(items), max(1, size)):
+            ends_s = self._passed_s() + each * self._cores * self._each_s()
+            if self._stopwatch is not None and ends_s > self._seconds:
+                return
+            yield items[start : start + size]
+
+    @property
+    def _seconds(self) -> float:
+        """The time for the decision, at the pace so far [s]."""
+        if self._played == 0:
+            return self._asked_s
+        needed_s = self._least * self._passed_s() / self._played
+        return min(max(self._asked_s, needed_s), _PATIENCE * self._asked_s)
+
+    def _passed_s(self) -> float:
+        return 0.0 if self._stopwatch is None else self._stopwatch() - self._began_s
+
+    def _each_s(self) -> float:
+        """What a rollout has taken so far, many at once [s]."""
+        return self._playing_s / self._played if self._played else 0.0
+
+
+_TRIES = 3  # as many numbers are drawn for a candidate that can be done
+_ELITE = 6  # candidates of a family that are refined
+_WORTH_IT = 1.6  # a family is refined while its best is no worse than this times the best of all
+_AT_ONCE = 2  # families refined in one generation
+_NARROWER = 0.75  # spread of a generation against the one before
+_SHOWN = 6  # candidates that are told of
+_LEAST_SHARE = 0.25  # of the rollouts, that a live decision waits for though its time has passed
+
+
+def doubtful_rods(config: SearchConfig, sure: BeliefConfig) -> tuple[QuickRod, ...]:
+    """What the DLO may be like besides what the model says, which is as `sure` of it."""
+    if config.doubt == 1.0:
+        return ()
+    friction_by, stiffness_by = (
+        max(config.doubt, math.exp(log_sd)) for log_sd in (sure.friction_log_sd, sure.stiffness_log_sd)
+    )
+    rods = list[QuickRod]()
+    both = itertools.product((1.0 / friction_by, friction_by), (1.0 / stiffness_by, stiffness_by))
+    for k, (friction, stiffness) in enumerate(both):
+        x, y = config.astray_m * math.cos(k * math.pi / 4.0), config.astray_m * math.sin(k * math.pi / 4.0)
+        for shift_m in ((x, y), (-x, -y)):
+            rods.append(QuickRod(friction_share=friction, stiffness_share=stiffness, shift_m=shift_m))
+    return tuple(rods)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Choice:
+    """A candidate with its score and the shape (M, 3) [m] expected after it."""
+
+    candidate: Candidate
+    score_m: float
+    nodes_world: Float64Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scoring:
+    """What candidates are compared by; less is better."""
+
+    score: Callable[[Played, Sequence[type[Action]]], Float64Array]
+    """(R, C) [m] of what C motions of these kinds did to R rods."""
+    judge: Callable[[Float64Array], Float64Array]
+    """(C,) [m] of that."""
+    least_m: Callable[[type[Action]], float] = lambda kind: 0.0
+    """What no action of the kind can score below [m], however well it is aimed."""
+
+
+async def _tell_nobody(rollouts: int, best: Sequence[Choice]) -> None:
+    """Nobody watches."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Watch:
+    """Who is told of a search, and by what clock it ends."""
+
+    tell: Callable[[int, Sequence[Choice]], Awaitable[None]] = _tell_nobody
+    """Told of the rollouts spent and the best choices, every generation."""
+    stopwatch: Callable[[], float] | None = None
+    """The machine's time [s]; None: rollouts alone are counted."""
+
+
+@dataclass
+class _Pool:
+    """A family and what was tried of it."""
+
+    family: Family
+    choices: list[Choice] = field(default_factory=list[Choice])
+
+    def best(self, count: int) -> list[Choice]:
+        return sorted(self.choices, key=_score)[:count]
+
+
+class Search:
+    """One decision: rollouts are spent generation by generation."""
+
+    def __init__(
+        self,
+        nodes_world: Float64Array,
+        model: ModelConfig,
+        config: SearchConfig,
+        scoring: Scoring,
+        compute: Compute,
+        watch: Watch | None = None,
+    ) -> None:
+        self._nodes, self._model, self._config = nodes_world, model, config
+        self._scoring, self._compute = scoring, compute
+        self._rods = doubtful_rods(config, model.belief)
+        self._watch = watch or Watch()
+        self._timer = Timer(
+            config.seconds, self._watch.stopwatch, config.threads, least=round(_LEAST_SHARE * config.rollouts)
+        )
+        self.spent = 0
+        """Rollouts so far."""
+
+    async def run(self, families: Sequence[Family], rng: np.random.Generator) -> list[Choice]:
+        """Choices, the best first.
+
+        The kind that can score best is played first; where time is short, one that cannot score as well as what was
+        found is not played, and its share of the rollouts is saved.
+        """
+        config, least_m = self._config, self._scoring.least_m
+        each = len(self._rods)
+        budget = config.rollouts - config.finalists * each
+        pools = [_Pool(family) for family in sorted(families, key=lambda family: least_m(family.kind))]
+        share = max(1, budget // (2 * len(pools)))
+        found_m = math.inf
+        for k, pool in enumerate(pools):
+            if self._timer.too_short_for(config.rollouts) and least_m(pool.family.kind) >= found_m:
+                budget -= share * (len(pools) - k)  # more of what is played already would only find what flatters it
+                break
+            self._timer.allow(0.5 * (k + 1) / len(pools), config.finalists, each)
+            await self._try(pool, pool.family.first(_TRIES * share, rng), share)
+            found_m = min([found_m, *(choice.score_m for choice in pool.choices)])
+            await self._tell(pools)
+        pools = [pool for pool in pools if pool.choices]
+        if not pools:
+            return []
+        for generation in range(config.generations):
+            self._timer.allow(0.5 + 0.5 * (generation + 1) / config.generations, config.finalists, each)
+            if self._timer.over:
+                continue
+            left = (budget - self.spent) // (config.generations - generation)
+            promising = self._promising(pools)
+            for pool in promising:
+                count = max(1, left // len(promising))
+                spread = pool.family.spread * _NARROWER**generation
+                await self._try(pool, _around(pool, spread, _TRIES * count, rng), count)
+            await self._tell(pools)
+        finalists, others = _mixed(pools, config.finalists)
+        return [*await self._finals(finalists), *others]
+
+    def _promising(self, pools: list[_Pool]) -> list[_Pool]:
+        ranked = sorted(pools, key=lambda pool: pool.best(1)[0].score_m)
+        return [
+            pool for pool in ranked[:_AT_ONCE] if pool.best(1)[0].score_m <= _WORTH_IT * ranked[0].best(1)[0].score_m
+        ]
+
+    async def _try(self, pool: _Pool, numbers: Sequence[Float64Array], count: int) -> None:
+        """Play the first `count` of these numbers that make a candidate, or as many as time allows."""
+        rest, left = iter(numbers), count
+        # What is not played is not made either: the arm's reach takes as long to find out as a short rollout.
+        while left > 0 and not self._timer.over:
+            made = _made(pool.family, rest, self._timer.batch(left))
+            if not made:
+                return
+            await self._play_once(pool, made)
+            left -= len(made)
+
+    async def _play_once(self, pool: _Pool, made: Sequence[Candidate]) -> None:
+        """Play candidates on the rod that the model has."""
+        played = await self._play(made, (QuickRod(),))
+        for candidate, score, nodes in zip(
+            made, self._scoring.score(played, [pool.family.kind] * len(made))[0], played.nodes_world[0], strict=True
+        ):
+            pool.choices.append(Choice(candidate=candidate, score_m=float(score), nodes_world=nodes))
+
+    async def _tell(self, pools: list[_Pool]) -> None:
+        """The best of each kind and node: all of one refined differ by less than anybody can see."""
+        best = dict[tuple[type[Action], int], Choice]()
+        for choice in sorted((choice for pool in pools for choice in pool.choices), key=_score):
+            best.setdefault((choice.candidate.kind, choice.candidate.motion.node), choice)
+        await self._watch.tell(self.spent, tuple(best.values())[:_SHOWN])
+
+    async def _finals(self, finalists: list[Choice]) -> list[Choice]:
+        """The finalists in the order of their score on every rod that the DLO may be; last those left out for time."""
+        rods = self._rods
+        if not finalists or not rods:
+            return finalists
+        judged = list[float]()
+        for some in self._timer.rounds(finalists, len(rods)):
+            played = await self._play([choice.candidate for choice in some], rods)
+            expected = np.array([[choice.score_m for choice in some]])
+            kinds = [choice.candidate.kind for choice in some]
+            judged += self._scoring.judge(np.concatenate((expected, self._scoring.score(played, kinds)))).tolist()
+        return [*(finalists[k] for k in np.argsort(judged, kind="stable")), *finalists[len(judged) :]]
+
+    async def _play(self, candidates: Sequence[Candidate], rods: tuple[QuickRod, ...]) -> Played:
+        motions: tuple[Motion, ...] = tuple(candidate.motion for candidate in candidates)
+        self.spent += len(motions) * len(rods)
+        config = self._config
+        with self._timer.playing(len(motions) * len(rods)):
+            return await self._compute(play, self._model, self._nodes, rods, motions, config.timestep_s, config.threads)
+
+
+def _made(family: Family, numbers: Iterator[Float64Array], count: int) -> list[Candidate]:
+    """The next `count` candidates; fewer when the numbers are used up."""
+    candidates = (candidate for candidate in map(family.make, numbers) if candidate is not None)
+    return list(itertools.islice(candidates, count))
+
+
+def _mixed(pools: list[_Pool], count: int) -> tuple[list[Choice], list[Choice]]:
+    """The best `count` of all, no more than half from one pool where there are others, since siblings fail together;
+    and the rest, the best first."""
+    half = max(1, count // 2) if len(pools) > 1 else count
+    seeded = [choice for pool in pools for choice in pool.best(half)]
+    ranked = sorted(seeded, key=_score)
+    found = ranked[:count]
+    rest = [choice for pool in pools for choice in pool.choices if choice not in found]
+    return found, sorted(rest, key=_score)
+
+
+def _score(choice: Choice) -> float:
+    return choice.score_m
+
+
+def _around(pool: _Pool, spread: Float64Array, count: int, rng: np.random.Generator) -> list[Float64Array]:
+    """Numbers of `count` children: the aim of each parent corrected; then the same with others around it."""
+    parents = pool.best(_ELITE)
+    aimed = [pool.family.aimed(parent.candidate.numbers, parent.nodes_world) for parent in parents]
+    more = (rng.integers(len(aimed), size=max(0, count - len(aimed)))).tolist()
+    return [*aimed, *(aimed[k] + spread * rng.standard_normal(len(spread)) for k in more)]

@@ -1,0 +1,89 @@
+"""The strategy `rollout`: play candidates through in the model, take the one that leaves least to be done."""
+
+from collections.abc import AsyncIterator, Sequence
+
+import numpy as np
+
+from dlokit.rod.rollout import Played
+from dlokit.skills.planning.base import PlanningTools
+from dlokit.skills.planning.pick_place import goal_in_order
+from dlokit.skills.planning.rollout.candidates import Family, Scene, to_action
+from dlokit.skills.planning.rollout.carrying import Carrying
+from dlokit.skills.planning.rollout.config import RolloutConfig
+from dlokit.skills.planning.rollout.laying import Laying
+from dlokit.skills.planning.rollout.pairing import Pairing
+from dlokit.skills.planning.rollout.pushing import Pushing
+from dlokit.skills.planning.rollout.score import Misses, cautious_m, least_remaining_m, remaining_m
+from dlokit.skills.planning.rollout.search import Choice, Scoring, Search, Watch
+from dlokit.types.action import Action, Candidates, CandidateSeen, Marks
+from dlokit.types.arrays import Float64Array
+from dlokit.types.dlo import DloState, GoalShape
+
+
+class Rollout:
+    """Candidates, played through and refined; see docs/explanations/planning.md."""
+
+    def __init__(self, config: RolloutConfig, tools: PlanningTools) -> None:
+        self._config, self._tools = config, tools
+        self._misses = Misses(config.score, tools.model)
+
+    async def propose(self, shape: DloState, goal: GoalShape, marks: Marks) -> AsyncIterator[Action]:
+        """Actions of any kind, the one that leaves least to be done first; each with its predicted shape."""
+        config, tools = self._config, self._tools
+        goal_world = goal_in_order(shape.nodes_world, goal.nodes_world, ends_interchangeable=goal.ends_interchangeable)
+        marked = frozenset(int(node) for node in marks.invalid_nodes)
+        self._misses.compare(shape)
+        scene = Scene(shape.nodes_world, goal_world, marked, tools)
+
+        def score(played: Played, kinds: Sequence[type[Action]]) -> Float64Array:
+            miss_m = np.array([self._misses.of(kind) for kind in kinds])
+            return remaining_m(played, miss_m, goal_world, tools.model.radius_m, config.score, tools.table)
+
+        def judge(scores_m: Float64Array) -> Float64Array:
+            return cautious_m(scores_m, config.score.caution)
+
+        def least_m(kind: type[Action]) -> float:
+            # Of what is usual: one action that went wrong must not keep its whole kind from being tried.
+            return least_remaining_m(config.score.miss_m(kind, tools.model), config.score)
+
+        async def tell(rollouts: int, best: Sequence[Choice]) -> None:
+            seen = tuple(_seen(choice) for choice in best)
+            await tools.tell(
+                Candidates(stamp_ns=shape.stamp_ns, rollouts=rollouts, budget=config.search.rollouts, best=seen)
+            )
+
+        watch = Watch(tell=tell, stopwatch=tools.stopwatch)
+        scoring = Scoring(score=score, judge=judge, least_m=least_m)
+        search = Search(shape.nodes_world, tools.model, config.search, scoring, tools.compute, watch)
+        # Other candidates at another time: what did not do as predicted is not tried again in just the same way.
+        rng = np.random.default_rng([config.seed, shape.stamp_ns])
+        for choice in await search.run(self._families(scene), rng):
+            action = to_action(choice.candidate, shape.stamp_ns, choice.nodes_world, tools)
+            self._misses.expect(action, shape)
+            yield action
+
+    def _families(self, scene: Scene) -> list[Family]:
+        config = self._config
+        families: list[Family] = []
+        if config.lay_down:
+            families += [Laying(scene, from_last=False), Laying(scene, from_last=True)]
+        if config.pick_place:
+            families.append(Carrying(scene, dragging=False))
+        if config.drag:
+            families.append(Carrying(scene, dragging=True))
+        if config.push:
+            families.append(Pushing(scene))
+        if config.pair and self._tools.second is not None:
+            families.append(Pairing(scene, self._tools.second))
+        return families
+
+
+def _seen(choice: Choice) -> CandidateSeen:
+    candidate = choice.candidate
+    return CandidateSeen(
+        kind=str(candidate.kind.__struct_config__.tag),
+        node=candidate.motion.node,
+        score_m=choice.score_m,
+        nodes_world=choice.nodes_world,
+        path_world=candidate.motion.waypoints[:, :3].copy(),
+    )

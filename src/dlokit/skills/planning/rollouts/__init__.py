@@ -1,1 +1,0 @@
-"""Actions chosen by playing candidates through in the model."""

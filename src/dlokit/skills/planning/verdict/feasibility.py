@@ -1,0 +1,317 @@
+"""Whether a start or goal shape can be worked with: named findings that say what is wrong and where."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from dlokit import geometry
+from dlokit.description.shapes import NEIGHBOUR_M
+from dlokit.skills.planning.actions import FeasibilityConfig, GraspConfig
+from dlokit.skills.planning.base import Reachable
+from dlokit.skills.planning.grasp import fitting_opening_m, grasp_pose, grasp_yaw, rod_point
+from dlokit.types.arrays import BoolArray, Float64Array
+from dlokit.types.feasibility import Finding, Problem, Verdict
+from dlokit.types.image import CameraCalibration
+
+Crossing = tuple[int, int]
+"""Two edges that cross, by their first nodes, the lower first."""
+
+
+def parting_rmse_m(nodes_world: Float64Array, crossings: list[Crossing], radius_m: float) -> float:
+    """About the least RMSE [m] by which a rod (M, 3) [m] must move to lie clear of itself.
+
+    Two strands that cross once part when the tail beyond is drawn back over the other strand, or that over the tail's
+    end; two that cross twice when what lies between is pushed back. Either may move half of the way. The crossing that
+    costs most counts; strands that only touch part by their radii.
+    """
+    count = len(nodes_world)
+    points = nodes_world[:, :2]
+    squares = [min(_tail(points, pair), *(_between(points, pair, other) for other in crossings)) for pair in crossings]
+    return float(np.sqrt(max(squares, default=_touching(points, radius_m)) / 2.0 / count))
+
+
+def _tail(points: Float64Array, crossing: Crossing) -> float:
+    """Sum of squares [m²] of the shorter tail's way back over the strand that it crosses."""
+    first, second = crossing
+    middle = (first + second) // 2 + 1
+    return min(_sum(points[: first + 1], points[middle:]), _sum(points[second + 1 :], points[:middle]))
+
+
+def _between(points: Float64Array, one: Crossing, other: Crossing) -> float:
+    """The same of what lies between two crossings of the same two strands; infinite where there are not two."""
+    (a, c), (b, d) = sorted((one, other))
+    if one == other or b >= min(c, d):
+        return np.inf
+    low, high = min(c, d), max(c, d)
+    return min(_sum(points[a + 1 : b + 1], points[low : high + 2]), _sum(points[low + 1 : high + 1], points[a : b + 2]))
+
+
+def _sum(moved: Float64Array, strand: Float64Array) -> float:
+    """Sum of squares [m²] of the distances of points (K, 2) [m] from the nearest of a strand (L, 2) [m]."""
+    if not len(moved) or not len(strand):
+        return 0.0
+    distances = np.linalg.norm(moved[:, None] - strand[None], axis=2).min(axis=1)
+    return float((distances**2).sum())
+
+
+def _touching(points: Float64Array, radius_m: float) -> float:
+    s = geometry.arc_lengths(points)
+    apart = np.linalg.norm(points[:, None] - points[None], axis=2)
+    apart[np.abs(s[:, None] - s[None]) < 2.0 * np.pi * radius_m] = np.inf
+    return float((np.clip(2.0 * radius_m - apart.min(axis=1), 0.0, None) ** 2).sum())
+
+
+_FINER = 4  # points a node spacing at which strands are measured against each other
+
+
+@dataclass(frozen=True)
+class Workplace:
+    """What a shape must keep to, and who can tell."""
+
+    config: FeasibilityConfig
+    grasp: GraspConfig
+    reachable: Reachable
+    calibration: CameraCalibration | None
+    """None: views are not checked."""
+
+
+def check_start(nodes_world: Float64Array, place: Workplace) -> Verdict:
+    """Whether a rod lying as `nodes_world` (M, 3) [m] can be shaped at all."""
+    found = _on_table(nodes_world, place.config), _in_reach(nodes_world, place, handled_from_m=0.0)
+    seen = _in_view(nodes_world, place.config, place.calibration)
+    return Verdict(findings=_those(*found, seen, _crossing(nodes_world)))
+
+
+def out_of_bounds(nodes_world: Float64Array, place: Workplace) -> tuple[Finding, ...]:
+    """What a goal (M, 3) [m] breaks that moving it might mend: table, reach, view."""
+    return _those(
+        _on_table(nodes_world, place.config),
+        _in_reach(nodes_world, place, handled_from_m=place.config.handled_from_m),
+        _in_view(nodes_world, place.config, place.calibration),
+    )
+
+
+def is_inside(nodes_world: Float64Array, place: Workplace) -> bool:
+    """Whether `out_of_bounds` finds nothing for (K, 3) [m]; stops at the first, and looks at the cheap ones first."""
+    return not (
+        _on_table(nodes_world, place.config)
+        or _in_view(nodes_world, place.config, place.calibration)
+        or _in_reach(nodes_world, place, handled_from_m=place.config.handled_from_m)
+    )
+
+
+def overlaps(nodes_world: Float64Array, radius_m: float) -> tuple[Finding, ...]:
+    """Where a rod (M, 3) [m] of `radius_m` would lie across or upon itself."""
+    crossing = _crossing(nodes_world)
+    return _those(crossing if crossing is not None else _touches_itself(nodes_world, radius_m))
+
+
+def bends(nodes_world: Float64Array, config: FeasibilityConfig) -> tuple[Finding, ...]:
+    """Where a goal (M, 3) [m] bends more tightly than the DLO may be bent."""
+    return _those(_bend(nodes_world, config))
+
+
+def misfits(nodes_world: Float64Array, length_m: float, config: FeasibilityConfig) -> tuple[Finding, ...]:
+    """By how much a goal (M, 3) [m] is longer or shorter than a rod of `length_m`."""
+    excess_m = float(geometry.arc_lengths(nodes_world)[-1]) - length_m
+    allowed_m = config.length_tolerance * length_m
+    if abs(excess_m) <= allowed_m:
+        return ()
+    return (
+        Finding(
+            problem=Problem.WRONG_LENGTH,
+            node=len(nodes_world) - 1,
+            amount=abs(excess_m),
+            limit=allowed_m,
+            unit="m",
+            text=f"The shape is {abs(excess_m):.3f} m {'longer' if excess_m > 0.0 else 'shorter'} than the rod's "
+            f"{length_m:.3f} m; {allowed_m:.3f} m is allowed. Give a curve of the rod's length.",
+        ),
+    )
+
+
+def crowded(nodes_world: Float64Array, place: Workplace) -> tuple[Finding, ...]:
+    """Where a rod (M, 3) [m] lies so close to itself that the fingers could neither grasp nor release it."""
+    fits = [
+        fitting_opening_m(nodes_world, rod_point(nodes_world, share), place.grasp) is not None
+        for share in np.linspace(0.0, 1.0, len(nodes_world))
+    ]
+    node, gap_m = _farthest_from(nodes_world, np.array(fits))
+    if gap_m <= place.config.handled_from_m:
+        return ()
+    return (
+        Finding(
+            problem=Problem.NO_ROOM_FOR_FINGERS,
+            node=node,
+            amount=gap_m,
+            limit=place.config.handled_from_m,
+            unit="m",
+            text=f"There is no room for the fingers: from {place_of(nodes_world, node)} it is {gap_m:.3f} m along the "
+            f"rod to where they fit; {place.config.handled_from_m:.2f} m is allowed. Leave more room between strands.",
+        ),
+    )
+
+
+def _those(*findings: Finding | None) -> tuple[Finding, ...]:
+    return tuple(finding for finding in findings if finding is not None)
+
+
+def _farthest_from(nodes_world: Float64Array, good: BoolArray) -> tuple[int, float]:
+    """The node farthest along the rod from any `good` one (M,), and how far [m]; the rod's length when none is."""
+    s = geometry.arc_lengths(nodes_world)
+    if not good.any():
+        return 0, float(s[-1])
+    gaps = np.abs(s[:, None] - s[good][None, :]).min(axis=1)
+    node = int(gaps.argmax())
+    return node, float(gaps[node])
+
+
+def place_of(nodes_world: Float64Array, node: int) -> str:
+    """Which node of (M, 3) [m], and where it is, for people."""
+    x, y = nodes_world[node, :2]
+    return f"node {node} at ({x:.3f}, {y:.3f}) m"
+
+
+def _on_table(nodes_world: Float64Array, config: FeasibilityConfig) -> Finding | None:
+    (x0, x1), (y0, y1) = config.table_x_m, config.table_y_m
+    lower, upper = np.array([x0, y0]), np.array([x1, y1])
+    outside = np.maximum(lower - nodes_world[:, :2], nodes_world[:, :2] - upper).max(axis=1)  # (M,) [m]
+    node = int(outside.argmax())
+    if outside[node] <= 0.0:
+        return None
+    return Finding(
+        problem=Problem.OFF_TABLE,
+        node=node,
+        amount=float(outside[node]),
+        limit=0.0,
+        unit="m",
+        text=f"The shape is off the table: {place_of(nodes_world, node)} lies {outside[node]:.3f} m outside; allowed "
+        f"is x {x0:.2f} to {x1:.2f} m, y {y0:.2f} to {y1:.2f} m. Move the shape.",
+    )
+
+
+def _in_reach(nodes_world: Float64Array, place: Workplace, *, handled_from_m: float) -> Finding | None:
+    """A node out of reach is no harm when one that is `handled_from_m` along the rod can be grasped instead."""
+    last = len(nodes_world) - 1
+    reached = np.array([_can_grasp(nodes_world, node / last, place) for node in range(last + 1)])
+    node, gap_m = _farthest_from(nodes_world, reached)
+    if gap_m <= handled_from_m:
+        return None
+    yaw_deg = np.degrees(rod_point(nodes_world, node / last).yaw_rad)
+    return Finding(
+        problem=Problem.OUT_OF_REACH,
+        node=node,
+        amount=gap_m,
+        limit=handled_from_m,
+        unit="m",
+        text=f"The shape is out of the arm's reach: it cannot grasp {place_of(nodes_world, node)}, across a rod "
+        f"that points to {yaw_deg:.0f}°. Move the shape towards (0.52, 0) m.",
+    )
+
+
+def _can_grasp(nodes_world: Float64Array, share: float, place: Workplace) -> bool:
+    point = rod_point(nodes_world, share)
+    yaw = grasp_yaw(point, 0.0, place.grasp)
+    # A grasp may take the rod from either side; one that the arm reaches is enough.
+    return any(place.reachable(grasp_pose(point, yaw + turn, place.grasp)) for turn in (0.0, np.pi, -np.pi))
+
+
+def _in_view(
+    nodes_world: Float64Array, config: FeasibilityConfig, calibration: CameraCalibration | None
+) -> Finding | None:
+    if calibration is None:
+        return None
+    camera = geometry.transform(geometry.inverse(calibration.T_world_camera), nodes_world)  # x right, y down, z forward
+    depth = np.maximum(camera[:, 2], 1e-6)
+    u = calibration.fx_px * camera[:, 0] / depth + calibration.cx_px
+    v = calibration.fy_px * camera[:, 1] / depth + calibration.cy_px
+    width, height = calibration.width_px, calibration.height_px
+    outside_px = np.max([-u, u - (width - 1), -v, v - (height - 1)], axis=0) + config.view_margin_px
+    outside_px[camera[:, 2] <= 0.0] = np.inf
+    node = int(outside_px.argmax())
+    if outside_px[node] <= 0.0:
+        return None
+    return Finding(
+        problem=Problem.OUT_OF_VIEW,
+        node=node,
+        amount=min(float(outside_px[node]), float(width)),
+        limit=0.0,
+        unit="px",
+        text=f"The shape is out of the camera's view: {place_of(nodes_world, node)} projects to pixel "
+        f"({u[node]:.0f}, {v[node]:.0f}); the picture is {width} x {height} with a margin of "
+        f"{config.view_margin_px:.0f}. Move the shape or the camera.",
+    )
+
+
+def _bend(nodes_world: Float64Array, config: FeasibilityConfig) -> Finding | None:
+    edges = np.diff(nodes_world[:, :2], axis=0)
+    lengths = np.linalg.norm(edges, axis=1)
+    headings = np.arctan2(edges[:, 1], edges[:, 0])
+    turns = np.abs((np.diff(headings) + np.pi) % (2.0 * np.pi) - np.pi)  # (M - 2,) [rad]
+    radii = (lengths[:-1] + lengths[1:]) / 2.0 / np.maximum(turns, 1e-9)
+    node = int(radii.argmin()) + 1
+    if radii[node - 1] >= config.min_bend_radius_m:
+        return None
+    return Finding(
+        problem=Problem.BENDS_TOO_TIGHTLY,
+        node=node,
+        amount=float(radii[node - 1]),
+        limit=config.min_bend_radius_m,
+        unit="m",
+        text=f"The shape bends too tightly: the radius is {radii[node - 1]:.3f} m at {place_of(nodes_world, node)}; "
+        f"at least {config.min_bend_radius_m:.3f} m is allowed. Use a smoother shape.",
+    )
+
+
+def _touches_itself(nodes_world: Float64Array, radius_m: float) -> Finding | None:
+    fine = geometry.resample(nodes_world, _FINER * (len(nodes_world) - 1) + 1)
+    s = geometry.arc_lengths(fine)
+    distance = np.linalg.norm(fine[:, None, :2] - fine[None, :, :2], axis=2)
+    distance[np.abs(s[:, None] - s[None, :]) <= NEIGHBOUR_M] = np.inf
+    first, second = np.unravel_index(int(distance.argmin()), distance.shape)
+    clearance_m, node = float(distance[first, second]), int(first) // _FINER
+    if clearance_m >= 2.0 * radius_m:
+        return None
+    return Finding(
+        problem=Problem.LIES_ON_ITSELF,
+        node=node,
+        amount=clearance_m,
+        limit=2.0 * radius_m,
+        unit="m",
+        text=f"The DLO lies upon itself: {place_of(nodes_world, node)} is {clearance_m:.3f} m from the strand at node "
+        f"{int(second) // _FINER}; at least its diameter, {2.0 * radius_m:.3f} m, is needed. Lay it open.",
+    )
+
+
+def _crossing(nodes_world: Float64Array) -> Finding | None:
+    for first, second in crossings(nodes_world[:, :2]):
+        return Finding(
+            problem=Problem.CROSSES_ITSELF,
+            node=first,
+            amount=0.0,
+            limit=0.0,
+            unit="m",
+            text=f"The DLO lies across itself: between {place_of(nodes_world, first)} and the next it crosses "
+            f"the part after node {second}. Only shapes that do not cross themselves are allowed; lay it open.",
+        )
+    return None
+
+
+def crossings(nodes: Float64Array) -> Iterator[Crossing]:
+    """Pairs of edges (M, 2) that cross, by their first nodes; neighbouring edges only touch and do not count."""
+    start, along = nodes[:-1], np.diff(nodes, axis=0)
+    for first in range(len(start) - 2):
+        later = slice(first + 2, None)
+        offset = start[later] - start[first]
+        area = _cross(along[first], along[later])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            here = _cross(offset, along[later]) / area
+            there = _cross(offset, along[first]) / area
+        hits = np.flatnonzero((here > 0.0) & (here < 1.0) & (there > 0.0) & (there < 1.0))
+        for hit in hits:
+            yield first, first + 2 + int(hit)
+
+
+def _cross(a: Float64Array, b: Float64Array) -> Float64Array:
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]

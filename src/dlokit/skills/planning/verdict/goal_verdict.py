@@ -1,0 +1,103 @@
+"""The verdict on a goal: holds, doubtful or infeasible, why, and the nearest shape that holds."""
+
+from collections.abc import Awaitable, Callable
+
+from dlokit import geometry
+from dlokit.skills.planning.verdict.feasibility import (
+    Workplace,
+    bends,
+    crossings,
+    crowded,
+    is_inside,
+    misfits,
+    out_of_bounds,
+    overlaps,
+    parting_rmse_m,
+    place_of,
+)
+from dlokit.skills.planning.verdict.holding import Hold
+from dlokit.skills.planning.verdict.within_reach import beyond_rmse_m, moved_inside
+from dlokit.types.arrays import Float64Array
+from dlokit.types.dlo import GoalShape
+from dlokit.types.feasibility import Finding, GoalVerdict, Problem, Standing
+
+TryGoal = Callable[[Float64Array], Awaitable[Hold]]
+"""Releases the rod in a goal (M, 3) [m]; costs what a few seconds of physics cost."""
+
+
+async def judge(
+    goal: GoalShape, threshold_m: float, *, place: Workplace, length_m: float, radius_m: float, try_goal: TryGoal
+) -> GoalVerdict:
+    """Judge a goal for a rod of `length_m` and `radius_m`, to be met to an RMSE of `threshold_m` [m].
+
+    It holds when nothing stands against it. It is infeasible when no shape within the threshold would do, even if the
+    rod is as soft and the table as rough as may be; else it is doubtful. A goal across itself is tried as if strands
+    could pass: what counts is whether an open shape is near.
+    """
+    nodes = goal.nodes_world
+    beyond = out_of_bounds(nodes, place)
+    across = overlaps(nodes, radius_m)
+    bent = bends(nodes, place.config)
+    apart_m = parting_rmse_m(nodes, list(crossings(nodes[:, :2])), radius_m) if across else 0.0
+    hold = None if apart_m > threshold_m else await try_goal(nodes)
+    sprung = () if hold is None else _springs_back(hold, nodes, threshold_m, place)
+    findings = (
+        *beyond,
+        *across,
+        *bent,
+        *misfits(nodes, length_m, place.config),
+        *sprung,
+        *crowded(nodes, place),
+    )
+    hopeless = (
+        hold is None
+        or hold.attainable_rmse_m > place.config.hopeless_factor * threshold_m
+        or (bool(beyond) and beyond_rmse_m(nodes, place) > threshold_m)
+    )
+    nearest = None if hold is None or not findings else _nearest(hold, place, length_m, radius_m)
+    return GoalVerdict(
+        stamp_ns=goal.stamp_ns,
+        standing=_standing(findings, hopeless=hopeless),
+        threshold_m=threshold_m,
+        goal_world=nodes,
+        findings=findings,
+        releases=() if hold is None else hold.releases,
+        nearest_world=nearest,
+        nearest_rmse_m=None if nearest is None else geometry.rmse_m(nearest, nodes),
+    )
+
+
+def _standing(findings: tuple[Finding, ...], *, hopeless: bool) -> Standing:
+    if hopeless:
+        return Standing.INFEASIBLE
+    return Standing.DOUBTFUL if findings else Standing.HOLDS
+
+
+def _nearest(hold: Hold, place: Workplace, length_m: float, radius_m: float) -> Float64Array | None:
+    """The nearest shape that holds (M, 3) [m], moved to where it can be worked with; None when it breaks a rule."""
+    if hold.nearest_world is None:
+        return None
+    moved = moved_inside(hold.nearest_world, lambda nodes: is_inside(nodes, place))
+    if moved is None or overlaps(moved, radius_m) or bends(moved, place.config):
+        return None
+    return None if misfits(moved, length_m, place.config) or crowded(moved, place) else moved
+
+
+def _springs_back(hold: Hold, nodes: Float64Array, threshold_m: float, place: Workplace) -> tuple[Finding, ...]:
+    believed, worst = hold.releases[0], max(hold.releases, key=lambda release: release.rmse_m)
+    allowed_m = place.config.hold_share * threshold_m
+    if worst.rmse_m <= allowed_m:
+        return ()
+    return (
+        Finding(
+            problem=Problem.SPRINGS_BACK,
+            node=believed.node,
+            amount=worst.rmse_m,
+            limit=allowed_m,
+            unit="m",
+            text=f"Released there the DLO springs back by {believed.rmse_m * 1000.0:.1f} mm (RMSE), farthest by "
+            f"{believed.largest_m * 1000.0:.1f} mm at {place_of(nodes, believed.node)}; by up to "
+            f"{worst.rmse_m * 1000.0:.1f} mm (RMSE) as far as its stiffness and friction are in doubt. At most "
+            f"{allowed_m * 1000.0:.3g} mm are allowed. Use wider bends, or a larger threshold.",
+        ),
+    )

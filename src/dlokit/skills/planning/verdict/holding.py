@@ -1,0 +1,136 @@
+"""Whether friction holds a goal: released there, how far does the rod spring back, and which shape near it holds?
+
+What the rod is, is a belief. Each goal is tried on the rods that it may be, from as stiff on as smooth a table to as
+soft on as rough a one as may be. The budget is counted in trials, not in seconds.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dlokit import geometry
+from dlokit.rod.believed import ModelConfig
+from dlokit.rod.equilibrium import nearest_held
+from dlokit.rod.rollout import QuickRod, settle
+from dlokit.rod.tracking_rod import fit_length
+from dlokit.skills.planning.actions import FeasibilityConfig
+from dlokit.skills.planning.verdict.feasibility import bends
+from dlokit.types.arrays import Float64Array
+from dlokit.types.dlo import DloBelief
+from dlokit.types.feasibility import Release
+
+_GRAVITY_M_S2 = 9.81
+_SPREAD = (0.0, 1.0, -1.0, 0.5, -0.5)  # of the doubt: believed, stiffest, softest, between
+
+
+@dataclass(frozen=True)
+class Hold:
+    """What the trials say of a goal."""
+
+    releases: tuple[Release, ...]
+    """As believed, stiffest, softest, between."""
+    attainable_rmse_m: float
+    """How near to the goal some shape holds, if the rod is as soft and the table as rough as may be [m]."""
+    nearest_world: Float64Array | None  # (M, 3) [m]
+    """The nearest shape found that holds whatever of the doubts is right, wherever on the table: the goal itself, at
+    the rod's length, where that does. None: none was found."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plausible:
+    """A rod that the DLO may be."""
+
+    elastic_factor: float
+    """Its EI / (μ w) over the believed one."""
+    yield_curvature_1_m: float
+    """Curvature beyond which it keeps a bend [1/m]; infinite: it always springs back."""
+
+    @property
+    def quick(self) -> QuickRod:
+        """The same against the model: half of it stiffness, half friction."""
+        share = math.sqrt(self.elastic_factor)
+        return QuickRod(stiffness_share=share, friction_share=1.0 / share, yield_curvature_1_m=self.yield_curvature_1_m)
+
+
+def try_goal(
+    model: ModelConfig, belief: DloBelief, goal_world: Float64Array, threshold_m: float, config: FeasibilityConfig
+) -> Hold:
+    """Release the rod in a goal (M, 3) [m], and where that does not hold look for the nearest shape that does."""
+    rod, may_be, allowed_m = as_believed(model, belief), plausible(belief, config), config.hold_share * threshold_m
+    releases = tuple(release(rod, goal_world, one) for one in may_be)
+    best_m, too_tight = min(trial.rmse_m for trial in releases), bool(bends(goal_world, config))
+    if best_m > threshold_m or too_tight:
+        led_m = attainable_rmse_m(belief, goal_world, config)
+        best_m = led_m if too_tight else min(best_m, led_m)
+    if all(trial.rmse_m <= allowed_m for trial in releases) and not too_tight:
+        return Hold(releases, best_m, fit_length(rod, goal_world))
+    return Hold(releases, best_m, _nearest(rod, belief, goal_world, allowed_m, config))
+
+
+def attainable_rmse_m(belief: DloBelief, goal_world: Float64Array, config: FeasibilityConfig) -> float:
+    """How near to a goal (M, 3) [m] some shape holds that bends no tighter than allowed, at best [m]."""
+    softest = min(one.elastic_factor for one in plausible(belief, config)) * belief.elastic_m3.value
+    # What keeps a bend can be bent further and comes back to any shape: friction need not hold it.
+    springs_back = belief.yield_curvature_1_m is None and belief.takes_set <= config.set_doubt
+    elastic_m3 = softest if springs_back else 0.0
+    return nearest_held(goal_world, elastic_m3, min_radius_m=config.min_bend_radius_m).rmse_m
+
+
+def plausible(belief: DloBelief, config: FeasibilityConfig) -> tuple[Plausible, ...]:
+    """The rods that the DLO may be: as believed first, then stiffest, softest, and between."""
+    return tuple(
+        Plausible(
+            elastic_factor=math.exp(share * config.doubt_sds * belief.elastic_m3.log_sd),
+            yield_curvature_1_m=(belief.yield_curvature_1_m or math.inf) * config.yield_doubt**share,
+        )
+        for share in _SPREAD
+    )
+
+
+def as_believed(model: ModelConfig, belief: DloBelief) -> ModelConfig:
+    """The model with what is believed of the DLO by now; of EI, μ and w the surest is EI / (μ w)."""
+    friction, weight_n_m = belief.friction.value, belief.weight_n_m.value
+    return replace(
+        model,
+        bending_stiffness_n_m2=belief.elastic_m3.value * friction * weight_n_m,
+        friction=friction,
+        mass_kg_m=weight_n_m / _GRAVITY_M_S2,
+    )
+
+
+def release(model: ModelConfig, goal_world: Float64Array, rod: Plausible) -> Release:
+    """Lay the rod down as a goal (M, 3) [m], let go, and measure how far it springs back."""
+    nodes = settle(model, goal_world, rod.quick)
+    moved_m = np.linalg.norm(nodes - goal_world, axis=1)
+    node = int(moved_m.argmax())
+    return Release(
+        elastic_factor=rod.elastic_factor,
+        nodes_world=nodes,
+        rmse_m=geometry.rmse_m(nodes, goal_world),
+        node=node,
+        largest_m=float(moved_m[node]),
+    )
+
+
+def _nearest(
+    rod: ModelConfig, belief: DloBelief, goal_world: Float64Array, allowed_m: float, config: FeasibilityConfig
+) -> Float64Array | None:
+    """The nearest shape found (M, 3) [m] that holds whatever of the doubts is right.
+
+    It is sought for the stiffest rod with ever less of the friction, for a rod rolls more easily than it slides.
+    """
+    may_be = plausible(belief, config)
+    stiffest = max(may_be, key=lambda one: one.elastic_factor)
+    elastic_m3 = stiffest.elastic_factor * belief.elastic_m3.value
+    for share in config.nearest_shares:
+        held = nearest_held(
+            goal_world,
+            elastic_m3 / share,
+            min_radius_m=config.min_bend_radius_m,
+            yield_curvature_1_m=stiffest.yield_curvature_1_m,
+        )
+        # The worst comes first: mostly it decides alone.
+        if all(release(rod, held.nodes_world, one).rmse_m <= allowed_m for one in (stiffest, *may_be)):
+            return held.nodes_world
+    return None

@@ -1,0 +1,59 @@
+"""The addresses of the viewer's page, each with a key in its path, and whether one can be served there."""
+
+import base64
+import hashlib
+import hmac
+import secrets
+import socket
+
+from dlokit.errors import MachineError
+
+KEY_BYTES = 24
+EVERY_ADDRESS = ("0.0.0.0", "::")
+"""Hosts that stand for all addresses of the machine."""
+HTTP_PORT = 80
+"""The port that browsers leave out of an address."""
+
+
+def new_key() -> str:
+    """A new random key, of characters that need no escape in a URL."""
+    return secrets.token_urlsafe(KEY_BYTES)
+
+
+def watch_key(key: str) -> str:
+    """The key of pages that may look and not operate; `key`, which may do both, cannot be found from it."""
+    digest = hmac.digest(key.encode(), b"watch", hashlib.sha256)
+    return base64.urlsafe_b64encode(digest[:KEY_BYTES]).decode()
+
+
+def page_url(host: str, port: int, key: str) -> str:
+    """Where a browser on the viewer's machine opens the page that is served on `host`:`port` with `key`."""
+    return f"http://{authority('localhost' if host in EVERY_ADDRESS else host, port)}/{key}"
+
+
+def authority(host: str, port: int) -> str:
+    """Host and port as a browser sends them in `Host`: IPv6 addresses in brackets, port 80 left out."""
+    host = f"[{host}]" if ":" in host else host
+    return host.lower() if port == HTTP_PORT else f"{host}:{port}".lower()
+
+
+def check_port(host: str, port: int) -> None:
+    """Raise `MachineError` when a page cannot be served at `host`:`port`; port 0 stands for any free one."""
+    try:
+        family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+    except OSError as error:
+        raise MachineError(
+            f"The viewer's address {host!r} is not known to this machine ({error}); "
+            f"allowed are 127.0.0.1 and this machine's own addresses. Choose one with --viewer.host."
+        ) from error
+    with socket.socket(family, kind, protocol) as probe:
+        # As the server does it: a port that a server has just left may be taken at once.
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind(address)
+        except OSError as error:
+            raise MachineError(
+                f"The viewer cannot use port {port} of {host} ({error.strerror}): "
+                f"another program has it, or it is not yours to use. Choose another one with --viewer.port, "
+                f"e.g. --viewer.port {port + 1 if port < 65535 else 8080}, or any free one with --viewer.port 0."
+            ) from error

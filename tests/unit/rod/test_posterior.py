@@ -1,0 +1,184 @@
+"""What actions say of a DLO: rods with known figures act, and are found again."""
+
+import math
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from dlokit import geometry
+from dlokit.description.shapes import builtin_shape
+from dlokit.motion.tool_track import tool_track
+from dlokit.rod.believed import ModelConfig
+from dlokit.rod.posterior import (
+    FRICTION_LOG,
+    STIFFNESS_LOG,
+    YIELDS_1_M,
+    Evidence,
+    Experience,
+    Lesson,
+    as_believed,
+    believed,
+    evidence,
+    lessons,
+    posterior,
+)
+from dlokit.rod.rollout import Motion, QuickRod, play
+from dlokit.skills.model.experiences import Grips
+from dlokit.types.action import VelocityProfile
+from dlokit.types.arrays import Float64Array
+from dlokit.types.observation import Gripped
+from dlokit.types.robot import RobotMode, RobotState
+
+MODEL = ModelConfig()
+I_SHAPE = builtin_shape("I", MODEL.length_m, MODEL.nodes)
+S_SHAPE = builtin_shape("S", MODEL.length_m, MODEL.nodes)
+STEP_S = 0.005
+PACE = VelocityProfile()
+
+
+def acted(rod: QuickRod, before: Float64Array, node: int, by_m: tuple[float, float], turn_rad: float) -> Experience:
+    """A rod is taken at a node, lifted, moved, turned and let go."""
+    ahead = (before[min(node + 1, 30)] - before[max(node - 1, 0)])[:2]
+    grasp = np.array([*before[node, :2], 0.011, math.atan2(ahead[1], ahead[0])])
+    way = [(0.0, 0.0, 0.04, 0.0), (*by_m, 0.04, turn_rad), (*by_m, 0.0, turn_rad)]
+    waypoints = np.stack([grasp, *(grasp + np.array(step) for step in way)])
+    motion = Motion(node=node, waypoints=waypoints, velocity=PACE)
+    patient = replace(MODEL, rollout=replace(MODEL.rollout, release_s=1.0))
+    after = play(patient, before, (rod,), (motion,), STEP_S).nodes_world[0, 0]
+    tool = tool_track(waypoints, PACE.speed_m_s, PACE.acceleration_m_s2, PACE.jerk_m_s3, STEP_S)
+    return Experience(
+        before_world=before,
+        after_world=after,
+        node=node,
+        times_s=np.linspace(0.0, STEP_S * (len(tool) - 1), len(tool)),
+        tool=tool,
+    )
+
+
+ACTIONS = ((7, (0.06, 0.02), 0.6), (30, (-0.05, -0.05), 0.9), (16, (-0.07, 0.0), 0.0))
+
+
+def history(rod: QuickRod) -> list[tuple[int, Experience]]:
+    shape, found = I_SHAPE, []
+    for number, (node, by_m, turn_rad) in enumerate(ACTIONS, start=1):
+        found.append((number, acted(rod, shape, node, by_m, turn_rad)))
+        shape = found[-1][1].after_world
+    return found
+
+
+@cache
+def wire() -> tuple[Lesson, ...]:
+    """What is learnt of a stiff rod that takes a set."""
+    return tuple(lessons(MODEL, history(QuickRod(stiffness_share=70.0, yield_curvature_1_m=1.0))))
+
+
+@pytest.mark.parametrize("stiffness", [1.0, 24.0])
+def test_the_elastic_figure_of_a_rod_that_acted_is_found_within_what_is_said(stiffness: float) -> None:
+    rod = QuickRod(friction_share=1.2, stiffness_share=stiffness)
+    belief = lessons(MODEL, history(rod))[-1].belief
+    true = MODEL.bending_stiffness_n_m2 * stiffness / (MODEL.friction * 1.2 * 9.81 * MODEL.mass_kg_m)
+    assert belief.yield_curvature_1_m is None
+    low, high = belief.elastic_m3.between()
+    assert low < true < high
+    assert belief.elastic_m3.log_sd < math.hypot(0.35, 0.15, 0.25)  # surer than what was configured
+    assert belief.actions == len(ACTIONS)
+
+
+def test_a_rod_that_takes_a_set_is_told_from_one_that_does_not() -> None:
+    found = wire()
+    assert found[-1].belief.yield_curvature_1_m == 1.0
+    assert found[-1].belief.takes_set > 0.9
+    # What was learnt of the first action predicts the second better than what was configured.
+    assert found[1].learnt_m < 0.5 * found[1].configured_m
+
+
+def test_an_action_that_moved_nothing_says_nothing() -> None:
+    still = Experience(
+        before_world=I_SHAPE,
+        after_world=I_SHAPE + np.array([0.003, 0.0, 0.0]),
+        node=3,
+        times_s=np.array([0.0, 1.0]),
+        tool=np.zeros((2, 4)),
+    )
+    assert evidence(MODEL, still) is None
+    assert lessons(MODEL, [(1, still)]) == []
+
+
+def _flat() -> Evidence:
+    grid = np.zeros((len(YIELDS_1_M), len(FRICTION_LOG), len(STIFFNESS_LOG)))
+    return Evidence(log_likelihood=grid, rmse_m=grid)
+
+
+def test_without_evidence_what_was_configured_is_believed() -> None:
+    of = posterior(MODEL, [_flat()])
+    belief = believed(MODEL, of, 1, stamp_ns=0)
+    assert of.probability.sum() == pytest.approx(1.0)
+    assert belief.yield_curvature_1_m is None
+    # Quite another DLO, which is mostly a stiffer one, has a share in the mean.
+    assert 1.0 < belief.bending_stiffness_n_m2.value / MODEL.bending_stiffness_n_m2 < 1.8
+    assert belief.takes_set == pytest.approx(MODEL.belief.takes_set, rel=1e-6)
+    springs_back = replace(MODEL, belief=replace(MODEL.belief, takes_set=0.0))
+    assert believed(springs_back, posterior(springs_back, [_flat()]), 1, stamp_ns=0).takes_set < 1e-6
+    told = replace(MODEL, yield_curvature_1_m=1.0)
+    assert believed(told, posterior(told, [_flat()]), 1, stamp_ns=0).yield_curvature_1_m == 1.0
+
+
+def test_a_belief_becomes_the_model_that_plans() -> None:
+    belief = wire()[-1].belief
+    model = as_believed(MODEL, belief)
+    assert model.bending_stiffness_n_m2 == belief.bending_stiffness_n_m2.value
+    assert model.friction == belief.friction.value
+    assert model.yield_curvature_1_m == belief.yield_curvature_1_m
+    assert model.belief.friction_log_sd == belief.friction.log_sd
+
+
+def arm(stamp_ns: int, x_m: float, width_m: float = 0.008, holding: bool = True, name: str = "panda") -> RobotState:
+    zeros = np.zeros(7)
+    return RobotState(
+        stamp_ns=stamp_ns,
+        robot=name,
+        q_rad=zeros,
+        dq_rad_s=zeros,
+        tau_nm=zeros,
+        T_world_tcp=geometry.downward([x_m, 0.0, 0.011], 0.3),
+        finger_width_m=width_m,
+        mode=RobotMode.MOVING,
+        holding=holding,
+    )
+
+
+def grip(node: int | None, name: str = "panda") -> Gripped:
+    return Gripped(stamp_ns=0, robot=name, node=node)
+
+
+def test_a_grip_lasts_until_the_fingers_open() -> None:
+    grips = Grips()
+    grips.gripped(grip(5))
+    for state in (arm(1, 0.4), arm(2, 0.5), arm(3, 0.6, width_m=0.012, holding=False), arm(4, 0.7, 0.04, False)):
+        grips.moved(state)
+    grips.gripped(grip(None))
+    ended = grips.take()
+    assert ended is not None
+    seen = ended.experience(I_SHAPE, S_SHAPE)
+    assert seen.node == 5
+    assert seen.tool[:, 0] == pytest.approx([0.4, 0.5])
+    assert seen.tool[:, 3] == pytest.approx(0.3)
+    assert grips.take() is None, "a grip is taken once"
+
+
+def test_a_grip_that_lost_the_dlo_or_shared_it_says_nothing() -> None:
+    lost = Grips()
+    lost.gripped(grip(5))
+    for state in (arm(1, 0.4), arm(2, 0.5), arm(3, 0.6, width_m=0.0, holding=False)):
+        lost.moved(state)
+    lost.gripped(grip(None))
+    assert lost.take() is None
+    shared = Grips()
+    shared.gripped(grip(5))
+    shared.moved(arm(1, 0.4))
+    shared.moved(arm(2, 0.5))
+    shared.gripped(grip(20, name="second"))
+    shared.gripped(grip(None))
+    assert shared.take() is None
