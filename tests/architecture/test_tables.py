@@ -5,6 +5,7 @@ import importlib
 import inspect
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
@@ -19,10 +20,9 @@ from dlokit.communication.topics import TOPICS
 from dlokit.communication.wire import codec
 from dlokit.description.arm.mounts import ARMS
 from dlokit.errors import CommunicationError
-from dlokit.system.build import COMPONENT_NAMES, components_of_run, instances_of_run
-from dlokit.system.component_table import COMPONENTS
+from dlokit.system.build import components_of_run, instances_of_run
 from dlokit.system.config import RunConfig
-from dlokit.system.table import DECISION, PROCESSES, processes_of_run
+from dlokit.system.table import COMPONENTS, DECISION, PROCESSES, processes_of_run
 from dlokit.types.dlo import DloState
 from dlokit.types.outcome import Succeeded
 
@@ -35,6 +35,9 @@ API_MODULES = sorted(
 SKILLS: list[Skill[..., Any]] = [
     value for name in API_MODULES for value in vars(importlib.import_module(name)).values() if isinstance(value, Skill)
 ]
+
+
+CLASSES = {name: row.load() for name, row in COMPONENTS.items()}
 
 
 def skill_id(skill: Skill[..., Any]) -> str:
@@ -53,13 +56,13 @@ def test_every_row_of_the_topic_module_is_in_the_table_and_named_once() -> None:
 
 @pytest.mark.parametrize("topic", TOPICS, ids=topic_id)
 def test_a_topic_is_published_by_the_component_of_its_row_and_no_other(topic: Topic[Any]) -> None:
-    publishers = {component.name for component in COMPONENTS.values() if topic in component.publishes}
+    publishers = {component.name for component in CLASSES.values() if topic in component.publishes}
     assert publishers == {topic.publisher}
 
 
 @pytest.mark.parametrize("name", COMPONENTS)
 def test_what_a_component_reads_and_publishes_are_rows(name: str) -> None:
-    component = COMPONENTS[name]
+    component = CLASSES[name]
     assert component.name == name.partition(".")[0]
     assert set(component.subscribes()) <= set(TOPICS)
     assert set(component.publishes) <= set(TOPICS)
@@ -70,13 +73,13 @@ def test_a_topic_has_a_reader(topic: Topic[Any]) -> None:
     # The simulated drivers read the cell's arm through a port of their own; they stand for a cable.
     by_a_driver = {topics.CLOCK, topics.ARM_STATE}
     by_the_terminal = {topics.VIEWER_PAGE}
-    readers = [name for name, component in COMPONENTS.items() if topic in component.subscribes()]
+    readers = [name for name, component in CLASSES.items() if topic in component.subscribes()]
     assert readers or topic in by_a_driver | by_the_terminal
 
 
 def test_the_cell_tells_its_time_and_its_arm_and_nothing_of_the_dlo() -> None:
-    assert set(COMPONENTS["cell"].publishes) == {topics.CLOCK, topics.ARM_STATE}
-    for skill in COMPONENTS["cell"].skills():
+    assert set(CLASSES["cell"].publishes) == {topics.CLOCK, topics.ARM_STATE}
+    for skill in CLASSES["cell"].skills():
         result = get_type_hints(skill.signature)["return"]
         assert "nodes_world" not in names_within(result)
 
@@ -94,14 +97,20 @@ def test_the_search_for_truth_would_find_it() -> None:
     assert "nodes_world" in names_within(tuple[DloState, ...])
 
 
-def test_only_the_cell_records_truth_and_only_the_bench_reads_it() -> None:
+def test_only_the_cell_records_truth_and_only_evaluation_reads_it() -> None:
     users = {
         path.relative_to(SOURCE).parts[:2]
         for path in SOURCE.rglob("*.py")
         if any(name.endswith(".truth") for name in imported(path))
     }
     assert users
-    assert all(parts[0] == "bench" or parts == ("functional", "cell") for parts in users), users
+    assert users == {("functional", "cell"), ("evaluation", "evaluator.py")}
+    judges = {
+        path.relative_to(SOURCE).parts[0]
+        for path in SOURCE.rglob("*.py")
+        if any(name.startswith("dlokit.evaluation.evaluator") for name in imported(path))
+    }
+    assert judges <= {"evaluation", "bench", "app"}
 
 
 def imported(path: Path) -> set[str]:
@@ -121,7 +130,7 @@ def test_what_a_topic_carries_can_be_decoded(topic: Topic[Any]) -> None:
 
 @pytest.mark.parametrize("skill", SKILLS, ids=skill_id)
 def test_a_skill_is_implemented_by_its_component_with_the_same_signature(skill: Skill[..., Any]) -> None:
-    component = COMPONENTS[skill.component]
+    component = CLASSES[skill.component]
     method = getattr(component, component.skills()[skill])
     wanted, found = inspect.signature(skill.signature), inspect.signature(method)
     own = 2 if isinstance(skill, ReportingSkill) else 1  # self, and what progress is told to
@@ -148,10 +157,11 @@ def test_a_skill_is_documented_bounded_in_time_and_can_cross_a_process_border(sk
 
 
 @pytest.mark.parametrize("name", COMPONENTS)
-def test_every_skill_that_a_component_implements_is_in_an_api(name: str) -> None:
-    for skill in COMPONENTS[name].skills():
-        assert skill in SKILLS
-        assert skill.component == COMPONENTS[name].name
+def test_the_row_of_a_component_names_what_its_class_can_do_and_its_settings(name: str) -> None:
+    row, component = COMPONENTS[name], CLASSES[name]
+    assert set(row.skills()) == set(component.skills())
+    assert {skill.component for skill in row.skills()} <= {component.name}
+    assert {row.settings, *row.replays} <= {field.name for field in fields(RunConfig)}
 
 
 def test_every_component_runs_in_exactly_one_process() -> None:
@@ -180,4 +190,4 @@ def test_the_second_arm_has_a_component_and_a_process_where_a_run_has_one() -> N
         placed = [name for row in processes_of_run(simulated=True, watched=True, arms=arms) for name in row.components]
         assert sorted(placed) == sorted(components_of_run(config))
         assert instances_of_run(config).get("robot", ()) == others
-        assert set(COMPONENT_NAMES) - set(placed) == {f"robot.{mount.instance}" for mount in ARMS[arms:]}
+        assert set(COMPONENTS) - set(placed) == {f"robot.{mount.instance}" for mount in ARMS[arms:]}

@@ -16,11 +16,10 @@ import numpy as np
 
 from dlokit import geometry
 from dlokit.errors import InputError
+from dlokit.functional.cell.truth import TRUTH_FILE
 from dlokit.system.results.run_record import RunRecord
 from dlokit.system.results.run_result import RunResult
 from dlokit.types.arrays import Float64Array, Int64Array
-
-FILE_NAME = "truth.npz"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,12 +41,12 @@ class Truth:
 
 def read_truth(folder: Path) -> Truth:
     """The truth in a run's folder. Raises `InputError` when it is missing or has another layout."""
-    path = folder / FILE_NAME
+    path = folder / TRUTH_FILE
     try:
         with np.load(path, allow_pickle=False) as arrays:
             stamps, nodes = np.asarray(arrays["stamps_ns"]), np.asarray(arrays["nodes_world"])
     except FileNotFoundError:
-        raise InputError(f"{folder} holds no {FILE_NAME}: only runs on the simulated cell have one.") from None
+        raise InputError(f"{folder} holds no {TRUTH_FILE}: only runs on the simulated cell have one.") from None
     except (KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
         raise InputError(f"{path} is not a cell's truth ({error}): run it again.") from error
     if stamps.ndim != 1 or len(stamps) == 0 or nodes.ndim != 3 or nodes.shape[::2] != (len(stamps), 3):
@@ -163,3 +162,19 @@ def _covered(truth: Truth, stamp_ns: int) -> Float64Array:
             "not of the same run, or the cell began to record too late."
         )
     return np.asarray(truth.at(stamp_ns))
+
+
+def left_nodes_world(folder: Path) -> Float64Array:
+    """Where the DLO of the cell that ran in `folder` lay last, (Mc, 3) [m]; nobody but the next cell may be told.
+
+    Raises `InputError` where no cell has left anything.
+    """
+    path = folder / TRUTH_FILE
+    try:
+        with np.load(path, allow_pickle=False) as arrays:
+            return np.array(arrays["nodes_world"][-1], dtype=np.float64)
+    except (OSError, KeyError, ValueError, IndexError, EOFError, zipfile.BadZipFile) as error:
+        raise InputError(
+            f"{path} does not tell how the cell left its DLO ({error}): start anew with dlokit shape --config "
+            f"{folder / 'config.toml'}"
+        ) from error

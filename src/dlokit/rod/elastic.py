@@ -157,3 +157,24 @@ def add_ground(spec: mujoco.MjSpec, friction: float) -> None:
         solref=list(CONTACT_SOLREF),
         solimp=list(CONTACT_SOLIMP),
     )
+
+
+class RodBody:
+    """The flex `rod` in a compiled model, as a cell handles its DLO."""
+
+    def __init__(self, model: Any, data: Any) -> None:
+        self._model, self._data = model, data
+
+    @property
+    def nodes_world(self) -> Float64Array:
+        """Nodes (M, 3) [m]."""
+        return rod_nodes(self._model, self._data)
+
+    def place(self, nodes_world: ArrayLike) -> None:
+        """Lay the rod along `nodes_world` (M, 3) [m], at rest."""
+        set_rod_nodes(self._model, self._data, nodes_world)
+
+    def set_friction(self, friction: ArrayLike) -> None:
+        """Set the friction on the table to the mean of those at each node, (M,)."""
+        # A rod has one coefficient: it feels the mean of the places where it lies.
+        set_rod_friction(self._model, float(np.asarray(friction, dtype=np.float64).mean()))

@@ -18,6 +18,7 @@ from dlokit.communication.transport import Transport
 from dlokit.description.arm.mounts import ARMS, OPPOSITE, ArmMount
 from dlokit.skills.viewer.address import new_key
 from dlokit.system.config import RunConfig
+from dlokit.system.table import COMPONENTS
 from dlokit.types.arrays import Float64Array
 
 if TYPE_CHECKING:
@@ -39,7 +40,7 @@ class Wiring:
 
 
 def build_component(name: str, config: RunConfig, wiring: Wiring) -> Component:
-    """The component of that name, one of `COMPONENT_NAMES`, with its drivers."""
+    """The component of that name, one of `COMPONENTS`, with its drivers."""
     return _BUILDERS[name](config, wiring)
 
 
@@ -203,19 +204,16 @@ _BUILDERS: dict[str, _Builder] = {
     "decision": _decision,
 }
 
-COMPONENT_NAMES = tuple(_BUILDERS)
-"""Every component: the paper's Fig. 3, and the cell that stands in for its hardware."""
-
 Build = Callable[[str, RunConfig, Wiring], Component]
 """Gives the component of a name, as `build_component` does."""
 
 
 def components_of_run(config: RunConfig) -> tuple[str, ...]:
-    """The names in `COMPONENT_NAMES` that a run needs."""
+    """The names in `COMPONENTS` that a run needs."""
     absent = {f"robot.{mount.instance}" for mount in ARMS[config.arms :]}
     if config.headless:
         absent.add("viewer")
-    return tuple(name for name in COMPONENT_NAMES if name not in absent)
+    return tuple(name for name in COMPONENTS if name not in absent)
 
 
 def instances_of_run(config: RunConfig) -> dict[str, tuple[str, ...]]:

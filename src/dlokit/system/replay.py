@@ -21,10 +21,10 @@ from dlokit.recording.reader import RawRecording, Recorded, read_recording
 from dlokit.skills.perception.component import PerceptionComponent
 from dlokit.skills.viewer.component import ViewerComponent
 from dlokit.system.build import Wiring, build_component, build_viewer, instances_of_run
-from dlokit.system.component_table import COMPONENTS
 from dlokit.system.config import RunConfig
 from dlokit.system.results.recording import what_rounds
 from dlokit.system.results.run_folder import NOBODYS_BUSINESS
+from dlokit.system.table import COMPONENTS
 from dlokit.system.toml_config import from_plain, known_part
 from dlokit.types.image import StereoImages
 
@@ -32,15 +32,8 @@ log = logging.getLogger(__name__)
 
 PERCEPTION = "perception"
 PICTURES = topics.STEREO_IMAGES.name
-REPLAYABLE = {
-    PERCEPTION: (PERCEPTION,),
-    "observer": ("observer", "model"),
-    "model": ("model",),
-    "planning": ("planning", "model"),
-}
-"""By name, with the parts of the configuration that each is built from: components whose words follow from recorded
-messages and calls. What drivers ask of the cell is on no recording, of what the decision layer is answered not all is,
-and the viewer says what an operator does."""
+REPLAYABLE = {row.name: row.replays for row in COMPONENTS.values() if row.replays}
+"""By name, with the parts of the configuration that each is built from."""
 
 RUN_KEYS = ("runtime", "arms")
 """Of the configuration, what says which processes and arms there were."""
@@ -101,7 +94,7 @@ def recorded_config(path: Path, parts: Collection[str]) -> RunConfig:
 
 def replay(path: Path, name: str, config: RunConfig) -> Replay:
     """Feed the component `name`, one of `REPLAYABLE`, and compare. Raises `InputError`."""
-    kind = COMPONENTS[name]
+    kind = COMPONENTS[name].load()
     # Pictures are what the camera gave, not what perception made of them.
     said = tuple(topic for topic in kind.publishes if topic is not topics.STEREO_IMAGES)
     line = read_timeline(path, kind, said)

@@ -1,11 +1,75 @@
-"""The table of processes: who runs where when the system is live, a row each.
+"""The table of the system: a row a component, and a row a process in which components run when the system is live.
 
 The decision process is the one that the user started. It starts the others, which are ready from the top of the table
-to the bottom, and stops them the other way round.
+to the bottom, and stops them the other way round. Looking something up here imports no component.
 """
 
 import enum
 from dataclasses import dataclass
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from dlokit.communication.skill import Skill
+
+if TYPE_CHECKING:
+    from dlokit.communication.component import Component
+
+
+@dataclass(frozen=True, kw_only=True)
+class ComponentRow:
+    """One row of the table of components."""
+
+    name: str
+    """A second instance has a name of its own: `robot.opposite`."""
+    kind: str
+    """Its class as `module:Class` below `dlokit`, imported only where it runs."""
+    api: str = ""
+    """The module below `dlokit` that declares what it can be asked to do; empty: nothing."""
+    settings: str
+    """Its part of the configuration."""
+    process: str
+    """The process that runs it when the system is live."""
+    replays: tuple[str, ...] = ()
+    """Parts of the configuration that it is built from where `dlokit replay` feeds it a recorded run. Empty: what it
+    says does not follow from recorded messages and calls. What drivers ask of the cell is on no recording, of what the
+    decision layer is answered not all is, and the viewer says what an operator does."""
+
+    def skills(self) -> tuple[Skill[..., Any], ...]:
+        """What it can be asked to do."""
+        if not self.api:
+            return ()
+        return tuple(value for value in vars(import_module(f"dlokit.{self.api}")).values() if isinstance(value, Skill))
+
+    def load(self) -> "type[Component]":
+        """Its class, with all that it imports."""
+        module, _, name = self.kind.partition(":")
+        loaded: type[Component] = getattr(import_module(f"dlokit.{module}"), name)
+        return loaded
+
+
+# fmt: off
+COMPONENTS: dict[str, ComponentRow] = {row.name: row for row in (
+    ComponentRow(name="cell",       kind="functional.cell.component:CellComponent",         api="functional.cell.api",
+                 settings="cell",       process="cell"),
+    ComponentRow(name="robot",      kind="skills.robot.component:RobotComponent",           api="skills.robot.api",
+                 settings="robot",      process="robot"),
+    ComponentRow(name="robot.opposite", kind="skills.robot.component:RobotComponent",       api="skills.robot.api",
+                 settings="robot",      process="opposite"),
+    ComponentRow(name="perception", kind="skills.perception.component:PerceptionComponent", api="skills.perception.api",
+                 settings="perception", process="camera",      replays=("perception",)),
+    ComponentRow(name="observer",   kind="skills.observer.component:ObserverComponent",     api="skills.observer.api",
+                 settings="observer",   process="observer",    replays=("observer", "model")),
+    ComponentRow(name="model",      kind="skills.model.component:ModelComponent",           api="skills.model.api",
+                 settings="model",      process="simulation",  replays=("model",)),
+    ComponentRow(name="planning",   kind="skills.planning.component:PlanningComponent",     api="skills.planning.api",
+                 settings="planning",   process="decision",    replays=("planning", "model")),
+    ComponentRow(name="viewer",     kind="skills.viewer.component:ViewerComponent",
+                 settings="viewer",     process="viewer"),
+    ComponentRow(name="decision",   kind="decision.component:DecisionComponent",            api="decision.api",
+                 settings="task",       process="decision"),
+)}
+# fmt: on
+"""Every component by its name: the paper's Fig. 3, and the cell that stands in for its hardware."""
 
 
 class Needed(enum.Enum):
@@ -61,16 +125,20 @@ class ProcessRow:
     """A process whose event loop gives no heartbeat for so long counts as frozen [s of the machine's clock]."""
 
 
+def _in(process: str) -> tuple[str, ...]:
+    return tuple(row.name for row in COMPONENTS.values() if row.process == process)
+
+
 # fmt: off
-DECISION   = ProcessRow(name="decision",   components=("decision", "planning"))
-CELL       = ProcessRow(name="cell",       components=("cell",), needed=Needed.SIMULATED, time_base=TimeBase.MACHINE,
+DECISION   = ProcessRow(name="decision",   components=_in("decision"))
+CELL       = ProcessRow(name="cell",       components=_in("cell"), needed=Needed.SIMULATED, time_base=TimeBase.MACHINE,
                         outlives_s=2.0)  # the arm, which is in it, brakes in that time
-SIMULATION = ProcessRow(name="simulation", components=("model",), restart=AGAIN)
-OBSERVER   = ProcessRow(name="observer",   components=("observer",), restart=AGAIN)
-ROBOT      = ProcessRow(name="robot",      components=("robot",), after=("cell",))
-OPPOSITE   = ProcessRow(name="opposite",   components=("robot.opposite",), after=("cell",), needed=Needed.TWO_ARMS)
-CAMERA     = ProcessRow(name="camera",     components=("perception",), after=("cell",), restart=AGAIN)
-VIEWER     = ProcessRow(name="viewer", components=("viewer",), needed=Needed.WATCHED, essential=False, restart=AGAIN)
+SIMULATION = ProcessRow(name="simulation", components=_in("simulation"), restart=AGAIN)
+OBSERVER   = ProcessRow(name="observer",   components=_in("observer"), restart=AGAIN)
+ROBOT      = ProcessRow(name="robot",      components=_in("robot"), after=("cell",))
+OPPOSITE   = ProcessRow(name="opposite",   components=_in("opposite"), after=("cell",), needed=Needed.TWO_ARMS)
+CAMERA     = ProcessRow(name="camera",     components=_in("camera"), after=("cell",), restart=AGAIN)
+VIEWER     = ProcessRow(name="viewer", components=_in("viewer"), needed=Needed.WATCHED, essential=False, restart=AGAIN)
 # fmt: on
 
 PROCESSES: tuple[ProcessRow, ...] = (DECISION, CELL, SIMULATION, OBSERVER, ROBOT, OPPOSITE, CAMERA, VIEWER)

@@ -13,8 +13,7 @@ from dlokit.communication.topics import TOPICS
 from dlokit.decision.flow import mermaid
 from dlokit.decision.shape_flow import SHAPE_DLO
 from dlokit.errors import InputError
-from dlokit.system.component_table import COMPONENTS
-from dlokit.system.table import PROCESSES
+from dlokit.system.table import COMPONENTS, PROCESSES
 
 Drawing = Literal["flow", "topics", "processes", "all"]
 
@@ -38,7 +37,7 @@ def topics_mermaid() -> str:
     """Components as boxes, topics as arrows from their publisher to each reader."""
     lines = ["flowchart LR"]
     # Those that there is more than one of are drawn once: each has the same topics.
-    kinds = {component.name: component for component in COMPONENTS.values()}
+    kinds = {component.name: component for component in (row.load() for row in COMPONENTS.values())}
     lines += [f"    {name}[{name}]" for name in sorted(kinds)]
     for topic in TOPICS:
         readers = [name for name, component in kinds.items() if topic in component.subscribes()]

@@ -16,7 +16,7 @@ from rich.text import Text
 from dlokit.app.commands import Command
 from dlokit.communication.skill import Condition, ReportingSkill, Skill
 from dlokit.errors import InputError
-from dlokit.system.component_table import COMPONENTS
+from dlokit.system.table import COMPONENTS
 
 _UNITS = (
     ("_m_s2", "m/s²"),

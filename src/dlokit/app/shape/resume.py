@@ -14,8 +14,8 @@ from dlokit.app.commands import Command, flag
 from dlokit.app.shape.preflight import check_before_start, prepare
 from dlokit.app.shape.shape import RUNS, run_and_report
 from dlokit.errors import InputError
+from dlokit.evaluation.evaluator import left_nodes_world
 from dlokit.evaluation.judged_run import CONFIG_FILE
-from dlokit.functional.cell.truth import left_nodes_world
 from dlokit.system.config import RunConfig
 from dlokit.system.processes.report import still_there
 from dlokit.system.processes.running import running_systems

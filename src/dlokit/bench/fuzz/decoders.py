@@ -11,7 +11,7 @@ from dlokit.communication.topics import TOPICS
 from dlokit.communication.wire import codec
 from dlokit.communication.wire.envelope import opened, seal
 from dlokit.communication.wire.schema import fingerprint
-from dlokit.system.component_table import COMPONENTS
+from dlokit.system.table import COMPONENTS
 from dlokit.types.outcome import CallRecord
 
 

@@ -1,30 +1,32 @@
-"""The record of truth: where the DLO really was, and how a cell has left it. A file of its own, never on the bus."""
+"""The record of truth: where the DLO really was. A file of its own in the run's folder, never on the bus."""
 
-import zipfile
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dlokit.errors import InputError
-from dlokit.functional.cell.world import Cell
 from dlokit.types.arrays import Float64Array
+
+if TYPE_CHECKING:
+    from dlokit.functional.cell.world import Cell
+
+TRUTH_FILE = "truth.npz"
 
 
 class TruthRecorder:
     """Notes the true nodes at 10 Hz and writes them to `truth.npz`: stamps_ns (T,), nodes_world (T, Mc, 3) [m]."""
 
     PERIOD_NS = 100_000_000
-    FILE_NAME = "truth.npz"
     WRITE_NS = 30_000_000_000
     """The file is renewed this often, so that a killed cell leaves most of it."""
 
     def __init__(self, folder: Path) -> None:
-        self._path = folder / self.FILE_NAME
+        self._path = folder / TRUTH_FILE
         self._stamps_ns: list[int] = []
         self._nodes_world: list[Float64Array] = []
         self._written_ns = 0
 
-    def note(self, cell: Cell) -> None:
+    def note(self, cell: "Cell") -> None:
         """Note the nodes now, unless the last note is too recent. Call once a tick."""
         if self._stamps_ns and cell.time_ns - self._stamps_ns[-1] < self.PERIOD_NS:
             return
@@ -42,19 +44,3 @@ class TruthRecorder:
         np.savez(draft, stamps_ns=np.array(self._stamps_ns, dtype=np.int64), nodes_world=np.array(self._nodes_world))
         draft.replace(self._path)
         self._written_ns = self._stamps_ns[-1]
-
-
-def left_nodes_world(folder: Path) -> Float64Array:
-    """Where the DLO of the cell that ran in `folder` lay last, (Mc, 3) [m]; nobody but the next cell may be told.
-
-    Raises `InputError` where no cell has left anything.
-    """
-    path = folder / TruthRecorder.FILE_NAME
-    try:
-        with np.load(path, allow_pickle=False) as arrays:
-            return np.array(arrays["nodes_world"][-1], dtype=np.float64)
-    except (OSError, KeyError, ValueError, IndexError, EOFError, zipfile.BadZipFile) as error:
-        raise InputError(
-            f"{path} does not tell how the cell left its DLO ({error}): start anew with dlokit shape --config "
-            f"{folder / 'config.toml'}"
-        ) from error
