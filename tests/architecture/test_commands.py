@@ -39,7 +39,7 @@ def test_a_command_of_two_words_begins_with_a_group() -> None:
 
 def imported_by(statement: str) -> set[str]:
     listing = subprocess.run(
-        [sys.executable, "-c", f"import sys; {statement}; print(*sys.modules)"],
+        [sys.executable, "-c", f"import sys\n{statement}\nprint(*sys.modules)"],
         check=True,
         capture_output=True,
         text=True,
@@ -50,3 +50,18 @@ def imported_by(statement: str) -> set[str]:
 
 def test_the_list_of_commands_waits_for_no_large_library() -> None:
     assert not imported_by("import dlokit.app.main") & {*LARGE, "numpy", "mujoco", "zenoh"}
+
+
+@pytest.mark.parametrize(
+    "line", [["skills"], ["call"], ["ps"], ["stop"], ["enable"], ["shape", "--help"]], ids=" ".join
+)
+def test_what_only_looks_something_up_waits_for_none_of_the_libraries_that_run_the_system(
+    line: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))  # no system runs
+    statement = (
+        f"import contextlib, io; sys.argv = ['dlokit', *{line}]\n"
+        "from dlokit.app.main import main\n"
+        "with contextlib.suppress(SystemExit), contextlib.redirect_stdout(io.StringIO()):\n    main()\n"
+    )
+    assert not imported_by(statement) & {"mujoco", "numba", "viser", "cv2", "mink"}

@@ -1,10 +1,7 @@
-"""Figures of a bench: an overview for people, rows of JSON for programs, and the machine that they were measured on."""
+"""Figures of a bench: an overview for people, rows of JSON for programs."""
 
-import os
-import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from importlib.metadata import version
 from typing import Any
 
 import msgspec
@@ -15,18 +12,6 @@ from dlokit.bench.simulation import Timing
 from dlokit.evaluation.statistics import Interval, median
 from dlokit.system.config import RunConfig
 from dlokit.system.toml_config import to_plain
-
-PACKAGES = ("dlokit", "mujoco", "numpy", "opencv-python-headless", "mink", "ruckig", "eclipse-zenoh")
-
-
-def machine_facts() -> dict[str, str]:
-    """Machine, interpreter and the versions that a result depends on."""
-    facts = {
-        "system": f"{platform.system()} {platform.machine()}",
-        "cores": str(os.cpu_count()),
-        "python": platform.python_version(),
-    }
-    return facts | {package: version(package) for package in PACKAGES}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,8 +10,6 @@ from dlokit.evaluation.evaluator import evaluate, read_truth, with_truth
 from dlokit.functional.cell.episode import Episode, draw_episode
 from dlokit.functional.cell.randomisation import Randomisation
 from dlokit.system.config import CONFIG_FILE, RunConfig
-from dlokit.system.live import run_live
-from dlokit.system.lockstep import run_lockstep
 from dlokit.system.results.run_record import RunRecord
 from dlokit.system.results.run_result import write_nearest, write_result
 from dlokit.system.shaping import ShapeJob, Watcher
@@ -22,8 +20,12 @@ def run(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher) -> RunRe
     """Run a task to its end; the cell leaves its truth in `folder`."""
     match config.runtime:
         case "lockstep":
+            from dlokit.system.lockstep import run_lockstep
+
             return run_lockstep(config, job, folder, watch)
         case "live":
+            from dlokit.system.live import run_live
+
             return run_live(config, job, folder, watch)
 
 

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
 
 from dlokit.errors import InputError
 
@@ -34,6 +33,8 @@ def success_rate(successes: int, n: int, *, confidence: float = 0.95) -> Interva
     if n < 1 or not 0 <= successes <= n:
         raise InputError(f"{successes} successes of {n}: needed are 0 ≤ successes ≤ n and n ≥ 1.")
     tail = (1.0 - confidence) / 2.0
+    from scipy import stats  # here: it takes a third of a second, and most who import this ask for no rate
+
     low = 0.0 if successes == 0 else float(stats.beta.ppf(tail, successes, n - successes + 1))
     high = 1.0 if successes == n else float(stats.beta.ppf(1.0 - tail, successes + 1, n - successes))
     return Interval(value=successes / n, low=low, high=high, n=n)

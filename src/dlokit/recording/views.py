@@ -1,6 +1,5 @@
 """What Foxglove's panels show of our messages: pictures, clouds, frames, the rod in the scene, and a log."""
 
-import cv2
 import numpy as np
 
 from dlokit.errors import CommunicationError
@@ -20,6 +19,8 @@ from dlokit.types.robot import RobotState
 
 def to_jpeg(pixels: UInt8Array) -> bytes:
     """A picture (height, width, 3) RGB, or (height, width) grey, as the bytes of a file."""
+    import cv2  # here, because whoever reads or writes other topics need not wait for it
+
     picture = cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR) if pixels.ndim == 3 else pixels
     _, data = cv2.imencode(f".{IMAGE_FORMAT}", picture, [cv2.IMWRITE_JPEG_QUALITY, IMAGE_QUALITY])
     return data.tobytes()
@@ -27,6 +28,8 @@ def to_jpeg(pixels: UInt8Array) -> bytes:
 
 def from_jpeg(data: bytes) -> UInt8Array:
     """The picture (height, width, 3) RGB. Raises `CommunicationError` when there is none."""
+    import cv2
+
     picture = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_COLOR)
     if picture is None:
         raise CommunicationError("a recorded picture cannot be decoded: its bytes are no JPEG file")

@@ -13,9 +13,10 @@ from dlokit.app.commands import Command, flag
 from dlokit.bench.bus.comparison import compare
 from dlokit.bench.bus.load import SIZES_BYTES, Delay
 from dlokit.bench.bus.slow_reader import SlowTimes, measure_slow_readers
-from dlokit.bench.report import Figure, bench_json, figure, machine_facts
+from dlokit.bench.report import Figure, bench_json, figure
 from dlokit.errors import ConfigError
 from dlokit.evaluation.statistics import median
+from dlokit.system.results.run_record import machine_facts
 
 ONE_WAY, CALL = "one way", "call"
 BESIDE = {ONE_WAY: "zenoh", CALL: "zenoh, asyncio"}

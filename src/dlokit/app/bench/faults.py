@@ -27,10 +27,11 @@ from dlokit.bench.faults.judging import (
 from dlokit.bench.faults.sweep import claim_faults_folder, describe, run_faults
 from dlokit.bench.faults.table import BY_NAME, FAULTS, Fault
 from dlokit.bench.faults.trial import Case, cases
-from dlokit.bench.report import bench_json, machine_facts
+from dlokit.bench.report import bench_json
 from dlokit.errors import ConfigError, InputError
 from dlokit.system.config import RunConfig
 from dlokit.system.results.run_folder import new_run_folder
+from dlokit.system.results.run_record import machine_facts
 from dlokit.types.flow import RunOutcome
 
 

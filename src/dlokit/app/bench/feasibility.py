@@ -16,8 +16,9 @@ from dlokit.bench.feasibility.beliefs import Level
 from dlokit.bench.feasibility.cases import DEFAULT_DLOS, Case, Judged, bench_dlo, judge_cases
 from dlokit.bench.feasibility.figures import ALL, figures, is_right
 from dlokit.bench.feasibility.releases import Happened
-from dlokit.bench.report import Figure, bench_json, machine_facts
+from dlokit.bench.report import Figure, bench_json
 from dlokit.errors import ConfigError, InputError, ShapeError
+from dlokit.system.results.run_record import machine_facts
 from dlokit.types.arrays import Float64Array
 from dlokit.types.feasibility import Standing
 

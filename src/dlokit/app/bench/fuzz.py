@@ -10,8 +10,9 @@ from rich.progress import Progress
 from dlokit.app.commands import Command, flag
 from dlokit.bench.fuzz.campaign import ALLOWED_BYTES, FuzzResult, fuzz
 from dlokit.bench.fuzz.decoders import all_decoders
-from dlokit.bench.report import Figure, bench_json, machine_facts
+from dlokit.bench.report import Figure, bench_json
 from dlokit.errors import ConfigError
+from dlokit.system.results.run_record import machine_facts
 
 FOUND = 1
 """Exit code when a decoder did not keep to what it promises."""

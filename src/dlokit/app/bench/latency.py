@@ -19,10 +19,11 @@ from rich.table import Table
 from dlokit.app.commands import Command, flag
 from dlokit.bench.latency.hops import Hops, hops, named
 from dlokit.bench.latency.listening import listen
-from dlokit.bench.report import Figure, bench_json, figure, machine_facts
+from dlokit.bench.report import Figure, bench_json, figure
 from dlokit.errors import InputError, MachineError
 from dlokit.evaluation.statistics import median
 from dlokit.system.processes.running import RunningSystem, the_running_system
+from dlokit.system.results.run_record import machine_facts
 
 LOOK_EVERY_S = 0.2
 MAIN = ("-c", "from dlokit.app.main import main; main()")

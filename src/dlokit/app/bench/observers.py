@@ -28,9 +28,10 @@ from dlokit.bench.observers.runner import Plan, Trial
 from dlokit.bench.observers.sequences import RATE_HZ
 from dlokit.bench.observers.summary import HALF, Bar, Compared, bars, compare
 from dlokit.bench.observers.workers import Said, in_a_worker, run_in_workers
-from dlokit.bench.report import Figure, machine_facts
+from dlokit.bench.report import Figure
 from dlokit.errors import ConfigError, InputError, MachineError
 from dlokit.system.results.run_folder import claim_run_folder, new_run_folder
+from dlokit.system.results.run_record import machine_facts
 
 _METRIC = {metric.name: metric for metric in METRICS}
 

@@ -15,7 +15,7 @@ from dlokit.app.bench.progress import followed
 from dlokit.app.commands import Command, flag
 from dlokit.app.shape.job import config_file_of
 from dlokit.app.shape.preflight import prepare
-from dlokit.bench.report import bench_json, machine_facts
+from dlokit.bench.report import bench_json
 from dlokit.bench.shaping.cases import IDEAL, Case, CaseResult, Method, cases, methods_of, with_method
 from dlokit.bench.shaping.experiments import Experiment
 from dlokit.bench.shaping.figures import (
@@ -36,6 +36,7 @@ from dlokit.errors import ConfigError, InputError
 from dlokit.functional.cell.randomisation import RANDOMISED, Randomisation
 from dlokit.system.config import RunConfig
 from dlokit.system.results.run_folder import new_run_folder
+from dlokit.system.results.run_record import machine_facts
 from dlokit.system.toml_config import read_toml
 from dlokit.types.feasibility import Standing
 

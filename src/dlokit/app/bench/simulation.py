@@ -9,10 +9,11 @@ from rich.console import Console
 from rich.table import Table
 
 from dlokit.app.commands import Command, flag
-from dlokit.bench.report import bench_json, machine_facts, spread, timing_figures
+from dlokit.bench.report import bench_json, spread, timing_figures
 from dlokit.bench.simulation import measure
 from dlokit.errors import ConfigError
 from dlokit.system.config import RunConfig
+from dlokit.system.results.run_record import machine_facts
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,7 +13,7 @@ from rich.table import Table
 
 from dlokit.app.commands import Command, flag
 from dlokit.app.operate import enable, stop
-from dlokit.bench.report import bench_json, machine_facts
+from dlokit.bench.report import bench_json
 from dlokit.bench.stop.figures import confirmed_percentile_s, percentile_s, press_figures, stop_figures
 from dlokit.bench.stop.press_trials import Person
 from dlokit.bench.stop.press_verdict import PressRow
@@ -23,6 +23,7 @@ from dlokit.communication.timing.urgency import garbage_frozen
 from dlokit.errors import ConfigError, InputError
 from dlokit.system.config import RunConfig
 from dlokit.system.processes.running import RunningSystem
+from dlokit.system.results.run_record import machine_facts
 
 BAR_S = 0.25
 """Braking begins within this, for 99 of 100 faults."""

@@ -14,7 +14,6 @@ from dlokit.app.commands import Command, flag
 from dlokit.app.shape.job import chosen_settings, config_file_of, job_from_config, with_absolute_files
 from dlokit.app.shape.preflight import check_before_start, prepare
 from dlokit.app.shape.terminal import RunDisplay
-from dlokit.bench.report import machine_facts
 from dlokit.communication.strategies import NamedConfig, StrategyKind
 from dlokit.evaluation.judged_run import judged_run
 from dlokit.skills.observer.strategies import OBSERVERS
@@ -22,6 +21,7 @@ from dlokit.skills.perception.segmentations import SEGMENTATIONS
 from dlokit.skills.planning.strategies import PLANNERS
 from dlokit.system.config import CONFIG_FILE, INTERACTIVE, RunConfig
 from dlokit.system.results.run_folder import claim_run_folder, new_run_folder
+from dlokit.system.results.run_record import machine_facts
 from dlokit.system.results.run_result import NEAREST_FILE_NAME
 from dlokit.system.shaping import ShapeJob
 from dlokit.types.flow import RunOutcome

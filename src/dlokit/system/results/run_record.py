@@ -1,7 +1,10 @@
 """What a runtime remembers of a run, for the evaluator and for the report."""
 
+import os
+import platform
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from importlib.metadata import version
 
 from dlokit.system.results.run_result import RunResult
 from dlokit.types.arrays import Float64Array, UInt8Array
@@ -63,3 +66,16 @@ class RunRecord:
     """The command line that repeats the run."""
     machine: Mapping[str, str] = field(default_factory=dict[str, str])
     """What it ran on and with which versions, e.g. ``{"mujoco": "4.0.0"}``."""
+
+
+PACKAGES = ("dlokit", "mujoco", "numpy", "opencv-python-headless", "mink", "ruckig", "eclipse-zenoh")
+
+
+def machine_facts() -> dict[str, str]:
+    """Machine, interpreter and the versions that a result depends on."""
+    facts = {
+        "system": f"{platform.system()} {platform.machine()}",
+        "cores": str(os.cpu_count()),
+        "python": platform.python_version(),
+    }
+    return facts | {package: version(package) for package in PACKAGES}
