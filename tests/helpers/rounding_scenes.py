@@ -21,7 +21,7 @@ from dlokit.motion.inverse_kinematics import PandaKinematics
 from dlokit.recording.reader import read_recording
 from dlokit.rod.believed import ModelConfig, as_configured
 from dlokit.rod.equilibrium import nearest_held
-from dlokit.rod.tracking_rod import topology
+from dlokit.rod.nodes import topology
 from dlokit.skills.model.carry import Carry
 from dlokit.skills.model.tracking import Tracker
 from dlokit.skills.observer.config import ObserverConfig

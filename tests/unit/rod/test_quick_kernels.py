@@ -11,7 +11,7 @@ from dlokit.description.shapes import builtin_shape
 from dlokit.motion import tool_track
 from dlokit.rod import planning_rod
 from dlokit.rod.believed import ModelConfig
-from dlokit.rod.tracking_rod import topology
+from dlokit.rod.nodes import topology
 from dlokit.skills.model.carry import Carry
 from dlokit.skills.planning.actions import ActionConfig
 from dlokit.skills.planning.base import Loaded, PlanningTools

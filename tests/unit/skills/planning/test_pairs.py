@@ -12,7 +12,7 @@ from dlokit.motion.arm_distance import Apart
 from dlokit.motion.inverse_kinematics import PandaKinematics, Yaw
 from dlokit.rod.believed import ModelConfig
 from dlokit.rod.rollout import Motion, QuickRod, play
-from dlokit.rod.tracking_rod import topology
+from dlokit.rod.nodes import topology
 from dlokit.skills.planning.actions import ActionConfig
 from dlokit.skills.planning.base import PlanningTools, SecondArm
 from dlokit.skills.planning.rollout.config import RolloutConfig, SearchConfig

@@ -6,7 +6,7 @@ import pytest
 
 from dlokit.description.shapes import builtin_shape
 from dlokit.rod.believed import ModelConfig
-from dlokit.rod.tracking_rod import topology
+from dlokit.rod.nodes import topology
 from dlokit.skills.planning.rollout.config import ScoreConfig
 from dlokit.skills.planning.rollout.score import Misses
 from dlokit.types.action import Action, Drag, Grasp, LayDown, VelocityProfile
