@@ -14,7 +14,8 @@ from dlokit.rod.believed import ModelConfig
 from dlokit.rod.nodes import topology
 from dlokit.skills.planning.actions import ActionConfig
 from dlokit.skills.planning.base import PlanningTools, StrategyConfig
-from dlokit.skills.planning.rollout.config import RolloutConfig, SearchConfig
+from dlokit.skills.planning.rollout.search import SearchConfig
+from dlokit.skills.planning.rollout.strategy import RolloutConfig
 from dlokit.skills.planning.strategies import OURS, from_spec, to_spec
 from dlokit.types.action import Action, Drag, Marks, Push
 from dlokit.types.arrays import Float64Array

@@ -30,7 +30,8 @@ from dlokit.skills.observer.strategies import OURS
 from dlokit.skills.planning.actions import ActionConfig
 from dlokit.skills.planning.base import PlanningTools
 from dlokit.skills.planning.config import PlanningConfig
-from dlokit.skills.planning.rollout.config import RolloutConfig, SearchConfig
+from dlokit.skills.planning.rollout.search import SearchConfig
+from dlokit.skills.planning.rollout.strategy import RolloutConfig
 from dlokit.skills.planning.verdict import holding
 from dlokit.skills.planning.verdict.feasibility import Workplace
 from dlokit.skills.planning.verdict.goal_verdict import judge

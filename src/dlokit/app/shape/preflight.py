@@ -4,7 +4,7 @@ from rich.console import Console
 
 from dlokit.functional.cell.rendering import check_opengl
 from dlokit.skills.observer.kernels import warm
-from dlokit.skills.planning.loading import load
+from dlokit.skills.planning.strategies import load
 from dlokit.skills.viewer.address import check_port
 from dlokit.system.config import RunConfig
 from dlokit.system.hosts.doors import check_hosts
