@@ -3,10 +3,12 @@
 import subprocess
 import sys
 
-LARGE = {"numba", "scipy", "mujoco", "cv2", "matplotlib", "cryptography"}
+SCIPY = {f"scipy.{name}" for name in ("interpolate", "linalg", "optimize", "sparse", "spatial", "special", "stats")}
+"""What SciPy loads at the first use; by itself it is small."""
+LARGE = {"numba", *SCIPY, "mujoco", "OpenGL", "cv2", "matplotlib", "cryptography"}
 HELP = (
-    "settings must not wait for libraries: move the class that brought one in to a file beside its algorithm "
-    "(`cpd_config.py` beside `cpd.py`), and import the algorithm in `build`; "
+    "settings must not wait for libraries: import the one that was brought in where it is called, "
+    "and SciPy's modules as attributes (`import scipy`, then `scipy.spatial.KDTree`); "
     "`python -X importtime -c 'import dlokit.system.config'` shows which it is"
 )
 

@@ -11,10 +11,11 @@ from dlokit.communication.wire import codec
 from dlokit.description.shapes import builtin_shape, moved, random_shape
 from dlokit.errors import SkillRejected
 from dlokit.rod.believed import ModelConfig
-from dlokit.rod.tracking_rod import topology
+from dlokit.rod.nodes import topology
 from dlokit.skills.planning.actions import ActionConfig
 from dlokit.skills.planning.base import PlanningTools, StrategyConfig
-from dlokit.skills.planning.rollout.config import RolloutConfig, SearchConfig
+from dlokit.skills.planning.rollout.search import SearchConfig
+from dlokit.skills.planning.rollout.strategy import RolloutConfig
 from dlokit.skills.planning.strategies import OURS, from_spec, to_spec
 from dlokit.types.action import Action, Drag, Marks, Push
 from dlokit.types.arrays import Float64Array

@@ -7,7 +7,7 @@ from dlokit.rod.believed import ModelConfig
 from dlokit.skills.planning.actions import ActionConfig
 from dlokit.skills.planning.base import PlanningTools
 from dlokit.skills.planning.rollout.candidates import Scene
-from dlokit.skills.planning.rollout.config import SearchConfig
+from dlokit.skills.planning.rollout.search import SearchConfig
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
 

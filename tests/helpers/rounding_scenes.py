@@ -21,7 +21,7 @@ from dlokit.motion.inverse_kinematics import PandaKinematics
 from dlokit.recording.reader import read_recording
 from dlokit.rod.believed import ModelConfig, as_configured
 from dlokit.rod.equilibrium import nearest_held
-from dlokit.rod.tracking_rod import topology
+from dlokit.rod.nodes import topology
 from dlokit.skills.model.carry import Carry
 from dlokit.skills.model.tracking import Tracker
 from dlokit.skills.observer.config import ObserverConfig
@@ -30,7 +30,8 @@ from dlokit.skills.observer.strategies import OURS
 from dlokit.skills.planning.actions import ActionConfig
 from dlokit.skills.planning.base import PlanningTools
 from dlokit.skills.planning.config import PlanningConfig
-from dlokit.skills.planning.rollout.config import RolloutConfig, SearchConfig
+from dlokit.skills.planning.rollout.search import SearchConfig
+from dlokit.skills.planning.rollout.strategy import RolloutConfig
 from dlokit.skills.planning.verdict import holding
 from dlokit.skills.planning.verdict.feasibility import Workplace
 from dlokit.skills.planning.verdict.goal_verdict import judge

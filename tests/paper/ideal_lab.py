@@ -28,8 +28,8 @@ from dlokit.skills.observer.component import ObserverComponent
 from dlokit.skills.observer.config import ObserverConfig
 from dlokit.skills.planning.component import PlanningComponent
 from dlokit.skills.planning.config import PlanningConfig
-from dlokit.skills.planning.farthest_config import FarthestConfig
-from dlokit.skills.planning.servoing.config import ServoConfig
+from dlokit.skills.planning.farthest import FarthestConfig
+from dlokit.skills.planning.servoing.jacobian import ServoConfig
 from dlokit.types.dlo import DloBelief
 from dlokit.types.flow import Command, FlowStatus, GoalFrames, OperatorCommand
 from dlokit.types.pose import Pose

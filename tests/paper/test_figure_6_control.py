@@ -8,7 +8,7 @@ from scripted_hardware import Lab
 from dlokit.decision.config import TaskConfig
 from dlokit.description.shapes import moved
 from dlokit.skills.planning.config import PlanningConfig
-from dlokit.skills.planning.farthest_config import FarthestConfig
+from dlokit.skills.planning.farthest import FarthestConfig
 from dlokit.types.flow import FlowStatus, Mode
 
 SERVO = TaskConfig(control=True, max_actions=1, threshold_m=0.004)

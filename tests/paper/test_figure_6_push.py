@@ -6,7 +6,8 @@ from ideal_lab import I, lab, shape
 from dlokit.decision.config import TaskConfig
 from dlokit.description.shapes import moved
 from dlokit.skills.planning.config import PlanningConfig
-from dlokit.skills.planning.rollout.config import RolloutConfig, SearchConfig
+from dlokit.skills.planning.rollout.search import SearchConfig
+from dlokit.skills.planning.rollout.strategy import RolloutConfig
 
 PUSHES = PlanningConfig(
     strategy=RolloutConfig(

@@ -11,3 +11,5 @@ CONTACT_SOLREF = (0.004, 1.0)
 """Time constant [s] and damping ratio of contacts that do not creep; table, rod and pads share it."""
 CONTACT_SOLIMP = (0.99, 0.999, 0.001, 0.5, 2.0)
 """Impedance of contacts that do not creep: static friction creeps with ``1 - solimp[0]``."""
+ROLLING_M = 0.001
+"""Resistance to rolling and turning on the spot [m]: without it a released rod rolls away like a steel bar."""

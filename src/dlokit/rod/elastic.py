@@ -11,16 +11,13 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dlokit.description.contacts import CONTACT_SOLIMP, CONTACT_SOLREF
+from dlokit.description.contacts import CONTACT_SOLIMP, CONTACT_SOLREF, ROLLING_M
 from dlokit.description.dlo import DloPreset
 from dlokit.errors import ConfigError
 from dlokit.types.arrays import Float64Array, Int64Array
 
 IMPRATIO = 100.0
 """Ratio of frictional to normal impedance; with elliptic cones, what keeps a bent rod from sliding for ever."""
-
-ROLLING_M = 0.001
-"""Resistance to rolling and turning on the spot [m]: without it a released rod rolls away like a steel bar."""
 
 
 def set_rod_physics(spec: Any, timestep_s: float) -> None:

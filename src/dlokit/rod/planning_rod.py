@@ -28,11 +28,6 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-FINGERS = np.array([0.0085, 0.009, 0.0089])
-"""The Panda's fingers, closed: half the length of the middle line across the tool, radius around it, and how far the
-tips are below the tool [m]."""
-NO_FINGERS = np.zeros(3)
-"""For a motion that holds the rod."""
 _PUSH_N_M = 800.0  # of the spring at one point of the rod
 _POINTS = 4  # of an edge at which the rod is looked at
 
@@ -41,7 +36,7 @@ _POINTS = 4  # of an edge at which the rod is looked at
 def push(x: Array, tool: Array, fingers: Array, radius: float, h: float, band: Array, right: Array) -> None:
     """Add the fingers at `tool` (4,): x, y, z [m], yaw [rad] to one implicit step of length `h` [s].
 
-    `x` (M, 4): nodes with their roll; `fingers` (3,) as `FINGERS`; `band` and `right` as the rod has them.
+    `x` (M, 4): nodes with their roll; `fingers` (3,) as `rollout.FINGERS`; `band` and `right` as the rod has them.
     """
     reach = fingers[1] + radius
     edge = math.sqrt((x[1, 0] - x[0, 0]) ** 2 + (x[1, 1] - x[0, 1]) ** 2 + (x[1, 2] - x[0, 2]) ** 2)
@@ -107,7 +102,7 @@ def play_motion(
     `tool` (T, 4 K): x, y, z [m] and yaw [rad] of K tools at every step; then the rod is free for `rest_steps`. `pads`
     (n, 4): points of the rod between the pads, as a number of nodes from the first, where they are from their tool
     (along, up) [m], and which tool that is.
-    `fingers` (3,): as `FINGERS` where they are closed and push, zeros where they hold. Returns how near two
+    `fingers` (3,): as `rollout.FINGERS` where they are closed and push, zeros where they hold. Returns how near two
     strands came [m].
     """
     count = len(nodes)

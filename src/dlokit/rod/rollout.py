@@ -2,6 +2,8 @@
 
 A rod on a level table is held where friction balances its elastic forces, which depends on one figure alone, EI / (μ w)
 with w the weight per length. A rod that yields has kept, where it lies, what it was bent beyond its yield curvature.
+
+Every process loads this module for the settings of planning, so what is compiled is imported where it is called.
 """
 
 import math
@@ -11,14 +13,12 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 
 from dlokit import geometry
-from dlokit.motion.tool_track import tool_track
+from dlokit.description.contacts import ROLLING_M
 from dlokit.rod.believed import ModelConfig
-from dlokit.rod.elastic import ROLLING_M
-from dlokit.rod.planning_rod import FINGERS, NO_FINGERS, play_motion
-from dlokit.rod.tracking_rod import fit_length
+from dlokit.rod.nodes import fit_length
 from dlokit.types.action import Action, Push, VelocityProfile
 from dlokit.types.arrays import Float64Array
 
@@ -28,6 +28,11 @@ _PAD_M = 0.02  # length of the pads along the rod
 _EDGE_M = 0.0125  # longest edge: a hanging rod bends too easily where longer ones meet the pads and the table
 SINK_M = 2e-4
 """How deep a resting node lies in the table of the quick rod [m]."""
+FINGERS = np.array([0.0085, 0.009, 0.0089])
+"""The Panda's fingers, closed: half the length of the middle line across the tool, radius around it, and how far the
+tips are below the tool [m]."""
+NO_FINGERS = np.zeros(3)
+"""For a motion that holds the rod."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,6 +105,8 @@ def play(
 
     `threads` 0: as many as there are cores. The result is the same for any number.
     """
+    from dlokit.rod.planning_rod import play_motion
+
     start = fine_rod(config, nodes_world)
     fine = len(start)
     start[:, 2] = config.radius_m - SINK_M
@@ -127,6 +134,8 @@ def play(
 
 def _track(motion: Motion, timestep_s: float) -> Float64Array:
     """The tool (T, 4) at every step; with a partner both, side by side (T, 8), the faster waiting for the other."""
+    from dlokit.motion.tool_track import tool_track
+
     pace, tool = motion.velocity, motion.track
     if tool is None:
         tool = tool_track(motion.waypoints, pace.speed_m_s, pace.acceleration_m_s2, pace.jerk_m_s3, timestep_s)
@@ -165,7 +174,7 @@ def fine_rod(config: ModelConfig, nodes_world: Float64Array) -> Float64Array:
     nodes = fit_length(config, nodes_world)
     count = max(config.nodes, math.ceil(config.length_m / _EDGE_M) + 1)
     share = np.linspace(0.0, 1.0, len(nodes))
-    return np.asarray(CubicSpline(share, nodes)(np.linspace(0.0, 1.0, count)), dtype=np.float64)
+    return np.asarray(scipy.interpolate.CubicSpline(share, nodes)(np.linspace(0.0, 1.0, count)), dtype=np.float64)
 
 
 def between_pads(nodes_world: Float64Array, near: int, tool: Float64Array, arm: int = 0) -> Float64Array:
@@ -211,6 +220,8 @@ def settle(config: ModelConfig, nodes_world: Float64Array, rod: QuickRod = _AS_M
 
     It is taken to have been straight before it was laid down, and does not collide with itself.
     """
+    from dlokit.rod.planning_rod import play_motion
+
     nodes = fit_length(config, nodes_world)
     nodes[:, 2] = config.radius_m - SINK_M
     end = np.empty_like(nodes)

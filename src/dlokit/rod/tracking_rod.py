@@ -10,12 +10,11 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from dlokit import geometry
 from dlokit.description.dlo import DloPreset
 from dlokit.rod.believed import ModelConfig
 from dlokit.rod.elastic import add_rod, rod_bodies, set_rod_physics
+from dlokit.rod.nodes import topology
 from dlokit.types.arrays import Float64Array, Int64Array
-from dlokit.types.dlo import Topology
 
 _WEIGHTLESS = int(mujoco.mjtDisableBit.mjDSBL_CONTACT) | int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
 
@@ -69,27 +68,6 @@ class RodModel:
     def step(self, count: int) -> None:
         """Advance the physics by `count` steps."""
         mujoco.mj_step(self._model, self._data, count)
-
-
-def topology(config: ModelConfig) -> Topology:
-    """The rod's edges: a single line of equal segments."""
-    first = np.arange(config.nodes - 1, dtype=np.int64)
-    spacing = config.length_m / (config.nodes - 1)
-    return Topology(edges=np.column_stack((first, first + 1)), rest_lengths_m=np.full(config.nodes - 1, spacing))
-
-
-def fit_length(config: ModelConfig, nodes_world: Float64Array) -> Float64Array:
-    """A curve (K, 3) [m] as the rod's nodes (M, 3): its ends cut or prolonged equally to the rod's length."""
-    s = geometry.arc_lengths(nodes_world)
-    if len(nodes_world) == config.nodes and abs(s[-1] - config.length_m) < 0.005 * config.length_m:
-        # A rod already. Moving nodes along it would cut its corners a little every time.
-        return nodes_world.copy()
-    excess = (s[-1] - config.length_m) / 2.0
-    wanted = np.linspace(excess, s[-1] - excess, config.nodes)
-    inside = np.clip(wanted, 0.0, s[-1])
-    nodes = np.column_stack([np.interp(inside, s, nodes_world[:, axis]) for axis in range(3)])
-    start, end = geometry.tangents(nodes_world)[[0, -1]]
-    return nodes + np.outer(np.minimum(wanted, 0.0), start) + np.outer(np.maximum(wanted - s[-1], 0.0), end)
 
 
 def _compile(config: ModelConfig, timestep_s: float) -> Any:

@@ -19,7 +19,7 @@ from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.decision.component import DecisionComponent
 from dlokit.description.arm.mounts import ARMS
 from dlokit.errors import ProcessFailure
-from dlokit.skills.planning.loading import load
+from dlokit.skills.planning.strategies import load
 from dlokit.system.build import Wiring, build_component, instances_of_run
 from dlokit.system.config import CONFIG_FILE, RunConfig
 from dlokit.system.hosts.agent import free_meeting_point

@@ -15,7 +15,7 @@ from dlokit.decision.config import TaskConfig
 from dlokit.decision.looking import look, state_after
 from dlokit.decision.task import ShapeTask
 from dlokit.rod.believed import ModelConfig
-from dlokit.rod.tracking_rod import topology
+from dlokit.rod.nodes import topology
 from dlokit.types.dlo import DloState
 from dlokit.types.outcome import Succeeded
 

@@ -11,11 +11,12 @@ from dlokit.description.shapes import builtin_shape
 from dlokit.motion import tool_track
 from dlokit.rod import planning_rod
 from dlokit.rod.believed import ModelConfig
-from dlokit.rod.tracking_rod import topology
+from dlokit.rod.nodes import topology
 from dlokit.skills.model.carry import Carry
 from dlokit.skills.planning.actions import ActionConfig
 from dlokit.skills.planning.base import Loaded, PlanningTools
-from dlokit.skills.planning.rollout.config import RolloutConfig, SearchConfig
+from dlokit.skills.planning.rollout.search import SearchConfig
+from dlokit.skills.planning.rollout.strategy import RolloutConfig
 from dlokit.types.action import Marks
 from dlokit.types.dlo import DloState, GoalShape
 

@@ -33,7 +33,7 @@ def _viewer_is_here(config: RunConfig) -> bool:
 def prepare(console: Console, config: RunConfig) -> None:
     """Compile and load what the observer and the planner of a run need, and say so in the terminal meanwhile."""
     from dlokit.skills.observer.kernels import warm
-    from dlokit.skills.planning.loading import load
+    from dlokit.skills.planning.strategies import load
 
     once = "the first time on a machine it is compiled, for about 20 s"
     with console.status(f"preparing the observer; {once}"):

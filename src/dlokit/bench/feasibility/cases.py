@@ -22,7 +22,7 @@ from dlokit.functional.cell.world import Cell
 from dlokit.motion.inverse_kinematics import PandaKinematics
 from dlokit.rod.believed import ModelConfig
 from dlokit.skills.planning.config import PlanningConfig
-from dlokit.skills.planning.loading import load
+from dlokit.skills.planning.strategies import load
 from dlokit.skills.planning.verdict import holding
 from dlokit.skills.planning.verdict.feasibility import Workplace
 from dlokit.skills.planning.verdict.goal_verdict import judge

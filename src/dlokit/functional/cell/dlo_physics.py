@@ -43,8 +43,6 @@ class ElasticRod:
 
     def take_over(self, model: Any, data: Any, dlo: DloPreset) -> DloBody:
         """The DLO that `add` has added, in the compiled model."""
-        pass
-
         from dlokit.rod.elastic import RodBody
 
         return RodBody(model, data)

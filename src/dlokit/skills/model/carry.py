@@ -12,8 +12,8 @@ import numpy as np
 
 from dlokit import geometry
 from dlokit.rod.believed import ModelConfig
-from dlokit.rod.planning_rod import NO_FINGERS, advance
-from dlokit.rod.rollout import SINK_M, QuickRod, between_pads, fine_rod
+from dlokit.rod.planning_rod import advance
+from dlokit.rod.rollout import NO_FINGERS, SINK_M, QuickRod, between_pads, fine_rod
 from dlokit.skills.model.tracking import Pin
 from dlokit.types.arrays import Float64Array
 from dlokit.types.robot import RobotState

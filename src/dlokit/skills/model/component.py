@@ -16,9 +16,9 @@ from dlokit.description.shapes import builtin_shape
 from dlokit.errors import SkillFailure, SkillRejected
 from dlokit.rod import rollout
 from dlokit.rod.believed import ModelConfig, as_configured
+from dlokit.rod.nodes import topology
 from dlokit.rod.posterior import Evidence, believed, evidence, posterior
 from dlokit.rod.rollout import predict
-from dlokit.rod.tracking_rod import topology
 from dlokit.skills.model import api
 from dlokit.skills.model.carry import Carry
 from dlokit.skills.model.experiences import Grips

@@ -8,7 +8,8 @@ import math
 import numpy as np
 
 from dlokit.rod.believed import ModelConfig
-from dlokit.rod.tracking_rod import RodModel, fit_length
+from dlokit.rod.nodes import fit_length
+from dlokit.rod.tracking_rod import RodModel
 from dlokit.types.arrays import Float64Array
 from dlokit.types.flow import GoalFrame
 

@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dlokit.rod.believed import ModelConfig
-from dlokit.rod.tracking_rod import RodModel, fit_length
+from dlokit.rod.nodes import fit_length
+from dlokit.rod.tracking_rod import RodModel
 from dlokit.types.arrays import BoolArray, Float64Array
 
 _ROUNDS = 8  # the limit on the force is renewed this often in one update

@@ -16,7 +16,7 @@ class Segmentation(Protocol):
 class SegmentationConfig(Protocol):
     """The settings of a strategy: a frozen dataclass, all fields with defaults, that knows how to build it.
 
-    Every process loads it: the algorithm of ours stands in another file, which `build` imports.
+    Every process loads it, with the module in which it stands: large libraries are imported where they are called.
     """
 
     name: ClassVar[str]

@@ -1,11 +1,34 @@
-"""The paper's filter: what is bright is DLO."""
+"""The paper's filter, with its settings: what is bright is DLO."""
 
-import cv2
+from dataclasses import dataclass
+from typing import ClassVar
+
 import numpy as np
 
-from dlokit.skills.perception.brightness_config import BrightnessConfig
-from dlokit.skills.perception.rectification import grey
+from dlokit.skills.perception.base import Segmentation
 from dlokit.types.image import Image, Mask
+
+
+@dataclass(frozen=True, kw_only=True)
+class BrightnessConfig:
+    """By brightness, as in the paper: for a light DLO on a dark table."""
+
+    name: ClassVar[str] = "brightness"
+
+    lowest: int = 120
+    """Least brightness of the DLO, 0 to 255."""
+    highest: int = 255
+    """Greatest brightness of the DLO, 0 to 255."""
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.lowest <= self.highest <= 255:
+            raise ValueError(
+                f"brightness from {self.lowest} to {self.highest}: 0 <= lowest <= highest <= 255 is allowed"
+            )
+
+    def build(self) -> Segmentation:
+        """The filter with these settings."""
+        return Brightness(self)
 
 
 class Brightness:
@@ -16,5 +39,10 @@ class Brightness:
 
     def mask(self, image: Image) -> Mask:
         """Pixels within the range of brightness."""
+        # Here, because every process loads the settings, and only one of them cuts pictures.
+        import cv2
+
+        from dlokit.skills.perception.rectification import grey
+
         inside = cv2.inRange(grey(image.pixels), self._config.lowest, self._config.highest)  # pyright: ignore[reportCallIssue, reportArgumentType]  # scalars are allowed bounds
         return Mask(pixels=np.asarray(inside, dtype=np.uint8) > 0)

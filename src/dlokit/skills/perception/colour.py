@@ -1,10 +1,39 @@
-"""Segmentation by colour: what has the DLO's hue is DLO."""
+"""Segmentation by colour, with its settings: what has the DLO's hue is DLO."""
 
-import cv2
+from dataclasses import dataclass
+from typing import ClassVar
+
 import numpy as np
 
-from dlokit.skills.perception.colour_config import ColourConfig
+from dlokit.skills.perception.base import Segmentation
 from dlokit.types.image import Image, Mask
+
+
+@dataclass(frozen=True, kw_only=True)
+class ColourConfig:
+    """By colour, in hue, saturation and value: for a coloured DLO, whatever the brightness around it."""
+
+    name: ClassVar[str] = "colour"
+
+    lowest_hue_deg: float = 30.0
+    """Where the range of hues begins [deg], 0 to 360: 0 red, 60 yellow, 120 green, 240 blue."""
+    highest_hue_deg: float = 75.0
+    """Where the range of hues ends [deg]; below the begin, it passes through red."""
+    least_saturation: int = 80
+    """0 (grey) to 255 (pure colour)."""
+    least_value: int = 80
+    """0 (black) to 255."""
+
+    def __post_init__(self) -> None:
+        hues = (self.lowest_hue_deg, self.highest_hue_deg)
+        if not all(0.0 <= hue <= 360.0 for hue in hues):
+            raise ValueError(f"hues {hues[0]:g} to {hues[1]:g} deg: each must lie between 0 and 360 deg")
+        if not all(0 <= least <= 255 for least in (self.least_saturation, self.least_value)):
+            raise ValueError("least_saturation and least_value must lie between 0 and 255")
+
+    def build(self) -> Segmentation:
+        """The filter with these settings."""
+        return Colour(self)
 
 
 class Colour:
@@ -17,6 +46,9 @@ class Colour:
         """Pixels within the range of hues, coloured and light enough. A grey picture has no colour: nothing."""
         if image.pixels.ndim == 2:
             return Mask(pixels=np.zeros(image.pixels.shape, dtype=np.bool_))
+        # Here, because every process loads the settings, and only one of them cuts pictures.
+        import cv2
+
         hsv = np.asarray(cv2.cvtColor(image.pixels, cv2.COLOR_RGB2HSV), dtype=np.uint8)
         # OpenCV counts hues in steps of two degrees, so that they fit a byte.
         low, high = round(self._config.lowest_hue_deg / 2), round(self._config.highest_hue_deg / 2)

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from dlokit.skills.perception.brightness_config import BrightnessConfig
+from dlokit.skills.perception.brightness import BrightnessConfig
 from dlokit.skills.perception.segmentations import AnySegmentation
 
 Point = tuple[float, float, float]

@@ -6,8 +6,8 @@ import tyro
 
 from dlokit.communication.strategies import StrategyKind
 from dlokit.skills.perception.base import SegmentationConfig
-from dlokit.skills.perception.brightness_config import BrightnessConfig
-from dlokit.skills.perception.colour_config import ColourConfig
+from dlokit.skills.perception.brightness import BrightnessConfig
+from dlokit.skills.perception.colour import ColourConfig
 
 OURS: tuple[type[SegmentationConfig], ...] = (BrightnessConfig, ColourConfig)
 """Strategies that ship with dlokit, the paper's first."""

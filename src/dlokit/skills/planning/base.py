@@ -66,7 +66,8 @@ class PlanningTools:
 class StrategyConfig(Protocol):
     """The settings of a strategy, which know how to build it. Frozen dataclasses, one a strategy.
 
-    Every process loads them: the algorithm of ours stands in another file, which `build` imports.
+    Every process loads them, with the module in which they stand: large libraries and what is compiled are imported
+    where they are called.
     """
 
     name: ClassVar[str]

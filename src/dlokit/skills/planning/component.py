@@ -16,11 +16,10 @@ from dlokit.skills.planning import api
 from dlokit.skills.planning.base import ActionStrategy, PlanningTools, Reachable, SecondArm, StrategyConfig
 from dlokit.skills.planning.config import PlanningConfig
 from dlokit.skills.planning.foresight import untangled
-from dlokit.skills.planning.loading import load
 from dlokit.skills.planning.pick_place import goal_in_order
 from dlokit.skills.planning.servoing.controller import Held, advise
 from dlokit.skills.planning.servoing.forecast import foresee
-from dlokit.skills.planning.strategies import from_spec
+from dlokit.skills.planning.strategies import from_spec, load
 from dlokit.skills.planning.verdict import holding
 from dlokit.skills.planning.verdict.feasibility import Workplace, check_start
 from dlokit.skills.planning.verdict.goal_verdict import judge

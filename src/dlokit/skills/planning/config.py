@@ -3,8 +3,8 @@
 from dataclasses import dataclass, field
 
 from dlokit.skills.planning.actions import ActionConfig, FeasibilityConfig
-from dlokit.skills.planning.rollout.config import RolloutConfig
-from dlokit.skills.planning.servoing.config import ServoConfig
+from dlokit.skills.planning.rollout.strategy import RolloutConfig
+from dlokit.skills.planning.servoing.jacobian import ServoConfig
 from dlokit.skills.planning.strategies import Planner
 
 

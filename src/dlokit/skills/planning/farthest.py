@@ -1,13 +1,40 @@
-"""The paper's strategy: grasp the node that is farthest from its goal and take it there."""
+"""The paper's strategy: grasp the node that is farthest from its goal and take it there.
+
+It has hardly any settings: they say whether a node is taken that the gripper cannot turn all the way.
+"""
 
 from collections.abc import AsyncIterator
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
-from dlokit.skills.planning.base import PlanningTools
+from dlokit.skills.planning.base import ActionStrategy, PlanningTools
 from dlokit.skills.planning.pick_place import Invalid, goal_in_order, take_to_goal
 from dlokit.types.action import Action, Marks
 from dlokit.types.dlo import DloState, GoalShape
+
+
+@dataclass(frozen=True, kw_only=True)
+class FarthestConfig:
+    """The paper's strategy: the node farthest from its goal is taken to it."""
+
+    name: ClassVar[str] = "farthest"
+
+    def build(self, tools: PlanningTools) -> ActionStrategy:
+        """The strategy with these settings."""
+        return Farthest(tools)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FarthestTangentConfig:
+    """As farthest, but only with nodes that the gripper can turn all the way to the goal's tangent."""
+
+    name: ClassVar[str] = "farthest-tangent"
+
+    def build(self, tools: PlanningTools) -> ActionStrategy:
+        """The strategy with these settings."""
+        return Farthest(tools, whole_turn=True)
 
 
 class Farthest:

@@ -1,13 +1,17 @@
-"""The action strategies there are: ours, and third parties' through the entry points ``dlokit.planners``."""
+"""The action strategies there are: ours, and third parties' through the entry points ``dlokit.planners``.
+
+Every process loads them for their settings; what they compile is loaded before planning is first asked.
+"""
 
 from typing import Annotated
 
 import tyro
 
 from dlokit.communication.strategies import StrategyKind
-from dlokit.skills.planning.base import StrategyConfig
-from dlokit.skills.planning.farthest_config import FarthestConfig, FarthestTangentConfig
-from dlokit.skills.planning.rollout.config import RolloutConfig
+from dlokit.rod import rollout
+from dlokit.skills.planning.base import Loaded, StrategyConfig
+from dlokit.skills.planning.farthest import FarthestConfig, FarthestTangentConfig
+from dlokit.skills.planning.rollout.strategy import RolloutConfig
 
 OURS: tuple[type[StrategyConfig], ...] = (FarthestConfig, FarthestTangentConfig, RolloutConfig)
 """Strategies that ship with dlokit, the paper's first."""
@@ -20,3 +24,10 @@ Planner = Annotated[StrategyConfig, PLANNERS, tyro.conf.arg(constructor_factory=
 strategies = PLANNERS.installed
 to_spec = PLANNERS.to_spec
 from_spec = PLANNERS.from_spec
+
+
+def load(strategy: StrategyConfig) -> None:
+    """Compile or load the rod that goals are judged with, and what a strategy has to load besides."""
+    rollout.warm()
+    if isinstance(strategy, Loaded):
+        strategy.load()

@@ -15,8 +15,8 @@ from dlokit.errors import InputError
 from dlokit.motion.tool_track import tool_track
 from dlokit.recording.channels import FILE_NAME
 from dlokit.recording.writer import RecordingWriter
+from dlokit.rod.nodes import topology
 from dlokit.rod.rollout import Motion, QuickRod, play
-from dlokit.rod.tracking_rod import topology
 from dlokit.system.config import RunConfig
 from dlokit.system.toml_config import read_toml, to_toml
 from dlokit.types.action import VelocityProfile

@@ -10,7 +10,8 @@ from dlokit.description.shapes import builtin_shape, moved
 from dlokit.errors import ConfigError
 from dlokit.geometry import arc_lengths, rmse_m
 from dlokit.rod.believed import ModelConfig
-from dlokit.rod.tracking_rod import RodModel, fit_length
+from dlokit.rod.nodes import fit_length
+from dlokit.rod.tracking_rod import RodModel
 from dlokit.skills.model.tracking import Pin, Tracker
 from dlokit.types.arrays import Float64Array
 

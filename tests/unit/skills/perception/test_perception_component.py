@@ -16,7 +16,7 @@ from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.errors import HardwareError
 from dlokit.skills.perception import api
-from dlokit.skills.perception.brightness_config import BrightnessConfig
+from dlokit.skills.perception.brightness import BrightnessConfig
 from dlokit.skills.perception.component import PerceptionComponent
 from dlokit.skills.perception.config import PerceptionConfig, TableConfig
 from dlokit.skills.perception.segmentations import to_spec

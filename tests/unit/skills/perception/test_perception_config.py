@@ -1,4 +1,4 @@
-from dlokit.skills.perception.colour_config import ColourConfig
+from dlokit.skills.perception.colour import ColourConfig
 from dlokit.skills.perception.config import PerceptionConfig
 from dlokit.system.toml_config import from_toml, to_toml
 

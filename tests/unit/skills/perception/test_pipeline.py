@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 from stereo_scene import Scene, calibration, camera_pose, render, s_curve
 
 from dlokit.geometry import pose, resample, rotation
-from dlokit.skills.perception.brightness_config import BrightnessConfig
-from dlokit.skills.perception.colour_config import ColourConfig
+from dlokit.skills.perception.brightness import BrightnessConfig
+from dlokit.skills.perception.colour import ColourConfig
 from dlokit.skills.perception.config import BoxConfig, PerceptionConfig
 from dlokit.skills.perception.pipeline import Look, corrected_camera_pose, perceive
 

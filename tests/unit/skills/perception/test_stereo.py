@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from stereo_scene import HEIGHT_PX, WIDTH_PX, Scene, calibration
 
 from dlokit.geometry.camera import back_project, baseline_m, plane_disparity
-from dlokit.skills.perception.brightness_config import BrightnessConfig
+from dlokit.skills.perception.brightness import BrightnessConfig
 from dlokit.skills.perception.config import StereoConfig
 from dlokit.skills.perception.rectification import grey
 from dlokit.skills.perception.stereo import StereoMatcher

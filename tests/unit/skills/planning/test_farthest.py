@@ -8,8 +8,7 @@ from dlokit import geometry
 from dlokit.description.shapes import builtin_shape, moved
 from dlokit.skills.planning.actions import ActionConfig, PathConfig
 from dlokit.skills.planning.base import ActionStrategy, PlanningTools
-from dlokit.skills.planning.farthest import Farthest
-from dlokit.skills.planning.farthest_config import FarthestConfig, FarthestTangentConfig
+from dlokit.skills.planning.farthest import Farthest, FarthestConfig, FarthestTangentConfig
 from dlokit.types.action import Action, Marks
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, GoalShape, Topology

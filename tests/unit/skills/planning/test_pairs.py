@@ -11,11 +11,12 @@ from dlokit.geometry import downward, lifted, rmse_m
 from dlokit.motion.arm_distance import Apart
 from dlokit.motion.inverse_kinematics import PandaKinematics, Yaw
 from dlokit.rod.believed import ModelConfig
+from dlokit.rod.nodes import topology
 from dlokit.rod.rollout import Motion, QuickRod, play
-from dlokit.rod.tracking_rod import topology
 from dlokit.skills.planning.actions import ActionConfig
 from dlokit.skills.planning.base import PlanningTools, SecondArm
-from dlokit.skills.planning.rollout.config import RolloutConfig, SearchConfig
+from dlokit.skills.planning.rollout.search import SearchConfig
+from dlokit.skills.planning.rollout.strategy import RolloutConfig
 from dlokit.types.action import Marks, PairPlace, VelocityProfile
 from dlokit.types.dlo import DloState, GoalShape
 

@@ -21,9 +21,8 @@ from dlokit.rod.rollout import settle
 from dlokit.skills.planning import api
 from dlokit.skills.planning.component import PlanningComponent
 from dlokit.skills.planning.config import PlanningConfig
-from dlokit.skills.planning.farthest_config import FarthestConfig
-from dlokit.skills.planning.loading import load
-from dlokit.skills.planning.strategies import strategies, to_spec
+from dlokit.skills.planning.farthest import FarthestConfig
+from dlokit.skills.planning.strategies import load, strategies, to_spec
 from dlokit.types.action import Marks
 from dlokit.types.dlo import DloState, Figure, GoalShape, Topology
 from dlokit.types.feasibility import Standing

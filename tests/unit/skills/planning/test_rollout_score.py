@@ -10,8 +10,7 @@ from dlokit import geometry
 from dlokit.description.dlo import SILICONE_HOSE, SOFT_ROPE, WIRE_B
 from dlokit.rod.rollout import Played
 from dlokit.skills.planning.actions import FeasibilityConfig
-from dlokit.skills.planning.rollout.config import ScoreConfig
-from dlokit.skills.planning.rollout.score import cautious_m, least_remaining_m, remaining_m
+from dlokit.skills.planning.rollout.score import ScoreConfig, cautious_m, least_remaining_m, remaining_m
 from dlokit.types.action import Drag, LayDown, PickPlace
 from dlokit.types.arrays import Float64Array
 

@@ -16,11 +16,10 @@ from dlokit.rod.rollout import Played
 from dlokit.skills.planning.actions import FeasibilityConfig
 from dlokit.skills.planning.rollout.candidates import Scene
 from dlokit.skills.planning.rollout.carrying import Carrying
-from dlokit.skills.planning.rollout.config import ScoreConfig, SearchConfig
 from dlokit.skills.planning.rollout.laying import Laying
 from dlokit.skills.planning.rollout.pushing import Pushing
-from dlokit.skills.planning.rollout.score import remaining_m
-from dlokit.skills.planning.rollout.search import Choice, Scoring, Search, Watch, doubtful_rods
+from dlokit.skills.planning.rollout.score import ScoreConfig, remaining_m
+from dlokit.skills.planning.rollout.search import Choice, Scoring, Search, SearchConfig, Watch, doubtful_rods
 from dlokit.types.action import Action, Drag, LayDown, PickPlace, Push
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose

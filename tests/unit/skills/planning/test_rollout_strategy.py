@@ -11,13 +11,13 @@ from dlokit import geometry
 from dlokit.communication.wire import codec
 from dlokit.description.shapes import moved
 from dlokit.errors import ConfigError
-from dlokit.rod.tracking_rod import topology
+from dlokit.rod.nodes import topology
 from dlokit.skills.planning.rollout.candidates import to_action
 from dlokit.skills.planning.rollout.carrying import Carrying
-from dlokit.skills.planning.rollout.config import RolloutConfig, SearchConfig
 from dlokit.skills.planning.rollout.laying import Laying
 from dlokit.skills.planning.rollout.pushing import Pushing
-from dlokit.skills.planning.rollout.search import doubtful_rods
+from dlokit.skills.planning.rollout.search import SearchConfig, doubtful_rods
+from dlokit.skills.planning.rollout.strategy import RolloutConfig
 from dlokit.types.action import Action, Drag, LayDown, Marks, PickPlace, Push, kind_of
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, GoalShape

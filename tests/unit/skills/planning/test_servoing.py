@@ -8,12 +8,12 @@ import pytest
 
 from dlokit.geometry import downward, rmse_m
 from dlokit.rod.believed import ModelConfig
-from dlokit.rod.tracking_rod import topology
-from dlokit.skills.planning.servoing.config import ServoConfig
+from dlokit.rod.nodes import topology
 from dlokit.skills.planning.servoing.controller import Held, advise, gain
 from dlokit.skills.planning.servoing.forecast import foresee
 from dlokit.skills.planning.servoing.jacobian import (
     Grip,
+    ServoConfig,
     corrected,
     damped_step,
     jacobian,

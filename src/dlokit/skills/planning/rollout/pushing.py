@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from dlokit import geometry
-from dlokit.rod.planning_rod import FINGERS
+from dlokit.rod.rollout import FINGERS
 from dlokit.skills.planning.grasp import RodPoint, rod_point, wrapped
 from dlokit.skills.planning.rollout.candidates import Candidate, Hold, Scene
 from dlokit.types.action import Action, Push, VelocityProfile

@@ -7,13 +7,48 @@ import numpy as np
 
 from dlokit import geometry
 from dlokit.description.shapes import self_clearance_m
-from dlokit.rod.believed import ModelConfig
+from dlokit.rod.believed import GRAVITY_M_S2, ModelConfig
 from dlokit.rod.rollout import Played
 from dlokit.skills.planning.actions import FeasibilityConfig
-from dlokit.skills.planning.rollout.config import ScoreConfig
-from dlokit.types.action import Action
+from dlokit.types.action import Action, Drag, LayDown, Push
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScoreConfig:
+    """What an action is judged by."""
+
+    next_action: float = 0.5
+    """Weight of the error that one more ideal pick-and-place would leave, beside the error itself."""
+    reach_m: float = 0.08
+    """Distance along the rod over which a pick-and-place takes its neighbours with it [m]."""
+    clearance_m: float = 0.04
+    """Strands that are no neighbours on the rod stay this far apart after an action [m]."""
+    goal_share: float = 0.7
+    """A goal whose strands are closer asks for no more than this share of its own clearance."""
+    pick_place_miss_m: float = 0.003
+    """How far a pick-and-place usually ends from what is predicted, whatever the doubt [m]; adds to its RMSE."""
+    drag_miss_m: float = 0.0015
+    """The same for a drag [m]."""
+    push_miss_m: float = 0.005
+    """The same for a push, which holds nothing [m]."""
+    lay_down_miss_m: float = 0.008
+    """The same for a lay-down of a DLO that drapes [m]: near the goal it is not worth its time."""
+    drapes_share: float = 0.1
+    """Gravity bending length (EI / w)^(1/3) over length, up to which a DLO drapes as it is laid down. The miss of a
+    lay-down grows with the square of what is above it: a wire turns in the fingers, and lands where it likes."""
+    caution: float = 1.0
+    """Standard deviations, over rods that the DLO may be, by which an action must be better."""
+
+    def miss_m(self, kind: type[Action], model: ModelConfig) -> float:
+        """How far a kind of action usually ends from what is predicted, with a DLO as the model has it [m]."""
+        if kind is LayDown:
+            bending_m = (model.bending_stiffness_n_m2 / (GRAVITY_M_S2 * model.mass_kg_m)) ** (1.0 / 3.0)
+            return self.lay_down_miss_m * max(1.0, bending_m / (self.drapes_share * model.length_m)) ** 2
+        of_kind: dict[type[Action], float] = {Drag: self.drag_miss_m, Push: self.push_miss_m}
+        return of_kind.get(kind, self.pick_place_miss_m)
+
 
 _MOVED_M = 0.004  # a rod that lies as before, to that RMS, was not acted on
 _MOST_M = 0.05  # one failed grasp is not to bar a kind for ever

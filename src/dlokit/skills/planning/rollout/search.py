@@ -11,14 +11,67 @@ from typing import TypeVar
 import numpy as np
 
 from dlokit.communication.port import Compute
+from dlokit.errors import ConfigError
 from dlokit.rod.believed import BeliefConfig, ModelConfig
 from dlokit.rod.rollout import Motion, Played, QuickRod, play
 from dlokit.skills.planning.rollout.candidates import Candidate, Family
-from dlokit.skills.planning.rollout.config import SearchConfig
 from dlokit.types.action import Action
 from dlokit.types.arrays import Float64Array
 
 T = TypeVar("T")
+
+_LEAST = 16  # rollouts besides those of the finalists
+
+
+@dataclass(frozen=True, kw_only=True)
+class SearchConfig:
+    """How many rollouts, and for what."""
+
+    rollouts: int = 480
+    """Motions played through for one decision, at most."""
+    seconds: float = 2.0
+    """Time for one decision when live [s]: the search ends with what it has then. On a machine so busy that not a
+    quarter of the rollouts fits, it takes longer, up to three times. Not looked at in lockstep."""
+    generations: int = 8
+    """Refinements."""
+    finalists: int = 8
+    """Candidates that are tried on other rods."""
+    doubt: float = 1.4
+    """Factor by which friction and stiffness of the DLO may be other than the model's, up or down, at least; more
+    where the model is less sure of them (`--model.belief`, and what was learnt). 1: the model is believed."""
+    astray_m: float = 0.003
+    """Distance by which the DLO may lie beside where it is seen [m]. Every finalist is played on eight rods: each pair
+    of friction and stiffness, on either side of where it is seen."""
+    timestep_s: float = 0.01
+    """Step of the quick rod [s]."""
+    threads: int = 0
+    """Threads that play; 0: one a core. The result is the same."""
+
+    def __post_init__(self) -> None:
+        if self.finalists < 1 or self.generations < 0 or self.threads < 0:
+            raise ConfigError(
+                f"a search has finalists {self.finalists}, generations {self.generations}, threads {self.threads}; "
+                f"at least 1, 0 and 0 are allowed."
+            )
+        finals = self.finalists * self.other_rods
+        if self.rollouts < _LEAST + finals:
+            raise ConfigError(
+                f"a search of {self.rollouts} rollouts is too short: {self.finalists} finalists take {finals}, and "
+                f"{_LEAST} more are needed; allow more rollouts."
+            )
+        if not self.seconds > 0.0:
+            raise ConfigError(f"a search has seconds {self.seconds}; it must be a number above 0.")
+        if not (self.doubt >= 1.0 and 0.0 < self.timestep_s <= 0.02):
+            raise ConfigError(
+                f"a search has doubt {self.doubt} and timestep_s {self.timestep_s}; the doubt is a factor of 1 or "
+                f"more, the time step above 0 and up to 0.02 s."
+            )
+
+    @property
+    def other_rods(self) -> int:
+        """Rods besides the model's that each finalist is tried on, as `doubtful_rods` makes them."""
+        return 0 if self.doubt == 1.0 else 8
+
 
 _LARGEST_BATCH = 8  # rollouts a core between two looks at the time
 _BATCH_SHARE = 0.05  # of the time, that a batch may take

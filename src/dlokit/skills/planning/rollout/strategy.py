@@ -1,23 +1,56 @@
 """The strategy `rollout`: play candidates through in the model, take the one that leaves least to be done."""
 
 from collections.abc import AsyncIterator, Sequence
+from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 
-from dlokit.rod.rollout import Played
-from dlokit.skills.planning.base import PlanningTools
+from dlokit.rod.rollout import Played, warm
+from dlokit.skills.planning.base import ActionStrategy, PlanningTools
 from dlokit.skills.planning.pick_place import goal_in_order
 from dlokit.skills.planning.rollout.candidates import Family, Scene, to_action
 from dlokit.skills.planning.rollout.carrying import Carrying
-from dlokit.skills.planning.rollout.config import RolloutConfig
 from dlokit.skills.planning.rollout.laying import Laying
 from dlokit.skills.planning.rollout.pairing import Pairing
 from dlokit.skills.planning.rollout.pushing import Pushing
-from dlokit.skills.planning.rollout.score import Misses, cautious_m, least_remaining_m, remaining_m
-from dlokit.skills.planning.rollout.search import Choice, Scoring, Search, Watch
+from dlokit.skills.planning.rollout.score import Misses, ScoreConfig, cautious_m, least_remaining_m, remaining_m
+from dlokit.skills.planning.rollout.search import Choice, Scoring, Search, SearchConfig, Watch
 from dlokit.types.action import Action, Candidates, CandidateSeen, Marks
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, GoalShape
+
+
+@dataclass(frozen=True, kw_only=True)
+class RolloutConfig:
+    """Candidates of every kind are played through in the model; the one that leaves least to be done is taken."""
+
+    name: ClassVar[str] = "rollout"
+
+    search: SearchConfig = field(default_factory=SearchConfig)
+    """How many rollouts, and for what."""
+    score: ScoreConfig = field(default_factory=ScoreConfig)
+    """What an action is judged by."""
+    pick_place: bool = True
+    """Consider pick-and-place."""
+    drag: bool = True
+    """Consider dragging the rod along the table."""
+    lay_down: bool = True
+    """Consider laying the whole rod down along the goal."""
+    push: bool = False
+    """Consider pushing the rod sideways with closed fingers. Off, as where the rod goes then is less well predicted."""
+    pair: bool = True
+    """Consider pairs of grasps, where there are two arms."""
+    seed: int = 0
+    """Seed of the candidates, with the stamp of the shape; the same question has the same answer."""
+
+    def build(self, tools: PlanningTools) -> ActionStrategy:
+        """The strategy with these settings."""
+        return Rollout(self, tools)
+
+    def load(self) -> float:
+        """Compile and load the rod that candidates are played with; the seconds that took."""
+        return warm()
 
 
 class Rollout:

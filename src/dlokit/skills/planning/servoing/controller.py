@@ -15,9 +15,9 @@ import numpy as np
 from dlokit import geometry
 from dlokit.rod.believed import ModelConfig
 from dlokit.skills.planning.base import Reachable
-from dlokit.skills.planning.servoing.config import ServoConfig
 from dlokit.skills.planning.servoing.jacobian import (
     Grip,
+    ServoConfig,
     corrected,
     damped_step,
     jacobian,

@@ -9,9 +9,8 @@ import numpy as np
 
 from dlokit.rod.believed import ModelConfig
 from dlokit.rod.rollout import QuickRod, motion_of, play
-from dlokit.skills.planning.servoing.config import ServoConfig
 from dlokit.skills.planning.servoing.controller import gain, usual
-from dlokit.skills.planning.servoing.jacobian import Grip, damped_step, jacobian, probes, released, scaled
+from dlokit.skills.planning.servoing.jacobian import Grip, ServoConfig, damped_step, jacobian, probes, released, scaled
 from dlokit.types.action import Action, ControlForecast, Push
 from dlokit.types.arrays import Float64Array
 

@@ -12,8 +12,8 @@ import numpy as np
 from dlokit import geometry
 from dlokit.rod.believed import ModelConfig
 from dlokit.rod.equilibrium import nearest_held
+from dlokit.rod.nodes import fit_length
 from dlokit.rod.rollout import QuickRod, settle
-from dlokit.rod.tracking_rod import fit_length
 from dlokit.skills.planning.actions import FeasibilityConfig
 from dlokit.skills.planning.verdict.feasibility import bends
 from dlokit.types.arrays import Float64Array
