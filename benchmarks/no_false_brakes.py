@@ -19,7 +19,7 @@ from pathlib import Path
 import tyro
 from playwright.async_api import Browser, async_playwright
 
-from dlokit.bench.faults.live_run import LiveRun, Program, live_run
+from dlokit.bench.faults.live_run import LiveRun, StartedCommand, live_run
 from dlokit.bench.stop.small_system import burden
 from dlokit.communication import topics
 from dlokit.recording.channels import FILE_NAME
@@ -79,7 +79,7 @@ async def shaped(args: Args, folder: Path, number: int, visitor: Visitor) -> Cou
     start, goal = ("S", "I") if number % 2 else ("I", "S")
     task = ("--start", start, "--goal", goal, "--seed", str(number), "--arms", str(args.arms))
     run_dir = folder / str(number)
-    program = Program(
+    program = StartedCommand(
         arguments=("shape", "--runtime", "live", "--viewer.port", "0", *task, "--out", str(run_dir)),
         output=folder / f"{number}.txt",
     )

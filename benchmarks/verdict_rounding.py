@@ -60,9 +60,9 @@ def _problems(judged: Judged) -> list[str]:
 
 def judged(goal_world: Float64Array, model: ModelConfig) -> Judged:
     """The verdict on a goal (M, 3) [m] for the rod of `model`, as configured."""
-    holds = list[holding.Hold]()
+    holds = list[holding.HoldVerdict]()
 
-    async def try_goal(nodes_world: Float64Array) -> holding.Hold:
+    async def try_goal(nodes_world: Float64Array) -> holding.HoldVerdict:
         belief = as_configured(model, 0)
         holds.append(holding.try_goal(model, belief, nodes_world, THRESHOLD_M, PLANNING.feasibility))
         return holds[-1]

@@ -9,12 +9,12 @@ from pathlib import Path
 import pytest
 
 from dlokit import app
-from dlokit.app.commands import COMMANDS, GROUPS, Command
+from dlokit.app.commands import COMMANDS, GROUPS, CliCommand
 
 LARGE = ("matplotlib", "viser", "numba", "scipy.stats", "pandas", "pyarrow")
 
 
-def command_of(name: str) -> Command[object]:
+def command_of(name: str) -> CliCommand[object]:
     return import_module(f"dlokit.app.{COMMANDS[name].module}").COMMAND
 
 

@@ -12,7 +12,7 @@ from playwright.async_api import Page, async_playwright
 
 from dlokit.communication import topics
 from dlokit.communication.component import Component, implements
-from dlokit.communication.container import Host
+from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.description.arm.panda import PANDA_HOME_Q_RAD
@@ -135,7 +135,7 @@ def _visitor_axes() -> tuple[Float64Array, Float64Array, Float64Array]:
 @asynccontextmanager
 async def _a_visit(*, operated: bool = True) -> AsyncGenerator[Visit]:
     bus = MemoryTransport()
-    host = Host(bus, LoopClock())
+    host = Container(bus, LoopClock())
     viewer = ViewerComponent(
         ViewerConfig(port=0),
         flow=FLOW,

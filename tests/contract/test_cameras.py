@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from dlokit.communication.component import Component, implements
-from dlokit.communication.container import Host
+from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
@@ -61,7 +61,7 @@ class Cell(Component):
 @asynccontextmanager
 async def simulated(_: Path) -> AsyncGenerator[Camera]:
     transport = MemoryTransport()
-    host = Host(transport, LoopClock())
+    host = Container(transport, LoopClock())
     host.add(Cell())
     async with host:
         yield SimulatedCamera(transport)
@@ -136,7 +136,7 @@ def test_a_camera_that_was_left_gives_nothing_until_it_is_entered_again(make: Ma
 def test_a_simulated_camera_says_why_it_is_gone(peer: Cell | None, says: str):
     async def main() -> None:
         transport = MemoryTransport()
-        host = Host(transport, LoopClock())
+        host = Container(transport, LoopClock())
         if peer is not None:
             host.add(peer)
         async with host:

@@ -8,7 +8,7 @@ from typing import Any, ParamSpec
 import numpy as np
 import pytest
 
-from dlokit.communication.container import Host
+from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.port import InlineCompute, Port
 from dlokit.communication.skill import Skill
@@ -41,7 +41,7 @@ AWAY = KINEMATICS.inverse(downward([0.45, 0.2, 0.15], 0.4))
 async def simulated() -> AsyncGenerator[Robot, None]:
     """The Panda of a cell whose rope lies along y at x = 0.5 m."""
     transport, clock = MemoryTransport(), LoopClock()
-    host = Host(transport, clock)
+    host = Container(transport, clock)
     rod = np.column_stack([np.full(41, 0.5), ROD_Y_M])
     host.add(CellComponent(CellConfig(settle_s=0.2), rod, seed=0))
     port = Port(transport, clock, InlineCompute(), owner="driver", publishes=())
@@ -231,7 +231,7 @@ class _SilentPort(Port):
 def test_the_arm_brakes_when_its_driver_dies_and_moves_again_once_recovered() -> None:
     async def main() -> None:
         transport, clock = MemoryTransport(), LoopClock()
-        host = Host(transport, clock)
+        host = Container(transport, clock)
         host.add(CellComponent(CellConfig(settle_s=0.2), np.column_stack([np.full(41, 0.5), ROD_Y_M]), seed=0))
         port = _SilentPort(transport, clock, InlineCompute(), owner="driver", publishes=())
         async with host, SimulatedRobot(port) as robot:

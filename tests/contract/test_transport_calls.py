@@ -15,7 +15,7 @@ from transport_grid import (
 )
 
 from dlokit.communication.component import Component, implements
-from dlokit.communication.container import Host
+from dlokit.communication.container import Container
 from dlokit.communication.skill import Skill
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.communication.zenoh.session import ZenohConfig
@@ -88,7 +88,7 @@ class Worker(Component):
 
 @asynccontextmanager
 async def working(bus: Bus) -> AsyncGenerator[Worker]:
-    host = Host(bus.there, LoopClock())
+    host = Container(bus.there, LoopClock())
     worker = Worker()
     host.add(worker)
     async with host:

@@ -13,7 +13,7 @@ from adversarial import KINEMATICS, Executed, honest_pose, spoilt_pose, spoilt_p
 from dlokit import geometry
 from dlokit.bench.fuzz.mutations import mutated
 from dlokit.communication.calls import decode_answer
-from dlokit.communication.container import Host
+from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.port import InlineCompute, Port
 from dlokit.communication.skill import Skill, SkillCall
@@ -134,7 +134,7 @@ class Batch:
 
     async def run(self, calls: int, note: Callable[[CallResult], None]) -> None:
         """Make that many calls."""
-        host = Host(self._bus, self._clock)
+        host = Container(self._bus, self._clock)
         cell = CellConfig(settle_s=0.0, nodes=11)
         host.add(CellComponent(cell, builtin_shape("I", 0.5, 100), seed=int(self._rng.integers(1000))))
         robot = GatedRobot(self._driver, self._config, self._clock.now_ns)

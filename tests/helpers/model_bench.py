@@ -7,7 +7,7 @@ import numpy as np
 from dlokit import geometry
 from dlokit.communication import topics
 from dlokit.communication.component import Component
-from dlokit.communication.container import Host
+from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.port import Port
 from dlokit.communication.timing import virtual_time
@@ -34,7 +34,7 @@ class Others(Component):
 def with_model(test: Callable[[Port, MemoryTransport], Awaitable[None]]) -> None:
     async def main() -> None:
         bus = MemoryTransport()
-        host = Host(bus, LoopClock())
+        host = Container(bus, LoopClock())
         others = Others()
         host.add(ModelComponent(CONFIG))
         host.add(others)

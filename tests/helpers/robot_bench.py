@@ -7,7 +7,7 @@ from typing import Any, ParamSpec, Self, TypeVar
 
 import numpy as np
 
-from dlokit.communication.container import Host
+from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.port import Compute, InlineCompute, Port
 from dlokit.communication.timing import virtual_time
@@ -124,7 +124,7 @@ class Bench:
         self.machine_s = 0.0  # the machine's clock, which stands still unless a test moves it
         transport, clock = MemoryTransport(), LoopClock()
         self.me = transport.identity
-        self.host = Host(transport, clock, compute)
+        self.host = Container(transport, clock, compute)
         gated = GatedRobot(self.arm, GateConfig(), clock.now_ns)
         self.host.add(RobotComponent(RobotConfig(), gated, lambda: round(self.machine_s * 1e9)))
         self.port = Port(transport, clock, InlineCompute(), owner="test", publishes=())

@@ -6,7 +6,7 @@ from dlokit.description.shapes import builtin_shape
 from dlokit.rod.believed import ModelConfig
 from dlokit.skills.planning.actions import ActionConfig
 from dlokit.skills.planning.base import PlanningTools
-from dlokit.skills.planning.rollout.candidates import Scene
+from dlokit.skills.planning.rollout.candidates import PlanningScene
 from dlokit.skills.planning.rollout.search import SearchConfig
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
@@ -21,5 +21,5 @@ def tools(reachable: Callable[[Pose], bool] = lambda T: True) -> PlanningTools:
     return PlanningTools(reachable=reachable, actions=ActionConfig(), model=MODEL)
 
 
-def scene(goal: Float64Array = S_SHAPE, marked: tuple[int, ...] = ()) -> Scene:
-    return Scene(I_SHAPE, goal, frozenset(marked), tools())
+def scene(goal: Float64Array = S_SHAPE, marked: tuple[int, ...] = ()) -> PlanningScene:
+    return PlanningScene(I_SHAPE, goal, frozenset(marked), tools())

@@ -140,7 +140,7 @@ async def _verdict(goal_world: Float64Array) -> GoalVerdict:
     planning, threshold_m = PlanningConfig(), 0.012
     place = Workplace(planning.feasibility, planning.actions.grasp, PandaKinematics().reachable, default_calibration())
 
-    async def try_goal(nodes_world: Float64Array) -> holding.Hold:
+    async def try_goal(nodes_world: Float64Array) -> holding.HoldVerdict:
         return holding.try_goal(MODEL, as_configured(MODEL, 0), nodes_world, threshold_m, planning.feasibility)
 
     goal = GoalShape(stamp_ns=0, nodes_world=goal_world)

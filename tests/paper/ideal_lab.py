@@ -12,7 +12,7 @@ from scripted_hardware import LENGTH_M, NODES, Array, Lab, ScriptedPerception, S
 
 from dlokit.communication import topics
 from dlokit.communication.component import Component
-from dlokit.communication.container import Host
+from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import Clock, LoopClock
@@ -100,7 +100,7 @@ async def running(
 
     `keep` is given the journals of its tasks.
     """
-    host = Host(transport, clock)
+    host = Container(transport, clock)
     task = replace(config or TaskConfig(), check_camera=lab.checks_camera)
     decision = DecisionComponent(task, lambda: 0.0, length_m=rod.length_m, radius_m=rod.radius_m, keep=keep)
     for component in (

@@ -16,7 +16,7 @@ import msgspec
 import pytest
 
 from dlokit.communication.component import Component, implements
-from dlokit.communication.container import Host
+from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.skill import Skill, SkillCall
 from dlokit.communication.timing import virtual_time
@@ -101,7 +101,7 @@ async def lab(caller: Transport, called: Transport) -> AsyncGenerator[Lab]:
         handlers.append(handler)
         serve(component, noting)
 
-    host = Host(called, LoopClock())
+    host = Container(called, LoopClock())
     gripper = Gripper()
     host.add(gripper)
     with pytest.MonkeyPatch.context() as patch:

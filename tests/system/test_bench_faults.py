@@ -7,7 +7,7 @@ import pytest
 
 from dlokit.bench.faults.judging import faults_of
 from dlokit.bench.faults.table import BY_NAME
-from dlokit.bench.faults.trial import Case, try_case
+from dlokit.bench.faults.trial import FaultCase, try_case
 from dlokit.system.config import RunConfig
 
 pytestmark = pytest.mark.system
@@ -16,7 +16,7 @@ pytestmark = pytest.mark.system
 @pytest.mark.parametrize("name", ["slip-grasp", "fill-disk"])
 def test_a_run_ends_as_it_should_though_something_goes_wrong(tmp_path: Path, name: str) -> None:
     fault = BY_NAME[name]
-    finding = asyncio.run(try_case(Case(fault=fault, number=0), RunConfig(), tmp_path / "case"))
+    finding = asyncio.run(try_case(FaultCase(fault=fault, number=0), RunConfig(), tmp_path / "case"))
     assert finding.struck or finding.skipped, finding.broken
     if finding.struck:
         assert faults_of(finding, fault) == ()

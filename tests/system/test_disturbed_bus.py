@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from dlokit.bench.faults import disturbance
-from dlokit.bench.faults.disturbance import FILE_NAME, Kind, disturb, disturbed_by
+from dlokit.bench.faults.disturbance import FILE_NAME, Disturbance, disturb, disturbed_by
 from dlokit.communication.component import Component, implements
-from dlokit.communication.container import Host
+from dlokit.communication.container import Container
 from dlokit.communication.skill import Skill
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.communication.zenoh.session import ZenohConfig
@@ -48,7 +48,7 @@ def test_every_call_runs_once_with_what_it_was_sent_with(
 ) -> None:
     # A call fails when it, or its answer, is altered five times in a row: once in ten thousand calls.
     monkeypatch.setattr(disturbance, "ALTERED", 0.08)
-    disturb(tmp_path, Kind.ALTERED)
+    disturb(tmp_path, Disturbance.ALTERED)
 
     async def main() -> None:
         meeting_point = ("tcp/127.0.0.1:0",)
@@ -61,7 +61,7 @@ def test_every_call_runs_once_with_what_it_was_sent_with(
             ZenohConfig(namespace=namespace, listen=meeting_point, multicast_interface="lo"), open_session=opening
         )
         try:
-            host, adder = Host(serving, LoopClock()), Adder()
+            host, adder = Container(serving, LoopClock()), Adder()
             host.add(adder)
             async with host:
                 assert await calling.wait_for("adder", WAIT_S)

@@ -12,7 +12,7 @@ import msgspec
 import pytest
 
 from dlokit.bench.shaping import sweep
-from dlokit.bench.shaping.cases import IDEAL, Case, CaseResult, Method, cases
+from dlokit.bench.shaping.cases import IDEAL, CaseResult, ShapingCase, ShapingMethod, cases
 from dlokit.bench.shaping.runner import SHAPES_FILE
 from dlokit.bench.shaping.suites import paper_suite
 from dlokit.bench.shaping.sweep import Workers, run_sweep
@@ -25,7 +25,7 @@ pytestmark = pytest.mark.system
 DLOKIT = str(Path(sys.executable).with_name("dlokit"))
 LIMIT_S = 180.0  # a run of one action with the oracle takes 4 s of an idle core
 CONFIG = replace(RunConfig(record=False), task=replace(RunConfig().task, max_actions=1, infeasible="try"))
-CASES: list[Case] = list(cases(paper_suite()[1:2], 2, (Method(observer=IDEAL, planner="farthest"),)))
+CASES: list[ShapingCase] = list(cases(paper_suite()[1:2], 2, (ShapingMethod(observer=IDEAL, planner="farthest"),)))
 
 
 def _figures(results: list[CaseResult]) -> dict[int, Any]:
@@ -85,7 +85,7 @@ def test_an_interrupted_sweep_says_how_to_go_on_and_does(tmp_path: Path) -> None
     assert list(folder.glob("cases-*.png"))
 
 
-def _die(case: Case, config: RunConfig, folder: Path) -> CaseResult:
+def _die(case: ShapingCase, config: RunConfig, folder: Path) -> CaseResult:
     os._exit(9)
 
 

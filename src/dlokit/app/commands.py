@@ -18,7 +18,7 @@ A = TypeVar("A")
 
 
 @dataclass(frozen=True)
-class Command(Generic[A]):
+class CliCommand(Generic[A]):
     """One command; each has a module of its own, where it is called COMMAND."""
 
     arguments: type[A]
@@ -38,7 +38,7 @@ DESCRIPTION = "Bring cables, ropes and wires into the shape you want with a robo
 
 
 @dataclass(frozen=True)
-class Row:
+class CommandRow:
     """A row of the table of commands."""
 
     module: str
@@ -47,89 +47,93 @@ class Row:
     """The first sentence of the command's own help: here, so that the list of all needs none of the modules."""
 
 
-COMMANDS: Mapping[str, Row] = {
-    "shape": Row("shape.shape", "Bring the DLO from a start to a goal shape by looking at it with the stereo camera."),
-    "demo": Row("shape.demo", "Watch a simulated arm bring a rope from I to S by looking at it with a stereo camera."),
-    "track": Row(
+COMMANDS: Mapping[str, CommandRow] = {
+    "shape": CommandRow(
+        "shape.shape", "Bring the DLO from a start to a goal shape by looking at it with the stereo camera."
+    ),
+    "demo": CommandRow(
+        "shape.demo", "Watch a simulated arm bring a rope from I to S by looking at it with a stereo camera."
+    ),
+    "track": CommandRow(
         "data.track", "Find the nodes of a DLO in recorded clouds, one after the other, and write them with a picture."
     ),
-    "bench shaping": Row(
+    "bench shaping": CommandRow(
         "bench.shaping",
         "Compare planners and observers on the same starts, goals and cells, in lockstep, judged by the hidden truth.",
     ),
-    "bench simulation": Row(
+    "bench simulation": CommandRow(
         "bench.simulation",
         "Measure where the time of a lockstep run goes: physics, rendering, perception, observer, model.",
     ),
-    "bench observers": Row(
+    "bench observers": CommandRow(
         "bench.observers", "Compare observers on simulated and recorded sequences whose nodes are known."
     ),
-    "bench feasibility": Row(
+    "bench feasibility": CommandRow(
         "bench.feasibility",
         "Compare verdicts on goals with what the cell's DLO does, laid there and released; nobody plans, "
         "nothing is drawn.",
     ),
-    "bench stop": Row(
+    "bench stop": CommandRow(
         "bench.stop",
         "Kill and freeze the commander of a moving arm at random times on a busy machine, cut its feedback, "
         "press stop.",
     ),
-    "bench faults": Row(
+    "bench faults": CommandRow(
         "bench.faults",
         "Let something go wrong in live runs, at random times: do they still end as they should, with the arm stopped?",
     ),
-    "bench bus": Row(
+    "bench bus": CommandRow(
         "bench.bus", "Time messages and calls between two processes, beside bare zenoh and bare pyzmq in turns."
     ),
-    "bench fuzz": Row(
+    "bench fuzz": CommandRow(
         "bench.fuzz",
         "Send damaged messages through every decoder of the bus; exit code 1 when one crashes, hangs or asks too much.",
     ),
-    "bench latency": Row(
+    "bench latency": CommandRow(
         "bench.latency", "Time a live run from the exposure of each pair of pictures to the decision, hop by hop."
     ),
-    "info": Row(
+    "info": CommandRow(
         "data.info",
         "Say what is in a recording: its run, versions, settings, topics with counts and rates, calls with outcomes.",
     ),
-    "export": Row(
+    "export": CommandRow(
         "data.export",
         "Hand recorded runs to people who learn from them: states, targets, goals, robot, actions, calls, pictures.",
     ),
-    "record": Row(
+    "record": CommandRow(
         "data.record", "Record a live system that runs, until Ctrl-C or until it ends: all topics, and all skill calls."
     ),
-    "replay": Row(
+    "replay": CommandRow(
         "data.replay",
         "Feed one component what it received in a recorded run, and compare what it says now with what it said then.",
     ),
-    "identify": Row(
+    "identify": CommandRow(
         "data.identify",
         "Say what the runs of one DLO tell of it: length, radius, stiffness, friction, and whether it takes a set.",
     ),
-    "call": Row("operate.call", "Call one skill on a running system, and print what became of it."),
-    "stop": Row(
+    "call": CommandRow("operate.call", "Call one skill on a running system, and print what became of it."),
+    "stop": CommandRow(
         "operate.stop", "Brake the arms of every running system of yours, now, keep them stopped, and end their tasks."
     ),
-    "enable": Row("operate.enable", "Let the arms of a running system move again that a person has stopped."),
-    "resume": Row(
+    "enable": CommandRow("operate.enable", "Let the arms of a running system move again that a person has stopped."),
+    "resume": CommandRow(
         "shape.resume",
         "Go on with a live run that was killed, failed or was cancelled: same goal, what is left of the budget.",
     ),
-    "ps": Row(
+    "ps": CommandRow(
         "operate.ps", "List the processes of your running systems: state, restarts, heartbeat, processor and memory."
     ),
-    "certs": Row(
+    "certs": CommandRow(
         "operate.certs", "Make the certificates with which the hosts of a run on several machines know one another."
     ),
-    "host": Row(
+    "host": CommandRow(
         "operate.host", "Run this machine's share of runs on several machines, one run after the other, until Ctrl-C."
     ),
-    "skills": Row(
+    "skills": CommandRow(
         "operate.skills", "List the skills of all components: arguments with types and units, time limit, and contract."
     ),
-    "graph": Row("operate.graph", "Print the system as Mermaid charts, drawn from the tables that run it."),
-    "doctor": Row("doctor.doctor", "Tell what this machine has, what it lacks, and the command that mends it."),
+    "graph": CommandRow("operate.graph", "Print the system as Mermaid charts, drawn from the tables that run it."),
+    "doctor": CommandRow("doctor.doctor", "Tell what this machine has, what it lacks, and the command that mends it."),
 }
 """The commands, by the words that call them."""
 
@@ -149,17 +153,17 @@ def parse(arguments: Sequence[str]) -> Any:
     return _parsed(command, arguments, rest)
 
 
-def _command(arguments: Sequence[str]) -> tuple[Command[Any], Sequence[str]]:
+def _command(arguments: Sequence[str]) -> tuple[CliCommand[Any], Sequence[str]]:
     """The command that the first words call, and the other words."""
     for words in (2, 1):
         name = " ".join(arguments[:words])
         if name in COMMANDS:
-            command: Command[Any] = import_module(f"{__package__}.{COMMANDS[name].module}").COMMAND
+            command: CliCommand[Any] = import_module(f"{__package__}.{COMMANDS[name].module}").COMMAND
             return command, arguments[words:]
     return _list(arguments)
 
 
-def _parsed(command: Command[Any], arguments: Sequence[str], rest: Sequence[str]) -> Any:
+def _parsed(command: CliCommand[Any], arguments: Sequence[str], rest: Sequence[str]) -> Any:
     words = " ".join(("dlokit", *arguments[: len(arguments) - len(rest)]))
 
     def parsed(given: list[str]) -> Any:

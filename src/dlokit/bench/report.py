@@ -15,7 +15,7 @@ from dlokit.system.toml_config import to_plain
 
 
 @dataclass(frozen=True, kw_only=True)
-class Figure:
+class BenchFigure:
     """One row of the JSON file: one figure with its 95 % interval, in SI units."""
 
     case: str
@@ -28,9 +28,9 @@ class Figure:
     n: int
 
 
-def figure(case: str, method: str, metric: str, interval: Interval, unit: str) -> Figure:
+def figure(case: str, method: str, metric: str, interval: Interval, unit: str) -> BenchFigure:
     """The row of one figure with its interval."""
-    return Figure(
+    return BenchFigure(
         case=case,
         method=method,
         metric=metric,
@@ -42,7 +42,7 @@ def figure(case: str, method: str, metric: str, interval: Interval, unit: str) -
     )
 
 
-def timing_figures(timings: Sequence[Timing]) -> list[Figure]:
+def timing_figures(timings: Sequence[Timing]) -> list[BenchFigure]:
     """Median time of each part."""
     return [
         figure(timing.part, "dlokit", f"median time a {timing.per}", median(timing.seconds), "s") for timing in timings
@@ -50,7 +50,7 @@ def timing_figures(timings: Sequence[Timing]) -> list[Figure]:
 
 
 def bench_json(
-    bench: str, rows: Sequence[Figure], machine: Mapping[str, str], config: RunConfig | Mapping[str, Any]
+    bench: str, rows: Sequence[BenchFigure], machine: Mapping[str, str], config: RunConfig | Mapping[str, Any]
 ) -> bytes:
     """The file that ``--json`` writes; `config` is that of a run, or whatever else the figures depend on."""
     content = {

@@ -1,1 +1,1 @@
-"""Publish/subscribe plus named skill calls: topics, skills, components, the host that wires them, transports."""
+"""Publish/subscribe plus named skill calls: topics, skills, components, the container that wires them, transports."""

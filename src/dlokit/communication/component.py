@@ -78,7 +78,7 @@ def on(
 
 
 class Component:
-    """Base of all components. The host attaches a port; everything else is the component's own maths."""
+    """Base of all components. The container attaches a port; everything else is the component's own maths."""
 
     name: ClassVar[str]
     publishes: ClassVar[tuple[Topic[Any], ...]] = ()
@@ -96,11 +96,11 @@ class Component:
         return f"{self.name}.{self.instance}" if self.instance else self.name
 
     def attach(self, port: Port) -> None:
-        """Called once by the host, before anything runs."""
+        """Called once by the container, before anything runs."""
         self.port = port
 
     async def run(self) -> None:
-        """Background behaviour; started and cancelled by the host. May return."""
+        """Background behaviour; started and cancelled by the container. May return."""
 
     def preparation(self) -> Callable[[], object] | None:
         """What ``port.compute`` does before anyone calls, where it has a process of its own: load what the work needs.

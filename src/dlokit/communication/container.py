@@ -16,10 +16,10 @@ from dlokit.errors import CommunicationError, ConfigError, SkillFailure, SkillRe
 log = logging.getLogger(__name__)
 
 STOP_PATIENCE_S = 5.0
-"""A component's tasks get this long to end when the host stops."""
+"""A component's tasks get this long to end when the container stops."""
 
 
-class Host:
+class Container:
     """Runs components of one process on one event loop. Use as an async context manager."""
 
     def __init__(
@@ -39,7 +39,7 @@ class Host:
         self._failed: asyncio.Future[None] | None = None
 
     def add(self, component: Component) -> None:
-        """Wire a component: give it a port, answer its calls. Before the host is started."""
+        """Wire a component: give it a port, answer its calls. Before the container is started."""
         for topic in component.publishes:
             if topic.publisher != component.name:
                 raise ConfigError(f"{component.name} cannot publish {topic.name}: its row names {topic.publisher}")
@@ -67,7 +67,7 @@ class Host:
             except Exception:  # what cannot be loaded is told again, by name, by the call that needs it
                 log.exception("%s could not be prepared; its first work will take longer", component.address)
 
-    async def __aenter__(self) -> "Host":
+    async def __aenter__(self) -> "Container":
         self._failed = asyncio.get_running_loop().create_future()
         # All subscriptions stand before the first component runs, so that no first message is lost.
         for component in self._components:
@@ -100,7 +100,7 @@ class Host:
 
     async def wait_failed(self) -> None:
         """Return never, but raise when a component's own loop has raised."""
-        assert self._failed is not None, "the host is not started"
+        assert self._failed is not None, "the container is not started"
         await asyncio.shield(self._failed)
 
     def _of_all(self, topic: Topic[Any]) -> tuple[Topic[Any], ...]:

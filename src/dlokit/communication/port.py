@@ -44,7 +44,7 @@ Q = TypeVar("Q")
 
 
 class Port:
-    """What a host gives a component. It holds the component to what it declares."""
+    """What a container gives a component. It holds the component to what it declares."""
 
     def __init__(
         self,

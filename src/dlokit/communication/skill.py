@@ -70,9 +70,9 @@ class Skill(Generic[P, R]):
     name: str
     signature: Callable[P, R]
     timeout_s: float
-    """Longest time it may run, on the clock that the host lives by."""
+    """Longest time it may run, on the clock that the container lives by."""
     requires: str | tuple[Condition, ...] = ""
-    """What must hold before (else rejected): in words, or as conditions that the host checks."""
+    """What must hold before (else rejected): in words, or as conditions that the container checks."""
     ensures: str | tuple[Condition, ...] = ""
     """What holds after it succeeded (else failed)."""
     keeps: tuple[Condition, ...] = ()

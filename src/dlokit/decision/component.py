@@ -13,11 +13,11 @@ from dlokit.communication import topics
 from dlokit.communication.component import Component, holds, implements, implements_reporting
 from dlokit.decision import api
 from dlokit.decision.config import Infeasible, TaskConfig
-from dlokit.decision.diary import Diary, Progress
+from dlokit.decision.diary import Diary, TaskDiary
 from dlokit.decision.flow import End, run_flow
 from dlokit.decision.journal import Journal, take_up
 from dlokit.decision.shape_flow import RESUME_DLO, SHAPE_DLO
-from dlokit.decision.task import ActionRecord, GoalRequest, Odometer, ShapeResult, ShapeTask, StepTiming
+from dlokit.decision.task import ActionRecord, GoalRequest, Odometer, ShapeResult, ShapeTask, StepVisit
 from dlokit.description.arm.mounts import instance_of
 from dlokit.description.shapes import builtin_shape
 from dlokit.errors import ConfigError, ShapeError, SkillFailure, SkillRejected
@@ -124,7 +124,7 @@ class DecisionComponent(Component):
         request = goal_request(goal, length_m=self._length_m, radius_m=self._radius_m)
         config = adjusted(self._config, threshold_m, max_actions, infeasible)
         await self._set_planner(planner)
-        progress = Progress(report)
+        progress = TaskDiary(report)
         result = await self.shape(request, progress.recorded, progress.entered, config)
         task = asyncio.current_task()
         if task is not None and task.cancelling():
@@ -293,7 +293,7 @@ def _log_mistake(flow: "asyncio.Task[End]") -> None:
         log.error("the flow raised", exc_info=error)
 
 
-def _result(task: ShapeTask, outcome: RunOutcome, timings: tuple[StepTiming, ...]) -> ShapeResult:
+def _result(task: ShapeTask, outcome: RunOutcome, timings: tuple[StepVisit, ...]) -> ShapeResult:
     errors = task.errors_m or [math.nan]
     best = min(errors)
     return ShapeResult(

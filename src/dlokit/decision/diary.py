@@ -6,7 +6,7 @@ from dlokit.communication import topics
 from dlokit.decision import api
 from dlokit.decision.journal import Journal, journal_of
 from dlokit.decision.shape_flow import SHAPE_DLO
-from dlokit.decision.task import ActionRecord, ShapeTask, StepTiming
+from dlokit.decision.task import ActionRecord, ShapeTask, StepVisit
 from dlokit.types.flow import FlowStatus, RunOutcome
 
 
@@ -29,7 +29,7 @@ class Diary:
         self._task = task
         self._told = told
         self._since: tuple[str, int, float] | None = None
-        self.timings: list[StepTiming] = []
+        self.timings: list[StepVisit] = []
 
     async def entered(self, step: str, last_outcome: str) -> None:
         """The flow has come to a box."""
@@ -51,7 +51,7 @@ class Diary:
         step, since_ns, since_s = self._since
         now_ns = self._task.port.clock.now_ns()
         self.timings.append(
-            StepTiming(step=step, cell_s=(now_ns - since_ns) / 1e9, machine_s=self._task.stopwatch() - since_s)
+            StepVisit(step=step, cell_s=(now_ns - since_ns) / 1e9, machine_s=self._task.stopwatch() - since_s)
         )
         self._since = None
 
@@ -72,7 +72,7 @@ class Diary:
         self._told(status)
 
 
-class Progress:
+class TaskDiary:
     """What the caller of a task is told."""
 
     def __init__(self, report: Callable[[api.ShapeProgress], None]) -> None:

@@ -123,7 +123,7 @@ class CameraReport(Value, frozen=True, kw_only=True, eq=False):
     """By how much its place was corrected; None: it was not, the text says why."""
 
 
-class StepTiming(Value, frozen=True, kw_only=True, eq=False):
+class StepVisit(Value, frozen=True, kw_only=True, eq=False):
     """How long one visit of one box took."""
 
     step: str
@@ -156,7 +156,7 @@ class ShapeResult(Value, frozen=True, kw_only=True, eq=False):
     """The goal that was asked for, when another one that holds took its place."""
     asked_rmse_m: float | None
     """Last RMSE to that one [m]."""
-    timings: tuple[StepTiming, ...]
+    timings: tuple[StepVisit, ...]
     planning_time_s: float
     """On the machine's clock [s]."""
     camera: CameraReport | None = None

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from dlokit.communication.component import Component
-from dlokit.communication.container import Host
+from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.skill import Skill
 from dlokit.communication.timing import virtual_time
@@ -150,8 +150,8 @@ def feed(
 ) -> Replayed:
     """Run a component alone through the events of `line`, on virtual time that starts where the recording does.
 
-    Kept is what it publishes on the topics `said`. `instances` names what there was more than one of, as `Host` wants
-    it. Raises what the component's own loop raises.
+    Kept is what it publishes on the topics `said`. `instances` names what there was more than one of, as `Container`
+    wants it. Raises what the component's own loop raises.
     """
     return virtual_time.run(_feed(component, line, {topic.name for topic in said}, instances or {}))
 
@@ -169,7 +169,7 @@ async def _feed(
             replayed.said.append(Heard(log_ns=clock.now_ns(), topic=topic, message=message))
 
     transport = MemoryTransport(keep)
-    host = Host(transport, clock, instances=instances)
+    host = Container(transport, clock, instances=instances)
     host.add(component)
     calls: list[asyncio.Task[None]] = []
     async with host:

@@ -54,7 +54,7 @@ class GoalConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RolloutConfig:
+class PredictionConfig:
     """How the rod is predicted while a tool holds it, and after its release."""
 
     release_s: float = 0.4
@@ -126,7 +126,7 @@ class ModelConfig:
     """The PD controller."""
     goal: GoalConfig = field(default_factory=GoalConfig)
     """Dragging of the goal."""
-    rollout: RolloutConfig = field(default_factory=RolloutConfig)
+    rollout: PredictionConfig = field(default_factory=PredictionConfig)
     """Prediction of actions."""
     settle: SettleConfig = field(default_factory=SettleConfig)
     """Where a released rod comes to rest."""

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from dlokit.communication.container import Host, end_tasks
+from dlokit.communication.container import Container, end_tasks
 from dlokit.communication.port import Compute
 from dlokit.communication.timing.clock import Clock, FollowedClock
 from dlokit.communication.zenoh.session import OpenSession, ZenohConfig, open_session
@@ -279,7 +279,7 @@ def _failed(record: RunRecord, failure: ProcessFailure) -> RunRecord:
 async def _decide(live: LiveSystem, config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher) -> RunRecord:
     transport = with_calls_told(live.transport, live.clock)
     wiring = Wiring(transport=transport, clock=live.clock, folder=folder, start_nodes_world=NOBODYS_BUSINESS)
-    host = Host(transport, live.clock, live.compute, instances_of_run(config))
+    host = Container(transport, live.clock, live.compute, instances_of_run(config))
     components = {name: build_component(name, config, wiring) for name in DECISION.components}
     for component in components.values():
         host.add(component)

@@ -6,7 +6,7 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from dlokit.communication.container import Host
+from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import Clock, LoopClock
@@ -29,7 +29,7 @@ class LockstepSystem:
     transport: Transport
     clock: Clock
     decision: DecisionComponent
-    host: Host
+    host: Container
 
 
 @asynccontextmanager
@@ -47,7 +47,7 @@ async def lockstep_system(
     """
     clock, bus = LoopClock(), MemoryTransport(None if recorder is None else recorder.put)
     transport = with_calls_recorded(bus, clock, recorder)
-    host = Host(transport, clock, instances=instances_of_run(config))
+    host = Container(transport, clock, instances=instances_of_run(config))
     wiring = Wiring(transport=transport, clock=clock, folder=folder, start_nodes_world=start_nodes_world)
     components = {name: build(name, config, wiring) for name in components_of_run(config)}
     for component in components.values():

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from dlokit.communication import topics
 from dlokit.communication.component import Component
-from dlokit.communication.container import Host, end_tasks
+from dlokit.communication.container import Container, end_tasks
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.errors import InputError
@@ -158,7 +158,7 @@ def watch(path: Path, config: RunConfig, rate: float, port: int | None, say: Cal
 async def show(path: Path, config: RunConfig, rate: float, say: Callable[[str], None]) -> None:
     """As `watch`, until it is cancelled."""
     transport, clock = MemoryTransport(), LoopClock()
-    host = Host(transport, clock, instances=instances_of_run(config))
+    host = Container(transport, clock, instances=instances_of_run(config))
     viewer = build_viewer(config, operated=False)
     host.add(viewer)
     wanted = _Read()

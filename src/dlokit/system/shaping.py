@@ -18,8 +18,7 @@ from dlokit.communication.timing.clock import Clock
 from dlokit.communication.transport import Transport
 from dlokit.decision.component import DecisionComponent
 from dlokit.decision.journal import Journal
-from dlokit.decision.task import GoalRequest, ShapeResult
-from dlokit.decision.task import StepTiming as Visit
+from dlokit.decision.task import GoalRequest, ShapeResult, StepVisit
 from dlokit.system.config import RunConfig
 from dlokit.system.results.run_record import ActionShape, RunRecord, StepTiming
 from dlokit.system.results.run_result import (
@@ -231,8 +230,8 @@ def _goal_verdict(result: ShapeResult) -> VerdictResult | None:
     return verdict_result(result.verdict, projected=result.asked is not None, asked_rmse_m=result.asked_rmse_m)
 
 
-def _by_step(visits: Sequence[Visit]) -> dict[str, StepTiming]:
-    grouped: defaultdict[str, list[Visit]] = defaultdict(list)
+def _by_step(visits: Sequence[StepVisit]) -> dict[str, StepTiming]:
+    grouped: defaultdict[str, list[StepVisit]] = defaultdict(list)
     for visit in visits:
         grouped[visit.step].append(visit)
     return {

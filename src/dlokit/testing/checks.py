@@ -22,7 +22,7 @@ class Check(Generic[S]):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Finding:
+class Unmet:
     """One requirement that is not met."""
 
     check: str
@@ -30,20 +30,20 @@ class Finding:
     wanted: str
 
 
-def findings(checks: Sequence[Check[S]], subject: S) -> list[Finding]:
+def findings(checks: Sequence[Check[S]], subject: S) -> list[Unmet]:
     """All that is wrong with `subject`; an exception is a finding as well."""
-    found: list[Finding] = []
+    found: list[Unmet] = []
     for check in checks:
         wrong: list[str] = []
         try:
             wrong.extend(check.run(subject))
         except Exception as error:  # whatever the code under test may raise
             wrong.append(f"raised {_raised(error)}")
-        found += [Finding(check=check.name, wrong=text, wanted=check.wanted) for text in wrong]
+        found += [Unmet(check=check.name, wrong=text, wanted=check.wanted) for text in wrong]
     return found
 
 
-def require_none(what: str, found: Sequence[Finding]) -> None:
+def require_none(what: str, found: Sequence[Unmet]) -> None:
     """Raise `CheckFailed` with every finding, unless there is none."""
     if not found:
         return

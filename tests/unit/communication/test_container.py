@@ -8,7 +8,7 @@ import pytest
 
 from dlokit.communication import topics
 from dlokit.communication.component import Component, implements, on
-from dlokit.communication.container import Host
+from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.skill import Skill
 from dlokit.communication.timing import virtual_time
@@ -85,7 +85,7 @@ def in_lockstep(main: Coroutine[Any, Any, None]) -> None:
 
 def test_the_first_message_of_one_component_reaches_another_whatever_the_order_of_wiring() -> None:
     async def main() -> None:
-        host = Host(MemoryTransport(), LoopClock())
+        host = Container(MemoryTransport(), LoopClock())
         listener = Listener()
         host.add(Speaker())
         host.add(listener)
@@ -99,7 +99,7 @@ def test_the_first_message_of_one_component_reaches_another_whatever_the_order_o
 def test_handlers_take_one_message_at_a_time_in_order() -> None:
     async def main() -> None:
         bus = MemoryTransport()
-        host = Host(bus, LoopClock())
+        host = Container(bus, LoopClock())
         listener = Listener()
         host.add(listener)
         async with host:
@@ -118,7 +118,7 @@ def test_a_state_of_before_the_start_reaches_a_handler_and_an_event_of_before_do
         bus = MemoryTransport()
         bus.publish(topics.CLOCK, ClockTick(stamp_ns=7))
         bus.publish(topics.FLOW, status(1))
-        host = Host(bus, LoopClock())
+        host = Container(bus, LoopClock())
         listener = Listener()
         host.add(listener)
         async with host:
@@ -131,7 +131,7 @@ def test_a_state_of_before_the_start_reaches_a_handler_and_an_event_of_before_do
 def test_a_message_that_a_handler_cannot_use_does_not_end_it(caplog: pytest.LogCaptureFixture) -> None:
     async def main() -> None:
         bus = MemoryTransport()
-        host = Host(bus, LoopClock())
+        host = Container(bus, LoopClock())
         listener = Listener()
         host.add(listener)
         async with host:
@@ -152,7 +152,7 @@ def test_a_component_whose_own_loop_raises_is_reported_to_whoever_waits(caplog: 
             raise ZeroDivisionError("broken")
 
     async def main() -> None:
-        host = Host(MemoryTransport(), LoopClock())
+        host = Container(MemoryTransport(), LoopClock())
         host.add(Broken())
         async with host:
             with pytest.raises(ZeroDivisionError, match="broken"):
@@ -165,7 +165,7 @@ def test_a_component_whose_own_loop_raises_is_reported_to_whoever_waits(caplog: 
 def test_the_end_of_the_host_cancels_what_runs_and_takes_no_more_calls() -> None:
     async def main() -> None:
         bus = MemoryTransport()
-        host = Host(bus, LoopClock())
+        host = Container(bus, LoopClock())
         listener = Listener()
         host.add(listener)
         async with host:
@@ -183,12 +183,12 @@ def test_a_component_may_declare_only_topics_whose_row_names_it() -> None:
         publishes = (topics.STATE,)
 
     with pytest.raises(ConfigError, match="viewer cannot publish model/state: its row names model"):
-        Host(MemoryTransport(), LoopClock()).add(Impostor())
+        Container(MemoryTransport(), LoopClock()).add(Impostor())
 
 
 def test_a_component_reads_and_publishes_only_what_it_declares() -> None:
     async def main() -> None:
-        host = Host(MemoryTransport(), LoopClock())
+        host = Container(MemoryTransport(), LoopClock())
         speaker = Speaker()
         host.add(speaker)
         with pytest.raises(CommunicationError, match="decision may not publish model/state"):
@@ -205,7 +205,7 @@ def test_published_messages_are_numbered_on_their_topic() -> None:
     async def main() -> None:
         bus = MemoryTransport()
         stream = aiter(bus.stream(topics.FLOW))
-        host = Host(bus, LoopClock())
+        host = Container(bus, LoopClock())
         host.add(Speaker())
         async with host:
             assert [(await anext(stream)).seq for _ in range(2)] == [1, 2]
@@ -216,7 +216,7 @@ def test_published_messages_are_numbered_on_their_topic() -> None:
 def test_a_skill_that_cancels_itself_is_cancelled_and_its_caller_is_not() -> None:
     async def main() -> None:
         bus = MemoryTransport()
-        host = Host(bus, LoopClock())
+        host = Container(bus, LoopClock())
         host.add(Listener())
         async with host:
             assert isinstance(await bus.call(GIVE_UP), Cancelled)
@@ -227,7 +227,7 @@ def test_a_skill_that_cancels_itself_is_cancelled_and_its_caller_is_not() -> Non
 def test_a_time_out_inside_a_skill_is_a_failure_and_not_the_skills_own_limit() -> None:
     async def main() -> None:
         bus = MemoryTransport()
-        host = Host(bus, LoopClock())
+        host = Container(bus, LoopClock())
         host.add(Listener())
         async with host:
             outcome = await bus.call(TIME_OUT_INSIDE)
@@ -241,7 +241,7 @@ def test_the_time_limit_of_a_skill_counts_on_the_clock_that_its_component_lives_
     async def main() -> None:
         bus = MemoryTransport()
         clock = FollowedClock()
-        host = Host(bus, clock)
+        host = Container(bus, clock)
         host.add(Listener())
         async with host:
             call = asyncio.create_task(bus.call(SLEEP))
@@ -269,7 +269,7 @@ def test_every_kind_of_result_crosses_the_bus() -> None:
 
     async def main() -> None:
         bus = MemoryTransport()
-        host = Host(bus, LoopClock())
+        host = Container(bus, LoopClock())
         host.add(Sizes())
         async with host:
             outcome = await bus.call(measure, "abc", factor=3)
@@ -305,7 +305,7 @@ def test_what_a_component_needs_is_loaded_where_its_work_is_done_and_failing_to_
         return function(*args, **kwargs)
 
     async def scenario() -> None:
-        host = Host(MemoryTransport(), LoopClock(), compute)
+        host = Container(MemoryTransport(), LoopClock(), compute)
         host.add(Listener())
         host.add(Broken())
         host.add(Careful())

@@ -6,7 +6,7 @@ import pytest
 
 from dlokit.communication import dispatch
 from dlokit.communication.component import Component, holds, implements
-from dlokit.communication.container import Host
+from dlokit.communication.container import Container
 from dlokit.communication.dispatch import Answers, Dispatcher
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.skill import Condition, Skill, SkillCall
@@ -68,8 +68,8 @@ class Drill(Component):
         return None if self.through else "it ends in the wall"
 
 
-async def host_of(drill: Drill) -> Host:
-    host = Host(MemoryTransport(), LoopClock())
+async def host_of(drill: Drill) -> Container:
+    host = Container(MemoryTransport(), LoopClock())
     host.add(drill)
     return host
 

@@ -6,7 +6,7 @@ import pytest
 
 from dlokit.communication import topics
 from dlokit.communication.component import Component, implements, on
-from dlokit.communication.container import Host
+from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.skill import Skill
 from dlokit.communication.timing import virtual_time
@@ -51,8 +51,8 @@ class Listener(Component):
         self.heard.append(message.step)
 
 
-async def _three() -> tuple[Host, Listener]:
-    host = Host(MemoryTransport(), LoopClock(), instances={"decision": ("left", "right")})
+async def _three() -> tuple[Container, Listener]:
+    host = Container(MemoryTransport(), LoopClock(), instances={"decision": ("left", "right")})
     listener = Listener()
     for component in (listener, Speaker(""), Speaker("left"), Speaker("right")):
         host.add(component)

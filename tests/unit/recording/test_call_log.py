@@ -5,7 +5,7 @@ import asyncio
 import pytest
 
 from dlokit.communication.component import Component, implements
-from dlokit.communication.container import Host
+from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.skill import Skill
 from dlokit.communication.timing import virtual_time
@@ -44,7 +44,7 @@ def told_of(*hows: tuple[str, float]) -> list[CallBegun | CallRecord]:
     async def main() -> None:
         clock = LoopClock()
         log = CallLog(MemoryTransport(), clock.now_ns, records.append, untold=frozenset({"cell"}))
-        host = Host(log, clock)
+        host = Container(log, clock)
         host.add(Actor())
         async with host:
             for how, for_s in hows:

@@ -10,7 +10,7 @@ import pytest
 
 from dlokit.communication import topics
 from dlokit.communication.component import Component, implements, on
-from dlokit.communication.container import Host
+from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.skill import Skill
 from dlokit.communication.timing import virtual_time
@@ -79,7 +79,7 @@ def recorded_run(path: Path) -> Timeline:
         clock = LoopClock()
         with Recorder(path, clock.now_ns, {}, patient=True) as recorder:
             bus = with_calls_recorded(MemoryTransport(recorder.put), clock, recorder)
-            host = Host(bus, clock)
+            host = Container(bus, clock)
             host.add(Adder())
             async with host:
                 await clock.sleep(0.5)

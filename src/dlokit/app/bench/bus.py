@@ -9,11 +9,11 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from dlokit.app.commands import Command, flag
+from dlokit.app.commands import CliCommand, flag
 from dlokit.bench.bus.comparison import compare
 from dlokit.bench.bus.load import SIZES_BYTES, Delay
 from dlokit.bench.bus.slow_reader import SlowTimes, measure_slow_readers
-from dlokit.bench.report import Figure, bench_json, figure
+from dlokit.bench.report import BenchFigure, bench_json, figure
 from dlokit.errors import ConfigError
 from dlokit.evaluation.statistics import median
 from dlokit.system.results.run_record import machine_facts
@@ -41,7 +41,7 @@ def run_bus(args: BusArgs) -> int:
         raise ConfigError(f"--repeats {args.repeats} must be at least 1, and --slow-s {args.slow_s} not negative.")
     console = Console()
     times = compare(args.repeats)
-    rows: list[Figure] = []
+    rows: list[BenchFigure] = []
     for kind, delays in ((ONE_WAY, times.one_way), (CALL, times.calls)):
         console.print(_table(kind, delays))
         rows.extend(_figures(kind, delays))
@@ -79,7 +79,7 @@ def _table(kind: str, delays: Sequence[Delay]) -> Table:
     return table
 
 
-def _figures(kind: str, delays: Sequence[Delay]) -> list[Figure]:
+def _figures(kind: str, delays: Sequence[Delay]) -> list[BenchFigure]:
     return [
         figure(f"{size} bytes", name, f"median time {kind}", median(seconds), "s")
         for size in SIZES_BYTES
@@ -99,8 +99,8 @@ def _slow_table(slow: Sequence[SlowTimes]) -> Table:
     return table
 
 
-def _slow_figures(slow: Sequence[SlowTimes]) -> list[Figure]:
-    rows: list[Figure] = []
+def _slow_figures(slow: Sequence[SlowTimes]) -> list[BenchFigure]:
+    rows: list[BenchFigure] = []
     for times in slow:
         rows.append(figure(times.way, "dlokit", "median age when read", median(times.ages_s), "s"))
         rows.append(_quantile(times.way, "99 % of ages when read", times.ages_s))
@@ -109,9 +109,11 @@ def _slow_figures(slow: Sequence[SlowTimes]) -> list[Figure]:
     return rows
 
 
-def _quantile(case: str, metric: str, values: Sequence[float]) -> Figure:
+def _quantile(case: str, metric: str, values: Sequence[float]) -> BenchFigure:
     value = float(np.quantile(values, 0.99))
-    return Figure(case=case, method="dlokit", metric=metric, value=value, low=None, high=None, unit="s", n=len(values))
+    return BenchFigure(
+        case=case, method="dlokit", metric=metric, value=value, low=None, high=None, unit="s", n=len(values)
+    )
 
 
-COMMAND = Command(BusArgs, run_bus)
+COMMAND = CliCommand(BusArgs, run_bus)

@@ -12,12 +12,12 @@ from rich.console import Console
 from rich.table import Table
 
 from dlokit.app.bench.progress import followed
-from dlokit.app.commands import Command, flag
+from dlokit.app.commands import CliCommand, flag
 from dlokit.app.shape.preflight import check_before_start, prepare
 from dlokit.bench.faults.judging import (
     BRAKES_WITHIN_S,
-    Finding,
-    Row,
+    FaultRow,
+    RunFinding,
     all_right,
     fault_rows,
     faults_of,
@@ -26,7 +26,7 @@ from dlokit.bench.faults.judging import (
 )
 from dlokit.bench.faults.sweep import claim_faults_folder, describe, run_faults
 from dlokit.bench.faults.table import BY_NAME, FAULTS, Fault
-from dlokit.bench.faults.trial import Case, cases
+from dlokit.bench.faults.trial import FaultCase, cases
 from dlokit.bench.report import bench_json
 from dlokit.errors import ConfigError, InputError
 from dlokit.system.config import RunConfig
@@ -35,7 +35,7 @@ from dlokit.system.results.run_record import machine_facts
 from dlokit.types.flow import RunOutcome
 
 
-def line_of(case: Case, finding: Finding) -> str:
+def line_of(case: FaultCase, finding: RunFinding) -> str:
     """One run in one line."""
     head = f"{case.folder_name}: "
     if finding.skipped:
@@ -61,7 +61,7 @@ def line_of(case: Case, finding: Finding) -> str:
     return f"{head}{', '.join(said)} ({finding.wall_s:.0f} s) {verdict}"
 
 
-def faults_table(rows: Sequence[Row]) -> Table:
+def faults_table(rows: Sequence[FaultRow]) -> Table:
     """One row a fault."""
     caption = f"braking must begin within {BRAKES_WITHIN_S * 1e3:.0f} ms; times: median, max"
     # Without lines between the columns it fits into a terminal of 80.
@@ -74,7 +74,7 @@ def faults_table(rows: Sequence[Row]) -> Table:
     return table
 
 
-def _cells(row: Row) -> tuple[str, ...]:
+def _cells(row: FaultRow) -> tuple[str, ...]:
     skipped = f" ({len(row.others)} not struck)" if row.others else ""
     rate = row.rate
     if rate is None or rate.low is None:
@@ -173,7 +173,7 @@ def run_faults_bench(args: FaultsArgs) -> int:
     return 0 if all_right(results) else EXIT_WRONG
 
 
-def _faults_of(runs: list[tuple[Case, Finding]]) -> list[tuple[Fault, Finding]]:
+def _faults_of(runs: list[tuple[FaultCase, RunFinding]]) -> list[tuple[Fault, RunFinding]]:
     return [(case.fault, finding) for case, finding in runs]
 
 
@@ -186,4 +186,4 @@ def _chosen(args: FaultsArgs) -> tuple[Fault, ...]:
     return tuple(fault for fault in FAULTS if not names or fault.name in names)
 
 
-COMMAND = Command(FaultsArgs, run_faults_bench)
+COMMAND = CliCommand(FaultsArgs, run_faults_bench)

@@ -11,12 +11,12 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from dlokit.app.commands import Command, flag
+from dlokit.app.commands import CliCommand, flag
 from dlokit.bench.feasibility.beliefs import Level
-from dlokit.bench.feasibility.cases import DEFAULT_DLOS, Case, Judged, bench_dlo, judge_cases
+from dlokit.bench.feasibility.cases import DEFAULT_DLOS, FeasibilityCase, Judged, bench_dlo, judge_cases
 from dlokit.bench.feasibility.figures import ALL, figures, is_right
 from dlokit.bench.feasibility.releases import Happened
-from dlokit.bench.report import Figure, bench_json
+from dlokit.bench.report import BenchFigure, bench_json
 from dlokit.errors import ConfigError, InputError, ShapeError
 from dlokit.system.results.run_record import machine_facts
 from dlokit.types.arrays import Float64Array
@@ -63,7 +63,7 @@ def _table(rows: Sequence[Judged]) -> Table:
     return table
 
 
-def _line(figure: Figure) -> str:
+def _line(figure: BenchFigure) -> str:
     if figure.unit == "s":
         return f"{figure.metric}: {figure.value:.2f} s"
     assert figure.low is not None
@@ -115,7 +115,7 @@ def run_feasibility(args: FeasibilityArgs) -> int:
     return 0
 
 
-def _cases(args: FeasibilityArgs) -> list[Case]:
+def _cases(args: FeasibilityArgs) -> list[FeasibilityCase]:
     """What is to be done; whatever is wrong with it is told before anything runs."""
     if not args.threshold_m > 0.0:
         raise ConfigError(f"--threshold-m is {args.threshold_m}; it must be a number above 0.")
@@ -127,13 +127,13 @@ def _cases(args: FeasibilityArgs) -> list[Case]:
         raise InputError(f"--json {args.json}: there is no folder {args.json.resolve().parent}; create it first.")
     dlos, curves = [bench_dlo(name) for name in args.dlos], _curves(args.goals)
     return [
-        Case(dlo=dlo, seed=seed, threshold_m=args.threshold_m, curves=curves)
+        FeasibilityCase(dlo=dlo, seed=seed, threshold_m=args.threshold_m, curves=curves)
         for seed in range(args.first_seed, args.first_seed + args.seeds)
         for dlo in dlos
     ]
 
 
-def _run(todo: Sequence[Case], jobs: int, console: Console) -> list[Judged]:
+def _run(todo: Sequence[FeasibilityCase], jobs: int, console: Console) -> list[Judged]:
     done: dict[int, list[Judged]] = {}
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
@@ -173,4 +173,4 @@ def _curves(path: Path | None) -> Mapping[str, Float64Array]:
     return {f"{path.name}:{index}": np.asarray(curve, dtype=np.float64) for index, curve in enumerate(array)}
 
 
-COMMAND = Command(FeasibilityArgs, run_feasibility)
+COMMAND = CliCommand(FeasibilityArgs, run_feasibility)

@@ -7,10 +7,10 @@ from typing import Annotated
 from rich.console import Console
 from rich.progress import Progress
 
-from dlokit.app.commands import Command, flag
+from dlokit.app.commands import CliCommand, flag
 from dlokit.bench.fuzz.campaign import ALLOWED_BYTES, FuzzResult, fuzz
 from dlokit.bench.fuzz.decoders import all_decoders
-from dlokit.bench.report import Figure, bench_json
+from dlokit.bench.report import BenchFigure, bench_json
 from dlokit.errors import ConfigError
 from dlokit.system.results.run_record import machine_facts
 
@@ -54,7 +54,7 @@ def run_fuzz(args: FuzzArgs) -> int:
     return FOUND if result.wrong else 0
 
 
-def _figures(result: FuzzResult) -> list[Figure]:
+def _figures(result: FuzzResult) -> list[BenchFigure]:
     values = {
         ("messages", ""): result.messages,
         ("refused", ""): result.refused,
@@ -63,7 +63,7 @@ def _figures(result: FuzzResult) -> list[Figure]:
         ("most memory of a message", "byte"): result.largest_bytes,
     }
     return [
-        Figure(
+        BenchFigure(
             case="damaged messages",
             method="dlokit",
             metric=metric,
@@ -77,4 +77,4 @@ def _figures(result: FuzzResult) -> list[Figure]:
     ]
 
 
-COMMAND = Command(FuzzArgs, run_fuzz)
+COMMAND = CliCommand(FuzzArgs, run_fuzz)

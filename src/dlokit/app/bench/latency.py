@@ -16,10 +16,10 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from dlokit.app.commands import Command, flag
+from dlokit.app.commands import CliCommand, flag
 from dlokit.bench.latency.hops import Hops, hops, named
 from dlokit.bench.latency.listening import listen
-from dlokit.bench.report import Figure, bench_json, figure
+from dlokit.bench.report import BenchFigure, bench_json, figure
 from dlokit.errors import InputError, MachineError
 from dlokit.evaluation.statistics import median
 from dlokit.system.processes.running import RunningSystem, the_running_system
@@ -107,10 +107,10 @@ def _table(found: Hops) -> Table:
     return table
 
 
-def _figures(found: Hops) -> Sequence[Figure]:
+def _figures(found: Hops) -> Sequence[BenchFigure]:
     return [
         figure(named(pair), "dlokit", "median time", median(seconds), "s") for pair, seconds in found.items() if seconds
     ]
 
 
-COMMAND = Command(LatencyArgs, run_latency)
+COMMAND = CliCommand(LatencyArgs, run_latency)

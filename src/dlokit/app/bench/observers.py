@@ -14,9 +14,9 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from dlokit.app.commands import Command, flag
+from dlokit.app.commands import CliCommand, flag
 from dlokit.bench.observers import iterations
-from dlokit.bench.observers.cases import CASES, TUNING_SEED, Case, external_cases
+from dlokit.bench.observers.cases import CASES, TUNING_SEED, ObserverCase, external_cases
 from dlokit.bench.observers.conditions import long_enough
 from dlokit.bench.observers.external import unread_arrays
 from dlokit.bench.observers.figures import ALL_CASES, figures
@@ -24,11 +24,11 @@ from dlokit.bench.observers.methods import choose, default_name
 from dlokit.bench.observers.metrics import METRICS, Metric
 from dlokit.bench.observers.pictures import draw
 from dlokit.bench.observers.report import by_key, case_table, methods_of, metric_table, observers_json, shown
-from dlokit.bench.observers.runner import Plan, Trial
+from dlokit.bench.observers.runner import BenchPlan, Trial
 from dlokit.bench.observers.sequences import RATE_HZ
 from dlokit.bench.observers.summary import HALF, Bar, Compared, bars, compare
 from dlokit.bench.observers.workers import Said, in_a_worker, run_in_workers
-from dlokit.bench.report import Figure
+from dlokit.bench.report import BenchFigure
 from dlokit.errors import ConfigError, InputError, MachineError
 from dlokit.system.results.run_folder import claim_run_folder, new_run_folder
 from dlokit.system.results.run_record import machine_facts
@@ -36,7 +36,7 @@ from dlokit.system.results.run_record import machine_facts
 _METRIC = {metric.name: metric for metric in METRICS}
 
 
-def print_figures(rows: Sequence[Figure], console: Console, *, comparable: bool) -> None:
+def print_figures(rows: Sequence[BenchFigure], console: Console, *, comparable: bool) -> None:
     """Node errors of every case, every metric of the first one, and what health is worth over all."""
     methods = methods_of(rows)
     first = rows[0].case
@@ -56,7 +56,7 @@ def print_figures(rows: Sequence[Figure], console: Console, *, comparable: bool)
     console.print(f"default observer: {default_name()}; {times}", highlight=False)
 
 
-def print_summary(rows: Sequence[Figure], compared: Sequence[Compared], plan: Plan, console: Console) -> None:
+def print_summary(rows: Sequence[BenchFigure], compared: Sequence[Compared], plan: BenchPlan, console: Console) -> None:
     """The default observer, without pins, against the best peer and against the bars."""
     wide = Console(width=max(console.width, 100))
     if compared:
@@ -80,7 +80,7 @@ def print_summary(rows: Sequence[Figure], compared: Sequence[Compared], plan: Pl
         wide.print(table)
 
 
-def _bar_line(bar: Bar, rows: Sequence[Figure]) -> tuple[str, ...] | None:
+def _bar_line(bar: Bar, rows: Sequence[BenchFigure]) -> tuple[str, ...] | None:
     row = by_key(rows).get((bar.case, bar.method or default_name(), bar.metric))
     if row is None:
         return None
@@ -170,7 +170,7 @@ def _iterations(args: ObserversArgs) -> list[iterations.IterationTimes]:
     return in_a_worker(iterations.measure)
 
 
-def _plan(args: ObserversArgs) -> tuple[Plan, tuple[str, ...]]:
+def _plan(args: ObserversArgs) -> tuple[BenchPlan, tuple[str, ...]]:
     seeds = args.seeds if args.seeds is not None else (QUICK_SEEDS if args.quick else FULL_SEEDS)
     frames = args.frames if args.frames is not None else (QUICK_FRAMES if args.quick else FULL_FRAMES)
     if not 1 <= seeds <= TUNING_SEED or frames < 2:
@@ -186,16 +186,16 @@ def _plan(args: ObserversArgs) -> tuple[Plan, tuple[str, ...]]:
         paths = tuple(dict.fromkeys(itertools.chain.from_iterable(args.sequence)))
         cases = external_cases(paths)
         left_out = tuple(f"arrays of {path}: {', '.join(names)}" for path in paths if (names := unread_arrays(path)))
-        plan = Plan(cases=cases, methods=choice.methods, seeds=seeds, frames=None if whole else frames)
+        plan = BenchPlan(cases=cases, methods=choice.methods, seeds=seeds, frames=None if whole else frames)
         return plan, (*choice.left_out, *left_out)
     short = [case for case in CASES if not long_enough(case.conditions, frames, RATE_HZ)]
-    plan = Plan(
+    plan = BenchPlan(
         cases=tuple(case for case in CASES if case not in short), methods=choice.methods, seeds=seeds, frames=frames
     )
     return plan, (*choice.left_out, *(_too_short(case, frames) for case in short))
 
 
-def _too_short(case: Case, frames: int) -> str:
+def _too_short(case: ObserverCase, frames: int) -> str:
     return f"the case {case.name!r}: {frames} frames are too few for what comes before and after; use more --frames"
 
 
@@ -205,7 +205,7 @@ def _check_writable(path: Path | None) -> None:
         raise InputError(f"--json {path}: there is no folder {path.resolve().parent}; create it or name another.")
 
 
-def _trials(plan: Plan, jobs: int, console: Console) -> tuple[list[Trial], bool]:
+def _trials(plan: BenchPlan, jobs: int, console: Console) -> tuple[list[Trial], bool]:
     """What was done, and whether nothing broke."""
     trials: list[Trial] = []
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
@@ -237,4 +237,4 @@ def _where(item: Said) -> str:
     return where if isinstance(item, Trial) else f"{where}, frame {item.frame} of {item.frames}"
 
 
-COMMAND = Command(ObserversArgs, run_observers)
+COMMAND = CliCommand(ObserversArgs, run_observers)

@@ -12,11 +12,11 @@ from rich.console import Console
 from rich.table import Table
 
 from dlokit.app.bench.progress import followed
-from dlokit.app.commands import Command, flag
+from dlokit.app.commands import CliCommand, flag
 from dlokit.app.shape.job import config_file_of
 from dlokit.app.shape.preflight import prepare
 from dlokit.bench.report import bench_json
-from dlokit.bench.shaping.cases import IDEAL, Case, CaseResult, Method, cases, methods_of, with_method
+from dlokit.bench.shaping.cases import IDEAL, CaseResult, ShapingCase, ShapingMethod, cases, methods_of, with_method
 from dlokit.bench.shaping.experiments import Experiment
 from dlokit.bench.shaping.figures import (
     COLUMNS,
@@ -191,7 +191,7 @@ def _suite(args: ShapingArgs) -> tuple[str, tuple[Experiment, ...]]:
 
 def _plan(
     args: ShapingArgs, suite: str, experiments: Sequence[Experiment]
-) -> tuple[RunConfig, tuple[Method, ...], list[Case], Workers]:
+) -> tuple[RunConfig, tuple[ShapingMethod, ...], list[ShapingCase], Workers]:
     """What is to be run; whatever is wrong with it is told before anything runs."""
     seeds = args.seeds if args.seeds is not None else (QUICK_SEEDS[suite] if args.quick else FULL_SEEDS)
     jobs = args.jobs if args.jobs is not None else (QUICK_JOBS if args.quick else 1)
@@ -233,14 +233,14 @@ def _check_writable(path: Path | None) -> None:
         raise InputError(f"--json {path}: there is no folder {path.resolve().parent}; create it or name another.")
 
 
-def _headline(args: ShapingArgs, suite: str, config: RunConfig, todo: Sequence[Case]) -> str:
+def _headline(args: ShapingArgs, suite: str, config: RunConfig, todo: Sequence[ShapingCase]) -> str:
     drawn = "one cell for all" if config.cell.randomisation == Randomisation() else "a randomised cell for each seed"
     seen = "state from the truth (oracle)" if args.oracle else "perception in the loop"
     threshold_mm = config.task.threshold_m * 1e3
     return f"suite {suite}: {len(todo)} runs, {drawn}, {seen}, threshold {threshold_mm:g} mm"
 
 
-def _order(todo: Sequence[Case]) -> Callable[[CaseResult], int]:
+def _order(todo: Sequence[ShapingCase]) -> Callable[[CaseResult], int]:
     rank = {case.folder_name: at for at, case in enumerate(todo)}
     return lambda done: rank[done.case.folder_name]
 
@@ -250,4 +250,4 @@ def _defaults(arguments: Sequence[str]) -> ShapingArgs:
     return ShapingArgs(config=config, run=shaping_defaults(config))
 
 
-COMMAND = Command(ShapingArgs, run_shaping, _defaults)
+COMMAND = CliCommand(ShapingArgs, run_shaping, _defaults)

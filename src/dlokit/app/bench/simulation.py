@@ -8,7 +8,7 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from dlokit.app.commands import Command, flag
+from dlokit.app.commands import CliCommand, flag
 from dlokit.bench.report import bench_json, spread, timing_figures
 from dlokit.bench.simulation import measure
 from dlokit.errors import ConfigError
@@ -46,4 +46,4 @@ def run_simulation(args: SimulationArgs) -> int:
     return 0
 
 
-COMMAND = Command(SimulationArgs, run_simulation)
+COMMAND = CliCommand(SimulationArgs, run_simulation)

@@ -11,7 +11,7 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from dlokit.app.commands import Command, flag
+from dlokit.app.commands import CliCommand, flag
 from dlokit.app.operate import enable, stop
 from dlokit.bench.report import bench_json
 from dlokit.bench.stop.figures import confirmed_percentile_s, percentile_s, press_figures, stop_figures
@@ -170,4 +170,4 @@ def _ms(seconds: float) -> str:
     return "never" if seconds == float("inf") else f"{seconds * 1e3:.0f}"
 
 
-COMMAND = Command(StopBenchArgs, run_stop_bench)
+COMMAND = CliCommand(StopBenchArgs, run_stop_bench)

@@ -12,7 +12,7 @@ import tyro
 from numpy.typing import NDArray
 from rich.console import Console
 
-from dlokit.app.commands import Command
+from dlokit.app.commands import CliCommand
 from dlokit.app.data.lerobot import write_lerobot
 from dlokit.communication.topics import STEREO_IMAGES
 from dlokit.errors import InputError
@@ -153,4 +153,4 @@ def run(args: ExportArgs) -> int:
     return 0
 
 
-COMMAND = Command(ExportArgs, run)
+COMMAND = CliCommand(ExportArgs, run)

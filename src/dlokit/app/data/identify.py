@@ -13,7 +13,7 @@ from matplotlib.ticker import MaxNLocator
 from rich.console import Console
 from rich.table import Table
 
-from dlokit.app.commands import Command, flag
+from dlokit.app.commands import CliCommand, flag
 from dlokit.app.data.measuring import Measures, measure
 from dlokit.errors import InputError
 from dlokit.recording.channels import FILE_NAME
@@ -177,4 +177,4 @@ def _figures(belief: DloBelief, config: RunConfig, size: Measures | None) -> Tab
     return table
 
 
-COMMAND = Command(IdentifyArgs, run)
+COMMAND = CliCommand(IdentifyArgs, run)

@@ -10,7 +10,7 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from dlokit.app.commands import Command
+from dlokit.app.commands import CliCommand
 from dlokit.errors import InputError
 from dlokit.recording.channels import FILE_NAME
 from dlokit.recording.summary import RecordingSummary, summarise
@@ -132,4 +132,4 @@ def _calls(summary: RecordingSummary) -> Table:
     return table
 
 
-COMMAND = Command(InfoArgs, run)
+COMMAND = CliCommand(InfoArgs, run)

@@ -8,7 +8,7 @@ from typing import Annotated
 
 from rich.console import Console
 
-from dlokit.app.commands import Command, flag
+from dlokit.app.commands import CliCommand, flag
 from dlokit.errors import InputError
 from dlokit.recording.summary import summarise
 from dlokit.system.processes.running import the_running_system
@@ -62,4 +62,4 @@ def run(args: RecordArgs) -> int:
     return 0
 
 
-COMMAND = Command(RecordArgs, run)
+COMMAND = CliCommand(RecordArgs, run)

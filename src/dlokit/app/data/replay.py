@@ -9,7 +9,7 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from dlokit.app.commands import Command, flag
+from dlokit.app.commands import CliCommand, flag
 from dlokit.errors import InputError
 from dlokit.recording.channels import FILE_NAME
 from dlokit.recording.comparison import FieldRow
@@ -119,4 +119,4 @@ def _number(value: float) -> str:
     return "differs" if math.isinf(value) else f"{value:.3g}"
 
 
-COMMAND = Command(ReplayArgs, run)
+COMMAND = CliCommand(ReplayArgs, run)

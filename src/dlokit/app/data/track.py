@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from dlokit.app.commands import Command, flag
+from dlokit.app.commands import CliCommand, flag
 from dlokit.app.data.cloud_files import read_cloud, read_nodes
 from dlokit.errors import InputError, SkillFailure
 from dlokit.skills.observer.anchored import chain_lengths
@@ -305,4 +305,4 @@ def _print(result: TrackResult, clouds: Sequence[Path], out: Path) -> None:
     console.print(f"nodes.npy, nodes.csv, edges.csv and track.png in {out}")
 
 
-COMMAND = Command(TrackArgs, run)
+COMMAND = CliCommand(TrackArgs, run)

@@ -10,10 +10,10 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from dlokit.app.commands import Command
+from dlokit.app.commands import CliCommand
 from dlokit.app.doctor.machine import (
-    Finding,
-    Standing,
+    DoctorRow,
+    Severity,
     browser_finding,
     cores_finding,
     kernels_finding,
@@ -48,7 +48,7 @@ def run(args: DoctorArgs) -> int:
     findings = examine(args)
     console = Console()
     console.print(findings_table(findings))
-    lacking = [finding.what for finding in findings if finding.standing is Standing.LACKING]
+    lacking = [finding.what for finding in findings if finding.standing is Severity.LACKING]
     if lacking:
         console.print(f"[bold red]dlokit cannot run here yet:[/] {', '.join(lacking)}.", highlight=False)
         return EXIT_LACKING
@@ -56,7 +56,7 @@ def run(args: DoctorArgs) -> int:
     return EXIT_READY
 
 
-def examine(args: DoctorArgs) -> tuple[Finding, ...]:
+def examine(args: DoctorArgs) -> tuple[DoctorRow, ...]:
     """Look at everything, in the order of the table."""
     return (
         python_finding(sys.version_info[:3]),
@@ -72,13 +72,13 @@ def examine(args: DoctorArgs) -> tuple[Finding, ...]:
     )
 
 
-def findings_table(findings: Sequence[Finding]) -> Table:
+def findings_table(findings: Sequence[DoctorRow]) -> Table:
     """The findings as a table; commands stay in one piece, so that they can be copied."""
     styles = {
-        Standing.READY: "green",
-        Standing.LACKING: "bold red",
-        Standing.ADVICE: "yellow",
-        Standing.OPTIONAL: "dim",
+        Severity.READY: "green",
+        Severity.LACKING: "bold red",
+        Severity.ADVICE: "yellow",
+        Severity.OPTIONAL: "dim",
     }
     table = Table(title="dlokit doctor", title_justify="left", title_style="bold")
     table.add_column("what", no_wrap=True)
@@ -91,4 +91,4 @@ def findings_table(findings: Sequence[Finding]) -> Table:
     return table
 
 
-COMMAND = Command(DoctorArgs, run)
+COMMAND = CliCommand(DoctorArgs, run)

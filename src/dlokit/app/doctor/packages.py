@@ -7,17 +7,17 @@ from importlib.util import find_spec
 
 from packaging.requirements import Requirement
 
-from dlokit.app.doctor.machine import Finding, Standing
+from dlokit.app.doctor.machine import DoctorRow, Severity
 
 
-def dependency_findings(distribution: str = "dlokit") -> tuple[Finding, ...]:
+def dependency_findings(distribution: str = "dlokit") -> tuple[DoctorRow, ...]:
     """The packages that dlokit requires, with their versions. Extras are not asked for."""
     try:
         required = [Requirement(line) for line in metadata.requires(distribution) or []]
     except metadata.PackageNotFoundError:
         mend = f"pip install {distribution}"
-        return (Finding(what=distribution, standing=Standing.LACKING, found="not installed as a package", mend=mend),)
-    own = Finding(what=distribution, standing=Standing.READY, found=metadata.version(distribution))
+        return (DoctorRow(what=distribution, standing=Severity.LACKING, found="not installed as a package", mend=mend),)
+    own = DoctorRow(what=distribution, standing=Severity.READY, found=metadata.version(distribution))
     return (
         own,
         *(
@@ -28,16 +28,16 @@ def dependency_findings(distribution: str = "dlokit") -> tuple[Finding, ...]:
     )
 
 
-def package_finding(required: Requirement, version_of: Callable[[str], str | None]) -> Finding:
+def package_finding(required: Requirement, version_of: Callable[[str], str | None]) -> DoctorRow:
     """One required package."""
     mend = f"pip install '{required.name}{required.specifier}'"
     version = version_of(required.name)
     if version is None:
-        return Finding(what=required.name, standing=Standing.LACKING, found="not installed", mend=mend)
+        return DoctorRow(what=required.name, standing=Severity.LACKING, found="not installed", mend=mend)
     if not required.specifier.contains(version, prereleases=True):
         found = f"{version}; {required.specifier} is needed"
-        return Finding(what=required.name, standing=Standing.LACKING, found=found, mend=mend)
-    return Finding(what=required.name, standing=Standing.READY, found=version)
+        return DoctorRow(what=required.name, standing=Severity.LACKING, found=found, mend=mend)
+    return DoctorRow(what=required.name, standing=Severity.READY, found=version)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,12 +73,12 @@ HARDWARE = (
 """Optional packages of hardware drivers."""
 
 
-def hardware_finding(package: HardwarePackage, importable: Callable[[str], bool]) -> Finding:
+def hardware_finding(package: HardwarePackage, importable: Callable[[str], bool]) -> DoctorRow:
     """One optional package."""
     if importable(package.module):
-        return Finding(what=package.name, standing=Standing.READY, found=f"for {package.purpose}")
+        return DoctorRow(what=package.name, standing=Severity.READY, found=f"for {package.purpose}")
     found = f"only needed for {package.purpose}"
-    return Finding(what=package.name, standing=Standing.OPTIONAL, found=found, mend=package.mend)
+    return DoctorRow(what=package.name, standing=Severity.OPTIONAL, found=found, mend=package.mend)
 
 
 def importable(module: str) -> bool:

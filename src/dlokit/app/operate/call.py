@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import tyro
 from rich.console import Console
 
-from dlokit.app.commands import Command, flag
+from dlokit.app.commands import CliCommand, flag
 from dlokit.app.operate.skills import skill_named
 from dlokit.communication.skill import ReportingSkill, Skill
 from dlokit.errors import CommunicationError, InputError
@@ -123,4 +123,4 @@ async def _told(bus: JoinedBus, skill: Skill[..., Any], given: dict[str, Any], c
     return await transport.call_reported(skill, told, **given)
 
 
-COMMAND = Command(CallArgs, run_call)
+COMMAND = CliCommand(CallArgs, run_call)

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import tyro
 
-from dlokit.app.commands import Command
+from dlokit.app.commands import CliCommand
 from dlokit.system.hosts.certificates import hosts_from_words, make_certificates
 from dlokit.system.hosts.config import AUTHORITY
 
@@ -44,4 +44,4 @@ def run(args: CertsArgs) -> int:
     return 0
 
 
-COMMAND = Command(CertsArgs, run)
+COMMAND = CliCommand(CertsArgs, run)

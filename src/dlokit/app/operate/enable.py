@@ -8,7 +8,7 @@ from typing import Annotated
 
 import tyro
 
-from dlokit.app.commands import Command
+from dlokit.app.commands import CliCommand
 from dlokit.app.operate.stop import FOUND_WITHIN_S, arms_of, ask_on_bus
 from dlokit.description.arm.mounts import ArmMount
 from dlokit.skills.robot import api as robot
@@ -59,4 +59,4 @@ async def _enable(system: RunningSystem, mount: ArmMount) -> Answer:
     return await ask_on_bus(system, robot.ENABLE.at(mount.instance), FOUND_WITHIN_S, unreachable)
 
 
-COMMAND = Command(EnableArgs, run_enable)
+COMMAND = CliCommand(EnableArgs, run_enable)

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal, get_args
 
 import tyro
 
-from dlokit.app.commands import Command, flag
+from dlokit.app.commands import CliCommand, flag
 from dlokit.communication.topic import Topic
 from dlokit.communication.topics import TOPICS
 from dlokit.decision.flow import mermaid
@@ -109,4 +109,4 @@ def _write(path: Path) -> None:
         raise InputError(f"--write {path}: {error}; name a Markdown file that may be changed.") from error
 
 
-COMMAND = Command(GraphArgs, run)
+COMMAND = CliCommand(GraphArgs, run)

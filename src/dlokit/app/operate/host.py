@@ -9,7 +9,7 @@ from typing import Annotated
 
 import tyro
 
-from dlokit.app.commands import Command, flag
+from dlokit.app.commands import CliCommand, flag
 from dlokit.app.shape.shape import RUNS
 from dlokit.errors import ConfigError
 from dlokit.system.build import instances_of_run
@@ -96,4 +96,4 @@ def _say(text: str) -> None:
     print(f"{datetime.now():%H:%M:%S} {text}", flush=True)
 
 
-COMMAND = Command(HostArgs, run)
+COMMAND = CliCommand(HostArgs, run)

@@ -14,7 +14,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from dlokit.app.commands import Command
+from dlokit.app.commands import CliCommand
 from dlokit.errors import InputError
 from dlokit.system.processes.report import ProcessReport, ProcessState, SystemReport, read_report
 from dlokit.system.processes.running import RunningSystem, running_systems, the_running_system
@@ -157,4 +157,4 @@ def _resident_bytes(process: psutil.Process) -> int:
         return 0
 
 
-COMMAND = Command(PsArgs, run)
+COMMAND = CliCommand(PsArgs, run)

@@ -13,7 +13,7 @@ from rich.markdown import Markdown
 from rich.table import Table
 from rich.text import Text
 
-from dlokit.app.commands import Command
+from dlokit.app.commands import CliCommand
 from dlokit.communication.skill import Condition, ReportingSkill, Skill
 from dlokit.errors import InputError
 from dlokit.system.table import COMPONENTS
@@ -187,4 +187,4 @@ def _table() -> Table:
     return table
 
 
-COMMAND = Command(SkillsArgs, run)
+COMMAND = CliCommand(SkillsArgs, run)

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import tyro
 
-from dlokit.app.commands import Command
+from dlokit.app.commands import CliCommand
 from dlokit.app.operate.call import in_words
 from dlokit.communication.skill import Skill
 from dlokit.decision.api import STOP_TASK
@@ -167,4 +167,4 @@ def arms_of(folder: Path) -> tuple[ArmMount, ...]:
         return ARMS
 
 
-COMMAND = Command(StopArgs, run_stop)
+COMMAND = CliCommand(StopArgs, run_stop)

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
-from dlokit.app.commands import Command, flag
+from dlokit.app.commands import CliCommand, flag
 from dlokit.app.shape import shape
 from dlokit.system.config import RunConfig
 
@@ -33,4 +33,4 @@ def run(args: DemoArgs) -> int:
     return shape.run(shape.ShapeArgs(run=config, choices=shape.ShapeChoices(out=args.out)))
 
 
-COMMAND = Command(DemoArgs, run)
+COMMAND = CliCommand(DemoArgs, run)

@@ -10,7 +10,7 @@ from typing import Annotated
 import tyro
 from rich.console import Console
 
-from dlokit.app.commands import Command, flag
+from dlokit.app.commands import CliCommand, flag
 from dlokit.app.shape.preflight import check_before_start, prepare
 from dlokit.app.shape.shape import RUNS, run_and_report
 from dlokit.errors import InputError
@@ -96,4 +96,4 @@ def resumed_job(run_dir: Path) -> tuple[RunConfig, ShapeJob]:
     return config, job
 
 
-COMMAND = Command(ResumeArgs, run)
+COMMAND = CliCommand(ResumeArgs, run)

@@ -10,7 +10,7 @@ from typing import Annotated, Any, TypeVar
 import tyro
 from rich.console import Console
 
-from dlokit.app.commands import Command, flag
+from dlokit.app.commands import CliCommand, flag
 from dlokit.app.shape.job import chosen_settings, config_file_of, job_from_config, with_absolute_files
 from dlokit.app.shape.preflight import check_before_start, prepare
 from dlokit.app.shape.terminal import RunDisplay
@@ -127,4 +127,4 @@ def _defaults(arguments: Sequence[str]) -> ShapeArgs:
     return ShapeArgs(run=chosen_settings(arguments, config), choices=ShapeChoices(config=config))
 
 
-COMMAND = Command(ShapeArgs, run, _defaults)
+COMMAND = CliCommand(ShapeArgs, run, _defaults)

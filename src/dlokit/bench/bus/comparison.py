@@ -14,7 +14,7 @@ from uuid import uuid4
 import msgspec
 
 from dlokit.bench.bus.far_end import READY
-from dlokit.bench.bus.load import SIZES_BYTES, Delay, Plan, bare_session
+from dlokit.bench.bus.load import SIZES_BYTES, BusPlan, Delay, bare_session
 from dlokit.bench.bus.near_end import NearEnd, ZmqSockets, send_all
 from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.communication.zenoh.transport import ZenohTransport
@@ -38,7 +38,7 @@ def compare(repeats: int, sizes: tuple[int, ...] = SIZES_BYTES) -> BusTimes:
     """Send `repeats` messages and calls of each size with each method. pyzmq is left out where it is not installed."""
     zmq = _pyzmq()
     sockets = None if zmq is None else ZmqSockets(zmq)
-    plan = Plan(
+    plan = BusPlan(
         namespace=f"dlokit_bench/{uuid4().hex}",
         endpoint=free_endpoint(),
         bare_endpoint=free_endpoint(),
@@ -53,7 +53,7 @@ def compare(repeats: int, sizes: tuple[int, ...] = SIZES_BYTES) -> BusTimes:
             sockets.close()
 
 
-async def _compare(plan: Plan, sockets: ZmqSockets | None, repeats: int) -> BusTimes:
+async def _compare(plan: BusPlan, sockets: ZmqSockets | None, repeats: int) -> BusTimes:
     transport = ZenohTransport(ZenohConfig(namespace=plan.namespace, listen=(plan.endpoint,)))
     session = bare_session(listen=(plan.bare_endpoint,))
     try:

@@ -17,16 +17,16 @@ from dlokit.bench.bus.load import (
     FAR,
     SIZES_BYTES,
     TAKE,
+    BusPlan,
     Delay,
     Load,
-    Plan,
     bare_session,
     since_load,
     since_stamp,
     topic_of,
 )
 from dlokit.communication.component import Component, implements
-from dlokit.communication.container import Host
+from dlokit.communication.container import Container
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.communication.zenoh.transport import ZenohTransport
@@ -103,7 +103,7 @@ class BareZenoh:
         query.drop()
 
 
-def _serve_pyzmq(plan: Plan, note: Note) -> None:
+def _serve_pyzmq(plan: BusPlan, note: Note) -> None:
     """Messages and calls with pyzmq alone, a thread each."""
     zmq = import_module("zmq")
     context = zmq.Context.instance()
@@ -125,7 +125,7 @@ def _serve_pyzmq(plan: Plan, note: Note) -> None:
         threading.Thread(target=work, daemon=True).start()
 
 
-async def _serve(plan: Plan) -> list[Delay]:
+async def _serve(plan: BusPlan) -> list[Delay]:
     delays: list[Delay] = []
 
     def note(method: str, size: int, seconds: float) -> None:
@@ -137,7 +137,7 @@ async def _serve(plan: Plan) -> list[Delay]:
     bare = BareZenoh(session, plan.sizes, note)
     if plan.pushes:
         _serve_pyzmq(plan, note)
-    host = Host(transport, LoopClock())
+    host = Container(transport, LoopClock())
     host.add(Taker(plan.sizes, note))
     async with host:
         sys.stdout.buffer.write(READY)
@@ -151,7 +151,7 @@ async def _serve(plan: Plan) -> list[Delay]:
 
 def main() -> None:
     """Serve until standard input ends."""
-    plan = msgspec.json.decode(sys.stdin.buffer.readline(), type=Plan)
+    plan = msgspec.json.decode(sys.stdin.buffer.readline(), type=BusPlan)
     delays = asyncio.run(_serve(plan))
     sys.stdout.buffer.write(msgspec.json.encode(delays) + b"\n")
     sys.stdout.buffer.flush()

@@ -28,7 +28,7 @@ class Load(Message, frozen=True, kw_only=True, eq=False):
     """(N,)"""
 
 
-class Plan(msgspec.Struct, frozen=True, kw_only=True):
+class BusPlan(msgspec.Struct, frozen=True, kw_only=True):
     """What the process at the far end needs to know."""
 
     namespace: str

@@ -7,7 +7,7 @@ from typing import Any
 
 import zenoh
 
-from dlokit.bench.bus.load import FAR, NEAR, TAKE, Delay, Plan, body_of, load_now, stamped, topic_of
+from dlokit.bench.bus.load import FAR, NEAR, TAKE, BusPlan, Delay, body_of, load_now, stamped, topic_of
 from dlokit.communication.port import InlineCompute, Port
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.communication.zenoh.transport import ZenohTransport
@@ -28,7 +28,7 @@ Call = Callable[[], Awaitable[None]]
 class NearEnd:
     """Ways to send a message of one size, and ways to call with it, by method."""
 
-    def __init__(self, plan: Plan, transport: ZenohTransport, session: zenoh.Session, sockets: "ZmqSockets | None"):
+    def __init__(self, plan: BusPlan, transport: ZenohTransport, session: zenoh.Session, sockets: "ZmqSockets | None"):
         self._session = session
         self._sockets = sockets
         self._port = Port(
@@ -125,7 +125,7 @@ class ZmqSockets:
         self._context.destroy(linger=0)
 
 
-async def send_all(near: NearEnd, plan: Plan, transport: ZenohTransport, repeats: int) -> list[Delay]:
+async def send_all(near: NearEnd, plan: BusPlan, transport: ZenohTransport, repeats: int) -> list[Delay]:
     """Send and call with every method in turns; the delays of the calls. Those of the messages the far end has."""
     if not (await transport.wait_for(FAR, FOUND_S) and await near.heard()):
         raise MachineError("the process at the far end was not found on the bus; end other programs, and try again")

@@ -30,7 +30,7 @@ FEEDBACK = tuple(f"topic/{topic.name}" for topic in (topics.ARM_STATE, topics.RO
 """How the keys begin of what arms tell."""
 
 
-class Kind(enum.Enum):
+class Disturbance(enum.Enum):
     """How the bus is disturbed."""
 
     NONE = ""
@@ -48,7 +48,7 @@ class Line:
         self._rng = rng
         self._lock = threading.Lock()
         self._looked_s = 0.0
-        self._kind = Kind.NONE
+        self._kind = Disturbance.NONE
         self._late: queue.Queue[tuple[float, Callable[[], object]]] = queue.Queue()
         self._under_way = 0
         threading.Thread(target=self._deliver, name="late messages", daemon=True).start()
@@ -56,7 +56,7 @@ class Line:
     def send(self, how: Callable[[], object]) -> None:
         """Send now, or later; from any thread."""
         with self._lock:
-            late_s = LATE_S if self._now() is Kind.LATE else 0.0
+            late_s = LATE_S if self._now() is Disturbance.LATE else 0.0
             if late_s > 0.0 or self._under_way > 0:  # none overtakes those that are still under way
                 self._under_way += 1
                 self._late.put((time.monotonic() + late_s, how))
@@ -66,7 +66,7 @@ class Line:
     def altered(self, payload: Any) -> Any:
         """The payload, or now and then one of which a byte is another."""
         with self._lock:
-            if payload is None or self._now() is not Kind.ALTERED or self._rng.random() >= ALTERED:
+            if payload is None or self._now() is not Disturbance.ALTERED or self._rng.random() >= ALTERED:
                 return payload
             data = bytearray(bytes(payload))
             if data:
@@ -76,9 +76,9 @@ class Line:
     def drops_feedback(self) -> bool:
         """Whether feedback of arms is to be dropped now."""
         with self._lock:
-            return self._now() is Kind.NO_FEEDBACK
+            return self._now() is Disturbance.NO_FEEDBACK
 
-    def _now(self) -> Kind:
+    def _now(self) -> Disturbance:
         now_s = time.monotonic()
         if now_s - self._looked_s > LOOK_EVERY_S:
             self._looked_s = now_s
@@ -97,19 +97,19 @@ class Line:
                 self._under_way -= 1
 
 
-def disturb(folder: Path, kind: Kind) -> None:
+def disturb(folder: Path, kind: Disturbance) -> None:
     """Disturb the bus of the run that is started for it in `folder`, from now on."""
     part = folder / f"{FILE_NAME}.part"
     part.write_text(kind.value, encoding="ascii")
     part.replace(folder / FILE_NAME)
 
 
-def kind_in(file: Path) -> Kind:
+def kind_in(file: Path) -> Disturbance:
     """How the bus is disturbed now."""
     try:
-        return Kind(file.read_text(encoding="ascii"))
+        return Disturbance(file.read_text(encoding="ascii"))
     except (OSError, ValueError):
-        return Kind.NONE
+        return Disturbance.NONE
 
 
 def disturbed_by(file: Path, seed: int) -> Callable[[ZenohConfig], zenoh.Session]:

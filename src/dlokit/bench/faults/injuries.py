@@ -9,7 +9,7 @@ from typing import Protocol
 
 import psutil
 
-from dlokit.bench.faults.disturbance import Kind, disturb
+from dlokit.bench.faults.disturbance import Disturbance, disturb
 from dlokit.bench.faults.live_run import LiveRun
 from dlokit.functional.cell import api as cell
 from dlokit.recording.channels import FILE_NAME
@@ -100,7 +100,7 @@ class SlippedGrasp:
 class Disturbed:
     """All messages and calls of the run come late, or some of them altered; the run must be started for it."""
 
-    kind: Kind
+    kind: Disturbance
 
     def unable(self) -> str:
         """It is done in the run's own processes."""
@@ -112,7 +112,7 @@ class Disturbed:
 
     async def heal(self, run: LiveRun) -> None:
         """End."""
-        disturb(run.folder.parent, Kind.NONE)
+        disturb(run.folder.parent, Disturbance.NONE)
 
 
 @dataclass

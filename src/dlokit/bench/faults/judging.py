@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import msgspec
 
 from dlokit.bench.faults.table import Ending, Fault
-from dlokit.bench.report import Figure, figure
+from dlokit.bench.report import BenchFigure, figure
 from dlokit.bench.shaping.metrics import FALSE_BEYOND_M
 from dlokit.evaluation.statistics import Interval, median, success_rate, without_interval
 from dlokit.types.flow import RunOutcome
@@ -17,7 +17,7 @@ LOST_S = 1.0
 """A recording whose writer was killed lacks at most the last of this."""
 
 
-class Finding(msgspec.Struct, frozen=True, kw_only=True):
+class RunFinding(msgspec.Struct, frozen=True, kw_only=True):
     """One run, as found from outside: its files, its exit code, the bus, the table of processes."""
 
     fault: str
@@ -65,7 +65,7 @@ class Finding(msgspec.Struct, frozen=True, kw_only=True):
     wall_s: float = 0.0
 
 
-def faults_of(finding: Finding, fault: Fault) -> tuple[str, ...]:
+def faults_of(finding: RunFinding, fault: Fault) -> tuple[str, ...]:
     """What is wrong with a run, in words; empty when it ended as it should."""
     wrong: list[str] = []
     if finding.exit_code is None:
@@ -88,21 +88,21 @@ def faults_of(finding: Finding, fault: Fault) -> tuple[str, ...]:
     return tuple(wrong)
 
 
-def ends_right(finding: Finding, right: Sequence[Ending]) -> bool:
+def ends_right(finding: RunFinding, right: Sequence[Ending]) -> bool:
     """Whether a run ended in one of the right ways; a failure must have a name."""
     return any(
         finding.outcome is ending.outcome and (finding.reason or "").startswith(ending.reason) for ending in right
     )
 
 
-def falsely_converged(finding: Finding) -> bool:
+def falsely_converged(finding: RunFinding) -> bool:
     """Whether a run says that it converged, and the truth is beyond the threshold and a margin."""
     if finding.outcome is not RunOutcome.CONVERGED or finding.true_rmse_m is None or finding.threshold_m is None:
         return False
     return finding.true_rmse_m > finding.threshold_m + FALSE_BEYOND_M
 
 
-def _ending(finding: Finding) -> str:
+def _ending(finding: RunFinding) -> str:
     if finding.outcome is None:
         return f"exit code {finding.exit_code} without a result"
     return f"{finding.outcome.value}, {finding.reason}" if finding.reason else finding.outcome.value
@@ -113,17 +113,17 @@ CONTROL = "none"
 
 
 @dataclass(frozen=True)
-class Row:
+class FaultRow:
     """The runs of one fault, or of all but the control."""
 
     name: str
-    judged: tuple[tuple[Finding, tuple[str, ...]], ...]
+    judged: tuple[tuple[RunFinding, tuple[str, ...]], ...]
     """Each run that was struck, with what was wrong with it."""
-    others: tuple[Finding, ...]
+    others: tuple[RunFinding, ...]
     """Runs that were not: skipped, broken, or done before the fault came."""
 
     @property
-    def findings(self) -> list[Finding]:
+    def findings(self) -> list[RunFinding]:
         """What was found of each run that was struck."""
         return [finding for finding, _ in self.judged]
 
@@ -137,34 +137,34 @@ class Row:
         """The part that ended as it should, with its Clopper-Pearson interval; None without runs."""
         return success_rate(self.right, len(self.judged)) if self.judged else None
 
-    def values(self, of: Callable[[Finding], float | None]) -> list[float]:
+    def values(self, of: Callable[[RunFinding], float | None]) -> list[float]:
         """One figure of each run that has it."""
         return [value for finding in self.findings if (value := of(finding)) is not None]
 
 
-def fault_rows(results: Sequence[tuple[Fault, Finding]]) -> list[Row]:
+def fault_rows(results: Sequence[tuple[Fault, RunFinding]]) -> list[FaultRow]:
     """A row a fault, and one of all but the control."""
     names = dict.fromkeys(fault.name for fault, _ in results)
     rows = [_row(name, [pair for pair in results if pair[0].name == name]) for name in names]
     return [*rows, _row(ALL, [pair for pair in results if pair[0].name != CONTROL])]
 
 
-def _row(name: str, results: Sequence[tuple[Fault, Finding]]) -> Row:
+def _row(name: str, results: Sequence[tuple[Fault, RunFinding]]) -> FaultRow:
     struck = [(finding, faults_of(finding, fault)) for fault, finding in results if finding.struck]
-    return Row(name, tuple(struck), tuple(finding for _, finding in results if not finding.struck))
+    return FaultRow(name, tuple(struck), tuple(finding for _, finding in results if not finding.struck))
 
 
-def all_right(results: Sequence[tuple[Fault, Finding]]) -> bool:
+def all_right(results: Sequence[tuple[Fault, RunFinding]]) -> bool:
     """Whether every run that was struck ended as it should, and none broke down."""
     return not any(finding.broken or (finding.struck and faults_of(finding, fault)) for fault, finding in results)
 
 
-def recovered_s(finding: Finding) -> float | None:
+def recovered_s(finding: RunFinding) -> float | None:
     """From the fault until the flow went on [s], of a run that reached its goal."""
     return finding.mended_s if finding.outcome is RunOutcome.CONVERGED else None
 
 
-VALUES: tuple[tuple[str, Callable[[Finding], float | None], str], ...] = (
+VALUES: tuple[tuple[str, Callable[[RunFinding], float | None], str], ...] = (
     ("time to recover", recovered_s, "s"),
     ("braking begins after", lambda finding: finding.braked_s, "s"),
     ("recording lacks", lambda finding: finding.lost_s, "s"),
@@ -172,12 +172,12 @@ VALUES: tuple[tuple[str, Callable[[Finding], float | None], str], ...] = (
 )
 
 
-def figures(results: Sequence[tuple[Fault, Finding]]) -> list[Figure]:
+def figures(results: Sequence[tuple[Fault, RunFinding]]) -> list[BenchFigure]:
     """Rows of the JSON file."""
     return [one for row in fault_rows(results) for one in _figures(row)]
 
 
-def _figures(row: Row) -> Iterator[Figure]:
+def _figures(row: FaultRow) -> Iterator[BenchFigure]:
     yield _figure(row, "runs not struck", without_interval(float(len(row.others)), len(row.others)), "1")
     if not row.judged:
         return
@@ -194,5 +194,5 @@ def _figures(row: Row) -> Iterator[Figure]:
             yield _figure(row, f"max {name}", without_interval(max(values), len(values)), unit)
 
 
-def _figure(row: Row, metric: str, interval: Interval, unit: str) -> Figure:
+def _figure(row: FaultRow, metric: str, interval: Interval, unit: str) -> BenchFigure:
     return figure(row.name, "dlokit", metric, interval, unit)

@@ -105,7 +105,7 @@ WORKER_MARK = "--multiprocessing-fork"
 
 
 @dataclass
-class Program:
+class StartedCommand:
     """A command of `dlokit` as processes that can be told from all others."""
 
     arguments: tuple[str, ...]
@@ -168,7 +168,7 @@ class Program:
 class LiveRun:
     """A run that goes on, and what is heard of it."""
 
-    program: Program
+    program: StartedCommand
     folder: Path
     bus: JoinedBus
     arm: ArmLog
@@ -202,7 +202,7 @@ class LiveRun:
 
 
 @asynccontextmanager
-async def live_run(program: Program, folder: Path) -> AsyncGenerator[LiveRun]:
+async def live_run(program: StartedCommand, folder: Path) -> AsyncGenerator[LiveRun]:
     """Start a program that runs in `folder` and join its bus; whatever is left of it at the end is killed.
 
     Raises `ProcessFailure` when it does not come to shape anything.
@@ -218,7 +218,7 @@ async def live_run(program: Program, folder: Path) -> AsyncGenerator[LiveRun]:
         program.kill()
 
 
-async def _system_of(program: Program, folder: Path) -> RunningSystem:
+async def _system_of(program: StartedCommand, folder: Path) -> RunningSystem:
     end_s = time.monotonic() + STARTS_WITHIN_S
     while time.monotonic() < end_s and program.exit_code is None:
         if (system := _running_in(folder)) is not None:

@@ -9,8 +9,8 @@ from typing import Any
 import msgspec
 
 from dlokit import __version__
-from dlokit.bench.faults.judging import Finding
-from dlokit.bench.faults.trial import Case, finished, try_case
+from dlokit.bench.faults.judging import RunFinding
+from dlokit.bench.faults.trial import FaultCase, finished, try_case
 from dlokit.errors import InputError
 from dlokit.system.config import RunConfig
 from dlokit.system.results.run_folder import claim_run_folder
@@ -42,9 +42,9 @@ def claim_faults_folder(folder: Path, config: RunConfig) -> None:
         )
 
 
-def run_faults(todo: Sequence[Case], config: RunConfig, folder: Path) -> Iterator[tuple[Case, Finding]]:
+def run_faults(todo: Sequence[FaultCase], config: RunConfig, folder: Path) -> Iterator[tuple[FaultCase, RunFinding]]:
     """Every case as it is done, those that were finished before first; Ctrl-C ends the run that goes on."""
-    left: list[Case] = []
+    left: list[FaultCase] = []
     for case in todo:
         done = finished(folder / case.folder_name)
         if done is None:

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
-from dlokit.bench.faults.disturbance import Kind
+from dlokit.bench.faults.disturbance import Disturbance
 from dlokit.bench.faults.injuries import Disturbed, FullDisk, Injury, Nothing, Signalled, SlippedGrasp
 from dlokit.bench.faults.moments import Moment
 from dlokit.types.flow import RunOutcome
@@ -100,13 +100,13 @@ FAULTS: tuple[Fault, ...] = (
           injury=_to("decision", STOP, worker=True), when=(THINKING,)),
     Fault(name="drop-camera",       what="no pictures for 5 s", injury=_to("camera", STOP), over_after_s=FROZEN_S),
     Fault(name="withhold-feedback", what="no feedback of the arm reaches its driver for 2 s",
-          injury=partial(Disturbed, Kind.NO_FEEDBACK), when=(MOVING,), over_after_s=NO_FEEDBACK_S, disturbed=True,
-          brakes=True),
+          injury=partial(Disturbed, Disturbance.NO_FEEDBACK), when=(MOVING,), over_after_s=NO_FEEDBACK_S,
+          disturbed=True, brakes=True),
     Fault(name="slip-grasp",        what="the DLO falls out of the fingers", injury=SlippedGrasp, when=(HOLDING,)),
     Fault(name="delay-messages",    what="all messages and calls come 500 ms late, for 10 s",
-          injury=partial(Disturbed, Kind.LATE), over_after_s=LATE_FOR_S, disturbed=True),
+          injury=partial(Disturbed, Disturbance.LATE), over_after_s=LATE_FOR_S, disturbed=True),
     Fault(name="corrupt-messages",  what="a byte of 1 % of all messages and calls is altered, to the end",
-          injury=partial(Disturbed, Kind.ALTERED), disturbed=True),
+          injury=partial(Disturbed, Disturbance.ALTERED), disturbed=True),
     Fault(name="fill-disk",         what="the recording may not grow any more", injury=FullDisk),
 )
 # fmt: on

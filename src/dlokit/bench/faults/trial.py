@@ -14,8 +14,8 @@ import numpy as np
 
 from dlokit.bench.faults.disturbance import FILE_NAME as DISTURBANCE
 from dlokit.bench.faults.injuries import Injury
-from dlokit.bench.faults.judging import Finding
-from dlokit.bench.faults.live_run import LiveRun, Program, live_run, mended_after_s
+from dlokit.bench.faults.judging import RunFinding
+from dlokit.bench.faults.live_run import LiveRun, StartedCommand, live_run, mended_after_s
 from dlokit.bench.faults.moments import Moment, comes, ends_first
 from dlokit.bench.faults.table import Fault
 from dlokit.errors import InputError, ProcessFailure
@@ -42,7 +42,7 @@ RUN, RESUMED = "run", "resumed"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Case:
+class FaultCase:
     """One run to be made."""
 
     fault: Fault
@@ -72,13 +72,13 @@ class Case:
         )
 
 
-async def try_case(case: Case, common: RunConfig, folder: Path) -> Finding:
+async def try_case(case: FaultCase, common: RunConfig, folder: Path) -> RunFinding:
     """Run a case in `folder`; its finding is written there when it is done."""
     injury = case.fault.injury()
     if reason := injury.unable():
-        return Finding(fault=case.fault.name, number=case.number, skipped=reason)
+        return RunFinding(fault=case.fault.name, number=case.number, skipped=reason)
     began_s = time.monotonic()
-    finding = Finding(fault=case.fault.name, number=case.number)
+    finding = RunFinding(fault=case.fault.name, number=case.number)
     _renew(folder)
     for attempt in range(ATTEMPTS):
         try:
@@ -98,7 +98,7 @@ def _renew(folder: Path) -> None:
 
 
 class _Trial:
-    def __init__(self, case: Case, injury: Injury, common: RunConfig, folder: Path, attempt: int) -> None:
+    def __init__(self, case: FaultCase, injury: Injury, common: RunConfig, folder: Path, attempt: int) -> None:
         self._case = case
         self._fault = case.fault
         self._injury = injury
@@ -107,10 +107,10 @@ class _Trial:
         folder.mkdir()
         (folder / CONFIG_FILE).write_text(to_toml(case.config(common)), encoding="utf-8")
 
-    async def run(self) -> Finding:
+    async def run(self) -> RunFinding:
         run_dir = self._folder / RUN
         program = self._shape(run_dir)
-        finding = Finding(fault=self._fault.name, number=self._case.number, moment=self._case.moment.value)
+        finding = RunFinding(fault=self._fault.name, number=self._case.number, moment=self._case.moment.value)
         async with live_run(program, run_dir) as run:
             if not await comes(self._case.moment, run, self._rng):
                 return finding
@@ -120,7 +120,7 @@ class _Trial:
         finding = msgspec.structs.replace(finding, left_behind=left, **_recording(run_dir, killed_ns))
         return await self._resumed(run_dir, finding) if self._fault.resumed else _with_result(run_dir, finding)
 
-    async def _struck(self, run: LiveRun, finding: Finding) -> Finding:
+    async def _struck(self, run: LiveRun, finding: RunFinding) -> RunFinding:
         """Let the fault come, and follow the run to its end."""
         moved, step = run.arm.mode is RobotMode.MOVING, run.flow.step
         struck_ns, struck_s = run.bus.clock.now_ns(), time.monotonic()
@@ -165,7 +165,7 @@ class _Trial:
             await run.flow.end()
         await self._injury.heal(run)
 
-    async def _resumed(self, run_dir: Path, finding: Finding) -> Finding:
+    async def _resumed(self, run_dir: Path, finding: RunFinding) -> RunFinding:
         """Go on in a process of its own, and take its end for the run's."""
         resumed_dir = self._folder / RESUMED
         program = self._program("resume", str(run_dir), "--out", str(resumed_dir))
@@ -186,21 +186,21 @@ class _Trial:
         )
         return _with_result(resumed_dir, finding)
 
-    def _shape(self, run_dir: Path) -> Program:
+    def _shape(self, run_dir: Path) -> StartedCommand:
         config_file = self._folder / CONFIG_FILE
         if not self._fault.disturbed:
             return self._program("shape", "--config", str(config_file), "--out", str(run_dir))
         arguments = (str(config_file), str(run_dir), str(self._folder / DISTURBANCE))
-        return Program(command=DISTURBED_SHAPE, arguments=arguments, output=self._folder / "shape.txt")
+        return StartedCommand(command=DISTURBED_SHAPE, arguments=arguments, output=self._folder / "shape.txt")
 
-    def _program(self, *arguments: str) -> Program:
-        return Program(arguments=arguments, output=self._folder / f"{arguments[0]}.txt")
+    def _program(self, *arguments: str) -> StartedCommand:
+        return StartedCommand(arguments=arguments, output=self._folder / f"{arguments[0]}.txt")
 
 
 AT_REST = (RobotMode.IDLE, RobotMode.FAULT)
 
 
-def _with_result(run_dir: Path, finding: Finding) -> Finding:
+def _with_result(run_dir: Path, finding: RunFinding) -> RunFinding:
     try:
         result = read_result(run_dir)
     except InputError:
@@ -233,17 +233,17 @@ def _recording(run_dir: Path, killed_ns: int | None) -> dict[str, Any]:
     }
 
 
-def finished(folder: Path) -> Finding | None:
+def finished(folder: Path) -> RunFinding | None:
     """What an earlier sweep has found; None where the case is not done, or its run never started."""
     try:
-        finding = msgspec.json.decode((folder / FINDING_FILE).read_bytes(), type=Finding)
+        finding = msgspec.json.decode((folder / FINDING_FILE).read_bytes(), type=RunFinding)
     except (OSError, msgspec.DecodeError):
         return None
     return None if finding.broken else finding
 
 
-def cases(faults: tuple[Fault, ...], runs: int) -> Iterator[Case]:
+def cases(faults: tuple[Fault, ...], runs: int) -> Iterator[FaultCase]:
     """Every fault once, then every fault again: what is interrupted has something of each."""
     for number in range(runs):
         for fault in faults:
-            yield Case(fault=fault, number=number)
+            yield FaultCase(fault=fault, number=number)

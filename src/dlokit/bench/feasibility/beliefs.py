@@ -38,7 +38,7 @@ class Level(enum.Enum):
 
 
 @dataclass(frozen=True)
-class Known:
+class KnownDlo:
     """What a verdict is given."""
 
     model: ModelConfig
@@ -52,15 +52,15 @@ def true_elastic_m3(cell: CellConfig) -> float:
     return dlo.bending_stiffness_n_m2 / (friction * GRAVITY_M_S2 * dlo.mass_per_length_kg_m)
 
 
-def known(level: Level, nominal: DloPreset, cell: CellConfig, rng: np.random.Generator) -> Known:
+def known(level: Level, nominal: DloPreset, cell: CellConfig, rng: np.random.Generator) -> KnownDlo:
     """What is known at a level of a DLO with `nominal` figures that lies in a `cell` as it was drawn."""
     match level:
         case Level.RULER:
             model = with_dlo(RunConfig(), nominal).model
-            return Known(model, as_configured(model, 0))
+            return KnownDlo(model, as_configured(model, 0))
         case Level.TOLD:
             model = told(nominal)
-            return Known(model, as_configured(model, 0))
+            return KnownDlo(model, as_configured(model, 0))
         case Level.LEARNT:
             return _learnt(told(nominal), cell, rng)
 
@@ -78,7 +78,7 @@ def told(dlo: DloPreset) -> ModelConfig:
     )
 
 
-def _learnt(model: ModelConfig, cell: CellConfig, rng: np.random.Generator) -> Known:
+def _learnt(model: ModelConfig, cell: CellConfig, rng: np.random.Generator) -> KnownDlo:
     elastic_m3 = true_elastic_m3(cell) * math.exp(rng.normal() * _LEARNT_LOG_SD)
     bend_1_m, bend_factor = cell.dlo.yield_curvature_1_m, math.exp(rng.normal() * _LEARNT_YIELD_LOG_SD)
     belief = msgspec.structs.replace(
@@ -87,4 +87,4 @@ def _learnt(model: ModelConfig, cell: CellConfig, rng: np.random.Generator) -> K
         yield_curvature_1_m=None if bend_1_m is None else bend_1_m * bend_factor,
         actions=1,
     )
-    return Known(model, belief)
+    return KnownDlo(model, belief)

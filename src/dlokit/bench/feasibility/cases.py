@@ -10,7 +10,7 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from dlokit import geometry
-from dlokit.bench.feasibility.beliefs import BENCH_DLOS, Known, Level, known
+from dlokit.bench.feasibility.beliefs import BENCH_DLOS, KnownDlo, Level, known
 from dlokit.bench.feasibility.made_goals import made_goals, placed
 from dlokit.bench.feasibility.releases import Happened, release
 from dlokit.description.dlo import DloPreset, preset
@@ -34,7 +34,7 @@ DEFAULT_DLOS = ("soft_rope", "firm_rope", "stiff_rope", "silicone_hose", "wire_a
 
 
 @dataclass(frozen=True, kw_only=True)
-class Case:
+class FeasibilityCase:
     """One DLO in one cell."""
 
     dlo: DloPreset
@@ -67,7 +67,7 @@ def bench_dlo(name: str) -> DloPreset:
     return ours.get(name.replace("-", "_")) or preset(name)
 
 
-def judge_case(case: Case) -> list[Judged]:
+def judge_case(case: FeasibilityCase) -> list[Judged]:
     """Judge every goal of a case at every level, then release the cell's DLO there."""
     planning = PlanningConfig()
     load(planning.strategy)  # what is compiled is not part of a verdict's time
@@ -80,7 +80,7 @@ def judge_case(case: Case) -> list[Judged]:
         cell.close()
 
 
-def judge_cases(todo: Sequence[Case], jobs: int) -> Iterator[tuple[int, list[Judged]]]:
+def judge_cases(todo: Sequence[FeasibilityCase], jobs: int) -> Iterator[tuple[int, list[Judged]]]:
     """Every case as it is done, with its place in `todo`; side by side in so many processes."""
     if jobs == 1:
         yield from ((at, judge_case(case)) for at, case in enumerate(todo))
@@ -89,11 +89,11 @@ def judge_cases(todo: Sequence[Case], jobs: int) -> Iterator[tuple[int, list[Jud
     yield from parallel(delayed(_numbered)(at, case) for at, case in enumerate(todo))
 
 
-def _numbered(at: int, case: Case) -> tuple[int, list[Judged]]:
+def _numbered(at: int, case: FeasibilityCase) -> tuple[int, list[Judged]]:
     return at, judge_case(case)
 
 
-def _goals(case: Case) -> Iterator[tuple[str, Float64Array]]:
+def _goals(case: FeasibilityCase) -> Iterator[tuple[str, Float64Array]]:
     dlo = case.dlo
     if not case.curves:
         yield from made_goals(case.seed, dlo.length_m, dlo.radius_m)
@@ -102,7 +102,12 @@ def _goals(case: Case) -> Iterator[tuple[str, Float64Array]]:
 
 
 def _judge(
-    case: Case, name: str, curve: Float64Array, cell: Cell, planning: PlanningConfig, rng: np.random.Generator
+    case: FeasibilityCase,
+    name: str,
+    curve: Float64Array,
+    cell: Cell,
+    planning: PlanningConfig,
+    rng: np.random.Generator,
 ) -> Iterator[Judged]:
     nodes = ModelConfig().nodes
     what = release(cell, curve, nodes, case.threshold_m)
@@ -123,11 +128,11 @@ def _judge(
 
 
 async def _verdict(
-    goal_world: Float64Array, knowledge: Known, planning: PlanningConfig, threshold_m: float
+    goal_world: Float64Array, knowledge: KnownDlo, planning: PlanningConfig, threshold_m: float
 ) -> GoalVerdict:
     model = knowledge.model
 
-    async def try_goal(nodes_world: Float64Array) -> holding.Hold:
+    async def try_goal(nodes_world: Float64Array) -> holding.HoldVerdict:
         return holding.try_goal(model, knowledge.belief, nodes_world, threshold_m, planning.feasibility)
 
     place = Workplace(planning.feasibility, planning.actions.grasp, PandaKinematics().reachable, default_calibration())

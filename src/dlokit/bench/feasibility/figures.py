@@ -7,16 +7,16 @@ import numpy as np
 from dlokit.bench.feasibility.beliefs import Level
 from dlokit.bench.feasibility.cases import Judged
 from dlokit.bench.feasibility.releases import Happened
-from dlokit.bench.report import Figure, figure
+from dlokit.bench.report import BenchFigure, figure
 from dlokit.evaluation.statistics import success_rate, without_interval
 from dlokit.types.feasibility import Standing
 
 ALL = "all"
 
 
-def figures(rows: Sequence[Judged]) -> list[Figure]:
+def figures(rows: Sequence[Judged]) -> list[BenchFigure]:
     """For all DLOs, then for each, at each level of knowledge."""
-    found: list[Figure] = []
+    found: list[BenchFigure] = []
     for dlo in (ALL, *dict.fromkeys(row.dlo for row in rows)):
         for level in Level:
             of = [row for row in rows if row.level is level and dlo in (ALL, row.dlo)]
@@ -37,8 +37,8 @@ def is_right(row: Judged) -> bool:
             return True
 
 
-def _rates(dlo: str, level: Level, rows: Sequence[Judged]) -> list[Figure]:
-    found: list[Figure] = []
+def _rates(dlo: str, level: Level, rows: Sequence[Judged]) -> list[BenchFigure]:
+    found: list[BenchFigure] = []
     for standing in Standing:
         said = [row for row in rows if row.standing is standing]
         if standing is not Standing.DOUBTFUL:
@@ -53,14 +53,14 @@ def _rates(dlo: str, level: Level, rows: Sequence[Judged]) -> list[Figure]:
     ]
 
 
-def _rate(dlo: str, level: Level, metric: str, hits: Sequence[bool]) -> list[Figure]:
+def _rate(dlo: str, level: Level, metric: str, hits: Sequence[bool]) -> list[BenchFigure]:
     """A share with its Clopper-Pearson interval; none of nothing."""
     if not hits:
         return []
     return [figure(dlo, level.value, metric, success_rate(sum(hits), len(hits)), "")]
 
 
-def _seconds(level: Level, rows: Sequence[Judged]) -> list[Figure]:
+def _seconds(level: Level, rows: Sequence[Judged]) -> list[BenchFigure]:
     if not rows:
         return []
     seconds = np.array([row.verdict_s for row in rows])

@@ -31,7 +31,7 @@ class Happened(enum.Enum):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Released:
+class ReleasedGoal:
     """What happened to a goal."""
 
     happened: Happened
@@ -41,7 +41,7 @@ class Released:
     """How near to it it came to rest at best [m]."""
 
 
-def release(cell: Cell, curve_world: Float64Array, nodes: int, threshold_m: float) -> Released:
+def release(cell: Cell, curve_world: Float64Array, nodes: int, threshold_m: float) -> ReleasedGoal:
     """Lay the cell's DLO along a goal (K, 3) [m] and let go; where it does not stay, try shapes near the goal.
 
     These are the nearest ones that friction holds, by the true figures of the DLO, and ones that are bent further by
@@ -56,7 +56,7 @@ def release(cell: Cell, curve_world: Float64Array, nodes: int, threshold_m: floa
             if best_m <= threshold_m:
                 break
     happened = Happened.MISSED if best_m > threshold_m else Happened.REACHED
-    return Released(
+    return ReleasedGoal(
         happened=Happened.STAYED if true_m <= threshold_m else happened, true_rmse_m=true_m, best_rmse_m=best_m
     )
 

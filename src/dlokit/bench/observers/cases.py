@@ -19,7 +19,7 @@ SLOW = 0.25
 
 
 @dataclass(frozen=True, kw_only=True)
-class Case:
+class ObserverCase:
     """One row of the table: which motion, how fast, and what the clouds are like."""
 
     name: str
@@ -48,14 +48,14 @@ class Case:
         return simulate(self.motion_of(seed), seed, frames=frames, pace=self.pace)
 
 
-BASE = Case(name="base")
+BASE = ObserverCase(name="base")
 
 
-def _with(name: str, conditions: Conditions) -> Case:
+def _with(name: str, conditions: Conditions) -> ObserverCase:
     return replace(BASE, name=name, conditions=conditions)
 
 
-CASES: tuple[Case, ...] = (
+CASES: tuple[ObserverCase, ...] = (
     BASE,
     _with("hidden 0 %", Conditions(hidden=0.0)),
     _with("hidden 50 %", Conditions(hidden=0.5)),
@@ -78,15 +78,17 @@ CASES: tuple[Case, ...] = (
 """Base: 30 % hidden in the middle, 2 mm, 5 % outliers, full speed, 1000 points."""
 
 
-def external_cases(files: tuple[Path, ...]) -> tuple[Case, ...]:
+def external_cases(files: tuple[Path, ...]) -> tuple[ObserverCase, ...]:
     """Each file with its own clouds where it has them, else with simulated ones at each share hidden."""
-    cases: list[Case] = []
+    cases: list[ObserverCase] = []
     for file in files:
         if read_sequence(file).clouds_world is not None:
-            cases.append(Case(name=file.stem, file=file))
+            cases.append(ObserverCase(name=file.stem, file=file))
             continue
         cases += [
-            Case(name=f"{file.stem}, hidden {100 * share:.0f} %", file=file, conditions=Conditions(hidden=share))
+            ObserverCase(
+                name=f"{file.stem}, hidden {100 * share:.0f} %", file=file, conditions=Conditions(hidden=share)
+            )
             for share in (0.0, 0.3, 0.5, 0.7)
         ]
     return tuple(cases)

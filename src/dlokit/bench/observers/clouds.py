@@ -30,7 +30,7 @@ _SHOWN_WITHIN_M = 0.015  # a node of a recorded cloud counts as visible with a p
 
 
 @dataclass(frozen=True, kw_only=True)
-class Look:
+class ObserverFrame:
     """What every observer gets to see of one frame, and which nodes it could have seen."""
 
     seen: Observation
@@ -41,7 +41,7 @@ class Look:
     """Whether the case let nothing be seen."""
 
 
-class Looks(Ordered[Look]):
+class Looks(Ordered[ObserverFrame]):
     """Every frame of a sequence as a cloud; made when it is asked for, and the same each time."""
 
     def __init__(self, sequence: Sequence, conditions: Conditions, seed: int) -> None:
@@ -54,17 +54,17 @@ class Looks(Ordered[Look]):
         if self._camera is not None and (conditions.camera_error_m or conditions.camera_error_rad):
             rng = np.random.default_rng([seed, sequence.frames])
             self._believed = moved(self._camera, believed_pose(self._camera.T_world_camera, conditions, rng))
-        self._kept: dict[int, Look] = {}
+        self._kept: dict[int, ObserverFrame] = {}
 
     def __len__(self) -> int:
         """The frames of the sequence."""
         return self._sequence.frames
 
     @overload
-    def __getitem__(self, index: int) -> Look: ...
+    def __getitem__(self, index: int) -> ObserverFrame: ...
     @overload
-    def __getitem__(self, index: slice) -> list[Look]: ...
-    def __getitem__(self, index: int | slice) -> Look | list[Look]:
+    def __getitem__(self, index: slice) -> list[ObserverFrame]: ...
+    def __getitem__(self, index: int | slice) -> ObserverFrame | list[ObserverFrame]:
         """The look of a frame, or of some."""
         if isinstance(index, slice):
             return [self[frame] for frame in range(len(self))[index]]
@@ -74,12 +74,12 @@ class Looks(Ordered[Look]):
             self._kept[frame] = look
         return look
 
-    def _made(self, frame: int) -> Look:
+    def _made(self, frame: int) -> ObserverFrame:
         if self._camera is None or self._believed is None or self._sequence.clouds_world is not None:
             return _given(self._sequence, frame, self._camera)
         return self._simulated(frame, self._camera, self._believed)
 
-    def _simulated(self, frame: int, camera: CameraCalibration, believed: CameraCalibration) -> Look:
+    def _simulated(self, frame: int, camera: CameraCalibration, believed: CameraCalibration) -> ObserverFrame:
         sequence, conditions = self._sequence, self._conditions
         rng = np.random.default_rng([self._seed, frame])
         line, eye = centre_line(sequence.nodes_world[frame]), camera.T_world_camera.position_m
@@ -98,7 +98,7 @@ class Looks(Ordered[Look]):
             calibration=believed,
             occlusion=None if ball is None else depth_image(ball, believed),
         )
-        return Look(seen=seen, pins=_pins(sequence, frame), visible=shown[line.nodes_at], dark=dark)
+        return ObserverFrame(seen=seen, pins=_pins(sequence, frame), visible=shown[line.nodes_at], dark=dark)
 
 
 def looks(sequence: Sequence, conditions: Conditions, seed: int) -> Looks:
@@ -106,12 +106,12 @@ def looks(sequence: Sequence, conditions: Conditions, seed: int) -> Looks:
     return Looks(sequence, conditions, seed)
 
 
-def with_pins(look: Look) -> Observation:
+def with_pins(look: ObserverFrame) -> Observation:
     """What the look shows, and what the robot knows."""
     return msgspec.structs.replace(look.seen, pins=look.pins)
 
 
-def _given(sequence: Sequence, frame: int, camera: CameraCalibration | None) -> Look:
+def _given(sequence: Sequence, frame: int, camera: CameraCalibration | None) -> ObserverFrame:
     assert sequence.clouds_world is not None
     padded = np.asarray(sequence.clouds_world[frame], dtype=np.float64)
     points = padded[np.all(np.isfinite(padded), axis=1)]
@@ -120,7 +120,7 @@ def _given(sequence: Sequence, frame: int, camera: CameraCalibration | None) -> 
     if len(points) > 0:
         near = np.asarray(KDTree(points).query(sequence.nodes_world[frame])[0]) < _SHOWN_WITHIN_M
     seen = Observation(stamp_ns=_stamp_ns(sequence, frame), points_world=points.astype(np.float32), calibration=camera)
-    return Look(seen=seen, pins=_pins(sequence, frame), visible=near)
+    return ObserverFrame(seen=seen, pins=_pins(sequence, frame), visible=near)
 
 
 def _ball(conditions: Conditions, line: Float64Array, eye: Float64Array, seconds: float) -> Ball | None:

@@ -7,7 +7,7 @@ import numpy as np
 
 from dlokit.bench.observers.metrics import CORRELATION, CORRELATION_FRAMES, FLAGGED, METRICS, Metric
 from dlokit.bench.observers.runner import Trial
-from dlokit.bench.report import Figure, figure
+from dlokit.bench.report import BenchFigure, figure
 from dlokit.evaluation.statistics import Interval, bootstrap
 
 ALL_CASES = "all cases"
@@ -15,12 +15,12 @@ ALL_CASES = "all cases"
 _OVER_ALL = (CORRELATION, CORRELATION_FRAMES)
 
 
-def figures(trials: Sequence[Trial]) -> list[Figure]:
+def figures(trials: Sequence[Trial]) -> list[BenchFigure]:
     """A row for each case, method and metric: the mean over its sequences, with a 95 % interval.
 
     The interval is bootstrapped over sequences: frames of one sequence depend on one another.
     """
-    rows: list[Figure] = []
+    rows: list[BenchFigure] = []
     for case in dict.fromkeys(trial.case for trial in trials):
         for method in dict.fromkeys(trial.method for trial in trials):
             done = [trial for trial in trials if trial.case == case and trial.method == method]
@@ -38,9 +38,9 @@ def _of_case(trials: Sequence[Trial]) -> Iterator[tuple[Metric, Interval]]:
             yield metric, interval
 
 
-def _over_all(trials: Sequence[Trial]) -> list[Figure]:
+def _over_all(trials: Sequence[Trial]) -> list[BenchFigure]:
     """What is stated against what is wrong, over all cases: a unit is a seed, whose cases share their motions."""
-    rows: list[Figure] = []
+    rows: list[BenchFigure] = []
     for method in dict.fromkeys(trial.method for trial in trials):
         done = [trial for trial in trials if trial.method == method]
         by_seed = [[trial for trial in done if trial.seed == seed] for seed in dict.fromkeys(t.seed for t in done)]
@@ -85,5 +85,5 @@ def _mean(values: Sequence[float]) -> Interval | None:
     return bootstrap(values, np.random.default_rng(0)) if values else None
 
 
-def _row(case: str, method: str, metric: Metric, interval: Interval) -> Figure:
+def _row(case: str, method: str, metric: Metric, interval: Interval) -> BenchFigure:
     return figure(case, method, metric.name, interval, metric.unit)

@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.table import Table
 
 from dlokit.bench.observers.peers import imported
-from dlokit.bench.report import Figure
+from dlokit.bench.report import BenchFigure
 from dlokit.errors import MachineError
 from dlokit.skills.observer.cpd_config import CpdConfig
 from dlokit.skills.observer.mixture import MixtureFit, Weights
@@ -76,9 +76,9 @@ def _measured(starts: Mapping[str, Start], points: int, repeats: int) -> list[It
     ]
 
 
-def figures(times: Sequence[IterationTimes]) -> list[Figure]:
+def figures(times: Sequence[IterationTimes]) -> list[BenchFigure]:
     """Rows of JSON: median time of an iteration, and how often ours fits into it; low and high hold 90 % of them."""
-    rows: list[Figure] = []
+    rows: list[BenchFigure] = []
     for one in times:
         case = f"one iteration, {one.points} points"
         rows.append(
@@ -197,9 +197,9 @@ def _figure(
     value: float,
     low: float | None = None,
     high: float | None = None,
-) -> Figure:
+) -> BenchFigure:
     n = len(one.iterations_s)
-    return Figure(case=case, method=one.method, metric=metric, value=value, low=low, high=high, unit=unit, n=n)
+    return BenchFigure(case=case, method=one.method, metric=metric, value=value, low=low, high=high, unit=unit, n=n)
 
 
 if __name__ == "__main__":

@@ -20,7 +20,7 @@ PUBLISHED = (*(peer.name for peer in PEERS), CpdConfig.name, SprConfig.name, Som
 
 
 @dataclass(frozen=True, kw_only=True)
-class Method:
+class ObserverMethod:
     """One observer, with or without the pins that a robot knows."""
 
     config: ObserverStrategyConfig
@@ -38,10 +38,10 @@ class Method:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Choice:
+class MethodChoice:
     """What will run, and what was left out and why."""
 
-    methods: tuple[Method, ...]
+    methods: tuple[ObserverMethod, ...]
     left_out: tuple[str, ...]
 
 
@@ -50,7 +50,7 @@ def default_name() -> str:
     return ObserverConfig().strategy.name
 
 
-def choose(names: tuple[str, ...] = ()) -> Choice:
+def choose(names: tuple[str, ...] = ()) -> MethodChoice:
     """The methods of these names, or all: ours without and with pins, peers without, for they cannot use them.
 
     A peer that is not installed is left out, unless it was asked for. Raises `ConfigError` for a name that does
@@ -61,19 +61,19 @@ def choose(names: tuple[str, ...] = ()) -> Choice:
     unknown = [name for name in names if name not in ours and name not in peers]
     if unknown:
         raise ConfigError(f"No observer is called {', '.join(unknown)}; there are {', '.join([*ours, *peers])}.")
-    methods: list[Method] = []
+    methods: list[ObserverMethod] = []
     for name, config in ours.items():
         if not names or name in names:
-            methods += [Method(config=config()), Method(config=config(), pinned=True)]
+            methods += [ObserverMethod(config=config()), ObserverMethod(config=config(), pinned=True)]
     left_out: list[str] = []
     for name, config in peers.items():
         if names and name not in names:
             continue
         reason = missing(name)
         if reason is None:
-            methods.append(Method(config=config()))
+            methods.append(ObserverMethod(config=config()))
         elif names:
             raise MachineError(reason)
         else:
             left_out.append(reason)
-    return Choice(methods=tuple(methods), left_out=tuple(left_out))
+    return MethodChoice(methods=tuple(methods), left_out=tuple(left_out))

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from dlokit.bench.observers.stage import Hand, Phase, Script
+from dlokit.bench.observers.stage import MovingHand, Phase, Script
 from dlokit.description.shapes import RANDOM_X_M, RANDOM_Y_M
 from dlokit.errors import ConfigError
 from dlokit.geometry import arc_lengths, resample
@@ -64,7 +64,7 @@ def two_hands(rng: np.random.Generator, nodes: Array, speed_m_s: float) -> Scrip
         inside = all(bool(np.all((track >= _LOW) & (track <= _HIGH))) for track in (a, b))
         if inside and apart.min() > 0.3 * np.linalg.norm(span) and apart.max() < 1.45 * np.linalg.norm(span):
             hands = tuple(
-                Hand(node=node, offset_m=_scaled(path, factor))
+                MovingHand(node=node, offset_m=_scaled(path, factor))
                 for node, path in zip((0, len(nodes) - 1), paths, strict=True)
             )
             return lambda nodes_world: Phase(duration_s=np.inf, hands=hands)
@@ -80,7 +80,7 @@ def swing(rng: np.random.Generator, nodes: Array, speed_m_s: float) -> Script:
         return _ease(t)[..., None] * np.sin(SWING_RAD_S * t)[..., None] * direction
 
     offset = _scaled(path, speed_m_s / _fastest(path(_SECONDS)))
-    hands = tuple(Hand(node=node, offset_m=offset) for node in (0, len(nodes) - 1))
+    hands = tuple(MovingHand(node=node, offset_m=offset) for node in (0, len(nodes) - 1))
     return lambda nodes_world: Phase(duration_s=np.inf, hands=hands)
 
 
@@ -134,7 +134,7 @@ def _carry(node: int, way_m: Array, speed_m_s: float, longest_m: float = LONGEST
         part = min((t - begins[leg]) / max(times[leg], 1e-9), 1.0)
         return corners[leg] + (corners[leg + 1] - corners[leg]) * part**3 * (10.0 - 15.0 * part + 6.0 * part**2)
 
-    return Phase(duration_s=float(begins[-1]), hands=(Hand(node=node, offset_m=offset_m),))
+    return Phase(duration_s=float(begins[-1]), hands=(MovingHand(node=node, offset_m=offset_m),))
 
 
 def _wander(rng: np.random.Generator) -> Callable[[Array], Array]:

@@ -12,19 +12,19 @@ from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 from dlokit.bench.observers.methods import PINNED
 from dlokit.bench.observers.metrics import METRICS, Metric
 from dlokit.bench.observers.report import by_key, is_shown, methods_of
-from dlokit.bench.report import Figure
+from dlokit.bench.report import BenchFigure
 
 _MARKERS = "osD^vP"  # another for every ten colours
 _SPREAD = 0.8  # share of a case's band that its methods are spread over
 _SEVERAL_POWERS = 20.0  # largest by smallest figure from which on the scale is logarithmic
 
 
-def draw(rows: Sequence[Figure], folder: Path) -> list[Path]:
+def draw(rows: Sequence[BenchFigure], folder: Path) -> list[Path]:
     """A picture for each metric there are figures of, a band a case, from the top."""
     return [_draw(rows, metric, folder) for metric in METRICS if is_shown(metric, rows)]
 
 
-def _draw(rows: Sequence[Figure], metric: Metric, folder: Path) -> Path:
+def _draw(rows: Sequence[BenchFigure], metric: Metric, folder: Path) -> Path:
     here = [row for row in rows if row.metric == metric.name]
     cases = list(dict.fromkeys(row.case for row in here))
     methods = [method for method in methods_of(rows) if any(row.method == method for row in here)]
@@ -54,7 +54,13 @@ def _draw(rows: Sequence[Figure], metric: Metric, folder: Path) -> Path:
 
 
 def _points(
-    axes: Axes, rows: Sequence[Figure], metric: Metric, cases: Sequence[str], method: str, place: float, colour: int
+    axes: Axes,
+    rows: Sequence[BenchFigure],
+    metric: Metric,
+    cases: Sequence[str],
+    method: str,
+    place: float,
+    colour: int,
 ) -> None:
     found = by_key(rows)
     shown = [(at, row) for at, case in enumerate(cases) if (row := found.get((case, method, metric.name)))]
@@ -76,7 +82,7 @@ def _points(
     )
 
 
-def _names(rows: Sequence[Figure]) -> list[str]:
+def _names(rows: Sequence[BenchFigure]) -> list[str]:
     return list(dict.fromkeys(_plain(method) for method in methods_of(rows)))
 
 

@@ -7,23 +7,23 @@ from typing import Any
 import msgspec
 
 from dlokit import __version__
-from dlokit.bench.observers.cases import TUNING_SEED, Case
+from dlokit.bench.observers.cases import TUNING_SEED, ObserverCase
 from dlokit.bench.observers.methods import PUBLISHED, default_name
 from dlokit.bench.observers.metrics import METRICS, Metric
-from dlokit.bench.observers.runner import Plan
-from dlokit.bench.report import Figure
+from dlokit.bench.observers.runner import BenchPlan
+from dlokit.bench.report import BenchFigure
 
 FigureKey = tuple[str, str, str]
 
 
-def case_table(rows: Sequence[Figure], metric: Metric) -> Iterator[tuple[str, ...]]:
+def case_table(rows: Sequence[BenchFigure], metric: Metric) -> Iterator[tuple[str, ...]]:
     """One metric: a line a case that has it, a column a method."""
     found = by_key(rows)
     for case in dict.fromkeys(row.case for row in rows if row.metric == metric.name):
         yield (case, *(_cell(found.get((case, method, metric.name)), metric) for method in methods_of(rows)))
 
 
-def metric_table(rows: Sequence[Figure], case: str) -> Iterator[tuple[str, ...]]:
+def metric_table(rows: Sequence[BenchFigure], case: str) -> Iterator[tuple[str, ...]]:
     """One case: a line a metric that it has, a column a method."""
     found = by_key(rows)
     for metric in METRICS:
@@ -32,17 +32,17 @@ def metric_table(rows: Sequence[Figure], case: str) -> Iterator[tuple[str, ...]]
             yield (f"{metric.name} {metric.shown}".rstrip(), *cells)
 
 
-def is_shown(metric: Metric, rows: Sequence[Figure]) -> bool:
+def is_shown(metric: Metric, rows: Sequence[BenchFigure]) -> bool:
     """Whether there is something to see of a metric."""
     return any(row.metric == metric.name and (row.value != 0.0 or not metric.rare) for row in rows)
 
 
-def methods_of(rows: Sequence[Figure]) -> tuple[str, ...]:
+def methods_of(rows: Sequence[BenchFigure]) -> tuple[str, ...]:
     """The methods there are figures of, in order."""
     return tuple(dict.fromkeys(row.method for row in rows))
 
 
-def by_key(rows: Sequence[Figure]) -> dict[FigureKey, Figure]:
+def by_key(rows: Sequence[BenchFigure]) -> dict[FigureKey, BenchFigure]:
     """Rows by case, method and metric."""
     return {(row.case, row.method, row.metric): row for row in rows}
 
@@ -52,7 +52,7 @@ def shown(value: float, metric: Metric) -> str:
     return f"{value * metric.factor:.{metric.digits}f}"
 
 
-def _cell(row: Figure | None, metric: Metric) -> str:
+def _cell(row: BenchFigure | None, metric: Metric) -> str:
     if row is None:
         return "-"
     text = shown(row.value, metric)
@@ -61,7 +61,7 @@ def _cell(row: Figure | None, metric: Metric) -> str:
     return f"{text} ({shown(row.low, metric)} to {shown(row.high, metric)})"
 
 
-def observers_json(rows: Sequence[Figure], machine: Mapping[str, str], plan: Plan, *, jobs: int = 1) -> bytes:
+def observers_json(rows: Sequence[BenchFigure], machine: Mapping[str, str], plan: BenchPlan, *, jobs: int = 1) -> bytes:
     """The file that ``--json`` writes; `config.default` names the default observer."""
     content: dict[str, Any] = {
         "bench": "observers",
@@ -84,7 +84,7 @@ def observers_json(rows: Sequence[Figure], machine: Mapping[str, str], plan: Pla
     return msgspec.json.format(msgspec.json.encode(content), indent=2) + b"\n"
 
 
-def _conditions(case: Case) -> dict[str, Any]:
+def _conditions(case: ObserverCase) -> dict[str, Any]:
     return {
         "motion": str(case.file) if case.file else case.motion,
         "pace": case.pace,

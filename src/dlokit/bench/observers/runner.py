@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dlokit.bench.observers.cases import Case
-from dlokit.bench.observers.clouds import Look, Looks, looks, with_pins
-from dlokit.bench.observers.methods import Method
+from dlokit.bench.observers.cases import ObserverCase
+from dlokit.bench.observers.clouds import Looks, ObserverFrame, looks, with_pins
+from dlokit.bench.observers.methods import ObserverMethod
 from dlokit.bench.observers.metrics import Losses, Track, losses, score
 from dlokit.bench.observers.sequence import Sequence
 from dlokit.skills.observer.base import ObserverStrategy, nothing_seen, prior_from
@@ -40,16 +40,16 @@ class Trial:
 class Task:
     """One case with one seed, for every method."""
 
-    case: Case
+    case: ObserverCase
     seed: int
 
 
 @dataclass(frozen=True, kw_only=True)
-class Plan:
+class BenchPlan:
     """What is to be run."""
 
-    cases: tuple[Case, ...]
-    methods: tuple[Method, ...]
+    cases: tuple[ObserverCase, ...]
+    methods: tuple[ObserverMethod, ...]
     seeds: int
     frames: int | None
     """Length of a sequence; None for all of an external one."""
@@ -91,7 +91,9 @@ class Sequences:
         return self._made[key]
 
 
-def run_task(task: Task, sequence: Sequence, methods: tuple[Method, ...], told: Told | None = None) -> Iterator[Trial]:
+def run_task(
+    task: Task, sequence: Sequence, methods: tuple[ObserverMethod, ...], told: Told | None = None
+) -> Iterator[Trial]:
     """The trials of one case with one seed: every method gets the same clouds."""
     seen = looks(sequence, task.case.conditions, task.seed)
     for method in methods:
@@ -109,7 +111,9 @@ def run_task(task: Task, sequence: Sequence, methods: tuple[Method, ...], told: 
         )
 
 
-def follow(sequence: Sequence, seen: Looks | list[Look], method: Method, told: Told | None = None) -> Track:
+def follow(
+    sequence: Sequence, seen: Looks | list[ObserverFrame], method: ObserverMethod, told: Told | None = None
+) -> Track:
     """Track a sequence from its first frame's nodes on; each prior is the previous frame's targets."""
     topology = sequence.topology
     state = DloState(stamp_ns=seen[0].seen.stamp_ns, nodes_world=sequence.nodes_world[0].copy(), topology=topology)
@@ -152,14 +156,14 @@ def _stated_m(answers: list[TargetPoints]) -> Float64Array | None:
     return np.sqrt(np.maximum(np.array(traces), 0.0))
 
 
-def _warm_up(method: Method, seen: list[Look], state: DloState) -> None:
+def _warm_up(method: ObserverMethod, seen: list[ObserverFrame], state: DloState) -> None:
     """What first calls load or compile is not the time of a frame."""
     strategy = method.config.build()
     for look in seen:
         _timed(strategy, _given(method, look), state)
 
 
-def _given(method: Method, look: Look) -> Observation:
+def _given(method: ObserverMethod, look: ObserverFrame) -> Observation:
     return with_pins(look) if method.pinned else look.seen
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from dlokit.bench.observers import motions
 from dlokit.bench.observers.sequence import Sequence
-from dlokit.bench.observers.stage import Hand, Stage
+from dlokit.bench.observers.stage import MovingHand, RodStage
 from dlokit.description import shapes
 from dlokit.description.dlo import SOFT_ROPE
 from dlokit.description.scene import default_calibration
@@ -32,9 +32,9 @@ def simulate(motion: Motion, seed: int, *, frames: int, pace: float = 1.0) -> Se
         raise ConfigError(f"frames {frames}, seed {seed}, pace {pace}: at least 2, at least 0, above 0 and at most 1.")
     rng = np.random.default_rng([seed, _NUMBER[motion]])
     start = _start(motion, rng)
-    stage = Stage(SOFT_ROPE, start)
+    stage = RodStage(SOFT_ROPE, start)
     in_air = motion in ("two hands", "swing")
-    ends = tuple(Hand(node=node, offset_m=lambda _: np.zeros(3)) for node in (0, NODES - 1))
+    ends = tuple(MovingHand(node=node, offset_m=lambda _: np.zeros(3)) for node in (0, NODES - 1))
     stage.settle(ends if in_air else (), _SETTLE_S)
     now = stage.nodes_world
     match motion:

@@ -28,7 +28,7 @@ GRIP_STIFFNESS_N_M = 300.0  # a node weighs 0.3 g: it follows its hand within a 
 
 
 @dataclass(frozen=True, kw_only=True)
-class Hand:
+class MovingHand:
     """One gripper during one phase."""
 
     node: int
@@ -41,7 +41,7 @@ class Phase:
     """What happens for a while."""
 
     duration_s: float
-    hands: tuple[Hand, ...] = ()
+    hands: tuple[MovingHand, ...] = ()
 
 
 Script = Callable[[Float64Array], Phase]
@@ -57,7 +57,7 @@ class Recording:
     pins_world: Float64Array  # (T, P, 3) [m], NaN while a node is free
 
 
-class Stage:
+class RodStage:
     """The rod, the table and the hands."""
 
     def __init__(self, rod: DloPreset, start_world: Float64Array) -> None:
@@ -75,7 +75,7 @@ class Stage:
         """Nodes (K, 3) [m] now."""
         return rod_nodes(self._model, self._data)
 
-    def settle(self, hands: tuple[Hand, ...], duration_s: float) -> None:
+    def settle(self, hands: tuple[MovingHand, ...], duration_s: float) -> None:
         """Let the rod come to rest in hands that do not move."""
         grips = [_Grip(hand, self.nodes_world) for hand in hands]
         for _ in range(round(duration_s / TIMESTEP_S)):
@@ -113,7 +113,7 @@ class Stage:
 
 
 class _Grip:
-    def __init__(self, hand: Hand, nodes_world: Float64Array) -> None:
+    def __init__(self, hand: MovingHand, nodes_world: Float64Array) -> None:
         self.node = hand.node
         self.nodes = np.arange(max(hand.node - 1, 0), min(hand.node + 2, len(nodes_world)))
         self._from = nodes_world[self.nodes].copy()

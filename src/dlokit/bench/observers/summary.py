@@ -5,13 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dlokit.bench.observers.cases import Case
+from dlokit.bench.observers.cases import ObserverCase
 from dlokit.bench.observers.conditions import RECOVERED_WITHIN
 from dlokit.bench.observers.figures import ALL_CASES
 from dlokit.bench.observers.methods import PUBLISHED, default_name
 from dlokit.bench.observers.metrics import CORRELATION, FLAGGED
 from dlokit.bench.observers.runner import Trial
-from dlokit.bench.report import Figure, figure
+from dlokit.bench.report import BenchFigure, figure
 from dlokit.evaluation.statistics import bootstrap
 
 RATIO = "node error by the best peer's"
@@ -51,7 +51,7 @@ FEW_HIDDEN = 0.3
 """Up to this share hidden no frame may be lost, in any case but the dark."""
 
 
-def bars(cases: Sequence[Case]) -> tuple[Bar, ...]:
+def bars(cases: Sequence[ObserverCase]) -> tuple[Bar, ...]:
     """The bars of a run's cases: those of `BARS`, and no lost frame in any case with few hidden."""
     few = [case for case in cases if case.file is None and not case.extra and case.conditions.hidden <= FEW_HIDDEN]
     return BARS + tuple(
@@ -67,7 +67,7 @@ class Compared:
     own_m: float
     peer: str
     peer_m: float
-    figure: Figure
+    figure: BenchFigure
     """Their ratio, with its interval over sequences."""
     has_bar: bool
 
@@ -77,7 +77,7 @@ class Compared:
         return self.figure.value <= HALF
 
 
-def compare(trials: Sequence[Trial], cases: Sequence[Case]) -> Iterator[Compared]:
+def compare(trials: Sequence[Trial], cases: Sequence[ObserverCase]) -> Iterator[Compared]:
     """A line for every case that the default observer and a peer have run, unpinned, over the seeds of both."""
     for case in cases:
         errors: dict[str, dict[int, float]] = {}
@@ -101,7 +101,7 @@ def compare(trials: Sequence[Trial], cases: Sequence[Case]) -> Iterator[Compared
         )
 
 
-def _ratio(case: str, pairs: np.ndarray) -> Figure:
+def _ratio(case: str, pairs: np.ndarray) -> BenchFigure:
     """The ratio of means over sequences (n, 2), resampled by sequence: both errors of one belong together."""
 
     def statistic(samples: np.ndarray) -> np.ndarray:

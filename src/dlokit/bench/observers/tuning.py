@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from scipy.stats import qmc
 
-from dlokit.bench.observers.cases import BASE, TUNING_SEED, Case
+from dlokit.bench.observers.cases import BASE, TUNING_SEED, ObserverCase
 from dlokit.bench.observers.clouds import Looks, looks
 from dlokit.bench.observers.conditions import Conditions
-from dlokit.bench.observers.methods import Method
+from dlokit.bench.observers.methods import ObserverMethod
 from dlokit.bench.observers.metrics import score
 from dlokit.bench.observers.peers import ProbregConfig, PycpdConfig
 from dlokit.bench.observers.runner import follow
@@ -30,8 +30,8 @@ from dlokit.skills.observer.spr_config import SprConfig
 TUNING_SEEDS = (TUNING_SEED, TUNING_SEED + 1)
 TUNING_CASES = (
     BASE,
-    Case(name="hidden 50 %", conditions=Conditions(hidden=0.5)),
-    Case(name="swing", motion="swing"),
+    ObserverCase(name="hidden 50 %", conditions=Conditions(hidden=0.5)),
+    ObserverCase(name="swing", motion="swing"),
 )
 FRAMES = 30
 BUDGET = 36
@@ -120,7 +120,7 @@ def narrowed(best: Any, ranges: Mapping[str, Range]) -> dict[str, Range]:
 
 def tried_of(config: ObserverStrategyConfig, given: Given) -> Tried:
     """The mean node error [m] of a setting over sequences."""
-    errors = [score(follow(sequence, seen, Method(config=config)))["node error"] for sequence, seen in given]
+    errors = [score(follow(sequence, seen, ObserverMethod(config=config)))["node error"] for sequence, seen in given]
     return Tried(config=config, node_error_m=float(np.mean(errors)))
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from multiprocessing.context import SpawnProcess
 from typing import Any, TypeVar
 
-from dlokit.bench.observers.runner import Plan, Sequences, Task, Trial, run_task
+from dlokit.bench.observers.runner import BenchPlan, Sequences, Task, Trial, run_task
 from dlokit.errors import DlokitError, MachineError
 
 THREAD_VARIABLES = (
@@ -29,7 +29,7 @@ _LOOKED_AFTER_EVERY_S = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Stage:
+class TrialStage:
     """How far a trial is that is still under way."""
 
     case: str
@@ -39,11 +39,11 @@ class Stage:
     frames: int
 
 
-Said = Trial | Stage
+Said = Trial | TrialStage
 Result = TypeVar("Result")
 
 
-def run_in_workers(plan: Plan, jobs: int) -> Generator[Said]:
+def run_in_workers(plan: BenchPlan, jobs: int) -> Generator[Said]:
     """Every trial, `jobs` cases at once; and how far those are that take long.
 
     Closing the iterator ends the processes. Raises what a trial raised, `MachineError` when a process died.
@@ -91,7 +91,7 @@ def _next(said: Any, workers: list[SpawnProcess]) -> Any:
                 ) from None
 
 
-def _work(plan: Plan, tasks: Any, said: Any) -> None:
+def _work(plan: BenchPlan, tasks: Any, said: Any) -> None:
     # Ctrl-C goes to every process of a terminal; the first one ends this one.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     sequences = Sequences(plan.frames)
@@ -113,7 +113,7 @@ def _teller(task: Task, said: Any) -> Any:
         nonlocal last_s
         if time.monotonic() - last_s > _TOLD_EVERY_S:
             last_s = time.monotonic()
-            said.put(Stage(case=task.case.name, seed=task.seed, method=method, frame=frame, frames=frames))
+            said.put(TrialStage(case=task.case.name, seed=task.seed, method=method, frame=frame, frames=frames))
 
     return tell
 

@@ -16,7 +16,7 @@ IDEAL = "ideal"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Method:
+class ShapingMethod:
     """Who sees and who chooses, by the names of the strategies."""
 
     observer: str
@@ -33,16 +33,16 @@ class Method:
         return self.observer == IDEAL
 
 
-def methods_of(config: RunConfig, observers: Sequence[str], planners: Sequence[str]) -> tuple[Method, ...]:
+def methods_of(config: RunConfig, observers: Sequence[str], planners: Sequence[str]) -> tuple[ShapingMethod, ...]:
     """Every planner with every observer; where none is named, the configuration's."""
     return tuple(
-        Method(observer=observer, planner=planner)
+        ShapingMethod(observer=observer, planner=planner)
         for planner in planners or (config.planning.strategy.name,)
         for observer in observers or (config.observer.strategy.name,)
     )
 
 
-def with_method(config: RunConfig, method: Method) -> RunConfig:
+def with_method(config: RunConfig, method: ShapingMethod) -> RunConfig:
     """The configuration with a method's strategies, those that it had with their settings, others with their defaults.
 
     Raises `ConfigError` for a name that is not known.
@@ -58,12 +58,12 @@ def with_method(config: RunConfig, method: Method) -> RunConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Case:
+class ShapingCase:
     """One experiment with one seed, by one method."""
 
     experiment: Experiment
     seed: int
-    method: Method
+    method: ShapingMethod
 
     @property
     def run_seed(self) -> int:
@@ -90,7 +90,7 @@ class CaseShapes:
 class CaseResult:
     """What became of it."""
 
-    case: Case
+    case: ShapingCase
     result: RunResult
     shapes: CaseShapes | None = None
     """None where the run broke down."""
@@ -99,8 +99,8 @@ class CaseResult:
 
 
 def cases(
-    experiments: Sequence[Experiment], seeds: int, methods: Sequence[Method], *, first_seed: int = 0
-) -> Iterator[Case]:
+    experiments: Sequence[Experiment], seeds: int, methods: Sequence[ShapingMethod], *, first_seed: int = 0
+) -> Iterator[ShapingCase]:
     """Every experiment with every seed, from the same start by every method.
 
     Seed by seed, so that what is done before an end by Ctrl-C has every experiment in it.
@@ -108,4 +108,4 @@ def cases(
     for seed in range(first_seed, first_seed + seeds):
         for experiment in experiments:
             for method in methods:
-                yield Case(experiment=experiment, seed=seed, method=method)
+                yield ShapingCase(experiment=experiment, seed=seed, method=method)

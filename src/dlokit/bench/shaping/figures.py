@@ -7,7 +7,7 @@ from itertools import chain
 
 import numpy as np
 
-from dlokit.bench.report import Figure, figure
+from dlokit.bench.report import BenchFigure, figure
 from dlokit.bench.shaping import metrics
 from dlokit.bench.shaping.cases import CaseResult
 from dlokit.bench.shaping.metrics import reached, standing
@@ -19,7 +19,7 @@ ALL = "all"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Row:
+class FigureRow:
     """The runs of one method that a figure is of."""
 
     name: str
@@ -32,13 +32,13 @@ class Row:
         return [done.result for done in self.results]
 
 
-def experiment_rows(results: Sequence[CaseResult]) -> Iterator[Row]:
+def experiment_rows(results: Sequence[CaseResult]) -> Iterator[FigureRow]:
     """A row an experiment and method."""
     for name in dict.fromkeys(done.case.experiment.name for done in results):
         yield from _rows(name, [done for done in results if done.case.experiment.name == name])
 
 
-def group_rows(results: Sequence[CaseResult]) -> Iterator[Row]:
+def group_rows(results: Sequence[CaseResult]) -> Iterator[FigureRow]:
     """Rows of the suite's groups, of each verdict that was given, and of everything."""
     for group in dict.fromkeys(group for done in results for group in done.case.experiment.groups):
         yield from _rows(group, [done for done in results if group in done.case.experiment.groups])
@@ -52,9 +52,11 @@ def verdict_row(verdict: Standing) -> str:
     return f"verdict {verdict.value}"
 
 
-def _rows(name: str, results: Sequence[CaseResult]) -> Iterator[Row]:
+def _rows(name: str, results: Sequence[CaseResult]) -> Iterator[FigureRow]:
     for method in dict.fromkeys(done.case.method.name for done in results):
-        yield Row(name=name, method=method, results=tuple(done for done in results if done.case.method.name == method))
+        yield FigureRow(
+            name=name, method=method, results=tuple(done for done in results if done.case.method.name == method)
+        )
 
 
 VERDICTS = "verdicts"
@@ -92,7 +94,7 @@ def kept(results: Sequence[CaseResult]) -> dict[Standing, tuple[int, int]]:
     return {verdict: (sum(said is verdict for said in first.values()), len(first)) for verdict in Standing}
 
 
-def verdict_figures(results: Sequence[CaseResult]) -> Iterator[Figure]:
+def verdict_figures(results: Sequence[CaseResult]) -> Iterator[BenchFigure]:
     """How often a goal that is said to hold is reached; how many goals are kept; what was wrongly refused."""
     for method in dict.fromkeys(done.case.method.name for done in results):
         of_method = [done for done in results if done.case.method.name == method]
@@ -111,7 +113,7 @@ def _goal(done: CaseResult) -> tuple[str, int]:
     return done.case.experiment.name, done.case.seed
 
 
-def _verdict_rate(method: str, metric: str, count: int, n: int) -> Figure:
+def _verdict_rate(method: str, metric: str, count: int, n: int) -> BenchFigure:
     return figure(VERDICTS, method, metric, success_rate(count, n), "")
 
 
@@ -123,7 +125,7 @@ COLUMNS = (
 _SHORT = {"pick-and-place": "pick", "lay-down": "lay"}
 
 
-def overview(rows: Iterator[Row]) -> Iterator[tuple[str, ...]]:
+def overview(rows: Iterator[FigureRow]) -> Iterator[tuple[str, ...]]:
     """A row of text a row: medians, the largest in brackets; kinds as actions of all runs together."""
     for row in rows:
         runs = row.runs
@@ -170,7 +172,7 @@ def verdict_lines(results: Sequence[CaseResult]) -> Iterator[str]:
         yield f"goals called infeasible that a run reached: {refuted} of {infeasible}"
 
 
-def _kinds(row: Row) -> str:
+def _kinds(row: FigureRow) -> str:
     counted = Counter(action.kind for run in row.runs for action in run.history).most_common()
     return " ".join(f"{_SHORT.get(kind, kind)} {count}" for kind, count in counted) or "-"
 
@@ -195,13 +197,13 @@ _PER_RUN: tuple[tuple[str, str, Value], ...] = (
 )
 
 
-def figures(results: Sequence[CaseResult]) -> list[Figure]:
+def figures(results: Sequence[CaseResult]) -> list[BenchFigure]:
     """Figures of each experiment, of the groups, and of the verdicts against what happened."""
     rows = chain(experiment_rows(results), group_rows(results))
     return [*chain.from_iterable(_row_figures(row) for row in rows), *verdict_figures(results)]
 
 
-def _row_figures(row: Row) -> Iterator[Figure]:
+def _row_figures(row: FigureRow) -> Iterator[BenchFigure]:
     runs = row.runs
     yield _rate(row, "converged", sum(map(metrics.converged, runs)), len(runs))
     yield _rate(row, "false convergence", sum(map(metrics.falsely_converged, runs)), len(runs))
@@ -226,16 +228,16 @@ def _row_figures(row: Row) -> Iterator[Figure]:
         yield _figure(row, "max planning_time_s an action", without_interval(max(planning), len(planning)), "s")
 
 
-def _kind_figures(row: Row) -> Iterator[Figure]:
+def _kind_figures(row: FigureRow) -> Iterator[BenchFigure]:
     """Actions of each kind: their mean a run, as medians of rare kinds are all 0."""
     for kind in sorted({action.kind for run in row.runs for action in run.history}):
         counts = [float(sum(action.kind == kind for action in run.history)) for run in row.runs]
         yield _figure(row, f"mean actions, {kind}", bootstrap(counts, np.random.default_rng(0)), "")
 
 
-def _rate(row: Row, metric: str, count: int, n: int) -> Figure:
+def _rate(row: FigureRow, metric: str, count: int, n: int) -> BenchFigure:
     return _figure(row, metric, success_rate(count, n), "")
 
 
-def _figure(row: Row, metric: str, interval: Interval, unit: str) -> Figure:
+def _figure(row: FigureRow, metric: str, interval: Interval, unit: str) -> BenchFigure:
     return figure(row.name, row.method, metric, interval, unit)

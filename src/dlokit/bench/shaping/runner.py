@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from dlokit import __version__
-from dlokit.bench.shaping.cases import Case, CaseResult, CaseShapes, with_method
+from dlokit.bench.shaping.cases import CaseResult, CaseShapes, ShapingCase, with_method
 from dlokit.bench.shaping.experiments import RANDOM, BuiltInGoal
 from dlokit.bench.shaping.oracle import OracleBuild
 from dlokit.decision.task import GoalRequest
@@ -36,7 +36,7 @@ FAULT_FILE = "fault.txt"
 START_FILE, GOAL_FILE = "start.npy", "goal.npy"
 
 
-def attempt_case(case: Case, config: RunConfig, folder: Path) -> CaseResult:
+def attempt_case(case: ShapingCase, config: RunConfig, folder: Path) -> CaseResult:
     """Run one case; one that breaks down is told of, and does not end the others.
 
     What an attempt before left in `folder` is removed.
@@ -51,7 +51,7 @@ def attempt_case(case: Case, config: RunConfig, folder: Path) -> CaseResult:
         return CaseResult(case=case, result=_broken(case, config, fault), fault=fault)
 
 
-def run_case(case: Case, config: RunConfig, folder: Path) -> CaseResult:
+def run_case(case: ShapingCase, config: RunConfig, folder: Path) -> CaseResult:
     """Run one case in lockstep; its files are left in `folder`, the one that says that it is done at last."""
     config = case_config(case, config, folder)
     job = job_of(case, config)
@@ -76,7 +76,7 @@ def run_case(case: Case, config: RunConfig, folder: Path) -> CaseResult:
     return CaseResult(case=case, result=record.result, shapes=shapes)
 
 
-def finished_case(case: Case, folder: Path) -> CaseResult | None:
+def finished_case(case: ShapingCase, folder: Path) -> CaseResult | None:
     """What an earlier sweep made of a case; None where it is not finished."""
     if not (folder / SHAPES_FILE).is_file():
         return None
@@ -90,7 +90,7 @@ def finished_case(case: Case, folder: Path) -> CaseResult | None:
     return CaseResult(case=case, result=result, shapes=shapes)
 
 
-def case_config(case: Case, config: RunConfig, folder: Path) -> RunConfig:
+def case_config(case: ShapingCase, config: RunConfig, folder: Path) -> RunConfig:
     """The configuration of a case's run; with `dlokit shape --config` it can be run again by hand."""
     config = with_method(case.experiment.configured(config), case.method)
     goal, start = case.experiment.goal, case.experiment.start
@@ -105,7 +105,7 @@ def case_config(case: Case, config: RunConfig, folder: Path) -> RunConfig:
     )
 
 
-def job_of(case: Case, config: RunConfig) -> ShapeJob:
+def job_of(case: ShapingCase, config: RunConfig) -> ShapeJob:
     """The curves of a case: the start for the cell's DLO, the goal for the system's model of it."""
     return ShapeJob(
         name=case.experiment.name,
@@ -125,7 +125,7 @@ def _load(config: RunConfig) -> None:
         config.planning.strategy.load()
 
 
-def _goal(case: Case, config: RunConfig) -> Float64Array:
+def _goal(case: ShapingCase, config: RunConfig) -> Float64Array:
     return case.experiment.goal.nodes_world(config.model.length_m, config.model.radius_m)
 
 
@@ -136,7 +136,7 @@ def _write_shapes(folder: Path, shapes: CaseShapes) -> None:
     part.replace(folder / SHAPES_FILE)
 
 
-def _broken(case: Case, config: RunConfig, fault: str) -> RunResult:
+def _broken(case: ShapingCase, config: RunConfig, fault: str) -> RunResult:
     return RunResult(
         outcome=RunOutcome.FAILED,
         reason=fault,

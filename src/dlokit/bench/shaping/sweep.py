@@ -13,7 +13,7 @@ import msgspec
 from joblib import Parallel, delayed, parallel_config
 
 from dlokit import __version__
-from dlokit.bench.shaping.cases import Case, CaseResult
+from dlokit.bench.shaping.cases import CaseResult, ShapingCase
 from dlokit.bench.shaping.experiments import Experiment
 from dlokit.bench.shaping.runner import attempt_case, finished_case
 from dlokit.errors import ConfigError, InputError, MachineError
@@ -144,13 +144,13 @@ def describe(config: RunConfig, suite: str, experiments: Sequence[Experiment], *
     }
 
 
-def run_sweep(todo: Sequence[Case], config: RunConfig, folder: Path, workers: Workers) -> Iterator[CaseResult]:
+def run_sweep(todo: Sequence[ShapingCase], config: RunConfig, folder: Path, workers: Workers) -> Iterator[CaseResult]:
     """Every case as it is done, those that were finished before first.
 
     Ctrl-C, also in the middle of a case, ends it with `KeyboardInterrupt`; what is finished stays. Raises
     `MachineError` when a process of this machine died.
     """
-    left: list[Case] = []
+    left: list[ShapingCase] = []
     for case in todo:
         done = finished_case(case, folder / case.folder_name)
         if done is None:
@@ -163,7 +163,7 @@ def run_sweep(todo: Sequence[Case], config: RunConfig, folder: Path, workers: Wo
         yield done
 
 
-def _run(todo: Sequence[Case], config: RunConfig, folder: Path, workers: Workers) -> Iterator[CaseResult]:
+def _run(todo: Sequence[ShapingCase], config: RunConfig, folder: Path, workers: Workers) -> Iterator[CaseResult]:
     if workers.jobs == 1 and not workers.cluster:
         for case in todo:
             yield attempt_case(case, config, folder / case.folder_name)

@@ -13,7 +13,7 @@ from typing import Any
 from dlokit.bench.stop.attempts import Attempt
 from dlokit.bench.stop.programs import PROGRAMS, RETRY_S, TO_AND_FRO, CommandedArm
 from dlokit.communication.component import Component, implements
-from dlokit.communication.container import Host
+from dlokit.communication.container import Container
 from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.decision.api import STOP_TASK
 from dlokit.errors import ProcessFailure
@@ -82,7 +82,7 @@ def _main(order: Order) -> None:
 async def _command(order: Order) -> None:
     async with join_bus(order.bus, TimeBase.CELL) as bus:
         await bus.first_tick(FIRST_TICK_S)
-        host = Host(bus.transport, bus.clock)
+        host = Container(bus.transport, bus.clock)
         host.add(DeafTask())
         arm = CommandedArm(bus.transport, _reporter(order.reports))
         async with host, asyncio.timeout(None) as limit:

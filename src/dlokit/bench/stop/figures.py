@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 
-from dlokit.bench.report import Figure
+from dlokit.bench.report import BenchFigure
 from dlokit.bench.stop.press_verdict import Press, PressRow
 from dlokit.bench.stop.stopping import Stop, StopFigures
 
@@ -21,9 +21,9 @@ def confirmed_percentile_s(presses: Sequence[Press], percent: float) -> float:
     return _percentile([press.confirmed_s for press in presses], percent)
 
 
-def stop_figures(figures: StopFigures) -> list[Figure]:
+def stop_figures(figures: StopFigures) -> list[BenchFigure]:
     """Rows for the JSON file; an arm that never braked has no figure but in the count."""
-    rows: list[Figure] = []
+    rows: list[BenchFigure] = []
     for case, stops in figures.by_fault.items():
         never = sum(stop.began_s is None for stop in stops)
         rows.append(_figure(case, "never braked", never, "1", len(stops)))
@@ -36,9 +36,9 @@ def stop_figures(figures: StopFigures) -> list[Figure]:
     return rows
 
 
-def press_figures(rows: Sequence[PressRow]) -> list[Figure]:
+def press_figures(rows: Sequence[PressRow]) -> list[BenchFigure]:
     """Rows for the JSON file; a stop that was never confirmed has no time but in the count."""
-    figures: list[Figure] = []
+    figures: list[BenchFigure] = []
     for row in rows:
         case, n = f"stop: {row.name}", len(row.presses)
         never = sum(press.confirmed_s is None for press in row.presses)
@@ -60,5 +60,5 @@ def _percentile(times_s: Sequence[float | None], percent: float) -> float:
     return times[max(math.ceil(percent / 100.0 * len(times)) - 1, 0)]
 
 
-def _figure(case: str, metric: str, value: float, unit: str, n: int) -> Figure:
-    return Figure(case=case, method="dlokit", metric=metric, value=value, low=None, high=None, unit=unit, n=n)
+def _figure(case: str, metric: str, value: float, unit: str, n: int) -> BenchFigure:
+    return BenchFigure(case=case, method="dlokit", metric=metric, value=value, low=None, high=None, unit=unit, n=n)

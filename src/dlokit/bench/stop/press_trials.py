@@ -62,7 +62,7 @@ class Person:
 
 
 @dataclass(frozen=True)
-class Scene:
+class PressScene:
     """What all rows share."""
 
     run: RunConfig
@@ -107,7 +107,7 @@ class Scene:
 class Trials:
     """Stops of one system."""
 
-    def __init__(self, scene: Scene, live: LiveSystem, folder: Path) -> None:
+    def __init__(self, scene: PressScene, live: LiveSystem, folder: Path) -> None:
         self._scene = scene
         self._live = live
         self._folder = folder
@@ -116,7 +116,7 @@ class Trials:
         self._program = ""
         self._commander: BaseProcess | None = None
 
-    async def row(self, row: "Row", count: int) -> PressRow:
+    async def row(self, row: "PressMoment", count: int) -> PressRow:
         """Press in each run at the moment of the row."""
         presses: list[Press] = []
         try:
@@ -133,7 +133,7 @@ class Trials:
             self._end()
         return PressRow(name=row.name, presses=tuple(presses))
 
-    async def after_start(self, report: StopReport, from_s: float, row: "Row") -> Press:
+    async def after_start(self, report: StopReport, from_s: float, row: "PressMoment") -> Press:
         """Judge a stop that came before any commander."""
         try:
             self._begin(row.program)
@@ -141,7 +141,7 @@ class Trials:
         finally:
             self._end()
 
-    async def judge(self, report: StopReport, from_s: float, row: "Row") -> Press:
+    async def judge(self, report: StopReport, from_s: float, row: "PressMoment") -> Press:
         """Let the commander try for a while, enable the arm, and see it move."""
         await asyncio.sleep(WATCHED_S)
         await self._attempts.until(lambda: all_tried(self._attempts.between(from_s, time.monotonic())), TRIED_WITHIN_S)
@@ -150,7 +150,7 @@ class Trials:
         goes_on = await self._enable()
         return judged(report, watched, exit_code=row.exit_code, holds=row.holds, goes_on=goes_on)
 
-    async def _press(self, row: "Row") -> Press:
+    async def _press(self, row: "PressMoment") -> Press:
         await row.moment(self)
         report, from_s = await self._scene.stop(self._folder)
         row.then(self)
@@ -259,7 +259,7 @@ class Trials:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Row:
+class PressMoment:
     """When to press, and what must hold then."""
 
     name: str

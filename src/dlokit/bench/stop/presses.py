@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from dlokit.bench.stop import programs
-from dlokit.bench.stop.press_trials import NOT_ALL, Person, Row, Scene, Trials, until_there
+from dlokit.bench.stop.press_trials import NOT_ALL, Person, PressMoment, PressScene, Trials, until_there
 from dlokit.bench.stop.press_verdict import Press, PressRow, StopReport
 from dlokit.bench.stop.small_system import arm_and_cell, burden
 from dlokit.communication.container import end_tasks
@@ -22,14 +22,14 @@ STARTING_S = 1.5
 
 
 # fmt: off
-STARTING = Row(name="system starts")
+STARTING = PressMoment(name="system starts")
 ROWS = (
-    Row(name="commander frozen", moment=Trials.frozen, then=Trials.thaw, exit_code=NOT_ALL),
-    Row(name="commander killed", moment=Trials.killed, then=Trials.replace, exit_code=NOT_ALL),
-    Row(name="recover runs", moment=Trials.recovers),
-    Row(name="between motions", program=programs.WITH_PAUSES, moment=Trials.pauses),
-    Row(name="fingers close", program=programs.GRIPS, moment=Trials.closes),
-    Row(name="DLO is carried", program=programs.CARRIES, moment=Trials.carries, holds=True),
+    PressMoment(name="commander frozen", moment=Trials.frozen, then=Trials.thaw, exit_code=NOT_ALL),
+    PressMoment(name="commander killed", moment=Trials.killed, then=Trials.replace, exit_code=NOT_ALL),
+    PressMoment(name="recover runs", moment=Trials.recovers),
+    PressMoment(name="between motions", program=programs.WITH_PAUSES, moment=Trials.pauses),
+    PressMoment(name="fingers close", program=programs.GRIPS, moment=Trials.closes),
+    PressMoment(name="DLO is carried", program=programs.CARRIES, moment=Trials.carries, holds=True),
 )
 # fmt: on
 
@@ -50,7 +50,7 @@ async def measure_presses(plan: PressPlan, person: Person, said: Callable[[str],
 
     Raises `ProcessFailure` when a system does not start, or is ready too soon.
     """
-    scene = Scene(plan.run, person, said, np.random.default_rng(plan.seed))
+    scene = PressScene(plan.run, person, said, np.random.default_rng(plan.seed))
     rows = [await _row_of_starts(scene, plan.presses)]
     with tempfile.TemporaryDirectory(prefix="dlokit-press-") as folder:
         async with arm_and_cell(plan.run, Path(folder)) as live:
@@ -59,7 +59,7 @@ async def measure_presses(plan: PressPlan, person: Person, said: Callable[[str],
     return tuple(rows)
 
 
-async def _row_of_starts(scene: Scene, count: int) -> PressRow:
+async def _row_of_starts(scene: PressScene, count: int) -> PressRow:
     """A new system for each stop."""
     presses: list[Press] = []
     for number in range(count):
@@ -69,7 +69,7 @@ async def _row_of_starts(scene: Scene, count: int) -> PressRow:
     return PressRow(name=STARTING.name, presses=tuple(presses))
 
 
-async def _press_at_start(scene: Scene) -> Press:
+async def _press_at_start(scene: PressScene) -> Press:
     with tempfile.TemporaryDirectory(prefix="dlokit-press-") as name:
         folder = Path(name)
         stopping = asyncio.create_task(_stop_at_start(scene, folder), name="stop at the start")
@@ -81,7 +81,7 @@ async def _press_at_start(scene: Scene) -> Press:
             await end_tasks(stopping)
 
 
-async def _stop_at_start(scene: Scene, folder: Path) -> tuple[StopReport, float]:
+async def _stop_at_start(scene: PressScene, folder: Path) -> tuple[StopReport, float]:
     await until_there(lambda: _announced(folder) is not None)
     await scene.wait_up_to(STARTING_S)
     system = _announced(folder)

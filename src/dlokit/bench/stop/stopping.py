@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from dlokit.bench.faults.disturbance import FILE_NAME as DISTURBANCE
-from dlokit.bench.faults.disturbance import Kind, disturb
+from dlokit.bench.faults.disturbance import Disturbance, disturb
 from dlokit.bench.stop.commander import Order, end_commander, pid_of, start_commander
 from dlokit.bench.stop.logs import AT_REST, ArmLog
 from dlokit.bench.stop.small_system import arm_and_cell, burden
@@ -147,10 +147,10 @@ class _Trials:
         """What the arm feels does not come to its driver any more."""
 
         def withhold() -> None:
-            disturb(self._folder, Kind.NO_FEEDBACK)
+            disturb(self._folder, Disturbance.NO_FEEDBACK)
 
         def hand_on() -> None:
-            disturb(self._folder, Kind.NONE)
+            disturb(self._folder, Disturbance.NONE)
 
         return await self._repeated("feedback withheld", self._plan.feedback_losses, withhold, hand_on)
 

@@ -81,7 +81,7 @@ _CHECK = struct.Struct(">Q")
 _MARK = struct.Struct(">Q1s")
 
 
-class Kind(enum.Enum):
+class AnswerKind(enum.Enum):
     """What an answer is."""
 
     OUTCOME = b"o"
@@ -91,7 +91,7 @@ class Kind(enum.Enum):
     """The call came altered, and was not run: it may be sent again."""
 
 
-_KINDS = {kind.value: kind for kind in Kind}
+_KINDS = {kind.value: kind for kind in AnswerKind}
 
 
 class Label(msgspec.Struct, frozen=True, gc=False):
@@ -115,12 +115,12 @@ def read_label(data: bytes) -> Label:
     return Label(data[_CHECK.size :].decode(errors="replace"), int.from_bytes(data[: _CHECK.size], "big"))
 
 
-def mark_of(kind: Kind, answer: bytes) -> bytes:
+def mark_of(kind: AnswerKind, answer: bytes) -> bytes:
     """What goes beside an answer."""
     return _MARK.pack(check_sum(answer), kind.value)
 
 
-def read_mark(data: bytes, answer: bytes) -> Kind | None:
+def read_mark(data: bytes, answer: bytes) -> AnswerKind | None:
     """What kind of answer came; None for one that nobody can have sent so."""
     if len(data) != _MARK.size:
         return None
@@ -129,4 +129,4 @@ def read_mark(data: bytes, answer: bytes) -> Kind | None:
     if check == check_sum(answer):
         return kind
     # Of a piece of progress there comes another; an outcome is asked for again.
-    return Kind.ALTERED if kind is Kind.OUTCOME else None
+    return AnswerKind.ALTERED if kind is AnswerKind.OUTCOME else None

@@ -17,7 +17,7 @@ from dlokit.communication.skill import Skill
 from dlokit.communication.timing.urgency import threads_urgent
 from dlokit.communication.transport import CallHandler, Report
 from dlokit.communication.wire import codec
-from dlokit.communication.wire.envelope import Kind, label_of, mark_of, read_label, read_mark
+from dlokit.communication.wire.envelope import AnswerKind, label_of, mark_of, read_label, read_mark
 from dlokit.communication.zenoh.connection import LoopDoor
 from dlokit.errors import CommunicationError
 from dlokit.types.outcome import Rejected
@@ -57,12 +57,12 @@ def ask(
                 return
             answer = reply.ok.payload.to_bytes()
             match read_mark(reply.ok.attachment.to_bytes(), answer):
-                case Kind.OUTCOME:
+                case AnswerKind.OUTCOME:
                     came = True
                     door.call(settle, answer)
-                case Kind.PROGRESS:
+                case AnswerKind.PROGRESS:
                     door.call(report, answer)
-                case Kind.ALTERED:
+                case AnswerKind.ALTERED:
                     altered = True
                 case None:
                     log.debug("an answer of %s cannot be read", skill.key)
@@ -169,7 +169,7 @@ class CallServer:
         if label.fits(request):
             self._door.call(self._start, query, request, label.call_id)
         else:
-            _reply(query, b"", Kind.ALTERED)
+            _reply(query, b"", AnswerKind.ALTERED)
 
     def _start(self, query: zenoh.Query, request: bytes, call_id: str) -> None:
         if self._closing:
@@ -232,12 +232,12 @@ def _came_by_its_key(query: zenoh.Query, request: bytes) -> bool:
 
 def _tell(query: zenoh.Query, progress: bytes) -> None:
     try:
-        query.reply(query.key_expr, progress, attachment=mark_of(Kind.PROGRESS, progress))
+        query.reply(query.key_expr, progress, attachment=mark_of(AnswerKind.PROGRESS, progress))
     except zenoh.ZError as error:
         log.warning("progress could not be sent: %s", error)
 
 
-def _reply(query: zenoh.Query, answer: bytes, kind: Kind = Kind.OUTCOME) -> None:
+def _reply(query: zenoh.Query, answer: bytes, kind: AnswerKind = AnswerKind.OUTCOME) -> None:
     try:
         query.reply(query.key_expr, answer, attachment=mark_of(kind, answer))
     except zenoh.ZError as error:

@@ -8,7 +8,7 @@ from dlokit import geometry
 from dlokit.description.arm.mounts import ArmMount
 from dlokit.description.arm.panda import PANDA_FINGER_SPEED_M_S, PANDA_LIMITS
 from dlokit.functional.cell.fingers import Fingers
-from dlokit.functional.cell.setpoints import Brake, Fade, Follow, Hold, Program, Setpoint
+from dlokit.functional.cell.setpoints import Brake, Fade, Follow, HoldStill, Program, Setpoint
 from dlokit.types.arrays import Float64Array, Int64Array
 from dlokit.types.pose import Pose
 from dlokit.types.robot import JointTrajectory, RobotMode, RobotState
@@ -33,7 +33,7 @@ class CellArm:
         )
         self._site = int(model.site(f"{name}/tcp").id)
         self.fingers = Fingers(model, data, name=name, speed_m_s=PANDA_FINGER_SPEED_M_S)
-        self._program: Program = Hold(q_rad)
+        self._program: Program = HoldStill(q_rad)
         self._mode = RobotMode.IDLE
         self._fault = False
         self.stop_latched = False
@@ -132,5 +132,5 @@ class CellArm:
         self._largest_error_rad = 0.0
 
     def _finish(self, time_s: float) -> None:
-        self._program = Hold(self._program.at(time_s).q_rad)
+        self._program = HoldStill(self._program.at(time_s).q_rad)
         self._mode = RobotMode.FAULT if self._fault else RobotMode.IDLE

@@ -33,7 +33,7 @@ class Program(Protocol):
         ...
 
 
-class Hold:
+class HoldStill:
     """Stay."""
 
     def __init__(self, q_rad: Float64Array) -> None:

@@ -23,7 +23,7 @@ from dlokit.skills.planning.strategies import from_spec, load
 from dlokit.skills.planning.verdict import holding
 from dlokit.skills.planning.verdict.feasibility import Workplace, check_start
 from dlokit.skills.planning.verdict.goal_verdict import judge
-from dlokit.skills.planning.verdict.holding import Hold
+from dlokit.skills.planning.verdict.holding import HoldVerdict
 from dlokit.types.action import Action, Candidates, ControlAdvice, ControlForecast, Correction, HeldNode, Marks
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloBelief, DloState, GoalShape
@@ -132,7 +132,7 @@ class PlanningComponent(Component):
         if not (math.isfinite(threshold_m) and threshold_m > 0.0):
             raise SkillRejected("bad_threshold", f"it is {threshold_m}; it must be a number above 0 [m]")
 
-        async def try_goal(nodes_world: Float64Array) -> Hold:
+        async def try_goal(nodes_world: Float64Array) -> HoldVerdict:
             return await self.port.compute(
                 holding.try_goal, self._model, self._belief(), nodes_world, threshold_m, self._config.feasibility
             )

@@ -18,7 +18,7 @@ from dlokit.skills.viewer.flow_chart import Edge
 from dlokit.skills.viewer.frames import GoalFramesView, GoalHandles
 from dlokit.skills.viewer.page import LoopGate, close_page, open_page
 from dlokit.skills.viewer.panel import Operator, Panel
-from dlokit.skills.viewer.scene import Scene, thumbnail
+from dlokit.skills.viewer.scene import ViewerScene, thumbnail
 from dlokit.skills.viewer.state import ErrorHistory, Fresh, LitStep, RunState, after_command, after_status
 from dlokit.types.action import Action, Candidates
 from dlokit.types.dlo import DloState, GoalShape, TargetPoints
@@ -116,7 +116,7 @@ class ViewerComponent(Component):
         gate = LoopGate(asyncio.get_running_loop())
         try:
             self._port = server.get_port()
-            scene = Scene(server, self._config, self._rod.radius_m)
+            scene = ViewerScene(server, self._config, self._rod.radius_m)
             frames = GoalFramesView(server, self._handles, gate, self._publish_frames) if self._operated else None
             panel = Panel(
                 server,
@@ -195,7 +195,7 @@ class ViewerComponent(Component):
         self._status.put(status)
 
     async def _draw_for_ever(
-        self, server: viser.ViserServer, scene: Scene, frames: GoalFramesView | None, panel: Panel
+        self, server: viser.ViserServer, scene: ViewerScene, frames: GoalFramesView | None, panel: Panel
     ) -> None:
         # The page lives by this process's clock: it must answer while the cell's stands still.
         clock = LoopClock()
@@ -207,7 +207,7 @@ class ViewerComponent(Component):
                     self._draw_panel(scene, panel)
             await clock.sleep(1.0 / self._config.draw_rate_hz)
 
-    def _draw_scene(self, scene: Scene, frames: GoalFramesView | None) -> None:
+    def _draw_scene(self, scene: ViewerScene, frames: GoalFramesView | None) -> None:
         for robot in self._robots.values():
             robot.take(scene.show_robot)
         self._cloud.take(scene.show_cloud)
@@ -221,7 +221,7 @@ class ViewerComponent(Component):
         if self._goal.take(scene.show_goal) and frames is not None and not self._handles.dragged:
             frames.place()
 
-    def _draw_panel(self, scene: Scene, panel: Panel) -> None:
+    def _draw_panel(self, scene: ViewerScene, panel: Panel) -> None:
         if (images := self._images.value) is not None and self._images.fresh:
             panel.draw_picture(thumbnail(images.left, self._config.picture_width_px))
         self._images.take(scene.show_pictures)

@@ -76,7 +76,7 @@ _TABLE_THICKNESS_M = 0.03
 _TUBE_SIDES = 10
 
 
-class Scene:
+class ViewerScene:
     """What the page shows in three dimensions. Layers appear with their first message."""
 
     def __init__(self, server: viser.ViserServer, config: ViewerConfig, dlo_radius_m: float) -> None:

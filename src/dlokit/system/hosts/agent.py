@@ -9,7 +9,7 @@ from contextlib import asynccontextmanager
 
 from dlokit import __version__
 from dlokit.communication.component import Component, implements, implements_reporting
-from dlokit.communication.container import Host
+from dlokit.communication.container import Container
 from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.errors import InputError, MachineError, ProcessFailure, SkillFailure, SkillRejected
 from dlokit.system.hosts.api import HELLO, RUN_SHARE, HostFacts, ShareReady
@@ -92,7 +92,7 @@ async def host_served(
     meeting_point = free_meeting_point()
     config = door(meeting_point)
     async with join_bus(config, TimeBase.MACHINE) as bus, impatient_links(config.connect[0]):
-        host = Host(bus.transport, bus.clock)
+        host = Container(bus.transport, bus.clock)
         host.add(HostAgent(name, rows, prepare, meeting_point, say))
         async with host:
             yield

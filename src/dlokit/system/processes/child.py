@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from dlokit.communication.component import Component
-from dlokit.communication.container import Host, end_tasks
+from dlokit.communication.container import Container, end_tasks
 from dlokit.communication.timing.urgency import garbage_frozen, may_be_urgent
 from dlokit.communication.zenoh.session import OpenSession, open_session
 from dlokit.errors import InputError, ProcessFailure
@@ -73,7 +73,7 @@ async def _serve(spec: ChildSpec, build: Build, open_session: OpenSession) -> No
     threading.Thread(target=_end_with_parent, args=(loop, stop, spec.outlives_s), daemon=True).start()
     with worker_pool() as compute:
         async with join_bus(spec.bus, spec.time_base, open_session) as bus:
-            host = Host(bus.transport, bus.clock, compute, spec.instances)
+            host = Container(bus.transport, bus.clock, compute, spec.instances)
             for name in spec.components:
                 host.add(build(name, spec, bus))
             # The first look of a loaded machine would else wait for a worker to start, and time out.
@@ -93,7 +93,7 @@ async def _others_there(spec: ChildSpec, bus: JoinedBus) -> None:
     await bus.first_tick(spec.others_within_s)
 
 
-async def _until_stopped(stop: asyncio.Event, host: Host, beat_fd: int) -> None:
+async def _until_stopped(stop: asyncio.Event, host: Container, beat_fd: int) -> None:
     """Beat until `stop` is set; raises what a component's own loop raises."""
     tasks: set[asyncio.Task[Any]] = {
         asyncio.create_task(stop.wait(), name="stop"),

@@ -8,7 +8,7 @@ from rich.console import Console
 
 from dlokit.app.doctor import doctor, machine, packages
 from dlokit.app.doctor.doctor import DoctorArgs
-from dlokit.app.doctor.machine import Finding, Standing
+from dlokit.app.doctor.machine import DoctorRow, Severity
 from dlokit.app.doctor.opengl import OpenGLReport, probe_opengl
 
 
@@ -34,7 +34,7 @@ def test_a_broken_opengl_is_told_with_its_error(monkeypatch: pytest.MonkeyPatch)
     assert not report.works
     assert "Error" in report.text
     assert "\n" not in report.text
-    assert finding.standing is Standing.LACKING
+    assert finding.standing is Severity.LACKING
     assert "apt install" in finding.mend
 
 
@@ -48,27 +48,27 @@ def test_a_picture_that_takes_too_long_is_a_finding_and_no_hang() -> None:
 @pytest.mark.parametrize(
     ("finding", "standing"),
     [
-        (machine.python_finding((3, 11, 2)), Standing.READY),
-        (machine.python_finding((3, 10, 9)), Standing.LACKING),
-        (machine.opengl_finding(OpenGLReport(works=True, text="llvmpipe")), Standing.READY),
-        (machine.cores_finding(2), Standing.READY),
-        (machine.cores_finding(1), Standing.ADVICE),
-        (machine.urgency_finding(True), Standing.READY),
-        (machine.urgency_finding(False), Standing.ADVICE),
-        (machine.memory_finding(8.0), Standing.READY),
-        (machine.memory_finding(0.5), Standing.ADVICE),
-        (packages.package_finding(Requirement("numpy>=2.2"), {"numpy": "2.2.1"}.get), Standing.READY),
-        (packages.package_finding(Requirement("numpy>=2.2"), {"numpy": "2.1.9"}.get), Standing.LACKING),
-        (packages.package_finding(Requirement("numpy>=2.2"), _nowhere), Standing.LACKING),
-        (packages.hardware_finding(packages.HARDWARE[0], lambda _: True), Standing.READY),
-        (packages.hardware_finding(packages.HARDWARE[0], lambda _: False), Standing.OPTIONAL),
-        (machine.browser_finding(lambda name: f"/usr/bin/{name}"), Standing.READY),
-        (machine.browser_finding(_nowhere), Standing.OPTIONAL),
+        (machine.python_finding((3, 11, 2)), Severity.READY),
+        (machine.python_finding((3, 10, 9)), Severity.LACKING),
+        (machine.opengl_finding(OpenGLReport(works=True, text="llvmpipe")), Severity.READY),
+        (machine.cores_finding(2), Severity.READY),
+        (machine.cores_finding(1), Severity.ADVICE),
+        (machine.urgency_finding(True), Severity.READY),
+        (machine.urgency_finding(False), Severity.ADVICE),
+        (machine.memory_finding(8.0), Severity.READY),
+        (machine.memory_finding(0.5), Severity.ADVICE),
+        (packages.package_finding(Requirement("numpy>=2.2"), {"numpy": "2.2.1"}.get), Severity.READY),
+        (packages.package_finding(Requirement("numpy>=2.2"), {"numpy": "2.1.9"}.get), Severity.LACKING),
+        (packages.package_finding(Requirement("numpy>=2.2"), _nowhere), Severity.LACKING),
+        (packages.hardware_finding(packages.HARDWARE[0], lambda _: True), Severity.READY),
+        (packages.hardware_finding(packages.HARDWARE[0], lambda _: False), Severity.OPTIONAL),
+        (machine.browser_finding(lambda name: f"/usr/bin/{name}"), Severity.READY),
+        (machine.browser_finding(_nowhere), Severity.OPTIONAL),
     ],
 )
-def test_each_finding_says_how_it_stands_and_how_to_mend_it(finding: Finding, standing: Standing) -> None:
+def test_each_finding_says_how_it_stands_and_how_to_mend_it(finding: DoctorRow, standing: Severity) -> None:
     assert finding.standing is standing
-    assert bool(finding.mend) is (standing is not Standing.READY)
+    assert bool(finding.mend) is (standing is not Severity.READY)
 
 
 def test_a_wrong_version_names_the_one_that_is_needed() -> None:
@@ -88,7 +88,7 @@ def test_every_dependency_is_looked_at_but_no_extra() -> None:
 def test_a_package_that_is_not_installed_is_lacking() -> None:
     (finding,) = packages.dependency_findings("dlokit-that-is-not-there")
 
-    assert finding.standing is Standing.LACKING
+    assert finding.standing is Severity.LACKING
 
 
 def test_a_port_in_use_is_told_with_a_way_out() -> None:
@@ -99,25 +99,27 @@ def test_a_port_in_use_is_told_with_a_way_out() -> None:
 
         finding = machine.port_finding("127.0.0.1", port)
 
-    assert finding.standing is Standing.ADVICE
+    assert finding.standing is Severity.ADVICE
     assert str(port) in finding.what
     assert "--viewer.port" in finding.mend
-    assert machine.port_finding("127.0.0.1", port).standing is Standing.READY
+    assert machine.port_finding("127.0.0.1", port).standing is Severity.READY
 
 
 def test_the_kernels_of_observers_and_planners_are_compiled_and_their_time_told() -> None:
     finding = machine.kernels_finding()
 
-    assert finding.standing is Standing.READY
+    assert finding.standing is Severity.READY
     assert re.search(r"loaded in \d+\.\d s", finding.found)
 
 
-LACKING = Finding(what="OpenGL (EGL)", standing=Standing.LACKING, found="no EGL", mend="sudo apt install libegl1")
-OPTIONAL = Finding(what="aravis", standing=Standing.OPTIONAL, found="only for cameras", mend="sudo apt install aravis")
-READY = Finding(what="Python", standing=Standing.READY, found="3.11.2")
+LACKING = DoctorRow(what="OpenGL (EGL)", standing=Severity.LACKING, found="no EGL", mend="sudo apt install libegl1")
+OPTIONAL = DoctorRow(
+    what="aravis", standing=Severity.OPTIONAL, found="only for cameras", mend="sudo apt install aravis"
+)
+READY = DoctorRow(what="Python", standing=Severity.READY, found="3.11.2")
 
 
-def _examines(*findings: Finding) -> Callable[[DoctorArgs], tuple[Finding, ...]]:
+def _examines(*findings: DoctorRow) -> Callable[[DoctorArgs], tuple[DoctorRow, ...]]:
     return lambda _: findings
 
 

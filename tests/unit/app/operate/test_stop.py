@@ -14,7 +14,7 @@ import pytest
 from dlokit.app.operate import stop
 from dlokit.app.operate.stop import StopArgs, Stopped, run_stop, stop_all
 from dlokit.communication.component import Component, implements
-from dlokit.communication.container import Host
+from dlokit.communication.container import Container
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.communication.zenoh.transport import ZenohTransport
@@ -73,7 +73,7 @@ def noted(folder: Path, *, arms: int = 1) -> RunningSystem:
 @asynccontextmanager
 async def on_bus(system: RunningSystem, *components: Component) -> AsyncGenerator[None]:
     transport = ZenohTransport(ZenohConfig(namespace=system.namespace, listen=(system.endpoint,)))
-    host = Host(transport, LoopClock())
+    host = Container(transport, LoopClock())
     for component in components:
         host.add(component)
     async with host:

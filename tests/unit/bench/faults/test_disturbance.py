@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from dlokit.bench.faults import disturbance
-from dlokit.bench.faults.disturbance import FILE_NAME, Kind, Line, disturb, disturbed_by, kind_in
+from dlokit.bench.faults.disturbance import FILE_NAME, Disturbance, Line, disturb, disturbed_by, kind_in
 from dlokit.communication import topics
 from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.communication.zenoh.transport import ZenohTransport
@@ -21,7 +21,7 @@ from dlokit.types.system import ClockTick
 PAYLOAD = bytes(100)
 
 
-def altered(folder: Path, kind: Kind, messages: int) -> list[bytes]:
+def altered(folder: Path, kind: Disturbance, messages: int) -> list[bytes]:
     disturb(folder, kind)
     line = Line(folder / FILE_NAME, random.Random(0))
     return [data for _ in range(messages) if (data := bytes(line.altered(PAYLOAD))) != PAYLOAD]
@@ -32,23 +32,23 @@ def test_a_bus_that_nobody_disturbs_carries_everything_at_once_as_it_is(tmp_path
     sent: list[int] = []
     line.send(lambda: sent.append(1))
     assert sent == [1]
-    assert kind_in(tmp_path / FILE_NAME) is Kind.NONE
-    assert not altered(tmp_path, Kind.NONE, 1000)
+    assert kind_in(tmp_path / FILE_NAME) is Disturbance.NONE
+    assert not altered(tmp_path, Disturbance.NONE, 1000)
 
 
 def test_one_message_of_a_hundred_has_one_byte_altered(tmp_path: Path) -> None:
-    found = altered(tmp_path, Kind.ALTERED, 10_000)
+    found = altered(tmp_path, Disturbance.ALTERED, 10_000)
     assert 60 <= len(found) <= 140  # four standard deviations about 100
     assert all(sum(byte != 0 for byte in data) == 1 for data in found)
 
 
 def test_late_messages_keep_their_order_also_when_the_bus_is_well_again(tmp_path: Path) -> None:
-    disturb(tmp_path, Kind.LATE)
+    disturb(tmp_path, Disturbance.LATE)
     line = Line(tmp_path / FILE_NAME, random.Random(0))
     arrived, last = list[int](), threading.Event()
     line.send(lambda: arrived.append(1))
     assert arrived == []
-    disturb(tmp_path, Kind.NONE)
+    disturb(tmp_path, Disturbance.NONE)
     threading.Event().wait(2 * disturbance.LOOK_EVERY_S)  # until the line has looked again
     line.send(lambda: (arrived.append(2), last.set()))
     assert last.wait(60.0)
@@ -95,7 +95,7 @@ def test_while_feedback_is_withheld_neither_a_reader_nor_a_tap_has_any(tmp_path:
 
         try:
             await until(lambda: arm.publish(topics.ARM_STATE, arm_state(1)), lambda: stamp_ns() == 1 and bool(tapped))
-            disturb(tmp_path, Kind.NO_FEEDBACK)
+            disturb(tmp_path, Disturbance.NO_FEEDBACK)
             await asyncio.sleep(2 * disturbance.LOOK_EVERY_S)  # until the line has looked again
             tapped.clear()
             for _ in range(10):
@@ -104,7 +104,7 @@ def test_while_feedback_is_withheld_neither_a_reader_nor_a_tap_has_any(tmp_path:
             await until(lambda: arm.publish(topics.CLOCK, ClockTick(stamp_ns=2)), lambda: clock_ns() == 2)
             assert stamp_ns() == 1
             assert tapped == []
-            disturb(tmp_path, Kind.NONE)
+            disturb(tmp_path, Disturbance.NONE)
             await until(lambda: arm.publish(topics.ARM_STATE, arm_state(3)), lambda: stamp_ns() == 3 and bool(tapped))
         finally:
             await driver.close()

@@ -4,13 +4,13 @@ import msgspec
 import pytest
 from scipy import stats
 
-from dlokit.bench.faults.judging import ALL, Finding, all_right, fault_rows, figures
+from dlokit.bench.faults.judging import ALL, RunFinding, all_right, fault_rows, figures
 from dlokit.bench.faults.table import BY_NAME, Fault
 from dlokit.types.flow import RunOutcome
 
 
-def finding(fault: str, **changed: object) -> tuple[Fault, Finding]:
-    right = Finding(
+def finding(fault: str, **changed: object) -> tuple[Fault, RunFinding]:
+    right = RunFinding(
         fault=fault,
         number=0,
         struck=True,

@@ -6,10 +6,10 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from dlokit.bench.faults.judging import Finding
+from dlokit.bench.faults.judging import RunFinding
 from dlokit.bench.faults.sweep import claim_faults_folder, run_faults
 from dlokit.bench.faults.table import BY_NAME
-from dlokit.bench.faults.trial import FINDING_FILE, Case, finished
+from dlokit.bench.faults.trial import FINDING_FILE, FaultCase, finished
 from dlokit.errors import InputError
 from dlokit.system.config import RunConfig
 
@@ -23,8 +23,8 @@ def test_the_folder_of_an_interrupted_sweep_is_taken_again_and_that_of_another_i
 
 
 def test_a_finished_run_is_read_and_not_run_again(tmp_path: Path) -> None:
-    case = Case(fault=BY_NAME["kill-camera"], number=3)
-    found = Finding(fault="kill-camera", number=3, struck=True, exit_code=0)
+    case = FaultCase(fault=BY_NAME["kill-camera"], number=3)
+    found = RunFinding(fault="kill-camera", number=3, struck=True, exit_code=0)
     (tmp_path / case.folder_name).mkdir()
     (tmp_path / case.folder_name / FINDING_FILE).write_bytes(msgspec.json.encode(found))
     assert list(run_faults([case], RunConfig(), tmp_path)) == [(case, found)]
@@ -32,6 +32,6 @@ def test_a_finished_run_is_read_and_not_run_again(tmp_path: Path) -> None:
 
 def test_a_run_that_never_started_is_made_again_by_the_next_sweep(tmp_path: Path) -> None:
     (tmp_path / FINDING_FILE).write_bytes(
-        msgspec.json.encode(Finding(fault="kill-camera", number=3, broken="not_started"))
+        msgspec.json.encode(RunFinding(fault="kill-camera", number=3, broken="not_started"))
     )
     assert finished(tmp_path) is None

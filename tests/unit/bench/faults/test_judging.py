@@ -3,11 +3,11 @@
 import msgspec
 import pytest
 
-from dlokit.bench.faults.judging import Finding, faults_of
+from dlokit.bench.faults.judging import RunFinding, faults_of
 from dlokit.bench.faults.table import BY_NAME
 from dlokit.types.flow import RunOutcome
 
-CONVERGED = Finding(
+CONVERGED = RunFinding(
     fault="kill-camera",
     number=0,
     struck=True,

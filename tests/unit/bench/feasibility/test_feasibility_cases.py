@@ -8,7 +8,7 @@ import pytest
 
 from dlokit.app.bench.feasibility import FeasibilityArgs, run_feasibility
 from dlokit.bench.feasibility.beliefs import Level, known, true_elastic_m3
-from dlokit.bench.feasibility.cases import Case, bench_dlo, judge_case
+from dlokit.bench.feasibility.cases import FeasibilityCase, bench_dlo, judge_case
 from dlokit.bench.feasibility.made_goals import made_goals
 from dlokit.bench.feasibility.releases import Happened, release
 from dlokit.description.dlo import SILICONE_HOSE, SOFT_ROPE, WIRE_A
@@ -23,7 +23,7 @@ I_AND_S = {name: builtin_shape(name, 0.5, 101) for name in "IS"}
 
 
 def test_a_stiff_rope_stays_straight_and_springs_back_from_the_s_as_the_verdicts_say() -> None:
-    judged = judge_case(Case(dlo=bench_dlo("stiff-rope"), seed=1000, threshold_m=0.012, curves=I_AND_S))
+    judged = judge_case(FeasibilityCase(dlo=bench_dlo("stiff-rope"), seed=1000, threshold_m=0.012, curves=I_AND_S))
     by = {(row.goal, row.level): row for row in judged}
     assert len(by) == len(judged) == 6
     for level in (Level.TOLD, Level.LEARNT):
@@ -46,7 +46,7 @@ def test_published_goals_that_are_said_to_hold_do() -> None:
     if not GOALS.exists():
         pytest.skip("the published planar goals are not on this machine")
     curves = {str(index): curve.astype(np.float64) for index, curve in enumerate(np.load(GOALS)[::20])}
-    for row in judge_case(Case(dlo=SOFT_ROPE, seed=1000, threshold_m=0.012, curves=curves)):
+    for row in judge_case(FeasibilityCase(dlo=SOFT_ROPE, seed=1000, threshold_m=0.012, curves=curves)):
         assert row.standing is not Standing.HOLDS or row.happened is Happened.STAYED, row
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dlokit.bench.observers.clouds import Look, looks
+from dlokit.bench.observers.clouds import ObserverFrame, looks
 from dlokit.bench.observers.conditions import (
     Ball,
     Conditions,
@@ -50,7 +50,7 @@ def _camera_above(place_world: np.ndarray) -> CameraCalibration:
     return moved(CAMERA, pose(place_world + np.array([0.0, 0.0, 1.0]), [0.0, 1.0, 0.0, 0.0]))
 
 
-def _look(conditions: Conditions, seed: int = 0) -> Look:
+def _look(conditions: Conditions, seed: int = 0) -> ObserverFrame:
     return looks(_sequence(), conditions, seed)[0]
 
 

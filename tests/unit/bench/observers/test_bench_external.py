@@ -8,12 +8,12 @@ import pytest
 from cables import LENGTH_M, cable_arrays, write_cable
 from trials import run_plan
 
-from dlokit.bench.observers.cases import Case, external_cases
+from dlokit.bench.observers.cases import ObserverCase, external_cases
 from dlokit.bench.observers.clouds import looks
 from dlokit.bench.observers.conditions import Conditions
 from dlokit.bench.observers.external import RADIUS_M, read_sequence, unread_arrays
 from dlokit.bench.observers.methods import choose
-from dlokit.bench.observers.runner import Plan
+from dlokit.bench.observers.runner import BenchPlan
 from dlokit.description.scene import default_calibration
 from dlokit.description.shapes import builtin_shape
 from dlokit.errors import InputError
@@ -120,7 +120,7 @@ def test_a_file_that_is_missing_or_something_else_is_named(tmp_path: Path) -> No
 def test_a_sparse_fast_sequence_runs_unpinned_and_pinned_at_its_own_rate(tmp_path: Path) -> None:
     path = write_cable(tmp_path / "cable.npz", frames=8, rate_hz=100.0)
     methods = choose(("anchored",)).methods
-    plan = Plan(cases=(Case(name="cable", file=path),), methods=methods, seeds=10, frames=None)
+    plan = BenchPlan(cases=(ObserverCase(name="cable", file=path),), methods=methods, seeds=10, frames=None)
     free, pinned = run_plan(plan)
     assert free.frames == 8, "a file has one seed, and all of its frames are run"
     # 7 frames of 10 ms: within them the cable moves by 2 cm, and an observer follows.
@@ -142,5 +142,5 @@ def test_a_sparse_sequence_with_clouds_and_no_camera_runs(tmp_path: Path) -> Non
     del arrays["T_world_camera"]
     np.savez(tmp_path / "cable.npz", **arrays)
     (case,) = external_cases((tmp_path / "cable.npz",))
-    (trial, _) = run_plan(Plan(cases=(case,), methods=choose(("anchored",)).methods, seeds=1, frames=None))
+    (trial, _) = run_plan(BenchPlan(cases=(case,), methods=choose(("anchored",)).methods, seeds=1, frames=None))
     assert trial.figures["node error"] < 0.01

@@ -14,16 +14,16 @@ from trials import run_plan
 from dlokit.app.bench import observers
 from dlokit.app.bench.observers import ObserversArgs, run_observers
 from dlokit.bench.observers import peers
-from dlokit.bench.observers.cases import BASE, Case
+from dlokit.bench.observers.cases import BASE, ObserverCase
 from dlokit.bench.observers.clouds import Looks
 from dlokit.bench.observers.conditions import Conditions
 from dlokit.bench.observers.figures import ALL_CASES, figures
-from dlokit.bench.observers.methods import Method, choose, default_name
+from dlokit.bench.observers.methods import ObserverMethod, choose, default_name
 from dlokit.bench.observers.metrics import CORRELATION, FLAGGED, METRICS, Losses
 from dlokit.bench.observers.peers import PycpdConfig
 from dlokit.bench.observers.pictures import draw
 from dlokit.bench.observers.report import case_table, metric_table, observers_json
-from dlokit.bench.observers.runner import WARM_UP_FRAMES, Plan, Trial, follow
+from dlokit.bench.observers.runner import WARM_UP_FRAMES, BenchPlan, Trial, follow
 from dlokit.bench.observers.workers import THREAD_VARIABLES, one_thread, run_in_workers
 from dlokit.errors import ConfigError, InputError, MachineError
 from dlokit.skills.observer.base import ObserverStrategy, nothing_seen
@@ -54,13 +54,15 @@ class Still:
         return nothing_seen(seen, prior)
 
 
-def _plan(*given: Method, seeds: int = 1, cases: tuple[Case, ...] = (BASE,)) -> Plan:
-    return Plan(cases=cases, methods=given, seeds=seeds, frames=4)
+def _plan(*given: ObserverMethod, seeds: int = 1, cases: tuple[ObserverCase, ...] = (BASE,)) -> BenchPlan:
+    return BenchPlan(cases=cases, methods=given, seeds=seeds, frames=4)
 
 
 def test_every_method_gets_the_same_clouds_and_only_pinned_ones_the_pins() -> None:
     GIVEN.clear()
-    plan = _plan(Method(config=StillConfig(label="a")), Method(config=StillConfig(label="b"), pinned=True))
+    plan = _plan(
+        ObserverMethod(config=StillConfig(label="a")), ObserverMethod(config=StillConfig(label="b"), pinned=True)
+    )
     trials = list(run_plan(plan))
     assert [trial.method for trial in trials] == ["still", "still, pinned"]
     for (seen_a, _), (seen_b, _) in zip(GIVEN["a"], GIVEN["b"], strict=True):
@@ -71,14 +73,14 @@ def test_every_method_gets_the_same_clouds_and_only_pinned_ones_the_pins() -> No
 
 def test_the_first_frame_s_nodes_are_the_first_prior() -> None:
     GIVEN.clear()
-    list(run_plan(_plan(Method(config=StillConfig()))))
+    list(run_plan(_plan(ObserverMethod(config=StillConfig()))))
     truth = BASE.sequence(0, 4).nodes_world[0]
     assert np.array_equal(GIVEN["still"][WARM_UP_FRAMES][1].nodes_world, truth)
     assert len(GIVEN["still"]) == WARM_UP_FRAMES + 3, "a warm-up, and three frames after the first"
 
 
 def test_an_observer_that_never_moves_is_wrong_by_how_far_the_rod_moved() -> None:
-    trial = next(iter(run_plan(_plan(Method(config=StillConfig())))))
+    trial = next(iter(run_plan(_plan(ObserverMethod(config=StillConfig())))))
     nodes = BASE.sequence(0, 4).nodes_world
     assert trial.figures["node error"] == pytest.approx(np.linalg.norm(nodes[1:] - nodes[0], axis=2).mean())
 
@@ -92,7 +94,7 @@ def test_the_looks_of_a_sequence_are_never_asked_for_all_at_once() -> None:
             return super().__getitem__(index)
 
     sequence = BASE.sequence(0, 8)
-    follow(sequence, Watched(sequence, BASE.conditions, 0), Method(config=StillConfig()))
+    follow(sequence, Watched(sequence, BASE.conditions, 0), ObserverMethod(config=StillConfig()))
     assert max(asked) == WARM_UP_FRAMES
 
 
@@ -107,7 +109,7 @@ def test_intervals_are_over_sequences() -> None:
 
 def test_the_json_names_the_default_observer_and_all_rows() -> None:
     trials = [Trial(case="base", seed=0, method="still", frames=3, figures={"node error": 0.01})]
-    plan = _plan(Method(config=StillConfig()))
+    plan = _plan(ObserverMethod(config=StillConfig()))
     content = msgspec.json.decode(observers_json(figures(trials), {"cores": "2"}, plan))
     assert content["bench"] == "observers"
     assert content["config"]["default"] == default_name()
@@ -159,7 +161,9 @@ def test_a_package_that_is_not_there_is_told_how_to_install() -> None:
 
 def test_pycpd_follows_a_small_shift() -> None:
     pytest.importorskip("pycpd", exc_type=ImportError)
-    (trial,) = run_plan(_plan(Method(config=PycpdConfig()), cases=(replace(BASE, conditions=Conditions(hidden=0.0)),)))
+    (trial,) = run_plan(
+        _plan(ObserverMethod(config=PycpdConfig()), cases=(replace(BASE, conditions=Conditions(hidden=0.0)),))
+    )
     # Within four frames hands move by a centimetre at most.
     assert trial.figures["node error"] < 0.01
 
@@ -167,7 +171,7 @@ def test_pycpd_follows_a_small_shift() -> None:
 def test_an_early_end_keeps_what_was_done(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     done = Trial(case="base", seed=0, method="cpd", frames=3, figures={"node error": 0.01})
 
-    def interrupted(plan: Plan, jobs: int):  # a generator of trials
+    def interrupted(plan: BenchPlan, jobs: int):  # a generator of trials
         yield done
         raise KeyboardInterrupt
 
@@ -207,8 +211,8 @@ class Failing:
 
 @pytest.mark.parametrize("not_finite", [False, True])
 def test_a_frame_that_a_method_gives_up_at_keeps_the_answer_before_and_is_counted(not_finite: bool) -> None:
-    (trial,) = run_plan(_plan(Method(config=FailingConfig(not_finite=not_finite))))
-    (still,) = run_plan(_plan(Method(config=StillConfig())))
+    (trial,) = run_plan(_plan(ObserverMethod(config=FailingConfig(not_finite=not_finite))))
+    (still,) = run_plan(_plan(ObserverMethod(config=StillConfig())))
     assert trial.figures["frames without an answer"] == pytest.approx(1.0 / 3.0)
     assert trial.figures["node error"] == still.figures["node error"]
 
@@ -246,26 +250,26 @@ def test_over_all_cases_a_unit_is_a_seed() -> None:
 
 
 def test_methods_that_state_no_health_are_not_judged_by_it() -> None:
-    assert not Method(config=PycpdConfig()).states_trust
-    (trial,) = run_plan(_plan(Method(config=StillConfig())))
+    assert not ObserverMethod(config=PycpdConfig()).states_trust
+    (trial,) = run_plan(_plan(ObserverMethod(config=StillConfig())))
     assert trial.losses == Losses(count=0, flagged=0)
 
 
 def test_a_worker_process_gives_what_this_process_gives_and_what_it_raises_is_raised_here(tmp_path: Path) -> None:
     file = write_cable(tmp_path / "cable.npz", 4)
-    good = tuple(Case(name=str(share), file=file, conditions=Conditions(hidden=share)) for share in (0.0, 0.3))
-    missing = Case(name="none", file=tmp_path / "none.npz")
+    good = tuple(ObserverCase(name=str(share), file=file, conditions=Conditions(hidden=share)) for share in (0.0, 0.3))
+    missing = ObserverCase(name="none", file=tmp_path / "none.npz")
     methods = choose(("anchored",)).methods[:1]
     there: dict[str, float] = {}
 
     def run_there() -> None:
-        for said in run_in_workers(Plan(cases=(*good, missing), methods=methods, seeds=1, frames=None), 1):
+        for said in run_in_workers(BenchPlan(cases=(*good, missing), methods=methods, seeds=1, frames=None), 1):
             if isinstance(said, Trial):
                 there[said.case] = said.figures["node error"]
 
     with pytest.raises(InputError, match="no file"):  # one process for both, because starting one takes seconds
         run_there()
-    here = run_plan(Plan(cases=good, methods=methods, seeds=1, frames=None))
+    here = run_plan(BenchPlan(cases=good, methods=methods, seeds=1, frames=None))
     assert there == {trial.case: trial.figures["node error"] for trial in here}
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dlokit.bench.observers import iterations
-from dlokit.bench.observers.cases import CASES, Case
+from dlokit.bench.observers.cases import CASES, ObserverCase
 from dlokit.bench.observers.conditions import Conditions
 from dlokit.bench.observers.figures import ALL_CASES
 from dlokit.bench.observers.iterations import IterationTimes
@@ -13,7 +13,7 @@ from dlokit.bench.observers.metrics import METRICS
 from dlokit.bench.observers.runner import Trial
 from dlokit.bench.observers.summary import Bar, bars, compare
 
-CASE = Case(name="base")
+CASE = ObserverCase(name="base")
 
 
 def _trials(errors_m: dict[str, list[float]]) -> list[Trial]:
@@ -52,7 +52,7 @@ def test_without_a_peer_there_is_nothing_to_compare() -> None:
 
 
 def test_an_extra_case_has_no_bar() -> None:
-    (one,) = compare(_trials({default_name(): [0.1], "cpd": [0.1]}), [Case(name="base", extra=True)])
+    (one,) = compare(_trials({default_name(): [0.1], "cpd": [0.1]}), [ObserverCase(name="base", extra=True)])
     assert not one.met
     assert not one.has_bar
 
@@ -65,7 +65,7 @@ def test_no_frame_may_be_lost_in_cases_with_few_hidden_but_in_the_dark() -> None
     never_lost = {bar.case for bar in bars(CASES) if bar.metric == "frames over 50 mm"}
     assert {"base", "hidden 0 %", "swing 1 m/s", "crossing"} <= never_lost
     assert {"hidden 50 %", "hidden 70 %", "dark for 1 s", "camera error"}.isdisjoint(never_lost)
-    assert bars([Case(name="x", conditions=Conditions(hidden=0.7))]) == bars([])
+    assert bars([ObserverCase(name="x", conditions=Conditions(hidden=0.7))]) == bars([])
 
 
 def test_a_bar_is_met_from_below_or_from_above() -> None:

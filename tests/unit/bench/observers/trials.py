@@ -2,10 +2,10 @@
 
 from collections.abc import Iterator
 
-from dlokit.bench.observers.runner import Plan, Sequences, Trial, run_task
+from dlokit.bench.observers.runner import BenchPlan, Sequences, Trial, run_task
 
 
-def run_plan(plan: Plan) -> Iterator[Trial]:
+def run_plan(plan: BenchPlan) -> Iterator[Trial]:
     """Every trial, one after another, here."""
     sequences = Sequences(plan.frames)
     for task in plan.tasks:

@@ -4,15 +4,15 @@ import msgspec
 import numpy as np
 from made_results import made_action
 
-from dlokit.bench.shaping.cases import Case, CaseResult, CaseShapes, Method
+from dlokit.bench.shaping.cases import CaseResult, CaseShapes, ShapingCase, ShapingMethod
 from dlokit.bench.shaping.experiments import BuiltInGoal, Experiment
 from dlokit.description import shapes
 from dlokit.system.results.run_result import ActionResult, RunResult, VerdictResult
 from dlokit.types.feasibility import Standing
 from dlokit.types.flow import RunOutcome
 
-FARTHEST = Method(observer="map", planner="farthest")
-ROLLOUT = Method(observer="map", planner="rollout")
+FARTHEST = ShapingMethod(observer="map", planner="farthest")
+ROLLOUT = ShapingMethod(observer="map", planner="rollout")
 BENT = Experiment(name="I to S", start="I", goal=BuiltInGoal(name="S"), groups=("bent",))
 STRAIGHT = Experiment(name="S to I", start="S", goal=BuiltInGoal(name="I"))
 
@@ -53,13 +53,18 @@ def run(
 
 
 def done(
-    result: RunResult, experiment: Experiment = BENT, *, seed: int = 0, method: Method = FARTHEST, drawn: bool = True
+    result: RunResult,
+    experiment: Experiment = BENT,
+    *,
+    seed: int = 0,
+    method: ShapingMethod = FARTHEST,
+    drawn: bool = True,
 ) -> CaseResult:
     """A case with that result."""
     line = shapes.builtin_shape("I", 0.5, 31)
     ways = CaseShapes(start_world=line, goal_world=line, final_world=line) if drawn else None
     result = msgspec.structs.replace(result, seed=seed)
-    case = Case(experiment=experiment, seed=seed, method=method)
+    case = ShapingCase(experiment=experiment, seed=seed, method=method)
     return CaseResult(case=case, result=result, shapes=ways, fault=None if drawn else "ValueError: by the test")
 
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from dlokit.bench.shaping.cases import Method, cases, methods_of, with_method
+from dlokit.bench.shaping.cases import ShapingMethod, cases, methods_of, with_method
 from dlokit.bench.shaping.suites import paper_suite
 from dlokit.errors import ConfigError
 from dlokit.skills.observer.cpd_config import CpdConfig
@@ -24,7 +24,7 @@ def test_every_method_meets_every_start() -> None:
 def test_where_nothing_is_named_the_configuration_is_the_method() -> None:
     config = RunConfig()
     (method,) = methods_of(config, [], [])
-    assert method == Method(observer=config.observer.strategy.name, planner=config.planning.strategy.name)
+    assert method == ShapingMethod(observer=config.observer.strategy.name, planner=config.planning.strategy.name)
     assert with_method(config, method) == config
 
 
@@ -32,11 +32,13 @@ def test_a_strategy_that_is_configured_keeps_its_settings_and_another_has_its_ow
     config = RunConfig()
     config = replace(config, observer=replace(config.observer, strategy=CpdConfig(beta_m=0.3)))
     planner = config.planning.strategy.name
-    assert with_method(config, Method(observer="cpd", planner=planner)).observer.strategy == CpdConfig(beta_m=0.3)
-    assert with_method(config, Method(observer="map", planner=planner)).observer.strategy.name == "map"
-    assert with_method(config, Method(observer="map", planner="rollout")).planning.strategy.name == "rollout"
+    assert with_method(config, ShapingMethod(observer="cpd", planner=planner)).observer.strategy == CpdConfig(
+        beta_m=0.3
+    )
+    assert with_method(config, ShapingMethod(observer="map", planner=planner)).observer.strategy.name == "map"
+    assert with_method(config, ShapingMethod(observer="map", planner="rollout")).planning.strategy.name == "rollout"
 
 
 def test_a_method_that_is_not_known_is_told_with_those_that_are() -> None:
     with pytest.raises(ConfigError, match="farthest"):
-        with_method(RunConfig(), Method(observer="map", planner="crystal_ball"))
+        with_method(RunConfig(), ShapingMethod(observer="map", planner="crystal_ball"))

@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 from shaping_results import BENT, FARTHEST, ROLLOUT, STRAIGHT, done, run
 
-from dlokit.bench.report import Figure
+from dlokit.bench.report import BenchFigure
 from dlokit.bench.shaping import metrics, pictures
 from dlokit.bench.shaping.figures import COLUMNS as HEADINGS
 from dlokit.bench.shaping.figures import experiment_rows, figures, group_rows, outcomes, overview, verdict_lines
@@ -15,7 +15,7 @@ FALSE = run([0.05, 0.010], true_m=0.0141)
 STALLED = run([0.05, 0.03, 0.03, 0.03, 0.03], outcome=RunOutcome.STALLED, said=Standing.DOUBTFUL)
 
 
-def _find(rows: list[Figure], case: str, method: str, metric: str) -> Figure:
+def _find(rows: list[BenchFigure], case: str, method: str, metric: str) -> BenchFigure:
     (row,) = [row for row in rows if (row.case, row.method, row.metric) == (case, method, metric)]
     return row
 

@@ -8,7 +8,7 @@ import pytest
 from dlokit import geometry
 from dlokit.bench.shaping.oracle import OracleObserver, OraclePerception
 from dlokit.communication import topics
-from dlokit.communication.container import Host
+from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
@@ -27,14 +27,14 @@ class _Rope:
         self.nodes = TRUTH
 
 
-async def _host(rope: _Rope) -> Host:
-    host = Host(MemoryTransport(), LoopClock())
+async def _host(rope: _Rope) -> Container:
+    host = Container(MemoryTransport(), LoopClock())
     host.add(OraclePerception(lambda: rope.nodes))
     host.add(OracleObserver(lambda: rope.nodes, nodes=NODES))
     return host
 
 
-async def _targets(host: Host, towards: np.ndarray | None = None) -> TargetPoints:
+async def _targets(host: Container, towards: np.ndarray | None = None) -> TargetPoints:
     found = await host.transport.call(observer.INITIALISE, 0, towards)
     assert isinstance(found, Succeeded)
     return found.result

@@ -7,7 +7,7 @@ import pytest
 from shaping_results import BENT, FARTHEST, ROLLOUT, STRAIGHT, done, run, same_shapes
 
 from dlokit.bench.shaping import sweep
-from dlokit.bench.shaping.cases import IDEAL, Case, CaseResult, CaseShapes, Method, cases
+from dlokit.bench.shaping.cases import IDEAL, CaseResult, CaseShapes, ShapingCase, ShapingMethod, cases
 from dlokit.bench.shaping.runner import FAULT_FILE, SHAPES_FILE, attempt_case, case_config, finished_case, job_of
 from dlokit.bench.shaping.suites import paper_suite
 from dlokit.bench.shaping.sweep import Workers, claim_sweep_folder, cluster_backend, run_sweep
@@ -56,9 +56,9 @@ def test_no_two_cases_share_a_folder() -> None:
 def test_a_finished_case_is_read_and_not_run_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     before = done(GOOD)
     _finish(tmp_path, before)
-    ran: list[Case] = []
+    ran: list[ShapingCase] = []
 
-    def attempt(case: Case, config: RunConfig, folder: Path) -> CaseResult:
+    def attempt(case: ShapingCase, config: RunConfig, folder: Path) -> CaseResult:
         ran.append(case)
         return done(GOOD, seed=case.seed)
 
@@ -146,7 +146,9 @@ def test_a_folder_of_something_else_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_run_that_breaks_down_is_told_of_and_is_not_finished(tmp_path: Path) -> None:
-    case = Case(experiment=replace(BENT, start="Z"), seed=0, method=Method(observer=IDEAL, planner="farthest"))
+    case = ShapingCase(
+        experiment=replace(BENT, start="Z"), seed=0, method=ShapingMethod(observer=IDEAL, planner="farthest")
+    )
 
     broken = attempt_case(case, CONFIG, tmp_path / case.folder_name)
 
@@ -169,7 +171,7 @@ def test_a_cluster_that_is_not_there_is_one_clear_error(address: str, monkeypatc
         pass
 
 
-def _names(todo: Sequence[Case]) -> list[str]:
+def _names(todo: Sequence[ShapingCase]) -> list[str]:
     return [case.folder_name for case in todo]
 
 

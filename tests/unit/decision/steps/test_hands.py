@@ -10,7 +10,7 @@ import pytest
 from dlokit import geometry
 from dlokit.communication import topics
 from dlokit.communication.component import Component, implements
-from dlokit.communication.container import Host
+from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
@@ -140,7 +140,7 @@ def _pair() -> PairPlace:
 def with_two_arms(first: Script, second: Script, test: Callable[[ShapeTask], Awaitable[None]]) -> None:
     async def main() -> None:
         bus, clock = MemoryTransport(), LoopClock()
-        host = Host(bus, clock, instances={"robot": (OPPOSITE,)})
+        host = Container(bus, clock, instances={"robot": (OPPOSITE,)})
         commander = Commander()
         for component in (Arm(first, ""), Arm(second, OPPOSITE), commander):
             host.add(component)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from dlokit.communication import topics
-from dlokit.communication.container import Host
+from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
@@ -33,7 +33,7 @@ async def running(
     truth_folder: Path | None = None, *, renews: bool = True, urgency: Urgency = never_urgent
 ) -> AsyncGenerator[MemoryTransport]:
     bus = MemoryTransport()
-    host = Host(bus, LoopClock())
+    host = Container(bus, LoopClock())
     start = builtin_shape("I", 0.5, 100)
     host.add(CellComponent(CONFIG, start, seed=0, truth_folder=truth_folder, urgency=urgency))
 

@@ -5,7 +5,7 @@ import asyncio
 import numpy as np
 
 from dlokit.communication import topics
-from dlokit.communication.container import Host
+from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.port import InlineCompute, Port
 from dlokit.communication.timing import virtual_time
@@ -26,7 +26,7 @@ from dlokit.types.robot import Lease
 def test_each_driver_moves_its_own_arm_and_the_other_stays_where_it_is() -> None:
     async def main() -> None:
         bus, clock = MemoryTransport(), LoopClock()
-        host = Host(bus, clock)
+        host = Container(bus, clock)
         host.add(CellComponent(CellConfig(settle_s=0.0), builtin_shape("I", 0.5, 100), seed=0, arms=ARMS))
         port = Port(bus, clock, InlineCompute(), owner="drivers", publishes=())
         async with host, SimulatedRobot(port, ARMS[0]) as first, SimulatedRobot(port, ARMS[1]) as second:

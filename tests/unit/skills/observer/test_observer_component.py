@@ -11,7 +11,7 @@ import pytest
 from synthetic_clouds import LENGTH_M, NODES, cloud, shape, state
 
 from dlokit.communication import topics
-from dlokit.communication.container import Host
+from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
@@ -39,7 +39,7 @@ def play(
 ) -> None:
     async def main() -> None:
         transport, clock = MemoryTransport(), LoopClock()
-        host = Host(transport, clock)
+        host = Container(transport, clock)
         host.add(ObserverComponent(config or ObserverConfig(), nodes=NODES, length_m=LENGTH_M))
         async with host:
             await scenario(transport, clock)

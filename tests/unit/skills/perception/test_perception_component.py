@@ -10,7 +10,7 @@ from stereo_scene import Scene
 from dlokit import geometry
 from dlokit.communication import topics
 from dlokit.communication.component import Component
-from dlokit.communication.container import Host
+from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
@@ -84,7 +84,7 @@ def with_perception(
     async def main() -> None:
         transport = MemoryTransport()
         clock = LoopClock()
-        host = Host(transport, clock)
+        host = Container(transport, clock)
         robot, decision = Others(), Deciders()
         for component in (robot, decision, PerceptionComponent(config, camera)):
             host.add(component)

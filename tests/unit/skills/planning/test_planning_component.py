@@ -9,7 +9,7 @@ import numpy as np
 
 from dlokit.communication import topics
 from dlokit.communication.component import Component
-from dlokit.communication.container import Host
+from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.port import Port
 from dlokit.communication.timing import virtual_time
@@ -61,7 +61,7 @@ class Believer(Component):
 
 def with_planning(test: Callable[[Port], Awaitable[None]], reachable: Callable[[Pose], bool] = everywhere) -> None:
     async def main() -> None:
-        host = Host(MemoryTransport(), LoopClock())
+        host = Container(MemoryTransport(), LoopClock())
         caller = Caller()
         host.add(PlanningComponent(PlanningConfig(strategy=FarthestConfig()), reachable, ModelConfig()))
         host.add(caller)
@@ -179,7 +179,7 @@ def test_a_strategy_that_is_compiled_has_its_code_loaded_before_it_is_asked() ->
 
 def test_what_was_learnt_of_the_dlo_is_planned_with() -> None:
     async def main() -> None:
-        host = Host(MemoryTransport(), LoopClock())
+        host = Container(MemoryTransport(), LoopClock())
         caller, believer = Caller(), Believer()
         for component in (PlanningComponent(PlanningConfig(), everywhere, ModelConfig()), believer, caller):
             host.add(component)

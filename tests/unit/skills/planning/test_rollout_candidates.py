@@ -6,7 +6,7 @@ from rollout_bench import I_SHAPE, MODEL, S_SHAPE, scene, tools
 
 from dlokit import geometry
 from dlokit.rod.rollout import QuickRod, play
-from dlokit.skills.planning.rollout.candidates import Candidate, Scene
+from dlokit.skills.planning.rollout.candidates import Candidate, PlanningScene
 from dlokit.skills.planning.rollout.carrying import Carrying
 from dlokit.skills.planning.rollout.laying import Laying
 from dlokit.skills.planning.rollout.pushing import Pushing
@@ -82,12 +82,12 @@ def test_a_push_along_the_rod_onto_it_or_at_a_marked_node_is_none() -> None:
     assert push_of(0.0, marked=(15,)) is None
     assert push_of(0.0, length_m=-0.01) is None
     hairpin = np.concatenate((I_SHAPE[:16], I_SHAPE[:15][::-1] + np.array([0.02, 0.0, 0.0])))
-    beside = Pushing(Scene(hairpin, S_SHAPE, frozenset(), tools()))
+    beside = Pushing(PlanningScene(hairpin, S_SHAPE, frozenset(), tools()))
     tries = [beside.make(np.array([0.25, way, 0.006, 0.05, 0.0, 0.0, 0.15])) for way in (0.0, np.pi)]
     assert [made is None for made in tries].count(True) == 1, "on one side lies the other strand"
 
 
 def test_a_waypoint_out_of_reach_makes_no_candidate() -> None:
-    low = Scene(I_SHAPE, S_SHAPE, frozenset(), tools(lambda T: float(T.position_m[2]) < 0.3))
+    low = PlanningScene(I_SHAPE, S_SHAPE, frozenset(), tools(lambda T: float(T.position_m[2]) < 0.3))
     family = Laying(low, from_last=False)
     assert family.make(family.first(1, np.random.default_rng(0))[0]) is None

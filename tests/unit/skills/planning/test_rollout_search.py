@@ -14,12 +14,12 @@ from dlokit.communication.port import InlineCompute
 from dlokit.rod.believed import BeliefConfig
 from dlokit.rod.rollout import Played
 from dlokit.skills.planning.actions import FeasibilityConfig
-from dlokit.skills.planning.rollout.candidates import Scene
+from dlokit.skills.planning.rollout.candidates import PlanningScene
 from dlokit.skills.planning.rollout.carrying import Carrying
 from dlokit.skills.planning.rollout.laying import Laying
 from dlokit.skills.planning.rollout.pushing import Pushing
 from dlokit.skills.planning.rollout.score import ScoreConfig, remaining_m
-from dlokit.skills.planning.rollout.search import Choice, Scoring, Search, SearchConfig, Watch, doubtful_rods
+from dlokit.skills.planning.rollout.search import Choice, Scoring, Search, SearchConfig, SearchWatch, doubtful_rods
 from dlokit.types.action import Action, Drag, LayDown, PickPlace, Push
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
@@ -91,9 +91,9 @@ def test_a_slow_machine_tries_every_family_and_ends_in_time() -> None:
         tried.update(kinds)
         return np.ones_like(played.nearest_m)
 
-    watch = Watch(stopwatch=lambda: compute.now_s)
+    watch = SearchWatch(stopwatch=lambda: compute.now_s)
     search = Search(I_SHAPE, MODEL, SearchConfig(threads=2), Scoring(score=score, judge=expected), compute, watch)
-    here = Scene(I_SHAPE, S_SHAPE, frozenset(), tools(reachable))
+    here = PlanningScene(I_SHAPE, S_SHAPE, frozenset(), tools(reachable))
     families = [Laying(here, from_last=False), *(Carrying(here, dragging=dragging) for dragging in (True, False))]
     asyncio.run(search.run([*families, Pushing(here)], np.random.default_rng(0)))
     assert tried == {LayDown, PickPlace, Drag, Push}
@@ -114,7 +114,9 @@ def test_the_kind_that_can_score_best_is_tried_first_and_where_time_is_short_one
     compute = TimedCompute(seconds_each)
     least: dict[type[Action], float] = {LayDown: 0.02, PickPlace: 0.01, Drag: 0.0}
     scoring = Scoring(score=score, judge=expected, least_m=lambda kind: least[kind])
-    search = Search(I_SHAPE, MODEL, SearchConfig(threads=2), scoring, compute, Watch(stopwatch=lambda: compute.now_s))
+    search = Search(
+        I_SHAPE, MODEL, SearchConfig(threads=2), scoring, compute, SearchWatch(stopwatch=lambda: compute.now_s)
+    )
     families = [Laying(scene(), from_last=False), *(Carrying(scene(), dragging=dragging) for dragging in (False, True))]
     asyncio.run(search.run(families, np.random.default_rng(0)))
     assert tried[0] is Drag
@@ -131,9 +133,11 @@ def test_who_watches_is_told_the_best_of_each_kind_and_node_best_first() -> None
         return np.linalg.norm(played.nodes_world[:, :, 0] - S_SHAPE[0], axis=-1)
 
     config = SearchConfig(rollouts=100, threads=2)
-    search = Search(I_SHAPE, MODEL, config, Scoring(score=score, judge=expected), InlineCompute(), Watch(tell=tell))
+    search = Search(
+        I_SHAPE, MODEL, config, Scoring(score=score, judge=expected), InlineCompute(), SearchWatch(tell=tell)
+    )
     families = [
-        Carrying(Scene(I_SHAPE, S_SHAPE, frozenset(), tools()), dragging=dragging) for dragging in (True, False)
+        Carrying(PlanningScene(I_SHAPE, S_SHAPE, frozenset(), tools()), dragging=dragging) for dragging in (True, False)
     ]
     asyncio.run(search.run(families, np.random.default_rng(0)))
     for best in told:

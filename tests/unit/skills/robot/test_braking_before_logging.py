@@ -9,7 +9,7 @@ from unittest.mock import MagicMock
 import pytest
 from robot_bench import PerfectArm, reason
 
-from dlokit.communication.container import Host
+from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.port import InlineCompute, Port
 from dlokit.communication.timing import virtual_time
@@ -50,7 +50,7 @@ def test_an_arm_that_comes_too_near_brakes_before_the_log_line(monkeypatch: pyte
 
     async def main() -> None:
         transport, clock = MemoryTransport(), LoopClock()
-        host = Host(transport, clock)
+        host = Container(transport, clock)
         host.add(RobotComponent(RobotConfig(), arm, lambda: 0, neighbours=("opposite",)))
         async with host:
             port = Port(transport, clock, InlineCompute(), owner="test", publishes=())

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from dlokit.communication import topics
-from dlokit.communication.container import Host
+from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.port import InlineCompute, Port
 from dlokit.communication.timing import virtual_time
@@ -53,7 +53,7 @@ def robot(bus: MemoryTransport, clock: LoopClock, mount: ArmMount) -> RobotCompo
 def in_cell(scenario: Callable[[Port], Awaitable[None]], mounts: tuple[ArmMount, ...] = ARMS) -> None:
     async def main() -> None:
         bus, clock = MemoryTransport(), LoopClock()
-        host = Host(bus, clock, instances={"robot": (OPPOSITE,)})
+        host = Container(bus, clock, instances={"robot": (OPPOSITE,)})
         host.add(CellComponent(CellConfig(settle_s=0.0), builtin_shape("I", 0.5, 100), seed=0, arms=ARMS))
         for mount in mounts:
             host.add(robot(bus, clock, mount))

@@ -18,7 +18,7 @@ from websockets.http11 import Request
 from websockets.typing import Origin, Subprotocol
 
 from dlokit.communication import topics
-from dlokit.communication.container import Host
+from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.errors import MachineError
@@ -78,7 +78,7 @@ class Served:
 def _served(scenario: Callable[[Served], Coroutine[None, None, None]]) -> None:
     async def run() -> None:
         bus = MemoryTransport()
-        host = Host(bus, LoopClock())
+        host = Container(bus, LoopClock())
         viewer = ViewerComponent(
             ViewerConfig(port=0),
             flow=(("look", "seen", "done"),),

@@ -9,7 +9,7 @@ from dlokit.skills.viewer import palette
 from dlokit.skills.viewer.config import ViewerConfig
 from dlokit.skills.viewer.page import close_page, open_page
 from dlokit.skills.viewer.palette import Layer
-from dlokit.skills.viewer.scene import Scene
+from dlokit.skills.viewer.scene import ViewerScene
 from dlokit.types.action import Candidates, CandidateSeen, Grasp, PickPlace, VelocityProfile
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, GoalShape, TargetPoints, Topology
@@ -25,8 +25,8 @@ def server() -> Iterator[viser.ViserServer]:
 
 
 @pytest.fixture
-def scene(server: viser.ViserServer) -> Scene:
-    return Scene(server, ViewerConfig(), 0.004)
+def scene(server: viser.ViserServer) -> ViewerScene:
+    return ViewerScene(server, ViewerConfig(), 0.004)
 
 
 def _action(predicted: Float64Array | None) -> PickPlace:
@@ -45,14 +45,14 @@ def _straight(count: int) -> Float64Array:
 
 
 @pytest.mark.parametrize("count", [2, 31])
-def test_a_rod_of_any_number_of_nodes_is_drawn_and_may_change_it(scene: Scene, count: int) -> None:
+def test_a_rod_of_any_number_of_nodes_is_drawn_and_may_change_it(scene: ViewerScene, count: int) -> None:
     topology = Topology(edges=np.zeros((0, 2), dtype=np.int64), rest_lengths_m=np.zeros(0))
     for nodes in (_straight(count), _straight(count), _straight(count + 5)):
         scene.show_state(DloState(stamp_ns=1, nodes_world=nodes, topology=topology))
         scene.show_goal(GoalShape(stamp_ns=1, nodes_world=nodes))
 
 
-def test_clouds_may_be_empty_and_change_their_size(scene: Scene) -> None:
+def test_clouds_may_be_empty_and_change_their_size(scene: ViewerScene) -> None:
     for count in (0, 50, 20, 0):
         scene.show_cloud(Observation(stamp_ns=1, points_world=np.zeros((count, 3), dtype=np.float32)))
     nodes = _straight(31)
@@ -60,7 +60,7 @@ def test_clouds_may_be_empty_and_change_their_size(scene: Scene) -> None:
         scene.show_targets(TargetPoints(stamp_ns=1, nodes_world=nodes, visible=visible))
 
 
-def test_an_action_can_be_hidden_and_another_shown_after_it(scene: Scene) -> None:
+def test_an_action_can_be_hidden_and_another_shown_after_it(scene: ViewerScene) -> None:
     scene.hide_action()
     for predicted in (_straight(31), None):
         scene.show_action(_action(predicted))
@@ -82,14 +82,14 @@ def _shown(server: viser.ViserServer, layer: Layer) -> int:
     return sum(server.scene.get_handle_by_name(f"/{layer.slug}/{part}") is not None for part in parts)
 
 
-def test_as_many_candidates_are_shown_as_are_considered(server: viser.ViserServer, scene: Scene) -> None:
+def test_as_many_candidates_are_shown_as_are_considered(server: viser.ViserServer, scene: ViewerScene) -> None:
     for count in (3, 6, 2, 0):
         scene.show_candidates(_candidates(count))
         assert _shown(server, palette.CANDIDATES) == count
 
 
 def test_candidates_vanish_when_the_action_is_chosen_and_the_action_when_the_next_is(
-    server: viser.ViserServer, scene: Scene
+    server: viser.ViserServer, scene: ViewerScene
 ) -> None:
     scene.show_candidates(_candidates(3))
     scene.show_action(_action(_straight(31)))
@@ -98,7 +98,7 @@ def test_candidates_vanish_when_the_action_is_chosen_and_the_action_when_the_nex
     assert (_shown(server, palette.CANDIDATES), _shown(server, palette.ACTION)) == (2, 0)
 
 
-def test_pictures_follow_one_another_and_every_layer_can_be_hidden(scene: Scene) -> None:
+def test_pictures_follow_one_another_and_every_layer_can_be_hidden(scene: ViewerScene) -> None:
     pixels = np.zeros((56, 64, 3), dtype=np.uint8)
     calibration = CameraCalibration(
         width_px=64,

@@ -6,7 +6,7 @@ from urllib.parse import urlsplit
 import pytest
 
 from dlokit.communication import topics
-from dlokit.communication.container import Host
+from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.errors import MachineError
@@ -29,11 +29,11 @@ def _viewer(port: int = 0) -> ViewerComponent:
 
 def _hosted(
     viewer: ViewerComponent,
-    scenario: Callable[[Host], Coroutine[None, None, None]],
+    scenario: Callable[[Container], Coroutine[None, None, None]],
     bus: MemoryTransport | None = None,
 ) -> None:
     async def run() -> None:
-        host = Host(bus or MemoryTransport(), LoopClock())
+        host = Container(bus or MemoryTransport(), LoopClock())
         host.add(viewer)
         async with asyncio.timeout(LIMIT_S), host:
             await scenario(host)
@@ -44,7 +44,7 @@ def _hosted(
 def test_the_page_is_served_at_its_url_until_the_viewer_is_cancelled() -> None:
     viewer, bus = _viewer(), MemoryTransport()
 
-    async def scenario(_: Host) -> None:
+    async def scenario(_: Container) -> None:
         page = await anext(aiter(bus.stream(topics.VIEWER_PAGE, with_last=True)))
         assert page.url == viewer.url
         at = urlsplit(viewer.url)
@@ -64,7 +64,7 @@ def test_a_port_in_use_ends_the_viewer_with_an_error_that_the_host_reports(caplo
         taken.bind(("127.0.0.1", 0))
         taken.listen()
 
-        async def scenario(host: Host) -> None:
+        async def scenario(host: Container) -> None:
             with pytest.raises(MachineError, match=r"--viewer\.port"):
                 await host.wait_failed()
 

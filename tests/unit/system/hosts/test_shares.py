@@ -12,7 +12,7 @@ import pytest
 
 from dlokit import __version__
 from dlokit.communication.component import Component, implements, implements_reporting
-from dlokit.communication.container import Host
+from dlokit.communication.container import Container
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.communication.zenoh.transport import ZenohTransport
@@ -76,7 +76,7 @@ async def shares_with(
     there = ZenohTransport(ZenohConfig(namespace=NAMESPACE, connect=(endpoint,)))
     odd = OddHost(manner or Manner())
     odd.endpoint, odd.main = endpoint, here
-    host = Host(there, LoopClock())
+    host = Container(there, LoopClock())
     shares = RemoteShares(here, {"arm": (row,), "desk": ()}, "seed = 3", wait_s, lambda said: None)
     try:
         if manner is not None:
@@ -175,7 +175,7 @@ def test_a_host_that_runs_twice_is_named_and_neither_runs_the_share(monkeypatch:
             bus = ZenohConfig(namespace=NAMESPACE, role="client", listen=(), connect=(odd.endpoint,))
             twin = ZenohTransport(bus)
             second = OddHost(Manner())
-            host = Host(twin, LoopClock())
+            host = Container(twin, LoopClock())
             host.add(second)
             async with host:
                 await until_two_serve(odd.main)

@@ -11,7 +11,7 @@ import pytest
 from dlokit.app.data.record import RecordArgs, run
 from dlokit.communication import topics
 from dlokit.communication.component import Component, implements
-from dlokit.communication.container import Host
+from dlokit.communication.container import Container
 from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.errors import InputError
 from dlokit.recording.reader import read_recording
@@ -54,7 +54,7 @@ async def recorded(system: RunningSystem, path: Path) -> None:
     """Run a small system, attach to it, let it do something, and give up recording."""
     own = ZenohConfig(namespace=system.namespace, listen=(system.endpoint,), multicast_interface=None)
     async with join_bus(own, TimeBase.MACHINE) as bus, asyncio.timeout(LIMIT_S):
-        host = Host(bus.transport, bus.clock)
+        host = Container(bus.transport, bus.clock)
         host.add(Model())
         async with host:
             ticking = asyncio.create_task(tick(bus))

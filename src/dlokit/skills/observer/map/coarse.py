@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from dlokit.skills.observer.map.assign import soft_places
 from dlokit.skills.observer.map.config import MapSettings
-from dlokit.skills.observer.map.problem import Problem, with_priors
+from dlokit.skills.observer.map.problem import MapProblem, with_priors
 from dlokit.skills.observer.map.terms import add_places
 from dlokit.skills.observer.mixture import thinned
 
@@ -48,7 +48,7 @@ def moved_rigidly(before: Array, after: Array, weights: Array) -> Array:
     return moved
 
 
-def coarse(problem: Problem, config: MapSettings) -> tuple[Array, Array]:
+def coarse(problem: MapProblem, config: MapSettings) -> tuple[Array, Array]:
     """Nodes near the cloud, and the nodes before moved rigidly to them; both (M, 3) [m].
 
     Points belong to nodes softly, with a Gaussian that narrows from the way since the last cloud to about a

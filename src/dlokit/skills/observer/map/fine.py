@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from dlokit.skills.observer.map.assign import Assignment, assign, moments, nearest_segment
 from dlokit.skills.observer.map.band import ChainSystem
 from dlokit.skills.observer.map.config import MapSettings
-from dlokit.skills.observer.map.problem import Problem, with_priors
+from dlokit.skills.observer.map.problem import MapProblem, with_priors
 from dlokit.skills.observer.map.terms import add_place, add_points, add_tip
 from dlokit.skills.observer.map.tips import Tips, extent, places_along, seen_tips
 
@@ -65,7 +65,7 @@ class Fitted:
     """(M,) whether the node is out of the picture, behind the robot, or behind the rod itself."""
 
 
-def fine(problem: Problem, nodes: Array, before: Array, config: MapSettings) -> Fitted:
+def fine(problem: MapProblem, nodes: Array, before: Array, config: MapSettings) -> Fitted:
     """Gauss-Newton from the coarse `nodes`; every other step begins with the nodes at their places from the tips.
 
     `nodes` and those of the cloud `before` are (M, 3) [m], about the problem's origin.
@@ -139,7 +139,7 @@ def add_tips(system: ChainSystem, nodes: Array, tips: Tips, sigma_m: float) -> N
 
 
 def add_free_space(
-    system: ChainSystem, problem: Problem, nodes: Array, placed: Assignment, config: MapSettings
+    system: ChainSystem, problem: MapProblem, nodes: Array, placed: Assignment, config: MapSettings
 ) -> None:
     """Nodes in open view without points cannot be there: each is drawn to the nearest shade or point of the rod.
 
@@ -165,7 +165,7 @@ def add_free_space(
         add_place(system.band, system.rhs, node, place, config.free_space_m * (1.0 + far2 / reach**2))
 
 
-def find_tips(problem: Problem, nodes: Array, placed: Assignment, sigma_m: float, config: MapSettings) -> Tips:
+def find_tips(problem: MapProblem, nodes: Array, placed: Assignment, sigma_m: float, config: MapSettings) -> Tips:
     """The tips that the cloud shows, on the polyline of the nodes (M, 3) [m]."""
     s = arc_lengths(nodes)
     near = placed.distance2 < (config.outlier_limit * sigma_m) ** 2

@@ -20,7 +20,7 @@ from dlokit.skills.observer.cpd import register
 from dlokit.skills.observer.map.coarse import coarse
 from dlokit.skills.observer.map.config import MapConfig, MapSettings
 from dlokit.skills.observer.map.fine import Fitted, fine
-from dlokit.skills.observer.map.problem import Problem, posed
+from dlokit.skills.observer.map.problem import MapProblem, posed
 from dlokit.skills.observer.map.trust import health, stated_covariance
 from dlokit.skills.observer.mixture import thinned
 from dlokit.skills.observer.partial import register_visible
@@ -91,7 +91,7 @@ class MapObserver:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Found:
+class FoundNodes:
     """One answer to a problem."""
 
     fitted: Fitted
@@ -100,9 +100,9 @@ class Found:
     health: float
 
 
-def tracked(problem: Problem, config: MapSettings) -> Found:
+def tracked(problem: MapProblem, config: MapSettings) -> FoundNodes:
     """The most probable nodes near the problem's nodes before."""
     nodes, before = coarse(problem, config)
     fitted = fine(problem, nodes, before, config)
     covariance = stated_covariance(problem, before, fitted, config)
-    return Found(fitted=fitted, covariance=covariance, health=health(problem, fitted, covariance, config))
+    return FoundNodes(fitted=fitted, covariance=covariance, health=health(problem, fitted, covariance, config))

@@ -21,7 +21,7 @@ Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Problem:
+class MapProblem:
     """One cloud and what was known before; positions about `origin`."""
 
     view: View | None
@@ -60,7 +60,7 @@ class Problem:
         return shaded | (alone & self.view.behind_itself(nodes, config.radius_m))
 
 
-def posed(seen: Observation, prior: DloState, held: tuple[GripperPin, ...], config: MapSettings) -> Problem:
+def posed(seen: Observation, prior: DloState, held: tuple[GripperPin, ...], config: MapSettings) -> MapProblem:
     """The problem of one cloud with at least one point."""
     origin = prior.nodes_world.mean(axis=0)
     before = prior.nodes_world - origin
@@ -69,7 +69,7 @@ def posed(seen: Observation, prior: DloState, held: tuple[GripperPin, ...], conf
     points = thinned(np.asarray(seen.points_world, dtype=np.float64), config.fine_points) - origin
     rest = np.array(prior.topology.rest_lengths_m, dtype=np.float64)
     K_d, K_x = coherence(len(before), float(np.mean(rest)), config.priors)
-    return Problem(
+    return MapProblem(
         view=view_of(seen, origin),
         origin=origin,
         points=points,
@@ -130,7 +130,7 @@ def to_nodes_m(points: Array, nodes: Array) -> Array:
 
 
 def with_priors(
-    problem: Problem, nodes: Array, before: Array, way_m: float, length_sigma_m: float, config: MapSettings
+    problem: MapProblem, nodes: Array, before: Array, way_m: float, length_sigma_m: float, config: MapSettings
 ) -> ChainSystem:
     """Normal equations at `nodes` with all that does not come from the cloud; `before` moved rigidly.
 

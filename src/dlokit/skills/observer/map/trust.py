@@ -6,13 +6,13 @@ from numpy.typing import NDArray
 
 from dlokit.skills.observer.map.config import MapSettings
 from dlokit.skills.observer.map.fine import Fitted, add_cloud, add_tips
-from dlokit.skills.observer.map.problem import Problem, with_priors
+from dlokit.skills.observer.map.problem import MapProblem, with_priors
 from dlokit.skills.observer.map.terms import add_coherence
 
 Array = NDArray[np.float64]
 
 
-def stated_covariance(problem: Problem, before: Array, fitted: Fitted, config: MapSettings) -> Array:
+def stated_covariance(problem: MapProblem, before: Array, fitted: Fitted, config: MapSettings) -> Array:
     """Covariance of each node (M, 3, 3) [m²].
 
     A node's own is `carried`, of H⁻¹ with the shape before and without; what fits nowhere (`astray_m`) is added to all.
@@ -42,7 +42,7 @@ def carried(fresh: Array, alone: Array, before: Array, remembered: float, common
     return blocks
 
 
-def _shape_covariances(problem: Problem, before: Array, fitted: Fitted, config: MapSettings) -> tuple[Array, Array]:
+def _shape_covariances(problem: MapProblem, before: Array, fitted: Fitted, config: MapSettings) -> tuple[Array, Array]:
     """The diagonal blocks of H⁻¹ (M, 3, 3) [m²], for a rod that keeps its shape as usual, and for one that does not.
 
     The H that finds the nodes would be overconfident: neighbouring points err alike.
@@ -58,7 +58,7 @@ def _shape_covariances(problem: Problem, before: Array, fitted: Fitted, config: 
     return system.covariance(), alone
 
 
-def astray_m(problem: Problem, fitted: Fitted, config: MapSettings) -> float:
+def astray_m(problem: MapProblem, fitted: Fitted, config: MapSettings) -> float:
     """How much of the rod fits nowhere [m]: a rod that lies where it is said to be has its length where it is seen.
 
     The length of the nodes in open view without points, where the picture tells that nothing hides them, and half
@@ -72,7 +72,7 @@ def astray_m(problem: Problem, fitted: Fitted, config: MapSettings) -> float:
     return min(float(np.hypot(gone_m, misfit_m)), config.trust.half_m)
 
 
-def health(problem: Problem, fitted: Fitted, covariance: Array, config: MapSettings) -> float:
+def health(problem: MapProblem, fitted: Fitted, covariance: Array, config: MapSettings) -> float:
     """Trust in the whole, 0 to 1: a product of four shares. `covariance` (M, 3, 3) [m²].
 
     Points that lie within 5 standard deviations of the rod, by the share that is usual; 1 / (1 + rms² / half²) with the
@@ -97,11 +97,11 @@ def explained(fitted: Fitted, config: MapSettings) -> float:
     return float(np.mean(fitted.placed.distance2 < (5.0 * config.noise_m) ** 2))
 
 
-def missing(problem: Problem, fitted: Fitted, config: MapSettings) -> float:
+def missing(problem: MapProblem, fitted: Fitted, config: MapSettings) -> float:
     """Share of the nodes that should have points and have none; less where nothing tells what hides them."""
     return float(np.mean(~fitted.supported & ~fitted.shaded)) * (1.0 if _tells(problem) else config.trust.unknown)
 
 
-def _tells(problem: Problem) -> bool:
+def _tells(problem: MapProblem) -> bool:
     """Whether it is known what hides the rod."""
     return problem.view is not None and problem.view.tells

@@ -66,7 +66,7 @@ class Family(Protocol):
 
 
 @dataclass(frozen=True)
-class Hold:
+class NodeToGoal:
     """A node that can be grasped, and where it is to be in the goal."""
 
     node: int
@@ -75,7 +75,7 @@ class Hold:
     opening_m: float
 
 
-class Scene:
+class PlanningScene:
     """A shape, its goal, and what the gripper can do there."""
 
     def __init__(
@@ -83,7 +83,7 @@ class Scene:
     ) -> None:
         """Both shapes (M, 3) [m]; `marked` nodes are not grasped."""
         self.nodes_world, self.goal_world, self.marked, self.tools = nodes_world, goal_world, marked, tools
-        self._holds: dict[int, Hold | None] = {}
+        self._holds: dict[int, NodeToGoal | None] = {}
 
     @property
     def count(self) -> int:
@@ -113,13 +113,13 @@ class Scene:
             order.append(left.pop(int(np.argmax(self.error_m[left] * away))))
         return tuple(order)
 
-    def hold(self, node: int) -> Hold | None:
+    def hold(self, node: int) -> NodeToGoal | None:
         """How to grasp a node; None when it is marked or the gripper does not fit."""
         if node not in self._holds:
             self._holds[node] = self._find(node)
         return self._holds[node]
 
-    def _find(self, node: int) -> Hold | None:
+    def _find(self, node: int) -> NodeToGoal | None:
         if node in self.marked:
             return None
         grasp = self.tools.actions.grasp
@@ -128,10 +128,10 @@ class Scene:
         opening_m = fitting_opening_m(self.nodes_world, here, grasp)
         if opening_m is None:
             return None
-        return Hold(node=node, here=here, there=rod_point(self.goal_world, share), opening_m=opening_m)
+        return NodeToGoal(node=node, here=here, there=rod_point(self.goal_world, share), opening_m=opening_m)
 
     def start(
-        self, hold: Hold, more_turn_rad: float, place_m: tuple[float, float] = (0.0, 0.0)
+        self, hold: NodeToGoal, more_turn_rad: float, place_m: tuple[float, float] = (0.0, 0.0)
     ) -> tuple[Float64Array, float]:
         """The tool at the grasp (4,): x, y, z [m], yaw [rad]; and how far it turns to the goal's tangent and more.
 
@@ -144,7 +144,7 @@ class Scene:
         return np.array([*hold.here.position_world[:2], grasp.height_m, yaw]), turn
 
     def candidate(
-        self, kind: type[Action], numbers: Float64Array, hold: Hold, tool: Float64Array, velocity: VelocityProfile
+        self, kind: type[Action], numbers: Float64Array, hold: NodeToGoal, tool: Float64Array, velocity: VelocityProfile
     ) -> Candidate | None:
         """A candidate from waypoints (W, 4) of the tool; None when the arm does not reach one of them."""
         if not all(self.tools.reachable(tool_pose(point)) for point in tool):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dlokit.skills.planning.rollout.candidates import Candidate, Scene
+from dlokit.skills.planning.rollout.candidates import Candidate, PlanningScene
 from dlokit.types.action import Action, Drag, PickPlace, VelocityProfile
 from dlokit.types.arrays import Float64Array
 
@@ -23,7 +23,7 @@ class Carrying:
     on the table.
     """
 
-    def __init__(self, scene: Scene, *, dragging: bool) -> None:
+    def __init__(self, scene: PlanningScene, *, dragging: bool) -> None:
         self.kind: type[Action] = Drag if dragging else PickPlace
         self._scene, self._dragging = scene, dragging
         error_m = float(np.sqrt(np.mean(scene.error_m**2)))

@@ -3,7 +3,7 @@
 import numpy as np
 
 from dlokit import geometry
-from dlokit.skills.planning.rollout.candidates import Candidate, Scene
+from dlokit.skills.planning.rollout.candidates import Candidate, PlanningScene
 from dlokit.types.action import Action, LayDown, VelocityProfile
 from dlokit.types.arrays import Float64Array
 
@@ -24,7 +24,7 @@ class Laying:
     turn beyond the goal's tangent [rad], speed [m/s]; then the shift of each corner of the path beside it (x, y) [m].
     """
 
-    def __init__(self, scene: Scene, *, from_last: bool) -> None:
+    def __init__(self, scene: PlanningScene, *, from_last: bool) -> None:
         """The end that is held is the last node or the first."""
         self.kind: type[Action] = LayDown
         self._scene, self._from_last = scene, from_last

@@ -6,7 +6,7 @@ import numpy as np
 
 from dlokit.rod.rollout import Motion
 from dlokit.skills.planning.base import SecondArm
-from dlokit.skills.planning.rollout.candidates import Candidate, Hold, Scene, tool_pose
+from dlokit.skills.planning.rollout.candidates import Candidate, NodeToGoal, PlanningScene, tool_pose
 from dlokit.types.action import Action, PairPlace, VelocityProfile
 from dlokit.types.arrays import Float64Array
 
@@ -25,7 +25,7 @@ class Pairing:
     """Numbers: of both grasps the node, release beside the goal (x, y) [m] and turn beyond its tangent [rad]; then the
     lift [m] and the speed of the tool with the longer way [m/s]."""
 
-    def __init__(self, scene: Scene, second: SecondArm) -> None:
+    def __init__(self, scene: PlanningScene, second: SecondArm) -> None:
         self.kind: type[Action] = PairPlace
         self._scene, self._second = scene, second
 
@@ -80,7 +80,7 @@ class Pairing:
         return None
 
     def _by(
-        self, own: tuple[Hold, Float64Array], other: tuple[Hold, Float64Array], numbers: Float64Array
+        self, own: tuple[NodeToGoal, Float64Array], other: tuple[NodeToGoal, Float64Array], numbers: Float64Array
     ) -> Candidate | None:
         """The first arm takes `own`, the second `other`; None when they do not reach, or come too near one another."""
         lift_m = min(max(float(numbers[8]), _LIFT_M[0]), _LIFT_M[1])
@@ -101,7 +101,9 @@ class Pairing:
             partner_opening_m=other[0].opening_m,
         )
 
-    def _tool(self, hold: Hold, release: Float64Array, lift_m: float, place_m: tuple[float, float]) -> Float64Array:
+    def _tool(
+        self, hold: NodeToGoal, release: Float64Array, lift_m: float, place_m: tuple[float, float]
+    ) -> Float64Array:
         """Waypoints (5, 4) of one tool: down at the grasp, up, over, above the release, down."""
         first, turn = self._scene.start(hold, float(release[2]), place_m)
         last = np.array([*(hold.there.position_world[:2] + release[:2]), first[2], first[3] + turn])

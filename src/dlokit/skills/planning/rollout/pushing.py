@@ -10,7 +10,7 @@ import numpy as np
 from dlokit import geometry
 from dlokit.rod.rollout import FINGERS
 from dlokit.skills.planning.grasp import RodPoint, rod_point, wrapped
-from dlokit.skills.planning.rollout.candidates import Candidate, Hold, Scene
+from dlokit.skills.planning.rollout.candidates import Candidate, NodeToGoal, PlanningScene
 from dlokit.types.action import Action, Push, VelocityProfile
 from dlokit.types.arrays import Float64Array
 
@@ -36,7 +36,7 @@ class Pushing:
 
     kind: type[Action] = Push
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: PlanningScene) -> None:
         self._scene = scene
         nodes = scene.nodes_world
         self._rod = geometry.resample(nodes, int(geometry.arc_lengths(nodes)[-1] / _SAMPLE_M) + 2)[:, :2]
@@ -76,7 +76,7 @@ class Pushing:
         if not self._free(tool[0]):
             return None
         clean = np.array([share, direction, offset, length, yaw, bow, speed])
-        hold = Hold(node=node, here=here, there=there, opening_m=0.0)
+        hold = NodeToGoal(node=node, here=here, there=there, opening_m=0.0)
         return scene.candidate(self.kind, clean, hold, tool, self._velocity(speed))
 
     def aimed(self, numbers: Float64Array, nodes_world: Float64Array) -> Float64Array:

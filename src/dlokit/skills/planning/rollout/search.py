@@ -212,7 +212,7 @@ async def _tell_nobody(rollouts: int, best: Sequence[Choice]) -> None:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Watch:
+class SearchWatch:
     """Who is told of a search, and by what clock it ends."""
 
     tell: Callable[[int, Sequence[Choice]], Awaitable[None]] = _tell_nobody
@@ -242,12 +242,12 @@ class Search:
         config: SearchConfig,
         scoring: Scoring,
         compute: Compute,
-        watch: Watch | None = None,
+        watch: SearchWatch | None = None,
     ) -> None:
         self._nodes, self._model, self._config = nodes_world, model, config
         self._scoring, self._compute = scoring, compute
         self._rods = doubtful_rods(config, model.belief)
-        self._watch = watch or Watch()
+        self._watch = watch or SearchWatch()
         self._timer = Timer(
             config.seconds, self._watch.stopwatch, config.threads, least=round(_LEAST_SHARE * config.rollouts)
         )

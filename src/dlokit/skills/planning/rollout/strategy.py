@@ -9,13 +9,13 @@ import numpy as np
 from dlokit.rod.rollout import Played, warm
 from dlokit.skills.planning.base import ActionStrategy, PlanningTools
 from dlokit.skills.planning.pick_place import goal_in_order
-from dlokit.skills.planning.rollout.candidates import Family, Scene, to_action
+from dlokit.skills.planning.rollout.candidates import Family, PlanningScene, to_action
 from dlokit.skills.planning.rollout.carrying import Carrying
 from dlokit.skills.planning.rollout.laying import Laying
 from dlokit.skills.planning.rollout.pairing import Pairing
 from dlokit.skills.planning.rollout.pushing import Pushing
 from dlokit.skills.planning.rollout.score import Misses, ScoreConfig, cautious_m, least_remaining_m, remaining_m
-from dlokit.skills.planning.rollout.search import Choice, Scoring, Search, SearchConfig, Watch
+from dlokit.skills.planning.rollout.search import Choice, Scoring, Search, SearchConfig, SearchWatch
 from dlokit.types.action import Action, Candidates, CandidateSeen, Marks
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, GoalShape
@@ -66,7 +66,7 @@ class Rollout:
         goal_world = goal_in_order(shape.nodes_world, goal.nodes_world, ends_interchangeable=goal.ends_interchangeable)
         marked = frozenset(int(node) for node in marks.invalid_nodes)
         self._misses.compare(shape)
-        scene = Scene(shape.nodes_world, goal_world, marked, tools)
+        scene = PlanningScene(shape.nodes_world, goal_world, marked, tools)
 
         def score(played: Played, kinds: Sequence[type[Action]]) -> Float64Array:
             miss_m = np.array([self._misses.of(kind) for kind in kinds])
@@ -85,7 +85,7 @@ class Rollout:
                 Candidates(stamp_ns=shape.stamp_ns, rollouts=rollouts, budget=config.search.rollouts, best=seen)
             )
 
-        watch = Watch(tell=tell, stopwatch=tools.stopwatch)
+        watch = SearchWatch(tell=tell, stopwatch=tools.stopwatch)
         scoring = Scoring(score=score, judge=judge, least_m=least_m)
         search = Search(shape.nodes_world, tools.model, config.search, scoring, tools.compute, watch)
         # Other candidates at another time: what did not do as predicted is not tried again in just the same way.
@@ -95,7 +95,7 @@ class Rollout:
             self._misses.expect(action, shape)
             yield action
 
-    def _families(self, scene: Scene) -> list[Family]:
+    def _families(self, scene: PlanningScene) -> list[Family]:
         config = self._config
         families: list[Family] = []
         if config.lay_down:

@@ -15,13 +15,13 @@ from dlokit.skills.planning.verdict.feasibility import (
     parting_rmse_m,
     place_of,
 )
-from dlokit.skills.planning.verdict.holding import Hold
+from dlokit.skills.planning.verdict.holding import HoldVerdict
 from dlokit.skills.planning.verdict.within_reach import beyond_rmse_m, moved_inside
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import GoalShape
 from dlokit.types.feasibility import Finding, GoalVerdict, Problem, Standing
 
-TryGoal = Callable[[Float64Array], Awaitable[Hold]]
+TryGoal = Callable[[Float64Array], Awaitable[HoldVerdict]]
 """Releases the rod in a goal (M, 3) [m]; costs what a few seconds of physics cost."""
 
 
@@ -73,7 +73,7 @@ def _standing(findings: tuple[Finding, ...], *, hopeless: bool) -> Standing:
     return Standing.DOUBTFUL if findings else Standing.HOLDS
 
 
-def _nearest(hold: Hold, place: Workplace, length_m: float, radius_m: float) -> Float64Array | None:
+def _nearest(hold: HoldVerdict, place: Workplace, length_m: float, radius_m: float) -> Float64Array | None:
     """The nearest shape that holds (M, 3) [m], moved to where it can be worked with; None when it breaks a rule."""
     if hold.nearest_world is None:
         return None
@@ -83,7 +83,7 @@ def _nearest(hold: Hold, place: Workplace, length_m: float, radius_m: float) -> 
     return None if misfits(moved, length_m, place.config) or crowded(moved, place) else moved
 
 
-def _springs_back(hold: Hold, nodes: Float64Array, threshold_m: float, place: Workplace) -> tuple[Finding, ...]:
+def _springs_back(hold: HoldVerdict, nodes: Float64Array, threshold_m: float, place: Workplace) -> tuple[Finding, ...]:
     believed, worst = hold.releases[0], max(hold.releases, key=lambda release: release.rmse_m)
     allowed_m = place.config.hold_share * threshold_m
     if worst.rmse_m <= allowed_m:

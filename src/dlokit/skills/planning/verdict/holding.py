@@ -25,7 +25,7 @@ _SPREAD = (0.0, 1.0, -1.0, 0.5, -0.5)  # of the doubt: believed, stiffest, softe
 
 
 @dataclass(frozen=True)
-class Hold:
+class HoldVerdict:
     """What the trials say of a goal."""
 
     releases: tuple[Release, ...]
@@ -55,7 +55,7 @@ class Plausible:
 
 def try_goal(
     model: ModelConfig, belief: DloBelief, goal_world: Float64Array, threshold_m: float, config: FeasibilityConfig
-) -> Hold:
+) -> HoldVerdict:
     """Release the rod in a goal (M, 3) [m], and where that does not hold look for the nearest shape that does."""
     rod, may_be, allowed_m = as_believed(model, belief), plausible(belief, config), config.hold_share * threshold_m
     releases = tuple(release(rod, goal_world, one) for one in may_be)
@@ -64,8 +64,8 @@ def try_goal(
         led_m = attainable_rmse_m(belief, goal_world, config)
         best_m = led_m if too_tight else min(best_m, led_m)
     if all(trial.rmse_m <= allowed_m for trial in releases) and not too_tight:
-        return Hold(releases, best_m, fit_length(rod, goal_world))
-    return Hold(releases, best_m, _nearest(rod, belief, goal_world, allowed_m, config))
+        return HoldVerdict(releases, best_m, fit_length(rod, goal_world))
+    return HoldVerdict(releases, best_m, _nearest(rod, belief, goal_world, allowed_m, config))
 
 
 def attainable_rmse_m(belief: DloBelief, goal_world: Float64Array, config: FeasibilityConfig) -> float:

@@ -15,7 +15,7 @@ from dlokit.skills.planning.actions import FeasibilityConfig, GraspConfig
 from dlokit.skills.planning.verdict import holding
 from dlokit.skills.planning.verdict.feasibility import Workplace, crossings, parting_rmse_m
 from dlokit.skills.planning.verdict.goal_verdict import judge
-from dlokit.skills.planning.verdict.holding import Hold
+from dlokit.skills.planning.verdict.holding import HoldVerdict
 from dlokit.skills.planning.verdict.within_reach import moved_inside
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import GoalShape
@@ -33,7 +33,7 @@ def of(goal: Float64Array, model: ModelConfig = ROPE, yield_curvature_1_m: float
     place = Workplace(CONFIG, GraspConfig(), PandaKinematics().reachable, None)
     belief = replace_belief(as_configured(model, 0), yield_curvature_1_m=yield_curvature_1_m)
 
-    async def try_goal(nodes: Float64Array) -> Hold:
+    async def try_goal(nodes: Float64Array) -> HoldVerdict:
         return holding.try_goal(model, belief, nodes, THRESHOLD_M, CONFIG)
 
     shape = GoalShape(stamp_ns=7, nodes_world=goal)
