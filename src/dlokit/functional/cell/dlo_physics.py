@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dlokit.description.dlo import DloPreset
-from dlokit.rod.elastic import rod_nodes, set_rod_friction, set_rod_nodes
 from dlokit.types.arrays import Float64Array
 
 
@@ -23,14 +22,20 @@ class RodBody:
     @property
     def nodes_world(self) -> Float64Array:
         """Nodes (M, 3) [m]."""
+        from dlokit.rod.elastic import rod_nodes
+
         return rod_nodes(self._model, self._data)
 
     def place(self, nodes_world: ArrayLike) -> None:
         """Lay the rod along `nodes_world` (M, 3) [m], at rest."""
+        from dlokit.rod.elastic import set_rod_nodes
+
         set_rod_nodes(self._model, self._data, nodes_world)
 
     def set_friction(self, friction: ArrayLike) -> None:
         """Set the friction on the table to the mean of those at each node, (M,)."""
+        from dlokit.rod.elastic import set_rod_friction
+
         # A rod has one coefficient: it feels the mean of the places where it lies.
         set_rod_friction(self._model, float(np.asarray(friction, dtype=np.float64).mean()))
 
@@ -66,8 +71,6 @@ class ElasticRod:
 
     def take_over(self, model: Any, data: Any, dlo: DloPreset) -> DloBody:
         """The DLO that `add` has added, in the compiled model."""
-        pass
-
         return RodBody(model, data)
 
 
