@@ -4,8 +4,8 @@ Poses follow ``p_world = T_world_tcp @ p_tcp``; quaternions are (w, x, y, z); le
 """
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import Rotation
 
 from dlokit.errors import BadValue
 from dlokit.types.pose import Pose
@@ -30,7 +30,7 @@ def pose_from_matrix(matrix: ArrayLike) -> Pose:
     T = np.asarray(matrix, dtype=np.float64)
     return Pose(
         position_m=T[:3, 3].copy(),
-        wxyz=Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True, canonical=True),
+        wxyz=scipy.spatial.transform.Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True, canonical=True),
     )
 
 
@@ -44,7 +44,7 @@ def matrix(T: Pose) -> Array:
 
 def rotation(T: Pose) -> Array:
     """The rotation matrix (3, 3) of a pose."""
-    return Rotation.from_quat(T.wxyz, scalar_first=True).as_matrix()
+    return scipy.spatial.transform.Rotation.from_quat(T.wxyz, scalar_first=True).as_matrix()
 
 
 def compose(T_a_b: Pose, T_b_c: Pose) -> Pose:
