@@ -3,10 +3,13 @@
 import subprocess
 import sys
 
-LARGE = {"numba", "scipy", "mujoco", "cv2", "matplotlib", "cryptography"}
+SCIPY = {f"scipy.{part}" for part in ("interpolate", "linalg", "ndimage", "optimize", "sparse", "spatial", "stats")}
+"""`import scipy` alone is small: it loads each of these when it is first used."""
+LARGE = {"numba", "mujoco", "cv2", "matplotlib", "cryptography", "OpenGL"} | SCIPY
 HELP = (
-    "settings must not wait for libraries: move the class that brought one in to a file beside its algorithm "
-    "(`cpd_config.py` beside `cpd.py`), and import the algorithm in `build`; "
+    "settings must not wait for libraries: they stand beside the class that they build, whose module imports none that "
+    "is large. Compiled functions have modules of their own (`mixture_kernels.py` beside `mixture.py`), imported where "
+    "they are called; of SciPy write `import scipy` and, where it is used, `scipy.spatial.KDTree`; "
     "`python -X importtime -c 'import dlokit.system.config'` shows which it is"
 )
 
