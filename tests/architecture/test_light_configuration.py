@@ -3,12 +3,13 @@
 import subprocess
 import sys
 
-SCIPY = {f"scipy.{name}" for name in ("interpolate", "linalg", "optimize", "sparse", "spatial", "special", "stats")}
-"""What SciPy loads at the first use; by itself it is small."""
-LARGE = {"numba", *SCIPY, "mujoco", "OpenGL", "cv2", "matplotlib", "cryptography"}
+SCIPY = {f"scipy.{part}" for part in ("interpolate", "linalg", "ndimage", "optimize", "sparse", "spatial", "stats")}
+"""`import scipy` alone is small: it loads each of these when it is first used."""
+LARGE = {"numba", "mujoco", "cv2", "matplotlib", "cryptography", "OpenGL"} | SCIPY
 HELP = (
-    "settings must not wait for libraries: import the one that was brought in where it is called, "
-    "and SciPy's modules as attributes (`import scipy`, then `scipy.spatial.KDTree`); "
+    "settings must not wait for libraries: they stand beside the class that they build, whose module imports none that "
+    "is large. Compiled functions have modules of their own (`mixture_kernels.py` beside `mixture.py`), imported where "
+    "they are called; of SciPy write `import scipy` and, where it is used, `scipy.spatial.KDTree`; "
     "`python -X importtime -c 'import dlokit.system.config'` shows which it is"
 )
 

@@ -10,7 +10,7 @@ from dlokit.errors import InputError
 from dlokit.recording.comparison import FieldRow
 from dlokit.recording.reader import read_recording
 from dlokit.skills.observer.config import ObserverConfig
-from dlokit.skills.observer.spr_config import SprConfig
+from dlokit.skills.observer.spr import SprConfig
 from dlokit.system.config import RunConfig
 from dlokit.system.replay import REPLAYABLE, Replay, recorded_config, recorded_toml, replay
 

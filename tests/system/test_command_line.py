@@ -19,7 +19,7 @@ from dlokit.description.shapes import builtin_shape
 from dlokit.errors import ConfigError, InputError
 from dlokit.functional.cell.dlo_physics import ElasticRod, ElastoplasticChain
 from dlokit.functional.cell.randomisation import RANDOMISED, Randomisation
-from dlokit.skills.observer.cpd_config import CpdConfig
+from dlokit.skills.observer.cpd import CpdConfig
 from dlokit.skills.perception.colour import ColourConfig
 from dlokit.system.config import RunConfig
 from dlokit.system.toml_config import from_toml, to_toml

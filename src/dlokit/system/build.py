@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -42,6 +43,12 @@ class Wiring:
 def build_component(name: str, config: RunConfig, wiring: Wiring) -> Component:
     """The component of that name, one of `COMPONENTS`, with its drivers."""
     return _BUILDERS[name](config, wiring)
+
+
+def _load(*modules: str) -> None:
+    """Load parts of SciPy now, which otherwise load at their first use: during a look, or while an arm moves."""
+    for name in modules:
+        import_module(name)
 
 
 def _driver_port(wiring: Wiring, owner: str) -> Port:
@@ -113,6 +120,7 @@ def _perception(config: RunConfig, wiring: Wiring) -> Component:
 def _observer(config: RunConfig, wiring: Wiring) -> Component:
     from dlokit.skills.observer.component import ObserverComponent
 
+    _load("scipy.interpolate", "scipy.sparse.csgraph", "scipy.spatial")
     return ObserverComponent(config.observer, nodes=config.model.nodes, length_m=config.model.length_m)
 
 
@@ -152,6 +160,7 @@ def _decision(config: RunConfig, wiring: Wiring) -> Component:
     from dlokit.decision.component import DecisionComponent
     from dlokit.system.results.journal_file import JournalFile
 
+    _load("scipy.spatial")
     return DecisionComponent(
         config.task,
         time.perf_counter,

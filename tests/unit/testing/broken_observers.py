@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 
 from dlokit.skills.observer.base import ObserverStrategy
-from dlokit.skills.observer.cpd_config import CpdConfig
+from dlokit.skills.observer.cpd import CpdConfig
 from dlokit.types.dlo import DloState, TargetPoints
 from dlokit.types.observation import Observation
 

@@ -92,7 +92,7 @@ def test_one_for_plain_rods_may_refuse_a_branched_dlo_by_name() -> None:
         (Thawed, "frozen dataclass", "Thawed is not frozen"),
         (NameIsASetting, "name", "name is a setting"),
         (Spaced, "name", "'two words', which a command line cannot list"),
-        (Taken, "free name", "taken by dlokit.skills.observer.cpd_config:CpdConfig"),
+        (Taken, "free name", "taken by dlokit.skills.observer.cpd:CpdConfig"),
         (Demanding, "defaults", "radius_m has no default"),
         (Silent, "documented", "radius_m has no docstring"),
         (Bare, "documented", "Bare has no docstring"),

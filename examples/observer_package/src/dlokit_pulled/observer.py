@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlokit.skills.observer.base import nothing_seen
-from dlokit.skills.observer.visibility import explained_share, visible_nodes
-from dlokit.skills.observer.visibility_config import VisibilityConfig
+from dlokit.skills.observer.visibility import VisibilityConfig, explained_share, visible_nodes
 from dlokit.types.dlo import DloState, TargetPoints, Topology
 from dlokit.types.observation import Observation
 

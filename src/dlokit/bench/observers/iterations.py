@@ -18,7 +18,7 @@ from rich.table import Table
 from dlokit.bench.observers.peers import imported
 from dlokit.bench.report import BenchFigure
 from dlokit.errors import MachineError
-from dlokit.skills.observer.cpd_config import CpdConfig
+from dlokit.skills.observer.cpd import CpdConfig
 from dlokit.skills.observer.mixture import MixtureFit, Weights
 from dlokit.types.arrays import Float64Array
 

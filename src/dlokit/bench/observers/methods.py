@@ -6,9 +6,9 @@ from dlokit.bench.observers.peers import PEERS, missing
 from dlokit.errors import ConfigError, MachineError
 from dlokit.skills.observer.base import ObserverStrategyConfig
 from dlokit.skills.observer.config import ObserverConfig
-from dlokit.skills.observer.cpd_config import CpdConfig
-from dlokit.skills.observer.som_config import SomConfig
-from dlokit.skills.observer.spr_config import SprConfig
+from dlokit.skills.observer.cpd import CpdConfig
+from dlokit.skills.observer.som import SomConfig
+from dlokit.skills.observer.spr import SprConfig
 from dlokit.skills.observer.strategies import strategies
 
 PINNED = ", pinned"

@@ -23,9 +23,9 @@ from dlokit.bench.observers.peers import ProbregConfig, PycpdConfig
 from dlokit.bench.observers.runner import follow
 from dlokit.bench.observers.sequence import Sequence as RodSequence
 from dlokit.skills.observer.base import ObserverStrategyConfig
-from dlokit.skills.observer.cpd_config import CpdConfig
-from dlokit.skills.observer.som_config import SomConfig
-from dlokit.skills.observer.spr_config import SprConfig
+from dlokit.skills.observer.cpd import CpdConfig
+from dlokit.skills.observer.som import SomConfig
+from dlokit.skills.observer.spr import SprConfig
 
 TUNING_SEEDS = (TUNING_SEED, TUNING_SEED + 1)
 TUNING_CASES = (

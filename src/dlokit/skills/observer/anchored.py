@@ -4,25 +4,47 @@ A mixture fits the curve but leaves its nodes free to slide along it by centimet
 rod's own length: where a tip is seen, node i lies at arc length i / (M - 1) of the rod's length from it.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.interpolate import PchipInterpolator
 
 from dlokit.geometry import arc_lengths
-from dlokit.skills.observer.anchored_config import AnchoredConfig
-from dlokit.skills.observer.base import nothing_seen
-from dlokit.skills.observer.cpd import register
-from dlokit.skills.observer.curve import FittedCurve, Segment, fit_curve, project
+from dlokit.skills.observer.base import ObserverStrategy, nothing_seen
+from dlokit.skills.observer.cpd import CpdConfig, pliable, register
+from dlokit.skills.observer.curve import CurveConfig, FittedCurve, Segment, fit_curve, project
 from dlokit.skills.observer.mixture import thinned
 from dlokit.skills.observer.partial import register_visible
-from dlokit.skills.observer.visibility import shaded, visible_nodes
+from dlokit.skills.observer.visibility import VisibilityConfig, shaded, visible_nodes
 from dlokit.types.dlo import DloState, TargetPoints, Topology
 from dlokit.types.observation import Observation
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, kw_only=True)
+class AnchoredConfig:
+    """Coherent point drift, with nodes held at their arc length from the tips and pins that are seen."""
+
+    name: ClassVar[str] = "anchored"
+
+    cpd: CpdConfig = field(default_factory=pliable)
+    """The registration that finds the curve and which way round the rod lies."""
+    curve: CurveConfig = field(default_factory=CurveConfig)
+    """The fit of the centre line."""
+    visibility: VisibilityConfig = field(default_factory=VisibilityConfig)
+    """When a node counts as seen."""
+    length_tolerance: float = 0.06
+    """Both tips count as seen when the seen curve is shorter or longer than the rod by at most this share."""
+    tip_snap_m: float = 0.03
+    """An end of a curve that is too short counts as a tip when registration puts it so near to one [m]."""
+
+    def build(self) -> ObserverStrategy:
+        """The strategy with these settings."""
+        return Anchored(self)
 
 
 def fill_hidden(nodes: Array, known: Flags, prior: Array) -> Array:
@@ -41,7 +63,7 @@ def fill_hidden(nodes: Array, known: Flags, prior: Array) -> Array:
     first, last = index[0], index[-1]
     inner = np.arange(first, last + 1)[~known[first : last + 1]]
     if len(inner) > 0:
-        moved = PchipInterpolator(index, nodes[index] - prior[index])
+        moved = scipy.interpolate.PchipInterpolator(index, nodes[index] - prior[index])
         result[inner] = prior[inner] + moved(inner)
     if first > 0:
         result[:first] = _carried(prior[:first], prior[index[:4]], nodes[index[:4]])

@@ -24,7 +24,8 @@ class ObserverStrategy(Protocol):
 class ObserverStrategyConfig(Protocol):
     """The settings of a strategy: a frozen dataclass, all fields with defaults, that knows how to build it.
 
-    Every process loads it: the algorithm of ours stands in another file, which `build` imports.
+    Every process loads it, and the strategy's module with it. That imports no large library: compiled functions have
+    modules of their own, imported where they are called, and `import scipy` loads what is used when it is used.
     """
 
     name: ClassVar[str]

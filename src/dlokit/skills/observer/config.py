@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass, field
 
-from dlokit.skills.observer.initialise.config import InitialiseConfig
-from dlokit.skills.observer.map.config import MapConfig
+from dlokit.skills.observer.initialise.first_shape import InitialiseConfig
+from dlokit.skills.observer.map.observer import MapConfig
 from dlokit.skills.observer.strategies import Observer
 
 

@@ -4,17 +4,35 @@ Myronenko, Song: *Point Set Registration: Coherent Point Drift*, TPAMI 32 (2010)
 the non-rigid algorithm of its Fig. 4, with its symbols; the loop is in `mixture`.
 """
 
+from dataclasses import dataclass
+from typing import ClassVar
+
 import numpy as np
 from numpy.typing import NDArray
 
-from dlokit.skills.observer.base import nothing_seen
-from dlokit.skills.observer.cpd_config import CpdConfig
-from dlokit.skills.observer.mixture import Registration, Weights, fit_mixture, thinned
+from dlokit.skills.observer.base import ObserverStrategy, nothing_seen
+from dlokit.skills.observer.mixture import MixtureConfig, Registration, Weights, fit_mixture, thinned
 from dlokit.skills.observer.visibility import explained_share, visible_nodes
 from dlokit.types.dlo import DloState, TargetPoints
 from dlokit.types.observation import Observation
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CpdConfig(MixtureConfig):
+    """Coherent point drift, as in the paper: close to the curve, but nodes may slide along it."""
+
+    name: ClassVar[str] = "cpd"
+
+    def build(self) -> ObserverStrategy:
+        """The strategy with these settings."""
+        return Cpd(self)
+
+
+def pliable() -> CpdConfig:
+    """Registration that follows every bend; what slides along the curve, the anchors put back. CPD alone is stiffer."""
+    return CpdConfig(beta_m=0.12, lambda_per_m2=300.0, outlier_weight=0.05, initial_sigma_m=0.04, max_points=700)
 
 
 def register(X: Array, Y: Array, config: CpdConfig) -> Registration:

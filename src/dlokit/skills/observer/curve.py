@@ -3,17 +3,33 @@
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.interpolate import make_smoothing_spline
-from scipy.spatial import KDTree
 
 from dlokit.geometry import arc_lengths
-from dlokit.skills.observer.curve_config import CurveConfig
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 STEP_M = 0.002  # spacing of the fitted polyline: a tenth of the tightest bend in use
+
+
+@dataclass(frozen=True, kw_only=True)
+class CurveConfig:
+    """How a centre line is fitted."""
+
+    reach_m: float = 0.02
+    """Points farther from the guide than this do not belong to the DLO [m]; also how far ends are searched."""
+    spread_m: float = 0.008
+    """Points farther from the fitted curve than this are outliers [m]: radius and three times the noise."""
+    smoothing_m: float = 0.012
+    """Bends shorter than this are taken for noise [m]."""
+    bin_m: float = 0.005
+    """Length of curve over which points are averaged [m]."""
+    gap_m: float = 0.02
+    """A stretch without points is a gap when it is longer than this [m]."""
+    iterations: int = 3
+    """How often the curve becomes the next guide."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,7 +80,7 @@ def project(points: Array, polyline: Array) -> tuple[Array, Array]:
     nearest vertex are looked at.
     """
     s = arc_lengths(polyline)
-    _, nearest = KDTree(polyline).query(points)
+    _, nearest = scipy.spatial.KDTree(polyline).query(points)
     best_s, best_d2 = s[nearest], np.sum((points - polyline[nearest]) ** 2, axis=1)
     for offset in (-1, 0):
         a = np.clip(nearest + offset, 0, len(polyline) - 2)
@@ -137,7 +153,7 @@ def _smoothed(points: Array, guide: Array, limit_m: float, config: CurveConfig) 
     means = np.column_stack([mean(X[:, axis]) for axis in range(3)])
     # In units of the smoothing length and with weights of one per unit of length, the penalty is 1.
     weights = np.minimum(counts[full] / np.median(counts[full]), 3.0) * config.bin_m / config.smoothing_m
-    spline = make_smoothing_spline(mean(s) / config.smoothing_m, means, weights, lam=1.0)
+    spline = scipy.interpolate.make_smoothing_spline(mean(s) / config.smoothing_m, means, weights, lam=1.0)
     steps = max(int(np.ceil((last - first) / STEP_M)), 2)
     return np.asarray(spline(np.linspace(first, last, steps + 1) / config.smoothing_m), dtype=np.float64)
 

@@ -3,24 +3,57 @@
 Myronenko, Song: *Point Set Registration: Coherent Point Drift*, TPAMI 32 (2010), doi 10.1109/TPAMI.2010.46.
 Symbols as there: X (N, 3) the cloud, Y (M, 3) the nodes before, T = Y + G W the nodes after, P the posterior
 probabilities, sigma² the one variance of all Gaussians, w the weight of the uniform outlier class, beta the
-width of the kernel G. SPR adds a penalty to the M-step; all else is shared. The E-step is compiled
-(`mixture_kernels`), the M-step in `coherent_motion`.
+width of the kernel G. SPR adds a penalty to the M-step; all else is shared. Both steps are
+compiled (`mixture_kernels`).
 """
 
-# The paper's capital letters are variables here, not constants.
+# The papers' capital letters are variables here, not constants.
 # pyright: reportConstantRedefinition=false
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
-from dlokit.skills.observer.coherent_motion import CoherentMotion
-from dlokit.skills.observer.mixture_config import MixtureConfig
-from dlokit.skills.observer.mixture_kernels import expectation, sorted_blocks
+from dlokit.skills.observer.visibility import VisibilityConfig
 
 Array = NDArray[np.float64]
+
+RANK_TOLERANCE = 1e-15
+"""Columns of L end when what is left of G's diagonal, which is 1, is below this: the rounding of G itself."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MixtureConfig:
+    """The fit of a mixture whose nodes move coherently."""
+
+    beta_m: float = 0.83
+    """Width of the Gaussian kernel [m]: nodes nearer than this move alike."""
+    lambda_per_m2: float = 2300.0
+    """Weight of the smoothness of the motion against the fit [1/m²]."""
+    outlier_weight: float = 0.023
+    """w, the share of points expected to belong to nothing, from 0 to below 1."""
+    initial_sigma_m: float = 0.036
+    """Standard deviation of the Gaussians at the start [m]; about the largest motion between two clouds.
+    0 takes the paper's, the mean distance of all pairs, for a registration from far."""
+    smallest_sigma_m: float = 0.002
+    """The iteration ends below this standard deviation [m]; about the noise of the cloud."""
+    tolerance: float = 1e-3
+    """The iteration ends when sigma² changes by a smaller share than this."""
+    max_iterations: int = 60
+    """The iteration ends at the latest after so many steps."""
+    max_points: int = 2000
+    """Larger clouds are thinned, evenly over their index, to so many points before registration."""
+    visibility: VisibilityConfig = field(default_factory=VisibilityConfig)
+    """When a node counts as seen."""
+
+    def __post_init__(self) -> None:
+        if self.beta_m <= 0.0 or self.lambda_per_m2 <= 0.0:
+            raise ValueError(f"beta_m {self.beta_m:g} and lambda_per_m2 {self.lambda_per_m2:g}: both must be above 0")
+        if not 0.0 <= self.outlier_weight < 1.0:
+            raise ValueError(f"outlier_weight {self.outlier_weight:g}: from 0 to below 1 is allowed")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,6 +92,8 @@ class MixtureFit:
         weights: Callable[[int], Weights],
         structure: Array | None = None,
     ) -> None:
+        from dlokit.skills.observer.mixture_kernels import sorted_blocks
+
         self._config, self._weights = config, weights
         self._origin = Y.mean(axis=0)  # distances by products lose digits far from the origin
         X, Y = X - self._origin, Y - self._origin
@@ -73,6 +108,8 @@ class MixtureFit:
 
         sigma² = (tr Xᵀ d(Pᵀ1) X - 2 tr (PX)ᵀ T + tr Tᵀ d(P1) T) / (N_P D), eq. 23.
         """
+        from dlokit.skills.observer.mixture_kernels import expectation
+
         config, before = self._config, self._sigma2[-1]
         P1, PX, squares = expectation(self._columns, self._boxes, self._T, before, config.outlier_weight)
         weights = self._weights(len(self._sigma2) - 1)
@@ -104,6 +141,58 @@ def fit_mixture(
         if not fit.iterate():
             break
     return fit.result()
+
+
+class CoherentMotion:
+    """The M-step of CPD and SPR: nodes that move coherently, solved in as few unknowns as the kernel has ranks.
+
+    Symbols as in the module and in `spr`. Both solve, for T = Y + G W,
+
+        (d(P1) G + lambda sigma² I + tau sigma² M G) W = P X - d(P1) Y - tau sigma² M Y,
+
+    CPD with tau = 0 (eq. 22 times d(P1), so that nodes without points need no division). The Gaussian kernel's
+    eigenvalues fall so fast that G = L Lᵀ to the last digit with r < M columns. Multiplied by Lᵀ from the left, with
+    c = Lᵀ W:
+
+        (lambda sigma² I + Lᵀ (d(P1) + tau sigma² M) L) c = Lᵀ (P X - d(P1) Y - tau sigma² M Y),   T = Y + L c:
+
+    r unknowns in place of M, symmetric and positive definite, so that Cholesky's method solves it.
+
+    It has the motions that the nodes Y (M, 3) [m] can make, with the kernel G (M, M) and SPR's structure matrix (M, M).
+    """
+
+    def __init__(self, Y: Array, G: Array, structure: Array | None = None) -> None:
+        M = len(Y)
+        self._Y = Y
+        self._structure = np.zeros((M, M)) if structure is None else structure
+        self._L = low_rank(G)
+        self._stiff = self._L.T @ self._structure @ self._L
+        self._strained = self._L.T @ self._structure @ Y
+
+    def nodes(self, P1: Array, PX: Array, ridge: float, stiffness: float = 0.0) -> Array:
+        """T (M, 3) [m] from P 1 (M,) and P X (M, 3) [m]; `ridge` is lambda sigma² > 0, `stiffness` tau sigma².
+
+        Raises `numpy.linalg.LinAlgError` when the ridge is too small for the system to have one solution.
+        """
+        from dlokit.skills.observer.mixture_kernels import coherent_nodes
+
+        T, solved = coherent_nodes(self._Y, self._L, self._stiff, self._strained, P1, PX, ridge, stiffness)
+        if not solved:
+            raise np.linalg.LinAlgError(f"lambda sigma² = {ridge:g} is too small for a solution; it must be above 0.")
+        return T
+
+    def coefficients(self, P1: Array, PX: Array, T: Array, ridge: float, stiffness: float = 0.0) -> Array:
+        """W (M, 3) of the step that gave T, by the same equation: lambda sigma² W = P X - d(P1) T - tau sigma² M T."""
+        return (PX - P1[:, None] * T - stiffness * (self._structure @ T)) / ridge
+
+
+def low_rank(G: Array) -> Array:
+    """L (M, r) with L Lᵀ = G (M, M) to `RANK_TOLERANCE`: Cholesky's method with the largest pivot first."""
+    (pstrf,) = scipy.linalg.get_lapack_funcs(("pstrf",), (G,))
+    factor, pivots, rank, _ = pstrf(G, tol=RANK_TOLERANCE, lower=True)
+    L = np.zeros((len(G), rank))
+    L[pivots - 1] = np.tril(factor)[:, :rank]  # LAPACK counts from 1
+    return L
 
 
 def longest_axis(Y: Array) -> Array:

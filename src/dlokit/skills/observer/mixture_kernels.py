@@ -1,8 +1,11 @@
-"""The compiled E-step of a Gaussian mixture: one pass over the points, nothing of size N x M is kept.
+"""The compiled steps of a Gaussian mixture; symbols as in `mixture`.
 
-Symbols as in `mixture`. The points are cut into blocks that fit the processor's nearest cache. In each, the
-Gaussians of one node after another are put down for all its points, then divided by their sum, then summed.
-Nodes that cannot matter to a block are left out: see `expectation`. All sums are in float64.
+The E-step takes one pass over the points, nothing of size N x M is kept. The points are cut into blocks that fit the
+processor's nearest cache. In each, the Gaussians of one node after another are put down for all its points, then
+divided by their sum, then summed. Nodes that cannot matter to a block are left out: see `expectation`. All sums are in
+float64.
+
+The M-step solves the equation of `mixture.CoherentMotion`.
 """
 
 # The paper's capital letters are variables here, not constants.
@@ -146,3 +149,58 @@ def _exp(v: float) -> float:
     bits = (np.float64(shifted).view(np.int64) + np.int64(1023)) << np.int64(52)
     power = np.int64(bits).view(np.float64)
     return series * power if v > -700.0 else 0.0
+
+
+@njit(cache=True)
+def coherent_nodes(
+    Y: Array, L: Array, stiff: Array, strained: Array, P1: Array, PX: Array, ridge: float, stiffness: float
+) -> tuple[Array, bool]:
+    """T (M, 3), and whether the system of `CoherentMotion` was positive definite."""
+    M, r = L.shape
+    A, c = stiffness * stiff, -stiffness * strained
+    for m in range(M):
+        for i in range(r):
+            weighted = P1[m] * L[m, i]
+            for j in range(r):
+                A[i, j] += weighted * L[m, j]
+            for k in range(3):
+                c[i, k] += L[m, i] * (PX[m, k] - P1[m] * Y[m, k])
+    for i in range(r):
+        A[i, i] += ridge
+    T = Y.copy()
+    solved = _solve_in_place(A, c)
+    if solved:
+        for m in range(M):
+            for i in range(r):
+                for k in range(3):
+                    T[m, k] += L[m, i] * c[i, k]
+    return T, solved
+
+
+@njit(cache=True, fastmath={"contract", "reassoc"})
+def _solve_in_place(A: Array, b: Array) -> bool:
+    """Cholesky's method: the solution of A x = b for (r, 3) right sides goes to b; False when A is not definite."""
+    r = len(A)
+    for i in range(r):
+        for j in range(i):
+            rest = A[i, j]
+            for k in range(j):
+                rest -= A[i, k] * A[j, k]
+            A[i, j] = rest / A[j, j]
+            for k in range(3):
+                b[i, k] -= A[i, j] * b[j, k]
+        pivot = A[i, i]
+        for k in range(i):
+            pivot -= A[i, k] * A[i, k]
+        if not pivot > 0.0:
+            return False
+        A[i, i] = np.sqrt(pivot)
+        for k in range(3):
+            b[i, k] /= A[i, i]
+    for i in range(r - 1, -1, -1):
+        for k in range(3):
+            b[i, k] /= A[i, i]
+        for j in range(i):
+            for k in range(3):
+                b[j, k] -= A[i, j] * b[i, k]
+    return True

@@ -5,11 +5,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dlokit.skills.observer.cpd import register
-from dlokit.skills.observer.cpd_config import CpdConfig
+from dlokit.skills.observer.cpd import CpdConfig, register
 from dlokit.skills.observer.mixture import Registration, motion, thinned
-from dlokit.skills.observer.visibility import explained_share, supported, visible_nodes
-from dlokit.skills.observer.visibility_config import VisibilityConfig
+from dlokit.skills.observer.visibility import VisibilityConfig, explained_share, supported, visible_nodes
 from dlokit.types.dlo import DloState, TargetPoints, Topology
 from dlokit.types.observation import Observation
 

@@ -12,22 +12,56 @@ nodes i and j, r the radius of the neighbourhood; both in mean edges at rest.
 # The papers' capital letters are variables here, not constants.
 # pyright: reportConstantRedefinition=false
 
-import numpy as np
-from numba import njit
-from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import shortest_path
+from dataclasses import dataclass, field
+from typing import ClassVar
 
-from dlokit.skills.observer.base import nothing_seen
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from dlokit.skills.observer.base import ObserverStrategy, nothing_seen
 from dlokit.skills.observer.mixture import thinned
-from dlokit.skills.observer.som_config import SomConfig
-from dlokit.skills.observer.visibility import explained_share, visible_nodes
+from dlokit.skills.observer.visibility import VisibilityConfig, explained_share, visible_nodes
 from dlokit.types.dlo import DloState, TargetPoints, Topology
 from dlokit.types.observation import Observation
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SomConfig:
+    """Self-organising map: no assumption on the motion; nodes spread as evenly as the points do."""
+
+    name: ClassVar[str] = "som"
+
+    initial_radius: float = 4.6
+    """r at the first iteration, in mean edges of the DLO: about how many neighbours a point draws along."""
+    final_radius: float = 1.1
+    """r at the last iteration, in mean edges; below 0.3 neighbours hardly count."""
+    iterations: int = 40
+    """How often the neurons are updated while r shrinks by a constant factor."""
+    misfit_share: float = 0.95
+    """r is at most the distance that this share of the points is nearer to their neuron than, in mean edges."""
+    gate_m: float = 0.021
+    """Points farther from all neurons than this and r edges draw none [m]; several times the noise. The edges,
+    at their mean length at rest, are by how much a neighbourhood pulls in the tips, and the motion at first."""
+    shrunk: float = 0.74
+    """Nodes may be hidden where the map's edges are in all shorter than this share of their length at rest."""
+    torn: float = 2.8
+    """Nodes may be hidden where an edge of the map is longer than so many times its length at rest,
+    or, if that is more, the mean length of all edges."""
+    empty: float = 0.32
+    """Where nodes may be hidden, those are that at the prior win fewer points than this share of the median."""
+    max_points: int = 700
+    """Larger clouds are thinned, evenly over their index, to so many points."""
+    visibility: VisibilityConfig = field(default_factory=VisibilityConfig)
+    """When a node counts as seen."""
+
+    def build(self) -> ObserverStrategy:
+        """The strategy with these settings."""
+        return Som(self)
 
 
 def graph_distances(topology: Topology, count: int) -> Array:
@@ -37,8 +71,8 @@ def graph_distances(topology: Topology, count: int) -> Array:
     """
     a, b = topology.edges[:, 0], topology.edges[:, 1]
     steps = np.maximum(topology.rest_lengths_m / topology.rest_lengths_m.mean(), 1e-6)  # 0 would mean no edge
-    graph = coo_array((steps, (a, b)), shape=(count, count))
-    return np.asarray(shortest_path(graph, directed=False), dtype=np.float64)
+    graph = scipy.sparse.coo_array((steps, (a, b)), shape=(count, count))
+    return np.asarray(scipy.sparse.csgraph.shortest_path(graph, directed=False), dtype=np.float64)
 
 
 def neighbourhood(d: Array, radius: float) -> Array:
@@ -63,24 +97,10 @@ def batch_update(X: Array, T: Array, h: Array, winner: Indices, near: Flags) -> 
 
 def points_won(X: Array, T: Array, gate_m: float) -> Array:
     """How many points within the gate each neuron wins (M,)."""
+    from dlokit.skills.observer.som_kernels import winners
+
     winner, distance_m = winners(X, T)
     return np.bincount(winner[distance_m < gate_m], minlength=len(T)).astype(np.float64)
-
-
-@njit(cache=True)
-def winners(X: Array, T: Array) -> tuple[Indices, Array]:
-    """Each point's nearest neuron (N,), c(n) = argmin_j |x_n - t_j|, and its distance (N,) [m]."""
-    winner, distance_m = np.zeros(len(X), dtype=np.int64), np.empty(len(X))
-    for n in range(len(X)):
-        nearest = np.inf
-        for j in range(len(T)):
-            dx, dy, dz = X[n, 0] - T[j, 0], X[n, 1] - T[j, 1], X[n, 2] - T[j, 2]
-            squared = dx * dx + dy * dy + dz * dz
-            if squared < nearest:
-                nearest = squared
-                winner[n] = j
-        distance_m[n] = np.sqrt(nearest)
-    return winner, distance_m
 
 
 def organise(X: Array, Y: Array, d: Array, edge_m: float, config: SomConfig) -> Array:
@@ -90,6 +110,8 @@ def organise(X: Array, Y: Array, d: Array, edge_m: float, config: SomConfig) -> 
     the map is wrong: in a tight coil a wide neighbourhood draws the nodes of one turn to the next, and a map that
     was nearly right would be folded.
     """
+    from dlokit.skills.observer.som_kernels import winners
+
     T = Y
     for widest in np.geomspace(config.initial_radius, config.final_radius, config.iterations).tolist():
         winner, distance_m = winners(X, T)

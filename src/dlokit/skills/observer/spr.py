@@ -13,13 +13,15 @@ doi 10.1126/science.290.5500.2323. Symbols: Y (M, D) the nodes of the reference 
 neighbours, W (M, M) the weights, row i those of node i.
 """
 
-import numpy as np
-from numpy.typing import NDArray
-from scipy.spatial import KDTree
+from dataclasses import dataclass
+from typing import ClassVar
 
-from dlokit.skills.observer.base import nothing_seen
-from dlokit.skills.observer.mixture import Registration, Weights, fit_mixture, thinned
-from dlokit.skills.observer.spr_config import SprConfig
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from dlokit.skills.observer.base import ObserverStrategy, nothing_seen
+from dlokit.skills.observer.mixture import MixtureConfig, Registration, Weights, fit_mixture, thinned
 from dlokit.skills.observer.visibility import explained_share, visible_nodes
 from dlokit.types.dlo import DloState, TargetPoints
 from dlokit.types.observation import Observation
@@ -27,8 +29,37 @@ from dlokit.types.observation import Observation
 # The papers' capital letters are variables here, not constants.
 # pyright: reportConstantRedefinition=false
 
-
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SprConfig(MixtureConfig):
+    """Structure preserved registration, as in the paper: keeps the local shape, also where little is seen."""
+
+    name: ClassVar[str] = "spr"
+
+    beta_m: float = 0.94
+    """Width of the Gaussian kernel [m]: nodes nearer than this move alike."""
+    lambda_per_m2: float = 2000.0
+    """Weight of the smoothness of the motion against the fit at the first iteration [1/m²]."""
+    outlier_weight: float = 0.032
+    """w, the share of points expected to belong to nothing, from 0 to below 1."""
+    initial_sigma_m: float = 0.043
+    """Standard deviation of the Gaussians at the start [m]; 0 takes the paper's, the mean distance of all pairs."""
+    tau_per_m2: float = 4e5
+    """tau, weight of the local structure against the fit at the first iteration [1/m²]; 0 leaves it out."""
+    neighbours: int = 3
+    """K, how many nearest nodes a node is put together from."""
+    regularisation: float = 1e-3
+    """What is added to the diagonal of the local Gram matrices, as a share of their trace."""
+    tau_annealing: float = 0.88
+    """In iteration k, from 0, tau counts `tau_annealing` to the power of k; above 0, at most 1 (constant)."""
+    lambda_annealing: float = 0.99
+    """In iteration k, from 0, lambda counts `lambda_annealing` to the power of k; above 0, at most 1 (constant)."""
+
+    def build(self) -> ObserverStrategy:
+        """The strategy with these settings."""
+        return Spr(self)
 
 
 def lle_weights(Y: Array, neighbours: int, regularisation: float) -> Array:
@@ -60,7 +91,7 @@ def structure_matrix(W: Array) -> Array:
 
 def _nearest(Y: Array, count: int) -> NDArray[np.int64]:
     """The `count` nearest other nodes of each node, (M, count)."""
-    _, index = KDTree(Y).query(Y, k=count + 1)
+    _, index = scipy.spatial.KDTree(Y).query(Y, k=count + 1)
     others = np.asarray(index, dtype=np.int64)
     itself = others == np.arange(len(Y))[:, None]
     itself[~itself.any(axis=1), -1] = True  # of nodes in one place, the node itself may not be listed

@@ -5,12 +5,12 @@ from typing import Annotated, get_args
 import tyro
 
 from dlokit.communication.strategies import StrategyKind
-from dlokit.skills.observer.anchored_config import AnchoredConfig
+from dlokit.skills.observer.anchored import AnchoredConfig
 from dlokit.skills.observer.base import ObserverStrategyConfig
-from dlokit.skills.observer.cpd_config import CpdConfig
-from dlokit.skills.observer.map.config import MapConfig
-from dlokit.skills.observer.som_config import SomConfig
-from dlokit.skills.observer.spr_config import SprConfig
+from dlokit.skills.observer.cpd import CpdConfig
+from dlokit.skills.observer.map.observer import MapConfig
+from dlokit.skills.observer.som import SomConfig
+from dlokit.skills.observer.spr import SprConfig
 
 OurObserver = MapConfig | AnchoredConfig | CpdConfig | SprConfig | SomConfig
 """Strategies that ship with dlokit, the default first; the one place where they are named."""

@@ -1,11 +1,12 @@
 """Which nodes a look could see: in the picture, not behind the robot, with points around them; where the others are."""
 
+from dataclasses import dataclass
+
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from dlokit.geometry import rotation
-from dlokit.skills.observer.visibility_config import VisibilityConfig
 from dlokit.types.dlo import DloState, TargetPoints, Topology
 from dlokit.types.image import CameraCalibration
 from dlokit.types.observation import Observation, Occlusion
@@ -14,6 +15,20 @@ Array = NDArray[np.float64]
 
 SURE_M = 0.005  # of nodes whose observer states no covariance: what the contract test asks of all of them
 WIDEST_M = 0.5  # a node is somewhere on the table
+
+
+@dataclass(frozen=True, kw_only=True)
+class VisibilityConfig:
+    """When a node counts as seen."""
+
+    radius_m: float = 0.015
+    """Points nearer than this support a node [m]; about a node spacing."""
+    least_points: int = 3
+    """A node with fewer supporting points is hidden."""
+    robot_margin_m: float = 0.01
+    """The robot hides what lies at least so far behind its surface [m]."""
+    picture_margin_px: float = 3.0
+    """A node nearer to the border of the picture than this is out of view [px]."""
 
 
 def grown_covariance(prior: DloState, seconds: float, speed_m_s: float) -> Array:
@@ -54,7 +69,7 @@ def supported(nodes_world: Array, points_world: Array, config: VisibilityConfig)
     """Whether enough points lie around each node, (M,)."""
     if len(points_world) == 0:
         return np.zeros(len(nodes_world), dtype=np.bool_)
-    counts = KDTree(points_world).query_ball_point(nodes_world, config.radius_m, return_length=True)
+    counts = scipy.spatial.KDTree(points_world).query_ball_point(nodes_world, config.radius_m, return_length=True)
     return np.asarray(counts) >= config.least_points
 
 
@@ -65,7 +80,7 @@ def distance_to_dlo_m(points_world: Array, nodes_world: Array, topology: Topolog
     """
     a, b = nodes_world[topology.edges[:, 0]], nodes_world[topology.edges[:, 1]]
     steps = np.linspace(0.0, 1.0, 9)[:, None, None]
-    distance, _ = KDTree((a + steps * (b - a)).reshape(-1, 3)).query(points_world)
+    distance, _ = scipy.spatial.KDTree((a + steps * (b - a)).reshape(-1, 3)).query(points_world)
     return np.asarray(distance, dtype=np.float64)
 
 

@@ -10,11 +10,10 @@ from scipy.spatial import KDTree
 from dlokit.app.data.track import TrackArgs, TrackSettings, run, topology_of, track
 from dlokit.errors import InputError
 from dlokit.geometry import resample, rmse_m
-from dlokit.skills.observer.anchored import is_chain
-from dlokit.skills.observer.anchored_config import AnchoredConfig
+from dlokit.skills.observer.anchored import AnchoredConfig, is_chain
 from dlokit.skills.observer.base import ObserverStrategyConfig
-from dlokit.skills.observer.cpd_config import CpdConfig, pliable
-from dlokit.skills.observer.spr_config import SprConfig
+from dlokit.skills.observer.cpd import CpdConfig, pliable
+from dlokit.skills.observer.spr import SprConfig
 from dlokit.skills.observer.strategies import OURS, OurObserver
 from dlokit.skills.perception.config import BoxConfig
 

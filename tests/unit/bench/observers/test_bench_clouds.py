@@ -23,8 +23,7 @@ from dlokit.bench.observers.stereo import NOISE_DEPTH_M, camera_of, moved, stere
 from dlokit.description.scene import default_calibration
 from dlokit.description.shapes import builtin_shape
 from dlokit.geometry import pose
-from dlokit.skills.observer.visibility import shaded
-from dlokit.skills.observer.visibility_config import VisibilityConfig
+from dlokit.skills.observer.visibility import VisibilityConfig, shaded
 from dlokit.types.image import CameraCalibration
 
 CAMERA = default_calibration()

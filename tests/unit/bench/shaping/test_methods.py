@@ -7,7 +7,7 @@ import pytest
 from dlokit.bench.shaping.cases import ShapingMethod, cases, methods_of, with_method
 from dlokit.bench.shaping.suites import paper_suite
 from dlokit.errors import ConfigError
-from dlokit.skills.observer.cpd_config import CpdConfig
+from dlokit.skills.observer.cpd import CpdConfig
 from dlokit.system.config import RunConfig
 
 

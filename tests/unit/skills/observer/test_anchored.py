@@ -7,8 +7,7 @@ from synthetic_clouds import LENGTH_M, cloud, shape, state
 
 from dlokit.geometry import resample, rmse_m
 from dlokit.skills.observer.anchored import Anchored, chain, is_chain
-from dlokit.skills.observer.cpd import Cpd
-from dlokit.skills.observer.cpd_config import pliable
+from dlokit.skills.observer.cpd import Cpd, pliable
 from dlokit.types.dlo import Topology
 from dlokit.types.observation import GripperPin
 

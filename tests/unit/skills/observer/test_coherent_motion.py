@@ -5,8 +5,7 @@ import pytest
 from numpy.typing import NDArray
 from synthetic_clouds import shape
 
-from dlokit.skills.observer.coherent_motion import CoherentMotion, low_rank
-from dlokit.skills.observer.mixture import kernel
+from dlokit.skills.observer.mixture import CoherentMotion, kernel, low_rank
 from dlokit.skills.observer.spr import lle_weights, structure_matrix
 
 Array = NDArray[np.float64]

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from synthetic_clouds import cloud, shape, state
 
-from dlokit.skills.observer.cpd import Cpd, register
-from dlokit.skills.observer.cpd_config import CpdConfig
+from dlokit.skills.observer.cpd import Cpd, CpdConfig, register
 from dlokit.skills.observer.mixture import initial_sigma2, kernel
 
 FAITHFUL = CpdConfig(

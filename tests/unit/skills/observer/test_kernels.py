@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 from synthetic_clouds import cloud, shape, state
 
-from dlokit.skills.observer import coherent_motion, mixture_kernels
+from dlokit.skills.observer import mixture_kernels, som_kernels
 from dlokit.skills.observer.base import ObserverStrategyConfig
 from dlokit.skills.observer.kernels import warm
 from dlokit.skills.observer.map import terms, view
@@ -16,7 +16,7 @@ def compiled() -> dict[str, int]:
     """How many versions of each kernel there are, one for each combination of argument types."""
     return {
         f"{module.__name__}.{name}": len(kernel.signatures)
-        for module in (coherent_motion, mixture_kernels)
+        for module in (mixture_kernels, som_kernels)
         for name, kernel in vars(module).items()
         if hasattr(kernel, "signatures")
     }

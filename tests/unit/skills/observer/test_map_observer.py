@@ -7,13 +7,11 @@ from moving_rods import Case, moving_rod
 from synthetic_clouds import LENGTH_M, cloud, shape, state
 
 from dlokit.geometry import resample, rmse_m
-from dlokit.skills.observer.cpd import Cpd
-from dlokit.skills.observer.cpd_config import pliable
+from dlokit.skills.observer.cpd import Cpd, pliable
 from dlokit.skills.observer.map.assign import Assignment
 from dlokit.skills.observer.map.band import ChainSystem
-from dlokit.skills.observer.map.config import MapConfig
 from dlokit.skills.observer.map.fine import add_free_space
-from dlokit.skills.observer.map.observer import MapObserver
+from dlokit.skills.observer.map.observer import MapConfig, MapObserver
 from dlokit.skills.observer.map.problem import posed
 from dlokit.skills.observer.map.view import view_of
 from dlokit.types.dlo import DloState, Topology

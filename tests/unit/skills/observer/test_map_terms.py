@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from dlokit.skills.observer.map.assign import assign, inlier_probability, moments, soft_places
 from dlokit.skills.observer.map.band import BELOW, ChainSystem
 from dlokit.skills.observer.map.coarse import moved_rigidly
-from dlokit.skills.observer.map.config import ChainPriors, TipConfig
+from dlokit.skills.observer.map.settings import ChainPriors, TipConfig
 from dlokit.skills.observer.map.terms import (
     add_coherence,
     add_lengths,

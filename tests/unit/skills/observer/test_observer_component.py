@@ -17,14 +17,13 @@ from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.geometry import rmse_m
 from dlokit.skills.observer import api
-from dlokit.skills.observer.anchored import Anchored
-from dlokit.skills.observer.anchored_config import AnchoredConfig
+from dlokit.skills.observer.anchored import Anchored, AnchoredConfig
 from dlokit.skills.observer.component import ObserverComponent
 from dlokit.skills.observer.config import ObserverConfig
-from dlokit.skills.observer.cpd_config import CpdConfig
+from dlokit.skills.observer.cpd import CpdConfig
 from dlokit.skills.observer.following import follow
-from dlokit.skills.observer.som_config import SomConfig
-from dlokit.skills.observer.spr_config import SprConfig
+from dlokit.skills.observer.som import SomConfig
+from dlokit.skills.observer.spr import SprConfig
 from dlokit.skills.observer.strategies import from_spec, strategies, to_spec
 from dlokit.types.dlo import DloState, TargetPoints
 from dlokit.types.observation import Doubt, Observation, ObserverEventKind

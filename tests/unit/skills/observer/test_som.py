@@ -8,8 +8,16 @@ from synthetic_clouds import NODES, cloud, rod, shape, state
 
 from dlokit.geometry import resample, rmse_m
 from dlokit.skills.observer.anchored import chain
-from dlokit.skills.observer.som import Som, batch_update, carried, graph_distances, neighbourhood, organise, winners
-from dlokit.skills.observer.som_config import SomConfig
+from dlokit.skills.observer.som import (
+    Som,
+    SomConfig,
+    batch_update,
+    carried,
+    graph_distances,
+    neighbourhood,
+    organise,
+)
+from dlokit.skills.observer.som_kernels import winners
 from dlokit.types.dlo import Topology
 
 Array = NDArray[np.float64]

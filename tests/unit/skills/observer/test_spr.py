@@ -9,11 +9,9 @@ from synthetic_clouds import cloud, shape, state
 
 from dlokit.geometry import rmse_m
 from dlokit.skills.observer import cpd
-from dlokit.skills.observer.cpd import Cpd
-from dlokit.skills.observer.cpd_config import CpdConfig
+from dlokit.skills.observer.cpd import Cpd, CpdConfig
 from dlokit.skills.observer.mixture import kernel
-from dlokit.skills.observer.spr import Spr, lle_weights, register, structure_matrix
-from dlokit.skills.observer.spr_config import SprConfig
+from dlokit.skills.observer.spr import Spr, SprConfig, lle_weights, register, structure_matrix
 
 # A kernel so narrow that motion alone keeps little of the shape; the defaults' wide ones leave less to the structure.
 PLIABLE_CPD = CpdConfig(beta_m=0.12, lambda_per_m2=300.0, outlier_weight=0.05, initial_sigma_m=0.04)

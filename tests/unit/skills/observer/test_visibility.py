@@ -6,8 +6,7 @@ from synthetic_clouds import cloud, shape, state
 
 from dlokit.geometry import downward, transform
 from dlokit.skills.observer.anchored import Anchored, fill_hidden
-from dlokit.skills.observer.visibility import shaded, supported
-from dlokit.skills.observer.visibility_config import VisibilityConfig
+from dlokit.skills.observer.visibility import VisibilityConfig, shaded, supported
 from dlokit.types.image import CameraCalibration
 from dlokit.types.observation import Observation, Occlusion
 

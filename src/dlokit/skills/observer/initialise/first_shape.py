@@ -6,21 +6,55 @@ end farther to the robot's left (larger y in the world); of two ends within 2 cm
 robot's base (smaller x).
 """
 
+from dataclasses import dataclass, field
+
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from dlokit.errors import SkillFailure
 from dlokit.geometry import arc_lengths, resample, rmse_m
-from dlokit.skills.observer.curve import FittedCurve, fit_curve
-from dlokit.skills.observer.initialise.config import InitialiseConfig
-from dlokit.skills.observer.initialise.ordering import Way, faces_itself, links, polyline, ways
-from dlokit.skills.observer.initialise.skeleton import skeleton
-from dlokit.skills.observer.visibility import shaded, supported
+from dlokit.skills.observer.curve import CurveConfig, FittedCurve, fit_curve
+from dlokit.skills.observer.initialise.ordering import OrderingConfig, Way, faces_itself, links, polyline, ways
+from dlokit.skills.observer.initialise.skeleton import SkeletonConfig, skeleton
+from dlokit.skills.observer.visibility import VisibilityConfig, shaded, supported
 from dlokit.types.dlo import TargetPoints
 from dlokit.types.observation import Observation
 
 Array = NDArray[np.float64]
+
+
+def _first_curve() -> CurveConfig:
+    # The skeleton ends where the rod does: a longer reach would catch what another part of the rod lies beyond it.
+    return CurveConfig(reach_m=0.006, iterations=2)
+
+
+@dataclass(frozen=True, kw_only=True)
+class InitialiseConfig:
+    """How the first cloud is ordered."""
+
+    least_points: int = 60
+    """Fewer points than this are no DLO."""
+    lone_radius_m: float = 0.01
+    """A point with less than a quarter of the usual number of points in this radius is an outlier [m]."""
+    most_pieces: int = 24
+    """A skeleton of more pieces than this is no rod, but an area or many things."""
+    branch_m: float = 0.03
+    """Pieces that no order of the rod has room for may together be so long [m]; longer ones are no outliers."""
+    ambiguity: float = 6.0
+    """Two orders whose costs differ by less than this cannot be told apart [1/m]; see `ordering`."""
+    same_order_m: float = 0.01
+    """Two orders whose curves differ by less than this are the same [m], root mean square."""
+    length_tolerance: float = 0.06
+    """The curve may be shorter or longer than the rod by this share."""
+    skeleton: SkeletonConfig = field(default_factory=SkeletonConfig)
+    """How the cloud becomes pieces of line."""
+    ordering: OrderingConfig = field(default_factory=OrderingConfig)
+    """What an order of these pieces costs."""
+    curve: CurveConfig = field(default_factory=_first_curve)
+    """The fit of the centre line."""
+    visibility: VisibilityConfig = field(default_factory=VisibilityConfig)
+    """What tells that an end lies at the border of the picture or behind the robot, and which nodes lie in a gap."""
 
 
 def initial_targets(
@@ -78,7 +112,7 @@ def without_lone_points(points: Array, config: InitialiseConfig) -> Array:
     """The points (N, 3) [m] that have enough others around them."""
     if len(points) == 0:
         return points
-    counts = np.asarray(KDTree(points).query_ball_point(points, config.lone_radius_m, return_length=True))
+    counts = np.asarray(scipy.spatial.KDTree(points).query_ball_point(points, config.lone_radius_m, return_length=True))
     return points[counts > 0.25 * np.median(counts)]
 
 
@@ -118,7 +152,7 @@ def _check_left_out(way: Way, pieces: list[Array], line: Array, config: Initiali
     left_out_m = sum(float(arc_lengths(piece)[-1]) for piece in others)
     if left_out_m <= config.branch_m:
         return
-    apart_m = float(np.min(KDTree(line).query(np.vstack(others))[0]))
+    apart_m = float(np.min(scipy.spatial.KDTree(line).query(np.vstack(others))[0]))
     if apart_m > 0.02:
         raise SkillFailure(
             "fragmented",

@@ -8,13 +8,42 @@ leaves out and how far its length is from the rod's. A depth-first search with a
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from dlokit.geometry import arc_lengths
-from dlokit.skills.observer.initialise.config import OrderingConfig
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class OrderingConfig:
+    """What an order of pieces costs. The unit is that of bending energy, ∫ κ² ds [1/m]."""
+
+    tangent_m: float = 0.02
+    """The direction of an end is that of its last piece of this length [m]."""
+    bend_m: float = 0.04
+    """The curvature of an end is that of its last piece of this length [m]."""
+    inertia: float = 0.7
+    """How much a rod goes on bending as it did: 0 weighs the bend of a link, 1 its difference from the bend before."""
+    gap_share: float = 0.14
+    """A link may lead over a gap of at most this share of the rod's length."""
+    support_m: float = 0.006
+    """A place on a link with a point so near is seen [m]."""
+    unseen_per_m: float = 300.0
+    """Cost of a link for each metre that is not seen [1/m²]."""
+    left_out_per_m: float = 1200.0
+    """Cost of each metre of pieces that are not part of the way [1/m²]."""
+    length_cost: float = 16.0
+    """Cost of a length that is off by `length_sigma`; it grows with the square [1/m]."""
+    length_sigma: float = 0.03
+    """The length of a way is right to about this share."""
+    sharpest_rad: float = 2.1
+    """A link that turns by more than this at one of its ends is none [rad]."""
+    facing_m: float = 0.025
+    """Two tips that point at each other from so near may be no tips [m]: a ring could be cut anywhere."""
+    most_steps: int = 20_000
+    """The search ends after so many steps, with the best way so far."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,7 +97,7 @@ def links(pieces: list[Array], support: Array, longest_gap_m: float, config: Ord
     steps = np.linalg.norm(np.diff(curves, axis=1), axis=2)
     length = steps.sum(axis=1)
     middles = 0.5 * (curves[:, 1:] + curves[:, :-1])
-    seen = KDTree(support).query(middles.reshape(-1, 3), distance_upper_bound=config.support_m)[0]
+    seen = scipy.spatial.KDTree(support).query(middles.reshape(-1, 3), distance_upper_bound=config.support_m)[0]
     unseen = np.sum(steps * ~np.isfinite(seen).reshape(steps.shape), axis=1)
     sharpest = np.maximum(np.linalg.norm(leaving, axis=1), np.linalg.norm(arriving, axis=1))
     allowed = (unseen <= longest_gap_m) & (length < 2.0 * longest_gap_m) & (sharpest < config.sharpest_rad)

@@ -1,17 +1,48 @@
 """The skeleton of a cloud: its points drawn together to a line, and the unbranched pieces of that line."""
 
+from dataclasses import dataclass
+
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix, csr_matrix
-from scipy.sparse.csgraph import minimum_spanning_tree
-from scipy.spatial import KDTree
 
 from dlokit.geometry import arc_lengths
-from dlokit.skills.observer.initialise.config import SkeletonConfig
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SkeletonConfig:
+    """How a cloud becomes pieces of line."""
+
+    voxel_m: float = 0.004
+    """Points are first averaged over cubes of this edge [m]."""
+    radius_m: float = 0.011
+    """Points within this distance draw one another to their common line [m]."""
+    rounds: int = 3
+    """How often they do."""
+    least_share: float = 0.2
+    """A place on the line around which less than this share of the usual number of points lies is none."""
+    spacing_m: float = 0.004
+    """Distance of the points kept along the line [m]."""
+    most_points: int = 1500
+    """A line of more points than this is none but an area; a rod of 5 m has 1000."""
+    spur_m: float = 0.008
+    """Side branches shorter than this are noise [m]."""
+    junction_m: float = 0.006
+    """So much of the line is cut out around a place where it branches [m]."""
+    corner_m: float = 0.012
+    """Over this length to both sides of a point its bend is measured [m]."""
+    sharpest_rad: float = 1.4
+    """A line that turns by more than this there [rad] is taken for two that meet."""
+    ahead_m: float = 0.03
+    """A piece that another points at from so near is split there [m]: they may be parts of one rod that crosses."""
+    meet_m: float = 0.006
+    """It points at a piece when the line ahead comes so near to it [m]."""
+    least_m: float = 0.004
+    """Pieces shorter than this are left out [m]."""
 
 
 def skeleton(points: Array, config: SkeletonConfig) -> list[Array]:
@@ -26,7 +57,7 @@ def skeleton(points: Array, config: SkeletonConfig) -> list[Array]:
     _prune(joined, config.spur_m)
     branching = line[[len(near) > 2 for near in joined]]
     if len(branching) > 0:
-        _cut(joined, np.flatnonzero(KDTree(branching).query(line)[0] < config.junction_m).tolist())
+        _cut(joined, np.flatnonzero(scipy.spatial.KDTree(branching).query(line)[0] < config.junction_m).tolist())
     pieces: list[Array] = []
     for chain in _chains(joined):
         corners = _corners(line[chain], config.corner_m, config.sharpest_rad)
@@ -43,9 +74,11 @@ def contracted(points: Array, config: SkeletonConfig) -> Array:
     """
     line, weights = averaged(points, config.voxel_m)
     for _ in range(config.rounds):
-        pairs = KDTree(line).query_pairs(config.radius_m, output_type="ndarray")
+        pairs = scipy.spatial.KDTree(line).query_pairs(config.radius_m, output_type="ndarray")
         line = _round(line, weights, pairs, config.radius_m)
-    around = np.array([weights[near].sum() for near in KDTree(line).query_ball_point(line, config.spacing_m)])
+    around = np.array(
+        [weights[near].sum() for near in scipy.spatial.KDTree(line).query_ball_point(line, config.spacing_m)]
+    )
     return line[around > config.least_share * np.median(around)]
 
 
@@ -55,7 +88,7 @@ def _round(line: Array, weights: Array, pairs: Indices, radius_m: float) -> Arra
     apart = line[b] - line[a]
     near = 1.0 - np.sum(apart**2, axis=1) / radius_m**2
     kernel = weights[b] * near**2
-    graph = csr_matrix((kernel, (a, b)), shape=(len(line), len(line)))
+    graph = scipy.sparse.csr_matrix((kernel, (a, b)), shape=(len(line), len(line)))
     total = np.asarray(graph.sum(axis=1)).ravel()
     mean = (graph @ line) / total[:, None]
     squares = (line[:, :, None] * line[:, None, :]).reshape(-1, 9)
@@ -78,7 +111,7 @@ def averaged(points: Array, voxel_m: float) -> tuple[Array, Array]:
 
 def spaced(points: Array, spacing_m: float) -> Array:
     """Some of the points (N, 3) [m], none nearer than `spacing_m` to another, and all others so near to one of them."""
-    neighbours = KDTree(points).query_ball_point(points, spacing_m)
+    neighbours = scipy.spatial.KDTree(points).query_ball_point(points, spacing_m)
     free = np.ones(len(points), dtype=np.bool_)
     kept: list[int] = []
     for index, near in enumerate(neighbours):
@@ -88,19 +121,19 @@ def spaced(points: Array, spacing_m: float) -> Array:
     return points[kept]
 
 
-def spanning_tree(points: Array, longest_m: float) -> csr_matrix:
+def spanning_tree(points: Array, longest_m: float) -> "scipy.sparse.csr_matrix":
     """The minimum spanning tree (K, K) of the points, or forest, by edges up to `longest_m`, weights [m]."""
-    edges = KDTree(points).query_pairs(longest_m, output_type="ndarray")
+    edges = scipy.spatial.KDTree(points).query_pairs(longest_m, output_type="ndarray")
     lengths = np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1)
-    graph = coo_matrix((lengths, (edges[:, 0], edges[:, 1])), shape=(len(points), len(points)))
-    return csr_matrix(minimum_spanning_tree(graph.tocsr()))
+    graph = scipy.sparse.coo_matrix((lengths, (edges[:, 0], edges[:, 1])), shape=(len(points), len(points)))
+    return scipy.sparse.csr_matrix(scipy.sparse.csgraph.minimum_spanning_tree(graph.tocsr()))
 
 
 Neighbours = list[dict[int, float]]
 """For each point the points it is joined to, and how far away they are [m]."""
 
 
-def _neighbours(tree: csr_matrix, count: int) -> Neighbours:
+def _neighbours(tree: "scipy.sparse.csr_matrix", count: int) -> Neighbours:
     joined: Neighbours = [{} for _ in range(count)]
     entries = tree.tocoo()
     for a, b, length in zip(entries.row.tolist(), entries.col.tolist(), entries.data.tolist(), strict=True):
@@ -183,7 +216,7 @@ def _split_where_met(pieces: list[Array], config: SkeletonConfig) -> list[Array]
     index = np.concatenate([np.arange(len(piece)) for piece in pieces])
     line = np.vstack(pieces)
     inside = np.concatenate([_inside(piece, config.corner_m) for piece in pieces])
-    tree = KDTree(line)
+    tree = scipy.spatial.KDTree(line)
     cuts: list[set[int]] = [set() for _ in pieces]
     steps = np.arange(0.004, config.ahead_m, 0.002)[:, None]
     for number, piece in enumerate(pieces):

@@ -5,8 +5,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from dlokit.skills.observer.map.assign import soft_places
-from dlokit.skills.observer.map.config import MapSettings
 from dlokit.skills.observer.map.problem import MapProblem, with_priors
+from dlokit.skills.observer.map.settings import MapSettings
 from dlokit.skills.observer.map.terms import add_places
 from dlokit.skills.observer.mixture import thinned
 

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from dlokit.skills.observer.map.assign import Assignment, assign, moments, nearest_segment
 from dlokit.skills.observer.map.band import ChainSystem
-from dlokit.skills.observer.map.config import MapSettings
 from dlokit.skills.observer.map.problem import MapProblem, with_priors
+from dlokit.skills.observer.map.settings import MapSettings
 from dlokit.skills.observer.map.terms import add_place, add_points, add_tip
 from dlokit.skills.observer.map.tips import Tips, extent, places_along, seen_tips
 

@@ -9,25 +9,30 @@ The problem is solved with nodes in between, on a cubic spline through the given
 """
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
+import scipy
 
 from dlokit.skills.observer.anchored import is_chain
-from dlokit.skills.observer.base import nothing_seen
+from dlokit.skills.observer.base import ObserverStrategy, nothing_seen
 from dlokit.skills.observer.cpd import register
-from dlokit.skills.observer.map.coarse import coarse
-from dlokit.skills.observer.map.config import MapConfig, MapSettings
-from dlokit.skills.observer.map.fine import Fitted, fine
-from dlokit.skills.observer.map.problem import MapProblem, posed
-from dlokit.skills.observer.map.trust import health, stated_covariance
+from dlokit.skills.observer.map.settings import MapSettings
 from dlokit.skills.observer.mixture import thinned
 from dlokit.skills.observer.partial import register_visible
 from dlokit.types.dlo import DloState, TargetPoints, Topology
 from dlokit.types.observation import GripperPin, Observation
 
-Array = NDArray[np.float64]
+
+@dataclass(frozen=True, kw_only=True)
+class MapConfig(MapSettings):
+    """The most probable rod: stiff lengths, coherent motion, seen tips; says how sure it is of each node."""
+
+    name: ClassVar[str] = "map"
+
+    def build(self) -> ObserverStrategy:
+        """The strategy with these settings."""
+        return MapObserver(self)
 
 
 def refinement(prior: DloState, longest_edge_m: float) -> int:
@@ -42,7 +47,7 @@ def refined(prior: DloState, pieces: int) -> DloState:
     rest = np.repeat(prior.topology.rest_lengths_m / pieces, pieces)
     at = np.concatenate(([0.0], np.cumsum(rest)))
     first = np.arange(len(rest))
-    spline = CubicSpline(at[::pieces], prior.nodes_world)
+    spline = scipy.interpolate.CubicSpline(at[::pieces], prior.nodes_world)
     nearest = np.rint(np.arange(len(at)) / pieces).astype(np.int64)
     return DloState(
         stamp_ns=prior.stamp_ns,
@@ -71,6 +76,9 @@ class MapObserver:
 
         A DLO that is not one chain of at least 4 nodes is registered by coherent point drift, without covariance.
         """
+        from dlokit.skills.observer.map.problem import posed
+        from dlokit.skills.observer.map.tracking import tracked
+
         config = self._config
         if len(seen.points_world) == 0:
             return nothing_seen(seen, prior)
@@ -88,21 +96,3 @@ class MapObserver:
             covariance=found.covariance[::pieces],
             health=found.health,
         )
-
-
-@dataclass(frozen=True, kw_only=True)
-class FoundNodes:
-    """One answer to a problem."""
-
-    fitted: Fitted
-    covariance: Array
-    """(M, 3, 3) [m²]."""
-    health: float
-
-
-def tracked(problem: MapProblem, config: MapSettings) -> FoundNodes:
-    """The most probable nodes near the problem's nodes before."""
-    nodes, before = coarse(problem, config)
-    fitted = fine(problem, nodes, before, config)
-    covariance = stated_covariance(problem, before, fitted, config)
-    return FoundNodes(fitted=fitted, covariance=covariance, health=health(problem, fitted, covariance, config))

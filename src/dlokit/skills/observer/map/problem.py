@@ -7,12 +7,11 @@ from numba import njit
 from numpy.typing import NDArray
 
 from dlokit.skills.observer.map.band import ChainSystem
-from dlokit.skills.observer.map.config import MapSettings
+from dlokit.skills.observer.map.settings import MapSettings
 from dlokit.skills.observer.map.terms import add_coherence, add_lengths, add_place, add_table, coherence
 from dlokit.skills.observer.map.view import View, view_of
 from dlokit.skills.observer.mixture import thinned
-from dlokit.skills.observer.visibility import SURE_M
-from dlokit.skills.observer.visibility_config import VisibilityConfig
+from dlokit.skills.observer.visibility import SURE_M, VisibilityConfig
 from dlokit.types.dlo import DloState
 from dlokit.types.observation import GripperPin, Observation
 

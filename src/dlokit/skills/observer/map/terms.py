@@ -13,7 +13,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from dlokit.skills.observer.map.band import BELOW, add_block
-from dlokit.skills.observer.map.config import ChainPriors
+from dlokit.skills.observer.map.settings import ChainPriors
 
 Array = NDArray[np.float64]
 

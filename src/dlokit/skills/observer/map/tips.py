@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from dlokit.skills.observer.map.config import TipConfig
+from dlokit.skills.observer.map.settings import TipConfig
 
 Array = NDArray[np.float64]
 

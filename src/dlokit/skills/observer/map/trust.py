@@ -4,9 +4,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from dlokit.skills.observer.map.config import MapSettings
 from dlokit.skills.observer.map.fine import Fitted, add_cloud, add_tips
 from dlokit.skills.observer.map.problem import MapProblem, with_priors
+from dlokit.skills.observer.map.settings import MapSettings
 from dlokit.skills.observer.map.terms import add_coherence
 
 Array = NDArray[np.float64]

@@ -7,8 +7,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from dlokit.geometry import rotation
-from dlokit.skills.observer.visibility import in_camera
-from dlokit.skills.observer.visibility_config import VisibilityConfig
+from dlokit.skills.observer.visibility import VisibilityConfig, in_camera
 from dlokit.types.image import CameraCalibration
 from dlokit.types.observation import Observation
 

@@ -1,11 +1,9 @@
-"""Settings of the MAP observer and of its stages."""
+"""Settings that the stages of the MAP observer share."""
 
 from dataclasses import dataclass, field
-from typing import ClassVar
 
-from dlokit.skills.observer.base import ObserverStrategy
-from dlokit.skills.observer.cpd_config import CpdConfig, pliable
-from dlokit.skills.observer.visibility_config import VisibilityConfig
+from dlokit.skills.observer.cpd import CpdConfig, pliable
+from dlokit.skills.observer.visibility import VisibilityConfig
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,17 +122,3 @@ class MapSettings:
     """If it is a larger share of the points than this; outliers, a fifth of a cloud, lie above and below."""
     cpd: CpdConfig = field(default_factory=pliable)
     """The registration of DLOs that are not one chain."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class MapConfig(MapSettings):
-    """The most probable rod: stiff lengths, coherent motion, seen tips; says how sure it is of each node."""
-
-    name: ClassVar[str] = "map"
-
-    def build(self) -> ObserverStrategy:
-        """The strategy with these settings."""
-        # Here, because every process loads the settings, and only one of them needs what they build.
-        from dlokit.skills.observer.map.observer import MapObserver
-
-        return MapObserver(self)

@@ -1,0 +1,32 @@
+"""One problem answered: the coarse stage, the fine stage, and how sure they are."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dlokit.skills.observer.map.coarse import coarse
+from dlokit.skills.observer.map.fine import Fitted, fine
+from dlokit.skills.observer.map.problem import MapProblem
+from dlokit.skills.observer.map.settings import MapSettings
+from dlokit.skills.observer.map.trust import health, stated_covariance
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class FoundNodes:
+    """One answer to a problem."""
+
+    fitted: Fitted
+    covariance: Array
+    """(M, 3, 3) [m²]."""
+    health: float
+
+
+def tracked(problem: MapProblem, config: MapSettings) -> FoundNodes:
+    """The most probable nodes near the problem's nodes before."""
+    nodes, before = coarse(problem, config)
+    fitted = fine(problem, nodes, before, config)
+    covariance = stated_covariance(problem, before, fitted, config)
+    return FoundNodes(fitted=fitted, covariance=covariance, health=health(problem, fitted, covariance, config))
