@@ -58,7 +58,8 @@ def test_the_list_of_commands_waits_for_no_large_library() -> None:
 def test_what_only_looks_something_up_waits_for_none_of_the_libraries_that_run_the_system(
     line: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))  # no system runs
+    for name in ("TMPDIR", "XDG_RUNTIME_DIR"):  # where notes of running systems lie: `stop` must find none
+        monkeypatch.setenv(name, str(tmp_path))
     statement = (
         f"import contextlib, io; sys.argv = ['dlokit', *{line}]\n"
         "from dlokit.app.main import main\n"

@@ -49,6 +49,7 @@ class PerfectArm:
         self.latched = False
         self.connected = True
         self.silent = False
+        self.frozen: RobotState | None = None  # what it says instead of its state
         self.sag_rad = 0.0  # how far the measured angles are from where the arm was told to be
         self.followed: list[JointTrajectory] = []
 
@@ -65,6 +66,8 @@ class PerfectArm:
     def state(self) -> RobotState:
         if not self.connected:
             raise HardwareError("the arm has not been heard of yet")
+        if self.frozen is not None:
+            return self.frozen
         return RobotState(
             stamp_ns=0 if self.silent else round(asyncio.get_running_loop().time() * 1e9),
             robot="panda",
@@ -126,7 +129,9 @@ class Bench:
         self.me = transport.identity
         self.host = Container(transport, clock, compute)
         gated = GatedRobot(self.arm, GateConfig(), clock.now_ns)
-        self.host.add(RobotComponent(RobotConfig(), gated, lambda: round(self.machine_s * 1e9)))
+        self.host.add(
+            RobotComponent(RobotConfig(), gated, lambda: round(self.machine_s * 1e9), standing=gated.standing)
+        )
         self.port = Port(transport, clock, InlineCompute(), owner="test", publishes=())
 
 

@@ -105,6 +105,7 @@ def _robot(mount: ArmMount) -> "_Builder":
             neighbours=tuple(other.instance for other in ARMS[: config.arms] if other is not mount),
             button=partial(stop_button, stop_socket(wiring.folder, mount.robot)) if live else no_button,
             lease=lease,
+            standing=robot.standing,
         )
 
     return build

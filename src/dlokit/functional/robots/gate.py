@@ -92,6 +92,24 @@ class GatedRobot:
         """The driver's."""
         return self._robot.newest_ns()
 
+    async def standing(self) -> RobotState:
+        """A fresh state of the arm at rest; waited for where feedback is too old, or the arm still moves.
+
+        Raises `SkillFailure` stale_feedback or wrong_start after 1 s.
+        """
+        began_ns, allowed_s = self._now_ns(), self._config.feedback_age_s
+        while True:
+            state = self._robot.state()
+            age_s = self._feedback.age_s(state.stamp_ns, self._now_ns())
+            # By feedback of some age an arm may still move that has come to rest since, braking within its limits.
+            still = np.abs(state.dq_rad_s) <= _REST_RAD_S + age_s * self.limits.acceleration_rad_s2
+            if age_s <= allowed_s and still.all():
+                return state
+            waited_s = (self._now_ns() - began_ns) / 1e9
+            if waited_s > _LONGEST_WAIT_S:
+                raise _not_standing(state, age_s, allowed_s, waited_s)
+            await asyncio.sleep(_LOOK_S)
+
     async def follow(self, trajectory: JointTrajectory, lease: Lease) -> MotionResult:
         """Run a trajectory at the pace of `speed_scale`, when it passes; brake where feedback fails on the way.
 
@@ -171,7 +189,7 @@ class GatedRobot:
 
     async def _check_start(self, trajectory: JointTrajectory) -> None:
         """Hold the first sample to where the arm stands by fresh feedback."""
-        state = await self._standing()
+        state = await self.standing()
         off_rad = float(np.abs(trajectory.q_rad[0] - state.q_rad).max())
         if not off_rad <= START_RAD:  # NaN too
             raise SkillFailure(
@@ -202,21 +220,6 @@ class GatedRobot:
             f"the arm was braked: its feedback was older than {self._config.feedback_age_s} s "
             "(--gate.feedback-age-s) on the way; is its driver running, and the machine not overloaded?",
         )
-
-    async def _standing(self) -> RobotState:
-        """A fresh state of the arm at rest; waited for where feedback is too old, or the arm still moves."""
-        began_ns, allowed_s = self._now_ns(), self._config.feedback_age_s
-        while True:
-            state = self._robot.state()
-            age_s = self._feedback.age_s(state.stamp_ns, self._now_ns())
-            # By feedback of some age an arm may still move that has come to rest since, braking within its limits.
-            still = np.abs(state.dq_rad_s) <= _REST_RAD_S + age_s * self.limits.acceleration_rad_s2
-            if age_s <= allowed_s and still.all():
-                return state
-            waited_s = (self._now_ns() - began_ns) / 1e9
-            if waited_s > _LONGEST_WAIT_S:
-                raise _not_standing(state, age_s, allowed_s, waited_s)
-            await asyncio.sleep(_LOOK_S)
 
     def _check_lease(self, lease: Lease) -> None:
         if not (0.0 < lease.duration_s < math.inf and self._may_move(lease.holder)):

@@ -84,17 +84,20 @@ class RobotComponent(Component):
         neighbours: tuple[str, ...] = (),
         button: StopButton = no_button,
         lease: LeaseKeeper | None = None,
+        standing: Callable[[], Awaitable[RobotState]] | None = None,
     ) -> None:
         """`monotonic_ns` is the machine's clock, for leases; it stands apart from the clock of the port.
 
         `instance` says which arm it is, where there is more than one, and `neighbours` which others there are; `watch`
         looks after the lease and after what is heard of the others, by default on the event loop. `button` is how a
-        person stops the arm without the bus. `lease` is shared with the robot's gate.
+        person stops the arm without the bus. `lease` is shared with the robot's gate. `standing` gives a
+        fresh state of the arm at rest, from which motions are planned; by default the newest one.
         """
         super().__init__()
         self.instance = instance
         self._config = config
         self._robot = robot
+        self._standing = standing or self._newest
         self._kinematics = kinematics or PandaKinematics()
         self._lease = lease or LeaseKeeper(monotonic_ns)
         self._watch = watch or LoopWatch()
@@ -150,13 +153,13 @@ class RobotComponent(Component):
     async def move_joints(self, q_rad: Float64Array) -> MotionResult:
         """Move in joint space."""
         async with self._moving():
-            return await self._follow(joint_move(self._start(), q_rad, self._robot.limits))
+            return await self._follow(joint_move(await self._start(), q_rad, self._robot.limits))
 
     @implements(api.MOVE_TO)
     async def move_to(self, target: Pose, either_way: bool = True) -> MotionResult:
         """Move in joint space to a tool pose."""
         async with self._moving():
-            start = self._start()
+            start = await self._start()
             end = self._kinematics.inverse(target, start, Yaw.EITHER if either_way else Yaw.EXACT)
             return await self._follow(joint_move(start, end, self._robot.limits))
 
@@ -188,7 +191,7 @@ class RobotComponent(Component):
     async def home(self) -> MotionResult:
         """Move out of the camera's view."""
         async with self._moving():
-            return await self._follow(joint_move(self._start(), PANDA_HOME_Q_RAD, self._robot.limits))
+            return await self._follow(joint_move(await self._start(), PANDA_HOME_Q_RAD, self._robot.limits))
 
     @implements(api.HALT)
     async def halt(self) -> None:
@@ -301,15 +304,22 @@ class RobotComponent(Component):
         except HardwareError as error:
             raise SkillFailure("robot_lost", str(error)) from error
 
-    def _start(self) -> NDArray[np.float64]:
-        """Where the next trajectory starts: the angles last commanded, or the measured ones when those differ."""
-        measured = self._robot.state().q_rad
+    async def _newest(self) -> RobotState:
+        return self._robot.state()
+
+    async def _start(self) -> NDArray[np.float64]:
+        """Where the next trajectory starts: the angles last commanded, or the measured ones when those differ.
+
+        By fresh feedback of an arm at rest: after it was braked for old feedback, the old one does not say where it is.
+        """
+        measured = (await self._standing()).q_rad
         if self._commanded is not None and np.max(np.abs(self._commanded - measured)) < START_RAD:
             return self._commanded
         return np.clip(measured, self._robot.limits.position_lower_rad, self._robot.limits.position_upper_rad)
 
     async def _plan_path(self, path: tuple[Pose, ...], velocity: VelocityProfile) -> JointTrajectory:
-        return await self.port.compute(tool_move, self._kinematics, self._start(), path, velocity, self._robot.limits)
+        start = await self._start()
+        return await self.port.compute(tool_move, self._kinematics, start, path, velocity, self._robot.limits)
 
     async def _follow(self, trajectory: JointTrajectory) -> MotionResult:
         """Check a trajectory, then run it."""

@@ -106,3 +106,31 @@ def test_the_gripper_opens_as_far_as_asked_and_no_further_than_it_can() -> None:
         assert not grasped.result.held
 
     on_bench(scenario)
+
+
+def test_after_braking_for_old_feedback_a_motion_is_planned_from_where_fresh_feedback_finds_the_arm() -> None:
+    async def scenario(bench: Bench) -> None:
+        bench.arm.frozen = bench.arm.state()
+        bench.arm.q = bench.arm.q + 0.3  # it came this far until it stood, which nobody heard
+        await asyncio.sleep(0.5)
+        going_home = asyncio.create_task(bench.port.call(api.HOME))
+        await asyncio.sleep(0.5)
+        assert bench.arm.followed == []
+        stood = bench.arm.q
+        bench.arm.frozen = None
+        assert isinstance(await going_home, Succeeded)
+        (motion,) = bench.arm.followed
+        np.testing.assert_array_equal(motion.q_rad[0], stood)
+
+    on_bench(scenario)
+
+
+def test_a_motion_is_not_planned_while_no_feedback_comes() -> None:
+    async def scenario(bench: Bench) -> None:
+        bench.arm.frozen = bench.arm.state()
+        await asyncio.sleep(0.5)
+        for call in (bench.port.call(api.HOME), bench.port.call(api.MOVE_LINEAR, ABOVE, PROFILE)):
+            assert reason(await call) == "stale_feedback"
+        assert bench.arm.followed == []
+
+    on_bench(scenario)
