@@ -38,8 +38,7 @@ from robot_bench import KINEMATICS, PerfectArm
 from dlokit.communication.timing import virtual_time
 from dlokit.description.arm.panda import PANDA_LIMITS
 from dlokit.errors import BadValue, CommunicationError, SkillFailure
-from dlokit.functional.robots.gate import GatedRobot
-from dlokit.functional.robots.gate_config import GateConfig
+from dlokit.functional.robots.gate import GateConfig, GatedRobot
 from dlokit.motion.trajectories import joint_move, tool_move
 from dlokit.types.action import VelocityProfile
 from dlokit.types.robot import GripResult, JointTrajectory, Lease, MotionResult

@@ -20,8 +20,7 @@ from dlokit.functional.cell import api as cell_api
 from dlokit.functional.cell.component import CellComponent
 from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.robots.base import Robot
-from dlokit.functional.robots.gate import GatedRobot
-from dlokit.functional.robots.gate_config import GateConfig
+from dlokit.functional.robots.gate import GateConfig, GatedRobot
 from dlokit.functional.robots.simulated import SimulatedRobot
 from dlokit.geometry import downward, matrix
 from dlokit.motion.inverse_kinematics import PandaKinematics

@@ -20,7 +20,7 @@ from dlokit.description.arm.panda import PANDA_HOME_Q_RAD, PANDA_LIMITS
 from dlokit.functional.cell.arm import CellArm
 from dlokit.functional.cell.setpoints import Follow
 from dlokit.functional.cell.world import Cell
-from dlokit.functional.robots.gate_config import GateConfig
+from dlokit.functional.robots.gate import GateConfig
 from dlokit.geometry import downward
 from dlokit.motion.forward_kinematics import tcp_matrices
 from dlokit.motion.inverse_kinematics import PandaKinematics

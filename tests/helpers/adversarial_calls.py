@@ -25,8 +25,7 @@ from dlokit.description.shapes import builtin_shape
 from dlokit.errors import CommunicationError
 from dlokit.functional.cell.component import CellComponent
 from dlokit.functional.cell.config import CellConfig
-from dlokit.functional.robots.gate import GatedRobot
-from dlokit.functional.robots.gate_config import GateConfig
+from dlokit.functional.robots.gate import GateConfig, GatedRobot
 from dlokit.functional.robots.simulated import SimulatedRobot
 from dlokit.geometry import downward
 from dlokit.motion.inverse_kinematics import half_turned

@@ -14,8 +14,7 @@ from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.description.arm.panda import PANDA_HOME_Q_RAD, PANDA_LIMITS
 from dlokit.errors import HardwareError
-from dlokit.functional.robots.gate import GatedRobot
-from dlokit.functional.robots.gate_config import GateConfig
+from dlokit.functional.robots.gate import GateConfig, GatedRobot
 from dlokit.geometry import downward
 from dlokit.motion.forward_kinematics import tcp_pose
 from dlokit.motion.inverse_kinematics import PandaKinematics

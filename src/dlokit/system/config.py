@@ -11,7 +11,7 @@ from dlokit.description.dlo import DloPreset
 from dlokit.errors import ConfigError
 from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.cell.dlo_physics import ElasticRod, ElastoplasticChain
-from dlokit.functional.robots.gate_config import GateConfig
+from dlokit.functional.robots.gate import GateConfig
 from dlokit.rod.believed import ModelConfig
 from dlokit.skills.observer.config import ObserverConfig
 from dlokit.skills.perception.config import PerceptionConfig

@@ -13,8 +13,7 @@ from dlokit.communication.timing.clock import LoopClock
 from dlokit.description.arm.panda import PANDA_HOME_Q_RAD
 from dlokit.errors import ConfigError, SkillFailure
 from dlokit.functional.robots import gate
-from dlokit.functional.robots.gate import GatedRobot
-from dlokit.functional.robots.gate_config import GateConfig
+from dlokit.functional.robots.gate import GateConfig, GatedRobot
 from dlokit.geometry import downward, pose
 from dlokit.motion import limits
 from dlokit.motion.limits import scaled
