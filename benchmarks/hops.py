@@ -52,7 +52,7 @@ import dlokit
 from dlokit.app.shape.job import job_from_config
 from dlokit.communication import topics
 from dlokit.communication.component import Component, implements
-from dlokit.communication.container import Host
+from dlokit.communication.container import Container
 from dlokit.communication.skill import Skill
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
@@ -275,7 +275,7 @@ async def traced_call() -> Way:
     threading.setprofile(trace)
     here, there = ZenohTransport(config, open_session=session), ZenohTransport(config, open_session=session)
     caller, called = Caller(), Called()
-    calling, answering = Host(here, LoopClock()), Host(there, LoopClock())
+    calling, answering = Container(here, LoopClock()), Container(there, LoopClock())
     calling.add(caller)
     answering.add(called)
     try:

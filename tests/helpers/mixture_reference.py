@@ -1,12 +1,13 @@
 """The E-step of a mixture as its equation is written, which the compiled one is compared with."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from dlokit.types.arrays import Float64Array
 
 
-def expectation(X: Array, T: Array, sigma2: float, outlier_weight: float) -> tuple[Array, Array, Array]:
+def expectation(
+    X: Float64Array, T: Float64Array, sigma2: float, outlier_weight: float
+) -> tuple[Float64Array, Float64Array, Float64Array]:
     """P 1 (M,), Pᵀ 1 (N,) and P X (M, 3) of eq. 6, from all distances between points (N, 3) and nodes (M, 3)."""
     (N, D), M = X.shape, len(T)
     likely = np.exp(np.sum((T[:, None] - X[None]) ** 2, axis=2) / (-2.0 * sigma2))

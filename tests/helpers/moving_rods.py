@@ -8,13 +8,12 @@ that the fastest node moves at the speed that was asked for.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dlokit.skills.observer.anchored import chain
+from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import Topology
 from dlokit.types.observation import Observation
 
-Array = NDArray[np.float64]
 LENGTH_M = 0.5
 FINE = 501
 
@@ -38,7 +37,7 @@ class Case:
 class Sequence:
     """A moving rod and what was seen of it."""
 
-    truth: Array
+    truth: Float64Array
     """(T, M, 3) [m]."""
     clouds: tuple[Observation, ...]
     topology: Topology
@@ -54,14 +53,14 @@ def moving_rod(case: Case, seed: int, nodes: int = 50) -> Sequence:
     return Sequence(truth=truth, clouds=clouds, topology=chain(nodes, LENGTH_M))
 
 
-def _curves(case: Case, rng: np.random.Generator) -> list[Array]:
+def _curves(case: Case, rng: np.random.Generator) -> list[Float64Array]:
     """The rod as FINE places at each frame."""
     u = np.linspace(0.0, 1.0, FINE)
     size = rng.normal(0.0, [1.2, 0.9, 0.5])
     phase, rate = rng.uniform(0, 2 * np.pi, (2, 3)), rng.uniform(0.5, 1.5, (3, 3))
     start, sway = rng.uniform(0, 2 * np.pi), rng.uniform(-0.15, 0.15, (2, 2))
 
-    def curve(tau: float) -> Array:
+    def curve(tau: float) -> Float64Array:
         heading = start + 0.6 * np.sin(rate[2, 0] * tau)
         for k in range(3):
             wave = np.sin(np.pi * (k + 1) * u + phase[0, k] + 0.5 * rate[0, k] * tau)
@@ -84,11 +83,11 @@ def _curves(case: Case, rng: np.random.Generator) -> list[Array]:
     return frames
 
 
-def _at(curve: Array, places: Array) -> Array:
+def _at(curve: Float64Array, places: Float64Array) -> Float64Array:
     return np.column_stack([np.interp(places, np.arange(FINE), curve[:, axis]) for axis in range(3)])
 
 
-def _cloud(curve: Array, case: Case, rng: np.random.Generator, frame: int) -> Observation:
+def _cloud(curve: Float64Array, case: Case, rng: np.random.Generator, frame: int) -> Observation:
     at = rng.uniform(0.0, 1.0, case.points)
     if case.hidden is not None:
         at = at[(at < case.hidden[0]) | (at > case.hidden[1])]

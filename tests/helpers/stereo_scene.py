@@ -9,11 +9,10 @@ from numpy.typing import NDArray
 
 from dlokit.description.arm.panda_model import PANDA_HOME_Q_RAD, add_panda
 from dlokit.geometry import compose, pose, pose_from_matrix
+from dlokit.types.arrays import Float64Array
 from dlokit.types.image import CameraCalibration, StereoImages
 from dlokit.types.pose import Pose
 from dlokit.types.robot import RobotMode, RobotState
-
-Array = NDArray[np.float64]
 
 WIDTH_PX, HEIGHT_PX, FOCAL_PX, BASELINE_M = 640, 560, 722.0, 0.0998
 ROPE_RADIUS_M = 0.004
@@ -45,13 +44,13 @@ def calibration(T_world_camera: Pose | None = None) -> CameraCalibration:
     )
 
 
-def s_curve(height_m: float = ROPE_RADIUS_M) -> Array:
+def s_curve(height_m: float = ROPE_RADIUS_M) -> Float64Array:
     """Centre line of a rope in the shape of an S, (81, 3) [m]."""
     t = np.linspace(-1.0, 1.0, 81)
     return np.column_stack([0.52 + 0.2 * t, 0.09 * np.sin(np.pi * t), np.full_like(t, height_m)])
 
 
-def robot_state(q_rad: Array, finger_width_m: float = 0.08) -> RobotState:
+def robot_state(q_rad: Float64Array, finger_width_m: float = 0.08) -> RobotState:
     return RobotState(
         stamp_ns=0,
         robot="panda",
@@ -69,14 +68,14 @@ class Scene:
     """Pictures, and what is true of them."""
 
     images: StereoImages
-    nodes_world: Array  # (K, 3) [m] centre line of the rope
+    nodes_world: Float64Array  # (K, 3) [m] centre line of the rope
     robot: RobotState
 
 
 def render(
-    nodes_world: Array,
+    nodes_world: Float64Array,
     *,
-    q_rad: Array | None = None,
+    q_rad: Float64Array | None = None,
     T_believed_from_true: Pose | None = None,
     noise: float = 2.0,
     stamp_ns: int = 1_000_000,
@@ -100,7 +99,7 @@ def render(
     return Scene(images, nodes_world, robot_state(q))
 
 
-def _model(nodes_world: Array) -> mujoco.MjModel:
+def _model(nodes_world: Float64Array) -> mujoco.MjModel:
     spec = mujoco.MjSpec()
     spec.visual.global_.offwidth, spec.visual.global_.offheight = WIDTH_PX, HEIGHT_PX
     spec.visual.quality.shadowsize = 0

@@ -1,27 +1,26 @@
 """Rods of known shape and the clouds a stereo camera would see of them."""
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from dlokit.geometry import arc_lengths, resample
 from dlokit.skills.observer.anchored import chain
+from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState
 from dlokit.types.observation import Observation
 
-Array = NDArray[np.float64]
 LENGTH_M = 0.5
 NODES = 31
 
 
-def rod(xy: Array, count: int = NODES) -> Array:
+def rod(xy: Float64Array, count: int = NODES) -> Float64Array:
     """A curve in the plane as nodes (count, 3) [m] of a 0.5 m rod on the table, centred at (0.5, 0)."""
     xyz = resample(np.column_stack([xy, np.zeros(len(xy))]), 400)
     xyz = (xyz - xyz.mean(axis=0)) * LENGTH_M / arc_lengths(xyz)[-1] + [0.5, 0.0, 0.004]
     return resample(xyz, count)
 
 
-def shape(name: str, seed: int = 0) -> Array:
+def shape(name: str, seed: int = 0) -> Float64Array:
     """I, S, U, or a smooth random curve; node 0 at its left end (larger y) where that is clear."""
     t = np.linspace(0.0, 1.0, 400)
     if name == "I":
@@ -40,7 +39,7 @@ def shape(name: str, seed: int = 0) -> Array:
 
 
 def cloud(
-    nodes: Array,
+    nodes: Float64Array,
     seed: int = 0,
     *,
     count: int = 1800,
@@ -64,6 +63,6 @@ def cloud(
     return Observation(stamp_ns=1_000, points_world=points.astype(np.float32))
 
 
-def state(nodes: Array) -> DloState:
+def state(nodes: Float64Array) -> DloState:
     """The nodes as a prior."""
     return DloState(stamp_ns=0, nodes_world=nodes, topology=chain(len(nodes), LENGTH_M))

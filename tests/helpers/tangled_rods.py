@@ -3,12 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dlokit.geometry import arc_lengths, resample
+from dlokit.types.arrays import Float64Array
 from dlokit.types.observation import Observation
 
-Array = NDArray[np.float64]
 LENGTH_M = 0.5
 RADIUS_M = 0.004
 FINE = 501
@@ -28,14 +27,14 @@ class Scene:
     """Whether the rod rises off the table, and its upper part over the lower where it crosses itself."""
 
 
-def tangled(scene: Scene, seed: int) -> tuple[Array, Observation]:
+def tangled(scene: Scene, seed: int) -> tuple[Float64Array, Observation]:
     """A curve (FINE, 3) [m] in order, and a cloud of 500 to 2000 points of it with noise of 2 mm."""
     rng = np.random.default_rng(seed)
     curve = _placed(_with_crossings(scene.crossings, rng), rng, scene)
     return curve, _cloud(curve, scene, rng)
 
 
-def crossings(xy: Array) -> list[tuple[int, int, float]]:
+def crossings(xy: Float64Array) -> list[tuple[int, int, float]]:
     """Where a curve in the plane crosses itself: two indices and the angle between its parts there."""
     step = 5
     corners = xy[::step]
@@ -50,12 +49,12 @@ def crossings(xy: Array) -> list[tuple[int, int, float]]:
     return [(int(i[k]) * step, int(j[k]) * step, float(angle)) for k, angle in zip(hit, angles, strict=True)]
 
 
-def _cross(a: Array, b: Array) -> Array:
+def _cross(a: Float64Array, b: Float64Array) -> Float64Array:
     """The vector product of vectors in the plane (n, 2), (n,)."""
     return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
 
 
-def _with_crossings(count: int, rng: np.random.Generator) -> Array:
+def _with_crossings(count: int, rng: np.random.Generator) -> Float64Array:
     """A random curve in the plane (FINE, 2) [m] with so many crossings, none shallow, that touches nowhere else."""
     while True:
         xy = _bent(rng, turn=0.0 if count == 0 else rng.uniform(0.3, 0.8) * rng.choice([-1, 1]))
@@ -64,7 +63,7 @@ def _with_crossings(count: int, rng: np.random.Generator) -> Array:
             return xy
 
 
-def _bent(rng: np.random.Generator, turn: float) -> Array:
+def _bent(rng: np.random.Generator, turn: float) -> Float64Array:
     """A smooth curve (FINE, 2) [m] whose bends are nowhere tighter than `TIGHTEST_M`, on the whole to one side."""
     u = np.linspace(0.0, 1.0, FINE)
     wave = sum(rng.normal() / k**0.5 * np.sin(np.pi * k * u + rng.uniform(0, 2 * np.pi)) for k in range(1, 5))
@@ -74,7 +73,7 @@ def _bent(rng: np.random.Generator, turn: float) -> Array:
     return np.vstack([np.zeros(2), np.cumsum(steps, axis=0)])
 
 
-def _apart(xy: Array, found: list[tuple[int, int, float]]) -> bool:
+def _apart(xy: Float64Array, found: list[tuple[int, int, float]]) -> bool:
     """Whether parts come nearer than 16 mm to each other only around crossings, and no tip lies on one."""
     coarse = np.arange(0, FINE, 4)
     near = np.linalg.norm(xy[coarse, None] - xy[None, coarse], axis=2) < 0.016
@@ -85,7 +84,7 @@ def _apart(xy: Array, found: list[tuple[int, int, float]]) -> bool:
     return all(p > 25 and q < FINE - 25 for p, q, _ in found)
 
 
-def _placed(xy: Array, rng: np.random.Generator, scene: Scene) -> Array:
+def _placed(xy: Float64Array, rng: np.random.Generator, scene: Scene) -> Float64Array:
     """The curve on the table about (0.5, 0), or lifted a little, its length kept."""
     z = np.full(FINE, RADIUS_M)
     if scene.spatial:
@@ -97,7 +96,7 @@ def _placed(xy: Array, rng: np.random.Generator, scene: Scene) -> Array:
     return resample(xyz, FINE)
 
 
-def _cloud(curve: Array, scene: Scene, rng: np.random.Generator) -> Observation:
+def _cloud(curve: Float64Array, scene: Scene, rng: np.random.Generator) -> Observation:
     count = int(rng.integers(500, 2001))
     u = rng.uniform(0.0, 1.0, count)
     for middle in _gap_middles(scene.gaps, rng):
@@ -110,7 +109,7 @@ def _cloud(curve: Array, scene: Scene, rng: np.random.Generator) -> Observation:
     return Observation(stamp_ns=1_000, points_world=rng.permutation(np.vstack([seen, stray])).astype(np.float32))
 
 
-def _gap_middles(gaps: int, rng: np.random.Generator) -> Array:
+def _gap_middles(gaps: int, rng: np.random.Generator) -> Float64Array:
     """Middles of gaps as shares of the length: away from the tips and from one another."""
     while True:
         middles = np.sort(rng.uniform(0.13, 0.87, gaps))
@@ -118,13 +117,13 @@ def _gap_middles(gaps: int, rng: np.random.Generator) -> Array:
             return middles
 
 
-def order_error_m(nodes: Array, curve: Array) -> float:
+def order_error_m(nodes: Float64Array, curve: Float64Array) -> float:
     """Root mean square distance of nodes (M, 3) to their places on the curve [m], whichever end is first."""
     truth = resample(curve, len(nodes))
     offs = (np.linalg.norm(nodes - truth, axis=1), np.linalg.norm(nodes[::-1] - truth, axis=1))
     return min(float(np.sqrt(np.mean(off**2))) for off in offs)
 
 
-def length_of(curve: Array) -> float:
+def length_of(curve: Float64Array) -> float:
     """Length of the curve [m]."""
     return float(arc_lengths(curve)[-1])

@@ -8,7 +8,7 @@ from collections.abc import AsyncGenerator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, replace
 
-from scripted_hardware import LENGTH_M, NODES, Array, Lab, ScriptedPerception, ScriptedRobot
+from scripted_hardware import LENGTH_M, NODES, Lab, ScriptedPerception, ScriptedRobot
 
 from dlokit.communication import topics
 from dlokit.communication.component import Component
@@ -30,6 +30,7 @@ from dlokit.skills.planning.component import PlanningComponent
 from dlokit.skills.planning.config import PlanningConfig
 from dlokit.skills.planning.farthest import FarthestConfig
 from dlokit.skills.planning.servoing.jacobian import ServoConfig
+from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloBelief
 from dlokit.types.flow import Command, FlowStatus, GoalFrames, OperatorCommand
 from dlokit.types.pose import Pose
@@ -38,7 +39,7 @@ I = builtin_shape("I", LENGTH_M, NODES)  # noqa: E741  the shape is called so
 S = builtin_shape("S", LENGTH_M, NODES)
 
 
-def lab(nodes: Array = I) -> Lab:
+def lab(nodes: Float64Array = I) -> Lab:
     """A lab whose rope lies so."""
     return Lab(nodes=nodes.copy())
 
@@ -68,7 +69,7 @@ PATIENT = TaskConfig(stall_actions=15, hopeless_actions=15)
 
 def shape(
     lab: Lab,
-    goal: Array | None,
+    goal: Float64Array | None,
     config: TaskConfig | None = None,
     reachable: Callable[[Pose], bool] = lambda pose: True,
     operator: Callable[[FlowStatus], Command | GoalFrames | None] = lambda status: None,
@@ -120,7 +121,7 @@ async def running(
 
 async def _shape(
     lab: Lab,
-    goal: Array | None,
+    goal: Float64Array | None,
     config: TaskConfig,
     reachable: Callable[[Pose], bool],
     operator: Callable[[FlowStatus], Command | GoalFrames | None],

@@ -4,7 +4,6 @@ import asyncio
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dlokit import geometry
 from dlokit.communication import topics
@@ -15,12 +14,12 @@ from dlokit.skills.observer import api as observer
 from dlokit.skills.perception import api as perception
 from dlokit.skills.robot import api as robot
 from dlokit.types.action import VelocityProfile
+from dlokit.types.arrays import Float64Array
 from dlokit.types.image import CameraCheck
 from dlokit.types.observation import Observation
 from dlokit.types.pose import Pose
 from dlokit.types.robot import FIRST_ROBOT, GripResult, MotionResult, RobotMode, RobotState
 
-Array = NDArray[np.float64]
 LENGTH_M = 0.5
 NODES = 31
 
@@ -29,7 +28,7 @@ NODES = 31
 class Lab:
     """What the scripted hardware shares: the rope as it lies, and which skill fails when."""
 
-    nodes: Array  # (NODES, 3) [m]
+    nodes: Float64Array  # (NODES, 3) [m]
     fails: dict[str, list[str]] = field(default_factory=dict[str, list[str]])
     """Skill → the named failures of its next calls; an empty name succeeds."""
     holds: bool = True
@@ -208,7 +207,7 @@ class ScriptedRobot(Component):
         self._stopped.set()
 
 
-def dragged(nodes: Array, held: int, to: Array) -> Array:
+def dragged(nodes: Float64Array, held: int, to: Float64Array) -> Float64Array:
     """The rope after node `held` was moved: every other node is pulled along by its neighbour, rope length kept."""
     result = nodes.copy()
     steps = np.linalg.norm(np.diff(nodes, axis=0), axis=1)

@@ -5,6 +5,9 @@ from dataclasses import dataclass
 
 from dlokit.errors import ConfigError
 
+GRAVITY_M_S2 = 9.81
+"""Of the cell as of the model [m/s²]: nobody needs a ruler for it."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class DloPreset:
@@ -68,7 +71,7 @@ class DloPreset:
 
         w is the weight per length. A tighter shape springs back when it is released.
         """
-        weight_n_m = self.mass_per_length_kg_m * 9.81
+        weight_n_m = self.mass_per_length_kg_m * GRAVITY_M_S2
         return (self.bending_stiffness_n_m2 / (self.friction * weight_n_m)) ** (1.0 / 3.0)
 
 

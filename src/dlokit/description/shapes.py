@@ -7,12 +7,11 @@ end carries no bending moment, so no other curve can lie still without friction 
 from collections.abc import Callable, Mapping
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from dlokit import geometry
 from dlokit.errors import ShapeError
-
-Array = NDArray[np.float64]
+from dlokit.types.arrays import Float64Array
 
 CENTRE_M = (0.52, 0.0)
 """Middle of the table, where built-in shapes lie [m]."""
@@ -36,7 +35,7 @@ _HARMONICS = 4
 _ATTEMPTS = 2000
 
 
-def builtin_shape(name: str, length_m: float, count: int, *, radius_m: float = 0.004) -> Array:
+def builtin_shape(name: str, length_m: float, count: int, *, radius_m: float = 0.004) -> Float64Array:
     """A built-in shape by its name, one of `BUILTIN_SHAPES`.
 
     Returns nodes (count, 3) [m] in the world frame, equally spaced by arc length, at z = `radius_m`, centred on
@@ -49,7 +48,7 @@ def builtin_shape(name: str, length_m: float, count: int, *, radius_m: float = 0
     return _on_table(BUILTIN_SHAPES[name](length_m), length_m, count, CENTRE_M, radius_m)
 
 
-def from_curvature(curvature_1_m: ArrayLike, length_m: float, count: int, *, radius_m: float = 0.004) -> Array:
+def from_curvature(curvature_1_m: ArrayLike, length_m: float, count: int, *, radius_m: float = 0.004) -> Float64Array:
     """The planar curve of a curvature (K,) [1/m], at equal steps of the arc; nodes as `builtin_shape` has them."""
     return _on_table(np.asarray(curvature_1_m, dtype=np.float64), length_m, count, CENTRE_M, radius_m)
 
@@ -61,7 +60,7 @@ def random_shape(
     *,
     radius_m: float = 0.004,
     min_bend_radius_m: float = MIN_BEND_RADIUS_M,
-) -> Array:
+) -> Float64Array:
     """A smooth random curve on the table, drawn from `rng` alone.
 
     The curvature is a sine series of four terms over the arc, with normal amplitudes that fall as 1 / k, scaled so
@@ -89,7 +88,7 @@ def random_shape(
     )
 
 
-def moved(nodes_world: ArrayLike, offset_m: ArrayLike, yaw_rad: float = 0.0) -> Array:
+def moved(nodes_world: ArrayLike, offset_m: ArrayLike, yaw_rad: float = 0.0) -> Float64Array:
     """A shape turned by `yaw_rad` about the vertical through its middle, then moved by `offset_m` (2,) [m].
 
     `nodes_world` (K, 3) [m]; the middle is the mean of the nodes. Returns (K, 3).
@@ -102,7 +101,7 @@ def moved(nodes_world: ArrayLike, offset_m: ArrayLike, yaw_rad: float = 0.0) -> 
     return nodes
 
 
-def fit_length(nodes_world: ArrayLike, length_m: float) -> Array:
+def fit_length(nodes_world: ArrayLike, length_m: float) -> Float64Array:
     """A shape (K, 3) [m] scaled about the mean of its nodes, so that its arc is `length_m` long."""
     nodes = np.asarray(nodes_world, dtype=np.float64)
     middle = nodes.mean(axis=0)
@@ -126,12 +125,12 @@ def self_clearance_m(nodes_world: ArrayLike) -> float:
     return float(distance[apart].min(initial=np.inf))
 
 
-def _straight(length_m: float) -> Array:
+def _straight(length_m: float) -> Float64Array:
     """The curvature (_FINE,) [1/m] of an I."""
     return np.zeros(_FINE)
 
 
-def _two_arcs(length_m: float) -> Array:
+def _two_arcs(length_m: float) -> Float64Array:
     """The curvature (_FINE,) [1/m] of an S: two equal, opposite arcs.
 
     Their radius is `S_RADIUS_M`, or more where a long rope would turn by over half a circle. At the ends and in
@@ -144,11 +143,11 @@ def _two_arcs(length_m: float) -> Array:
     return np.interp(np.linspace(0.0, length_m, _FINE), corners, values)
 
 
-BUILTIN_SHAPES: Mapping[str, Callable[[float], Array]] = {"I": _straight, "S": _two_arcs}
+BUILTIN_SHAPES: Mapping[str, Callable[[float], Float64Array]] = {"I": _straight, "S": _two_arcs}
 """Built-in shapes: name → curvature (_FINE,) [1/m] along an arc of the given length [m]."""
 
 
-def _random_curve(rng: np.random.Generator, length_m: float, peak_limit: float) -> Array:
+def _random_curve(rng: np.random.Generator, length_m: float, peak_limit: float) -> Float64Array:
     """A random curve (_FINE, 2) [m], anywhere, of random heading and of a curvature up to `peak_limit` [1/m]."""
     order = np.arange(1, _HARMONICS + 1)
     amplitudes = rng.normal(size=_HARMONICS) / order
@@ -160,7 +159,7 @@ def _random_curve(rng: np.random.Generator, length_m: float, peak_limit: float) 
     return curve @ np.array([[cosine, sine], [-sine, cosine]])
 
 
-def _integrate(curvature: Array, length_m: float) -> Array:
+def _integrate(curvature: Float64Array, length_m: float) -> Float64Array:
     """The planar curve (K, 2) [m] of a curvature (K,) [1/m], by the trapezoidal rule, from the origin along x."""
     step = length_m / (len(curvature) - 1)
     heading = np.concatenate(([0.0], np.cumsum((curvature[1:] + curvature[:-1]) / 2.0) * step))
@@ -169,7 +168,9 @@ def _integrate(curvature: Array, length_m: float) -> Array:
     return np.concatenate((np.zeros((1, 2)), np.cumsum(steps, axis=0)))
 
 
-def _on_table(curvature: Array, length_m: float, count: int, centre_m: tuple[float, float], radius_m: float) -> Array:
+def _on_table(
+    curvature: Float64Array, length_m: float, count: int, centre_m: tuple[float, float], radius_m: float
+) -> Float64Array:
     """The curve of a curvature as nodes (count, 3), the line from its first to its last end along +y."""
     curve = _integrate(curvature, length_m)
     chord = curve[-1] - curve[0]
@@ -179,6 +180,6 @@ def _on_table(curvature: Array, length_m: float, count: int, centre_m: tuple[flo
     return _lift(geometry.resample(turned - middle + np.array(centre_m), count), radius_m)
 
 
-def _lift(points_xy: Array, height_m: float) -> Array:
+def _lift(points_xy: Float64Array, height_m: float) -> Float64Array:
     """Points (K, 2) [m] of the table plane as (K, 3) at a height."""
     return np.column_stack([points_xy, np.full(len(points_xy), height_m)])

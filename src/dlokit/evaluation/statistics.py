@@ -4,11 +4,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from dlokit.errors import InputError
-
-Array = NDArray[np.float64]
+from dlokit.types.arrays import Float64Array
 
 _RESAMPLES = 10_000
 
@@ -44,7 +43,7 @@ def bootstrap(
     values: ArrayLike,
     rng: np.random.Generator,
     *,
-    statistic: Callable[[Array], Array] = lambda samples: samples.mean(axis=1),
+    statistic: Callable[[Float64Array], Float64Array] = lambda samples: samples.mean(axis=1),
     confidence: float = 0.95,
 ) -> Interval:
     """A figure with its percentile bootstrap interval (Efron 1979).

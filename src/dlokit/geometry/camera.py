@@ -3,21 +3,20 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from dlokit.errors import ConfigError
 from dlokit.geometry import rotation
+from dlokit.types.arrays import Float64Array
 from dlokit.types.image import CameraCalibration
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Projection:
     """Where points of the world fall in the picture."""
 
-    pixels: Array  # (N, 2) u, v [px]
-    depth_m: Array  # (N,) along z of the camera [m]; not positive behind it
+    pixels: Float64Array  # (N, 2) u, v [px]
+    depth_m: Float64Array  # (N,) along z of the camera [m]; not positive behind it
 
 
 def project(points_world: ArrayLike, camera: CameraCalibration) -> Projection:
@@ -32,7 +31,7 @@ def project(points_world: ArrayLike, camera: CameraCalibration) -> Projection:
     return Projection(pixels=np.column_stack([u, v]), depth_m=depth)
 
 
-def rays(pixels: ArrayLike, camera: CameraCalibration) -> Array:
+def rays(pixels: ArrayLike, camera: CameraCalibration) -> Float64Array:
     """Directions (N, 3) in the camera frame through pixels (N, 2), scaled to z = 1."""
     uv = np.asarray(pixels, dtype=np.float64)
     return np.column_stack(
@@ -40,7 +39,7 @@ def rays(pixels: ArrayLike, camera: CameraCalibration) -> Array:
     )
 
 
-def back_project(pixels: ArrayLike, depth_m: ArrayLike, camera: CameraCalibration) -> Array:
+def back_project(pixels: ArrayLike, depth_m: ArrayLike, camera: CameraCalibration) -> Float64Array:
     """Points (N, 3) [m] of the world that are seen in pixels (N, 2) at depth (N,) [m]; inverse of `project`."""
     p_camera = rays(pixels, camera) * np.asarray(depth_m, dtype=np.float64)[:, None]
     return p_camera @ rotation(camera.T_world_camera).T + camera.T_world_camera.position_m
@@ -64,7 +63,7 @@ class PlaneDisparity:
     per_v: float
     constant: float
 
-    def at(self, u: Array, v: Array) -> Array:
+    def at(self, u: Float64Array, v: Float64Array) -> Float64Array:
         """Disparity [px] at columns `u` and rows `v`."""
         return self.per_u * u + self.per_v * v + self.constant
 

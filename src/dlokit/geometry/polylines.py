@@ -1,18 +1,18 @@
 """Polylines: the nodes of a DLO as a curve in space."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from dlokit.types.arrays import Float64Array
 
 
-def arc_lengths(nodes: ArrayLike) -> Array:
+def arc_lengths(nodes: ArrayLike) -> Float64Array:
     """Length along a polyline (K, d) [m] at each of its points, (K,), from 0."""
     steps = np.linalg.norm(np.diff(np.asarray(nodes, dtype=np.float64), axis=0), axis=1)
     return np.concatenate(([0.0], np.cumsum(steps)))
 
 
-def resample(nodes: ArrayLike, count: int) -> Array:
+def resample(nodes: ArrayLike, count: int) -> Float64Array:
     """A polyline (K, d) [m] as `count` points equally spaced by arc length, (count, d)."""
     points = np.asarray(nodes, dtype=np.float64)
     s = arc_lengths(points)
@@ -20,7 +20,7 @@ def resample(nodes: ArrayLike, count: int) -> Array:
     return np.column_stack([np.interp(wanted, s, points[:, axis]) for axis in range(points.shape[1])])
 
 
-def tangents(nodes: ArrayLike) -> Array:
+def tangents(nodes: ArrayLike) -> Float64Array:
     """Unit tangents (K, d) of a polyline by central differences."""
     gradient = np.gradient(np.asarray(nodes, dtype=np.float64), axis=0)
     return gradient / np.maximum(np.linalg.norm(gradient, axis=1, keepdims=True), 1e-12)

@@ -6,12 +6,11 @@ Every process loads this module for its settings: SciPy loads its rotations wher
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from dlokit.errors import BadValue
+from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
-
-Array = NDArray[np.float64]
 
 
 def pose(position_m: ArrayLike, wxyz: ArrayLike = (1.0, 0.0, 0.0, 0.0)) -> Pose:
@@ -35,7 +34,7 @@ def pose_from_matrix(matrix: ArrayLike) -> Pose:
     )
 
 
-def matrix(T: Pose) -> Array:
+def matrix(T: Pose) -> Float64Array:
     """The homogeneous matrix (4, 4) of a pose."""
     result = np.eye(4)
     result[:3, :3] = rotation(T)
@@ -43,7 +42,7 @@ def matrix(T: Pose) -> Array:
     return result
 
 
-def rotation(T: Pose) -> Array:
+def rotation(T: Pose) -> Float64Array:
     """The rotation matrix (3, 3) of a pose."""
     return scipy.spatial.transform.Rotation.from_quat(T.wxyz, scalar_first=True).as_matrix()
 
@@ -62,7 +61,7 @@ def inverse(T_a_b: Pose) -> Pose:
     return pose_from_matrix(result)
 
 
-def transform(T_a_b: Pose, points_b: ArrayLike) -> Array:
+def transform(T_a_b: Pose, points_b: ArrayLike) -> Float64Array:
     """Points (N, 3) [m] of frame b, in frame a."""
     return np.asarray(points_b, dtype=np.float64) @ rotation(T_a_b).T + T_a_b.position_m
 

@@ -4,7 +4,6 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
 from dlokit import geometry
@@ -13,10 +12,9 @@ from dlokit.errors import SkillFailure
 from dlokit.motion.collisions import segment_distances, thinned
 from dlokit.motion.forward_kinematics import capsule_ends
 from dlokit.motion.inverse_kinematics import PandaKinematics, Yaw
+from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
 from dlokit.types.robot import JointTrajectory, RobotState
-
-Array = NDArray[np.float64]
 
 ARMS_TOO_NEAR = "arms_too_near"
 
@@ -53,19 +51,19 @@ class Apart:
         going_m = max(self.at_joints_m(_line(a[-1]), b[-1:]), self.at_joints_m(a[-1:], _line(b[-1])))
         return min(carrying_m, coming_m, going_m)
 
-    def at_joints_m(self, first_rad: Array, second_rad: Array) -> float:
+    def at_joints_m(self, first_rad: Float64Array, second_rad: Float64Array) -> float:
         """The same for joint angles (K, 7) and (L, 7) [rad], all against all; negative where they overlap."""
         first = _capsules(first_rad, self._arms[0].T_world_base)
         second = _capsules(second_rad, self._arms[1].T_world_base)
         return _least_gap_m(first, second)
 
-    def _joints(self, arm: PandaKinematics, poses: Sequence[Pose]) -> Array:
+    def _joints(self, arm: PandaKinematics, poses: Sequence[Pose]) -> Float64Array:
         """Joint angles (K + 2, 7) [rad] at the poses, and lifted before the first and after the last of them."""
         ways = (geometry.lifted(poses[0], self._lift_m), *poses, geometry.lifted(poses[-1], self._lift_m))
         return np.array([arm.inverse(pose, yaw=Yaw.EITHER) for pose in ways])
 
 
-def _line(q_rad: Array) -> Array:
+def _line(q_rad: Float64Array) -> Float64Array:
     """Joint angles (K, 7) [rad] from some to home."""
     way = PANDA_HOME_Q_RAD - q_rad
     steps = int(np.ceil(np.max(np.abs(way)) / _LINE_STEP_RAD))
@@ -113,14 +111,14 @@ def gap_m(mine: RobotState, other: RobotState) -> float:
     )
 
 
-def _braking_rad(state: RobotState) -> Array:
+def _braking_rad(state: RobotState) -> Float64Array:
     """Joint angles (3, 7) [rad] on the way to a stand: on for the reaction, then braked as hard as allowed."""
     speed = state.dq_rad_s
     way = speed * (_REACTION_S + np.abs(speed) / (2.0 * PANDA_LIMITS.acceleration_rad_s2))
     return state.q_rad + _BRAKING[:, None] * way
 
 
-def _least_gap_m(first: tuple[Array, Array], second: tuple[Array, Array]) -> float:
+def _least_gap_m(first: tuple[Float64Array, Float64Array], second: tuple[Float64Array, Float64Array]) -> float:
     """Least distance [m] of the surfaces of capsules (K, C, 3) and (L, C, 3), each configuration against each.
 
     The spheres around the capsules tell from which pairs it can come; few are left to be measured.
@@ -133,6 +131,6 @@ def _least_gap_m(first: tuple[Array, Array], second: tuple[Array, Array]) -> flo
     return float(np.min(segment_distances(a0[i], a1[i], b0[j], b1[j]) - ra[i] - rb[j]))
 
 
-def _capsules(q_rad: Array, T_world_base: Pose | None) -> tuple[Array, Array]:
+def _capsules(q_rad: Float64Array, T_world_base: Pose | None) -> tuple[Float64Array, Float64Array]:
     """Ends of the capsules (K, C, 3) [m] in the world; the fingers wide open."""
     return capsule_ends(q_rad, T_world_base=T_world_base)

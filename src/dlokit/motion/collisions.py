@@ -4,7 +4,6 @@ Failures are `SkillFailure` with the names in `FAILURES`; each says what was wro
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dlokit.description.arm.panda import PANDA_COLLISION, PANDA_LIMITS
 from dlokit.description.table import Surroundings
@@ -18,10 +17,9 @@ from dlokit.motion.limits import (
     VELOCITY_LIMIT,
     limit_violation,
 )
+from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
 from dlokit.types.robot import JointLimits, JointTrajectory
-
-Array = NDArray[np.float64]
 
 TABLE_COLLISION = "table_collision"
 SELF_COLLISION = "self_collision"
@@ -63,7 +61,9 @@ def check_limits(trajectory: JointTrajectory, limits: JointLimits = PANDA_LIMITS
         raise SkillFailure(broken.reason, broken.detail)
 
 
-def check_collisions(q_rad: Array, surroundings: Surroundings | None = None, T_world_base: Pose | None = None) -> None:
+def check_collisions(
+    q_rad: Float64Array, surroundings: Surroundings | None = None, T_world_base: Pose | None = None
+) -> None:
     """Hold configurations (K, 7) [rad] clear of the table and of the arm itself."""
     around = surroundings or Surroundings()
     start, end = capsule_ends(q_rad, T_world_base=T_world_base)
@@ -79,7 +79,7 @@ def check_collisions(q_rad: Array, surroundings: Surroundings | None = None, T_w
         )
 
 
-def _check_table(start: Array, end: Array, around: Surroundings) -> None:
+def _check_table(start: Float64Array, end: Float64Array, around: Surroundings) -> None:
     lowest = np.minimum(start[..., 2], end[..., 2]) - _RADII - around.table_height_m
     lowest = np.where(_ABOVE_TABLE, lowest, np.inf)
     if np.any(lowest < around.table_clearance_m):
@@ -104,7 +104,7 @@ def check_trajectory(
     check_collisions(thinned(trajectory.q_rad, around.collision_step_rad), around, T_world_base)
 
 
-def thinned(q: Array, step_rad: float) -> Array:
+def thinned(q: Float64Array, step_rad: float) -> Float64Array:
     """Rows of `q` (K, 7) [rad] about `step_rad` apart in their most moving joint, with the first and the last."""
     travelled = np.concatenate(([0.0], np.cumsum(np.max(np.abs(np.diff(q, axis=0)), axis=1))))
     marks = np.arange(0.0, travelled[-1], step_rad)
@@ -112,7 +112,7 @@ def thinned(q: Array, step_rad: float) -> Array:
     return q[rows]
 
 
-def segment_distances(a0: Array, a1: Array, b0: Array, b1: Array) -> Array:
+def segment_distances(a0: Float64Array, a1: Float64Array, b0: Float64Array, b1: Float64Array) -> Float64Array:
     """Distances between segments a and b (…, 3) [m], pair by pair; Ericson, Real-Time Collision Detection, 5.1.9."""
     u, v, w = a1 - a0, b1 - b0, a0 - b0
     uu, vv, uv = _dot(u, u), _dot(v, v), _dot(u, v)
@@ -125,5 +125,5 @@ def segment_distances(a0: Array, a1: Array, b0: Array, b1: Array) -> Array:
     return np.linalg.norm(w + s[..., None] * u - t[..., None] * v, axis=-1)
 
 
-def _dot(a: Array, b: Array) -> Array:
+def _dot(a: Float64Array, b: Float64Array) -> Float64Array:
     return np.einsum("...i,...i->...", a, b)

@@ -4,7 +4,7 @@ Everything is in the order of `PANDA_LINKS`, and in the frame of the robot's bas
 """
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from dlokit.description.arm.panda import (
     PANDA_COLLISION,
@@ -18,12 +18,11 @@ from dlokit.description.arm.panda import (
     Capsule,
 )
 from dlokit.geometry import matrix, pose_from_matrix
+from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
 
-Array = NDArray[np.float64]
 
-
-def _fixed(yaw_rad: float, x_m: float = 0.0, y_m: float = 0.0, z_m: float = 0.0) -> Array:
+def _fixed(yaw_rad: float, x_m: float = 0.0, y_m: float = 0.0, z_m: float = 0.0) -> Float64Array:
     cosine, sine = np.cos(yaw_rad), np.sin(yaw_rad)
     return np.array([[cosine, -sine, 0.0, x_m], [sine, cosine, 0.0, y_m], [0.0, 0.0, 1.0, z_m], [0.0, 0.0, 0.0, 1.0]])
 
@@ -32,9 +31,9 @@ _T_LINK7_HAND = _fixed(PANDA_HAND_YAW_RAD, z_m=PANDA_FLANGE_M)
 _T_LINK7_TCP = _T_LINK7_HAND @ _fixed(0.0, z_m=PANDA_TCP_M)
 
 
-def _joint_transforms(q_rad: Array) -> list[Array]:
+def _joint_transforms(q_rad: Float64Array) -> list[Float64Array]:
     """Transforms from each link to the next, seven arrays (K, 4, 4), for angles (K, 7) [rad]."""
-    steps: list[Array] = []
+    steps: list[Float64Array] = []
     for index, joint in enumerate(PANDA_DH):
         turn_cos, turn_sin = np.cos(joint.alpha_rad), np.sin(joint.alpha_rad)
         cosine, sine = np.cos(q_rad[:, index]), np.sin(q_rad[:, index])
@@ -49,7 +48,7 @@ def _joint_transforms(q_rad: Array) -> list[Array]:
     return steps
 
 
-def arm_transforms(q_rad: ArrayLike) -> Array:
+def arm_transforms(q_rad: ArrayLike) -> Float64Array:
     """Transforms from ``link0`` to each of ``link0`` … ``link7``, (K, 8, 4, 4), for angles (K, 7) [rad]."""
     q = np.atleast_2d(np.asarray(q_rad, dtype=np.float64))
     chain = [np.broadcast_to(np.eye(4), (len(q), 4, 4))]
@@ -60,7 +59,7 @@ def arm_transforms(q_rad: ArrayLike) -> Array:
 
 def link_transforms(
     q_rad: ArrayLike, finger_width_m: float = PANDA_OPEN_WIDTH_M, T_world_base: Pose | None = None
-) -> Array:
+) -> Float64Array:
     """Transforms from base (or world) to every link of `PANDA_LINKS`, (K, 11, 4, 4), for angles (K, 7) [rad]."""
     arm = arm_transforms(q_rad)
     hand = arm[:, 7] @ _T_LINK7_HAND
@@ -71,7 +70,7 @@ def link_transforms(
     return links if T_world_base is None else matrix(T_world_base) @ links
 
 
-def tcp_matrices(q_rad: ArrayLike) -> Array:
+def tcp_matrices(q_rad: ArrayLike) -> Float64Array:
     """Transforms from the base to the tool centre point, (K, 4, 4), for angles (K, 7) [rad]."""
     return arm_transforms(q_rad)[:, 7] @ _T_LINK7_TCP
 
@@ -86,7 +85,7 @@ def capsule_ends(
     finger_width_m: float = PANDA_OPEN_WIDTH_M,
     capsules: tuple[Capsule, ...] = PANDA_COLLISION,
     T_world_base: Pose | None = None,
-) -> tuple[Array, Array]:
+) -> tuple[Float64Array, Float64Array]:
     """Both end points of every capsule in the base frame (or the world), (K, C, 3) [m], for angles (K, 7) [rad]."""
     links = [PANDA_LINKS.index(capsule.link) for capsule in capsules]
     T = link_transforms(q_rad, finger_width_m, T_world_base)[:, links]

@@ -14,16 +14,15 @@ from functools import cached_property
 import mink
 import mujoco
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from dlokit import geometry
 from dlokit.description.arm.panda import PANDA_FLANGE_M, PANDA_HOME_Q_RAD, PANDA_LIMITS, PANDA_TCP_M
 from dlokit.description.arm.panda_model import add_panda
 from dlokit.errors import SkillFailure
 from dlokit.motion import forward_kinematics
+from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
-
-Array = NDArray[np.float64]
 
 UNREACHABLE = "unreachable"
 
@@ -90,7 +89,7 @@ class PandaKinematics:
         T = forward_kinematics.tcp_pose(q_rad)
         return T if self.T_world_base is None else geometry.compose(self.T_world_base, T)
 
-    def inverse(self, T_world_tcp: Pose, near_q_rad: ArrayLike | None = None, yaw: Yaw = Yaw.EXACT) -> Array:
+    def inverse(self, T_world_tcp: Pose, near_q_rad: ArrayLike | None = None, yaw: Yaw = Yaw.EXACT) -> Float64Array:
         """Joint angles (7,) [rad] that bring the tool to a pose, within the limits, in the posture of `near_q_rad`.
 
         Raises `SkillFailure` ``unreachable`` when there are none.
@@ -118,10 +117,10 @@ class PandaKinematics:
         if not math.dist(T_world_tcp.position_m.tolist(), self._shoulder_world) <= _LENGTH_M:
             raise SkillFailure(UNREACHABLE, _explain(T_world_tcp, yaw))
 
-    def _inside(self, q: Array) -> bool:
+    def _inside(self, q: Float64Array) -> bool:
         return bool(np.all(q >= self.lower_rad) and np.all(q <= self.upper_rad))
 
-    def _pointing_down(self, T_base_tcp: Pose, near: Array) -> Array | None:
+    def _pointing_down(self, T_base_tcp: Pose, near: Float64Array) -> Float64Array | None:
         """The closed solution with q3 = q5 = 0."""
         x, y, z = T_base_tcp.position_m
         across, up = np.hypot(x, y) - _WRIST_OFFSET_M, z + _HAND_M - _SHOULDER_HEIGHT_M
@@ -142,7 +141,7 @@ class PandaKinematics:
         q = np.array([q1, q2, 0.0, -bend, 0.0, q2 + bend, q7])
         return q if self._inside(q) else None
 
-    def _differential(self, T_base_tcp: Pose, near: Array) -> Array | None:
+    def _differential(self, T_base_tcp: Pose, near: Float64Array) -> Float64Array | None:
         """The solution by mink that lies nearest to `near`."""
         upright = geometry.downward(T_base_tcp.position_m, _heading(T_base_tcp))
         seeds = [near, PANDA_HOME_Q_RAD]
@@ -189,7 +188,7 @@ class _DifferentialSolver:
         self._posture = mink.PostureTask(model, cost=1e-4)
         self._limits = [mink.ConfigurationLimit(model)]
 
-    def solve(self, T_base_tcp: Pose, seed: Array, iterations: int) -> Array | None:
+    def solve(self, T_base_tcp: Pose, seed: Float64Array, iterations: int) -> Float64Array | None:
         """Joint angles (7,), or None when the steps do not converge."""
         start = np.concatenate([seed, np.zeros(2)])
         self._configuration.update(start)

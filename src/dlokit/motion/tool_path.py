@@ -5,12 +5,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dlokit.motion.inverse_kinematics import half_turned, points_down
+from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
-
-Array = NDArray[np.float64]
 
 _ROUNDING_M = 0.05
 """Where the rounding of a corner starts and ends, before and after it [m]."""
@@ -26,9 +24,9 @@ _LONGEST_TURN_RAD = 2.5  # of one line; beyond half a turn it would go the other
 class ToolPath:
     """Poses (n, at least 2) joined by lines of `lengths_m` (n - 1,); the corners between are rounded."""
 
-    positions_m: Array  # (n, 3) [m]
-    turns_wxyz: Array  # (n, 4) unit quaternions
-    lengths_m: Array  # (n - 1,) [m]
+    positions_m: Float64Array  # (n, 3) [m]
+    turns_wxyz: Float64Array  # (n, 4) unit quaternions
+    lengths_m: Float64Array  # (n - 1,) [m]
 
     @property
     def length_m(self) -> float:
@@ -44,7 +42,7 @@ class ToolPath:
         )
 
     @cached_property
-    def _ends_m(self) -> Array:
+    def _ends_m(self) -> Float64Array:
         """Path parameters at which the lines end (n - 1,) [m]; made once, as a path is asked for thousands of poses."""
         return np.cumsum(self.lengths_m)
 
@@ -65,7 +63,7 @@ class ToolPath:
     def _reach(self, corner: int) -> float:
         return min(_ROUNDING_M, 0.5 * float(self.lengths_m[corner - 1]), 0.5 * float(self.lengths_m[corner]))
 
-    def _on_leg(self, leg: int, share: float) -> tuple[Array, Array]:
+    def _on_leg(self, leg: int, share: float) -> tuple[Float64Array, Float64Array]:
         a, b = self.positions_m[leg], self.positions_m[leg + 1]
         return a + share * (b - a), _between(self.turns_wxyz[leg], self.turns_wxyz[leg + 1], share)
 
@@ -137,7 +135,7 @@ def _distance(a: Pose, b: Pose) -> float:
     return max(float(np.linalg.norm(a.position_m - b.position_m)), _TURN_LEVER_M * _turn(a, b))
 
 
-def _between(a: Array, b: Array, share: float) -> Array:
+def _between(a: Float64Array, b: Float64Array, share: float) -> Float64Array:
     """A unit quaternion (4,) on the shorter turn from `a` to `b`; Shoemake, SIGGRAPH 1985."""
     cosine = float(a @ b)
     nearer = b if cosine >= 0.0 else -b
@@ -148,6 +146,6 @@ def _between(a: Array, b: Array, share: float) -> Array:
     return mixed / np.linalg.norm(mixed)
 
 
-def _x_axis(T: Pose) -> Array:
+def _x_axis(T: Pose) -> Float64Array:
     w, x, y, z = T.wxyz
     return np.array([w * w + x * x - y * y - z * z, 2 * (x * y + w * z), 2 * (x * z - w * y)])

@@ -7,9 +7,8 @@ import math
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from dlokit.types.arrays import Float64Array
 
 _ROUNDING_M = 0.05
 _TURN_LEVER_M = 0.15
@@ -19,7 +18,9 @@ _SHORTEST_M = 1e-5
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def tool_track(waypoints: Array, speed_m_s: float, acceleration_m_s2: float, jerk_m_s3: float, step_s: float) -> Array:
+def tool_track(
+    waypoints: Float64Array, speed_m_s: float, acceleration_m_s2: float, jerk_m_s3: float, step_s: float
+) -> Float64Array:
     """The tool (T, 4) at every `step_s` [s] of a motion through `waypoints` (W, 4): x, y, z [m], yaw [rad].
 
     It starts and ends at rest, rounds corners, and stops where the path turns back.
@@ -36,14 +37,14 @@ def tool_track(waypoints: Array, speed_m_s: float, acceleration_m_s2: float, jer
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _sharp(waypoints: Array, corner: int) -> bool:
+def _sharp(waypoints: Float64Array, corner: int) -> bool:
     before, after = waypoints[corner, :3] - waypoints[corner - 1, :3], waypoints[corner + 1, :3] - waypoints[corner, :3]
     norm = math.sqrt(np.sum(before**2) * np.sum(after**2))
     return bool(norm > 0.0 and np.sum(before * after) / norm < _SHARPEST_COSINE)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _piece(waypoints: Array, speed: float, acceleration: float, jerk: float, step_s: float) -> Array:
+def _piece(waypoints: Float64Array, speed: float, acceleration: float, jerk: float, step_s: float) -> Float64Array:
     """Rest to rest along one rounded path."""
     ends = np.zeros(len(waypoints))
     for k in range(1, len(waypoints)):
@@ -63,7 +64,7 @@ def _piece(waypoints: Array, speed: float, acceleration: float, jerk: float, ste
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _travelled(pace: Array, grid_m: float, smoothing_s: float, step_s: float) -> Array:
+def _travelled(pace: Float64Array, grid_m: float, smoothing_s: float, step_s: float) -> Float64Array:
     """The path parameter (T,) [m] after every step: the pace, smoothed over time so that the jerk is bounded."""
     times = np.zeros(len(pace))
     for k in range(1, len(pace)):
@@ -79,7 +80,7 @@ def _travelled(pace: Array, grid_m: float, smoothing_s: float, step_s: float) ->
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _place(waypoints: Array, ends: Array, at: float) -> Array:
+def _place(waypoints: Float64Array, ends: Float64Array, at: float) -> Float64Array:
     """The tool (4,) at a path parameter; corners are quadratic Bézier curves."""
     leg = 1
     while leg < len(ends) - 1 and ends[leg] < at:
@@ -99,7 +100,7 @@ def _place(waypoints: Array, ends: Array, at: float) -> Array:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _pace(grid: Array, step_m: float, speed: float, acceleration: float) -> Array:
+def _pace(grid: Float64Array, step_m: float, speed: float, acceleration: float) -> Float64Array:
     """Speed along the path at each point of the grid [m/s]: bends and both ends are taken slowly."""
     count = len(grid)
     square = np.full(count, speed**2)

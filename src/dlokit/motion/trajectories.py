@@ -5,7 +5,7 @@ Both start and end at rest and keep the joint limits of position, velocity, acce
 
 import numpy as np
 import ruckig
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
 from dlokit.description.arm.panda import PANDA_LIMITS
@@ -14,10 +14,9 @@ from dlokit.motion.inverse_kinematics import UNREACHABLE, PandaKinematics, Yaw
 from dlokit.motion.limits import TOO_SLOW, scaled, slowdown
 from dlokit.motion.tool_path import ToolPath, split_at_turns
 from dlokit.types.action import VelocityProfile
+from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
 from dlokit.types.robot import JointLimits, JointTrajectory
-
-Array = NDArray[np.float64]
 
 SAMPLE_S = 0.005
 """Time between samples [s]."""
@@ -116,7 +115,7 @@ def _check_effort(paths: list[ToolPath], velocity: VelocityProfile) -> None:
         )
 
 
-def _follow(kinematics: PandaKinematics, path: ToolPath, start_q: Array) -> tuple[Array, Array]:
+def _follow(kinematics: PandaKinematics, path: ToolPath, start_q: Float64Array) -> tuple[Float64Array, Float64Array]:
     """Path parameters (n,) [m] and joint angles (n, 7) [rad] along a tool path."""
     sigma = np.linspace(0.0, path.length_m, max(8, int(np.ceil(path.length_m / _PATH_STEP_M)) + 1))
     q = [start_q]
@@ -133,7 +132,7 @@ def _follow(kinematics: PandaKinematics, path: ToolPath, start_q: Array) -> tupl
 
 
 def _timed(
-    samples: tuple[Array, Array], path: ToolPath, velocity: VelocityProfile, limits: JointLimits
+    samples: tuple[Float64Array, Float64Array], path: ToolPath, velocity: VelocityProfile, limits: JointLimits
 ) -> JointTrajectory:
     """A time law for a path: as fast as profile and joints allow, with bounded jerk."""
     sigma, q = samples
@@ -147,7 +146,12 @@ def _timed(
 
 
 def _time_law(
-    fine: Array, speed: Array, curve: CubicSpline, velocity: VelocityProfile, limits: JointLimits, width: float
+    fine: Float64Array,
+    speed: Float64Array,
+    curve: CubicSpline,
+    velocity: VelocityProfile,
+    limits: JointLimits,
+    width: float,
 ) -> JointTrajectory:
     """The path at these speeds, smoothed; what remains of violations is taken out by running all of it more slowly."""
     times, travelled, rate = _smoothed(fine, speed, velocity, width)
@@ -177,8 +181,8 @@ def _time_law(
 
 
 def _speed_along(
-    fine: Array, curve: CubicSpline, place: CubicSpline, velocity: VelocityProfile, limits: JointLimits
-) -> Array:
+    fine: Float64Array, curve: CubicSpline, place: CubicSpline, velocity: VelocityProfile, limits: JointLimits
+) -> Float64Array:
     """Largest speed along the path at each of its parameters `fine`, (n,) [m/s], from rest to rest."""
     first = np.maximum(np.abs(curve(fine, 1)), 1e-6)
     second = np.maximum(np.abs(curve(fine, 2)), 1e-6)
@@ -202,7 +206,9 @@ def _speed_along(
     return np.sqrt(square)
 
 
-def _smoothed(fine: Array, speed: Array, velocity: VelocityProfile, width: float) -> tuple[Array, Array, Array]:
+def _smoothed(
+    fine: Float64Array, speed: Float64Array, velocity: VelocityProfile, width: float
+) -> tuple[Float64Array, Float64Array, Float64Array]:
     """Times (K,) [s], path parameters (K,) [m] and speeds (K,) [m/s], with the jerk bounded by a moving average."""
     arrival = np.concatenate(([0.0], np.cumsum(2 * np.diff(fine) / np.maximum(speed[:-1] + speed[1:], 1e-6))))
     window = max(2, int(np.ceil(width * velocity.acceleration_m_s2 / velocity.jerk_m_s3 / SAMPLE_S)))
@@ -215,11 +221,11 @@ def _smoothed(fine: Array, speed: Array, velocity: VelocityProfile, width: float
     return np.arange(len(rate)) * dt, np.minimum(travelled * scale, fine[-1]), rate * scale
 
 
-def _ratio(values: Array, limits: Array) -> float:
+def _ratio(values: Float64Array, limits: Float64Array) -> float:
     return float(np.max(np.abs(values) / limits))
 
 
-def _standing(q: Array) -> JointTrajectory:
+def _standing(q: Float64Array) -> JointTrajectory:
     zero = np.zeros((2, len(q)))
     return JointTrajectory(
         times_s=np.array([0.0, SAMPLE_S]), q_rad=np.array([q, q]), dq_rad_s=zero, ddq_rad_s2=zero.copy()

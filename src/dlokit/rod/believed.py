@@ -6,6 +6,7 @@ They are deliberately not those of the simulated cell: in a lab nobody knows the
 import math
 from dataclasses import dataclass, field, fields
 
+from dlokit.description.dlo import GRAVITY_M_S2
 from dlokit.errors import ConfigError
 from dlokit.types.dlo import DloBelief, Figure
 
@@ -143,9 +144,6 @@ class ModelConfig:
             value: float = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise ConfigError(f"--model.{name.replace('_', '-')} is {value}; it must be a number above 0.")
-
-
-GRAVITY_M_S2 = 9.81
 
 
 def as_configured(config: ModelConfig, stamp_ns: int) -> DloBelief:

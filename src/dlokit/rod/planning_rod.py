@@ -24,16 +24,24 @@ import math
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from dlokit.description.dlo import GRAVITY_M_S2
+from dlokit.types.arrays import Float64Array
 
 _PUSH_N_M = 800.0  # of the spring at one point of the rod
 _POINTS = 4  # of an edge at which the rod is looked at
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def push(x: Array, tool: Array, fingers: Array, radius: float, h: float, band: Array, right: Array) -> None:
+def push(
+    x: Float64Array,
+    tool: Float64Array,
+    fingers: Float64Array,
+    radius: float,
+    h: float,
+    band: Float64Array,
+    right: Float64Array,
+) -> None:
     """Add the fingers at `tool` (4,): x, y, z [m], yaw [rad] to one implicit step of length `h` [s].
 
     `x` (M, 4): nodes with their roll; `fingers` (3,) as `rollout.FINGERS`; `band` and `right` as the rod has them.
@@ -60,7 +68,9 @@ def push(x: Array, tool: Array, fingers: Array, radius: float, h: float, band: A
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _add(i: int, share: float, mx: float, my: float, depth: float, h: float, band: Array, right: Array) -> None:
+def _add(
+    i: int, share: float, mx: float, my: float, depth: float, h: float, band: Float64Array, right: Float64Array
+) -> None:
     """Add the spring at one point between two nodes, along (mx, my), to both of them."""
     row, first, stiff, force = 4 * i, 1.0 - share, h * h * _PUSH_N_M, h * _PUSH_N_M * depth
     right[row] += first * force * mx
@@ -85,7 +95,6 @@ GRIP_N_M = 2000.0
 """Stiffness of the pads under each of their points [N/m]."""
 _TABLE_N_M = 40.0  # of the table under a node
 _CREEP_M_S = 2e-4  # slower than this, friction is viscous
-_GRAVITY_M_S2 = 9.81
 _NEIGHBOURS_M = 0.06  # parts nearer than this along the rod are one strand
 _UPRIGHT = 0.3  # share of its length that an edge is long from above, below which its bend is not one in the plane
 _LOOK_EVERY = 5  # steps between two looks at how near the strands are
@@ -93,7 +102,14 @@ _LOOK_EVERY = 5  # steps between two looks at how near the strands are
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def play_motion(
-    nodes: Array, rod: Array, step_s: float, rest_steps: int, tool: Array, pads: Array, fingers: Array, end: Array
+    nodes: Float64Array,
+    rod: Float64Array,
+    step_s: float,
+    rest_steps: int,
+    tool: Float64Array,
+    pads: Float64Array,
+    fingers: Float64Array,
+    end: Float64Array,
 ) -> float:
     """Play one motion of the tool on a rod lying as `nodes` (M, 3) [m] and write where it ends to `end` (M, 3).
 
@@ -115,15 +131,15 @@ def play_motion(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def advance(
-    x: Array,
-    v: Array,
-    rest: Array,
-    rod: Array,
+    x: Float64Array,
+    v: Float64Array,
+    rest: Float64Array,
+    rod: Float64Array,
     step_s: float,
     rest_steps: int,
-    tool: Array,
-    pads: Array,
-    fingers: Array,
+    tool: Float64Array,
+    pads: Float64Array,
+    fingers: Float64Array,
 ) -> float:
     """Continue in place from nodes with their roll `x` (M, 4) [m], `v` (M, 4) [m/s], rest curvatures `rest` (M,) [1/m].
 
@@ -155,7 +171,9 @@ def advance(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _inertia_and_table(x: Array, v: Array, rod: Array, h: float, band: Array, right: Array) -> None:
+def _inertia_and_table(
+    x: Float64Array, v: Float64Array, rod: Float64Array, h: float, band: Float64Array, right: Float64Array
+) -> None:
     """Masses, gravity, and the table with its friction: nodes slide along the rod and roll across it."""
     mass, friction, rolling, radius = rod[1], rod[5], rod[6], rod[7]
     last = len(x) - 1
@@ -167,7 +185,7 @@ def _inertia_and_table(x: Array, v: Array, rod: Array, h: float, band: Array, ri
         # A solid cylinder: its inertia about the axis is half of what a ring would have.
         band[row + 3, 0] = 0.5 * mass
         right[row + 3] = 0.5 * mass * v[i, 3]
-        right[row + 2] -= h * mass * _GRAVITY_M_S2
+        right[row + 2] -= h * mass * GRAVITY_M_S2
         normal = _TABLE_N_M * (radius - x[i, 2])
         if normal <= 0.0:
             continue
@@ -189,7 +207,7 @@ def _inertia_and_table(x: Array, v: Array, rod: Array, h: float, band: Array, ri
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _set(x: Array, rod: Array, rest: Array, bend: Array) -> None:
+def _set(x: Float64Array, rod: Float64Array, rest: Float64Array, bend: Float64Array) -> None:
     """Let the rest curvature `rest` (M,) [1/m] follow what is beyond yield; `bend` (M, 3) [m] is x'' l² of it now."""
     square = rod[0] * rod[0]
     for i in range(1, len(x) - 1):
@@ -206,7 +224,9 @@ def _set(x: Array, rod: Array, rest: Array, bend: Array) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _elasticity(x: Array, rod: Array, bend: Array, h: float, band: Array, right: Array) -> None:
+def _elasticity(
+    x: Float64Array, rod: Float64Array, bend: Float64Array, h: float, band: Float64Array, right: Float64Array
+) -> None:
     """Bending away from what it rests in, and twist, with damping as a share of the stiffness."""
     bending, twist, implicit = rod[2], rod[3], h * h + h * rod[4]
     for i in range(len(x) - 1):
@@ -233,7 +253,7 @@ def _elasticity(x: Array, rod: Array, bend: Array, h: float, band: Array, right:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _edges(x: Array, length: float, h: float, band: Array, right: Array) -> None:
+def _edges(x: Float64Array, length: float, h: float, band: Float64Array, right: Float64Array) -> None:
     """Stiff edges; their geometric stiffness only where it is positive, so that the matrix stays so."""
     t = np.zeros(3)
     for i in range(len(x) - 1):
@@ -258,7 +278,9 @@ def _edges(x: Array, length: float, h: float, band: Array, right: Array) -> None
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _grip(x: Array, tool: Array, pads: Array, h: float, band: Array, right: Array) -> None:
+def _grip(
+    x: Float64Array, tool: Float64Array, pads: Float64Array, h: float, band: Float64Array, right: Float64Array
+) -> None:
     """Springs from each tool to the points between its pads, which keep the rod from turning as well."""
     target = np.zeros(4)
     for k in range(len(pads)):
@@ -280,7 +302,7 @@ def _grip(x: Array, tool: Array, pads: Array, h: float, band: Array, right: Arra
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _solve(band: Array, right: Array, column: Array, size: int) -> None:
+def _solve(band: Float64Array, right: Float64Array, column: Float64Array, size: int) -> None:
     """Solve in place by Cholesky; `band[c, d]` is element (c + d, c). Both have `BAND` spare rows, so that all loops
     have fixed lengths."""
     for c in range(size):
@@ -303,7 +325,7 @@ def _solve(band: Array, right: Array, column: Array, size: int) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _nearest(x: Array, length: float) -> float:
+def _nearest(x: Float64Array, length: float) -> float:
     """Distance [m] of the two nodes nearest to each other that are not on one strand."""
     apart = math.ceil(_NEIGHBOURS_M / length)
     nearest = np.inf

@@ -7,12 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dlokit.app.data.pcd_file import read_pcd
 from dlokit.errors import InputError
-
-Array = NDArray[np.float64]
+from dlokit.types.arrays import Float64Array
 
 LARGEST_HEADER_BYTES = 65_536
 LARGEST_POINTS = 20_000_000
@@ -35,7 +33,7 @@ class _Header:
     body: bytes
 
 
-def read_ply(path: Path) -> Array:
+def read_ply(path: Path) -> Float64Array:
     """The vertices (N, 3) of a .ply file. Raises `InputError`."""
     header = _read_header(path)
     if header.form == "ascii":
@@ -82,7 +80,7 @@ def _read_header(path: Path) -> _Header:
     return _Header(form=form, points=points, names=names, types=types, body=content[body_at:])
 
 
-def _ascii(header: _Header, path: Path) -> Array:
+def _ascii(header: _Header, path: Path) -> Float64Array:
     columns = [header.names.index(axis) for axis in "xyz"]
     lines = header.body.decode("ascii", errors="replace").splitlines()[: header.points]
     if len(lines) < header.points:
@@ -101,7 +99,7 @@ LARGEST_FILE_BYTES = 1 << 30
 FORMATS = (".pcd", ".ply", ".npy", ".csv")
 
 
-def read_cloud(path: Path) -> Array:
+def read_cloud(path: Path) -> Float64Array:
     """The points (N, 3) [m] of a cloud file, N >= 2.
 
     Points with a coordinate that is not finite are left out of .pcd and .ply files, where they are the
@@ -113,14 +111,14 @@ def read_cloud(path: Path) -> Array:
     return _checked(points, path)
 
 
-def read_nodes(path: Path) -> Array:
+def read_nodes(path: Path) -> Float64Array:
     """The nodes (M, 3) [m] of a .npy or .csv file, M >= 2. Raises `InputError`."""
     if path.suffix.lower() not in (".npy", ".csv"):
         raise InputError(f"{path}: nodes come as .npy or .csv, not {path.suffix or 'without an ending'}")
     return _checked(_read(path), path)
 
 
-def _read(path: Path) -> Array:
+def _read(path: Path) -> Float64Array:
     ending = path.suffix.lower()
     if ending not in FORMATS:
         raise InputError(f"{path}: a cloud is a file that ends in {', '.join(FORMATS)}; convert it to one of these")
@@ -138,7 +136,7 @@ def _read(path: Path) -> Array:
     return _read_npy(path) if ending == ".npy" else _read_csv(path)
 
 
-def _read_npy(path: Path) -> Array:
+def _read_npy(path: Path) -> Float64Array:
     try:
         array = np.load(path, allow_pickle=False)
     except (ValueError, EOFError, OSError) as error:
@@ -148,7 +146,7 @@ def _read_npy(path: Path) -> Array:
     return array.astype(np.float64)
 
 
-def _read_csv(path: Path) -> Array:
+def _read_csv(path: Path) -> Float64Array:
     try:
         lines = path.read_text(encoding="utf-8-sig").splitlines()
     except (UnicodeDecodeError, OSError) as error:
@@ -170,7 +168,7 @@ def _read_csv(path: Path) -> Array:
     return np.array(rows, dtype=np.float64)
 
 
-def _checked(points: Array, path: Path) -> Array:
+def _checked(points: Float64Array, path: Path) -> Float64Array:
     if points.ndim != 2 or points.shape[1] != 3:
         raise InputError(f"{path} has shape {points.shape}; allowed is (N, 3): x, y, z in metres for each point")
     if len(points) < 2:

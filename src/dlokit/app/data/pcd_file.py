@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dlokit.errors import InputError
-
-Array = NDArray[np.float64]
+from dlokit.types.arrays import Float64Array
 
 LARGEST_HEADER_BYTES = 16_384
 LARGEST_POINTS = 20_000_000
@@ -30,7 +29,7 @@ class _Header:
     body: bytes
 
 
-def read_pcd(path: Path) -> Array:
+def read_pcd(path: Path) -> Float64Array:
     """The points (N, 3) of a .pcd file, those of unknown depth (NaN) among them. Raises `InputError`."""
     header = _read_header(path)
     if header.data == "ascii":
@@ -88,7 +87,7 @@ def _layout(
     return tuple(names), formats
 
 
-def _ascii(header: _Header, path: Path) -> Array:
+def _ascii(header: _Header, path: Path) -> Float64Array:
     columns = [header.names.index(axis) for axis in "xyz"]
     rows: list[list[float]] = []
     for line in header.body.decode("ascii", errors="replace").splitlines():
@@ -161,5 +160,5 @@ def _lzf(packed: bytes, size: int, path: Path) -> bytes:
     return bytes(out)
 
 
-def _columns(records: NDArray[np.void]) -> Array:
+def _columns(records: NDArray[np.void]) -> Float64Array:
     return np.column_stack([records[axis].astype(np.float64) for axis in "xyz"]).reshape(-1, 3)

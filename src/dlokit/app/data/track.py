@@ -29,17 +29,16 @@ from dlokit.skills.observer.visibility import distance_to_dlo_m
 from dlokit.skills.perception.cloud import inside_box, lonely, thin
 from dlokit.skills.perception.config import BoxConfig, CloudConfig
 from dlokit.system.results.run_folder import claim_run_folder, new_run_folder
+from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, TargetPoints, Topology
 from dlokit.types.observation import Observation
-
-Array = NDArray[np.float64]
 
 MOST_PANELS = 12
 
 
 def draw_tracks(
-    clouds: Sequence[Array],
-    nodes_world: Array,
+    clouds: Sequence[Float64Array],
+    nodes_world: Float64Array,
     visible: NDArray[np.bool_],
     edges: NDArray[np.int64],
     names: Sequence[str],
@@ -106,18 +105,18 @@ class TrackArgs:
 class TrackResult:
     """What was found in F clouds."""
 
-    nodes_world: Array
+    nodes_world: Float64Array
     """(F, M, 3) [m]."""
     visible: NDArray[np.bool_]
     """(F, M)."""
-    health: Array
+    health: Float64Array
     """(F,), from 0 to 1."""
-    distance_m: Array
+    distance_m: Float64Array
     """(F,) root mean square distance of a cloud's points to the DLO [m]."""
-    seconds: Array
+    seconds: Float64Array
     """(F,) time for filters and observer [s]."""
     topology: Topology
-    clouds: tuple[Array, ...]
+    clouds: tuple[Float64Array, ...]
     """F filtered clouds (N, 3) [m]."""
 
 
@@ -157,7 +156,7 @@ def track(
 
 
 def track_clouds(
-    clouds: Sequence[Array], initial: Array | None, settings: TrackSettings, *, names: Sequence[str]
+    clouds: Sequence[Float64Array], initial: Float64Array | None, settings: TrackSettings, *, names: Sequence[str]
 ) -> TrackResult:
     """Follow a DLO through clouds (N, 3) [m], from `initial` nodes (M, 3) [m] or the order of the first cloud.
 
@@ -168,7 +167,7 @@ def track_clouds(
     config = ObserverConfig()
     strategy = settings.observer.build()
     found: list[TargetPoints] = []
-    filtered: list[Array] = []
+    filtered: list[Float64Array] = []
     seconds: list[float] = []
     topology = None if initial is None else topology_of(initial)
     for number, (cloud, name) in enumerate(zip(clouds, names, strict=True)):
@@ -190,7 +189,9 @@ def track_clouds(
     return _result(found, filtered, np.array(seconds), topology)
 
 
-def _result(found: Sequence[TargetPoints], clouds: Sequence[Array], seconds: Array, topology: Topology) -> TrackResult:
+def _result(
+    found: Sequence[TargetPoints], clouds: Sequence[Float64Array], seconds: Float64Array, topology: Topology
+) -> TrackResult:
     return TrackResult(
         nodes_world=np.stack([targets.nodes_world for targets in found]),
         visible=np.stack([targets.visible for targets in found]),
@@ -207,7 +208,7 @@ def _result(found: Sequence[TargetPoints], clouds: Sequence[Array], seconds: Arr
     )
 
 
-def filter_cloud(points: Array, settings: TrackSettings, name: str) -> Array:
+def filter_cloud(points: Float64Array, settings: TrackSettings, name: str) -> Float64Array:
     """Perception's filters that apply to a cloud alone: box, thinning, lonely points. Raises `InputError`."""
     inside = points if settings.box is None else points[inside_box(points, settings.box)]
     thinned = thin(inside, settings.cloud.voxel_m)
@@ -220,7 +221,7 @@ def filter_cloud(points: Array, settings: TrackSettings, name: str) -> Array:
     return kept
 
 
-def topology_of(nodes: Array) -> Topology:
+def topology_of(nodes: Float64Array) -> Topology:
     """How nodes (M, 3) [m] of unknown topology hang together: their minimum spanning tree.
 
     Edges run from the smaller index to the larger, sorted, so that nodes in order along a rod give its chain.

@@ -4,14 +4,12 @@ import re
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dlokit import geometry
 from dlokit.description import shapes
 from dlokit.description.table import TABLE_X_M, TABLE_Y_M
 from dlokit.errors import ShapeError
-
-Array = NDArray[np.float64]
+from dlokit.types.arrays import Float64Array
 
 RANDOM = "random"
 LENGTH_TOLERANCE = 0.02
@@ -35,7 +33,7 @@ def shape_from_text(
     fit_length: bool = False,
     middle_m: tuple[float, float] | None = None,
     on_table: bool = True,
-) -> Array:
+) -> Float64Array:
     """The shape that a user names, for a rope of `length_m` and `radius_m`.
 
     Without `on_table` it may lie anywhere. `middle_m` is where on the table (x, y) [m] the middle of the shape's extent
@@ -64,7 +62,7 @@ def is_file_name(text: str) -> bool:
     return Path(indexed["path"] if indexed else text).suffix.lower() in _SUFFIXES
 
 
-def read_points(text: str) -> Array:
+def read_points(text: str) -> Float64Array:
     """The points of ``FILE`` or ``FILE:3`` as they are, (K, 3) or (K, 2) [m], K ≥ 2. Raises `ShapeError`."""
     indexed = _INDEXED.match(text)
     path = Path(indexed["path"] if indexed else text).expanduser()
@@ -88,7 +86,7 @@ def _unknown(text: str, path: Path) -> ShapeError:
     return ShapeError(f"There is no shape {text!r}. {allowed}.")
 
 
-def _read_npy(path: Path) -> Array:
+def _read_npy(path: Path) -> Float64Array:
     try:
         array = np.load(path, allow_pickle=False)
     except (ValueError, EOFError, OSError) as error:
@@ -102,7 +100,7 @@ def _read_npy(path: Path) -> Array:
     return array.astype(np.float64)
 
 
-def _read_csv(path: Path) -> Array:
+def _read_csv(path: Path) -> Float64Array:
     """Rows of numbers split by commas, semicolons or blanks; one header line and ``#`` comments are skipped."""
     try:
         lines = path.read_text(encoding="utf-8-sig").splitlines()
@@ -129,7 +127,7 @@ def _read_csv(path: Path) -> Array:
     return np.array(rows, dtype=np.float64) if rows else np.empty((0, 2))
 
 
-def _pick(array: Array, path: Path, index: str | None) -> Array:
+def _pick(array: Float64Array, path: Path, index: str | None) -> Float64Array:
     """The one shape (K, d) of a file that may hold several (G, K, d)."""
     if array.ndim == 3:
         last = len(array) - 1
@@ -143,7 +141,7 @@ def _pick(array: Array, path: Path, index: str | None) -> Array:
     return array
 
 
-def _check_points(points: Array, text: str) -> Array:
+def _check_points(points: Float64Array, text: str) -> Float64Array:
     if points.ndim != 2 or (points.size and points.shape[1] not in (2, 3)):
         raise ShapeError(
             f"Shape {text} has the shape {points.shape}: allowed are (K, 3), (K, 2), or (G, K, 3) with FILE:INDEX."
@@ -167,7 +165,7 @@ def _check_points(points: Array, text: str) -> Array:
     return points
 
 
-def _on_rope_height(points: Array, text: str, radius_m: float) -> Array:
+def _on_rope_height(points: Float64Array, text: str, radius_m: float) -> Float64Array:
     """Points (K, 2) or (K, 3) as (K, 3); those of the plane get the height of a rope on the table."""
     if points.shape[1] == 2:
         return np.column_stack([points, np.full(len(points), radius_m)])
@@ -180,7 +178,7 @@ def _on_rope_height(points: Array, text: str, radius_m: float) -> Array:
     return np.column_stack([points[:, :2], np.full(len(points), radius_m)])
 
 
-def _of_rope_length(points: Array, text: str, length_m: float, count: int, *, fit_length: bool) -> Array:
+def _of_rope_length(points: Float64Array, text: str, length_m: float, count: int, *, fit_length: bool) -> Float64Array:
     """Points (K, 3) as nodes (count, 3) of the rope's length."""
     arc_m = shapes.length(points)
     if arc_m == 0.0:
@@ -193,7 +191,7 @@ def _of_rope_length(points: Array, text: str, length_m: float, count: int, *, fi
     return geometry.resample(shapes.fit_length(points, length_m), count)
 
 
-def _require_on_table(nodes: Array, text: str) -> None:
+def _require_on_table(nodes: Float64Array, text: str) -> None:
     (x0, x1), (y0, y1) = TABLE_X_M, TABLE_Y_M
     x, y = nodes[:, 0], nodes[:, 1]
     if x.min() < x0 or x.max() > x1 or y.min() < y0 or y.max() > y1:

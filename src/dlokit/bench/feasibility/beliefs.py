@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import msgspec
 import numpy as np
 
-from dlokit.description.dlo import SOFT_ROPE, DloPreset
+from dlokit.description.dlo import GRAVITY_M_S2, SOFT_ROPE, DloPreset
 from dlokit.functional.cell.config import CellConfig
-from dlokit.rod.believed import GRAVITY_M_S2, BeliefConfig, ModelConfig, as_configured
+from dlokit.rod.believed import BeliefConfig, ModelConfig, as_configured
 from dlokit.system.config import RunConfig, with_dlo
 from dlokit.types.dlo import DloBelief, Figure
 

@@ -4,11 +4,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from dlokit.geometry import rotation, tangents
-from dlokit.types.arrays import Float64Array
+from dlokit.types.arrays import BoolArray, Float64Array
 from dlokit.types.image import CameraCalibration
 from dlokit.types.observation import Occlusion
 
@@ -53,7 +52,6 @@ def long_enough(conditions: Conditions, frames: int, rate_hz: float) -> bool:
     return len(dark) == 0 or (dark.start >= 3 and frames - dark.stop > RECOVERED_WITHIN)
 
 
-Flags = NDArray[np.bool_]
 Span = tuple[int, int]
 
 STANDS_AT = 0.7
@@ -71,7 +69,7 @@ class Ball:
     radius_m: float
 
 
-def hides(ball: Ball, eye_world: Float64Array, positions_world: Float64Array) -> Flags:
+def hides(ball: Ball, eye_world: Float64Array, positions_world: Float64Array) -> BoolArray:
     """Whether the ball cuts the view ray from the camera's eye (3,) to each position (K, 3), (K,)."""
     return passing_m(ball.centre_world, eye_world, positions_world) < ball.radius_m
 
@@ -124,7 +122,7 @@ def _cells(aside_m: float, ahead_m: float, radius_m: float, focal_px: float, cen
     return int(np.clip(np.floor(at[0]), 0, count)), int(np.clip(np.ceil(at[1]), 0, count))
 
 
-def behind_itself(line_world: Float64Array, radius_m: float, camera: CameraCalibration) -> Flags:
+def behind_itself(line_world: Float64Array, radius_m: float, camera: CameraCalibration) -> BoolArray:
     """Which points of a rod's centre line (K, 3) [m], closer than its radius, another part of the rod hides, (K,).
 
     A point is hidden when the ray to the side of it that faces the camera goes through the rod elsewhere. So a steep

@@ -1,18 +1,15 @@
 """The paper's stereo rig: where it stands, and the points it measures of a rod."""
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from dlokit.bench.observers.conditions import Conditions, depths_m
 from dlokit.bench.observers.sequence import Sequence
 from dlokit.description.scene import default_calibration
 from dlokit.geometry import inverse, matrix, pose_from_matrix, tangents, transform
-from dlokit.types.arrays import Float64Array
+from dlokit.types.arrays import BoolArray, Float64Array
 from dlokit.types.image import CameraCalibration
 from dlokit.types.pose import Pose
-
-Flags = NDArray[np.bool_]
 
 NOISE_DEPTH_M = 1.2
 """Depth at which the noise is what was asked for [m]: the table's middle. It grows with the depth's square."""
@@ -59,7 +56,7 @@ def as_believed(points_world: Float64Array, T_true: Pose, T_believed: Pose) -> F
 
 def stereo_cloud(
     line_world: Float64Array,
-    shown: Flags,
+    shown: BoolArray,
     radius_m: float,
     conditions: Conditions,
     camera: CameraCalibration,

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dlokit.description.dlo import GRAVITY_M_S2
 from dlokit.rod.believed import ModelConfig
 from dlokit.rod.nodes import fit_length
 from dlokit.rod.tracking_rod import RodModel
@@ -81,7 +82,7 @@ class Tracker:
     def _gains(self, visible: BoolArray) -> tuple[Float64Array, Float64Array]:
         """Kp (M,) [N/m] and largest force (M,) [N] of each node's target."""
         gains = self.config.tracking
-        weight_n = 9.81 * self.config.mass_kg_m * self.config.length_m / self.config.nodes
+        weight_n = GRAVITY_M_S2 * self.config.mass_kg_m * self.config.length_m / self.config.nodes
         friction_n = gains.hidden_friction_share * self.config.friction * weight_n
         limit = np.where(visible, gains.force_limit_n, friction_n)
         return np.full(len(visible), gains.stiffness_n_m), limit

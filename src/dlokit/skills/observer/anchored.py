@@ -9,7 +9,6 @@ from typing import ClassVar
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from dlokit.geometry import arc_lengths
 from dlokit.skills.observer.base import ObserverStrategy, nothing_seen
@@ -18,11 +17,9 @@ from dlokit.skills.observer.curve import CurveConfig, FittedCurve, Segment, fit_
 from dlokit.skills.observer.mixture import thinned
 from dlokit.skills.observer.partial import register_visible
 from dlokit.skills.observer.visibility import VisibilityConfig, shaded, visible_nodes
+from dlokit.types.arrays import BoolArray, Float64Array
 from dlokit.types.dlo import DloState, TargetPoints, Topology
 from dlokit.types.observation import Observation
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,7 +44,7 @@ class AnchoredConfig:
         return Anchored(self)
 
 
-def fill_hidden(nodes: Array, known: Flags, prior: Array) -> Array:
+def fill_hidden(nodes: Float64Array, known: BoolArray, prior: Float64Array) -> Float64Array:
     """The nodes (M, 3) [m], those not `known` (M,) moved as their known neighbours moved from the `prior`.
 
     Between known nodes the displacement from the prior is interpolated without overshoot; past the last
@@ -72,7 +69,7 @@ def fill_hidden(nodes: Array, known: Flags, prior: Array) -> Array:
     return result
 
 
-def _carried(part: Array, before: Array, after: Array) -> Array:
+def _carried(part: Float64Array, before: Float64Array, after: Float64Array) -> Float64Array:
     """`part` (n, 3) moved by the turn about z and the shift that best bring `before` to `after`.
 
     Only about z: a rod on a table cannot roll, and few nodes in a row do not fix the other turns.
@@ -134,8 +131,8 @@ def is_chain(topology: Topology) -> bool:
 
 
 def node_places(
-    curve: FittedCurve, drifted: Array, rod_m: Array, seen: Observation, config: AnchoredConfig
-) -> tuple[Array, Flags]:
+    curve: FittedCurve, drifted: Float64Array, rod_m: Float64Array, seen: Observation, config: AnchoredConfig
+) -> tuple[Float64Array, BoolArray]:
     """Where on the curve each node lies (M,) [m], and whether that place is within what was seen (M,).
 
     `rod_m` (M,) are the nodes' arc lengths on the rod. Every seen stretch of the curve maps to the rod by
@@ -161,7 +158,9 @@ def node_places(
     return places, covered
 
 
-def _tips(curve: FittedCurve, drifted: Array, rod_m: Array, seen: Observation, config: AnchoredConfig) -> list[Anchor]:
+def _tips(
+    curve: FittedCurve, drifted: Float64Array, rod_m: Float64Array, seen: Observation, config: AnchoredConfig
+) -> list[Anchor]:
     """The ends of the seen curve that are ends of the rod.
 
     Both, when the curve is as long as the rod; where it leads across a gap, whose way is uncertain, a coarser
@@ -190,7 +189,7 @@ def _tips(curve: FittedCurve, drifted: Array, rod_m: Array, seen: Observation, c
     return [first] * is_first + [last] * is_last
 
 
-def _pin_anchors(curve: FittedCurve, rod_m: Array, seen: Observation) -> list[Anchor]:
+def _pin_anchors(curve: FittedCurve, rod_m: Float64Array, seen: Observation) -> list[Anchor]:
     """The nodes held by grippers, where they project on the curve."""
     if not seen.pins:
         return []
@@ -203,13 +202,13 @@ def _pin_anchors(curve: FittedCurve, rod_m: Array, seen: Observation) -> list[An
     ]
 
 
-def _registered_offset(curve: FittedCurve, drifted: Array, rod_m: Array) -> float:
+def _registered_offset(curve: FittedCurve, drifted: Float64Array, rod_m: Float64Array) -> float:
     """Rod coordinate minus curve coordinate, as the registration has it: the median over its nodes [m]."""
     s, _ = project(drifted, curve.points)
     return float(np.median(rod_m - s))
 
 
-def _on_rod(s: Array, segment: Segment, anchors: list[Anchor], offset: float) -> Array:
+def _on_rod(s: Float64Array, segment: Segment, anchors: list[Anchor], offset: float) -> Float64Array:
     """The rod coordinates of the two ends `s` of a seen stretch [m]."""
     slack = 0.01  # a pin sits in the shadow of its fingers, just outside the stretch
     inside = [a for a in anchors if segment.start_m - slack <= a.s_m <= segment.end_m + slack]
@@ -226,7 +225,7 @@ def _on_rod(s: Array, segment: Segment, anchors: list[Anchor], offset: float) ->
     return s + (float(np.mean(offsets)) if offsets else offset)
 
 
-def _pins(count: int, seen: Observation) -> Flags:
+def _pins(count: int, seen: Observation) -> BoolArray:
     """Which nodes are held, (M,)."""
     held = np.zeros(count, dtype=np.bool_)
     for pin in seen.pins:
@@ -234,7 +233,7 @@ def _pins(count: int, seen: Observation) -> Flags:
     return held
 
 
-def _pinned(nodes: Array, seen: Observation) -> Array:
+def _pinned(nodes: Float64Array, seen: Observation) -> Float64Array:
     """The nodes, the held ones where the grippers are."""
     result = nodes.copy()
     for pin in seen.pins:
@@ -263,7 +262,7 @@ def chain(count: int, length_m: float) -> Topology:
     )
 
 
-def chain_lengths(nodes: Array) -> Topology:
+def chain_lengths(nodes: Float64Array) -> Topology:
     """The topology of a plain rod at rest in the shape of its nodes (M, 3) [m]."""
     first = np.arange(len(nodes) - 1)
     return Topology(

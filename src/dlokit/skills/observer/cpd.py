@@ -8,15 +8,13 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dlokit.skills.observer.base import ObserverStrategy, nothing_seen
 from dlokit.skills.observer.mixture import MixtureConfig, Registration, Weights, fit_mixture, thinned
 from dlokit.skills.observer.visibility import explained_share, visible_nodes
+from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, TargetPoints
 from dlokit.types.observation import Observation
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,7 +33,7 @@ def pliable() -> CpdConfig:
     return CpdConfig(beta_m=0.12, lambda_per_m2=300.0, outlier_weight=0.05, initial_sigma_m=0.04, max_points=700)
 
 
-def register(X: Array, Y: Array, config: CpdConfig) -> Registration:
+def register(X: Float64Array, Y: Float64Array, config: CpdConfig) -> Registration:
     """Move the nodes Y (M, 3) [m] onto the cloud X (N, 3) [m], N >= 1; the algorithm of Fig. 4.
 
     E-step eq. 6, M-step eq. 22: (d(P1) G + lambda sigma² I) W = P X - d(P1) Y; sigma² by eq. 23.

@@ -4,12 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from dlokit.geometry import arc_lengths
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
+from dlokit.types.arrays import BoolArray, Float64Array
 
 STEP_M = 0.002  # spacing of the fitted polyline: a tenth of the tightest bend in use
 
@@ -44,23 +41,23 @@ class Segment:
 class FittedCurve:
     """A centre line as a dense polyline, with the stretches that were seen."""
 
-    points: Array
+    points: Float64Array
     """(K, 3) [m], about 2 mm apart; reaches a little past what was seen."""
-    s_m: Array
+    s_m: Float64Array
     """(K,) arc length from the first point [m]."""
     segments: tuple[Segment, ...]
     """What was seen, in order; never empty."""
     spread_m: float
     """Root mean square distance of its points to the curve [m]."""
-    used: Flags
+    used: BoolArray
     """(N,) which points of the cloud belong to the curve."""
 
-    def at(self, s_m: Array) -> Array:
+    def at(self, s_m: Float64Array) -> Float64Array:
         """Positions (n, 3) [m] at arc lengths (n,) [m]; past an end, straight on."""
         return polyline_at(self.points, self.s_m, s_m)
 
 
-def polyline_at(points: Array, s_m: Array, wanted_m: Array) -> Array:
+def polyline_at(points: Float64Array, s_m: Float64Array, wanted_m: Float64Array) -> Float64Array:
     """Positions (n, 3) at arc lengths of a polyline; past an end, straight on along its last 2 cm."""
     result = np.column_stack([np.interp(wanted_m, s_m, points[:, axis]) for axis in range(points.shape[1])])
     reach = 0.02
@@ -73,7 +70,7 @@ def polyline_at(points: Array, s_m: Array, wanted_m: Array) -> Array:
     return result
 
 
-def project(points: Array, polyline: Array) -> tuple[Array, Array]:
+def project(points: Float64Array, polyline: Float64Array) -> tuple[Float64Array, Float64Array]:
     """Arc length of the nearest place on a polyline (K, 3) to each point (N, 3), and the distance; both (N,).
 
     Expects a polyline whose spacing is small against its distance to itself: only the two pieces at the
@@ -94,14 +91,14 @@ def project(points: Array, polyline: Array) -> tuple[Array, Array]:
     return best_s, np.sqrt(best_d2)
 
 
-def dense(polyline: Array, past_m: float) -> Array:
+def dense(polyline: Float64Array, past_m: float) -> Float64Array:
     """A polyline (K, 3) [m] at steps of 2 mm (L, 3), lengthened straight on by `past_m` at both ends."""
     s = arc_lengths(polyline)
     count = max(int(np.ceil((s[-1] + 2 * past_m) / STEP_M)), 2)
     return polyline_at(polyline, s, np.linspace(-past_m, s[-1] + past_m, count + 1))
 
 
-def fit_curve(points: Array, guide: Array, config: CurveConfig) -> FittedCurve | None:
+def fit_curve(points: Float64Array, guide: Float64Array, config: CurveConfig) -> FittedCurve | None:
     """The centre line of a cloud (N, 3) [m] near a guide (K, 3) [m] that runs along it, or None.
 
     Each iteration projects the points on the guide, averages them over short bins of arc length, and
@@ -130,7 +127,7 @@ def fit_curve(points: Array, guide: Array, config: CurveConfig) -> FittedCurve |
     )
 
 
-def _smoothed(points: Array, guide: Array, limit_m: float, config: CurveConfig) -> Array | None:
+def _smoothed(points: Float64Array, guide: Float64Array, limit_m: float, config: CurveConfig) -> Float64Array | None:
     """The smoothed averages of the points near a dense guide, over the stretch they cover; None if too few."""
     s, distance = project(points, guide)
     length = arc_lengths(guide)[-1]
@@ -147,7 +144,7 @@ def _smoothed(points: Array, guide: Array, limit_m: float, config: CurveConfig) 
     if np.count_nonzero(full) < 5:
         return None
 
-    def mean(values: Array) -> Array:
+    def mean(values: Float64Array) -> Float64Array:
         return np.bincount(bins, weights=values)[full] / counts[full]
 
     means = np.column_stack([mean(X[:, axis]) for axis in range(3)])
@@ -158,7 +155,7 @@ def _smoothed(points: Array, guide: Array, limit_m: float, config: CurveConfig) 
     return np.asarray(spline(np.linspace(first, last, steps + 1) / config.smoothing_m), dtype=np.float64)
 
 
-def _segments(s: Array, length_m: float, config: CurveConfig) -> tuple[Segment, ...]:
+def _segments(s: Float64Array, length_m: float, config: CurveConfig) -> tuple[Segment, ...]:
     """The stretches of arc length that points cover, gaps longer than `gap_m` apart."""
     if len(s) < 10:
         return ()
@@ -176,7 +173,7 @@ def _segments(s: Array, length_m: float, config: CurveConfig) -> tuple[Segment, 
     return tuple(found)
 
 
-def _edge(s: Array) -> float:
+def _edge(s: Float64Array) -> float:
     """Where a stretch of points with arc lengths s (n,) ends at its upper side [m].
 
     Noise blurs the end, symmetrically: behind a place s0 well inside, the stretch goes on for as long as

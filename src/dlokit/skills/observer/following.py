@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from dlokit.errors import SkillFailure
 from dlokit.geometry import rmse_m
@@ -16,8 +15,6 @@ from dlokit.skills.observer.initialise.first_shape import initial_targets
 from dlokit.skills.observer.visibility import kept
 from dlokit.types.dlo import DloState, TargetPoints
 from dlokit.types.observation import Doubt, Observation
-
-Flags = NDArray[np.bool_]
 
 
 def cleaned(seen: Observation, most_points: int) -> Observation:

@@ -15,11 +15,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from dlokit.skills.observer.visibility import VisibilityConfig
-
-Array = NDArray[np.float64]
+from dlokit.types.arrays import Float64Array
 
 RANK_TOLERANCE = 1e-15
 """Columns of L end when what is left of G's diagonal, which is 1, is below this: the rounding of G itself."""
@@ -70,11 +68,11 @@ class Weights:
 class Registration:
     """The outcome of one fit."""
 
-    nodes: Array
+    nodes: Float64Array
     """T (M, 3) [m]."""
-    coefficients: Array
+    coefficients: Float64Array
     """W (M, 3) [m]: the motion anywhere is v(z) = sum_m exp(-|z - y_m|² / (2 beta²)) w_m, eq. 18 ff."""
-    sigma2: Array
+    sigma2: Float64Array
     """sigma² before the first and after each iteration (iterations + 1,) [m²]."""
 
 
@@ -86,11 +84,11 @@ class MixtureFit:
 
     def __init__(
         self,
-        X: Array,
-        Y: Array,
+        X: Float64Array,
+        Y: Float64Array,
         config: MixtureConfig,
         weights: Callable[[int], Weights],
-        structure: Array | None = None,
+        structure: Float64Array | None = None,
     ) -> None:
         from dlokit.skills.observer.mixture_kernels import sorted_blocks
 
@@ -130,7 +128,11 @@ class MixtureFit:
 
 
 def fit_mixture(
-    X: Array, Y: Array, config: MixtureConfig, weights: Callable[[int], Weights], structure: Array | None = None
+    X: Float64Array,
+    Y: Float64Array,
+    config: MixtureConfig,
+    weights: Callable[[int], Weights],
+    structure: Float64Array | None = None,
 ) -> Registration:
     """Move the nodes Y (M, 3) [m] onto the cloud X (N, 3) [m], N >= 1; the loop of Fig. 4.
 
@@ -161,7 +163,7 @@ class CoherentMotion:
     It has the motions that the nodes Y (M, 3) [m] can make, with the kernel G (M, M) and SPR's structure matrix (M, M).
     """
 
-    def __init__(self, Y: Array, G: Array, structure: Array | None = None) -> None:
+    def __init__(self, Y: Float64Array, G: Float64Array, structure: Float64Array | None = None) -> None:
         M = len(Y)
         self._Y = Y
         self._structure = np.zeros((M, M)) if structure is None else structure
@@ -169,7 +171,7 @@ class CoherentMotion:
         self._stiff = self._L.T @ self._structure @ self._L
         self._strained = self._L.T @ self._structure @ Y
 
-    def nodes(self, P1: Array, PX: Array, ridge: float, stiffness: float = 0.0) -> Array:
+    def nodes(self, P1: Float64Array, PX: Float64Array, ridge: float, stiffness: float = 0.0) -> Float64Array:
         """T (M, 3) [m] from P 1 (M,) and P X (M, 3) [m]; `ridge` is lambda sigma² > 0, `stiffness` tau sigma².
 
         Raises `numpy.linalg.LinAlgError` when the ridge is too small for the system to have one solution.
@@ -181,12 +183,14 @@ class CoherentMotion:
             raise np.linalg.LinAlgError(f"lambda sigma² = {ridge:g} is too small for a solution; it must be above 0.")
         return T
 
-    def coefficients(self, P1: Array, PX: Array, T: Array, ridge: float, stiffness: float = 0.0) -> Array:
+    def coefficients(
+        self, P1: Float64Array, PX: Float64Array, T: Float64Array, ridge: float, stiffness: float = 0.0
+    ) -> Float64Array:
         """W (M, 3) of the step that gave T, by the same equation: lambda sigma² W = P X - d(P1) T - tau sigma² M T."""
         return (PX - P1[:, None] * T - stiffness * (self._structure @ T)) / ridge
 
 
-def low_rank(G: Array) -> Array:
+def low_rank(G: Float64Array) -> Float64Array:
     """L (M, r) with L Lᵀ = G (M, M) to `RANK_TOLERANCE`: Cholesky's method with the largest pivot first."""
     (pstrf,) = scipy.linalg.get_lapack_funcs(("pstrf",), (G,))
     factor, pivots, rank, _ = pstrf(G, tol=RANK_TOLERANCE, lower=True)
@@ -195,37 +199,37 @@ def low_rank(G: Array) -> Array:
     return L
 
 
-def longest_axis(Y: Array) -> Array:
+def longest_axis(Y: Float64Array) -> Float64Array:
     """The direction (3,) in which the nodes (M, 3) about their centre extend most."""
     return np.linalg.eigh(Y.T @ Y)[1][:, -1]
 
 
-def kernel(Y: Array, beta_m: float) -> Array:
+def kernel(Y: Float64Array, beta_m: float) -> Float64Array:
     """G (M, M) with g_ij = exp(-|y_i - y_j|² / (2 beta²)), eq. 16 ff."""
     return np.exp(squared_distances(Y, Y) / (-2.0 * beta_m**2))
 
 
-def initial_sigma2(X: Array, Y: Array) -> float:
+def initial_sigma2(X: Float64Array, Y: Float64Array) -> float:
     """The mean over all pairs of |x_n - y_m|² / D [m²], X (N, D) and Y (M, D) [m], the initialisation of Fig. 4."""
     spread = np.mean(np.sum(X**2, axis=1)) + np.mean(np.sum(Y**2, axis=1)) - 2.0 * X.mean(axis=0) @ Y.mean(axis=0)
     return float(spread) / X.shape[1]
 
 
-def motion(places: Array, Y: Array, result: Registration, beta_m: float) -> Array:
+def motion(places: Float64Array, Y: Float64Array, result: Registration, beta_m: float) -> Float64Array:
     """How the registration of the nodes Y moves other places (K, D) [m]: the displacement (K, D) [m]."""
     return np.exp(squared_distances(places - Y.mean(axis=0), Y - Y.mean(axis=0)) / (-2.0 * beta_m**2)) @ (
         result.coefficients
     )
 
 
-def thinned(points: Array, count: int) -> Array:
+def thinned(points: Float64Array, count: int) -> Float64Array:
     """At most `count` of the points (N, D), spread evenly over their index."""
     if len(points) <= count:
         return points
     return points[np.linspace(0, len(points) - 1, count).astype(np.int64)]
 
 
-def squared_distances(A: Array, B: Array) -> Array:
+def squared_distances(A: Float64Array, B: Float64Array) -> Float64Array:
     """|a_i - b_j|² (len(A), len(B)), from the products of the points."""
     squared = A @ B.T
     squared *= -2.0

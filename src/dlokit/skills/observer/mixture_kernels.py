@@ -17,7 +17,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from dlokit.types.arrays import Float64Array
 
 BLOCK = 64
 """Points that are handled together: 50 nodes times so many exponentials are 25 kB."""
@@ -30,7 +30,7 @@ _LN2_HIGH, _LN2_LOW = 6.93147180369123816490e-01, 1.90821492927058770002e-10
 _TO_INTEGER = 1.5 * 2.0**52  # adding it leaves the rounded number in the lowest bits
 
 
-def sorted_blocks(X: Array, axis: Array) -> tuple[Array, Array]:
+def sorted_blocks(X: Float64Array, axis: Float64Array) -> tuple[Float64Array, Float64Array]:
     """The points (N, 3) in order along an `axis` (3,), as (3, N), and the corners of their blocks' boxes (B, 2, 3).
 
     In order, a block is short along the axis, and few nodes are near it.
@@ -43,8 +43,8 @@ def sorted_blocks(X: Array, axis: Array) -> tuple[Array, Array]:
 
 @njit(cache=True)
 def expectation(
-    columns: Array, boxes: Array, T: Array, sigma2: float, outlier_weight: float
-) -> tuple[Array, Array, float]:
+    columns: Float64Array, boxes: Float64Array, T: Float64Array, sigma2: float, outlier_weight: float
+) -> tuple[Float64Array, Float64Array, float]:
     """The E-step, eq. 6, with the sums over P that the M-step needs: P 1 (M,), P X (M, 3) and tr Xᵀ d(Pᵀ1) X.
 
     p_mn = exp(-|x_n - t_m|² / 2 sigma²) / (sum_k exp(-|x_n - t_k|² / 2 sigma²) + c),
@@ -82,7 +82,7 @@ def expectation(
 
 
 @njit(cache=True)
-def _nodes_near(T: Array, box: Array, reach: float, near: NDArray[np.int64]) -> int:
+def _nodes_near(T: Float64Array, box: Float64Array, reach: float, near: NDArray[np.int64]) -> int:
     """Puts the nodes whose squared distance to the box is below `reach` into `near` (M,); says how many."""
     count = 0
     for m in range(len(T)):
@@ -99,7 +99,15 @@ def _nodes_near(T: Array, box: Array, reach: float, near: NDArray[np.int64]) -> 
 # `contract` allows a * b + c in one instruction, nothing else: the sums of `_exp` must keep their order.
 @njit(cache=True, fastmath={"contract"})
 def _add_gaussian(
-    into: Array, total: Array, x: Array, y: Array, z: Array, tx: float, ty: float, tz: float, factor: float
+    into: Float64Array,
+    total: Float64Array,
+    x: Float64Array,
+    y: Float64Array,
+    z: Float64Array,
+    tx: float,
+    ty: float,
+    tz: float,
+    factor: float,
 ) -> None:
     """exp(factor |x_n - t|²) of one node for all points of a block, which is also added to `total`."""
     for n in range(len(into)):
@@ -111,7 +119,9 @@ def _add_gaussian(
 
 # `reassoc` allows partial sums, so that they are taken eight points at a time; NaN stays NaN.
 @njit(cache=True, fastmath={"contract", "reassoc"})
-def _weighted_sums(weight: Array, share: Array, x: Array, y: Array, z: Array) -> tuple[float, float, float, float]:
+def _weighted_sums(
+    weight: Float64Array, share: Float64Array, x: Float64Array, y: Float64Array, z: Float64Array
+) -> tuple[float, float, float, float]:
     """The sums of the posteriors of one node over a block, and of the points weighted by them."""
     p1 = px = py = pz = 0.0
     for n in range(len(weight)):
@@ -153,8 +163,15 @@ def _exp(v: float) -> float:
 
 @njit(cache=True)
 def coherent_nodes(
-    Y: Array, L: Array, stiff: Array, strained: Array, P1: Array, PX: Array, ridge: float, stiffness: float
-) -> tuple[Array, bool]:
+    Y: Float64Array,
+    L: Float64Array,
+    stiff: Float64Array,
+    strained: Float64Array,
+    P1: Float64Array,
+    PX: Float64Array,
+    ridge: float,
+    stiffness: float,
+) -> tuple[Float64Array, bool]:
     """T (M, 3), and whether the system of `CoherentMotion` was positive definite."""
     M, r = L.shape
     A, c = stiffness * stiff, -stiffness * strained
@@ -178,7 +195,7 @@ def coherent_nodes(
 
 
 @njit(cache=True, fastmath={"contract", "reassoc"})
-def _solve_in_place(A: Array, b: Array) -> bool:
+def _solve_in_place(A: Float64Array, b: Float64Array) -> bool:
     """Cholesky's method: the solution of A x = b for (r, 3) right sides goes to b; False when A is not definite."""
     r = len(A)
     for i in range(r):

@@ -3,22 +3,19 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dlokit.skills.observer.cpd import CpdConfig, register
 from dlokit.skills.observer.mixture import Registration, motion, thinned
 from dlokit.skills.observer.visibility import VisibilityConfig, explained_share, supported, visible_nodes
+from dlokit.types.arrays import BoolArray, Float64Array
 from dlokit.types.dlo import DloState, TargetPoints, Topology
 from dlokit.types.observation import Observation
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 SQUEEZED = 0.6  # a rod hardly shortens; a mixture whose branch is hidden folds it onto its neighbour
 
 
 def register_visible(
-    points: Array,
+    points: Float64Array,
     first: Registration,
     seen: Observation,
     prior: DloState,
@@ -48,7 +45,9 @@ def register_visible(
     )
 
 
-def hidden_nodes(points: Array, drifted: Array, prior: DloState, cpd: CpdConfig, visibility: VisibilityConfig) -> Flags:
+def hidden_nodes(
+    points: Float64Array, drifted: Float64Array, prior: DloState, cpd: CpdConfig, visibility: VisibilityConfig
+) -> BoolArray:
     """Which nodes (M,) the cloud (N, 3) [m] does not show, judged by where a registration put them (M, 3) [m]."""
     near = replace(visibility, radius_m=1.5 * visibility.radius_m)
     alone_before = ~supported(prior.nodes_world, points, near)
@@ -56,7 +55,7 @@ def hidden_nodes(points: Array, drifted: Array, prior: DloState, cpd: CpdConfig,
     return alone_before & (alone_after | distorted_nodes(drifted, prior.topology))
 
 
-def distorted_nodes(nodes: Array, topology: Topology) -> Flags:
+def distorted_nodes(nodes: Float64Array, topology: Topology) -> BoolArray:
     """Which nodes (M,) have an edge much shorter or longer than at rest."""
     a, b = topology.edges[:, 0], topology.edges[:, 1]
     ratio = np.linalg.norm(nodes[a] - nodes[b], axis=1) / np.maximum(topology.rest_lengths_m, 1e-9)

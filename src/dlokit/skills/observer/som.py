@@ -17,17 +17,13 @@ from typing import ClassVar
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from dlokit.skills.observer.base import ObserverStrategy, nothing_seen
 from dlokit.skills.observer.mixture import thinned
 from dlokit.skills.observer.visibility import VisibilityConfig, explained_share, visible_nodes
+from dlokit.types.arrays import BoolArray, Float64Array, Int64Array
 from dlokit.types.dlo import DloState, TargetPoints, Topology
 from dlokit.types.observation import Observation
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,7 +60,7 @@ class SomConfig:
         return Som(self)
 
 
-def graph_distances(topology: Topology, count: int) -> Array:
+def graph_distances(topology: Topology, count: int) -> Float64Array:
     """d (M, M): the shortest way between nodes along the DLO, inf where there is none; any topology.
 
     In mean edges at rest, so that on an evenly spaced chain it is the number of edges.
@@ -75,12 +71,14 @@ def graph_distances(topology: Topology, count: int) -> Array:
     return np.asarray(scipy.sparse.csgraph.shortest_path(graph, directed=False), dtype=np.float64)
 
 
-def neighbourhood(d: Array, radius: float) -> Array:
+def neighbourhood(d: Float64Array, radius: float) -> Float64Array:
     """h (M, M) with h_ij = exp(-d_ij² / (2 r²)): how much a point won by node j draws node i."""
     return np.exp(d**2 / (-2.0 * radius**2))
 
 
-def batch_update(X: Array, T: Array, h: Array, winner: Indices, near: Flags) -> Array:
+def batch_update(
+    X: Float64Array, T: Float64Array, h: Float64Array, winner: Int64Array, near: BoolArray
+) -> Float64Array:
     """One step of the batch map: the neurons (M, 3) [m] after it.
 
     t_i = sum_n h_i,c(n) x_n / sum_n h_i,c(n), over the points that are `near` (N,), with their `winner` (N,). A
@@ -95,7 +93,7 @@ def batch_update(X: Array, T: Array, h: Array, winner: Indices, near: Flags) -> 
     return after
 
 
-def points_won(X: Array, T: Array, gate_m: float) -> Array:
+def points_won(X: Float64Array, T: Float64Array, gate_m: float) -> Float64Array:
     """How many points within the gate each neuron wins (M,)."""
     from dlokit.skills.observer.som_kernels import winners
 
@@ -103,7 +101,7 @@ def points_won(X: Array, T: Array, gate_m: float) -> Array:
     return np.bincount(winner[distance_m < gate_m], minlength=len(T)).astype(np.float64)
 
 
-def organise(X: Array, Y: Array, d: Array, edge_m: float, config: SomConfig) -> Array:
+def organise(X: Float64Array, Y: Float64Array, d: Float64Array, edge_m: float, config: SomConfig) -> Float64Array:
     """The neurons (M, 3) [m] after all iterations over the cloud X (N, 3), N >= 1, from the nodes Y (M, 3).
 
     `edge_m` is the mean length of an edge at rest. The radius shrinks by a constant factor, and is never wider than
@@ -124,13 +122,13 @@ def organise(X: Array, Y: Array, d: Array, edge_m: float, config: SomConfig) -> 
     return T
 
 
-def _at_share(values: Array, share: float) -> float:
+def _at_share(values: Float64Array, share: float) -> float:
     """The value that this share of the values does not exceed."""
     last = round(share * (len(values) - 1))
     return float(np.partition(values, last)[last])
 
 
-def carried(Y: Array, T: Array, shown: Flags, d: Array, radius: float) -> Array:
+def carried(Y: Float64Array, T: Float64Array, shown: BoolArray, d: Float64Array, radius: float) -> Float64Array:
     """All nodes (M, 3) [m]: those `shown` (M,) are T, the others move from Y as the shown near them on the DLO.
 
     Their displacement is the mean of the shown nodes', weighted by the neighbourhood.
@@ -164,7 +162,7 @@ class Som:
             health=explained_share(points, nodes, prior.topology, self._config.visibility),
         )
 
-    def _organised(self, X: Array, prior: DloState) -> tuple[Array, Flags]:
+    def _organised(self, X: Float64Array, prior: DloState) -> tuple[Float64Array, BoolArray]:
         """The nodes (M, 3) [m], and which of them were not hidden (M,).
 
         A map spreads over all the points there are: of a DLO that is partly hidden, it draws the hidden
@@ -183,7 +181,7 @@ class Som:
         return carried(Y, T, shown, d, self._config.initial_radius), shown
 
 
-def is_partial(nodes: Array, topology: Topology, config: SomConfig) -> bool:
+def is_partial(nodes: Float64Array, topology: Topology, config: SomConfig) -> bool:
     """Whether a map (M, 3) [m] is shrunk or torn, so that a part of the DLO must be hidden."""
     a, b = topology.edges[:, 0], topology.edges[:, 1]
     lengths = np.linalg.norm(nodes[a] - nodes[b], axis=1)

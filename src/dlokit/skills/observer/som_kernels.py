@@ -5,14 +5,12 @@
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+from dlokit.types.arrays import Float64Array, Int64Array
 
 
 @njit(cache=True)
-def winners(X: Array, T: Array) -> tuple[Indices, Array]:
+def winners(X: Float64Array, T: Float64Array) -> tuple[Int64Array, Float64Array]:
     """Each point's nearest neuron (N,), c(n) = argmin_j |x_n - t_j|, and its distance (N,) [m]."""
     winner, distance_m = np.zeros(len(X), dtype=np.int64), np.empty(len(X))
     for n in range(len(X)):

@@ -23,13 +23,12 @@ from numpy.typing import NDArray
 from dlokit.skills.observer.base import ObserverStrategy, nothing_seen
 from dlokit.skills.observer.mixture import MixtureConfig, Registration, Weights, fit_mixture, thinned
 from dlokit.skills.observer.visibility import explained_share, visible_nodes
+from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, TargetPoints
 from dlokit.types.observation import Observation
 
 # The papers' capital letters are variables here, not constants.
 # pyright: reportConstantRedefinition=false
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,7 +61,7 @@ class SprConfig(MixtureConfig):
         return Spr(self)
 
 
-def lle_weights(Y: Array, neighbours: int, regularisation: float) -> Array:
+def lle_weights(Y: Float64Array, neighbours: int, regularisation: float) -> Float64Array:
     """W (M, M) that minimises sum_i |y_i - sum_j w_ij y_j|² with sum_j w_ij = 1, w_ij = 0 off the neighbours.
 
     With z_j = y_j - y_i of node i's K nearest nodes and the local Gram matrix C_jk = z_j · z_k, the weights
@@ -83,13 +82,13 @@ def lle_weights(Y: Array, neighbours: int, regularisation: float) -> Array:
     return W
 
 
-def structure_matrix(W: Array) -> Array:
+def structure_matrix(W: Float64Array) -> Float64Array:
     """(I - W)ᵀ (I - W) (M, M): tr Tᵀ M T is the squared error of putting T's nodes together by W."""
     rest = np.eye(len(W)) - W
     return rest.T @ rest
 
 
-def _nearest(Y: Array, count: int) -> NDArray[np.int64]:
+def _nearest(Y: Float64Array, count: int) -> NDArray[np.int64]:
     """The `count` nearest other nodes of each node, (M, count)."""
     _, index = scipy.spatial.KDTree(Y).query(Y, k=count + 1)
     others = np.asarray(index, dtype=np.int64)
@@ -98,7 +97,7 @@ def _nearest(Y: Array, count: int) -> NDArray[np.int64]:
     return others[~itself].reshape(len(Y), count)
 
 
-def register(X: Array, Y: Array, config: SprConfig) -> Registration:
+def register(X: Float64Array, Y: Float64Array, config: SprConfig) -> Registration:
     """Move the nodes Y (M, 3) [m] onto the cloud X (N, 3) [m], N >= 1.
 
     M-step, from the derivative by W at fixed P, times sigma² G^-1:

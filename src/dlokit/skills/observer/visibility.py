@@ -4,14 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from dlokit.geometry import rotation
+from dlokit.types.arrays import BoolArray, Float64Array
 from dlokit.types.dlo import DloState, TargetPoints, Topology
 from dlokit.types.image import CameraCalibration
 from dlokit.types.observation import Observation, Occlusion
-
-Array = NDArray[np.float64]
 
 SURE_M = 0.005  # of nodes whose observer states no covariance: what the contract test asks of all of them
 WIDEST_M = 0.5  # a node is somewhere on the table
@@ -31,7 +29,7 @@ class VisibilityConfig:
     """A node nearer to the border of the picture than this is out of view [px]."""
 
 
-def grown_covariance(prior: DloState, seconds: float, speed_m_s: float) -> Array:
+def grown_covariance(prior: DloState, seconds: float, speed_m_s: float) -> Float64Array:
     """Covariance (M, 3, 3) [m²] of the prior's nodes, not seen for so many seconds more.
 
     A node's standard deviation grows by `speed_m_s` a second, alike in all directions: in steps or at once, the same.
@@ -57,15 +55,14 @@ def kept(stamp_ns: int, prior: DloState, speed_m_s: float) -> TargetPoints:
     )
 
 
-Flags = NDArray[np.bool_]
-
-
-def visible_nodes(nodes_world: Array, points_world: Array, seen: Observation, config: VisibilityConfig) -> Flags:
+def visible_nodes(
+    nodes_world: Float64Array, points_world: Float64Array, seen: Observation, config: VisibilityConfig
+) -> BoolArray:
     """Whether each node (M, 3) [m] was seen in the cloud (N, 3) [m], (M,)."""
     return supported(nodes_world, points_world, config) & ~shaded(nodes_world, seen, config)
 
 
-def supported(nodes_world: Array, points_world: Array, config: VisibilityConfig) -> Flags:
+def supported(nodes_world: Float64Array, points_world: Float64Array, config: VisibilityConfig) -> BoolArray:
     """Whether enough points lie around each node, (M,)."""
     if len(points_world) == 0:
         return np.zeros(len(nodes_world), dtype=np.bool_)
@@ -73,7 +70,7 @@ def supported(nodes_world: Array, points_world: Array, config: VisibilityConfig)
     return np.asarray(counts) >= config.least_points
 
 
-def distance_to_dlo_m(points_world: Array, nodes_world: Array, topology: Topology) -> Array:
+def distance_to_dlo_m(points_world: Float64Array, nodes_world: Float64Array, topology: Topology) -> Float64Array:
     """Distance of each point (N, 3) [m] to the nearest edge between nodes (M, 3) [m], (N,).
 
     Right to a sixteenth of an edge along it.
@@ -84,7 +81,9 @@ def distance_to_dlo_m(points_world: Array, nodes_world: Array, topology: Topolog
     return np.asarray(distance, dtype=np.float64)
 
 
-def explained_share(points_world: Array, nodes_world: Array, topology: Topology, config: VisibilityConfig) -> float:
+def explained_share(
+    points_world: Float64Array, nodes_world: Float64Array, topology: Topology, config: VisibilityConfig
+) -> float:
     """The share of the points (N, 3) [m], N >= 1, that lie within the support radius of the DLO.
 
     A mixture's own inlier probabilities do not tell this: its variance grows until they fit.
@@ -92,7 +91,7 @@ def explained_share(points_world: Array, nodes_world: Array, topology: Topology,
     return float(np.mean(distance_to_dlo_m(points_world, nodes_world, topology) < config.radius_m))
 
 
-def shaded(positions_world: Array, seen: Observation, config: VisibilityConfig) -> Flags:
+def shaded(positions_world: Float64Array, seen: Observation, config: VisibilityConfig) -> BoolArray:
     """Whether each position (K, 3) [m] is out of the picture or behind the robot, (K,).
 
     Without a calibration nothing is known to be shaded.
@@ -108,12 +107,12 @@ def shaded(positions_world: Array, seen: Observation, config: VisibilityConfig) 
     return outside | (_robot_depth(pixels, seen.occlusion) < depth_m - config.robot_margin_m)
 
 
-def in_camera(positions_world: Array, camera: CameraCalibration) -> Array:
+def in_camera(positions_world: Float64Array, camera: CameraCalibration) -> Float64Array:
     """Positions (K, 3) [m] of the world in the camera's frame: z is depth."""
     return (positions_world - camera.T_world_camera.position_m) @ rotation(camera.T_world_camera)
 
 
-def _projected(positions_world: Array, camera: CameraCalibration) -> tuple[Array, Array]:
+def _projected(positions_world: Float64Array, camera: CameraCalibration) -> tuple[Float64Array, Float64Array]:
     """Pixels (K, 2) and depths (K,) [m] of positions, by the pinhole model."""
     p_camera = in_camera(positions_world, camera)
     z = p_camera[:, 2]
@@ -123,7 +122,7 @@ def _projected(positions_world: Array, camera: CameraCalibration) -> tuple[Array
     return np.column_stack([u, v]), z
 
 
-def _robot_depth(pixels: Array, occlusion: Occlusion) -> Array:
+def _robot_depth(pixels: Float64Array, occlusion: Occlusion) -> Float64Array:
     """The robot's depth (K,) [m] at pixels (K, 2), inf where it is not.
 
     One cell around counts as well: the robot's edge may lie anywhere within a cell.

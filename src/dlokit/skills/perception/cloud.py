@@ -8,7 +8,7 @@ from scipy.spatial import KDTree
 from dlokit.geometry.camera import back_project, baseline_m, project
 from dlokit.skills.perception.config import BoxConfig, CloudConfig
 from dlokit.skills.perception.stereo import Disparity
-from dlokit.types.arrays import BoolArray
+from dlokit.types.arrays import BoolArray, Float64Array
 from dlokit.types.image import CameraCalibration
 
 
@@ -31,10 +31,7 @@ def box_outline(box: BoxConfig, camera: CameraCalibration) -> BoolArray:
     return outline > 0
 
 
-Array = NDArray[np.float64]
-
-
-def reproject(disparity: Disparity, camera: CameraCalibration) -> Array:
+def reproject(disparity: Disparity, camera: CameraCalibration) -> Float64Array:
     """Points (N, 3) [m] in the world of all known disparities, by ``Z = f B / d``."""
     rows, columns = np.nonzero(np.isfinite(disparity.pixels) & (disparity.pixels > 0.0))
     d = disparity.pixels[rows, columns].astype(np.float64)
@@ -43,8 +40,8 @@ def reproject(disparity: Disparity, camera: CameraCalibration) -> Array:
 
 
 def to_centre_line(
-    points_world: Array, camera: CameraCalibration, radius_m: float, table_height_m: float | None
-) -> Array:
+    points_world: Float64Array, camera: CameraCalibration, radius_m: float, table_height_m: float | None
+) -> Float64Array:
     """Surface points (N, 3) [m] moved away from the camera by the DLO's radius, but never into the table.
 
     The table stops the centre line one radius above it; a point below is moved back along its line of sight, on
@@ -63,12 +60,12 @@ def to_centre_line(
     return eye + (centred - eye) * scale[:, None]
 
 
-def clean(points_world: Array, config: CloudConfig) -> Array:
+def clean(points_world: Float64Array, config: CloudConfig) -> Float64Array:
     """Points (N, 3) [m] without outliers, thinned: what an observer wants of any cloud, recorded ones too."""
     return thin(points_world[~lonely(points_world, config)], config.voxel_m)
 
 
-def lonely(points_world: Array, config: CloudConfig) -> BoolArray:
+def lonely(points_world: Float64Array, config: CloudConfig) -> BoolArray:
     """Whether each point (N, 3) [m] has too few neighbours, (N,)."""
     if len(points_world) == 0 or config.outlier_neighbours <= 0:
         return np.zeros(len(points_world), dtype=np.bool_)
@@ -77,7 +74,7 @@ def lonely(points_world: Array, config: CloudConfig) -> BoolArray:
     return counts <= config.outlier_neighbours  # each point counts itself
 
 
-def thin(points_world: Array, voxel_m: float) -> Array:
+def thin(points_world: Float64Array, voxel_m: float) -> Float64Array:
     """The mean of the points (N, 3) [m] in each cube of side `voxel_m`, in an order that repeats."""
     if voxel_m <= 0.0 or len(points_world) == 0:
         return points_world

@@ -11,21 +11,19 @@ from dlokit.description.arm.panda import PANDA_COLLISION
 from dlokit.geometry import rotation
 from dlokit.geometry.camera import project, rays
 from dlokit.motion.forward_kinematics import capsule_ends
-from dlokit.types.arrays import BoolArray
+from dlokit.types.arrays import BoolArray, Float64Array
 from dlokit.types.image import CameraCalibration
 from dlokit.types.observation import Occlusion
 from dlokit.types.robot import RobotState
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Capsules:
     """C capsules in the world frame: all points within a radius of a segment."""
 
-    starts_world: Array  # (C, 3) [m]
-    ends_world: Array  # (C, 3) [m]
-    radii_m: Array  # (C,)
+    starts_world: Float64Array  # (C, 3) [m]
+    ends_world: Float64Array  # (C, 3) [m]
+    radii_m: Float64Array  # (C,)
 
 
 def panda_capsules(robots: Sequence[RobotState]) -> Capsules:
@@ -61,7 +59,7 @@ def robot_outline(capsules: Capsules, camera: CameraCalibration, margin_m: float
     return outline > 0
 
 
-def robot_distance_m(points_world: NDArray[np.floating], capsules: Capsules) -> Array:
+def robot_distance_m(points_world: NDArray[np.floating], capsules: Capsules) -> Float64Array:
     """Distance of points (N, 3) [m] to the nearest capsule's surface, (N,); negative inside, inf without a robot."""
     points = np.asarray(points_world, dtype=np.float64)
     nearest = np.full(len(points), np.inf)
@@ -97,7 +95,7 @@ def occlusion_map(capsules: Capsules, camera: CameraCalibration, scale: int) -> 
     return Occlusion(depth_m=depth, scale=scale)
 
 
-def _ray_depth(directions: Array, start: Array, end: Array, radius: float) -> Array:
+def _ray_depth(directions: Float64Array, start: Float64Array, end: Float64Array, radius: float) -> Float64Array:
     """Depth (K,) [m] at which rays (K, 3) of z = 1 from the camera enter a capsule; inf where they miss.
 
     A ray enters the capsule where it enters the cylinder between its ends, or else one of the two end spheres.
@@ -116,7 +114,7 @@ def _ray_depth(directions: Array, start: Array, end: Array, radius: float) -> Ar
     return np.minimum(cylinder, np.minimum(spheres[0], spheres[1]))
 
 
-def _first_root(a: Array, b: Array, c: float) -> Array:
+def _first_root(a: Float64Array, b: Float64Array, c: float) -> Float64Array:
     """Smaller solution of ``a t² - 2 b t + c = 0``; inf where there is none."""
     discriminant = b * b - a * c
     valid = (discriminant >= 0.0) & (a > 1e-12)

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from dlokit.app.data.track import TrackArgs, TrackSettings, run, topology_of, track
@@ -16,12 +15,12 @@ from dlokit.skills.observer.cpd import CpdConfig, pliable
 from dlokit.skills.observer.spr import SprConfig
 from dlokit.skills.observer.strategies import OURS, OurObserver
 from dlokit.skills.perception.config import BoxConfig
+from dlokit.types.arrays import Float64Array
 
-Array = NDArray[np.float64]
 HARNESS = Path(__file__).parents[5] / "shared" / "data" / "harness"
 
 
-def bow(shift_m: float) -> Array:
+def bow(shift_m: float) -> Float64Array:
     """A bow of 0.4 m, node 0 at larger y."""
     y = np.linspace(0.2, -0.2, 200)
     return resample(np.column_stack([0.5 + shift_m - 2 * y**2, y, np.full(200, 0.004)]), 31)

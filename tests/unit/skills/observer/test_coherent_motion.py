@@ -2,16 +2,14 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from synthetic_clouds import shape
 
 from dlokit.skills.observer.mixture import CoherentMotion, kernel, low_rank
 from dlokit.skills.observer.spr import lle_weights, structure_matrix
+from dlokit.types.arrays import Float64Array
 
-Array = NDArray[np.float64]
 
-
-def moments(Y: Array) -> tuple[Array, Array]:
+def moments(Y: Float64Array) -> tuple[Float64Array, Float64Array]:
     """Some points for each node but three, about a centimetre from it."""
     rng = np.random.default_rng(0)
     P1 = rng.uniform(10.0, 60.0, len(Y))

@@ -4,7 +4,6 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from dlokit.skills.observer.map.assign import assign, inlier_probability, moments, soft_places
 from dlokit.skills.observer.map.band import BELOW, ChainSystem
@@ -21,8 +20,8 @@ from dlokit.skills.observer.map.terms import (
     coherence,
 )
 from dlokit.skills.observer.map.tips import Tips, extent, places_along, seen_tips
+from dlokit.types.arrays import Float64Array
 
-Array = NDArray[np.float64]
 M = 8
 RNG = np.random.default_rng(5)
 NODES = np.cumsum(RNG.normal([0.01, 0.0, 0.0], 0.004, (M, 3)), axis=0)
@@ -34,7 +33,7 @@ WEIGHTS = RNG.uniform(0.5, 2.0, 40)
 PRIORS = ChainPriors()
 
 
-def dense(system: ChainSystem) -> Array:
+def dense(system: ChainSystem) -> Float64Array:
     """H as a full matrix, from its band."""
     H = np.zeros((3 * M, 3 * M))
     for r in range(3 * M):
@@ -43,11 +42,11 @@ def dense(system: ChainSystem) -> Array:
     return H
 
 
-def lengths(x: Array) -> float:
+def lengths(x: Float64Array) -> float:
     return float(np.sum((np.linalg.norm(np.diff(x, axis=0), axis=1) - REST) ** 2)) / 0.01**2
 
 
-def moved(x: Array) -> float:
+def moved(x: Float64Array) -> float:
     h, way, d = 0.01, 0.02, x - BEFORE
     return float(
         np.sum(np.diff(d, axis=0) ** 2) / (PRIORS.strain_per_m05**2 * h * way**2)
@@ -57,7 +56,7 @@ def moved(x: Array) -> float:
     )
 
 
-def across(x: Array) -> float:
+def across(x: Float64Array) -> float:
     """Weighted squared distances of the points to the lines of their segments."""
     edge = np.diff(x, axis=0)[FIRST]
     off = POINTS - x[FIRST]
@@ -80,13 +79,13 @@ def coherence_term(system: ChainSystem) -> None:
     add_coherence(system.band, system.rhs, BEFORE, K, K_x)
 
 
-def along_the_end(x: Array) -> float:
+def along_the_end(x: Float64Array) -> float:
     """The last node's way along the direction of the last two edges; it is to stay."""
     along = NODES[-1] - NODES[-3]
     return float((along / np.linalg.norm(along)) @ (x[-1] - NODES[-1])) ** 2 / 0.1**2
 
 
-TERMS: dict[str, tuple[Callable[[ChainSystem], None], Callable[[Array], float]]] = {
+TERMS: dict[str, tuple[Callable[[ChainSystem], None], Callable[[Float64Array], float]]] = {
     "lengths": (lambda s: add_lengths(s.band, s.rhs, NODES, REST, 0.01), lengths),
     "coherence": (coherence_term, moved),
     "points": (points_term, across),

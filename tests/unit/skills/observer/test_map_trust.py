@@ -3,7 +3,6 @@
 import msgspec
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from synthetic_clouds import cloud, shape, state
 
 from dlokit.geometry import resample
@@ -11,12 +10,12 @@ from dlokit.skills.observer.base import prior_from
 from dlokit.skills.observer.config import ObserverConfig
 from dlokit.skills.observer.map.observer import MapObserver
 from dlokit.skills.observer.map.trust import carried
+from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, TargetPoints
 from dlokit.types.image import CameraCalibration
 from dlokit.types.observation import Observation, Occlusion
 from dlokit.types.pose import Pose
 
-Array = NDArray[np.float64]
 DOWN = Pose(position_m=np.array([0.5, 0.0, 1.0]), wxyz=np.array([0.0, 1.0, 0.0, 0.0]))
 CAMERA = CameraCalibration(
     width_px=640, height_px=560, fx_px=500, fy_px=500, cx_px=319.5, cy_px=279.5, T_world_camera=DOWN
@@ -26,7 +25,7 @@ LOST_HEALTH = ObserverConfig().lost_health
 HALF = (0.25, 0.75)
 
 
-def seen_by_camera(seen: Observation, robot: Array | None = None) -> Observation:
+def seen_by_camera(seen: Observation, robot: Float64Array | None = None) -> Observation:
     """The cloud with a camera straight above (0.5, 0), and a robot half-way up above places (K, 3) [m]."""
     depth_m = np.full((56, 64), np.inf, dtype=np.float32)
     for x, y, _ in [] if robot is None else robot:
@@ -35,18 +34,18 @@ def seen_by_camera(seen: Observation, robot: Array | None = None) -> Observation
     return msgspec.structs.replace(seen, calibration=CAMERA, occlusion=Occlusion(depth_m=depth_m, scale=CELL_PX))
 
 
-def stretch(rod: Array, hidden: tuple[float, float]) -> Array:
+def stretch(rod: Float64Array, hidden: tuple[float, float]) -> Float64Array:
     """The places of a stretch, given as shares of the length."""
     first, last = (round(share * 199) for share in hidden)
     return resample(rod, 200)[first : last + 1]
 
 
-def hidden_by_robot(rod: Array, hidden: tuple[float, float], seed: int = 0) -> Observation:
+def hidden_by_robot(rod: Float64Array, hidden: tuple[float, float], seed: int = 0) -> Observation:
     """A cloud without a stretch, and the robot that hides it."""
     return seen_by_camera(cloud(rod, seed, hidden=hidden), stretch(rod, hidden))
 
 
-def spread_m(targets: TargetPoints) -> Array:
+def spread_m(targets: TargetPoints) -> Float64Array:
     """The stated standard deviation of each node (M,) [m]."""
     assert targets.covariance is not None
     return np.sqrt(np.trace(targets.covariance, axis1=1, axis2=2))

@@ -3,21 +3,20 @@
 import numpy as np
 import pytest
 from mixture_reference import expectation as written_out
-from numpy.typing import NDArray
 from synthetic_clouds import cloud, shape
 
 from dlokit.skills.observer.mixture_kernels import BLOCK, expectation, sorted_blocks
+from dlokit.types.arrays import Float64Array
 
-Array = NDArray[np.float64]
 X_AXIS = np.array([1.0, 0.0, 0.0])
 
 
-def points_of(rod: Array, count: int = 1800) -> Array:
+def points_of(rod: Float64Array, count: int = 1800) -> Float64Array:
     """About the middle of the table, as a fit has them."""
     return cloud(rod, count=count).points_world.astype(np.float64) - [0.5, 0.0, 0.0]
 
 
-def nodes_of(name: str) -> Array:
+def nodes_of(name: str) -> Float64Array:
     return shape(name) - [0.5, 0.0, 0.0]
 
 

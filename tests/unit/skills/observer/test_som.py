@@ -3,7 +3,6 @@
 import msgspec
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from synthetic_clouds import NODES, cloud, rod, shape, state
 
 from dlokit.geometry import resample, rmse_m
@@ -18,19 +17,18 @@ from dlokit.skills.observer.som import (
     organise,
 )
 from dlokit.skills.observer.som_kernels import winners
+from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import Topology
 
-Array = NDArray[np.float64]
 
-
-def spiral(turns: float = 1.0) -> Array:
+def spiral(turns: float = 1.0) -> Float64Array:
     """Turning inwards, to a third of the radius."""
     angle = np.linspace(0.0, 2.0 * np.pi * turns, 800)
     radius = 1.0 - 0.7 * angle / angle[-1]
     return rod(np.column_stack([radius * np.cos(angle), radius * np.sin(angle)]))
 
 
-def unwound(nodes: Array, share: float) -> Array:
+def unwound(nodes: Float64Array, share: float) -> Float64Array:
     """The curve with only a `share` of its bend, about the same centre."""
     steps = np.diff(nodes[:, :2], axis=0)
     heading = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
@@ -40,7 +38,7 @@ def unwound(nodes: Array, share: float) -> Array:
     return np.column_stack([xy - xy.mean(axis=0), np.zeros(len(xy))]) + nodes.mean(axis=0)
 
 
-def step(X: Array, T: Array, h: Array, gate_m: float) -> Array:
+def step(X: Float64Array, T: Float64Array, h: Float64Array, gate_m: float) -> Float64Array:
     winner, distance_m = winners(X, T)
     return batch_update(X, T, h, winner, distance_m < gate_m)
 

@@ -10,7 +10,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from dlokit.errors import SkillFailure
 from dlokit.geometry import arc_lengths, resample, rmse_m
@@ -18,10 +17,9 @@ from dlokit.skills.observer.curve import CurveConfig, FittedCurve, fit_curve
 from dlokit.skills.observer.initialise.ordering import OrderingConfig, Way, faces_itself, links, polyline, ways
 from dlokit.skills.observer.initialise.skeleton import SkeletonConfig, skeleton
 from dlokit.skills.observer.visibility import VisibilityConfig, shaded, supported
+from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import TargetPoints
 from dlokit.types.observation import Observation
-
-Array = NDArray[np.float64]
 
 
 def _first_curve() -> CurveConfig:
@@ -62,7 +60,7 @@ def initial_targets(
     count: int,
     length_m: float | None,
     config: InitialiseConfig | None = None,
-    prior_nodes: Array | None = None,
+    prior_nodes: Float64Array | None = None,
 ) -> TargetPoints:
     """The cloud as `count` nodes in order along a rod of known length [m]; with None, whatever length is seen.
 
@@ -98,7 +96,7 @@ def initial_targets(
     )
 
 
-def oriented(nodes: Array, prior_nodes: Array | None = None) -> Array:
+def oriented(nodes: Float64Array, prior_nodes: Float64Array | None = None) -> Float64Array:
     """The nodes (M, 3) [m] in the prior's direction, or from the end farther to the left (larger y), see the module."""
     if prior_nodes is not None and len(prior_nodes) == len(nodes):
         return nodes if rmse_m(nodes, prior_nodes) <= rmse_m(nodes[::-1], prior_nodes) else nodes[::-1].copy()
@@ -108,7 +106,7 @@ def oriented(nodes: Array, prior_nodes: Array | None = None) -> Array:
     return nodes if first[0] <= last[0] else nodes[::-1].copy()
 
 
-def without_lone_points(points: Array, config: InitialiseConfig) -> Array:
+def without_lone_points(points: Float64Array, config: InitialiseConfig) -> Float64Array:
     """The points (N, 3) [m] that have enough others around them."""
     if len(points) == 0:
         return points
@@ -116,7 +114,7 @@ def without_lone_points(points: Array, config: InitialiseConfig) -> Array:
     return points[counts > 0.25 * np.median(counts)]
 
 
-def _ordered(points: Array, length_m: float | None, config: InitialiseConfig) -> Array:
+def _ordered(points: Float64Array, length_m: float | None, config: InitialiseConfig) -> Float64Array:
     """A line (K, 3) [m] along the rod, from tip to tip, through the points (N, 3) [m]."""
     pieces = skeleton(points, config.skeleton)
     if not 1 <= len(pieces) <= config.most_pieces:
@@ -141,12 +139,12 @@ def _ordered(points: Array, length_m: float | None, config: InitialiseConfig) ->
     return best
 
 
-def _same(a: Array, b: Array, tolerance_m: float) -> bool:
+def _same(a: Float64Array, b: Float64Array, tolerance_m: float) -> bool:
     """Whether two lines (K, 3) [m] run the same way, from whichever end."""
     return rmse_m(resample(a, 50), resample(b, 50), ends_interchangeable=True) < tolerance_m
 
 
-def _check_left_out(way: Way, pieces: list[Array], line: Array, config: InitialiseConfig) -> None:
+def _check_left_out(way: Way, pieces: list[Float64Array], line: Float64Array, config: InitialiseConfig) -> None:
     """Raise ``fragmented`` or ``crossing`` when much of what was seen is not part of the rod."""
     others = [piece for number, piece in enumerate(pieces) if number not in way.pieces]
     left_out_m = sum(float(arc_lengths(piece)[-1]) for piece in others)

@@ -9,11 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from dlokit.geometry import arc_lengths
-
-Array = NDArray[np.float64]
+from dlokit.types.arrays import Float64Array
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,18 +63,18 @@ class Way:
 class Links:
     """All ways from end to end; E = 2 x number of pieces."""
 
-    cost: Array
+    cost: Float64Array
     """(E, E), infinite where there is none."""
-    length_m: Array
+    length_m: Float64Array
     """(E, E)."""
-    points: Array
+    points: Float64Array
     """(E, E, S, 3) [m] places along it."""
 
 
 LINK_STEPS = 13
 
 
-def links(pieces: list[Array], support: Array, longest_gap_m: float, config: OrderingConfig) -> Links:
+def links(pieces: list[Float64Array], support: Float64Array, longest_gap_m: float, config: OrderingConfig) -> Links:
     """The links between the ends of pieces (K_i, 3) [m], supported by points (N, 3) [m].
 
     The bending energy is that of the cubic between the middles of the two last stretches with their directions,
@@ -112,15 +110,15 @@ def links(pieces: list[Array], support: Array, longest_gap_m: float, config: Ord
     return result
 
 
-def _energy(leaving: Array, arriving: Array, span_m: Array) -> Array:
+def _energy(leaving: Float64Array, arriving: Float64Array, span_m: Float64Array) -> Float64Array:
     return 4.0 / span_m * (_dot(leaving, leaving) + _dot(leaving, arriving) + _dot(arriving, arriving))
 
 
-def _dot(a: Array, b: Array) -> Array:
+def _dot(a: Float64Array, b: Float64Array) -> Float64Array:
     return np.sum(a * b, axis=1)
 
 
-def _turn(chord: Array, direction: Array) -> Array:
+def _turn(chord: Float64Array, direction: Float64Array) -> Float64Array:
     """The angle from chords (n, 3) to directions (n, 3), along the part of the direction across the chord (n, 3)."""
     along = _dot(chord, direction)
     across = direction - along[:, None] * chord
@@ -128,7 +126,9 @@ def _turn(chord: Array, direction: Array) -> Array:
     return across * (np.arctan2(size, along) / np.maximum(size, 1e-9))[:, None]
 
 
-def _ends(pieces: list[Array], config: OrderingConfig) -> tuple[Array, Array, Array, Array]:
+def _ends(
+    pieces: list[Float64Array], config: OrderingConfig
+) -> tuple[Float64Array, Float64Array, Float64Array, Float64Array]:
     """For each end the middle of its last stretch, the direction outward there, its last point, the curvature [1/m].
 
     All (E, 3).
@@ -152,7 +152,7 @@ def _ends(pieces: list[Array], config: OrderingConfig) -> tuple[Array, Array, Ar
     return np.array(inner), np.array(outward), np.array(last), np.array(bend)
 
 
-def hermite(start: Array, leaving: Array, end: Array, arriving: Array) -> Array:
+def hermite(start: Float64Array, leaving: Float64Array, end: Float64Array, arriving: Float64Array) -> Float64Array:
     """Places (n, S, 3) along the cubics from `start` to `end` with unit tangents there, all (n, 3)."""
     span = np.linalg.norm(end - start, axis=1)[:, None, None]
     t = np.linspace(0.0, 1.0, LINK_STEPS)[None, :, None]
@@ -162,7 +162,7 @@ def hermite(start: Array, leaving: Array, end: Array, arriving: Array) -> Array:
 
 
 def ways(
-    pieces: list[Array], joined: Links, length_m: float | None, config: OrderingConfig, margin: float
+    pieces: list[Float64Array], joined: Links, length_m: float | None, config: OrderingConfig, margin: float
 ) -> list[Way]:
     """The cheapest way through the pieces (K, 3) [m] and all that cost up to `margin` more, cheapest first."""
     search = _Search(pieces, joined, length_m, config, margin)
@@ -175,7 +175,7 @@ class _Search:
     """Depth first from every end; what costs more than the best way so far and the margin is cut off."""
 
     def __init__(
-        self, pieces: list[Array], joined: Links, length_m: float | None, config: OrderingConfig, margin: float
+        self, pieces: list[Float64Array], joined: Links, length_m: float | None, config: OrderingConfig, margin: float
     ) -> None:
         self._lengths = [float(arc_lengths(piece)[-1]) for piece in pieces]
         self._cost = joined.cost.tolist()
@@ -225,9 +225,9 @@ class _Search:
             self.found.append(Way(cost=total, ends=tuple(entered), length_m=length_m))
 
 
-def polyline(way: Way, pieces: list[Array], joined: Links) -> Array:
+def polyline(way: Way, pieces: list[Float64Array], joined: Links) -> Float64Array:
     """The pieces (K_i, 3) [m] of a way and the links between them as one line (K, 3) [m]."""
-    parts: list[Array] = []
+    parts: list[Float64Array] = []
     for place, end in enumerate(way.ends):
         if place > 0:
             parts.append(joined.points[way.ends[place - 1] ^ 1, end, 1:-1])
@@ -235,7 +235,7 @@ def polyline(way: Way, pieces: list[Array], joined: Links) -> Array:
     return np.vstack(parts)
 
 
-def faces_itself(line: Array, config: OrderingConfig) -> bool:
+def faces_itself(line: Float64Array, config: OrderingConfig) -> bool:
     """Whether the two ends of a line (K, 3) [m] point at each other from near: a ring, cut anywhere."""
     if float(np.linalg.norm(line[0] - line[-1])) > config.facing_m:
         return False

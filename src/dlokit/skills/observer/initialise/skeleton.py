@@ -4,13 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from dlokit.geometry import arc_lengths
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-Indices = NDArray[np.int64]
+from dlokit.types.arrays import BoolArray, Float64Array, Int64Array
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,7 +41,7 @@ class SkeletonConfig:
     """Pieces shorter than this are left out [m]."""
 
 
-def skeleton(points: Array, config: SkeletonConfig) -> list[Array]:
+def skeleton(points: Float64Array, config: SkeletonConfig) -> list[Float64Array]:
     """The unbranched pieces (K, 3) [m] of a cloud (N, 3) [m], each in order, in no order among themselves.
 
     None at all of a cloud that covers an area.
@@ -58,7 +54,7 @@ def skeleton(points: Array, config: SkeletonConfig) -> list[Array]:
     branching = line[[len(near) > 2 for near in joined]]
     if len(branching) > 0:
         _cut(joined, np.flatnonzero(scipy.spatial.KDTree(branching).query(line)[0] < config.junction_m).tolist())
-    pieces: list[Array] = []
+    pieces: list[Float64Array] = []
     for chain in _chains(joined):
         corners = _corners(line[chain], config.corner_m, config.sharpest_rad)
         pieces += [line[part] for part in np.split(np.array(chain), corners)]
@@ -66,7 +62,7 @@ def skeleton(points: Array, config: SkeletonConfig) -> list[Array]:
     return _split_where_met(pieces, config)
 
 
-def contracted(points: Array, config: SkeletonConfig) -> Array:
+def contracted(points: Float64Array, config: SkeletonConfig) -> Float64Array:
     """Points (K, 3) [m] of the cloud (N, 3) [m], averaged over cubes and moved across the line to its middle.
 
     A moving least-squares line (Lee 2000): a point goes to the weighted mean of its neighbours, but only across their
@@ -82,7 +78,7 @@ def contracted(points: Array, config: SkeletonConfig) -> Array:
     return line[around > config.least_share * np.median(around)]
 
 
-def _round(line: Array, weights: Array, pairs: Indices, radius_m: float) -> Array:
+def _round(line: Float64Array, weights: Float64Array, pairs: Int64Array, radius_m: float) -> Float64Array:
     a = np.concatenate([pairs[:, 0], pairs[:, 1], np.arange(len(line))])
     b = np.concatenate([pairs[:, 1], pairs[:, 0], np.arange(len(line))])
     apart = line[b] - line[a]
@@ -98,7 +94,7 @@ def _round(line: Array, weights: Array, pairs: Indices, radius_m: float) -> Arra
     return line + shift - np.sum(shift * along, axis=1)[:, None] * along
 
 
-def averaged(points: Array, voxel_m: float) -> tuple[Array, Array]:
+def averaged(points: Float64Array, voxel_m: float) -> tuple[Float64Array, Float64Array]:
     """The mean (K, 3) of the points in each occupied cube, and their number (K,)."""
     cell = np.floor((points - points.min(axis=0)) / voxel_m).astype(np.int64)
     size = cell.max(axis=0) + 1
@@ -109,7 +105,7 @@ def averaged(points: Array, voxel_m: float) -> tuple[Array, Array]:
     return np.column_stack(means), counts.astype(np.float64)
 
 
-def spaced(points: Array, spacing_m: float) -> Array:
+def spaced(points: Float64Array, spacing_m: float) -> Float64Array:
     """Some of the points (N, 3) [m], none nearer than `spacing_m` to another, and all others so near to one of them."""
     neighbours = scipy.spatial.KDTree(points).query_ball_point(points, spacing_m)
     free = np.ones(len(points), dtype=np.bool_)
@@ -121,7 +117,7 @@ def spaced(points: Array, spacing_m: float) -> Array:
     return points[kept]
 
 
-def spanning_tree(points: Array, longest_m: float) -> "scipy.sparse.csr_matrix":
+def spanning_tree(points: Float64Array, longest_m: float) -> "scipy.sparse.csr_matrix":
     """The minimum spanning tree (K, K) of the points, or forest, by edges up to `longest_m`, weights [m]."""
     edges = scipy.spatial.KDTree(points).query_pairs(longest_m, output_type="ndarray")
     lengths = np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1)
@@ -191,7 +187,7 @@ def _chains(joined: Neighbours) -> list[list[int]]:
     return chains
 
 
-def _corners(chain: Array, reach_m: float, sharpest: float) -> list[int]:
+def _corners(chain: Float64Array, reach_m: float, sharpest: float) -> list[int]:
     """Where a way (K, 3) [m] turns by more than `sharpest` [rad] within `reach_m` to both sides."""
     s = arc_lengths(chain)
     found: list[tuple[float, int]] = []
@@ -208,7 +204,7 @@ def _corners(chain: Array, reach_m: float, sharpest: float) -> list[int]:
     return sorted(taken)
 
 
-def _split_where_met(pieces: list[Array], config: SkeletonConfig) -> list[Array]:
+def _split_where_met(pieces: list[Float64Array], config: SkeletonConfig) -> list[Float64Array]:
     """The pieces, those split in two to which the end of another points from near."""
     if len(pieces) == 0:
         return []
@@ -233,7 +229,7 @@ def _split_where_met(pieces: list[Array], config: SkeletonConfig) -> list[Array]
     return [part for part in parts if len(part) > 1 and arc_lengths(part)[-1] >= config.least_m]
 
 
-def _inside(piece: Array, margin_m: float) -> Flags:
+def _inside(piece: Float64Array, margin_m: float) -> BoolArray:
     """Which points of a piece (K, 3) [m] are farther than a margin from both its ends along it, (K,)."""
     s = arc_lengths(piece)
     return (s > margin_m) & (s < s[-1] - margin_m)

@@ -4,10 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+from dlokit.types.arrays import Float64Array, Int64Array
 
 _NEARER = 1.0 - 1e-6
 """A point leaves its segment only where the squared distance to the next is less than this times its own. Outside
@@ -18,16 +16,18 @@ of a bend the node between two segments is the nearest place on both, and roundi
 class Assignment:
     """Every point's place on the chain."""
 
-    segment: Indices
+    segment: Int64Array
     """(N,) j, between nodes j and j + 1."""
-    t: Array
+    t: Float64Array
     """(N,) share of the segment from node j, in [0, 1]; past the chain's ends it goes on, below 0 and above 1."""
-    distance2: Array
+    distance2: Float64Array
     """(N,) squared distance to that place [m²]; past an end, to the line on from it."""
 
 
 @njit(cache=True, fastmath={"reassoc", "contract"})
-def soft_places(points: Array, nodes: Array, sigma_m: float, outlier_ratio: float) -> tuple[Array, Array]:
+def soft_places(
+    points: Float64Array, nodes: Float64Array, sigma_m: float, outlier_ratio: float
+) -> tuple[Float64Array, Float64Array]:
     """What the points say of the nodes: weights (M,) and weighted sums of points (M, 3) [m].
 
     p_mn = g(|p_n - x_m|) / (sum_k g(|p_n - x_k|) + outlier_ratio): a mixture with an outlier class of uniform
@@ -62,7 +62,7 @@ def soft_places(points: Array, nodes: Array, sigma_m: float, outlier_ratio: floa
 
 
 @njit(cache=True)
-def nearest_segment(points: Array, nodes: Array) -> Indices:
+def nearest_segment(points: Float64Array, nodes: Float64Array) -> Int64Array:
     """The segment at the node nearest to each point, (N,)."""
     found = np.empty(points.shape[0], dtype=np.int64)
     for n in range(points.shape[0]):
@@ -77,7 +77,7 @@ def nearest_segment(points: Array, nodes: Array) -> Indices:
     return found
 
 
-def assign(points: Array, nodes: Array, around: Indices, first: Indices, window: int) -> Assignment:
+def assign(points: Float64Array, nodes: Float64Array, around: Int64Array, first: Int64Array, window: int) -> Assignment:
     """The nearest place of each point, walking along the chain from `around` (N,), not beyond `window` of `first` (N,).
 
     The window is in segments, so in arc length: where the rod crosses itself, a point does not jump to the
@@ -88,7 +88,9 @@ def assign(points: Array, nodes: Array, around: Indices, first: Indices, window:
 
 
 @njit(cache=True)
-def _assign(points: Array, nodes: Array, around: Indices, first: Indices, window: int) -> tuple[Indices, Array, Array]:
+def _assign(
+    points: Float64Array, nodes: Float64Array, around: Int64Array, first: Int64Array, window: int
+) -> tuple[Int64Array, Float64Array, Float64Array]:
     last = nodes.shape[0] - 2
     count = points.shape[0]
     segment, t, distance2 = np.empty(count, dtype=np.int64), np.empty(count), np.empty(count)
@@ -109,7 +111,7 @@ def _assign(points: Array, nodes: Array, around: Indices, first: Indices, window
 
 
 @njit(cache=True)
-def _projected(point: Array, nodes: Array, at: int, last: int) -> tuple[float, float, float]:
+def _projected(point: Float64Array, nodes: Float64Array, at: int, last: int) -> tuple[float, float, float]:
     """Share along the line of a segment, the same kept to the chain, and squared distance to that place."""
     e0, e1, e2 = nodes[at + 1, 0] - nodes[at, 0], nodes[at + 1, 1] - nodes[at, 1], nodes[at + 1, 2] - nodes[at, 2]
     o0, o1, o2 = point[0] - nodes[at, 0], point[1] - nodes[at, 1], point[2] - nodes[at, 2]
@@ -135,15 +137,15 @@ def inlier_probability(distance2: float, sigma_m: float, limit: float) -> float:
 
 @njit(cache=True)
 def moments(
-    points: Array,
-    segment: Indices,
-    t: Array,
-    distance2: Array,
+    points: Float64Array,
+    segment: Int64Array,
+    t: Float64Array,
+    distance2: Float64Array,
     segments: int,
     sigma_m: float,
     limit: float,
     most: float,
-) -> Array:
+) -> Float64Array:
     """What the points say of each segment, (segments, 9): sums of w, w t, w t², w p and w t p.
 
     w = inlier probability / sigma², scaled down where the segment would have more than `most` inliers. Points

@@ -6,9 +6,8 @@ coordinates a node that is a band of 8 below the diagonal, so that H x = b costs
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from dlokit.types.arrays import Float64Array
 
 BELOW = 8
 """Diagonals below the main one: 3 coordinates times 2 nodes plus 2."""
@@ -19,22 +18,22 @@ class ChainSystem:
 
     def __init__(self, count: int) -> None:
         """`count` M nodes, all zero."""
-        self.band: Array = np.zeros((3 * count, BELOW + 1))
+        self.band: Float64Array = np.zeros((3 * count, BELOW + 1))
         """(3 M, 9): entry [r, 8 - k] is H[r, r - k], k at most 8."""
-        self.rhs: Array = np.zeros((count, 3))
+        self.rhs: Float64Array = np.zeros((count, 3))
         """(M, 3): b."""
 
-    def solve(self) -> Array:
+    def solve(self) -> Float64Array:
         """x (M, 3). H must be positive definite: every node needs some term."""
         return solve(self.band, self.rhs)
 
-    def covariance(self) -> Array:
+    def covariance(self) -> Float64Array:
         """The diagonal blocks of H⁻¹, (M, 3, 3): each node's covariance."""
         return inverse_blocks(self.band)
 
 
 @njit(cache=True)
-def add_block(band: Array, row: int, column: int, scale: float, block: Array) -> None:
+def add_block(band: Float64Array, row: int, column: int, scale: float, block: Float64Array) -> None:
     """H += scale * `block` (3, 3) at nodes (row, column), row >= column; of a diagonal block the lower half."""
     for p in range(3):
         r = 3 * row + p
@@ -45,7 +44,7 @@ def add_block(band: Array, row: int, column: int, scale: float, block: Array) ->
 
 
 @njit(cache=True)
-def factorised(band: Array) -> Array:
+def factorised(band: Float64Array) -> Float64Array:
     """The Cholesky factor L of H, H = L Lᵀ, both (3 M, 9) in the storage by bands."""
     factor = np.zeros_like(band)
     for i in range(band.shape[0]):
@@ -62,7 +61,7 @@ def factorised(band: Array) -> Array:
 
 
 @njit(cache=True)
-def solve(band: Array, rhs: Array) -> Array:
+def solve(band: Float64Array, rhs: Float64Array) -> Float64Array:
     """x (M, 3) of H x = b (M, 3)."""
     factor = factorised(band)
     n = band.shape[0]
@@ -79,7 +78,7 @@ def solve(band: Array, rhs: Array) -> Array:
 
 
 @njit(cache=True)
-def inverse_blocks(band: Array) -> Array:
+def inverse_blocks(band: Float64Array) -> Float64Array:
     """The diagonal blocks of H⁻¹ (M, 3, 3), by Takahashi's recursion: only what lies within the band is computed."""
     factor = factorised(band)
     n = band.shape[0]

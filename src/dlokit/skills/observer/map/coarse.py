@@ -2,19 +2,17 @@
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from dlokit.skills.observer.map.assign import soft_places
 from dlokit.skills.observer.map.problem import MapProblem, with_priors
 from dlokit.skills.observer.map.settings import MapSettings
 from dlokit.skills.observer.map.terms import add_places
 from dlokit.skills.observer.mixture import thinned
-
-Array = NDArray[np.float64]
+from dlokit.types.arrays import Float64Array
 
 
 @njit(cache=True)
-def moved_rigidly(before: Array, after: Array, weights: Array) -> Array:
+def moved_rigidly(before: Float64Array, after: Float64Array, weights: Float64Array) -> Float64Array:
     """`before` (M, 3) [m] turned and shifted to lie on `after` (M, 3) [m], by weights (M,), their sum above 0.
 
     R maximises tr(Rᵀ (C + kappa I)), C = sum w (after - mean) (before - mean)ᵀ (Kabsch). A straight rod does not
@@ -48,7 +46,7 @@ def moved_rigidly(before: Array, after: Array, weights: Array) -> Array:
     return moved
 
 
-def coarse(problem: MapProblem, config: MapSettings) -> tuple[Array, Array]:
+def coarse(problem: MapProblem, config: MapSettings) -> tuple[Float64Array, Float64Array]:
     """Nodes near the cloud, and the nodes before moved rigidly to them; both (M, 3) [m].
 
     Points belong to nodes softly, with a Gaussian that narrows from the way since the last cloud to about a

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from dlokit.skills.observer.map.assign import Assignment, assign, moments, nearest_segment
 from dlokit.skills.observer.map.band import ChainSystem
@@ -12,14 +11,13 @@ from dlokit.skills.observer.map.problem import MapProblem, with_priors
 from dlokit.skills.observer.map.settings import MapSettings
 from dlokit.skills.observer.map.terms import add_place, add_points, add_tip
 from dlokit.skills.observer.map.tips import Tips, extent, places_along, seen_tips
-
-Array = NDArray[np.float64]
+from dlokit.types.arrays import BoolArray, Float64Array, Int64Array
 
 _END_M = 0.02  # past an end the curve goes straight on, along its last stretch of this length
 
 
 @njit(cache=True)
-def arc_lengths(nodes: Array) -> Array:
+def arc_lengths(nodes: Float64Array) -> Float64Array:
     """Arc length of each node (M, 3) from node 0, (M,) [m]."""
     s = np.zeros(nodes.shape[0])
     for i in range(1, nodes.shape[0]):
@@ -29,7 +27,7 @@ def arc_lengths(nodes: Array) -> Array:
 
 
 @njit(cache=True)
-def places(nodes: Array, s: Array, wanted_m: Array) -> Array:
+def places(nodes: Float64Array, s: Float64Array, wanted_m: Float64Array) -> Float64Array:
     """Positions (n, 3) at arc lengths (n,) of the chain (M, 3), whose nodes lie at s (M,); straight on past an end."""
     found = np.empty((wanted_m.shape[0], 3))
     for axis in range(3):
@@ -47,25 +45,21 @@ def places(nodes: Array, s: Array, wanted_m: Array) -> Array:
     return found
 
 
-Flags = NDArray[np.bool_]
-Indices = NDArray[np.int64]
-
-
 @dataclass(frozen=True, kw_only=True)
 class Fitted:
     """The most probable nodes, and what the cloud said at the end."""
 
-    nodes: Array
+    nodes: Float64Array
     """(M, 3) [m] about the problem's origin."""
     placed: Assignment
     tips: Tips
-    supported: Flags
+    supported: BoolArray
     """(M,) whether enough points lie at the node's part of the rod."""
-    shaded: Flags
+    shaded: BoolArray
     """(M,) whether the node is out of the picture, behind the robot, or behind the rod itself."""
 
 
-def fine(problem: MapProblem, nodes: Array, before: Array, config: MapSettings) -> Fitted:
+def fine(problem: MapProblem, nodes: Float64Array, before: Float64Array, config: MapSettings) -> Fitted:
     """Gauss-Newton from the coarse `nodes`; every other step begins with the nodes at their places from the tips.
 
     `nodes` and those of the cloud `before` are (M, 3) [m], about the problem's origin.
@@ -99,15 +93,15 @@ def fine(problem: MapProblem, nodes: Array, before: Array, config: MapSettings) 
     )
 
 
-def slid(nodes: Array, wanted_m: Array) -> Array:
+def slid(nodes: Float64Array, wanted_m: Float64Array) -> Float64Array:
     """The nodes (M, 3) moved along their own curve to arc lengths (M,) [m]."""
     return places(nodes, arc_lengths(nodes), wanted_m)
 
 
 def add_cloud(
     system: ChainSystem,
-    points: Array,
-    nodes: Array,
+    points: Float64Array,
+    nodes: Float64Array,
     placed: Assignment,
     sigma_m: float,
     most_points: float,
@@ -130,7 +124,7 @@ def add_cloud(
     add_points(system.band, system.rhs, nodes, sums)
 
 
-def add_tips(system: ChainSystem, nodes: Array, tips: Tips, sigma_m: float) -> None:
+def add_tips(system: ChainSystem, nodes: Float64Array, tips: Tips, sigma_m: float) -> None:
     """Seen tips of the nodes (M, 3) [m] stay where `places_along` has put them, along the rod."""
     last = len(nodes) - 1
     for known, end, inner in ((tips.first_m, 0, 2), (tips.last_m, last, last - 2)):
@@ -139,7 +133,7 @@ def add_tips(system: ChainSystem, nodes: Array, tips: Tips, sigma_m: float) -> N
 
 
 def add_free_space(
-    system: ChainSystem, problem: MapProblem, nodes: Array, placed: Assignment, config: MapSettings
+    system: ChainSystem, problem: MapProblem, nodes: Float64Array, placed: Assignment, config: MapSettings
 ) -> None:
     """Nodes in open view without points cannot be there: each is drawn to the nearest shade or point of the rod.
 
@@ -165,7 +159,9 @@ def add_free_space(
         add_place(system.band, system.rhs, node, place, config.free_space_m * (1.0 + far2 / reach**2))
 
 
-def find_tips(problem: MapProblem, nodes: Array, placed: Assignment, sigma_m: float, config: MapSettings) -> Tips:
+def find_tips(
+    problem: MapProblem, nodes: Float64Array, placed: Assignment, sigma_m: float, config: MapSettings
+) -> Tips:
     """The tips that the cloud shows, on the polyline of the nodes (M, 3) [m]."""
     s = arc_lengths(nodes)
     near = placed.distance2 < (config.outlier_limit * sigma_m) ** 2
@@ -181,7 +177,7 @@ def find_tips(problem: MapProblem, nodes: Array, placed: Assignment, sigma_m: fl
     return seen_tips(found, float(problem.rod_m[-1]), bool(cut[:3].any()), bool(cut[3:].any()), snap_m, config.tips)
 
 
-def supports(placed: Assignment, count: int, config: MapSettings) -> Flags:
+def supports(placed: Assignment, count: int, config: MapSettings) -> BoolArray:
     """Which nodes (count,) have enough points at their part of the rod."""
     return _supporting(placed.segment, placed.t, placed.distance2, config.visibility.radius_m, count) >= (
         config.visibility.least_points
@@ -189,7 +185,9 @@ def supports(placed: Assignment, count: int, config: MapSettings) -> Flags:
 
 
 @njit(cache=True)
-def _supporting(segment: Indices, t: Array, distance2: Array, radius_m: float, count: int) -> Indices:
+def _supporting(
+    segment: Int64Array, t: Float64Array, distance2: Float64Array, radius_m: float, count: int
+) -> Int64Array:
     """How many points lie at each node's part of the rod, (count,)."""
     found = np.zeros(count, dtype=np.int64)
     for n in range(segment.shape[0]):

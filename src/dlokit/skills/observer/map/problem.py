@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from dlokit.skills.observer.map.band import ChainSystem
 from dlokit.skills.observer.map.settings import MapSettings
@@ -12,11 +11,9 @@ from dlokit.skills.observer.map.terms import add_coherence, add_lengths, add_pla
 from dlokit.skills.observer.map.view import View, view_of
 from dlokit.skills.observer.mixture import thinned
 from dlokit.skills.observer.visibility import SURE_M, VisibilityConfig
+from dlokit.types.arrays import BoolArray, Float64Array
 from dlokit.types.dlo import DloState
 from dlokit.types.observation import GripperPin, Observation
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,33 +22,33 @@ class MapProblem:
 
     view: View | None
     """The camera; None where nobody knows it."""
-    origin: Array
+    origin: Float64Array
     """(3,) [m] in the world."""
-    points: Array
+    points: Float64Array
     """(N, 3) [m], thinned."""
-    before: Array
+    before: Float64Array
     """The nodes before (M, 3) [m]."""
-    variance_before: Array
+    variance_before: Float64Array
     """How unsure the nodes before were, in all directions together (M,) [m²]; inf where nobody knows."""
-    rod_m: Array
+    rod_m: Float64Array
     """Arc length of the nodes on the rod (M,) [m]."""
-    rest_m: Array
+    rest_m: Float64Array
     """Rest lengths (M - 1,) [m]."""
-    K_d: Array
-    K_x: Array
+    K_d: Float64Array
+    K_x: Float64Array
     """Coherence and bending, as `terms.coherence` gives them (M, 3)."""
     way_m: float
     """How far the rod is from where it was [m]: `way_since`, or what its grippers went."""
-    pins: tuple[tuple[int, Array], ...]
+    pins: tuple[tuple[int, Float64Array], ...]
     """Held nodes and where (3,) [m]."""
     floor_m: float
     """Lowest z of a node [m]; -inf where there is no table."""
 
-    def shaded(self, positions: Array, config: VisibilityConfig) -> Flags:
+    def shaded(self, positions: Float64Array, config: VisibilityConfig) -> BoolArray:
         """Whether each position (K, 3) [m] is known to be hidden: out of the picture or behind the robot, (K,)."""
         return np.zeros(len(positions), dtype=np.bool_) if self.view is None else self.view.shaded(positions, config)
 
-    def hidden(self, nodes: Array, alone: Flags, config: MapSettings) -> Flags:
+    def hidden(self, nodes: Float64Array, alone: BoolArray, config: MapSettings) -> BoolArray:
         """Whether each node (M, 3) [m] is known to be hidden, (M,); by the rod itself only nodes `alone` (M,)."""
         shaded = self.shaded(nodes, config.visibility)
         if self.view is None or not np.any(alone & ~shaded):
@@ -84,7 +81,7 @@ def posed(seen: Observation, prior: DloState, held: tuple[GripperPin, ...], conf
     )
 
 
-def _floor_m(points: Array, before: Array, table_m: float, config: MapSettings) -> float:
+def _floor_m(points: Float64Array, before: Float64Array, table_m: float, config: MapSettings) -> float:
     """Lowest z of a node [m]: `table_m`, or none where the cloud (N, 3) or the nodes before (M, 3) [m] lie below it.
 
     Then there is no table, as under a cable that hangs between two hands in a frame of another origin.
@@ -94,7 +91,7 @@ def _floor_m(points: Array, before: Array, table_m: float, config: MapSettings) 
     return -np.inf if is_below else table_m
 
 
-def _variance(prior: DloState) -> Array:
+def _variance(prior: DloState) -> Float64Array:
     """How unsure the prior's nodes are, in all directions together (M,) [m²]; inf where nobody knows.
 
     An observer without covariance is taken to know the nodes that it saw to `SURE_M`.
@@ -105,7 +102,7 @@ def _variance(prior: DloState) -> Array:
     return sure if prior.visible is None else np.where(prior.visible, sure, np.inf)
 
 
-def way_since(points: Array, before: Array, config: MapSettings) -> float:
+def way_since(points: Float64Array, before: Float64Array, config: MapSettings) -> float:
     """How far the rod went: 1.5 times the distance of four points in five to the nodes before, within limits [m].
 
     Points (n, 3) see only the way across the rod, hence the 1.5.
@@ -116,7 +113,7 @@ def way_since(points: Array, before: Array, config: MapSettings) -> float:
 
 
 @njit(cache=True)
-def to_nodes_m(points: Array, nodes: Array) -> Array:
+def to_nodes_m(points: Float64Array, nodes: Float64Array) -> Float64Array:
     """Distance (N,) [m] of points (N, 3) to the nearest of the nodes (M, 3)."""
     distance = np.empty(points.shape[0])
     for n in range(points.shape[0]):
@@ -129,7 +126,12 @@ def to_nodes_m(points: Array, nodes: Array) -> Array:
 
 
 def with_priors(
-    problem: MapProblem, nodes: Array, before: Array, way_m: float, length_sigma_m: float, config: MapSettings
+    problem: MapProblem,
+    nodes: Float64Array,
+    before: Float64Array,
+    way_m: float,
+    length_sigma_m: float,
+    config: MapSettings,
 ) -> ChainSystem:
     """Normal equations at `nodes` with all that does not come from the cloud; `before` moved rigidly.
 

@@ -10,18 +10,16 @@ from functools import lru_cache
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from dlokit.skills.observer.map.band import BELOW, add_block
 from dlokit.skills.observer.map.settings import ChainPriors
-
-Array = NDArray[np.float64]
+from dlokit.types.arrays import Float64Array
 
 _BELOW_M = 1e-6  # the least depth under the table that counts
 
 
 @lru_cache(maxsize=8)
-def coherence(count: int, step_m: float, priors: ChainPriors) -> tuple[Array, Array]:
+def coherence(count: int, step_m: float, priors: ChainPriors) -> tuple[Float64Array, Float64Array]:
     """K_d and K_x of the quadratic forms dᵀ K_d d and xᵀ K_x x, the same for each coordinate, as bands (M, 3).
 
     sum |d_{i+1} - d_i|² / (strain² h) + sum |d_{i+1} - 2 d_i + d_{i-1}|² / (bend² h³), for a way of 1 m since the
@@ -35,7 +33,7 @@ def coherence(count: int, step_m: float, priors: ChainPriors) -> tuple[Array, Ar
     return _lower_band(K_d), _lower_band(bends / priors.straight_per_m05**2)
 
 
-def _lower_band(K: Array) -> Array:
+def _lower_band(K: Float64Array) -> Float64Array:
     band = np.zeros((len(K), 3))
     for k in range(3):
         band[k:, k] = np.diagonal(K, -k)
@@ -43,7 +41,9 @@ def _lower_band(K: Array) -> Array:
 
 
 @njit(cache=True)
-def add_coherence(band: Array, rhs: Array, before: Array, K: Array, K_x: Array) -> None:
+def add_coherence(
+    band: Float64Array, rhs: Float64Array, before: Float64Array, K: Float64Array, K_x: Float64Array
+) -> None:
     """Motion coherence and bending: H += (K + K_x) ⊗ I and b += K y, y `before` (M, 3) [m]; K, K_x as bands (M, 3)."""
     for i in range(K.shape[0]):
         for k in range(min(i, 2) + 1):
@@ -55,7 +55,9 @@ def add_coherence(band: Array, rhs: Array, before: Array, K: Array, K_x: Array) 
 
 
 @njit(cache=True)
-def add_lengths(band: Array, rhs: Array, nodes: Array, rest_m: Array, sigma_m: float) -> None:
+def add_lengths(
+    band: Float64Array, rhs: Float64Array, nodes: Float64Array, rest_m: Float64Array, sigma_m: float
+) -> None:
     """Rest lengths: r_j = u_jᵀ (x_{j+1} - x_j) - l_j, which is |x_{j+1} - x_j| - l_j at `nodes` (M, 3) [m]."""
     block, weight = np.empty((3, 3)), 1.0 / sigma_m**2
     for j in range(nodes.shape[0] - 1):
@@ -72,7 +74,7 @@ def add_lengths(band: Array, rhs: Array, nodes: Array, rest_m: Array, sigma_m: f
 
 
 @njit(cache=True)
-def direction(nodes: Array, j: int) -> tuple[float, float, float]:
+def direction(nodes: Float64Array, j: int) -> tuple[float, float, float]:
     """The unit vector u_j along edge j of `nodes` (M, 3)."""
     a = nodes[j + 1, 0] - nodes[j, 0]
     b = nodes[j + 1, 1] - nodes[j, 1]
@@ -82,7 +84,7 @@ def direction(nodes: Array, j: int) -> tuple[float, float, float]:
 
 
 @njit(cache=True)
-def add_places(band: Array, rhs: Array, weights: Array, sums: Array, scale: float) -> None:
+def add_places(band: Float64Array, rhs: Float64Array, weights: Float64Array, sums: Float64Array, scale: float) -> None:
     """Nodes drawn to places: scale w_i (x_i - a_i), with `weights` w (M,) [1/m²] and `sums` w a (M, 3) [1/m]."""
     for i in range(weights.shape[0]):
         for axis in range(3):
@@ -91,7 +93,7 @@ def add_places(band: Array, rhs: Array, weights: Array, sums: Array, scale: floa
 
 
 @njit(cache=True)
-def add_points(band: Array, rhs: Array, nodes: Array, moments: Array) -> None:
+def add_points(band: Float64Array, rhs: Float64Array, nodes: Float64Array, moments: Float64Array) -> None:
     """Distances of points p_n to their segments: r_n = N_j (p_n - (1 - t_n) x_j - t_n x_{j+1}).
 
     N_j = I - u_j u_jᵀ takes the part along the segment away, so that nodes are free to slide: a point says where
@@ -117,7 +119,7 @@ def add_points(band: Array, rhs: Array, nodes: Array, moments: Array) -> None:
 
 
 @njit(cache=True)
-def add_place(band: Array, rhs: Array, node: int, place: Array, sigma_m: float) -> None:
+def add_place(band: Float64Array, rhs: Float64Array, node: int, place: Float64Array, sigma_m: float) -> None:
     """A node at a place (3,) [m] that is known in all directions, as in a gripper: r = x_i - place."""
     for axis in range(3):
         band[3 * node + axis, BELOW] += 1.0 / sigma_m**2
@@ -125,7 +127,7 @@ def add_place(band: Array, rhs: Array, node: int, place: Array, sigma_m: float) 
 
 
 @njit(cache=True)
-def add_tip(band: Array, rhs: Array, nodes: Array, end: int, inner: int, sigma_m: float) -> None:
+def add_tip(band: Float64Array, rhs: Float64Array, nodes: Float64Array, end: int, inner: int, sigma_m: float) -> None:
     """A node that is to stay where it is along the rod: r = uᵀ (x_end - now), u the direction from node `inner`.
 
     `band` (3 M, 9) and `rhs` (M, 3) are added to; `nodes` (M, 3) [m].
@@ -142,7 +144,7 @@ def add_tip(band: Array, rhs: Array, nodes: Array, end: int, inner: int, sigma_m
 
 
 @njit(cache=True)
-def add_table(band: Array, rhs: Array, nodes: Array, height_m: float, sigma_m: float) -> None:
+def add_table(band: Float64Array, rhs: Float64Array, nodes: Float64Array, height_m: float, sigma_m: float) -> None:
     """The table as a half-space: r_i = z_i - height where `nodes` (M, 3) [m] lie below it, else nothing.
 
     Nodes at rest lie exactly at the height, and rounding must not decide whether they are below: a micrometre counts.

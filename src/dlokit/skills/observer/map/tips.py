@@ -4,11 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from dlokit.skills.observer.map.settings import TipConfig
-
-Array = NDArray[np.float64]
+from dlokit.types.arrays import Float64Array
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,7 +28,7 @@ class Tips:
     gap_m: tuple[float, float] | None = None
 
 
-def extent(s: Array, length_m: float, config: TipConfig) -> Extent | None:
+def extent(s: Float64Array, length_m: float, config: TipConfig) -> Extent | None:
     """What points at arc lengths s (n,) [m] cover; None when they are too few to tell."""
     bins = int(np.ceil((length_m + 2 * config.reach_m) / config.bin_m))
     start, end, low, high = _extent(s, -config.reach_m, config.bin_m, bins)
@@ -40,7 +38,7 @@ def extent(s: Array, length_m: float, config: TipConfig) -> Extent | None:
 
 
 @njit(cache=True)
-def _extent(s: Array, low: float, bin_m: float, bins: int) -> tuple[float, float, float, float]:
+def _extent(s: Float64Array, low: float, bin_m: float, bins: int) -> tuple[float, float, float, float]:
     """Start, end, and begin and end of the longest stretch without points; NaN when there are too few."""
     nothing = (np.nan, np.nan, np.nan, np.nan)
     counts = np.zeros(bins)
@@ -70,7 +68,7 @@ def _extent(s: Array, low: float, bin_m: float, bins: int) -> tuple[float, float
 
 
 @njit(cache=True)
-def _edge(s: Array) -> float:
+def _edge(s: Float64Array) -> float:
     """Where points with arc lengths s (n,) end at the upper side [m], although noise blurs the end.
 
     Behind a place s0 well inside, they go on for as long as their density needs to hold the points that lie
@@ -110,7 +108,7 @@ def seen_tips(
     return Tips(first_m=found.start_m if is_first else None, last_m=found.end_m if is_last else None, gap_m=found.gap_m)
 
 
-def places_along(rod_m: Array, tips: Tips) -> Array:
+def places_along(rod_m: Float64Array, tips: Tips) -> Float64Array:
     """Where on the curve nodes at rod lengths (M,) [m] lie, given its tips, (M,) [m].
 
     From each seen tip rod and curve run alike; what does not fit between two tips is taken up by the gap, where

@@ -2,16 +2,12 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from dlokit.skills.observer.map.coarse import coarse
 from dlokit.skills.observer.map.fine import Fitted, fine
 from dlokit.skills.observer.map.problem import MapProblem
 from dlokit.skills.observer.map.settings import MapSettings
 from dlokit.skills.observer.map.trust import health, stated_covariance
-
-Array = NDArray[np.float64]
+from dlokit.types.arrays import Float64Array
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -19,7 +15,7 @@ class FoundNodes:
     """One answer to a problem."""
 
     fitted: Fitted
-    covariance: Array
+    covariance: Float64Array
     """(M, 3, 3) [m²]."""
     health: float
 

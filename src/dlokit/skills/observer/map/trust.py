@@ -2,17 +2,15 @@
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from dlokit.skills.observer.map.fine import Fitted, add_cloud, add_tips
 from dlokit.skills.observer.map.problem import MapProblem, with_priors
 from dlokit.skills.observer.map.settings import MapSettings
 from dlokit.skills.observer.map.terms import add_coherence
+from dlokit.types.arrays import Float64Array
 
-Array = NDArray[np.float64]
 
-
-def stated_covariance(problem: MapProblem, before: Array, fitted: Fitted, config: MapSettings) -> Array:
+def stated_covariance(problem: MapProblem, before: Float64Array, fitted: Fitted, config: MapSettings) -> Float64Array:
     """Covariance of each node (M, 3, 3) [m²].
 
     A node's own is `carried`, of H⁻¹ with the shape before and without; what fits nowhere (`astray_m`) is added to all.
@@ -23,7 +21,9 @@ def stated_covariance(problem: MapProblem, before: Array, fitted: Fitted, config
 
 
 @njit(cache=True)
-def carried(fresh: Array, alone: Array, before: Array, remembered: float, common: float) -> Array:
+def carried(
+    fresh: Float64Array, alone: Float64Array, before: Float64Array, remembered: float, common: float
+) -> Float64Array:
     """Covariance of each node (M, 3, 3) [m²], given its variance `before` (M,) [m²], all directions together.
 
     `fresh` (M, 3, 3) would be right were the shape before exactly right, `alone` did it say nothing. With traces, a
@@ -42,7 +42,9 @@ def carried(fresh: Array, alone: Array, before: Array, remembered: float, common
     return blocks
 
 
-def _shape_covariances(problem: MapProblem, before: Array, fitted: Fitted, config: MapSettings) -> tuple[Array, Array]:
+def _shape_covariances(
+    problem: MapProblem, before: Float64Array, fitted: Fitted, config: MapSettings
+) -> tuple[Float64Array, Float64Array]:
     """The diagonal blocks of H⁻¹ (M, 3, 3) [m²], for a rod that keeps its shape as usual, and for one that does not.
 
     The H that finds the nodes would be overconfident: neighbouring points err alike.
@@ -72,7 +74,7 @@ def astray_m(problem: MapProblem, fitted: Fitted, config: MapSettings) -> float:
     return min(float(np.hypot(gone_m, misfit_m)), config.trust.half_m)
 
 
-def health(problem: MapProblem, fitted: Fitted, covariance: Array, config: MapSettings) -> float:
+def health(problem: MapProblem, fitted: Fitted, covariance: Float64Array, config: MapSettings) -> float:
     """Trust in the whole, 0 to 1: a product of four shares. `covariance` (M, 3, 3) [m²].
 
     Points that lie within 5 standard deviations of the rod, by the share that is usual; 1 / (1 + rms² / half²) with the

@@ -4,18 +4,15 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from dlokit.geometry import rotation
 from dlokit.skills.observer.visibility import VisibilityConfig, in_camera
+from dlokit.types.arrays import BoolArray, Float32Array, Float64Array
 from dlokit.types.image import CameraCalibration
 from dlokit.types.observation import Observation
 
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
-
-def behind_itself(nodes_world: Array, radius_m: float, calibration: CameraCalibration | None) -> Flags:
+def behind_itself(nodes_world: Float64Array, radius_m: float, calibration: CameraCalibration | None) -> BoolArray:
     """Whether another part of a chain hides each node (M, 3) [m] from the camera, (M,).
 
     A node is hidden when its middle lies in the picture of a piece between two other nodes (a strip as wide as
@@ -28,7 +25,7 @@ def behind_itself(nodes_world: Array, radius_m: float, calibration: CameraCalibr
 
 
 @njit(cache=True)
-def behind_in_camera(p_camera: Array, radius_m: float) -> Flags:
+def behind_in_camera(p_camera: Float64Array, radius_m: float) -> BoolArray:
     """`behind_itself` for nodes (M, 3) [m] in the camera's frame, in its picture u = x / z, v = y / z."""
     count = len(p_camera)
     hidden = np.zeros(count, dtype=np.bool_)
@@ -57,9 +54,6 @@ def behind_in_camera(p_camera: Array, radius_m: float) -> Flags:
     return hidden
 
 
-Floats = NDArray[np.float32]
-
-
 _NO_ROBOT = np.full((1, 1), np.inf, dtype=np.float32)
 
 
@@ -67,20 +61,20 @@ _NO_ROBOT = np.full((1, 1), np.inf, dtype=np.float32)
 class View:
     """The camera of one cloud; positions about the problem's origin."""
 
-    R_world_camera: Array
+    R_world_camera: Float64Array
     """(3, 3)."""
-    eye: Array
+    eye: Float64Array
     """(3,) [m]."""
-    pinhole: Array
+    pinhole: Float64Array
     """(6,): fx, fy, cx, cy, width, height [px]."""
-    depth_m: Floats
+    depth_m: Float32Array
     """(rows, columns) of the robot, inf where there is none [m]."""
     scale: int
     """Pixels a cell of `depth_m`."""
     tells: bool
     """Whether it is known what the robot hides."""
 
-    def shaded(self, positions: Array, config: VisibilityConfig) -> Flags:
+    def shaded(self, positions: Float64Array, config: VisibilityConfig) -> BoolArray:
         """Whether each position (K, 3) [m] is out of the picture or behind the robot, (K,)."""
         return _shaded(
             positions,
@@ -93,11 +87,11 @@ class View:
             config.robot_margin_m,
         )
 
-    def behind_itself(self, nodes: Array, radius_m: float) -> Flags:
+    def behind_itself(self, nodes: Float64Array, radius_m: float) -> BoolArray:
         """Whether another part of the chain hides each node (M, 3) [m], (M,)."""
         return behind_in_camera((nodes - self.eye) @ self.R_world_camera, radius_m)
 
-    def nearest_shade(self, position: Array, reach_m: float, config: VisibilityConfig) -> Array | None:
+    def nearest_shade(self, position: Float64Array, reach_m: float, config: VisibilityConfig) -> Float64Array | None:
         """The nearest place (3,) [m] in front of the same plane that the robot hides; None beyond `reach_m`."""
         found = _nearest_shade(
             position,
@@ -112,7 +106,7 @@ class View:
         return found if np.isfinite(found[0]) else None
 
 
-def view_of(seen: Observation, origin: Array) -> View | None:
+def view_of(seen: Observation, origin: Float64Array) -> View | None:
     """The view of a cloud, seen from `origin` (3,) [m] in the world; None where nobody knows the camera."""
     camera = seen.calibration
     if camera is None:
@@ -130,15 +124,15 @@ def view_of(seen: Observation, origin: Array) -> View | None:
 
 @njit(cache=True)
 def _shaded(
-    positions: Array,
-    R: Array,
-    eye: Array,
-    pinhole: Array,
-    depth_m: Floats,
+    positions: Float64Array,
+    R: Float64Array,
+    eye: Float64Array,
+    pinhole: Float64Array,
+    depth_m: Float32Array,
     scale: int,
     margin_px: float,
     behind_m: float,
-) -> Flags:
+) -> BoolArray:
     fx, fy, cx, cy, width, height = pinhole
     rows, columns = depth_m.shape
     hidden = np.zeros(positions.shape[0], dtype=np.bool_)
@@ -166,15 +160,15 @@ def _shaded(
 
 @njit(cache=True)
 def _nearest_shade(
-    position: Array,
-    R: Array,
-    eye: Array,
-    pinhole: Array,
-    depth_m: Floats,
+    position: Float64Array,
+    R: Float64Array,
+    eye: Float64Array,
+    pinhole: Float64Array,
+    depth_m: Float32Array,
     scale: int,
     reach_m: float,
     behind_m: float,
-) -> Array:
+) -> Float64Array:
     fx, fy, cx, cy, _, _ = pinhole
     rows, columns = depth_m.shape
     place = np.full(3, np.nan)

@@ -15,11 +15,9 @@ from numpy.typing import NDArray
 from dlokit.description.arm.panda import PANDA_LINKS, panda_mesh_file
 from dlokit.geometry.camera import back_project, project
 from dlokit.motion.forward_kinematics import link_transforms
-from dlokit.types.arrays import BoolArray, Float32Array, UInt8Array
+from dlokit.types.arrays import BoolArray, Float32Array, Float64Array, UInt8Array
 from dlokit.types.image import CameraCalibration
 from dlokit.types.robot import RobotState
-
-Array = NDArray[np.float64]
 
 _FINE = 2
 """Drawn pixels a camera pixel, along each side: each point of an outline is then good to a quarter of a pixel."""
@@ -39,9 +37,9 @@ _COUNTED = ("link5", "link6", "link7", "hand")
 class Outline:
     """K points on the outline of the arm, where they are believed to be."""
 
-    points_world: Array  # (K, 3) [m] on the arm's surface
-    pixels: Array  # (K, 2) u, v [px]
-    normals: Array  # (K, 2) away from the arm in the picture, of length 1
+    points_world: Float64Array  # (K, 3) [m] on the arm's surface
+    pixels: Float64Array  # (K, 2) u, v [px]
+    normals: Float64Array  # (K, 2) away from the arm in the picture, of length 1
     turns_with_hand: BoolArray  # (K,) whether it is on a part that the last joint turns
 
 
@@ -98,13 +96,13 @@ def _drawn(state: RobotState, camera: CameraCalibration) -> _Drawing:
 
 
 @cache
-def _triangles(link: str) -> Array:
+def _triangles(link: str) -> Float64Array:
     """Corners (T, 3, 3) [m] of a link's mesh, in its frame; the files are binary STL."""
     row = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
     return np.fromfile(panda_mesh_file(link), dtype=row, offset=84)["corners"].astype(np.float64)
 
 
-def _normals(mask: UInt8Array, at: NDArray[np.int64]) -> Array:
+def _normals(mask: UInt8Array, at: NDArray[np.int64]) -> Float64Array:
     """Unit normals (K, 2) of the mask's edge at pixels (K, 2), outwards."""
     soft = np.asarray(cv2.GaussianBlur(mask * 255, (0, 0), _SMOOTH_PX * _FINE))
     slopes = [np.asarray(cv2.Sobel(soft, cv2.CV_32F, *order, ksize=3)) for order in ((1, 0), (0, 1))]
@@ -112,7 +110,7 @@ def _normals(mask: UInt8Array, at: NDArray[np.int64]) -> Array:
     return outwards / np.maximum(np.linalg.norm(outwards, axis=1, keepdims=True), 1e-9)
 
 
-def _standing_free(mask: UInt8Array, at: NDArray[np.int64], normals: Array) -> BoolArray:
+def _standing_free(mask: UInt8Array, at: NDArray[np.int64], normals: Float64Array) -> BoolArray:
     """Whether the table is seen beside each point (K,), and the picture goes on around it."""
     size = np.array(mask.shape[::-1])
     reach = _CLEAR_PX * _FINE
@@ -124,7 +122,7 @@ def _standing_free(mask: UInt8Array, at: NDArray[np.int64], normals: Array) -> B
 
 
 @njit(cache=True)
-def _draw(triangles: Array, label: int, owner: UInt8Array, depth_m: Float32Array) -> None:
+def _draw(triangles: Float64Array, label: int, owner: UInt8Array, depth_m: Float32Array) -> None:
     """Draw triangles (T, 3, 3) of u, v [px], depth [m]; what is nearer hides what is farther."""
     height, width = owner.shape
     for index in range(len(triangles)):

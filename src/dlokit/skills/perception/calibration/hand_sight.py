@@ -25,12 +25,10 @@ from dlokit.geometry import rotation
 from dlokit.geometry.camera import baseline_m
 from dlokit.skills.perception.calibration.arm_outline import Outline, arm_outline
 from dlokit.skills.perception.config import HandSightConfig
-from dlokit.types.arrays import BoolArray, Float32Array, UInt8Array
+from dlokit.types.arrays import BoolArray, Float32Array, Float64Array, UInt8Array
 from dlokit.types.image import CameraCalibration, CameraCheck, StereoImages
 from dlokit.types.pose import Pose
 from dlokit.types.robot import RobotState
-
-Array = NDArray[np.float64]
 
 _BLUR_PX = 0.7
 _STEP_PX = 0.5
@@ -46,7 +44,7 @@ _LEAST_DIFFERENCE = 25.0
 class Edges:
     """How far from each of K points the edge was found."""
 
-    offsets_px: Array  # (K,) along the normal, positive outwards
+    offsets_px: Float64Array  # (K,) along the normal, positive outwards
     found: BoolArray  # (K,)
 
 
@@ -56,7 +54,7 @@ def difference(picture: UInt8Array, background: UInt8Array) -> Float32Array:
     return np.asarray(cv2.GaussianBlur(changed, (0, 0), _BLUR_PX), dtype=np.float32)
 
 
-def find_edges(changed: Float32Array, pixels: Array, normals: Array, reach_px: float) -> Edges:
+def find_edges(changed: Float32Array, pixels: Float64Array, normals: Float64Array, reach_px: float) -> Edges:
     """The outermost edge of what has changed within `reach_px` of pixels (K, 2), along normals (K, 2)."""
     steps = np.arange(-reach_px, reach_px + 0.5 * _STEP_PX, _STEP_PX)
     places = (pixels[:, None] + normals[:, None] * steps[:, None]).astype(np.float32)
@@ -101,17 +99,17 @@ class _Picture:
 
     changed: Float32Array  # (height, width) against the background
     outline: Outline
-    slopes: Array  # (K, 9) change of the outline along its normals [px] by each unknown
+    slopes: Float64Array  # (K, 9) change of the outline along its normals [px] by each unknown
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Fit:
     """The unknowns, and how well the N edges that were found agree with them."""
 
-    unknowns: Array  # (9,) as in `_slopes`, beyond what was drawn
-    slopes: Array  # (N, 9)
-    errors_px: Array  # (N,)
-    weights: Array  # (N,) 0 for outliers
+    unknowns: Float64Array  # (9,) as in `_slopes`, beyond what was drawn
+    slopes: Float64Array  # (N, 9)
+    errors_px: Float64Array  # (N,)
+    weights: Float64Array  # (N,) 0 for outliers
     picture: NDArray[np.int64]  # (N,) which one it is in
 
 
@@ -144,14 +142,16 @@ def corrected_by(T_world_camera: Pose, check: CameraCheck) -> Pose:
     return _moved(T_world_camera, np.append(check.offset_m, 0.0), np.array([0.0, 0.0, check.yaw_rad]), center)
 
 
-def _moved(T: Pose, by_m: Array, turn_rad: Array, center: Array) -> Pose:
+def _moved(T: Pose, by_m: Float64Array, turn_rad: Float64Array, center: Float64Array) -> Pose:
     """A pose turned about a point `center` (3,) of the world by a rotation vector (3,), and then moved by (3,)."""
     turn = Rotation.from_rotvec(turn_rad)
     place = center + turn.apply(T.position_m - center) + by_m
     return geometry.pose(place, (turn * Rotation.from_quat(T.wxyz, scalar_first=True)).as_quat(scalar_first=True))
 
 
-def _pictures(background: StereoImages, looks: Sequence[HandLook], known: Array, center: Array) -> list[_Picture]:
+def _pictures(
+    background: StereoImages, looks: Sequence[HandLook], known: Float64Array, center: Float64Array
+) -> list[_Picture]:
     """All pictures, with what is expected in them from where the camera is known to be (9,) so far."""
     camera = background.calibration
     shift_m, turn_rad = known[[0, 1, 3]], known[[4, 5, 2]]
@@ -167,7 +167,7 @@ def _pictures(background: StereoImages, looks: Sequence[HandLook], known: Array,
     ]
 
 
-def _picture(robot: RobotState, changed: Float32Array, camera: CameraCalibration, center: Array) -> _Picture:
+def _picture(robot: RobotState, changed: Float32Array, camera: CameraCalibration, center: Float64Array) -> _Picture:
     outline = arm_outline(robot, camera)
     return _Picture(changed=changed, outline=outline, slopes=_slopes(outline, robot, camera, center))
 
@@ -179,7 +179,7 @@ def _both(camera: CameraCalibration) -> tuple[CameraCalibration, CameraCalibrati
     return camera, msgspec.structs.replace(camera, T_world_camera=beside)
 
 
-def _slopes(outline: Outline, robot: RobotState, camera: CameraCalibration, center: Array) -> Array:
+def _slopes(outline: Outline, robot: RobotState, camera: CameraCalibration, center: Float64Array) -> Float64Array:
     """Change of an outline along its normals (K, 9) [px] by each unknown.
 
     The unknowns: the camera's offset x, y [m], its turn about z [rad], its height z [m], its tilts about x, y [rad];
@@ -197,7 +197,9 @@ def _slopes(outline: Outline, robot: RobotState, camera: CameraCalibration, cent
     return np.column_stack([camera_columns, hand_columns, np.ones(len(x))])
 
 
-def _fit(pictures: Sequence[_Picture], known: Array, reaches_px: Sequence[float], config: HandSightConfig) -> _Fit:
+def _fit(
+    pictures: Sequence[_Picture], known: Float64Array, reaches_px: Sequence[float], config: HandSightConfig
+) -> _Fit:
     """Look for the outlines, fit, and look again from there, nearer. Raises `SkillFailure` few_points."""
     fit = _Fit(
         unknowns=np.zeros(9),
@@ -218,13 +220,15 @@ def _fit(pictures: Sequence[_Picture], known: Array, reaches_px: Sequence[float]
     return fit
 
 
-def _search(pictures: Sequence[_Picture], unknowns: Array, reach_px: float) -> tuple[Array, Array, NDArray[np.int64]]:
+def _search(
+    pictures: Sequence[_Picture], unknowns: Float64Array, reach_px: float
+) -> tuple[Float64Array, Float64Array, NDArray[np.int64]]:
     """The edges near to where the outlines are with these unknowns.
 
     Their offsets (N,) [px] from the outlines as drawn, how these change (N, 9), and which picture each is in (N,).
     """
-    offsets: list[Array] = []
-    slopes: list[Array] = []
+    offsets: list[Float64Array] = []
+    slopes: list[Float64Array] = []
     for picture in pictures:
         moved_px = picture.slopes @ unknowns
         outline = picture.outline
@@ -236,7 +240,9 @@ def _search(pictures: Sequence[_Picture], unknowns: Array, reach_px: float) -> t
     return np.concatenate(offsets), np.concatenate(slopes), numbers
 
 
-def _fitted(b: Array, A: Array, picture: NDArray[np.int64], known: Array, config: HandSightConfig) -> _Fit:
+def _fitted(
+    b: Float64Array, A: Float64Array, picture: NDArray[np.int64], known: Float64Array, config: HandSightConfig
+) -> _Fit:
     """The unknowns from offsets `b` (N,) and slopes `A` (N, 9): least squares with Tukey's weights, and priors."""
     tilt, hand = config.tilt_sigma_rad, config.hand_sigma_m
     prior = np.array([np.inf, np.inf, np.inf, config.height_sigma_m, tilt, tilt, hand, hand, np.inf]) ** -2.0
@@ -254,7 +260,7 @@ def _fitted(b: Array, A: Array, picture: NDArray[np.int64], known: Array, config
 
 def _scatter_m(fit: _Fit) -> float:
     """How far each picture alone would still move the camera along the table, root mean square [m]."""
-    left: list[Array] = []
+    left: list[Float64Array] = []
     for number in np.unique(fit.picture):
         mine = fit.picture == number
         root = np.sqrt(fit.weights[mine])

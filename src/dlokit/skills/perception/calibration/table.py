@@ -6,7 +6,6 @@ numbers of a pose. The other three (a shift along the table, a turn about the ve
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from dlokit.geometry import rotation
@@ -14,11 +13,9 @@ from dlokit.geometry.camera import PlaneDisparity, baseline_m, plane_disparity
 from dlokit.skills.perception.cloud import box_outline
 from dlokit.skills.perception.config import BoxConfig, TableConfig
 from dlokit.skills.perception.rectification import grey
-from dlokit.types.arrays import BoolArray, Float32Array, UInt8Array
+from dlokit.types.arrays import BoolArray, Float32Array, Float64Array, UInt8Array
 from dlokit.types.image import CameraCalibration, StereoImages
 from dlokit.types.pose import Pose
-
-Array = NDArray[np.float64]
 
 _BLUR_PX = 1.5
 """Standard deviation of the blur before the alignment [px]: wider than the disparities to be corrected."""
@@ -58,7 +55,7 @@ def _aligned(
     wanted = cv2.GaussianBlur(left, (0, 0), _BLUR_PX)[rows, columns].astype(np.float64)
     blurred = np.asarray(cv2.GaussianBlur(right, (0, 0), _BLUR_PX), dtype=np.float32)
     slope = np.asarray(cv2.Sobel(blurred, cv2.CV_32F, 1, 0, ksize=3, scale=1 / 8), dtype=np.float32)
-    p: Array = np.array([believed.per_u, believed.per_v, believed.constant])
+    p: Float64Array = np.array([believed.per_u, believed.per_v, believed.constant])
     agreeing = 0
     for _ in range(_ITERATIONS):
         at_u = u - (p[0] * u + p[1] * v + p[2])
@@ -78,7 +75,7 @@ def _aligned(
     return PlaneDisparity(per_u=float(p[0]), per_v=float(p[1]), constant=float(p[2]))
 
 
-def _sheared(picture: Float32Array, p: Array) -> Float32Array:
+def _sheared(picture: Float32Array, p: Float64Array) -> Float32Array:
     """The right picture with each pixel moved by the disparity of the plane `p`, (height, width)."""
     shear = np.array([[1.0 - p[0], -p[1], -p[2]], [0.0, 1.0, 0.0]])
     size = (picture.shape[1], picture.shape[0])

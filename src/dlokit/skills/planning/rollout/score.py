@@ -6,8 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from dlokit import geometry
+from dlokit.description.dlo import GRAVITY_M_S2
 from dlokit.description.shapes import self_clearance_m
-from dlokit.rod.believed import GRAVITY_M_S2, ModelConfig
+from dlokit.rod.believed import ModelConfig
 from dlokit.rod.rollout import Played
 from dlokit.skills.planning.actions import FeasibilityConfig
 from dlokit.types.action import Action, Drag, LayDown, Push

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dlokit import geometry
+from dlokit.description.dlo import GRAVITY_M_S2
 from dlokit.rod.believed import ModelConfig
 from dlokit.rod.equilibrium import nearest_held
 from dlokit.rod.nodes import fit_length
@@ -20,7 +21,6 @@ from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloBelief
 from dlokit.types.feasibility import Release
 
-_GRAVITY_M_S2 = 9.81
 _SPREAD = (0.0, 1.0, -1.0, 0.5, -0.5)  # of the doubt: believed, stiffest, softest, between
 
 
@@ -95,7 +95,7 @@ def as_believed(model: ModelConfig, belief: DloBelief) -> ModelConfig:
         model,
         bending_stiffness_n_m2=belief.elastic_m3.value * friction * weight_n_m,
         friction=friction,
-        mass_kg_m=weight_n_m / _GRAVITY_M_S2,
+        mass_kg_m=weight_n_m / GRAVITY_M_S2,
     )
 
 

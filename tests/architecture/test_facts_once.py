@@ -1,0 +1,38 @@
+"""A fact has one home: a number or a definition that stands twice is a defect that waits."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+import dlokit
+
+SOURCE = Path(dlokit.__file__).parent
+
+
+def homes(pattern: str) -> list[str]:
+    return sorted(
+        path.relative_to(SOURCE).as_posix()
+        for path in SOURCE.rglob("*.py")
+        if re.search(pattern, path.read_text(encoding="utf-8"), re.MULTILINE)
+    )
+
+
+@pytest.mark.parametrize(
+    ("pattern", "home"),
+    [
+        (r"\b9\.81\b", "description/dlo.py"),
+        (r"^\w+(: TypeAlias)? = NDArray\[", "types/arrays.py"),
+        (r"truth\.npz\"", "functional/cell/truth.py"),
+    ],
+)
+def test_it_stands_in_one_file(pattern: str, home: str) -> None:
+    assert homes(pattern) == [home]
+
+
+def test_no_two_classes_share_a_name_but_for_the_words_of_messages() -> None:
+    found: dict[str, list[str]] = {}
+    for path in SOURCE.rglob("*.py"):
+        for name in re.findall(r"^class ([A-Z]\w*)", path.read_text(encoding="utf-8"), re.MULTILINE):
+            found.setdefault(name, []).append(path.relative_to(SOURCE).as_posix())
+    assert {name: places for name, places in found.items() if len(places) > 1} == {}
