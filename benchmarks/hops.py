@@ -58,10 +58,11 @@ from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.communication.zenoh.session import ZenohConfig, open_session
 from dlokit.communication.zenoh.transport import ZenohTransport
+from dlokit.decision.convergence import error_m
 from dlokit.decision.looking import look
-from dlokit.decision.steps.perceive import compare, find_dlo, set_goal
-from dlokit.decision.task import Odometer, ShapeTask
-from dlokit.geometry import rmse_m
+from dlokit.decision.steps.goal import set_goal
+from dlokit.decision.steps.perceive import compare, find_dlo
+from dlokit.decision.task import Odometer, ShapeTask, Spent
 from dlokit.system.config import RunConfig
 from dlokit.system.lockstep import LockstepSystem, lockstep_system
 from dlokit.system.results.recording import lockstep_recorder
@@ -164,22 +165,18 @@ async def _begun(system: LockstepSystem, job: ShapeJob, config: RunConfig) -> Sh
         commands=port.stream(topics.COMMAND),
         odometer=Odometer(),
         recorded=lambda record: None,
-        started_ns=port.clock.now_ns(),
+        spent=Spent(started_ns=port.clock.now_ns()),
     )
     await system.clock.sleep(FIRST_STATE_S)
     await find_dlo(task)
     await set_goal(task)
-    if task.state is None or task.goal is None:
-        raise SystemExit(f"the DLO was not found, or the goal not set: {task.reason}")
     return task
 
 
 async def _look_and_compare(task: ShapeTask) -> None:
     """As the boxes of the flow do it: a look, the error, the convergence check."""
     task.state = await look(task)
-    if task.state is None or task.goal is None:
-        raise SystemExit(f"the look brought no state: {task.reason}")
-    task.errors_m.append(rmse_m(task.state.nodes_world, task.goal.nodes_world))
+    task.errors_m.append(error_m(task.shape.nodes_world, task.goal))
     await compare(task)
 
 

@@ -10,7 +10,7 @@ from example_lab import draw_nodes, draw_table, run_example
 
 from dlokit.decision.api import SHAPE_DLO, ShapeProgress
 from dlokit.decision.flow import End, Flow, Step, run_flow
-from dlokit.decision.task import ShapeResult
+from dlokit.decision.records import ShapeResult
 from dlokit.system.lockstep import LockstepSystem
 from dlokit.types.flow import RunOutcome
 from dlokit.types.outcome import Succeeded

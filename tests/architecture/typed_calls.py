@@ -9,7 +9,7 @@ from dlokit.communication.component import Component, implements, implements_rep
 from dlokit.communication.port import Port
 from dlokit.communication.transport import Transport
 from dlokit.decision.api import SHAPE_DLO, ShapeProgress
-from dlokit.decision.task import ShapeResult
+from dlokit.decision.records import ShapeResult
 from dlokit.skills.robot import api as robot
 from dlokit.types.outcome import Outcome
 from dlokit.types.pose import Pose

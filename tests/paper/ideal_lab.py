@@ -20,7 +20,7 @@ from dlokit.communication.transport import Transport
 from dlokit.decision.component import DecisionComponent
 from dlokit.decision.config import TaskConfig
 from dlokit.decision.journal import Journal
-from dlokit.decision.task import ActionRecord, GoalRequest, ShapeResult
+from dlokit.decision.records import ActionRecord, GoalRequest, ShapeResult
 from dlokit.description.shapes import builtin_shape
 from dlokit.rod.believed import ModelConfig
 from dlokit.skills.model.component import ModelComponent

@@ -8,7 +8,7 @@ from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.decision.config import TaskConfig
 from dlokit.decision.journal import Journal
-from dlokit.decision.task import GoalRequest
+from dlokit.decision.records import GoalRequest
 
 
 def test_a_rope_that_slips_out_on_the_way_is_let_go_and_looked_for_again() -> None:

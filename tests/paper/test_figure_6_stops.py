@@ -8,7 +8,6 @@ from ideal_lab import I, S, lab, shape
 from dlokit.decision import component
 from dlokit.decision.config import TaskConfig
 from dlokit.decision.steps import hands
-from dlokit.decision.steps.outcomes import Moved
 from dlokit.decision.task import ShapeTask
 from dlokit.description.shapes import moved
 from dlokit.types.flow import Command, FlowStatus, RunOutcome
@@ -158,7 +157,7 @@ def test_the_operator_stops_the_task_and_the_robot_is_left_safe() -> None:
 def test_a_flow_that_raises_brakes_the_arm_before_the_log_line(monkeypatch: pytest.MonkeyPatch) -> None:
     broken, called = lab(I), list[bool]()
 
-    async def raises(task: ShapeTask) -> Moved:
+    async def raises(task: ShapeTask) -> None:
         raise RuntimeError("a mistake of ours")
 
     class Looks(logging.Handler):

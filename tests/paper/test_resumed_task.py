@@ -11,7 +11,7 @@ from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.decision.config import TaskConfig
 from dlokit.decision.journal import Journal
-from dlokit.decision.task import ActionRecord, GoalRequest, ShapeResult
+from dlokit.decision.records import ActionRecord, GoalRequest, ShapeResult
 from dlokit.description.shapes import builtin_shape
 from dlokit.errors import InputError
 from dlokit.system.results.journal_file import NAME, JournalFile, read_journal

@@ -20,7 +20,7 @@ from dlokit.communication.transport import Transport
 from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.decision.api import SHAPE_DLO, STOP_TASK, ShapeProgress
-from dlokit.decision.task import GoalRequest
+from dlokit.decision.records import GoalRequest
 from dlokit.description.shapes import builtin_shape, moved
 from dlokit.types.flow import Command, OperatorCommand, RunOutcome
 from dlokit.types.outcome import Failed, Outcome, Rejected, Succeeded

@@ -2,7 +2,7 @@
 
 from dlokit.communication.skill import Condition, ReportingSkill, Skill
 from dlokit.decision.config import Infeasible
-from dlokit.decision.task import ActionRecord, GoalRequest, ShapeResult
+from dlokit.decision.records import ActionRecord, GoalRequest, ShapeResult
 from dlokit.types.message import Value
 from dlokit.types.system import StrategySpec
 

@@ -13,15 +13,16 @@ from dlokit.communication import topics
 from dlokit.communication.component import Component, holds, implements, implements_reporting
 from dlokit.decision import api
 from dlokit.decision.config import Infeasible, TaskConfig
+from dlokit.decision.convergence import error_m
 from dlokit.decision.diary import Diary, TaskDiary
 from dlokit.decision.flow import End, run_flow
 from dlokit.decision.journal import Journal, take_up
+from dlokit.decision.records import ActionRecord, GoalRequest, ShapeResult, StepVisit
 from dlokit.decision.shape_flow import RESUME_DLO, SHAPE_DLO
-from dlokit.decision.task import ActionRecord, GoalRequest, Odometer, ShapeResult, ShapeTask, StepVisit
+from dlokit.decision.task import Odometer, ShapeTask, Spent
 from dlokit.description.arm.mounts import instance_of
 from dlokit.description.shapes import builtin_shape
 from dlokit.errors import ConfigError, ShapeError, SkillFailure, SkillRejected
-from dlokit.geometry import rmse_m
 from dlokit.skills.perception import api as perception
 from dlokit.skills.planning import api as planning
 from dlokit.skills.robot import api as robot
@@ -180,14 +181,14 @@ class DecisionComponent(Component):
             odometer=odometer,
             recorded=recorded,
             robots=self._robots,
-            started_ns=self.port.clock.now_ns(),
+            spent=Spent(started_ns=self.port.clock.now_ns()),
         )
         chart = SHAPE_DLO
         if resumed is not None:
             take_up(task, resumed)
             chart = RESUME_DLO
         diary = Diary(task, self.gate, entered, self._keep)
-        flow = asyncio.create_task(run_flow(chart, task, diary.entered), name="shape_dlo")
+        flow = asyncio.create_task(run_flow(chart, task, diary.entered, diary.faulted), name="shape_dlo")
         self._flow, self._stopped_by = flow, ""
         besides = (
             asyncio.create_task(odometer.follow(self.port.stream(topics.ROBOT_STATE)), name="odometer"),
@@ -267,13 +268,6 @@ class DecisionComponent(Component):
                     pass
 
 
-def _error_to_asked(task: ShapeTask) -> float | None:
-    if task.asked is None or task.state is None:
-        return None
-    asked = task.asked
-    return rmse_m(task.state.nodes_world, asked.nodes_world, ends_interchangeable=asked.ends_interchangeable)
-
-
 async def _outcome_of(flow: "asyncio.Task[End]", task: ShapeTask, stopped_by: Callable[[], str]) -> RunOutcome:
     """How the flow ends: by itself, cancelled, or by a mistake of ours; then the task's reason says so."""
     try:
@@ -296,21 +290,23 @@ def _log_mistake(flow: "asyncio.Task[End]") -> None:
 def _result(task: ShapeTask, outcome: RunOutcome, timings: tuple[StepVisit, ...]) -> ShapeResult:
     errors = task.errors_m or [math.nan]
     best = min(errors)
+    goal, start = task.goal_set, task.start
+    asked = None if goal is None else goal.asked
     return ShapeResult(
         outcome=outcome,
         reason=None if outcome is RunOutcome.CONVERGED else task.reason,
         rmse_m=errors[-1],
         best_rmse_m=best,
         best_action=errors.index(best),
-        goal=task.goal,
-        start_nodes_world=task.start.nodes_world if task.start else None,
-        start_stamp_ns=task.start.observed_stamp_ns if task.start else 0,
+        goal=None if goal is None else goal.shape,
+        start_nodes_world=start.nodes_world if start else None,
+        start_stamp_ns=start.observed_stamp_ns if start else 0,
         start_rmse_m=task.errors_m[0] if task.errors_m else None,
         history=tuple(task.history),
-        verdict=task.verdict,
-        asked=task.asked,
-        asked_rmse_m=_error_to_asked(task),
+        verdict=None if goal is None else goal.verdict,
+        asked=asked,
+        asked_rmse_m=None if asked is None or task.state is None else error_m(task.state.nodes_world, asked),
         timings=timings,
-        planning_time_s=task.planning_time_s,
+        planning_time_s=task.spent.planning_time_s,
         camera=task.camera,
     )

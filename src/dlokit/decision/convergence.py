@@ -4,6 +4,14 @@ import enum
 from collections.abc import Sequence
 
 from dlokit.decision.config import TaskConfig
+from dlokit.geometry import rmse_m
+from dlokit.types.arrays import Float64Array
+from dlokit.types.dlo import GoalShape
+
+
+def error_m(nodes_world: Float64Array, goal: GoalShape) -> float:
+    """RMSE of nodes (M, 3) [m] to the goal's, node by node [m]; in the nearer order where the goal allows both."""
+    return rmse_m(nodes_world, goal.nodes_world, ends_interchangeable=goal.ends_interchangeable)
 
 
 class Progress(enum.Enum):

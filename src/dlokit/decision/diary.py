@@ -4,9 +4,11 @@ from collections.abc import Awaitable, Callable
 
 from dlokit.communication import topics
 from dlokit.decision import api
+from dlokit.decision.flow import StepFault
 from dlokit.decision.journal import Journal, journal_of
+from dlokit.decision.records import ActionRecord, StepVisit
 from dlokit.decision.shape_flow import SHAPE_DLO
-from dlokit.decision.task import ActionRecord, ShapeTask, StepVisit
+from dlokit.decision.task import ShapeTask
 from dlokit.types.flow import FlowStatus, RunOutcome
 
 
@@ -39,6 +41,13 @@ class Diary:
             self._keep(journal)
         self._since = (step, self._task.port.clock.now_ns(), self._task.stopwatch())
         self._publish(step, last_outcome, None)
+
+    def faulted(self, fault: StepFault) -> None:
+        """A box could not end as it should: why, should the task end here, and what ended an action under way."""
+        self._task.reason = str(fault)
+        box = None if self._since is None else SHAPE_DLO.step(self._since[0])
+        if box is not None and box.mode is not None and self._task.attempt_under_way is not None:
+            self._task.attempt.ends_early(fault.reason)
 
     def close(self, outcome: RunOutcome) -> None:
         """The task has ended."""

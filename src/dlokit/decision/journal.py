@@ -1,15 +1,9 @@
 """What a shape task must know to go on in another process: written at each box, read after a crash."""
 
-from dlokit.decision.task import FailedPair, GoalRequest, ShapeTask
-from dlokit.types.arrays import Float64Array
+from dlokit.decision.attempt import GraspMemory, MarkedGrasp
+from dlokit.decision.records import GoalRequest
+from dlokit.decision.task import ShapeTask
 from dlokit.types.message import Value
-
-
-class MarkedGrasp(Value, frozen=True, kw_only=True, eq=False):
-    """A grasp that led to nothing from a shape."""
-
-    node: int
-    nodes_world: Float64Array  # (M, 3) [m]
 
 
 class Journal(Value, frozen=True, kw_only=True, eq=False):
@@ -37,19 +31,19 @@ def journal_of(task: ShapeTask) -> Journal | None:
     """What is to be kept of a task now; None before it has a goal."""
     request = task.request
     if request is None:
-        if task.goal is None:
+        if task.goal_set is None:
             return None
-        goal = task.asked or task.goal
+        goal = task.goal_set.asked or task.goal
         request = GoalRequest(
             nodes_world=goal.nodes_world, name=goal.name, ends_interchangeable=goal.ends_interchangeable
         )
     return Journal(
         request=request,
         errors_m=tuple(task.errors_m),
-        marks=tuple(MarkedGrasp(node=pair.node, nodes_world=pair.nodes_world) for pair in task.marks),
-        slips=tuple(sorted(task.slips.items())),
-        elapsed_s=(task.port.clock.now_ns() - task.started_ns) / 1e9,
-        planning_time_s=task.planning_time_s,
+        marks=tuple(task.grasps.marks),
+        slips=tuple(sorted(task.grasps.slips.items())),
+        elapsed_s=(task.port.clock.now_ns() - task.spent.started_ns) / 1e9,
+        planning_time_s=task.spent.planning_time_s,
     )
 
 
@@ -59,9 +53,8 @@ def take_up(task: ShapeTask, journal: Journal) -> None:
     The last error is left out: it is measured again. An action that was under way does not count.
     """
     task.errors_m = list(journal.errors_m[:-1])
-    task.actions_before = journal.actions
-    task.start_accepted = bool(journal.errors_m)
-    task.marks = [FailedPair(node=mark.node, nodes_world=mark.nodes_world) for mark in journal.marks]
-    task.slips = dict(journal.slips)
-    task.started_ns -= round(journal.elapsed_s * 1e9)
-    task.planning_time_s = journal.planning_time_s
+    task.grasps = GraspMemory(marks=list(journal.marks), slips=dict(journal.slips))
+    task.spent.actions = journal.actions
+    task.spent.start_accepted = bool(journal.errors_m)
+    task.spent.started_ns -= round(journal.elapsed_s * 1e9)
+    task.spent.planning_time_s = journal.planning_time_s

@@ -6,7 +6,8 @@ import logging
 
 import numpy as np
 
-from dlokit.decision.steps.outcomes import fail
+from dlokit.decision.faults import result_of
+from dlokit.decision.flow import FaultKind, StepFault
 from dlokit.decision.task import ShapeTask
 from dlokit.skills.model import api as model
 from dlokit.skills.observer import api as observer
@@ -21,13 +22,16 @@ _ALIVE_EVERY_S = 0.5
 """How often it is looked whether they are there, while a state is waited for [s]."""
 
 
-async def state_after(task: ShapeTask, stamp_ns: int) -> DloState | None:
-    """The first model state that knows the cloud of `stamp_ns`; None (and a reason) when it does not come.
+async def state_after(task: ShapeTask, stamp_ns: int) -> DloState:
+    """The first model state that knows the cloud of `stamp_ns`. Raises `StepFault` when it does not come.
 
     It is not waited for while observer or model is gone, or the observer is another than the one that was told where
     the DLO lies: the cloud is lost with them.
     """
-    return await _state_within(task, stamp_ns, task.config.look_timeout_s) or _missed(task, stamp_ns)
+    state = await _state_within(task, stamp_ns, task.config.look_timeout_s)
+    if state is None:
+        raise _missed(task, stamp_ns)
+    return state
 
 
 async def _state_within(task: ShapeTask, stamp_ns: int, seconds: float) -> DloState | None:
@@ -40,30 +44,38 @@ async def _state_within(task: ShapeTask, stamp_ns: int, seconds: float) -> DloSt
     return None
 
 
-def _missed(task: ShapeTask, stamp_ns: int) -> None:
-    """Note that a state did not come, and why."""
-    task.lost = observer.INITIALISE.component
-    task.reason = (
+def _missed(task: ShapeTask, stamp_ns: int) -> StepFault:
+    return StepFault(
+        FaultKind.LOST,
         f"no model state within {task.config.look_timeout_s:g} s of the look at {stamp_ns / 1e9:.3f} s: "
-        "observer or model does not answer, is gone, or was started anew"
+        "observer or model does not answer, is gone, or was started anew",
     )
 
 
 def _is_tracked(task: ShapeTask) -> bool:
     """Whether who makes states is there, and knows of the DLO."""
-    tracking = task.port.alive(observer.INITIALISE.component)
-    return tracking.alive and tracking.server == task.tracked_by and task.port.alive(model.SET_GOAL.component).alive
+    name = observer.INITIALISE.component
+    tracking = task.port.alive(name)
+    told = tracking.alive and tracking.server == task.servers.get(name, "")
+    return told and task.port.alive(model.SET_GOAL.component).alive
 
 
 async def tell_observer(
     task: ShapeTask, stamp_ns: int = 0, expected_world: Float64Array | None = None
 ) -> Outcome[TargetPoints]:
     """Let the observer order the cloud of `stamp_ns` (0: the newest) into nodes, and track the DLO from there."""
-    tracking = task.port.alive(observer.INITIALISE.component)
+    name = observer.INITIALISE.component
+    server = task.port.alive(name).server
     told = await task.port.call(observer.INITIALISE, stamp_ns, expected_world)
     if isinstance(told, Succeeded):
-        task.tracked_by = tracking.server
+        task.servers[name] = server
     return told
+
+
+async def find(task: ShapeTask, stamp_ns: int = 0, expected_world: Float64Array | None = None) -> None:
+    """As `tell_observer`, and wait for the model's state of it. Raises `StepFault` where the DLO is not found."""
+    found = result_of(observer.INITIALISE, await tell_observer(task, stamp_ns, expected_world))
+    task.state = await state_after(task, found.stamp_ns)
 
 
 async def _state_of(task: ShapeTask, stamp_ns: int) -> DloState:
@@ -73,67 +85,53 @@ async def _state_of(task: ShapeTask, stamp_ns: int) -> DloState:
             return state
 
 
-async def look(task: ShapeTask) -> DloState | None:
-    """Look once: pictures → cloud → target points → model; None (and a reason) when the DLO is not seen.
+async def look(task: ShapeTask) -> DloState:
+    """Look once: pictures → cloud → target points → model. Raises `StepFault` when the DLO is not seen.
 
     Again, where nothing comes of it though all are there: a message on the way was altered, and dropped.
     """
     loop = asyncio.get_running_loop()
     end_s, first_ns = loop.time() + task.config.look_timeout_s, None
     while True:
-        seen = await task.port.call(perception.LOOK)
-        if not isinstance(seen, Succeeded):
-            fail(task, perception.LOOK.key, seen)
-            return None
-        first_ns = seen.result.stamp_ns if first_ns is None else first_ns
+        seen = await task.ask(perception.LOOK)
+        first_ns = seen.stamp_ns if first_ns is None else first_ns
         left_s = end_s - loop.time()
         # That of an earlier look will do: on a busy machine it may be late, and not lost.
         state = await _state_within(task, first_ns, min(task.config.look_again_s, left_s))
         if state is not None:
             return state
         if left_s <= task.config.look_again_s or not _is_tracked(task):
-            return _missed(task, first_ns)
+            raise _missed(task, first_ns)
         log.warning("no model state within %g s of a look; looking again", task.config.look_again_s)
 
 
-async def look_anew(task: ShapeTask, expected_world: Float64Array) -> bool:
+async def look_anew(task: ShapeTask, expected_world: Float64Array) -> None:
     """Order the cloud from scratch, in the direction that is nearer to `expected_world` (M, 3) [m].
 
     What was tracked behind the arm may be wrong, even the other way round. Where the cloud cannot be ordered the
-    tracked state stays. False (and a reason) when nothing is seen, or nobody answers.
+    tracked state stays. Raises `StepFault` when nothing is seen, or nobody answers.
     """
     await task.port.clock.sleep(task.config.look_interval_s)
-    tracked = await look(task)
-    if tracked is None:
-        return False
-    task.state = tracked
-    found = await tell_observer(task, tracked.observed_stamp_ns, expected_world)
+    task.state = await look(task)
+    found = await tell_observer(task, task.state.observed_stamp_ns, expected_world)
     if not isinstance(found, Succeeded):
-        return True
-    followed = await state_after(task, found.result.stamp_ns)
-    if followed is None:
-        return False
-    task.state = followed
-    if _rms_m(followed.nodes_world, found.result.nodes_world) > task.config.astray_m:
+        return
+    task.state = await state_after(task, found.result.stamp_ns)
+    if _rms_m(task.state.nodes_world, found.result.nodes_world) > task.config.astray_m:
         # Too far for the controller to drag the model there: it is put there.
         await task.port.call(model.RESET, found.result.nodes_world)
-    return True
 
 
-async def settle(task: ShapeTask) -> bool:
-    """Look until two states in a row agree, or looks are spent; the last state is the task's."""
+async def settle(task: ShapeTask) -> None:
+    """Look until two states in a row agree, or looks are spent. Raises `StepFault` when the DLO is not seen."""
     before: DloState | None = None
     for _ in range(task.config.max_looks):
         # First, too: a second look in the same instant would bring nothing new, and the observer ignores it.
         await task.port.clock.sleep(task.config.look_interval_s)
-        state = await look(task)
-        if state is None:
-            return False
-        task.state = state
+        state = task.state = await look(task)
         if before is not None and _rms_m(before.nodes_world, state.nodes_world) < task.config.settled_m:
-            return True
+            return
         before = state
-    return True
 
 
 def _rms_m(a: Float64Array, b: Float64Array) -> float:

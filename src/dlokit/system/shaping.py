@@ -18,7 +18,7 @@ from dlokit.communication.timing.clock import Clock
 from dlokit.communication.transport import Transport
 from dlokit.decision.component import DecisionComponent
 from dlokit.decision.journal import Journal
-from dlokit.decision.task import GoalRequest, ShapeResult, StepVisit
+from dlokit.decision.records import GoalRequest, ShapeResult, StepVisit
 from dlokit.system.config import RunConfig
 from dlokit.system.results.run_record import ActionShape, RunRecord, StepTiming
 from dlokit.system.results.run_result import (

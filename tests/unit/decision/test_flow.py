@@ -5,7 +5,7 @@ import enum
 
 import pytest
 
-from dlokit.decision.flow import End, Flow, FlowError, Step, mermaid, run_flow
+from dlokit.decision.flow import End, FaultKind, Flow, FlowError, Step, StepFault, mermaid, run_flow
 from dlokit.types.flow import RunOutcome
 
 
@@ -79,3 +79,46 @@ def test_the_drawing_has_every_arrow_and_lights_the_current_step() -> None:
     for source, outcome, target in flow().edges():
         assert f"{source} -->|{outcome}| {target}" in chart
     assert "style second" in chart
+
+
+def faulty(fault: FaultKind, then: dict[Coin | FaultKind, str]) -> tuple[list[tuple[str, str]], list[str]]:
+    """The boxes visited and the faults told of a flow whose one step raises."""
+
+    async def raises(task: list[str]) -> Coin:
+        raise StepFault(fault, "too far", skill="robot.move_to", reason="unreachable")
+
+    chart: Flow[list[str]] = Flow(
+        name="toss",
+        start="first",
+        steps=(Step("first", raises, {Coin.HEADS: "done", Coin.TAILS: "done", **then}),),
+        ends=(End("done", RunOutcome.CONVERGED), End("failed", RunOutcome.FAILED)),
+    )
+    visited: list[tuple[str, str]] = []
+    told: list[str] = []
+
+    async def entered(step: str, last: str) -> None:
+        visited.append((step, last))
+
+    asyncio.run(run_flow(chart, [], entered, lambda fault: told.append(str(fault))))
+    return visited, told
+
+
+def test_a_fault_takes_its_arrow_and_is_told() -> None:
+    visited, told = faulty(FaultKind.REFUSED, {FaultKind.REFUSED: "done", FaultKind.FAILED: "failed"})
+    assert visited == [("first", ""), ("done", "refused")]
+    assert told == ["robot.move_to too far"]
+
+
+def test_a_fault_without_an_arrow_of_its_own_takes_that_of_failed() -> None:
+    visited, _ = faulty(FaultKind.LOST, {FaultKind.FAILED: "failed"})
+    assert visited[-1] == ("failed", "failed")
+
+
+def test_a_fault_in_a_box_that_has_no_arrow_for_faults_is_raised() -> None:
+    with pytest.raises(StepFault, match="too far"):
+        faulty(FaultKind.REFUSED, {})
+
+
+def test_a_box_with_an_arrow_for_a_fault_needs_that_of_failed() -> None:
+    with pytest.raises(FlowError, match="FAILED"):
+        faulty(FaultKind.REFUSED, {FaultKind.REFUSED: "done"})

@@ -9,14 +9,17 @@ import numpy as np
 import pytest
 
 from dlokit.communication import topics
+from dlokit.communication.port import Port
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.transport import Known, Liveness, Mailbox
 from dlokit.decision.config import TaskConfig
+from dlokit.decision.flow import FaultKind, StepFault
 from dlokit.decision.looking import look, state_after
-from dlokit.decision.task import ShapeTask
+from dlokit.decision.task import Odometer, ShapeTask, Spent
 from dlokit.rod.believed import ModelConfig
 from dlokit.rod.nodes import topology
 from dlokit.types.dlo import DloState
+from dlokit.types.flow import OperatorCommand
 from dlokit.types.outcome import Succeeded
 
 CONFIG = TaskConfig()
@@ -52,63 +55,71 @@ class Blind(Bus):
         return Succeeded(result=SimpleNamespace(stamp_ns=stamp_ns))
 
 
-async def looked(brings_from: int) -> tuple[DloState | None, int, float, ShapeTask]:
-    """State, looks, time [s] and task of a look that brings something only from its nth time on."""
+def _task(bus: Bus, states: Mailbox[DloState]) -> ShapeTask:
+    """A task of which the observer was told where the DLO lies."""
+    port = cast(Port, bus)
+    commands: Mailbox[OperatorCommand] = Mailbox(topics.COMMAND.policy)
+    return ShapeTask(
+        port=port,
+        config=CONFIG,
+        request=None,
+        stopwatch=lambda: 0.0,
+        odometer=Odometer(),
+        states=states,
+        commands=commands,
+        recorded=lambda record: None,
+        spent=Spent(started_ns=0),
+        servers={"observer": "1"},
+    )
+
+
+async def looked(brings_from: int) -> tuple[DloState | StepFault, int, float]:
+    """State, or why none came, looks and time [s] of a look that brings something only from its nth time on."""
     began_s = asyncio.get_running_loop().time()
     states: Mailbox[DloState] = Mailbox(topics.STATE.policy)
     bus = Blind(states, brings_from)
-    task = cast(
-        ShapeTask, SimpleNamespace(port=bus, states=states, config=CONFIG, tracked_by="1", lost="", reason=None)
-    )
-    state = await look(task)
-    return state, bus.looks, asyncio.get_running_loop().time() - began_s, task
+    try:
+        found: DloState | StepFault = await look(_task(bus, states))
+    except StepFault as fault:
+        found = fault
+    return found, bus.looks, asyncio.get_running_loop().time() - began_s
 
 
-async def waited_s(gone: str, after_s: float, *, replaced: bool = False) -> tuple[float, ShapeTask]:
+async def waited_s(gone: str, after_s: float, *, replaced: bool = False) -> float:
+    """How long a state is waited for that does not come [s]."""
     began_s = asyncio.get_running_loop().time()
-    bus = Bus(gone, began_s + after_s, replaced=replaced)
     states: Mailbox[DloState] = Mailbox(topics.STATE.policy)
-    task = cast(
-        ShapeTask, SimpleNamespace(port=bus, states=states, config=CONFIG, tracked_by="1", lost="", reason=None)
-    )
-    assert await state_after(task, stamp_ns=1) is None
-    return asyncio.get_running_loop().time() - began_s, task
+    with pytest.raises(StepFault, match="no model state within") as missed:
+        await state_after(_task(Bus(gone, began_s + after_s, replaced=replaced), states), stamp_ns=1)
+    assert missed.value.kind is FaultKind.LOST
+    return asyncio.get_running_loop().time() - began_s
 
 
 @pytest.mark.parametrize("component", ["observer", "model"])
 def test_nobody_waits_for_a_state_while_who_makes_it_is_gone(component: str) -> None:
     for after_s in (0.0, 3.0):
-        waiting_s, task = virtual_time.run(waited_s(component, after_s))
-        assert after_s <= waiting_s < after_s + 1.0
-        assert task.lost == "observer"
+        assert after_s <= virtual_time.run(waited_s(component, after_s)) < after_s + 1.0
 
 
 def test_nobody_waits_for_a_state_from_an_observer_that_was_not_told_where_the_dlo_lies() -> None:
     for after_s in (0.0, 3.0):
-        waiting_s, task = virtual_time.run(waited_s("observer", after_s, replaced=True))
-        assert after_s <= waiting_s < after_s + 1.0
-        assert task.lost == "observer"
+        assert after_s <= virtual_time.run(waited_s("observer", after_s, replaced=True)) < after_s + 1.0
 
 
 def test_a_state_that_does_not_come_though_all_are_there_is_waited_for_to_the_end() -> None:
-    waiting_s, task = virtual_time.run(waited_s("nobody", 0.0))
-    assert waiting_s == pytest.approx(CONFIG.look_timeout_s)
-    assert task.lost == "observer"
-    assert task.reason is not None
-    assert "no model state within" in task.reason
+    assert virtual_time.run(waited_s("nobody", 0.0)) == pytest.approx(CONFIG.look_timeout_s)
 
 
 def test_a_look_of_which_nothing_came_is_done_again_while_all_are_there() -> None:
-    state, looks, waiting_s, task = virtual_time.run(looked(brings_from=3))
-    assert state is not None
+    found, looks, waiting_s = virtual_time.run(looked(brings_from=3))
+    assert isinstance(found, DloState)
     assert looks == 3
     assert waiting_s == pytest.approx(2 * CONFIG.look_again_s)
-    assert (task.lost, task.reason) == ("", None)
 
 
 def test_looks_of_which_nothing_comes_end_in_the_time_of_one() -> None:
-    state, looks, waiting_s, task = virtual_time.run(looked(brings_from=1000))
-    assert state is None
+    found, looks, waiting_s = virtual_time.run(looked(brings_from=1000))
+    assert isinstance(found, StepFault)
+    assert found.kind is FaultKind.LOST
     assert looks == CONFIG.look_timeout_s / CONFIG.look_again_s
     assert waiting_s == pytest.approx(CONFIG.look_timeout_s)
-    assert task.lost == "observer"

@@ -12,7 +12,7 @@ import numpy as np
 
 from dlokit.app.shape.inputs import is_file_name, shape_from_text
 from dlokit.communication.strategies import NamedConfig, StrategyKind
-from dlokit.decision.task import GoalRequest
+from dlokit.decision.records import GoalRequest
 from dlokit.description.dlo import preset
 from dlokit.errors import ConfigError
 from dlokit.functional.cell.dlo_physics import PHYSICS

@@ -5,7 +5,7 @@ from functools import partial
 from pathlib import Path
 
 from dlokit.bench.faults.disturbance import disturbed_by
-from dlokit.decision.task import GoalRequest
+from dlokit.decision.records import GoalRequest
 from dlokit.description.shapes import builtin_shape
 from dlokit.evaluation.judged_run import judged_run
 from dlokit.system.config import RunConfig

@@ -14,7 +14,7 @@ from dlokit import __version__
 from dlokit.bench.shaping.cases import CaseResult, CaseShapes, ShapingCase, with_method
 from dlokit.bench.shaping.experiments import RANDOM, BuiltInGoal
 from dlokit.bench.shaping.oracle import OracleBuild
-from dlokit.decision.task import GoalRequest
+from dlokit.decision.records import GoalRequest
 from dlokit.errors import InputError
 from dlokit.evaluation.evaluator import read_truth
 from dlokit.evaluation.judged_run import judged_run

@@ -3,10 +3,12 @@
 import msgspec
 
 from dlokit.communication import topics
+from dlokit.decision.faults import explain
+from dlokit.decision.flow import FaultKind, StepFault
 from dlokit.decision.looking import settle
-from dlokit.decision.steps.act import judge_motion, note_end
-from dlokit.decision.steps.outcomes import Controlled, Moved, explain
-from dlokit.decision.task import CorrectionRecord, ShapeTask
+from dlokit.decision.records import CorrectionRecord
+from dlokit.decision.steps.outcomes import Controlled
+from dlokit.decision.task import ShapeTask
 from dlokit.skills.planning import api as planning
 from dlokit.skills.robot import api as robot
 from dlokit.types.action import ControlAdvice, ControlVerdict, HeldNode
@@ -15,65 +17,56 @@ from dlokit.types.outcome import Succeeded
 
 async def control(task: ShapeTask) -> Controlled:
     """Look at the DLO while it is held, and do one correction, or say why there is none to do."""
+    attempt = task.attempt
     advice = await _advice(task)
-    if advice is None:
-        return Controlled.SETTLED
-    _see(task, advice)
+    if isinstance(advice, str):
+        return _ends(task, Controlled.SETTLED, advice)
+    if attempt.corrections_seen:  # what became of the correction before, now that the camera has seen it
+        attempt.corrections_seen[-1] = msgspec.structs.replace(attempt.corrections_seen[-1], seen_m=advice.rmse_m)
     if advice.verdict is ControlVerdict.DEADLOCK:
         return _ends(task, Controlled.DEADLOCK, advice.reason)
     if advice.correction is None:
         return _ends(task, Controlled.SETTLED, advice.reason)
-    if len(task.corrections) >= task.config.max_corrections:
+    if len(attempt.corrections) >= task.config.max_corrections:
         return _ends(task, Controlled.SETTLED, "corrections_spent")
-    moved = await task.port.call(robot.MOVE_LINEAR, advice.target, task.chosen.velocity)
-    match judge_motion(task, "robot.move_linear", moved):
-        case Moved.DONE:
-            task.corrections.append(advice.correction)
-            task.corrections_seen.append(
-                CorrectionRecord(
-                    displacement=advice.correction.displacement,
-                    before_m=advice.rmse_m,
-                    predicted_m=advice.then_rmse_m,
-                    seen_m=None,
-                )
-            )
-            return Controlled.CORRECTED
-        case Moved.REFUSED:
-            return _ends(task, Controlled.DEADLOCK, "out_of_reach")
-        case Moved.INTERRUPTED:
-            note_end(task, moved)
-            return Controlled.INTERRUPTED
-        case Moved.FAILED:
-            return Controlled.FAILED
-
-
-async def _advice(task: ShapeTask) -> ControlAdvice | None:
-    """The controller's word on what is seen now; None, and why control ends, where it has none."""
-    assert task.goal is not None
-    seen = await settle(task)
-    arm = task.port.latest(topics.ROBOT_STATE).value
-    if not seen or task.state is None or arm is None or not arm.holding:
-        _ends(task, Controlled.SETTLED, "not_held" if seen else "not_seen")
-        return None
-    grip = HeldNode(node=task.chosen.grasp.node, T_world_tcp=arm.T_world_tcp)
-    began = task.stopwatch()
-    said = await task.port.call(
-        planning.CORRECT, task.state, task.goal, grip, tuple(task.corrections), task.config.threshold_m
+    try:
+        await task.ask(robot.MOVE_LINEAR, advice.target, attempt.action.velocity)
+    except StepFault as fault:
+        if fault.kind is not FaultKind.REFUSED:
+            raise
+        task.reason = str(fault)
+        return _ends(task, Controlled.DEADLOCK, "out_of_reach")
+    attempt.corrections.append(advice.correction)
+    attempt.corrections_seen.append(
+        CorrectionRecord(
+            displacement=advice.correction.displacement,
+            before_m=advice.rmse_m,
+            predicted_m=advice.then_rmse_m,
+            seen_m=None,
+        )
     )
-    task.planning_time_s += task.stopwatch() - began
-    if isinstance(said, Succeeded):
-        return said.result
-    _ends(task, Controlled.SETTLED, explain(said))
-    return None
+    return Controlled.CORRECTED
 
 
-def _see(task: ShapeTask, advice: ControlAdvice) -> None:
-    """What became of the correction before, now that the camera has seen it."""
-    if not task.corrections_seen:
-        return
-    task.corrections_seen[-1] = msgspec.structs.replace(task.corrections_seen[-1], seen_m=advice.rmse_m)
+async def _advice(task: ShapeTask) -> ControlAdvice | str:
+    """The controller's word on what is seen now; or why control ends, where it has none."""
+    try:
+        await settle(task)
+    except StepFault as fault:
+        task.reason = str(fault)
+        return "not_seen"
+    arm = task.port.latest(topics.ROBOT_STATE).value
+    if arm is None or not arm.holding:
+        return "not_held"
+    grip = HeldNode(node=task.attempt.action.grasp.node, T_world_tcp=arm.T_world_tcp)
+    began_s = task.stopwatch()
+    said = await task.port.call(
+        planning.CORRECT, task.shape, task.goal, grip, tuple(task.attempt.corrections), task.config.threshold_m
+    )
+    task.spent.planning_time_s += task.stopwatch() - began_s
+    return said.result if isinstance(said, Succeeded) else explain(said)
 
 
 def _ends(task: ShapeTask, outcome: Controlled, why: str) -> Controlled:
-    task.control_end, task.deadlock = why, outcome is Controlled.DEADLOCK
+    task.attempt.control_end, task.attempt.deadlock = why, outcome is Controlled.DEADLOCK
     return outcome

@@ -1,60 +1,87 @@
-"""The box that judges the goal before the robot moves: does it hold, is it worth trying, or what holds instead?"""
+"""The boxes that set the goal, and judge it before the robot moves: does it hold, is it worth trying, or what else?"""
 
-from dlokit.decision.steps.outcomes import GoalJudged, fail
-from dlokit.decision.task import ShapeTask
+from dlokit.communication import topics
+from dlokit.decision.flow import FaultKind, StepFault
+from dlokit.decision.looking import find
+from dlokit.decision.steps.outcomes import Done, GoalJudged
+from dlokit.decision.task import ShapeTask, TaskGoal
+from dlokit.geometry import rmse_m
 from dlokit.skills.model import api as model
 from dlokit.skills.planning import api as planning
 from dlokit.types.dlo import GoalShape
 from dlokit.types.feasibility import GoalVerdict, Standing
-from dlokit.types.outcome import Succeeded
+from dlokit.types.flow import Command
+
+
+async def set_goal(task: ShapeTask) -> Done:
+    """Put the goal into the model; the operator's from the viewer when none was given."""
+    request = task.request
+    if request is None:
+        await _operator_starts(task)
+        goal = await _operators_goal(task)
+    else:
+        goal = await task.ask(model.SET_GOAL, request.nodes_world, request.name, request.ends_interchangeable)
+    task.goal_set = TaskGoal(shape=goal)
+    await _label_ends(task)
+    return Done.DONE
+
+
+async def _operator_starts(task: ShapeTask) -> None:
+    async for message in task.commands:
+        if message.command is Command.START:
+            return
+
+
+async def _operators_goal(task: ShapeTask) -> GoalShape:
+    """The goal that the frames pull the rod into, once it rests; without frames, the one that is set."""
+    task.spent.started_ns = task.port.clock.now_ns()  # the time that the operator took is not the task's
+    frames = task.port.latest(topics.GOAL_FRAMES).value
+    if frames is not None:
+        return await task.ask(model.BUILD_GOAL, frames.frames)
+    goal = task.port.latest(topics.GOAL).value
+    if goal is None:
+        raise StepFault(FaultKind.FAILED, "no_goal: no goal was set; drag a frame, then press Shape it")
+    return goal
+
+
+async def _label_ends(task: ShapeTask) -> None:
+    """Call that end node 0 which is nearer to the goal's node 0, once and for all.
+
+    A camera cannot tell the ends of a rod apart, so which is first is ours to say; the order that is nearer to
+    the goal spares turning the rod round. From here on the order is kept, and a goal that would fit the other
+    way round does not count unless its ends are interchangeable.
+    """
+    nodes, goal = task.shape.nodes_world, task.goal.nodes_world
+    if rmse_m(nodes, goal) > rmse_m(nodes[::-1], goal):
+        await task.ask(model.RESET)
+        await find(task, expected_world=goal)
 
 
 async def judge_goal(task: ShapeTask) -> GoalJudged:
     """Ask for the verdict on the goal, and do with an infeasible one what the configuration says."""
-    assert task.goal is not None
-    judged = await task.port.call(planning.JUDGE_GOAL, task.goal, task.config.threshold_m)
-    if not isinstance(judged, Succeeded):
-        fail(task, "planning.judge_goal", judged)
-        return GoalJudged.FAILED
-    verdict = task.verdict = judged.result
+    verdict = await task.ask(planning.JUDGE_GOAL, task.goal, task.config.threshold_m)
+    task.goal_set = TaskGoal(shape=task.goal, verdict=verdict)
+    task.reason = None if verdict.standing is Standing.HOLDS else f"goal {verdict.reason}: {verdict.text}"
     match verdict.standing:
         case Standing.HOLDS:
-            task.reason = None
             return GoalJudged.HOLDS
         case Standing.DOUBTFUL:
-            task.reason = _said(verdict)
             return GoalJudged.DOUBTFUL
         case Standing.INFEASIBLE:
             return await _infeasible(task, task.goal, verdict)
 
 
-async def _infeasible(task: ShapeTask, goal: GoalShape, verdict: GoalVerdict) -> GoalJudged:
-    task.reason = _said(verdict)
-    match task.config.infeasible:
-        case "try":
-            return GoalJudged.TRIED
-        case "project" if verdict.nearest_world is not None:
-            return await _project(task, goal, verdict)
-        case _:
-            pass
+async def _infeasible(task: ShapeTask, asked: GoalShape, verdict: GoalVerdict) -> GoalJudged:
+    if task.config.infeasible == "try":
+        return GoalJudged.TRIED
+    if task.config.infeasible == "project" and verdict.nearest_world is not None:
+        # The goal that was asked for is kept for the record.
+        nearest = await task.ask(
+            model.SET_GOAL, verdict.nearest_world, f"nearest to {asked.name}", asked.ends_interchangeable
+        )
+        task.goal_set = TaskGoal(shape=nearest, verdict=verdict, asked=asked)
+        return GoalJudged.PROJECTED
     if task.request is not None:
         return GoalJudged.REJECTED
-    task.reason += " Drag the frames to another goal, then press Shape it again."
+    task.reason = f"{task.reason} Drag the frames to another goal, then press Shape it again."
     return GoalJudged.ASKED_AGAIN
-
-
-async def _project(task: ShapeTask, goal: GoalShape, verdict: GoalVerdict) -> GoalJudged:
-    """Shape to the nearest shape that holds instead; the goal that was asked for is kept for the record."""
-    assert verdict.nearest_world is not None
-    projected = await task.port.call(
-        model.SET_GOAL, verdict.nearest_world, f"nearest to {goal.name}", goal.ends_interchangeable
-    )
-    if not isinstance(projected, Succeeded):
-        fail(task, "model.set_goal", projected)
-        return GoalJudged.FAILED
-    task.goal, task.asked = projected.result, goal
-    return GoalJudged.PROJECTED
-
-
-def _said(verdict: GoalVerdict) -> str:
-    return f"goal {verdict.reason}: {verdict.text}"

@@ -3,11 +3,14 @@
 import asyncio
 from collections.abc import Callable, Coroutine
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 
 from dlokit.communication import topics
+from dlokit.communication.skill import Skill
+from dlokit.decision.attempt import SLIPPED, ActionAttempt
+from dlokit.decision.faults import INTERRUPTIONS, reason_of, result_of
 from dlokit.decision.task import ShapeTask
 from dlokit.description.arm.mounts import instance_of
 from dlokit.geometry import inverse, lifted, transform
@@ -19,6 +22,7 @@ from dlokit.types.outcome import Failed, Outcome, Succeeded
 from dlokit.types.pose import Pose
 from dlokit.types.robot import GripResult, MotionResult
 
+P = ParamSpec("P")
 R = TypeVar("R")
 
 
@@ -46,45 +50,55 @@ def hands_of(action: Action) -> tuple[Hand, ...]:
     return (own, Hand(other.robot, other.grasp, other.path, other.velocity))
 
 
-async def open_fingers(task: ShapeTask) -> Outcome[Any]:
-    """As far as each grasp asks for, all at once."""
-    return await _all_at_once(task, lambda hand: task.port.call(robot.RELEASE.at(hand.instance), hand.grasp.opening_m))
+async def open_fingers(task: ShapeTask) -> None:
+    """As far as each grasp asks for, all at once. Raises `StepFault`, as all of these do."""
+    opened = await _all_at_once(
+        task, lambda hand: task.port.call(robot.RELEASE.at(hand.instance), hand.grasp.opening_m)
+    )
+    result_of(robot.RELEASE, opened)
 
 
-async def go_above(task: ShapeTask) -> Outcome[MotionResult]:
+async def go_above(task: ShapeTask) -> None:
     """Joint-space moves above the grasps."""
     height_m = task.config.approach_height_m
-    return await _one_by_one(
+    moved = await _one_by_one(
         task,
         lambda hand: task.port.call(robot.MOVE_TO.at(hand.instance), lifted(hand.grasp.T_world_tcp, height_m)),
     )
+    result_of(robot.MOVE_TO, moved)
 
 
-async def go_down(task: ShapeTask) -> Outcome[MotionResult]:
+async def go_down(task: ShapeTask) -> None:
     """Straight down to the grasps."""
-    return await together(
+    moved = await together(
         task,
         lambda hand: task.port.call(robot.MOVE_LINEAR.at(hand.instance), hand.grasp.T_world_tcp, hand.velocity),
     )
+    result_of(robot.MOVE_LINEAR, moved)
 
 
-async def close_fingers(task: ShapeTask) -> Outcome[GripResult]:
-    """Close all; the outcome of a hand that holds nothing, where there is one."""
+async def close_fingers(task: ShapeTask) -> GripResult:
+    """Close all; what a hand feels that holds nothing, where there is one."""
     force_n = task.config.grasp_force_n
     gripped = await asyncio.gather(
-        *(task.port.call(robot.GRASP.at(hand.instance), force_n) for hand in hands_of(task.chosen))
+        *(task.port.call(robot.GRASP.at(hand.instance), force_n) for hand in hands_of(task.attempt.action))
     )
-    return next((one for one in gripped if not (isinstance(one, Succeeded) and one.result.held)), gripped[0])
+    worst = next((one for one in gripped if not (isinstance(one, Succeeded) and one.result.held)), gripped[0])
+    return result_of(robot.GRASP, worst)
 
 
-async def follow_paths(task: ShapeTask) -> Outcome[MotionResult]:
+async def follow_paths(task: ShapeTask) -> None:
     """The paths of the action, at the same time."""
+    result_of(robot.FOLLOW_PATH, await _follow(task))
+
+
+async def _follow(task: ShapeTask) -> Outcome[MotionResult]:
     return await together(
         task, lambda hand: task.port.call(robot.FOLLOW_PATH.at(hand.instance), hand.path, hand.velocity)
     )
 
 
-async def go_up(task: ShapeTask) -> Outcome[MotionResult]:
+async def go_up(task: ShapeTask) -> None:
     """Straight up, from wherever the hands are."""
 
     def up(hand: Hand) -> Coroutine[Any, Any, Outcome[MotionResult]]:
@@ -93,22 +107,45 @@ async def go_up(task: ShapeTask) -> Outcome[MotionResult]:
         target = lifted(start, task.config.retreat_height_m)
         return task.port.call(robot.MOVE_LINEAR.at(hand.instance), target, hand.velocity)
 
-    return await together(task, up)
+    result_of(robot.MOVE_LINEAR, await together(task, up))
 
 
-async def go_home(task: ShapeTask) -> Outcome[MotionResult]:
+async def go_home(task: ShapeTask) -> None:
     """Out of the picture."""
-    return await _one_by_one(task, lambda hand: task.port.call(robot.HOME.at(hand.instance)))
+    home = await _one_by_one(task, lambda hand: task.port.call(robot.HOME.at(hand.instance)))
+    result_of(robot.HOME, home)
 
 
-async def clear_faults(task: ShapeTask) -> Outcome[Any]:
+async def clear_faults(task: ShapeTask) -> None:
     """Make arms that braked by themselves ready again."""
-    return await _one_by_one(task, lambda hand: task.port.call(robot.RECOVER.at(hand.instance)))
+    cleared = await _one_by_one(task, lambda hand: task.port.call(robot.RECOVER.at(hand.instance)))
+    result_of(robot.RECOVER, cleared)
+
+
+_STANDS_S = 0.3
+"""Wait after an arm has braked by itself: it stands then, and a sign of life has come that was late [s]."""
+
+
+async def until_done(task: ShapeTask, skill: Skill[P, R], *args: P.args, **kwargs: P.kwargs) -> Outcome[R]:
+    """Tell an arm that holds nothing to move, and again after it braked by itself; not for ever.
+
+    Beside the flow's box `recover`, which must choose anew because a DLO may be held: here the same motion will do.
+    Every time counts to the task's `max_recoveries`; the outcome of the last one is returned.
+    """
+    while True:
+        moved = await task.port.call(skill, *args, **kwargs)
+        if reason_of(moved) not in INTERRUPTIONS or task.spent.recoveries >= task.config.max_recoveries:
+            return moved
+        task.spent.recoveries += 1
+        await task.port.clock.sleep(_STANDS_S)
+        recovered = await task.port.call(robot.RECOVER.at(skill.component.partition(".")[2]))
+        if not isinstance(recovered, Succeeded):
+            return recovered
 
 
 async def together(task: ShapeTask, call: Callable[[Hand], Coroutine[Any, Any, Outcome[R]]]) -> Outcome[R]:
     """A motion of all hands at once; when one does not succeed the others are stopped, and its outcome is told."""
-    hands = hands_of(task.chosen)
+    hands = hands_of(task.attempt.action)
     running = [asyncio.ensure_future(call(hand)) for hand in hands]
     failed: Outcome[R] | None = None
     waiting = set(running)
@@ -131,7 +168,7 @@ async def together(task: ShapeTask, call: Callable[[Hand], Coroutine[Any, Any, O
 
 async def stop(task: ShapeTask, hands: list[Hand] | None = None) -> None:
     """Brake these hands' arms, or all of the action's."""
-    for hand in hands_of(task.chosen) if hands is None else hands:
+    for hand in hands_of(task.attempt.action) if hands is None else hands:
         await task.port.call(robot.HALT.at(hand.instance))
 
 
@@ -140,7 +177,7 @@ async def _one_by_one(task: ShapeTask, call: Callable[[Hand], Coroutine[Any, Any
 
     Ends with the first that fails for another reason, or when nobody can move for the others.
     """
-    waiting = hands_of(task.chosen)
+    waiting = hands_of(task.attempt.action)
     while True:
         blocked: list[Hand] = []
         outcomes: list[Outcome[R]] = []
@@ -158,13 +195,13 @@ async def _one_by_one(task: ShapeTask, call: Callable[[Hand], Coroutine[Any, Any
 
 async def _all_at_once(task: ShapeTask, call: Callable[[Hand], Coroutine[Any, Any, Outcome[R]]]) -> Outcome[R]:
     """All hands, whatever becomes of the others; the first outcome that is no success is told."""
-    outcomes = await asyncio.gather(*(call(hand) for hand in hands_of(task.chosen)))
+    outcomes = await asyncio.gather(*(call(hand) for hand in hands_of(task.attempt.action)))
     return next((outcome for outcome in outcomes if not isinstance(outcome, Succeeded)), outcomes[0])
 
 
 def say_gripped(task: ShapeTask, *, held: bool) -> None:
     """Tell everybody which nodes are held and where in the fingers, or that none is."""
-    for hand in hands_of(task.chosen):
+    for hand in hands_of(task.attempt.action):
         tool = task.port.latest(topics.ROBOT_STATE.at(hand.instance)).value
         node, place = hand.grasp.node if held else None, None
         if held and tool is not None and task.state is not None:
@@ -183,18 +220,19 @@ def place_in_tool(node_world: Float64Array, T_world_tcp: Pose) -> Float64Array:
     return place
 
 
-SLIPPED = "slipped"
-"""The name of a slip as the end of an action."""
 _STILL_M = 0.008  # a DLO no node of which moved by more than this has not moved, as far as a camera can tell
 _MOVED_M = 0.03  # a tool that came to rest nearer than this to the grasp need not have moved the DLO visibly
 
 
-async def follow_while_held(task: ShapeTask) -> Outcome[MotionResult]:
-    """Follow the paths of the action; where a hand's fingers close on nothing all are stopped and the slip noted."""
-    follow = asyncio.ensure_future(follow_paths(task))
+async def follow_while_held(task: ShapeTask) -> bool:
+    """Follow the paths of the action; whether the DLO was held to their end.
+
+    Where a hand's fingers close on nothing all are stopped and the slip noted.
+    """
+    follow = asyncio.ensure_future(_follow(task))
     watches = {
         asyncio.create_task(_fingers_close(task, hand), name=f"slip {hand.robot}"): hand
-        for hand in hands_of(task.chosen)
+        for hand in hands_of(task.attempt.action)
     }
     try:
         await asyncio.wait((follow, *watches), return_when=asyncio.FIRST_COMPLETED)
@@ -203,11 +241,15 @@ async def follow_while_held(task: ShapeTask) -> Outcome[MotionResult]:
             for hand in lost:
                 note_slip(task, hand.grasp.node)
             await stop(task)
-        return await follow
+        moved = await follow
     finally:
         for waiting in (follow, *watches):
             waiting.cancel()
         await asyncio.gather(follow, *watches, return_exceptions=True)
+    if task.attempt.slipped:
+        return False
+    result_of(robot.FOLLOW_PATH, moved)
+    return True
 
 
 async def _fingers_close(task: ShapeTask, hand: Hand) -> None:
@@ -222,18 +264,18 @@ async def _fingers_close(task: ShapeTask, hand: Hand) -> None:
 
 def note_slip(task: ShapeTask, node: int) -> None:
     """The action under way has lost the DLO at that node; one that lost it twice is not grasped again."""
-    task.slipped, task.ended_by = True, task.ended_by or SLIPPED
-    task.slips[node] = task.slips.get(node, 0) + 1
+    task.attempt.ends_early(SLIPPED)
+    task.grasps.slipped(node)
 
 
-def stayed_behind(task: ShapeTask, after_world: Float64Array) -> bool:
+def stayed_behind(attempt: ActionAttempt, after_world: Float64Array) -> bool:
     """Whether the tool went away and the DLO, now lying as `after_world` (M, 3) [m], did not come with it.
 
     Of a carry that ended before its planned end it is not known how far the tool went: that one says nothing.
     """
-    if not task.grasp_ok or task.ended_by or task.before_world is None:
+    if not attempt.grasp_ok or attempt.ended_by:
         return False
-    action = task.chosen
+    action = attempt.action
     way_m = np.linalg.norm(action.path[-1].position_m[:2] - action.grasp.T_world_tcp.position_m[:2])
-    moved_m = np.linalg.norm((after_world - task.before_world)[:, :2], axis=1).max()
+    moved_m = np.linalg.norm((after_world - attempt.before_world)[:, :2], axis=1).max()
     return bool(way_m > _MOVED_M and moved_m < _STILL_M)

@@ -1,53 +1,65 @@
-"""The boxes that go on after a loss: of a component that was started again, or of the decision process itself."""
+"""The boxes that go on after an arm braked, or a component or the decision process itself was lost."""
 
 import asyncio
 
 from dlokit.communication import topics
-from dlokit.decision.looking import state_after, tell_observer
-from dlokit.decision.steps.act import judge_motion
-from dlokit.decision.steps.outcomes import RESTORABLE, Moved, Restored, TakenOver, fail
+from dlokit.decision.faults import RESTORABLE
+from dlokit.decision.flow import FaultKind, StepFault
+from dlokit.decision.looking import find
+from dlokit.decision.records import GoalRequest
+from dlokit.decision.steps import hands
+from dlokit.decision.steps.outcomes import Done, Recovered, Restored
 from dlokit.decision.steps.perceive import check_camera_unless_known
-from dlokit.decision.task import GoalRequest, ShapeTask
+from dlokit.decision.task import ShapeTask
 from dlokit.description.arm.mounts import instance_of
 from dlokit.geometry import lifted
 from dlokit.skills.model import api as model
-from dlokit.skills.observer import api as observer
 from dlokit.skills.perception import api as perception
 from dlokit.skills.robot import api as robot
 from dlokit.types.action import VelocityProfile
-from dlokit.types.outcome import Succeeded
 
 _NOTICED_S = 1.0
 """By then everybody knows that a process is gone, and it is not taken for alive."""
 _ASKED_EVERY_S = 0.2
 
 
+async def recover(task: ShapeTask) -> Recovered:
+    """Clear the fault of an arm that braked by itself; not for ever."""
+    task.spent.recoveries += 1
+    if task.spent.recoveries > task.config.max_recoveries:
+        task.reason = f"the arm braked by itself {task.spent.recoveries} times; the last time: {task.reason}"
+        return Recovered.TOO_OFTEN
+    await hands.clear_faults(task)
+    return Recovered.DONE
+
+
 async def restore(task: ShapeTask) -> Restored:
     """Wait until whoever was lost is there again; then find the DLO anew, and go on with what was under way."""
-    task.restorations += 1
-    if task.restorations > task.config.max_restorations:
-        task.reason = f"components were lost {task.restorations} times; the last time: {task.reason}"
+    task.spent.restorations += 1
+    if task.spent.restorations > task.config.max_restorations:
+        task.reason = f"components were lost {task.spent.restorations} times; the last time: {task.reason}"
         return Restored.TOO_OFTEN
-    if not await _all_there(task):
-        return Restored.FAILED
-    task.lost = ""
-    if task.action is None:
+    await _all_there(task)
+    if task.attempt_under_way is None:
         _keep_goal(task)
         return Restored.BEGIN
-    return Restored.LOOK_AGAIN if await _tell(task) else Restored.LOST
+    try:
+        await _tell(task)
+    except StepFault as fault:  # so soon after a start anything may fail; it is tried again as after another loss
+        raise StepFault(FaultKind.LOST, str(fault), reason=fault.reason) from None
+    return Restored.LOOK_AGAIN
 
 
-async def _all_there(task: ShapeTask) -> bool:
+async def _all_there(task: ShapeTask) -> None:
     try:
         async with asyncio.timeout(task.config.restart_timeout_s):
-            await asyncio.sleep(_NOTICED_S * task.restorations)  # the longer, the more often it was in vain
+            await asyncio.sleep(_NOTICED_S * task.spent.restorations)  # the longer, the more often it was in vain
             while _missing(task):  # noqa: ASYNC110  a liveness is looked at, and wakes nobody
                 await asyncio.sleep(_ASKED_EVERY_S)
     except TimeoutError:
         missing = ", ".join(_missing(task))
-        task.reason = f"{missing} not there again within {task.config.restart_timeout_s:g} s; {task.reason}"
-        return False
-    return True
+        waited = f"{missing} not there again within {task.config.restart_timeout_s:g} s; {task.reason}"
+        raise StepFault(FaultKind.FAILED, waited) from None
 
 
 def _missing(task: ShapeTask) -> list[str]:
@@ -56,7 +68,7 @@ def _missing(task: ShapeTask) -> list[str]:
 
 def _keep_goal(task: ShapeTask) -> None:
     """The task begins anew, but the operator, who has set the goal, is not asked again."""
-    if task.request is None and task.goal is not None:
+    if task.request is None and task.goal_set is not None:
         task.request = GoalRequest(
             nodes_world=task.goal.nodes_world,
             name=task.goal.name,
@@ -64,50 +76,31 @@ def _keep_goal(task: ShapeTask) -> None:
         )
 
 
-async def _tell(task: ShapeTask) -> bool:
-    """The goal to the model; the camera's place to perception; the DLO, found anew, to observer and model.
-
-    False when somebody does not answer.
-    """
-    assert task.goal is not None, "an action is chosen for a goal"
+async def _tell(task: ShapeTask) -> None:
+    """The goal to the model; the camera's place to perception; the DLO, found anew, to observer and model."""
     goal = task.goal
-    told = await task.port.call(model.SET_GOAL, goal.nodes_world, goal.name, goal.ends_interchangeable)
-    if not isinstance(told, Succeeded):
-        fail(task, model.SET_GOAL.key, told)
-        return False
+    await task.ask(model.SET_GOAL, goal.nodes_world, goal.name, goal.ends_interchangeable)
     await task.port.call(perception.SET_TRACKING, 0.0)
     await check_camera_unless_known(task)
-    seen = await task.port.call(perception.LOOK)
-    if not isinstance(seen, Succeeded):
-        fail(task, perception.LOOK.key, seen)
-        return False
+    seen = await task.ask(perception.LOOK)
     # In the direction that it lay in: a camera cannot tell the ends apart.
-    found = await tell_observer(task, seen.result.stamp_ns, task.expected_world)
-    if not isinstance(found, Succeeded):
-        fail(task, observer.INITIALISE.key, found)
-        return False
-    task.state = await state_after(task, found.result.stamp_ns) or task.state
-    return not task.lost
+    await find(task, seen.stamp_ns, task.attempt.expected_world)
 
 
-async def take_over(task: ShapeTask) -> TakenOver:
+async def take_over(task: ShapeTask) -> Done:
     """Clear faults, open the fingers where the arm stands, and go straight up; one arm after the other."""
     for name in task.robots:
         instance = instance_of(name)
-        cleared = await task.port.call(robot.RECOVER.at(instance))
-        if not isinstance(cleared, Succeeded):
-            fail(task, robot.RECOVER.key, cleared)
-            return TakenOver.FAILED
-        opened = await task.port.call(robot.RELEASE.at(instance))
-        if not isinstance(opened, Succeeded):
-            fail(task, robot.RELEASE.key, opened)
-            return TakenOver.FAILED
+        await task.ask(robot.RECOVER.at(instance))
+        await task.ask(robot.RELEASE.at(instance))
         state = task.port.latest(topics.ROBOT_STATE.at(instance)).value
         if state is None:
             continue  # the next box waits for it
         up = lifted(state.T_world_tcp, task.config.retreat_height_m)
-        moved = await task.port.call(robot.MOVE_LINEAR.at(instance), up, VelocityProfile())
-        # Where straight up is refused, the joint-space move home has its own checks.
-        if judge_motion(task, robot.MOVE_LINEAR.key, moved) not in (Moved.DONE, Moved.REFUSED):
-            return TakenOver.FAILED
-    return TakenOver.DONE
+        try:
+            await task.ask(robot.MOVE_LINEAR.at(instance), up, VelocityProfile())
+        except StepFault as fault:
+            # Where straight up is refused, the joint-space move home has its own checks.
+            if fault.kind is not FaultKind.REFUSED:
+                raise
+    return Done.DONE

@@ -7,7 +7,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from dlokit.decision.task import ActionRecord, CameraReport, CorrectionRecord
+from dlokit.decision.records import ActionRecord, CameraReport, CorrectionRecord
 from dlokit.errors import InputError
 from dlokit.functional.cell.episode import Episode
 from dlokit.geometry import rmse_m

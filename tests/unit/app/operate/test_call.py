@@ -5,7 +5,7 @@ import pytest
 
 from dlokit.app.operate.call import arguments_from, in_words
 from dlokit.decision.api import SHAPE_DLO
-from dlokit.decision.task import GoalRequest
+from dlokit.decision.records import GoalRequest
 from dlokit.errors import InputError
 from dlokit.skills.perception import api as perception
 from dlokit.skills.robot import api as robot

@@ -8,7 +8,7 @@ import pytest
 
 from dlokit.app.shape.resume import resumed_job
 from dlokit.decision.journal import Journal
-from dlokit.decision.task import GoalRequest
+from dlokit.decision.records import GoalRequest
 from dlokit.description.shapes import builtin_shape
 from dlokit.errors import InputError
 from dlokit.system.config import RunConfig

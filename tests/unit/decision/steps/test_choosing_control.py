@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from dlokit.decision.records import ActionRecord, CorrectionRecord
 from dlokit.decision.steps.act import missed_m
-from dlokit.decision.task import ActionRecord, CorrectionRecord
 
 LINE = np.column_stack((np.linspace(0.0, 0.5, 31), np.zeros(31), np.zeros(31)))
 CORRECTION = CorrectionRecord(displacement=np.zeros(4), before_m=0.01, predicted_m=0.005, seen_m=None)

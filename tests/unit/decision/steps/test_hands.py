@@ -14,19 +14,19 @@ from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
+from dlokit.decision.attempt import ActionAttempt
 from dlokit.decision.config import TaskConfig
+from dlokit.decision.flow import FaultKind, StepFault
 from dlokit.decision.steps import hands
-from dlokit.decision.steps.act import approach, judge_motion
+from dlokit.decision.steps.act import approach
 from dlokit.decision.steps.hands import follow_while_held, place_in_tool
-from dlokit.decision.steps.outcomes import Moved
-from dlokit.decision.task import Odometer, ShapeTask
+from dlokit.decision.task import Odometer, ShapeTask, Spent
 from dlokit.description.arm.mounts import OPPOSITE
 from dlokit.errors import SkillFailure
 from dlokit.functional.robots.gate import OUTSIDE_WORKSPACE, TOOL_SPEED
 from dlokit.motion.limits import ACCELERATION_LIMIT, JERK_LIMIT, JOINT_LIMIT, TOO_SLOW, VELOCITY_LIMIT
 from dlokit.skills.robot import api as robot
 from dlokit.types.action import Grasp, PairPlace, Partner, VelocityProfile
-from dlokit.types.outcome import Failed, Succeeded
 from dlokit.types.pose import Pose
 from dlokit.types.robot import FIRST_ROBOT, GripResult, MotionResult, RobotMode, RobotState
 
@@ -154,7 +154,15 @@ def with_two_arms(first: Script, second: Script, test: Callable[[ShapeTask], Awa
                 commands=commander.port.stream(topics.COMMAND),
                 odometer=Odometer(),
                 recorded=lambda row: None,
-                action=_pair(),
+                spent=Spent(started_ns=0),
+                attempt_under_way=ActionAttempt(
+                    action=_pair(),
+                    before_world=np.zeros((31, 3)),
+                    began_ns=0,
+                    chosen_ns=0,
+                    tool_travelled_m=0.0,
+                    planning_time_s=0.0,
+                ),
             )
             await test(task)
 
@@ -165,7 +173,7 @@ def test_both_hands_move_and_neither_is_stopped() -> None:
     first, second = Script(), Script(motion_s=3.0)
 
     async def check(task: ShapeTask) -> None:
-        assert isinstance(await hands.follow_paths(task), Succeeded)
+        await hands.follow_paths(task)
         assert task.port.clock.now_ns() == pytest.approx(3.0e9)  # as long as the longer, not one after the other
 
     with_two_arms(first, second, check)
@@ -178,9 +186,9 @@ def test_when_one_hand_fails_the_other_is_stopped_and_the_failure_is_told(fails:
     scripts[fails].fails = "joint_limit"
 
     async def check(task: ShapeTask) -> None:
-        outcome = await hands.follow_paths(task)
-        assert isinstance(outcome, Failed)
-        assert outcome.reason == "joint_limit"
+        with pytest.raises(StepFault) as failed:
+            await hands.follow_paths(task)
+        assert failed.value.reason == "joint_limit"
 
     with_two_arms(*scripts, check)
     assert scripts[fails].told == ["follow_path"]
@@ -195,7 +203,9 @@ def test_a_motion_that_the_gate_refuses_leads_to_another_grasp(reason: str) -> N
     first.fails = reason
 
     async def check(task: ShapeTask) -> None:
-        assert judge_motion(task, robot.FOLLOW_PATH.name, await hands.follow_paths(task)) is Moved.REFUSED
+        with pytest.raises(StepFault) as refused:
+            await hands.follow_paths(task)
+        assert refused.value.kind is FaultKind.REFUSED
 
     with_two_arms(first, second, check)
 
@@ -206,9 +216,9 @@ def test_a_pair_of_which_one_cannot_come_goes_home_before_another_is_chosen(bloc
     scripts[blocked].comes_above = False
 
     async def check(task: ShapeTask) -> None:
-        assert await approach(task) is Moved.REFUSED
-        assert task.reason is not None
-        assert "arms_too_near" in task.reason
+        with pytest.raises(StepFault, match="arms_too_near") as refused:
+            await approach(task)
+        assert refused.value.kind is FaultKind.REFUSED
 
     with_two_arms(*scripts, check)
     assert all(script.is_home for script in scripts)
@@ -220,16 +230,16 @@ def test_a_pair_that_can_neither_come_nor_go_home_fails() -> None:
     first.home_needs = second
 
     async def check(task: ShapeTask) -> None:
-        assert await approach(task) is Moved.FAILED
+        with pytest.raises(StepFault) as failed:
+            await approach(task)
+        assert failed.value.kind is FaultKind.FAILED
 
     with_two_arms(first, second, check)
 
 
 def test_a_pair_of_which_one_holds_nothing_is_missed() -> None:
     async def check(task: ShapeTask) -> None:
-        gripped = await hands.close_fingers(task)
-        assert isinstance(gripped, Succeeded)
-        assert not gripped.result.held
+        assert not (await hands.close_fingers(task)).held
 
     with_two_arms(Script(), Script(holds=False), check)
 
@@ -240,11 +250,9 @@ def test_a_slip_out_of_either_hand_stops_both_and_is_noted_at_its_node(loses: in
     scripts[loses].loses_at_s = 1.0
 
     async def check(task: ShapeTask) -> None:
-        outcome = await follow_while_held(task)
-        assert isinstance(outcome, Failed)
-        assert outcome.reason == "stopped"
-        assert task.slipped
-        assert task.slips == {node: 1}
+        assert not await follow_while_held(task)
+        assert task.attempt.slipped
+        assert task.grasps.slips == {node: 1}
 
     with_two_arms(*scripts, check)
     assert [script.told for script in scripts] == [["follow_path", "stop"]] * 2
@@ -265,7 +273,7 @@ def test_a_hand_that_another_is_in_the_way_of_goes_after_it() -> None:
     first.home_needs = second
 
     async def check(task: ShapeTask) -> None:
-        assert isinstance(await hands.go_home(task), Succeeded)
+        await hands.go_home(task)
 
     with_two_arms(first, second, check)
     assert first.told == ["home", "home"]  # refused, and again once the other had gone
@@ -277,9 +285,9 @@ def test_hands_that_are_in_the_way_of_one_another_do_not_try_for_ever() -> None:
     first.home_needs, second.home_needs = second, first
 
     async def check(task: ShapeTask) -> None:
-        outcome = await hands.go_home(task)
-        assert isinstance(outcome, Failed)
-        assert outcome.reason == "arms_too_near"
+        with pytest.raises(StepFault) as failed:
+            await hands.go_home(task)
+        assert failed.value.reason == "arms_too_near"
 
     with_two_arms(first, second, check)
     assert [script.told for script in (first, second)] == [["home"]] * 2

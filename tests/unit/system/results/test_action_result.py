@@ -2,7 +2,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from dlokit.decision.task import ActionRecord, CorrectionRecord
+from dlokit.decision.records import ActionRecord, CorrectionRecord
 from dlokit.system.results.run_result import CorrectionResult, action_result
 
 

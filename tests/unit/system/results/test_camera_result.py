@@ -1,6 +1,6 @@
 import numpy as np
 
-from dlokit.decision.task import CameraReport
+from dlokit.decision.records import CameraReport
 from dlokit.system.results.run_result import camera_result
 from dlokit.types.image import CameraCheck
 

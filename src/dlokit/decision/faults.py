@@ -1,0 +1,69 @@
+"""Why a skill call did not succeed, and which arrow of the chart that is: decided here, once."""
+
+from typing import Any, TypeVar
+
+from dlokit.communication.skill import Skill
+from dlokit.decision.flow import FaultKind, StepFault
+from dlokit.skills.model import api as model
+from dlokit.skills.observer import api as observer
+from dlokit.skills.perception import api as perception
+from dlokit.skills.robot import api as robot
+from dlokit.types.outcome import Failed, Outcome, Rejected, Succeeded, TimedOut, Unreachable
+
+R = TypeVar("R")
+
+REFUSALS = frozenset(
+    {
+        "unreachable",
+        "joint_limit",
+        "velocity_limit",
+        "acceleration_limit",
+        "jerk_limit",
+        "table_collision",
+        "self_collision",
+        "arms_too_near",
+        "outside_workspace",
+        "tool_speed",
+        "too_slow",
+    }
+)
+"""Reasons for which the robot refuses a motion before it moves, or breaks it off: another grasp may do."""
+
+INTERRUPTIONS = frozenset({"lost_commander", "lease_lost", "stale_feedback", "neighbour_silent"})
+"""Reasons for which an arm brakes by itself though nothing is broken: on a busy machine a sign of life, or feedback,
+came late."""
+
+RESTORABLE = (perception.LOOK.component, observer.INITIALISE.component, model.SET_GOAL.component)
+"""What they know can be told again, or seen: their processes may die in a task. An arm's may not."""
+
+
+def result_of(skill: Skill[..., R], outcome: Outcome[R]) -> R:
+    """The result of a call. Raises `StepFault` where it did not succeed."""
+    if isinstance(outcome, Succeeded):
+        return outcome.result
+    raise StepFault(_fault(skill, outcome), explain(outcome), skill=skill.key, reason=reason_of(outcome))
+
+
+def _fault(skill: Skill[..., Any], outcome: Outcome[Any]) -> FaultKind:
+    if isinstance(outcome, Unreachable | TimedOut) and skill.component in RESTORABLE:
+        return FaultKind.LOST
+    reason = reason_of(outcome)
+    if reason in REFUSALS:
+        return FaultKind.REFUSED
+    return FaultKind.INTERRUPTED if reason in INTERRUPTIONS else FaultKind.FAILED
+
+
+def reason_of(outcome: Outcome[Any]) -> str:
+    """The skill's own name of why a call did not succeed; empty where it did, or none answered."""
+    return outcome.reason if isinstance(outcome, Failed | Rejected) else ""
+
+
+def explain(outcome: Outcome[Any]) -> str:
+    """One line of why a call did not succeed."""
+    match outcome:
+        case Failed(reason="stopped", detail=detail):
+            return f"stopped by {robot.STOP.key}: {detail}"
+        case Failed(reason=reason, detail=detail) | Rejected(reason=reason, detail=detail):
+            return f"{reason}: {detail}" if detail else reason
+        case _:
+            return f"{type(outcome).__name__.lower()}"
