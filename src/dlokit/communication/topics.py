@@ -40,24 +40,4 @@ GOAL_FRAMES   = Topic("viewer/frames",     GoalFrames,      "viewer",     None, 
 VIEWER_PAGE   = Topic("viewer/page",       ViewerPage,      "viewer",     None,  LAST,       "where a browser finds the viewer")
 # fmt: on
 
-TOPICS: tuple[Topic[Any], ...] = (
-    CLOCK,
-    ARM_STATE,
-    ROBOT_STATE,
-    STEREO_IMAGES,
-    OBSERVATION,
-    TARGETS,
-    OBSERVER_EVENT,
-    STATE,
-    GOAL,
-    BELIEF,
-    CANDIDATES,
-    ACTION,
-    GOAL_VERDICT,
-    GRIPPED,
-    FLOW,
-    HEARTBEAT,
-    COMMAND,
-    GOAL_FRAMES,
-    VIEWER_PAGE,
-)
+TOPICS: tuple[Topic[Any], ...] = tuple(row for row in list(globals().values()) if isinstance(row, Topic))

@@ -2,8 +2,10 @@
 
 import enum
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from dlokit.decision.config import TaskConfig
+from dlokit.decision.records import ActionRecord
 from dlokit.geometry import rmse_m
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import GoalShape
@@ -24,21 +26,37 @@ class Progress(enum.Enum):
     STALLED = "stalled"
 
 
-def progress(errors_m: Sequence[float], elapsed_s: float, config: TaskConfig, *, watched: bool = False) -> Progress:
-    """Judge a task by its RMSE before the first action and after each [m], and by its age on the cell's clock.
+@dataclass(frozen=True, kw_only=True)
+class SoFar:
+    """What a task has brought and cost so far: what break conditions are judged by."""
 
-    Stalled means: the last ``stall_actions`` actions brought no new best that differs by ``progress_m``. For a task
-    that is `watched`, because its goal may not hold, the last ``watched_stall_actions`` are enough.
+    errors_m: Sequence[float]
+    """RMSE before the first action and after each [m]."""
+    elapsed_s: float = 0.0
+    """On the cell's clock [s]."""
+    history: Sequence[ActionRecord] = ()
+    """The actions of this run; of a run that it resumes only the errors are kept."""
+    doubtful: bool = False
+    """Whether the goal may not hold."""
+
+
+def progress(so_far: SoFar, config: TaskConfig) -> tuple[Progress, str | None]:
+    """Whether a task goes on, by the first condition that holds, and in one sentence why it does not.
+
+    Stalled means: the last ``stall_actions`` actions brought no new best that differs by ``progress_m``; for a goal
+    that may not hold, the last ``watched_stall_actions``.
     """
+    errors_m, best = so_far.errors_m, best_so_far(so_far.errors_m)
     if errors_m[-1] < config.threshold_m:
-        return Progress.CONVERGED
+        return Progress.CONVERGED, None
     if len(errors_m) - 1 >= config.max_actions:
-        return Progress.OUT_OF_ACTIONS
-    if elapsed_s >= config.max_time_s:
-        return Progress.OUT_OF_TIME
-    if in_vain(errors_m, config) >= patience(config, watched=watched):
-        return Progress.STALLED
-    return Progress.NOT_YET
+        return Progress.OUT_OF_ACTIONS, f"{config.max_actions} actions are spent; {best}"
+    if so_far.elapsed_s >= config.max_time_s:
+        return Progress.OUT_OF_TIME, f"{config.max_time_s:g} s are spent; {best}"
+    patience = min(config.stall_actions, config.watched_stall_actions) if so_far.doubtful else config.stall_actions
+    if in_vain(errors_m, config) >= patience:
+        return Progress.STALLED, f"no better shape in {patience} actions; {best}"
+    return Progress.NOT_YET, None
 
 
 def in_vain(errors_m: Sequence[float], config: TaskConfig) -> int:
@@ -65,11 +83,6 @@ def best_so_far(errors_m: Sequence[float]) -> str:
     """The best RMSE, and after which action it was reached, in words."""
     best_m = min(errors_m)
     return f"best RMSE {best_m * 1e3:.1f} mm after action {errors_m.index(best_m)}"
-
-
-def patience(config: TaskConfig, *, watched: bool) -> int:
-    """Actions without a new best RMSE that a task is allowed."""
-    return min(config.stall_actions, config.watched_stall_actions) if watched else config.stall_actions
 
 
 def has_changed(before_m: float, after_m: float, config: TaskConfig) -> bool:

@@ -3,28 +3,37 @@
 import pytest
 
 from dlokit.decision.config import TaskConfig
-from dlokit.decision.convergence import Progress, best_so_far, has_changed, in_vain, progress, worth_it
+from dlokit.decision.convergence import Progress, SoFar, best_so_far, has_changed, in_vain, progress, worth_it
 
 CONFIG = TaskConfig(threshold_m=0.012, max_actions=5, max_time_s=100.0, stall_actions=3)
 
 
 @pytest.mark.parametrize(
-    ("errors_m", "elapsed_s", "expected"),
+    ("errors_m", "elapsed_s", "expected", "why"),
     [
-        ([0.0119], 0.0, Progress.CONVERGED),
-        ([0.012], 0.0, Progress.NOT_YET),
-        ([0.5, 0.011], 1000.0, Progress.CONVERGED),
-        ([0.5, 0.4, 0.3, 0.2, 0.1, 0.05], 0.0, Progress.OUT_OF_ACTIONS),
-        ([0.5, 0.4], 100.0, Progress.OUT_OF_TIME),
-        ([0.5, 0.2, 0.3, 0.25], 0.0, Progress.NOT_YET),
-        ([0.5, 0.2, 0.3, 0.25, 0.2], 0.0, Progress.STALLED),
-        ([0.5, 0.2, 0.3, 0.25, 0.19], 0.0, Progress.NOT_YET),
+        ([0.0119], 0.0, Progress.CONVERGED, None),
+        ([0.012], 0.0, Progress.NOT_YET, None),
+        ([0.5, 0.011], 1000.0, Progress.CONVERGED, None),
+        ([0.5, 0.4, 0.3, 0.2, 0.1, 0.05], 0.0, Progress.OUT_OF_ACTIONS, "5 actions"),
+        ([0.5, 0.4], 100.0, Progress.OUT_OF_TIME, "100 s"),
+        ([0.5, 0.2, 0.3, 0.25], 0.0, Progress.NOT_YET, None),
+        ([0.5, 0.2, 0.3, 0.25, 0.2], 0.0, Progress.STALLED, "after action 1"),
+        ([0.5, 0.2, 0.3, 0.25, 0.19], 0.0, Progress.NOT_YET, None),
     ],
 )
-def test_progress_names_the_first_condition_that_holds(
-    errors_m: list[float], elapsed_s: float, expected: Progress
+def test_progress_names_the_first_condition_that_holds_and_says_why(
+    errors_m: list[float], elapsed_s: float, expected: Progress, why: str | None
 ) -> None:
-    assert progress(errors_m, elapsed_s, CONFIG) is expected
+    found, said = progress(SoFar(errors_m=errors_m, elapsed_s=elapsed_s), CONFIG)
+    assert found is expected
+    assert said is None if why is None else said is not None and why in said
+
+
+def test_a_goal_that_may_not_hold_is_given_up_sooner() -> None:
+    config = TaskConfig(stall_actions=3, watched_stall_actions=2)
+    for doubtful, expected in ((False, Progress.NOT_YET), (True, Progress.STALLED)):
+        so_far = SoFar(errors_m=[0.5, 0.2, 0.3, 0.25], doubtful=doubtful)
+        assert progress(so_far, config)[0] is expected
 
 
 def test_a_worse_error_is_a_change_too() -> None:

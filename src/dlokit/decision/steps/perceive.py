@@ -7,7 +7,7 @@ import numpy as np
 
 from dlokit.communication import topics
 from dlokit.decision.attempt import record_of
-from dlokit.decision.convergence import Progress, best_so_far, error_m, patience, progress
+from dlokit.decision.convergence import Progress, SoFar, error_m, progress
 from dlokit.decision.faults import explain, result_of
 from dlokit.decision.flow import FaultKind, StepFault
 from dlokit.decision.looking import find, look_anew, settle
@@ -78,19 +78,13 @@ async def track_model(task: ShapeTask) -> Sight:
 
 async def compare(task: ShapeTask) -> Progress:
     """RMSE against the threshold, then the break conditions."""
-    doubtful = task.goal_set is not None and task.goal_set.doubtful
-    elapsed_s = (task.port.clock.now_ns() - task.spent.started_ns) / 1e9
-    verdict = progress(task.errors_m, elapsed_s, task.config, watched=doubtful)
-    where = best_so_far(task.errors_m)
-    match verdict:
-        case Progress.OUT_OF_ACTIONS:
-            task.reason = f"{task.config.max_actions} actions are spent; {where}"
-        case Progress.OUT_OF_TIME:
-            task.reason = f"{task.config.max_time_s:g} s are spent; {where}"
-        case Progress.STALLED:
-            task.reason = f"no better shape in {patience(task.config, watched=doubtful)} actions; {where}"
-        case Progress.CONVERGED | Progress.NOT_YET:
-            task.reason = None
+    so_far = SoFar(
+        errors_m=task.errors_m,
+        elapsed_s=(task.port.clock.now_ns() - task.spent.started_ns) / 1e9,
+        history=task.history,
+        doubtful=task.goal_set is not None and task.goal_set.doubtful,
+    )
+    verdict, task.reason = progress(so_far, task.config)
     return verdict
 
 
