@@ -1,5 +1,6 @@
 """What the pages tell people to type, to open and to copy is there."""
 
+import asyncio
 import re
 import shlex
 import sys
@@ -13,13 +14,18 @@ from dlokit.app.commands import parse
 from dlokit.skills.observer.anchored import chain
 from dlokit.skills.observer.base import ObserverStrategyConfig
 from dlokit.skills.observer.strategies import OURS, to_spec
-from dlokit.types.dlo import DloState
+from dlokit.skills.planning.actions import ActionConfig
+from dlokit.skills.planning.base import PlanningTools, StrategyConfig
+from dlokit.types.action import Marks
+from dlokit.types.dlo import DloState, GoalShape
 from dlokit.types.observation import Observation
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
 LINK = re.compile(r"\]\(([^)#]+?)(?:#[^)]*)?\)")
 CODE = re.compile(r"```.*?```", re.DOTALL)
+NEW_FILES = ("add-a-planner.md", "add-an-observer.md")
+"""Pages that name a file to be written."""
 SOURCE = re.compile(r"`((?:src|tests|examples)/[\w./-]+)`")
 
 
@@ -41,7 +47,9 @@ def test_every_link_leads_somewhere(page: Path) -> None:
     assert [link for link in links if not (page.parent / link).exists()] == []
 
 
-@pytest.mark.parametrize("page", [page for page in PAGES if page.name != "add-an-observer.md"], ids=page_id)
+@pytest.mark.parametrize(
+    "page", [page for page in PAGES if not page.name.startswith(("add-a-planner", "add-an-observer"))], ids=page_id
+)
 def test_every_source_file_that_a_page_names_exists(page: Path) -> None:
     named = [name for name in SOURCE.findall(page.read_text(encoding="utf-8")) if "<" not in name]
     assert [name for name in named if not (ROOT / name).exists()] == []
@@ -56,14 +64,32 @@ def test_commands_are_found_in_the_pages() -> None:
     assert len(commands()) > 8
 
 
+def module_of(page: str, room: str, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """The module that a how-to tells to write."""
+    text = (ROOT / "docs" / "how-to" / page).read_text(encoding="utf-8")
+    ((name, code),) = re.findall(rf"`src/dlokit/skills/{room}/(\w+)\.py`:\n\n```python\n(.*?)```", text, re.DOTALL)
+    module = ModuleType(f"dlokit.skills.{room}.{name}")
+    monkeypatch.setitem(sys.modules, module.__name__, module)
+    exec(compile(code, f"{name}.py", "exec"), vars(module))
+    return module
+
+
+def test_the_planner_of_the_how_to_works_as_it_stands(monkeypatch: pytest.MonkeyPatch) -> None:
+    settings: StrategyConfig = module_of("add-a-planner.md", "planning", monkeypatch).AnyNodeConfig()
+    strategy = settings.build(PlanningTools(reachable=lambda pose: True, actions=ActionConfig()))
+    nodes = np.column_stack([np.full(11, 0.5), np.linspace(-0.25, 0.25, 11), np.full(11, 0.004)])
+    shape = DloState(stamp_ns=0, nodes_world=nodes, topology=chain(11, 0.5))
+    goal = GoalShape(stamp_ns=0, nodes_world=nodes + np.array([0.05, 0.0, 0.0]))
+
+    async def grasped() -> list[int]:
+        marks = Marks(invalid_nodes=np.array([3]))
+        return [action.grasp.node async for action in strategy.propose(shape, goal, marks)]
+
+    assert sorted(asyncio.run(grasped())) == [0, 1, 2, 4, 5, 6, 7, 8, 9, 10]
+
+
 def test_the_observer_of_the_how_to_works_as_it_stands(monkeypatch: pytest.MonkeyPatch) -> None:
-    page = (ROOT / "docs" / "how-to" / "add-an-observer.md").read_text(encoding="utf-8")
-    files = re.findall(r"`src/dlokit/skills/observer/(\w+)\.py`:\n\n```python\n(.*?)```", page, re.DOTALL)
-    modules = [ModuleType(f"dlokit.skills.observer.{name}") for name, _ in files]
-    for module, (name, code) in zip(modules, files, strict=True):
-        monkeypatch.setitem(sys.modules, module.__name__, module)
-        exec(compile(code, f"{name}.py", "exec"), vars(module))
-    settings: ObserverStrategyConfig = modules[0].NearestConfig()
+    settings: ObserverStrategyConfig = module_of("add-an-observer.md", "observer", monkeypatch).NearestConfig()
     assert to_spec(settings).name == "nearest"
     nodes = np.column_stack([np.full(11, 0.5), np.linspace(-0.25, 0.25, 11), np.full(11, 0.004)])
     seen = Observation(stamp_ns=1, points_world=(nodes + np.array([0.02, 0.0, 0.0])).astype(np.float32))
