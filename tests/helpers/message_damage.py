@@ -1,4 +1,4 @@
-"""Ways in which a message may be damaged, by accident or by somebody who means it."""
+"""Random damage to the bytes of a message, accidental or malicious."""
 
 from collections.abc import Callable
 from random import Random

@@ -1,4 +1,4 @@
-"""Any value of a type, from the type alone: where a new field comes, its examples come by themselves."""
+"""Random values of any type that a message may hold, made from the type alone: a new field needs nothing here."""
 
 import enum
 import math
