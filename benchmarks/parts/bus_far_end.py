@@ -1,4 +1,4 @@
-"""The process that receives: run as a program, it is told its plan on standard input and writes what it measured.
+"""The process that receives: run as a program, it reads its plan from standard input and writes what it measured.
 
 It writes `ready` when everything is subscribed, and the delays as one line of JSON when its input ends.
 """
@@ -13,7 +13,12 @@ from typing import Any
 import msgspec
 import zenoh
 
-from dlokit.bench.bus.load import (
+from dlokit.communication.component import Component, implements
+from dlokit.communication.container import Container
+from dlokit.communication.timing.clock import LoopClock
+from dlokit.communication.zenoh.session import ZenohConfig
+from dlokit.communication.zenoh.transport import ZenohTransport
+from parts.bus_load import (
     FAR,
     SIZES_BYTES,
     TAKE,
@@ -25,11 +30,6 @@ from dlokit.bench.bus.load import (
     since_stamp,
     topic_of,
 )
-from dlokit.communication.component import Component, implements
-from dlokit.communication.container import Container
-from dlokit.communication.timing.clock import LoopClock
-from dlokit.communication.zenoh.session import ZenohConfig
-from dlokit.communication.zenoh.transport import ZenohTransport
 
 READY = b"ready\n"
 Note = Callable[[str, int, float], None]

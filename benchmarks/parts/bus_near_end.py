@@ -1,20 +1,47 @@
 """The process that sends: our bus, bare zenoh and bare pyzmq in turns, so that all of them meet the same machine."""
 
 import asyncio
+import importlib
+import socket
+import subprocess
+import sys
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Generator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
 from typing import Any
+from uuid import uuid4
 
+import msgspec
 import zenoh
 
-from dlokit.bench.bus.load import FAR, NEAR, TAKE, BusPlan, Delay, body_of, load_now, stamped, topic_of
 from dlokit.communication.port import InlineCompute, Port
 from dlokit.communication.timing.clock import LoopClock
+from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.errors import MachineError
 from dlokit.types.outcome import Succeeded
+from parts.bus_far_end import READY
+from parts.bus_load import (
+    FAR,
+    NEAR,
+    TAKE,
+    BusPlan,
+    Delay,
+    bare_session,
+    body_of,
+    load_now,
+    stamped,
+    topic_of,
+)
 
 FOUND_S = 20.0
+FAR_END_S = 60.0
+"""For the other process to end and to write what it has measured."""
+FOLDER = Path(__file__).parents[1]
+"""From where the modules of the study are importable."""
 SETTLE_S = 0.5
 """For what is still on its way when the far end was heard."""
 PAUSE_S = 0.002
@@ -125,13 +152,16 @@ class ZmqSockets:
         self._context.destroy(linger=0)
 
 
-async def send_all(near: NearEnd, plan: BusPlan, transport: ZenohTransport, repeats: int) -> list[Delay]:
+async def send_all(
+    near: NearEnd, plan: BusPlan, transport: ZenohTransport, repeats: int, said: Callable[[str], object]
+) -> list[Delay]:
     """Send and call with every method in turns; the delays of the calls. Those of the messages the far end has."""
     if not (await transport.wait_for(FAR, FOUND_S) and await near.heard()):
         raise MachineError("the process at the far end was not found on the bus; end other programs, and try again")
     await asyncio.sleep(SETTLE_S)
     delays: list[Delay] = []
     for size in plan.sizes:
+        said(f"{repeats} messages and calls of {size} bytes with each method")
         sends, calls = near.sends(size), near.calls(size)
         pause_s = PAUSE_S + size * PAUSE_S_PER_BYTE
         for _ in range(repeats):
@@ -144,3 +174,85 @@ async def send_all(near: NearEnd, plan: BusPlan, transport: ZenohTransport, repe
                 delays.append(Delay(method=method, size=size, seconds=time.monotonic() - began_s))
                 await asyncio.sleep(PAUSE_S)
     return delays
+
+
+@dataclass(frozen=True)
+class BusTimes:
+    """Seconds under way."""
+
+    one_way: list[Delay]
+    """From handing a message over to its reader having it; each method in its own thread or coroutine."""
+    calls: list[Delay]
+    """From asking to having the answer."""
+
+
+def compare(repeats: int, said: Callable[[str], object]) -> BusTimes:
+    """Send `repeats` messages and calls of each size with each method, without pyzmq where it is not installed.
+
+    `said` receives the progress.
+    """
+    zmq = _pyzmq()
+    sockets = None if zmq is None else ZmqSockets(zmq)
+    plan = BusPlan(
+        namespace=f"dlokit_bench/{uuid4().hex}",
+        endpoint=free_endpoint(),
+        bare_endpoint=free_endpoint(),
+        pushes="" if sockets is None else sockets.pushes,
+        answers="" if sockets is None else sockets.answers,
+    )
+    try:
+        return asyncio.run(_compare(plan, sockets, repeats, said))
+    finally:
+        if sockets is not None:
+            sockets.close()
+
+
+async def _compare(plan: BusPlan, sockets: ZmqSockets | None, repeats: int, said: Callable[[str], object]) -> BusTimes:
+    transport = ZenohTransport(ZenohConfig(namespace=plan.namespace, listen=(plan.endpoint,)))
+    session = bare_session(listen=(plan.bare_endpoint,))
+    try:
+        with far_process("parts.bus_far_end", msgspec.json.encode(plan)) as far:
+            near = NearEnd(plan, transport, session, sockets)
+            calls = await send_all(near, plan, transport, repeats, said)
+            one_way = msgspec.json.decode(await asyncio.to_thread(result_of, far), type=list[Delay])
+    finally:
+        await asyncio.to_thread(session.close)
+        await transport.close()
+    return BusTimes(one_way, calls)
+
+
+@contextmanager
+def far_process(module: str, plan: bytes) -> Generator["subprocess.Popen[bytes]"]:
+    """Start a module of this folder as a process, which has read its plan and is ready; it is killed at the end."""
+    command = (sys.executable, "-m", module)
+    with subprocess.Popen(command, cwd=FOLDER, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        try:
+            process.stdin.write(plan + b"\n")
+            process.stdin.flush()
+            if process.stdout.readline() != READY:
+                raise MachineError("the process at the far end did not start; its error is above")
+            yield process
+        finally:
+            process.kill()
+
+
+def result_of(process: "subprocess.Popen[bytes]") -> bytes:
+    """Close the input of a process and return its output."""
+    said, _ = process.communicate(timeout=FAR_END_S)
+    return said
+
+
+def free_endpoint() -> str:
+    """Return an endpoint of the loopback interface with a free port."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+
+
+def _pyzmq() -> ModuleType | None:
+    try:
+        return importlib.import_module("zmq")
+    except ImportError:
+        return None

@@ -10,9 +10,6 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from dlokit import geometry
-from dlokit.bench.feasibility.beliefs import BENCH_DLOS, KnownDlo, Level, known
-from dlokit.bench.feasibility.made_goals import made_goals, placed
-from dlokit.bench.feasibility.releases import Happened, release
 from dlokit.description.dlo import DloPreset, preset
 from dlokit.description.scene import default_calibration
 from dlokit.functional.cell.config import CellConfig
@@ -29,6 +26,9 @@ from dlokit.skills.planning.verdict.goal_verdict import judge
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import GoalShape
 from dlokit.types.feasibility import GoalVerdict, Standing
+from parts.feasibility_beliefs import BENCH_DLOS, KnownDlo, Level, known
+from parts.feasibility_releases import Happened, release
+from parts.made_goals import made_goals, placed
 
 DEFAULT_DLOS = ("soft_rope", "firm_rope", "stiff_rope", "silicone_hose", "wire_a", "wire_b")
 

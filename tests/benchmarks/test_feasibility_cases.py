@@ -6,19 +6,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dlokit.app.bench.feasibility import FeasibilityArgs, run_feasibility
-from dlokit.bench.feasibility.beliefs import Level, known, true_elastic_m3
-from dlokit.bench.feasibility.cases import FeasibilityCase, bench_dlo, judge_case
-from dlokit.bench.feasibility.made_goals import made_goals
-from dlokit.bench.feasibility.releases import Happened, release
 from dlokit.description.dlo import SILICONE_HOSE, SOFT_ROPE, WIRE_A
 from dlokit.description.shapes import builtin_shape
 from dlokit.errors import ConfigError, InputError
 from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.cell.world import Cell
 from dlokit.types.feasibility import Standing
+from feasibility import Args, run
+from parts.feasibility_beliefs import Level, known, true_elastic_m3
+from parts.feasibility_cases import FeasibilityCase, bench_dlo, judge_case
+from parts.feasibility_releases import Happened, release
+from parts.made_goals import made_goals
 
-GOALS = Path(__file__).parents[5] / "shared" / "data" / "goals" / "planar_goals.npy"
+GOALS = Path(__file__).parents[3] / "shared" / "data" / "goals" / "planar_goals.npy"
 I_AND_S = {name: builtin_shape(name, 0.5, 101) for name in "IS"}
 
 
@@ -67,16 +67,16 @@ def test_the_levels_know_what_they_say() -> None:
 def test_a_file_that_holds_no_goals_is_named(tmp_path: Path) -> None:
     np.save(tmp_path / "flat.npy", np.zeros((4, 2)))
     with pytest.raises(InputError, match=r"flat\.npy are"):
-        run_feasibility(FeasibilityArgs(goals=tmp_path / "flat.npy", dlos=("soft_rope",)))
+        run(Args(goals=tmp_path / "flat.npy", dlos=("soft_rope",)))
 
 
 def test_what_cannot_be_run_is_told_before_anything_runs(tmp_path: Path) -> None:
     for args, words in (
-        (FeasibilityArgs(seeds=0), "--seeds 0"),
-        (FeasibilityArgs(threshold_m=-1.0), "--threshold-m"),
-        (FeasibilityArgs(dlos=("spaghetti",)), "spaghetti"),
+        (Args(seeds=0), "--seeds 0"),
+        (Args(threshold_m=-1.0), "--threshold-m"),
+        (Args(dlos=("spaghetti",)), "spaghetti"),
     ):
         with pytest.raises(ConfigError, match=words):
-            run_feasibility(args)
+            run(args)
     with pytest.raises(InputError, match="create it first"):
-        run_feasibility(FeasibilityArgs(json=tmp_path / "nowhere" / "figures.json"))
+        run(Args(json=tmp_path / "nowhere" / "figures.json"))

@@ -1,17 +1,27 @@
-"""Settings for every published method by the same search, on tuning seeds alone.
+"""Search the settings of every published observer in the same way, on seeds that no bench reports.
 
-Run as `python -m dlokit.bench.observers.tuning cpd spr som pycpd probreg`. Each method gets `BUDGET` settings: its
-defaults, `WIDE` - 1 spread evenly over its ranges (a Latin hypercube, in logarithms), and the rest over the third of
-the ranges about the best of these. Each setting runs over `TUNING_CASES` with `TUNING_SEEDS`, and the lowest mean node
-error wins. The winners are the defaults of the methods' settings.
+    python benchmarks/tuning.py
+    python benchmarks/tuning.py cpd som --json tuned.json
+
+Each method gets the same number of settings (--budget): its defaults, most of the others spread evenly over its ranges
+(a Latin hypercube, in logarithms), and the rest over the third of the ranges about the best of these. Each setting runs
+over three cases of `dlokit bench observers` with two tuning seeds; the setting with the lowest mean node error wins.
+Prints each setting with its error, then the best. The winners are the defaults of the methods' settings. pycpd and
+probreg are searched where they are installed: pip install 'dlokit[bench]', pip install probreg.
 """
 
-import sys
+from dlokit.app.environment import prepare_environment
+
+prepare_environment()  # before anything below imports MuJoCo or NumPy's linear algebra
+
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from pathlib import Path
+from typing import Annotated, Any
 
 import numpy as np
+import tyro
+from rich.console import Console
 from scipy.stats import qmc
 
 from dlokit.bench.observers.cases import BASE, TUNING_SEED, ObserverCase
@@ -22,10 +32,13 @@ from dlokit.bench.observers.metrics import score
 from dlokit.bench.observers.peers import ProbregConfig, PycpdConfig
 from dlokit.bench.observers.runner import follow
 from dlokit.bench.observers.sequence import Sequence as RodSequence
+from dlokit.bench.report import BenchFigure
+from dlokit.errors import ConfigError
 from dlokit.skills.observer.base import ObserverStrategyConfig
 from dlokit.skills.observer.cpd import CpdConfig
 from dlokit.skills.observer.som import SomConfig
 from dlokit.skills.observer.spr import SprConfig
+from parts.command import check_json, run_study, write_figures
 
 TUNING_SEEDS = (TUNING_SEED, TUNING_SEED + 1)
 TUNING_CASES = (
@@ -33,11 +46,8 @@ TUNING_CASES = (
     ObserverCase(name="hidden 50 %", conditions=Conditions(hidden=0.5)),
     ObserverCase(name="swing", motion="swing"),
 )
-FRAMES = 30
-BUDGET = 36
-"""Settings a method."""
-WIDE = 24
-"""Settings of these that are spread over the whole ranges, the defaults among them."""
+WIDE = 2 / 3
+"""Fraction of the settings that is spread over the whole ranges, the defaults among them."""
 
 Range = tuple[float, float]
 Given = Sequence[tuple[RodSequence, Looks]]
@@ -84,9 +94,10 @@ class Tried:
     node_error_m: float
 
 
-def tune(name: str, given: Given, budget: int = BUDGET, wide: int = WIDE) -> Iterator[Tried]:
+def tune(name: str, given: Given, budget: int) -> Iterator[Tried]:
     """Every setting of a method's search, with its mean node error [m], in the order in which they are tried."""
     start, ranges = RANGES[name]
+    wide = max(1, round(WIDE * budget))
     tried = [tried_of(start, given)]
     yield tried[0]
     for config in spread(start, ranges, wide - 1, seed=1):
@@ -124,7 +135,7 @@ def tried_of(config: ObserverStrategyConfig, given: Given) -> Tried:
     return Tried(config=config, node_error_m=float(np.mean(errors)))
 
 
-def tuning_sequences(frames: int = FRAMES) -> Given:
+def tuning_sequences(frames: int) -> Given:
     """The tuning cases with the tuning seeds; made once, for all settings."""
     return [
         (sequence, looks(sequence, case.conditions, seed))
@@ -134,20 +145,62 @@ def tuning_sequences(frames: int = FRAMES) -> Given:
     ]
 
 
-def main(names: Sequence[str]) -> None:
-    """Search for each method in turn; print each setting as it is done, then the best."""
-    given = tuning_sequences()
-    for name in names or list(RANGES):
+@dataclass(frozen=True, kw_only=True)
+class Args:
+    """Search the settings of published observers on tuning seeds."""
+
+    methods: Annotated[tuple[str, ...], tyro.conf.Positional] = tuple(RANGES)
+    """Methods to tune: cpd, spr, som, pycpd, probreg."""
+    budget: int = 36
+    """Settings tried for each method."""
+    frames: int = 30
+    """Frames of each sequence."""
+    json: Path | None = None
+    """Also write the error of the best setting of each method to this file."""
+
+
+def run(args: Args) -> int:
+    """Search for each method in turn; print each setting as it is done, then the best; exit code 0."""
+    if unknown := [name for name in args.methods if name not in RANGES]:
+        raise ConfigError(f"{', '.join(unknown)}: there is no such method; choose of {', '.join(RANGES)}.")
+    if args.budget < 1 or args.frames < 2:
+        raise ConfigError(f"--budget {args.budget} must be at least 1, and --frames {args.frames} at least 2.")
+    check_json(args.json)
+    console = Console(width=240, highlight=False)
+    given = tuning_sequences(args.frames)
+    best: dict[str, Tried] = {}
+    for name in args.methods:
         tried: list[Tried] = []
-        for one in tune(name, given):
+        for one in tune(name, given, args.budget):
             tried.append(one)
-            print(_line(one), flush=True)
-        print(f"best of {len(tried)} for {name}:", _line(min(tried, key=lambda one: one.node_error_m)), flush=True)
+            console.print(f"{name} {len(tried)}/{args.budget}: {_line(one)}")
+        best[name] = min(tried, key=lambda one: one.node_error_m)
+        console.print(f"best of {len(tried)} for {name}: {_line(best[name])}")
+    config = {
+        "budget": args.budget,
+        "frames": args.frames,
+        "best": {name: str(one.config) for name, one in best.items()},
+    }
+    write_figures(args.json, "tuning", [_figure(name, one, len(given)) for name, one in best.items()], config, console)
+    return 0
 
 
 def _line(one: Tried) -> str:
     return f"{one.node_error_m * 1e3:6.1f} mm  {one.config}"
 
 
+def _figure(name: str, best: Tried, sequences: int) -> BenchFigure:
+    return BenchFigure(
+        case="tuning seeds",
+        method=name,
+        metric="node error of the best setting",
+        value=best.node_error_m,
+        low=None,
+        high=None,
+        unit="m",
+        n=sequences,
+    )
+
+
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    run_study(Args, run, __doc__)

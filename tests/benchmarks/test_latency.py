@@ -1,6 +1,6 @@
 import pytest
 
-from dlokit.bench.latency.hops import CLOUD, DECISION, EXPOSURE, PICTURES, STATE, TARGETS, Sent, hops, machine_time_s
+from latency import CLOUD, DECISION, EXPOSURE, PICTURES, STATE, TARGETS, Sent, hops, machine_time_s
 
 TICKS = [(0, 100.0), (10_000_000, 100.02), (20_000_000, 100.04)]  # a cell at half the machine's pace
 

@@ -1,6 +1,6 @@
-"""A reader that needs longer for a message than the next one takes to come: how old is what it reads?
+"""The age of messages that a reader receives which needs more time for each than the publisher's period.
 
-Run as a program, it is the reader; it is told its plan on standard input and writes the ages when that ends.
+Run as a program, it is the reader: it reads its plan from standard input and writes the ages when that ends.
 """
 
 import asyncio
@@ -11,15 +11,14 @@ from uuid import uuid4
 
 import msgspec
 
-from dlokit.bench.bus.comparison import far_process, free_endpoint, result_of
-from dlokit.bench.bus.far_end import READY
-from dlokit.bench.bus.load import FAST, NEAR, SLOW_SIZE, body_of, load_now
-from dlokit.bench.bus.near_end import FOUND_S, SETTLE_S
 from dlokit.communication.port import InlineCompute, Port
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.errors import MachineError
+from parts.bus_far_end import READY
+from parts.bus_load import FAST, NEAR, SLOW_SIZE, body_of, load_now
+from parts.bus_near_end import FOUND_S, SETTLE_S, far_process, free_endpoint, result_of
 
 NEEDS_S = 0.05
 PERIOD_S = 0.01
@@ -36,7 +35,7 @@ class SlowPlan(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class SlowTimes(msgspec.Struct, frozen=True, kw_only=True):
-    """What came of one way to be slow."""
+    """The times measured with one kind of reader."""
 
     way: str
     ages_s: list[float]
@@ -73,9 +72,13 @@ WAYS: dict[str, Callable[[], Awaitable[None]]] = {
 }
 
 
-def measure_slow_readers(seconds: float) -> list[SlowTimes]:
-    """Publish at 100 Hz for so long to a reader of each kind."""
-    return [asyncio.run(_measure(way, seconds)) for way in WAYS]
+def measure_slow_readers(seconds: float, said: Callable[[str], object]) -> list[SlowTimes]:
+    """Publish at 100 Hz for `seconds` to a reader of each kind; `said` receives the progress."""
+    measured: list[SlowTimes] = []
+    for way in WAYS:
+        said(f"a reader that {way}, {seconds:g} s")
+        measured.append(asyncio.run(_measure(way, seconds)))
+    return measured
 
 
 async def _measure(way: str, seconds: float) -> SlowTimes:
@@ -83,7 +86,7 @@ async def _measure(way: str, seconds: float) -> SlowTimes:
     transport = ZenohTransport(ZenohConfig(namespace=plan.namespace, listen=(plan.endpoint,)))
     port = Port(transport, LoopClock(), InlineCompute(), owner=NEAR, publishes=(FAST,))
     try:
-        with far_process("dlokit.bench.bus.slow_reader", msgspec.json.encode(plan)) as far:
+        with far_process("parts.bus_slow_reader", msgspec.json.encode(plan)) as far:
             if not await transport.wait_for(_FAR, FOUND_S):
                 raise MachineError("the slow reader was not found on the bus; end other programs, and try again")
             await asyncio.sleep(SETTLE_S)

@@ -2,11 +2,11 @@
 
 import pytest
 
-from dlokit.bench.feasibility.beliefs import Level
-from dlokit.bench.feasibility.cases import Judged
-from dlokit.bench.feasibility.figures import ALL, figures, is_right
-from dlokit.bench.feasibility.releases import Happened
 from dlokit.types.feasibility import Standing
+from feasibility import ALL, figures, is_right
+from parts.feasibility_beliefs import Level
+from parts.feasibility_cases import Judged
+from parts.feasibility_releases import Happened
 
 
 def judged(standing: Standing, happened: Happened, dlo: str = "rope", seconds: float = 0.1) -> Judged:

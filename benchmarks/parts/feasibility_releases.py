@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from dlokit import geometry
-from dlokit.bench.feasibility.beliefs import true_elastic_m3
 from dlokit.description import shapes
 from dlokit.evaluation.evaluator import SETTLE_S
 from dlokit.functional.cell.world import Cell
 from dlokit.rod.equilibrium import nearest_held
 from dlokit.skills.planning.verdict.feasibility import overlaps
 from dlokit.types.arrays import Float64Array
+from parts.feasibility_beliefs import true_elastic_m3
 
 _FRICTION_SHARES = (1.2, 0.9, 0.7)  # with which the nearest shape that holds is sought
 _CORRECTIONS = 3  # times that a shape is bent further by what it sprang back

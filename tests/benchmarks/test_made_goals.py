@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from dlokit import geometry
-from dlokit.bench.feasibility.made_goals import made_goals, placed
 from dlokit.description.shapes import CENTRE_M, length, self_clearance_m
+from parts.made_goals import made_goals, placed
 
 
 def test_each_seed_gives_one_goal_of_each_kind_of_the_rods_length_clear_of_itself_and_again_the_same() -> None:

@@ -2,8 +2,8 @@ import time
 
 import pytest
 
-from dlokit.bench.bus.load import SIZES_BYTES, body_of, load_now, since_load, since_stamp, stamped
 from dlokit.communication.wire import codec
+from parts.bus_load import SIZES_BYTES, body_of, load_now, since_load, since_stamp, stamped
 
 
 @pytest.mark.parametrize("size", SIZES_BYTES)
