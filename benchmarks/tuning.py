@@ -27,9 +27,8 @@ from scipy.stats import qmc
 from dlokit.bench.observers.cases import BASE, TUNING_SEED, ObserverCase
 from dlokit.bench.observers.clouds import Looks, looks
 from dlokit.bench.observers.conditions import Conditions
-from dlokit.bench.observers.methods import ObserverMethod
+from dlokit.bench.observers.methods import ObserverMethod, ProbregConfig, PycpdConfig
 from dlokit.bench.observers.metrics import score
-from dlokit.bench.observers.peers import ProbregConfig, PycpdConfig
 from dlokit.bench.observers.runner import follow
 from dlokit.bench.observers.sequence import Sequence as RodSequence
 from dlokit.bench.report import BenchFigure

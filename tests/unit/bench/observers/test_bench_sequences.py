@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from dlokit.bench.observers.cases import CASES
+from dlokit.bench.observers.clouds import camera_of
 from dlokit.bench.observers.sequence import Sequence
-from dlokit.bench.observers.sequences import RATE_HZ, SPEED_M_S, SWING_M_S, Motion, simulate
-from dlokit.bench.observers.stereo import camera_of
+from dlokit.bench.observers.simulated import RATE_HZ, SPEED_M_S, SWING_M_S, Motion, simulate
 from dlokit.description.scene import default_calibration
 from dlokit.errors import ConfigError
 

@@ -3,7 +3,7 @@
 import asyncio
 import multiprocessing
 
-from dlokit.bench.stop.attempts import Attempt, AttemptLog, outcome_name
+from dlokit.bench.stop.logs import Attempt, AttemptLog, outcome_name
 from dlokit.types.outcome import Cancelled, Failed, Rejected
 
 PATIENCE_S = 10.0
