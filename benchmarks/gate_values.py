@@ -24,7 +24,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-import tyro
 from rich.console import Console
 from rich.table import Table
 
@@ -35,13 +34,16 @@ from adversarial import MUTATIONS, executed_breach, honest, honest_pose, remade,
 from adversarial_calls import Batch, CallResult
 from robot_bench import KINEMATICS, PerfectArm
 
+from dlokit.bench.report import BenchFigure, figure
 from dlokit.communication.timing import virtual_time
 from dlokit.description.arm.panda import PANDA_LIMITS
 from dlokit.errors import BadValue, CommunicationError, SkillFailure
+from dlokit.evaluation.statistics import without_interval
 from dlokit.functional.robots.gate import GateConfig, GatedRobot
 from dlokit.motion.trajectories import joint_move, tool_move
 from dlokit.types.action import VelocityProfile
 from dlokit.types.robot import GripResult, JointTrajectory, Lease, MotionResult
+from parts.command import check_json, run_study, write_figures
 
 LONGEST_S, MOST_MIB = 1.0, 256.0
 MISSED = 3
@@ -331,8 +333,24 @@ def _add_row(table: Table, kind: str, tally: Tally) -> None:
     table.add_row(kind, *(str(count) for count in (*counts, *failed)), *sizes)
 
 
-def main(values: int = 100_000, calls: int = 1_000, seed: int = 0) -> int:
-    """Try that many values at the gate and that many calls in lockstep; the same ones for the same seed."""
+@dataclass(frozen=True, kw_only=True)
+class Args:
+    """Try values at the gate, and calls of whole skills in lockstep; the same ones for the same seed."""
+
+    values: int = 100_000
+    """Values tried at the gate alone."""
+    calls: int = 1_000
+    """Calls of skills over the bus of one process."""
+    seed: int = 0
+    """Seed of both."""
+    json: Path | None = None
+    """Also write every count to this file."""
+
+
+def run(args: Args) -> int:
+    """Try and print; exit code 3 when a bar is missed."""
+    check_json(args.json)
+    values, calls, seed = args.values, args.calls, args.seed
     console = Console(width=150)
 
     def told(what: str, all_of: int) -> Callable[[int], None]:
@@ -349,11 +367,28 @@ def main(values: int = 100_000, calls: int = 1_000, seed: int = 0) -> int:
     for title, tallies in parts.items():
         print_tallies(console, title, tallies)
         missed = missed or not all(tally.passes for tally in tallies.values())
+    rows = [row for tallies in parts.values() for kind, tally in tallies.items() for row in _figures(kind, tally)]
+    write_figures(args.json, "gate_values", rows, {"values": values, "calls": calls, "seed": seed}, console)
     console.print("a bar is missed" if missed else "all bars are kept")
     if calls:
         console.print("most used of a limit in lockstep: " + ", ".join(f"{k} {v:.3f}" for k, v in used.items()))
     return MISSED if missed else 0
 
 
+def _figures(kind: str, tally: Tally) -> list[BenchFigure]:
+    counts = {
+        "refused when made": tally.refused_when_made,
+        "refused by name": tally.refused.total(),
+        "executed": tally.executed,
+        "succeeded": tally.succeeded,
+        "broke a limit": len(tally.broken),
+        "false success": len(tally.wrong),
+    }
+    return [
+        figure(kind, "dlokit", metric, without_interval(float(count), tally.tried), "1")
+        for metric, count in counts.items()
+    ]
+
+
 if __name__ == "__main__":
-    sys.exit(tyro.cli(main))
+    run_study(Args, run, __doc__)

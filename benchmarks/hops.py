@@ -35,21 +35,20 @@ import tempfile
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import CodeType, FrameType
 from typing import Any
 
-import msgspec
-import tyro
 import zenoh
 from rich.console import Console
 from rich.table import Table
 
 import dlokit
 from dlokit.app.shape.job import job_from_config
+from dlokit.bench.report import BenchFigure, figure
 from dlokit.communication import topics
 from dlokit.communication.component import Component, implements
 from dlokit.communication.container import Container
@@ -63,11 +62,13 @@ from dlokit.decision.looking import look
 from dlokit.decision.steps.goal import set_goal
 from dlokit.decision.steps.perceive import compare, find_dlo
 from dlokit.decision.task import Odometer, ShapeTask, Spent
+from dlokit.evaluation.statistics import without_interval
 from dlokit.system.config import RunConfig
 from dlokit.system.lockstep import LockstepSystem, lockstep_system
 from dlokit.system.results.recording import lockstep_recorder
 from dlokit.system.shaping import ShapeJob
 from dlokit.types.outcome import Outcome, Succeeded
+from parts.command import check_json, run_study, write_figures
 
 OURS = str(Path(dlokit.__file__).parent) + "/"
 PLUMBING = ("communication", "system", "recording")
@@ -331,9 +332,10 @@ class Args:
     """Whether the look is recorded, as a run's are unless it is told otherwise."""
 
 
-def main() -> None:
-    """Trace both ways, and print them."""
-    args = tyro.cli(Args, description=__doc__)
+def run(args: Args) -> int:
+    """Trace both ways, and print them; exit code 0."""
+    check_json(args.json)
+    print("a look is traced, then a call", file=sys.stderr)
     ways = {
         "a look in lockstep": virtual_time.run(
             traced_look(RunConfig(headless=True, seed=args.seed, record=args.record))
@@ -343,13 +345,19 @@ def main() -> None:
     console = Console(width=160)
     for title, way in ways.items():
         _print(console, title, way)
-    if args.json is not None:
-        found = {
-            title: {"count": len(way.functions), "plumbing": len(way.plumbing), "others": len(way.rest), "way": way}
-            for title, way in ways.items()
-        }
-        args.json.write_bytes(msgspec.json.format(msgspec.json.encode(found)))
+    settings = {"seed": args.seed, "record": args.record}
+    found = {title: {"functions": way.functions, "uncounted": way.uncounted} for title, way in ways.items()}
+    write_figures(args.json, "hops", _figures(ways), settings | found, console)
+    return 0
+
+
+def _figures(ways: Mapping[str, Way]) -> list[BenchFigure]:
+    return [
+        figure(title, "dlokit", metric, without_interval(float(len(functions)), 1), "1")
+        for title, way in ways.items()
+        for metric, functions in (("functions", way.functions), ("plumbing", way.plumbing), ("others", way.rest))
+    ]
 
 
 if __name__ == "__main__":
-    main()
+    run_study(Args, run, __doc__)

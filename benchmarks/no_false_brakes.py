@@ -9,23 +9,25 @@ need (`make test` installs it). Exit code 3 where any motion was braked so.
 """
 
 import asyncio
-import sys
 import tempfile
 import time
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
-import tyro
 from playwright.async_api import Browser, async_playwright
+from rich.console import Console
 
 from dlokit.bench.faults.live_run import LiveRun, StartedCommand, live_run
+from dlokit.bench.report import figure
 from dlokit.bench.stop.small_system import burden
 from dlokit.communication import topics
+from dlokit.evaluation.statistics import without_interval
 from dlokit.recording.channels import FILE_NAME
 from dlokit.recording.reader import read_recording
 from dlokit.system.results.run_result import read_result
 from dlokit.types.outcome import CallRecord
+from parts.command import check_json, run_study, write_figures
 
 BRAKED = frozenset({"lease_lost", "lost_commander", "stale_feedback", "neighbour_silent"})
 ENDS_WITHIN_S = 300.0
@@ -48,6 +50,8 @@ class Args:
     """Times that the page is opened and closed, over all runs; 0 runs without a browser."""
     arms: int = 1
     """1 or 2."""
+    json: Path | None = None
+    """Also write every count to this file."""
 
 
 class Visitor:
@@ -102,7 +106,14 @@ async def shaped(args: Args, folder: Path, number: int, visitor: Visitor) -> Cou
     return ends
 
 
-async def main(args: Args, folder: Path) -> int:
+def run(args: Args) -> int:
+    """Shape ropes and print; exit code 3 where a motion was braked for nothing."""
+    check_json(args.json)
+    with tempfile.TemporaryDirectory(prefix="dlokit-brakes-") as folder:
+        return asyncio.run(count_brakes(args, Path(folder)))
+
+
+async def count_brakes(args: Args, folder: Path) -> int:
     """Shape until the time is over; exit code."""
     end_s, ends = time.monotonic() + 60.0 * args.minutes, Counter[str]()
     async with async_playwright() as playwright:
@@ -115,10 +126,12 @@ async def main(args: Args, folder: Path) -> int:
         await browser.close()
     braked = sum(ends[reason] for reason in BRAKED)
     print(f"{number} runs, {sum(ends.values())} robot calls, {visitor.visits} visits: {braked} braked for nothing")
+    counts = {"runs": number, "robot calls": sum(ends.values()), "visits": visitor.visits, "braked": braked}
+    rows = [figure("all runs", "dlokit", name, without_interval(float(n), number), "1") for name, n in counts.items()]
+    settings = {"minutes": args.minutes, "busy": args.busy, "pages": args.pages, "arms": args.arms}
+    write_figures(args.json, "no_false_brakes", rows, settings, Console())
     return EXIT_BRAKED if braked else 0
 
 
 if __name__ == "__main__":
-    arguments = tyro.cli(Args)
-    with tempfile.TemporaryDirectory(prefix="dlokit-brakes-") as where:
-        sys.exit(asyncio.run(main(arguments, Path(where))))
+    run_study(Args, run, __doc__)

@@ -2,7 +2,7 @@
 
     python benchmarks/verdict_rounding.py --goals 1000 --jobs 2
 
-Goals are made up as `dlokit bench feasibility` does it, for rods of 1 to 40 times the default stiffness. Prints how
+Goals are made up as `benchmarks/feasibility.py` does it, for rods of 1 to 40 times the default stiffness. Prints how
 many verdicts differ, and for each of them how far its figures are from the limit that they crossed.
 """
 
@@ -10,15 +10,19 @@ import asyncio
 import time
 from dataclasses import dataclass, replace
 from itertools import count, islice
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tyro
 from joblib import Parallel, delayed
+from rich.console import Console
+from rich.progress import track
 
 from dlokit import geometry
-from dlokit.bench.feasibility.made_goals import made_goals
+from dlokit.bench.report import figure
 from dlokit.description.scene import default_calibration
+from dlokit.errors import ConfigError
+from dlokit.evaluation.statistics import success_rate, without_interval
 from dlokit.motion.inverse_kinematics import PandaKinematics
 from dlokit.rod.believed import ModelConfig, as_configured
 from dlokit.skills.planning.config import PlanningConfig
@@ -28,6 +32,8 @@ from dlokit.skills.planning.verdict.goal_verdict import judge
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import GoalShape
 from dlokit.types.feasibility import GoalVerdict
+from parts.command import check_json, run_study, write_figures
+from parts.made_goals import made_goals
 
 RELATIVE = 1e-12
 THRESHOLD_M = 0.012
@@ -100,19 +106,41 @@ def _compared(number: int, curve: Float64Array) -> tuple[str, float]:
     return before.apart(after), apart_m
 
 
-def main(goals: int = 1000, jobs: int = 1) -> None:
-    """Judge that many goals twice, in so many processes."""
-    default, began_s = ModelConfig(), time.perf_counter()
+@dataclass(frozen=True, kw_only=True)
+class Args:
+    """Judge goals as they are, and moved by 1e-12 of their coordinates."""
+
+    goals: int = 1000
+    """Goals, each judged twice."""
+    jobs: int = 1
+    """Processes side by side."""
+    json: Path | None = None
+    """Also write every figure to this file."""
+
+
+def run(args: Args) -> int:
+    """Judge, compare and print; exit code 0."""
+    if args.goals < 1 or args.jobs < 1:
+        raise ConfigError(f"--goals {args.goals} and --jobs {args.jobs} must be at least 1.")
+    check_json(args.json)
+    default, began_s, console = ModelConfig(), time.perf_counter(), Console(highlight=False, soft_wrap=True)
     made = (curve for seed in count() for _, curve in made_goals(seed, default.length_m, default.radius_m))
-    parallel: Any = Parallel(n_jobs=jobs)
-    compared = parallel(delayed(_compared)(number, curve) for number, curve in enumerate(islice(made, goals)))
+    parallel: Any = Parallel(n_jobs=args.jobs, return_as="generator")
+    todo = (delayed(_compared)(number, curve) for number, curve in enumerate(islice(made, args.goals)))
+    compared = list(track(parallel(todo), "goals", args.goals, console=console, transient=True))
     differ = [(number, text) for number, (text, _) in enumerate(compared) if text]
-    farthest_m = max((apart_m for _, apart_m in compared), default=0.0)
-    print(f"{len(differ)} of {goals} verdicts differ; {time.perf_counter() - began_s:.0f} s")
-    print(f"nearest shapes that hold are at most {farthest_m * 1000.0:.2g} mm apart")
+    farthest_m = max(apart_m for _, apart_m in compared)
+    console.print(f"{len(differ)} of {args.goals} verdicts differ; {time.perf_counter() - began_s:.0f} s")
+    console.print(f"nearest shapes that hold are at most {farthest_m * 1000.0:.2g} mm apart")
     for number, text in differ:
-        print(f"goal {number}: {text}")
+        console.print(f"goal {number}: {text}")
+    rows = [
+        figure("all", "dlokit", "verdicts that differ", success_rate(len(differ), args.goals), ""),
+        figure("all", "dlokit", "nearest shapes apart, largest", without_interval(farthest_m, args.goals), "m"),
+    ]
+    write_figures(args.json, "verdict_rounding", rows, {"goals": args.goals, "relative": RELATIVE}, console)
+    return 0
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    run_study(Args, run, __doc__)

@@ -1,8 +1,10 @@
-"""Every `--option` that a page speaks of is one that `dlokit` takes."""
+"""Every `--option` that a page speaks of is one that `dlokit`, or a study in `benchmarks/`, takes."""
 
 import contextlib
 import io
 import re
+from dataclasses import fields
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -43,7 +45,12 @@ def known() -> set[str]:
         pages += [help_of(command, name) for name in subcommands(pages[-1])]
     pages += [help_of("shape", "--observer", config.name) for config in OBSERVERS]
     pages += [help_of("shape", "--planner", config.name) for config in PLANNERS]
-    return {option for page in pages for option in OPTION.findall(page)}
+    return {option for page in pages for option in OPTION.findall(page)} | options_of_studies()
+
+
+def options_of_studies() -> set[str]:
+    studies = [import_module(path.stem).Args for path in (ROOT / "benchmarks").glob("*.py")]
+    return {f"--{field.name.replace('_', '-')}" for study in studies for field in fields(study)}
 
 
 def test_the_options_are_found_in_help_and_pages(known: set[str]) -> None:

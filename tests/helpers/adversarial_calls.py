@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 from adversarial import KINEMATICS, Executed, honest_pose, spoilt_pose, spoilt_profile
+from message_damage import mutated
 
 from dlokit import geometry
-from dlokit.bench.fuzz.mutations import mutated
 from dlokit.communication.calls import decode_answer
 from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport

@@ -61,17 +61,8 @@ COMMANDS: Mapping[str, CommandRow] = {
         "bench.shaping",
         "Compare planners and observers on the same starts, goals and cells, in lockstep, judged by the hidden truth.",
     ),
-    "bench simulation": CommandRow(
-        "bench.simulation",
-        "Measure where the time of a lockstep run goes: physics, rendering, perception, observer, model.",
-    ),
     "bench observers": CommandRow(
         "bench.observers", "Compare observers on simulated and recorded sequences whose nodes are known."
-    ),
-    "bench feasibility": CommandRow(
-        "bench.feasibility",
-        "Compare verdicts on goals with what the cell's DLO does, laid there and released; nobody plans, "
-        "nothing is drawn.",
     ),
     "bench stop": CommandRow(
         "bench.stop",
@@ -81,16 +72,6 @@ COMMANDS: Mapping[str, CommandRow] = {
     "bench faults": CommandRow(
         "bench.faults",
         "Let something go wrong in live runs, at random times: do they still end as they should, with the arm stopped?",
-    ),
-    "bench bus": CommandRow(
-        "bench.bus", "Time messages and calls between two processes, beside bare zenoh and bare pyzmq in turns."
-    ),
-    "bench fuzz": CommandRow(
-        "bench.fuzz",
-        "Send damaged messages through every decoder of the bus; exit code 1 when one crashes, hangs or asks too much.",
-    ),
-    "bench latency": CommandRow(
-        "bench.latency", "Time a live run from the exposure of each pair of pictures to the decision, hop by hop."
     ),
     "info": CommandRow(
         "data.info",

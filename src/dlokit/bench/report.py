@@ -8,8 +8,7 @@ import msgspec
 import numpy as np
 
 from dlokit import __version__
-from dlokit.bench.simulation import Timing
-from dlokit.evaluation.statistics import Interval, median
+from dlokit.evaluation.statistics import Interval
 from dlokit.system.config import RunConfig
 from dlokit.system.toml_config import to_plain
 
@@ -40,13 +39,6 @@ def figure(case: str, method: str, metric: str, interval: Interval, unit: str) -
         unit=unit,
         n=interval.n,
     )
-
-
-def timing_figures(timings: Sequence[Timing]) -> list[BenchFigure]:
-    """Median time of each part."""
-    return [
-        figure(timing.part, "dlokit", f"median time a {timing.per}", median(timing.seconds), "s") for timing in timings
-    ]
 
 
 def bench_json(

@@ -18,16 +18,13 @@ from dlokit.app.commands import CliCommand, flag
 from dlokit.bench.observers import iterations
 from dlokit.bench.observers.cases import CASES, TUNING_SEED, ObserverCase, external_cases
 from dlokit.bench.observers.conditions import long_enough
-from dlokit.bench.observers.external import unread_arrays
-from dlokit.bench.observers.figures import ALL_CASES, figures
+from dlokit.bench.observers.figures import ALL_CASES, HALF, Bar, Compared, bars, compare, figures
 from dlokit.bench.observers.methods import choose, default_name
 from dlokit.bench.observers.metrics import METRICS, Metric
-from dlokit.bench.observers.pictures import draw
-from dlokit.bench.observers.report import by_key, case_table, methods_of, metric_table, observers_json, shown
-from dlokit.bench.observers.runner import BenchPlan, Trial
-from dlokit.bench.observers.sequences import RATE_HZ
-from dlokit.bench.observers.summary import HALF, Bar, Compared, bars, compare
-from dlokit.bench.observers.workers import Said, in_a_worker, run_in_workers
+from dlokit.bench.observers.report import by_key, case_table, draw, methods_of, metric_table, observers_json, shown
+from dlokit.bench.observers.runner import BenchPlan, Said, Trial, in_a_worker, run_in_workers
+from dlokit.bench.observers.sequence import unread_arrays
+from dlokit.bench.observers.simulated import RATE_HZ
 from dlokit.bench.report import BenchFigure
 from dlokit.errors import ConfigError, InputError, MachineError
 from dlokit.system.results.run_folder import claim_run_folder, new_run_folder

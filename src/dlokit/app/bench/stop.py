@@ -15,9 +15,8 @@ from dlokit.app.commands import CliCommand, flag
 from dlokit.app.operate import enable, stop
 from dlokit.bench.report import bench_json
 from dlokit.bench.stop.figures import confirmed_percentile_s, percentile_s, press_figures, stop_figures
-from dlokit.bench.stop.press_trials import Person
 from dlokit.bench.stop.press_verdict import PressRow
-from dlokit.bench.stop.presses import PressPlan, measure_presses
+from dlokit.bench.stop.presses import Person, PressPlan, measure_presses
 from dlokit.bench.stop.stopping import StopFigures, StopPlan, measure_stops
 from dlokit.communication.timing.urgency import garbage_frozen
 from dlokit.errors import ConfigError, InputError

@@ -68,7 +68,7 @@ async def _moving(run: LiveRun, rng: np.random.Generator) -> bool:
     """In one of the first motions, at a random time of it: the arm must not have come to rest by then."""
     skipped = int(rng.integers(MOTIONS))
     while True:
-        began_s = await run.arm.until(RobotMode.MOVING, after_s=time.monotonic(), within_s=float("inf"))
+        began_s = await run.arm.until_mode(RobotMode.MOVING, after_s=time.monotonic(), within_s=float("inf"))
         if skipped > 0:
             skipped -= 1
             continue

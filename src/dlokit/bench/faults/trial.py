@@ -131,7 +131,7 @@ class _Trial:
         healing.cancel()
         await asyncio.gather(healing, return_exceptions=True)
         if self._fault.resumed:
-            await run.arm.until(*AT_REST, after_s=struck_s, within_s=BRAKES_WITHIN_S)
+            await run.arm.until_mode(*AT_REST, after_s=struck_s, within_s=BRAKES_WITHIN_S)
         mended_s = mended_after_s([(at_s, status.step) for at_s, status in run.flow.boxes], struck_s)
         return msgspec.structs.replace(
             finding,
@@ -151,7 +151,7 @@ class _Trial:
         if not self._fault.brakes:
             return True, None
         ended = (RobotMode.BRAKING, *AT_REST)
-        at_s = await run.arm.until(*ended, after_s=struck_s, within_s=BRAKES_WITHIN_S)
+        at_s = await run.arm.until_mode(*ended, after_s=struck_s, within_s=BRAKES_WITHIN_S)
         if at_s is None:
             return True, None
         if run.arm.mode_at(at_s) is not RobotMode.BRAKING:  # it had come to its end before anybody could notice

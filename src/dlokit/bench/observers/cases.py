@@ -7,9 +7,8 @@ from typing import Literal
 import numpy as np
 
 from dlokit.bench.observers.conditions import Conditions
-from dlokit.bench.observers.external import read_sequence
-from dlokit.bench.observers.sequence import Sequence
-from dlokit.bench.observers.sequences import Motion, simulate
+from dlokit.bench.observers.sequence import Sequence, read_sequence
+from dlokit.bench.observers.simulated import Motion, simulate
 from dlokit.errors import ConfigError
 
 TUNING_SEED = 1000

@@ -1,8 +1,8 @@
 """The time of one iteration of coherent point drift: ours, pycpd's and probreg's, taken in turn on the same input.
 
-Run as `python -m dlokit.bench.observers.iterations` for a table; `dlokit bench observers` prints it as well. Each
-fits the same nodes to the same cloud from the same variance with the same settings, without an end, so that iteration
-k of one does what iteration k of the others does. What a fit does once, before the first iteration, is timed apart.
+`dlokit bench observers` prints it. Each fits the same nodes to the same cloud from the same variance with the same
+settings, without an end, so that iteration k of one does what iteration k of the others does. What a fit does once,
+before the first iteration, is timed apart.
 """
 
 import time
@@ -12,10 +12,9 @@ from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 
-from dlokit.bench.observers.peers import imported
+from dlokit.bench.observers.methods import imported
 from dlokit.bench.report import BenchFigure
 from dlokit.errors import MachineError
 from dlokit.skills.observer.cpd import CpdConfig
@@ -200,7 +199,3 @@ def _figure(
 ) -> BenchFigure:
     n = len(one.iterations_s)
     return BenchFigure(case=case, method=one.method, metric=metric, value=value, low=low, high=high, unit=unit, n=n)
-
-
-if __name__ == "__main__":
-    Console().print(table(measure()))

@@ -1,15 +1,166 @@
-"""The methods of the bench: every installed observer with its default settings, and the peers."""
+"""The methods of the bench: every installed observer with its default settings, and published peers if installed.
 
+pycpd 2.0 (extra `bench`) and probreg 0.3 implement coherent point drift (Myronenko and Song, TPAMI 2010). They get the
+same cloud and the same prior, and know nothing of pins, cameras, or what hides. Their settings were chosen by
+`benchmarks/tuning.py` on its own seeds, never on those that are reported. Lengths are in metres throughout.
+"""
+
+import importlib
+import warnings
 from dataclasses import dataclass
+from typing import Any, ClassVar
 
-from dlokit.bench.observers.peers import PEERS, missing
+import numpy as np
+
 from dlokit.errors import ConfigError, MachineError
-from dlokit.skills.observer.base import ObserverStrategyConfig
+from dlokit.skills.observer.base import ObserverStrategyConfig, nothing_seen
 from dlokit.skills.observer.config import ObserverConfig
 from dlokit.skills.observer.cpd import CpdConfig
 from dlokit.skills.observer.som import SomConfig
 from dlokit.skills.observer.spr import SprConfig
 from dlokit.skills.observer.strategies import strategies
+from dlokit.types.arrays import Float64Array
+from dlokit.types.dlo import DloState, TargetPoints
+from dlokit.types.observation import Observation
+
+_FEWEST_POINTS = 3
+
+_INSTALL = {
+    "pycpd": "pip install 'dlokit[bench]'",
+    # A source distribution with C++, and open3d, whose wheel wants libusb of the system.
+    "probreg": "sudo apt install g++ python3-dev libusb-1.0-0; pip install probreg",
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class PycpdConfig:
+    """pycpd's non-rigid registration."""
+
+    name: ClassVar[str] = "pycpd"
+
+    beta_m: float = 0.8
+    """Width of the kernel [m]."""
+    alpha_per_m2: float = 3000.0
+    """Weight of the smoothness of the motion [1/m²]."""
+    outlier_weight: float = 0.05
+    """w, the share of points expected to belong to nothing."""
+    initial_sigma_m: float = 0.03
+    """Standard deviation of the Gaussians at the start [m]; 0 takes the package's own, of all pairs."""
+    max_iterations: int = 50
+    """Iterations a frame at most."""
+    tolerance_m2: float = 1e-8
+    """The iteration ends when the variance changes by less than this [m²]."""
+
+    def build(self) -> "Pycpd":
+        """The peer with these settings. Raises `MachineError` when the package is missing."""
+        return Pycpd(self)
+
+
+class Pycpd:
+    """pycpd behind the observers' protocol."""
+
+    def __init__(self, config: PycpdConfig) -> None:
+        self._config = config
+        self._package = imported("pycpd")
+
+    def estimate(self, seen: Observation, prior: DloState) -> TargetPoints:
+        """The prior's nodes registered onto the cloud; it does not say what it could see, so all count as visible."""
+        points = np.asarray(seen.points_world, dtype=np.float64)
+        if len(points) < _FEWEST_POINTS:
+            return nothing_seen(seen, prior)
+        config = self._config
+        registration = self._package.DeformableRegistration(
+            X=points,
+            Y=prior.nodes_world,
+            alpha=config.alpha_per_m2,
+            beta=config.beta_m,
+            w=config.outlier_weight,
+            sigma2=config.initial_sigma_m**2 if config.initial_sigma_m > 0.0 else None,
+            max_iterations=config.max_iterations,
+            tolerance=config.tolerance_m2,
+        )
+        nodes, _ = registration.register()
+        return _targets(nodes, seen)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProbregConfig:
+    """probreg's non-rigid CPD; each frame starts from the mean distance of all pairs, which cannot be set."""
+
+    name: ClassVar[str] = "probreg"
+
+    beta_m: float = 1.44
+    """Width of the kernel [m]."""
+    lambda_per_m2: float = 320.0
+    """Weight of the smoothness of the motion [1/m²]."""
+    outlier_weight: float = 0.14
+    """w, the share of points expected to belong to nothing."""
+    max_iterations: int = 50
+    """Iterations a frame at most."""
+    tolerance_m2: float = 1e-8
+    """The iteration ends when the variance changes by less than this [m²]."""
+
+    def build(self) -> "Probreg":
+        """The peer with these settings. Raises `MachineError` when the package is missing."""
+        return Probreg(self)
+
+
+class Probreg:
+    """probreg behind the observers' protocol."""
+
+    def __init__(self, config: ProbregConfig) -> None:
+        self._config = config
+        self._package = imported("probreg.cpd")
+
+    def estimate(self, seen: Observation, prior: DloState) -> TargetPoints:
+        """The prior's nodes registered onto the cloud; it does not say what it could see, so all count as visible."""
+        points = np.asarray(seen.points_world, dtype=np.float64)
+        if len(points) < _FEWEST_POINTS:
+            return nothing_seen(seen, prior)
+        config = self._config
+        # Its kernel is exp(-d² / (2 beta)): beta is the square of the width.
+        cpd = self._package.NonRigidCPD(prior.nodes_world, beta=config.beta_m**2, lmd=config.lambda_per_m2)
+        result = cpd.registration(
+            points, w=config.outlier_weight, maxiter=config.max_iterations, tol=config.tolerance_m2
+        )
+        return _targets(np.asarray(result.transformation.transform(prior.nodes_world)), seen)
+
+
+PEERS: tuple[type[ObserverStrategyConfig], ...] = (PycpdConfig, ProbregConfig)
+"""Every peer the bench knows."""
+
+
+def missing(name: str) -> str | None:
+    """Why a peer cannot run on this machine, as one line; None when it can."""
+    peer = next(peer for peer in PEERS if peer.name == name)
+    try:
+        peer().build()
+    except MachineError as error:
+        return str(error)
+    return None
+
+
+def imported(package: str) -> Any:
+    """The package of a peer. Raises `MachineError`, which says how to install it, when it is missing."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", SyntaxWarning)  # pycpd compares numbers by `is`
+            return importlib.import_module(package)
+    except ImportError as error:
+        name = package.partition(".")[0]
+        raise MachineError(
+            f"The peer {name} is not installed or cannot be loaded ({error}): install it with "
+            f"`{_INSTALL.get(name, f'pip install {name}')}`, or leave it out with --methods."
+        ) from error
+
+
+def _targets(nodes: Float64Array, seen: Observation) -> TargetPoints:
+    return TargetPoints(
+        stamp_ns=seen.stamp_ns,
+        nodes_world=np.asarray(nodes, dtype=np.float64),
+        visible=np.ones(len(nodes), dtype=np.bool_),
+    )
+
 
 PINNED = ", pinned"
 """Behind the name of an observer that was told where the grippers hold the DLO."""

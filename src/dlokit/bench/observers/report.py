@@ -1,14 +1,20 @@
-"""The report of the bench of observers: tables of figures as text, and its JSON file."""
+"""The report of the bench of observers: tables of figures as text, its JSON file, and a picture a metric."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure as Picture
+from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
 from dlokit import __version__
 from dlokit.bench.observers.cases import TUNING_SEED, ObserverCase
-from dlokit.bench.observers.methods import PUBLISHED, default_name
+from dlokit.bench.observers.methods import PINNED, PUBLISHED, default_name
 from dlokit.bench.observers.metrics import METRICS, Metric
 from dlokit.bench.observers.runner import BenchPlan
 from dlokit.bench.report import BenchFigure
@@ -90,3 +96,79 @@ def _conditions(case: ObserverCase) -> dict[str, Any]:
         "pace": case.pace,
         **msgspec.to_builtins(case.conditions),
     }
+
+
+_MARKERS = "osD^vP"  # another for every ten colours
+_SPREAD = 0.8  # share of a case's band that its methods are spread over
+_SEVERAL_POWERS = 20.0  # largest by smallest figure from which on the scale is logarithmic
+
+
+def draw(rows: Sequence[BenchFigure], folder: Path) -> list[Path]:
+    """A picture for each metric there are figures of, a band a case, from the top."""
+    return [_draw(rows, metric, folder) for metric in METRICS if is_shown(metric, rows)]
+
+
+def _draw(rows: Sequence[BenchFigure], metric: Metric, folder: Path) -> Path:
+    here = [row for row in rows if row.metric == metric.name]
+    cases = list(dict.fromkeys(row.case for row in here))
+    methods = [method for method in methods_of(rows) if any(row.method == method for row in here)]
+    names = list(dict.fromkeys(_plain(method) for method in methods))
+    picture = Picture(figsize=(9.0, 1.2 + len(cases) * (0.15 + 0.09 * len(names))), layout="constrained")
+    FigureCanvasAgg(picture)
+    axes = picture.add_subplot()
+    for at in range(0, len(cases), 2):
+        axes.axhspan(at - 0.5, at + 0.5, color="0.95", zorder=0)
+    for method in methods:
+        place = _SPREAD * ((names.index(_plain(method)) + 0.5) / len(names) - 0.5)
+        _points(axes, here, metric, cases, method, place, _names(rows).index(_plain(method)))
+    axes.set_yticks(range(len(cases)), cases)
+    axes.set_ylim(len(cases) - 0.5, -0.5)
+    axes.set_xlabel(f"{metric.name} [{metric.shown}]" if metric.shown else metric.name)
+    values = [row.value for row in here]
+    if min(values) > 0.0 and max(values) > _SEVERAL_POWERS * min(values):
+        axes.set_xscale("log")
+        axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.xaxis.set_major_formatter(FormatStrFormatter("%g"))
+        axes.xaxis.set_minor_formatter(NullFormatter())
+    axes.grid(visible=True, axis="x", which="both", alpha=0.3)
+    axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), fontsize="small", borderaxespad=0.0)
+    path = folder / f"{metric.name.replace(', ', '-').replace(': ', '-').replace(' ', '-')}.png"
+    picture.savefig(path, dpi=110)
+    return path
+
+
+def _points(
+    axes: Axes,
+    rows: Sequence[BenchFigure],
+    metric: Metric,
+    cases: Sequence[str],
+    method: str,
+    place: float,
+    colour: int,
+) -> None:
+    found = by_key(rows)
+    shown = [(at, row) for at, case in enumerate(cases) if (row := found.get((case, method, metric.name)))]
+    x = np.array([row.value for _, row in shown]) * metric.factor
+    ends = [(row.value if end is None else end) for _, row in shown for end in (row.low, row.high)]
+    spread = np.abs(np.array(ends).reshape(-1, 2).T * metric.factor - x)
+    # One line and colour an observer; with a robot's pins it is a ring, around the point where pins change nothing.
+    ring = method.endswith(PINNED)
+    axes.errorbar(
+        x,
+        [at + place for at, _ in shown],
+        xerr=spread,
+        fmt=_MARKERS[colour // 10 % len(_MARKERS)],
+        markersize=7 if ring else 4,
+        linewidth=1,
+        color=f"C{colour % 10}",
+        markerfacecolor="none" if ring else f"C{colour % 10}",
+        label=method,
+    )
+
+
+def _names(rows: Sequence[BenchFigure]) -> list[str]:
+    return list(dict.fromkeys(_plain(method) for method in methods_of(rows)))
+
+
+def _plain(method: str) -> str:
+    return method.removesuffix(PINNED)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dlokit.bench.stop.attempts import Attempt
+from dlokit.bench.stop.logs import Attempt
 from dlokit.skills.robot import api as robot
 from dlokit.types.robot import RobotState
 

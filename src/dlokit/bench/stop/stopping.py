@@ -211,15 +211,15 @@ class _Trials:
         struck_s = time.monotonic()
         fault()
         ended = (RobotMode.BRAKING, *AT_REST)
-        ended_s = await self._arm.until(*ended, after_s=struck_s, within_s=BRAKES_WITHIN_S)
+        ended_s = await self._arm.until_mode(*ended, after_s=struck_s, within_s=BRAKES_WITHIN_S)
         if ended_s is None:
             return Stop(began_s=None, stood_s=None)
         if self._arm.mode_at(ended_s) is not RobotMode.BRAKING:
             return None
-        stood_s = await self._arm.until(*AT_REST, after_s=ended_s, within_s=BRAKES_WITHIN_S)
+        stood_s = await self._arm.until_mode(*AT_REST, after_s=ended_s, within_s=BRAKES_WITHIN_S)
         return Stop(began_s=ended_s - struck_s, stood_s=None if stood_s is None else stood_s - struck_s)
 
     async def _moving(self, *, after_s: float, within_s: float = MOVES_WITHIN_S) -> None:
         """Return when the arm has begun its next motion. Raises `ProcessFailure` when it does not."""
-        if await self._arm.until(RobotMode.MOVING, after_s=after_s, within_s=within_s) is None:
+        if await self._arm.until_mode(RobotMode.MOVING, after_s=after_s, within_s=within_s) is None:
             raise ProcessFailure("no_motion", f"the commander did not move the arm within {within_s:g} s")

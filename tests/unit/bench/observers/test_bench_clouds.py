@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dlokit.bench.observers.clouds import ObserverFrame, looks
+from dlokit.bench.observers.clouds import NOISE_DEPTH_M, ObserverFrame, camera_of, looks, moved, stereo_cloud
 from dlokit.bench.observers.conditions import (
     Ball,
     Conditions,
@@ -19,7 +19,6 @@ from dlokit.bench.observers.conditions import (
     long_enough,
 )
 from dlokit.bench.observers.sequence import Sequence
-from dlokit.bench.observers.stereo import NOISE_DEPTH_M, camera_of, moved, stereo_cloud
 from dlokit.description.scene import default_calibration
 from dlokit.description.shapes import builtin_shape
 from dlokit.geometry import pose

@@ -11,9 +11,9 @@ from trials import run_plan
 from dlokit.bench.observers.cases import ObserverCase, external_cases
 from dlokit.bench.observers.clouds import looks
 from dlokit.bench.observers.conditions import Conditions
-from dlokit.bench.observers.external import RADIUS_M, read_sequence, unread_arrays
 from dlokit.bench.observers.methods import choose
 from dlokit.bench.observers.runner import BenchPlan
+from dlokit.bench.observers.sequence import RADIUS_M, read_sequence, unread_arrays
 from dlokit.description.scene import default_calibration
 from dlokit.description.shapes import builtin_shape
 from dlokit.errors import InputError

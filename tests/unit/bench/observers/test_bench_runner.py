@@ -13,18 +13,23 @@ from trials import run_plan
 
 from dlokit.app.bench import observers
 from dlokit.app.bench.observers import ObserversArgs, run_observers
-from dlokit.bench.observers import peers
+from dlokit.bench.observers import methods
 from dlokit.bench.observers.cases import BASE, ObserverCase
 from dlokit.bench.observers.clouds import Looks
 from dlokit.bench.observers.conditions import Conditions
 from dlokit.bench.observers.figures import ALL_CASES, figures
-from dlokit.bench.observers.methods import ObserverMethod, choose, default_name
+from dlokit.bench.observers.methods import ObserverMethod, PycpdConfig, choose, default_name
 from dlokit.bench.observers.metrics import CORRELATION, FLAGGED, METRICS, Losses
-from dlokit.bench.observers.peers import PycpdConfig
-from dlokit.bench.observers.pictures import draw
-from dlokit.bench.observers.report import case_table, metric_table, observers_json
-from dlokit.bench.observers.runner import WARM_UP_FRAMES, BenchPlan, Trial, follow
-from dlokit.bench.observers.workers import THREAD_VARIABLES, one_thread, run_in_workers
+from dlokit.bench.observers.report import case_table, draw, metric_table, observers_json
+from dlokit.bench.observers.runner import (
+    THREAD_VARIABLES,
+    WARM_UP_FRAMES,
+    BenchPlan,
+    Trial,
+    follow,
+    one_thread,
+    run_in_workers,
+)
 from dlokit.errors import ConfigError, InputError, MachineError
 from dlokit.skills.observer.base import ObserverStrategy, nothing_seen
 from dlokit.types.dlo import DloState, TargetPoints
@@ -146,7 +151,7 @@ def test_a_missing_peer_is_left_out_unless_it_was_asked_for(monkeypatch: pytest.
     def absent(package: str) -> None:
         raise MachineError(f"The peer {package} is not installed")
 
-    monkeypatch.setattr(peers, "imported", absent)
+    monkeypatch.setattr(methods, "imported", absent)
     choice = choose()
     assert {"pycpd", "probreg"}.isdisjoint(method.name for method in choice.methods)
     assert len(choice.left_out) == 2
@@ -156,7 +161,7 @@ def test_a_missing_peer_is_left_out_unless_it_was_asked_for(monkeypatch: pytest.
 
 def test_a_package_that_is_not_there_is_told_how_to_install() -> None:
     with pytest.raises(MachineError, match="pip install"):
-        peers.imported("no_such_package_of_a_peer")  # pyright: ignore[reportPrivateUsage]  # the one place of the message
+        methods.imported("no_such_package_of_a_peer")  # pyright: ignore[reportPrivateUsage]  # the one place of the message
 
 
 def test_pycpd_follows_a_small_shift() -> None:

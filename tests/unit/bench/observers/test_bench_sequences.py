@@ -5,10 +5,10 @@ import functools
 import numpy as np
 import pytest
 
-from dlokit.bench.observers.cases import CASES, TUNING_SEED
+from dlokit.bench.observers.cases import CASES
+from dlokit.bench.observers.clouds import camera_of
 from dlokit.bench.observers.sequence import Sequence
-from dlokit.bench.observers.sequences import RATE_HZ, SPEED_M_S, SWING_M_S, Motion, simulate
-from dlokit.bench.observers.stereo import camera_of
+from dlokit.bench.observers.simulated import RATE_HZ, SPEED_M_S, SWING_M_S, Motion, simulate
 from dlokit.description.scene import default_calibration
 from dlokit.errors import ConfigError
 
@@ -104,12 +104,6 @@ def test_the_cases_change_one_factor_of_the_base_at_a_time() -> None:
             if getattr(case.conditions, name) != getattr(base.conditions, name)
         ]
         assert len(changed) == 1, case.name
-
-
-def test_tuning_seeds_are_none_of_those_reported() -> None:
-    from dlokit.bench.observers.tuning import TUNING_SEEDS
-
-    assert min(TUNING_SEEDS) >= TUNING_SEED
 
 
 def _cross(u: np.ndarray, v: np.ndarray) -> np.ndarray:

@@ -6,12 +6,11 @@ import pytest
 from dlokit.bench.observers import iterations
 from dlokit.bench.observers.cases import CASES, ObserverCase
 from dlokit.bench.observers.conditions import Conditions
-from dlokit.bench.observers.figures import ALL_CASES
+from dlokit.bench.observers.figures import ALL_CASES, Bar, bars, compare
 from dlokit.bench.observers.iterations import IterationTimes
 from dlokit.bench.observers.methods import PUBLISHED, default_name
 from dlokit.bench.observers.metrics import METRICS
 from dlokit.bench.observers.runner import Trial
-from dlokit.bench.observers.summary import Bar, bars, compare
 
 CASE = ObserverCase(name="base")
 

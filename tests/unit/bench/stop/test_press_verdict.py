@@ -6,8 +6,8 @@ import msgspec
 import numpy as np
 
 from dlokit.app.bench.stop import stops_hold
-from dlokit.bench.stop.attempts import Attempt
 from dlokit.bench.stop.figures import confirmed_percentile_s, press_figures
+from dlokit.bench.stop.logs import Attempt
 from dlokit.bench.stop.press_verdict import REFUSED, TRIED, Press, PressRow, StopReport, Watched, judged
 from dlokit.types.pose import Pose
 from dlokit.types.robot import RobotMode, RobotState

@@ -1,0 +1,165 @@
+"""Where the time of a lockstep run goes, part by part: physics, rendering, perception, observer, model.
+
+    python benchmarks/simulation.py
+    python benchmarks/simulation.py --repeats 5 --cell.dlo wire_a --json parts.json
+
+Every part is timed on the same scene, an S on the table with the arm at home, on one thread, for both kinds of DLO
+physics. Prints the median, smallest and largest time of each part. All settings of a run are flags.
+"""
+
+from dlokit.app.environment import prepare_environment
+
+prepare_environment()  # before anything below imports MuJoCo or NumPy's linear algebra
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from rich.console import Console
+from rich.table import Table
+
+from dlokit.bench.report import BenchFigure, figure, spread
+from dlokit.description.shapes import builtin_shape
+from dlokit.errors import ConfigError
+from dlokit.evaluation.statistics import median
+from dlokit.functional.cell.config import TICK_S
+from dlokit.functional.cell.dlo_physics import PHYSICS
+from dlokit.functional.cell.world import Cell
+from dlokit.skills.model.tracking import Tracker
+from dlokit.skills.observer.anchored import chain
+from dlokit.skills.observer.following import follow
+from dlokit.skills.observer.initialise.first_shape import initial_targets
+from dlokit.skills.perception.pipeline import perceive
+from dlokit.system.config import RunConfig
+from dlokit.types.dlo import DloState
+from parts.command import check_json, run_study, write_figures
+
+
+@dataclass(frozen=True, kw_only=True)
+class Args:
+    """Measure where the time of a lockstep run goes: physics, rendering, perception, observer, model."""
+
+    repeats: int = 20
+    """Repetitions of each part."""
+    json: Path | None = None
+    """Also write every figure to this file."""
+    run: Annotated[RunConfig, tyro.conf.arg(name="")] = field(default_factory=RunConfig)
+    """Settings of the parts."""
+
+
+def run(args: Args) -> int:
+    """Measure and print; exit code 0."""
+    if args.repeats < 1:
+        raise ConfigError(f"--repeats {args.repeats} must be at least 1.")
+    check_json(args.json)
+    console = Console()
+    with console.status("measuring") as status:
+        said = status.update if console.is_terminal else console.print
+        timings = measure(args.run, args.repeats, said)
+    table = Table(title="one thread", caption="median (smallest to largest)")
+    for heading in ("part", "time ms", "per"):
+        table.add_column(heading, justify="right" if heading == "time ms" else "left")
+    for timing in timings:
+        table.add_row(timing.part, spread([value * 1e3 for value in timing.seconds], "{:.1f}"), timing.per)
+    console.print(table)
+    write_figures(args.json, "simulation", _figures(timings), args.run, console)
+    return 0
+
+
+def _figures(timings: "Sequence[Timing]") -> list[BenchFigure]:
+    return [
+        figure(timing.part, "dlokit", f"median time a {timing.per}", median(timing.seconds), "s") for timing in timings
+    ]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Timing:
+    """How long one part takes."""
+
+    part: str
+    seconds: tuple[float, ...]
+    """Of each repetition [s]."""
+    per: str
+    """Of what, e.g. ``"look"``."""
+
+
+def measure(config: RunConfig, repeats: int, said: Callable[[str], object]) -> list[Timing]:
+    """Time every part on the same scene: an S on the table, the arm at home; both physics of the DLO."""
+    cells = {name: Cell(replace(config.cell, physics=kind()), seed=config.seed) for name, kind in PHYSICS.items()}
+    cell = cells[config.cell.physics.name]
+    try:
+        return _measure(_physics(cells, config) + _parts(cell, config), repeats, said)
+    finally:
+        cell.close()
+
+
+Part = tuple[str, str, Callable[[], object]]
+"""Name, of what the time is told, and the function that is timed."""
+
+
+def _physics(cells: Mapping[str, Cell], config: RunConfig) -> list[Part]:
+    """A second of each physics, lying still and while it comes to rest."""
+    dlo = config.cell.dlo
+    start = builtin_shape("S", dlo.length_m, 101, radius_m=dlo.radius_m)
+    parts: list[Part] = []
+    for name, cell in cells.items():
+
+        def second(cell: Cell = cell) -> None:
+            for _ in range(round(1.0 / TICK_S)):
+                cell.step(TICK_S)
+
+        def second_after_laying(cell: Cell = cell, second: Callable[[], None] = second) -> None:
+            cell.place_dlo(start, settle=False)
+            second()
+
+        cell.place_dlo(start)
+        parts.append((f"cell: physics, {name}, lying still", "simulated second", second))
+        parts.append((f"cell: physics, {name}, just laid down", "simulated second", second_after_laying))
+    return parts
+
+
+def _parts(cell: Cell, config: RunConfig) -> list[Part]:
+    """All else."""
+    images, arm = cell.capture(), (cell.arm_state(),)
+    look = perceive(images, arm, config.perception, config.perception.segmentation).observation
+    targets = initial_targets(look, config.model.nodes, config.model.length_m, config.observer.initialise)
+    prior = DloState(
+        stamp_ns=0,
+        nodes_world=targets.nodes_world,
+        topology=chain(config.model.nodes, config.model.length_m),
+    )
+    strategy = config.observer.strategy.build()
+    tracker = Tracker(config.model)
+    tracker.place(targets.nodes_world)
+    return [
+        ("cell: stereo pair rendered", "look", cell.capture),
+        (
+            "perception: pictures to points",
+            "look",
+            lambda: perceive(images, arm, config.perception, config.perception.segmentation),
+        ),
+        ("observer: points to targets", "look", lambda: follow(strategy, look, prior, config.observer)),
+        ("model: PD tracking", "look", lambda: tracker.track(targets.nodes_world, targets.visible, ())),
+    ]
+
+
+def _measure(parts: Sequence[Part], repeats: int, said: Callable[[str], object]) -> list[Timing]:
+    """Every part in turn, over and over, so that what else the machine does falls on all of them alike."""
+    taken: list[list[float]] = [[] for _ in parts]
+    for round_ in range(1 + repeats):
+        said(f"{len(parts)} parts, repetition {round_} of {repeats}")
+        for times, (_, _, function) in zip(taken, parts, strict=True):
+            began = time.perf_counter()
+            function()
+            if round_ > 0:  # the first call loads and allocates
+                times.append(time.perf_counter() - began)
+    return [
+        Timing(part=part, seconds=tuple(times), per=per) for times, (part, per, _) in zip(taken, parts, strict=True)
+    ]
+
+
+if __name__ == "__main__":
+    run_study(Args, run, __doc__)

@@ -1,1 +1,0 @@
-"""`dlokit bench fuzz`: damaged messages through every decoder of the bus."""

@@ -1,0 +1,68 @@
+"""Each study beside the package starts, measures with its smallest input, and writes its figures."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import msgspec
+import pytest
+
+FOLDER = Path(__file__).parents[2] / "benchmarks"
+LIMIT_S = 400.0  # for a live run to start on a busy machine, and to end
+QUICK = {
+    "bus": ("--repeats", "2", "--slow-s", "0.1"),
+    "feasibility": ("--seeds", "1", "--dlos", "soft_rope"),
+    "gate_values": ("--values", "20", "--calls", "1"),
+    "hops": (),
+    "simulation": ("--repeats", "1"),
+    "tuning": ("cpd", "--budget", "1", "--frames", "3"),
+    "verdict_rounding": ("--goals", "1"),
+}
+LIVE = {
+    "latency": ("--goal", "I", "--limit-s", "60"),
+    "no_false_brakes": ("--minutes", "0.01", "--busy", "0", "--pages", "0"),
+}
+"""These run `dlokit shape` live."""
+
+
+@pytest.mark.system
+@pytest.mark.parametrize("name", QUICK)
+def test_a_study_runs_and_writes_its_figures(name: str, tmp_path: Path) -> None:
+    _runs(name, QUICK[name], tmp_path)
+
+
+@pytest.mark.system
+@pytest.mark.long
+@pytest.mark.parametrize("name", LIVE)
+def test_a_study_of_live_runs_runs_and_writes_its_figures(name: str, tmp_path: Path) -> None:
+    _runs(name, LIVE[name], tmp_path)
+
+
+def test_every_study_is_run_here_and_listed_on_the_page() -> None:
+    studies = {path.stem for path in FOLDER.glob("*.py")}
+    assert studies == QUICK.keys() | LIVE.keys()
+    page = (FOLDER / "README.md").read_text(encoding="utf-8")
+    assert [name for name in sorted(studies) if f"`python benchmarks/{name}.py" not in page] == []
+
+
+def test_an_argument_that_cannot_be_is_refused_in_one_line() -> None:
+    ended = subprocess.run(
+        (sys.executable, FOLDER / "bus.py", "--repeats", "0"), capture_output=True, text=True, timeout=LIMIT_S
+    )
+    assert ended.returncode == 2
+    assert ended.stderr == "bus.py: --repeats 0 must be at least 1, and --slow-s 5.0 not negative.\n"
+
+
+def _runs(name: str, smallest: tuple[str, ...], folder: Path) -> None:
+    figures = folder / "figures.json"
+    ended = subprocess.run(
+        (sys.executable, FOLDER / f"{name}.py", *smallest, "--json", figures),
+        cwd=folder,
+        env={**os.environ, "TERM": "dumb"},
+        capture_output=True,
+        text=True,
+        timeout=LIMIT_S,
+    )
+    assert ended.returncode == 0, ended.stderr[-2000:]
+    assert msgspec.json.decode(figures.read_bytes())["rows"]

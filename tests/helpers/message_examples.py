@@ -1,0 +1,119 @@
+"""Random values of any type that a message may hold, made from the type alone: a new field needs nothing here."""
+
+import enum
+import math
+import types
+from collections.abc import Callable
+from random import Random
+from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+
+import msgspec
+import numpy as np
+
+from dlokit import geometry
+from dlokit.types.action import VelocityProfile
+from dlokit.types.pose import Pose
+from dlokit.types.robot import JointTrajectory
+
+_ODD_FLOATS = (0.0, -0.0, 1e-300, -1e300, float("nan"), float("inf"), float("-inf"))
+_ODD_INTS = (0, 1, -1, 127, 128, 2**31, -(2**63), 2**63 - 1)
+_LETTERS = "abc äß漢\x00\n"
+_MOST = 4
+"""Items of a list, and extent of an axis."""
+
+
+def example(wanted: Any, rng: Random) -> Any:
+    """A value of a type that a message may hold: plain values, Structs, enums, arrays, and collections of those."""
+    if isinstance(wanted, type) and issubclass(wanted, enum.Enum):
+        return rng.choice(list(wanted))
+    if wanted in _VALID:
+        return _VALID[wanted](rng)
+    if _is_struct(wanted):
+        return _struct(wanted, rng)
+    if wanted in _PLAIN:
+        return _PLAIN[wanted](rng)
+    return _composed(wanted, rng)
+
+
+def _composed(wanted: Any, rng: Random) -> Any:
+    origin, args = get_origin(wanted), get_args(wanted)
+    if origin in (Union, types.UnionType):
+        return example(rng.choice(args), rng)
+    if origin is np.ndarray:
+        return _array(get_args(args[1])[0], rng)
+    if origin is tuple and args[-1:] == (...,):
+        return tuple(example(args[0], rng) for _ in range(rng.randrange(_MOST)))
+    if origin is tuple:
+        return tuple(example(each, rng) for each in args)
+    if origin is list:
+        return [example(args[0], rng) for _ in range(rng.randrange(_MOST))]
+    if origin is dict:
+        return {example(args[0], rng): example(args[1], rng) for _ in range(rng.randrange(_MOST))}
+    if origin is Annotated:
+        return example(args[0], rng)
+    if origin is Literal:
+        return rng.choice(args)
+    raise NotImplementedError(f"no example of {wanted} is known; add it here")
+
+
+def _is_struct(wanted: Any) -> bool:
+    cls = get_origin(wanted) or wanted
+    return isinstance(cls, type) and issubclass(cls, msgspec.Struct)
+
+
+def _struct(wanted: Any, rng: Random) -> msgspec.Struct:
+    cls = get_origin(wanted) or wanted
+    meant: dict[Any, Any] = dict(zip(getattr(cls, "__parameters__", ()), get_args(wanted), strict=False))
+    hints = get_type_hints(cls, include_extras=True)
+    values: dict[str, Any] = {}
+    for name in cls.__struct_fields__:
+        hint = hints[name]
+        values[name] = example(meant[hint] if isinstance(hint, TypeVar) else hint, rng)
+    return cls(**values)
+
+
+def _array(dtype: Any, rng: Random) -> Any:
+    shape = tuple(rng.randrange(_MOST) for _ in range(rng.randrange(4)))
+    count = int(np.prod(shape))
+    if dtype is np.bool_:
+        flat = np.array([rng.random() < 0.5 for _ in range(count)], dtype=np.bool_)
+    else:
+        # Any bytes are a number; the same for NaN, whose bits must come back as they are.
+        flat = np.frombuffer(rng.randbytes(count * np.dtype(dtype).itemsize), dtype=dtype)
+    return flat.reshape(shape)
+
+
+_PLAIN: dict[Any, Any] = {
+    bool: lambda rng: rng.random() < 0.5,
+    int: lambda rng: rng.choice((*_ODD_INTS, rng.randrange(-(2**40), 2**40))),
+    float: lambda rng: rng.choice((*_ODD_FLOATS, rng.uniform(-10.0, 10.0))),
+    str: lambda rng: "".join(rng.choice(_LETTERS) for _ in range(rng.randrange(2 * _MOST))),
+    bytes: lambda rng: rng.randbytes(rng.randrange(2 * _MOST)),
+    type(None): lambda rng: None,
+}
+
+
+_NEVER_ZERO = np.array([20.0, 0.0, 0.0, 0.0])  # added to four numbers of at most 10 it is a direction
+
+
+def _floats(rng: Random, *shape: int) -> Any:
+    return np.array([rng.uniform(-10.0, 10.0) for _ in range(math.prod(shape))]).reshape(shape)
+
+
+def _trajectory(rng: Random) -> JointTrajectory:
+    samples, joints = rng.randrange(1, _MOST), rng.randrange(1, _MOST)
+    q, dq, ddq = (_floats(rng, samples, joints) for _ in range(3))
+    return JointTrajectory(times_s=_floats(rng, samples), q_rad=q, dq_rad_s=dq, ddq_rad_s2=ddq)
+
+
+def _profile(rng: Random) -> VelocityProfile:
+    speed, acceleration, jerk = (rng.uniform(1e-3, 10.0) for _ in range(3))
+    return VelocityProfile(speed_m_s=speed, acceleration_m_s2=acceleration, jerk_m_s3=jerk)
+
+
+_VALID: dict[Any, Callable[[Random], Any]] = {
+    Pose: lambda rng: geometry.pose(_floats(rng, 3), _floats(rng, 4) + _NEVER_ZERO),
+    VelocityProfile: _profile,
+    JointTrajectory: _trajectory,
+}
+"""Types that refuse values which cannot be, when they are made."""

@@ -1,0 +1,136 @@
+"""What arrives from the network may be anything: a decoder returns a value, or raises `CommunicationError`."""
+
+import time
+import tracemalloc
+from collections.abc import Callable
+from random import Random
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from message_damage import mutated
+from message_examples import example
+
+from dlokit.communication.skill import ReportingSkill, Skill, SkillCall
+from dlokit.communication.topics import TOPICS
+from dlokit.communication.wire import codec
+from dlokit.communication.wire.codec import LARGEST_MESSAGE_BYTES
+from dlokit.communication.wire.envelope import opened, seal
+from dlokit.communication.wire.schema import fingerprint
+from dlokit.errors import CommunicationError
+from dlokit.system.table import COMPONENTS
+from dlokit.types.outcome import CallRecord
+
+ALLOWED_BYTES = 2 * LARGEST_MESSAGE_BYTES  # the message itself, and its decoded arrays
+ALLOWED_S = 5.0  # of the processor's time; a message takes microseconds
+TYPES: dict[str, Any] = {topic.name: topic.type for topic in TOPICS} | {"call": SkillCall, "record": CallRecord}
+SCHEMA = fingerprint(SkillCall)
+
+Decode = Callable[[bytes], object]
+Sound = Callable[[Random], bytes]
+every_time_the_same = settings(
+    max_examples=40, deadline=None, derandomize=True, database=None, suppress_health_check=[HealthCheck.too_slow]
+)
+
+
+def _encoded(wanted: Any) -> Sound:
+    return lambda rng: codec.encode(example(wanted, rng))
+
+
+def _of_type(wanted: Any) -> tuple[Decode, Sound]:
+    return lambda data: codec.decode(data, wanted), _encoded(wanted)
+
+
+def _of_skill(skill: Skill[..., Any]) -> dict[str, tuple[Decode, Sound]]:
+    found: dict[str, tuple[Decode, Sound]] = {
+        f"arguments of {skill.key}": (skill.decode_arguments, _encoded(skill.arguments_type)),
+        f"outcome of {skill.key}": (skill.decode_outcome, _encoded(skill.outcome_type)),
+    }
+    if isinstance(skill, ReportingSkill):
+        found[f"progress of {skill.key}"] = (skill.decode_report, _encoded(skill.reports))
+    return found
+
+
+def _every_decoder() -> dict[str, tuple[Decode, Sound]]:
+    found = {name: _of_type(wanted) for name, wanted in TYPES.items()}
+    for component in COMPONENTS.values():
+        for skill in component.skills():
+            found |= _of_skill(skill)
+    found["envelope"] = (lambda data: opened(data, SCHEMA), lambda rng: seal(SCHEMA, b""))
+    return found
+
+
+DECODERS = _every_decoder()
+"""Every decoder of the bus by name, with what makes messages that it understands."""
+for_every_decoder = pytest.mark.parametrize(("decode", "sound"), DECODERS.values(), ids=DECODERS.keys())
+
+
+def understood(decode: Decode, data: bytes) -> bool:
+    """Decode a message within bounds of time and memory; False where it is refused. Any other exception passes."""
+    tracemalloc.start()
+    began_s = time.process_time()
+    try:
+        decode(data)
+    except CommunicationError:
+        return False
+    finally:
+        seconds, (_, asked_bytes) = time.process_time() - began_s, tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+        assert seconds < ALLOWED_S
+        assert asked_bytes < ALLOWED_BYTES
+    return True
+
+
+@for_every_decoder
+@every_time_the_same
+@given(seed=st.integers(0, 2**32 - 1))
+def test_a_damaged_message_is_decoded_or_refused_within_bounds(decode: Decode, sound: Sound, seed: int) -> None:
+    rng = Random(seed)  # hypothesis's own, which it could shrink, takes ten times as long
+    understood(decode, mutated(sound(rng), rng))
+
+
+@for_every_decoder
+def test_a_sound_message_is_understood(decode: Decode, sound: Sound) -> None:
+    rng = Random(7)
+    assert all(understood(decode, sound(rng)) for _ in range(5))
+
+
+def test_some_damage_is_refused_and_some_understood() -> None:
+    # Otherwise nothing was damaged, or every message beyond recognition.
+    rng = Random(1)
+    found = [understood(decode, mutated(sound(rng), rng)) for decode, sound in DECODERS.values() for _ in range(10)]
+    assert 0.0 < np.mean(found) < 0.9
+
+
+def test_a_decoder_that_asks_for_too_much_memory_is_found() -> None:
+    with pytest.raises(AssertionError):
+        understood(lambda data: bytes(ALLOWED_BYTES + 1), b"")
+
+
+@pytest.mark.parametrize("wanted", TYPES.values(), ids=TYPES.keys())
+@every_time_the_same
+@given(rng=st.randoms(use_true_random=False))
+def test_every_message_comes_back_as_it_was_sent(wanted: type[msgspec.Struct], rng: Random) -> None:
+    sent = example(wanted, rng)
+    assert_same(codec.decode(codec.encode(sent), wanted), sent)
+
+
+def assert_same(one: object, other: object) -> None:
+    assert type(one) is type(other)
+    if isinstance(one, msgspec.Struct):
+        for name in one.__struct_fields__:
+            assert_same(getattr(one, name), getattr(other, name))
+    elif isinstance(one, np.ndarray):
+        assert isinstance(other, np.ndarray)
+        assert (one.dtype, one.shape) == (other.dtype, other.shape)
+        assert one.tobytes() == other.tobytes()  # to the bit: NaN as well
+    elif isinstance(one, tuple):
+        assert isinstance(other, tuple)
+        assert len(one) == len(other)
+        for mine, theirs in zip(one, other, strict=True):
+            assert_same(mine, theirs)
+    else:
+        assert repr(one) == repr(other)  # NaN is not equal to itself
