@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 import dlokit
+from dlokit.types.robot import RobotReason
 
 SOURCE = Path(dlokit.__file__).parent
 
@@ -36,3 +37,13 @@ def test_no_two_classes_share_a_name_but_for_the_words_of_messages() -> None:
         for name in re.findall(r"^class ([A-Z]\w*)", path.read_text(encoding="utf-8"), re.MULTILINE):
             found.setdefault(name, []).append(path.relative_to(SOURCE).as_posix())
     assert {name: places for name, places in found.items() if len(places) > 1} == {}
+
+
+ROBOT_CODE = ("motion", "functional/robots", "functional/cell/setpoints.py", "skills/robot", "decision/steps")
+
+
+def test_the_reasons_of_the_robot_are_written_out_where_they_are_declared_only() -> None:
+    """So that a new one is declared, with what a caller can do about it, and nobody retypes it."""
+    reasons = "|".join(reason.value for reason in RobotReason)
+    raised = rf"(SkillFailure|SkillRejected)\(\s*\"|[=,({{]\s*\"({reasons})\""
+    assert [home for home in homes(raised) if home.startswith(ROBOT_CODE)] == []

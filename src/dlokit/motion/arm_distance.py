@@ -14,9 +14,7 @@ from dlokit.motion.forward_kinematics import capsule_ends
 from dlokit.motion.inverse_kinematics import PandaKinematics, Yaw
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
-from dlokit.types.robot import JointTrajectory, RobotState
-
-ARMS_TOO_NEAR = "arms_too_near"
+from dlokit.types.robot import JointTrajectory, RobotReason, RobotState
 
 _RADII = np.array([capsule.radius_m for capsule in PANDA_COLLISION])
 _REACTION_S = 0.08  # two periods of the state, and the way of a message
@@ -90,7 +88,7 @@ def check_apart(
             continue
         if nearest_m < _least_gap_m(_capsules(q_rad[:1], T_world_base), theirs) - AS_FAR_M:
             raise SkillFailure(
-                ARMS_TOO_NEAR,
+                RobotReason.ARMS_TOO_NEAR,
                 f"the arm would come to {nearest_m * 1e3:.0f} mm from {other.robot}, at least "
                 f"{clearance_m * 1e3:.0f} mm are allowed; move {other.robot} out of the way first",
             )

@@ -1,6 +1,6 @@
 """What a trajectory must satisfy before it runs: joint limits, the table, the robot itself. Pure.
 
-Failures are `SkillFailure` with the names in `FAILURES`; each says what was wrong, what is allowed, what to do.
+A failure is a `SkillFailure` with a `RobotReason`; it says what was wrong, what is allowed, what to do.
 """
 
 import numpy as np
@@ -9,24 +9,10 @@ from dlokit.description.arm.panda import PANDA_COLLISION, PANDA_LIMITS
 from dlokit.description.table import Surroundings
 from dlokit.errors import SkillFailure
 from dlokit.motion.forward_kinematics import capsule_ends
-from dlokit.motion.limits import (
-    ACCELERATION_LIMIT,
-    BAD_TRAJECTORY,
-    JERK_LIMIT,
-    JOINT_LIMIT,
-    VELOCITY_LIMIT,
-    limit_violation,
-)
+from dlokit.motion.limits import limit_violation
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
-from dlokit.types.robot import JointLimits, JointTrajectory
-
-TABLE_COLLISION = "table_collision"
-SELF_COLLISION = "self_collision"
-FAILURES = (
-    *(JOINT_LIMIT, VELOCITY_LIMIT, ACCELERATION_LIMIT, JERK_LIMIT),
-    *(TABLE_COLLISION, SELF_COLLISION, BAD_TRAJECTORY),
-)
+from dlokit.types.robot import JointLimits, JointTrajectory, RobotReason
 
 _GRIPPER = ("hand", "left_finger", "right_finger")
 # Pairs of links that can meet within the joint limits; neighbours overlap at their joint and cannot.
@@ -73,7 +59,7 @@ def check_collisions(
     if np.any(gap < 0.0):
         _, pair = np.unravel_index(int(np.argmin(gap)), gap.shape)
         raise SkillFailure(
-            SELF_COLLISION,
+            RobotReason.SELF_COLLISION,
             f"{_LINKS[_FIRST[pair]]} and {_LINKS[_SECOND[pair]]} would come within {-gap.min() * 1e3:.0f} mm of "
             "less than they may; go by way of another posture, e.g. home",
         )
@@ -85,7 +71,7 @@ def _check_table(start: Float64Array, end: Float64Array, around: Surroundings) -
     if np.any(lowest < around.table_clearance_m):
         _, part = np.unravel_index(int(np.argmin(lowest)), lowest.shape)
         raise SkillFailure(
-            TABLE_COLLISION,
+            RobotReason.TABLE_COLLISION,
             f"{_LINKS[part]} would come to {lowest.min() * 1e3:.1f} mm above the table, at least "
             f"{around.table_clearance_m * 1e3:.1f} mm are allowed; raise the path (a gripper pointing down may bring "
             "its tool centre point to 11 mm)",
@@ -98,7 +84,7 @@ def check_trajectory(
     surroundings: Surroundings | None = None,
     T_world_base: Pose | None = None,
 ) -> None:
-    """Everything that a trajectory must satisfy before it runs. Raises `SkillFailure` with one of `FAILURES`."""
+    """Everything that a trajectory must satisfy before it runs. Raises `SkillFailure`."""
     check_limits(trajectory, limits)
     around = surroundings or Surroundings()
     check_collisions(thinned(trajectory.q_rad, around.collision_step_rad), around, T_world_base)

@@ -23,8 +23,7 @@ from dlokit.errors import SkillFailure
 from dlokit.motion import forward_kinematics
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
-
-UNREACHABLE = "unreachable"
+from dlokit.types.robot import RobotReason
 
 _SHOULDER_HEIGHT_M = 0.333
 _ELBOW_OFFSET_M = 0.0825
@@ -102,7 +101,7 @@ class PandaKinematics:
             q = solve(pose, near)
             if q is not None:
                 return q
-        raise SkillFailure(UNREACHABLE, _explain(T_world_tcp, yaw))
+        raise SkillFailure(RobotReason.UNREACHABLE, _explain(T_world_tcp, yaw))
 
     def reachable(self, T_world_tcp: Pose, yaw: Yaw = Yaw.EXACT) -> bool:
         """Whether joint angles within the limits bring the tool there. Takes 0.1 ms for a gripper pointing down."""
@@ -115,7 +114,7 @@ class PandaKinematics:
     def check_length(self, T_world_tcp: Pose, yaw: Yaw = Yaw.EXACT) -> None:
         """Raise `SkillFailure` ``unreachable`` on a pose farther from the shoulder than the stretched arm is long."""
         if not math.dist(T_world_tcp.position_m.tolist(), self._shoulder_world) <= _LENGTH_M:
-            raise SkillFailure(UNREACHABLE, _explain(T_world_tcp, yaw))
+            raise SkillFailure(RobotReason.UNREACHABLE, _explain(T_world_tcp, yaw))
 
     def _inside(self, q: Float64Array) -> bool:
         return bool(np.all(q >= self.lower_rad) and np.all(q <= self.upper_rad))

@@ -18,6 +18,7 @@ from dlokit.skills.planning import api as planning
 from dlokit.skills.robot import api as robot
 from dlokit.types.action import Action, Marks, Push, kind_of
 from dlokit.types.outcome import Failed, Outcome, Rejected, Succeeded
+from dlokit.types.robot import Remedy, remedy_of
 
 NOT_WORTH_IT = "not_worth_it"
 """The word of an action that control does not follow."""
@@ -53,27 +54,7 @@ def _as_planned(done: ActionRecord) -> bool:
     return done.grasp_ok and not done.slipped and not done.ended_by and not done.corrections
 
 
-REFUSALS = frozenset(
-    {
-        "unreachable",
-        "joint_limit",
-        "velocity_limit",
-        "acceleration_limit",
-        "jerk_limit",
-        "table_collision",
-        "self_collision",
-        "arms_too_near",
-        "outside_workspace",
-        "tool_speed",
-        "too_slow",
-    }
-)
-"""Reasons for which the robot refuses a motion before it moves, or breaks it off: another grasp may do."""
-
-
-INTERRUPTIONS = frozenset({"lost_commander", "lease_lost", "stale_feedback", "neighbour_silent"})
-"""Reasons for which an arm brakes by itself though nothing is broken: on a busy machine a sign of life, or feedback,
-came late."""
+_MOVED = {Remedy.ANOTHER_TARGET: Moved.REFUSED, Remedy.RECOVER: Moved.INTERRUPTED, Remedy.NONE: Moved.FAILED}
 
 
 def judge_motion(task: ShapeTask, skill: str, outcome: Outcome[Any]) -> Moved:
@@ -81,11 +62,11 @@ def judge_motion(task: ShapeTask, skill: str, outcome: Outcome[Any]) -> Moved:
     if isinstance(outcome, Succeeded):
         return Moved.DONE
     fail(task, skill, outcome)
-    if isinstance(outcome, Failed | Rejected) and outcome.reason in REFUSALS:
-        return Moved.REFUSED
-    if isinstance(outcome, Failed | Rejected) and outcome.reason in INTERRUPTIONS:
-        return Moved.INTERRUPTED
-    return Moved.FAILED
+    return _MOVED[_remedy(outcome)]
+
+
+def _remedy(outcome: Outcome[Any]) -> Remedy:
+    return remedy_of(outcome.reason) if isinstance(outcome, Failed | Rejected) else Remedy.NONE
 
 
 def judge_action(task: ShapeTask, skill: str, outcome: Outcome[Any]) -> Moved:
@@ -285,8 +266,7 @@ async def until_done(
     """
     while True:
         moved = await task.port.call(skill.at(instance), *args, **kwargs)
-        interrupted = isinstance(moved, Failed | Rejected) and moved.reason in INTERRUPTIONS
-        if not interrupted or task.recoveries >= task.config.max_recoveries:
+        if _remedy(moved) is not Remedy.RECOVER or task.recoveries >= task.config.max_recoveries:
             return moved
         task.recoveries += 1
         await task.port.clock.sleep(_STANDS_S)

@@ -17,7 +17,7 @@ from dlokit.types.arrays import Float64Array
 from dlokit.types.observation import Gripped
 from dlokit.types.outcome import Failed, Outcome, Succeeded
 from dlokit.types.pose import Pose
-from dlokit.types.robot import GripResult, MotionResult
+from dlokit.types.robot import GripResult, MotionResult, RobotReason
 
 R = TypeVar("R")
 
@@ -146,10 +146,13 @@ async def _one_by_one(task: ShapeTask, call: Callable[[Hand], Coroutine[Any, Any
         outcomes: list[Outcome[R]] = []
         for hand in waiting:
             outcome = await call(hand)
-            if isinstance(outcome, Failed) and outcome.reason == "arms_too_near":
-                blocked.append(hand)
-            elif not isinstance(outcome, Succeeded):
-                return outcome
+            match outcome:
+                case Succeeded():
+                    pass
+                case Failed(reason=RobotReason.ARMS_TOO_NEAR):
+                    blocked.append(hand)
+                case _:
+                    return outcome
             outcomes.append(outcome)
         if len(blocked) in (0, len(waiting)):
             return outcomes[0]

@@ -9,6 +9,7 @@ from dlokit.skills.observer import api as observer
 from dlokit.skills.perception import api as perception
 from dlokit.skills.robot import api as robot
 from dlokit.types.outcome import Failed, Outcome, Rejected, TimedOut, Unreachable
+from dlokit.types.robot import RobotReason
 
 
 class Checked(enum.Enum):
@@ -152,7 +153,7 @@ RESTORABLE = (perception.LOOK.component, observer.INITIALISE.component, model.SE
 def explain(outcome: Outcome[Any]) -> str:
     """One line of why a call did not succeed."""
     match outcome:
-        case Failed(reason="stopped", detail=detail):
+        case Failed(reason=RobotReason.STOPPED, detail=detail):
             return f"stopped by {robot.STOP.key}: {detail}"
         case Failed(reason=reason, detail=detail) | Rejected(reason=reason, detail=detail):
             return f"{reason}: {detail}" if detail else reason

@@ -19,7 +19,7 @@ from dlokit.description.arm.panda import PANDA_OPEN_WIDTH_M
 from dlokit.types.action import VelocityProfile
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
-from dlokit.types.robot import GripResult, MotionResult
+from dlokit.types.robot import GripResult, MotionResult, RobotReason
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -119,17 +119,17 @@ def _release_lease(holder: str) -> None:
     ...
 
 
-COMMANDER = Condition("the caller holds the lease, or nobody does", "not_commander")
-LEASE = Condition("a lease that was taken has not run out", "lease_lost")
-ENABLED = Condition("no person has stopped the arm since one enabled it", "stop_latched")
+COMMANDER = Condition("the caller holds the lease, or nobody does", RobotReason.NOT_COMMANDER)
+LEASE = Condition("a lease that was taken has not run out", RobotReason.LEASE_LOST)
+ENABLED = Condition("no person has stopped the arm since one enabled it", RobotReason.STOP_LATCHED)
 _SEVEN = Condition("q_rad is seven finite angles", "bad_arguments", lambda q_rad: _is_seven(q_rad))
 _WIDTH = Condition(
-    f"width_m is 0 to {PANDA_OPEN_WIDTH_M}", "bad_width", lambda width_m: 0.0 <= width_m <= PANDA_OPEN_WIDTH_M
+    f"width_m is 0 to {PANDA_OPEN_WIDTH_M}", RobotReason.BAD_WIDTH, lambda width_m: 0.0 <= width_m <= PANDA_OPEN_WIDTH_M
 )
-_FORCE = Condition("force_n is above 0", "bad_force", lambda force_n: 0.0 < force_n < math.inf)
+_FORCE = Condition("force_n is above 0", RobotReason.BAD_FORCE, lambda force_n: 0.0 < force_n < math.inf)
 _DURATION = Condition(
     f"duration_s is above 0 and at most {LONGEST_LEASE_S:g}",
-    "bad_lease",
+    RobotReason.BAD_LEASE,
     lambda duration_s: 0.0 < duration_s <= LONGEST_LEASE_S,
 )
 
