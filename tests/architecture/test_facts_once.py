@@ -39,6 +39,13 @@ def test_no_two_classes_share_a_name_but_for_the_words_of_messages() -> None:
     assert {name: places for name, places in found.items() if len(places) > 1} == {}
 
 
+def test_world_to_camera_and_pixel_stands_in_the_geometry_of_the_camera() -> None:
+    """But for the observer's compiled kernel, which takes the camera as plain numbers."""
+    world_to_camera = r"T_world_camera\.position_m\) @ rotation\(|inverse\(\w+\.T_world_camera\), nodes"
+    pixel = r"\.f[xy]_px \* \w+(\[[^]]*\])? / "
+    assert homes(rf"{world_to_camera}|{pixel}") == ["geometry/camera.py"]
+
+
 ROBOT_CODE = ("motion", "functional/robots", "functional/cell/setpoints.py", "skills/robot", "decision/steps")
 
 
