@@ -24,6 +24,7 @@ def homes(pattern: str) -> list[str]:
     [
         (r"\b9\.81\b", "description/dlo.py"),
         (r"^\w+(: TypeAlias)? = NDArray\[", "types/arrays.py"),
+        (r"\b0\.30, 0\.75\b|\b0\.45, 0\.0\b", "description/table.py"),
         (r"truth\.npz\"", "functional/cell/truth.py"),
     ],
 )
