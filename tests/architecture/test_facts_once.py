@@ -25,6 +25,8 @@ def homes(pattern: str) -> list[str]:
         (r"\b9\.81\b", "description/dlo.py"),
         (r"^\w+(: TypeAlias)? = NDArray\[", "types/arrays.py"),
         (r"\b0\.30, 0\.75\b|\b0\.45, 0\.0\b", "description/table.py"),
+        (r"capsule\.radius_m for capsule in PANDA_COLLISION", "motion/capsules.py"),
+        (r"^_?(ROUNDING|TURN_LEVER|SHORTEST)_M = |^_?SHARPEST", "motion/tool_path.py"),
         (r"truth\.npz\"", "functional/cell/truth.py"),
     ],
 )
