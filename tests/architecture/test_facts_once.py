@@ -26,6 +26,7 @@ def homes(pattern: str) -> list[str]:
         (r"^\w+(: TypeAlias)? = NDArray\[", "types/arrays.py"),
         (r"\b0\.30, 0\.75\b|\b0\.45, 0\.0\b", "description/table.py"),
         (r"capsule\.radius_m for capsule in PANDA_COLLISION", "motion/capsules.py"),
+        (r"\b0\.(333|316|384|088)\b", "description/arm/panda.py"),
         (r"^_?(ROUNDING|TURN_LEVER|SHORTEST)_M = |^_?SHARPEST", "motion/tool_path.py"),
         (r"truth\.npz\"", "functional/cell/truth.py"),
     ],

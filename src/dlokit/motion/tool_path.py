@@ -6,7 +6,6 @@ from functools import cached_property
 
 import numpy as np
 
-from dlokit.motion.inverse_kinematics import half_turned, points_down
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
 
@@ -20,6 +19,21 @@ SHORTEST_M = 1e-5
 """Shorter lines are none [m]."""
 _SAME_PLACE_M, _SAME_DIRECTION_RAD = 1e-4, 1e-3
 _LONGEST_TURN_RAD = 2.5  # of one line; beyond half a turn it would go the other way round
+_DOWN_TOLERANCE_RAD = 1e-4
+
+
+def half_turned(T: Pose) -> Pose:
+    """The pose turned by half a turn about its own z axis."""
+    w, x, y, z = T.wxyz
+    return Pose(position_m=T.position_m, wxyz=np.array([-z, y, -x, w]))
+
+
+def points_down(T: Pose) -> bool:
+    """Whether the tool's z axis points straight down."""
+    w, x, y, z = T.wxyz
+    # The z axis of a unit quaternion's rotation, written out: this is asked for every pose of every path.
+    sideways = 2.0 * float(np.hypot(x * z + w * y, y * z - w * x))
+    return sideways < _DOWN_TOLERANCE_RAD and float(w * w + z * z) < float(x * x + y * y)
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,8 @@ from dlokit.types.arrays import Float64Array
 from dlokit.types.message import Message, Value
 from dlokit.types.pose import Pose
 
+LEASE_S = 0.2
+"""Time without a sign of life after which an arm brakes [s of the machine's clock], unless told otherwise."""
 FIRST_ROBOT = "panda"
 """Name of the arm at the world's origin."""
 
@@ -156,5 +158,5 @@ class Lease(Value, frozen=True, kw_only=True, eq=False):
     """A commander's right to move the robot; the robot brakes when it is not renewed in time."""
 
     holder: str
-    duration_s: float = 0.2
+    duration_s: float = LEASE_S
     """Time on the machine's monotonic clock [s] without renewal after which the robot brakes."""

@@ -29,7 +29,16 @@ from dlokit.skills.robot.neighbours import Neighbours
 from dlokit.types.action import VelocityProfile
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
-from dlokit.types.robot import GripResult, JointTrajectory, Lease, MotionResult, RobotMode, RobotReason, RobotState
+from dlokit.types.robot import (
+    LEASE_S,
+    GripResult,
+    JointTrajectory,
+    Lease,
+    MotionResult,
+    RobotMode,
+    RobotReason,
+    RobotState,
+)
 
 R = TypeVar("R")
 
@@ -174,16 +183,16 @@ class RobotComponent(Component):
             return await self._follow(await self._plan_path(path, velocity))
 
     @implements(api.GRASP)
-    async def grasp(self, force_n: float = 20.0) -> GripResult:
+    async def grasp(self, force_n: float = api.GRASP_FORCE_N) -> GripResult:
         """Close the fingers."""
         async with self._moving():
             return await self._interruptible(self._robot.grip(0.0, force_n, self._driver_lease()))
 
     @implements(api.RELEASE)
-    async def release(self, width_m: float = 0.04) -> GripResult:
+    async def release(self, width_m: float = api.RELEASE_WIDTH_M) -> GripResult:
         """Open the fingers."""
         async with self._moving():
-            return await self._interruptible(self._robot.grip(width_m, 20.0, self._driver_lease()))
+            return await self._interruptible(self._robot.grip(width_m, api.GRASP_FORCE_N, self._driver_lease()))
 
     @implements(api.HOME)
     async def home(self) -> MotionResult:
@@ -221,7 +230,7 @@ class RobotComponent(Component):
         await self._robot.recover()
 
     @implements(api.RENEW_LEASE)
-    async def renew_lease(self, holder: str, duration_s: float = 0.2) -> None:
+    async def renew_lease(self, holder: str, duration_s: float = LEASE_S) -> None:
         """Take or keep the right to move."""
         self._lease.renew(holder, duration_s)
         self._watch.begin(self._lease, self._ran_out)
