@@ -27,9 +27,10 @@ from dlokit.recording.channels import FILE_NAME
 from dlokit.recording.reader import read_recording
 from dlokit.system.results.run_result import read_result
 from dlokit.types.outcome import CallRecord
+from dlokit.types.robot import Remedy, RobotReason
 from parts.command import check_json, run_study, write_figures
 
-BRAKED = frozenset({"lease_lost", "lost_commander", "stale_feedback", "neighbour_silent"})
+BRAKED = frozenset(reason.value for reason in RobotReason if reason.remedy is Remedy.RECOVER)
 ENDS_WITHIN_S = 300.0
 CHROMIUM = "/usr/bin/chromium"
 ARGUMENTS = ["--headless=new", "--no-sandbox", "--enable-unsafe-swiftshader", "--use-angle=swiftshader"]

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 import dlokit
+from dlokit.types.robot import RobotReason
 
 SOURCE = Path(dlokit.__file__).parent
 
@@ -23,6 +24,10 @@ def homes(pattern: str) -> list[str]:
     [
         (r"\b9\.81\b", "description/dlo.py"),
         (r"^\w+(: TypeAlias)? = NDArray\[", "types/arrays.py"),
+        (r"\b0\.30, 0\.75\b|\b0\.45, 0\.0\b", "description/table.py"),
+        (r"capsule\.radius_m for capsule in PANDA_COLLISION", "motion/capsules.py"),
+        (r"\b0\.(333|316|384|088)\b", "description/arm/panda.py"),
+        (r"^_?(ROUNDING|TURN_LEVER|SHORTEST)_M = |^_?SHARPEST", "motion/tool_path.py"),
         (r"truth\.npz\"", "functional/cell/truth.py"),
     ],
 )
@@ -36,3 +41,20 @@ def test_no_two_classes_share_a_name_but_for_the_words_of_messages() -> None:
         for name in re.findall(r"^class ([A-Z]\w*)", path.read_text(encoding="utf-8"), re.MULTILINE):
             found.setdefault(name, []).append(path.relative_to(SOURCE).as_posix())
     assert {name: places for name, places in found.items() if len(places) > 1} == {}
+
+
+def test_world_to_camera_and_pixel_stands_in_the_geometry_of_the_camera() -> None:
+    """But for the observer's compiled kernel, which takes the camera as plain numbers."""
+    world_to_camera = r"T_world_camera\.position_m\) @ rotation\(|inverse\(\w+\.T_world_camera\), nodes"
+    pixel = r"\.f[xy]_px \* \w+(\[[^]]*\])? / "
+    assert homes(rf"{world_to_camera}|{pixel}") == ["geometry/camera.py"]
+
+
+ROBOT_CODE = ("motion", "functional/robots", "functional/cell/setpoints.py", "skills/robot", "decision/steps")
+
+
+def test_the_reasons_of_the_robot_are_written_out_where_they_are_declared_only() -> None:
+    """So that a new one is declared, with what a caller can do about it, and nobody retypes it."""
+    reasons = "|".join(reason.value for reason in RobotReason)
+    raised = rf"(SkillFailure|SkillRejected)\(\s*\"|[=,({{]\s*\"({reasons})\""
+    assert [home for home in homes(raised) if home.startswith(ROBOT_CODE)] == []

@@ -17,6 +17,7 @@ from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.description.arm.panda import PANDA_HOME_Q_RAD
 from dlokit.description.shapes import builtin_shape
+from dlokit.description.table import Table
 from dlokit.geometry import downward, pose, tangents
 from dlokit.skills.robot import api as robot
 from dlokit.skills.viewer.component import ArmButtons, RodOutline, ViewerComponent
@@ -140,6 +141,7 @@ async def _a_visit(*, operated: bool = True) -> AsyncGenerator[Visit]:
         ViewerConfig(port=0),
         flow=FLOW,
         rod=ROD,
+        table=Table(),
         threshold_m=0.012,
         operated=operated,
         arms=(ArmButtons(stop=robot.STOP, enable=robot.ENABLE),),

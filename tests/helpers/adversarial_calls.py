@@ -28,7 +28,7 @@ from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.robots.gate import GateConfig, GatedRobot
 from dlokit.functional.robots.simulated import SimulatedRobot
 from dlokit.geometry import downward
-from dlokit.motion.inverse_kinematics import half_turned
+from dlokit.motion.tool_path import half_turned
 from dlokit.skills.robot import api
 from dlokit.skills.robot.component import RobotComponent
 from dlokit.skills.robot.config import RobotConfig

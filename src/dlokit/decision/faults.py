@@ -9,29 +9,15 @@ from dlokit.skills.observer import api as observer
 from dlokit.skills.perception import api as perception
 from dlokit.skills.robot import api as robot
 from dlokit.types.outcome import Failed, Outcome, Rejected, Succeeded, TimedOut, Unreachable
+from dlokit.types.robot import Remedy, RobotReason, remedy_of
 
 R = TypeVar("R")
 
-REFUSALS = frozenset(
-    {
-        "unreachable",
-        "joint_limit",
-        "velocity_limit",
-        "acceleration_limit",
-        "jerk_limit",
-        "table_collision",
-        "self_collision",
-        "arms_too_near",
-        "outside_workspace",
-        "tool_speed",
-        "too_slow",
-    }
-)
-"""Reasons for which the robot refuses a motion before it moves, or breaks it off: another grasp may do."""
-
-INTERRUPTIONS = frozenset({"lost_commander", "lease_lost", "stale_feedback", "neighbour_silent"})
-"""Reasons for which an arm brakes by itself though nothing is broken: on a busy machine a sign of life, or feedback,
-came late."""
+_KINDS = {
+    Remedy.ANOTHER_TARGET: FaultKind.REFUSED,
+    Remedy.RECOVER: FaultKind.INTERRUPTED,
+    Remedy.NONE: FaultKind.FAILED,
+}
 
 RESTORABLE = (perception.LOOK.component, observer.INITIALISE.component, model.SET_GOAL.component)
 """What they know can be told again, or seen: their processes may die in a task. An arm's may not."""
@@ -47,10 +33,7 @@ def result_of(skill: Skill[..., R], outcome: Outcome[R]) -> R:
 def _fault(skill: Skill[..., Any], outcome: Outcome[Any]) -> FaultKind:
     if isinstance(outcome, Unreachable | TimedOut) and skill.component in RESTORABLE:
         return FaultKind.LOST
-    reason = reason_of(outcome)
-    if reason in REFUSALS:
-        return FaultKind.REFUSED
-    return FaultKind.INTERRUPTED if reason in INTERRUPTIONS else FaultKind.FAILED
+    return _KINDS[remedy_of(reason_of(outcome))]
 
 
 def reason_of(outcome: Outcome[Any]) -> str:
@@ -61,7 +44,7 @@ def reason_of(outcome: Outcome[Any]) -> str:
 def explain(outcome: Outcome[Any]) -> str:
     """One line of why a call did not succeed."""
     match outcome:
-        case Failed(reason="stopped", detail=detail):
+        case Failed(reason=RobotReason.STOPPED, detail=detail):
             return f"stopped by {robot.STOP.key}: {detail}"
         case Failed(reason=reason, detail=detail) | Rejected(reason=reason, detail=detail):
             return f"{reason}: {detail}" if detail else reason

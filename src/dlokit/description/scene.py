@@ -7,14 +7,10 @@ from scipy.spatial.transform import Rotation
 
 from dlokit import geometry
 from dlokit.description.contacts import CONTACT_SOLIMP, CONTACT_SOLREF
+from dlokit.description.table import Table
 from dlokit.types.arrays import Float64Array, UInt8Array
 from dlokit.types.image import CameraCalibration
 
-TABLE_CENTER_M = (0.45, 0.0)
-"""Middle of the table top [m], in the world frame."""
-TABLE_HALF_SIZE_M = (0.75, 0.70)
-"""Half the table's length and width [m]."""
-TABLE_THICKNESS_M = 0.05
 STEREO_BASELINE_M = 0.0998
 """Distance of the two cameras, as published for the authors' camera [m]."""
 REFERENCE_WIDTH_PX = 640
@@ -61,13 +57,15 @@ def table_rotation(tilt_deg: tuple[float, float]) -> Rotation:
     return Rotation.from_rotvec([tilt_deg[0], tilt_deg[1], 0.0], degrees=True)
 
 
-def table_height_m(places_world: ArrayLike, tilt_deg: tuple[float, float]) -> Float64Array:
+def table_height_m(places_world: ArrayLike, table: Table, tilt_deg: tuple[float, float]) -> Float64Array:
     """Height of a tilted table's top (K,) [m] at places (K, 2) [m]."""
     normal = table_rotation(tilt_deg).apply([0.0, 0.0, 1.0])
-    return -(np.asarray(places_world, dtype=np.float64) - TABLE_CENTER_M) @ normal[:2] / normal[2]
+    return -(np.asarray(places_world, dtype=np.float64) - table.centre_m) @ normal[:2] / normal[2]
 
 
-def add_table(spec: mujoco.MjSpec, *, friction: float, tilt_deg: tuple[float, float] = (0.0, 0.0)) -> None:
+def add_table(
+    spec: mujoco.MjSpec, table: Table, *, friction: float, tilt_deg: tuple[float, float] = (0.0, 0.0)
+) -> None:
     """Add the table, its top at z = 0, dark and grained so that stereo matching finds something to match.
 
     A tilted table turns about the middle of its top.
@@ -87,9 +85,9 @@ def add_table(spec: mujoco.MjSpec, *, friction: float, tilt_deg: tuple[float, fl
     spec.worldbody.add_geom(
         name="table",
         type=mujoco.mjtGeom.mjGEOM_BOX,
-        pos=rotation.apply([0.0, 0.0, -TABLE_THICKNESS_M / 2]) + np.array([*TABLE_CENTER_M, 0.0]),
+        pos=rotation.apply([0.0, 0.0, -table.thickness_m / 2]) + np.array([*table.centre_m, 0.0]),
         quat=quat,
-        size=[*TABLE_HALF_SIZE_M, TABLE_THICKNESS_M / 2],
+        size=[*table.half_size_m, table.thickness_m / 2],
         material="table",
         contype=0,
         conaffinity=0,
@@ -99,8 +97,8 @@ def add_table(spec: mujoco.MjSpec, *, friction: float, tilt_deg: tuple[float, fl
     spec.worldbody.add_geom(
         name="table_top",
         type=mujoco.mjtGeom.mjGEOM_PLANE,
-        size=[*TABLE_HALF_SIZE_M, 0.1],
-        pos=[*TABLE_CENTER_M, 0.0],
+        size=[*table.half_size_m, 0.1],
+        pos=[*table.centre_m, 0.0],
         quat=quat,
         group=3,
         friction=[friction, 0.001, 0.0001],
@@ -109,10 +107,10 @@ def add_table(spec: mujoco.MjSpec, *, friction: float, tilt_deg: tuple[float, fl
     )
 
 
-def add_lights(spec: mujoco.MjSpec, *, shadows: bool, light: float = 1.0) -> None:
+def add_lights(spec: mujoco.MjSpec, table: Table, *, shadows: bool, light: float = 1.0) -> None:
     """Add two lamps above the table, one from each side; `light` is a factor on their strength."""
     for name, position, strength in (("lamp_left", (0.2, 1.0, 2.0), 0.45), ("lamp_right", (0.9, -0.6, 2.0), 0.30)):
-        target = np.array([TABLE_CENTER_M[0], TABLE_CENTER_M[1], 0.0])
+        target = np.array([*table.centre_m, 0.0])
         spec.worldbody.add_light(
             name=name,
             pos=position,

@@ -19,11 +19,15 @@ class Projection:
     depth_m: Float64Array  # (N,) along z of the camera [m]; not positive behind it
 
 
+def in_camera(points_world: ArrayLike, camera: CameraCalibration) -> Float64Array:
+    """Points (N, 3) [m] of the world in the camera's frame: z is depth."""
+    offsets = np.asarray(points_world, dtype=np.float64) - camera.T_world_camera.position_m
+    return offsets @ rotation(camera.T_world_camera)
+
+
 def project(points_world: ArrayLike, camera: CameraCalibration) -> Projection:
     """Points (N, 3) [m] of the world, in the (rectified left) picture of `camera`."""
-    p_camera = (np.asarray(points_world, dtype=np.float64) - camera.T_world_camera.position_m) @ rotation(
-        camera.T_world_camera
-    )
+    p_camera = in_camera(points_world, camera)
     depth = p_camera[:, 2]
     safe = np.where(np.abs(depth) < 1e-9, 1e-9, depth)
     u = camera.fx_px * p_camera[:, 0] / safe + camera.cx_px

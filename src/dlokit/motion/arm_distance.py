@@ -7,18 +7,16 @@ import numpy as np
 from scipy.spatial.distance import cdist
 
 from dlokit import geometry
-from dlokit.description.arm.panda import PANDA_COLLISION, PANDA_HOME_Q_RAD, PANDA_LIMITS
+from dlokit.description.arm.panda import PANDA_HOME_Q_RAD, PANDA_LIMITS
 from dlokit.errors import SkillFailure
-from dlokit.motion.collisions import segment_distances, thinned
+from dlokit.motion.capsules import RADII_M, Capsules, capsule_distances
+from dlokit.motion.collisions import thinned
 from dlokit.motion.forward_kinematics import capsule_ends
 from dlokit.motion.inverse_kinematics import PandaKinematics, Yaw
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
-from dlokit.types.robot import JointTrajectory, RobotState
+from dlokit.types.robot import JointTrajectory, RobotReason, RobotState
 
-ARMS_TOO_NEAR = "arms_too_near"
-
-_RADII = np.array([capsule.radius_m for capsule in PANDA_COLLISION])
 _REACTION_S = 0.08  # two periods of the state, and the way of a message
 _LINE_STEP_RAD = 0.06
 AS_FAR_M = 0.002  # arms may come nearer by so much and count as no nearer: a motion seldom starts away from the other
@@ -90,7 +88,7 @@ def check_apart(
             continue
         if nearest_m < _least_gap_m(_capsules(q_rad[:1], T_world_base), theirs) - AS_FAR_M:
             raise SkillFailure(
-                ARMS_TOO_NEAR,
+                RobotReason.ARMS_TOO_NEAR,
                 f"the arm would come to {nearest_m * 1e3:.0f} mm from {other.robot}, at least "
                 f"{clearance_m * 1e3:.0f} mm are allowed; move {other.robot} out of the way first",
             )
@@ -124,11 +122,11 @@ def _least_gap_m(first: tuple[Float64Array, Float64Array], second: tuple[Float64
     The spheres around the capsules tell from which pairs it can come; few are left to be measured.
     """
     (a0, a1), (b0, b1) = ((start.reshape(-1, 3), end.reshape(-1, 3)) for start, end in (first, second))
-    ra, rb = (np.tile(_RADII, len(start) // len(_RADII)) for start in (a0, b0))
+    ra, rb = (np.tile(RADII_M, len(start) // len(RADII_M)) for start in (a0, b0))
     surfaces = cdist((a0 + a1) / 2, (b0 + b1) / 2) - ra[:, None] - rb[None, :]
     reach = np.linalg.norm(a1 - a0, axis=1)[:, None] / 2 + np.linalg.norm(b1 - b0, axis=1)[None, :] / 2
     i, j = np.nonzero(surfaces - reach <= np.min(surfaces))
-    return float(np.min(segment_distances(a0[i], a1[i], b0[j], b1[j]) - ra[i] - rb[j]))
+    return float(np.min(capsule_distances(Capsules(a0[i], a1[i], ra[i]), Capsules(b0[j], b1[j], rb[j]))))
 
 
 def _capsules(q_rad: Float64Array, T_world_base: Pose | None) -> tuple[Float64Array, Float64Array]:

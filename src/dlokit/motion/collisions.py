@@ -1,6 +1,6 @@
 """What a trajectory must satisfy before it runs: joint limits, the table, the robot itself. Pure.
 
-Failures are `SkillFailure` with the names in `FAILURES`; each says what was wrong, what is allowed, what to do.
+A failure is a `SkillFailure` with a `RobotReason`; it says what was wrong, what is allowed, what to do.
 """
 
 import numpy as np
@@ -8,25 +8,12 @@ import numpy as np
 from dlokit.description.arm.panda import PANDA_COLLISION, PANDA_LIMITS
 from dlokit.description.table import Surroundings
 from dlokit.errors import SkillFailure
+from dlokit.motion.capsules import RADII_M, Capsules, capsule_distances
 from dlokit.motion.forward_kinematics import capsule_ends
-from dlokit.motion.limits import (
-    ACCELERATION_LIMIT,
-    BAD_TRAJECTORY,
-    JERK_LIMIT,
-    JOINT_LIMIT,
-    VELOCITY_LIMIT,
-    limit_violation,
-)
+from dlokit.motion.limits import limit_violation
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
-from dlokit.types.robot import JointLimits, JointTrajectory
-
-TABLE_COLLISION = "table_collision"
-SELF_COLLISION = "self_collision"
-FAILURES = (
-    *(JOINT_LIMIT, VELOCITY_LIMIT, ACCELERATION_LIMIT, JERK_LIMIT),
-    *(TABLE_COLLISION, SELF_COLLISION, BAD_TRAJECTORY),
-)
+from dlokit.types.robot import JointLimits, JointTrajectory, RobotReason
 
 _GRIPPER = ("hand", "left_finger", "right_finger")
 # Pairs of links that can meet within the joint limits; neighbours overlap at their joint and cannot.
@@ -37,7 +24,6 @@ _PAIRS = (
     *(("link5", high) for high in _GRIPPER),
 )
 _LINKS = [capsule.link for capsule in PANDA_COLLISION]
-_RADII = np.array([capsule.radius_m for capsule in PANDA_COLLISION])
 _FIRST, _SECOND = (
     np.array(column)
     for column in zip(
@@ -68,24 +54,24 @@ def check_collisions(
     around = surroundings or Surroundings()
     start, end = capsule_ends(q_rad, T_world_base=T_world_base)
     _check_table(start, end, around)
-    gap = segment_distances(start[:, _FIRST], end[:, _FIRST], start[:, _SECOND], end[:, _SECOND])
-    gap = gap - _RADII[_FIRST] - _RADII[_SECOND] - around.self_clearance_m
+    first, second = (Capsules(start[:, parts], end[:, parts], RADII_M[parts]) for parts in (_FIRST, _SECOND))
+    gap = capsule_distances(first, second) - around.self_clearance_m
     if np.any(gap < 0.0):
         _, pair = np.unravel_index(int(np.argmin(gap)), gap.shape)
         raise SkillFailure(
-            SELF_COLLISION,
+            RobotReason.SELF_COLLISION,
             f"{_LINKS[_FIRST[pair]]} and {_LINKS[_SECOND[pair]]} would come within {-gap.min() * 1e3:.0f} mm of "
             "less than they may; go by way of another posture, e.g. home",
         )
 
 
 def _check_table(start: Float64Array, end: Float64Array, around: Surroundings) -> None:
-    lowest = np.minimum(start[..., 2], end[..., 2]) - _RADII - around.table_height_m
+    lowest = np.minimum(start[..., 2], end[..., 2]) - RADII_M - around.table_height_m
     lowest = np.where(_ABOVE_TABLE, lowest, np.inf)
     if np.any(lowest < around.table_clearance_m):
         _, part = np.unravel_index(int(np.argmin(lowest)), lowest.shape)
         raise SkillFailure(
-            TABLE_COLLISION,
+            RobotReason.TABLE_COLLISION,
             f"{_LINKS[part]} would come to {lowest.min() * 1e3:.1f} mm above the table, at least "
             f"{around.table_clearance_m * 1e3:.1f} mm are allowed; raise the path (a gripper pointing down may bring "
             "its tool centre point to 11 mm)",
@@ -98,7 +84,7 @@ def check_trajectory(
     surroundings: Surroundings | None = None,
     T_world_base: Pose | None = None,
 ) -> None:
-    """Everything that a trajectory must satisfy before it runs. Raises `SkillFailure` with one of `FAILURES`."""
+    """Everything that a trajectory must satisfy before it runs. Raises `SkillFailure`."""
     check_limits(trajectory, limits)
     around = surroundings or Surroundings()
     check_collisions(thinned(trajectory.q_rad, around.collision_step_rad), around, T_world_base)
@@ -110,20 +96,3 @@ def thinned(q: Float64Array, step_rad: float) -> Float64Array:
     marks = np.arange(0.0, travelled[-1], step_rad)
     rows = np.unique(np.concatenate((np.searchsorted(travelled, marks), [len(q) - 1])))
     return q[rows]
-
-
-def segment_distances(a0: Float64Array, a1: Float64Array, b0: Float64Array, b1: Float64Array) -> Float64Array:
-    """Distances between segments a and b (…, 3) [m], pair by pair; Ericson, Real-Time Collision Detection, 5.1.9."""
-    u, v, w = a1 - a0, b1 - b0, a0 - b0
-    uu, vv, uv = _dot(u, u), _dot(v, v), _dot(u, v)
-    uw, vw = _dot(u, w), _dot(v, w)
-    determinant = uu * vv - uv**2
-    # Parallel segments: any point of the first will do, the clamps below mend the rest.
-    s = np.where(determinant > 1e-12, (uv * vw - vv * uw) / np.maximum(determinant, 1e-12), 0.0).clip(0.0, 1.0)
-    t = ((uv * s + vw) / vv).clip(0.0, 1.0)
-    s = ((uv * t - uw) / uu).clip(0.0, 1.0)
-    return np.linalg.norm(w + s[..., None] * u - t[..., None] * v, axis=-1)
-
-
-def _dot(a: Float64Array, b: Float64Array) -> Float64Array:
-    return np.einsum("...i,...i->...", a, b)

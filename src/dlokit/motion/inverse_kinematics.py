@@ -17,19 +17,19 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dlokit import geometry
-from dlokit.description.arm.panda import PANDA_FLANGE_M, PANDA_HOME_Q_RAD, PANDA_LIMITS, PANDA_TCP_M
+from dlokit.description.arm.panda import PANDA_DH, PANDA_FLANGE_M, PANDA_HOME_Q_RAD, PANDA_LIMITS, PANDA_TCP_M
 from dlokit.description.arm.panda_model import add_panda
 from dlokit.errors import SkillFailure
 from dlokit.motion import forward_kinematics
+from dlokit.motion.tool_path import half_turned, points_down
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
+from dlokit.types.robot import RobotReason
 
-UNREACHABLE = "unreachable"
-
-_SHOULDER_HEIGHT_M = 0.333
-_ELBOW_OFFSET_M = 0.0825
-_UPPER_ARM_M, _FOREARM_M = 0.316, 0.384
-_WRIST_OFFSET_M = 0.088
+_SHOULDER_HEIGHT_M = PANDA_DH[0].d_m
+_ELBOW_OFFSET_M = PANDA_DH[3].a_m
+_UPPER_ARM_M, _FOREARM_M = PANDA_DH[2].d_m, PANDA_DH[4].d_m
+_WRIST_OFFSET_M = PANDA_DH[6].a_m
 _HAND_M = PANDA_FLANGE_M + PANDA_TCP_M
 _UPPER = float(np.hypot(_ELBOW_OFFSET_M, _UPPER_ARM_M))
 _FORE = float(np.hypot(_ELBOW_OFFSET_M, _FOREARM_M))
@@ -37,7 +37,6 @@ _FORE = float(np.hypot(_ELBOW_OFFSET_M, _FOREARM_M))
 _ELBOW_AT_ZERO = float(np.arctan2(_UPPER_ARM_M, _ELBOW_OFFSET_M) + np.arctan2(_FOREARM_M, _ELBOW_OFFSET_M))
 _LENGTH_M = _UPPER + _FORE + _WRIST_OFFSET_M + _HAND_M
 """No posture brings the tool centre point farther from the shoulder [m]."""
-_DOWN_TOLERANCE_RAD = 1e-4
 _POSITION_TOLERANCE_M = 1e-5
 _ROTATION_TOLERANCE_RAD = 1e-4
 
@@ -49,20 +48,6 @@ class Yaw(enum.Enum):
     """The one given."""
     EITHER = "either"
     """The one given where the arm reaches it, else the other."""
-
-
-def half_turned(T: Pose) -> Pose:
-    """The pose turned by half a turn about its own z axis."""
-    w, x, y, z = T.wxyz
-    return Pose(position_m=T.position_m, wxyz=np.array([-z, y, -x, w]))
-
-
-def points_down(T: Pose) -> bool:
-    """Whether the tool's z axis points straight down."""
-    w, x, y, z = T.wxyz
-    # The z axis of a unit quaternion's rotation, written out: this is asked for every pose of every path.
-    sideways = 2.0 * float(np.hypot(x * z + w * y, y * z - w * x))
-    return sideways < _DOWN_TOLERANCE_RAD and float(w * w + z * z) < float(x * x + y * y)
 
 
 class PandaKinematics:
@@ -102,7 +87,7 @@ class PandaKinematics:
             q = solve(pose, near)
             if q is not None:
                 return q
-        raise SkillFailure(UNREACHABLE, _explain(T_world_tcp, yaw))
+        raise SkillFailure(RobotReason.UNREACHABLE, _explain(T_world_tcp, yaw))
 
     def reachable(self, T_world_tcp: Pose, yaw: Yaw = Yaw.EXACT) -> bool:
         """Whether joint angles within the limits bring the tool there. Takes 0.1 ms for a gripper pointing down."""
@@ -115,7 +100,7 @@ class PandaKinematics:
     def check_length(self, T_world_tcp: Pose, yaw: Yaw = Yaw.EXACT) -> None:
         """Raise `SkillFailure` ``unreachable`` on a pose farther from the shoulder than the stretched arm is long."""
         if not math.dist(T_world_tcp.position_m.tolist(), self._shoulder_world) <= _LENGTH_M:
-            raise SkillFailure(UNREACHABLE, _explain(T_world_tcp, yaw))
+            raise SkillFailure(RobotReason.UNREACHABLE, _explain(T_world_tcp, yaw))
 
     def _inside(self, q: Float64Array) -> bool:
         return bool(np.all(q >= self.lower_rad) and np.all(q <= self.upper_rad))

@@ -15,14 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dlokit.types.arrays import Float64Array
-from dlokit.types.robot import JointLimits, JointTrajectory
-
-JOINT_LIMIT = "joint_limit"
-VELOCITY_LIMIT = "velocity_limit"
-ACCELERATION_LIMIT = "acceleration_limit"
-JERK_LIMIT = "jerk_limit"
-BAD_TRAJECTORY = "bad_trajectory"
-TOO_SLOW = "too_slow"
+from dlokit.types.robot import JointLimits, JointTrajectory, RobotReason
 
 SHORTEST_STEP_S = 1e-4
 """Smallest time between two samples [s]: below it, rounding of the angles shows in their third differences."""
@@ -42,7 +35,12 @@ _SMALLEST = 1e-9
 """The same for what is allowed to be nothing."""
 
 
-_ORDER = {VELOCITY_LIMIT: 1, ACCELERATION_LIMIT: 2, JERK_LIMIT: 3, BAD_TRAJECTORY: 3}
+_ORDER = {
+    RobotReason.VELOCITY_LIMIT: 1,
+    RobotReason.ACCELERATION_LIMIT: 2,
+    RobotReason.JERK_LIMIT: 3,
+    RobotReason.BAD_TRAJECTORY: 3,
+}
 """Power of the pace with which values grow against what is allowed of them."""
 
 
@@ -50,8 +48,7 @@ _ORDER = {VELOCITY_LIMIT: 1, ACCELERATION_LIMIT: 2, JERK_LIMIT: 3, BAD_TRAJECTOR
 class Violation:
     """Why a trajectory is refused."""
 
-    reason: str
-    """One of the five names above."""
+    reason: RobotReason
     detail: str
     """What was wrong, what is allowed, what to do."""
 
@@ -62,7 +59,7 @@ class _Bound:
 
     values: Float64Array
     allowed: Float64Array
-    reason: str
+    reason: RobotReason
     what: str
 
 
@@ -73,11 +70,11 @@ def limit_violation(trajectory: JointTrajectory, limits: JointLimits, factor: fl
     """
     malformed = _malformed(trajectory, len(limits.velocity_rad_s))
     if malformed:
-        return Violation(BAD_TRAJECTORY, f"{malformed}; plan it again")
+        return Violation(RobotReason.BAD_TRAJECTORY, f"{malformed}; plan it again")
     times = trajectory.times_s
     if times[-1] > LONGEST_S:
         return Violation(
-            TOO_SLOW,
+            RobotReason.TOO_SLOW,
             f"it takes {times[-1]:.4g} s, allowed are {LONGEST_S:.0f} s; move faster or less far, or use a larger "
             "--speed-scale",
         )
@@ -86,7 +83,7 @@ def limit_violation(trajectory: JointTrajectory, limits: JointLimits, factor: fl
         sample, joint, value = beyond
         lower, upper = limits.position_lower_rad[joint], limits.position_upper_rad[joint]
         return Violation(
-            JOINT_LIMIT,
+            RobotReason.JOINT_LIMIT,
             f"joint {joint + 1} leaves its range of {lower:.4f} to {upper:.4f} rad by {value:.4g} rad at "
             f"{times[sample]:.3f} s; choose another target",
         )
@@ -176,7 +173,7 @@ def _too_coarse(trajectory: JointTrajectory) -> Violation | None:
     if step_rad <= LARGEST_STEP_RAD:
         return None
     return Violation(
-        BAD_TRAJECTORY,
+        RobotReason.BAD_TRAJECTORY,
         f"a joint turns by {step_rad:.3g} rad between two samples, allowed are {LARGEST_STEP_RAD}; give more samples",
     )
 
@@ -216,22 +213,29 @@ def _bounds(padded: JointTrajectory, limits: JointLimits, factor: float) -> list
     # The last row: the trapezoidal rule errs by at most a quarter of the largest slope of its integrand, here the jerk.
     joint = "joint {joint}"
     return [
-        _Bound(dq, velocity, VELOCITY_LIMIT, f"velocity [rad/s] of {joint}"),
-        _Bound(ddq, acceleration, ACCELERATION_LIMIT, f"acceleration [rad/s²] of {joint}"),
-        _Bound(np.diff(ddq, axis=0) / h, jerk, JERK_LIMIT, f"jerk [rad/s³] of {joint}"),
-        _Bound(executed_peak_velocity(padded), velocity, VELOCITY_LIMIT, f"velocity [rad/s] run by {joint}"),
-        _Bound(change, acceleration, ACCELERATION_LIMIT, f"change of velocity [rad/s²] of {joint}"),
+        _Bound(dq, velocity, RobotReason.VELOCITY_LIMIT, f"velocity [rad/s] of {joint}"),
+        _Bound(ddq, acceleration, RobotReason.ACCELERATION_LIMIT, f"acceleration [rad/s²] of {joint}"),
+        _Bound(np.diff(ddq, axis=0) / h, jerk, RobotReason.JERK_LIMIT, f"jerk [rad/s³] of {joint}"),
+        _Bound(
+            executed_peak_velocity(padded), velocity, RobotReason.VELOCITY_LIMIT, f"velocity [rad/s] run by {joint}"
+        ),
+        _Bound(change, acceleration, RobotReason.ACCELERATION_LIMIT, f"change of velocity [rad/s²] of {joint}"),
         *(
-            _Bound(values, acceleration, ACCELERATION_LIMIT, f"acceleration [rad/s²] by the angles of {joint}")
+            _Bound(
+                values, acceleration, RobotReason.ACCELERATION_LIMIT, f"acceleration [rad/s²] by the angles of {joint}"
+            )
             for values in (second, first_end, last_end)
         ),
-        _Bound(ends, between, ACCELERATION_LIMIT, f"acceleration [rad/s²] between samples of {joint}"),
+        _Bound(ends, between, RobotReason.ACCELERATION_LIMIT, f"acceleration [rad/s²] between samples of {joint}"),
         *(
-            _Bound(values, jerk, JERK_LIMIT, f"jerk [rad/s³] by the angles and velocities of {joint}")
+            _Bound(values, jerk, RobotReason.JERK_LIMIT, f"jerk [rad/s³] by the angles and velocities of {joint}")
             for values in (2.0 * piece_jerk / h**2, 2.0 * np.diff(change, axis=0) / (t[2:] - t[:-2])[:, None], third)
         ),
         _Bound(
-            (ddq[1:] + ddq[:-1]) / 2 - change, jerk * h / 4, BAD_TRAJECTORY, f"ddq less the change of dq of {joint}"
+            (ddq[1:] + ddq[:-1]) / 2 - change,
+            jerk * h / 4,
+            RobotReason.BAD_TRAJECTORY,
+            f"ddq less the change of dq of {joint}",
         ),
     ]
 

@@ -6,18 +6,34 @@ from functools import cached_property
 
 import numpy as np
 
-from dlokit.motion.inverse_kinematics import half_turned, points_down
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
 
-_ROUNDING_M = 0.05
+ROUNDING_M = 0.05
 """Where the rounding of a corner starts and ends, before and after it [m]."""
-_TURN_LEVER_M = 0.15
+TURN_LEVER_M = 0.15
 """A turn by 1 rad counts as this much path [m], so that turning on the spot takes time."""
-_SHARPEST = np.cos(np.radians(120.0))  # a corner sharper than that is stopped at, not rounded
-_SHORTEST_M = 1e-5
+SHARPEST_COSINE = -0.5
+"""A corner at which the path turns by more than 120° is stopped at, not rounded."""
+SHORTEST_M = 1e-5
+"""Shorter lines are none [m]."""
 _SAME_PLACE_M, _SAME_DIRECTION_RAD = 1e-4, 1e-3
 _LONGEST_TURN_RAD = 2.5  # of one line; beyond half a turn it would go the other way round
+_DOWN_TOLERANCE_RAD = 1e-4
+
+
+def half_turned(T: Pose) -> Pose:
+    """The pose turned by half a turn about its own z axis."""
+    w, x, y, z = T.wxyz
+    return Pose(position_m=T.position_m, wxyz=np.array([-z, y, -x, w]))
+
+
+def points_down(T: Pose) -> bool:
+    """Whether the tool's z axis points straight down."""
+    w, x, y, z = T.wxyz
+    # The z axis of a unit quaternion's rotation, written out: this is asked for every pose of every path.
+    sideways = 2.0 * float(np.hypot(x * z + w * y, y * z - w * x))
+    return sideways < _DOWN_TOLERANCE_RAD and float(w * w + z * z) < float(x * x + y * y)
 
 
 @dataclass(frozen=True)
@@ -61,7 +77,7 @@ class ToolPath:
         return Pose(position_m=position, wxyz=rotation)
 
     def _reach(self, corner: int) -> float:
-        return min(_ROUNDING_M, 0.5 * float(self.lengths_m[corner - 1]), 0.5 * float(self.lengths_m[corner]))
+        return min(ROUNDING_M, 0.5 * float(self.lengths_m[corner - 1]), 0.5 * float(self.lengths_m[corner]))
 
     def _on_leg(self, leg: int, share: float) -> tuple[Float64Array, Float64Array]:
         a, b = self.positions_m[leg], self.positions_m[leg + 1]
@@ -87,7 +103,7 @@ def split_at_turns(start: Pose, poses: tuple[Pose, ...]) -> list[ToolPath]:
         poses = tuple(half_turned(pose) for pose in poses)
     points = [start]
     for pose in poses:
-        if _distance(points[-1], pose) <= _SHORTEST_M:
+        if _distance(points[-1], pose) <= SHORTEST_M:
             continue
         if len(points) > 1 and _on_the_way(points[-2], points[-1], pose):
             points.pop()
@@ -99,7 +115,7 @@ def split_at_turns(start: Pose, poses: tuple[Pose, ...]) -> list[ToolPath]:
         before = points[i].position_m - points[i - 1].position_m
         after = points[i + 1].position_m - points[i].position_m
         norm = float(np.linalg.norm(before) * np.linalg.norm(after))
-        if norm > 0.0 and float(before @ after) / norm < _SHARPEST:
+        if norm > 0.0 and float(before @ after) / norm < SHARPEST_COSINE:
             cuts.append(i)
     cuts.append(len(points) - 1)
     return [_path(points[a : b + 1]) for a, b in itertools.pairwise(cuts)]
@@ -117,7 +133,7 @@ def _on_the_way(a: Pose, b: Pose, c: Pose) -> bool:
     """Whether a straight line from `a` to `c` passes `b`; a line too many would make corners tighter than needed."""
     if _turn(a, c) > _LONGEST_TURN_RAD:
         return False
-    share = _distance(a, b) / max(_distance(a, c), _SHORTEST_M)
+    share = _distance(a, b) / max(_distance(a, c), SHORTEST_M)
     if share >= 1.0:
         return False
     position = a.position_m + share * (c.position_m - a.position_m)
@@ -132,7 +148,7 @@ def _turn(a: Pose, b: Pose) -> float:
 
 
 def _distance(a: Pose, b: Pose) -> float:
-    return max(float(np.linalg.norm(a.position_m - b.position_m)), _TURN_LEVER_M * _turn(a, b))
+    return max(float(np.linalg.norm(a.position_m - b.position_m)), TURN_LEVER_M * _turn(a, b))
 
 
 def _between(a: Float64Array, b: Float64Array, share: float) -> Float64Array:

@@ -8,13 +8,10 @@ import math
 import numpy as np
 from numba import njit
 
+from dlokit.motion.tool_path import ROUNDING_M, SHARPEST_COSINE, SHORTEST_M, TURN_LEVER_M
 from dlokit.types.arrays import Float64Array
 
-_ROUNDING_M = 0.05
-_TURN_LEVER_M = 0.15
-_SHARPEST_COSINE = -0.5  # 120°: a sharper corner is stopped at
 _GRID_M = 0.01
-_SHORTEST_M = 1e-5
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -40,7 +37,7 @@ def tool_track(
 def _sharp(waypoints: Float64Array, corner: int) -> bool:
     before, after = waypoints[corner, :3] - waypoints[corner - 1, :3], waypoints[corner + 1, :3] - waypoints[corner, :3]
     norm = math.sqrt(np.sum(before**2) * np.sum(after**2))
-    return bool(norm > 0.0 and np.sum(before * after) / norm < _SHARPEST_COSINE)
+    return bool(norm > 0.0 and np.sum(before * after) / norm < SHARPEST_COSINE)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -50,7 +47,7 @@ def _piece(waypoints: Float64Array, speed: float, acceleration: float, jerk: flo
     for k in range(1, len(waypoints)):
         way = waypoints[k] - waypoints[k - 1]
         straight = math.sqrt(way[0] ** 2 + way[1] ** 2 + way[2] ** 2)
-        ends[k] = ends[k - 1] + max(straight, _TURN_LEVER_M * abs(way[3]), _SHORTEST_M)
+        ends[k] = ends[k - 1] + max(straight, TURN_LEVER_M * abs(way[3]), SHORTEST_M)
     count = max(8, math.ceil(ends[-1] / _GRID_M))
     grid = np.empty((count + 1, 4))
     for k in range(count + 1):
@@ -88,7 +85,7 @@ def _place(waypoints: Float64Array, ends: Float64Array, at: float) -> Float64Arr
     for corner in (leg - 1, leg):
         if 0 < corner < len(ends) - 1:
             before, after = ends[corner] - ends[corner - 1], ends[corner + 1] - ends[corner]
-            reach = min(_ROUNDING_M, 0.5 * before, 0.5 * after)
+            reach = min(ROUNDING_M, 0.5 * before, 0.5 * after)
             beyond = at - (ends[corner] - reach)
             if 0.0 < beyond < 2.0 * reach:
                 u = beyond / (2.0 * reach)

@@ -10,13 +10,13 @@ from scipy.interpolate import CubicSpline
 
 from dlokit.description.arm.panda import PANDA_LIMITS
 from dlokit.errors import SkillFailure
-from dlokit.motion.inverse_kinematics import UNREACHABLE, PandaKinematics, Yaw
-from dlokit.motion.limits import TOO_SLOW, scaled, slowdown
+from dlokit.motion.inverse_kinematics import PandaKinematics, Yaw
+from dlokit.motion.limits import scaled, slowdown
 from dlokit.motion.tool_path import ToolPath, split_at_turns
 from dlokit.types.action import VelocityProfile
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
-from dlokit.types.robot import JointLimits, JointTrajectory
+from dlokit.types.robot import JointLimits, JointTrajectory, RobotReason
 
 SAMPLE_S = 0.005
 """Time between samples [s]."""
@@ -46,7 +46,7 @@ def joint_move(start_q_rad: ArrayLike, end_q_rad: ArrayLike, limits: JointLimits
     if len(outside):
         joint = int(outside[0])
         raise SkillFailure(
-            "joint_limit",
+            RobotReason.JOINT_LIMIT,
             f"joint {joint + 1} cannot go to {end[joint]:.3f} rad; allowed are {limits.position_lower_rad[joint]:.3f} "
             f"to {limits.position_upper_rad[joint]:.3f} rad",
         )
@@ -107,7 +107,7 @@ def _check_effort(paths: list[ToolPath], velocity: VelocityProfile) -> None:
     too_long = np.sum(lengths) > LONGEST_M or tilted_m > LONGEST_TILTED_M
     if seconds > LONGEST_S or too_long or len(paths) > MOST_STOPS:
         raise SkillFailure(
-            TOO_SLOW,
+            RobotReason.TOO_SLOW,
             f"a path of {np.sum(lengths):.3g} m, of which {tilted_m:.3g} m tilted, with {len(paths)} stops at "
             f"{velocity.speed_m_s:.3g} m/s, {velocity.acceleration_m_s2:.3g} m/s² and {velocity.jerk_m_s3:.3g} m/s³ "
             f"takes {seconds:.3g} s or more to run or to speed up; allowed are {LONGEST_S:.0f} s, {LONGEST_M:.0f} m, "
@@ -125,7 +125,7 @@ def _follow(kinematics: PandaKinematics, path: ToolPath, start_q: Float64Array) 
         if np.max(np.abs(q[-1] - q[-2])) > _LARGEST_STEP_RAD:  # at once: the rest of the path may take long
             x, y, z = pose.position_m
             raise SkillFailure(
-                UNREACHABLE,
+                RobotReason.UNREACHABLE,
                 f"the arm cannot pass ({x:.3f}, {y:.3f}, {z:.3f}) m without changing its posture; split the path there",
             )
     return sigma, np.array(q)

@@ -186,6 +186,7 @@ def build_viewer(config: RunConfig, *, operated: bool, key: str | None = None) -
         config.viewer,
         flow=SHAPE_DLO.edges(),
         rod=RodOutline(nodes=config.model.nodes, length_m=config.model.length_m, radius_m=config.model.radius_m),
+        table=config.table,
         threshold_m=config.task.threshold_m,
         operated=operated,
         arms=tuple(

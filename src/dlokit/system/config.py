@@ -8,6 +8,7 @@ import tyro
 
 from dlokit.decision.config import TaskConfig
 from dlokit.description.dlo import DloPreset
+from dlokit.description.table import Table
 from dlokit.errors import ConfigError
 from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.cell.dlo_physics import ElasticRod, ElastoplasticChain
@@ -58,6 +59,8 @@ class RunConfig:
     """When to stop and how to look."""
     cell: CellConfig = field(default_factory=CellConfig)
     """The simulated cell, which stands in for reality."""
+    table: Table = field(default_factory=Table)
+    """The table as the system believes it to be."""
     perception: PerceptionConfig = field(default_factory=PerceptionConfig)
     """From pictures to the DLO's points."""
     observer: ObserverConfig = field(default_factory=ObserverConfig)

@@ -1,14 +1,79 @@
 """Robot state, limits, trajectories and what became of a motion."""
 
 import enum
+from typing import Self
 
 from dlokit.errors import BadValue
 from dlokit.types.arrays import Float64Array
 from dlokit.types.message import Message, Value
 from dlokit.types.pose import Pose
 
+LEASE_S = 0.2
+"""Time without a sign of life after which an arm brakes [s of the machine's clock], unless told otherwise."""
 FIRST_ROBOT = "panda"
 """Name of the arm at the world's origin."""
+
+
+class Remedy(enum.Enum):
+    """What the caller can do about something that the robot did not do."""
+
+    ANOTHER_TARGET = "another_target"
+    """Refused before it began, or braked on the way, because of where it leads: another target may do."""
+    RECOVER = "recover"
+    """The arm braked by itself though nothing is broken, because a sign of life or feedback came late on a busy
+    machine: it can go on after `recover`."""
+    NONE = "none"
+    """Something is broken, the call was wrong, or a person wanted it so."""
+
+
+class RobotReason(enum.StrEnum):
+    """Why the robot did not do what it was asked, as it stands in `Failed` and `Rejected`, each with its remedy."""
+
+    remedy: Remedy
+
+    def __new__(cls, value: str, remedy: Remedy) -> Self:
+        """A reason without a remedy cannot be declared."""
+        reason = str.__new__(cls, value)
+        reason._value_ = value
+        reason.remedy = remedy
+        return reason
+
+    UNREACHABLE = "unreachable", Remedy.ANOTHER_TARGET
+    JOINT_LIMIT = "joint_limit", Remedy.ANOTHER_TARGET
+    VELOCITY_LIMIT = "velocity_limit", Remedy.ANOTHER_TARGET
+    ACCELERATION_LIMIT = "acceleration_limit", Remedy.ANOTHER_TARGET
+    JERK_LIMIT = "jerk_limit", Remedy.ANOTHER_TARGET
+    TOO_SLOW = "too_slow", Remedy.ANOTHER_TARGET
+    TABLE_COLLISION = "table_collision", Remedy.ANOTHER_TARGET
+    SELF_COLLISION = "self_collision", Remedy.ANOTHER_TARGET
+    ARMS_TOO_NEAR = "arms_too_near", Remedy.ANOTHER_TARGET
+    OUTSIDE_WORKSPACE = "outside_workspace", Remedy.ANOTHER_TARGET
+    TOOL_SPEED = "tool_speed", Remedy.ANOTHER_TARGET
+
+    LOST_COMMANDER = "lost_commander", Remedy.RECOVER
+    LEASE_LOST = "lease_lost", Remedy.RECOVER
+    STALE_FEEDBACK = "stale_feedback", Remedy.RECOVER
+    NEIGHBOUR_SILENT = "neighbour_silent", Remedy.RECOVER
+
+    BAD_TRAJECTORY = "bad_trajectory", Remedy.NONE
+    WRONG_START = "wrong_start", Remedy.NONE
+    OUTSIDE_LIMITS = "outside_limits", Remedy.NONE
+    BAD_WIDTH = "bad_width", Remedy.NONE
+    BAD_FORCE = "bad_force", Remedy.NONE
+    BAD_LEASE = "bad_lease", Remedy.NONE
+    LEASED = "leased", Remedy.NONE
+    NOT_COMMANDER = "not_commander", Remedy.NONE
+    STOPPED = "stopped", Remedy.NONE
+    STOP_LATCHED = "stop_latched", Remedy.NONE
+    NOT_CONFIRMED = "not_confirmed", Remedy.NONE
+    FAULT = "fault", Remedy.NONE
+    ROBOT_LOST = "robot_lost", Remedy.NONE
+
+
+def remedy_of(reason: str) -> Remedy:
+    """The remedy of a reason as an outcome names it; none of one that is not the robot's own."""
+    known = {each.value: each.remedy for each in RobotReason}
+    return known.get(reason, Remedy.NONE)
 
 
 class RobotMode(enum.Enum):
@@ -93,5 +158,5 @@ class Lease(Value, frozen=True, kw_only=True, eq=False):
     """A commander's right to move the robot; the robot brakes when it is not renewed in time."""
 
     holder: str
-    duration_s: float = 0.2
+    duration_s: float = LEASE_S
     """Time on the machine's monotonic clock [s] without renewal after which the robot brakes."""

@@ -9,6 +9,7 @@ import pytest
 from dlokit import geometry
 from dlokit.description import scene, shapes
 from dlokit.description.dlo import SOFT_ROPE
+from dlokit.description.table import Table
 from dlokit.rod import elastic
 
 NODES = 41
@@ -21,7 +22,7 @@ def _after_settling(nodes_world: np.ndarray) -> np.ndarray:
     """Where the default rope comes to lie on the cell's table when it is laid down as given."""
     spec: Any = mujoco.MjSpec()
     elastic.set_rod_physics(spec, 0.002)
-    scene.add_table(spec, friction=SOFT_ROPE.friction)
+    scene.add_table(spec, Table(), friction=SOFT_ROPE.friction)
     elastic.add_rod(spec, SOFT_ROPE, NODES)
     model = spec.compile()
     data: Any = mujoco.MjData(model)

@@ -8,12 +8,6 @@ from dlokit.description.arm.panda import PANDA_HOME_Q_RAD, PANDA_LIMITS
 from dlokit.geometry import pose
 from dlokit.motion.inverse_kinematics import PandaKinematics
 from dlokit.motion.limits import (
-    ACCELERATION_LIMIT,
-    BAD_TRAJECTORY,
-    JERK_LIMIT,
-    JOINT_LIMIT,
-    TOO_SLOW,
-    VELOCITY_LIMIT,
     executed_peak_velocity,
     executed_range,
     limit_violation,
@@ -23,7 +17,7 @@ from dlokit.motion.limits import (
 from dlokit.motion.trajectories import joint_move, tool_move
 from dlokit.types.action import VelocityProfile
 from dlokit.types.arrays import Float64Array
-from dlokit.types.robot import JointTrajectory
+from dlokit.types.robot import JointTrajectory, RobotReason
 
 GOOD = joint_move(PANDA_HOME_Q_RAD, PANDA_HOME_Q_RAD + np.array([1.0, 0.2, 0.1, 0.3, 0.1, -0.2, 0.5]))
 
@@ -43,8 +37,14 @@ def trajectory(times: Float64Array, q: Float64Array, dq: Float64Array, ddq: Floa
 
 def test_a_jump_of_the_angles_that_the_velocities_conceal_is_refused() -> None:
     nothing = np.zeros(2)
-    assert reason_of(trajectory(np.array([0.0, 0.005]), np.array([0.0, 0.08]), nothing, nothing)) == VELOCITY_LIMIT
-    assert reason_of(trajectory(np.array([0.0, 0.005]), np.array([0.0, 1.0]), nothing, nothing)) == VELOCITY_LIMIT
+    assert (
+        reason_of(trajectory(np.array([0.0, 0.005]), np.array([0.0, 0.08]), nothing, nothing))
+        == RobotReason.VELOCITY_LIMIT
+    )
+    assert (
+        reason_of(trajectory(np.array([0.0, 0.005]), np.array([0.0, 1.0]), nothing, nothing))
+        == RobotReason.VELOCITY_LIMIT
+    )
 
 
 def test_a_trajectory_that_states_no_velocity_at_all_is_refused() -> None:
@@ -58,11 +58,14 @@ def test_velocities_that_swing_about_standing_angles_are_refused() -> None:
     swing = 0.3 * np.cos(np.pi * np.arange(101, dtype=np.float64))
     swing[[0, -1]] = 0.0
     nothing = np.zeros(101)
-    assert reason_of(trajectory(times, nothing, swing, nothing)) == ACCELERATION_LIMIT
+    assert reason_of(trajectory(times, nothing, swing, nothing)) == RobotReason.ACCELERATION_LIMIT
 
 
 def test_accelerations_that_are_not_those_of_the_velocities_are_refused() -> None:
-    assert reason_of(msgspec.structs.replace(GOOD, ddq_rad_s2=np.zeros_like(GOOD.ddq_rad_s2))) == BAD_TRAJECTORY
+    assert (
+        reason_of(msgspec.structs.replace(GOOD, ddq_rad_s2=np.zeros_like(GOOD.ddq_rad_s2)))
+        == RobotReason.BAD_TRAJECTORY
+    )
 
 
 @pytest.mark.parametrize("name", ["times_s", "q_rad", "dq_rad_s", "ddq_rad_s2"])
@@ -72,7 +75,7 @@ def test_every_array_must_be_finite(name: str, value: float) -> None:
     spoilt.reshape(len(spoilt), -1)[len(spoilt) // 2, -1] = value
     found = limit_violation(msgspec.structs.replace(GOOD, **{name: spoilt}), PANDA_LIMITS)
     assert found is not None
-    assert found.reason == BAD_TRAJECTORY
+    assert found.reason == RobotReason.BAD_TRAJECTORY
     assert name in found.detail
 
 
@@ -85,7 +88,7 @@ def test_a_start_or_an_end_in_motion_is_refused() -> None:
             dq_rad_s=GOOD.dq_rad_s[rows],
             ddq_rad_s2=GOOD.ddq_rad_s2[rows],
         )
-        assert reason_of(part) == BAD_TRAJECTORY
+        assert reason_of(part) == RobotReason.BAD_TRAJECTORY
 
 
 def test_an_arm_of_other_joints_and_samples_too_far_apart_or_too_near_are_refused() -> None:
@@ -93,14 +96,14 @@ def test_an_arm_of_other_joints_and_samples_too_far_apart_or_too_near_are_refuse
     thin = slice(0, None, len(GOOD.times_s) - 1)
     nothing = np.zeros((2, 7))
     ends = JointTrajectory(times_s=np.array([0.0, 60.0]), q_rad=GOOD.q_rad[thin], dq_rad_s=nothing, ddq_rad_s2=nothing)
-    assert reason_of(ends) == BAD_TRAJECTORY
-    assert reason_of(trajectory(np.array([0.0, 1e-5]), *np.zeros((3, 2)))) == BAD_TRAJECTORY
+    assert reason_of(ends) == RobotReason.BAD_TRAJECTORY
+    assert reason_of(trajectory(np.array([0.0, 1e-5]), *np.zeros((3, 2)))) == RobotReason.BAD_TRAJECTORY
 
 
 @pytest.mark.parametrize("last_s", [200.1, 1e308])
 def test_a_trajectory_longer_than_anybody_waits_is_refused(last_s: float) -> None:
     q = np.array([0.0, 0.0])
-    assert reason_of(trajectory(np.array([0.0, last_s]), q, 0.0 * q, 0.0 * q)) == TOO_SLOW
+    assert reason_of(trajectory(np.array([0.0, last_s]), q, 0.0 * q, 0.0 * q)) == RobotReason.TOO_SLOW
 
 
 def test_a_range_that_is_left_between_samples_only_is_left() -> None:
@@ -110,7 +113,7 @@ def test_a_range_that_is_left_between_samples_only_is_left() -> None:
     dq[1, 3] = 0.1
     over = JointTrajectory(times_s=times, q_rad=rows, dq_rad_s=dq, ddq_rad_s2=np.zeros((3, 7)))
     assert executed_range(over)[1].max(axis=0)[3] > PANDA_LIMITS.position_upper_rad[3]
-    assert reason_of(over) == JOINT_LIMIT
+    assert reason_of(over) == RobotReason.JOINT_LIMIT
 
 
 def test_extremes_between_samples_are_those_of_a_dense_search() -> None:
@@ -190,4 +193,4 @@ def test_a_jump_in_acceleration_is_a_jerk() -> None:
     low = msgspec.structs.replace(PANDA_LIMITS, jerk_rad_s3=np.full(7, 10.0))
     found = limit_violation(trajectory(times, q, v, a), low)
     assert found is not None
-    assert found.reason == JERK_LIMIT
+    assert found.reason == RobotReason.JERK_LIMIT

@@ -7,6 +7,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from dlokit.geometry import rotation, tangents
+from dlokit.geometry.camera import in_camera, rays
 from dlokit.types.arrays import BoolArray, Float64Array
 from dlokit.types.image import CameraCalibration
 from dlokit.types.observation import Occlusion
@@ -100,11 +101,11 @@ def depth_image(ball: Ball, camera: CameraCalibration) -> Occlusion:
     """The ball's depth as the camera sees it, at the middle of each cell."""
     rows, columns = -(-camera.height_px // SCALE), -(-camera.width_px // SCALE)
     depth = np.full((rows, columns), np.inf, dtype=np.float32)
-    c = (ball.centre_world - camera.T_world_camera.position_m) @ rotation(camera.T_world_camera)
+    c = in_camera(ball.centre_world, camera)
     left, right = _cells(c[0], c[2], ball.radius_m, camera.fx_px, camera.cx_px, columns)
     top, bottom = _cells(c[1], c[2], ball.radius_m, camera.fy_px, camera.cy_px, rows)
     u, v = np.meshgrid((np.arange(left, right) + 0.5) * SCALE, (np.arange(top, bottom) + 0.5) * SCALE)
-    d = np.stack([(u - camera.cx_px) / camera.fx_px, (v - camera.cy_px) / camera.fy_px, np.ones_like(u)], axis=-1)
+    d = rays(np.column_stack([u.ravel(), v.ravel()]), camera).reshape(*u.shape, 3)
     # |z d - c|² = r², solved for the nearer depth z.
     a, b = np.sum(d**2, axis=-1), d @ c
     inside = b**2 - a * (c @ c - ball.radius_m**2)

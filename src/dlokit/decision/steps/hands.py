@@ -10,7 +10,7 @@ import numpy as np
 from dlokit.communication import topics
 from dlokit.communication.skill import Skill
 from dlokit.decision.attempt import SLIPPED, ActionAttempt
-from dlokit.decision.faults import INTERRUPTIONS, reason_of, result_of
+from dlokit.decision.faults import reason_of, result_of
 from dlokit.decision.task import ShapeTask
 from dlokit.description.arm.mounts import instance_of
 from dlokit.geometry import inverse, lifted, transform
@@ -20,7 +20,7 @@ from dlokit.types.arrays import Float64Array
 from dlokit.types.observation import Gripped
 from dlokit.types.outcome import Failed, Outcome, Succeeded
 from dlokit.types.pose import Pose
-from dlokit.types.robot import GripResult, MotionResult
+from dlokit.types.robot import GripResult, MotionResult, Remedy, RobotReason, remedy_of
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -134,7 +134,7 @@ async def until_done(task: ShapeTask, skill: Skill[P, R], *args: P.args, **kwarg
     """
     while True:
         moved = await task.port.call(skill, *args, **kwargs)
-        if reason_of(moved) not in INTERRUPTIONS or task.spent.recoveries >= task.config.max_recoveries:
+        if remedy_of(reason_of(moved)) is not Remedy.RECOVER or task.spent.recoveries >= task.config.max_recoveries:
             return moved
         task.spent.recoveries += 1
         await task.port.clock.sleep(_STANDS_S)
@@ -183,10 +183,13 @@ async def _one_by_one(task: ShapeTask, call: Callable[[Hand], Coroutine[Any, Any
         outcomes: list[Outcome[R]] = []
         for hand in waiting:
             outcome = await call(hand)
-            if isinstance(outcome, Failed) and outcome.reason == "arms_too_near":
-                blocked.append(hand)
-            elif not isinstance(outcome, Succeeded):
-                return outcome
+            match outcome:
+                case Succeeded():
+                    pass
+                case Failed(reason=RobotReason.ARMS_TOO_NEAR):
+                    blocked.append(hand)
+                case _:
+                    return outcome
             outcomes.append(outcome)
         if len(blocked) in (0, len(waiting)):
             return outcomes[0]

@@ -22,6 +22,7 @@ from dlokit.description.arm.panda import (
     PANDA_INERTIAS,
     PANDA_LIMITS,
     PANDA_LINKS,
+    PANDA_OPEN_WIDTH_M,
     PANDA_TCP_M,
     PANDA_TORQUE_NM,
     Capsule,
@@ -161,7 +162,7 @@ def _add_finger(
         name=f"{name}/finger_joint{number}",
         type=mujoco.mjtJoint.mjJNT_SLIDE,
         axis=[0.0, 1.0, 0.0],
-        range=(0.0, 0.04),
+        range=(0.0, PANDA_OPEN_WIDTH_M / 2.0),
         limited=True,
         armature=_FINGER_ARMATURE_KG,
     )

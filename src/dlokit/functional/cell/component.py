@@ -19,7 +19,7 @@ from dlokit.functional.cell.truth import TruthRecorder
 from dlokit.functional.cell.world import Cell
 from dlokit.types.arrays import Float64Array
 from dlokit.types.image import StereoImages
-from dlokit.types.robot import FIRST_ROBOT, GripResult, JointTrajectory, MotionResult, RobotMode
+from dlokit.types.robot import FIRST_ROBOT, GripResult, JointTrajectory, MotionResult, RobotMode, RobotReason
 from dlokit.types.system import ClockTick
 
 _SLIP_NS = 100_000_000  # the cell falls that far behind before it gives up catching up
@@ -224,7 +224,7 @@ class CellComponent(Component):
         """Brake."""
         line = self._line(robot)
         if line.arm.mode == RobotMode.MOVING:
-            line.interrupted = "stopped"
+            line.interrupted = RobotReason.STOPPED
             self._cell.brake(robot)
         await self._standing(line.arm)
 
@@ -233,9 +233,9 @@ class CellComponent(Component):
         """Brake, hold the fingers, and refuse to move."""
         line = self._line(robot)
         if not line.arm.fingers.at_rest:
-            line.grip_interrupted = "stopped"
+            line.grip_interrupted = RobotReason.STOPPED
         if line.arm.mode == RobotMode.MOVING:
-            line.interrupted = "stopped"
+            line.interrupted = RobotReason.STOPPED
         self._cell.stop(robot)
         await self._standing(line.arm)
 
@@ -259,14 +259,16 @@ class CellComponent(Component):
     def _enabled(self, robot: str) -> "_Line":
         line = self._line(robot)
         if line.arm.stop_latched:
-            raise SkillRejected("stop_latched", "a person has stopped the arm; a person must enable it: dlokit enable")
+            raise SkillRejected(
+                RobotReason.STOP_LATCHED, "a person has stopped the arm; a person must enable it: dlokit enable"
+            )
         return line
 
     def _idle(self, robot: str) -> "_Line":
         line = self._enabled(robot)
         mode = line.arm.mode
         if mode == RobotMode.FAULT:
-            raise SkillRejected("fault", "the arm stopped itself; call recover first")
+            raise SkillRejected(RobotReason.FAULT, "the arm stopped itself; call recover first")
         if mode != RobotMode.IDLE:
             raise SkillRejected("busy", f"the arm is {mode.value}; wait, or call stop")
         return line
@@ -276,10 +278,10 @@ class CellComponent(Component):
         now_s = asyncio.get_running_loop().time()
         for robot, line in self._lines.items():
             if line.watchdog.expired(now_s) and line.arm.mode == RobotMode.MOVING:
-                line.interrupted = "lost_commander"
+                line.interrupted = RobotReason.LOST_COMMANDER
                 self._cell.brake(robot, fault=True)
             if line.finger_watchdog.expired(now_s) and not line.arm.fingers.at_rest:
-                line.grip_interrupted = "lost_commander"
+                line.grip_interrupted = RobotReason.LOST_COMMANDER
                 line.arm.fingers.hold()
 
     def _tell(self, pace: Pace) -> None:

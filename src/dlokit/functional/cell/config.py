@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass, field
 
 from dlokit.description.dlo import SOFT_ROPE, DloPreset
+from dlokit.description.table import Table
 from dlokit.errors import ConfigError
 from dlokit.functional.cell.dlo_physics import DloPhysics, ElasticRod
 from dlokit.functional.cell.randomisation import Randomisation
@@ -21,6 +22,8 @@ class CellConfig:
     """Nodes of the cell's DLO; the system's own model has another number."""
     timestep_s: float = 0.0025
     """Step of the physics [s]; a whole number of them makes one tick of 10 ms."""
+    table: Table = field(default_factory=Table)
+    """The table as it is; the system's own belief is `table`."""
     table_friction: float = 0.5
     """Friction of the table; with the DLO's, the larger counts."""
     table_regions: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)

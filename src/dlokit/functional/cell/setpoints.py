@@ -8,9 +8,9 @@ import ruckig
 
 from dlokit.description.arm.panda import PANDA_GRIP_FORCE_N, PANDA_OPEN_WIDTH_M
 from dlokit.errors import SkillRejected
-from dlokit.motion.limits import BAD_TRAJECTORY, limit_violation
+from dlokit.motion.limits import limit_violation
 from dlokit.types.arrays import Float64Array
-from dlokit.types.robot import JointLimits, JointTrajectory
+from dlokit.types.robot import JointLimits, JointTrajectory, RobotReason
 
 
 @dataclass(frozen=True)
@@ -142,18 +142,20 @@ def check_trajectory(trajectory: JointTrajectory, now: Setpoint, limits: JointLi
     """Raise `SkillRejected` on a trajectory that is malformed, starts elsewhere, or breaks a limit."""
     broken = limit_violation(trajectory, limits, MARGIN)
     if broken is not None:
-        reason = broken.reason if broken.reason == BAD_TRAJECTORY else "outside_limits"
+        reason = broken.reason if broken.reason is RobotReason.BAD_TRAJECTORY else RobotReason.OUTSIDE_LIMITS
         raise SkillRejected(reason, broken.detail)
     off_rad = float(np.abs(trajectory.q_rad[0] - now.q_rad).max())
     if off_rad > START_RAD:
         raise SkillRejected(
-            "wrong_start", f"it starts {off_rad:.3f} rad from where the arm is; plan from the present state"
+            RobotReason.WRONG_START, f"it starts {off_rad:.3f} rad from where the arm is; plan from the present state"
         )
 
 
 def check_grip(width_m: float, force_n: float) -> None:
     """Raise `SkillRejected` on what the hand cannot do."""
     if not 0.0 <= width_m <= PANDA_OPEN_WIDTH_M:
-        raise SkillRejected("bad_width", f"{width_m} m; the fingers open between 0 and {PANDA_OPEN_WIDTH_M} m")
+        raise SkillRejected(
+            RobotReason.BAD_WIDTH, f"{width_m} m; the fingers open between 0 and {PANDA_OPEN_WIDTH_M} m"
+        )
     if not 0.0 < force_n <= PANDA_GRIP_FORCE_N:
-        raise SkillRejected("bad_force", f"{force_n} N; the hand presses with up to {PANDA_GRIP_FORCE_N} N")
+        raise SkillRejected(RobotReason.BAD_FORCE, f"{force_n} N; the hand presses with up to {PANDA_GRIP_FORCE_N} N")

@@ -10,7 +10,7 @@ from dlokit import geometry
 from dlokit.description.arm.mounts import FIRST_ALONE, ArmMount
 from dlokit.description.arm.panda import PANDA_HOME_Q_RAD
 from dlokit.description.arm.panda_model import add_panda
-from dlokit.description.scene import TABLE_CENTER_M, TABLE_HALF_SIZE_M, add_lights, add_table, table_height_m
+from dlokit.description.scene import add_lights, add_table, table_height_m
 from dlokit.description.shapes import CENTRE_M
 from dlokit.errors import DlokitError, ShapeError
 from dlokit.functional.cell.arm import CellArm
@@ -180,10 +180,11 @@ class Cell:
                 "give a curve of that length."
             )
         xy = geometry.resample(curve_world[:, :2], self.config.nodes)
-        off = np.abs(xy - TABLE_CENTER_M) > np.array(TABLE_HALF_SIZE_M) - dlo.radius_m
+        table = self.config.table
+        off = np.abs(xy - table.centre_m) > np.array(table.half_size_m) - dlo.radius_m
         if off.any():
             raise ShapeError(f"The start shape leaves the table at {xy[off.any(axis=1)][0].round(3)} m: move it.")
-        lowest_m = table_height_m(xy, self.config.table_tilt_deg) + dlo.radius_m
+        lowest_m = table_height_m(xy, table, self.config.table_tilt_deg) + dlo.radius_m
         if curve_world.shape[1] == 2:
             return np.column_stack([xy, lowest_m])
         return np.column_stack([xy, np.maximum(geometry.resample(curve_world, self.config.nodes)[:, 2], lowest_m)])
@@ -192,8 +193,8 @@ class Cell:
 def _build(config: CellConfig, rig: StereoRig, arms: tuple[ArmMount, ...]) -> Any:
     spec: Any = mujoco.MjSpec()
     set_rod_physics(spec, config.timestep_s)
-    add_table(spec, friction=config.table_friction, tilt_deg=config.table_tilt_deg)
-    add_lights(spec, shadows=config.shadows, light=config.light)
+    add_table(spec, config.table, friction=config.table_friction, tilt_deg=config.table_tilt_deg)
+    add_lights(spec, config.table, shadows=config.shadows, light=config.light)
     add_cameras(spec, rig.true_calibration, config)
     for mount in arms:
         add_panda(spec, name=mount.robot, T_world_base=mount.T_world_base)

@@ -20,7 +20,7 @@ from dlokit.functional.robots.base import Robot
 from dlokit.motion.forward_kinematics import tcp_matrices
 from dlokit.motion.limits import START_RAD, limit_violation, scaled
 from dlokit.types.pose import Pose
-from dlokit.types.robot import GripResult, JointLimits, JointTrajectory, Lease, MotionResult, RobotState
+from dlokit.types.robot import GripResult, JointLimits, JointTrajectory, Lease, MotionResult, RobotReason, RobotState
 
 SLOWEST_SCALE = 0.05
 """Smallest `speed_scale`: below it a motion takes longer than a skill waits."""
@@ -59,12 +59,6 @@ class GateConfig:
             if not 0.0 < value < math.inf:
                 raise ConfigError(f"--gate.{name} is {value}; it must be a finite number above 0 in {unit}.")
 
-
-STALE_FEEDBACK = "stale_feedback"
-WRONG_START = "wrong_start"
-OUTSIDE_WORKSPACE = "outside_workspace"
-TOOL_SPEED = "tool_speed"
-LEASE_LOST = "lease_lost"
 
 _REST_RAD_S = 0.05
 """An arm whose joints are measured slower than this stands [rad/s]; a standing arm of the cell is measured at 0.01."""
@@ -171,9 +165,13 @@ class GatedRobot:
         Raises `SkillFailure` bad_width or bad_force on what the hand cannot do, and lease_lost.
         """
         if not 0.0 <= width_m <= PANDA_OPEN_WIDTH_M:
-            raise SkillFailure("bad_width", f"{width_m} m; the fingers open between 0 and {PANDA_OPEN_WIDTH_M} m")
+            raise SkillFailure(
+                RobotReason.BAD_WIDTH, f"{width_m} m; the fingers open between 0 and {PANDA_OPEN_WIDTH_M} m"
+            )
         if not 0.0 < force_n <= PANDA_GRIP_FORCE_N:
-            raise SkillFailure("bad_force", f"{force_n} N; the hand presses with up to {PANDA_GRIP_FORCE_N} N")
+            raise SkillFailure(
+                RobotReason.BAD_FORCE, f"{force_n} N; the hand presses with up to {PANDA_GRIP_FORCE_N} N"
+            )
         self._check_lease(lease)
         return await self._robot.grip(width_m, force_n, lease)
 
@@ -209,7 +207,7 @@ class GatedRobot:
         fastest, allowed = float(speeds.max()), self._config.largest_tool_speed_m_s
         if fastest > allowed:
             raise SkillFailure(
-                TOOL_SPEED,
+                RobotReason.TOOL_SPEED,
                 f"the tool would move at {fastest:.3f} m/s, allowed are {allowed} (--gate.largest-tool-speed-m-s); "
                 "move slower, or go by way of another posture",
             )
@@ -221,7 +219,7 @@ class GatedRobot:
     def _refused_place(self, place_world: NDArray[np.float64], when: str) -> SkillFailure:
         lower, upper = self._config.workspace_lower_m, self._config.workspace_upper_m
         return SkillFailure(
-            OUTSIDE_WORKSPACE,
+            RobotReason.OUTSIDE_WORKSPACE,
             f"the tool would be at {np.round(place_world, 3).tolist()} m {when}, outside the box from {lower} to "
             f"{upper}; choose a target inside, or widen --gate.workspace-lower-m and --gate.workspace-upper-m",
         )
@@ -232,7 +230,7 @@ class GatedRobot:
         off_rad = float(np.abs(trajectory.q_rad[0] - state.q_rad).max())
         if not off_rad <= START_RAD:  # NaN too
             raise SkillFailure(
-                WRONG_START,
+                RobotReason.WRONG_START,
                 f"it starts {off_rad:.3f} rad from where the arm is measured, allowed are {START_RAD} rad; plan from "
                 "the present state",
             )
@@ -255,7 +253,7 @@ class GatedRobot:
 
     def _stale(self) -> SkillFailure:
         return SkillFailure(
-            STALE_FEEDBACK,
+            RobotReason.STALE_FEEDBACK,
             f"the arm was braked: its feedback was older than {self._config.feedback_age_s} s "
             "(--gate.feedback-age-s) on the way; is its driver running, and the machine not overloaded?",
         )
@@ -263,7 +261,7 @@ class GatedRobot:
     def _check_lease(self, lease: Lease) -> None:
         if not (0.0 < lease.duration_s < math.inf and self._may_move(lease.holder)):
             raise SkillFailure(
-                LEASE_LOST,
+                RobotReason.LEASE_LOST,
                 f"{lease.holder or 'nobody'} with a lease of {lease.duration_s} s does not hold this arm; take its "
                 "lease for a finite time, and renew it",
             )
@@ -272,12 +270,12 @@ class GatedRobot:
 def _not_standing(state: RobotState, age_s: float, allowed_s: float, waited_s: float) -> SkillFailure:
     if age_s > allowed_s:
         return SkillFailure(
-            STALE_FEEDBACK,
+            RobotReason.STALE_FEEDBACK,
             f"no feedback of the arm younger than {allowed_s} s (--gate.feedback-age-s) came within {waited_s:.1f} s; "
             "is its driver running, and the machine not overloaded?",
         )
     return SkillFailure(
-        WRONG_START,
+        RobotReason.WRONG_START,
         f"the arm moves at {np.abs(state.dq_rad_s).max():.3f} rad/s where a motion starts, and did so for "
         f"{waited_s:.1f} s; stop it first",
     )

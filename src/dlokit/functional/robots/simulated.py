@@ -13,7 +13,7 @@ from dlokit.description.arm.panda import PANDA_LIMITS
 from dlokit.errors import HardwareError, SkillFailure
 from dlokit.functional.cell import api
 from dlokit.types.outcome import Cancelled, Failed, Outcome, Rejected, Succeeded, TimedOut, Unreachable
-from dlokit.types.robot import GripResult, JointLimits, JointTrajectory, Lease, MotionResult, RobotState
+from dlokit.types.robot import GripResult, JointLimits, JointTrajectory, Lease, MotionResult, RobotReason, RobotState
 from dlokit.types.system import ClockTick
 
 R = TypeVar("R")
@@ -132,8 +132,10 @@ def _result(outcome: Outcome[R]) -> R:
         case Failed(reason=reason, detail=detail) | Rejected(reason=reason, detail=detail):
             raise SkillFailure(reason, detail)
         case Cancelled():
-            raise SkillFailure("stopped", "the cell stopped the motion")
+            raise SkillFailure(RobotReason.STOPPED, "the cell stopped the motion")
         case TimedOut(timeout_s=timeout_s):
-            raise SkillFailure("robot_lost", f"the cell did not answer within {timeout_s} s; is it overloaded?")
+            raise SkillFailure(
+                RobotReason.ROBOT_LOST, f"the cell did not answer within {timeout_s} s; is it overloaded?"
+            )
         case Unreachable(component=component):
-            raise SkillFailure("robot_lost", f"{component} does not answer; is it running?")
+            raise SkillFailure(RobotReason.ROBOT_LOST, f"{component} does not answer; is it running?")

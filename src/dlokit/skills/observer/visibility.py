@@ -5,10 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from dlokit.geometry import rotation
+from dlokit.geometry.camera import project
 from dlokit.types.arrays import BoolArray, Float64Array
 from dlokit.types.dlo import DloState, TargetPoints, Topology
-from dlokit.types.image import CameraCalibration
 from dlokit.types.observation import Observation, Occlusion
 
 SURE_M = 0.005  # of nodes whose observer states no covariance: what the contract test asks of all of them
@@ -98,28 +97,14 @@ def shaded(positions_world: Float64Array, seen: Observation, config: VisibilityC
     """
     if seen.calibration is None:
         return np.zeros(len(positions_world), dtype=np.bool_)
-    pixels, depth_m = _projected(positions_world, seen.calibration)
+    projection = project(positions_world, seen.calibration)
+    pixels, depth_m = projection.pixels, projection.depth_m
     margin = config.picture_margin_px
     size = np.array([seen.calibration.width_px, seen.calibration.height_px])
     outside = (depth_m <= 0.0) | np.any((pixels < margin) | (pixels > size - 1 - margin), axis=1)
     if seen.occlusion is None:
         return outside
     return outside | (_robot_depth(pixels, seen.occlusion) < depth_m - config.robot_margin_m)
-
-
-def in_camera(positions_world: Float64Array, camera: CameraCalibration) -> Float64Array:
-    """Positions (K, 3) [m] of the world in the camera's frame: z is depth."""
-    return (positions_world - camera.T_world_camera.position_m) @ rotation(camera.T_world_camera)
-
-
-def _projected(positions_world: Float64Array, camera: CameraCalibration) -> tuple[Float64Array, Float64Array]:
-    """Pixels (K, 2) and depths (K,) [m] of positions, by the pinhole model."""
-    p_camera = in_camera(positions_world, camera)
-    z = p_camera[:, 2]
-    safe = np.where(np.abs(z) < 1e-9, 1e-9, z)
-    u = camera.fx_px * p_camera[:, 0] / safe + camera.cx_px
-    v = camera.fy_px * p_camera[:, 1] / safe + camera.cy_px
-    return np.column_stack([u, v]), z
 
 
 def _robot_depth(pixels: Float64Array, occlusion: Occlusion) -> Float64Array:

@@ -1,15 +1,14 @@
 """Removes the robot's own pixels and points, by its known shape, and says what the robot hides."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dlokit.description.arm.panda import PANDA_COLLISION
 from dlokit.geometry import rotation
 from dlokit.geometry.camera import project, rays
+from dlokit.motion.capsules import RADII_M, Capsules
 from dlokit.motion.forward_kinematics import capsule_ends
 from dlokit.types.arrays import BoolArray, Float64Array
 from dlokit.types.image import CameraCalibration
@@ -17,17 +16,8 @@ from dlokit.types.observation import Occlusion
 from dlokit.types.robot import RobotState
 
 
-@dataclass(frozen=True, kw_only=True)
-class Capsules:
-    """C capsules in the world frame: all points within a radius of a segment."""
-
-    starts_world: Float64Array  # (C, 3) [m]
-    ends_world: Float64Array  # (C, 3) [m]
-    radii_m: Float64Array  # (C,)
-
-
 def panda_capsules(robots: Sequence[RobotState]) -> Capsules:
-    """What is known of the robots' shape, from their joint angles and finger widths."""
+    """What is known of the robots' shape, C capsules, from their joint angles and finger widths."""
     ends = [
         capsule_ends(state.q_rad, state.finger_width_m, T_world_base=state.T_world_base)  # of one configuration
         for state in robots
@@ -36,7 +26,7 @@ def panda_capsules(robots: Sequence[RobotState]) -> Capsules:
     return Capsules(
         starts_world=np.concatenate([nowhere, *(start[0] for start, _ in ends)]),
         ends_world=np.concatenate([nowhere, *(end[0] for _, end in ends)]),
-        radii_m=np.array([capsule.radius_m for capsule in PANDA_COLLISION] * len(robots)),
+        radii_m=np.tile(RADII_M, len(robots)),
     )
 
 

@@ -5,8 +5,10 @@ from dataclasses import dataclass, field
 from dlokit.description.arm.panda import PANDA_GRASP_HEIGHT_M
 from dlokit.description.table import TABLE_X_M, TABLE_Y_M
 from dlokit.errors import ConfigError
+from dlokit.types.action import VelocityProfile
 
 _TABLE_SLACK_M = 0.03  # a shape may lie a little outside of where the built-in ones do
+_PACE = VelocityProfile()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,11 +50,11 @@ class PathConfig:
     """Most that the gripper turns on one carry [rad]."""
     overshoot: float = 0.0
     """Release this share of the way beyond the goal, against springing back."""
-    speed_m_s: float = 0.25
+    speed_m_s: float = _PACE.speed_m_s
     """Speed of the tool on the carry [m/s]."""
-    acceleration_m_s2: float = 1.0
+    acceleration_m_s2: float = _PACE.acceleration_m_s2
     """Acceleration of the tool [m/s²]."""
-    jerk_m_s3: float = 10.0
+    jerk_m_s3: float = _PACE.jerk_m_s3
     """Jerk of the tool [m/s³]."""
 
 

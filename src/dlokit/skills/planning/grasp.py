@@ -9,7 +9,8 @@ from dlokit.skills.planning.actions import GraspConfig
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
 
-_SAMPLE_M = 0.002  # distance of the points at which the rod is checked against the fingers
+SAMPLE_M = 0.002
+"""Distance of the points at which the rod is checked against the fingers [m]."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +76,7 @@ def fitting_opening_m(nodes_world: Float64Array, point: RodPoint, config: GraspC
 def gripper_fits(nodes_world: Float64Array, point: RodPoint, opening_m: float, config: GraspConfig) -> bool:
     """Whether both fingers come down beside the rod (M, 3) [m], on no part of it, and around one strand only."""
     length = geometry.arc_lengths(nodes_world)[-1]
-    count = int(length / _SAMPLE_M) + 2
+    count = int(length / SAMPLE_M) + 2
     points = geometry.resample(nodes_world, count)
     strand = np.abs(np.linspace(0.0, length, count) - point.s_m) < config.adjacent_m
     cosine, sine = np.cos(point.yaw_rad), np.sin(point.yaw_rad)

@@ -19,13 +19,18 @@ from dlokit.description.arm.panda import PANDA_OPEN_WIDTH_M
 from dlokit.types.action import VelocityProfile
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
-from dlokit.types.robot import GripResult, MotionResult
+from dlokit.types.robot import LEASE_S, GripResult, MotionResult, RobotReason
 
 P = ParamSpec("P")
 R = TypeVar("R")
 
 LONGEST_LEASE_S = 60.0
 """Longest time that a lease may last without renewal [s]: the arm moves for as long after its commander is lost."""
+
+GRASP_FORCE_N = 20.0
+"""Force with which the fingers move, unless told otherwise [N]."""
+RELEASE_WIDTH_M = 0.04
+"""Width to which the fingers open, unless told otherwise [m]."""
 
 
 def _move_joints(q_rad: Float64Array) -> MotionResult:
@@ -61,7 +66,7 @@ def _follow_path(path: tuple[Pose, ...], velocity: VelocityProfile) -> MotionRes
     ...
 
 
-def _grasp(force_n: float = 20.0) -> GripResult:
+def _grasp(force_n: float = GRASP_FORCE_N) -> GripResult:
     """Close the fingers with at most `force_n`; the result says whether they hold something.
 
     Fails with: bad_force (more than the hand can).
@@ -69,7 +74,7 @@ def _grasp(force_n: float = 20.0) -> GripResult:
     ...
 
 
-def _release(width_m: float = 0.04) -> GripResult:
+def _release(width_m: float = RELEASE_WIDTH_M) -> GripResult:
     """Open the fingers to `width_m`, 0 to 0.08 m. Rejected with: bad_width."""
     ...
 
@@ -106,7 +111,7 @@ def _home() -> MotionResult:
     ...
 
 
-def _renew_lease(holder: str, duration_s: float = 0.2) -> None:
+def _renew_lease(holder: str, duration_s: float = LEASE_S) -> None:
     """Take the right to move the robot, or keep it: from now on the arm brakes when no renewal comes in time.
 
     `duration_s` counts on the machine's monotonic clock. Rejected with: leased (another holds it), bad_lease.
@@ -119,17 +124,17 @@ def _release_lease(holder: str) -> None:
     ...
 
 
-COMMANDER = Condition("the caller holds the lease, or nobody does", "not_commander")
-LEASE = Condition("a lease that was taken has not run out", "lease_lost")
-ENABLED = Condition("no person has stopped the arm since one enabled it", "stop_latched")
+COMMANDER = Condition("the caller holds the lease, or nobody does", RobotReason.NOT_COMMANDER)
+LEASE = Condition("a lease that was taken has not run out", RobotReason.LEASE_LOST)
+ENABLED = Condition("no person has stopped the arm since one enabled it", RobotReason.STOP_LATCHED)
 _SEVEN = Condition("q_rad is seven finite angles", "bad_arguments", lambda q_rad: _is_seven(q_rad))
 _WIDTH = Condition(
-    f"width_m is 0 to {PANDA_OPEN_WIDTH_M}", "bad_width", lambda width_m: 0.0 <= width_m <= PANDA_OPEN_WIDTH_M
+    f"width_m is 0 to {PANDA_OPEN_WIDTH_M}", RobotReason.BAD_WIDTH, lambda width_m: 0.0 <= width_m <= PANDA_OPEN_WIDTH_M
 )
-_FORCE = Condition("force_n is above 0", "bad_force", lambda force_n: 0.0 < force_n < math.inf)
+_FORCE = Condition("force_n is above 0", RobotReason.BAD_FORCE, lambda force_n: 0.0 < force_n < math.inf)
 _DURATION = Condition(
     f"duration_s is above 0 and at most {LONGEST_LEASE_S:g}",
-    "bad_lease",
+    RobotReason.BAD_LEASE,
     lambda duration_s: 0.0 < duration_s <= LONGEST_LEASE_S,
 )
 

@@ -17,7 +17,7 @@ from dlokit.communication.timing.deadlines import LoopWatch, Watch
 from dlokit.description.arm.panda import PANDA_HOME_Q_RAD
 from dlokit.errors import HardwareError, SkillFailure
 from dlokit.functional.robots.base import Robot
-from dlokit.motion.arm_distance import ARMS_TOO_NEAR, check_apart
+from dlokit.motion.arm_distance import check_apart
 from dlokit.motion.collisions import check_trajectory
 from dlokit.motion.inverse_kinematics import PandaKinematics, Yaw
 from dlokit.motion.limits import START_RAD
@@ -25,19 +25,26 @@ from dlokit.motion.trajectories import joint_move, tool_move
 from dlokit.skills.robot import api
 from dlokit.skills.robot.config import RobotConfig
 from dlokit.skills.robot.lease import LeaseKeeper
-from dlokit.skills.robot.neighbours import NEIGHBOUR_SILENT, Neighbours
+from dlokit.skills.robot.neighbours import Neighbours
 from dlokit.types.action import VelocityProfile
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
-from dlokit.types.robot import GripResult, JointTrajectory, Lease, MotionResult, RobotMode, RobotState
+from dlokit.types.robot import (
+    LEASE_S,
+    GripResult,
+    JointTrajectory,
+    Lease,
+    MotionResult,
+    RobotMode,
+    RobotReason,
+    RobotState,
+)
 
 R = TypeVar("R")
 
 log = logging.getLogger(__name__)
 
 
-_STOPPED = "stopped"
-"""Reason of a motion that `robot.halt` or `robot.stop` has ended."""
 _CONFIRMED_S = 0.8
 """Longest wait for the feedback that confirms a stop [s]: an arm brakes within 0.3 s from its largest speed."""
 _STANDS_RAD_S = 0.02
@@ -146,7 +153,7 @@ class RobotComponent(Component):
             return
         why = self._neighbours.too_near(state)
         if why:
-            self._brake_at_once(ARMS_TOO_NEAR)
+            self._brake_at_once(RobotReason.ARMS_TOO_NEAR)
             log.warning("braked: %s", why)
 
     @implements(api.MOVE_JOINTS)
@@ -176,16 +183,16 @@ class RobotComponent(Component):
             return await self._follow(await self._plan_path(path, velocity))
 
     @implements(api.GRASP)
-    async def grasp(self, force_n: float = 20.0) -> GripResult:
+    async def grasp(self, force_n: float = api.GRASP_FORCE_N) -> GripResult:
         """Close the fingers."""
         async with self._moving():
             return await self._interruptible(self._robot.grip(0.0, force_n, self._driver_lease()))
 
     @implements(api.RELEASE)
-    async def release(self, width_m: float = 0.04) -> GripResult:
+    async def release(self, width_m: float = api.RELEASE_WIDTH_M) -> GripResult:
         """Open the fingers."""
         async with self._moving():
-            return await self._interruptible(self._robot.grip(width_m, 20.0, self._driver_lease()))
+            return await self._interruptible(self._robot.grip(width_m, api.GRASP_FORCE_N, self._driver_lease()))
 
     @implements(api.HOME)
     async def home(self) -> MotionResult:
@@ -196,13 +203,13 @@ class RobotComponent(Component):
     @implements(api.HALT)
     async def halt(self) -> None:
         """Brake now."""
-        await self._brake(_STOPPED)
+        await self._brake(RobotReason.STOPPED)
 
     @implements(api.STOP)
     async def stop(self) -> None:
         """Brake now, hold the fingers, and latch."""
         self._latched = True
-        self._braked_because = _STOPPED
+        self._braked_because = RobotReason.STOPPED
         self._robot.brake()  # at once; what follows may have to wait for the driver
         self._end_motion()
         await self._robot.stop()
@@ -223,7 +230,7 @@ class RobotComponent(Component):
         await self._robot.recover()
 
     @implements(api.RENEW_LEASE)
-    async def renew_lease(self, holder: str, duration_s: float = 0.2) -> None:
+    async def renew_lease(self, holder: str, duration_s: float = LEASE_S) -> None:
         """Take or keep the right to move."""
         self._lease.renew(holder, duration_s)
         self._watch.begin(self._lease, self._ran_out)
@@ -267,7 +274,7 @@ class RobotComponent(Component):
         give_up_ns = self.port.clock.now_ns() + round(_CONFIRMED_S * 1e9)
         while (state := self._robot.state()).stamp_ns <= now_ns or not is_so(state):
             if self.port.clock.now_ns() >= give_up_ns:
-                raise SkillFailure("not_confirmed", f"no feedback said within {_CONFIRMED_S:g} s that {what}")
+                raise SkillFailure(RobotReason.NOT_CONFIRMED, f"no feedback said within {_CONFIRMED_S:g} s that {what}")
             await self.port.clock.sleep(1.0 / self._config.state_rate_hz)
 
     @holds(api.ENABLED)
@@ -302,7 +309,7 @@ class RobotComponent(Component):
         try:
             yield
         except HardwareError as error:
-            raise SkillFailure("robot_lost", str(error)) from error
+            raise SkillFailure(RobotReason.ROBOT_LOST, str(error)) from error
 
     async def _newest(self) -> RobotState:
         return self._robot.state()
@@ -347,7 +354,9 @@ class RobotComponent(Component):
         if self._neighbours is None:
             yield
             return
-        self._watch.begin(self._neighbours, lambda: self._brake_at_once(self._braked_because or NEIGHBOUR_SILENT))
+        self._watch.begin(
+            self._neighbours, lambda: self._brake_at_once(self._braked_because or RobotReason.NEIGHBOUR_SILENT)
+        )
         try:
             yield
         finally:
@@ -366,7 +375,7 @@ class RobotComponent(Component):
             return await self._motion
         except asyncio.CancelledError:
             if self._braked_because:
-                if self._braked_because != _STOPPED:  # by whoever waits until the arm stands
+                if self._braked_because != RobotReason.STOPPED:  # by whoever waits until the arm stands
                     with contextlib.suppress(SkillFailure):  # an arm that is gone: that it was braked says more
                         await self._robot.halt()  # the next motion must find it at rest
                 raise SkillFailure(self._braked_because, "the arm was braked before the end of the motion") from None

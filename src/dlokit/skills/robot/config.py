@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 from dlokit.description.table import Surroundings
 from dlokit.errors import ConfigError
+from dlokit.types.robot import LEASE_S
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -13,10 +14,10 @@ class RobotConfig:
 
     state_rate_hz: float = 50.0
     """Rate at which the robot's state is published [Hz]."""
-    commander_lease_s: float = 0.2
+    commander_lease_s: float = LEASE_S
     """Time without a sign of life from the decision process after which the arm brakes [s of the machine's clock]: it
     was killed, or is frozen."""
-    driver_lease_s: float = 0.2
+    driver_lease_s: float = LEASE_S
     """Time without a sign of life from the driver's process after which the arm itself brakes [s]."""
     loop_silent_s: float = 1.0
     """An event loop of one of the two that has hung for so long [s] gives no more signs of life."""

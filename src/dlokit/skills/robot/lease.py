@@ -5,6 +5,7 @@ import threading
 from collections.abc import Callable
 
 from dlokit.errors import SkillRejected
+from dlokit.types.robot import RobotReason
 
 
 class LeaseKeeper:
@@ -65,5 +66,6 @@ class LeaseKeeper:
     def _refuse_others(self, holder: str) -> None:
         if self._holder not in ("", holder) and self._monotonic_ns() < self._ends_ns:
             raise SkillRejected(
-                "leased", f"{self._holder} moves this robot; {holder} may take it once {self._holder} gives it back"
+                RobotReason.LEASED,
+                f"{self._holder} moves this robot; {holder} may take it once {self._holder} gives it back",
             )

@@ -11,9 +11,7 @@ from dlokit.communication.port import Port
 from dlokit.errors import SkillFailure
 from dlokit.motion.arm_distance import AS_FAR_M, gap_m, stopping_gap_m
 from dlokit.types.arrays import Float64Array
-from dlokit.types.robot import RobotState
-
-NEIGHBOUR_SILENT = "neighbour_silent"
+from dlokit.types.robot import RobotReason, RobotState
 
 SILENT_S = 0.2
 """An arm that was not heard of for so long may be anywhere [s of the arm's own clock]; ten of its states."""
@@ -51,7 +49,7 @@ class Neighbours:
         while silent := self._silent():
             if clock.now_ns() >= give_up_ns:
                 raise SkillFailure(
-                    NEIGHBOUR_SILENT,
+                    RobotReason.NEIGHBOUR_SILENT,
                     f"nothing was heard of the arm {silent!r} for {_WAIT_S:g} s, so it may be in the way; see whether "
                     "its robot process runs",
                 )

@@ -12,6 +12,7 @@ from dlokit.communication.component import Component, on
 from dlokit.communication.skill import Skill
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.description.shapes import builtin_shape
+from dlokit.description.table import Table
 from dlokit.skills.viewer.address import new_key, page_url, watch_key
 from dlokit.skills.viewer.config import ViewerConfig
 from dlokit.skills.viewer.flow_chart import Edge
@@ -60,12 +61,13 @@ class ViewerComponent(Component):
         *,
         flow: Sequence[Edge],
         rod: RodOutline,
+        table: Table,
         threshold_m: float,
         operated: bool = True,
         arms: tuple[ArmButtons, ...] = (),
         key: str | None = None,
     ) -> None:
-        """`flow` is the flow chart's table: (step, outcome, next) of every arrow.
+        """`flow` is the flow chart's table: (step, outcome, next) of every arrow; `table` is the believed one.
 
         Without `operated` the page has neither buttons nor frames to drag: nobody would hear of them in a replay.
         Whoever has `key` may open the page and operate; None: a new one.
@@ -74,6 +76,7 @@ class ViewerComponent(Component):
         self._config = config
         self._flow = tuple(flow)
         self._rod = rod
+        self._table = table
         self._threshold_m = threshold_m
         self._operated = operated
         self._arms = arms
@@ -116,7 +119,7 @@ class ViewerComponent(Component):
         gate = LoopGate(asyncio.get_running_loop())
         try:
             self._port = server.get_port()
-            scene = ViewerScene(server, self._config, self._rod.radius_m)
+            scene = ViewerScene(server, self._config, self._table, self._rod.radius_m)
             frames = GoalFramesView(server, self._handles, gate, self._publish_frames) if self._operated else None
             panel = Panel(
                 server,

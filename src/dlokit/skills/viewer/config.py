@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass
 
+from dlokit.description.table import TABLE_X_M, TABLE_Y_M
 from dlokit.errors import ConfigError
 
 
@@ -19,9 +20,9 @@ class ViewerConfig:
     """How often the scene is brought up to date, at most [Hz]; nothing is drawn while no browser looks."""
     picture_width_px: int = 320
     """Width of the camera picture that is sent to the browser [px]."""
-    goal_x_m: tuple[float, float] = (0.30, 0.75)
+    goal_x_m: tuple[float, float] = TABLE_X_M
     """Where the goal's frames may be dragged, along x of the world [m]."""
-    goal_y_m: tuple[float, float] = (-0.35, 0.35)
+    goal_y_m: tuple[float, float] = TABLE_Y_M
     """Where the goal's frames may be dragged, along y of the world [m]."""
 
     def __post_init__(self) -> None:

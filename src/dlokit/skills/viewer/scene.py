@@ -7,6 +7,7 @@ import numpy as np
 import viser
 
 from dlokit import geometry
+from dlokit.description.table import Table
 from dlokit.skills.viewer import palette
 from dlokit.skills.viewer.config import ViewerConfig
 from dlokit.skills.viewer.palette import Layer
@@ -70,16 +71,13 @@ VISITOR_POSITION_M = (1.62, -0.70, 1.04)
 VISITOR_LOOK_AT_M = (0.36, 0.02, 0.20)
 VISITOR_FOV_RAD = math.radians(45.0)
 """Angle of view from the top to the bottom of the picture."""
-_TABLE_HALF_M = (0.45, 0.60)
-_TABLE_CENTRE_M = (0.40, 0.0)
-_TABLE_THICKNESS_M = 0.03
 _TUBE_SIDES = 10
 
 
 class ViewerScene:
     """What the page shows in three dimensions. Layers appear with their first message."""
 
-    def __init__(self, server: viser.ViserServer, config: ViewerConfig, dlo_radius_m: float) -> None:
+    def __init__(self, server: viser.ViserServer, config: ViewerConfig, table: Table, dlo_radius_m: float) -> None:
         self._scene = server.scene
         self._picture_width_px = config.picture_width_px
         self._radius_m = dlo_radius_m
@@ -90,7 +88,7 @@ class ViewerScene:
         self._tubes: dict[str, tuple[viser.MeshHandle, int]] = {}
         self._frustum: viser.CameraFrustumHandle | None = None
         self._ghosts: tuple[GripperGhost, GripperGhost] | None = None
-        _set_stage(server, config)
+        _set_stage(server, config, table)
 
     def set_visible(self, layer: Layer, visible: bool) -> None:
         """Show or hide one layer."""
@@ -224,7 +222,7 @@ class ViewerScene:
         self._tubes[name] = (mesh, len(nodes_world))
 
 
-def _set_stage(server: viser.ViserServer, config: ViewerConfig) -> None:
+def _set_stage(server: viser.ViserServer, config: ViewerConfig, table: Table) -> None:
     """Light, table, the part of it where a goal may lie, and where a visitor stands at first."""
     scene = server.scene
     scene.world_axes.visible = False
@@ -234,8 +232,8 @@ def _set_stage(server: viser.ViserServer, config: ViewerConfig) -> None:
     scene.add_box(
         "/table/top",
         color=palette.TABLE_RGB,
-        dimensions=(2.0 * _TABLE_HALF_M[0], 2.0 * _TABLE_HALF_M[1], _TABLE_THICKNESS_M),
-        position=(*_TABLE_CENTRE_M, -_TABLE_THICKNESS_M / 2.0),
+        dimensions=(*table.size_m, table.thickness_m),
+        position=(*table.centre_m, -table.thickness_m / 2.0),
         cast_shadow=False,
     )
     (x0, x1), (y0, y1) = config.goal_x_m, config.goal_y_m

@@ -23,12 +23,10 @@ from dlokit.decision.steps.hands import follow_while_held, place_in_tool
 from dlokit.decision.task import Odometer, ShapeTask, Spent
 from dlokit.description.arm.mounts import OPPOSITE
 from dlokit.errors import SkillFailure
-from dlokit.functional.robots.gate import OUTSIDE_WORKSPACE, TOOL_SPEED
-from dlokit.motion.limits import ACCELERATION_LIMIT, JERK_LIMIT, JOINT_LIMIT, TOO_SLOW, VELOCITY_LIMIT
 from dlokit.skills.robot import api as robot
 from dlokit.types.action import Grasp, PairPlace, Partner, VelocityProfile
 from dlokit.types.pose import Pose
-from dlokit.types.robot import FIRST_ROBOT, GripResult, MotionResult, RobotMode, RobotState
+from dlokit.types.robot import FIRST_ROBOT, GripResult, MotionResult, Remedy, RobotMode, RobotReason, RobotState
 
 TOOL = geometry.downward([0.5, 0.1, 0.004], 0.0)
 NODE, PARTNERS_NODE = 3, 27
@@ -195,9 +193,7 @@ def test_when_one_hand_fails_the_other_is_stopped_and_the_failure_is_told(fails:
     assert scripts[1 - fails].told == ["follow_path", "stop"]
 
 
-@pytest.mark.parametrize(
-    "reason", [JOINT_LIMIT, VELOCITY_LIMIT, ACCELERATION_LIMIT, JERK_LIMIT, TOO_SLOW, OUTSIDE_WORKSPACE, TOOL_SPEED]
-)
+@pytest.mark.parametrize("reason", [reason for reason in RobotReason if reason.remedy is Remedy.ANOTHER_TARGET])
 def test_a_motion_that_the_gate_refuses_leads_to_another_grasp(reason: str) -> None:
     first, second = Script(), Script()
     first.fails = reason

@@ -12,15 +12,13 @@ from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.description.arm.panda import PANDA_HOME_Q_RAD
 from dlokit.errors import ConfigError, SkillFailure
-from dlokit.functional.robots import gate
 from dlokit.functional.robots.gate import GateConfig, GatedRobot
 from dlokit.geometry import downward, pose
-from dlokit.motion import limits
 from dlokit.motion.limits import scaled
 from dlokit.motion.trajectories import joint_move, tool_move
 from dlokit.types.action import VelocityProfile
 from dlokit.types.pose import Pose
-from dlokit.types.robot import Lease, RobotState
+from dlokit.types.robot import Lease, RobotReason, RobotState
 
 LEASE = Lease(holder="test")
 GOOD = joint_move(PANDA_HOME_Q_RAD, FAR)
@@ -82,11 +80,11 @@ def test_a_motion_that_breaks_a_limit_by_its_differences_is_refused() -> None:
         times, nothing = np.array([0.0, 0.005]), np.zeros((2, 7))
         q = PANDA_HOME_Q_RAD + np.array([[0.0], [0.08]])
         jump = msgspec.structs.replace(GOOD, times_s=times, q_rad=q, dq_rad_s=nothing, ddq_rad_s2=nothing)
-        assert await refusal(robot.follow(jump, LEASE)) == limits.VELOCITY_LIMIT
+        assert await refusal(robot.follow(jump, LEASE)) == RobotReason.VELOCITY_LIMIT
         spoilt = GOOD.dq_rad_s.copy()
         spoilt[10, 2] = np.nan
         lost = msgspec.structs.replace(GOOD, dq_rad_s=spoilt)
-        assert await refusal(robot.follow(lost, LEASE)) == limits.BAD_TRAJECTORY
+        assert await refusal(robot.follow(lost, LEASE)) == RobotReason.BAD_TRAJECTORY
         assert arm.followed == []
 
     at_gate(scenario)
@@ -108,7 +106,7 @@ def test_a_motion_that_would_take_longer_than_anybody_waits_is_refused_at_a_smal
 
     async def scenario(arm: FeltArm, robot: GatedRobot) -> None:
         arm.q = slow.q_rad[0]
-        assert await refusal(robot.follow(slow, LEASE)) == limits.TOO_SLOW
+        assert await refusal(robot.follow(slow, LEASE)) == RobotReason.TOO_SLOW
         assert arm.followed == []
 
     at_gate(scenario, GateConfig(speed_scale=0.05))
@@ -125,7 +123,7 @@ def test_a_motion_too_fast_for_the_limits_passes_when_it_is_scaled_into_them() -
 def test_a_motion_that_starts_elsewhere_than_the_arm_stands_is_refused(off_rad: float) -> None:
     async def scenario(arm: FeltArm, robot: GatedRobot) -> None:
         arm.sag_rad = off_rad
-        assert await refusal(robot.follow(GOOD, LEASE)) == gate.WRONG_START
+        assert await refusal(robot.follow(GOOD, LEASE)) == RobotReason.WRONG_START
 
     at_gate(scenario)
 
@@ -134,7 +132,7 @@ def test_a_motion_that_starts_elsewhere_than_the_arm_stands_is_refused(off_rad: 
 def test_a_motion_from_an_arm_that_moves_is_refused(dq_rad_s: float) -> None:
     async def scenario(arm: FeltArm, robot: GatedRobot) -> None:
         arm.dq_rad_s = dq_rad_s
-        assert await refusal(robot.follow(GOOD, LEASE)) == gate.WRONG_START
+        assert await refusal(robot.follow(GOOD, LEASE)) == RobotReason.WRONG_START
 
     at_gate(scenario)
 
@@ -148,7 +146,7 @@ def test_frozen_feedback_is_waited_for_and_then_refused() -> None:
         loop = asyncio.get_running_loop()
         began = loop.time()
         home = joint_move(FAR, PANDA_HOME_Q_RAD)
-        assert await refusal(robot.follow(home, LEASE)) == gate.STALE_FEEDBACK
+        assert await refusal(robot.follow(home, LEASE)) == RobotReason.STALE_FEEDBACK
         assert loop.time() - began == pytest.approx(1.0, abs=0.05)
         loop.call_later(0.3, setattr, arm, "frozen_ns", None)
         await robot.follow(home, LEASE)
@@ -162,7 +160,7 @@ def test_a_state_seen_after_a_long_pause_may_be_as_old_as_the_pause() -> None:
         robot.state()
         arm.frozen_ns = 7
         await asyncio.sleep(5.0)
-        assert await refusal(robot.follow(GOOD, LEASE)) == gate.STALE_FEEDBACK
+        assert await refusal(robot.follow(GOOD, LEASE)) == RobotReason.STALE_FEEDBACK
 
     at_gate(scenario)
 
@@ -171,7 +169,7 @@ def test_a_motion_is_braked_and_fails_when_feedback_freezes_on_its_way() -> None
     async def scenario(arm: FeltArm, robot: GatedRobot) -> None:
         loop = asyncio.get_running_loop()
         loop.call_at(0.5, setattr, arm, "frozen_ns", 500_000_000)
-        assert await refusal(robot.follow(GOOD, LEASE)) == gate.STALE_FEEDBACK
+        assert await refusal(robot.follow(GOOD, LEASE)) == RobotReason.STALE_FEEDBACK
         assert 0.6 < arm.brakings_s[0] <= 0.63
         arm.frozen_ns = None
         ordered = len(arm.brakings_s)
@@ -231,7 +229,7 @@ def test_nothing_is_waited_for_while_states_come() -> None:
 
 def test_the_tool_stays_inside_its_box_also_of_an_arm_that_stands_elsewhere() -> None:
     async def scenario(arm: FeltArm, robot: GatedRobot) -> None:
-        assert await refusal(robot.follow(GOOD, LEASE)) == gate.OUTSIDE_WORKSPACE
+        assert await refusal(robot.follow(GOOD, LEASE)) == RobotReason.OUTSIDE_WORKSPACE
         assert arm.followed == []
 
     lower, upper = (0.2, -0.2, 0.3), (0.6, 0.2, 0.6)
@@ -241,7 +239,7 @@ def test_the_tool_stays_inside_its_box_also_of_an_arm_that_stands_elsewhere() ->
 
 def test_a_tool_faster_than_allowed_is_refused() -> None:
     async def scenario(arm: FeltArm, robot: GatedRobot) -> None:
-        assert await refusal(robot.follow(GOOD, LEASE)) == gate.TOOL_SPEED
+        assert await refusal(robot.follow(GOOD, LEASE)) == RobotReason.TOOL_SPEED
 
     at_gate(scenario, GateConfig(largest_tool_speed_m_s=0.3))
 
@@ -249,14 +247,14 @@ def test_a_tool_faster_than_allowed_is_refused() -> None:
 @pytest.mark.parametrize("duration_s", [np.inf, np.nan, 0.0, -1.0])
 def test_a_lease_without_an_end_is_refused(duration_s: float) -> None:
     async def scenario(arm: FeltArm, robot: GatedRobot) -> None:
-        assert await refusal(robot.follow(GOOD, Lease(holder="test", duration_s=duration_s))) == gate.LEASE_LOST
+        assert await refusal(robot.follow(GOOD, Lease(holder="test", duration_s=duration_s))) == RobotReason.LEASE_LOST
 
     at_gate(scenario)
 
 
 def test_only_the_holder_of_the_lease_moves_the_arm() -> None:
     async def scenario(arm: FeltArm, robot: GatedRobot) -> None:
-        assert await refusal(robot.follow(GOOD, LEASE)) == gate.LEASE_LOST
+        assert await refusal(robot.follow(GOOD, LEASE)) == RobotReason.LEASE_LOST
         await robot.follow(GOOD, Lease(holder="another"))
 
     at_gate(scenario, may_move=lambda holder: holder == "another")

@@ -15,11 +15,11 @@ from dlokit.communication.port import InlineCompute, Port
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.communication.zenoh import calls
-from dlokit.motion.arm_distance import ARMS_TOO_NEAR
 from dlokit.skills.robot import api, component
 from dlokit.skills.robot.component import RobotComponent
 from dlokit.skills.robot.config import RobotConfig
 from dlokit.skills.robot.neighbours import Neighbours
+from dlokit.types.robot import RobotReason
 
 
 @contextmanager
@@ -56,7 +56,7 @@ def test_an_arm_that_comes_too_near_brakes_before_the_log_line(monkeypatch: pyte
             port = Port(transport, clock, InlineCompute(), owner="test", publishes=())
             outcome = await port.call(api.GRASP)
             # A component whose log raises ends, and no arm of its own obeys the order to brake here.
-            assert raises or reason(outcome) == ARMS_TOO_NEAR
+            assert raises or reason(outcome) == RobotReason.ARMS_TOO_NEAR
             await asyncio.sleep(1.0)
 
     with before_each_line(component.log, lambda: stops.append(arm.stops), raises=raises):

@@ -7,11 +7,11 @@ import pytest
 from dlokit.description.arm.panda import PANDA_HOME_Q_RAD, PANDA_LIMITS
 from dlokit.errors import SkillFailure
 from dlokit.geometry import downward, pose
-from dlokit.motion import collisions
+from dlokit.motion import capsules
 from dlokit.motion.collisions import check_collisions, check_limits, check_trajectory
 from dlokit.motion.inverse_kinematics import PandaKinematics
 from dlokit.motion.trajectories import joint_move
-from dlokit.types.robot import JointTrajectory
+from dlokit.types.robot import JointTrajectory, RobotReason
 
 KINEMATICS = PandaKinematics()
 GOOD = joint_move(PANDA_HOME_Q_RAD, KINEMATICS.inverse(downward([0.5, 0.1, 0.1], 0.0)))
@@ -30,7 +30,7 @@ def test_a_planned_trajectory_passes() -> None:
 def test_a_joint_beyond_its_range_is_named() -> None:
     q = GOOD.q_rad.copy()
     q[10, 3] = 0.0
-    assert reason_of(msgspec.structs.replace(GOOD, q_rad=q)) == collisions.JOINT_LIMIT
+    assert reason_of(msgspec.structs.replace(GOOD, q_rad=q)) == RobotReason.JOINT_LIMIT
 
 
 def test_running_a_trajectory_faster_breaks_velocity_then_acceleration_then_jerk_limits() -> None:
@@ -42,16 +42,16 @@ def test_running_a_trajectory_faster_breaks_velocity_then_acceleration_then_jerk
             ddq_rad_s2=GOOD.ddq_rad_s2 * pace**2,
         )
 
-    assert reason_of(at_pace(1.2)) == collisions.VELOCITY_LIMIT
+    assert reason_of(at_pace(1.2)) == RobotReason.VELOCITY_LIMIT
     slow = msgspec.structs.replace(at_pace(1.2), dq_rad_s=GOOD.dq_rad_s)
-    assert reason_of(slow) == collisions.ACCELERATION_LIMIT
+    assert reason_of(slow) == RobotReason.ACCELERATION_LIMIT
 
 
 def test_a_jump_in_acceleration_is_named() -> None:
     ddq = np.zeros_like(GOOD.ddq_rad_s2)
     ddq[len(ddq) // 2, 1] = 0.9 * PANDA_LIMITS.acceleration_rad_s2[1]
     times = np.linspace(0.0, 0.1, len(ddq))  # so that the step between samples asks for more than 3750 rad/s³
-    assert reason_of(msgspec.structs.replace(GOOD, times_s=times, ddq_rad_s2=ddq)) == collisions.JERK_LIMIT
+    assert reason_of(msgspec.structs.replace(GOOD, times_s=times, ddq_rad_s2=ddq)) == RobotReason.JERK_LIMIT
 
 
 @pytest.mark.parametrize("times", [[0.0, 0.0], [0.1, 0.2], [0.2, 0.1]])
@@ -61,14 +61,14 @@ def test_times_that_do_not_rise_from_zero_are_refused(times: list[float]) -> Non
     )
     with pytest.raises(SkillFailure) as failure:
         check_limits(two)
-    assert failure.value.reason == collisions.BAD_TRAJECTORY
+    assert failure.value.reason == RobotReason.BAD_TRAJECTORY
 
 
 def test_the_table_may_be_come_near_to_but_not_touched() -> None:
     check_collisions(KINEMATICS.inverse(downward([0.5, 0.0, 0.011], 0.0))[None])
     with pytest.raises(SkillFailure, match="raise the path") as failure:
         check_collisions(KINEMATICS.inverse(downward([0.5, 0.0, 0.005], 0.0))[None])
-    assert failure.value.reason == collisions.TABLE_COLLISION
+    assert failure.value.reason == RobotReason.TABLE_COLLISION
 
 
 def test_the_table_is_the_world_s_not_the_base_s() -> None:
@@ -81,20 +81,20 @@ def test_the_table_is_the_world_s_not_the_base_s() -> None:
 def test_a_gripper_folded_into_the_shoulder_is_a_self_collision() -> None:
     with pytest.raises(SkillFailure) as failure:
         check_collisions(np.array([[0.0, -0.5, 0.0, -3.0, 0.0, 0.3, 0.0]]))
-    assert failure.value.reason == collisions.SELF_COLLISION
+    assert failure.value.reason == RobotReason.SELF_COLLISION
 
 
 def test_a_collision_in_the_middle_of_a_move_is_found() -> None:
     # Both ends are clear, the straight line in joint space between them is not.
     near, far = (KINEMATICS.inverse(downward([x, 0.0, 0.011], 0.0)) for x in (0.30, 0.75))
     check_collisions(np.array([near, far]))
-    assert reason_of(joint_move(near, far)) == collisions.TABLE_COLLISION
+    assert reason_of(joint_move(near, far)) == RobotReason.TABLE_COLLISION
 
 
 def test_segment_distances_agree_with_a_dense_search() -> None:
     rng = np.random.default_rng(0)
     ends = rng.normal(size=(4, 50, 3))
-    found = collisions.segment_distances(*ends)
+    found = capsules.segment_distances(*ends)
     share = np.linspace(0.0, 1.0, 401)[:, None]
     for i in range(50):
         first = ends[0, i] + share * (ends[1, i] - ends[0, i])

@@ -11,7 +11,8 @@ from dlokit.description.arm.panda import PANDA_GRASP_HEIGHT_M, PANDA_HOME_Q_RAD,
 from dlokit.errors import SkillFailure
 from dlokit.geometry import compose, downward, matrix, pose
 from dlokit.motion.collisions import check_collisions
-from dlokit.motion.inverse_kinematics import PandaKinematics, Yaw, half_turned, points_down
+from dlokit.motion.inverse_kinematics import PandaKinematics, Yaw
+from dlokit.motion.tool_path import half_turned, points_down
 from dlokit.types.pose import Pose
 
 KINEMATICS = PandaKinematics()

@@ -7,7 +7,8 @@ from dlokit.description.arm.panda import PANDA_HOME_Q_RAD, PANDA_LIMITS
 from dlokit.errors import SkillFailure
 from dlokit.geometry import downward, matrix
 from dlokit.motion.collisions import check_limits, check_trajectory
-from dlokit.motion.inverse_kinematics import PandaKinematics, Yaw, half_turned
+from dlokit.motion.inverse_kinematics import PandaKinematics, Yaw
+from dlokit.motion.tool_path import half_turned
 from dlokit.motion.trajectories import joint_move, tool_move
 from dlokit.types.action import VelocityProfile
 from dlokit.types.pose import Pose

@@ -22,17 +22,16 @@ from dlokit.functional.cell.component import CellComponent
 from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.robots.simulated import SimulatedRobot
 from dlokit.geometry import downward, rotation
-from dlokit.motion.arm_distance import ARMS_TOO_NEAR, Apart, gap_m, stopping_gap_m
-from dlokit.motion.collisions import segment_distances
+from dlokit.motion.arm_distance import Apart, gap_m, stopping_gap_m
+from dlokit.motion.capsules import segment_distances
 from dlokit.motion.forward_kinematics import capsule_ends, tcp_matrices
 from dlokit.motion.inverse_kinematics import PandaKinematics
 from dlokit.skills.robot import api
 from dlokit.skills.robot.component import RobotComponent
 from dlokit.skills.robot.config import RobotConfig
-from dlokit.skills.robot.neighbours import NEIGHBOUR_SILENT
 from dlokit.types.arrays import Float64Array
 from dlokit.types.outcome import Failed, Succeeded
-from dlokit.types.robot import RobotMode, RobotState
+from dlokit.types.robot import RobotMode, RobotReason, RobotState
 
 MIDDLE = downward([*CENTRE_M, 0.25], 0.0)
 CLEARANCE_M = RobotConfig().surroundings.arm_clearance_m
@@ -76,7 +75,7 @@ def test_an_arm_is_refused_the_place_where_the_other_stands_and_does_not_move() 
         assert isinstance(await port.call(api.MOVE_TO, MIDDLE), Succeeded)
         refused = await port.call(api.MOVE_TO.at(OPPOSITE), MIDDLE)
         assert isinstance(refused, Failed)
-        assert refused.reason == ARMS_TOO_NEAR
+        assert refused.reason == RobotReason.ARMS_TOO_NEAR
         np.testing.assert_allclose(states(port)[1].q_rad, PANDA_HOME_Q_RAD, atol=2e-3)
         # Once the first has made room, the way is free.
         assert isinstance(await port.call(api.HOME), Succeeded)
@@ -111,7 +110,9 @@ def test_arms_that_set_out_for_the_same_place_at_once_brake_before_they_meet() -
         outcomes = await asyncio.gather(port.call(api.MOVE_TO, MIDDLE), port.call(api.MOVE_TO.at(OPPOSITE), MIDDLE))
         await port.clock.sleep(1.0)
         watching.cancel()
-        assert [outcome.reason for outcome in outcomes if isinstance(outcome, Failed)] == [ARMS_TOO_NEAR] * 2
+        assert [outcome.reason for outcome in outcomes if isinstance(outcome, Failed)] == [
+            RobotReason.ARMS_TOO_NEAR
+        ] * 2
         # They did come near: it was the guard that ended the motions, not the distance they started at.
         assert 0.0 < nearest_m < 0.15
 
@@ -122,7 +123,7 @@ def test_no_motion_beside_an_arm_that_is_not_heard_of() -> None:
     async def scenario(port: Port) -> None:
         refused = await port.call(api.MOVE_TO, MIDDLE)
         assert isinstance(refused, Failed)
-        assert refused.reason == NEIGHBOUR_SILENT
+        assert refused.reason == RobotReason.NEIGHBOUR_SILENT
 
     in_cell(scenario, ARMS[:1])
 
@@ -156,7 +157,7 @@ def test_an_arm_is_braked_on_its_way_when_the_other_is_not_heard_of_any_more(
                 break
         outcome = await moving
         assert isinstance(outcome, Failed)
-        assert outcome.reason == NEIGHBOUR_SILENT
+        assert outcome.reason == RobotReason.NEIGHBOUR_SILENT
         assert 0.2 < brakings_s[0] - since_s <= 0.25
         since_s = math.inf  # it is heard of again
         assert isinstance(await port.call(api.HOME), Succeeded)

@@ -21,6 +21,7 @@ from dlokit.communication import topics
 from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing.clock import LoopClock
+from dlokit.description.table import Table
 from dlokit.errors import MachineError
 from dlokit.skills.viewer.address import check_port, watch_key
 from dlokit.skills.viewer.component import RodOutline, ViewerComponent
@@ -83,6 +84,7 @@ def _served(scenario: Callable[[Served], Coroutine[None, None, None]]) -> None:
             ViewerConfig(port=0),
             flow=(("look", "seen", "done"),),
             rod=RodOutline(nodes=31, length_m=0.5, radius_m=0.004),
+            table=Table(),
             threshold_m=0.012,
             key=KEY,
         )

@@ -6,7 +6,8 @@ import numpy as np
 from numba import njit
 
 from dlokit.geometry import rotation
-from dlokit.skills.observer.visibility import VisibilityConfig, in_camera
+from dlokit.geometry.camera import in_camera
+from dlokit.skills.observer.visibility import VisibilityConfig
 from dlokit.types.arrays import BoolArray, Float32Array, Float64Array
 from dlokit.types.image import CameraCalibration
 from dlokit.types.observation import Observation

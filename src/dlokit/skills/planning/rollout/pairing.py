@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from dlokit.motion.tool_path import TURN_LEVER_M
 from dlokit.rod.rollout import Motion
 from dlokit.skills.planning.base import SecondArm
 from dlokit.skills.planning.rollout.candidates import Candidate, NodeToGoal, PlanningScene, tool_pose
@@ -14,7 +15,6 @@ _LEAST_BETWEEN_M = 0.16  # grippers side by side need as much room
 _LEAST_APART_M = 0.03  # of the arms, by their capsules
 _LIFT_M = (0.02, 0.2)
 _SPEED_M_S = (0.1, 0.4)
-_TURN_LEVER_M = 0.15  # a turn by 1 rad takes as long as this much way, as the robot has it
 _SHARES = ((0.0, 1.0), (0.1, 0.9), (0.2, 0.8), (0.25, 0.65), (0.35, 0.75), (0.3, 0.7), (0.0, 0.6), (0.4, 1.0))
 _OVERSHOOTS = (0.0, 0.12)
 _AIM = 0.7
@@ -122,4 +122,4 @@ class Pairing:
 
 def _length_m(tool: Float64Array) -> float:
     steps = np.diff(tool, axis=0)
-    return float(np.sum(np.maximum(np.linalg.norm(steps[:, :3], axis=1), _TURN_LEVER_M * np.abs(steps[:, 3]))))
+    return float(np.sum(np.maximum(np.linalg.norm(steps[:, :3], axis=1), TURN_LEVER_M * np.abs(steps[:, 3]))))

@@ -9,13 +9,12 @@ import numpy as np
 
 from dlokit import geometry
 from dlokit.rod.rollout import FINGERS
-from dlokit.skills.planning.grasp import RodPoint, rod_point, wrapped
+from dlokit.skills.planning.grasp import SAMPLE_M, RodPoint, rod_point, wrapped
 from dlokit.skills.planning.rollout.candidates import Candidate, NodeToGoal, PlanningScene
 from dlokit.types.action import Action, Push, VelocityProfile
 from dlokit.types.arrays import Float64Array
 
 _FROM_END_M = 0.04  # nearer to an end the rod slips off the fingers
-_SAMPLE_M = 0.002  # distance of the points at which the rod is checked against the fingers
 _STEEPEST_RAD = 1.0  # from straight across the rod; beyond, the fingers slide along it
 _SPEED_M_S = (0.05, 0.3)
 _OFFSET_M = (0.004, 0.05)
@@ -39,7 +38,7 @@ class Pushing:
     def __init__(self, scene: PlanningScene) -> None:
         self._scene = scene
         nodes = scene.nodes_world
-        self._rod = geometry.resample(nodes, int(geometry.arc_lengths(nodes)[-1] / _SAMPLE_M) + 2)[:, :2]
+        self._rod = geometry.resample(nodes, int(geometry.arc_lengths(nodes)[-1] / SAMPLE_M) + 2)[:, :2]
 
     @property
     def spread(self) -> Float64Array:

@@ -7,6 +7,7 @@ import numpy as np
 
 from dlokit import geometry
 from dlokit.description.shapes import NEIGHBOUR_M
+from dlokit.geometry.camera import project
 from dlokit.skills.planning.actions import FeasibilityConfig, GraspConfig
 from dlokit.skills.planning.base import Reachable
 from dlokit.skills.planning.grasp import fitting_opening_m, grasp_pose, grasp_yaw, rod_point
@@ -222,13 +223,11 @@ def _in_view(
 ) -> Finding | None:
     if calibration is None:
         return None
-    camera = geometry.transform(geometry.inverse(calibration.T_world_camera), nodes_world)  # x right, y down, z forward
-    depth = np.maximum(camera[:, 2], 1e-6)
-    u = calibration.fx_px * camera[:, 0] / depth + calibration.cx_px
-    v = calibration.fy_px * camera[:, 1] / depth + calibration.cy_px
+    projection = project(nodes_world, calibration)
+    u, v = projection.pixels.T
     width, height = calibration.width_px, calibration.height_px
     outside_px = np.max([-u, u - (width - 1), -v, v - (height - 1)], axis=0) + config.view_margin_px
-    outside_px[camera[:, 2] <= 0.0] = np.inf
+    outside_px[projection.depth_m <= 0.0] = np.inf
     node = int(outside_px.argmax())
     if outside_px[node] <= 0.0:
         return None
