@@ -14,7 +14,7 @@ from dlokit.skills.perception.calibration import arm_outline
 from dlokit.skills.perception.calibration.table import camera_pose_from_table
 from dlokit.skills.perception.cloud import box_outline, clean, inside_box, reproject, to_centre_line
 from dlokit.skills.perception.config import PerceptionConfig
-from dlokit.skills.perception.rectification import Rectifier, grey
+from dlokit.skills.perception.rectification import grey, rectified
 from dlokit.skills.perception.self_filter import (
     Capsules,
     occlusion_map,
@@ -56,7 +56,7 @@ def perceive(
     pins: tuple[GripperPin, ...] = (),
 ) -> Look:
     """Look at `images`, knowing where the robots are."""
-    pair = Rectifier().rectify(images)
+    pair = rectified(images)
     camera = pair.calibration
     strategy = segmentation.build()
     capsules = panda_capsules(robots)
@@ -104,7 +104,7 @@ def corrected_camera_pose(
     segmentation: SegmentationConfig,
 ) -> Pose | None:
     """T_world_camera of `images`, corrected by the table's plane; None when it cannot be."""
-    pair = Rectifier().rectify(images)
+    pair = rectified(images)
     capsules = panda_capsules(robots)
     robot = robot_outline(capsules, pair.calibration, config.self_filter.picture_margin_m)
     hidden = robot | _segmented(pair.left, segmentation.build())
