@@ -173,8 +173,8 @@ def coherent_nodes(
     PX: Float64Array,
     ridge: float,
     stiffness: float,
-) -> tuple[Float64Array, bool]:
-    """T (M, 3), and whether the system of `CoherentMotion` was positive definite."""
+) -> Float64Array:
+    """T (M, 3), by the system of `CoherentMotion`. Raises `numpy.linalg.LinAlgError` when it has not one solution."""
     M, r = L.shape
     A, c = stiffness * stiff, -stiffness * strained
     for m in range(M):
@@ -186,40 +186,4 @@ def coherent_nodes(
                 c[i, k] += L[m, i] * (PX[m, k] - P1[m] * Y[m, k])
     for i in range(r):
         A[i, i] += ridge
-    T = Y.copy()
-    solved = _solve_in_place(A, c)
-    if solved:
-        for m in range(M):
-            for i in range(r):
-                for k in range(3):
-                    T[m, k] += L[m, i] * c[i, k]
-    return T, solved
-
-
-@njit(cache=True, fastmath={"contract", "reassoc"})
-def _solve_in_place(A: Float64Array, b: Float64Array) -> bool:
-    """Cholesky's method: the solution of A x = b for (r, 3) right sides goes to b; False when A is not definite."""
-    r = len(A)
-    for i in range(r):
-        for j in range(i):
-            rest = A[i, j]
-            for k in range(j):
-                rest -= A[i, k] * A[j, k]
-            A[i, j] = rest / A[j, j]
-            for k in range(3):
-                b[i, k] -= A[i, j] * b[j, k]
-        pivot = A[i, i]
-        for k in range(i):
-            pivot -= A[i, k] * A[i, k]
-        if not pivot > 0.0:
-            return False
-        A[i, i] = np.sqrt(pivot)
-        for k in range(3):
-            b[i, k] /= A[i, i]
-    for i in range(r - 1, -1, -1):
-        for k in range(3):
-            b[i, k] /= A[i, i]
-        for j in range(i):
-            for k in range(3):
-                b[j, k] -= A[i, j] * b[i, k]
-    return True
+    return Y + L @ np.linalg.solve(A, c)
