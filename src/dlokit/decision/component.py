@@ -295,13 +295,11 @@ def _log_mistake(flow: "asyncio.Task[End]") -> None:
 
 def _result(task: ShapeTask, outcome: RunOutcome, timings: tuple[StepVisit, ...]) -> ShapeResult:
     errors = task.errors_m or [math.nan]
-    best = min(errors)
     return ShapeResult(
         outcome=outcome,
         reason=None if outcome is RunOutcome.CONVERGED else task.reason,
         rmse_m=errors[-1],
-        best_rmse_m=best,
-        best_action=errors.index(best),
+        best_rmse_m=min(errors),
         goal=task.goal,
         start_nodes_world=task.start.nodes_world if task.start else None,
         start_stamp_ns=task.start.observed_stamp_ns if task.start else 0,

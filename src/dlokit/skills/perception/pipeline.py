@@ -23,7 +23,7 @@ from dlokit.skills.perception.self_filter import (
     robot_outline,
 )
 from dlokit.skills.perception.stereo import Disparity, StereoMatcher, window_around
-from dlokit.types.arrays import BoolArray, Float32Array, UInt8Array
+from dlokit.types.arrays import BoolArray, UInt8Array
 from dlokit.types.image import CameraCalibration, Image, StereoImages
 from dlokit.types.observation import GripperPin, Observation
 from dlokit.types.pose import Pose
@@ -40,7 +40,6 @@ class Look:
     mask: BoolArray  # (height, width) of that, what may lie in the box and is not the robot
     disparity: Disparity | None
     """Of the mask; None when it is empty."""
-    surface_world: Float32Array  # (K, 3) [m] every reprojected pixel, before the filters in space
 
 
 def loaded() -> None:
@@ -82,7 +81,6 @@ def perceive(
         segmented=segmented,
         mask=mask,
         disparity=disparity,
-        surface_world=surface.astype(np.float32),
     )
 
 
