@@ -9,13 +9,13 @@ from example_lab import result_of, run_example
 from dlokit.functional.cell import api as cell
 from dlokit.skills.perception.cloud import reproject
 from dlokit.skills.perception.config import PerceptionConfig
-from dlokit.skills.perception.rectification import Rectifier, grey
+from dlokit.skills.perception.rectification import grey, rectified
 from dlokit.skills.perception.stereo import StereoMatcher
 from dlokit.system.lockstep import LockstepSystem
 
 
 async def example(system: LockstepSystem, picture: Path) -> None:
-    pair = Rectifier().rectify(result_of(await system.transport.call(cell.CAPTURE)))
+    pair = rectified(result_of(await system.transport.call(cell.CAPTURE)))
     everything = np.ones(pair.left.shape[:2], dtype=np.bool_)
     disparity = StereoMatcher(PerceptionConfig().stereo).match(
         grey(pair.left), grey(pair.right), everything, everything, pair.calibration

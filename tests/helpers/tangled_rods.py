@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dlokit.geometry import arc_lengths, resample
+from dlokit.geometry import resample
 from dlokit.types.arrays import Float64Array
 from dlokit.types.observation import Observation
 
@@ -122,8 +122,3 @@ def order_error_m(nodes: Float64Array, curve: Float64Array) -> float:
     truth = resample(curve, len(nodes))
     offs = (np.linalg.norm(nodes - truth, axis=1), np.linalg.norm(nodes[::-1] - truth, axis=1))
     return min(float(np.sqrt(np.mean(off**2))) for off in offs)
-
-
-def length_of(curve: Float64Array) -> float:
-    """Length of the curve [m]."""
-    return float(arc_lengths(curve)[-1])

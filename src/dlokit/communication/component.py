@@ -1,7 +1,7 @@
 """What a component is: a plain object that says what it reads, publishes, and can do."""
 
 import inspect
-from collections.abc import Awaitable, Callable, Coroutine
+from collections.abc import Callable, Coroutine
 from typing import Any, ClassVar, Concatenate, ParamSpec, TypeVar
 
 from dlokit.communication.port import Port
@@ -138,6 +138,3 @@ def _marked(cls: type[Component], mark: str) -> dict[Any, str]:
             if inspect.isfunction(member) and hasattr(member, mark):
                 found[getattr(member, mark)] = name
     return found
-
-
-SkillMethod = Callable[..., Awaitable[Any]]

@@ -289,15 +289,13 @@ def _log_mistake(flow: "asyncio.Task[End]") -> None:
 
 def _result(task: ShapeTask, outcome: RunOutcome, timings: tuple[StepVisit, ...]) -> ShapeResult:
     errors = task.errors_m or [math.nan]
-    best = min(errors)
     goal, start = task.goal_set, task.start
     asked = None if goal is None else goal.asked
     return ShapeResult(
         outcome=outcome,
         reason=None if outcome is RunOutcome.CONVERGED else task.reason,
         rmse_m=errors[-1],
-        best_rmse_m=best,
-        best_action=errors.index(best),
+        best_rmse_m=min(errors),
         goal=None if goal is None else goal.shape,
         start_nodes_world=start.nodes_world if start else None,
         start_stamp_ns=start.observed_stamp_ns if start else 0,

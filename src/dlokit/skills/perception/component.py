@@ -18,7 +18,7 @@ from dlokit.skills.perception.base import SegmentationConfig
 from dlokit.skills.perception.calibration.hand_sight import HandLook, camera_from_hand, corrected_by
 from dlokit.skills.perception.config import BoxConfig, PerceptionConfig
 from dlokit.skills.perception.pipeline import corrected_camera_pose, loaded, observe
-from dlokit.skills.perception.rectification import Rectifier
+from dlokit.skills.perception.rectification import rectified
 from dlokit.skills.perception.segmentations import from_spec
 from dlokit.types.arrays import Float64Array
 from dlokit.types.image import CameraCheck, StereoImages
@@ -72,7 +72,7 @@ class PerceptionComponent(Component):
         """Begin a check of the camera's place: the scene without the hand."""
         async with self._looking:
             images = await self._by_the_table(await self._capture())
-        self._background = Rectifier().rectify(images)
+        self._background = rectified(images)
         self._hand_looks = []
 
     @implements(api.SEE_HAND)
@@ -81,7 +81,7 @@ class PerceptionComponent(Component):
         async with self._looking:
             images = await self._capture()
         state = await self._robot_at(robot, images.stamp_ns)
-        self._hand_looks.append(HandLook(images=Rectifier().rectify(images), robot=state))
+        self._hand_looks.append(HandLook(images=rectified(images), robot=state))
 
     @implements(api.CHECK_CAMERA)
     async def check_camera(self) -> CameraCheck:

@@ -14,7 +14,7 @@ from dlokit.skills.perception.calibration import arm_outline
 from dlokit.skills.perception.calibration.table import camera_pose_from_table
 from dlokit.skills.perception.cloud import box_outline, clean, inside_box, reproject, to_centre_line
 from dlokit.skills.perception.config import PerceptionConfig
-from dlokit.skills.perception.rectification import Rectifier, grey
+from dlokit.skills.perception.rectification import grey, rectified
 from dlokit.skills.perception.self_filter import (
     Capsules,
     occlusion_map,
@@ -23,7 +23,7 @@ from dlokit.skills.perception.self_filter import (
     robot_outline,
 )
 from dlokit.skills.perception.stereo import Disparity, StereoMatcher, window_around
-from dlokit.types.arrays import BoolArray, Float32Array, UInt8Array
+from dlokit.types.arrays import BoolArray, UInt8Array
 from dlokit.types.image import CameraCalibration, Image, StereoImages
 from dlokit.types.observation import GripperPin, Observation
 from dlokit.types.pose import Pose
@@ -40,7 +40,6 @@ class Look:
     mask: BoolArray  # (height, width) of that, what may lie in the box and is not the robot
     disparity: Disparity | None
     """Of the mask; None when it is empty."""
-    surface_world: Float32Array  # (K, 3) [m] every reprojected pixel, before the filters in space
 
 
 def loaded() -> None:
@@ -56,7 +55,7 @@ def perceive(
     pins: tuple[GripperPin, ...] = (),
 ) -> Look:
     """Look at `images`, knowing where the robots are."""
-    pair = Rectifier().rectify(images)
+    pair = rectified(images)
     camera = pair.calibration
     strategy = segmentation.build()
     capsules = panda_capsules(robots)
@@ -82,7 +81,6 @@ def perceive(
         segmented=segmented,
         mask=mask,
         disparity=disparity,
-        surface_world=surface.astype(np.float32),
     )
 
 
@@ -104,7 +102,7 @@ def corrected_camera_pose(
     segmentation: SegmentationConfig,
 ) -> Pose | None:
     """T_world_camera of `images`, corrected by the table's plane; None when it cannot be."""
-    pair = Rectifier().rectify(images)
+    pair = rectified(images)
     capsules = panda_capsules(robots)
     robot = robot_outline(capsules, pair.calibration, config.self_filter.picture_margin_m)
     hidden = robot | _segmented(pair.left, segmentation.build())

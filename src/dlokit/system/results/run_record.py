@@ -48,8 +48,6 @@ class RunRecord:
     """Whether the goal is met the other way round as well."""
     verdict: GoalVerdict | None = None
     """What was said of the goal before the robot moved; None when the run ended before that."""
-    asked_nodes_world: Float64Array | None = None  # (M, 3) [m]
-    """The goal that was asked for, when the run went for the nearest one that holds instead."""
     start_nodes_world: Float64Array | None = None  # (M, 3) [m]
     """The first estimate; None when the DLO was never seen."""
     start_stamp_ns: int = 0

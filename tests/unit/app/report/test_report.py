@@ -117,10 +117,10 @@ def test_the_page_tells_outcome_figures_actions_and_setup(record: RunRecord) -> 
 
 
 def test_configuration_and_names_are_escaped(record: RunRecord) -> None:
-    page = report_html(replace(record, name="<b>goal</b>"))
+    page = report_html(replace(record, name="<b>goal</b>", command="<b>again</b>", machine={"<b>os</b>": "<b>1</b>"}))
 
     assert "&lt;rope&gt; &amp; co" in page
-    assert "<b>goal" not in page
+    assert not any(f"<b>{word}" in page for word in ("goal", "again", "os", "1<"))
 
 
 def test_pictures_are_inside_the_page_in_their_colours(record: RunRecord) -> None:

@@ -38,7 +38,7 @@ def dense(system: ChainSystem) -> Float64Array:
     H = np.zeros((3 * M, 3 * M))
     for r in range(3 * M):
         for c in range(max(0, r - BELOW), r + 1):
-            H[r, c] = H[c, r] = system.band[r, BELOW - r + c]
+            H[r, c] = H[c, r] = system.band[c, r - c]
     return H
 
 

@@ -1,9 +1,10 @@
 import cv2
 import msgspec
 import numpy as np
+import pytest
 from stereo_scene import Scene, calibration
 
-from dlokit.skills.perception.rectification import Rectifier
+from dlokit.skills.perception.rectification import rectified
 from dlokit.types.image import CameraCalibration, StereoImages
 
 LENS = np.array([-0.25, 0.08, 0.0, 0.0, 0.0], dtype=np.float32)  # a wide-angle lens: 20 px at the border
@@ -19,14 +20,14 @@ def distorted(picture: np.ndarray, camera: CameraCalibration) -> np.ndarray:
 
 
 def test_pictures_without_distortion_pass_untouched(s_scene: Scene):
-    assert Rectifier().rectify(s_scene.images) is s_scene.images
+    assert rectified(s_scene.images) is s_scene.images
 
 
 def test_a_lens_distortion_is_undone_in_both_pictures(s_scene: Scene):
     camera = msgspec.structs.replace(calibration(), distortion=LENS, distortion_right=LENS)
     clean = [cv2.GaussianBlur(picture, (0, 0), 2.0) for picture in (s_scene.images.left, s_scene.images.right)]
     left, right = (distorted(picture, camera) for picture in clean)
-    found = Rectifier().rectify(StereoImages(stamp_ns=1, left=left, right=right, calibration=camera))
+    found = rectified(StereoImages(stamp_ns=1, left=left, right=right, calibration=camera))
     middle = (slice(60, -60), slice(60, -60))  # what the distorted picture still contains
     for before, expected, after in ((left, clean[0], found.left), (right, clean[1], found.right)):
         wrong = np.mean(np.abs(before[middle].astype(float) - expected[middle]))
@@ -37,10 +38,16 @@ def test_a_lens_distortion_is_undone_in_both_pictures(s_scene: Scene):
 
 
 def test_a_second_pair_with_another_lens_is_not_rectified_by_the_first_ones_map(s_scene: Scene):
-    rectifier = Rectifier()
     strong = msgspec.structs.replace(calibration(), distortion=LENS)
     weak = msgspec.structs.replace(calibration(), distortion=LENS * np.float32(0.1))
-    first = rectifier.rectify(msgspec.structs.replace(s_scene.images, calibration=strong))
-    second = rectifier.rectify(msgspec.structs.replace(s_scene.images, calibration=weak))
+    first = rectified(msgspec.structs.replace(s_scene.images, calibration=strong))
+    second = rectified(msgspec.structs.replace(s_scene.images, calibration=weak))
     assert not np.array_equal(first.left, second.left)
     np.testing.assert_array_equal(second.right, s_scene.images.right)  # that lens has none
+
+
+def test_the_maps_of_a_lens_are_made_once_and_not_at_every_look(s_scene: Scene, monkeypatch: pytest.MonkeyPatch):
+    pair = msgspec.structs.replace(s_scene.images, calibration=msgspec.structs.replace(calibration(), distortion=LENS))
+    first = rectified(pair)
+    monkeypatch.delattr(cv2, "initUndistortRectifyMap")
+    np.testing.assert_array_equal(rectified(pair).left, first.left)

@@ -11,7 +11,7 @@ from functools import lru_cache
 import numpy as np
 from numba import njit
 
-from dlokit.skills.observer.map.band import BELOW, add_block
+from dlokit.skills.observer.map.band import add_block
 from dlokit.skills.observer.map.settings import ChainPriors
 from dlokit.types.arrays import Float64Array
 
@@ -48,7 +48,7 @@ def add_coherence(
     for i in range(K.shape[0]):
         for k in range(min(i, 2) + 1):
             for axis in range(3):
-                band[3 * i + axis, BELOW - 3 * k] += K[i, k] + K_x[i, k]
+                band[3 * (i - k) + axis, 3 * k] += K[i, k] + K_x[i, k]
                 rhs[i, axis] += K[i, k] * before[i - k, axis]
                 if k > 0:
                     rhs[i - k, axis] += K[i, k] * before[i, axis]
@@ -88,7 +88,7 @@ def add_places(band: Float64Array, rhs: Float64Array, weights: Float64Array, sum
     """Nodes drawn to places: scale w_i (x_i - a_i), with `weights` w (M,) [1/m²] and `sums` w a (M, 3) [1/m]."""
     for i in range(weights.shape[0]):
         for axis in range(3):
-            band[3 * i + axis, BELOW] += scale * weights[i]
+            band[3 * i + axis, 0] += scale * weights[i]
             rhs[i, axis] += scale * sums[i, axis]
 
 
@@ -122,7 +122,7 @@ def add_points(band: Float64Array, rhs: Float64Array, nodes: Float64Array, momen
 def add_place(band: Float64Array, rhs: Float64Array, node: int, place: Float64Array, sigma_m: float) -> None:
     """A node at a place (3,) [m] that is known in all directions, as in a gripper: r = x_i - place."""
     for axis in range(3):
-        band[3 * node + axis, BELOW] += 1.0 / sigma_m**2
+        band[3 * node + axis, 0] += 1.0 / sigma_m**2
         rhs[node, axis] += place[axis] / sigma_m**2
 
 
@@ -151,5 +151,5 @@ def add_table(band: Float64Array, rhs: Float64Array, nodes: Float64Array, height
     """
     for i in range(nodes.shape[0]):
         if nodes[i, 2] < height_m - _BELOW_M:
-            band[3 * i + 2, BELOW] += 1.0 / sigma_m**2
+            band[3 * i + 2, 0] += 1.0 / sigma_m**2
             rhs[i, 2] += height_m / sigma_m**2

@@ -97,9 +97,10 @@ def _drawn(state: RobotState, camera: CameraCalibration) -> _Drawing:
 
 @cache
 def _triangles(link: str) -> Float64Array:
-    """Corners (T, 3, 3) [m] of a link's mesh, in its frame; the files are binary STL."""
-    row = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-    return np.fromfile(panda_mesh_file(link), dtype=row, offset=84)["corners"].astype(np.float64)
+    """Corners (T, 3, 3) [m] of a link's mesh, in its frame."""
+    import trimesh  # takes a quarter of a second to load, and not every camera is checked
+
+    return np.asarray(trimesh.load_mesh(panda_mesh_file(link), process=False).triangles, dtype=np.float64)
 
 
 def _normals(mask: UInt8Array, at: NDArray[np.int64]) -> Float64Array:
@@ -123,7 +124,10 @@ def _standing_free(mask: UInt8Array, at: NDArray[np.int64], normals: Float64Arra
 
 @njit(cache=True)
 def _draw(triangles: Float64Array, label: int, owner: UInt8Array, depth_m: Float32Array) -> None:
-    """Draw triangles (T, 3, 3) of u, v [px], depth [m]; what is nearer hides what is farther."""
+    """Draw triangles (T, 3, 3) of u, v [px], depth [m]; what is nearer hides what is farther.
+
+    MuJoCo's renderer would need OpenGL where the camera is, which in a lab has none.
+    """
     height, width = owner.shape
     for index in range(len(triangles)):
         a, b, c = triangles[index, 0], triangles[index, 1], triangles[index, 2]

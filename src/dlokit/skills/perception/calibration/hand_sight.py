@@ -243,7 +243,11 @@ def _search(
 def _fitted(
     b: Float64Array, A: Float64Array, picture: NDArray[np.int64], known: Float64Array, config: HandSightConfig
 ) -> _Fit:
-    """The unknowns from offsets `b` (N,) and slopes `A` (N, 9): least squares with Tukey's weights, and priors."""
+    """The unknowns from offsets `b` (N,) and slopes `A` (N, 9): least squares with Tukey's weights, and priors.
+
+    `scipy.optimize.least_squares(loss=...)` would apply its loss to the priors as well, and keep one scale: here each
+    round takes the scale from the spread of what is left over.
+    """
     tilt, hand = config.tilt_sigma_rad, config.hand_sigma_m
     prior = np.array([np.inf, np.inf, np.inf, config.height_sigma_m, tilt, tilt, hand, hand, np.inf]) ** -2.0
     unknowns, error, weights = np.zeros(9), b, np.ones(len(b))
