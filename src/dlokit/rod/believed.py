@@ -103,8 +103,8 @@ class BeliefConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ModelConfig:
-    """The rod as the system believes it to be, and how it is driven."""
+class BelievedDlo:
+    """The DLO as the system believes it to be: the one description that every component gets."""
 
     nodes: int = 31
     """Number of nodes M; the paper splits its DLO in 30 segments."""
@@ -123,14 +123,6 @@ class ModelConfig:
     back always, but for the chance in `--model.belief.takes-set`."""
     belief: BeliefConfig = field(default_factory=BeliefConfig)
     """How sure these figures are."""
-    tracking: TrackingConfig = field(default_factory=TrackingConfig)
-    """The PD controller."""
-    goal: GoalConfig = field(default_factory=GoalConfig)
-    """Dragging of the goal."""
-    rollout: PredictionConfig = field(default_factory=PredictionConfig)
-    """Prediction of actions."""
-    settle: SettleConfig = field(default_factory=SettleConfig)
-    """Where a released rod comes to rest."""
 
     def __post_init__(self) -> None:
         if self.nodes < 3:
@@ -146,7 +138,21 @@ class ModelConfig:
                 raise ConfigError(f"--model.{name.replace('_', '-')} is {value}; it must be a number above 0.")
 
 
-def as_configured(config: ModelConfig, stamp_ns: int) -> DloBelief:
+@dataclass(frozen=True, kw_only=True)
+class ModelConfig(BelievedDlo):
+    """The rod as the system believes it to be, and how it is driven."""
+
+    tracking: TrackingConfig = field(default_factory=TrackingConfig)
+    """The PD controller."""
+    goal: GoalConfig = field(default_factory=GoalConfig)
+    """Dragging of the goal."""
+    rollout: PredictionConfig = field(default_factory=PredictionConfig)
+    """Prediction of actions."""
+    settle: SettleConfig = field(default_factory=SettleConfig)
+    """Where a released rod comes to rest."""
+
+
+def as_configured(config: BelievedDlo, stamp_ns: int) -> DloBelief:
     """The belief before anything was learnt."""
     sure = config.belief
     weight_n_m = GRAVITY_M_S2 * config.mass_kg_m

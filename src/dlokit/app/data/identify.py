@@ -95,7 +95,7 @@ def run(args: IdentifyArgs) -> int:
     if not args.runs:
         raise InputError("no run is named; give the folders of one or more runs, e.g. dlokit identify runs/<run>.")
     config = read_toml(args.runs[-1] / CONFIG_FILE, RunConfig)
-    size = measure(read_recording(args.runs[-1] / FILE_NAME), config.perception)
+    size = measure(read_recording(args.runs[-1] / FILE_NAME), config.perception, config.model)
     model = config.model if size is None else _with_size(config.model, size)
     seen = [lesson for folder in args.runs for lesson in experiences(read_recording(folder / FILE_NAME))]
     found = lessons(model, seen)

@@ -18,6 +18,7 @@ from rich.table import Table
 from dlokit.app.commands import CliCommand, flag
 from dlokit.app.data.cloud_files import read_cloud, read_nodes
 from dlokit.errors import InputError, SkillFailure
+from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.anchored import chain_lengths
 from dlokit.skills.observer.base import ObserverStrategyConfig
 from dlokit.skills.observer.config import ObserverConfig
@@ -165,7 +166,7 @@ def track_clouds(
     if not clouds:
         raise InputError("no cloud was given: name at least one .pcd, .ply, .npy or .csv file")
     config = ObserverConfig()
-    strategy = settings.observer.build()
+    strategy = settings.observer.build(BelievedDlo(nodes=settings.nodes))
     found: list[TargetPoints] = []
     filtered: list[Float64Array] = []
     seconds: list[float] = []

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from dlokit.geometry import arc_lengths
+from dlokit.rod.believed import BelievedDlo
 from dlokit.types.arrays import Float64Array, Int64Array
 from dlokit.types.dlo import Topology
 from dlokit.types.pose import Pose
@@ -88,6 +89,12 @@ class Sequence:
     def count(self) -> int:
         """K."""
         return self.nodes_world.shape[1]
+
+    @property
+    def dlo(self) -> BelievedDlo:
+        """The DLO as a ruler tells."""
+        length_m = float(self.topology.rest_lengths_m.sum())
+        return BelievedDlo(nodes=self.count, length_m=length_m, radius_m=self.radius_m)
 
     @property
     def topology(self) -> Topology:

@@ -26,6 +26,7 @@ from dlokit.bench.observers.report import case_table, metric_table, observers_js
 from dlokit.bench.observers.runner import WARM_UP_FRAMES, BenchPlan, Trial, follow
 from dlokit.bench.observers.workers import THREAD_VARIABLES, one_thread, run_in_workers
 from dlokit.errors import ConfigError, InputError, MachineError
+from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.base import ObserverStrategy, nothing_seen
 from dlokit.types.dlo import DloState, TargetPoints
 from dlokit.types.observation import Observation
@@ -41,7 +42,7 @@ class StillConfig:
 
     label: str = "still"
 
-    def build(self) -> ObserverStrategy:
+    def build(self, dlo: BelievedDlo) -> ObserverStrategy:
         return Still(self.label)
 
 
@@ -189,7 +190,7 @@ class FailingConfig:
 
     not_finite: bool = False
 
-    def build(self) -> ObserverStrategy:
+    def build(self, dlo: BelievedDlo) -> ObserverStrategy:
         return Failing(self.not_finite)
 
 
