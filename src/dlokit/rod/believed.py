@@ -4,7 +4,7 @@ They are deliberately not those of the simulated cell: in a lab nobody knows the
 """
 
 import math
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 
 from dlokit.description.dlo import GRAVITY_M_S2
 from dlokit.errors import ConfigError
@@ -169,4 +169,25 @@ def as_configured(config: BelievedDlo, stamp_ns: int) -> DloBelief:
         ),
         yield_curvature_1_m=config.yield_curvature_1_m,
         takes_set=sure.takes_set if config.yield_curvature_1_m is None else 1.0,
+    )
+
+
+def as_believed(config: ModelConfig, belief: DloBelief) -> ModelConfig:
+    """The model with all that is believed of the DLO: the figures, and how sure they are."""
+    return replace(
+        config,
+        length_m=belief.length_m.value,
+        radius_m=belief.radius_m.value,
+        bending_stiffness_n_m2=belief.bending_stiffness_n_m2.value,
+        mass_kg_m=belief.weight_n_m.value / GRAVITY_M_S2,
+        friction=belief.friction.value,
+        yield_curvature_1_m=belief.yield_curvature_1_m,
+        belief=BeliefConfig(
+            length_log_sd=belief.length_m.log_sd,
+            radius_log_sd=belief.radius_m.log_sd,
+            stiffness_log_sd=belief.bending_stiffness_n_m2.log_sd,
+            weight_log_sd=belief.weight_n_m.log_sd,
+            friction_log_sd=belief.friction.log_sd,
+            takes_set=belief.takes_set,
+        ),
     )

@@ -18,8 +18,8 @@ from dlokit.app.data.measuring import Measures, measure
 from dlokit.errors import InputError
 from dlokit.recording.channels import FILE_NAME
 from dlokit.recording.reader import read_recording
-from dlokit.rod.believed import ModelConfig, as_configured
-from dlokit.rod.posterior import Lesson, as_believed, lessons
+from dlokit.rod.believed import ModelConfig, as_believed, as_configured
+from dlokit.rod.posterior import Lesson, lessons
 from dlokit.skills.model.experiences import experiences
 from dlokit.system.config import CONFIG_FILE, RunConfig
 from dlokit.system.toml_config import read_toml, to_toml

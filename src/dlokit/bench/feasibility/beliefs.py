@@ -9,7 +9,7 @@ import numpy as np
 
 from dlokit.description.dlo import GRAVITY_M_S2, SOFT_ROPE, DloPreset
 from dlokit.functional.cell.config import CellConfig
-from dlokit.rod.believed import BeliefConfig, ModelConfig, as_configured
+from dlokit.rod.believed import BeliefConfig, ModelConfig, as_believed, as_configured
 from dlokit.system.config import RunConfig, with_dlo
 from dlokit.types.dlo import DloBelief, Figure
 
@@ -81,10 +81,13 @@ def told(dlo: DloPreset) -> ModelConfig:
 def _learnt(model: ModelConfig, cell: CellConfig, rng: np.random.Generator) -> KnownDlo:
     elastic_m3 = true_elastic_m3(cell) * math.exp(rng.normal() * _LEARNT_LOG_SD)
     bend_1_m, bend_factor = cell.dlo.yield_curvature_1_m, math.exp(rng.normal() * _LEARNT_YIELD_LOG_SD)
+    before = as_configured(model, 0)
+    stiffness_n_m2 = elastic_m3 * before.friction.value * before.weight_n_m.value
     belief = msgspec.structs.replace(
-        as_configured(model, 0),
+        before,
+        bending_stiffness_n_m2=Figure(value=stiffness_n_m2, log_sd=before.bending_stiffness_n_m2.log_sd),
         elastic_m3=Figure(value=elastic_m3, log_sd=_LEARNT_LOG_SD),
         yield_curvature_1_m=None if bend_1_m is None else bend_1_m * bend_factor,
         actions=1,
     )
-    return KnownDlo(model, belief)
+    return KnownDlo(as_believed(model, belief), belief)
