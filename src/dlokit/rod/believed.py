@@ -10,6 +10,11 @@ from dlokit.description.dlo import GRAVITY_M_S2
 from dlokit.errors import ConfigError
 from dlokit.types.dlo import DloBelief, Figure
 
+POISSON = 0.3
+"""Poisson's ratio taken for any DLO: it sets the stiffness against twist, which no picture shows."""
+DAMPING_S = 0.05
+"""Viscous bending moment taken for any DLO, as a share of the elastic one [s]: what rests does not tell it."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class TrackingConfig:

@@ -88,7 +88,7 @@ class TrackArgs:
     ordered into one chain."""
     out: Path | None = None
     """Folder for nodes.npy, nodes.csv, edges.csv and track.png; by default runs/<time>-track."""
-    nodes: int = 31
+    nodes: int = BelievedDlo.nodes
     """Number of nodes M, where no initial ones are given."""
     length_m: float | None = None
     """Length of the DLO [m], where no initial nodes are given; by default what the first cloud shows."""
@@ -126,7 +126,7 @@ class TrackSettings:
     """How clouds are filtered and followed."""
 
     observer: ObserverStrategyConfig
-    nodes: int = 31
+    nodes: int = BelievedDlo.nodes
     length_m: float | None = None
     box: BoxConfig | None = None
     cloud: CloudConfig = field(default_factory=CloudConfig)
@@ -269,7 +269,7 @@ def _settings(args: TrackArgs) -> TrackSettings:
     if args.observer not in known:
         raise InputError(f"--observer {args.observer} is unknown; there are {', '.join(known)}")
     if args.nodes < 3:
-        raise InputError(f"--nodes {args.nodes}: at least 3 are needed, 31 are usual")
+        raise InputError(f"--nodes {args.nodes}: at least 3 are needed, {BelievedDlo.nodes} are usual")
     if args.length_m is not None and not 0.01 <= args.length_m <= 100.0:
         raise InputError(f"--length-m {args.length_m}: the length is given in metres, from 0.01 to 100")
     if args.voxel_m < 0.0:

@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 from dlokit.bench.observers.sequence import Sequence
 from dlokit.errors import InputError
 from dlokit.geometry import pose_from_matrix
+from dlokit.rod.believed import BelievedDlo
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
 
-RADIUS_M = 0.004
+RADIUS_M = BelievedDlo.radius_m
 """Radius taken for a DLO of which only the nodes are known [m]."""
 _LARGEST_M = 20.0  # nothing a camera sees of a DLO is further from the origin; millimetres are
 _THICKEST_M = 0.1
