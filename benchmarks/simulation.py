@@ -124,14 +124,14 @@ def _physics(cells: Mapping[str, Cell], config: RunConfig) -> list[Part]:
 def _parts(cell: Cell, config: RunConfig) -> list[Part]:
     """All else."""
     images, arm = cell.capture(), (cell.arm_state(),)
-    look = perceive(images, arm, config.perception, config.perception.segmentation).observation
+    look = perceive(images, arm, config.perception, config.perception.segmentation, config.model.radius_m).observation
     targets = initial_targets(look, config.model.nodes, config.model.length_m, config.observer.initialise)
     prior = DloState(
         stamp_ns=0,
         nodes_world=targets.nodes_world,
         topology=chain(config.model.nodes, config.model.length_m),
     )
-    strategy = config.observer.strategy.build()
+    strategy = config.observer.strategy.build(config.model)
     tracker = Tracker(config.model)
     tracker.place(targets.nodes_world)
     return [
@@ -139,7 +139,7 @@ def _parts(cell: Cell, config: RunConfig) -> list[Part]:
         (
             "perception: pictures to points",
             "look",
-            lambda: perceive(images, arm, config.perception, config.perception.segmentation),
+            lambda: perceive(images, arm, config.perception, config.perception.segmentation, config.model.radius_m),
         ),
         ("observer: points to targets", "look", lambda: follow(strategy, look, prior, config.observer)),
         ("model: PD tracking", "look", lambda: tracker.track(targets.nodes_world, targets.visible, ())),

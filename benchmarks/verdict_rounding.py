@@ -73,16 +73,11 @@ def judged(goal_world: Float64Array, model: ModelConfig) -> Judged:
         holds.append(holding.try_goal(model, belief, nodes_world, THRESHOLD_M, PLANNING.feasibility))
         return holds[-1]
 
-    place = Workplace(PLANNING.feasibility, PLANNING.actions.grasp, PandaKinematics().reachable, default_calibration())
+    place = Workplace(
+        model, PLANNING.feasibility, PLANNING.actions.grasp, PandaKinematics().reachable, default_calibration()
+    )
     verdict = asyncio.run(
-        judge(
-            GoalShape(stamp_ns=0, nodes_world=goal_world),
-            THRESHOLD_M,
-            place=place,
-            length_m=model.length_m,
-            radius_m=model.radius_m,
-            try_goal=try_goal,
-        )
+        judge(GoalShape(stamp_ns=0, nodes_world=goal_world), THRESHOLD_M, place=place, try_goal=try_goal)
     )
     if not holds:
         return Judged(verdict, np.nan, np.nan)

@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 import msgspec
 import numpy as np
 
+from dlokit.bench.shaping.experiments import TOLD_HEAVIER, TOLD_SMOOTHER, TOLD_STIFFER
 from dlokit.description.dlo import GRAVITY_M_S2, SOFT_ROPE, DloPreset
 from dlokit.functional.cell.config import CellConfig
-from dlokit.rod.believed import BeliefConfig, ModelConfig, as_configured
+from dlokit.rod.believed import BeliefConfig, ModelConfig, as_believed, as_configured
 from dlokit.system.config import RunConfig, with_dlo
 from dlokit.types.dlo import DloBelief, Figure
 
-_STIFFER, _HEAVIER, _SMOOTHER = 1.3, 1.17, 0.75
 _LEARNT_LOG_SD, _LEARNT_YIELD_LOG_SD = 0.12, 0.2
 
 BENCH_DLOS = (
@@ -70,9 +70,9 @@ def told(dlo: DloPreset) -> ModelConfig:
     return ModelConfig(
         length_m=dlo.length_m,
         radius_m=dlo.radius_m,
-        bending_stiffness_n_m2=_STIFFER * dlo.bending_stiffness_n_m2,
-        mass_kg_m=_HEAVIER * dlo.mass_per_length_kg_m,
-        friction=_SMOOTHER * dlo.friction,
+        bending_stiffness_n_m2=TOLD_STIFFER * dlo.bending_stiffness_n_m2,
+        mass_kg_m=TOLD_HEAVIER * dlo.mass_per_length_kg_m,
+        friction=TOLD_SMOOTHER * dlo.friction,
         yield_curvature_1_m=dlo.yield_curvature_1_m,
         belief=BeliefConfig(takes_set=0.0),
     )
@@ -81,10 +81,13 @@ def told(dlo: DloPreset) -> ModelConfig:
 def _learnt(model: ModelConfig, cell: CellConfig, rng: np.random.Generator) -> KnownDlo:
     elastic_m3 = true_elastic_m3(cell) * math.exp(rng.normal() * _LEARNT_LOG_SD)
     bend_1_m, bend_factor = cell.dlo.yield_curvature_1_m, math.exp(rng.normal() * _LEARNT_YIELD_LOG_SD)
+    before = as_configured(model, 0)
+    stiffness_n_m2 = elastic_m3 * before.friction.value * before.weight_n_m.value
     belief = msgspec.structs.replace(
-        as_configured(model, 0),
+        before,
+        bending_stiffness_n_m2=Figure(value=stiffness_n_m2, log_sd=before.bending_stiffness_n_m2.log_sd),
         elastic_m3=Figure(value=elastic_m3, log_sd=_LEARNT_LOG_SD),
         yield_curvature_1_m=None if bend_1_m is None else bend_1_m * bend_factor,
         actions=1,
     )
-    return KnownDlo(model, belief)
+    return KnownDlo(as_believed(model, belief), belief)

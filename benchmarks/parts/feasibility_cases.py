@@ -135,8 +135,8 @@ async def _verdict(
     async def try_goal(nodes_world: Float64Array) -> holding.HoldVerdict:
         return holding.try_goal(model, knowledge.belief, nodes_world, threshold_m, planning.feasibility)
 
-    place = Workplace(planning.feasibility, planning.actions.grasp, PandaKinematics().reachable, default_calibration())
-    goal = GoalShape(stamp_ns=0, nodes_world=goal_world)
-    return await judge(
-        goal, threshold_m, place=place, length_m=model.length_m, radius_m=model.radius_m, try_goal=try_goal
+    place = Workplace(
+        model, planning.feasibility, planning.actions.grasp, PandaKinematics().reachable, default_calibration()
     )
+    goal = GoalShape(stamp_ns=0, nodes_world=goal_world)
+    return await judge(goal, threshold_m, place=place, try_goal=try_goal)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from dlokit.app.commands import parse
+from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.anchored import chain
 from dlokit.skills.observer.base import ObserverStrategyConfig
 from dlokit.skills.observer.strategies import OURS, to_spec
@@ -94,7 +95,7 @@ def test_the_observer_of_the_how_to_works_as_it_stands(monkeypatch: pytest.Monke
     nodes = np.column_stack([np.full(11, 0.5), np.linspace(-0.25, 0.25, 11), np.full(11, 0.004)])
     seen = Observation(stamp_ns=1, points_world=(nodes + np.array([0.02, 0.0, 0.0])).astype(np.float32))
     prior = DloState(stamp_ns=0, nodes_world=nodes, topology=chain(11, 0.5))
-    targets = settings.build().estimate(seen, prior)
+    targets = settings.build(BelievedDlo()).estimate(seen, prior)
     # Each node has one point 2 cm beside it; its neighbours' points, 5 cm along, are out of the radius.
     np.testing.assert_allclose(targets.nodes_world, seen.points_world, atol=1e-6)
     assert targets.visible.all()
@@ -102,6 +103,6 @@ def test_the_observer_of_the_how_to_works_as_it_stands(monkeypatch: pytest.Monke
 
 def test_the_map_of_the_paper_has_every_observer_of_ours() -> None:
     page = (ROOT / "docs" / "paper_map.md").read_text(encoding="utf-8")
-    modules = [type(config().build()).__module__ for config in OURS]
+    modules = [type(config().build(BelievedDlo())).__module__ for config in OURS]
     files = [f"{module.removeprefix('dlokit.').replace('.', '/')}.py" for module in modules]
     assert [file for file in files if f"`{file}`" not in page] == []

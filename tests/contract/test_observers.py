@@ -1,7 +1,10 @@
 """What every observer holds to, ours and installed ones: the list that `dlokit.testing` has for all."""
 
+from functools import partial
+
 import pytest
 
+from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.base import ObserverStrategyConfig
 from dlokit.skills.observer.strategies import OURS, from_spec, strategies, to_spec
 from dlokit.testing.checks import Check, findings
@@ -16,7 +19,7 @@ every_observer = pytest.mark.parametrize("config", OBSERVERS, ids=[config.name f
 @every_observer
 @pytest.mark.parametrize("check", OBSERVER_CHECKS, ids=lambda check: check.name)
 def test_an_observer_keeps_to_the_protocol(config: type[ObserverStrategyConfig], check: Check[Build]) -> None:
-    assert findings([check], config().build) == []
+    assert findings([check], partial(config().build, BelievedDlo())) == []
 
 
 @every_observer
@@ -27,4 +30,4 @@ def test_its_settings_are_documented_and_travel(config: type[ObserverStrategyCon
 
 @pytest.mark.parametrize("config", OURS, ids=[config.name for config in OURS])
 def test_ours_follow_branched_dlos_rather_than_refuse_them(config: type[ObserverStrategyConfig]) -> None:
-    assert branched_off_m(config().build) is not None
+    assert branched_off_m(partial(config().build, BelievedDlo())) is not None

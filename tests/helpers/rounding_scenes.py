@@ -59,7 +59,7 @@ def observed(rounded: Rounded) -> Outcome:
     found: Outcome = {}
     for config in OURS:
         observer = ObserverConfig(strategy=config())
-        strategy = observer.strategy.build()
+        strategy = observer.strategy.build(MODEL)
         for number, (seen, prior) in enumerate(_looks()):
             moved_prior = replace(prior, nodes_world=rounded(prior.nodes_world))
             found[f"{config.name} {number}"] = follow(strategy, seen, moved_prior, observer).nodes_world
@@ -138,15 +138,15 @@ def verdicts(rounded: Rounded) -> Outcome:
 
 async def _verdict(goal_world: Float64Array) -> GoalVerdict:
     planning, threshold_m = PlanningConfig(), 0.012
-    place = Workplace(planning.feasibility, planning.actions.grasp, PandaKinematics().reachable, default_calibration())
+    place = Workplace(
+        MODEL, planning.feasibility, planning.actions.grasp, PandaKinematics().reachable, default_calibration()
+    )
 
     async def try_goal(nodes_world: Float64Array) -> holding.HoldVerdict:
         return holding.try_goal(MODEL, as_configured(MODEL, 0), nodes_world, threshold_m, planning.feasibility)
 
     goal = GoalShape(stamp_ns=0, nodes_world=goal_world)
-    return await judge(
-        goal, threshold_m, place=place, length_m=MODEL.length_m, radius_m=MODEL.radius_m, try_goal=try_goal
-    )
+    return await judge(goal, threshold_m, place=place, try_goal=try_goal)
 
 
 def planned(rounded: Rounded) -> Outcome:

@@ -103,11 +103,11 @@ async def running(
     """
     host = Container(transport, clock)
     task = replace(config or TaskConfig(), check_camera=lab.checks_camera)
-    decision = DecisionComponent(task, lambda: 0.0, length_m=rod.length_m, radius_m=rod.radius_m, keep=keep)
+    decision = DecisionComponent(task, lambda: 0.0, dlo=rod, keep=keep)
     for component in (
         ScriptedPerception(lab),
         ScriptedRobot(lab),
-        ObserverComponent(ObserverConfig(), nodes=NODES, length_m=LENGTH_M),
+        ObserverComponent(ObserverConfig(), rod),
         ModelComponent(rod),
         PlanningComponent(planning or PlanningConfig(strategy=FarthestConfig(), servo=EASY), reachable, rod),
         *others,

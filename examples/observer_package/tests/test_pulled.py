@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from dlokit_pulled.observer import PulledConfig
 
+from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.strategies import strategies
 from dlokit.testing import check_observer
 from dlokit.testing.scenes import before, cloud
@@ -17,7 +18,7 @@ def test_it_is_found_by_its_entry_point() -> None:
 
 def test_the_rod_keeps_its_length() -> None:
     prior = before(31)
-    nodes = PulledConfig().build().estimate(cloud(0.02), prior).nodes_world
+    nodes = PulledConfig().build(BelievedDlo()).estimate(cloud(0.02), prior).nodes_world
     length_m = np.linalg.norm(np.diff(nodes, axis=0), axis=1).sum()
     # Ten rounds a step leave a remainder; 2 % is 1 cm of half a metre.
     assert length_m == pytest.approx(prior.topology.rest_lengths_m.sum(), rel=0.02)

@@ -23,6 +23,7 @@ from dlokit.decision.task import Odometer, ShapeTask, Spent
 from dlokit.description.arm.mounts import instance_of
 from dlokit.description.shapes import builtin_shape
 from dlokit.errors import ConfigError, ShapeError, SkillFailure, SkillRejected
+from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.perception import api as perception
 from dlokit.skills.planning import api as planning
 from dlokit.skills.robot import api as robot
@@ -35,15 +36,15 @@ _CURVE_POINTS = 101
 """Of a built-in shape; finer than the rod, which resamples it."""
 
 
-def goal_request(goal: str | GoalRequest, *, length_m: float, radius_m: float) -> GoalRequest:
-    """A built-in shape by its name, made for a DLO of that length and radius [m], or a curve as it is.
+def goal_request(goal: str | GoalRequest, dlo: BelievedDlo) -> GoalRequest:
+    """A built-in shape by its name, made for a DLO of that length and radius, or a curve as it is.
 
     Raises `SkillRejected` ``unknown_shape`` or ``bad_shape``.
     """
     if isinstance(goal, GoalRequest):
         return _checked(goal)
     try:
-        nodes = builtin_shape(goal, length_m, _CURVE_POINTS, radius_m=radius_m)
+        nodes = builtin_shape(goal, dlo.length_m, _CURVE_POINTS, radius_m=dlo.radius_m)
     except ShapeError as error:
         raise SkillRejected("unknown_shape", str(error)) from error
     return GoalRequest(nodes_world=nodes, name=goal)
@@ -89,22 +90,20 @@ class DecisionComponent(Component):
         config: TaskConfig,
         stopwatch: Callable[[], float],
         *,
-        length_m: float,
-        radius_m: float,
+        dlo: BelievedDlo,
         robots: tuple[str, ...] = (FIRST_ROBOT,),
         keep: Callable[[Journal], None] = lambda journal: None,
     ) -> None:
         """`stopwatch` gives the machine's monotonic time [s]; it is used for timings alone.
 
-        `length_m` and `radius_m` are the DLO's, as believed: goals by name are made for them. `robots` are the names of
-        the arms that it moves. `keep` is given the journal of a task at each of its boxes.
+        Goals by name are made for `dlo`. `robots` are the names of the arms that it moves. `keep` is given the journal
+        of a task at each of its boxes.
         """
         self._keep = keep
         self._robots = robots
         self._config = config
         self._stopwatch = stopwatch
-        self._length_m = length_m
-        self._radius_m = radius_m
+        self._dlo = dlo
         self._shaping = False
         self._flow: asyncio.Task[object] | None = None
         self._stopped_by = ""
@@ -122,7 +121,7 @@ class DecisionComponent(Component):
         planner: str | StrategySpec | None = None,
     ) -> ShapeResult:
         """Bring the DLO into a shape, for whoever calls."""
-        request = goal_request(goal, length_m=self._length_m, radius_m=self._radius_m)
+        request = goal_request(goal, self._dlo)
         config = adjusted(self._config, threshold_m, max_actions, infeasible)
         await self._set_planner(planner)
         progress = TaskDiary(report)

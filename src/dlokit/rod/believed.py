@@ -4,11 +4,16 @@ They are deliberately not those of the simulated cell: in a lab nobody knows the
 """
 
 import math
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 
 from dlokit.description.dlo import GRAVITY_M_S2
 from dlokit.errors import ConfigError
 from dlokit.types.dlo import DloBelief, Figure
+
+POISSON = 0.3
+"""Poisson's ratio taken for any DLO: it sets the stiffness against twist, which no picture shows."""
+DAMPING_S = 0.05
+"""Viscous bending moment taken for any DLO, as a share of the elastic one [s]: what rests does not tell it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,8 +108,8 @@ class BeliefConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ModelConfig:
-    """The rod as the system believes it to be, and how it is driven."""
+class BelievedDlo:
+    """The DLO as the system believes it to be: the one description that every component gets."""
 
     nodes: int = 31
     """Number of nodes M; the paper splits its DLO in 30 segments."""
@@ -123,14 +128,6 @@ class ModelConfig:
     back always, but for the chance in `--model.belief.takes-set`."""
     belief: BeliefConfig = field(default_factory=BeliefConfig)
     """How sure these figures are."""
-    tracking: TrackingConfig = field(default_factory=TrackingConfig)
-    """The PD controller."""
-    goal: GoalConfig = field(default_factory=GoalConfig)
-    """Dragging of the goal."""
-    rollout: PredictionConfig = field(default_factory=PredictionConfig)
-    """Prediction of actions."""
-    settle: SettleConfig = field(default_factory=SettleConfig)
-    """Where a released rod comes to rest."""
 
     def __post_init__(self) -> None:
         if self.nodes < 3:
@@ -146,7 +143,21 @@ class ModelConfig:
                 raise ConfigError(f"--model.{name.replace('_', '-')} is {value}; it must be a number above 0.")
 
 
-def as_configured(config: ModelConfig, stamp_ns: int) -> DloBelief:
+@dataclass(frozen=True, kw_only=True)
+class ModelConfig(BelievedDlo):
+    """The rod as the system believes it to be, and how it is driven."""
+
+    tracking: TrackingConfig = field(default_factory=TrackingConfig)
+    """The PD controller."""
+    goal: GoalConfig = field(default_factory=GoalConfig)
+    """Dragging of the goal."""
+    rollout: PredictionConfig = field(default_factory=PredictionConfig)
+    """Prediction of actions."""
+    settle: SettleConfig = field(default_factory=SettleConfig)
+    """Where a released rod comes to rest."""
+
+
+def as_configured(config: BelievedDlo, stamp_ns: int) -> DloBelief:
     """The belief before anything was learnt."""
     sure = config.belief
     weight_n_m = GRAVITY_M_S2 * config.mass_kg_m
@@ -163,4 +174,25 @@ def as_configured(config: ModelConfig, stamp_ns: int) -> DloBelief:
         ),
         yield_curvature_1_m=config.yield_curvature_1_m,
         takes_set=sure.takes_set if config.yield_curvature_1_m is None else 1.0,
+    )
+
+
+def as_believed(config: ModelConfig, belief: DloBelief) -> ModelConfig:
+    """The model with all that is believed of the DLO: the figures, and how sure they are."""
+    return replace(
+        config,
+        length_m=belief.length_m.value,
+        radius_m=belief.radius_m.value,
+        bending_stiffness_n_m2=belief.bending_stiffness_n_m2.value,
+        mass_kg_m=belief.weight_n_m.value / GRAVITY_M_S2,
+        friction=belief.friction.value,
+        yield_curvature_1_m=belief.yield_curvature_1_m,
+        belief=BeliefConfig(
+            length_log_sd=belief.length_m.log_sd,
+            radius_log_sd=belief.radius_m.log_sd,
+            stiffness_log_sd=belief.bending_stiffness_n_m2.log_sd,
+            weight_log_sd=belief.weight_n_m.log_sd,
+            friction_log_sd=belief.friction.log_sd,
+            takes_set=belief.takes_set,
+        ),
     )

@@ -173,22 +173,6 @@ def believed(config: ModelConfig, of: Posterior, actions: int, stamp_ns: int) ->
     )
 
 
-def as_believed(config: ModelConfig, belief: DloBelief) -> ModelConfig:
-    """The model with the figures of a belief."""
-    return replace(
-        config,
-        bending_stiffness_n_m2=belief.bending_stiffness_n_m2.value,
-        friction=belief.friction.value,
-        yield_curvature_1_m=belief.yield_curvature_1_m,
-        belief=replace(
-            config.belief,
-            stiffness_log_sd=belief.bending_stiffness_n_m2.log_sd,
-            friction_log_sd=belief.friction.log_sd,
-            takes_set=belief.takes_set,
-        ),
-    )
-
-
 def _fine(coarse: Float64Array) -> Float64Array:
     return np.linspace(coarse[0], coarse[-1], _FINER * (len(coarse) - 1) + 1)
 

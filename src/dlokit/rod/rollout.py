@@ -17,13 +17,11 @@ import scipy
 
 from dlokit import geometry
 from dlokit.description.contacts import ROLLING_M
-from dlokit.rod.believed import ModelConfig
+from dlokit.rod.believed import DAMPING_S, POISSON, ModelConfig
 from dlokit.rod.nodes import fit_length
 from dlokit.types.action import Action, Push, VelocityProfile
 from dlokit.types.arrays import Float64Array
 
-_POISSON = 0.3
-_DAMPING_S = 0.05
 _PAD_M = 0.02  # length of the pads along the rod
 _EDGE_M = 0.0125  # longest edge: a hanging rod bends too easily where longer ones meet the pads and the table
 SINK_M = 2e-4
@@ -59,8 +57,8 @@ class QuickRod:
                 edge_m,
                 config.mass_kg_m * edge_m,
                 bending / edge_m**3,
-                bending / (1.0 + _POISSON) / (edge_m * config.radius_m**2),
-                _DAMPING_S,
+                bending / (1.0 + POISSON) / (edge_m * config.radius_m**2),
+                DAMPING_S,
                 self.friction_share * config.friction,
                 self.friction_share * ROLLING_M / config.radius_m,
                 config.radius_m,

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from dlokit.description.dlo import DloPreset
-from dlokit.rod.believed import ModelConfig
+from dlokit.rod.believed import DAMPING_S, POISSON, ModelConfig
 from dlokit.rod.elastic import add_rod, rod_bodies, set_rod_physics
 from dlokit.rod.nodes import topology
 from dlokit.types.arrays import Float64Array, Int64Array
@@ -80,6 +80,9 @@ def _compile(config: ModelConfig, timestep_s: float) -> Any:
         radius_m=config.radius_m,
         mass_per_length_kg_m=config.mass_kg_m,
         bending_stiffness_n_m2=config.bending_stiffness_n_m2,
+        poisson=POISSON,
+        damping_s=DAMPING_S,
+        friction=config.friction,
     )
     add_rod(spec, rope, config.nodes)
     return spec.compile()

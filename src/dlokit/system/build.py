@@ -115,14 +115,14 @@ def _perception(config: RunConfig, wiring: Wiring) -> Component:
     from dlokit.functional.cameras.simulated import SimulatedCamera
     from dlokit.skills.perception.component import PerceptionComponent
 
-    return PerceptionComponent(config.perception, SimulatedCamera(wiring.transport))
+    return PerceptionComponent(config.perception, SimulatedCamera(wiring.transport), config.model)
 
 
 def _observer(config: RunConfig, wiring: Wiring) -> Component:
     from dlokit.skills.observer.component import ObserverComponent
 
     _load("scipy.interpolate", "scipy.sparse.csgraph", "scipy.spatial")
-    return ObserverComponent(config.observer, nodes=config.model.nodes, length_m=config.model.length_m)
+    return ObserverComponent(config.observer, config.model)
 
 
 def _model(config: RunConfig, wiring: Wiring) -> Component:
@@ -165,8 +165,7 @@ def _decision(config: RunConfig, wiring: Wiring) -> Component:
     return DecisionComponent(
         config.task,
         time.perf_counter,
-        length_m=config.model.length_m,
-        radius_m=config.model.radius_m,
+        dlo=config.model,
         robots=tuple(mount.robot for mount in ARMS[: config.arms]),
         # A lockstep run is repeated to the bit instead.
         keep=JournalFile(wiring.folder).keep if config.runtime == "live" else lambda journal: None,

@@ -118,7 +118,7 @@ def replay(path: Path, name: str, config: RunConfig) -> Replay:
 
 def _build(name: str, config: RunConfig, camera: PlayedCamera | None) -> Component:
     if camera is not None:
-        return PerceptionComponent(config.perception, camera)
+        return PerceptionComponent(config.perception, camera, config.model)
     # Nothing may depend on how fast this machine is; and no component but the cell and the drivers uses the wiring.
     wiring = Wiring(transport=MemoryTransport(), clock=LoopClock(), folder=Path(), start_nodes_world=NOBODYS_BUSINESS)
     return build_component(name, replace(config, runtime="lockstep"), wiring)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.base import ObserverStrategy, ObserverStrategyConfig
 from dlokit.skills.observer.strategies import strategies
 from dlokit.testing import scenes
@@ -48,7 +49,7 @@ def check_observer(
     found = findings(settings_checks("observer", dict(strategies())), kind)
 
     def build() -> ObserverStrategy:
-        return (observer() if isinstance(observer, type) else observer).build()
+        return (observer() if isinstance(observer, type) else observer).build(BelievedDlo())
 
     cannot = findings((BUILDS,), build)
     found += cannot or findings(OBSERVER_CHECKS, build)

@@ -89,7 +89,7 @@ class DloBelief(Message, frozen=True, kw_only=True, eq=False):
     friction: Figure
     """Coefficient μ of sliding friction on the table."""
     elastic_m3: Figure
-    """EI / (μ w) [m³]; its cube root is about the radius of the tightest arc that friction holds."""
+    """EI / (μ w) [m³] of these figures; its cube root is about the radius of the tightest arc that friction holds."""
     yield_curvature_1_m: float | None = None
     """Curvature beyond which the DLO keeps a bend [1/m]; None: it is taken to spring back always."""
     takes_set: float = 1.0

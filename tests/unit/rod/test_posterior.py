@@ -4,13 +4,14 @@ import math
 from dataclasses import replace
 from functools import cache
 
+import msgspec
 import numpy as np
 import pytest
 
 from dlokit import geometry
 from dlokit.description.shapes import builtin_shape
 from dlokit.motion.tool_track import tool_track
-from dlokit.rod.believed import ModelConfig
+from dlokit.rod.believed import ModelConfig, as_believed, as_configured
 from dlokit.rod.posterior import (
     FRICTION_LOG,
     STIFFNESS_LOG,
@@ -18,7 +19,6 @@ from dlokit.rod.posterior import (
     Evidence,
     Experience,
     Lesson,
-    as_believed,
     believed,
     evidence,
     lessons,
@@ -28,6 +28,7 @@ from dlokit.rod.rollout import Motion, QuickRod, play
 from dlokit.skills.model.experiences import Grips
 from dlokit.types.action import VelocityProfile
 from dlokit.types.arrays import Float64Array
+from dlokit.types.dlo import Figure
 from dlokit.types.observation import Gripped
 from dlokit.types.robot import RobotMode, RobotState
 
@@ -125,13 +126,29 @@ def test_without_evidence_what_was_configured_is_believed() -> None:
     assert believed(told, posterior(told, [_flat()]), 1, stamp_ns=0).yield_curvature_1_m == 1.0
 
 
-def test_a_belief_becomes_the_model_that_plans() -> None:
-    belief = wire()[-1].belief
-    model = as_believed(MODEL, belief)
-    assert model.bending_stiffness_n_m2 == belief.bending_stiffness_n_m2.value
-    assert model.friction == belief.friction.value
-    assert model.yield_curvature_1_m == belief.yield_curvature_1_m
-    assert model.belief.friction_log_sd == belief.friction.log_sd
+def test_the_model_of_a_belief_has_all_that_is_believed() -> None:
+    learnt = wire()[-1].belief
+    belief = msgspec.structs.replace(
+        learnt,
+        length_m=Figure(value=0.47, log_sd=0.003),
+        radius_m=Figure(value=0.0031, log_sd=0.02),
+        weight_n_m=Figure(value=1.2 * learnt.weight_n_m.value, log_sd=0.05),
+        bending_stiffness_n_m2=Figure(
+            value=1.2 * learnt.bending_stiffness_n_m2.value, log_sd=learnt.bending_stiffness_n_m2.log_sd
+        ),
+    )
+    again = as_configured(as_believed(MODEL, belief), stamp_ns=belief.stamp_ns)
+    for name in ("length_m", "radius_m", "bending_stiffness_n_m2", "weight_n_m", "friction"):
+        found, told = getattr(again, name), getattr(belief, name)
+        assert (found.value, found.log_sd) == (pytest.approx(told.value), told.log_sd)
+    assert again.yield_curvature_1_m == belief.yield_curvature_1_m
+    # What is learnt of EI / (μ w) is what the model has: goals are judged by it, actions planned with its parts.
+    assert again.elastic_m3.value == pytest.approx(belief.elastic_m3.value)
+
+
+def test_a_learnt_chance_of_taking_a_set_is_the_model_s() -> None:
+    belief = msgspec.structs.replace(as_configured(MODEL, 0), takes_set=0.07)
+    assert as_believed(MODEL, belief).belief.takes_set == 0.07
 
 
 def arm(stamp_ns: int, x_m: float, width_m: float = 0.008, holding: bool = True, name: str = "panda") -> RobotState:

@@ -7,6 +7,7 @@ from typing import ClassVar
 import msgspec
 import numpy as np
 
+from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.base import ObserverStrategy
 from dlokit.skills.observer.cpd import CpdConfig
 from dlokit.types.dlo import DloState, TargetPoints
@@ -129,13 +130,13 @@ class BrokenConfig:
     breaks: str = ""
     """The requirement that it breaks; empty: none."""
 
-    def build(self) -> ObserverStrategy:
+    def build(self, dlo: BelievedDlo) -> ObserverStrategy:
         return Broken(BROKEN.get(self.breaks, not_at_all))
 
 
 class Broken:
     def __init__(self, tweak: Tweak) -> None:
-        self._sound = CpdConfig().build()
+        self._sound = CpdConfig().build(BelievedDlo())
         self._tweak = tweak
         self._tie = (lambda: None) if tweak is tied_to_its_process else None  # a lambda cannot be pickled
 

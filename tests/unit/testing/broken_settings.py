@@ -80,5 +80,5 @@ class Empty:
 
     name: ClassVar[str] = "empty"
 
-    def build(self) -> object:
+    def build(self, dlo: object) -> object:
         return object()

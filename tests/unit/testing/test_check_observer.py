@@ -1,5 +1,6 @@
 """Every requirement of `check_observer` is broken once on purpose, and named."""
 
+from functools import partial
 from typing import Any
 
 import pytest
@@ -7,6 +8,7 @@ from broken_observers import BROKEN, Broken, BrokenConfig, not_at_all
 from broken_settings import Bare, Demanding, Empty, Kinded, NameIsASetting, Silent, Spaced, Stuck, Taken, Thawed
 
 from dlokit.errors import DlokitError
+from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.base import ObserverStrategy
 from dlokit.testing import CheckFailed, check_observer
 from dlokit.testing.checks import findings
@@ -32,8 +34,8 @@ def test_each_requirement_has_an_observer_that_breaks_it() -> None:
 @pytest.mark.parametrize("name", BROKEN)
 def test_a_requirement_that_is_broken_is_found(name: str) -> None:
     (check,) = (check for check in OBSERVER_CHECKS if check.name == name)
-    assert findings([check], BrokenConfig(breaks=name).build)
-    assert not findings([check], BrokenConfig().build)
+    assert findings([check], partial(BrokenConfig(breaks=name).build, BelievedDlo()))
+    assert not findings([check], partial(BrokenConfig().build, BelievedDlo()))
 
 
 class Remembering(Broken):

@@ -11,6 +11,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.base import nothing_seen
 from dlokit.skills.observer.visibility import VisibilityConfig, explained_share, visible_nodes
 from dlokit.types.dlo import DloState, TargetPoints, Topology
@@ -44,8 +45,8 @@ class PulledConfig:
         if self.steps < 1 or not 0.0 < self.last_scale_m <= self.first_scale_m:
             raise ValueError("steps must be at least 1, and 0 < last_scale_m <= first_scale_m")
 
-    def build(self) -> "Pulled":
-        """The observer with these settings."""
+    def build(self, dlo: BelievedDlo) -> "Pulled":
+        """The observer with these settings; the prior's topology tells it all that it needs of the DLO."""
         return Pulled(self)
 
 

@@ -18,8 +18,8 @@ from dlokit.app.data.measuring import Measures, measure
 from dlokit.errors import InputError
 from dlokit.recording.channels import FILE_NAME
 from dlokit.recording.reader import read_recording
-from dlokit.rod.believed import ModelConfig, as_configured
-from dlokit.rod.posterior import Lesson, as_believed, lessons
+from dlokit.rod.believed import ModelConfig, as_believed, as_configured
+from dlokit.rod.posterior import Lesson, lessons
 from dlokit.skills.model.experiences import experiences
 from dlokit.system.config import CONFIG_FILE, RunConfig
 from dlokit.system.toml_config import read_toml, to_toml
@@ -95,7 +95,7 @@ def run(args: IdentifyArgs) -> int:
     if not args.runs:
         raise InputError("no run is named; give the folders of one or more runs, e.g. dlokit identify runs/<run>.")
     config = read_toml(args.runs[-1] / CONFIG_FILE, RunConfig)
-    size = measure(read_recording(args.runs[-1] / FILE_NAME), config.perception)
+    size = measure(read_recording(args.runs[-1] / FILE_NAME), config.perception, config.model)
     model = config.model if size is None else _with_size(config.model, size)
     seen = [lesson for folder in args.runs for lesson in experiences(read_recording(folder / FILE_NAME))]
     found = lessons(model, seen)

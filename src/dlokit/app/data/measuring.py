@@ -11,6 +11,7 @@ from dlokit import geometry
 from dlokit.communication import topics
 from dlokit.errors import SkillFailure
 from dlokit.recording.reader import Recorded
+from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.initialise.first_shape import initial_targets
 from dlokit.skills.perception.config import PerceptionConfig
 from dlokit.skills.perception.pipeline import Look, corrected_camera_pose, perceive
@@ -57,12 +58,15 @@ class Measures:
     looks: int
 
 
-def measure(messages: Iterable[Recorded], config: PerceptionConfig) -> Measures | None:
-    """Measure in the first pictures in which the DLO lies free and whole; None when there are none."""
+def measure(messages: Iterable[Recorded], config: PerceptionConfig, dlo: BelievedDlo) -> Measures | None:
+    """Measure in the first pictures in which the DLO lies free and whole; None when there are none.
+
+    `dlo` is what was believed of it before.
+    """
     lengths: list[float] = []
     radii: list[float] = []
     for images, robot in _free_pictures(messages):
-        size = _size(images, robot, config)
+        size = _size(images, robot, config, dlo)
         if size is not None:
             lengths.append(size[0])
             radii.append(size[1])
@@ -89,14 +93,16 @@ def _free_pictures(messages: Iterable[Recorded]) -> Iterator[tuple[StereoImages,
                 pass
 
 
-def _size(images: StereoImages, robot: RobotState, config: PerceptionConfig) -> tuple[float, float] | None:
+def _size(
+    images: StereoImages, robot: RobotState, config: PerceptionConfig, dlo: BelievedDlo
+) -> tuple[float, float] | None:
     """Length and radius [m] in one pair of pictures; None where the DLO is not seen whole."""
     if config.table.correct_pose:
         pose = corrected_camera_pose(images, (robot,), config, config.segmentation)
         if pose is not None:
             calibration = msgspec.structs.replace(images.calibration, T_world_camera=pose)
             images = msgspec.structs.replace(images, calibration=calibration)
-    look = perceive(images, (robot,), config, config.segmentation)
+    look = perceive(images, (robot,), config, config.segmentation, dlo.radius_m)
     try:
         nodes = initial_targets(look.observation, _NODES, None).nodes_world
     except SkillFailure:

@@ -18,6 +18,7 @@ from rich.table import Table
 from dlokit.app.commands import CliCommand, flag
 from dlokit.app.data.cloud_files import read_cloud, read_nodes
 from dlokit.errors import InputError, SkillFailure
+from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.anchored import chain_lengths
 from dlokit.skills.observer.base import ObserverStrategyConfig
 from dlokit.skills.observer.config import ObserverConfig
@@ -87,7 +88,7 @@ class TrackArgs:
     ordered into one chain."""
     out: Path | None = None
     """Folder for nodes.npy, nodes.csv, edges.csv and track.png; by default runs/<time>-track."""
-    nodes: int = 31
+    nodes: int = BelievedDlo.nodes
     """Number of nodes M, where no initial ones are given."""
     length_m: float | None = None
     """Length of the DLO [m], where no initial nodes are given; by default what the first cloud shows."""
@@ -125,7 +126,7 @@ class TrackSettings:
     """How clouds are filtered and followed."""
 
     observer: ObserverStrategyConfig
-    nodes: int = 31
+    nodes: int = BelievedDlo.nodes
     length_m: float | None = None
     box: BoxConfig | None = None
     cloud: CloudConfig = field(default_factory=CloudConfig)
@@ -165,7 +166,7 @@ def track_clouds(
     if not clouds:
         raise InputError("no cloud was given: name at least one .pcd, .ply, .npy or .csv file")
     config = ObserverConfig()
-    strategy = settings.observer.build()
+    strategy = settings.observer.build(BelievedDlo(nodes=settings.nodes))
     found: list[TargetPoints] = []
     filtered: list[Float64Array] = []
     seconds: list[float] = []
@@ -268,7 +269,7 @@ def _settings(args: TrackArgs) -> TrackSettings:
     if args.observer not in known:
         raise InputError(f"--observer {args.observer} is unknown; there are {', '.join(known)}")
     if args.nodes < 3:
-        raise InputError(f"--nodes {args.nodes}: at least 3 are needed, 31 are usual")
+        raise InputError(f"--nodes {args.nodes}: at least 3 are needed, {BelievedDlo.nodes} are usual")
     if args.length_m is not None and not 0.01 <= args.length_m <= 100.0:
         raise InputError(f"--length-m {args.length_m}: the length is given in metres, from 0.01 to 100")
     if args.voxel_m < 0.0:

@@ -13,6 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from dlokit.errors import ConfigError, MachineError
+from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.base import ObserverStrategyConfig, nothing_seen
 from dlokit.skills.observer.config import ObserverConfig
 from dlokit.skills.observer.cpd import CpdConfig
@@ -51,7 +52,7 @@ class PycpdConfig:
     tolerance_m2: float = 1e-8
     """The iteration ends when the variance changes by less than this [m²]."""
 
-    def build(self) -> "Pycpd":
+    def build(self, dlo: BelievedDlo) -> "Pycpd":
         """The peer with these settings. Raises `MachineError` when the package is missing."""
         return Pycpd(self)
 
@@ -100,7 +101,7 @@ class ProbregConfig:
     tolerance_m2: float = 1e-8
     """The iteration ends when the variance changes by less than this [m²]."""
 
-    def build(self) -> "Probreg":
+    def build(self, dlo: BelievedDlo) -> "Probreg":
         """The peer with these settings. Raises `MachineError` when the package is missing."""
         return Probreg(self)
 
@@ -134,7 +135,7 @@ def missing(name: str) -> str | None:
     """Why a peer cannot run on this machine, as one line; None when it can."""
     peer = next(peer for peer in PEERS if peer.name == name)
     try:
-        peer().build()
+        peer().build(BelievedDlo())
     except MachineError as error:
         return str(error)
     return None

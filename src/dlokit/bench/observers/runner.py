@@ -24,6 +24,7 @@ from dlokit.bench.observers.methods import ObserverMethod
 from dlokit.bench.observers.metrics import Losses, Track, losses, score
 from dlokit.bench.observers.sequence import Sequence
 from dlokit.errors import DlokitError, MachineError
+from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.base import ObserverStrategy, nothing_seen, prior_from
 from dlokit.skills.observer.config import ObserverConfig
 from dlokit.types.arrays import Float64Array
@@ -130,8 +131,8 @@ def follow(
     """Track a sequence from its first frame's nodes on; each prior is the previous frame's targets."""
     topology = sequence.topology
     state = DloState(stamp_ns=seen[0].seen.stamp_ns, nodes_world=sequence.nodes_world[0].copy(), topology=topology)
-    _warm_up(method, seen[:WARM_UP_FRAMES], state)
-    strategy = method.config.build()
+    _warm_up(method, sequence.dlo, seen[:WARM_UP_FRAMES], state)
+    strategy = method.config.build(sequence.dlo)
     answers: list[TargetPoints] = []
     visible = np.zeros((len(seen) - 1, sequence.count), dtype=np.bool_)
     seconds = np.zeros(len(seen) - 1)
@@ -169,9 +170,9 @@ def _stated_m(answers: list[TargetPoints]) -> Float64Array | None:
     return np.sqrt(np.maximum(np.array(traces), 0.0))
 
 
-def _warm_up(method: ObserverMethod, seen: list[ObserverFrame], state: DloState) -> None:
+def _warm_up(method: ObserverMethod, dlo: BelievedDlo, seen: list[ObserverFrame], state: DloState) -> None:
     """What first calls load or compile is not the time of a frame."""
-    strategy = method.config.build()
+    strategy = method.config.build(dlo)
     for look in seen:
         _timed(strategy, _given(method, look), state)
 

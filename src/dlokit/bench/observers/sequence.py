@@ -10,6 +10,7 @@ from scipy.interpolate import CubicSpline
 
 from dlokit.errors import InputError
 from dlokit.geometry import arc_lengths, pose_from_matrix
+from dlokit.rod.believed import BelievedDlo
 from dlokit.types.arrays import Float64Array, Int64Array
 from dlokit.types.dlo import Topology
 from dlokit.types.pose import Pose
@@ -93,6 +94,12 @@ class Sequence:
         return self.nodes_world.shape[1]
 
     @property
+    def dlo(self) -> BelievedDlo:
+        """The DLO as a ruler tells."""
+        length_m = float(self.topology.rest_lengths_m.sum())
+        return BelievedDlo(nodes=self.count, length_m=length_m, radius_m=self.radius_m)
+
+    @property
     def topology(self) -> Topology:
         """The rod's edges, each as long as the curve of the first frame is between its nodes."""
         first = np.arange(self.count - 1)
@@ -102,7 +109,7 @@ class Sequence:
         )
 
 
-RADIUS_M = 0.004
+RADIUS_M = BelievedDlo.radius_m
 """Radius taken for a DLO of which only the nodes are known [m]."""
 _LARGEST_M = 20.0  # nothing a camera sees of a DLO is further from the origin; millimetres are
 _THICKEST_M = 0.1

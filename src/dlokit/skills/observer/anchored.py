@@ -11,6 +11,7 @@ import numpy as np
 import scipy
 
 from dlokit.geometry import arc_lengths
+from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.base import ObserverStrategy, nothing_seen
 from dlokit.skills.observer.cpd import CpdConfig, pliable, register
 from dlokit.skills.observer.curve import CurveConfig, FittedCurve, Segment, fit_curve, project
@@ -39,7 +40,7 @@ class AnchoredConfig:
     tip_snap_m: float = 0.03
     """An end of a curve that is too short counts as a tip when registration puts it so near to one [m]."""
 
-    def build(self) -> ObserverStrategy:
+    def build(self, dlo: BelievedDlo) -> ObserverStrategy:
         """The strategy with these settings."""
         return Anchored(self)
 

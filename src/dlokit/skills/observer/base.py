@@ -4,6 +4,7 @@ from typing import ClassVar, Protocol
 
 import numpy as np
 
+from dlokit.rod.believed import BelievedDlo
 from dlokit.types.dlo import DloState, TargetPoints, Topology
 from dlokit.types.observation import Observation
 
@@ -30,8 +31,8 @@ class ObserverStrategyConfig(Protocol):
 
     name: ClassVar[str]
 
-    def build(self) -> ObserverStrategy:
-        """The strategy with these settings."""
+    def build(self, dlo: BelievedDlo) -> ObserverStrategy:
+        """The strategy with these settings, for the DLO as the system believes it to be."""
         ...
 
 

@@ -7,6 +7,7 @@ from functools import partial
 from dlokit.communication import topics
 from dlokit.communication.component import Component, implements, on
 from dlokit.errors import SkillFailure
+from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer import api
 from dlokit.skills.observer.anchored import chain
 from dlokit.skills.observer.base import ObserverStrategy, prior_from
@@ -28,14 +29,13 @@ class ObserverComponent(Component):
     publishes = (topics.TARGETS, topics.OBSERVER_EVENT)
     reads = (topics.STATE,)
 
-    def __init__(self, config: ObserverConfig, *, nodes: int, length_m: float) -> None:
-        """`nodes` M and `length_m` are the model's: targets and state have the same nodes."""
+    def __init__(self, config: ObserverConfig, dlo: BelievedDlo) -> None:
+        """`dlo` is the model's: targets and state have the same nodes."""
         super().__init__()
         self._config = config
-        self._topology = chain(nodes, length_m)
-        self._count = nodes
-        self._length_m = length_m
-        self._strategy: ObserverStrategy = config.strategy.build()
+        self._dlo = dlo
+        self._topology = chain(dlo.nodes, dlo.length_m)
+        self._strategy: ObserverStrategy = config.strategy.build(dlo)
         self._newest: Observation | None = None
         self._arrived = asyncio.Event()
         self._last: TargetPoints | None = None
@@ -74,8 +74,8 @@ class ObserverComponent(Component):
         targets = await self.port.compute(
             initial_targets,
             cleaned(seen, self._config.most_points),
-            self._count,
-            self._length_m,
+            self._dlo.nodes,
+            self._dlo.length_m,
             self._config.initialise,
             before,
         )
@@ -86,7 +86,7 @@ class ObserverComponent(Component):
     @implements(api.SET_STRATEGY)
     async def set_strategy(self, spec: StrategySpec) -> None:
         """Take another strategy."""
-        self._strategy = from_spec(spec).build()
+        self._strategy = from_spec(spec).build(self._dlo)
 
     @implements(api.RESET)
     async def reset(self) -> None:
@@ -119,7 +119,7 @@ class ObserverComponent(Component):
     def _prior(self, last: TargetPoints) -> DloState:
         """The model's state, or the targets published last where the model has not followed them yet."""
         state = self.port.latest(topics.STATE).value
-        same_nodes = state is not None and len(state.nodes_world) == self._count
+        same_nodes = state is not None and len(state.nodes_world) == self._dlo.nodes
         if state is not None and same_nodes and state.observed_stamp_ns >= last.stamp_ns:
             return state
         return prior_from(last, self._topology)

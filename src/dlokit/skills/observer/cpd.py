@@ -9,6 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.base import ObserverStrategy, nothing_seen
 from dlokit.skills.observer.mixture import MixtureConfig, Registration, Weights, fit_mixture, thinned
 from dlokit.skills.observer.visibility import explained_share, visible_nodes
@@ -23,7 +24,7 @@ class CpdConfig(MixtureConfig):
 
     name: ClassVar[str] = "cpd"
 
-    def build(self) -> ObserverStrategy:
+    def build(self, dlo: BelievedDlo) -> ObserverStrategy:
         """The strategy with these settings."""
         return Cpd(self)
 

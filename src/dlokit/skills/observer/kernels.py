@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.anchored import chain
 from dlokit.skills.observer.base import ObserverStrategyConfig
 from dlokit.skills.observer.strategies import OURS
@@ -30,7 +31,7 @@ def warm(observers: Sequence[ObserverStrategyConfig] | None = None) -> float:
     seen, prior = _scene()
     for config in observers if observers is not None else [ours() for ours in OURS]:
         try:
-            config.build().estimate(seen, prior)
+            config.build(BelievedDlo(nodes=_NODES, length_m=_LENGTH_M)).estimate(seen, prior)
         except Exception:  # a strategy may be anybody's; what it cannot take is told when it matters
             log.exception("the observer %s did not take the cloud that warms it", config.name)
     return time.perf_counter() - began

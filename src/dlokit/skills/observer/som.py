@@ -18,6 +18,7 @@ from typing import ClassVar
 import numpy as np
 import scipy
 
+from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.base import ObserverStrategy, nothing_seen
 from dlokit.skills.observer.mixture import thinned
 from dlokit.skills.observer.visibility import VisibilityConfig, explained_share, visible_nodes
@@ -55,7 +56,7 @@ class SomConfig:
     visibility: VisibilityConfig = field(default_factory=VisibilityConfig)
     """When a node counts as seen."""
 
-    def build(self) -> ObserverStrategy:
+    def build(self, dlo: BelievedDlo) -> ObserverStrategy:
         """The strategy with these settings."""
         return Som(self)
 

@@ -20,6 +20,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.base import ObserverStrategy, nothing_seen
 from dlokit.skills.observer.mixture import MixtureConfig, Registration, Weights, fit_mixture, thinned
 from dlokit.skills.observer.visibility import explained_share, visible_nodes
@@ -56,7 +57,7 @@ class SprConfig(MixtureConfig):
     lambda_annealing: float = 0.99
     """In iteration k, from 0, lambda counts `lambda_annealing` to the power of k; above 0, at most 1 (constant)."""
 
-    def build(self) -> ObserverStrategy:
+    def build(self, dlo: BelievedDlo) -> ObserverStrategy:
         """The strategy with these settings."""
         return Spr(self)
 

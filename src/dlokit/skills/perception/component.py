@@ -13,6 +13,7 @@ from dlokit.communication import topics
 from dlokit.communication.component import Component, implements, on
 from dlokit.errors import HardwareError, SkillFailure, SkillRejected
 from dlokit.functional.cameras.base import Camera
+from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.perception import api
 from dlokit.skills.perception.base import SegmentationConfig
 from dlokit.skills.perception.calibration.hand_sight import HandLook, camera_from_hand, corrected_by
@@ -39,8 +40,9 @@ class PerceptionComponent(Component):
     name = "perception"
     publishes = (topics.STEREO_IMAGES, topics.OBSERVATION)
 
-    def __init__(self, config: PerceptionConfig, camera: Camera) -> None:
+    def __init__(self, config: PerceptionConfig, camera: Camera, dlo: BelievedDlo) -> None:
         self._config = config
+        self._dlo = dlo
         self._segmentation: SegmentationConfig = config.segmentation
         self._camera = camera
         self._rate_hz = config.tracking_rate_hz
@@ -166,7 +168,9 @@ class PerceptionComponent(Component):
         images = await self._capture()
         images = self._by_the_hand(await self._by_the_table(images))
         robots = tuple(self._robots.values())
-        observation = await self.port.compute(observe, images, robots, self._config, self._segmentation, self._pins())
+        observation = await self.port.compute(
+            observe, images, robots, self._config, self._segmentation, self._dlo.radius_m, self._pins()
+        )
         self._looks += 1
         self.port.publish(topics.OBSERVATION, observation)
         return observation

@@ -71,8 +71,6 @@ class SelfFilterConfig:
 class CloudConfig:
     """From disparities to the cloud."""
 
-    dlo_radius_m: float = 0.004
-    """Radius of the DLO [m]: the camera sees its surface, the cloud is moved to its centre line."""
     voxel_m: float = 0.004
     """Side of the cubes of which each keeps the mean of its points [m]; 0 keeps all points."""
     outlier_radius_m: float = 0.012

@@ -52,9 +52,13 @@ def perceive(
     robots: Sequence[RobotState],
     config: PerceptionConfig,
     segmentation: SegmentationConfig,
+    dlo_radius_m: float,
     pins: tuple[GripperPin, ...] = (),
 ) -> Look:
-    """Look at `images`, knowing where the robots are."""
+    """Look at `images`, knowing where the robots are.
+
+    The camera sees the DLO's surface; `dlo_radius_m` moves the cloud from there to its centre line.
+    """
     pair = rectified(images)
     camera = pair.calibration
     strategy = segmentation.build()
@@ -68,7 +72,7 @@ def perceive(
     keep = inside_box(surface, config.box)
     keep[keep] = robot_distance_m(surface[keep], capsules) > config.self_filter.space_margin_m
     floor_m = config.table.height_m if config.table.supports else None
-    points = clean(to_centre_line(surface[keep], camera, config.cloud.dlo_radius_m, floor_m), config.cloud)
+    points = clean(to_centre_line(surface[keep], camera, dlo_radius_m, floor_m), config.cloud)
     return Look(
         observation=Observation(
             stamp_ns=images.stamp_ns,
@@ -89,10 +93,11 @@ def observe(
     robots: Sequence[RobotState],
     config: PerceptionConfig,
     segmentation: SegmentationConfig,
+    dlo_radius_m: float,
     pins: tuple[GripperPin, ...] = (),
 ) -> Observation:
     """The result of `perceive` alone, for when it comes from another process."""
-    return perceive(images, robots, config, segmentation, pins).observation
+    return perceive(images, robots, config, segmentation, dlo_radius_m, pins).observation
 
 
 def corrected_camera_pose(

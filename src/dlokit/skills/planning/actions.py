@@ -27,8 +27,6 @@ class GraspConfig:
     """Extent of a finger across the rod, outwards from its pad [m]."""
     clearance_m: float = 0.002
     """Free space between a finger and the rod's surface [m]."""
-    rod_radius_m: float = 0.004
-    """Radius of the DLO [m]."""
     adjacent_m: float = 0.04
     """Parts of the rod nearer than this along it belong to the grasped strand [m]."""
     comfortable_yaw_rad: float = 0.785

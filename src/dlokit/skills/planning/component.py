@@ -10,8 +10,7 @@ from dlokit.communication import topics
 from dlokit.communication.component import Component, implements
 from dlokit.errors import SkillFailure, SkillRejected
 from dlokit.rod import rollout
-from dlokit.rod.believed import ModelConfig, as_configured
-from dlokit.rod.posterior import as_believed
+from dlokit.rod.believed import ModelConfig, as_believed, as_configured
 from dlokit.skills.planning import api
 from dlokit.skills.planning.base import ActionStrategy, PlanningTools, Reachable, SecondArm, StrategyConfig
 from dlokit.skills.planning.config import PlanningConfig
@@ -137,14 +136,7 @@ class PlanningComponent(Component):
                 holding.try_goal, self._model, self._belief(), nodes_world, threshold_m, self._config.feasibility
             )
 
-        verdict = await judge(
-            goal,
-            threshold_m,
-            place=self._workplace(),
-            length_m=self._model.length_m,
-            radius_m=self._model.radius_m,
-            try_goal=try_goal,
-        )
+        verdict = await judge(goal, threshold_m, place=self._workplace(), try_goal=try_goal)
         self.port.publish(topics.GOAL_VERDICT, verdict)
         return verdict
 
@@ -199,6 +191,7 @@ class PlanningComponent(Component):
     def _workplace(self) -> Workplace:
         seen = self.port.latest(topics.OBSERVATION).value
         return Workplace(
+            dlo=self._model,
             config=self._config.feasibility,
             grasp=self._config.actions.grasp,
             reachable=self._reachable,

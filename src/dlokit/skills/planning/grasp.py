@@ -65,15 +65,20 @@ def grasp_pose(point: RodPoint, yaw_rad: float, config: GraspConfig) -> Pose:
     return geometry.downward((*point.position_world[:2], config.height_m), yaw_rad)
 
 
-def fitting_opening_m(nodes_world: Float64Array, point: RodPoint, config: GraspConfig) -> float | None:
-    """The first finger opening at which the gripper fits around the rod (M, 3) [m] at `point`; None: none does."""
+def fitting_opening_m(nodes_world: Float64Array, point: RodPoint, radius_m: float, config: GraspConfig) -> float | None:
+    """The first finger opening at which the gripper fits around the rod (M, 3) [m] at `point`; None: none does.
+
+    `radius_m` is the rod's [m].
+    """
     for opening_m in config.openings_m:
-        if gripper_fits(nodes_world, point, opening_m, config):
+        if gripper_fits(nodes_world, point, opening_m, radius_m, config):
             return opening_m
     return None
 
 
-def gripper_fits(nodes_world: Float64Array, point: RodPoint, opening_m: float, config: GraspConfig) -> bool:
+def gripper_fits(
+    nodes_world: Float64Array, point: RodPoint, opening_m: float, radius_m: float, config: GraspConfig
+) -> bool:
     """Whether both fingers come down beside the rod (M, 3) [m], on no part of it, and around one strand only."""
     length = geometry.arc_lengths(nodes_world)[-1]
     count = int(length / SAMPLE_M) + 2
@@ -83,7 +88,7 @@ def gripper_fits(nodes_world: Float64Array, point: RodPoint, opening_m: float, c
     offsets = points[:, :2] - point.position_world[:2]
     along = np.abs(offsets @ np.array([cosine, sine]))
     across = np.abs(offsets @ np.array([-sine, cosine]))
-    reach = config.rod_radius_m + config.clearance_m
+    reach = radius_m + config.clearance_m
     beside = along < config.finger_width_m / 2.0 + reach
     within_fingers = across < opening_m / 2.0 + config.finger_thickness_m + reach
     free_between = across < opening_m / 2.0 - reach

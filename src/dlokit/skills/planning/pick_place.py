@@ -64,7 +64,7 @@ def take_to_goal(
     nodes = shape.nodes_world
     share = grasp_share(nodes, node, grasp.end_inset_m)
     here, there = rod_point(nodes, share), rod_point(goal_world, share)
-    opening_m = fitting_opening_m(nodes, here, grasp)
+    opening_m = fitting_opening_m(nodes, here, tools.model.radius_m, grasp)
     if opening_m is None:
         return Invalid.GRIPPER_DOES_NOT_FIT
     whole = wrapped(there.yaw_rad - here.yaw_rad)

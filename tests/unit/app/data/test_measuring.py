@@ -11,6 +11,7 @@ from dlokit.description.shapes import random_shape
 from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.cell.world import Cell
 from dlokit.recording.reader import Recorded
+from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.perception.config import PerceptionConfig
 from dlokit.types.flow import FlowStatus
 from dlokit.types.message import Message
@@ -33,10 +34,10 @@ def test_length_and_radius_of_a_rope_are_measured_in_its_picture_within_what_is_
     def at(step: str) -> Recorded:
         return recorded(topics.FLOW.name, FlowStatus(stamp_ns=0, flow="shape_dlo", step=step))
 
-    size = measure([at("find_dlo"), *look, at("move_to_goal"), *look], PerceptionConfig())
+    size = measure([at("find_dlo"), *look, at("move_to_goal"), *look], PerceptionConfig(), BelievedDlo())
     assert size is not None
     assert size.looks == 1, "a rope that is carried is not measured"
     for figure, true in ((size.length_m, dlo.length_m), (size.radius_m, dlo.radius_m)):
         low, high = figure.between(3.0)
         assert low < true < high
-    assert measure([at("move_to_goal"), *look], PerceptionConfig()) is None
+    assert measure([at("move_to_goal"), *look], PerceptionConfig(), BelievedDlo()) is None

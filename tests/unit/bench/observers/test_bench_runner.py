@@ -31,6 +31,7 @@ from dlokit.bench.observers.runner import (
     run_in_workers,
 )
 from dlokit.errors import ConfigError, InputError, MachineError
+from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.base import ObserverStrategy, nothing_seen
 from dlokit.types.dlo import DloState, TargetPoints
 from dlokit.types.observation import Observation
@@ -46,7 +47,7 @@ class StillConfig:
 
     label: str = "still"
 
-    def build(self) -> ObserverStrategy:
+    def build(self, dlo: BelievedDlo) -> ObserverStrategy:
         return Still(self.label)
 
 
@@ -194,7 +195,7 @@ class FailingConfig:
 
     not_finite: bool = False
 
-    def build(self) -> ObserverStrategy:
+    def build(self, dlo: BelievedDlo) -> ObserverStrategy:
         return Failing(self.not_finite)
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from synthetic_clouds import cloud, shape, state
 
+from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.base import ObserverStrategyConfig
 from dlokit.skills.observer.config import ObserverConfig
 from dlokit.skills.observer.following import cleaned, followed
@@ -50,7 +51,7 @@ def test_a_bad_cloud_is_named_and_the_last_state_is_kept_less_and_less_certain(
     config: type[ObserverStrategyConfig], name: str
 ) -> None:
     make, doubt = BAD[name]
-    answer = followed(config().build(), make(), prior(), CONFIG)
+    answer = followed(config().build(BelievedDlo()), make(), prior(), CONFIG)
     assert answer.doubt is doubt
     np.testing.assert_array_equal(answer.targets.nodes_world, ROD)
     assert not answer.targets.visible.any()
@@ -74,7 +75,7 @@ def test_ten_million_points_are_thinned_before_anybody_looks_at_them() -> None:
 def test_nan_among_good_points_does_no_harm(config: type[ObserverStrategyConfig]) -> None:
     points = cloud(ROD).points_world.copy()
     points[::7] = np.nan
-    answer = followed(config().build(), seen(points), prior(), CONFIG)
+    answer = followed(config().build(BelievedDlo()), seen(points), prior(), CONFIG)
     assert answer.doubt is None
     assert np.isfinite(answer.targets.nodes_world).all()
 

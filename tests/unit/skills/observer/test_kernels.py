@@ -5,6 +5,7 @@ from typing import Any
 import pytest
 from synthetic_clouds import cloud, shape, state
 
+from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer import mixture_kernels, som_kernels
 from dlokit.skills.observer.base import ObserverStrategyConfig
 from dlokit.skills.observer.kernels import warm
@@ -27,7 +28,7 @@ def test_after_warming_no_observer_compiles_anything(config: type[ObserverStrate
     warm()
     before = compiled()
     assert before["dlokit.skills.observer.mixture_kernels.expectation"] == 1
-    config().build().estimate(cloud(shape("S")), state(shape("S")))
+    config().build(BelievedDlo()).estimate(cloud(shape("S")), state(shape("S")))
     assert compiled() == before
 
 

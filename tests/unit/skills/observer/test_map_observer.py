@@ -7,6 +7,7 @@ from moving_rods import Case, moving_rod
 from synthetic_clouds import LENGTH_M, cloud, shape, state
 
 from dlokit.geometry import resample, rmse_m
+from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.cpd import Cpd, pliable
 from dlokit.skills.observer.map.assign import Assignment
 from dlokit.skills.observer.map.band import ChainSystem
@@ -90,12 +91,15 @@ def test_a_held_node_is_where_the_gripper_is() -> None:
     np.testing.assert_allclose(result.nodes_world[15], rod[15] + [0, 0, 0.02], atol=0.002)
 
 
-def test_nodes_stay_above_the_table() -> None:
+@pytest.mark.parametrize("radius_m", [0.002, 0.004])
+def test_nodes_stay_a_radius_above_the_table(radius_m: float) -> None:
     rod = shape("random", 2)
     seen = cloud(rod, noise_m=0.004)
     low = msgspec.structs.replace(seen, points_world=seen.points_world - np.array([0, 0, 0.006], dtype=np.float32))
-    result = MapObserver().estimate(low, state(rod))
-    assert result.nodes_world[:, 2].min() > 0.004 - 0.0015  # the points pull by 6 mm
+    result = MapConfig().build(BelievedDlo(radius_m=radius_m)).estimate(low, state(rod))
+    # The points pull by 6 mm, and all nodes lie on the table.
+    assert result.nodes_world[:, 2].min() > radius_m - 0.0015
+    assert np.median(result.nodes_world[:, 2]) == pytest.approx(radius_m, abs=0.0008)
     buried = MapObserver(MapConfig(table_z_m=-1.0)).estimate(low, state(rod))
     assert buried.nodes_world[:, 2].min() < 0.0
 
@@ -147,7 +151,7 @@ def test_a_node_in_open_view_without_points_is_drawn_to_the_rod_and_one_behind_t
     pulled: list[bool] = []
     for depth_m in (nobody, everywhere):
         looked = msgspec.structs.replace(seen, occlusion=Occlusion(depth_m=depth_m, scale=10))
-        frame = posed(looked, state(rod), (), config)
+        frame = posed(looked, state(rod), (), BelievedDlo().radius_m, config)
         few = Assignment(
             segment=np.zeros(len(frame.points), dtype=np.int64),
             t=np.zeros(len(frame.points)),

@@ -16,6 +16,7 @@ from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.geometry import rmse_m
+from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer import api
 from dlokit.skills.observer.anchored import Anchored, AnchoredConfig
 from dlokit.skills.observer.component import ObserverComponent
@@ -39,7 +40,7 @@ def play(
     async def main() -> None:
         transport, clock = MemoryTransport(), LoopClock()
         host = Container(transport, clock)
-        host.add(ObserverComponent(config or ObserverConfig(), nodes=NODES, length_m=LENGTH_M))
+        host.add(ObserverComponent(config or ObserverConfig(), BelievedDlo(nodes=NODES, length_m=LENGTH_M)))
         async with host:
             await scenario(transport, clock)
 
@@ -211,7 +212,7 @@ class Wavering:
     name: ClassVar[str] = "wavering"
     healths: tuple[float, ...] = ()
 
-    def build(self) -> "Wavering":
+    def build(self, dlo: BelievedDlo) -> "Wavering":
         return self
 
     def estimate(self, seen: Observation, prior: DloState) -> TargetPoints:

@@ -1,11 +1,12 @@
 from collections.abc import Callable, Coroutine
+from dataclasses import replace
 from types import TracebackType
 from typing import Any, Self
 
 import msgspec
 import numpy as np
 import pytest
-from stereo_scene import Scene
+from stereo_scene import ROPE_RADIUS_M, Scene
 
 from dlokit import geometry
 from dlokit.communication import topics
@@ -15,6 +16,7 @@ from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.errors import HardwareError
+from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.perception import api
 from dlokit.skills.perception.brightness import BrightnessConfig
 from dlokit.skills.perception.component import PerceptionComponent
@@ -76,7 +78,12 @@ Test = Callable[[MemoryTransport, ScriptedCamera], Coroutine[Any, Any, None]]
 
 
 def with_perception(
-    scene: Scene, test: Test, *, config: PerceptionConfig = NO_CORRECTION, exposure_s: float = 0.0
+    scene: Scene,
+    test: Test,
+    *,
+    config: PerceptionConfig = NO_CORRECTION,
+    exposure_s: float = 0.0,
+    radius_m: float = ROPE_RADIUS_M,
 ) -> ScriptedCamera:
     """Run a test on a bus with perception; returns the camera."""
     camera = ScriptedCamera(scene, exposure_s=exposure_s)
@@ -86,7 +93,7 @@ def with_perception(
         clock = LoopClock()
         host = Container(transport, clock)
         robot, decision = Others(), Deciders()
-        for component in (robot, decision, PerceptionComponent(config, camera)):
+        for component in (robot, decision, PerceptionComponent(config, camera, BelievedDlo(radius_m=radius_m))):
             host.add(component)
         async with host:
             robot.port.publish(topics.ROBOT_STATE, scene.robot)
@@ -125,6 +132,21 @@ def test_a_look_publishes_pictures_and_points_with_the_stamp_of_the_pictures(s_s
         assert len(points.points_world) > 100
 
     with_perception(s_scene, test, exposure_s=0.05)
+
+
+def test_a_look_takes_the_cloud_from_the_surface_to_the_centre_line_of_the_dlo_as_believed(s_scene: Scene):
+    heights_m: list[float] = []
+
+    async def test(bus: MemoryTransport, camera: ScriptedCamera) -> None:
+        outcome = await bus.call(api.LOOK)
+        assert isinstance(outcome, Succeeded)
+        heights_m.append(float(np.median(outcome.result.points_world[:, 2])))
+
+    in_the_air = replace(NO_CORRECTION, table=replace(NO_CORRECTION.table, supports=False))
+    for radius_m in (0.001, 0.003):
+        with_perception(s_scene, test, config=in_the_air, radius_m=radius_m)
+    # Straight down it would be the 2 mm between the radii; the camera looks a little aslant.
+    assert heights_m[0] - heights_m[1] == pytest.approx(0.002, abs=0.0005)
 
 
 def test_a_look_without_points_fails_by_name_and_still_publishes(s_scene: Scene):

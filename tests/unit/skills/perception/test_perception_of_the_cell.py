@@ -34,7 +34,7 @@ def test_every_preset_is_seen_whole_and_where_it_is_despite_the_error_of_the_cam
     images = msgspec.structs.replace(
         images, calibration=msgspec.structs.replace(images.calibration, T_world_camera=pose)
     )
-    points = perceive(images, robots, CONFIG, CONFIG.segmentation).observation.points_world
+    points = perceive(images, robots, CONFIG, CONFIG.segmentation, preset.radius_m).observation.points_world
     line = resample(cell.true_nodes_world(), 2000)
     # The table cannot correct a shift of up to 3 mm along it, nor a turn of 0.2 deg, which is 3 mm at 0.8 m; the
     # points spread by the radius of 4 mm around what is left.

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
-from stereo_scene import Scene, calibration, camera_pose, render, s_curve
+from stereo_scene import ROPE_RADIUS_M, Scene, calibration, camera_pose, render, s_curve
 
 from dlokit.geometry import pose, resample, rotation
 from dlokit.skills.perception.brightness import BrightnessConfig
@@ -20,7 +20,7 @@ Array = NDArray[np.floating]
 
 
 def look_at(scene: Scene, config: PerceptionConfig = CONFIG) -> Look:
-    return perceive(scene.images, (scene.robot,), config, config.segmentation)
+    return perceive(scene.images, (scene.robot,), config, config.segmentation, ROPE_RADIUS_M)
 
 
 def distance_m(points: Array, scene: Scene) -> Array:
@@ -94,7 +94,7 @@ def test_a_speck_of_light_on_the_table_is_not_dlo(s_scene: Scene):
     left = s_scene.images.left.copy()
     left[400:404, 300:304] = 255
     images = msgspec.structs.replace(s_scene.images, left=left)
-    look = perceive(images, (s_scene.robot,), CONFIG, CONFIG.segmentation)
+    look = perceive(images, (s_scene.robot,), CONFIG, CONFIG.segmentation, ROPE_RADIUS_M)
     assert look.segmented[402, 302]
     assert not look.mask[402, 302]
 

@@ -17,6 +17,7 @@ from dlokit.skills.planning.grasp import (
 from dlokit.types.arrays import Float64Array
 
 CONFIG = GraspConfig()
+RADIUS_M = 0.004
 I_SHAPE = builtin_shape("I", 0.5, 31)
 
 
@@ -59,29 +60,30 @@ def test_the_wrist_keeps_room_to_turn(node: int, turn_rad: float) -> None:
 
 
 def test_the_widest_opening_is_taken_on_a_free_rod() -> None:
-    assert fitting_opening_m(I_SHAPE, rod_point(I_SHAPE, 0.5), CONFIG) == CONFIG.openings_m[0]
+    assert fitting_opening_m(I_SHAPE, rod_point(I_SHAPE, 0.5), RADIUS_M, CONFIG) == CONFIG.openings_m[0]
 
 
-def test_the_gripper_fits_beside_a_strand_up_to_the_boundary() -> None:
+@pytest.mark.parametrize("radius_m", [0.002, 0.006])
+def test_the_gripper_fits_beside_a_strand_up_to_the_boundary(radius_m: float) -> None:
     opening = 0.03
     # The finger's far side, the clearance, the neighbour's radius: that far away it is free.
-    reach = opening / 2 + CONFIG.finger_thickness_m + CONFIG.clearance_m + CONFIG.rod_radius_m
+    reach = opening / 2 + CONFIG.finger_thickness_m + CONFIG.clearance_m + radius_m
     free, touched = hairpin(reach + 0.002), hairpin(reach - 0.002)
     at = 0.2
-    assert gripper_fits(free, rod_point(free, at), opening, CONFIG)
-    assert not gripper_fits(touched, rod_point(touched, at), opening, CONFIG)
+    assert gripper_fits(free, rod_point(free, at), opening, radius_m, CONFIG)
+    assert not gripper_fits(touched, rod_point(touched, at), opening, radius_m, CONFIG)
 
 
 def test_two_strands_between_the_fingers_are_one_too_many() -> None:
     strands = hairpin(0.015)
-    assert not gripper_fits(strands, rod_point(strands, 0.2), 0.05, CONFIG)
+    assert not gripper_fits(strands, rod_point(strands, 0.2), 0.05, RADIUS_M, CONFIG)
 
 
 def test_a_narrower_opening_is_taken_where_the_wide_one_lands_on_the_rod() -> None:
     strands = hairpin(0.036)
-    assert fitting_opening_m(strands, rod_point(strands, 0.2), CONFIG) == 0.03
+    assert fitting_opening_m(strands, rod_point(strands, 0.2), RADIUS_M, CONFIG) == 0.03
 
 
 def test_no_opening_fits_strands_that_lie_side_by_side() -> None:
     strands = hairpin(0.018)
-    assert fitting_opening_m(strands, rod_point(strands, 0.2), CONFIG) is None
+    assert fitting_opening_m(strands, rod_point(strands, 0.2), RADIUS_M, CONFIG) is None

@@ -2,6 +2,7 @@
 
 import pickle
 from collections.abc import Awaitable, Callable
+from dataclasses import replace
 from typing import Any
 
 import msgspec
@@ -186,9 +187,10 @@ def test_what_was_learnt_of_the_dlo_is_planned_with() -> None:
         tight = GoalShape(stamp_ns=0, nodes_world=builtin_shape("S", 0.5, 31))
         async with host:
             standings: list[Standing] = []
-            stiff = Figure(value=5e-3, log_sd=0.1)
             configured = as_configured(ModelConfig(), 0)
-            learnt = msgspec.structs.replace(configured, elastic_m3=stiff, takes_set=0.0, actions=1)
+            stiffer = as_configured(replace(ModelConfig(), bending_stiffness_n_m2=1e-3), 0)
+            stiff = Figure(value=stiffer.elastic_m3.value, log_sd=0.1)
+            learnt = msgspec.structs.replace(stiffer, elastic_m3=stiff, takes_set=0.0, actions=1)
             for belief in (configured, learnt):
                 believer.port.publish(topics.BELIEF, belief)
                 await host.clock.sleep(0.01)

@@ -14,6 +14,7 @@ from typing import ClassVar
 import numpy as np
 import scipy
 
+from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.anchored import is_chain
 from dlokit.skills.observer.base import ObserverStrategy, nothing_seen
 from dlokit.skills.observer.cpd import register
@@ -30,9 +31,9 @@ class MapConfig(MapSettings):
 
     name: ClassVar[str] = "map"
 
-    def build(self) -> ObserverStrategy:
+    def build(self, dlo: BelievedDlo) -> ObserverStrategy:
         """The strategy with these settings."""
-        return MapObserver(self)
+        return MapObserver(self, dlo)
 
 
 def refinement(prior: DloState, longest_edge_m: float) -> int:
@@ -68,8 +69,9 @@ def refined_pins(pins: tuple[GripperPin, ...], pieces: int) -> tuple[GripperPin,
 class MapObserver:
     """Coarse stage, fine stage, covariance and health."""
 
-    def __init__(self, config: MapConfig | None = None) -> None:
+    def __init__(self, config: MapConfig | None = None, dlo: BelievedDlo | None = None) -> None:
         self._config = config or MapConfig()
+        self._dlo = dlo or BelievedDlo()
 
     def estimate(self, seen: Observation, prior: DloState) -> TargetPoints:
         """The most probable nodes in the order of `prior`, their covariance (M, 3, 3) [m²], and health.
@@ -87,7 +89,7 @@ class MapObserver:
             first = register(thinned(points, config.cpd.max_points), prior.nodes_world, config.cpd)
             return register_visible(points, first, seen, prior, config.cpd, config.visibility)
         pieces = refinement(prior, config.longest_edge_m)
-        problem = posed(seen, refined(prior, pieces), refined_pins(seen.pins, pieces), config)
+        problem = posed(seen, refined(prior, pieces), refined_pins(seen.pins, pieces), self._dlo.radius_m, config)
         found = tracked(problem, config)
         return TargetPoints(
             stamp_ns=seen.stamp_ns,

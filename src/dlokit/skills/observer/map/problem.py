@@ -22,6 +22,8 @@ class MapProblem:
 
     view: View | None
     """The camera; None where nobody knows it."""
+    radius_m: float
+    """Radius of the rod [m]: nodes lie at least so high above the table."""
     origin: Float64Array
     """(3,) [m] in the world."""
     points: Float64Array
@@ -53,11 +55,13 @@ class MapProblem:
         shaded = self.shaded(nodes, config.visibility)
         if self.view is None or not np.any(alone & ~shaded):
             return shaded
-        return shaded | (alone & self.view.behind_itself(nodes, config.radius_m))
+        return shaded | (alone & self.view.behind_itself(nodes, self.radius_m))
 
 
-def posed(seen: Observation, prior: DloState, held: tuple[GripperPin, ...], config: MapSettings) -> MapProblem:
-    """The problem of one cloud with at least one point."""
+def posed(
+    seen: Observation, prior: DloState, held: tuple[GripperPin, ...], radius_m: float, config: MapSettings
+) -> MapProblem:
+    """The problem of one cloud with at least one point, for a rod of `radius_m` [m]."""
     origin = prior.nodes_world.mean(axis=0)
     before = prior.nodes_world - origin
     pins = tuple((pin.node, np.asarray(pin.position_world, dtype=np.float64) - origin) for pin in held)
@@ -67,6 +71,7 @@ def posed(seen: Observation, prior: DloState, held: tuple[GripperPin, ...], conf
     K_d, K_x = coherence(len(before), float(np.mean(rest)), config.priors)
     return MapProblem(
         view=view_of(seen, origin),
+        radius_m=radius_m,
         origin=origin,
         points=points,
         before=before,
@@ -77,7 +82,7 @@ def posed(seen: Observation, prior: DloState, held: tuple[GripperPin, ...], conf
         K_x=K_x,
         way_m=max(way_since(thinned(points, config.coarse_points), before, config), min(carried, config.widest_m)),
         pins=pins,
-        floor_m=_floor_m(points, before, config.table_z_m + config.radius_m - float(origin[2]), config),
+        floor_m=_floor_m(points, before, config.table_z_m + radius_m - float(origin[2]), config),
     )
 
 

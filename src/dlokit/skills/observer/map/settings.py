@@ -112,8 +112,6 @@ class MapSettings:
     """Pull of a node in open view without points to the nearest shade or point, as a standard deviation [m]."""
     free_space_reach_m: float = 0.05
     """A point farther than this hardly pulls [m]."""
-    radius_m: float = 0.004
-    """The rod's radius: nodes lie at least so high above the table [m]."""
     table_z_m: float = 0.0
     """Height of the table [m]."""
     below_table_m: float = 0.02

@@ -125,7 +125,7 @@ class PlanningScene:
         grasp = self.tools.actions.grasp
         share = grasp_share(self.nodes_world, node, grasp.end_inset_m)
         here = rod_point(self.nodes_world, share)
-        opening_m = fitting_opening_m(self.nodes_world, here, grasp)
+        opening_m = fitting_opening_m(self.nodes_world, here, self.tools.model.radius_m, grasp)
         if opening_m is None:
             return None
         return NodeToGoal(node=node, here=here, there=rod_point(self.goal_world, share), opening_m=opening_m)

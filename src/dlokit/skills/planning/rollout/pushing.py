@@ -103,7 +103,7 @@ class Pushing:
         tool = np.empty((3, 4))
         tool[:, 2], tool[:, 3] = grasp.height_m, self._comfortable(heading + yaw, here)
         # From the middle of the fingers to the rod, along the way: a slanting rod is met later.
-        gap = (FINGERS[1] + grasp.rod_radius_m + offset) / math.cos(_across(direction))
+        gap = (FINGERS[1] + self._scene.tools.model.radius_m + offset) / math.cos(_across(direction))
         tool[0, :2] = here.position_world[:2] - gap * ahead
         tool[2, :2] = tool[0, :2] + (offset / math.cos(_across(direction)) + length) * ahead
         tool[1, :2] = 0.5 * (tool[0, :2] + tool[2, :2]) + bow * length * np.array([-ahead[1], ahead[0]])
@@ -117,12 +117,12 @@ class Pushing:
 
     def _free(self, tool: Float64Array) -> bool:
         """Whether the closed fingers come down on no part of the rod."""
-        grasp = self._scene.tools.actions.grasp
+        tools = self._scene.tools
         line = np.array([math.sin(tool[3]), -math.cos(tool[3])])
         offsets = self._rod - tool[:2]
         along = np.clip(offsets @ line, -FINGERS[0], FINGERS[0])
         nearest_m = np.linalg.norm(offsets - along[:, None] * line, axis=1).min()
-        return bool(nearest_m > FINGERS[1] + grasp.rod_radius_m + grasp.clearance_m)
+        return bool(nearest_m > FINGERS[1] + tools.model.radius_m + tools.actions.grasp.clearance_m)
 
     def _velocity(self, speed_m_s: float) -> VelocityProfile:
         path = self._scene.tools.actions.path

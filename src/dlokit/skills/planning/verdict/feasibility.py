@@ -8,6 +8,7 @@ import numpy as np
 from dlokit import geometry
 from dlokit.description.shapes import NEIGHBOUR_M
 from dlokit.geometry.camera import project
+from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.planning.actions import FeasibilityConfig, GraspConfig
 from dlokit.skills.planning.base import Reachable
 from dlokit.skills.planning.grasp import fitting_opening_m, grasp_pose, grasp_yaw, rod_point
@@ -70,6 +71,7 @@ _FINER = 4  # points a node spacing at which strands are measured against each o
 class Workplace:
     """What a shape must keep to, and who can tell."""
 
+    dlo: BelievedDlo
     config: FeasibilityConfig
     grasp: GraspConfig
     reachable: Reachable
@@ -135,7 +137,7 @@ def misfits(nodes_world: Float64Array, length_m: float, config: FeasibilityConfi
 def crowded(nodes_world: Float64Array, place: Workplace) -> tuple[Finding, ...]:
     """Where a rod (M, 3) [m] lies so close to itself that the fingers could neither grasp nor release it."""
     fits = [
-        fitting_opening_m(nodes_world, rod_point(nodes_world, share), place.grasp) is not None
+        fitting_opening_m(nodes_world, rod_point(nodes_world, share), place.dlo.radius_m, place.grasp) is not None
         for share in np.linspace(0.0, 1.0, len(nodes_world))
     ]
     node, gap_m = _farthest_from(nodes_world, np.array(fits))

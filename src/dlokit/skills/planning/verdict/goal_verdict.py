@@ -25,10 +25,8 @@ TryGoal = Callable[[Float64Array], Awaitable[HoldVerdict]]
 """Releases the rod in a goal (M, 3) [m]; costs what a few seconds of physics cost."""
 
 
-async def judge(
-    goal: GoalShape, threshold_m: float, *, place: Workplace, length_m: float, radius_m: float, try_goal: TryGoal
-) -> GoalVerdict:
-    """Judge a goal for a rod of `length_m` and `radius_m`, to be met to an RMSE of `threshold_m` [m].
+async def judge(goal: GoalShape, threshold_m: float, *, place: Workplace, try_goal: TryGoal) -> GoalVerdict:
+    """Judge a goal for the DLO of `place`, to be met to an RMSE of `threshold_m` [m].
 
     It holds when nothing stands against it. It is infeasible when no shape within the threshold would do, even if the
     rod is as soft and the table as rough as may be; else it is doubtful. A goal across itself is tried as if strands
@@ -36,16 +34,16 @@ async def judge(
     """
     nodes = goal.nodes_world
     beyond = out_of_bounds(nodes, place)
-    across = overlaps(nodes, radius_m)
+    across = overlaps(nodes, place.dlo.radius_m)
     bent = bends(nodes, place.config)
-    apart_m = parting_rmse_m(nodes, list(crossings(nodes[:, :2])), radius_m) if across else 0.0
+    apart_m = parting_rmse_m(nodes, list(crossings(nodes[:, :2])), place.dlo.radius_m) if across else 0.0
     hold = None if apart_m > threshold_m else await try_goal(nodes)
     sprung = () if hold is None else _springs_back(hold, nodes, threshold_m, place)
     findings = (
         *beyond,
         *across,
         *bent,
-        *misfits(nodes, length_m, place.config),
+        *misfits(nodes, place.dlo.length_m, place.config),
         *sprung,
         *crowded(nodes, place),
     )
@@ -54,7 +52,7 @@ async def judge(
         or hold.attainable_rmse_m > place.config.hopeless_factor * threshold_m
         or (bool(beyond) and beyond_rmse_m(nodes, place) > threshold_m)
     )
-    nearest = None if hold is None or not findings else _nearest(hold, place, length_m, radius_m)
+    nearest = None if hold is None or not findings else _nearest(hold, place)
     return GoalVerdict(
         stamp_ns=goal.stamp_ns,
         standing=_standing(findings, hopeless=hopeless),
@@ -73,14 +71,14 @@ def _standing(findings: tuple[Finding, ...], *, hopeless: bool) -> Standing:
     return Standing.DOUBTFUL if findings else Standing.HOLDS
 
 
-def _nearest(hold: HoldVerdict, place: Workplace, length_m: float, radius_m: float) -> Float64Array | None:
+def _nearest(hold: HoldVerdict, place: Workplace) -> Float64Array | None:
     """The nearest shape that holds (M, 3) [m], moved to where it can be worked with; None when it breaks a rule."""
     if hold.nearest_world is None:
         return None
     moved = moved_inside(hold.nearest_world, lambda nodes: is_inside(nodes, place))
-    if moved is None or overlaps(moved, radius_m) or bends(moved, place.config):
+    if moved is None or overlaps(moved, place.dlo.radius_m) or bends(moved, place.config):
         return None
-    return None if misfits(moved, length_m, place.config) or crowded(moved, place) else moved
+    return None if misfits(moved, place.dlo.length_m, place.config) or crowded(moved, place) else moved
 
 
 def _springs_back(hold: HoldVerdict, nodes: Float64Array, threshold_m: float, place: Workplace) -> tuple[Finding, ...]:

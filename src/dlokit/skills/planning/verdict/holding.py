@@ -5,12 +5,11 @@ soft on as rough a one as may be. The budget is counted in trials, not in second
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from dlokit import geometry
-from dlokit.description.dlo import GRAVITY_M_S2
 from dlokit.rod.believed import ModelConfig
 from dlokit.rod.equilibrium import nearest_held
 from dlokit.rod.nodes import fit_length
@@ -56,16 +55,19 @@ class Plausible:
 def try_goal(
     model: ModelConfig, belief: DloBelief, goal_world: Float64Array, threshold_m: float, config: FeasibilityConfig
 ) -> HoldVerdict:
-    """Release the rod in a goal (M, 3) [m], and where that does not hold look for the nearest shape that does."""
-    rod, may_be, allowed_m = as_believed(model, belief), plausible(belief, config), config.hold_share * threshold_m
-    releases = tuple(release(rod, goal_world, one) for one in may_be)
+    """Release the rod in a goal (M, 3) [m], and where that does not hold look for the nearest shape that does.
+
+    `model` is the rod of `belief`: the one that actions are planned with.
+    """
+    may_be, allowed_m = plausible(belief, config), config.hold_share * threshold_m
+    releases = tuple(release(model, goal_world, one) for one in may_be)
     best_m, too_tight = min(trial.rmse_m for trial in releases), bool(bends(goal_world, config))
     if best_m > threshold_m or too_tight:
         led_m = attainable_rmse_m(belief, goal_world, config)
         best_m = led_m if too_tight else min(best_m, led_m)
     if all(trial.rmse_m <= allowed_m for trial in releases) and not too_tight:
-        return HoldVerdict(releases, best_m, fit_length(rod, goal_world))
-    return HoldVerdict(releases, best_m, _nearest(rod, belief, goal_world, allowed_m, config))
+        return HoldVerdict(releases, best_m, fit_length(model, goal_world))
+    return HoldVerdict(releases, best_m, _nearest(model, belief, goal_world, allowed_m, config))
 
 
 def attainable_rmse_m(belief: DloBelief, goal_world: Float64Array, config: FeasibilityConfig) -> float:
@@ -88,17 +90,6 @@ def plausible(belief: DloBelief, config: FeasibilityConfig) -> tuple[Plausible, 
     )
 
 
-def as_believed(model: ModelConfig, belief: DloBelief) -> ModelConfig:
-    """The model with what is believed of the DLO by now; of EI, μ and w the surest is EI / (μ w)."""
-    friction, weight_n_m = belief.friction.value, belief.weight_n_m.value
-    return replace(
-        model,
-        bending_stiffness_n_m2=belief.elastic_m3.value * friction * weight_n_m,
-        friction=friction,
-        mass_kg_m=weight_n_m / GRAVITY_M_S2,
-    )
-
-
 def release(model: ModelConfig, goal_world: Float64Array, rod: Plausible) -> Release:
     """Lay the rod down as a goal (M, 3) [m], let go, and measure how far it springs back."""
     nodes = settle(model, goal_world, rod.quick)
@@ -114,7 +105,7 @@ def release(model: ModelConfig, goal_world: Float64Array, rod: Plausible) -> Rel
 
 
 def _nearest(
-    rod: ModelConfig, belief: DloBelief, goal_world: Float64Array, allowed_m: float, config: FeasibilityConfig
+    model: ModelConfig, belief: DloBelief, goal_world: Float64Array, allowed_m: float, config: FeasibilityConfig
 ) -> Float64Array | None:
     """The nearest shape found (M, 3) [m] that holds whatever of the doubts is right.
 
@@ -131,6 +122,6 @@ def _nearest(
             yield_curvature_1_m=stiffest.yield_curvature_1_m,
         )
         # The worst comes first: mostly it decides alone.
-        if all(release(rod, held.nodes_world, one).rmse_m <= allowed_m for one in (stiffest, *may_be)):
+        if all(release(model, held.nodes_world, one).rmse_m <= allowed_m for one in (stiffest, *may_be)):
             return held.nodes_world
     return None

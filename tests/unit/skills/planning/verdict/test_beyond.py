@@ -10,6 +10,7 @@ from dlokit import geometry
 from dlokit.description.scene import default_calibration
 from dlokit.description.shapes import builtin_shape, moved, random_shape
 from dlokit.motion.inverse_kinematics import PandaKinematics
+from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.planning.actions import FeasibilityConfig, GraspConfig
 from dlokit.skills.planning.verdict.feasibility import Workplace, out_of_bounds
 from dlokit.skills.planning.verdict.within_reach import beyond_rmse_m
@@ -33,7 +34,7 @@ def workplace(
     reachable: Callable[[Pose], bool] = everywhere,
     camera: CameraCalibration | None = None,
 ) -> Workplace:
-    return Workplace(config, GraspConfig(), reachable, camera)
+    return Workplace(BelievedDlo(), config, GraspConfig(), reachable, camera)
 
 
 def test_a_goal_inside_is_no_way_from_it() -> None:

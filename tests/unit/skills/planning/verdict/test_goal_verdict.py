@@ -30,14 +30,14 @@ S_SHAPE = builtin_shape("S", 0.5, 31)
 
 
 def of(goal: Float64Array, model: ModelConfig = ROPE, yield_curvature_1_m: float | None = None) -> GoalVerdict:
-    place = Workplace(CONFIG, GraspConfig(), PandaKinematics().reachable, None)
+    place = Workplace(model, CONFIG, GraspConfig(), PandaKinematics().reachable, None)
     belief = replace_belief(as_configured(model, 0), yield_curvature_1_m=yield_curvature_1_m)
 
     async def try_goal(nodes: Float64Array) -> HoldVerdict:
         return holding.try_goal(model, belief, nodes, THRESHOLD_M, CONFIG)
 
     shape = GoalShape(stamp_ns=7, nodes_world=goal)
-    return asyncio.run(judge(shape, THRESHOLD_M, place=place, length_m=0.5, radius_m=0.004, try_goal=try_goal))
+    return asyncio.run(judge(shape, THRESHOLD_M, place=place, try_goal=try_goal))
 
 
 @pytest.mark.parametrize("goal", [I_SHAPE, S_SHAPE], ids=["I", "S"])
