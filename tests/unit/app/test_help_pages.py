@@ -24,7 +24,7 @@ def test_the_first_page_has_what_people_use_and_says_which_others_there_are(caps
     assert "│ --speed-scale FLOAT, --gate.speed-scale FLOAT " in text
     assert "--task.settle-s" not in text
     assert TITLE.findall(text) == ["options", "task options", "gate options"]
-    for group in ("cell", "perception", "observer", "model", "planning", "robot", "gate", "viewer"):
+    for group in ("cell", "perception", "observer", "model", "planning", "robot", "gate", "table", "viewer"):
         assert re.search(rf"^  {group} ", text, re.MULTILINE)
     assert len(text.splitlines()) < 150
 
@@ -45,7 +45,7 @@ def test_all_pages_together_are_the_whole_help(capsys: pytest.CaptureFixture[str
     whole = page(capsys, "shape", "--help", "all")
     flags = re.findall(r"^│ (--\S+)", whole, re.MULTILINE)
     assert len(flags) > 200
-    groups = ("task", "cell", "perception", "observer", "model", "planning", "robot", "gate", "viewer")
+    groups = ("task", "cell", "perception", "observer", "model", "planning", "robot", "gate", "table", "viewer")
     pages = [page(capsys, "shape", "--help"), *(page(capsys, "shape", "--help", group) for group in groups)]
     assert set(flags) == {flag for text in pages for flag in re.findall(r"^│ (--\S+)", text, re.MULTILINE)}
 
