@@ -131,8 +131,8 @@ def test_what_the_parser_refuses_ends_with_2_and_points_to_the_help(
 def test_a_taken_port_is_named_with_another_one(runtime: str) -> None:
     with socket.create_server(("127.0.0.1", 0)) as other:
         port = other.getsockname()[1]
-        with pytest.raises(InputError, match=rf"port {port} .*--viewer\.port"):
-            execute(["shape", "--runtime", runtime, "--viewer.port", str(port)])
+        with pytest.raises(InputError, match=rf"port {port} .*--port"):
+            execute(["shape", "--runtime", runtime, "--port", str(port)])
 
 
 def test_a_run_without_opengl_ends_before_it_starts(folder: Path) -> None:

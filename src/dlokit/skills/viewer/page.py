@@ -217,8 +217,7 @@ def open_page(host: str, port: int, key: str) -> viser.ViserServer:
         remove_sharing(server)
         if port != 0 and server.get_port() != port:
             raise MachineError(
-                f"The viewer's port {port} was taken by another program just now; "
-                "choose another one with --viewer.port."
+                f"The viewer's port {port} was taken by another program just now; choose another one with --port."
             )
     except MachineError:
         close_page(server)

@@ -11,7 +11,7 @@ def test_a_port_in_use_is_one_error_that_says_what_to_do() -> None:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = taken.getsockname()[1]
-        with pytest.raises(MachineError, match=rf"port {port} .*--viewer\.port"):
+        with pytest.raises(MachineError, match=rf"port {port} .*--port"):
             check_port("127.0.0.1", port)
         with pytest.raises(MachineError, match=rf"port {port} "):
             open_page("127.0.0.1", port, "key")
