@@ -90,6 +90,7 @@ BAD = {
     "fewer than no actions": (["--max-actions", "-1"], "--max-actions is -1"),
     "a threshold of NaN": (["--threshold-m", "nan"], "--threshold-m is nan"),
     "a threshold of zero": (["--threshold-m", "0"], "--threshold-m is 0"),
+    "a threshold in millimetres": (["--threshold-m", "12"], "--threshold-m is 12"),
     "a negative threshold": (["--threshold-m", "-0.01"], "--threshold-m is -0.01"),
     "a negative seed": (["--seed", "-1"], "--seed is -1"),
     "an interactive goal without a viewer": (["--goal", "interactive"], "needs the viewer"),

@@ -8,6 +8,8 @@ import tyro
 
 from dlokit.errors import ConfigError
 
+LARGEST_THRESHOLD_M = 0.1
+"""A larger threshold is not meant: it is a quarter of the table, and most likely given in another unit."""
 Infeasible = Literal["reject", "project", "try"]
 
 
@@ -100,6 +102,11 @@ class TaskConfig:
             value: float = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise ConfigError(f"{_flag(name)} is {value}; it must be a number above 0.")
+        if self.threshold_m > LARGEST_THRESHOLD_M:
+            raise ConfigError(
+                f"--threshold-m is {self.threshold_m}; it must be {LARGEST_THRESHOLD_M} or less. It is in metres: "
+                "0.012 is 12 mm."
+            )
         for name in (
             "changed_m",
             "progress_m",
