@@ -74,8 +74,8 @@ def _of_goal(across: Finding, apart_m: float, threshold_m: float) -> Finding:
     near = apart_m <= threshold_m
     text = (
         f"The goal lies across or upon itself at node {across.node}; the DLO can only be laid open. The nearest "
-        f"open shape is about {apart_m * 1000.0:.1f} mm (RMSE) from it, {'within' if near else 'more than'} the threshold of "
-        f"{threshold_m * 1000.0:.4g} mm: "
+        f"open shape is about {apart_m * 1000.0:.1f} mm (RMSE) from it, {'within' if near else 'more than'} "
+        f"the threshold of {threshold_m * 1000.0:.4g} mm: "
         + ("the arm may end in an open shape beside the goal." if near else "the goal is refused; lay it open.")
     )
     return msgspec.structs.replace(across, text=text)

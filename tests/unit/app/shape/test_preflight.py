@@ -1,0 +1,39 @@
+"""What a first run says while it compiles, and what the demo names to try next."""
+
+import io
+import shlex
+
+import numba
+from rich.console import Console
+
+from dlokit.app.commands import parse
+from dlokit.app.shape.demo import NEXT
+from dlokit.app.shape.preflight import told_of_compiling
+
+
+def said_while(work: object) -> list[str]:
+    printed = io.StringIO()
+    with told_of_compiling(Console(file=printed, width=200), "the observer"):
+        assert callable(work)
+        work()
+    return printed.getvalue().splitlines()
+
+
+def test_compiling_is_announced_once_and_counted() -> None:
+    inner = numba.njit(lambda value: value + 1)
+    outer = numba.njit(lambda value: inner(value) * 2)
+    begun, done = said_while(lambda: outer(1))
+    assert "compiling" in begun
+    assert "2 functions" in done
+
+
+def test_nothing_is_said_of_code_that_is_compiled_already() -> None:
+    kernel = numba.njit(lambda value: value + 1)
+    kernel(1)
+    assert said_while(lambda: kernel(2)) == []
+
+
+def test_the_demo_names_three_commands_that_dlokit_understands() -> None:
+    assert len(NEXT) == 3
+    for command in NEXT:
+        parse(shlex.split(command)[1:])
