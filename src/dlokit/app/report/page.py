@@ -52,6 +52,8 @@ svg { width: 100%; height: auto; display: block;
 figure { margin: 0; } figure img { width: 100%; border-radius: 6px; display: block; }
 figcaption { color: var(--muted); font-size: 13px; margin-top: 6px; }
 .columns > * { min-width: 0; }
+/* A plot scaled to a telephone cannot be read: there it keeps its size, and its section scrolls. */
+@media (max-width: 600px) { section { overflow-x: auto; padding: 12px; } section svg { width: 720px; } }
 .scroll { overflow-x: auto; }
 table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums; }
 th, td { text-align: right; padding: 5px 10px; border-bottom: 1px solid var(--grid); white-space: nowrap; }
