@@ -2,6 +2,8 @@
 
 import io
 import shlex
+from collections.abc import Callable
+from typing import Any
 
 import numba
 from rich.console import Console
@@ -11,24 +13,23 @@ from dlokit.app.shape.demo import NEXT
 from dlokit.app.shape.preflight import told_of_compiling
 
 
-def said_while(work: object) -> list[str]:
+def said_while(work: Callable[[], object]) -> list[str]:
     printed = io.StringIO()
     with told_of_compiling(Console(file=printed, width=200), "the observer"):
-        assert callable(work)
         work()
     return printed.getvalue().splitlines()
 
 
 def test_compiling_is_announced_once_and_counted() -> None:
-    inner = numba.njit(lambda value: value + 1)
-    outer = numba.njit(lambda value: inner(value) * 2)
+    inner: Any = numba.njit(lambda value: value + 1)
+    outer: Any = numba.njit(lambda value: inner(value) * 2)
     begun, done = said_while(lambda: outer(1))
     assert "compiling" in begun
     assert "2 functions" in done
 
 
 def test_nothing_is_said_of_code_that_is_compiled_already() -> None:
-    kernel = numba.njit(lambda value: value + 1)
+    kernel: Any = numba.njit(lambda value: value + 1)
     kernel(1)
     assert said_while(lambda: kernel(2)) == []
 
