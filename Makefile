@@ -20,14 +20,18 @@ help:
 setup: .venv/.ready
 
 .venv/.ready: requirements.lock pyproject.toml | system-packages
+	@echo "step 2 of 4: the virtual environment .venv"
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.lock
+	@echo "step 3 of 4: the Python packages of requirements.lock, some minutes"
+	@.ci/python-packages $(BIN)/python requirements.lock
+	@echo "step 4 of 4: dlokit itself"
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps -e .
 	# Where Python is told to write no bytecode, as in many images, every process would compile dlokit anew.
 	$(BIN)/python -m compileall -q src
 	touch $@
 
 system-packages:
+	@test -e .venv/.ready || echo "step 1 of 4: the system packages that are missing"
 	@PYTHON=$(PYTHON) .ci/system-packages $(SYSTEM_PACKAGES)
 
 demo: setup

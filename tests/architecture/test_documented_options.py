@@ -39,7 +39,7 @@ def subcommands(page: str) -> list[str]:
 @pytest.fixture(scope="module")
 def known() -> set[str]:
     """All options of all commands, with the settings of every strategy."""
-    pages: list[str] = []
+    pages = [help_of()]
     for command in subcommands(help_of()):
         pages.append(help_of(command))
         pages += [help_of(command, name) for name in subcommands(pages[-1])]

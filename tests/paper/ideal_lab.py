@@ -76,13 +76,16 @@ def shape(
     rod: ModelConfig = ROD,
     planning: PlanningConfig | None = None,
     bus: Callable[[], MemoryTransport] = MemoryTransport,
+    operator_takes_s: float = 0.0,
 ) -> Trace:
     """Run the shape task in the ideal lab on virtual time; without a goal it is the operator's.
 
     `operator` may press a button at each step, or drag the frames and press "Shape it". `rod` is the DLO as the
     system believes it to be; `bus` makes what they talk over.
     """
-    return virtual_time.run(_shape(lab, goal, config or PATIENT, reachable, operator, rod, planning, bus))
+    return virtual_time.run(
+        _shape(lab, goal, config or PATIENT, reachable, operator, rod, planning, bus, operator_takes_s)
+    )
 
 
 @asynccontextmanager
@@ -128,6 +131,7 @@ async def _shape(
     rod: ModelConfig,
     planning: PlanningConfig | None,
     bus: Callable[[], MemoryTransport],
+    operator_takes_s: float,
 ) -> Trace:
     steps: list[tuple[str, str]] = []
     recorded: list[ActionRecord] = []
@@ -146,6 +150,7 @@ async def _shape(
                     self.port.publish(topics.GOAL_FRAMES, command)
                     command = Command.START
                 if command is not None:
+                    await self.port.clock.sleep(operator_takes_s)
                     now_ns = self.port.clock.now_ns()
                     self.port.publish(topics.COMMAND, OperatorCommand(stamp_ns=now_ns, command=command))
 

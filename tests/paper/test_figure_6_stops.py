@@ -154,6 +154,19 @@ def test_the_operator_stops_the_task_and_the_robot_is_left_safe() -> None:
     assert trace.calls[-2:] == ["stop", "tracking 0"]
 
 
+def test_the_time_that_the_operator_takes_is_no_computing() -> None:
+    waited_s = 20.0
+
+    def sets_the_goal(status: FlowStatus) -> Command | None:
+        return Command.START if status.step == "set_goal" else None
+
+    result = shape(lab(I), None, operator=sets_the_goal, operator_takes_s=waited_s).result
+    (operator,) = [visit for visit in result.timings if visit.step == "operator"]
+    assert operator.cell_s == pytest.approx(waited_s, abs=0.1)
+    assert operator.machine_s == 0.0
+    assert all(visit.cell_s < waited_s / 2 for visit in result.timings if visit.step == "set_goal")
+
+
 def test_a_flow_that_raises_brakes_the_arm_before_the_log_line(monkeypatch: pytest.MonkeyPatch) -> None:
     broken, called = lab(I), list[bool]()
 

@@ -90,6 +90,7 @@ BAD = {
     "fewer than no actions": (["--max-actions", "-1"], "--max-actions is -1"),
     "a threshold of NaN": (["--threshold-m", "nan"], "--threshold-m is nan"),
     "a threshold of zero": (["--threshold-m", "0"], "--threshold-m is 0"),
+    "a threshold in millimetres": (["--threshold-m", "12"], "--threshold-m is 12"),
     "a negative threshold": (["--threshold-m", "-0.01"], "--threshold-m is -0.01"),
     "a negative seed": (["--seed", "-1"], "--seed is -1"),
     "an interactive goal without a viewer": (["--goal", "interactive"], "needs the viewer"),
@@ -131,8 +132,8 @@ def test_what_the_parser_refuses_ends_with_2_and_points_to_the_help(
 def test_a_taken_port_is_named_with_another_one(runtime: str) -> None:
     with socket.create_server(("127.0.0.1", 0)) as other:
         port = other.getsockname()[1]
-        with pytest.raises(InputError, match=rf"port {port} .*--viewer\.port"):
-            execute(["shape", "--runtime", runtime, "--viewer.port", str(port)])
+        with pytest.raises(InputError, match=rf"port {port} .*--port"):
+            execute(["shape", "--runtime", runtime, "--port", str(port)])
 
 
 def test_a_run_without_opengl_ends_before_it_starts(folder: Path) -> None:

@@ -3,8 +3,9 @@
 A command must not wait for the libraries of another, `dlokit stop` least of all.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, make_dataclass
+from difflib import get_close_matches
 from functools import reduce
 from importlib import import_module
 from operator import or_
@@ -12,7 +13,8 @@ from typing import Annotated, Any, Generic, NoReturn, TypeVar
 
 import tyro
 
-from dlokit.app.help_pages import paged
+from dlokit.app.help_pages import HELP, paged
+from dlokit.errors import InputError
 
 A = TypeVar("A")
 
@@ -34,7 +36,12 @@ def flag(metavar: str, default: str = "") -> Any:
     return tyro.conf.arg(metavar=metavar, help_behavior_hint=f"(default: {default})" if default else "")
 
 
-DESCRIPTION = "Bring cables, ropes and wires into the shape you want with a robot and a camera."
+DESCRIPTION = """Bring cables, ropes and wires into the shape you want with a robot and a camera.
+
+`dlokit COMMAND --help` explains a command, `dlokit --version` prints the version."""
+
+OPTIONS = (tyro.conf.AvoidSubcommands,)
+"""A strategy is chosen by its flag (`--observer cpd`); its settings are flags like all others."""
 
 
 @dataclass(frozen=True)
@@ -115,6 +122,9 @@ COMMANDS: Mapping[str, CommandRow] = {
     ),
     "graph": CommandRow("operate.graph", "Print the system as Mermaid charts, drawn from the tables that run it."),
     "doctor": CommandRow("doctor.doctor", "Tell what this machine has, what it lacks, and the command that mends it."),
+    "completion": CommandRow(
+        "completion", "Print a script with which TAB completes commands, options and choices in your shell."
+    ),
 }
 """The commands, by the words that call them."""
 
@@ -153,15 +163,17 @@ def _parsed(command: CliCommand[Any], arguments: Sequence[str], rest: Sequence[s
             args=given,
             prog=words,
             default=command.defaults(given) if command.defaults else tyro.MISSING_NONPROP,
-            # A strategy is chosen by its flag (`--observer cpd`); its settings are flags like all others.
-            config=(tyro.conf.AvoidSubcommands,),
+            config=OPTIONS,
         )
 
     return paged(words, rest, parsed)
 
 
 def _list(arguments: Sequence[str]) -> NoReturn:
-    """List the commands, or those of a group, or say which word is none of them; ends the process."""
+    """List the commands, or those of a group; ends the process.
+
+    Raises `InputError` for a word that is no command.
+    """
     if arguments and arguments[0] in GROUPS:
         group = arguments[0]
         offered = {name.split()[1]: row.summary for name, row in COMMANDS.items() if name.startswith(f"{group} ")}
@@ -169,9 +181,17 @@ def _list(arguments: Sequence[str]) -> NoReturn:
     else:
         offered = {name: row.summary for name, row in COMMANDS.items() if " " not in name} | dict(GROUPS)
         words, description = "dlokit", DESCRIPTION
+    if arguments and arguments[0] not in (*offered, *HELP):
+        raise InputError(_no_such_command(words, arguments[0], offered))
     nothings = (_does_nothing(name, summary) for name, summary in offered.items())
     tyro.cli(reduce(or_, nothings), args=list(arguments), prog=words, description=description)
     raise AssertionError("a list of commands runs none")
+
+
+def _no_such_command(words: str, typed: str, offered: Iterable[str]) -> str:
+    similar = get_close_matches(typed, offered, n=1)
+    hint = f" Did you mean {similar[0]!r}?" if similar else ""
+    return f"There is no command {typed!r} of {words}.{hint} {words} --help lists those that there are."
 
 
 def _does_nothing(name: str, summary: str) -> Any:

@@ -12,7 +12,9 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from rich.console import Console
+from rich.padding import Padding
 from rich.table import Table
+from rich.text import Text
 
 from dlokit.errors import ConfigError
 
@@ -25,6 +27,15 @@ _FEW_BOXES = 4
 _COLORS = re.compile(r"\x1b\[[0-9;]*m")
 _TOP = re.compile(r"^╭─ (?P<title>\S+(?: \S+)*) ─+╮$")
 _FLAG = re.compile(r"^│ (?P<flag>-\S+)")
+_SENTENCE_END = re.compile(r"(?<!e\.g)[.;](?=\s)")
+_NO_VALUES = ("", "None", "False", "True")
+_OPTION_WIDTH = 25
+"""Of the first page's column of options [characters]: the longest option and its value."""
+_FIRST_PARAGRAPHS = 3
+"""On the first page: how it is used, what it does, what to try."""
+_NARROWEST = 80
+_WIDEST = 110
+"""Of the first page [characters]: longer lines are hard to read."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +62,14 @@ class _Box:
 
     def with_flags(self, wanted: Callable[[str], bool]) -> "_Box":
         return _Box(self.title, self.about, tuple(each for each in self.flags if wanted(each[0])), self.bottom)
+
+    def briefs(self) -> Iterator[tuple[str, str]]:
+        """Each flag with its value as one string, and the first sentence of what it does."""
+        for _, lines in self.flags:
+            first, *others = (_COLORS.sub("", line).strip("│").strip() for line in lines)
+            option, gap, text = first.partition("  ")
+            text = " ".join((text.strip(), *others) if gap else others)
+            yield _short_option(option, text), _first_sentence(text)
 
     def lines(self) -> Iterator[str]:
         yield from self.about
@@ -111,9 +130,7 @@ def _print(text: str, words: str, page: str) -> None:
     elif page:
         _print_boxes([box for box in boxes if box.group == page])
     else:
-        print("\n".join(head))
-        _print_boxes([box.with_flags(lambda flag: "." not in flag) for box in boxes])
-        _print_groups(words, [box for box in boxes if box.group])
+        _print_first_page(words, head, boxes)
 
 
 def _print_boxes(boxes: Sequence[_Box]) -> None:
@@ -122,18 +139,44 @@ def _print_boxes(boxes: Sequence[_Box]) -> None:
             print("\n".join(box.lines()))
 
 
-def _print_groups(words: str, boxes: Sequence[_Box]) -> None:
-    """Which other pages there are."""
-    console = Console()
-    console.print(
-        f"\nMore settings; {words} --help GROUP shows those of a group, --help {ALL} every one:", highlight=False
-    )
-    table = Table(box=None, show_header=False, padding=(0, 0, 0, 2))
-    for group in dict.fromkeys(box.group for box in boxes):
-        own = [box.summary for box in boxes if box.title == group]
-        parts = dict.fromkeys(box.title.split(".")[1] for box in boxes if box.group == group and box.title != group)
-        table.add_row(group, " ".join((*own, *([f"Parts: {', '.join(parts)}."] if parts else []))))
-    console.print(table)
+def _print_first_page(words: str, head: Sequence[str], boxes: Sequence[_Box]) -> None:
+    """What people use first, an option a line or two, and which other pages there are: two screens of a terminal."""
+    width = Console().width
+    console = Console(width=min(max(width, _NARROWEST), _WIDEST))
+    paragraphs = "\n".join(head).split("\n\n")
+    print("\n\n".join(paragraphs[:_FIRST_PARAGRAPHS]), end="\n\n")
+    options = Table(box=None, show_header=False, padding=(0, 1, 0, 0))
+    options.add_column(width=_OPTION_WIDTH, no_wrap=True, style="bold")
+    options.add_column()
+    for box in boxes:
+        for option, sentence in box.with_flags(lambda flag: "." not in flag).briefs():
+            if option not in HELP:
+                options.add_row(Text(option), Text(sentence))
+    console.print(Padding(options, (0, 0, 1, 2)))
+    groups = ", ".join(dict.fromkeys(box.group for box in boxes if box.group))
+    more = f"More: {words} --help {ALL}, or --help GROUP for one group of settings: {groups}."
+    console.print(more, highlight=False)
+
+
+def _short_option(text: str, about: str) -> str:
+    """The first name of an option and its value; NAME where its choices take too much room.
+
+    What is on unless it is switched off becomes `--[no-]name`.
+    """
+    short = text.partition(", -")[0]
+    name, _, value = short.partition(" ")
+    if about.endswith("(default: True)"):
+        return f"--[no-]{name[2:]}"
+    value = value.removeprefix("{None}|").strip("{}") if value.startswith("{None}|") else value
+    return f"{name} {value}".rstrip() if len(name) + len(value) < _OPTION_WIDTH else f"{name} NAME"
+
+
+def _first_sentence(text: str) -> str:
+    """The first sentence of a help text, with its default where that is a value."""
+    about, _, default = text.partition("(default: ")
+    sentence = _SENTENCE_END.split(about.strip(), maxsplit=1)[0].rstrip(".")
+    default = default.rstrip(") ")
+    return sentence if default in _NO_VALUES else f"{sentence} [{default}]"
 
 
 def _read(text: str) -> tuple[list[str], list[_Box]]:

@@ -14,6 +14,7 @@ from rich.console import Console  # noqa: E402
 from rich.logging import RichHandler  # noqa: E402
 from rich.text import Text  # noqa: E402
 
+import dlokit  # noqa: E402
 from dlokit.app.commands import execute  # noqa: E402
 from dlokit.errors import DlokitError, InputError  # noqa: E402
 
@@ -28,6 +29,9 @@ def main() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal that knows no box or µ shows a question mark
+    if sys.argv[1:] == ["--version"]:
+        print(f"dlokit {dlokit.__version__}")
+        return
     errors = Console(stderr=True)
     logging.basicConfig(
         level=logging.WARNING, format="%(message)s", handlers=[RichHandler(console=errors, show_path=False)]
@@ -56,3 +60,7 @@ def main() -> None:
 def _say(console: Console, message: str) -> None:
     # As text, not as markup: messages quote what the user typed, brackets and all.
     console.print(Text.assemble(("dlokit: ", "bold red"), message), highlight=False, soft_wrap=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -8,6 +8,8 @@ import tyro
 
 from dlokit.errors import ConfigError
 
+LARGEST_THRESHOLD_M = 0.1
+"""A larger threshold is not meant: it is a quarter of the table, and most likely given in another unit."""
 Infeasible = Literal["reject", "project", "try"]
 
 
@@ -17,12 +19,11 @@ class TaskConfig:
 
     # Asked for so often that the command line has them without the prefix `task.`.
     threshold_m: Annotated[float, tyro.conf.arg(prefix_name=False)] = 0.012
-    """RMSE below which the goal counts as reached [m] (the paper's 1.2 cm)."""
+    """RMSE below which the goal counts as reached [m]; the paper's is 1.2 cm."""
     max_actions: Annotated[int, tyro.conf.arg(prefix_name=False)] = 40
-    """Action budget: grasp-to-release cycles after which the task ends with outcome `budget`."""
+    """Most actions; an action is a grasp, what is done with it, and a release. Then the task ends as `budget`."""
     check_camera: Annotated[bool, tyro.conf.arg(prefix_name=False)] = True
-    """Look at the robot's own hand before anything else, and correct by it how far the camera is off along the
-    table."""
+    """Look at the robot's hand first, to correct the camera's place; how far it is off along the table."""
     check_height_m: float = 0.15
     """Height of the tool centre point over the table while the hand is looked at [m]: clear of the DLO."""
     max_time_s: float = 1800.0
@@ -37,18 +38,19 @@ class TaskConfig:
     progress_m: float = 0.001
     """A new best RMSE is one that is better by this [m]: what estimates of one shape differ by."""
     control: Annotated[bool, tyro.conf.arg(prefix_name=False)] = False
-    """Shape servoing: while the DLO is held after a carry, the error that is left is reduced in closed loop, where that
-    is expected to mend more than sight could feign; chosen for each action before the arm moves."""
+    """Shape servoing: reduce the error in closed loop while the DLO is held; after a carry, where it is expected to
+    reduce more than the errors of looking amount to. Chosen for each action before the arm moves."""
     max_corrections: int = 4
     """Corrections of one grasp, at most."""
     alike_m: float = 0.002
     """A grasp that failed stays marked while the shape is nearer than this (RMSE) to the one from which it failed [m];
     0, as in the paper: any change of the error clears all marks."""
     learn: Annotated[bool, tyro.conf.arg(prefix_name=False)] = False
-    """Learn stiffness, friction and set of the DLO from what the actions do, and plan with what was learnt."""
+    """Learn stiffness, friction and set of the DLO from its actions; what was learnt is used to plan the next."""
     infeasible: Annotated[Infeasible, tyro.conf.arg(prefix_name=False)] = "reject"
-    """What to do with a goal that cannot hold, or that the arm cannot reach. reject: end, or ask the operator again,
-    and say which is the nearest shape that holds. project: shape to that one instead. try: go on all the same."""
+    """What to do with a goal that cannot hold: reject, project or try; the same with one out of the arm's reach.
+    reject: end, or ask the operator again, and say which is the nearest shape that holds. project: shape to that one
+    instead. try: go on all the same."""
     changed_m: float = 0.0005
     """Change of the RMSE [m] below which an action has changed nothing: its node is marked (Fig. 6)."""
     settled_m: float = 0.0015
@@ -100,6 +102,11 @@ class TaskConfig:
             value: float = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise ConfigError(f"{_flag(name)} is {value}; it must be a number above 0.")
+        if self.threshold_m > LARGEST_THRESHOLD_M:
+            raise ConfigError(
+                f"--threshold-m is {self.threshold_m}; it must be {LARGEST_THRESHOLD_M} or less. It is in metres: "
+                "0.012 is 12 mm."
+            )
         for name in (
             "changed_m",
             "progress_m",

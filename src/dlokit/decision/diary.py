@@ -11,6 +11,9 @@ from dlokit.decision.shape_flow import SHAPE_DLO
 from dlokit.decision.task import ShapeTask
 from dlokit.types.flow import FlowStatus, RunOutcome
 
+OPERATOR = "operator"
+"""In the timings: the flow waited for the operator, who sets the goal or has paused it."""
+
 
 class Diary:
     """Publishes each box as it is entered, and measures how long it took."""
@@ -35,8 +38,10 @@ class Diary:
 
     async def entered(self, step: str, last_outcome: str) -> None:
         """The flow has come to a box."""
-        await self._gate()
         self._stop_timing()
+        paused_ns = self._task.port.clock.now_ns()
+        await self._gate()
+        self._waited(self._task.port.clock.now_ns() - paused_ns)
         if (journal := journal_of(self._task)) is not None:
             self._keep(journal)
         self._since = (step, self._task.port.clock.now_ns(), self._task.stopwatch())
@@ -58,11 +63,18 @@ class Diary:
         if self._since is None:
             return
         step, since_ns, since_s = self._since
-        now_ns = self._task.port.clock.now_ns()
-        self.timings.append(
-            StepVisit(step=step, cell_s=(now_ns - since_ns) / 1e9, machine_s=self._task.stopwatch() - since_s)
-        )
+        now_ns, machine_s = self._task.port.clock.now_ns(), self._task.stopwatch() - since_s
+        # A task for which the operator sets the goal starts within a step: until then nothing was computed.
+        waited_ns = max(self._task.spent.started_ns - since_ns, 0)
+        self._waited(waited_ns)
+        cell_s, waited_s = (now_ns - since_ns - waited_ns) / 1e9, waited_ns / 1e9
+        self.timings.append(StepVisit(step=step, cell_s=cell_s, machine_s=max(machine_s - waited_s, 0.0)))
         self._since = None
+
+    def _waited(self, waited_ns: int) -> None:
+        """The flow waited for the operator: a visit of its own, without computing."""
+        if waited_ns > 0:
+            self.timings.append(StepVisit(step=OPERATOR, cell_s=waited_ns / 1e9, machine_s=0.0))
 
     def _publish(self, step: str, last_outcome: str, outcome: RunOutcome | None) -> None:
         task, box = self._task, SHAPE_DLO.step(step)

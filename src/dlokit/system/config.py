@@ -33,26 +33,26 @@ class RunConfig:
     """Everything that a run depends on; written to `config.toml`, read again with `--config`."""
 
     start: str = "I"
-    """Start shape of the DLO in the simulated cell: I, S, random, or a .npy/.csv file of points [m]. The system
-    is not told: it looks."""
+    """Start shape in the simulated cell: I, S, random, or a .npy/.csv file of points [m]. The system is not told: it
+    looks."""
     goal: str = "S"
     """Goal shape: I, S, random, a .npy/.csv file of points [m], FILE.npy:3 of a (G, K, 3) file, or `interactive`
     (three frames in the viewer)."""
     runtime: Runtime = "lockstep"
     """lockstep: one process on virtual time, repeatable to the bit. live: all processes, each at its own rate."""
     seed: int = 0
-    """Seed of everything random: start shape, camera noise, the error of the believed camera pose."""
+    """Seed of everything random; the start shape, camera noise, the error of the believed camera pose."""
     headless: bool = False
     """Run without the browser viewer."""
     arms: Literal[1, 2] = 1
     """Arms of the cell; a second stands opposite the first, and planner `rollout` then considers pairs of grasps."""
     record: bool = True
-    """Write everything that goes over the bus to `recording.mcap` in the run's folder; `dlokit info` reads it."""
+    """Write all messages to `recording.mcap`; `dlokit info` reads it."""
     goal_at_m: tuple[float, float] | None = None
-    """Where on the table (x, y) the middle of the goal is moved to [m], e.g. 0.52 0 for a file whose curves lie
-    elsewhere; without it a goal stays where it is."""
+    """Move the middle of the goal to this place on the table, x and y [m]; e.g. 0.52 0 for a file whose curves lie
+    elsewhere. Without it a goal stays where it is."""
     fit_length: bool = False
-    """Scale a goal (or start) of another length than the rope's instead of refusing it."""
+    """Scale a goal or start that has not the rope's length; without it that is refused."""
     ends_interchangeable: bool = False
     """Whether the rod lying the other way round is as good."""
     task: TaskConfig = field(default_factory=TaskConfig)

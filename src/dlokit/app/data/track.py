@@ -25,6 +25,7 @@ from dlokit.skills.observer.config import ObserverConfig
 from dlokit.skills.observer.following import follow
 from dlokit.skills.observer.initialise.first_shape import initial_targets
 from dlokit.skills.observer.initialise.skeleton import spanning_tree
+from dlokit.skills.observer.kernels import warm
 from dlokit.skills.observer.strategies import strategies
 from dlokit.skills.observer.visibility import distance_to_dlo_m
 from dlokit.skills.perception.cloud import inside_box, lonely, thin
@@ -167,6 +168,7 @@ def track_clouds(
         raise InputError("no cloud was given: name at least one .pcd, .ply, .npy or .csv file")
     config = ObserverConfig()
     strategy = settings.observer.build(BelievedDlo(nodes=settings.nodes))
+    warm((settings.observer,))  # or the second cloud would wait for compiled code
     found: list[TargetPoints] = []
     filtered: list[Float64Array] = []
     seconds: list[float] = []

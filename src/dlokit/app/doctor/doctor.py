@@ -37,7 +37,7 @@ class DoctorArgs:
 
     viewer_host: str = "127.0.0.1"
     """Address that the viewer would listen on."""
-    viewer_port: int = 8080
+    port: int = 8080
     """Port that the viewer would listen on."""
     opengl_timeout_s: float = 60.0
     """Time to wait for one tiny picture [s]."""
@@ -64,7 +64,7 @@ def examine(args: DoctorArgs) -> tuple[DoctorRow, ...]:
         cores_finding(usable_cores()),
         urgency_finding(may_be_urgent()),
         memory_finding(psutil.virtual_memory().available / 2**30),
-        port_finding(args.viewer_host, args.viewer_port),
+        port_finding(args.viewer_host, args.port),
         *dependency_findings(),
         kernels_finding(),
         *(hardware_finding(package, importable) for package in HARDWARE),

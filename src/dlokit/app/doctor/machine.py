@@ -111,7 +111,7 @@ def port_finding(host: str, port: int) -> DoctorRow:
 
         check_port(host, port)
     except (ImportError, MachineError) as error:
-        return DoctorRow(what=what, standing=Severity.ADVICE, found=str(error), mend="dlokit demo --viewer.port 0")
+        return DoctorRow(what=what, standing=Severity.ADVICE, found=str(error), mend="dlokit demo --port 0")
     return DoctorRow(what=what, standing=Severity.READY, found=f"free on {host}")
 
 

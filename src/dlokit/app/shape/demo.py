@@ -1,8 +1,12 @@
 """`dlokit demo`: the main job, live, with the viewer."""
 
+import shutil
+import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
+
+from rich.console import Console
 
 from dlokit.app.commands import CliCommand, flag
 from dlokit.app.shape import shape
@@ -26,11 +30,32 @@ class DemoArgs:
     """Folder for what the run leaves."""
 
 
+NEXT = {
+    "dlokit shape --runtime live --goal interactive": "drag the goal in the browser",
+    "dlokit shape --start random --goal S --seed 3": "another start, faster than real time",
+    "dlokit shape --goal FILE.csv --fit-length": "a curve of your own, points in metres",
+}
+"""What to try after it, each with what it does."""
+
+
 def run(args: DemoArgs) -> int:
-    """Run it; the exit code is that of `dlokit shape`."""
+    """Run it, and say what to try next; the exit code is that of `dlokit shape`."""
     config = RunConfig(runtime="live", seed=args.seed, headless=args.headless)
     config = replace(config, viewer=replace(config.viewer, port=args.port))
-    return shape.run(shape.ShapeArgs(run=config, choices=shape.ShapeChoices(out=args.out)))
+    code = shape.run(shape.ShapeArgs(run=config, choices=shape.ShapeChoices(out=args.out)))
+    console = Console()
+    console.print("\nTry next:")
+    for command, does in NEXT.items():
+        # A command must stay in one piece, or it cannot be copied.
+        console.print(f"  {_here(command):<60}  {does}", markup=False, highlight=False, soft_wrap=True)
+    return code
+
+
+def _here(command: str) -> str:
+    """The command as this shell takes it: with its folder where `dlokit` is not on the path, as after `make demo`."""
+    script = Path(sys.argv[0])
+    known = shutil.which("dlokit") is not None or not script.is_file() or script.name != "dlokit"
+    return command if known else command.replace("dlokit", str(script), 1)
 
 
 COMMAND = CliCommand(DemoArgs, run)

@@ -1,5 +1,9 @@
 """What is checked and loaded before anything starts; imported then, so that `--help` need not wait for it."""
 
+from collections.abc import Generator
+from contextlib import contextmanager
+from typing import Any
+
 from rich.console import Console
 
 from dlokit.skills.viewer.address import check_port
@@ -31,12 +35,37 @@ def _viewer_is_here(config: RunConfig) -> bool:
 
 
 def prepare(console: Console, config: RunConfig) -> None:
-    """Compile and load what the observer and the planner of a run need, and say so in the terminal meanwhile."""
+    """Compile and load what the observer and the planner of a run need, and say so meanwhile."""
     from dlokit.skills.observer.kernels import warm
     from dlokit.skills.planning.strategies import load
 
-    once = "the first time on a machine it is compiled, for about 20 s"
-    with console.status(f"preparing the observer; {once}"):
+    with told_of_compiling(console, "the observer (1 of 2)"):
         warm((config.observer.strategy,))
-    with console.status(f"preparing the planner; {once}"):
+    with told_of_compiling(console, "the planner (2 of 2)"):
         load(config.planning.strategy)
+
+
+@contextmanager
+def told_of_compiling(console: Console, what: str) -> Generator[None]:
+    """Say that `what` is prepared, and, where Numba compiles meanwhile, so, with the functions that are done."""
+    from numba.core import event
+
+    begun = done = 0
+    with console.status(f"preparing {what}") as status:
+
+        class Told(event.Listener):
+            def on_start(self, event: Any) -> None:
+                nonlocal begun
+                begun += 1
+                if begun == 1:  # a kernel's compilation begins those of the functions that it calls
+                    console.print(f"compiling the kernels of {what}: once on this machine, about 20 s", highlight=False)
+
+            def on_end(self, event: Any) -> None:
+                nonlocal done
+                done += 1
+                status.update(f"compiling the kernels of {what}: {done} functions done")
+
+        with event.install_listener("numba:compile", Told()):
+            yield
+    if done:
+        console.print(f"compiled {done} functions of {what}", highlight=False)

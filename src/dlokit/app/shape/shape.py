@@ -50,25 +50,26 @@ class ShapeChoices:
     """What `dlokit shape` takes beside the configuration itself."""
 
     out: Annotated[Path | None, flag("DIR", "runs/<time>-<name>/")] = None
-    """Folder for result.json, config.toml, report.html and truth.npz; must be empty or not exist yet."""
+    """Folder for the run's files, empty or not there yet; gets result.json, config.toml, report.html and truth.npz."""
     config: Annotated[Path | None, flag("FILE")] = None
-    """The config.toml of an earlier run: its settings hold where this command line says nothing else."""
+    """Take the settings of an earlier run's config.toml; this command line goes before it."""
     dlo: Annotated[str | None, flag("PRESET", "soft_rope")] = None
     """What lies on the table: soft_rope, silicone_hose, wire_a, wire_b, wire_c, thin_wire or stiff_wire. The system's
     own model is told its length and radius, which a ruler tells, and nothing else."""
     physics: Annotated[str | None, flag("NAME", "chain for wires, else rod")] = None
-    """How the DLO in the cell behaves: rod, which always springs back, or chain, which takes a set. The system's own
-    model is a rod in any case."""
+    """How the DLO in the cell behaves: a rod springs back, a chain takes a set. The system's own model is a rod in any
+    case."""
     randomised: bool = False
-    """Draw friction, stiffness, weight, curl, hand-eye error, tilt of the table, light and colour from the seed;
-    `--cell.randomisation.…` changes or switches off each."""
+    """Draw friction, stiffness, light and more of the cell from the seed; also weight, curl, hand-eye error, tilt of
+    the table, colour. `--cell.randomisation.…` changes or switches off each."""
     observer: Annotated[str | None, _one_of(OBSERVERS, AS_SHIPPED.observer.strategy)] = None
-    """How nodes are found in a cloud, by one of ours (cpd, spr and som are the paper's) or of an installed package.
-    `--observer cpd --help observer` shows the settings of cpd."""
+    """How nodes are found in a cloud: map, anchored, cpd, spr or som. The last three are the paper's; an installed
+    package may add others. `--observer cpd --help observer` shows the settings of cpd."""
     segmentation: Annotated[str | None, _one_of(SEGMENTATIONS, AS_SHIPPED.perception.segmentation)] = None
-    """Which pixels are DLO: by brightness (the paper's), by colour, or as an installed package has it."""
+    """Which pixels are DLO: by brightness (the paper's) or colour; an installed package may add others."""
     planner: Annotated[str | None, _one_of(PLANNERS, AS_SHIPPED.planning.strategy)] = None
-    """How the next action is chosen: rollout, farthest (the paper's), or as an installed package has it."""
+    """How actions are chosen: rollout, farthest (the paper's), farthest-tangent; an installed package may add
+    others."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -95,7 +95,7 @@ class RunDisplay(Watcher):
         Call it after the `with` block.
         """
         if result.history:
-            self._console.print(action_table(result.history, threshold_m=self._threshold_m, title=self._title))
+            self._console.print(self._table(result.history))
         color = "green" if result.outcome is RunOutcome.CONVERGED else "red"
         self._console.print(
             f"[bold {color}]{result.outcome.value}[/]  {escape(outcome_in_words(result))}", highlight=False
@@ -118,22 +118,32 @@ class RunDisplay(Watcher):
             # A path must stay in one piece, or it can neither be clicked nor copied.
             self._console.print(f"report: {report}", markup=False, highlight=False, soft_wrap=True)
 
+    def _table(self, rows: Sequence[ActionResult]) -> Table:
+        framed = self._console.width >= FRAMED_WIDTH
+        return action_table(rows, threshold_m=self._threshold_m, title=self._title, framed=framed)
+
     def _refresh(self) -> None:
         if self._live is not None:
             self._live.update(self._view(), refresh=True)
 
     def _view(self) -> RenderableType:
-        table = action_table(self._rows, threshold_m=self._threshold_m, title=self._title)
+        table = self._table(self._rows)
         if self._ended:
             return table
         return Group(table, _STARTING if self._status is None else _progress(self._status, self._candidates))
 
 
-def action_table(rows: Sequence[ActionResult], *, threshold_m: float, title: str = "") -> Table:
+FRAMED_WIDTH = 76
+"""Of the table of actions with its frame [characters]; a narrower terminal gets it without, in 60."""
+
+
+def action_table(rows: Sequence[ActionResult], *, threshold_m: float, title: str = "", framed: bool = True) -> Table:
     """The table of actions with the error after each; errors below `threshold_m` are marked."""
     with_truth = any(row.true_rmse_m is not None for row in rows)
     table = Table(title=escape(title) or None, title_justify="left", title_style="bold")
-    table.add_column("action", justify="right")
+    if not framed:
+        table.box, table.padding, table.collapse_padding = None, (0, 1, 0, 0), True
+    table.add_column("action" if framed else "#", justify="right")
     table.add_column("kind", min_width=len("pick-and-place"))
     table.add_column("node", justify="right")
     table.add_column("grasp")
@@ -141,7 +151,7 @@ def action_table(rows: Sequence[ActionResult], *, threshold_m: float, title: str
     table.add_column(f"RMSE\n< {_mm(threshold_m)}", justify="right")
     if with_truth:
         table.add_column("true\nRMSE", justify="right")
-    table.add_column("duration", justify="right")
+    table.add_column("duration" if framed else "time", justify="right")
     for row in rows:
         rmse = Text(_mm(row.rmse_m), style="green" if row.rmse_m < threshold_m else "")
         grip = grip_in_words(row)

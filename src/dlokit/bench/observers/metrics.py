@@ -67,6 +67,7 @@ class Track:
     seconds: Float64Array  # (T,) processor time of each estimate [s]
     dark: NDArray[np.bool_]  # (T,) frames in which the case let nothing be seen
     failed: NDArray[np.bool_]  # (T,) frames without an answer, for which the answer before was taken
+    component_s: Float64Array | None = None  # (T,) the same with all that the component does; None: not ours
     health: Float64Array | None = None  # (T,) None: the method states none
     stated_m: Float64Array | None = None  # (T, K) stated standard deviations [m], NaN where none; None: never any
 
@@ -111,6 +112,8 @@ METRICS: tuple[Metric, ...] = (
     Metric(name="frames without an answer", unit="", factor=1e2, shown="%", rare=True),
     Metric(name="time p50", unit="s", factor=1e3, shown="ms", digits=2),
     Metric(name="time p99", unit="s", factor=1e3, shown="ms", digits=2),
+    Metric(name="component p50", unit="s", factor=1e3, shown="ms", digits=2),
+    Metric(name="component p99", unit="s", factor=1e3, shown="ms", digits=2),
 )
 
 
@@ -134,6 +137,9 @@ def score(track: Track) -> Mapping[str, float]:
     figures["frames without an answer"] = float(track.failed.mean())
     figures["time p50"] = float(np.percentile(track.seconds, 50))
     figures["time p99"] = float(np.percentile(track.seconds, 99))
+    if track.component_s is not None:
+        figures["component p50"] = float(np.percentile(track.component_s, 50))
+        figures["component p99"] = float(np.percentile(track.component_s, 99))
     return figures | _recovery(per_frame, track.dark) | _trust(track)
 
 

@@ -27,6 +27,7 @@ from dlokit.errors import DlokitError, MachineError
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.base import ObserverStrategy, nothing_seen, prior_from
 from dlokit.skills.observer.config import ObserverConfig
+from dlokit.skills.observer.following import followed
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, TargetPoints
 from dlokit.types.observation import Observation
@@ -132,15 +133,17 @@ def follow(
     topology = sequence.topology
     state = DloState(stamp_ns=seen[0].seen.stamp_ns, nodes_world=sequence.nodes_world[0].copy(), topology=topology)
     _warm_up(method, sequence.dlo, seen[:WARM_UP_FRAMES], state)
-    strategy = method.config.build(sequence.dlo)
+    strategy, in_component = method.config.build(sequence.dlo), method.config.build(sequence.dlo)
     answers: list[TargetPoints] = []
     visible = np.zeros((len(seen) - 1, sequence.count), dtype=np.bool_)
-    seconds = np.zeros(len(seen) - 1)
+    seconds, component_s = np.zeros((2, len(seen) - 1))
     dark, failed = np.zeros((2, len(seen) - 1), dtype=np.bool_)
     for frame in range(1, len(seen)):
         look = seen[frame]  # one at a time: those of a long sequence do not fit into memory
         visible[frame - 1], dark[frame - 1] = look.visible, look.dark
         answer, seconds[frame - 1] = _timed(strategy, _given(method, look), state)
+        if method.states_trust:
+            component_s[frame - 1] = _followed_s(in_component, _given(method, look), state)
         failed[frame - 1] = answer is None
         targets = nothing_seen(look.seen, state) if answer is None else answer
         answers.append(targets)
@@ -152,6 +155,7 @@ def follow(
         true_world=sequence.nodes_world[1:],
         visible=visible,
         seconds=seconds,
+        component_s=component_s if method.states_trust else None,
         dark=dark,
         failed=failed,
         health=np.array([targets.health for targets in answers]) if method.states_trust else None,
@@ -168,6 +172,13 @@ def _stated_m(answers: list[TargetPoints]) -> Float64Array | None:
         unknown if targets.covariance is None else np.trace(targets.covariance, axis1=1, axis2=2) for targets in answers
     ]
     return np.sqrt(np.maximum(np.array(traces), 0.0))
+
+
+def _followed_s(strategy: ObserverStrategy, seen: Observation, state: DloState) -> float:
+    """Processor time [s] of all that the observer component does with a cloud, the strategy's estimate in it."""
+    began = time.process_time()
+    followed(strategy, seen, state, ObserverConfig())
+    return time.process_time() - began
 
 
 def _warm_up(method: ObserverMethod, dlo: BelievedDlo, seen: list[ObserverFrame], state: DloState) -> None:

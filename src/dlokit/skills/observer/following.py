@@ -1,10 +1,12 @@
 """One cloud after another, whatever it holds: cleaned, given to the strategy, its answer judged. Pure."""
 
 import logging
+import math
 from dataclasses import dataclass
 
 import msgspec
 import numpy as np
+import scipy
 
 from dlokit.errors import SkillFailure
 from dlokit.geometry import rmse_m
@@ -12,8 +14,8 @@ from dlokit.skills.observer.anchored import is_chain
 from dlokit.skills.observer.base import ObserverStrategy
 from dlokit.skills.observer.config import ObserverConfig
 from dlokit.skills.observer.initialise.first_shape import initial_targets
-from dlokit.skills.observer.visibility import kept
-from dlokit.types.dlo import DloState, TargetPoints
+from dlokit.skills.observer.visibility import distance_to_dlo_m, kept
+from dlokit.types.dlo import DloState, TargetPoints, Topology
 from dlokit.types.observation import Doubt, Observation
 
 
@@ -96,18 +98,54 @@ def _estimated(strategy: ObserverStrategy, seen: Observation, prior: DloState) -
     return targets if sound and np.isfinite(targets.health) else None
 
 
+_COUNTED_POINTS = 200
+"""Points drawn evenly from a cloud to learn how densely points lie on the DLO."""
+_DENSE_FRACTION = 0.25
+"""A point with fewer than this fraction of the usual number of neighbours is an outlier, as in the first order."""
+
+
+def _may_be_elsewhere(targets: TargetPoints, seen: Observation, topology: Topology, config: ObserverConfig) -> bool:
+    """Whether the first order of the cloud can find a whole rod elsewhere than targets of which nodes are hidden.
+
+    It costs ten times what a strategy does. It can where the cloud shows something beside the targets, or where a tip
+    of the targets is beyond the cloud and what is hidden is within the tolerance of the rod's length: they slid.
+    """
+    hidden = ~targets.visible
+    few = np.count_nonzero(hidden) <= math.ceil(config.initialise.length_tolerance * len(topology.edges)) + 1
+    slid = bool(few and (hidden[0] or hidden[-1]))
+    return slid or _rod_beside(targets, seen, topology, config)
+
+
+def _rod_beside(targets: TargetPoints, seen: Observation, topology: Topology, config: ObserverConfig) -> bool:
+    """Whether points that lie as densely as on the DLO are farther than `elsewhere_m` from the targets' line.
+
+    The first order of a cloud leaves out lone points as well.
+    """
+    points = seen.points_world.astype(np.float64)
+    beside = points[distance_to_dlo_m(points, targets.nodes_world, topology) > config.elsewhere_m]
+    if len(beside) == 0:
+        return False
+    tree, radius_m = scipy.spatial.KDTree(points), config.initialise.lone_radius_m
+    drawn = points[:: max(len(points) // _COUNTED_POINTS, 1)]
+    usual = float(np.median(tree.query_ball_point(drawn, radius_m, return_length=True)))
+    counts = np.asarray(tree.query_ball_point(beside, radius_m, return_length=True))
+    return bool(np.any(counts > _DENSE_FRACTION * usual))
+
+
 def _elsewhere(
     targets: TargetPoints, seen: Observation, prior: DloState, config: ObserverConfig
 ) -> TargetPoints | None:
     """The cloud ordered without a prior, when targets in doubt are not where it shows the DLO.
 
-    Targets are in doubt when their health is low, or when nodes are hidden although the cloud shows the whole rod
-    without a gap: a fold of the registration looks like a rod of which a part is hidden. If a rod of full length is
-    found elsewhere than the targets, it is right. The order is the one nearer to the prior's, and health at most
-    `found_again_health`.
+    Targets are in doubt when their health is low, or when nodes are hidden although the cloud may show the whole rod
+    without a gap (`_may_be_elsewhere`): a fold of the registration looks like a rod of which a part is hidden. If a
+    rod of full length is found elsewhere than the targets, it is right. The order is the one nearer to the prior's,
+    and health at most `found_again_health`.
     """
     low = targets.health < config.lost_health
-    if not (low or not targets.visible.all()) or not is_chain(prior.topology):
+    if not is_chain(prior.topology):
+        return None
+    if not low and (targets.visible.all() or not _may_be_elsewhere(targets, seen, prior.topology, config)):
         return None
     length_m = float(np.sum(prior.topology.rest_lengths_m))
     try:

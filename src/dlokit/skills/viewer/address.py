@@ -54,6 +54,6 @@ def check_port(host: str, port: int) -> None:
         except OSError as error:
             raise MachineError(
                 f"The viewer cannot use port {port} of {host} ({error.strerror}): "
-                f"another program has it, or it is not yours to use. Choose another one with --viewer.port, "
-                f"e.g. --viewer.port {port + 1 if port < 65535 else 8080}, or any free one with --viewer.port 0."
+                f"another program has it, or it is not yours to use. Choose another one with --port, "
+                f"e.g. --port {port + 1 if port < 65535 else 8080}, or any free one with --port 0."
             ) from error

@@ -7,6 +7,7 @@ is replaced while its server starts. Where a viser does not make that call the p
 
 import asyncio
 import contextlib
+import gzip
 import importlib
 import io
 import secrets
@@ -146,9 +147,29 @@ class PageGate:
             if isinstance(connection, PageConnection):
                 connection.operates = _is_in(request, self._key)
             path = "/" + "/".join(_segments(request)[1:])
-            return None if serve_page is None else serve_page(connection, replace(request, path=path))
+            answer = None if serve_page is None else serve_page(connection, replace(request, path=path))
+            return titled(answer) if isinstance(answer, Response) else answer
 
         return admit
+
+
+_VISERS_TITLE, _TITLE = b"<title>Viser</title>", b"<title>dlokit</title>"
+
+
+def titled(answer: Response) -> Response:
+    """The answer with our title for the browser's tab, where it is a page with viser's."""
+    if not answer.headers.get("Content-Type", "").startswith("text/html"):
+        return answer
+    packed = answer.headers.get("Content-Encoding") == "gzip"
+    body = gzip.decompress(answer.body) if packed else bytes(answer.body)
+    if _VISERS_TITLE not in body:
+        return answer
+    body = body.replace(_VISERS_TITLE, _TITLE, 1)
+    headers = answer.headers.copy()
+    for name in ("Content-Encoding", "Content-Length"):
+        headers.pop(name, None)
+    headers["Content-Length"] = str(len(body))
+    return replace(answer, headers=headers, body=body)
 
 
 def _segments(request: Request) -> list[str]:
@@ -217,8 +238,7 @@ def open_page(host: str, port: int, key: str) -> viser.ViserServer:
         remove_sharing(server)
         if port != 0 and server.get_port() != port:
             raise MachineError(
-                f"The viewer's port {port} was taken by another program just now; "
-                "choose another one with --viewer.port."
+                f"The viewer's port {port} was taken by another program just now; choose another one with --port."
             )
     except MachineError:
         close_page(server)

@@ -101,7 +101,7 @@ def test_a_port_in_use_is_told_with_a_way_out() -> None:
 
     assert finding.standing is Severity.ADVICE
     assert str(port) in finding.what
-    assert "--viewer.port" in finding.mend
+    assert "--port" in finding.mend
     assert machine.port_finding("127.0.0.1", port).standing is Severity.READY
 
 

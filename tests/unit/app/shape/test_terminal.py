@@ -82,6 +82,16 @@ def test_the_whole_table_fits_into_80_columns() -> None:
         assert whole in _written(console), whole
 
 
+def test_the_table_is_whole_in_60_columns() -> None:
+    rows = tuple(msgspec.structs.replace(row, kind="pick-and-place", true_rmse_m=0.1234) for row in ROWS)
+    console = Console(file=io.StringIO(), width=60, color_system=None)
+    RunDisplay(console, title="I to S", threshold_m=0.012).finish(msgspec.structs.replace(RESULT, history=rows))
+    for whole in ("pick-and-place", "not held", "123.4 mm", "< 12.0 mm"):
+        assert whole in _written(console), whole
+    assert "…" not in _written(console)
+    assert max(map(len, _written(console).splitlines())) <= 60
+
+
 def test_a_decision_shows_how_far_it_is_and_its_best_candidate_until_the_next_step() -> None:
     console = _console(terminal=True)
     best = CandidateSeen(kind="drag", node=7, score_m=0.0123, nodes_world=np.zeros((2, 3)), path_world=np.zeros((2, 3)))

@@ -82,7 +82,7 @@ def test_the_first_frame_s_nodes_are_the_first_prior() -> None:
     list(run_plan(_plan(ObserverMethod(config=StillConfig()))))
     truth = BASE.sequence(0, 4).nodes_world[0]
     assert np.array_equal(GIVEN["still"][WARM_UP_FRAMES][1].nodes_world, truth)
-    assert len(GIVEN["still"]) == WARM_UP_FRAMES + 3, "a warm-up, and three frames after the first"
+    assert len(GIVEN["still"]) == WARM_UP_FRAMES + 2 * 3, "a warm-up; three frames, alone and in the component"
 
 
 def test_an_observer_that_never_moves_is_wrong_by_how_far_the_rod_moved() -> None:

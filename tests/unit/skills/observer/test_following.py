@@ -8,9 +8,11 @@ import pytest
 from synthetic_clouds import cloud, shape, state
 
 from dlokit.rod.believed import BelievedDlo
+from dlokit.skills.observer import following
 from dlokit.skills.observer.base import ObserverStrategyConfig
 from dlokit.skills.observer.config import ObserverConfig
 from dlokit.skills.observer.following import cleaned, followed
+from dlokit.skills.observer.initialise.first_shape import initial_targets
 from dlokit.skills.observer.strategies import OURS
 from dlokit.skills.observer.visibility import grown_covariance
 from dlokit.types.dlo import DloState, TargetPoints
@@ -120,3 +122,56 @@ def test_uncertainty_grows_the_same_in_one_step_as_in_many_and_never_shrinks() -
     np.testing.assert_allclose(steps, once, rtol=1e-9)
     wide = grown_covariance(msgspec.structs.replace(prior(), covariance=once * 1e4), 9.0, 0.1)
     np.testing.assert_array_equal(wide, once * 1e4)
+
+
+class Answering:
+    """A strategy that answers every cloud with the same nodes."""
+
+    def __init__(self, nodes: np.ndarray, visible: np.ndarray) -> None:
+        self._targets = TargetPoints(stamp_ns=2 * SECOND_NS, nodes_world=nodes, visible=visible, health=0.9)
+
+    def estimate(self, seen: Observation, prior: DloState) -> TargetPoints:
+        return self._targets
+
+
+@pytest.fixture
+def orders(monkeypatch: pytest.MonkeyPatch) -> list[Observation]:
+    """The clouds whose first order was sought."""
+    sought: list[Observation] = []
+
+    def counted(seen: Observation, *rest: object) -> TargetPoints:
+        sought.append(seen)
+        return initial_targets(seen, *rest)  # pyright: ignore[reportArgumentType]
+
+    monkeypatch.setattr(following, "initial_targets", counted)
+    return sought
+
+
+def hidden(*nodes: int) -> np.ndarray:
+    visible = np.ones(len(ROD), dtype=np.bool_)
+    visible[list(nodes)] = False
+    return visible
+
+
+@pytest.mark.parametrize("outliers", [0.0, 0.05])
+def test_a_hidden_node_alone_does_not_have_the_cloud_ordered_again(outliers: float, orders: list[Observation]) -> None:
+    look = seen(cloud(ROD, outliers=outliers, hidden=(0.4, 0.6)).points_world)
+    answer = followed(Answering(ROD, hidden(13, 14, 15, 16, 17)), look, prior(), CONFIG)
+    assert answer.doubt is None
+    assert orders == []
+
+
+def test_a_rod_that_lies_beside_targets_with_hidden_nodes_is_found_there(orders: list[Observation]) -> None:
+    beside = ROD + np.array([0.0, 0.03, 0.0])
+    answer = followed(Answering(beside, hidden(15)), seen(cloud(ROD).points_world), prior(), CONFIG)
+    assert answer.doubt is Doubt.ELSEWHERE
+    assert np.linalg.norm(answer.targets.nodes_world - ROD, axis=1).mean() < 0.004
+    assert len(orders) == 1
+
+
+def test_targets_that_slid_along_the_rod_are_put_back() -> None:
+    line = shape("I")
+    slid = line + 0.02 * (line[0] - line[1]) / np.linalg.norm(line[0] - line[1])
+    before = msgspec.structs.replace(state(line), observed_stamp_ns=SECOND_NS, stamp_ns=SECOND_NS)
+    answer = followed(Answering(slid, hidden(0)), seen(cloud(line).points_world), before, CONFIG)
+    assert answer.doubt is Doubt.ELSEWHERE

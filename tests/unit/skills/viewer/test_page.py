@@ -1,4 +1,6 @@
+import re
 import socket
+import urllib.request
 
 import pytest
 
@@ -11,7 +13,7 @@ def test_a_port_in_use_is_one_error_that_says_what_to_do() -> None:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = taken.getsockname()[1]
-        with pytest.raises(MachineError, match=rf"port {port} .*--viewer\.port"):
+        with pytest.raises(MachineError, match=rf"port {port} .*--port"):
             check_port("127.0.0.1", port)
         with pytest.raises(MachineError, match=rf"port {port} "):
             open_page("127.0.0.1", port, "key")
@@ -20,6 +22,19 @@ def test_a_port_in_use_is_one_error_that_says_what_to_do() -> None:
 def test_an_address_of_another_machine_is_an_error_and_not_a_wait() -> None:
     with pytest.raises(MachineError, match=r"192\.0\.2\.1"):  # reserved for documentation: nobody has it
         check_port("192.0.2.1", 0)
+
+
+@pytest.mark.parametrize("encoding", ["gzip", "identity"])
+def test_the_browsers_tab_has_our_name(encoding: str) -> None:
+    server = open_page("127.0.0.1", 0, "key")
+    try:
+        request = urllib.request.Request(f"http://127.0.0.1:{server.get_port()}/key/")
+        request.add_header("Accept-Encoding", encoding)
+        with urllib.request.urlopen(request, timeout=20.0) as answer:
+            page = answer.read().decode()
+    finally:
+        close_page(server)
+    assert re.findall("<title>(.*?)</title>", page) == ["dlokit"]
 
 
 def test_a_closed_page_gives_its_port_back_and_prints_nothing(capsys: pytest.CaptureFixture[str]) -> None:

@@ -2,6 +2,8 @@
 
 from collections.abc import Awaitable, Callable
 
+import msgspec
+
 from dlokit import geometry
 from dlokit.skills.planning.verdict.feasibility import (
     Workplace,
@@ -41,7 +43,7 @@ async def judge(goal: GoalShape, threshold_m: float, *, place: Workplace, try_go
     sprung = () if hold is None else _springs_back(hold, nodes, threshold_m, place)
     findings = (
         *beyond,
-        *across,
+        *(_of_goal(finding, apart_m, threshold_m) for finding in across),
         *bent,
         *misfits(nodes, place.dlo.length_m, place.config),
         *sprung,
@@ -63,6 +65,18 @@ async def judge(goal: GoalShape, threshold_m: float, *, place: Workplace, try_go
         nearest_world=nearest,
         nearest_rmse_m=None if nearest is None else geometry.rmse_m(nearest, nodes),
     )
+
+
+def _of_goal(across: Finding, apart_m: float, threshold_m: float) -> Finding:
+    """What lies across itself is refused where no open shape is within the threshold, else it is a doubt: say which."""
+    near = apart_m <= threshold_m
+    text = (
+        f"The goal lies across or upon itself at node {across.node}; the DLO can only be laid open. The nearest "
+        f"open shape is about {apart_m * 1000.0:.1f} mm (RMSE) from it, {'within' if near else 'more than'} "
+        f"the threshold of {threshold_m * 1000.0:.4g} mm: "
+        + ("the arm may end in an open shape beside the goal." if near else "the goal is refused; lay it open.")
+    )
+    return msgspec.structs.replace(across, text=text)
 
 
 def _standing(findings: tuple[Finding, ...], *, hopeless: bool) -> Standing:

@@ -155,6 +155,14 @@ def test_a_goal_of_which_only_a_tip_crosses_is_doubtful_for_an_open_shape_is_nea
     expected_m = np.sqrt(0.03**3 / 3.0 / 2.0 / geometry.arc_lengths(little)[-1])
     assert parting_rmse_m(little, pairs[0], 0.004) == pytest.approx(expected_m, rel=0.25)  # nodes are 5 mm apart
     assert parting_rmse_m(little, pairs[0], 0.004) < THRESHOLD_M < parting_rmse_m(much, pairs[1], 0.004)
+    for nodes, standing, nearness in (
+        (little, Standing.DOUBTFUL, "within the threshold"),
+        (much, Standing.INFEASIBLE, "more than the threshold"),
+    ):
+        verdict = of(geometry.resample(nodes, 31))
+        (said,) = [finding.text for finding in verdict.findings if finding.problem is Problem.CROSSES_ITSELF]
+        assert verdict.standing is standing
+        assert nearness in said  # it says what the verdict says, and does not forbid what is worked at
 
 
 def test_the_same_goal_gets_the_same_verdict_to_the_bit() -> None:

@@ -1,0 +1,52 @@
+"""`dlokit completion`: TAB completes commands, options and choices in your shell."""
+
+from dataclasses import dataclass
+from functools import reduce
+from importlib import import_module
+from operator import or_
+from typing import Annotated, Any, Literal, NoReturn
+
+import tyro
+
+from dlokit.app.commands import COMMANDS, GROUPS, OPTIONS, CliCommand
+
+
+@dataclass(frozen=True, kw_only=True)
+class CompletionArgs:
+    """Print a script with which TAB completes commands, options and choices in your shell.
+
+    bash   eval "$(dlokit completion bash)", or once for all later shells:
+           dlokit completion bash > ~/.local/share/bash-completion/completions/dlokit
+    zsh    dlokit completion zsh > FOLDER/_dlokit, in a folder of your fpath
+    fish   dlokit completion fish > ~/.config/fish/completions/dlokit.fish
+    """
+
+    shell: Annotated[Literal["bash", "zsh", "fish"], tyro.conf.Positional]
+    """Your shell."""
+
+
+def run(args: CompletionArgs) -> NoReturn:
+    """Print the script; ends the process."""
+    tyro.cli(_every_command(), args=["--tyro-print-completion", args.shell], prog="dlokit", config=OPTIONS)
+    raise AssertionError("tyro ends the process when it has printed the script")
+
+
+def _every_command() -> Any:
+    """The type of all commands at once; unlike the list of them, it imports the module of each."""
+    plain = [_subcommand(name, name) for name in COMMANDS if " " not in name]
+    return reduce(or_, [*plain, *(_group(group) for group in GROUPS)])
+
+
+def _group(group: str) -> Any:
+    members = [_subcommand(name.split()[1], name) for name in COMMANDS if name.startswith(f"{group} ")]
+    return Annotated[reduce(or_, members), tyro.conf.subcommand(group, description=GROUPS[group])]
+
+
+def _subcommand(word: str, name: str) -> Any:
+    row = COMMANDS[name]
+    command: CliCommand[Any] = import_module(f"{__package__}.{row.module}").COMMAND
+    default = command.defaults([]) if command.defaults else tyro.MISSING_NONPROP
+    return Annotated[command.arguments, tyro.conf.subcommand(word, default=default, description=row.summary)]
+
+
+COMMAND = CliCommand(CompletionArgs, run)

@@ -1,0 +1,42 @@
+"""What a first run says while it compiles, and what the demo names to try next."""
+
+import io
+import shlex
+from collections.abc import Callable
+from typing import Any
+
+import numba
+from rich.console import Console
+
+from dlokit.app.commands import parse
+from dlokit.app.shape.demo import NEXT
+from dlokit.app.shape.preflight import told_of_compiling
+
+COMPILE: Any = numba.njit  # our stub of it knows decorators alone
+
+
+def said_while(work: Callable[[], object]) -> list[str]:
+    printed = io.StringIO()
+    with told_of_compiling(Console(file=printed, width=200), "the observer"):
+        work()
+    return printed.getvalue().splitlines()
+
+
+def test_compiling_is_announced_once_and_counted() -> None:
+    inner: Any = COMPILE(lambda value: value + 1)
+    outer: Any = COMPILE(lambda value: inner(value) * 2)
+    begun, done = said_while(lambda: outer(1))
+    assert "compiling" in begun
+    assert "2 functions" in done
+
+
+def test_nothing_is_said_of_code_that_is_compiled_already() -> None:
+    kernel: Any = COMPILE(lambda value: value + 1)
+    kernel(1)
+    assert said_while(lambda: kernel(2)) == []
+
+
+def test_the_demo_names_three_commands_that_dlokit_understands() -> None:
+    assert len(NEXT) == 3
+    for command in NEXT:
+        parse(shlex.split(command)[1:])
