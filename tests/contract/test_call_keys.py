@@ -5,7 +5,6 @@ import asyncio
 from dlokit.communication.calls import encode_call
 from dlokit.communication.transport import Report
 from dlokit.communication.wire import codec
-from dlokit.communication.wire.envelope import label_of
 from dlokit.communication.zenoh.session import ZenohConfig, open_session
 from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.skills.robot import api
@@ -33,7 +32,7 @@ async def answer(key: str) -> Outcome[None]:
         request = encode_call(api.STOP, "id-1", caller.identity)
         assert isinstance(request, bytes)
         replies = await asyncio.to_thread(
-            lambda: list(session.get(key, payload=request, attachment=label_of("id-1", request), timeout=10.0))
+            lambda: list(session.get(key, payload=request, attachment=b"id-1", timeout=10.0))
         )
         (reply,) = replies
         assert reply.ok is not None

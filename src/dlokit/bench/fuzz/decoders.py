@@ -35,7 +35,7 @@ def all_decoders() -> list[Decoder]:
         for skill in component.skills():
             found.extend(_of_skill(skill))
     schema = fingerprint(SkillCall)
-    found.append(Decoder("envelope", lambda data: opened(data, schema), lambda rng: seal(schema, b"")))
+    found.append(Decoder("envelope", lambda data: opened(data, schema), lambda rng: seal(schema)))
     return found
 
 
