@@ -17,7 +17,6 @@ from dlokit.communication.skill import Skill
 from dlokit.communication.timing.urgency import threads_urgent
 from dlokit.communication.transport import CallHandler, Report
 from dlokit.communication.wire import codec
-from dlokit.communication.zenoh.connection import LoopDoor
 from dlokit.errors import CommunicationError
 from dlokit.types.outcome import Rejected
 
@@ -38,10 +37,15 @@ OUTCOME, PROGRESS = b"outcome", b"progress"
 
 
 def ask(
-    session: zenoh.Session, door: LoopDoor, skill: Skill[..., Any], request: bytes, call_id: str, report: Report
+    session: zenoh.Session,
+    loop: asyncio.AbstractEventLoop,
+    skill: Skill[..., Any],
+    request: bytes,
+    call_id: str,
+    report: Report,
 ) -> "asyncio.Future[bytes | None]":
     """The encoded outcome to come; None when nobody answers. Cancelling it does not cancel the skill: see `cancel`."""
-    answered: asyncio.Future[bytes | None] = asyncio.get_running_loop().create_future()
+    answered: asyncio.Future[bytes | None] = loop.create_future()
 
     def settle(answer: bytes | None) -> None:
         if not answered.done():
@@ -52,12 +56,12 @@ def ask(
             return
         kind, answer = reply.ok.attachment, reply.ok.payload.to_bytes()
         if kind is not None and kind.to_bytes() == PROGRESS:
-            door.call(report, answer)
+            loop.call_soon_threadsafe(report, answer)
         else:
-            door.call(settle, answer)
+            loop.call_soon_threadsafe(settle, answer)
 
     def on_end() -> None:
-        door.call(settle, None)
+        loop.call_soon_threadsafe(settle, None)
 
     try:
         session.get(
@@ -104,12 +108,12 @@ class CallServer:
         component: str,
         handler: CallHandler,
         cancelled: bytes,
-        door: LoopDoor,
+        loop: asyncio.AbstractEventLoop,
     ) -> None:
         """`cancelled` is the encoded outcome of a call that was cancelled."""
         self._handler = handler
         self._cancelled = cancelled
-        self._door = door
+        self._loop = loop
         self._tasks: dict[str, asyncio.Task[None]] = {}
         self._cancelled_early: deque[str] = deque(maxlen=CALLS_REMEMBERED)
         self._closing = False
@@ -144,7 +148,9 @@ class CallServer:
         if payload is None or attachment is None:
             query.drop()
             return
-        self._door.call(self._start, query, payload.to_bytes(), attachment.to_bytes().decode(errors="replace"))
+        self._loop.call_soon_threadsafe(
+            self._start, query, payload.to_bytes(), attachment.to_bytes().decode(errors="replace")
+        )
 
     def _start(self, query: zenoh.Query, request: bytes, call_id: str) -> None:
         if self._closing:
@@ -172,7 +178,7 @@ class CallServer:
 
     def _on_cancel(self, sample: zenoh.Sample) -> None:
         call_id = sample.payload.to_bytes().decode(errors="replace")
-        self._door.call(self._cancel, call_id)
+        self._loop.call_soon_threadsafe(self._cancel, call_id)
 
     def _cancel(self, call_id: str) -> None:
         task = self._tasks.get(call_id)

@@ -18,7 +18,7 @@ from dlokit.communication.wire import codec
 from dlokit.communication.wire.schema import fingerprint
 from dlokit.communication.zenoh import calls
 from dlokit.communication.zenoh.calls import CallServer
-from dlokit.communication.zenoh.connection import Connection, LoopDoor, Refusals
+from dlokit.communication.zenoh.connection import Connection, Refusals
 from dlokit.communication.zenoh.liveness import Presence, announce_caller, watch_callers
 from dlokit.communication.zenoh.session import OpenSession, ZenohConfig, open_session
 from dlokit.communication.zenoh.topics import TopicReader, TopicWriter, unpacked
@@ -68,13 +68,12 @@ class ZenohTransport:
         self._readers: dict[str, TopicReader[Any]] = {}
         self._servers: dict[str, CallServer] = {}
         self._taps: list[zenoh.Subscriber[Any]] = []
-        self._door = LoopDoor()
         self._refusals = Refusals()
-        self._connection = Connection(self._session, self._door, self._refusals)
-        self._presence = Presence(self._session, self._door)
+        self._connection = Connection(self._session, self._loop, self._refusals)
+        self._presence = Presence(self._session, self._loop)
         self._closed = False
         self._calling = announce_caller(self._session)
-        self._callers = watch_callers(self._session, self._door, self._caller_gone)
+        self._callers = watch_callers(self._session, self._loop, self._caller_gone)
 
     @property
     def identity(self) -> str:
@@ -148,7 +147,7 @@ class ZenohTransport:
                 await self._find(skill.component)
                 if self._closed:
                     return Unreachable(component=skill.component)
-                asked = calls.ask(self._session, self._door, skill, request, call_id, report)
+                asked = calls.ask(self._session, self._loop, skill, request, call_id, report)
                 answer = await asyncio.shield(asked)
         except TimeoutError:
             await self._give_up(skill.component, call_id, asked)
@@ -176,7 +175,7 @@ class ZenohTransport:
     def serve(self, component: str, handler: CallHandler) -> None:
         """Answer calls to `component`, from any process."""
         cancelled = codec.encode(Cancelled())
-        self._servers[component] = CallServer(self._session, component, handler, cancelled, self._door)
+        self._servers[component] = CallServer(self._session, component, handler, cancelled, self._loop)
 
     def _caller_gone(self, identity: str) -> None:
         for server in self._servers.values():
@@ -199,7 +198,6 @@ class ZenohTransport:
             reader.close()
         # Closing waits for callbacks, which may wait for the loop's thread: so it happens beside the loop.
         await asyncio.to_thread(self._leave)
-        self._door.close()
 
     def _leave(self) -> None:
         self._session.close()
@@ -210,7 +208,7 @@ class ZenohTransport:
     def _reader(self, topic: Topic[T]) -> TopicReader[T]:
         reader = self._readers.get(topic.name)
         if reader is None:
-            reader = self._readers[topic.name] = TopicReader(self._connection, topic, self._loop)
+            reader = self._readers[topic.name] = TopicReader(self._connection, topic)
             if self._closed:
                 reader.close()
         return reader
