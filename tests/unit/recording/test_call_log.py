@@ -1,6 +1,8 @@
 """Skill calls are told of when they have ended, however they end."""
 
 import asyncio
+from collections.abc import Callable
+from typing import Any
 
 import pytest
 
@@ -10,8 +12,10 @@ from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.skill import Skill
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
+from dlokit.communication.topic import Topic
 from dlokit.errors import SkillFailure, SkillRejected
 from dlokit.recording.call_log import CallLog
+from dlokit.types.message import Message
 from dlokit.types.outcome import CallBegun, CallEnd, CallRecord, Unreachable
 
 
@@ -41,9 +45,14 @@ class Actor(Component):
 def told_of(*hows: tuple[str, float]) -> list[CallBegun | CallRecord]:
     records: list[CallBegun | CallRecord] = []
 
+    def put(topic: Topic[Any], message: Message | Callable[[], Message]) -> None:
+        made = message if isinstance(message, Message) else message()
+        assert isinstance(made, CallBegun | CallRecord)
+        records.append(made)
+
     async def main() -> None:
         clock = LoopClock()
-        log = CallLog(MemoryTransport(), clock.now_ns, records.append, untold=frozenset({"cell"}))
+        log = MemoryTransport(call_log=CallLog(clock.now_ns, put, unlogged=frozenset({"cell"})))
         host = Container(log, clock)
         host.add(Actor())
         async with host:

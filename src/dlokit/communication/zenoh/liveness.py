@@ -34,10 +34,10 @@ class Presence:
         with self._lock:
             return sum(name == component for name, _ in self._tokens)
 
-    def had(self, component: str) -> bool:
-        """Whether the component has ever been there."""
-        with self._lock:
-            return component in self._ever
+    async def found(self, component: str, timeout_s: float) -> None:
+        """Wait for a component that was never there, for at most `timeout_s`: peers take time to find each other."""
+        if component not in self._ever:
+            await self.wait_for(component, timeout_s)
 
     async def wait_for(self, component: str, timeout_s: float) -> bool:
         """Wait until it is there, for at most `timeout_s` of the machine's time; whether it is."""
