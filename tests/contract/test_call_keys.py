@@ -36,7 +36,7 @@ async def answer(key: str) -> Outcome[None]:
         )
         (reply,) = replies
         assert reply.ok is not None
-        outcome = api.STOP.decode_outcome(reply.ok.payload.to_bytes())
+        outcome = codec.decode(reply.ok.payload.to_bytes(), api.STOP.outcome_type)
         assert bool(ran) == isinstance(outcome, Succeeded)
         return outcome
     finally:

@@ -92,7 +92,7 @@ def encode_call(skill: Skill[P, R], call_id: str, caller: str, *args: P.args, **
 def decode_answer(skill: Skill[P, R], answer: bytes) -> Outcome[R]:
     """The outcome, or the failure to understand it."""
     try:
-        outcome = skill.decode_outcome(answer)
+        outcome: Outcome[R] = codec.decode(answer, skill.outcome_type)
     except CommunicationError as error:
         return Failed(reason="malformed_outcome", detail=f"{skill.key}: {error}")
     if isinstance(outcome, Rejected) and outcome.reason == SCHEMA_MISMATCH:

@@ -44,14 +44,14 @@ def _of_type(name: str, wanted: Any) -> Decoder:
 
 
 def _of_skill(skill: Skill[..., Any]) -> list[Decoder]:
-    arguments, outcome = skill.arguments_type, skill.outcome_type
+    arguments = skill.arguments_type
     found = [
         Decoder(
             f"arguments of {skill.key}",
             skill.decode_arguments,
             lambda rng: codec.encode(example(arguments, rng)),
         ),
-        Decoder(f"outcome of {skill.key}", skill.decode_outcome, lambda rng: codec.encode(example(outcome, rng))),
+        _of_type(f"outcome of {skill.key}", skill.outcome_type),
     ]
     if isinstance(skill, ReportingSkill):
         found.append(
