@@ -108,6 +108,7 @@ def end_of(outcome: Outcome[Any]) -> tuple[CallEnd, str, str]:
 
 def _arguments(request: bytes) -> str:
     try:
+        # Without their types: a record has what was sent, whatever the skill is.
         named = codec.decode(codec.decode(request, SkillCall).arguments, dict[str, Any])
     except CommunicationError:
         return ""  # they did not fit, as the outcome says, or are too long to be written
