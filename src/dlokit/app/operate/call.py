@@ -12,11 +12,12 @@ from rich.console import Console
 from dlokit.app.commands import CliCommand, flag
 from dlokit.app.operate.skills import skill_named
 from dlokit.communication.skill import ReportingSkill, Skill
+from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.errors import CommunicationError, InputError
 from dlokit.recording.plain import to_json
-from dlokit.system.processes.bus import JoinedBus, join_bus
+from dlokit.system.processes.bus import join_bus
 from dlokit.system.processes.running import RunningSystem, the_running_system
-from dlokit.system.results.recording import with_calls_told
+from dlokit.system.results.recording import calls_published
 from dlokit.system.table import TimeBase
 from dlokit.types.outcome import Failed, Outcome, Rejected, Succeeded
 
@@ -107,13 +108,15 @@ async def _call(
         await bus.transport.wait_for(skill.component, FOUND_WITHIN_S)
         try:
             async with asyncio.timeout(limit_s):
-                return await _told(bus, skill, given, console)
+                with calls_published(bus.transport, bus.clock):
+                    return await _called(bus.transport, skill, given, console)
         except TimeoutError:
             return Failed(reason="cancelled", detail=f"it had not ended after {limit_s:g} s, as --timeout asks")
 
 
-async def _told(bus: JoinedBus, skill: Skill[..., Any], given: dict[str, Any], console: Console) -> Outcome[Any]:
-    transport = with_calls_told(bus.transport, bus.clock)
+async def _called(
+    transport: ZenohTransport, skill: Skill[..., Any], given: dict[str, Any], console: Console
+) -> Outcome[Any]:
     if not isinstance(skill, ReportingSkill):
         return await transport.call(skill, **given)
 

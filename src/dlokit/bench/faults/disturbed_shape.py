@@ -32,7 +32,7 @@ def main(config_file: Path, folder: Path, disturbance: Path) -> int:
     )
     starting = Starting(
         command=(sys.executable, "-m", "dlokit.bench.faults.disturbed_process", str(disturbance)),
-        open_session=disturbed_by(disturbance, config.seed),
+        open_session=disturbed_by(disturbance),
     )
     record = judged_run(config, job, claim_run_folder(folder), Watcher(), partial(run_live, starting=starting))
     print(record.result.outcome.value, record.result.reason or "")
