@@ -21,7 +21,9 @@ def test_a_message_of_another_schema_is_refused_by_name() -> None:
         opened(seal(SCHEMA[::-1]), SCHEMA)
 
 
-@pytest.mark.parametrize("envelope", [None, b"", b"short", seal(SCHEMA) + b"!"])
+@pytest.mark.parametrize(
+    "envelope", [None, b"", b"short", seal(SCHEMA) + b"!"], ids=["none", "empty", "short", "longer"]
+)
 def test_a_message_that_does_not_say_its_schema_is_refused(envelope: bytes | None) -> None:
     with pytest.raises(SchemaMismatch, match="does not say in which schema"):
         opened(envelope, SCHEMA)
