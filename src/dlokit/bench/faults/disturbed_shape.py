@@ -6,7 +6,7 @@ from pathlib import Path
 
 from dlokit.bench.faults.disturbance import disturbed_by
 from dlokit.decision.records import GoalRequest
-from dlokit.description.shapes import builtin_shape
+from dlokit.description.shapes import CURVE_POINTS, builtin_shape
 from dlokit.evaluation.judged_run import judged_run
 from dlokit.system.config import RunConfig
 from dlokit.system.live import Starting, run_live
@@ -15,7 +15,6 @@ from dlokit.system.shaping import ShapeJob, Watcher
 from dlokit.system.toml_config import read_toml
 from dlokit.types.flow import RunOutcome
 
-_POINTS = 101
 EXIT_ENDED_OTHERWISE = 3
 
 
@@ -23,8 +22,8 @@ def main(config_file: Path, folder: Path, disturbance: Path) -> int:
     """Run the task; exit code as of `dlokit shape`."""
     config = read_toml(config_file, RunConfig)
     dlo, model = config.cell.dlo, config.model
-    start = builtin_shape(config.start, dlo.length_m, _POINTS, radius_m=dlo.radius_m)
-    goal = builtin_shape(config.goal, model.length_m, _POINTS, radius_m=model.radius_m)
+    start = builtin_shape(config.start, dlo.length_m, CURVE_POINTS, radius_m=dlo.radius_m)
+    goal = builtin_shape(config.goal, model.length_m, CURVE_POINTS, radius_m=model.radius_m)
     job = ShapeJob(
         name=f"{config.start} to {config.goal}",
         start_nodes_world=start,
