@@ -7,6 +7,7 @@ from pathlib import Path
 from dlokit.bench.faults.disturbance import disturbed_by
 from dlokit.decision.records import GoalRequest
 from dlokit.description.shapes import CURVE_POINTS, builtin_shape
+from dlokit.errors import EXIT_OTHERWISE
 from dlokit.evaluation.judged_run import judged_run
 from dlokit.system.config import RunConfig
 from dlokit.system.live import Starting, run_live
@@ -14,8 +15,6 @@ from dlokit.system.results.run_folder import claim_run_folder
 from dlokit.system.shaping import ShapeJob, Watcher
 from dlokit.system.toml_config import read_toml
 from dlokit.types.flow import RunOutcome
-
-EXIT_ENDED_OTHERWISE = 3
 
 
 def main(config_file: Path, folder: Path, disturbance: Path) -> int:
@@ -35,7 +34,7 @@ def main(config_file: Path, folder: Path, disturbance: Path) -> int:
     )
     record = judged_run(config, job, claim_run_folder(folder), Watcher(), partial(run_live, starting=starting))
     print(record.result.outcome.value, record.result.reason or "")
-    return 0 if record.result.outcome is RunOutcome.CONVERGED else EXIT_ENDED_OTHERWISE
+    return 0 if record.result.outcome is RunOutcome.CONVERGED else EXIT_OTHERWISE
 
 
 if __name__ == "__main__":
