@@ -13,7 +13,7 @@ from dlokit.app.commands import CliCommand, flag
 from dlokit.app.operate.skills import skill_named
 from dlokit.communication.skill import ReportingSkill, Skill
 from dlokit.communication.zenoh.transport import ZenohTransport
-from dlokit.errors import CommunicationError, InputError
+from dlokit.errors import EXIT_OTHERWISE, CommunicationError, InputError
 from dlokit.recording.plain import to_json
 from dlokit.system.processes.bus import join_bus
 from dlokit.system.processes.running import RunningSystem, the_running_system
@@ -21,8 +21,6 @@ from dlokit.system.results.recording import calls_published
 from dlokit.system.table import TimeBase
 from dlokit.types.outcome import Failed, Outcome, Rejected, Succeeded
 
-EXIT_SUCCEEDED = 0
-EXIT_ENDED_OTHERWISE = 3
 FOUND_WITHIN_S = 5.0
 FIRST_TICK_S = 10.0
 
@@ -57,7 +55,7 @@ def run_call(args: CallArgs) -> int:
     system = the_running_system(args.run)
     outcome = asyncio.run(_call(system, skill, given, args.timeout, Console(stderr=True)))
     print(in_words(outcome))
-    return EXIT_SUCCEEDED if isinstance(outcome, Succeeded) else EXIT_ENDED_OTHERWISE
+    return 0 if isinstance(outcome, Succeeded) else EXIT_OTHERWISE
 
 
 def arguments_from(skill: Skill[..., Any], texts: tuple[str, ...]) -> dict[str, Any]:

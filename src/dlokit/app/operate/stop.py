@@ -13,7 +13,7 @@ from dlokit.app.operate.call import in_words
 from dlokit.communication.skill import Skill
 from dlokit.decision.api import STOP_TASK
 from dlokit.description.arm.mounts import ARMS, ArmMount
-from dlokit.errors import InputError
+from dlokit.errors import EXIT_OTHERWISE, InputError
 from dlokit.skills.robot import api as robot
 from dlokit.system.config import CONFIG_FILE, RunConfig
 from dlokit.system.processes.bus import JoinedBus, join_bus
@@ -24,8 +24,6 @@ from dlokit.system.table import TimeBase
 from dlokit.system.toml_config import read_toml
 from dlokit.types.outcome import Succeeded
 
-EXIT_ALL_STAND = 0
-EXIT_NOT_ALL = 3
 FOUND_WITHIN_S = 2.0
 STOPPED_WITHIN_S = 15.0
 """A system is waited for so long in all; an arm brakes in a fraction of a second."""
@@ -65,7 +63,7 @@ def run_stop(args: StopArgs) -> int:
 
 def exit_code(said: Sequence[Stopped]) -> int:
     """0 where each system confirmed everything, 3 where one did not."""
-    return EXIT_ALL_STAND if all(stopped.stands for stopped in said) else EXIT_NOT_ALL
+    return 0 if all(stopped.stands for stopped in said) else EXIT_OTHERWISE
 
 
 async def stop_all(

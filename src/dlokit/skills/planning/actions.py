@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 
 from dlokit.description.arm.panda import PANDA_GRASP_HEIGHT_M
+from dlokit.description.shapes import LENGTH_TOLERANCE
 from dlokit.description.table import TABLE_X_M, TABLE_Y_M
 from dlokit.errors import ConfigError
 from dlokit.types.action import VelocityProfile
@@ -68,7 +69,7 @@ class FeasibilityConfig:
     """A node must be this far inside the picture [px]."""
     min_bend_radius_m: float = 0.008
     """Tightest bend of a goal [m]."""
-    length_tolerance: float = 0.02
+    length_tolerance: float = LENGTH_TOLERANCE
     """A goal may be this share longer or shorter than the rod."""
     handled_from_m: float = 0.05
     """A node of a goal that cannot be grasped is no harm when one this near along the rod can be [m]."""
