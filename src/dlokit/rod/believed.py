@@ -1,4 +1,4 @@
-"""The rod as the system believes it to be: its figures, how sure they are, and how it is driven.
+"""The rod as the system believes it to be: its figures, and how sure they are.
 
 They are deliberately not those of the simulated cell: in a lab nobody knows the DLO exactly either.
 """
@@ -14,69 +14,6 @@ POISSON = 0.3
 """Poisson's ratio taken for any DLO: it sets the stiffness against twist, which no picture shows."""
 DAMPING_S = 0.05
 """Viscous bending moment taken for any DLO, as a share of the elastic one [s]: what rests does not tell it."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class TrackingConfig:
-    """The PD controller that drags the model to the target points."""
-
-    stiffness_n_m: float = 20.0
-    """Proportional gain Kp of the force on a visible node [N/m]."""
-    hold_stiffness_n_m: float = 200.0
-    """Proportional gain on a node that the gripper holds [N/m]."""
-    damping_n_s_m: float = 0.2
-    """Derivative gain Kd [N·s/m]."""
-    force_limit_n: float = 0.25
-    """Largest force of one target point [N]; outliers pull no harder than this."""
-    held_gate_m: float = 0.02
-    """Distance of a target to the model beyond which it is left out while a gripper holds the rod [m]: the model
-    follows the tool, so such a target is a mistake of an observer who sees the rod half behind the arm."""
-    held_gate_per_m: float = 0.15
-    """Growth of that distance with the path of the tool [m/m]: the model's friction is not the table's."""
-    hidden_friction_share: float = 0.4
-    """Share of the table's friction that holds a hidden node where it was; 0 leaves it to the rod alone."""
-    tightest_bend_m: float = 0.02
-    """Radius of the tightest bend that a DLO which keeps bends is followed into [m]."""
-    steps: int = 120
-    """Physics steps of one update; fixed, so that runs repeat."""
-    timestep_s: float = 0.01
-    """Length of one physics step while tracking [s]."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class GoalConfig:
-    """How the operator's frames drag the goal rod."""
-
-    stiffness_n_m: float = 40.0
-    """Spring between a frame and its node [N/m]."""
-    force_limit_n: float = 0.1
-    """Largest force of a frame on its node [N]; more would stretch the rod."""
-    damping_n_s_m: float = 0.05
-    """Damping of the goal rod [N·s/m]."""
-    steps: int = 150
-    """Physics steps of one update."""
-    timestep_s: float = 0.01
-    """Length of one physics step while a goal is dragged [s]."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class PredictionConfig:
-    """How the rod is predicted while a tool holds it, and after its release."""
-
-    release_s: float = 0.4
-    """Time that the rod is given to come to rest after the release [s]."""
-    publish_period_s: float = 0.1
-    """Time between two states while the model follows a tool [s]."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class SettleConfig:
-    """How it is found out where a released rod comes to rest."""
-
-    duration_s: float = 2.0
-    """Longest time that it is given [s]: as long as the evaluator waits."""
-    timestep_s: float = 0.005
-    """Length of one physics step [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,18 +80,8 @@ class BelievedDlo:
                 raise ConfigError(f"--model.{name.replace('_', '-')} is {value}; it must be a number above 0.")
 
 
-@dataclass(frozen=True, kw_only=True)
 class ModelConfig(BelievedDlo):
-    """The rod as the system believes it to be, and how it is driven."""
-
-    tracking: TrackingConfig = field(default_factory=TrackingConfig)
-    """The PD controller."""
-    goal: GoalConfig = field(default_factory=GoalConfig)
-    """Dragging of the goal."""
-    rollout: PredictionConfig = field(default_factory=PredictionConfig)
-    """Prediction of actions."""
-    settle: SettleConfig = field(default_factory=SettleConfig)
-    """Where a released rod comes to rest."""
+    """The same, as the settings of the model."""
 
 
 def as_configured(config: BelievedDlo, stamp_ns: int) -> DloBelief:

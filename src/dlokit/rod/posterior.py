@@ -6,7 +6,7 @@ a wire lies on the table.
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import msgspec
 import numpy as np
@@ -60,7 +60,7 @@ STIFFNESS_LOG = np.log(2.0) * np.arange(-2.0, 10.0)
 YIELDS_1_M = (math.inf, 3.0, 1.0)
 """Yield curvatures that are tried [1/m]: a DLO that springs back always, and two that take a set."""
 _TIMESTEP_S = 0.005
-_REST_S = 1.0
+_REST_S = 1.0  # after the release; longer than in planning, as it is compared with what the camera saw
 _SEEN_M = 0.004  # the state's own error
 _MODEL_SHARE = 0.08  # error of the rod of planning, as a share of how far a node was moved
 _LOW_LIFT_M = 0.05
@@ -88,8 +88,8 @@ def evidence(config: ModelConfig, seen: Experience, threads: int = 0) -> Evidenc
         for a in FRICTION_LOG
         for b in STIFFNESS_LOG
     )
-    patient = replace(config, rollout=replace(config.rollout, release_s=_REST_S))
-    played = play(patient, seen.before_world, rods, (seen.motion(_TIMESTEP_S),), _TIMESTEP_S, threads)
+    motion = seen.motion(_TIMESTEP_S)
+    played = play(config, seen.before_world, rods, (motion,), _TIMESTEP_S, threads, rest_s=_REST_S)
     residual = np.linalg.norm((played.nodes_world[:, 0] - seen.after_world)[..., :2], axis=-1)  # (R, M)
     rmse_m = np.sqrt(np.mean(residual**2, axis=1))
     beyond_m = max(float(np.ptp(seen.tool[:, 2])) - _LOW_LIFT_M, 0.0)

@@ -31,6 +31,8 @@ FINGERS = np.array([0.0085, 0.009, 0.0089])
 tips are below the tool [m]."""
 NO_FINGERS = np.zeros(3)
 """For a motion that holds the rod."""
+REST_S = 0.4
+"""Time that a rod is given to come to rest after a release [s]: short, as a decision plays hundreds."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,10 +100,13 @@ def play(
     motions: tuple[Motion, ...],
     timestep_s: float,
     threads: int = 0,
+    *,
+    rest_s: float = REST_S,
 ) -> Played:
     """Play every motion through on every rod, all of them lying as `nodes_world` (K, 3) [m].
 
-    `threads` 0: as many as there are cores. The result is the same for any number.
+    A rod has `rest_s` [s] to come to rest after its release. `threads` 0: as many as there are cores; the result is the
+    same for any number.
     """
     from dlokit.rod.planning_rod import play_motion
 
@@ -112,7 +117,7 @@ def play(
     nearest = np.empty((len(rods), len(motions)))
     numbers = [rod.numbers(config, fine) for rod in rods]
     starts = [start + np.array([*rod.shift_m, 0.0]) for rod in rods]
-    rest = round(config.rollout.release_s / timestep_s)
+    rest = round(rest_s / timestep_s)
 
     def one(motion_index: int) -> None:
         motion = motions[motion_index]
@@ -211,6 +216,8 @@ def warm() -> float:
 
 _AS_MODELLED = QuickRod()
 _NO_TOOL, _NO_PADS = np.zeros((0, 4)), np.zeros((0, 3))
+_SETTLE_S = 2.0  # longest time that a rod laid down is given: as long as the evaluator waits
+_SETTLE_STEP_S = 0.005  # half of planning's: a goal is tried a few times, not hundreds
 
 
 def settle(config: ModelConfig, nodes_world: Float64Array, rod: QuickRod = _AS_MODELLED) -> Float64Array:
@@ -223,8 +230,7 @@ def settle(config: ModelConfig, nodes_world: Float64Array, rod: QuickRod = _AS_M
     nodes = fit_length(config, nodes_world)
     nodes[:, 2] = config.radius_m - SINK_M
     end = np.empty_like(nodes)
-    step_s = config.settle.timestep_s
-    steps = round(config.settle.duration_s / step_s)
-    play_motion(nodes, rod.numbers(config, config.nodes), step_s, steps, _NO_TOOL, _NO_PADS, NO_FINGERS, end)
+    steps = round(_SETTLE_S / _SETTLE_STEP_S)
+    play_motion(nodes, rod.numbers(config, config.nodes), _SETTLE_STEP_S, steps, _NO_TOOL, _NO_PADS, NO_FINGERS, end)
     end[:, 2] = np.maximum(end[:, 2], config.radius_m)
     return end

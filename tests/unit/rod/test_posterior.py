@@ -46,8 +46,7 @@ def acted(rod: QuickRod, before: Float64Array, node: int, by_m: tuple[float, flo
     way = [(0.0, 0.0, 0.04, 0.0), (*by_m, 0.04, turn_rad), (*by_m, 0.0, turn_rad)]
     waypoints = np.stack([grasp, *(grasp + np.array(step) for step in way)])
     motion = Motion(node=node, waypoints=waypoints, velocity=PACE)
-    patient = replace(MODEL, rollout=replace(MODEL.rollout, release_s=1.0))
-    after = play(patient, before, (rod,), (motion,), STEP_S).nodes_world[0, 0]
+    after = play(MODEL, before, (rod,), (motion,), STEP_S, rest_s=1.0).nodes_world[0, 0]
     tool = tool_track(waypoints, PACE.speed_m_s, PACE.acceleration_m_s2, PACE.jerk_m_s3, STEP_S)
     return Experience(
         before_world=before,

@@ -13,7 +13,7 @@ import numpy as np
 from dlokit import geometry
 from dlokit.rod.believed import ModelConfig
 from dlokit.rod.planning_rod import advance
-from dlokit.rod.rollout import NO_FINGERS, SINK_M, QuickRod, between_pads, fine_rod
+from dlokit.rod.rollout import NO_FINGERS, REST_S, SINK_M, QuickRod, between_pads, fine_rod
 from dlokit.skills.model.tracking import Pin
 from dlokit.types.arrays import Float64Array
 from dlokit.types.robot import RobotState
@@ -119,7 +119,7 @@ class Carry:
             return False
         if self._grips:
             return False  # the rod comes to rest when the last one lets go
-        rest_steps = math.ceil(self._config.rollout.release_s / _STEP_S)
+        rest_steps = math.ceil(REST_S / _STEP_S)
         self._advance(_STEP_S, _NO_TOOL, _NO_PADS, rest_steps=rest_steps)
         return True
 

@@ -32,6 +32,11 @@ from dlokit.types.observation import Gripped
 from dlokit.types.robot import RobotState
 
 _BUILD_ROUNDS = 10  # updates that a far drag takes to settle
+_PUBLISH_EVERY_S = 0.1  # between two states while the model follows a tool
+# While a gripper holds the rod the model follows the tool. A target this far from it is a mistake of an observer who
+# sees the rod half behind the arm; more is allowed the longer the tool's way [m/m], for friction is not as believed.
+_HELD_GATE_M = 0.02
+_HELD_GATE_PER_M = 0.15
 
 
 class ModelComponent(Component):
@@ -103,7 +108,7 @@ class ModelComponent(Component):
         self._grips.moved(robot)
         if self._carry.move(robot) and self._state is not None:
             since_s = (robot.stamp_ns - self._state.stamp_ns) / 1e9
-            if since_s >= self._config.rollout.publish_period_s:
+            if since_s >= _PUBLISH_EVERY_S:
                 self._follow(robot.stamp_ns)
 
     @on(topics.GOAL_FRAMES)
@@ -187,8 +192,7 @@ class ModelComponent(Component):
     def _believed(self, targets: TargetPoints) -> BoolArray:
         """Which targets (M,) may be true of a rod that a tool holds and that the model has followed."""
         moved_m = np.linalg.norm(targets.nodes_world - self._carry.nodes_world, axis=1)
-        gains = self._config.tracking
-        return targets.visible & (moved_m < gains.held_gate_m + gains.held_gate_per_m * self._carry.travelled_m)
+        return targets.visible & (moved_m < _HELD_GATE_M + _HELD_GATE_PER_M * self._carry.travelled_m)
 
     def _publish(self, state: DloState) -> None:
         self._state = state
