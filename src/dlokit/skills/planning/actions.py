@@ -13,25 +13,11 @@ _PACE = VelocityProfile()
 
 @dataclass(frozen=True, kw_only=True)
 class GraspConfig:
-    """Where and how the gripper takes hold."""
+    """Where the gripper takes hold."""
 
     height_m: float = PANDA_GRASP_HEIGHT_M
-    """Height of the tool centre point over the table at grasp and release [m]."""
-    end_inset_m: float = 0.012
-    """A grasp stays this far inside the ends of the rod, so that there is rod between the pads [m]."""
-    openings_m: tuple[float, ...] = (0.05, 0.04, 0.03, 0.02)
-    """Finger openings to try, the first that fits is taken [m]."""
-    finger_width_m: float = 0.02
-    """Extent of a finger along the rod [m]."""
-    finger_thickness_m: float = 0.012
-    """Extent of a finger across the rod, outwards from its pad [m]."""
-    clearance_m: float = 0.002
-    """Free space between a finger and the rod's surface [m]."""
-    adjacent_m: float = 0.04
-    """Parts of the rod nearer than this along it belong to the grasped strand [m]."""
-    comfortable_yaw_rad: float = 0.785
-    """Yaw of the tool, against the bearing of its place from the robot's base, that leaves the wrist most room [rad];
-    the Panda's hand is mounted 45° off the middle of joint 7."""
+    """Height of the tool centre point over the table at grasp and release [m]. Larger: the fingertips stay farther from
+    the table, and hold less of a thin DLO."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,21 +25,14 @@ class PathConfig:
     """How the grasped node is carried to its goal."""
 
     lift_m: float = 0.04
-    """Height of the carry above the grasp [m]."""
-    spacing_m: float = 0.03
-    """Largest distance of two poses on the carry [m]."""
-    turn_to_goal_tangent: bool = True
-    """Turn the gripper on the way from the rod's tangent to the goal's, where the arm can; fewer actions are needed."""
-    largest_turn_rad: float = 1.6
-    """Most that the gripper turns on one carry [rad]."""
-    overshoot: float = 0.0
-    """Release this share of the way beyond the goal, against springing back."""
+    """Height of the carry above the grasp [m]. Larger: less of the DLO drags over the table. `rollout` begins with it
+    and tries others."""
     speed_m_s: float = _PACE.speed_m_s
-    """Speed of the tool on the carry [m/s]."""
+    """Speed of the tool on the carry [m/s]. Larger: shorter actions. `rollout` begins with it and tries others."""
     acceleration_m_s2: float = _PACE.acceleration_m_s2
-    """Acceleration of the tool [m/s²]."""
+    """Largest acceleration of the tool on the carry [m/s²]. Larger: shorter actions, and a DLO that swings more."""
     jerk_m_s3: float = _PACE.jerk_m_s3
-    """Jerk of the tool [m/s³]."""
+    """Largest jerk of the tool on the carry [m/s³]. Larger: the acceleration sets in more abruptly."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,6 +84,6 @@ class ActionConfig:
     """How any pick-and-place action is made."""
 
     grasp: GraspConfig = field(default_factory=GraspConfig)
-    """Where and how the gripper takes hold."""
+    """Where the gripper takes hold."""
     path: PathConfig = field(default_factory=PathConfig)
     """How the grasped node is carried."""

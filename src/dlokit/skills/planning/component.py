@@ -108,7 +108,7 @@ class PlanningComponent(Component):
                 return action.predicted_nodes_world
             return await self.port.compute(rollout.predict, self._model, shape.nodes_world, action)
 
-        return await untangled(actions, predict, goal.nodes_world, self._config.foresight)
+        return await untangled(actions, predict, goal.nodes_world)
 
     async def _tell(self, candidates: Candidates) -> None:
         self.port.publish(topics.CANDIDATES, candidates)

@@ -24,7 +24,7 @@ MODEL = ModelConfig()
 FIRST, OTHER = (PandaKinematics(mount.T_world_base) for mount in ARMS)
 APART = Apart(FIRST, OTHER)
 SECOND = SecondArm(robot=OPPOSITE, reachable=OTHER.reachable, place_m=ARMS[1].place_m, apart_m=APART.of_pair_m)
-SHORT = SearchConfig(rollouts=60, generations=1, finalists=1, doubt=1.0)
+SHORT = SearchConfig(rollouts=68, generations=1, finalists=1)
 STRAIGHT, S = (builtin_shape(name, MODEL.length_m, MODEL.nodes) for name in ("I", "S"))
 
 OVER_THE_MIDDLE = downward((0.52, 0.0, 0.1), 0.8)

@@ -137,7 +137,7 @@ def misfits(nodes_world: Float64Array, length_m: float, config: FeasibilityConfi
 def crowded(nodes_world: Float64Array, place: Workplace) -> tuple[Finding, ...]:
     """Where a rod (M, 3) [m] lies so close to itself that the fingers could neither grasp nor release it."""
     fits = [
-        fitting_opening_m(nodes_world, rod_point(nodes_world, share), place.dlo.radius_m, place.grasp) is not None
+        fitting_opening_m(nodes_world, rod_point(nodes_world, share), place.dlo.radius_m) is not None
         for share in np.linspace(0.0, 1.0, len(nodes_world))
     ]
     node, gap_m = _farthest_from(nodes_world, np.array(fits))
@@ -215,9 +215,9 @@ def _in_reach(nodes_world: Float64Array, place: Workplace, *, handled_from_m: fl
 
 def _can_grasp(nodes_world: Float64Array, share: float, place: Workplace) -> bool:
     point = rod_point(nodes_world, share)
-    yaw = grasp_yaw(point, 0.0, place.grasp)
+    yaw = grasp_yaw(point, 0.0)
     # A grasp may take the rod from either side; one that the arm reaches is enough.
-    return any(place.reachable(grasp_pose(point, yaw + turn, place.grasp)) for turn in (0.0, np.pi, -np.pi))
+    return any(place.reachable(grasp_pose(point, yaw + turn, place.grasp.height_m)) for turn in (0.0, np.pi, -np.pi))
 
 
 def _in_view(
