@@ -40,43 +40,18 @@ class FeasibilityConfig:
     """What a start or goal shape must keep to."""
 
     table_x_m: tuple[float, float] = (TABLE_X_M[0] - _TABLE_SLACK_M, TABLE_X_M[1] + _TABLE_SLACK_M)
-    """Usable table along x [m]."""
+    """Usable table along x, from and to [m]: shapes that reach beyond are refused, actions that lead there avoided."""
     table_y_m: tuple[float, float] = (TABLE_Y_M[0] - _TABLE_SLACK_M, TABLE_Y_M[1] + _TABLE_SLACK_M)
-    """Usable table along y [m]."""
-    view_margin_px: float = 4.0
-    """A node must be this far inside the picture [px]."""
+    """Usable table along y, from and to [m]."""
     min_bend_radius_m: float = 0.008
-    """Tightest bend of a goal [m]."""
-    length_tolerance: float = 0.02
-    """A goal may be this share longer or shorter than the rod."""
-    handled_from_m: float = 0.05
-    """A node of a goal that cannot be grasped is no harm when one this near along the rod can be [m]."""
+    """Radius of the tightest bend that a goal may have [m]. Larger: more goals are doubted."""
     hold_share: float = 0.5
-    """A goal holds when the rod, released there, springs back by no more than this share of the threshold."""
-    doubt_sds: float = 2.0
-    """What the DLO may be: so many standard deviations of what is believed of EI / (μ w), to either side."""
-    yield_doubt: float = 1.5
-    """Factor by which the curvature where the DLO yields may be other than believed."""
-    set_doubt: float = 0.05
-    """A goal can be hopeless for springing back where the chance that the DLO keeps bends is no more than this."""
-    hopeless_factor: float = 1.1
-    """A goal is hopeless when even at best no shape holds that is within this many thresholds of it."""
-    nearest_shares: tuple[float, ...] = (0.75, 0.5, 0.35)
-    """Shares of friction with which the nearest shape that holds is sought, until one holds in every trial."""
+    """A goal holds when the DLO, released there, springs back by no more than this share of the threshold, above 0 and
+    at most 1. Larger: fewer goals are doubted."""
 
     def __post_init__(self) -> None:
         if not 0.0 < self.hold_share <= 1.0:
             raise ConfigError(f"--planning.feasibility.hold-share is {self.hold_share}; it must be above 0, at most 1.")
-        if not self.doubt_sds >= 0.0:
-            raise ConfigError(f"--planning.feasibility.doubt-sds is {self.doubt_sds}; it must be 0 (no doubt) or more.")
-        if not self.yield_doubt >= 1.0:
-            raise ConfigError(
-                f"--planning.feasibility.yield-doubt is {self.yield_doubt}; it must be 1 (no doubt) or more."
-            )
-        if not all(0.0 < share <= 1.0 for share in self.nearest_shares):
-            raise ConfigError(
-                f"--planning.feasibility.nearest-shares are {self.nearest_shares}; each must be above 0, at most 1."
-            )
 
 
 @dataclass(frozen=True, kw_only=True)
