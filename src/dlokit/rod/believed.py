@@ -18,21 +18,21 @@ DAMPING_S = 0.05
 
 @dataclass(frozen=True, kw_only=True)
 class BeliefConfig:
-    """How sure the figures of the model are; most are standard deviations of logarithms, 0.1 is about 10 %."""
+    """How sure the figures of the model are: standard deviations of their logarithms, 0.1 is about 10 %."""
 
     length_log_sd: float = 0.01
-    """Of the length."""
+    """Of the length. Larger: it is less sure."""
     radius_log_sd: float = 0.05
-    """Of the radius."""
+    """Of the radius. Larger: it is less sure."""
     stiffness_log_sd: float = 0.35
-    """Of the bending stiffness."""
+    """Of the bending stiffness. Larger: goals are judged, and finalists tried, for softer and stiffer DLOs."""
     weight_log_sd: float = 0.15
-    """Of the mass per length."""
+    """Of the mass per length. Larger: more goals are doubted."""
     friction_log_sd: float = 0.25
-    """Of the friction."""
+    """Of the friction. Larger: goals are judged, and finalists tried, for smoother and rougher tables."""
     takes_set: float = 0.2
-    """Chance, 0 to 1, that the DLO keeps bends, though no curvature is told beyond which it does. Say 0 of one that is
-    known to spring back always: without that no goal is called infeasible for springing back."""
+    """Chance, 0 to 1, that the DLO keeps bends, though no curvature is told beyond which it does. Above 0.05 no goal is
+    called infeasible for springing back; say 0 of a DLO that is known to spring back always."""
 
     def __post_init__(self) -> None:
         if not self.takes_set <= 1.0:
@@ -49,17 +49,17 @@ class BelievedDlo:
     """The DLO as the system believes it to be: the one description that every component gets."""
 
     nodes: int = 31
-    """Number of nodes M; the paper splits its DLO in 30 segments."""
+    """Number of nodes M; the paper splits its DLO in 30 segments. Larger: finer shapes, more computation."""
     length_m: float = 0.5
     """Length of the DLO [m]."""
     radius_m: float = 0.004
     """Radius of the DLO [m]."""
     bending_stiffness_n_m2: float = 1.3e-5
-    """Bending stiffness EI [N·m²]."""
+    """Bending stiffness EI [N·m²]. Larger: it springs back more when released."""
     mass_kg_m: float = 0.035
-    """Mass per length [kg/m]."""
+    """Mass per length [kg/m]. Larger: friction holds it more firmly."""
     friction: float = 0.6
-    """Sliding friction coefficient between the DLO and the table."""
+    """Sliding friction coefficient between the DLO and the table. Larger: tighter bends hold."""
     yield_curvature_1_m: float | None = None
     """Curvature beyond which the DLO keeps a bend [1/m], 1 for a copper wire; without it the DLO is taken to spring
     back always, but for the chance in `--model.belief.takes-set`."""

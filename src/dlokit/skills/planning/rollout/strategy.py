@@ -32,7 +32,7 @@ class RolloutConfig:
     search: SearchConfig = field(default_factory=SearchConfig)
     """How many actions are played through for a decision."""
     pick_place: bool = True
-    """Consider pick-and-place."""
+    """Consider lifting the rod at a node, carrying it and putting it down."""
     drag: bool = True
     """Consider dragging the rod along the table."""
     lay_down: bool = True
