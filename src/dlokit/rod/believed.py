@@ -80,10 +80,6 @@ class BelievedDlo:
                 raise ConfigError(f"--model.{name.replace('_', '-')} is {value}; it must be a number above 0.")
 
 
-class ModelConfig(BelievedDlo):
-    """The same, as the settings of the model."""
-
-
 def as_configured(config: BelievedDlo, stamp_ns: int) -> DloBelief:
     """The belief before anything was learnt."""
     sure = config.belief
@@ -104,7 +100,7 @@ def as_configured(config: BelievedDlo, stamp_ns: int) -> DloBelief:
     )
 
 
-def as_believed(config: ModelConfig, belief: DloBelief) -> ModelConfig:
+def as_believed(config: BelievedDlo, belief: DloBelief) -> BelievedDlo:
     """The model with all that is believed of the DLO: the figures, and how sure they are."""
     return replace(
         config,

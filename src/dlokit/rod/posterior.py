@@ -13,7 +13,7 @@ import numpy as np
 from scipy.interpolate import RectBivariateSpline
 
 from dlokit import geometry
-from dlokit.rod.believed import BeliefConfig, ModelConfig, as_configured
+from dlokit.rod.believed import BeliefConfig, BelievedDlo, as_configured
 from dlokit.rod.rollout import Motion, QuickRod, play
 from dlokit.types.action import VelocityProfile
 from dlokit.types.arrays import Float64Array
@@ -78,7 +78,7 @@ class Evidence:
     rmse_m: Float64Array  # (Y, F, S) [m] of what each rod predicts to what was seen
 
 
-def evidence(config: ModelConfig, seen: Experience, threads: int = 0) -> Evidence | None:
+def evidence(config: BelievedDlo, seen: Experience, threads: int = 0) -> Evidence | None:
     """Play an action through on every rod of the grid; None when it moved the DLO too little to tell anything."""
     if seen.moved_m.max() < _LEAST_MOVED_M:
         return None
@@ -133,7 +133,7 @@ class Posterior:
         return min(1.0, float(self.probability[finite].sum()))
 
 
-def posterior(config: ModelConfig, heard: Sequence[Evidence]) -> Posterior:
+def posterior(config: BelievedDlo, heard: Sequence[Evidence]) -> Posterior:
     """Bayes' rule over everything that was heard."""
     fine_friction, fine_stiffness = _fine(FRICTION_LOG), _fine(STIFFNESS_LOG)
     total = np.zeros((len(YIELDS_1_M), len(FRICTION_LOG), len(STIFFNESS_LOG)))
@@ -150,7 +150,7 @@ def posterior(config: ModelConfig, heard: Sequence[Evidence]) -> Posterior:
     )
 
 
-def believed(config: ModelConfig, of: Posterior, actions: int, stamp_ns: int) -> DloBelief:
+def believed(config: BelievedDlo, of: Posterior, actions: int, stamp_ns: int) -> DloBelief:
     """The belief that a posterior stands for: the most probable yield, and mean and spread of the rest under it."""
     layer = of.probability[of.best_yield]
     layer = layer / layer.sum()
@@ -177,7 +177,7 @@ def _fine(coarse: Float64Array) -> Float64Array:
     return np.linspace(coarse[0], coarse[-1], _FINER * (len(coarse) - 1) + 1)
 
 
-def _log_prior(config: ModelConfig, friction_log: Float64Array, stiffness_log: Float64Array) -> Float64Array:
+def _log_prior(config: BelievedDlo, friction_log: Float64Array, stiffness_log: Float64Array) -> Float64Array:
     """Of every rod (Y, F, S), up to a constant."""
     sure: BeliefConfig = config.belief
     a, b = friction_log[:, None], stiffness_log[None, :]
@@ -223,7 +223,7 @@ class Lesson:
     """After it."""
 
 
-def lessons(config: ModelConfig, seen: Iterable[tuple[int, Experience]], threads: int = 0) -> list[Lesson]:
+def lessons(config: BelievedDlo, seen: Iterable[tuple[int, Experience]], threads: int = 0) -> list[Lesson]:
     """Learn from experiences in their order; those that tell nothing are left out."""
     heard: list[Evidence] = []
     found: list[Lesson] = []

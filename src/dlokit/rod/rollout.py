@@ -17,7 +17,7 @@ import scipy
 
 from dlokit import geometry
 from dlokit.description.contacts import ROLLING_M
-from dlokit.rod.believed import DAMPING_S, POISSON, ModelConfig
+from dlokit.rod.believed import DAMPING_S, POISSON, BelievedDlo
 from dlokit.rod.nodes import fit_length
 from dlokit.types.action import Action, Push, VelocityProfile
 from dlokit.types.arrays import Float64Array
@@ -49,7 +49,7 @@ class QuickRod:
     yield_curvature_1_m: float | None = None
     """Curvature beyond which it keeps a bend [1/m]; infinite: it always springs back; None: the model's."""
 
-    def numbers(self, config: ModelConfig, nodes: int) -> Float64Array:
+    def numbers(self, config: BelievedDlo, nodes: int) -> Float64Array:
         """The nine numbers (9,) that `play_motion` takes, in SI units, for a rod of so many nodes."""
         edge_m = config.length_m / (nodes - 1)
         taken_for = self.yield_curvature_1_m or config.yield_curvature_1_m or math.inf
@@ -94,7 +94,7 @@ class Played:
 
 
 def play(
-    config: ModelConfig,
+    config: BelievedDlo,
     nodes_world: Float64Array,
     rods: tuple[QuickRod, ...],
     motions: tuple[Motion, ...],
@@ -156,7 +156,7 @@ def _all_pads(nodes_world: Float64Array, motion: Motion, count: int) -> Float64A
     return np.concatenate([between_pads(nodes_world, at[arm], one.waypoints[0], arm) for arm, one in enumerate(held)])
 
 
-def predict(config: ModelConfig, nodes_world: Float64Array, action: Action, timestep_s: float = 0.01) -> Float64Array:
+def predict(config: BelievedDlo, nodes_world: Float64Array, action: Action, timestep_s: float = 0.01) -> Float64Array:
     """The shape (M, 3) [m] that `action` leaves of a rod at `nodes_world` (K, 3) [m], in steps of `timestep_s` [s]."""
     return play(config, nodes_world, (QuickRod(),), (motion_of(action),), timestep_s, threads=1).nodes_world[0, 0]
 
@@ -171,7 +171,7 @@ def motion_of(action: Action) -> Motion:
     )
 
 
-def fine_rod(config: ModelConfig, nodes_world: Float64Array) -> Float64Array:
+def fine_rod(config: BelievedDlo, nodes_world: Float64Array) -> Float64Array:
     """A curve (K, 3) [m] as nodes (F, 3) [m] of a rod of the model's length, with edges as short as the planning rod
     needs them; on a smooth curve, for on straight edges it would have kinks."""
     nodes = fit_length(config, nodes_world)
@@ -197,7 +197,7 @@ def between_pads(nodes_world: Float64Array, near: int, tool: Float64Array, arm: 
 
 
 _STEP_S = 0.02
-_SMALL = ModelConfig(nodes=5, length_m=0.08)
+_SMALL = BelievedDlo(nodes=5, length_m=0.08)
 
 
 def warm() -> float:
@@ -220,7 +220,7 @@ _SETTLE_S = 2.0  # longest time that a rod laid down is given: as long as the ev
 _SETTLE_STEP_S = 0.005  # half of planning's: a goal is tried a few times, not hundreds
 
 
-def settle(config: ModelConfig, nodes_world: Float64Array, rod: QuickRod = _AS_MODELLED) -> Float64Array:
+def settle(config: BelievedDlo, nodes_world: Float64Array, rod: QuickRod = _AS_MODELLED) -> Float64Array:
     """Where a rod laid down as `nodes_world` (K, 3) [m] and let go comes to rest, (M, 3) [m].
 
     It is taken to have been straight before it was laid down, and does not collide with itself.

@@ -11,7 +11,7 @@ import pytest
 from dlokit import geometry
 from dlokit.description.shapes import builtin_shape
 from dlokit.motion.tool_track import tool_track
-from dlokit.rod.believed import ModelConfig, as_believed, as_configured
+from dlokit.rod.believed import BelievedDlo, as_believed, as_configured
 from dlokit.rod.posterior import (
     FRICTION_LOG,
     STIFFNESS_LOG,
@@ -32,7 +32,7 @@ from dlokit.types.dlo import Figure
 from dlokit.types.observation import Gripped
 from dlokit.types.robot import RobotMode, RobotState
 
-MODEL = ModelConfig()
+MODEL = BelievedDlo()
 I_SHAPE = builtin_shape("I", MODEL.length_m, MODEL.nodes)
 S_SHAPE = builtin_shape("S", MODEL.length_m, MODEL.nodes)
 STEP_S = 0.005

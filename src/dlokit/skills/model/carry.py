@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dlokit import geometry
-from dlokit.rod.believed import ModelConfig
+from dlokit.rod.believed import BelievedDlo
 from dlokit.rod.planning_rod import advance
 from dlokit.rod.rollout import NO_FINGERS, REST_S, SINK_M, QuickRod, between_pads, fine_rod
 from dlokit.skills.model.tracking import Pin
@@ -41,7 +41,7 @@ class _Grip:
 class Carry:
     """A rod on the table whose held nodes move with the robots' tools, which point down."""
 
-    def __init__(self, config: ModelConfig) -> None:
+    def __init__(self, config: BelievedDlo) -> None:
         self._config = config
         straight = np.column_stack((np.linspace(0.0, config.length_m, config.nodes), np.zeros((config.nodes, 2))))
         self._grips: dict[str, _Grip] = {}

@@ -15,7 +15,7 @@ from dlokit.communication.component import Component, implements, on
 from dlokit.description.shapes import builtin_shape
 from dlokit.errors import SkillFailure, SkillRejected
 from dlokit.rod import rollout
-from dlokit.rod.believed import ModelConfig, as_configured
+from dlokit.rod.believed import BelievedDlo, as_configured
 from dlokit.rod.nodes import topology
 from dlokit.rod.posterior import Evidence, believed, evidence, posterior
 from dlokit.rod.rollout import predict
@@ -45,7 +45,7 @@ class ModelComponent(Component):
     name = "model"
     publishes = (topics.STATE, topics.GOAL, topics.BELIEF)
 
-    def __init__(self, config: ModelConfig) -> None:
+    def __init__(self, config: BelievedDlo) -> None:
         super().__init__()
         self._config = config
         self._topology = topology(config)

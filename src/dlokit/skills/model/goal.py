@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from dlokit.rod.believed import ModelConfig
+from dlokit.rod.believed import BelievedDlo
 from dlokit.rod.nodes import fit_length
 from dlokit.rod.tracking_rod import RodModel
 from dlokit.types.arrays import Float64Array
@@ -24,7 +24,7 @@ _DAMPING_N_S_M = 0.05  # of each node against the table
 class GoalRod:
     """A rod in the plane of the table that frames pull into a goal."""
 
-    def __init__(self, config: ModelConfig) -> None:
+    def __init__(self, config: BelievedDlo) -> None:
         self.config = config
         self._rod = RodModel(config, timestep_s=_STEP_S, damping_n_s_m=_DAMPING_N_S_M)
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dlokit.description.dlo import GRAVITY_M_S2
-from dlokit.rod.believed import ModelConfig
+from dlokit.rod.believed import BelievedDlo
 from dlokit.rod.nodes import fit_length
 from dlokit.rod.tracking_rod import RodModel
 from dlokit.types.arrays import BoolArray, Float64Array
@@ -48,7 +48,7 @@ class Tracked:
 class Tracker:
     """A rod that follows target points."""
 
-    def __init__(self, config: ModelConfig) -> None:
+    def __init__(self, config: BelievedDlo) -> None:
         self.config = config
         followed = replace(config, bending_stiffness_n_m2=followed_stiffness_n_m2(config))
         self._rod = RodModel(followed, timestep_s=_STEP_S, damping_n_s_m=_KD_N_S_M)
@@ -93,7 +93,7 @@ class Tracker:
         return np.full(len(visible), _KP_N_M), limit
 
 
-def followed_stiffness_n_m2(config: ModelConfig) -> float:
+def followed_stiffness_n_m2(config: BelievedDlo) -> float:
     """Bending stiffness with which the rod follows its targets [N·m²].
 
     A DLO that keeps bends resists no bend by more than its yield moment ``EI κ_y``; an elastic rod as stiff would

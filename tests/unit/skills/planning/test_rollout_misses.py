@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from dlokit.description.shapes import builtin_shape
-from dlokit.rod.believed import ModelConfig
+from dlokit.rod.believed import BelievedDlo
 from dlokit.rod.nodes import topology
 from dlokit.skills.planning.rollout.score import DRAG_MISS_M, LAY_DOWN_MISS_M, Misses
 from dlokit.types.action import Action, Drag, Grasp, LayDown, VelocityProfile
@@ -13,7 +13,7 @@ from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState
 from dlokit.types.pose import Pose
 
-MODEL = ModelConfig()
+MODEL = BelievedDlo()
 I_SHAPE = builtin_shape("I", MODEL.length_m, MODEL.nodes)
 S_SHAPE = builtin_shape("S", MODEL.length_m, MODEL.nodes)
 ASIDE = np.array([0.03, 0.0, 0.0])

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from dlokit.geometry import downward, rmse_m
-from dlokit.rod.believed import ModelConfig
+from dlokit.rod.believed import BelievedDlo
 from dlokit.rod.nodes import topology
 from dlokit.skills.planning.servoing.controller import Held, ServoConfig, advise, gain
 from dlokit.skills.planning.servoing.forecast import foresee
@@ -28,7 +28,7 @@ from dlokit.types.action import ControlVerdict, Correction, Drag, Grasp, HeldNod
 from dlokit.types.dlo import DloState
 from dlokit.types.pose import Pose
 
-MODEL = ModelConfig()
+MODEL = BelievedDlo()
 CONFIG = ServoConfig()
 NODES = np.column_stack((np.full(31, 0.5), np.linspace(-0.25, 0.25, 31), np.full(31, MODEL.radius_m)))
 HELD = 3

@@ -8,7 +8,7 @@ import numpy as np
 from dlokit import geometry
 from dlokit.description.dlo import GRAVITY_M_S2
 from dlokit.description.shapes import self_clearance_m
-from dlokit.rod.believed import ModelConfig
+from dlokit.rod.believed import BelievedDlo
 from dlokit.rod.rollout import Played
 from dlokit.skills.planning.actions import FeasibilityConfig
 from dlokit.skills.planning.foresight import required_clearance_m
@@ -27,7 +27,7 @@ LAY_DOWN_MISS_M = 0.008
 _DRAPES_SHARE = 0.1  # gravity bending length (EI / w)^(1/3) over length, up to which a DLO drapes as it is laid down
 
 
-def usual_miss_m(kind: type[Action], model: ModelConfig) -> float:
+def usual_miss_m(kind: type[Action], model: BelievedDlo) -> float:
     """How far a kind of action usually ends from what is predicted, with a DLO as the model has it [m].
 
     The miss of a lay-down grows with the square of what the DLO lacks to drape: a wire turns in the fingers, and lands
@@ -55,7 +55,7 @@ class _Expected:
 class Misses:
     """What was expected of an action, compared with the next shape: a kind that misses by much is trusted less."""
 
-    def __init__(self, model: ModelConfig) -> None:
+    def __init__(self, model: BelievedDlo) -> None:
         self._model = model
         self._expected: _Expected | None = None
         self._seen: dict[type[Action], list[float]] = {}

@@ -12,7 +12,7 @@ import numpy as np
 
 from dlokit.communication.port import Compute
 from dlokit.errors import ConfigError
-from dlokit.rod.believed import BeliefConfig, ModelConfig
+from dlokit.rod.believed import BeliefConfig, BelievedDlo
 from dlokit.rod.rollout import Motion, Played, QuickRod, play
 from dlokit.skills.planning.rollout.candidates import Candidate, Family
 from dlokit.types.action import Action
@@ -226,7 +226,7 @@ class Search:
     def __init__(
         self,
         nodes_world: Float64Array,
-        model: ModelConfig,
+        model: BelievedDlo,
         config: SearchConfig,
         scoring: Scoring,
         compute: Compute,

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dlokit import geometry
-from dlokit.rod.believed import ModelConfig
+from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.planning.base import Reachable
 from dlokit.skills.planning.servoing.jacobian import (
     Grip,
@@ -102,7 +102,7 @@ class Held:
 
 
 def advise(
-    held: Held, threshold_m: float, model: ModelConfig, reachable: Reachable, config: ServoConfig
+    held: Held, threshold_m: float, model: BelievedDlo, reachable: Reachable, config: ServoConfig
 ) -> ControlAdvice:
     """The next correction, or the verdict that ends control."""
     grip = Grip(held.grip.node, _tool(held.grip.T_world_tcp))
@@ -170,7 +170,7 @@ def _no_progress(held: Held, rmse_m: float) -> bool:
     return min(errors[-_WINDOW:]) > min(errors[:-_WINDOW]) - LEAST_GAIN_M
 
 
-def _overstretches(held: Held, grip: Grip, by: Float64Array, model: ModelConfig) -> bool:
+def _overstretches(held: Held, grip: Grip, by: Float64Array, model: BelievedDlo) -> bool:
     """Whether the tool would come farther from another held node than the DLO between them is long."""
     edge_m = model.length_m / (model.nodes - 1)
     there = grip.tool + by

@@ -7,7 +7,7 @@ more than the eye could feign.
 
 import numpy as np
 
-from dlokit.rod.believed import ModelConfig
+from dlokit.rod.believed import BelievedDlo
 from dlokit.rod.rollout import QuickRod, motion_of, play
 from dlokit.skills.planning.servoing.controller import DOUBTS, LEAST_GAIN_M, ServoConfig, gain, usual
 from dlokit.skills.planning.servoing.jacobian import TIMESTEP_S, Grip, damped_step, jacobian, probes, released, scaled
@@ -18,7 +18,7 @@ _DOUBT = 1.4  # factor by which friction and stiffness of the DLO may be other t
 
 
 def foresee(
-    model: ModelConfig,
+    model: BelievedDlo,
     nodes_world: Float64Array,
     goal_world: Float64Array,
     action: Action,

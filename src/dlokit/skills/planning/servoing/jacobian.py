@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dlokit.rod.believed import ModelConfig
+from dlokit.rod.believed import BelievedDlo
 from dlokit.rod.rollout import Motion, QuickRod, play
 from dlokit.types.action import Correction, VelocityProfile
 from dlokit.types.arrays import Float64Array
@@ -40,7 +40,7 @@ class Grip:
 
 
 def released(
-    model: ModelConfig,
+    model: BelievedDlo,
     nodes_world: Float64Array,
     grip: Grip,
     displacements: Sequence[Float64Array],

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dlokit import geometry
-from dlokit.rod.believed import ModelConfig
+from dlokit.rod.believed import BelievedDlo
 from dlokit.rod.equilibrium import nearest_held
 from dlokit.rod.nodes import fit_length
 from dlokit.rod.rollout import QuickRod, settle
@@ -58,7 +58,7 @@ class Plausible:
 
 
 def try_goal(
-    model: ModelConfig, belief: DloBelief, goal_world: Float64Array, threshold_m: float, config: FeasibilityConfig
+    model: BelievedDlo, belief: DloBelief, goal_world: Float64Array, threshold_m: float, config: FeasibilityConfig
 ) -> HoldVerdict:
     """Release the rod in a goal (M, 3) [m], and where that does not hold look for the nearest shape that does.
 
@@ -95,7 +95,7 @@ def plausible(belief: DloBelief) -> tuple[Plausible, ...]:
     )
 
 
-def release(model: ModelConfig, goal_world: Float64Array, rod: Plausible) -> Release:
+def release(model: BelievedDlo, goal_world: Float64Array, rod: Plausible) -> Release:
     """Lay the rod down as a goal (M, 3) [m], let go, and measure how far it springs back."""
     nodes = settle(model, goal_world, rod.quick)
     moved_m = np.linalg.norm(nodes - goal_world, axis=1)
@@ -110,7 +110,7 @@ def release(model: ModelConfig, goal_world: Float64Array, rod: Plausible) -> Rel
 
 
 def _nearest(
-    model: ModelConfig, belief: DloBelief, goal_world: Float64Array, allowed_m: float, config: FeasibilityConfig
+    model: BelievedDlo, belief: DloBelief, goal_world: Float64Array, allowed_m: float, config: FeasibilityConfig
 ) -> Float64Array | None:
     """The nearest shape found (M, 3) [m] that holds whatever of the doubts is right.
 

@@ -10,7 +10,7 @@ from msgspec.structs import replace as replace_belief
 from dlokit import geometry
 from dlokit.description.shapes import builtin_shape, moved
 from dlokit.motion.inverse_kinematics import PandaKinematics
-from dlokit.rod.believed import BeliefConfig, ModelConfig, as_configured
+from dlokit.rod.believed import BeliefConfig, BelievedDlo, as_configured
 from dlokit.skills.planning.actions import FeasibilityConfig, GraspConfig
 from dlokit.skills.planning.verdict import holding
 from dlokit.skills.planning.verdict.feasibility import Workplace, crossings, parting_rmse_m
@@ -22,14 +22,14 @@ from dlokit.types.dlo import GoalShape
 from dlokit.types.feasibility import GoalVerdict, Problem, Standing
 
 THRESHOLD_M = 0.012
-ROPE = ModelConfig(belief=BeliefConfig(takes_set=0.0))
+ROPE = BelievedDlo(belief=BeliefConfig(takes_set=0.0))
 STIFF = replace(ROPE, bending_stiffness_n_m2=1e-3)
 CONFIG = FeasibilityConfig()
 I_SHAPE = builtin_shape("I", 0.5, 31)
 S_SHAPE = builtin_shape("S", 0.5, 31)
 
 
-def of(goal: Float64Array, model: ModelConfig = ROPE, yield_curvature_1_m: float | None = None) -> GoalVerdict:
+def of(goal: Float64Array, model: BelievedDlo = ROPE, yield_curvature_1_m: float | None = None) -> GoalVerdict:
     place = Workplace(model, CONFIG, GraspConfig(), PandaKinematics().reachable, None)
     belief = replace_belief(as_configured(model, 0), yield_curvature_1_m=yield_curvature_1_m)
 
