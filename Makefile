@@ -5,12 +5,13 @@ BIN := .venv/bin
 # OpenGL without a screen for the cell's pictures; a browser for the tests of the viewer.
 SYSTEM_PACKAGES := libegl1 libgl1-mesa-dri chromium
 
-.PHONY: help setup system-packages demo test test-live test-other check references lock clean
+.PHONY: help setup system-packages demo test test-all check references lock clean
 .DEFAULT_GOAL := help
 
 help:
 	@echo "make demo     the whole loop in a simulated cell, with the browser viewer"
-	@echo "make test     all tests"
+	@echo "make test     the tests that guard behaviour"
+	@echo "make test-all the long ones as well"
 	@echo "make check    style, strict types, layers"
 	@echo "make setup    .venv and the system packages, for all of the above"
 	@echo "make references  the recorded runs of tests/replay anew, after a change that is meant"
@@ -37,26 +38,14 @@ system-packages:
 demo: setup
 	$(BIN)/dlokit demo
 
-# Side by side: the tests of live systems mostly wait, and leave the second core to the others. Those of the command
-# line come after them, so that both take as long.
-COMMAND_LINE := $(addprefix tests/system/test_,command_line.py command_line_runs.py shaping_sweep.py killed_recording.py)
-
-# Where each part leaves its results; the sum of all stands at the end.
-RESULTS := build/tests
-PARTS := live command-line other
+# Those of live systems run one at a time (`tests/conftest.py`), the others beside them.
+PYTEST := $(BIN)/pytest --numprocesses auto --maxprocesses 4 --dist loadgroup
 
 test: setup
-	@rm -rf $(RESULTS); mkdir -p $(RESULTS); status=0; \
-	$(MAKE) --no-print-directory --jobs=2 --keep-going test-live test-other || status=$$?; \
-	$(BIN)/python tests/helpers/summary.py $(RESULTS) $(PARTS) || status=$$?; exit $$status
+	$(PYTEST)
 
-test-live:
-	@status=0; \
-	$(BIN)/pytest --junitxml=$(RESULTS)/live.xml tests/system $(COMMAND_LINE:%=--ignore=%) || status=$$?; \
-	$(BIN)/pytest --junitxml=$(RESULTS)/command-line.xml $(COMMAND_LINE) || status=$$?; exit $$status
-
-test-other:
-	@$(BIN)/pytest --junitxml=$(RESULTS)/other.xml --ignore=tests/system
+test-all: setup
+	$(PYTEST) -m ""
 
 check: setup
 	$(BIN)/ruff check .

@@ -4,9 +4,19 @@ import os
 import signal
 import sys
 
+import pytest
+
 # MuJoCo reads this once, when it is first imported; without a display only EGL can render.
 if sys.platform == "linux" and not os.environ.get("DISPLAY"):
     os.environ.setdefault("MUJOCO_GL", "egl")
 
 # A shell lets what runs in the background of a script ignore Ctrl-C; the tests of Ctrl-C mean it.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Live systems first and one at a time: they mostly wait, and leave the other processors to the other tests."""
+    for item in items:
+        if item.get_closest_marker("live"):
+            item.add_marker(pytest.mark.xdist_group("live"))
+    items.sort(key=lambda item: item.get_closest_marker("live") is None)

@@ -9,13 +9,11 @@ import tyro
 from rich.console import Console
 
 from dlokit.bench.report import BenchFigure, bench_json
-from dlokit.errors import DlokitError, InputError
+from dlokit.errors import EXIT_BAD_INPUT, EXIT_FAULT, EXIT_INTERRUPTED, DlokitError, InputError
 from dlokit.system.config import RunConfig
 from dlokit.system.results.run_record import machine_facts
 
 A = TypeVar("A")
-EXIT_BAD_INPUT, EXIT_FAULT, EXIT_INTERRUPTED = 2, 1, 130
-"""As `dlokit` ends."""
 
 
 def run_study(arguments: type[A], run: Callable[[A], int], description: str | None) -> NoReturn:

@@ -17,6 +17,15 @@
 A message says what was wrong, what was allowed, and what to do.
 """
 
+EXIT_FAULT = 1
+"""Exit code of a command: something went wrong, or a comparison failed."""
+EXIT_BAD_INPUT = 2
+"""What was given cannot work, or the machine lacks something."""
+EXIT_OTHERWISE = 3
+"""It ran to its end, and what was wanted is not so."""
+EXIT_INTERRUPTED = 130
+"""Ctrl-C."""
+
 
 class DlokitError(Exception):
     """Root of what dlokit raises."""

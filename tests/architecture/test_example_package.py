@@ -46,6 +46,7 @@ def test_it_tracks_recorded_clouds(environment: dict[str, str], tmp_path: Path) 
     np.testing.assert_allclose((nodes[1] - nodes[0])[:, 1], 0.01, atol=0.005)
 
 
+@pytest.mark.long
 def test_it_shapes_in_lockstep_with_settings_that_the_run_keeps(environment: dict[str, str], tmp_path: Path) -> None:
     out = tmp_path / "out"
     choice = ("--observer", "pulled", "--observer.strategy.steps", "12")

@@ -26,13 +26,12 @@ LIVE = {
 """These run `dlokit shape` live."""
 
 
-@pytest.mark.system
 @pytest.mark.parametrize("name", QUICK)
 def test_a_study_runs_and_writes_its_figures(name: str, tmp_path: Path) -> None:
     _runs(name, QUICK[name], tmp_path)
 
 
-@pytest.mark.system
+@pytest.mark.live
 @pytest.mark.long
 @pytest.mark.parametrize("name", LIVE)
 def test_a_study_of_live_runs_runs_and_writes_its_figures(name: str, tmp_path: Path) -> None:

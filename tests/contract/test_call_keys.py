@@ -1,22 +1,21 @@
-"""Access control looks at the key of a call: a call that names another skill than its key is not run."""
+"""Calls over zenoh: one whose key names another skill, or that was cancelled before it came, is not run."""
 
 import asyncio
 
 from dlokit.communication.calls import encode_call
 from dlokit.communication.transport import Report
 from dlokit.communication.wire import codec
-from dlokit.communication.wire.envelope import label_of
 from dlokit.communication.zenoh.session import ZenohConfig, open_session
 from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.skills.robot import api
 from dlokit.system.hosts.agent import free_meeting_point
-from dlokit.types.outcome import Outcome, Rejected, Succeeded
+from dlokit.types.outcome import Cancelled, Outcome, Rejected, Succeeded
 
 NAMESPACE = "dlokit_test_call_keys"
 
 
-async def answer(key: str) -> Outcome[None]:
-    """What becomes of `robot.stop` when it comes by a key."""
+async def answer(key: str, cancelled: str = "") -> Outcome[None]:
+    """What becomes of call `id-1` of `robot.stop` by a key, where the call `cancelled` was cancelled before."""
     ran: list[bytes] = []
 
     async def handler(request: bytes, report: Report) -> bytes:
@@ -32,12 +31,14 @@ async def answer(key: str) -> Outcome[None]:
         assert await caller.wait_for("robot", 30.0)
         request = encode_call(api.STOP, "id-1", caller.identity)
         assert isinstance(request, bytes)
+        if cancelled:
+            session.put("cancel/robot", cancelled.encode())
         replies = await asyncio.to_thread(
-            lambda: list(session.get(key, payload=request, attachment=label_of("id-1", request), timeout=10.0))
+            lambda: list(session.get(key, payload=request, attachment=b"id-1", timeout=10.0))
         )
         (reply,) = replies
         assert reply.ok is not None
-        outcome = api.STOP.decode_outcome(reply.ok.payload.to_bytes())
+        outcome = codec.decode(reply.ok.payload.to_bytes(), api.STOP.outcome_type)
         assert bool(ran) == isinstance(outcome, Succeeded)
         return outcome
     finally:
@@ -52,3 +53,8 @@ def test_a_call_by_the_key_of_another_skill_is_not_run() -> None:
         outcome = asyncio.run(answer(key))
         assert isinstance(outcome, Rejected)
         assert outcome.reason == "wrong_key"
+
+
+def test_a_call_that_was_cancelled_before_it_came_is_not_run_and_another_is() -> None:
+    assert isinstance(asyncio.run(answer("call/robot/stop", cancelled="id-1")), Cancelled)
+    assert isinstance(asyncio.run(answer("call/robot/stop", cancelled="id-2")), Succeeded)

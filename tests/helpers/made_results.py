@@ -1,6 +1,8 @@
 """Results of runs that never ran, for tests of what is told of runs."""
 
+from dlokit.decision.records import ActionRecord
 from dlokit.system.results.run_result import ActionResult, RunResult
+from dlokit.types.arrays import Float64Array
 from dlokit.types.flow import RunOutcome
 
 
@@ -55,4 +57,30 @@ def made_run(
         history=history,
         config_hash="0123456789ab",
         version="0.1.0",
+    )
+
+
+def made_record(
+    nodes_world: Float64Array,
+    *,
+    release_stamp_ns: int | None = None,
+    expected_world: Float64Array | None = None,
+    path_world: Float64Array | None = None,
+) -> ActionRecord:
+    """What the decision layer leaves of an action that ended in a shape (M, 3) [m]."""
+    return ActionRecord(
+        action=1,
+        kind="drag",
+        grasp_node=0,
+        grasp_ok=True,
+        rmse_m=0.0,
+        predicted_rmse_m=None,
+        duration_s=1.0,
+        robot_time_s=1.0,
+        path_length_m=0.1,
+        planning_time_s=0.1,
+        release_stamp_ns=release_stamp_ns,
+        nodes_world=nodes_world,
+        expected_world=expected_world,
+        path_world=path_world,
     )

@@ -274,4 +274,4 @@ def request(*, component: str, arguments: bytes | None = None) -> bytes:
 
 
 async def deliver(it: Lab, data: bytes) -> Outcome[float]:
-    return GRIP.decode_outcome(await it.deliver(data, lambda progress: None))
+    return codec.decode(await it.deliver(data, lambda progress: None), GRIP.outcome_type)

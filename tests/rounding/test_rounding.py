@@ -49,6 +49,7 @@ def test_inputs_moved_by_rounding_give_the_same(scene: Any) -> None:
         assert not differences(before, scene(moved(seed)))
 
 
+@pytest.mark.long
 def test_a_plain_processor_gives_the_same(tmp_path: Path) -> None:
     # An x86-64 without AVX: Numba compiles for it, NumPy and OpenBLAS take other paths.
     instructions: Any = np.show_config(mode="dicts")

@@ -10,10 +10,10 @@ from dlokit.bench.faults.table import BY_NAME
 from dlokit.bench.faults.trial import FaultCase, try_case
 from dlokit.system.config import RunConfig
 
-pytestmark = pytest.mark.system
+pytestmark = pytest.mark.live
 
 
-@pytest.mark.parametrize("name", ["slip-grasp", "fill-disk"])
+@pytest.mark.parametrize("name", ["fill-disk", pytest.param("slip-grasp", marks=pytest.mark.long)])
 def test_a_run_ends_as_it_should_though_something_goes_wrong(tmp_path: Path, name: str) -> None:
     fault = BY_NAME[name]
     finding = asyncio.run(try_case(FaultCase(fault=fault, number=0), RunConfig(), tmp_path / "case"))

@@ -12,8 +12,6 @@ import pytest
 from dlokit.system.results.run_result import read_result
 from dlokit.types.flow import RunOutcome
 
-pytestmark = pytest.mark.system
-
 DLOKIT = str(Path(sys.executable).with_name("dlokit"))
 BACKGROUND = ("sh", "-c", 'trap "" INT; exec "$0" "$@"')
 """Starts a command as a script does that ends its line with &: it ignores SIGINT."""

@@ -10,7 +10,7 @@ import pytest
 from dlokit.system.hosts.certificates import make_certificates
 from dlokit.system.hosts.config import LabHost
 
-pytestmark = pytest.mark.system
+pytestmark = pytest.mark.live
 
 DLOKIT = str(Path(sys.executable).with_name("dlokit"))
 WAIT_S = 60.0  # a second on an idle machine

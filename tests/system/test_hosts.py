@@ -15,7 +15,7 @@ from lab_network import LabNetwork, lab_network, why_not
 from dlokit.system.hosts.certificates import hosts_from_words, make_certificates
 
 WHY_NOT = why_not()
-pytestmark = [pytest.mark.system, pytest.mark.skipif(WHY_NOT != "", reason=WHY_NOT)]
+pytestmark = [pytest.mark.live, pytest.mark.skipif(WHY_NOT != "", reason=WHY_NOT)]
 
 PROGRAM = str(Path(__file__).with_name("host_process.py"))
 PORT = 7447

@@ -4,12 +4,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
 from dlokit.recording.reader import read_recording
 from dlokit.recording.summary import summarise
-
-pytestmark = pytest.mark.system
 
 LOST_S = 1.0  # chunks end every half second; the other half is for a loaded machine
 

@@ -23,7 +23,7 @@ from dlokit.system.toml_config import to_toml
 from dlokit.types.outcome import Failed, Rejected, Succeeded
 from dlokit.types.robot import RobotState
 
-pytestmark = pytest.mark.system
+pytestmark = pytest.mark.live
 
 WAIT_S = 120.0  # both processes are up within 10 s of two idle cores
 OWN = ProcessRow(name="main", components=())

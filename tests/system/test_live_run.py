@@ -19,7 +19,7 @@ from dlokit.system.processes.report import read_report
 from dlokit.system.shaping import Watcher
 from dlokit.types.flow import FlowStatus, RunOutcome
 
-pytestmark = pytest.mark.system
+pytestmark = pytest.mark.live
 
 WAIT_S = 120.0  # all processes are up within 15 s of two idle cores
 LIVE = RunConfig(runtime="live", headless=True)
@@ -74,7 +74,9 @@ def test_a_cell_killed_during_an_action_fails_the_run_by_name(tmp_path: Path) ->
     assert not started_by(psutil.Process().pid)
 
 
-@pytest.mark.parametrize("victim", ["camera", "observer", "simulation"])
+@pytest.mark.parametrize(
+    "victim", ["observer", *(pytest.param(name, marks=pytest.mark.long) for name in ("camera", "simulation"))]
+)
 def test_what_is_killed_during_an_action_is_started_again_and_the_task_goes_on(tmp_path: Path, victim: str) -> None:
     killer = Killer(victim)
     record = judged_run(LIVE, job_from_config(LIVE), tmp_path, killer)

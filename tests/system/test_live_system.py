@@ -22,7 +22,7 @@ from dlokit.system.live import LiveSystem
 from dlokit.system.table import ProcessRow, Restart
 from dlokit.types.outcome import Succeeded, Unreachable
 
-pytestmark = pytest.mark.system
+pytestmark = pytest.mark.live
 
 WAIT_S = 60.0  # starting a process takes a second; many on a loaded machine take more
 

@@ -8,7 +8,7 @@ import pytest
 from dlokit.bench.stop.stopping import StopPlan, measure_stops
 from dlokit.system.config import RunConfig
 
-pytestmark = pytest.mark.system
+pytestmark = pytest.mark.live
 
 
 def test_an_arm_whose_commander_or_feedback_is_lost_brakes_and_moves_again_when_it_is_back() -> None:

@@ -17,7 +17,7 @@ from dlokit.system.live import LiveSystem
 from dlokit.types.flow import Command, OperatorCommand
 from dlokit.types.outcome import Succeeded
 
-pytestmark = pytest.mark.system
+pytestmark = pytest.mark.live
 
 WAIT_S = 60.0  # starting a process takes a second; many on a loaded machine take more
 

@@ -8,7 +8,7 @@ from dlokit.app.bench.stop import PERSON
 from dlokit.bench.stop.presses import ROWS, STARTING, PressPlan, measure_presses
 from dlokit.system.config import RunConfig
 
-pytestmark = pytest.mark.system
+pytestmark = pytest.mark.live
 
 
 def test_nothing_moves_after_a_persons_stop_and_everything_does_after_the_arm_is_enabled() -> None:

@@ -1,6 +1,6 @@
 """Long: the commands of README, run as they stand there, with the outcome that it leads one to expect.
 
-`pytest -m long tests/system/test_readme_commands.py`; some ten minutes.
+`make test-all` runs them; some ten minutes.
 """
 
 import os
@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-pytestmark = [pytest.mark.system, pytest.mark.long]
+pytestmark = pytest.mark.long
 
 ROOT = Path(__file__).parents[2]
 (USE,) = re.findall(r"## Use it\n\n```sh\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)

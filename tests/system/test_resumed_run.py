@@ -13,7 +13,7 @@ from dlokit.system.results.journal_file import read_journal
 from dlokit.system.results.run_result import read_result
 from dlokit.types.flow import RunOutcome
 
-pytestmark = pytest.mark.system
+pytestmark = pytest.mark.live
 
 WAIT_S = 300.0  # a live run takes half a minute of two idle cores
 DLOKIT = str(Path(sys.executable).with_name("dlokit"))

@@ -20,8 +20,6 @@ from dlokit.errors import MachineError
 from dlokit.system.config import RunConfig
 from dlokit.system.results.run_result import RunResult
 
-pytestmark = pytest.mark.system
-
 DLOKIT = str(Path(sys.executable).with_name("dlokit"))
 LIMIT_S = 180.0  # a run of one action with the oracle takes 4 s of an idle core
 CONFIG = replace(RunConfig(record=False), task=replace(RunConfig().task, max_actions=1, infeasible="try"))
@@ -62,6 +60,7 @@ def test_a_dask_cluster_gives_the_same(tmp_path: Path, alone: dict[int, Any]) ->
     assert _figures(on_the_cluster) == alone
 
 
+@pytest.mark.long
 def test_an_interrupted_sweep_says_how_to_go_on_and_does(tmp_path: Path) -> None:
     folder = tmp_path / "sweep"
     command = [DLOKIT, "bench", "shaping", "--oracle", "--seeds", "1", "--max-actions", "1", "--out", str(folder)]

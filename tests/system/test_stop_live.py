@@ -23,7 +23,7 @@ from dlokit.system.processes.running import RunningSystem, the_running_system
 from dlokit.system.table import TimeBase
 from dlokit.types.robot import RobotState
 
-pytestmark = pytest.mark.system
+pytestmark = pytest.mark.live
 
 Process = subprocess.Popen[bytes]
 

@@ -17,7 +17,7 @@ from dlokit.system.processes.supervisor import Launch
 from dlokit.system.table import VIEWER, ProcessRow, TimeBase
 from dlokit.system.toml_config import to_toml
 
-pytestmark = pytest.mark.system
+pytestmark = pytest.mark.live
 
 WAIT_S = 120.0  # a viewer is there after 2 s; on a loaded machine it takes more
 OWN = ProcessRow(name="main", components=(), time_base=TimeBase.MACHINE)

@@ -16,11 +16,8 @@ from rich.text import Text  # noqa: E402
 
 import dlokit  # noqa: E402
 from dlokit.app.commands import execute  # noqa: E402
-from dlokit.errors import DlokitError, InputError  # noqa: E402
+from dlokit.errors import EXIT_BAD_INPUT, EXIT_FAULT, EXIT_INTERRUPTED, DlokitError, InputError  # noqa: E402
 
-EXIT_BAD_INPUT = 2
-EXIT_INTERRUPTED = 130
-EXIT_FAULT = 1
 EXIT_UNREAD = 141  # as a shell reports SIGPIPE
 
 

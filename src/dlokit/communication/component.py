@@ -2,6 +2,7 @@
 
 import inspect
 from collections.abc import Callable, Coroutine
+from functools import cached_property
 from typing import Any, ClassVar, Concatenate, ParamSpec, TypeVar
 
 from dlokit.communication.port import Port
@@ -90,7 +91,7 @@ class Component:
 
     port: Port
 
-    @property
+    @cached_property
     def address(self) -> str:
         """What it is called on the bus."""
         return f"{self.name}.{self.instance}" if self.instance else self.name

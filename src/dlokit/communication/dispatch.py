@@ -46,12 +46,13 @@ class Answers:
         finally:
             answered.set_result(answer)
             del self._running[call_id]
-            self._keep(call_id, answer)
+            self._kept[call_id] = answer
+            self._total += len(answer)
+            if len(self._kept) > CALLS_KNOWN or self._total > LARGEST_TOTAL_BYTES:
+                self._forget()
         return answer
 
-    def _keep(self, call_id: str, answer: bytes) -> None:
-        self._kept[call_id] = answer
-        self._total += len(answer)
+    def _forget(self) -> None:
         while len(self._kept) > CALLS_KNOWN:
             self._total -= len(self._kept.popitem(last=False)[1] or b"")
         for old, kept in self._kept.items():

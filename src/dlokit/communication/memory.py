@@ -7,38 +7,33 @@ from collections import defaultdict
 from collections.abc import Callable
 from typing import Any, ParamSpec, TypeVar
 
-from dlokit.communication.calls import decode_answer, decoding, encode_call, unheard
-from dlokit.communication.skill import ReportingSkill, Skill
+from dlokit.communication.calls import CallListener, SkillCaller
+from dlokit.communication.skill import Skill
 from dlokit.communication.topic import Topic
 from dlokit.communication.transport import CallHandler, Known, Latest, Liveness, Mailbox, Report
 from dlokit.communication.wire import codec
 from dlokit.types.message import Message
-from dlokit.types.outcome import Outcome, Rejected, Unreachable
+from dlokit.types.outcome import Unreachable
 
 T = TypeVar("T", bound=Message)
 P = ParamSpec("P")
-R = TypeVar("R")
-Q = TypeVar("Q")
 
 
-class MemoryTransport:
+class MemoryTransport(SkillCaller):
     """Publish, read and call within one event loop; one instance is one bus."""
 
-    def __init__(self, tap: Callable[[Topic[Any], Message], None] | None = None) -> None:
-        """`tap` sees every message as its readers get it."""
+    def __init__(
+        self, tap: Callable[[Topic[Any], Message], None] | None = None, call_log: CallListener | None = None
+    ) -> None:
+        """`tap` sees every message as its readers get it. There is one caller: this process."""
+        super().__init__("memory", call_log)
         self._tap = tap
         self._taps: defaultdict[str, list[Callable[[bytes], None]]] = defaultdict(list)
         self._sent: set[asyncio.Task[Any]] = set()
         self._latest: dict[str, tuple[Any, float]] = {}
         self._mailboxes: defaultdict[str, list[weakref.ref[Mailbox[Any]]]] = defaultdict(list)
         self._handlers: dict[str, CallHandler] = {}
-        self._call_ids = itertools.count(1)
         self._closed = False
-
-    @property
-    def identity(self) -> str:
-        """There is one caller: this process."""
-        return "memory"
 
     def publish(self, topic: Topic[T], message: T) -> None:
         """Hand everybody the same decoded, read-only copy."""
@@ -75,16 +70,6 @@ class MemoryTransport:
         self._mailboxes[topic.name].append(weakref.ref(mailbox))
         return mailbox
 
-    async def call(self, skill: Skill[P, R], *args: P.args, **kwargs: P.kwargs) -> Outcome[R]:
-        """Algorithm 1; a cancelled caller cancels the skill."""
-        return await self._call(skill, unheard, *args, **kwargs)
-
-    async def call_reported(
-        self, skill: ReportingSkill[P, R, Q], told: Callable[[Q], None], *args: P.args, **kwargs: P.kwargs
-    ) -> Outcome[R]:
-        """Like `call`, with progress; told at once, in the skill's own task."""
-        return await self._call(skill, decoding(skill, told), *args, **kwargs)
-
     def send(self, skill: Skill[P, Any], *args: P.args, **kwargs: P.kwargs) -> None:
         """Ask and do not wait; on the loop's thread."""
         task = asyncio.get_running_loop().create_task(self.call(skill, *args, **kwargs), name=f"sent {skill.key}")
@@ -95,14 +80,11 @@ class MemoryTransport:
         """Hand on every message before its readers get it."""
         self._taps[topic.name].append(listener)
 
-    async def _call(self, skill: Skill[P, R], report: Report, *args: P.args, **kwargs: P.kwargs) -> Outcome[R]:
-        request = encode_call(skill, f"memory-{next(self._call_ids)}", self.identity, *args, **kwargs)
-        if isinstance(request, Rejected):
-            return request
+    async def _deliver(
+        self, skill: Skill[..., Any], request: bytes, call_id: str, report: Report
+    ) -> bytes | Unreachable:
         handler = self._handlers.get(skill.component)
-        if handler is None:
-            return Unreachable(component=skill.component)
-        return decode_answer(skill, await handler(request, report))
+        return Unreachable(component=skill.component) if handler is None else await handler(request, report)
 
     def alive(self, component: str) -> Liveness:
         """A component is alive while it is served."""

@@ -63,7 +63,8 @@ class Port:
         """
         self._transport = transport
         self.clock = clock
-        self._compute = compute
+        self.compute = compute
+        """Runs heavy, pure work where it does not stop the loop."""
         self._owner = owner
         self._instance = instance
         self._publishes = {topic.row for topic in publishes}
@@ -124,10 +125,6 @@ class Port:
     def alive(self, component: str) -> Liveness:
         """Whether another component is there."""
         return self._transport.alive(component)
-
-    async def compute(self, function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
-        """Run heavy, pure work where it does not stop the loop."""
-        return await self._compute(function, *args, **kwargs)
 
     def _check_read(self, topic: Topic[Any]) -> None:
         if self._subscribes is not None and topic.row not in self._subscribes:

@@ -11,7 +11,7 @@ import msgspec
 from dlokit.communication.wire import codec
 from dlokit.communication.wire.schema import fingerprint
 from dlokit.errors import CommunicationError
-from dlokit.types.outcome import Cancelled, Failed, Outcome, Rejected, Succeeded, TimedOut, Unreachable
+from dlokit.types.outcome import Cancelled, Failed, Rejected, Succeeded, TimedOut, Unreachable
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class Skill(Generic[P, R]):
     """What of the component it takes for itself, e.g. ``"motion"``: another skill that takes the same is rejected as
     ``busy`` meanwhile."""
 
-    @property
+    @cached_property
     def key(self) -> str:
         """``component.skill``."""
         return f"{self.component}.{self.name}"
@@ -90,12 +90,12 @@ class Skill(Generic[P, R]):
         """The same skill of another of its kind: `MOVE_TO.at("opposite")`; an empty name is the first one."""
         return _addressed(self, instance)
 
-    @property
+    @cached_property
     def preconditions(self) -> tuple[Condition, ...]:
         """`requires` as conditions."""
         return conditions(self.requires)
 
-    @property
+    @cached_property
     def postconditions(self) -> tuple[Condition, ...]:
         """`ensures` as conditions."""
         return conditions(self.ensures)
@@ -131,15 +131,6 @@ class Skill(Generic[P, R]):
         """What its arguments and its result look like on the wire: caller and called one compare it."""
         return fingerprint(self.arguments_type, self.outcome_type)
 
-    def name_arguments(self, *args: P.args, **kwargs: P.kwargs) -> dict[str, Any]:
-        """Arguments by name, defaults filled in. Raises `TypeError` when they do not fit the signature."""
-        names = self.arguments_type.__struct_fields__
-        if len(args) == len(names) and not kwargs:
-            return dict(zip(names, args, strict=True))  # as most calls are; to bind takes ten times as long
-        bound = self._signature.bind(*args, **kwargs)
-        bound.apply_defaults()
-        return dict(bound.arguments)
-
     def plain_arguments(self, plain: Mapping[str, Any]) -> dict[str, Any]:
         """Arguments from plain values, as JSON has them. Raises `CommunicationError` when they do not fit."""
         signature = self._signature
@@ -150,8 +141,18 @@ class Skill(Generic[P, R]):
             raise CommunicationError(f"arguments of {self.key} do not fit: {error}; expected {signature}") from error
 
     def encode_arguments(self, *args: P.args, **kwargs: P.kwargs) -> bytes:
-        """Serialized arguments (Algorithm 1, first line)."""
-        return codec.encode(self.arguments_type(**self.name_arguments(*args, **kwargs)))
+        """Serialized arguments, defaults filled in (Algorithm 1, first line).
+
+        Raises `TypeError` when they do not fit the signature, `CommunicationError` when they cannot be sent.
+        """
+        fields = self.arguments_type.__struct_fields__
+        if len(args) == len(fields) and not kwargs:
+            named = dict(zip(fields, args, strict=True))  # as most calls are; to bind takes ten times as long
+        else:
+            bound = self._signature.bind(*args, **kwargs)
+            bound.apply_defaults()
+            named = bound.arguments
+        return codec.encode(self.arguments_type(**named))
 
     def decode_arguments(self, data: bytes) -> dict[str, Any]:
         """Arguments by name (Algorithm 2). Raises `CommunicationError` when they do not fit."""
@@ -161,10 +162,6 @@ class Skill(Generic[P, R]):
             raise CommunicationError(
                 f"arguments of {self.key} do not fit: {error}; expected {self._signature}"
             ) from error
-
-    def decode_outcome(self, data: bytes) -> Outcome[R]:
-        """An outcome with a result of the declared type."""
-        return codec.decode(data, self.outcome_type)
 
 
 @cache  # its types for encoding are made once; there are as many as skills and instances

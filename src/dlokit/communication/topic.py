@@ -1,6 +1,7 @@
 """What a topic is."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Generic, TypeVar
 
 from dlokit.types.message import Message
@@ -43,7 +44,7 @@ class Topic(Generic[T]):
     instance: str = ""
     """Whose it is, where there is more than one of its kind; empty: the first one's."""
 
-    @property
+    @cached_property
     def row(self) -> str:
         """Name of its row in the table, whosever it is."""
         return self.name.removesuffix(f"/{self.instance}") if self.instance else self.name

@@ -45,7 +45,8 @@ class ActionAttempt:
     corrections_seen: list[CorrectionRecord] = field(default_factory=list[CorrectionRecord])
     deadlock: bool = False
     """Whether control ended in a deadlock."""
-    release_stamp_ns: int = 0
+    release_stamp_ns: int | None = None
+    """When the fingers opened [ns]; None: not yet."""
 
     @property
     def slipped(self) -> bool:

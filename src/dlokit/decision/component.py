@@ -21,7 +21,7 @@ from dlokit.decision.records import ActionRecord, GoalRequest, ShapeResult, Step
 from dlokit.decision.shape_flow import RESUME_DLO, SHAPE_DLO
 from dlokit.decision.task import Odometer, ShapeTask, Spent
 from dlokit.description.arm.mounts import instance_of
-from dlokit.description.shapes import builtin_shape
+from dlokit.description.shapes import CURVE_POINTS, builtin_shape
 from dlokit.errors import ConfigError, ShapeError, SkillFailure, SkillRejected
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.perception import api as perception
@@ -32,9 +32,6 @@ from dlokit.types.outcome import Failed, Rejected, Succeeded
 from dlokit.types.robot import FIRST_ROBOT
 from dlokit.types.system import StrategySpec
 
-_CURVE_POINTS = 101
-"""Of a built-in shape; finer than the rod, which resamples it."""
-
 
 def goal_request(goal: str | GoalRequest, dlo: BelievedDlo) -> GoalRequest:
     """A built-in shape by its name, made for a DLO of that length and radius, or a curve as it is.
@@ -44,7 +41,7 @@ def goal_request(goal: str | GoalRequest, dlo: BelievedDlo) -> GoalRequest:
     if isinstance(goal, GoalRequest):
         return _checked(goal)
     try:
-        nodes = builtin_shape(goal, dlo.length_m, _CURVE_POINTS, radius_m=dlo.radius_m)
+        nodes = builtin_shape(goal, dlo.length_m, CURVE_POINTS, radius_m=dlo.radius_m)
     except ShapeError as error:
         raise SkillRejected("unknown_shape", str(error)) from error
     return GoalRequest(nodes_world=nodes, name=goal)

@@ -88,7 +88,7 @@ async def _state_of(task: ShapeTask, stamp_ns: int) -> DloState:
 async def look(task: ShapeTask) -> DloState:
     """Look once: pictures → cloud → target points → model. Raises `StepFault` when the DLO is not seen.
 
-    Again, where nothing comes of it though all are there: a message on the way was altered, and dropped.
+    Again, where nothing comes of it though all are there: a message on the way was dropped.
     """
     loop = asyncio.get_running_loop()
     end_s, first_ns = loop.time() + task.config.look_timeout_s, None

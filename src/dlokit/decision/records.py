@@ -48,8 +48,8 @@ class ActionRecord(Value, frozen=True, kw_only=True, eq=False):
     """What the tool travelled in that time [m]."""
     planning_time_s: float
     """What choosing it took, on the machine's clock [s]."""
-    release_stamp_ns: int
-    """When the fingers opened [ns]."""
+    release_stamp_ns: int | None
+    """When the fingers opened [ns]; None: they did not."""
     nodes_world: Float64Array  # (M, 3) [m] after it
     expected_world: Float64Array | None = None  # (M, 3) [m]
     """The shape that was expected when it was chosen; None where none was predicted."""

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dlokit import geometry
+from dlokit.description.dlo import SOFT_ROPE
 from dlokit.errors import ShapeError
 from dlokit.types.arrays import Float64Array
 
@@ -29,13 +30,21 @@ SELF_CLEARANCE_M = 0.05
 NEIGHBOUR_M = 0.10
 """Parts nearer than this along the arc are neighbours [m]; at the tightest bend their chord is still 89 mm."""
 
+CURVE_POINTS = 101
+"""Starts and goals are kept finer than either rod, and resampled by each."""
+LENGTH_TOLERANCE = 0.02
+"""A shape may be this share longer or shorter than the rod: what a hand-drawn or measured curve is off by. 2 % of 0.5 m
+puts the ends 5 mm off if everything else fits, less than half of the paper's threshold."""
+RAMP_M = 0.025
+"""Length over which the curvature of a bend rises from zero [m]: a jump would take a shear force that friction cannot
+give."""
+
 _FINE = 401  # points of the fine curve that shapes are resampled from
-_RAMP_M = 0.025  # length over which the curvature of an S rises from zero [m]
 _HARMONICS = 4
 _ATTEMPTS = 2000
 
 
-def builtin_shape(name: str, length_m: float, count: int, *, radius_m: float = 0.004) -> Float64Array:
+def builtin_shape(name: str, length_m: float, count: int, *, radius_m: float = SOFT_ROPE.radius_m) -> Float64Array:
     """A built-in shape by its name, one of `BUILTIN_SHAPES`.
 
     Returns nodes (count, 3) [m] in the world frame, equally spaced by arc length, at z = `radius_m`, centred on
@@ -48,7 +57,9 @@ def builtin_shape(name: str, length_m: float, count: int, *, radius_m: float = 0
     return _on_table(BUILTIN_SHAPES[name](length_m), length_m, count, CENTRE_M, radius_m)
 
 
-def from_curvature(curvature_1_m: ArrayLike, length_m: float, count: int, *, radius_m: float = 0.004) -> Float64Array:
+def from_curvature(
+    curvature_1_m: ArrayLike, length_m: float, count: int, *, radius_m: float = SOFT_ROPE.radius_m
+) -> Float64Array:
     """The planar curve of a curvature (K,) [1/m], at equal steps of the arc; nodes as `builtin_shape` has them."""
     return _on_table(np.asarray(curvature_1_m, dtype=np.float64), length_m, count, CENTRE_M, radius_m)
 
@@ -58,7 +69,7 @@ def random_shape(
     length_m: float,
     count: int,
     *,
-    radius_m: float = 0.004,
+    radius_m: float = SOFT_ROPE.radius_m,
     min_bend_radius_m: float = MIN_BEND_RADIUS_M,
 ) -> Float64Array:
     """A smooth random curve on the table, drawn from `rng` alone.
@@ -136,7 +147,7 @@ def _two_arcs(length_m: float) -> Float64Array:
     Their radius is `S_RADIUS_M`, or more where a long rope would turn by over half a circle. At the ends and in
     the middle the curvature changes linearly: a jump would take a shear force that friction cannot give.
     """
-    ramp_m = min(_RAMP_M, length_m / 8.0)
+    ramp_m = min(RAMP_M, length_m / 8.0)
     radius_m = max(S_RADIUS_M, (length_m / 2.0 - ramp_m) / np.pi)
     corners = np.array([0.0, ramp_m, length_m / 2 - ramp_m, length_m / 2 + ramp_m, length_m - ramp_m, length_m])
     values = np.array([0.0, 1.0, 1.0, -1.0, -1.0, 0.0]) / radius_m

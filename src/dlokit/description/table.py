@@ -9,6 +9,8 @@ TABLE_X_M = (0.30, 0.75)
 """Part of the table that arm and camera share, along x [m]."""
 TABLE_Y_M = (-0.35, 0.35)
 """The same along y [m]."""
+TABLE_TOP_M = 0.0
+"""Height of its top in the world [m], by definition: shapes lie a radius above z = 0."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,8 +40,6 @@ class Table:
 class Surroundings:
     """What the arm must keep clear of."""
 
-    table_height_m: float = 0.0
-    """Height of the table top [m]."""
     table_clearance_m: float = 0.001
     """Smallest distance of any part of the arm from the table [m]; fingertips grasp 2 mm above it."""
     arm_clearance_m: float = 0.01

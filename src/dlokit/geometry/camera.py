@@ -19,6 +19,11 @@ class Projection:
     depth_m: Float64Array  # (N,) along z of the camera [m]; not positive behind it
 
 
+def camera_matrix(fx_px: float, fy_px: float, cx_px: float, cy_px: float) -> Float64Array:
+    """The camera matrix K (3, 3) [px]."""
+    return np.array([[fx_px, 0.0, cx_px], [0.0, fy_px, cy_px], [0.0, 0.0, 1.0]])
+
+
 def in_camera(points_world: ArrayLike, camera: CameraCalibration) -> Float64Array:
     """Points (N, 3) [m] of the world in the camera's frame: z is depth."""
     offsets = np.asarray(points_world, dtype=np.float64) - camera.T_world_camera.position_m

@@ -6,7 +6,7 @@ A failure is a `SkillFailure` with a `RobotReason`; it says what was wrong, what
 import numpy as np
 
 from dlokit.description.arm.panda import PANDA_COLLISION, PANDA_LIMITS
-from dlokit.description.table import Surroundings
+from dlokit.description.table import TABLE_TOP_M, Surroundings
 from dlokit.errors import SkillFailure
 from dlokit.motion.capsules import RADII_M, Capsules, capsule_distances
 from dlokit.motion.forward_kinematics import capsule_ends
@@ -66,7 +66,7 @@ def check_collisions(
 
 
 def _check_table(start: Float64Array, end: Float64Array, around: Surroundings) -> None:
-    lowest = np.minimum(start[..., 2], end[..., 2]) - RADII_M - around.table_height_m
+    lowest = np.minimum(start[..., 2], end[..., 2]) - RADII_M - TABLE_TOP_M
     lowest = np.where(_ABOVE_TABLE, lowest, np.inf)
     if np.any(lowest < around.table_clearance_m):
         _, part = np.unravel_index(int(np.argmin(lowest)), lowest.shape)

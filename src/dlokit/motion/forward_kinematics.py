@@ -15,16 +15,15 @@ from dlokit.description.arm.panda import (
     PANDA_LINKS,
     PANDA_OPEN_WIDTH_M,
     PANDA_TCP_M,
-    Capsule,
 )
 from dlokit.geometry import matrix, pose_from_matrix
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
 
 
-def _fixed(yaw_rad: float, x_m: float = 0.0, y_m: float = 0.0, z_m: float = 0.0) -> Float64Array:
+def _fixed(yaw_rad: float, y_m: float = 0.0, z_m: float = 0.0) -> Float64Array:
     cosine, sine = np.cos(yaw_rad), np.sin(yaw_rad)
-    return np.array([[cosine, -sine, 0.0, x_m], [sine, cosine, 0.0, y_m], [0.0, 0.0, 1.0, z_m], [0.0, 0.0, 0.0, 1.0]])
+    return np.array([[cosine, -sine, 0.0, 0.0], [sine, cosine, 0.0, y_m], [0.0, 0.0, 1.0, z_m], [0.0, 0.0, 0.0, 1.0]])
 
 
 _T_LINK7_HAND = _fixed(PANDA_HAND_YAW_RAD, z_m=PANDA_FLANGE_M)
@@ -81,16 +80,13 @@ def tcp_pose(q_rad: ArrayLike) -> Pose:
 
 
 def capsule_ends(
-    q_rad: ArrayLike,
-    finger_width_m: float = PANDA_OPEN_WIDTH_M,
-    capsules: tuple[Capsule, ...] = PANDA_COLLISION,
-    T_world_base: Pose | None = None,
+    q_rad: ArrayLike, finger_width_m: float = PANDA_OPEN_WIDTH_M, T_world_base: Pose | None = None
 ) -> tuple[Float64Array, Float64Array]:
-    """Both end points of every capsule in the base frame (or the world), (K, C, 3) [m], for angles (K, 7) [rad]."""
-    links = [PANDA_LINKS.index(capsule.link) for capsule in capsules]
+    """Both ends of `PANDA_COLLISION` in the base frame (or the world), (K, C, 3) [m], for angles (K, 7) [rad]."""
+    links = [PANDA_LINKS.index(capsule.link) for capsule in PANDA_COLLISION]
     T = link_transforms(q_rad, finger_width_m, T_world_base)[:, links]
-    start = np.array([capsule.start_m for capsule in capsules])
-    end = np.array([capsule.end_m for capsule in capsules])
+    start = np.array([capsule.start_m for capsule in PANDA_COLLISION])
+    end = np.array([capsule.end_m for capsule in PANDA_COLLISION])
     rotation, offset = T[..., :3, :3], T[..., :3, 3]
     return (
         np.einsum("kcij,cj->kci", rotation, start) + offset,

@@ -37,6 +37,8 @@ _FORE = float(np.hypot(_ELBOW_OFFSET_M, _FOREARM_M))
 _ELBOW_AT_ZERO = float(np.arctan2(_UPPER_ARM_M, _ELBOW_OFFSET_M) + np.arctan2(_FOREARM_M, _ELBOW_OFFSET_M))
 _LENGTH_M = _UPPER + _FORE + _WRIST_OFFSET_M + _HAND_M
 """No posture brings the tool centre point farther from the shoulder [m]."""
+_LIMIT_MARGIN_RAD = 0.01  # that solutions keep from the limits of position
+_ITERATIONS = 40  # Newton steps from one seed
 _POSITION_TOLERANCE_M = 1e-5
 _ROTATION_TOLERANCE_RAD = 1e-4
 
@@ -53,21 +55,19 @@ class Yaw(enum.Enum):
 class PandaKinematics:
     """Forward and inverse kinematics of one Panda; poses are of its tool centre point, in the world."""
 
-    def __init__(self, T_world_base: Pose | None = None, limit_margin_rad: float = 0.01, iterations: int = 40) -> None:
+    def __init__(self, T_world_base: Pose | None = None) -> None:
         self.T_world_base = T_world_base
-        self._limit_margin_rad = limit_margin_rad
         self._T_base_world = None if T_world_base is None else geometry.inverse(T_world_base)
-        self.lower_rad = PANDA_LIMITS.position_lower_rad + limit_margin_rad
-        self.upper_rad = PANDA_LIMITS.position_upper_rad - limit_margin_rad
-        self._iterations = iterations
+        self.lower_rad = PANDA_LIMITS.position_lower_rad + _LIMIT_MARGIN_RAD
+        self.upper_rad = PANDA_LIMITS.position_upper_rad - _LIMIT_MARGIN_RAD
         shoulder = np.array([[0.0, 0.0, _SHOULDER_HEIGHT_M]])
         self._shoulder_world: list[float] = (
             shoulder if T_world_base is None else geometry.transform(T_world_base, shoulder)
         )[0].tolist()
 
     def __reduce__(self) -> tuple[object, ...]:
-        """Pickles as its settings: the solver is built anew where it is needed."""
-        return (PandaKinematics, (self.T_world_base, self._limit_margin_rad, self._iterations))
+        """Pickles as where it stands: the solver is built anew where it is needed."""
+        return (PandaKinematics, (self.T_world_base,))
 
     def forward(self, q_rad: ArrayLike) -> Pose:
         """``T_world_tcp`` at joint angles (7,) [rad]."""
@@ -135,7 +135,7 @@ class PandaKinematics:
             if below is not None:
                 seeds.append(below)
         for seed in seeds:
-            q = self._solver.solve(T_base_tcp, seed, self._iterations)
+            q = self._solver.solve(T_base_tcp, seed)
             if q is not None and self._inside(q):
                 return q
         return None
@@ -173,13 +173,13 @@ class _DifferentialSolver:
         self._posture = mink.PostureTask(model, cost=1e-4)
         self._limits = [mink.ConfigurationLimit(model)]
 
-    def solve(self, T_base_tcp: Pose, seed: Float64Array, iterations: int) -> Float64Array | None:
+    def solve(self, T_base_tcp: Pose, seed: Float64Array) -> Float64Array | None:
         """Joint angles (7,), or None when the steps do not converge."""
         start = np.concatenate([seed, np.zeros(2)])
         self._configuration.update(start)
         self._tool.set_target(mink.SE3(np.concatenate([T_base_tcp.wxyz, T_base_tcp.position_m])))
         self._posture.set_target(start)
-        for _ in range(iterations):
+        for _ in range(_ITERATIONS):
             error = self._tool.compute_error(self._configuration)
             if (
                 np.linalg.norm(error[:3]) < _POSITION_TOLERANCE_M

@@ -1,11 +1,17 @@
-"""A transport that tells of every skill call that was made through it."""
+"""Messages for the recording, of every skill call that is made through a transport."""
 
-from collections.abc import Awaitable, Callable
-from typing import Any, ParamSpec, TypeVar
+from collections.abc import Callable
+from functools import partial
+from typing import Any
 
-from dlokit.communication.skill import ReportingSkill, Skill
+import msgspec
+
+from dlokit.communication.calls import CallEnded
+from dlokit.communication.skill import Skill, SkillCall
 from dlokit.communication.topic import Topic
-from dlokit.communication.transport import CallHandler, Latest, Liveness, Stream, Transport
+from dlokit.communication.wire import codec
+from dlokit.errors import CommunicationError
+from dlokit.recording.channels import CALLS_BEGUN, SKILL_CALLS
 from dlokit.recording.plain import to_json
 from dlokit.types.message import Message
 from dlokit.types.outcome import (
@@ -20,114 +26,67 @@ from dlokit.types.outcome import (
     TimedOut,
 )
 
-T = TypeVar("T", bound=Message)
-P = ParamSpec("P")
-R = TypeVar("R")
-Q = TypeVar("Q")
-
 LARGEST_TEXT = 65_536
 """Longer arguments and results are left out [bytes]: the shapes in them are on topics as well."""
 
 
 class CallLog:
-    """Everything is the inner transport's, but that calls are told of when they are made and when they have ended."""
+    """One message when a call is made and one when it has ended; a call that is cancelled ends as well."""
 
     def __init__(
         self,
-        inner: Transport,
         now_ns: Callable[[], int],
-        tell: Callable[[CallBegun | CallRecord], None],
+        put: Callable[[Topic[Any], Message | Callable[[], Message]], None],
         *,
-        untold: frozenset[str] = frozenset(),
+        unlogged: frozenset[str] = frozenset(),
     ) -> None:
-        """`now_ns` is the run's clock; calls to the components `untold` are not told of."""
-        self._inner = inner
+        """`now_ns` is the run's clock; calls to the components `unlogged` are left out.
+
+        `put` takes each message with its topic. It may take a function instead, and call it on another thread: to
+        write arguments and a result as JSON takes longer than most calls.
+        """
         self._now_ns = now_ns
-        self._tell = tell
-        self._untold = untold
+        self._put = put
+        self._unlogged = unlogged
         self._begun = 0
         self._ended = 0
 
-    @property
-    def identity(self) -> str:
-        """As the inner transport."""
-        return self._inner.identity
-
-    async def call(self, skill: Skill[P, R], *args: P.args, **kwargs: P.kwargs) -> Outcome[R]:
-        """As the inner transport; a call that is cancelled is told of too."""
-        return await self._logged(self._inner.call(skill, *args, **kwargs), skill, args, kwargs)
-
-    async def call_reported(
-        self, skill: ReportingSkill[P, R, Q], told: Callable[[Q], None], *args: P.args, **kwargs: P.kwargs
-    ) -> Outcome[R]:
-        """As `call`; its progress is not told of."""
-        return await self._logged(self._inner.call_reported(skill, told, *args, **kwargs), skill, args, kwargs)
-
-    async def _logged(
-        self, call: Awaitable[Outcome[R]], skill: Skill[..., R], args: tuple[Any, ...], kwargs: dict[str, Any]
-    ) -> Outcome[R]:
-        if skill.component in self._untold:
-            return await call
-        began_ns, outcome = self._now_ns(), Cancelled()
+    def begin(self, skill: Skill[..., Any], caller: str) -> CallEnded | None:
+        """As `dlokit.communication.calls.CallListener`."""
+        if skill.component in self._unlogged:
+            return None
+        began_ns = self._now_ns()
         self._begun += 1
-        number, caller = self._begun, self.identity
-        self._tell(CallBegun(stamp_ns=began_ns, seq=number, skill=skill.key, call=number, caller=caller))
-        try:
-            outcome = await call
-        finally:
+        number = self._begun
+        self._put(CALLS_BEGUN, CallBegun(stamp_ns=began_ns, seq=number, skill=skill.key, call=number, caller=caller))
+
+        def end(outcome: Outcome[Any], request: bytes) -> None:
             self._ended += 1
-            end, reason, detail = end_of(outcome)
-            record = CallRecord(
+            bare = CallRecord(
                 stamp_ns=self._now_ns(),
                 seq=self._ended,
                 skill=skill.key,
                 call=number,
                 caller=caller,
-                outcome=end,
-                reason=reason,
-                detail=detail,
+                outcome=CallEnd.CANCELLED,
                 began_ns=began_ns,
-                arguments=_arguments(skill, args, kwargs),
-                result=_text(outcome.result) if isinstance(outcome, Succeeded) else "",
             )
-            self._tell(record)
-        return outcome
+            self._put(SKILL_CALLS, partial(record_of, bare, outcome, request))
 
-    def publish(self, topic: Topic[T], message: T) -> None:
-        """As the inner transport."""
-        self._inner.publish(topic, message)
+        return end
 
-    def latest(self, topic: Topic[T]) -> Latest[T]:
-        """As the inner transport."""
-        return self._inner.latest(topic)
 
-    def stream(self, topic: Topic[T], *, with_last: bool = False) -> Stream[T]:
-        """As the inner transport."""
-        return self._inner.stream(topic, with_last=with_last)
-
-    def send(self, skill: Skill[P, Any], *args: P.args, **kwargs: P.kwargs) -> None:
-        """As the inner transport; nobody knows how it ends, so it is not told of."""
-        self._inner.send(skill, *args, **kwargs)
-
-    def tap(self, topic: Topic[Any], listener: Callable[[bytes], None]) -> None:
-        """As the inner transport."""
-        self._inner.tap(topic, listener)
-
-    def alive(self, component: str) -> Liveness:
-        """As the inner transport."""
-        return self._inner.alive(component)
-
-    def serve(self, component: str, handler: CallHandler) -> None:
-        """As the inner transport."""
-        self._inner.serve(component, handler)
-
-    async def withdraw(self, component: str) -> None:
-        """As the inner transport."""
-        await self._inner.withdraw(component)
-
-    async def close(self) -> None:
-        """As the inner transport."""
-        await self._inner.close()
+def record_of(bare: CallRecord, outcome: Outcome[Any], request: bytes) -> CallRecord:
+    """The record of a call with its outcome, and with arguments and result as JSON."""
+    end, reason, detail = end_of(outcome)
+    return msgspec.structs.replace(
+        bare,
+        outcome=end,
+        reason=reason,
+        detail=detail,
+        arguments=_arguments(request),
+        result=_text(outcome.result) if isinstance(outcome, Succeeded) else "",
+    )
 
 
 def end_of(outcome: Outcome[Any]) -> tuple[CallEnd, str, str]:
@@ -147,11 +106,12 @@ def end_of(outcome: Outcome[Any]) -> tuple[CallEnd, str, str]:
             return CallEnd.UNREACHABLE, "", ""
 
 
-def _arguments(skill: Skill[..., Any], args: tuple[Any, ...], kwargs: dict[str, Any]) -> str:
+def _arguments(request: bytes) -> str:
     try:
-        named = skill.name_arguments(*args, **kwargs)
-    except TypeError:
-        return ""  # they do not fit: the outcome says so
+        # Without their types: a record has what was sent, whatever the skill is.
+        named = codec.decode(codec.decode(request, SkillCall).arguments, dict[str, Any])
+    except CommunicationError:
+        return ""  # they did not fit, as the outcome says, or are too long to be written
     parts = {name: _text(value) for name, value in named.items()}
     text = "{" + ", ".join(f'"{name}": {value or "null"}' for name, value in parts.items()) + "}"
     return text if len(text) <= LARGEST_TEXT else ""

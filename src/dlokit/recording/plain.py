@@ -86,6 +86,8 @@ def _plain(value: Any) -> Any:
         return plain if config.tag_field is None else {config.tag_field: config.tag, **plain}
     if isinstance(value, tuple | list):
         return [_plain(item) for item in value]
+    if isinstance(value, dict):  # a Struct that was decoded without its type
+        return {name: _plain(item) for name, item in value.items()}
     if isinstance(value, enum.Enum):
         return value.value
     if isinstance(value, np.generic):

@@ -35,8 +35,8 @@ PATIENCE_S = 10.0
 class _Item:
     topic: Topic[Any]
     log_ns: int
-    message: Message | bytes
-    """Encoded, when it comes from another process."""
+    message: Message | bytes | Callable[[], Message]
+    """Encoded, when it comes from another process; a function makes it on the writer's thread."""
 
 
 class Recorder:
@@ -75,8 +75,11 @@ class Recorder:
         if self._thread.is_alive():
             log.warning("recording_slow: %s is not written to its end: the disk does not answer", self._path)
 
-    def put(self, topic: Topic[Any], message: Message | bytes) -> None:
-        """Record a message that nobody changes any more; returns at once where the run may not wait."""
+    def put(self, topic: Topic[Any], message: Message | bytes | Callable[[], Message]) -> None:
+        """Record a message that nobody changes any more; returns at once where the run may not wait.
+
+        A function is called on the writer's thread, and returns the message.
+        """
         if self._closed:
             return
         log_ns = self._now_ns()
@@ -139,12 +142,14 @@ class Recorder:
     @staticmethod
     def _write(writer: RecordingWriter, item: _Item) -> None:
         message = item.message
-        if isinstance(message, bytes):
-            try:
+        try:
+            if isinstance(message, bytes):
                 message = codec.decode(message, item.topic.type)
-            except CommunicationError as error:
-                log.warning("a message on %s is not recorded: %s", item.topic.name, error)
-                return
+            elif not isinstance(message, Message):
+                message = message()
+        except CommunicationError as error:
+            log.warning("a message on %s is not recorded: %s", item.topic.name, error)
+            return
         writer.add(item.topic, item.log_ns, message)
 
     def _give_up(self, error: Exception) -> None:

@@ -3,6 +3,7 @@
 import numpy as np
 
 from dlokit.errors import CommunicationError
+from dlokit.geometry.camera import camera_matrix
 from dlokit.recording import foxglove as fox
 from dlokit.recording.channels import IMAGE_FORMAT, IMAGE_QUALITY
 from dlokit.types.arrays import Float32Array, Float64Array, UInt8Array
@@ -105,7 +106,7 @@ def _frame(stamp_ns: int, name: str, pose: Pose) -> fox.FrameTransform:
 
 
 def _camera(stamp_ns: int, camera: CameraCalibration) -> fox.CameraCalibration:
-    fx, fy, cx, cy = camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px
+    K = camera_matrix(camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px)
     return fox.CameraCalibration(
         timestamp=fox.time_of(stamp_ns),
         frame_id=CAMERA,
@@ -113,9 +114,9 @@ def _camera(stamp_ns: int, camera: CameraCalibration) -> fox.CameraCalibration:
         height=camera.height_px,
         distortion_model="" if camera.distortion is None else "plumb_bob",
         D=[] if camera.distortion is None else camera.distortion.tolist(),
-        K=[fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0],
-        R=[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
-        P=[fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0],
+        K=K.ravel().tolist(),
+        R=np.eye(3).ravel().tolist(),
+        P=np.column_stack((K, np.zeros(3))).ravel().tolist(),
     )
 
 

@@ -22,12 +22,13 @@ from dlokit.rod.elastic import check_spacing
 from dlokit.types.arrays import Float64Array, Int64Array
 
 _HIDDEN_GROUP = 3
+_PREFIX = "chain/"  # of the names of its parts
 
 
-def add_chain(spec: Any, preset: DloPreset, nodes: int, name: str = "chain") -> None:
+def add_chain(spec: Any, preset: DloPreset, nodes: int) -> None:
     """Add a straight chain of `nodes` nodes, one link fewer, to `spec` (MjSpec), its middle link at the origin.
 
-    Its bodies are ``{name}/link_0`` and following. Raises ConfigError when the nodes lie too close together.
+    Its bodies are ``chain/link_0`` and following. Raises ConfigError when the nodes lie too close together.
     """
     check_spacing(preset, nodes)
     child = mujoco.MjSpec()
@@ -46,7 +47,7 @@ def add_chain(spec: Any, preset: DloPreset, nodes: int, name: str = "chain") -> 
             body = body.add_body(name=f"link_{index}", pos=[at_m, 0.0, 0.0])
             _add_joint(body, preset, link_m, index)
             _add_link(body, preset, links, ends_m=(0.0, outward_m), feet_m=(outward_m,))
-    spec.attach(child, prefix=f"{name}/", frame=spec.worldbody.add_frame())
+    spec.attach(child, prefix=_PREFIX, frame=spec.worldbody.add_frame())
 
 
 def _add_joint(body: Any, preset: DloPreset, link_m: float, index: int) -> None:
@@ -86,10 +87,10 @@ def _add_link(
 class Chain:
     """A chain in a compiled model: where its nodes are, and how to lay it down."""
 
-    def __init__(self, model: Any, data: Any, curl_1_m: float, name: str = "chain") -> None:
-        """Take over the chain `name` and give it its intrinsic curl about the vertical [1/m]."""
+    def __init__(self, model: Any, data: Any, curl_1_m: float) -> None:
+        """Take over the chain and give it its intrinsic curl about the vertical [1/m]."""
         self._model, self._data = model, data
-        self._links = _bodies(model, name)  # (L,)
+        self._links = _bodies(model)  # (L,)
         self._root = len(self._links) // 2
         capsules: Int64Array = np.asarray(model.body_geomadr[self._links], dtype=np.int64)  # (L,)
         self._feet: Int64Array = np.insert(capsules + 1, self._root + 1, capsules[self._root] + 2)  # (L + 1,)
@@ -174,11 +175,11 @@ def link_frames(nodes_world: Float64Array) -> Rotation:
     return Rotation.concatenate(frames)
 
 
-def _bodies(model: Any, name: str) -> Int64Array:
-    """Body ids of the links of chain `name`, in order from the first node to the last, (L,)."""
+def _bodies(model: Any) -> Int64Array:
+    """Body ids of the links of the chain, in order from the first node to the last, (L,)."""
     found: list[int] = []
-    while (body := mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, f"{name}/link_{len(found)}")) >= 0:
+    while (body := mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, f"{_PREFIX}link_{len(found)}")) >= 0:
         found.append(body)
     if not found:
-        raise ConfigError(f"The model has no chain named {name!r}; add one with add_chain first.")
+        raise ConfigError("The model has no chain; add one with add_chain first.")
     return np.array(found, dtype=np.int64)

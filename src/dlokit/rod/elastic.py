@@ -28,22 +28,15 @@ def set_rod_physics(spec: Any, timestep_s: float) -> None:
     spec.option.impratio = IMPRATIO
 
 
-def add_rod(
-    spec: Any,
-    preset: DloPreset,
-    nodes: int,
-    name: str = "rod",
-    *,
-    collision_bits: int = 1,
-) -> None:
+def add_rod(spec: Any, preset: DloPreset, nodes: int) -> None:
     """Add a straight rod of `nodes` nodes, centred at the origin along x, to `spec` (MjSpec).
 
-    Its flex is called ``{name}/flex``, its bodies ``{name}/flex_0`` and following. `collision_bits` is both contype and
-    conaffinity. Raises ConfigError when the nodes lie too close together for their radius.
+    Its flex is called ``rod/flex``, its bodies ``rod/flex_0`` and following. Raises ConfigError when the nodes lie too
+    close together for their radius.
     """
     check_spacing(preset, nodes)
-    child = mujoco.MjSpec.from_string(_mjcf(preset, nodes, collision_bits))
-    spec.attach(child, prefix=f"{name}/", frame=spec.worldbody.add_frame())
+    child = mujoco.MjSpec.from_string(_mjcf(preset, nodes))
+    spec.attach(child, prefix="rod/", frame=spec.worldbody.add_frame())
 
 
 def check_spacing(preset: DloPreset, nodes: int) -> None:
@@ -57,42 +50,42 @@ def check_spacing(preset: DloPreset, nodes: int) -> None:
         )
 
 
-def rod_bodies(model: Any, name: str = "rod") -> Int64Array:
-    """Body ids of the nodes of rod `name`, in order, (M,)."""
-    flex = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_FLEX, f"{name}/flex")
+def rod_bodies(model: Any) -> Int64Array:
+    """Body ids of the nodes of the rod, in order, (M,)."""
+    flex = _flex(model)
     if flex < 0:
-        raise ConfigError(f"The model has no rod named {name!r}; add one with add_rod first.")
+        raise ConfigError("The model has no rod; add one with add_rod first.")
     start, count = model.flex_vertadr[flex], model.flex_vertnum[flex]
     return np.array(model.flex_vertbodyid[start : start + count], dtype=np.int64)
 
 
-def rod_nodes(model: Any, data: Any, name: str = "rod") -> Float64Array:
-    """Where the nodes of rod `name` are now, (M, 3) [m], in the world frame."""
-    bodies = rod_bodies(model, name)
+def rod_nodes(model: Any, data: Any) -> Float64Array:
+    """Where the nodes of the rod are now, (M, 3) [m], in the world frame."""
+    bodies = rod_bodies(model)
     return np.asarray(data.qpos[_slide_addresses(model, bodies)] + model.body_pos[bodies], dtype=np.float64)
 
 
-def set_rod_friction(model: Any, friction: float, name: str = "rod") -> None:
-    """Set the coefficient of sliding friction of rod `name`, everywhere alike."""
-    model.flex_friction[mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_FLEX, f"{name}/flex"), 0] = friction
+def set_rod_friction(model: Any, friction: float) -> None:
+    """Set the coefficient of sliding friction of the rod, everywhere alike."""
+    model.flex_friction[_flex(model), 0] = friction
 
 
-def set_rod_nodes(model: Any, data: Any, nodes_world: ArrayLike, name: str = "rod") -> None:
-    """Put the nodes of rod `name` at `nodes_world` (M, 3) [m], at rest and without twist.
+def set_rod_nodes(model: Any, data: Any, nodes_world: ArrayLike) -> None:
+    """Put the nodes of the rod at `nodes_world` (M, 3) [m], at rest and without twist.
 
     Call mj_forward afterwards if derived quantities are read before the next step.
     """
-    bodies = rod_bodies(model, name)
+    bodies = rod_bodies(model)
     nodes = np.asarray(nodes_world, dtype=np.float64)
     if nodes.shape != (len(bodies), 3):
         raise ConfigError(
-            f"Rod {name!r} has {len(bodies)} nodes; nodes_world must be ({len(bodies)}, 3), not {nodes.shape}."
+            f"The rod has {len(bodies)} nodes; nodes_world must be ({len(bodies)}, 3), not {nodes.shape}."
         )
     data.qpos[_slide_addresses(model, bodies)] = nodes - model.body_pos[bodies]
     dofs = model.jnt_dofadr[model.body_jntadr[bodies]]
     data.qvel[dofs[:, None] + np.arange(3)] = 0.0
     for edge in range(len(bodies) - 1):
-        joint = _twist_joint(model, name, edge, len(bodies) - 1)
+        joint = _twist_joint(model, edge, len(bodies) - 1)
         data.qpos[model.jnt_qposadr[joint]] = 0.0
         data.qvel[model.jnt_dofadr[joint]] = 0.0
     # Zero frames make the engine start them anew from the current tangents, free of twist.
@@ -105,12 +98,17 @@ def _slide_addresses(model: Any, bodies: Int64Array) -> NDArray[np.int64]:
     return np.asarray(model.jnt_qposadr[model.body_jntadr[bodies]][:, None] + np.arange(3), dtype=np.int64)
 
 
-def _twist_joint(model: Any, name: str, edge: int, edges: int) -> int:
-    joint = f"{name}/flex_twist" if edge == edges - 1 else f"{name}/flex_twist_{edge}"
+def _flex(model: Any) -> int:
+    """Id of the rod's flex; below 0 where there is none."""
+    return int(mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_FLEX, "rod/flex"))
+
+
+def _twist_joint(model: Any, edge: int, edges: int) -> int:
+    joint = "rod/flex_twist" if edge == edges - 1 else f"rod/flex_twist_{edge}"
     return int(mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, joint))
 
 
-def _mjcf(preset: DloPreset, nodes: int, collision_bits: int) -> str:
+def _mjcf(preset: DloPreset, nodes: int) -> str:
     return f"""
 <mujoco>
   <worldbody>
@@ -120,8 +118,7 @@ def _mjcf(preset: DloPreset, nodes: int, collision_bits: int) -> str:
       <elasticity young="{preset.young_pa:.9g}" poisson="{preset.poisson:.9g}" damping="{preset.damping_s:.9g}"/>
       <contact condim="6" friction="{preset.friction:.9g} {ROLLING_M:.9g} {ROLLING_M:.9g}"
                solref="{_numbers(CONTACT_SOLREF)}" solimp="{_numbers(CONTACT_SOLIMP)}"
-               selfcollide="auto"
-               contype="{collision_bits}" conaffinity="{collision_bits}"/>
+               selfcollide="auto" contype="1" conaffinity="1"/>
     </flexcomp>
   </worldbody>
 </mujoco>"""

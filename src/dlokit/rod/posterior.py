@@ -78,7 +78,7 @@ class Evidence:
     rmse_m: Float64Array  # (Y, F, S) [m] of what each rod predicts to what was seen
 
 
-def evidence(config: BelievedDlo, seen: Experience, threads: int = 0) -> Evidence | None:
+def evidence(config: BelievedDlo, seen: Experience) -> Evidence | None:
     """Play an action through on every rod of the grid; None when it moved the DLO too little to tell anything."""
     if seen.moved_m.max() < _LEAST_MOVED_M:
         return None
@@ -89,7 +89,7 @@ def evidence(config: BelievedDlo, seen: Experience, threads: int = 0) -> Evidenc
         for b in STIFFNESS_LOG
     )
     motion = seen.motion(_TIMESTEP_S)
-    played = play(config, seen.before_world, rods, (motion,), _TIMESTEP_S, threads, rest_s=_REST_S)
+    played = play(config, seen.before_world, rods, (motion,), _TIMESTEP_S, rest_s=_REST_S)
     residual = np.linalg.norm((played.nodes_world[:, 0] - seen.after_world)[..., :2], axis=-1)  # (R, M)
     rmse_m = np.sqrt(np.mean(residual**2, axis=1))
     beyond_m = max(float(np.ptp(seen.tool[:, 2])) - _LOW_LIFT_M, 0.0)
@@ -223,14 +223,14 @@ class Lesson:
     """After it."""
 
 
-def lessons(config: BelievedDlo, seen: Iterable[tuple[int, Experience]], threads: int = 0) -> list[Lesson]:
+def lessons(config: BelievedDlo, seen: Iterable[tuple[int, Experience]]) -> list[Lesson]:
     """Learn from experiences in their order; those that tell nothing are left out."""
     heard: list[Evidence] = []
     found: list[Lesson] = []
     known = posterior(config, heard)
     configured = _nearest_rod(known)
     for action, experience in seen:
-        said = evidence(config, experience, threads)
+        said = evidence(config, experience)
         if said is None:
             continue
         before = _nearest_rod(known)

@@ -16,6 +16,7 @@ import numpy as np
 import scipy
 
 from dlokit import geometry
+from dlokit.description.arm.panda import PANDA_FINGERTIP_BELOW_TCP_M
 from dlokit.description.contacts import ROLLING_M
 from dlokit.rod.believed import DAMPING_S, POISSON, BelievedDlo
 from dlokit.rod.nodes import fit_length
@@ -26,7 +27,7 @@ _PAD_M = 0.02  # length of the pads along the rod
 _EDGE_M = 0.0125  # longest edge: a hanging rod bends too easily where longer ones meet the pads and the table
 SINK_M = 2e-4
 """How deep a resting node lies in the table of the quick rod [m]."""
-FINGERS = np.array([0.0085, 0.009, 0.0089])
+FINGERS = np.array([0.0085, 0.009, PANDA_FINGERTIP_BELOW_TCP_M])
 """The Panda's fingers, closed: half the length of the middle line across the tool, radius around it, and how far the
 tips are below the tool [m]."""
 NO_FINGERS = np.zeros(3)
@@ -156,9 +157,12 @@ def _all_pads(nodes_world: Float64Array, motion: Motion, count: int) -> Float64A
     return np.concatenate([between_pads(nodes_world, at[arm], one.waypoints[0], arm) for arm, one in enumerate(held)])
 
 
-def predict(config: BelievedDlo, nodes_world: Float64Array, action: Action, timestep_s: float = 0.01) -> Float64Array:
-    """The shape (M, 3) [m] that `action` leaves of a rod at `nodes_world` (K, 3) [m], in steps of `timestep_s` [s]."""
-    return play(config, nodes_world, (QuickRod(),), (motion_of(action),), timestep_s, threads=1).nodes_world[0, 0]
+_PREDICT_STEP_S = 0.01
+
+
+def predict(config: BelievedDlo, nodes_world: Float64Array, action: Action) -> Float64Array:
+    """The shape (M, 3) [m] that `action` leaves of a rod at `nodes_world` (K, 3) [m]."""
+    return play(config, nodes_world, (QuickRod(),), (motion_of(action),), _PREDICT_STEP_S, threads=1).nodes_world[0, 0]
 
 
 def motion_of(action: Action) -> Motion:
@@ -196,7 +200,7 @@ def between_pads(nodes_world: Float64Array, near: int, tool: Float64Array, arm: 
     return np.column_stack((at_m / edge_m, same_way * (at_m - held_m), np.full(3, up_m), np.full(3, float(arm))))
 
 
-_STEP_S = 0.02
+_WARMING_STEP_S = 0.02
 _SMALL = BelievedDlo(nodes=5, length_m=0.08)
 
 
@@ -210,7 +214,7 @@ def warm() -> float:
     lying = np.column_stack((np.linspace(0.0, _SMALL.length_m, _SMALL.nodes), np.zeros((_SMALL.nodes, 2))))
     there_and_up = np.array([[0.04, 0.0, 0.011, 1.5], [0.04, 0.0, 0.03, 1.5], [0.06, 0.0, 0.03, 1.6]])
     motion = Motion(node=2, waypoints=there_and_up, velocity=VelocityProfile())
-    play(_SMALL, lying, (QuickRod(),), (motion,), _STEP_S, threads=1)
+    play(_SMALL, lying, (QuickRod(),), (motion,), _WARMING_STEP_S, threads=1)
     return time.perf_counter() - began
 
 

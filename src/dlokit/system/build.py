@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from dlokit.communication.component import Component
 from dlokit.communication.port import Compute, InlineCompute, Port
@@ -41,8 +41,15 @@ class Wiring:
 
 
 def build_component(name: str, config: RunConfig, wiring: Wiring) -> Component:
-    """The component of that name, one of `COMPONENTS`, with its drivers."""
-    return _BUILDERS[name](config, wiring)
+    """The component of that name, one of `COMPONENTS`, with its drivers.
+
+    One without a builder of its own is built with its settings alone, as its row in the table says.
+    """
+    if (build := _BUILDERS.get(name)) is not None:
+        return build(config, wiring)
+    row = COMPONENTS[name]
+    kind = cast(Callable[[object], Component], row.load())
+    return kind(getattr(config, row.settings))
 
 
 def _load(*modules: str) -> None:
@@ -125,12 +132,6 @@ def _observer(config: RunConfig, wiring: Wiring) -> Component:
     return ObserverComponent(config.observer, config.model)
 
 
-def _model(config: RunConfig, wiring: Wiring) -> Component:
-    from dlokit.skills.model.component import ModelComponent
-
-    return ModelComponent(config.model)
-
-
 def _planning(config: RunConfig, wiring: Wiring) -> Component:
     from dlokit.motion.inverse_kinematics import PandaKinematics
     from dlokit.skills.planning.component import PlanningComponent
@@ -202,13 +203,13 @@ def _viewer(config: RunConfig, wiring: Wiring) -> Component:
 
 _Builder = Callable[[RunConfig, Wiring], Component]
 
+# Of components that need more than their settings.
 _BUILDERS: dict[str, _Builder] = {
     "cell": _cell,
     "robot": _robot(ARMS[0]),
     f"robot.{OPPOSITE}": _robot(ARMS[1]),
     "perception": _perception,
     "observer": _observer,
-    "model": _model,
     "planning": _planning,
     "viewer": _viewer,
     "decision": _decision,

@@ -32,7 +32,7 @@ from dlokit.system.processes.lease_keeper import leases_held
 from dlokit.system.processes.running import announced
 from dlokit.system.processes.supervisor import PROCESS, Launch, Supervisor
 from dlokit.system.processes.workers import worker_pool
-from dlokit.system.results.recording import live_recorder, with_calls_told
+from dlokit.system.results.recording import calls_published, live_recorder
 from dlokit.system.results.run_folder import NOBODYS_BUSINESS, write_start
 from dlokit.system.results.run_record import RunRecord
 from dlokit.system.shaping import ShapeJob, Watcher, shape
@@ -277,9 +277,8 @@ def _failed(record: RunRecord, failure: ProcessFailure) -> RunRecord:
 
 
 async def _decide(live: LiveSystem, config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher) -> RunRecord:
-    transport = with_calls_told(live.transport, live.clock)
-    wiring = Wiring(transport=transport, clock=live.clock, folder=folder, start_nodes_world=NOBODYS_BUSINESS)
-    host = Container(transport, live.clock, live.compute, instances_of_run(config))
+    wiring = Wiring(transport=live.transport, clock=live.clock, folder=folder, start_nodes_world=NOBODYS_BUSINESS)
+    host = Container(live.transport, live.clock, live.compute, instances_of_run(config))
     components = {name: build_component(name, config, wiring) for name in DECISION.components}
     for component in components.values():
         host.add(component)
@@ -287,4 +286,5 @@ async def _decide(live: LiveSystem, config: RunConfig, job: ShapeJob, folder: Pa
     assert isinstance(decision, DecisionComponent)
     await host.prepare()
     async with host, leases_held(live.transport, live.clock, config.robot, ARMS[: config.arms]):
-        return await shape(decision, transport, live.clock, config, job, watch)
+        with calls_published(live.transport, live.clock):
+            return await shape(decision, live.transport, live.clock, config, job, watch)

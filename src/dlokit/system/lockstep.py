@@ -16,7 +16,7 @@ from dlokit.errors import DlokitError
 from dlokit.recording.recorder import Recorder
 from dlokit.system.build import Build, Wiring, build_component, components_of_run, instances_of_run
 from dlokit.system.config import RunConfig
-from dlokit.system.results.recording import lockstep_recorder, with_calls_recorded
+from dlokit.system.results.recording import call_log_of, lockstep_recorder
 from dlokit.system.results.run_record import RunRecord
 from dlokit.system.shaping import ShapeJob, Watcher, shape
 from dlokit.types.arrays import Float64Array
@@ -45,8 +45,8 @@ async def lockstep_system(
     The cell lays its DLO along `start_nodes_world` (K, 3) [m] and leaves its truth in `folder`. `recorder` is told of
     every message and call. `build` gives each component by its name, the cell first.
     """
-    clock, bus = LoopClock(), MemoryTransport(None if recorder is None else recorder.put)
-    transport = with_calls_recorded(bus, clock, recorder)
+    clock = LoopClock()
+    transport = MemoryTransport() if recorder is None else MemoryTransport(recorder.put, call_log_of(recorder, clock))
     host = Container(transport, clock, instances=instances_of_run(config))
     wiring = Wiring(transport=transport, clock=clock, folder=folder, start_nodes_world=start_nodes_world)
     components = {name: build(name, config, wiring) for name in components_of_run(config)}

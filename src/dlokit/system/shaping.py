@@ -20,7 +20,7 @@ from dlokit.decision.component import DecisionComponent
 from dlokit.decision.journal import Journal
 from dlokit.decision.records import GoalRequest, ShapeResult, StepVisit
 from dlokit.system.config import RunConfig
-from dlokit.system.results.run_record import ActionShape, RunRecord, StepTiming
+from dlokit.system.results.run_record import RunRecord, StepTiming
 from dlokit.system.results.run_result import (
     ActionResult,
     RunResult,
@@ -132,10 +132,10 @@ async def shape(
                 resumed=job.resumed,
                 canceller=canceller,
             )
-        last_ns = result.history[-1].release_stamp_ns if result.history else clock.now_ns()
+        last_ns = result.history[-1].release_stamp_ns if result.history else None
         # Whoever ends the run now still gets the result: it stands.
         with contextlib.suppress(asyncio.CancelledError):
-            await clock.sleep_until(last_ns + round(LINGER_S * 1e9))
+            await clock.sleep_until((clock.now_ns() if last_ns is None else last_ns) + round(LINGER_S * 1e9))
     finally:
         for helper in helpers:
             helper.cancel()
@@ -206,16 +206,7 @@ def _record(
         ends_interchangeable=config.ends_interchangeable,
         start_nodes_world=result.start_nodes_world,
         start_stamp_ns=result.start_stamp_ns,
-        start_rmse_m=result.start_rmse_m,
-        actions=tuple(
-            ActionShape(
-                nodes_world=action.nodes_world,
-                release_stamp_ns=action.release_stamp_ns,
-                expected_world=action.expected_world,
-                path_world=action.path_world,
-            )
-            for action in result.history
-        ),
+        actions=result.history,
         timings=_by_step(result.timings),
         image_before=album.first,
         image_after=album.last,

@@ -8,12 +8,9 @@ from typing import Annotated, Any
 import tyro
 from rich.console import Console
 
-from dlokit.errors import CheckFailed, ConfigError, InputError
+from dlokit.errors import EXIT_BAD_INPUT, EXIT_FAULT, CheckFailed, ConfigError, InputError
 from dlokit.skills.observer.strategies import OBSERVERS
 from dlokit.testing.observers import check_observer
-
-EXIT_FAILED = 1
-EXIT_BAD_INPUT = 2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,7 +28,7 @@ def run(args: ObserverCheckArgs) -> int:
         console.print(str(check_observer(_class(args.observer))), markup=False, highlight=False, soft_wrap=True)
     except CheckFailed as failed:
         console.print(str(failed), markup=False, highlight=False, soft_wrap=True)
-        return EXIT_FAILED
+        return EXIT_FAULT
     return 0
 
 

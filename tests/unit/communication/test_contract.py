@@ -190,7 +190,7 @@ def test_a_call_that_comes_again_while_it_runs_waits_for_the_same_answer() -> No
         dispatch = await dispatcher_of(drill)
         same = await asyncio.gather(*(dispatch(request("a"), lambda data: None) for _ in range(3)))
         assert len(set(same)) == 1
-        assert isinstance(DRILL.decode_outcome(same[0]), Succeeded)
+        assert isinstance(codec.decode(same[0], DRILL.outcome_type), Succeeded)
         assert drill.turned == 1
 
     virtual_time.run(main())
@@ -204,7 +204,7 @@ def test_a_call_that_was_cancelled_is_not_run_again() -> None:
         await asyncio.sleep(0.5)
         call.cancel()
         await asyncio.wait({call})
-        assert isinstance(DRILL.decode_outcome(await dispatch(request("a"), lambda data: None)), Cancelled)
+        assert isinstance(codec.decode(await dispatch(request("a"), lambda data: None), DRILL.outcome_type), Cancelled)
         assert drill.turned == 1
 
     virtual_time.run(main())

@@ -37,7 +37,7 @@ def test_arguments_that_do_not_fit_are_refused_with_the_signature() -> None:
 
 def test_a_result_of_another_type_than_declared_is_refused() -> None:
     with pytest.raises(CommunicationError):
-        MOVE.decode_outcome(codec.encode(Succeeded(result="there")))
+        codec.decode(codec.encode(Succeeded(result="there")), MOVE.outcome_type)
 
 
 @pytest.mark.parametrize(
@@ -52,13 +52,13 @@ def test_a_result_of_another_type_than_declared_is_refused() -> None:
     ids=lambda outcome: type(outcome).__name__,
 )
 def test_every_outcome_crosses_the_bus(outcome: msgspec.Struct) -> None:
-    back = MOVE.decode_outcome(codec.encode(outcome))
+    back = codec.decode(codec.encode(outcome), MOVE.outcome_type)
     assert type(back) is type(outcome)
     assert msgspec.structs.asdict(back) == msgspec.structs.asdict(outcome)
 
 
 def test_a_result_crosses_the_bus() -> None:
-    back = MOVE.decode_outcome(codec.encode(Succeeded(result=np.array([1.0, 2.0]))))
+    back = codec.decode(codec.encode(Succeeded(result=np.array([1.0, 2.0]))), MOVE.outcome_type)
     assert isinstance(back, Succeeded)
     np.testing.assert_array_equal(back.result, [1.0, 2.0])
 

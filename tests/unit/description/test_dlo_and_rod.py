@@ -70,16 +70,9 @@ def test_the_rod_weighs_what_its_preset_says():
     assert model.body_mass[elastic.rod_bodies(model)].sum() == pytest.approx(SOFT_ROPE.mass_kg, rel=1e-3)
 
 
-def test_two_rods_live_in_one_model_by_their_names():
-    spec = mujoco.MjSpec()
-    elastic.set_rod_physics(spec, 0.0025)
-    elastic.add_rod(spec, SOFT_ROPE, 21, "a")
-    elastic.add_rod(spec, SOFT_ROPE, 31, "b")
-    model = spec.compile()
-    assert len(elastic.rod_bodies(model, "a")) == 21
-    assert len(elastic.rod_bodies(model, "b")) == 31
-    with pytest.raises(ConfigError, match="'c'"):
-        elastic.rod_bodies(model, "c")
+def test_a_rod_that_is_not_there_is_asked_for():
+    with pytest.raises(ConfigError, match="add_rod"):
+        elastic.rod_bodies(mujoco.MjSpec().compile())
 
 
 def test_the_camera_stands_and_looks_where_the_paper_says():

@@ -3,7 +3,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
-from made_results import made_action, made_run
+from made_results import made_action, made_record, made_run
 
 from dlokit import geometry
 from dlokit.description import shapes
@@ -12,7 +12,7 @@ from dlokit.evaluation.evaluator import SETTLE_S, Truth, evaluate, read_truth, t
 from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.cell.truth import TruthRecorder
 from dlokit.functional.cell.world import Cell
-from dlokit.system.results.run_record import ActionShape, RunRecord
+from dlokit.system.results.run_record import RunRecord
 
 S = 1_000_000_000
 GOAL = shapes.builtin_shape("S", 0.5, 31)
@@ -131,7 +131,7 @@ def _record(start: np.ndarray | None, releases: list[int]) -> RunRecord:
         result=result,
         goal_nodes_world=GOAL,
         start_nodes_world=start,
-        actions=tuple(ActionShape(nodes_world=GOAL, release_stamp_ns=stamp) for stamp in releases),
+        actions=tuple(made_record(GOAL, release_stamp_ns=stamp) for stamp in releases),
     )
 
 

@@ -1,18 +1,26 @@
 """Skill calls are told of when they have ended, however they end."""
 
 import asyncio
+from collections.abc import Callable
+from typing import Any
 
+import numpy as np
 import pytest
 
+from dlokit.communication.calls import encode_call
 from dlokit.communication.component import Component, implements
 from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.skill import Skill
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
+from dlokit.communication.topic import Topic
 from dlokit.errors import SkillFailure, SkillRejected
-from dlokit.recording.call_log import CallLog
-from dlokit.types.outcome import CallBegun, CallEnd, CallRecord, Unreachable
+from dlokit.recording.call_log import CallLog, record_of
+from dlokit.recording.plain import to_json
+from dlokit.types.message import Message
+from dlokit.types.outcome import CallBegun, CallEnd, CallRecord, Succeeded, Unreachable
+from dlokit.types.pose import Pose
 
 
 def _act(how: str, for_s: float = 0.5) -> int:
@@ -20,8 +28,14 @@ def _act(how: str, for_s: float = 0.5) -> int:
     ...
 
 
+def _place(pose: Pose, speed: float) -> None:
+    """Place."""
+    ...
+
+
 ACT = Skill("model", "act", _act, timeout_s=2.0)
 ELSEWHERE = Skill("nobody", "act", _act, timeout_s=2.0)
+PLACE = Skill("model", "place", _place, timeout_s=2.0)
 CABLE = Skill("cell", "act", _act, timeout_s=2.0)
 
 
@@ -41,9 +55,14 @@ class Actor(Component):
 def told_of(*hows: tuple[str, float]) -> list[CallBegun | CallRecord]:
     records: list[CallBegun | CallRecord] = []
 
+    def put(topic: Topic[Any], message: Message | Callable[[], Message]) -> None:
+        made = message if isinstance(message, Message) else message()
+        assert isinstance(made, CallBegun | CallRecord)
+        records.append(made)
+
     async def main() -> None:
         clock = LoopClock()
-        log = CallLog(MemoryTransport(), clock.now_ns, records.append, untold=frozenset({"cell"}))
+        log = MemoryTransport(call_log=CallLog(clock.now_ns, put, unlogged=frozenset({"cell"})))
         host = Container(log, clock)
         host.add(Actor())
         async with host:
@@ -89,3 +108,12 @@ def test_every_outcome_is_told_with_its_reason_and_when_it_was_called_and_ended(
     assert [one.seq for one in records] == [1, 2, 3, 4, 5, 6]
     assert (records[0].began_ns, records[0].stamp_ns) == (0, 500_000_000)
     assert (records[0].arguments, records[0].result) == ('{"how": "succeed", "for_s": 0.5}', "7")
+
+
+def test_arguments_are_recorded_as_the_messages_that_they_are() -> None:
+    pose = Pose(position_m=np.array([0.1, 0.2, 0.3]), wxyz=np.array([1.0, 0.0, 0.0, 0.0]))
+    request = encode_call(PLACE, "id-1", "caller", pose, float("inf"))
+    assert isinstance(request, bytes)
+    bare = CallRecord(stamp_ns=0, skill=PLACE.key, outcome=CallEnd.CANCELLED)
+    record = record_of(bare, Succeeded(result=None), request)
+    assert record.arguments == f'{{"pose": {to_json(pose).decode()}, "speed": "Infinity"}}'

@@ -20,7 +20,7 @@ from dlokit.recording.comparison import FieldRow, compare
 from dlokit.recording.feeding import Asked, Timeline, feed, read_timeline
 from dlokit.recording.recorder import Recorder
 from dlokit.recording.tolerances import tolerance_of
-from dlokit.system.results.recording import with_calls_recorded
+from dlokit.system.results.recording import call_log_of
 from dlokit.types.dlo import DloBelief, Figure
 from dlokit.types.flow import FlowStatus
 from dlokit.types.outcome import CallEnd, Cancelled
@@ -78,7 +78,7 @@ def recorded_run(path: Path) -> Timeline:
     async def main() -> None:
         clock = LoopClock()
         with Recorder(path, clock.now_ns, {}, patient=True) as recorder:
-            bus = with_calls_recorded(MemoryTransport(recorder.put), clock, recorder)
+            bus = MemoryTransport(recorder.put, call_log_of(recorder, clock))
             host = Container(bus, clock)
             host.add(Adder())
             async with host:

@@ -199,10 +199,10 @@ def test_a_wrong_number_of_nodes_is_refused():
         chain.place(np.zeros((40, 3)))
 
 
-def test_a_chain_that_is_not_there_is_named():
-    model, data, _ = build(SOFT_ROPE)
-    with pytest.raises(ConfigError, match="'hose'"):
-        Chain(model, data, 0.0, "hose")
+def test_a_chain_that_is_not_there_is_asked_for():
+    model = mujoco.MjSpec().compile()
+    with pytest.raises(ConfigError, match="add_chain"):
+        Chain(model, mujoco.MjData(model), 0.0)
 
 
 @pytest.mark.parametrize(

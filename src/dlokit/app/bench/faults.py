@@ -28,7 +28,7 @@ from dlokit.bench.faults.sweep import claim_faults_folder, describe, run_faults
 from dlokit.bench.faults.table import BY_NAME, FAULTS, Fault
 from dlokit.bench.faults.trial import FaultCase, cases
 from dlokit.bench.report import bench_json
-from dlokit.errors import ConfigError, InputError
+from dlokit.errors import EXIT_OTHERWISE, ConfigError, InputError
 from dlokit.system.config import RunConfig
 from dlokit.system.results.run_folder import new_run_folder
 from dlokit.system.results.run_record import machine_facts
@@ -100,7 +100,6 @@ def _spread(values: Sequence[float], factor: float, digits: int) -> str:
 FULL_RUNS = 8
 QUICK = ("kill-decision", "freeze-camera", "kill-simulation", "slip-grasp", "fill-disk")
 """One of each kind."""
-EXIT_WRONG = 3
 
 
 def _headless() -> RunConfig:
@@ -170,7 +169,7 @@ def run_faults_bench(args: FaultsArgs) -> int:
         args.json.write_bytes(bench_json("faults", figures(results), machine_facts(), facts))
         console.print(f"figures: {args.json}", soft_wrap=True)
     console.print(f"runs: {folder}", soft_wrap=True)
-    return 0 if all_right(results) else EXIT_WRONG
+    return 0 if all_right(results) else EXIT_OTHERWISE
 
 
 def _faults_of(runs: list[tuple[FaultCase, RunFinding]]) -> list[tuple[Fault, RunFinding]]:

@@ -32,7 +32,7 @@ from dlokit.bench.shaping.metrics import falsely_converged, standing
 from dlokit.bench.shaping.pictures import draw
 from dlokit.bench.shaping.suites import SEEDS_APART, SUITE_NAMES, suite_of
 from dlokit.bench.shaping.sweep import Workers, check_address, claim_sweep_folder, describe, run_sweep
-from dlokit.errors import ConfigError, InputError
+from dlokit.errors import EXIT_FAULT, ConfigError, InputError
 from dlokit.functional.cell.randomisation import RANDOMISED, Randomisation
 from dlokit.system.config import RunConfig
 from dlokit.system.results.run_folder import new_run_folder
@@ -92,7 +92,6 @@ def _table(results: Sequence[CaseResult]) -> Table:
 FULL_SEEDS = 5
 QUICK_SEEDS = {"paper": 3, "goals": 1, "stiffness": 2, "wires": 1}
 QUICK_JOBS = 2
-EXIT_FAULT = 1
 
 
 def shaping_defaults(config_file: Path | None = None) -> RunConfig:

@@ -19,7 +19,7 @@ from dlokit.bench.stop.press_verdict import PressRow
 from dlokit.bench.stop.presses import Person, PressPlan, measure_presses
 from dlokit.bench.stop.stopping import StopFigures, StopPlan, measure_stops
 from dlokit.communication.timing.urgency import garbage_frozen
-from dlokit.errors import ConfigError, InputError
+from dlokit.errors import EXIT_OTHERWISE, ConfigError, InputError
 from dlokit.system.config import RunConfig
 from dlokit.system.processes.running import RunningSystem
 from dlokit.system.results.run_record import machine_facts
@@ -28,7 +28,6 @@ BAR_S = 0.25
 """Braking begins within this, for 99 of 100 faults."""
 CONFIRMED_WITHIN_S = 1.0
 """A person's stop is confirmed within this, for 99 of 100."""
-EXIT_BELOW_BAR = 3
 NOT_MEASURED = StopFigures()
 
 
@@ -86,7 +85,7 @@ def run_stop_bench(args: StopBenchArgs) -> int:
         all_figures = [*stop_figures(figures), *press_figures(rows)]
         args.json.write_bytes(bench_json("stop", all_figures, machine_facts(), settings))
         console.print(f"figures: {args.json}", soft_wrap=True)
-    return 0 if holds_the_bar(figures) and stops_hold(rows) else EXIT_BELOW_BAR
+    return 0 if holds_the_bar(figures) and stops_hold(rows) else EXIT_OTHERWISE
 
 
 async def _measure(args: StopBenchArgs, said: Callable[[str], None]) -> tuple[StopFigures, tuple[PressRow, ...]]:

@@ -10,15 +10,13 @@ from rich.console import Console
 from rich.table import Table
 
 from dlokit.app.commands import CliCommand, flag
-from dlokit.errors import InputError
+from dlokit.errors import EXIT_FAULT, InputError
 from dlokit.recording.channels import FILE_NAME
 from dlokit.recording.comparison import FieldRow
 from dlokit.system.config import RunConfig
 from dlokit.system.replay import REPLAYABLE, WATCHED_PARTS, Replay, recorded_config, replay, watch
 from dlokit.system.toml_config import read_toml
 
-EXIT_WITHIN = 0
-EXIT_BEYOND = 1
 TABLE_WIDTH = 125
 
 Fed = Literal["perception", "observer", "model", "planning"]
@@ -69,7 +67,7 @@ def _show(path: Path, config: RunConfig, args: ReplayArgs) -> int:
         raise InputError(f"--rate is {rate:g}; it must be above 0, e.g. 2 for twice as fast.")
     console = Console()
     watch(path, config, rate, args.port, lambda text: console.print(text, markup=False, soft_wrap=True))
-    return EXIT_WITHIN
+    return 0
 
 
 def _fed(path: Path, name: str, done: Replay) -> int:
@@ -89,7 +87,7 @@ def _fed(path: Path, name: str, done: Replay) -> int:
         )
     if not beyond:
         console.print(f"{name} does what it did: every field is within its tolerance.", highlight=False)
-    return EXIT_BEYOND if beyond else EXIT_WITHIN
+    return EXIT_FAULT if beyond else 0
 
 
 def _notes(done: Replay) -> list[str]:

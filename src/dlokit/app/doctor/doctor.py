@@ -27,8 +27,7 @@ from dlokit.app.doctor.machine import (
 from dlokit.app.doctor.opengl import probe_opengl
 from dlokit.app.doctor.packages import HARDWARE, dependency_findings, hardware_finding, importable
 from dlokit.communication.timing.urgency import may_be_urgent
-
-EXIT_READY, EXIT_LACKING = 0, 2
+from dlokit.errors import EXIT_BAD_INPUT
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,9 +50,9 @@ def run(args: DoctorArgs) -> int:
     lacking = [finding.what for finding in findings if finding.standing is Severity.LACKING]
     if lacking:
         console.print(f"[bold red]dlokit cannot run here yet:[/] {', '.join(lacking)}.", highlight=False)
-        return EXIT_LACKING
+        return EXIT_BAD_INPUT
     console.print("[bold green]dlokit can run here.[/] Try: dlokit demo", highlight=False)
-    return EXIT_READY
+    return 0
 
 
 def examine(args: DoctorArgs) -> tuple[DoctorRow, ...]:

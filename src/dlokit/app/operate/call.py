@@ -12,16 +12,15 @@ from rich.console import Console
 from dlokit.app.commands import CliCommand, flag
 from dlokit.app.operate.skills import skill_named
 from dlokit.communication.skill import ReportingSkill, Skill
-from dlokit.errors import CommunicationError, InputError
+from dlokit.communication.zenoh.transport import ZenohTransport
+from dlokit.errors import EXIT_OTHERWISE, CommunicationError, InputError
 from dlokit.recording.plain import to_json
-from dlokit.system.processes.bus import JoinedBus, join_bus
+from dlokit.system.processes.bus import join_bus
 from dlokit.system.processes.running import RunningSystem, the_running_system
-from dlokit.system.results.recording import with_calls_told
+from dlokit.system.results.recording import calls_published
 from dlokit.system.table import TimeBase
 from dlokit.types.outcome import Failed, Outcome, Rejected, Succeeded
 
-EXIT_SUCCEEDED = 0
-EXIT_ENDED_OTHERWISE = 3
 FOUND_WITHIN_S = 5.0
 FIRST_TICK_S = 10.0
 
@@ -56,7 +55,7 @@ def run_call(args: CallArgs) -> int:
     system = the_running_system(args.run)
     outcome = asyncio.run(_call(system, skill, given, args.timeout, Console(stderr=True)))
     print(in_words(outcome))
-    return EXIT_SUCCEEDED if isinstance(outcome, Succeeded) else EXIT_ENDED_OTHERWISE
+    return 0 if isinstance(outcome, Succeeded) else EXIT_OTHERWISE
 
 
 def arguments_from(skill: Skill[..., Any], texts: tuple[str, ...]) -> dict[str, Any]:
@@ -107,13 +106,15 @@ async def _call(
         await bus.transport.wait_for(skill.component, FOUND_WITHIN_S)
         try:
             async with asyncio.timeout(limit_s):
-                return await _told(bus, skill, given, console)
+                with calls_published(bus.transport, bus.clock):
+                    return await _called(bus.transport, skill, given, console)
         except TimeoutError:
             return Failed(reason="cancelled", detail=f"it had not ended after {limit_s:g} s, as --timeout asks")
 
 
-async def _told(bus: JoinedBus, skill: Skill[..., Any], given: dict[str, Any], console: Console) -> Outcome[Any]:
-    transport = with_calls_told(bus.transport, bus.clock)
+async def _called(
+    transport: ZenohTransport, skill: Skill[..., Any], given: dict[str, Any], console: Console
+) -> Outcome[Any]:
     if not isinstance(skill, ReportingSkill):
         return await transport.call(skill, **given)
 

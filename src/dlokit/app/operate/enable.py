@@ -11,12 +11,10 @@ import tyro
 from dlokit.app.commands import CliCommand
 from dlokit.app.operate.stop import FOUND_WITHIN_S, arms_of, ask_on_bus
 from dlokit.description.arm.mounts import ArmMount
+from dlokit.errors import EXIT_OTHERWISE
 from dlokit.skills.robot import api as robot
 from dlokit.system.processes.running import RunningSystem, the_running_system
 from dlokit.system.processes.stop_socket import ENABLE, Answer, press, stop_socket
-
-EXIT_ALL_ENABLED = 0
-EXIT_NOT_ALL = 3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,7 +41,7 @@ def run_enable(args: EnableArgs) -> int:
 
 def exit_code(answers: Sequence[Answer]) -> int:
     """0 where each arm is enabled, 3 where one is not."""
-    return EXIT_ALL_ENABLED if all(answer.confirmed for answer in answers) else EXIT_NOT_ALL
+    return 0 if all(answer.confirmed for answer in answers) else EXIT_OTHERWISE
 
 
 async def enable_all(system: RunningSystem, arms: Sequence[ArmMount]) -> list[Answer]:

@@ -13,19 +13,17 @@ from dlokit.app.operate.call import in_words
 from dlokit.communication.skill import Skill
 from dlokit.decision.api import STOP_TASK
 from dlokit.description.arm.mounts import ARMS, ArmMount
-from dlokit.errors import InputError
+from dlokit.errors import EXIT_OTHERWISE, InputError
 from dlokit.skills.robot import api as robot
 from dlokit.system.config import CONFIG_FILE, RunConfig
 from dlokit.system.processes.bus import JoinedBus, join_bus
 from dlokit.system.processes.running import RunningSystem, running_systems, the_running_system
 from dlokit.system.processes.stop_socket import STOP, Answer, left_stop, press, stop_socket
-from dlokit.system.results.recording import with_calls_told
+from dlokit.system.results.recording import calls_published
 from dlokit.system.table import TimeBase
 from dlokit.system.toml_config import read_toml
 from dlokit.types.outcome import Succeeded
 
-EXIT_ALL_STAND = 0
-EXIT_NOT_ALL = 3
 FOUND_WITHIN_S = 2.0
 STOPPED_WITHIN_S = 15.0
 """A system is waited for so long in all; an arm brakes in a fraction of a second."""
@@ -65,7 +63,7 @@ def run_stop(args: StopArgs) -> int:
 
 def exit_code(said: Sequence[Stopped]) -> int:
     """0 where each system confirmed everything, 3 where one did not."""
-    return EXIT_ALL_STAND if all(stopped.stands for stopped in said) else EXIT_NOT_ALL
+    return 0 if all(stopped.stands for stopped in said) else EXIT_OTHERWISE
 
 
 async def stop_all(
@@ -137,7 +135,8 @@ async def ask_on_bus(system: RunningSystem, skill: Skill[[], None], found_within
     async with join_bus(system.bus, TimeBase.MACHINE) as bus:
         if not await bus.transport.wait_for(skill.component, found_within_s):
             return Answer(confirmed=False, text=unreachable)
-        outcome = await with_calls_told(bus.transport, bus.clock).call(skill)
+        with calls_published(bus.transport, bus.clock):
+            outcome = await bus.transport.call(skill)
         return Answer(confirmed=isinstance(outcome, Succeeded), text=in_words(outcome))
 
 
@@ -152,7 +151,9 @@ async def _end_task(system: RunningSystem, found_within_s: float) -> Answer:
 async def _told_to_end(bus: JoinedBus, found_within_s: float) -> Answer:
     if not await bus.transport.wait_for(STOP_TASK.component, found_within_s):
         return Answer(confirmed=False, text="its decision process does not answer, so its task was not ended")
-    match await with_calls_told(bus.transport, bus.clock).call(STOP_TASK):
+    with calls_published(bus.transport, bus.clock):
+        ended = await bus.transport.call(STOP_TASK)
+    match ended:
         case Succeeded(result=ran):
             return Answer(confirmed=True, text="its task is ending" if ran else "it has no task to end")
         case outcome:

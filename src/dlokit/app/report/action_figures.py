@@ -23,7 +23,8 @@ from dlokit.app.report.drawing import (
     draw_table,
     new_figure,
 )
-from dlokit.system.results.run_record import ActionShape, RunRecord
+from dlokit.decision.records import ActionRecord
+from dlokit.system.results.run_record import RunRecord
 from dlokit.system.results.run_result import ActionResult
 from dlokit.types.arrays import Float64Array
 
@@ -60,7 +61,7 @@ def views_across(count: int) -> int:
     return 3 if count <= 6 else 4
 
 
-def _view(axes: Axes, goal_world: Float64Array, action: ActionShape, row: ActionResult) -> None:
+def _view(axes: Axes, goal_world: Float64Array, action: ActionRecord, row: ActionResult) -> None:
     """One action: shapes and path on the table."""
     clear(axes)
     draw_table(axes)

@@ -79,8 +79,8 @@ def error_curve(record: RunRecord) -> str:
     figure, axes = new_figure(7.4, 6.2)
     result = record.result
     estimates = [(row.action, row.rmse_m * 1000.0) for row in result.history]
-    if record.start_rmse_m is not None:
-        estimates.insert(0, (0, record.start_rmse_m * 1000.0))
+    if record.result.start_rmse_m is not None:
+        estimates.insert(0, (0, record.result.start_rmse_m * 1000.0))
     truths = [(row.action, row.true_rmse_m * 1000.0) for row in result.history if row.true_rmse_m is not None]
     threshold_mm = result.threshold_m * 1000.0
     axes.axhline(

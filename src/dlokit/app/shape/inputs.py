@@ -7,14 +7,12 @@ import numpy as np
 
 from dlokit import geometry
 from dlokit.description import shapes
+from dlokit.description.shapes import LENGTH_TOLERANCE
 from dlokit.description.table import TABLE_X_M, TABLE_Y_M
 from dlokit.errors import ShapeError
 from dlokit.types.arrays import Float64Array
 
 RANDOM = "random"
-LENGTH_TOLERANCE = 0.02
-"""A shape may be that much longer or shorter than the rope: what a hand-drawn or measured curve is off by. 2 % of
-0.5 m puts the ends 5 mm off if everything else fits, less than half of the paper's threshold."""
 MAX_LIFT_M = 0.05
 """A shape that rises higher above the table than this is not one that lies on it [m]."""
 _MILLIMETRES_OVER_M = 5.0  # a rope longer than this on a table of 0.7 m was not given in metres

@@ -13,6 +13,7 @@ import numpy as np
 from dlokit.app.shape.inputs import is_file_name, shape_from_text
 from dlokit.communication.strategies import NamedConfig, StrategyKind
 from dlokit.decision.records import GoalRequest
+from dlokit.description import shapes
 from dlokit.description.dlo import preset
 from dlokit.errors import ConfigError
 from dlokit.functional.cell.dlo_physics import PHYSICS
@@ -80,9 +81,6 @@ def _chosen(kind: StrategyKind[C], flag: str, name: str, before: C) -> C:
     return before if type(before) is wanted else wanted()
 
 
-_CURVE_POINTS = 101  # start and goal are kept finer than either rod and resampled by each
-
-
 def job_from_config(config: RunConfig) -> ShapeJob:
     """Read, draw or look up start and goal. Raises `ShapeError`.
 
@@ -134,7 +132,7 @@ def _shape(
     return shape_from_text(
         text,
         length_m=length_m,
-        count=_CURVE_POINTS,
+        count=shapes.CURVE_POINTS,
         radius_m=radius_m,
         rng=rng,
         fit_length=config.fit_length,

@@ -10,7 +10,7 @@ MEANINGS: Mapping[RunOutcome, str] = {
     RunOutcome.CONVERGED: "The DLO has the shape that was asked for.",
     RunOutcome.STALLED: "Further actions did not bring the DLO nearer to the goal.",
     RunOutcome.INFEASIBLE: "The goal cannot be reached from here, or no grasp was possible.",
-    RunOutcome.BUDGET: "The actions or the time allowed were used up before the goal was reached.",
+    RunOutcome.BUDGET: "What was allowed (actions, time) was used up before the goal was reached.",
     RunOutcome.CANCELLED: "The run was stopped before its end.",
     RunOutcome.FAILED: "Something went wrong that the run could not recover from.",
 }

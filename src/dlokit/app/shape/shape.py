@@ -15,6 +15,7 @@ from dlokit.app.shape.job import chosen_settings, config_file_of, job_from_confi
 from dlokit.app.shape.preflight import check_before_start, prepare
 from dlokit.app.shape.terminal import RunDisplay
 from dlokit.communication.strategies import NamedConfig, StrategyKind
+from dlokit.errors import EXIT_OTHERWISE
 from dlokit.evaluation.judged_run import judged_run
 from dlokit.skills.observer.strategies import OBSERVERS
 from dlokit.skills.perception.segmentations import SEGMENTATIONS
@@ -27,8 +28,6 @@ from dlokit.system.shaping import ShapeJob
 from dlokit.types.flow import RunOutcome
 
 RUNS = Path("runs")
-EXIT_CONVERGED = 0
-EXIT_ENDED_OTHERWISE = 3
 _DRAG = "Open it in a browser, drag the three frames to the goal you want, and press “Shape it”."
 
 C = TypeVar("C", bound=NamedConfig)
@@ -120,7 +119,7 @@ def run_and_report(config: RunConfig, job: ShapeJob, folder: Path, console: Cons
     report = write_report(folder, record)
     nearest = folder / NEAREST_FILE_NAME
     display.finish(record.result, report, nearest if nearest.exists() else None)
-    return EXIT_CONVERGED if record.result.outcome is RunOutcome.CONVERGED else EXIT_ENDED_OTHERWISE
+    return 0 if record.result.outcome is RunOutcome.CONVERGED else EXIT_OTHERWISE
 
 
 def _defaults(arguments: Sequence[str]) -> ShapeArgs:

@@ -1,4 +1,4 @@
-"""A bus that is disturbed: messages come late, altered, or not at all. Between zenoh and transport, in a bench.
+"""A bus that is disturbed: messages come late, or not at all. Between zenoh and transport, in a bench.
 
 Whether it is, and how, stands in a file that the bench writes while a run goes on: so all its processes are disturbed
 at the same time, also those that are started meanwhile.
@@ -7,7 +7,6 @@ at the same time, also those that are started meanwhile.
 import enum
 import logging
 import queue
-import random
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -23,8 +22,6 @@ log = logging.getLogger(__name__)
 
 FILE_NAME = "disturbance"
 LATE_S = 0.5
-ALTERED = 0.01
-"""The part of all messages that is altered, in one byte each."""
 LOOK_EVERY_S = 0.01
 FEEDBACK = tuple(f"topic/{topic.name}" for topic in (topics.ARM_STATE, topics.ROBOT_STATE))
 """How the keys begin of what arms tell."""
@@ -35,7 +32,6 @@ class Disturbance(enum.Enum):
 
     NONE = ""
     LATE = "late"
-    ALTERED = "altered"
     NO_FEEDBACK = "no_feedback"
     """No arm's feedback reaches its driver, nor an arm's published state another arm; all else arrives."""
 
@@ -43,9 +39,8 @@ class Disturbance(enum.Enum):
 class Line:
     """What one process sends, in order: at once, or late while the bus is disturbed so."""
 
-    def __init__(self, file: Path, rng: random.Random) -> None:
+    def __init__(self, file: Path) -> None:
         self._file = file
-        self._rng = rng
         self._lock = threading.Lock()
         self._looked_s = 0.0
         self._kind = Disturbance.NONE
@@ -62,16 +57,6 @@ class Line:
                 self._late.put((time.monotonic() + late_s, how))
                 return
         how()
-
-    def altered(self, payload: Any) -> Any:
-        """The payload, or now and then one of which a byte is another."""
-        with self._lock:
-            if payload is None or self._now() is not Disturbance.ALTERED or self._rng.random() >= ALTERED:
-                return payload
-            data = bytearray(bytes(payload))
-            if data:
-                data[self._rng.randrange(len(data))] ^= self._rng.randrange(1, 256)
-            return bytes(data)
 
     def drops_feedback(self) -> bool:
         """Whether feedback of arms is to be dropped now."""
@@ -112,11 +97,11 @@ def kind_in(file: Path) -> Disturbance:
         return Disturbance.NONE
 
 
-def disturbed_by(file: Path, seed: int) -> Callable[[ZenohConfig], zenoh.Session]:
+def disturbed_by(file: Path) -> Callable[[ZenohConfig], zenoh.Session]:
     """What opens sessions that are disturbed as the file says."""
 
     def open_disturbed(config: ZenohConfig) -> zenoh.Session:
-        session = _Session(open_session(config), Line(file, random.Random(seed)))
+        session = _Session(open_session(config), Line(file))
         return cast(zenoh.Session, session)
 
     return open_disturbed
@@ -151,12 +136,9 @@ class _Session:
         return self._session.declare_queryable(key, lambda query: handler(_Query(query, self._line)))
 
     def put(self, key: str, payload: Any, **how: Any) -> None:
-        altered = self._line.altered(payload)
-        self._line.send(lambda: self._session.put(key, altered, **how))
+        self._line.send(lambda: self._session.put(key, payload, **how))
 
     def get(self, key: str, handler: Any, **how: Any) -> None:
-        if "payload" in how:
-            how["payload"] = self._line.altered(how["payload"])
         self._line.send(lambda: self._session.get(key, handler, **how))
 
 
@@ -166,8 +148,7 @@ class _Publisher:
         self._line = line
 
     def put(self, payload: Any, **how: Any) -> None:
-        altered = self._line.altered(payload)
-        self._line.send(lambda: self._publisher.put(altered, **how))
+        self._line.send(lambda: self._publisher.put(payload, **how))
 
 
 class _Subscriber:
@@ -200,8 +181,7 @@ class _Query:
         return getattr(self._query, name)
 
     def reply(self, key: Any, payload: Any, **how: Any) -> None:
-        altered = self._line.altered(payload)
-        self._line.send(lambda: self._query.reply(key, altered, **how))
+        self._line.send(lambda: self._query.reply(key, payload, **how))
 
     def drop(self) -> None:
         self._line.send(self._query.drop)

@@ -2,11 +2,10 @@
 
 if __name__ == "__main__":
     # Here, because the workers of a process import its entry point anew, and need none of this.
-    import os
     import sys
     from pathlib import Path
 
     from dlokit.bench.faults.disturbance import disturbed_by
     from dlokit.system.processes.child import component_of_run, run_child
 
-    run_child(component_of_run, disturbed_by(Path(sys.argv[1]), os.getpid()))
+    run_child(component_of_run, disturbed_by(Path(sys.argv[1])))

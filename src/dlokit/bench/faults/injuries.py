@@ -98,7 +98,7 @@ class SlippedGrasp:
 
 @dataclass(frozen=True)
 class Disturbed:
-    """All messages and calls of the run come late, or some of them altered; the run must be started for it."""
+    """All messages and calls of a run come late, or feedback does not arrive; the run must be started for it."""
 
     kind: Disturbance
 

@@ -105,8 +105,6 @@ FAULTS: tuple[Fault, ...] = (
     Fault(name="slip-grasp",        what="the DLO falls out of the fingers", injury=SlippedGrasp, when=(HOLDING,)),
     Fault(name="delay-messages",    what="all messages and calls come 500 ms late, for 10 s",
           injury=partial(Disturbed, Disturbance.LATE), over_after_s=LATE_FOR_S, disturbed=True),
-    Fault(name="corrupt-messages",  what="a byte of 1 % of all messages and calls is altered, to the end",
-          injury=partial(Disturbed, Disturbance.ALTERED), disturbed=True),
     Fault(name="fill-disk",         what="the recording may not grow any more", injury=FullDisk),
 )
 # fmt: on

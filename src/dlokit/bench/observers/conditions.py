@@ -129,9 +129,7 @@ def behind_itself(line_world: Float64Array, radius_m: float, camera: CameraCalib
     A point is hidden when the ray to the side of it that faces the camera goes through the rod elsewhere. So a steep
     part that comes straight at the camera does not hide itself, as none of its middle but all of its side is seen.
     """
-    T = camera.T_world_camera
-    R = rotation(T)
-    line = (line_world - T.position_m) @ R
+    line = in_camera(line_world, camera)
     along = tangents(line)
     facing = -line + np.sum(line * along, axis=1, keepdims=True) * along
     surface = line + radius_m * facing / np.maximum(np.linalg.norm(facing, axis=1, keepdims=True), 1e-12)

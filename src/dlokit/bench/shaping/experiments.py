@@ -7,15 +7,10 @@ import numpy as np
 from dlokit import geometry
 from dlokit.description import shapes
 from dlokit.description.dlo import DloPreset
+from dlokit.description.shapes import CURVE_POINTS, RAMP_M
 from dlokit.rod.believed import BeliefConfig
 from dlokit.system.config import RunConfig, with_dlo
 from dlokit.types.arrays import Float64Array
-
-CURVE_POINTS = 101
-"""Starts and goals are finer than either rod, and resampled by each."""
-RAMP_M = 0.025
-"""Length over which the curvature of a bend rises from zero [m], as in the built-in S: a jump would take a shear
-force that friction cannot give."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -52,14 +52,14 @@ def is_hopeless(run: RunResult) -> bool:
     return said is not None and said is not Standing.HOLDS and run.outcome is not RunOutcome.CONVERGED
 
 
-def idle_actions(run: RunResult, changed_m: float = TaskConfig.changed_m) -> int:
-    """Actions at its end that brought no new best error, better by `changed_m` [m]."""
+def idle_actions(run: RunResult) -> int:
+    """Actions at its end that brought no new best error, better by what the task takes for a change."""
     errors = [row.rmse_m for row in run.history]
     if run.start_rmse_m is not None:
         errors.insert(0, run.start_rmse_m)
     if not errors:
         return 0
-    return len(errors) - 1 - _last_progress(errors, changed_m)
+    return len(errors) - 1 - _last_progress(errors, TaskConfig.changed_m)
 
 
 def _last_progress(errors_m: Sequence[float], changed_m: float) -> int:

@@ -5,7 +5,7 @@ from collections.abc import AsyncGenerator, Generator
 from contextlib import asynccontextmanager, contextmanager
 from pathlib import Path
 
-from dlokit.description.shapes import builtin_shape
+from dlokit.description.shapes import CURVE_POINTS, builtin_shape
 from dlokit.system.build import instances_of_run
 from dlokit.system.config import CONFIG_FILE, RunConfig
 from dlokit.system.live import LiveSystem, live_system, namespace_of
@@ -49,7 +49,7 @@ async def arm_and_cell(run: RunConfig, folder: Path, command: tuple[str, ...] = 
     `command` starts each of the processes.
     """
     dlo = run.cell.dlo
-    write_start(folder, builtin_shape("I", dlo.length_m, 101, radius_m=dlo.radius_m))
+    write_start(folder, builtin_shape("I", dlo.length_m, CURVE_POINTS, radius_m=dlo.radius_m))
     config_file = folder / CONFIG_FILE
     config_file.write_text(to_toml(run), encoding="utf-8")
     launch = Launch(

@@ -23,7 +23,7 @@ class Clock(Protocol):
         """Wait for `duration_s` on this clock."""
         ...
 
-    def timeout(self, duration_s: float) -> AbstractAsyncContextManager[asyncio.Timeout]:
+    def timeout(self, duration_s: float, /) -> AbstractAsyncContextManager[asyncio.Timeout]:
         """Like `asyncio.timeout`, on this clock: its body is cancelled and `TimeoutError` raised."""
         ...
 
@@ -43,9 +43,8 @@ class LoopClock:
         """Wait for `duration_s`."""
         await asyncio.sleep(duration_s)
 
-    def timeout(self, duration_s: float) -> asyncio.Timeout:
-        """A limit of `duration_s`."""
-        return asyncio.timeout(duration_s)
+    timeout = staticmethod(asyncio.timeout)
+    """A limit [s]."""
 
 
 class FollowedClock:

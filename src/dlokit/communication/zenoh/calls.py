@@ -17,8 +17,6 @@ from dlokit.communication.skill import Skill
 from dlokit.communication.timing.urgency import threads_urgent
 from dlokit.communication.transport import CallHandler, Report
 from dlokit.communication.wire import codec
-from dlokit.communication.wire.envelope import AnswerKind, label_of, mark_of, read_label, read_mark
-from dlokit.communication.zenoh.connection import LoopDoor
 from dlokit.errors import CommunicationError
 from dlokit.types.outcome import Rejected
 
@@ -34,66 +32,51 @@ CALLS_REMEMBERED = 64
 """Cancelled calls whose request has not arrived yet, that are remembered."""
 
 
-ATTEMPTS = 5
-"""A call that came altered, or whose answer did, is sent again under its number: it runs once all the same."""
+OUTCOME, PROGRESS = b"outcome", b"progress"
+"""What goes beside an answer: which of the two it is."""
 
 
 def ask(
-    session: zenoh.Session, door: LoopDoor, skill: Skill[..., Any], request: bytes, call_id: str, report: Report
+    session: zenoh.Session,
+    loop: asyncio.AbstractEventLoop,
+    skill: Skill[..., Any],
+    request: bytes,
+    call_id: str,
+    report: Report,
 ) -> "asyncio.Future[bytes | None]":
     """The encoded outcome to come; None when nobody answers. Cancelling it does not cancel the skill: see `cancel`."""
-    answered: asyncio.Future[bytes | None] = asyncio.get_running_loop().create_future()
+    answered: asyncio.Future[bytes | None] = loop.create_future()
 
     def settle(answer: bytes | None) -> None:
         if not answered.done():
             answered.set_result(answer)
 
-    def attempt(left: int) -> None:
-        altered, came = False, False
-
-        def on_reply(reply: zenoh.Reply) -> None:
-            nonlocal altered, came
-            if reply.ok is None or reply.ok.attachment is None:
-                return
-            answer = reply.ok.payload.to_bytes()
-            match read_mark(reply.ok.attachment.to_bytes(), answer):
-                case AnswerKind.OUTCOME:
-                    came = True
-                    door.call(settle, answer)
-                case AnswerKind.PROGRESS:
-                    door.call(report, answer)
-                case AnswerKind.ALTERED:
-                    altered = True
-                case None:
-                    log.debug("an answer of %s cannot be read", skill.key)
-
-        def on_end() -> None:
-            if came:
-                return
-            if altered and left > 0:
-                log.warning("a call to %s, or its answer, was altered on its way; it is sent again", skill.key)
-                door.call(attempt, left - 1)
-            else:
-                door.call(settle, None)
-
-        if answered.done():
+    def on_reply(reply: zenoh.Reply) -> None:
+        if reply.ok is None:
             return
-        try:
-            session.get(
-                f"call/{skill.component}/{skill.name}",
-                # On zenoh's own thread: both only wake the loop, and a thread for every call costs 0.7 ms.
-                zenoh.handlers.Callback(on_reply, on_end, indirect=False),
-                payload=request,
-                attachment=label_of(call_id, request),
-                timeout=NETWORK_LIMIT_S,
-                # The answer goes to the loop at once, not when the query has ended.
-                consolidation=zenoh.ConsolidationMode.NONE,
-            )
-        except zenoh.ZError as error:
-            log.warning("a call to %s could not be sent: %s", skill.key, error)
-            settle(None)
+        kind, answer = reply.ok.attachment, reply.ok.payload.to_bytes()
+        if kind is not None and kind.to_bytes() == PROGRESS:
+            loop.call_soon_threadsafe(report, answer)
+        else:
+            loop.call_soon_threadsafe(settle, answer)
 
-    attempt(ATTEMPTS - 1)
+    def on_end() -> None:
+        loop.call_soon_threadsafe(settle, None)
+
+    try:
+        session.get(
+            f"call/{skill.component}/{skill.name}",
+            # On zenoh's own thread: both only wake the loop, and a thread for every call costs 0.7 ms.
+            zenoh.handlers.Callback(on_reply, on_end, indirect=False),
+            payload=request,
+            attachment=call_id.encode(),
+            timeout=NETWORK_LIMIT_S,
+            # The answer goes to the loop at once, not when the query has ended.
+            consolidation=zenoh.ConsolidationMode.NONE,
+        )
+    except zenoh.ZError as error:
+        log.warning("a call to %s could not be sent: %s", skill.key, error)
+        settle(None)
     return answered
 
 
@@ -103,7 +86,7 @@ def send(session: zenoh.Session, skill: Skill[..., Any], request: bytes, call_id
         f"call/{skill.component}/{skill.name}",
         zenoh.handlers.Callback(lambda reply: None, indirect=False),
         payload=request,
-        attachment=label_of(call_id, request),
+        attachment=call_id.encode(),
         timeout=SENT_LIMIT_S,
         priority=zenoh.Priority.REAL_TIME,
         express=True,
@@ -125,12 +108,12 @@ class CallServer:
         component: str,
         handler: CallHandler,
         cancelled: bytes,
-        door: LoopDoor,
+        loop: asyncio.AbstractEventLoop,
     ) -> None:
         """`cancelled` is the encoded outcome of a call that was cancelled."""
         self._handler = handler
         self._cancelled = cancelled
-        self._door = door
+        self._loop = loop
         self._tasks: dict[str, asyncio.Task[None]] = {}
         self._cancelled_early: deque[str] = deque(maxlen=CALLS_REMEMBERED)
         self._closing = False
@@ -165,17 +148,20 @@ class CallServer:
         if payload is None or attachment is None:
             query.drop()
             return
-        request, label = payload.to_bytes(), read_label(attachment.to_bytes())
-        if label.fits(request):
-            self._door.call(self._start, query, request, label.call_id)
-        else:
-            _reply(query, b"", AnswerKind.ALTERED)
+        self._loop.call_soon_threadsafe(
+            self._start, query, payload.to_bytes(), attachment.to_bytes().decode(errors="replace")
+        )
 
     def _start(self, query: zenoh.Query, request: bytes, call_id: str) -> None:
         if self._closing:
             query.drop()
             return
-        if not _came_by_its_key(query, request):
+        try:
+            named = codec.decode(request, _Named).skill
+        except CommunicationError:
+            named = None  # the handler says what is wrong with it
+        # Access control has looked at the key alone: a host that may stop an arm may not move it by the same key.
+        if named is not None and named != str(query.key_expr).rpartition("/")[2]:
             log.error("a call is rejected that names another skill than its key %s", query.key_expr)
             _reply(query, _WRONG_KEY)
             return
@@ -197,7 +183,7 @@ class CallServer:
 
     def _on_cancel(self, sample: zenoh.Sample) -> None:
         call_id = sample.payload.to_bytes().decode(errors="replace")
-        self._door.call(self._cancel, call_id)
+        self._loop.call_soon_threadsafe(self._cancel, call_id)
 
     def _cancel(self, call_id: str) -> None:
         task = self._tasks.get(call_id)
@@ -217,29 +203,21 @@ _WRONG_KEY = codec.encode(
 
 
 class _Named(msgspec.Struct):
-    """Of a call, which skill is meant; the rest is read by whoever handles it."""
+    """Of a call, which skill is meant; the handler reads the rest."""
 
     skill: str
 
 
-def _came_by_its_key(query: zenoh.Query, request: bytes) -> bool:
-    """Access control has looked at the key alone: whoever may stop an arm may not move it by the same key."""
-    try:
-        return codec.decode(request, _Named).skill == str(query.key_expr).rpartition("/")[2]
-    except CommunicationError:
-        return True  # whoever handles it says what is wrong with it
-
-
 def _tell(query: zenoh.Query, progress: bytes) -> None:
     try:
-        query.reply(query.key_expr, progress, attachment=mark_of(AnswerKind.PROGRESS, progress))
+        query.reply(query.key_expr, progress, attachment=PROGRESS)
     except zenoh.ZError as error:
         log.warning("progress could not be sent: %s", error)
 
 
-def _reply(query: zenoh.Query, answer: bytes, kind: AnswerKind = AnswerKind.OUTCOME) -> None:
+def _reply(query: zenoh.Query, answer: bytes) -> None:
     try:
-        query.reply(query.key_expr, answer, attachment=mark_of(kind, answer))
+        query.reply(query.key_expr, answer, attachment=OUTCOME)
     except zenoh.ZError as error:
         log.warning("an answer could not be sent: %s", error)
     finally:

@@ -6,14 +6,12 @@ from collections.abc import Callable
 
 import zenoh
 
-from dlokit.communication.zenoh.connection import LoopDoor
-
 
 class Presence:
     """The components seen on the bus. Zenoh notes from its own threads; everybody may ask."""
 
-    def __init__(self, session: zenoh.Session, door: LoopDoor) -> None:
-        self._door = door
+    def __init__(self, session: zenoh.Session, loop: asyncio.AbstractEventLoop) -> None:
+        self._loop = loop
         self._lock = threading.Lock()
         self._tokens: dict[tuple[str, str], None] = {}  # component and process, the newest last
         self._ever: set[str] = set()
@@ -36,10 +34,10 @@ class Presence:
         with self._lock:
             return sum(name == component for name, _ in self._tokens)
 
-    def had(self, component: str) -> bool:
-        """Whether the component has ever been there."""
-        with self._lock:
-            return component in self._ever
+    async def found(self, component: str, timeout_s: float) -> None:
+        """Wait for a component that was never there, for at most `timeout_s`: peers take time to find each other."""
+        if component not in self._ever:
+            await self.wait_for(component, timeout_s)
 
     async def wait_for(self, component: str, timeout_s: float) -> bool:
         """Wait until it is there, for at most `timeout_s` of the machine's time; whether it is."""
@@ -60,16 +58,18 @@ class Presence:
                 self._ever.add(name)
             else:
                 self._tokens.pop((name, identity), None)
-        self._door.call(self._changed.set)
+        self._loop.call_soon_threadsafe(self._changed.set)
 
 
-def watch_callers(session: zenoh.Session, door: LoopDoor, gone: Callable[[str], None]) -> "zenoh.Subscriber[None]":
+def watch_callers(
+    session: zenoh.Session, loop: asyncio.AbstractEventLoop, gone: Callable[[str], None]
+) -> "zenoh.Subscriber[None]":
     """Tell `gone`, on the loop, of every caller's session that has ended, however it did."""
 
     def on_token(sample: zenoh.Sample) -> None:
         if sample.kind == zenoh.SampleKind.DELETE:
             identity = str(sample.key_expr).rpartition("/")[2]
-            door.call(gone, identity)
+            loop.call_soon_threadsafe(gone, identity)
 
     # With those that are there already: zenoh tells nothing of the end of a token that it has not told of.
     return session.liveliness().declare_subscriber("caller/*", on_token, history=True)

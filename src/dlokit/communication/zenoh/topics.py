@@ -5,7 +5,6 @@ one, and announces itself by a liveliness token. A reader asks whoever it sees a
 themselves as well; the tokens name the schema, so that each end knows of another version at the other.
 """
 
-import asyncio
 import logging
 import threading
 import weakref
@@ -65,7 +64,7 @@ class TopicWriter:
         """Send to all readers; from any thread."""
         with self._lock:
             codec.encode_into(message, self._buffer)
-            payload, envelope = zenoh.ZBytes(self._buffer), seal(self._schema, self._buffer)
+            payload, envelope = zenoh.ZBytes(self._buffer), seal(self._schema)
             self._last = (payload, envelope)
             self._publisher.put(payload, attachment=envelope)
 
@@ -84,10 +83,10 @@ class TopicReader(Generic[T]):
     was busy fetches them itself. Decoding is the loop's, and only of what is still wanted by then.
     """
 
-    def __init__(self, connection: Connection, topic: Topic[T], loop: asyncio.AbstractEventLoop) -> None:
+    def __init__(self, connection: Connection, topic: Topic[T]) -> None:
         self._connection = connection
         self._topic = topic
-        self._loop = loop
+        self._loop = connection.loop
         self._every = isinstance(topic.policy, Every)
         depth = topic.policy.depth if isinstance(topic.policy, Every) else 1
         self._schema = fingerprint(topic.type)
@@ -141,7 +140,7 @@ class TopicReader(Generic[T]):
             letter = self._letter(sample)
             if letter is not None:
                 self._box.append(letter)
-                self._connection.door.call(self._drain)
+                self._connection.loop.call_soon_threadsafe(self._drain)
 
     def _letter(self, sample: zenoh.Sample) -> Letter | None:
         try:
@@ -184,7 +183,7 @@ class TopicReader(Generic[T]):
         def on_reply(reply: zenoh.Reply) -> None:
             letter = None if reply.ok is None else self._letter(reply.ok)
             if letter is not None:
-                self._connection.door.call(self._take_last, letter, known)
+                self._connection.loop.call_soon_threadsafe(self._take_last, letter, known)
 
         self._connection.session.get(f"last/{self._topic.name}", on_reply, timeout=ASK_TIMEOUT_S)
 
@@ -222,14 +221,12 @@ class TopicReader(Generic[T]):
 
 
 def unpacked(sample: zenoh.Sample, schema: bytes, limit: int) -> tuple[Envelope, bytes]:
-    """Envelope and bytes of a message. Raises `CommunicationError`: another version's, altered, or too long."""
+    """Envelope and bytes of a message. Raises `CommunicationError`: another version's, or too long."""
     attachment, payload = sample.attachment, sample.payload
     envelope = opened(None if attachment is None else attachment.to_bytes(), schema)
     if len(payload) > limit:
         raise CommunicationError(f"a message of {len(payload)} bytes refused; the longest allowed has {limit}")
-    data = payload.to_bytes()
-    envelope.require_unaltered(data)
-    return envelope, data
+    return envelope, payload.to_bytes()
 
 
 def watch_schemas(
@@ -242,8 +239,8 @@ def watch_schemas(
             return
         theirs = str(sample.key_expr).split("/")[-2]
         if theirs != ours.hex():
-            connection.door.call(connection.refusals.note, topic, mismatch(theirs, ours))
+            connection.loop.call_soon_threadsafe(connection.refusals.note, topic, mismatch(theirs, ours))
         elif came is not None:
-            connection.door.call(came)
+            connection.loop.call_soon_threadsafe(came)
 
     return connection.session.liveliness().declare_subscriber(f"{who}/{topic}/*/*", on_token, history=True)

@@ -1,15 +1,14 @@
 """The bus between processes, over zenoh."""
 
 import asyncio
-import itertools
 import logging
 from collections.abc import Callable, Mapping
 from typing import Any, ParamSpec, TypeVar
 
 import zenoh
 
-from dlokit.communication.calls import decode_answer, decoding, encode_call, unheard
-from dlokit.communication.skill import ReportingSkill, Skill
+from dlokit.communication.calls import SkillCaller, encode_call
+from dlokit.communication.skill import Skill
 from dlokit.communication.timing.clock import Clock, LoopClock
 from dlokit.communication.timing.urgency import threads_urgent
 from dlokit.communication.topic import Topic
@@ -18,18 +17,16 @@ from dlokit.communication.wire import codec
 from dlokit.communication.wire.schema import fingerprint
 from dlokit.communication.zenoh import calls
 from dlokit.communication.zenoh.calls import CallServer
-from dlokit.communication.zenoh.connection import Connection, LoopDoor, Refusals
+from dlokit.communication.zenoh.connection import Connection, Refusals
 from dlokit.communication.zenoh.liveness import Presence, announce_caller, watch_callers
 from dlokit.communication.zenoh.session import OpenSession, ZenohConfig, open_session
 from dlokit.communication.zenoh.topics import TopicReader, TopicWriter, unpacked
 from dlokit.errors import CommunicationError
 from dlokit.types.message import Message
-from dlokit.types.outcome import Cancelled, Outcome, Rejected, TimedOut, Unreachable
+from dlokit.types.outcome import Cancelled, Rejected, TimedOut, Unreachable
 
 T = TypeVar("T", bound=Message)
 P = ParamSpec("P")
-R = TypeVar("R")
-Q = TypeVar("Q")
 
 CALL_MARGIN_S = 0.5
 """A caller waits this much longer than the called one may run, so that the called one's answer comes first."""
@@ -49,7 +46,7 @@ THREAD_PATIENCE_S = 2.0
 log = logging.getLogger(__name__)
 
 
-class ZenohTransport:
+class ZenohTransport(SkillCaller):
     """Publish, read and call between processes. Made and used on a running event loop; close it there.
 
     A caller whose session ends, because it is closed or its process is killed, has its running calls cancelled.
@@ -62,24 +59,17 @@ class ZenohTransport:
         self._loop = asyncio.get_running_loop()
         self._clock: Clock = clock or LoopClock()
         self._session = open_session(config)
-        self._identity = str(self._session.zid())
-        self._call_ids = itertools.count(1)
+        super().__init__(identity=str(self._session.zid()))
         self._writers: dict[str, TopicWriter] = {}
         self._readers: dict[str, TopicReader[Any]] = {}
         self._servers: dict[str, CallServer] = {}
         self._taps: list[zenoh.Subscriber[Any]] = []
-        self._door = LoopDoor()
         self._refusals = Refusals()
-        self._connection = Connection(self._session, self._door, self._refusals)
-        self._presence = Presence(self._session, self._door)
+        self._connection = Connection(self._session, self._loop, self._refusals)
+        self._presence = Presence(self._session, self._loop)
         self._closed = False
         self._calling = announce_caller(self._session)
-        self._callers = watch_callers(self._session, self._door, self._caller_gone)
-
-    @property
-    def identity(self) -> str:
-        """The session's own."""
-        return self._identity
+        self._callers = watch_callers(self._session, self._loop, self._caller_gone)
 
     def publish(self, topic: Topic[T], message: T) -> None:
         """Send a message to all readers in all processes."""
@@ -121,34 +111,26 @@ class ZenohTransport:
 
     def send(self, skill: Skill[P, Any], *args: P.args, **kwargs: P.kwargs) -> None:
         """From any thread, past the loop: for what must get through while the loop is busy."""
-        call_id = f"{self._identity}-{next(self._call_ids)}"
-        request = encode_call(skill, call_id, self._identity, *args, **kwargs)
+        call_id = f"{self.identity}-{next(self._call_numbers)}"
+        request = encode_call(skill, call_id, self.identity, *args, **kwargs)
         if not isinstance(request, Rejected):
             calls.send(self._session, skill, request, call_id)
 
-    async def call(self, skill: Skill[P, R], *args: P.args, **kwargs: P.kwargs) -> Outcome[R]:
-        """Algorithm 1; a cancelled caller cancels the skill, and waits until it has stopped."""
-        return await self._call(skill, unheard, *args, **kwargs)
+    async def _deliver(
+        self, skill: Skill[..., Any], request: bytes, call_id: str, report: Report
+    ) -> bytes | TimedOut | Unreachable:
+        """By a query. A caller that gives up waits until the skill has stopped.
 
-    async def call_reported(
-        self, skill: ReportingSkill[P, R, Q], told: Callable[[Q], None], *args: P.args, **kwargs: P.kwargs
-    ) -> Outcome[R]:
-        """Like `call`, with progress; pieces that the network cannot take in time are dropped."""
-        return await self._call(skill, decoding(skill, told), *args, **kwargs)
-
-    async def _call(self, skill: Skill[P, R], report: Report, *args: P.args, **kwargs: P.kwargs) -> Outcome[R]:
-        call_id = f"{self._identity}-{next(self._call_ids)}"
-        request = encode_call(skill, call_id, self._identity, *args, **kwargs)
-        if isinstance(request, Rejected):
-            return request
+        Pieces of progress that the network cannot take in time are dropped.
+        """
         limit_s = skill.timeout_s + CALL_MARGIN_S
         asked: asyncio.Future[bytes | None] | None = None
         try:
             async with asyncio.timeout(SLOWEST_CLOCK * limit_s), self._clock.timeout(limit_s):
-                await self._find(skill.component)
+                await self._presence.found(skill.component, FOUND_PATIENCE_S)
                 if self._closed:
                     return Unreachable(component=skill.component)
-                asked = calls.ask(self._session, self._door, skill, request, call_id, report)
+                asked = calls.ask(self._session, self._loop, skill, request, call_id, report)
                 answer = await asyncio.shield(asked)
         except TimeoutError:
             await self._give_up(skill.component, call_id, asked)
@@ -156,7 +138,7 @@ class ZenohTransport:
         except asyncio.CancelledError:
             await self._give_up(skill.component, call_id, asked)
             raise
-        return Unreachable(component=skill.component) if answer is None else decode_answer(skill, answer)
+        return Unreachable(component=skill.component) if answer is None else answer
 
     def alive(self, component: str) -> Liveness:
         """By liveliness tokens: a killed process is known within milliseconds, a frozen one after 10 s."""
@@ -176,7 +158,7 @@ class ZenohTransport:
     def serve(self, component: str, handler: CallHandler) -> None:
         """Answer calls to `component`, from any process."""
         cancelled = codec.encode(Cancelled())
-        self._servers[component] = CallServer(self._session, component, handler, cancelled, self._door)
+        self._servers[component] = CallServer(self._session, component, handler, cancelled, self._loop)
 
     def _caller_gone(self, identity: str) -> None:
         for server in self._servers.values():
@@ -199,7 +181,6 @@ class ZenohTransport:
             reader.close()
         # Closing waits for callbacks, which may wait for the loop's thread: so it happens beside the loop.
         await asyncio.to_thread(self._leave)
-        self._door.close()
 
     def _leave(self) -> None:
         self._session.close()
@@ -210,15 +191,10 @@ class ZenohTransport:
     def _reader(self, topic: Topic[T]) -> TopicReader[T]:
         reader = self._readers.get(topic.name)
         if reader is None:
-            reader = self._readers[topic.name] = TopicReader(self._connection, topic, self._loop)
+            reader = self._readers[topic.name] = TopicReader(self._connection, topic)
             if self._closed:
                 reader.close()
         return reader
-
-    async def _find(self, component: str) -> None:
-        if not self.alive(component).alive and not self._presence.had(component):
-            # Just after the start, peers may not have found each other yet.
-            await self._presence.wait_for(component, FOUND_PATIENCE_S)
 
     async def _give_up(self, component: str, call_id: str, asked: "asyncio.Future[bytes | None] | None") -> None:
         if asked is not None:

@@ -197,8 +197,9 @@ PANDA_COLLISION: tuple[Capsule, ...] = (
 """Capsules around every link; they enclose the visual meshes to within 1 cm (3 cm at the foot of the base)."""
 
 PAD_CENTER_M: Vector = (0.0, 0.005, 0.045)
-PAD_HALF_SIZE_M: Vector = (0.009, 0.005, 0.0089)
-"""Fingertip as a box in the finger's frame; its inner face is at y = 0, so that both meet when the hand is shut."""
+PAD_HALF_SIZE_M: Vector = (0.009, 0.005, PANDA_FINGERTIP_BELOW_TCP_M)
+"""Fingertip as a box in the finger's frame, along z about the tool centre point; its inner face is at y = 0, so that
+both meet when the hand is shut."""
 
 
 def panda_mesh_file(link: str) -> Path:

@@ -11,7 +11,7 @@ from dlokit.description.arm.mounts import FIRST_ALONE, ArmMount
 from dlokit.description.arm.panda import PANDA_HOME_Q_RAD
 from dlokit.description.arm.panda_model import add_panda
 from dlokit.description.scene import add_lights, add_table, table_height_m
-from dlokit.description.shapes import CENTRE_M
+from dlokit.description.shapes import CENTRE_M, LENGTH_TOLERANCE
 from dlokit.errors import DlokitError, ShapeError
 from dlokit.functional.cell.arm import CellArm
 from dlokit.functional.cell.config import TICK_S, CellConfig
@@ -49,7 +49,6 @@ class TableFriction:
 
 
 _DIVERGED = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
-_LENGTH_TOLERANCE = 0.02  # of the DLO's length: what a hand-drawn curve may be off
 
 
 class Cell:
@@ -174,7 +173,7 @@ class Cell:
                 f"A start shape is (K, 2) or (K, 3) points in metres with K >= 2, not {curve_world.shape}."
             )
         length_m = float(geometry.arc_lengths(curve_world)[-1])
-        if not abs(length_m - dlo.length_m) <= _LENGTH_TOLERANCE * dlo.length_m:
+        if not abs(length_m - dlo.length_m) <= LENGTH_TOLERANCE * dlo.length_m:
             raise ShapeError(
                 f"The start shape is {length_m:.3f} m long and the {dlo.name} {dlo.length_m:.3f} m: "
                 "give a curve of that length."

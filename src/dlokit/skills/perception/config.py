@@ -83,8 +83,6 @@ class CloudConfig:
 class TableConfig:
     """The table: what it says of the camera's pose, and that nothing can be in it."""
 
-    height_m: float = 0.0
-    """Height of its top in the world [m]."""
     supports: bool = True
     """Whether the DLO cannot be below its top; turn it off for a DLO that may hang over the edge."""
     correct_pose: bool = True

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from dlokit.description.table import TABLE_TOP_M
 from dlokit.skills.perception.base import Segmentation, SegmentationConfig
 from dlokit.skills.perception.calibration import arm_outline
 from dlokit.skills.perception.calibration.table import camera_pose_from_table
@@ -65,13 +66,13 @@ def perceive(
     capsules = panda_capsules(robots)
     segmented = _segmented(pair.left, strategy)
     mask = _cleaned(segmented & _where_dlo_may_be(capsules, camera, config), config.smallest_patch_px)
-    disparity = StereoMatcher(config.stereo, config.table.height_m).match(
+    disparity = StereoMatcher(config.stereo).match(
         grey(pair.left), grey(pair.right), mask, _segmented(pair.right, strategy), camera
     )
     surface = np.zeros((0, 3)) if disparity is None else reproject(disparity, camera)
     keep = inside_box(surface, config.box)
     keep[keep] = robot_distance_m(surface[keep], capsules) > config.self_filter.space_margin_m
-    floor_m = config.table.height_m if config.table.supports else None
+    floor_m = TABLE_TOP_M if config.table.supports else None
     points = clean(to_centre_line(surface[keep], camera, dlo_radius_m, floor_m), config.cloud)
     return Look(
         observation=Observation(

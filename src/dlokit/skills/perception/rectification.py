@@ -6,6 +6,7 @@ import cv2
 import msgspec
 import numpy as np
 
+from dlokit.geometry.camera import camera_matrix
 from dlokit.types.arrays import Float32Array, UInt8Array
 from dlokit.types.image import CameraCalibration, StereoImages
 
@@ -49,7 +50,7 @@ def _maps(
     """The maps of one lens with coefficients k1, k2, p1, p2, k3; None for a lens without distortion."""
     if not any(lens):
         return None
-    K = np.array([[fx_px, 0.0, cx_px], [0.0, fy_px, cy_px], [0.0, 0.0, 1.0]])
+    K = camera_matrix(fx_px, fy_px, cx_px, cy_px)
     u, v = cv2.initUndistortRectifyMap(K, np.array(lens), np.eye(3), K, (width_px, height_px), cv2.CV_32FC1)
     return np.asarray(u, dtype=np.float32), np.asarray(v, dtype=np.float32)
 

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from dlokit.description.table import TABLE_TOP_M
 from dlokit.geometry.camera import PlaneDisparity, plane_disparity
 from dlokit.skills.perception.config import StereoConfig
 from dlokit.types.arrays import BoolArray, Float32Array, UInt8Array
@@ -41,11 +42,10 @@ class Disparity:
 
 
 class StereoMatcher:
-    """Finds the disparity of masked pixels, over a table whose top is at `table_height_m` in the world."""
+    """Finds the disparity of masked pixels, over the table."""
 
-    def __init__(self, config: StereoConfig, table_height_m: float = 0.0) -> None:
+    def __init__(self, config: StereoConfig) -> None:
         self._config = config
-        self._table_m = table_height_m
 
     def match(
         self,
@@ -63,7 +63,7 @@ class StereoMatcher:
         window = window_around(mask, 4 * self._config.block_px, lowest + count)
         if window is None:
             return None
-        plane = plane_disparity(camera, self._table_m)
+        plane = plane_disparity(camera, TABLE_TOP_M)
         raw = self._raw(
             _dimmed(left, mask, window, self._config.surroundings),
             _dimmed(right, mask_right, window, self._config.surroundings),
@@ -105,10 +105,10 @@ class StereoMatcher:
 
     def _search_range(self, camera: CameraCalibration) -> tuple[int, int]:
         """Lowest disparity relative to the table, and how many are searched [px]."""
-        table = plane_disparity(camera, self._table_m)
+        table = plane_disparity(camera, TABLE_TOP_M)
         corners = np.array([[0, 0], [1, 0], [0, 1], [1, 1]]) * [camera.width_px - 1, camera.height_px - 1]
         spans = [
-            plane_disparity(camera, self._table_m + height).at(corners[:, 0], corners[:, 1])
+            plane_disparity(camera, TABLE_TOP_M + height).at(corners[:, 0], corners[:, 1])
             - table.at(corners[:, 0], corners[:, 1])
             for height in (self._config.lowest_m, self._config.highest_m)
         ]

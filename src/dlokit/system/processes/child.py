@@ -16,14 +16,13 @@ from dlokit.communication.component import Component
 from dlokit.communication.container import Container, end_tasks
 from dlokit.communication.timing.urgency import garbage_frozen, may_be_urgent
 from dlokit.communication.zenoh.session import OpenSession, open_session
-from dlokit.errors import InputError, ProcessFailure
+from dlokit.errors import EXIT_BAD_INPUT, InputError, ProcessFailure
 from dlokit.system.build import Wiring, build_component
 from dlokit.system.config import RunConfig
 from dlokit.system.processes.bus import JoinedBus, join_bus
 from dlokit.system.processes.child_process import (
     BEAT,
     BEAT_PERIOD_S,
-    EXIT_BAD_INPUT,
     READY,
     STOP_GRACE_S,
     ChildSpec,

@@ -43,8 +43,6 @@ BEAT = b"."
 BEAT_PERIOD_S = 0.5
 """Heartbeat period, on the machine's clock."""
 
-EXIT_BAD_INPUT = 2
-"""A process ends with this when its configuration or machine cannot work; the last line of its log says why."""
 
 STOP_GRACE_S = 5.0
 """A process that is asked to end gets this long before it is killed: the arm brakes, files are closed."""

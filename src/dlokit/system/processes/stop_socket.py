@@ -33,10 +33,10 @@ class Answer(msgspec.Struct, frozen=True, kw_only=True):
     text: str
 
 
-def stop_socket(run_dir: Path, robot: str, notes: Path | None = None) -> Path:
+def stop_socket(run_dir: Path, robot: str) -> Path:
     """Where the process of a robot of a run listens. Raises `MachineError` where no socket can have that path."""
     digest = hashlib.sha256(str(run_dir.resolve()).encode()).hexdigest()[:16]
-    path = (notes or notes_folder()) / f"{digest}-{robot}.stop"
+    path = notes_folder() / f"{digest}-{robot}.stop"
     if len(str(path).encode()) > _LONGEST_PATH:
         raise MachineError(
             f"{path} is longer than the {_LONGEST_PATH} bytes that a socket may have: set TMPDIR to a shorter folder."

@@ -15,9 +15,9 @@ from typing import Any, TypeVar
 
 from dlokit.communication.container import end_tasks
 from dlokit.communication.zenoh.session import ZenohConfig
-from dlokit.errors import DlokitError, InputError, ProcessFailure
+from dlokit.errors import EXIT_BAD_INPUT, DlokitError, InputError, ProcessFailure
 from dlokit.skills.viewer.address import new_key
-from dlokit.system.processes.child_process import EXIT_BAD_INPUT, ChildProcess, ChildSpec
+from dlokit.system.processes.child_process import ChildProcess, ChildSpec
 from dlokit.system.processes.report import TOLD_EVERY_S, ProcessReport, ProcessState, SystemReport, write_report
 from dlokit.system.table import ProcessRow, Restart
 

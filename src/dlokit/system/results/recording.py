@@ -17,17 +17,14 @@ from dlokit import __version__
 from dlokit.communication.timing.clock import Clock, FollowedClock
 from dlokit.communication.topic import Topic
 from dlokit.communication.topics import TOPICS
-from dlokit.communication.transport import Transport
 from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.recording.call_log import CallLog
 from dlokit.recording.channels import (
     CALLS,
-    CALLS_BEGUN,
     FILE_NAME,
     IMAGE_FORMAT,
     IMAGE_QUALITY,
     IMAGES_PER_S,
-    SKILL_CALLS,
 )
 from dlokit.recording.recorder import Recorder
 from dlokit.system.build import instances_of_run
@@ -37,7 +34,7 @@ from dlokit.system.processes.running import RunningSystem, still_runs
 from dlokit.system.results.run_result import config_hash
 from dlokit.system.table import TimeBase
 from dlokit.system.toml_config import read_toml, to_toml
-from dlokit.types.outcome import CallBegun, CallRecord
+from dlokit.types.message import Message
 
 LIBRARIES = ("mcap", "mujoco", "numpy", "scipy", "numba", "daqp", "eclipse-zenoh", "msgspec")
 
@@ -123,27 +120,23 @@ def topics_of_run(config: RunConfig) -> list[Topic[Any]]:
     return [topic for row in rows for topic in (row, *(row.at(one) for one in others.get(row.publisher, ())))]
 
 
-def with_calls_recorded(transport: Transport, clock: Clock, recorder: Recorder | None) -> Transport:
-    """The same transport, whose calls the recorder is told of."""
-    if recorder is None:
-        return transport
-
-    def tell(call: CallBegun | CallRecord) -> None:
-        recorder.put(CALLS_BEGUN if isinstance(call, CallBegun) else SKILL_CALLS, call)
-
-    return CallLog(transport, clock.now_ns, tell, untold=CABLES)
+def call_log_of(recorder: Recorder, clock: Clock) -> CallLog:
+    """Notes in the recording each skill call of a lockstep run."""
+    return CallLog(clock.now_ns, recorder.put, unlogged=CABLES)
 
 
-def with_calls_told(transport: Transport, clock: Clock) -> CallLog:
-    """The same transport, whose calls are told of on the bus, for whoever records."""
+@contextmanager
+def calls_published(transport: ZenohTransport, clock: Clock) -> Generator[None]:
+    """Publish each skill call that this process makes meanwhile, for the process that records."""
 
-    def tell(call: CallBegun | CallRecord) -> None:
-        if isinstance(call, CallBegun):
-            transport.publish(CALLS_BEGUN, call)
-        else:
-            transport.publish(SKILL_CALLS, call)
+    def publish(topic: Topic[Any], message: Message | Callable[[], Message]) -> None:
+        transport.publish(topic, message if isinstance(message, Message) else message())
 
-    return CallLog(transport, clock.now_ns, tell, untold=CABLES)
+    transport.call_log = CallLog(clock.now_ns, publish, unlogged=CABLES)
+    try:
+        yield
+    finally:
+        transport.call_log = None
 
 
 FIRST_TICK_S = 10.0

@@ -6,23 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import version
 
+from dlokit.decision.records import ActionRecord
 from dlokit.system.results.run_result import RunResult
 from dlokit.types.arrays import Float64Array, UInt8Array
 from dlokit.types.feasibility import GoalVerdict
-
-
-@dataclass(frozen=True, kw_only=True)
-class ActionShape:
-    """What one action made of the DLO; its figures are in the result's history."""
-
-    nodes_world: Float64Array  # (M, 3) [m]
-    """The estimated shape after the action."""
-    release_stamp_ns: int | None = None
-    """When the fingers opened, on the cell's clock [ns]; None when they never closed."""
-    expected_world: Float64Array | None = None  # (M, 3) [m]
-    """The shape that was expected when the action was chosen; None where none was predicted."""
-    path_world: Float64Array | None = None  # (W, 3) [m]
-    """The tool's path as it was planned, from the grasp to the release."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,9 +39,8 @@ class RunRecord:
     """The first estimate; None when the DLO was never seen."""
     start_stamp_ns: int = 0
     """Stamp of the pictures of the first estimate [ns]."""
-    start_rmse_m: float | None = None
-    actions: tuple[ActionShape, ...] = ()
-    """One an action, in the order of the result's history."""
+    actions: tuple[ActionRecord, ...] = ()
+    """With their shapes, in the order of the result's history."""
     timings: Mapping[str, StepTiming] = field(default_factory=dict[str, StepTiming])
     """By step of the flow."""
     image_before: UInt8Array | None = None  # (height, width, 3) RGB

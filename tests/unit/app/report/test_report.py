@@ -8,12 +8,12 @@ import cv2
 import msgspec
 import numpy as np
 import pytest
-from made_results import made_action, made_run
+from made_results import made_action, made_record, made_run
 
 from dlokit.app.report import figures
 from dlokit.app.report.page import report_html, write_report
 from dlokit.description import shapes
-from dlokit.system.results.run_record import ActionShape, RunRecord, StepTiming
+from dlokit.system.results.run_record import RunRecord, StepTiming
 from dlokit.system.results.run_result import CameraResult
 from dlokit.types.flow import RunOutcome
 
@@ -76,11 +76,10 @@ def record() -> RunRecord:
         result=result,
         goal_nodes_world=GOAL,
         start_nodes_world=START,
-        start_rmse_m=0.06,
         actions=(
-            ActionShape(nodes_world=between, release_stamp_ns=1),
-            ActionShape(nodes_world=between),
-            ActionShape(nodes_world=GOAL, release_stamp_ns=2),
+            made_record(between, release_stamp_ns=1),
+            made_record(between),
+            made_record(GOAL, release_stamp_ns=2),
         ),
         timings={
             "look": StepTiming(calls=4, sim_time_s=2.0, wall_time_s=1.5),

@@ -6,12 +6,12 @@ from dataclasses import replace
 import msgspec
 import numpy as np
 import pytest
-from made_results import made_action, made_run
+from made_results import made_action, made_record, made_run
 
 from dlokit.app.report import action_figures
 from dlokit.app.report.page import report_html
 from dlokit.description import shapes
-from dlokit.system.results.run_record import ActionShape, RunRecord
+from dlokit.system.results.run_record import RunRecord
 from dlokit.system.results.run_result import CorrectionResult
 from dlokit.types.flow import RunOutcome
 
@@ -28,7 +28,7 @@ def _record(count: int, *, predicted: bool = True) -> RunRecord:
         for number in range(1, count + 1)
     )
     result = made_run(rows, outcome=RunOutcome.BUDGET, threshold_m=0.005, sim_time_s=1.0)
-    shape = ActionShape(nodes_world=START, expected_world=GOAL if predicted else None, path_world=PATH)
+    shape = made_record(START, expected_world=GOAL if predicted else None, path_world=PATH)
     return RunRecord(name="I to S", result=result, goal_nodes_world=GOAL, actions=(shape,) * count)
 
 

@@ -47,7 +47,7 @@ def _of_type(wanted: Any) -> tuple[Decode, Sound]:
 def _of_skill(skill: Skill[..., Any]) -> dict[str, tuple[Decode, Sound]]:
     found: dict[str, tuple[Decode, Sound]] = {
         f"arguments of {skill.key}": (skill.decode_arguments, _encoded(skill.arguments_type)),
-        f"outcome of {skill.key}": (skill.decode_outcome, _encoded(skill.outcome_type)),
+        f"outcome of {skill.key}": _of_type(skill.outcome_type),
     }
     if isinstance(skill, ReportingSkill):
         found[f"progress of {skill.key}"] = (skill.decode_report, _encoded(skill.reports))
@@ -59,7 +59,7 @@ def _every_decoder() -> dict[str, tuple[Decode, Sound]]:
     for component in COMPONENTS.values():
         for skill in component.skills():
             found |= _of_skill(skill)
-    found["envelope"] = (lambda data: opened(data, SCHEMA), lambda rng: seal(SCHEMA, b""))
+    found["envelope"] = (lambda data: opened(data, SCHEMA), lambda rng: seal(SCHEMA))
     return found
 
 

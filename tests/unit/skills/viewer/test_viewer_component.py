@@ -67,7 +67,7 @@ def test_a_port_in_use_ends_the_viewer_with_an_error_that_the_host_reports(caplo
         taken.listen()
 
         async def scenario(host: Container) -> None:
-            with pytest.raises(MachineError, match=r"--viewer\.port"):
+            with pytest.raises(MachineError, match=r"--port"):
                 await host.wait_failed()
 
         _hosted(_viewer(taken.getsockname()[1]), scenario)

@@ -20,7 +20,7 @@ from dlokit.skills.model import api as model
 from dlokit.system.config import RunConfig
 from dlokit.system.processes.bus import JoinedBus, join_bus
 from dlokit.system.processes.running import RunningSystem, announced, the_running_system
-from dlokit.system.results.recording import record_until_ended, with_calls_told
+from dlokit.system.results.recording import calls_published, record_until_ended
 from dlokit.system.table import TimeBase
 from dlokit.system.toml_config import to_toml
 from dlokit.types.dlo import GoalShape
@@ -62,11 +62,12 @@ async def recorded(system: RunningSystem, path: Path) -> None:
             attached = asyncio.Event()
             recording = asyncio.create_task(record_until_ended(system, path, lambda _: attached.set()))
             await asyncio.wait({recording, asyncio.create_task(attached.wait())}, return_when=asyncio.FIRST_COMPLETED)
-            told = with_calls_told(bus.transport, bus.clock)
             # Until the recorder's subscriptions have reached this process, what is said is said to nobody.
             for seq in range(5, 155):
                 bus.transport.publish(topics.GOAL, goal(seq, "after"))
-                assert isinstance(await told.call(model.SETTLE, np.ones((2, 3))), Succeeded)
+                with calls_published(bus.transport, bus.clock):
+                    settled = await bus.transport.call(model.SETTLE, np.ones((2, 3)))
+                assert isinstance(settled, Succeeded)
                 await asyncio.sleep(0.01)
             recording.cancel()
             await asyncio.wait({recording})

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+from dlokit.description.table import TABLE_TOP_M
 from dlokit.skills.observer.map.band import ChainSystem
 from dlokit.skills.observer.map.settings import MapSettings
 from dlokit.skills.observer.map.terms import add_coherence, add_lengths, add_place, add_table, coherence
@@ -82,7 +83,7 @@ def posed(
         K_x=K_x,
         way_m=max(way_since(thinned(points, config.coarse_points), before, config), min(carried, config.widest_m)),
         pins=pins,
-        floor_m=_floor_m(points, before, config.table_z_m + radius_m - float(origin[2]), config),
+        floor_m=_floor_m(points, before, TABLE_TOP_M + radius_m - float(origin[2]), config),
     )
 
 

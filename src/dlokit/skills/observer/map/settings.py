@@ -112,8 +112,6 @@ class MapSettings:
     """Pull of a node in open view without points to the nearest shade or point, as a standard deviation [m]."""
     free_space_reach_m: float = 0.05
     """A point farther than this hardly pulls [m]."""
-    table_z_m: float = 0.0
-    """Height of the table [m]."""
     below_table_m: float = 0.02
     """What lies so far below the table shows that there is none [m]; ten times the noise."""
     share_below_table: float = 0.1

@@ -22,7 +22,7 @@ from scipy.spatial.transform import Rotation
 from dlokit import geometry
 from dlokit.errors import SkillFailure
 from dlokit.geometry import rotation
-from dlokit.geometry.camera import baseline_m
+from dlokit.geometry.camera import baseline_m, in_camera
 from dlokit.skills.perception.calibration.arm_outline import Outline, arm_outline
 from dlokit.skills.perception.config import HandSightConfig
 from dlokit.types.arrays import BoolArray, Float32Array, Float64Array, UInt8Array
@@ -186,7 +186,7 @@ def _slopes(outline: Outline, robot: RobotState, camera: CameraCalibration, cent
     the hand's offset along the tool's x, y [m]; how much wider the arm looks [px].
     """
     R, tool = rotation(camera.T_world_camera), rotation(robot.T_world_tcp)
-    x, y, z = ((outline.points_world - camera.T_world_camera.position_m) @ R).T
+    x, y, z = in_camera(outline.points_world, camera).T
     n_u, n_v = outline.normals.T * np.array([[camera.fx_px], [camera.fy_px]])
     # Of the pinhole camera: du = fx (dx / z - x dz / z²), the same for v; then from the camera's axes to the world's.
     by_point = np.column_stack([n_u / z, n_v / z, -(n_u * x + n_v * y) / z**2]) @ R.T

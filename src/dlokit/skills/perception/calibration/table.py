@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from dlokit.description.table import TABLE_TOP_M
 from dlokit.geometry import rotation
 from dlokit.geometry.camera import PlaneDisparity, baseline_m, plane_disparity
 from dlokit.skills.perception.cloud import box_outline
@@ -33,11 +34,11 @@ def camera_pose_from_table(images: StereoImages, hidden: BoolArray, box: BoxConf
     """
     camera = images.calibration
     footprint = BoxConfig(
-        lower_world=(box.lower_world[0], box.lower_world[1], config.height_m - 0.001),
-        upper_world=(box.upper_world[0], box.upper_world[1], config.height_m + 0.001),
+        lower_world=(box.lower_world[0], box.lower_world[1], TABLE_TOP_M - 0.001),
+        upper_world=(box.upper_world[0], box.upper_world[1], TABLE_TOP_M + 0.001),
     )
     shown = box_outline(footprint, camera) & ~hidden
-    plane = _aligned(grey(images.left), grey(images.right), shown, plane_disparity(camera, config.height_m), config)
+    plane = _aligned(grey(images.left), grey(images.right), shown, plane_disparity(camera, TABLE_TOP_M), config)
     return None if plane is None else _corrected(camera, plane, config)
 
 
@@ -94,7 +95,7 @@ def _corrected(camera: CameraCalibration, plane: PlaneDisparity, config: TableCo
     normal_camera = toward * height_m
     R = rotation(camera.T_world_camera)
     turn = Rotation.align_vectors(R[2][None, :], normal_camera[None, :])[0]
-    lift = height_m + config.height_m - float(camera.T_world_camera.position_m[2])
+    lift = height_m + TABLE_TOP_M - float(camera.T_world_camera.position_m[2])
     if turn.magnitude() > config.largest_angle_rad or abs(lift) > config.largest_height_m:
         return None
     position = camera.T_world_camera.position_m + np.array([0.0, 0.0, lift])

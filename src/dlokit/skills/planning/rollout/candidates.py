@@ -75,6 +75,9 @@ class NodeToGoal:
     opening_m: float
 
 
+_FOLLOW_M = 0.08  # neighbours this far along the rod follow a carried node by a third
+
+
 class PlanningScene:
     """A shape, its goal, and what the gripper can do there."""
 
@@ -112,6 +115,16 @@ class PlanningScene:
             away = [min(abs(node - other) for other in order) for node in left]
             order.append(left.pop(int(np.argmax(self.error_m[left] * away))))
         return tuple(order)
+
+    def helpful(self, node: float, error_m: Float64Array, share: float) -> Float64Array:
+        """A `share` of the move (2,) [m] of a node that helps it and its neighbours most against `error_m` (M, 2) [m].
+
+        Neighbours follow a carried node as they usually do.
+        """
+        away = np.abs(np.arange(self.count) - node) * self.length_m / (self.count - 1)
+        follow = np.exp(-((away / _FOLLOW_M) ** 2))
+        move: Float64Array = share * follow @ error_m / (follow @ follow)
+        return move
 
     def hold(self, node: int) -> NodeToGoal | None:
         """How to grasp a node; None when it is marked or the gripper does not fit."""

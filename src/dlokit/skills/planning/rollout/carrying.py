@@ -11,7 +11,6 @@ _HIGHEST_LIFT_M = 0.25
 _DRAG_LIFT_M = 0.004
 _SPEED_M_S = (0.1, 0.5)
 _OVERSHOOTS = (0.0, 0.12, 0.25)
-_FOLLOW_M = 0.08  # neighbours this far along the rod follow a carried node by a third
 _AIM = 0.5  # share of a correction that is made at once
 _FAR_M = 0.05  # an error as large as this is corrected with the whole spread
 
@@ -49,11 +48,9 @@ class Carrying:
     def aimed(self, numbers: Float64Array, nodes_world: Float64Array) -> Float64Array:
         """The release shifted by what helps the node and its neighbours most, if they follow it as they usually do."""
         scene = self._scene
-        away = np.abs(np.arange(scene.count) - numbers[0]) * scene.length_m / (scene.count - 1)
-        follow = np.exp(-((away / _FOLLOW_M) ** 2))
         error = (scene.goal_world - nodes_world)[:, :2]
         corrected = numbers.copy()
-        corrected[1:3] += _AIM * follow @ error / (follow @ follow)
+        corrected[1:3] += scene.helpful(float(numbers[0]), error, _AIM)
         return corrected
 
     def make(self, numbers: Float64Array) -> Candidate | None:

@@ -18,7 +18,6 @@ _SPEED_M_S = (0.1, 0.4)
 _SHARES = ((0.0, 1.0), (0.1, 0.9), (0.2, 0.8), (0.25, 0.65), (0.35, 0.75), (0.3, 0.7), (0.0, 0.6), (0.4, 1.0))
 _OVERSHOOTS = (0.0, 0.12)
 _AIM = 0.7
-_FOLLOW_M = 0.08
 
 
 class Pairing:
@@ -56,9 +55,7 @@ class Pairing:
         error = (scene.goal_world - nodes_world)[:, :2]
         corrected = numbers.copy()
         for at in (0, 4):
-            away = np.abs(np.arange(scene.count) - numbers[at]) * scene.length_m / (scene.count - 1)
-            follow = np.exp(-((away / _FOLLOW_M) ** 2))
-            corrected[at + 1 : at + 3] += _AIM * follow @ error / (follow @ follow)
+            corrected[at + 1 : at + 3] += scene.helpful(float(numbers[at]), error, _AIM)
         return corrected
 
     def make(self, numbers: Float64Array) -> Candidate | None:

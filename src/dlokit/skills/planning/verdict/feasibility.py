@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dlokit import geometry
-from dlokit.description.shapes import NEIGHBOUR_M
+from dlokit.description.shapes import LENGTH_TOLERANCE, NEIGHBOUR_M
 from dlokit.geometry.camera import project
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.planning.actions import FeasibilityConfig, GraspConfig
@@ -68,7 +68,7 @@ VIEW_MARGIN_PX = 4.0
 """A node must be this far inside the picture [px]."""
 HANDLED_FROM_M = 0.05
 """A node of a goal that cannot be grasped is no harm when one this near along the rod can be [m]."""
-_LENGTH_TOLERANCE = 0.02  # a goal may be this share longer or shorter than the rod
+
 _FINER = 4  # points a node spacing at which strands are measured against each other
 
 
@@ -123,7 +123,7 @@ def bends(nodes_world: Float64Array, config: FeasibilityConfig) -> tuple[Finding
 def misfits(nodes_world: Float64Array, length_m: float) -> tuple[Finding, ...]:
     """By how much a goal (M, 3) [m] is longer or shorter than a rod of `length_m`."""
     excess_m = float(geometry.arc_lengths(nodes_world)[-1]) - length_m
-    allowed_m = _LENGTH_TOLERANCE * length_m
+    allowed_m = LENGTH_TOLERANCE * length_m
     if abs(excess_m) <= allowed_m:
         return ()
     return (
