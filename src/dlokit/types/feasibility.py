@@ -119,7 +119,7 @@ class GoalVerdict(Message, frozen=True, kw_only=True, eq=False):
                 f"The nearest shape found that holds has an RMSE of {self.nearest_rmse_m * 1000.0:.1f} mm to it."
             )
         elif self.standing is Standing.INFEASIBLE:
-            parts.append("No shape that holds was found near it.")
+            parts.append("No shape near it was found that holds.")
         return " ".join(parts)
 
 
