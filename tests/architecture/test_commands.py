@@ -1,4 +1,4 @@
-"""The table of commands tells the truth, and a command waits for no library that it does not use."""
+"""The table of commands is correct, and a command loads no library that it does not use."""
 
 import inspect
 import subprocess
@@ -58,7 +58,7 @@ def test_the_list_of_commands_waits_for_no_large_library() -> None:
 def test_what_only_looks_something_up_waits_for_none_of_the_libraries_that_run_the_system(
     line: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for name in ("TMPDIR", "XDG_RUNTIME_DIR"):  # where notes of running systems lie: `stop` must find none
+    for name in ("TMPDIR", "XDG_RUNTIME_DIR"):  # the folder of the notes of running systems: `stop` must find none
         monkeypatch.setenv(name, str(tmp_path))
     statement = (
         f"import contextlib, io; sys.argv = ['dlokit', *{line}]\n"

@@ -1,4 +1,4 @@
-"""What the pages tell people to type, to open and to copy is there."""
+"""The commands, links and files on the pages exist."""
 
 import asyncio
 import re
@@ -66,7 +66,7 @@ def test_commands_are_found_in_the_pages() -> None:
 
 
 def module_of(page: str, room: str, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    """The module that a how-to tells to write."""
+    """The module that a how-to page asks the reader to write."""
     text = (ROOT / "docs" / "how-to" / page).read_text(encoding="utf-8")
     ((name, code),) = re.findall(rf"`src/dlokit/skills/{room}/(\w+)\.py`:\n\n```python\n(.*?)```", text, re.DOTALL)
     module = ModuleType(f"dlokit.skills.{room}.{name}")
@@ -96,7 +96,7 @@ def test_the_observer_of_the_how_to_works_as_it_stands(monkeypatch: pytest.Monke
     seen = Observation(stamp_ns=1, points_world=(nodes + np.array([0.02, 0.0, 0.0])).astype(np.float32))
     prior = DloState(stamp_ns=0, nodes_world=nodes, topology=chain(11, 0.5))
     targets = settings.build(BelievedDlo()).estimate(seen, prior)
-    # Each node has one point 2 cm beside it; its neighbours' points, 5 cm along, are out of the radius.
+    # Each node has one point 2 cm beside it; its neighbours' points, 5 cm along, are outside the radius.
     np.testing.assert_allclose(targets.nodes_world, seen.points_world, atol=1e-6)
     assert targets.visible.all()
 

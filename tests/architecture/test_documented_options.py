@@ -1,4 +1,4 @@
-"""Every `--option` that a page speaks of is one that `dlokit`, or a study in `benchmarks/`, takes."""
+"""Every `--option` on a page is an option of `dlokit` or of a study in `benchmarks/`."""
 
 import contextlib
 import io
@@ -19,7 +19,7 @@ FENCE = re.compile(r"```.*?```", re.DOTALL)
 INLINE = re.compile(r"(?<!`)`([^`\n]+)`(?!`)")
 OPTION = re.compile(r"(?<![\w-])--[a-z][\w-]*(?:\.[a-z][\w-]*)*")
 OF_OTHERS = {"--nthreads"}
-"""Dask's, on the page about clusters."""
+"""Options of Dask, on the page about clusters."""
 SUBCOMMAND = re.compile(r"\{([\w,]+)\}")
 
 
@@ -60,7 +60,7 @@ def test_the_options_are_found_in_help_and_pages(known: set[str]) -> None:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
 def test_every_option_that_a_page_speaks_of_exists(page: Path, known: set[str]) -> None:
-    # `--cell.randomisation` stands for all that begins so.
+    # `--cell.randomisation` means all options with this prefix.
     groups = {option[:end] for option in known for end in (dot.start() for dot in re.finditer(r"\.", option))}
     assert sorted(spoken_of(page) - known - groups - OF_OTHERS) == []
 

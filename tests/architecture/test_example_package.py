@@ -1,4 +1,4 @@
-"""The example of a package of one's own is installed as a user would, and works through its entry point."""
+"""The example package is installed as a user would install it, and works through its entry point."""
 
 import json
 import os
@@ -15,7 +15,7 @@ DLOKIT = str(Path(sys.executable).with_name("dlokit"))
 
 @pytest.fixture(scope="module")
 def environment(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """The environment in which the package is installed, in a folder of its own."""
+    """An environment in a separate folder, in which the package is installed."""
     folder = tmp_path_factory.mktemp("installed")
     pip = [sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
     offline = ["--no-index", "--no-deps", "--no-build-isolation", "--target", str(folder), str(PACKAGE)]
@@ -42,7 +42,7 @@ def test_it_tracks_recorded_clouds(environment: dict[str, str], tmp_path: Path) 
     clouds = [str(tmp_path / f"{number}.npy") for number in range(2)]
     run(environment, DLOKIT, "track", *clouds, "--observer", "pulled", "--out", str(tmp_path / "out"))
     nodes = np.load(tmp_path / "out" / "nodes.npy")
-    # Half of the table's noise-free shift would be a follower that lags.
+    # Half of the noise-free shift would show an observer that lags.
     np.testing.assert_allclose((nodes[1] - nodes[0])[:, 1], 0.01, atol=0.005)
 
 

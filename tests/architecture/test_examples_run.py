@@ -1,4 +1,4 @@
-"""Every numbered example runs as a newcomer would run it, and leaves its picture."""
+"""Every numbered example runs as a new user would run it, and saves its picture."""
 
 import subprocess
 import sys
@@ -10,7 +10,7 @@ import pytest
 EXAMPLES = Path(__file__).parents[2] / "examples"
 NUMBERED = sorted(EXAMPLES.glob("[0-9]*.py"))
 EVERY_DAY = ("02", "07")
-"""One that looks and one that moves the arm; the others take a minute together."""
+"""One example with perception and one with motion; the others take a minute together."""
 
 
 def test_there_is_an_example_for_each_skill_of_the_paper_and_one_of_a_larger_task() -> None:

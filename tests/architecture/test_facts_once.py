@@ -1,4 +1,4 @@
-"""A fact has one home: a number or a definition that stands twice is a defect that waits."""
+"""Each fact is defined once: a number or a definition in two places is a latent defect."""
 
 import re
 from pathlib import Path
@@ -44,7 +44,7 @@ def test_no_two_classes_share_a_name_but_for_the_words_of_messages() -> None:
 
 
 def test_world_to_camera_and_pixel_stands_in_the_geometry_of_the_camera() -> None:
-    """But for the observer's compiled kernel, which takes the camera as plain numbers."""
+    """Except the observer's compiled kernel, which takes the camera as plain numbers."""
     world_to_camera = r"T_world_camera\.position_m\) @ rotation\(|inverse\(\w+\.T_world_camera\), nodes"
     pixel = r"\.f[xy]_px \* \w+(\[[^]]*\])? / "
     assert homes(rf"{world_to_camera}|{pixel}") == ["geometry/camera.py"]
@@ -54,7 +54,7 @@ ROBOT_CODE = ("motion", "functional/robots", "functional/cell/setpoints.py", "sk
 
 
 def test_the_reasons_of_the_robot_are_written_out_where_they_are_declared_only() -> None:
-    """So that a new one is declared, with what a caller can do about it, and nobody retypes it."""
+    """So that each new reason is declared with its remedy, and not repeated elsewhere."""
     reasons = "|".join(reason.value for reason in RobotReason)
     raised = rf"(SkillFailure|SkillRejected)\(\s*\"|[=,({{]\s*\"({reasons})\""
     assert [home for home in homes(raised) if home.startswith(ROBOT_CODE)] == []

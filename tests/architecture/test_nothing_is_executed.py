@@ -1,4 +1,4 @@
-"""Nothing that comes from outside is executed: no source file unpickles, evaluates, or asks a library to."""
+"""No input is executed: no source file unpickles or evaluates data, directly or through a library."""
 
 import ast
 from pathlib import Path
@@ -6,7 +6,7 @@ from pathlib import Path
 import dlokit
 
 ROOT = Path(dlokit.__file__).parent
-# `testing` unpickles what it has just pickled itself, to see that it can travel; nothing imports it.
+# `testing` unpickles what it has just pickled itself, to check that it can be sent; nothing imports it.
 SOURCES = sorted(path for path in ROOT.rglob("*.py") if not path.is_relative_to(ROOT / "testing"))
 MODULES = {"pickle", "_pickle", "cPickle", "marshal", "shelve", "dill", "cloudpickle", "jsonpickle", "code"}
 CALLS = {"eval", "exec", "compile", "__import__"}

@@ -1,4 +1,4 @@
-"""The map from the paper to the code names only what there is, and leaves no component or box out."""
+"""The map from the paper to the code names only what exists, and omits no component or step."""
 
 import re
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The two tables, walked: whatever a component says of itself is a row, and each row is somebody's."""
+"""The two tables: each declaration of a component has a row, and each row has a component."""
 
 import ast
 import importlib
@@ -69,7 +69,7 @@ def test_what_a_component_reads_and_publishes_are_rows(name: str) -> None:
 
 @pytest.mark.parametrize("topic", TOPICS, ids=topic_id)
 def test_a_topic_has_a_reader(topic: Topic[Any]) -> None:
-    # The simulated drivers read the cell's arm through a port of their own; they stand for a cable.
+    # The simulated drivers read the cell's arm through a separate port, which represents a cable.
     by_a_driver = {topics.CLOCK, topics.ARM_STATE}
     by_the_terminal = {topics.VIEWER_PAGE}
     readers = [name for name, component in CLASSES.items() if topic in component.subscribes()]
@@ -132,7 +132,7 @@ def test_a_skill_is_implemented_by_its_component_with_the_same_signature(skill: 
     component = CLASSES[skill.component]
     method = getattr(component, component.skills()[skill])
     wanted, found = inspect.signature(skill.signature), inspect.signature(method)
-    own = 2 if isinstance(skill, ReportingSkill) else 1  # self, and what progress is told to
+    own = 2 if isinstance(skill, ReportingSkill) else 1  # self, and the progress callback
     parameters = list(found.parameters.values())[own:]
     assert [(p.name, p.default) for p in parameters] == [(p.name, p.default) for p in wanted.parameters.values()]
     hints = get_type_hints(method)
@@ -144,7 +144,7 @@ def test_a_skill_is_implemented_by_its_component_with_the_same_signature(skill: 
 @pytest.mark.parametrize("skill", SKILLS, ids=skill_id)
 def test_a_skill_is_documented_bounded_in_time_and_can_cross_a_process_border(skill: Skill[..., Any]) -> None:
     assert skill.doc.endswith(".")
-    # A skill of the decision layer is a whole task, which has a budget of its own.
+    # A skill of the decision layer is a whole task, which has its own time budget.
     assert 0.0 < skill.timeout_s <= (7200.0 if skill.component == "decision" else 600.0)
     hints = get_type_hints(skill.signature)
     assert set(hints) == {*inspect.signature(skill.signature).parameters, "return"}

@@ -1,6 +1,6 @@
-"""Wrong calls, each an error of the type checker; read by pyright alone, never run.
+"""Wrong calls, each an error of the type checker; only pyright reads them, they never run.
 
-A wrong call that pyright took for right would make its comment unnecessary, which is an error as well.
+If pyright accepted a wrong call, its comment would be unnecessary, which is also an error.
 """
 
 # pyright: reportUnnecessaryTypeIgnoreComment=true

@@ -9,7 +9,7 @@ import msgspec
 import pytest
 
 FOLDER = Path(__file__).parents[2] / "benchmarks"
-LIMIT_S = 400.0  # for a live run to start on a busy machine, and to end
+LIMIT_S = 400.0  # for a live run to start and end on a busy machine
 QUICK = {
     "bus": ("--repeats", "2", "--slow-s", "0.1"),
     "feasibility": ("--seeds", "1", "--dlos", "soft_rope"),

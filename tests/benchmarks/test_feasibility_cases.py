@@ -29,14 +29,14 @@ def test_a_stiff_rope_stays_straight_and_springs_back_from_the_s_as_the_verdicts
     for level in (Level.TOLD, Level.LEARNT):
         assert (by["I", level].standing, by["I", level].happened) == (Standing.HOLDS, Happened.STAYED)
         assert (by["S", level].standing, by["S", level].happened) == (Standing.INFEASIBLE, Happened.MISSED)
-    # Of a DLO of which a ruler alone tells nothing is ruled out.
+    # If only a ruler has measured the DLO, no goal is ruled out.
     assert by["S", Level.RULER].standing is Standing.DOUBTFUL
 
 
 def test_a_goal_that_does_not_stay_but_is_reached_from_a_shape_beyond_it_is_called_reached() -> None:
     cell = Cell(CellConfig(dlo=SILICONE_HOSE, nodes=21), seed=0)
     goal = dict(made_goals(1000, 0.5, SILICONE_HOSE.radius_m))["spiral-1000"]
-    what = release(cell, goal, 31, 0.009)  # laid in the goal it springs back by 10 mm
+    what = release(cell, goal, 31, 0.009)  # released in the goal, it springs back by 10 mm
     cell.close()
     assert what.happened is Happened.REACHED
     assert what.best_rmse_m < 0.009 < what.true_rmse_m
@@ -56,7 +56,7 @@ def test_the_levels_know_what_they_say() -> None:
     assert (ruler.model.length_m, ruler.model.radius_m) == (WIRE_A.length_m, WIRE_A.radius_m)
     assert ruler.belief.yield_curvature_1_m is None
     assert told.belief.yield_curvature_1_m == WIRE_A.yield_curvature_1_m
-    # Told are nominal figures, 1.3 / (1.17 * 0.75) off; learnt is the truth, to 3 of its 12 %.
+    # Configured are nominal values, off by 1.3 / (1.17 * 0.75); learned is the truth within 3 of its 12 %.
     nominal_m3 = true_elastic_m3(stiffer) / 2.0
     assert told.belief.elastic_m3.value == pytest.approx(1.3 / 1.17 / 0.75 * nominal_m3)
     assert abs(np.log(learnt.belief.elastic_m3.value / true_elastic_m3(stiffer))) < 3 * learnt.belief.elastic_m3.log_sd

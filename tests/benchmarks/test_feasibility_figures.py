@@ -1,4 +1,4 @@
-"""Rates of the bench of verdicts, counted by hand."""
+"""Rates of the feasibility bench, compared with manual counts."""
 
 import pytest
 

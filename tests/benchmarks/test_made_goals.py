@@ -1,4 +1,4 @@
-"""Goals made up for the bench of verdicts: any seed gives ones that can be laid on the table."""
+"""Random goals of the feasibility bench: those of any seed fit on the table."""
 
 import numpy as np
 import pytest

@@ -47,9 +47,9 @@ FLOW = (
 )
 ROD = RodOutline(nodes=31, length_m=0.5, radius_m=0.004)
 STRAIGHT = builtin_shape("I", ROD.length_m, ROD.nodes, radius_m=ROD.radius_m)
-"""Where the frames lie before anybody has set a goal, (31, 3) [m]."""
+"""Goal rod before an operator has set a goal, (31, 3) [m]."""
 LONG_S = 120.0
-"""Software rendering on a loaded machine takes seconds a picture; nothing here waits that long when it works."""
+"""Software rendering on a loaded machine takes seconds per image; no wait takes that long unless something fails."""
 
 pytestmark = [
     pytest.mark.browser,
@@ -64,14 +64,14 @@ class Visit:
         self.page, self.bus, self.url, self.requests, self.arm = page, bus, url, requests, arm
 
     async def scene_picture(self) -> UInt8Array:
-        """The scene as the browser shows it, (H, W, 3) BGR, without the panel beside it."""
+        """The scene in the browser, (H, W, 3) BGR, without the panel next to it."""
         png = await self.page.locator("canvas").first.screenshot(timeout=LONG_S * 1000)
         picture = cv2.imdecode(np.frombuffer(png, dtype=np.uint8), cv2.IMREAD_COLOR)
         assert picture is not None
         return np.asarray(picture, dtype=np.uint8)
 
     async def pixel(self, point_world: Float64Array) -> Float64Array:
-        """Where a point (3,) [m] is on the page [px]."""
+        """Position of a point (3,) [m] on the page [px]."""
         box = await self.page.locator("canvas").first.bounding_box()
         assert box is not None
         right, down, forward = _visitor_axes()
@@ -91,7 +91,7 @@ class Visit:
 
 
 class Arm(Component):
-    """Notes what a person's buttons ask of it, and says whether it is stopped."""
+    """Records the commands of a person's buttons, and publishes whether it is stopped."""
 
     name = "robot"
     publishes = (topics.ROBOT_STATE,)
@@ -159,7 +159,7 @@ async def _a_visit(*, operated: bool = True) -> AsyncGenerator[Visit]:
             page.on("request", lambda request: requests.append(request.url))
             page.on("websocket", lambda socket: requests.append(socket.url.replace("ws://", "http://")))
             await page.goto(viewer.url, timeout=LONG_S * 1000)
-            await page.get_by_text("RMSE 50.0 mm").wait_for(timeout=LONG_S * 1000)  # after all that does not change
+            await page.get_by_text("RMSE 50.0 mm").wait_for(timeout=LONG_S * 1000)  # after the fixed part
             yield Visit(page, bus, viewer.url, requests, arm)
         finally:
             await browser.close()
@@ -192,7 +192,7 @@ async def _frames_on_the_rod(visit: Visit) -> AsyncIterator[GoalFrames]:
     """The frames' messages from now on, after an operator has put the frames back on the built-in I."""
     frames = visit.bus.stream(topics.GOAL_FRAMES)
     await visit.page.get_by_role("button", name="Reset frames").click(timeout=LONG_S * 1000)
-    # What a browser on a busy machine still had to say of an earlier drag comes first.
+    # On a busy machine, messages of an earlier drag may still arrive first.
     while not _on_the_rod(await anext(frames)):
         pass
     return frames
@@ -209,13 +209,13 @@ def test_whoever_comes_late_sees_what_was_published_before(runner: asyncio.Runne
 
 def test_stop_goes_to_the_arm_itself_and_enable_is_offered_while_it_is_latched(runner: asyncio.Runner) -> None:
     async def scenario() -> None:
-        async with _a_visit() as visit:  # of its own: the arm that it shows would be seen by the others
+        async with _a_visit() as visit:  # a separate viewer: the other tests would see the arm that it shows
             await stopped_and_enabled(visit)
 
     async def stopped_and_enabled(visit: Visit) -> None:
         enable = visit.page.get_by_role("button", name="Enable arms")
         assert await enable.count() == 0
-        # No decision component is here: the arm hears of it all the same.
+        # There is no decision component: the arm receives the command nevertheless.
         await visit.page.get_by_role("button", name="Stop").click(timeout=LONG_S * 1000)
         assert await asyncio.wait_for(visit.arm.asked.get(), LONG_S) == "stop"
         await enable.click(timeout=LONG_S * 1000)

@@ -1,4 +1,4 @@
-"""What every action strategy keeps to; a new one is a row in `strategies.OURS`."""
+"""Requirements on every action strategy; a new one is a row in `strategies.OURS`."""
 
 import asyncio
 from collections.abc import Callable
@@ -30,7 +30,7 @@ STARTS = {
     "random": random_shape(np.random.default_rng(3), MODEL.length_m, MODEL.nodes),
 }
 SHORT = RolloutConfig(search=SearchConfig(rollouts=40, finalists=2, generations=1))
-"""What holds of every action needs no long search."""
+"""Properties of every action can be checked after a short search."""
 GOAL = GoalShape(stamp_ns=0, nodes_world=builtin_shape("S", MODEL.length_m, MODEL.nodes))
 
 pytestmark = pytest.mark.parametrize("config", OURS, ids=lambda config: config.name)
@@ -77,11 +77,11 @@ def test_every_action_can_be_executed_as_it_stands(config: type[StrategyConfig],
             assert action.grasp.opening_m == 0.0
             assert 0.015 < distance < 0.12  # beside the rod, on nothing
         else:
-            assert 0.0 < action.grasp.opening_m <= 0.08  # what the hand can open
+            assert 0.0 < action.grasp.opening_m <= 0.08  # the hand's largest opening
             # The grasp is on the rod, at most the inset from an end and half a segment off its node.
             assert distance < 0.02
         yaws = [yaw_rad(pose) for pose in (action.grasp.T_world_tcp, *action.path)]
-        # Further apart, the arm could turn the short way round where the long one is meant.
+        # If poses were farther apart, the arm could turn in the wrong direction.
         assert np.abs(wrapped(np.diff(yaws))).max() < 0.5
         for pose in (action.grasp.T_world_tcp, *action.path):
             assert geometry.rotation(pose)[2, 2] == pytest.approx(-1.0)

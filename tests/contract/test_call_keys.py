@@ -1,4 +1,4 @@
-"""Calls over zenoh: one whose key names another skill, or that was cancelled before it came, is not run."""
+"""Calls over zenoh: one whose key names another skill, or that was cancelled before its arrival, does not run."""
 
 import asyncio
 
@@ -15,7 +15,7 @@ NAMESPACE = "dlokit_test_call_keys"
 
 
 async def answer(key: str, cancelled: str = "") -> Outcome[None]:
-    """What becomes of call `id-1` of `robot.stop` by a key, where the call `cancelled` was cancelled before."""
+    """Outcome of call `id-1` of `robot.stop` through a key, after the call `cancelled` was cancelled."""
     ran: list[bytes] = []
 
     async def handler(request: bytes, report: Report) -> bytes:

@@ -1,4 +1,4 @@
-"""One grid over every camera: what capture, calibration, entering and leaving mean."""
+"""Requirements on every camera: capture, calibration, opening and closing."""
 
 import asyncio
 from collections.abc import AsyncGenerator, Callable
@@ -41,7 +41,7 @@ LEFT, RIGHT = RNG.integers(0, 255, (2, 6, 8, 3), dtype=np.uint8)
 
 
 class Cell(Component):
-    """Stands where the cell does on the bus, and gives the same pictures again and again."""
+    """Replaces the cell on the bus, and always returns the same images."""
 
     name = "cell"
 

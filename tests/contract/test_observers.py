@@ -1,4 +1,4 @@
-"""What every observer holds to, ours and installed ones: the list that `dlokit.testing` has for all."""
+"""The requirements of `dlokit.testing` on every observer, dlokit's and installed ones."""
 
 from functools import partial
 

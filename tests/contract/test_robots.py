@@ -1,4 +1,4 @@
-"""What every robot driver must do: one grid over all of them. Another driver is one more row in `ROBOTS`."""
+"""Requirements on every robot driver. A new driver is one more row in `ROBOTS`."""
 
 import asyncio
 from collections.abc import AsyncGenerator, Awaitable, Callable
@@ -90,7 +90,7 @@ def test_it_follows_a_trajectory_closely_and_says_how_closely(with_robot: WithRo
     async def scenario(robot: Robot) -> None:
         trajectory = joint_move(PANDA_HOME_Q_RAD, AWAY)
         result = await robot.follow(trajectory, LEASE)
-        np.testing.assert_allclose(result.q_rad, AWAY, atol=2e-3)  # still swinging in by about a millimetre
+        np.testing.assert_allclose(result.q_rad, AWAY, atol=2e-3)  # still oscillating by about a millimetre
         # Accelerating at the limit of 7.5 rad/s² bends the position controller by about 5 mrad.
         assert 0.0 < result.largest_joint_error_rad < 0.02
         assert result.duration_s == pytest.approx(trajectory.times_s[-1], abs=0.05)
@@ -206,7 +206,7 @@ def test_it_grips_lifts_and_releases_a_rope_and_knows_air_from_rope(with_robot: 
         await robot.follow(down, LEASE)
         gripped = await robot.grip(0.0, 20.0, LEASE)
         assert gripped.held
-        assert gripped.width_m == pytest.approx(0.008, abs=1.5e-3)  # the rope is 8 mm thick and its skin gives a little
+        assert gripped.width_m == pytest.approx(0.008, abs=1.5e-3)  # the rope is 8 mm thick and slightly compressible
         path = (downward([0.5, 0.1, 0.06], np.pi / 2), downward([0.45, 0.15, 0.06], np.pi / 2))
         carry = tool_move(KINEMATICS, down.q_rad[-1], path, VelocityProfile())
         await robot.follow(carry, LEASE)
@@ -220,7 +220,7 @@ def test_it_grips_lifts_and_releases_a_rope_and_knows_air_from_rope(with_robot: 
 
 
 class _SilentPort(Port):
-    """A driver that has died: its signs of life no longer arrive."""
+    """A driver that has died: it sends no heartbeats."""
 
     def send(self, skill: Skill[P, Any], *args: P.args, **kwargs: P.kwargs) -> None:
         if skill.key != cell_api.RENEW.key:

@@ -1,4 +1,4 @@
-"""One grid over every transport: what call, serve, alive and cancel mean."""
+"""Requirements on every transport: call, serve, alive and cancel."""
 
 import asyncio
 from collections.abc import AsyncGenerator
@@ -30,7 +30,7 @@ def _double(value: float) -> float:
 
 
 def _wait(until_released: bool = True) -> None:
-    """Wait until somebody says that it is enough."""
+    """Wait until the test ends it."""
     ...
 
 
@@ -199,7 +199,7 @@ def test_a_call_that_runs_when_its_component_ends_is_cancelled_and_answered() ->
                 await worker.started.wait()
         assert isinstance(await call, Cancelled)
 
-    over_zenoh(body)  # in memory a call runs in its caller's own task
+    over_zenoh(body)  # in memory, a call runs in the caller's task
 
 
 def test_a_caller_that_is_gone_has_its_running_skills_cancelled_and_nobody_else() -> None:
@@ -226,7 +226,7 @@ def test_a_caller_that_is_gone_has_its_running_skills_cancelled_and_nobody_else(
 
 
 def _double_and_add(value: float, more: float = 0.0) -> float:
-    """Twice the value, and more."""
+    """Twice the value, plus `more`."""
     ...
 
 

@@ -1,4 +1,4 @@
-"""What readers are spared: messages of another schema, old states, and not knowing how old."""
+"""Readers get no messages of another schema and no outdated states, and know each message's age."""
 
 import asyncio
 import threading
@@ -20,7 +20,7 @@ class OtherReading(Message, frozen=True, kw_only=True, eq=False):
 
 
 HANDED_OVER_S = 0.2
-"""The reader of a topic hears on a thread of its own: that has the message too by then."""
+"""The reader of a topic receives on a separate thread: wait until that has the message too."""
 OTHER_NEWEST = Topic("test/newest", OtherReading, "source", None, KeepLast())
 
 
@@ -70,7 +70,7 @@ def test_a_reader_whose_loop_was_busy_reads_what_came_meanwhile_and_not_what_it_
         bus.here.tap(NEWEST, lambda data: heard.set())
         await connected(bus)
         bus.there.publish(NEWEST, reading(2))
-        assert heard.wait(WAIT_S)  # the loop stands still, but the message is in this process
+        assert heard.wait(WAIT_S)  # the loop is blocked, but the message is in this process
         time.sleep(HANDED_OVER_S)  # noqa: ASYNC251  the loop is to stand still
         assert (await anext(stream)).seq == 2
         assert bus.here.latest(NEWEST).value is not None

@@ -1,4 +1,4 @@
-"""One grid over every transport: what publish, read, stream and close mean."""
+"""Requirements on every transport: publish, read, stream and close."""
 
 import asyncio
 

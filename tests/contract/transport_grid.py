@@ -89,7 +89,7 @@ async def eventually(condition: Callable[[], bool]) -> None:
 
 
 async def connected(bus: Bus) -> None:
-    """Wait until the two ends have found each other, so that nothing published from now on is missed."""
+    """Wait until the two ends are connected, so that no message published from now on is lost."""
     bus.there.serve("probe", lambda request, report: asyncio.sleep(0, request))
     await eventually(lambda: bus.here.alive("probe").alive)
     bus.here.serve("probe back", lambda request, report: asyncio.sleep(0, request))

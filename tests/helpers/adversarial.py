@@ -1,7 +1,7 @@
-"""Honest and adversarial values for the gate, and the limits by which an executed motion is judged.
+"""Valid and adversarial inputs for the gate, and the limits for executed motions.
 
-The property tests and `benchmarks/gate_values.py` draw from the same generators. They are here, not in the package:
-no user needs them, and a benchmark can add this folder to its path as pytest does, while tests do not import a script.
+The property tests and `benchmarks/gate_values.py` draw from the same generators. They are not in the package:
+no user needs them, and a benchmark can add this folder to its path, as pytest does.
 """
 
 import itertools
@@ -37,13 +37,13 @@ POISON = (np.nan, np.inf, -np.inf, 1e308, -1e308, 1e-308, 0.0, 1.0, -3.0)
 BETWEEN = 5.0 / 3.0
 """A cubic piece through samples of a motion needs up to this factor of the motion's acceleration between them."""
 LAG_RAD = 0.05
-"""Measured joints stay this near to their set-points [rad]; 0.02 at the largest acceleration."""
+"""Largest deviation of measured joints from their set-points [rad]; 0.02 at the largest acceleration."""
 
 
 def executed_breach(trajectory: JointTrajectory, config: GateConfig, pieces: int = 10) -> str:
-    """Which limit the cell's own set-points break, `pieces` to a sample, by their differences; empty where none.
+    """Limit that the cell's own set-points, `pieces` per sample, exceed by their differences; empty if none.
 
-    Before and after the trajectory the arm stands, so a start or an end with a jump counts as well.
+    The arm is at rest before and after the trajectory, so a jump at the start or end also counts.
     """
     program, samples = Follow(trajectory, 0.0), trajectory.times_s
     samples = np.concatenate(([samples[0] - samples[1]], samples, [2.0 * samples[-1] - samples[-2]]))
@@ -57,7 +57,7 @@ def executed_breach(trajectory: JointTrajectory, config: GateConfig, pieces: int
         PANDA_LIMITS.acceleration_rad_s2,
         PANDA_LIMITS.jerk_rad_s3,
     )
-    # Differences of differences carry the rounding of the angles.
+    # Higher differences amplify the rounding of the angles.
     rounding = 64.0 * np.finfo(np.float64).eps * np.abs(q).max() / np.diff(samples).min() ** 3
     checks = (
         ("position", PANDA_LIMITS.position_lower_rad - q, 1e-6),
@@ -91,7 +91,7 @@ def divided(times_s: Float64Array, q_rad: Float64Array, order: int) -> Float64Ar
 
 
 def honest(seed: int) -> JointTrajectory:
-    """A planned motion over the table, of one of the kinds that skills plan. Raises `SkillFailure` where none is."""
+    """A planned motion over the table, of a kind that skills plan. Raises `SkillFailure` if planning fails."""
     rng = np.random.default_rng(seed)
     start = _angles(rng)
     kind = rng.integers(4)
@@ -108,13 +108,13 @@ def _angles(rng: np.random.Generator) -> Float64Array:
 
 
 def honest_pose(rng: np.random.Generator) -> Pose:
-    """A pose over the table that the arm reaches, mostly."""
+    """A pose over the table, mostly within the arm's reach."""
     place = [rng.uniform(0.35, 0.65), rng.uniform(-0.3, 0.3), rng.uniform(0.011, 0.4)]
     return downward(place, rng.uniform(-0.7, 0.7))
 
 
 def poisoned(base: JointTrajectory, rng: np.random.Generator) -> JointTrajectory:
-    """One to three entries of one array replaced by values that are no angles, or wrong ones."""
+    """One to three entries of one array replaced by values that are not finite, or wrong."""
     part = str(rng.choice(PARTS))
     values = getattr(base, part).copy()
     values.reshape(-1)[rng.integers(0, values.size, rng.integers(1, 4))] = rng.choice(POISON)
@@ -124,7 +124,7 @@ def poisoned(base: JointTrajectory, rng: np.random.Generator) -> JointTrajectory
 def disagreeing(
     base: JointTrajectory, rng: np.random.Generator, part: str = "", size: float = 0.0, how: str = ""
 ) -> JointTrajectory:
-    """One array changed, so that angles, velocities, accelerations and times disagree; drawn where not given."""
+    """One array changed, so that angles, velocities, accelerations and times disagree; random unless given."""
     part = part or str(rng.choice(PARTS))
     size = size or float(10 ** rng.uniform(-6.0, 0.5))
     how = how or str(rng.choice(DISAGREEMENTS))
@@ -148,7 +148,7 @@ DISAGREEMENTS = ("factor", "sign", "noise", "shift", "step", "zero", "pace")
 
 
 def warped(base: JointTrajectory, rng: np.random.Generator) -> JointTrajectory:
-    """Honest angles at other times: each step stretched by a factor of its own, velocities to match or not."""
+    """Valid angles at other times: each step is stretched by its own factor, with or without matching velocities."""
     factors = 10 ** rng.uniform(-1.0, 1.0, len(base.times_s) - 1) ** rng.choice([0.05, 0.3, 1.0])
     times = np.concatenate(([0.0], np.cumsum(np.diff(base.times_s) * factors)))
     dq = base.dq_rad_s
@@ -170,7 +170,7 @@ def shuffled(base: JointTrajectory, rng: np.random.Generator) -> JointTrajectory
         joints = rng.permutation(7)
         part = str(rng.choice(PARTS[1:]))
         return msgspec.structs.replace(base, **{part: getattr(base, part)[:, joints]})
-    # Rows that are left out make a coarser motion, rows that come twice a step of no time.
+    # Missing rows make a coarser motion; repeated rows make steps of zero duration.
     order = np.sort(rng.choice(count, max(2, count // int(rng.integers(2, 9))), replace=how == 3))
     chosen = {part: getattr(base, part)[order] for part in PARTS}
     return JointTrajectory(**{**chosen, "times_s": chosen["times_s"] - chosen["times_s"][0]})
@@ -184,7 +184,7 @@ def jumping(base: JointTrajectory, rng: np.random.Generator) -> JointTrajectory:
 
 
 def zigzag(base: JointTrajectory, rng: np.random.Generator) -> JointTrajectory:
-    """A joint that shakes between samples, with velocities that hide it or say so."""
+    """A joint that oscillates between samples, with velocities that hide or show it."""
     times, q = base.times_s, base.q_rad.copy()
     joint, size_rad = int(rng.integers(0, 7)), float(10 ** rng.uniform(-8.0, -1.0))
     sign = np.where(np.arange(len(times)) // int(rng.integers(1, 5)) % 2 == 0, 0.0, 1.0)
@@ -194,7 +194,7 @@ def zigzag(base: JointTrajectory, rng: np.random.Generator) -> JointTrajectory:
 
 
 def random_numbers(base: JointTrajectory, rng: np.random.Generator) -> JointTrajectory:
-    """A few samples of random numbers around home."""
+    """A few random samples around the home pose."""
     samples = int(rng.integers(2, 13))
     size, step_s = 10 ** rng.uniform(-9.0, 2.0), 10 ** rng.uniform(-6.0, 2.0)
     q, dq, ddq = size * rng.normal(size=(3, samples, 7)) * np.array([1.0, 10.0, 100.0])[:, None, None]
@@ -235,7 +235,7 @@ def other_arm(base: JointTrajectory, rng: np.random.Generator) -> JointTrajector
 
 
 def decoded(base: JointTrajectory, rng: np.random.Generator) -> JointTrajectory:
-    """What decoding makes of plain values of wrong types or shapes. Raises `CommunicationError` where nothing."""
+    """Result of decoding values of wrong types or shapes. Raises `CommunicationError` if they are refused."""
     plain: dict[str, Any] = {part: getattr(base, part) for part in PARTS}
     part = str(rng.choice(PARTS))
     wrong: tuple[Any, ...] = (
@@ -264,11 +264,11 @@ MUTATIONS: dict[str, Mutation] = {
     "other joints": other_arm,
     "decoded": decoded,
 }
-"""What is made of an honest motion, by name. Raises `BadValue` or `CommunicationError` where no value can be made."""
+"""Modifications of a valid motion, by name. Raises `BadValue` or `CommunicationError` if the value is refused."""
 
 
 def spoilt_pose(rng: np.random.Generator) -> Pose:
-    """A pose as a program that checks nothing would send it: spoilt after it was made."""
+    """A pose as a program without checks would send it: made invalid after its construction."""
     made = downward([0.5, 0.1, 0.1], 0.3)
     values = made.position_m if rng.random() < 0.4 else made.wxyz
     if values is made.wxyz and rng.random() < 0.5:
@@ -279,12 +279,12 @@ def spoilt_pose(rng: np.random.Generator) -> Pose:
 
 
 def remade(value: Any) -> Any:
-    """The same Struct made again from its fields. Raises `BadValue` where it cannot be."""
+    """The same Struct, constructed again from its fields. Raises `BadValue` if they are invalid."""
     return type(value)(**msgspec.structs.asdict(value))
 
 
 def spoilt_profile(rng: np.random.Generator) -> VelocityProfile:
-    """A velocity profile of which one value is zero, negative or not finite; spoilt after it was made."""
+    """A velocity profile of which one value is zero, negative or not finite; set after its construction."""
     profile = VelocityProfile()
     name = str(rng.choice(["speed_m_s", "acceleration_m_s2", "jerk_m_s3"]))
     msgspec.structs.force_setattr(profile, name, float(rng.choice([0.0, -0.25, -1e9, np.nan, np.inf, -np.inf])))
@@ -300,11 +300,11 @@ class Executed:
     measured: list[Float64Array] = field(default_factory=list[Float64Array])
     physics_s: float = 0.0
     used: dict[str, float] = field(default_factory=dict[str, float])
-    """Largest fraction of each limit, over all that was judged."""
+    """Largest fraction of each limit that was used, over all motions."""
 
     @contextmanager
     def noted(self) -> Generator[None, None, None]:
-        """Note what the arm of every cell does meanwhile."""
+        """Record the motion of every cell's arm."""
         before_step, step = CellArm.before_step, Cell.step
 
         def noting(arm: CellArm, time_s: float) -> None:
@@ -322,7 +322,7 @@ class Executed:
             yield
 
     def forget(self) -> None:
-        """Keep the last steps alone, so that the next differences join on."""
+        """Keep only the last steps, so that the next differences continue from them."""
         for rows in (self.times_s, self.commanded, self.measured):
             del rows[:-8]
 
@@ -331,7 +331,7 @@ class Executed:
         return len(self.commanded) > 1 and bool(np.any(np.ptp(np.array(self.commanded), axis=0) > 0.0))
 
     def breaches(self, config: GateConfig) -> list[str]:
-        """Which limits differences of the set-points break."""
+        """Names of the limits that differences of the set-points exceed."""
         if len(self.times_s) < 20:
             return []
         times, q = np.array(self.times_s), np.array(self.commanded)

@@ -1,4 +1,4 @@
-"""Random and adversarial calls of the robot's skills, in lockstep with the simulated cell, and what became of each."""
+"""Random and adversarial calls of the robot's skills, in lockstep with the simulated cell, and their outcomes."""
 
 import asyncio
 import time
@@ -42,21 +42,21 @@ Rng = np.random.Generator
 Arguments = tuple[Any, ...]
 
 RAN_ANYWAY = ("error", "malformed_outcome", "result_not_encodable", "timeout_inside")
-"""Ends that no skill names: an exception that nobody expected."""
+"""Reasons of unexpected exceptions, which no skill declares."""
 SETTLE_S = 0.3
-"""Time after each call [s]: an arm swings in by up to 6 mm after its last set-point, or still brakes."""
+"""Time after each call [s], in which the arm settles (up to 6 mm after its last set-point) or brakes."""
 AT_GOAL_RAD, AT_GOAL_M = 5e-3, 2e-3
-"""How far measured joints and tool may be from the goal then."""
+"""Largest deviation of measured joints and tool from the goal after that time."""
 
 
 @dataclass
 class CallResult:
-    """What became of one call."""
+    """Result of one call."""
 
     kind: str
     refused_when_made: bool = False
     reason: str = ""
-    """Why it did not succeed; empty where it did."""
+    """Why it did not succeed; empty if it did."""
     moved: bool = False
     broken: list[str] = field(default_factory=list[str])
     wrong: list[str] = field(default_factory=list[str])
@@ -76,7 +76,7 @@ class OpenTransport(MemoryTransport):
         super().serve(component, handler)
 
     async def call_bytes(self, skill: Skill[..., Any], arguments: bytes, number: int) -> Outcome[Any]:
-        """Call a skill with arguments that nobody has checked."""
+        """Call a skill with unchecked arguments."""
         call = SkillCall(
             component=skill.component,
             skill=skill.name,
@@ -89,7 +89,7 @@ class OpenTransport(MemoryTransport):
 
 
 class TimedRobot(SimulatedRobot):
-    """The driver, which notes when it is first ordered to move."""
+    """The driver, which records its first command to move."""
 
     ordered_s = float("nan")
 
@@ -202,7 +202,7 @@ class Batch:
         await self._caller.call(skill)
 
     async def _sent_damaged(self, skill: Skill[..., Any], arguments: Arguments) -> tuple[Outcome[Any], Any]:
-        """The same as bytes of which some are damaged on the way."""
+        """The same as bytes, some of which are damaged."""
         try:
             data = skill.encode_arguments(*arguments)
         except (CommunicationError, TypeError):
@@ -215,13 +215,13 @@ class Batch:
             return outcome, None
 
     async def _ready_again(self) -> None:
-        """Give the lease back, enable and recover, so that the next call is judged by its own arguments."""
+        """Release the lease, enable and recover, so that this call does not affect the next."""
         await self._caller.call(api.RELEASE_LEASE, "memory")
         await self._caller.call(api.ENABLE)
         await self._caller.call(api.RECOVER)
 
     def _not_reached(self, skill: Skill[..., Any], decoded: dict[str, Any] | None) -> list[str]:
-        """What was asked for and is not so, though the skill succeeded."""
+        """Requested results that were not achieved although the skill succeeded."""
         if decoded is None:
             return ["succeeded with arguments that cannot be decoded"]
         if not _valid(decoded):
@@ -266,7 +266,7 @@ def _note_outcome(result: CallResult, outcome: Outcome[Any]) -> None:
 
 
 def _off_pose(q_rad: Float64Array, goal: Pose, either_way: bool) -> list[str]:
-    """How far the tool is from a pose; `either_way` allows the same turned by half a turn."""
+    """Deviation of the tool from a pose; `either_way` also allows the pose turned by half a turn."""
     T = KINEMATICS.forward(q_rad)
     off_m = float(np.linalg.norm(T.position_m - goal.position_m))
     ways = (goal, half_turned(goal)) if either_way else (goal,)
@@ -277,7 +277,7 @@ def _off_pose(q_rad: Float64Array, goal: Pose, either_way: bool) -> list[str]:
 
 
 def _valid(value: Any) -> bool:
-    """Whether all numbers are finite, quaternions unit, speeds above 0 and widths ones that the hand has."""
+    """Whether all numbers are finite, quaternions unit, speeds above 0 and widths within the hand's range."""
     match value:
         case Pose():
             unit = abs(float(np.linalg.norm(value.wxyz)) - 1.0) < 2e-3
@@ -296,7 +296,7 @@ def _valid(value: Any) -> bool:
 
 
 def some_pose(rng: Rng) -> Pose:
-    """Honest, spoilt, tilted, far, or below the table."""
+    """A pose: valid, invalid, tilted, far away, or below the table."""
     chance = rng.random()
     if chance < 0.5:
         return honest_pose(rng)
@@ -310,7 +310,7 @@ def some_pose(rng: Rng) -> Pose:
 
 
 def some_profile(rng: Rng) -> VelocityProfile:
-    """Honest, spoilt, or of a size that nothing can be moved with."""
+    """A velocity profile: valid, invalid, or too small or large for any motion."""
     chance = rng.random()
     if chance < 0.6:
         return VelocityProfile(speed_m_s=10 ** rng.uniform(-1.3, 0.5))
@@ -339,7 +339,7 @@ def some_path(rng: Rng) -> tuple[Pose, ...]:
 
 
 def some_angles(rng: Rng) -> Any:
-    """Angles of a pose, angles anywhere, no angles."""
+    """Joint angles: of a pose, random, or invalid."""
     chance = rng.random()
     if chance < 0.45:
         return KINEMATICS.inverse(honest_pose(rng))
@@ -356,7 +356,7 @@ def some_angles(rng: Rng) -> Any:
 
 
 def some_number(rng: Rng, largest: float) -> float:
-    """Inside 0 to `largest`, at its ends, outside, or no number."""
+    """A number within 0 to `largest`, at its ends, outside, or not finite."""
     if rng.random() < 0.5:
         return float(rng.uniform(0.0, largest))
     odd = (np.nan, np.inf, -np.inf, 0.0, -0.0, -1e-9, 1e-300, 1e308, largest, largest * 1.001, -largest)
@@ -379,4 +379,4 @@ CALLS: dict[str, Callable[[Rng], tuple[Skill[..., Any], Arguments]]] = {
 }
 """A call of each skill of the robot, drawn at random."""
 SHARES = {"move_joints": 6.0, "move_to": 6.0, "move_linear": 6.0, "follow_path": 6.0, "grasp": 2.0, "release": 2.0}
-"""Of the calls; 1 where not named."""
+"""Relative frequencies of the calls; 1 unless listed."""

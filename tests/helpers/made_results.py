@@ -1,4 +1,4 @@
-"""Results of runs that never ran, for tests of what is told of runs."""
+"""Constructed results of runs, for tests of reports and summaries."""
 
 from dlokit.decision.records import ActionRecord
 from dlokit.system.results.run_result import ActionResult, RunResult
@@ -43,7 +43,7 @@ def made_run(
     threshold_m: float = 0.012,
     sim_time_s: float = 30.0,
 ) -> RunResult:
-    """A run of these actions, of 20 s of the machine's time."""
+    """A run of these actions, 20 s of machine time long."""
     return RunResult(
         outcome=outcome,
         actions=len(history),
@@ -67,7 +67,7 @@ def made_record(
     expected_world: Float64Array | None = None,
     path_world: Float64Array | None = None,
 ) -> ActionRecord:
-    """What the decision layer leaves of an action that ended in a shape (M, 3) [m]."""
+    """The decision layer's record of an action that ended in a shape (M, 3) [m]."""
     return ActionRecord(
         action=1,
         kind="drag",

@@ -6,11 +6,11 @@ from random import Random
 Mutation = Callable[[bytearray, Random], bytearray]
 
 _LENGTHS = (
-    *(bytes((code,)) + b"\xff" * 4 for code in (0xC6, 0xC9, 0xDB, 0xDD, 0xDF)),  # 4 GiB to come
+    *(bytes((code,)) + b"\xff" * 4 for code in (0xC6, 0xC9, 0xDB, 0xDD, 0xDF)),  # announces 4 GiB
     *(bytes((code,)) + b"\xff" * 2 for code in (0xC5, 0xC8, 0xDA, 0xDC, 0xDE)),
     b"\xc9\x00\x00\x00\x10\x01",  # an array's extension
 )
-"""Heads of msgpack that promise more than there is."""
+"""Headers of msgpack that announce more than follows."""
 
 
 def mutated(data: bytes, rng: Random) -> bytes:

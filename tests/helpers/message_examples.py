@@ -1,4 +1,4 @@
-"""Random values of any type that a message may hold, made from the type alone: a new field needs nothing here."""
+"""Random values of any type in messages, generated from the type alone: a new field needs no change here."""
 
 import enum
 import math
@@ -23,7 +23,7 @@ _MOST = 4
 
 
 def example(wanted: Any, rng: Random) -> Any:
-    """A value of a type that a message may hold: plain values, Structs, enums, arrays, and collections of those."""
+    """A value of a type in messages: plain values, Structs, enums, arrays, and collections of those."""
     if isinstance(wanted, type) and issubclass(wanted, enum.Enum):
         return rng.choice(list(wanted))
     if wanted in _VALID:
@@ -78,7 +78,7 @@ def _array(dtype: Any, rng: Random) -> Any:
     if dtype is np.bool_:
         flat = np.array([rng.random() < 0.5 for _ in range(count)], dtype=np.bool_)
     else:
-        # Any bytes are a number; the same for NaN, whose bits must come back as they are.
+        # Any bytes are a number, also NaN, whose bits must be preserved.
         flat = np.frombuffer(rng.randbytes(count * np.dtype(dtype).itemsize), dtype=dtype)
     return flat.reshape(shape)
 
@@ -93,7 +93,7 @@ _PLAIN: dict[Any, Any] = {
 }
 
 
-_NEVER_ZERO = np.array([20.0, 0.0, 0.0, 0.0])  # added to four numbers of at most 10 it is a direction
+_NEVER_ZERO = np.array([20.0, 0.0, 0.0, 0.0])  # added to four numbers of at most 10, it gives a direction
 
 
 def _floats(rng: Random, *shape: int) -> Any:
@@ -116,4 +116,4 @@ _VALID: dict[Any, Callable[[Random], Any]] = {
     VelocityProfile: _profile,
     JointTrajectory: _trajectory,
 }
-"""Types that refuse values which cannot be, when they are made."""
+"""Types that refuse invalid values on construction."""

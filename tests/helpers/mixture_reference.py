@@ -1,4 +1,4 @@
-"""The E-step of a mixture as its equation is written, which the compiled one is compared with."""
+"""The E-step of a mixture, written as its equation: the reference for the compiled one."""
 
 import numpy as np
 

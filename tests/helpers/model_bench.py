@@ -1,4 +1,4 @@
-"""A model component on a bench, and others who talk to it."""
+"""A model component on a bus, with the components that communicate with it."""
 
 from collections.abc import Awaitable, Callable
 
@@ -25,7 +25,7 @@ S_SHAPE = builtin_shape("S", CONFIG.length_m, CONFIG.nodes)
 
 
 class Others(Component):
-    """Everybody that the model listens to, one after the other."""
+    """All publishers that the model reads, one after another."""
 
     name = "others"
     reads = (topics.STATE, topics.GOAL, topics.BELIEF)

@@ -1,8 +1,8 @@
-"""Sequences of a moving rod whose every length is kept, and of the clouds a camera would see of it.
+"""Sequences of a moving inextensible rod, and of the clouds that a camera would see of it.
 
 The tangent of the rod has a heading theta(s, t), a sum of slow waves along the rod, and a slope that lifts it
-off the table in a hump; its nodes are the integral of the tangent, so that the rod is inextensible. Time runs such
-that the fastest node moves at the speed that was asked for.
+off the table in a hump; its nodes are the integral of the tangent, so that the rod is inextensible. Time is scaled such
+that the fastest node moves at the requested speed.
 """
 
 from dataclasses import dataclass
@@ -20,13 +20,13 @@ FINE = 501
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
-    """What a sequence is like."""
+    """Parameters of a sequence."""
 
     speed_m_s: float = 0.5
     rate_hz: float = 30.0
     frames: int = 45
     hidden: tuple[float, float] | None = (0.35, 0.65)
-    """The stretch that is not seen, as shares of the length."""
+    """The hidden part, as fractions of the length."""
     noise_m: float = 0.002
     outliers: float = 0.05
     points: int = 1500
@@ -35,7 +35,7 @@ class Case:
 
 @dataclass(frozen=True, kw_only=True)
 class Sequence:
-    """A moving rod and what was seen of it."""
+    """A moving rod with the clouds seen of it."""
 
     truth: Float64Array
     """(T, M, 3) [m]."""
@@ -54,7 +54,7 @@ def moving_rod(case: Case, seed: int, nodes: int = 50) -> Sequence:
 
 
 def _curves(case: Case, rng: np.random.Generator) -> list[Float64Array]:
-    """The rod as FINE places at each frame."""
+    """The rod as FINE points in each frame."""
     u = np.linspace(0.0, 1.0, FINE)
     size = rng.normal(0.0, [1.2, 0.9, 0.5])
     phase, rate = rng.uniform(0, 2 * np.pi, (2, 3)), rng.uniform(0.5, 1.5, (3, 3))

@@ -1,4 +1,4 @@
-"""How often a cloud is ordered rightly without a prior, class by class: a script, and what the tests call.
+"""How often a cloud is ordered correctly without a prior, by class: a script, and functions for tests.
 
 python tests/helpers/order_figures.py [seeds] [first seed]
 """
@@ -31,12 +31,12 @@ SCENES = ON_TABLE | {f"lifted, {name}": replace(scene, spatial=True) for name, s
 
 @dataclass(frozen=True, kw_only=True)
 class Figures:
-    """What became of the seeds of one class."""
+    """Results of the seeds of one class."""
 
     right: float
-    """Share of the seeds whose nodes are in order."""
+    """Fraction of the seeds whose nodes are in order."""
     wrong: float
-    """Share of the seeds with an order that is wrong, and no failure that says so."""
+    """Fraction of the seeds with a wrong order and no reported failure."""
     failures: Counter[str]
     seconds: list[float]
     """Processor time of each seed [s]."""

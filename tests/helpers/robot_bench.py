@@ -1,4 +1,4 @@
-"""A robot component on a bench: its arm obeys to the bit, and its time is virtual."""
+"""A robot component with an ideal arm, which follows its set-points exactly, on virtual time."""
 
 import asyncio
 from collections.abc import Awaitable, Callable
@@ -37,7 +37,7 @@ R = TypeVar("R")
 
 
 class PerfectArm:
-    """Follows to the letter on the loop's clock, and notes what was asked of it."""
+    """An ideal arm on the loop's clock, which records its commands."""
 
     limits: JointLimits = PANDA_LIMITS
 
@@ -48,8 +48,8 @@ class PerfectArm:
         self.latched = False
         self.connected = True
         self.silent = False
-        self.frozen: RobotState | None = None  # what it says instead of its state
-        self.sag_rad = 0.0  # how far the measured angles are from where the arm was told to be
+        self.frozen: RobotState | None = None  # what it publishes instead of its state
+        self.sag_rad = 0.0  # deviation of the measured from the commanded angles
         self.followed: list[JointTrajectory] = []
 
     async def __aenter__(self) -> Self:
@@ -119,11 +119,11 @@ class PerfectArm:
 
 
 class Bench:
-    """A component on a bus of its own, and a caller."""
+    """A component on a separate bus, and a caller."""
 
     def __init__(self, compute: Compute | None = None) -> None:
         self.arm = PerfectArm()
-        self.machine_s = 0.0  # the machine's clock, which stands still unless a test moves it
+        self.machine_s = 0.0  # the machine's clock, which only the test advances
         transport, clock = MemoryTransport(), LoopClock()
         self.me = transport.identity
         self.host = Container(transport, clock, compute)

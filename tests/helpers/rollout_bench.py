@@ -1,4 +1,4 @@
-"""The strategy `rollout` on a bench: a rod that lies as an I and shall become an S, and a short search."""
+"""The strategy `rollout` with a short search, for a rod in the shape of an I with an S as goal."""
 
 from collections.abc import Callable
 

@@ -1,6 +1,6 @@
-"""What must not depend on rounding: each scene computes something that a user meets, from inputs that may be moved.
+"""Results that must not depend on rounding: each scene computes one from inputs that may be perturbed.
 
-As a script it writes what all scenes give to a file: `python rounding_scenes.py OUT.npz`. So they can be run with
+As a script, it writes the results of all scenes to a file: `python rounding_scenes.py OUT.npz`. So they can be run with
 kernels compiled for another processor.
 """
 
@@ -43,9 +43,9 @@ from dlokit.types.observation import GraspState, Observation
 from dlokit.types.robot import RobotState
 
 Rounded = Callable[[Float64Array], Float64Array]
-"""Gives an input as it is, or moved by what rounding may do to it."""
+"""Returns an input unchanged, or perturbed by as much as rounding may."""
 Outcome = dict[str, Float64Array | str]
-"""Lengths [m], by what they are of, and words."""
+"""Lengths [m] and texts, by name."""
 
 MODEL = BelievedDlo()
 GOALS = {name: builtin_shape(name, MODEL.length_m, MODEL.nodes) for name in ("I", "S")}
@@ -78,12 +78,12 @@ def _looks() -> list[tuple[Observation, DloState]]:
 
 
 def tracked(rounded: Rounded) -> Outcome:
-    """The model dragged to the target points of a recorded run, of which some are hidden."""
+    """The model pulled to the target points of a recorded run, some of which are hidden."""
     tracker, found, before_ns = Tracker(MODEL), Outcome(), -1
     for number, one in enumerate(read_recording(RECORDING, {topics.TARGETS.name})):
         seen = one.message
         assert isinstance(seen, TargetPoints)
-        if number == 0 or seen.stamp_ns == before_ns:  # found anew, in the order of the goal
+        if number == 0 or seen.stamp_ns == before_ns:  # ordered from scratch, in the order of the goal
             tracker.place(rounded(seen.nodes_world))
         before_ns = seen.stamp_ns
         found[f"look {number}"] = tracker.track(rounded(seen.nodes_world), seen.visible).nodes_world
@@ -150,7 +150,7 @@ async def _verdict(goal_world: Float64Array) -> GoalVerdict:
 
 
 def planned(rounded: Rounded) -> Outcome:
-    """What the default planner does first: kind, node and path, from an I and from a random curve to an S."""
+    """First action of the default planner: kind, node and path, from an I and a random curve to an S."""
     found: Outcome = {}
     for name, start in (("I", GOALS["I"]), ("random", random_shape(np.random.default_rng(7), 0.5, 31))):
         action = asyncio.run(_first_action(rounded(start), rounded(GOALS["S"])))
@@ -172,12 +172,12 @@ SCENES = (observed, tracked, carried, held, verdicts, planned)
 
 
 def all_scenes() -> dict[str, Any]:
-    """What every scene gives for its inputs as they are."""
+    """Result of every scene for unperturbed inputs."""
     return {f"{scene.__name__}: {key}": value for scene in SCENES for key, value in scene(lambda array: array).items()}
 
 
 def main(out: Path) -> None:
-    """Write what every scene gives for its inputs as they are."""
+    """Write the result of every scene for unperturbed inputs."""
     logging.disable()
     np.savez(out, **all_scenes())
 

@@ -1,4 +1,4 @@
-"""A rope on a textured table, rendered in stereo: pictures whose truth is known, for the tests of perception."""
+"""A rope on a textured table, rendered in stereo: images with known truth, for the tests of perception."""
 
 import itertools
 from dataclasses import dataclass
@@ -65,7 +65,7 @@ def robot_state(q_rad: Float64Array, finger_width_m: float = 0.08) -> RobotState
 
 @dataclass(frozen=True)
 class Scene:
-    """Pictures, and what is true of them."""
+    """Images with their ground truth."""
 
     images: StereoImages
     nodes_world: Float64Array  # (K, 3) [m] centre line of the rope
@@ -132,7 +132,7 @@ def _model(nodes_world: Float64Array) -> mujoco.MjModel:
         )
     left = camera_pose()
     for side, shift in (("left", 0.0), ("right", BASELINE_M)):
-        T = compose(left, pose((shift, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0)))  # MuJoCo looks along -z, y up
+        T = compose(left, pose((shift, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0)))  # MuJoCo's camera looks along -z, y up
         spec.worldbody.add_camera(
             name=side,
             pos=T.position_m,

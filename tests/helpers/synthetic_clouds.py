@@ -49,7 +49,7 @@ def cloud(
 ) -> Observation:
     """Points around the curve through the nodes with Gaussian noise, plus uniform outliers around it.
 
-    `hidden` leaves out a stretch, as shares of the length.
+    `hidden` omits a part, given as fractions of the length.
     """
     rng = np.random.default_rng(seed)
     s = arc_lengths(nodes)

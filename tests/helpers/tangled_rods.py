@@ -1,4 +1,4 @@
-"""Rods that lie across themselves, and clouds of them with gaps: for orders found without a prior."""
+"""Rods that cross themselves, and clouds of them with gaps: for ordering without a prior."""
 
 from dataclasses import dataclass
 
@@ -21,10 +21,10 @@ class Scene:
 
     crossings: int = 0
     gaps: int = 0
-    """Places where the rod is not seen; together 10 % of its length."""
+    """Number of hidden parts; together 10 % of the length."""
     outliers: float = 0.0
     spatial: bool = False
-    """Whether the rod rises off the table, and its upper part over the lower where it crosses itself."""
+    """Whether the rod rises from the table, with its upper part above the lower where it crosses itself."""
 
 
 def tangled(scene: Scene, seed: int) -> tuple[Float64Array, Observation]:
@@ -35,7 +35,7 @@ def tangled(scene: Scene, seed: int) -> tuple[Float64Array, Observation]:
 
 
 def crossings(xy: Float64Array) -> list[tuple[int, int, float]]:
-    """Where a curve in the plane crosses itself: two indices and the angle between its parts there."""
+    """Crossings of a curve in the plane: two indices and the angle between its parts."""
     step = 5
     corners = xy[::step]
     a, d = corners[:-1], np.diff(corners, axis=0)
@@ -55,7 +55,7 @@ def _cross(a: Float64Array, b: Float64Array) -> Float64Array:
 
 
 def _with_crossings(count: int, rng: np.random.Generator) -> Float64Array:
-    """A random curve in the plane (FINE, 2) [m] with so many crossings, none shallow, that touches nowhere else."""
+    """A random curve in the plane (FINE, 2) [m] with this number of crossings, none shallow, and no other contacts."""
     while True:
         xy = _bent(rng, turn=0.0 if count == 0 else rng.uniform(0.3, 0.8) * rng.choice([-1, 1]))
         found = crossings(xy)
@@ -64,7 +64,7 @@ def _with_crossings(count: int, rng: np.random.Generator) -> Float64Array:
 
 
 def _bent(rng: np.random.Generator, turn: float) -> Float64Array:
-    """A smooth curve (FINE, 2) [m] whose bends are nowhere tighter than `TIGHTEST_M`, on the whole to one side."""
+    """A smooth curve (FINE, 2) [m] that bends mostly to one side, nowhere tighter than `TIGHTEST_M`."""
     u = np.linspace(0.0, 1.0, FINE)
     wave = sum(rng.normal() / k**0.5 * np.sin(np.pi * k * u + rng.uniform(0, 2 * np.pi)) for k in range(1, 5))
     curvature = np.tanh(turn + 0.7 * wave) / TIGHTEST_M
@@ -74,7 +74,7 @@ def _bent(rng: np.random.Generator, turn: float) -> Float64Array:
 
 
 def _apart(xy: Float64Array, found: list[tuple[int, int, float]]) -> bool:
-    """Whether parts come nearer than 16 mm to each other only around crossings, and no tip lies on one."""
+    """Whether parts are closer than 16 mm only around crossings, and no tip is on one."""
     coarse = np.arange(0, FINE, 4)
     near = np.linalg.norm(xy[coarse, None] - xy[None, coarse], axis=2) < 0.016
     i, j = np.nonzero(near & (coarse[None, :] - coarse[:, None] > 60))
@@ -85,7 +85,7 @@ def _apart(xy: Float64Array, found: list[tuple[int, int, float]]) -> bool:
 
 
 def _placed(xy: Float64Array, rng: np.random.Generator, scene: Scene) -> Float64Array:
-    """The curve on the table about (0.5, 0), or lifted a little, its length kept."""
+    """The curve on the table around (0.5, 0), or slightly lifted, with the same length."""
     z = np.full(FINE, RADIUS_M)
     if scene.spatial:
         u = np.linspace(0.0, 1.0, FINE)
@@ -110,7 +110,7 @@ def _cloud(curve: Float64Array, scene: Scene, rng: np.random.Generator) -> Obser
 
 
 def _gap_middles(gaps: int, rng: np.random.Generator) -> Float64Array:
-    """Middles of gaps as shares of the length: away from the tips and from one another."""
+    """Centres of the gaps as fractions of the length, away from the tips and from each other."""
     while True:
         middles = np.sort(rng.uniform(0.13, 0.87, gaps))
         if np.all(np.diff(middles) > 0.15):
@@ -118,7 +118,7 @@ def _gap_middles(gaps: int, rng: np.random.Generator) -> Float64Array:
 
 
 def order_error_m(nodes: Float64Array, curve: Float64Array) -> float:
-    """Root mean square distance of nodes (M, 3) to their places on the curve [m], whichever end is first."""
+    """Root mean square distance of nodes (M, 3) to their positions on the curve [m], in either order."""
     truth = resample(curve, len(nodes))
     offs = (np.linalg.norm(nodes - truth, axis=1), np.linalg.norm(nodes[::-1] - truth, axis=1))
     return min(float(np.sqrt(np.mean(off**2))) for off in offs)

@@ -1,7 +1,7 @@
-"""A lab without physics: a rope that obeys at once, a camera that sees its middle line, an arm that never misses.
+"""A lab without physics: a rope that follows at once, a camera that sees its centre line, an arm without errors.
 
 Observer, model, planning and decision are the real ones; only the hardware's side (perception, robot) is scripted,
-so that each branch of the flow chart can be brought about.
+so that a test can provoke each branch of the flow chart.
 """
 
 from collections.abc import AsyncGenerator, Callable
@@ -40,31 +40,31 @@ S = builtin_shape("S", LENGTH_M, NODES)
 
 
 def lab(nodes: Float64Array = I) -> Lab:
-    """A lab whose rope lies so."""
+    """A lab whose rope has this shape."""
     return Lab(nodes=nodes.copy())
 
 
 @dataclass(frozen=True)
 class Trace:
-    """What a run in the ideal lab left."""
+    """Result of a run in the ideal lab."""
 
     result: ShapeResult
     steps: list[tuple[str, str]]
-    """(step, outcome that led there), in order."""
+    """(step, previous outcome), in order."""
     calls: list[str]
     belief: DloBelief | None
-    """What was believed of the DLO at the end."""
+    """Belief about the DLO at the end."""
 
     def edges(self) -> set[tuple[str, str, str]]:
-        """Every arrow that was taken."""
+        """All arrows that were taken."""
         return {(a, outcome, b) for (a, _), (b, outcome) in zip(self.steps, self.steps[1:], strict=False)}
 
 
 ROD = BelievedDlo(nodes=NODES, length_m=LENGTH_M)
 EASY = ServoConfig(least_health=0.5)
-"""The same makes the observer doubt what it sees while the rope is held."""
+"""The same value lowers the observer's confidence while the rope is held."""
 PATIENT = TaskConfig(stall_actions=15, hopeless_actions=15)
-"""The lab's rope has no friction, so that other shapes come about than the model promises, and it takes longer."""
+"""The lab's rope has no friction, so that the shapes differ from the model's predictions, and runs take longer."""
 
 
 def shape(
@@ -78,7 +78,7 @@ def shape(
     bus: Callable[[], MemoryTransport] = MemoryTransport,
     operator_takes_s: float = 0.0,
 ) -> Trace:
-    """Run the shape task in the ideal lab on virtual time; without a goal it is the operator's.
+    """Run the shape task in the ideal lab on virtual time; without a goal, the operator sets it.
 
     `operator` may press a button at each step, or drag the frames and press "Shape it". `rod` is the DLO as the
     system believes it to be; `bus` makes what they talk over.
@@ -100,9 +100,9 @@ async def running(
     planning: PlanningConfig | None = None,
     keep: Callable[[Journal], None] = lambda journal: None,
 ) -> AsyncGenerator[DecisionComponent]:
-    """The ideal lab's components on a bus, the decision component among them, and `others`.
+    """The ideal lab's components on a bus, including the decision component, and `others`.
 
-    `keep` is given the journals of its tasks.
+    `keep` gets the journals of its tasks.
     """
     host = Container(transport, clock)
     task = replace(config or TaskConfig(), check_camera=lab.checks_camera)
@@ -155,7 +155,7 @@ async def _shape(
                     self.port.publish(topics.COMMAND, OperatorCommand(stamp_ns=now_ns, command=command))
 
     transport = bus()
-    transport.latest(topics.BELIEF)  # from here on it is kept
+    transport.latest(topics.BELIEF)  # from here on, it is recorded
     async with running(lab, transport, LoopClock(), config, reachable, rod, (Operator(),), planning) as decision:
         request = None if goal is None else GoalRequest(nodes_world=goal, name="goal")
         result = await decision.shape(request, recorded.append)

@@ -1,4 +1,4 @@
-"""The hardware of the ideal lab: its rope, its camera and its arm do what a test says, and fail when it says so."""
+"""The hardware of the ideal lab: its rope, camera and arm do what the test scripts, including failures."""
 
 import asyncio
 from dataclasses import dataclass, field
@@ -26,27 +26,27 @@ NODES = 31
 
 @dataclass
 class Lab:
-    """What the scripted hardware shares: the rope as it lies, and which skill fails when."""
+    """State shared by the scripted hardware: the rope's shape, and which skill fails when."""
 
     nodes: Float64Array  # (NODES, 3) [m]
     fails: dict[str, list[str]] = field(default_factory=dict[str, list[str]])
     """Skill → the named failures of its next calls; an empty name succeeds."""
     holds: bool = True
-    """Whether the gripper takes hold."""
+    """Whether grasps succeed."""
     feels: bool = False
-    """Whether the state of the arm says that the fingers hold something; the model then follows the tool."""
+    """Whether the arm's state reports a grasped object; the model then follows the tool."""
     slips: int = 0
-    """How many of the next carries lose the rope half way."""
+    """Number of next carries that lose the rope half way."""
     obeys: bool = True
     """Whether the rope follows the gripper."""
     confuses_ends: bool = False
-    """Whether the model loses track behind the arm and takes the rope for lying the other way round."""
+    """Whether the model loses track behind the arm and reverses the order of the rope."""
     checks_camera: bool = False
-    """Whether the tasks in it look at the hand first."""
+    """Whether its tasks check the camera with the hand first."""
     calls: list[str] = field(default_factory=list[str])
 
     def enter(self, skill: str) -> None:
-        """Count a call, and fail it when the script says so."""
+        """Count a call, and fail it if scripted."""
         self.calls.append(skill)
         script = self.fails.get(skill, [])
         if script and (reason := script.pop(0)):
@@ -54,7 +54,7 @@ class Lab:
 
 
 class ScriptedPerception(Component):
-    """Sees points on the middle line of the rope."""
+    """Sees points on the centre line of the rope."""
 
     name = "perception"
     publishes = (topics.OBSERVATION,)
@@ -91,7 +91,7 @@ class ScriptedPerception(Component):
 
 
 class ScriptedRobot(Component):
-    """An arm that is where it is sent, and a rope that is dragged by its nodes."""
+    """An arm that reaches its targets at once, and a rope that is dragged by its nodes."""
 
     name = "robot"
     publishes = (topics.ROBOT_STATE,)
@@ -177,7 +177,7 @@ class ScriptedRobot(Component):
         return self._motion(path[-1])
 
     async def _lose(self) -> None:
-        """The fingers close, and the arm goes on until it is told to stop."""
+        """The fingers close, and the arm moves on until it is stopped."""
         self._lab.slips -= 1
         await self.port.clock.sleep(1.0)
         self._held = None

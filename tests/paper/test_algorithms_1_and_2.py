@@ -32,7 +32,7 @@ LIMIT_S = 30.0  # a call takes a millisecond; only a broken bus needs more than 
 
 
 def _grip(width_m: float, force_n: float = 20.0) -> float:
-    """Close the fingers; the width they reach."""
+    """Close the fingers; returns the width."""
     ...
 
 
@@ -84,7 +84,7 @@ class Lab:
     gripper: Gripper
     received: list[SkillCall]
     deliver: CallHandler
-    """Hands bytes to the gripper as they come from the wire."""
+    """Passes bytes to the gripper as they arrive from the bus."""
 
 
 @asynccontextmanager

@@ -1,4 +1,4 @@
-"""The box before those of Fig. 6: a look at the robot's own hand."""
+"""The step before those of Fig. 6: an observation of the robot's own hand."""
 
 import pytest
 from ideal_lab import I, shape

@@ -1,4 +1,4 @@
-"""The flow chart of Fig. 6: its arrows, and the actions, looks and marks of the paper, one by one."""
+"""The flow chart of Fig. 6: its arrows, and the paper's actions, observations and marks."""
 
 import numpy as np
 from ideal_lab import I, S, lab, shape
@@ -65,7 +65,7 @@ EDGES = {
     ("clear_marks", "done", "compare"),
     ("mark_invalid", "done", "compare"),
 }
-"""The chart of Fig. 6, with the ends that the paper lacks."""
+"""The chart of Fig. 6, with ends that the paper does not have."""
 
 CONTROL = {
     ("check_camera", "corrected", "find_dlo"),
@@ -80,7 +80,7 @@ CONTROL = {
     ("control", "interrupted", "recover"),
     ("control", "failed", "failed"),
 }
-"""What is there besides: a look at the hand, control while the DLO is held, and the end of a task without hope."""
+"""Additional arrows: observation of the hand, control of the grasped DLO, end of a task without expected progress."""
 
 RESTORED = {
     ("find_dlo", "lost", "restore"),
@@ -93,7 +93,7 @@ RESTORED = {
     ("restore", "too_often", "failed"),
     ("restore", "failed", "failed"),
 }
-"""And components that are lost and started again: `test_lost_components.py` walks these."""
+"""Arrows for components that are lost and restarted, which `test_lost_components.py` tests."""
 
 
 def test_the_chart_has_these_arrows_and_no_others() -> None:

@@ -1,4 +1,4 @@
-"""Shape servoing in the flow chart: what remains is corrected while the rope is held, and how that ends."""
+"""Shape servoing in the flow chart: the remaining error is corrected while the rope is held."""
 
 from dataclasses import replace
 
@@ -16,7 +16,7 @@ SERVO = TaskConfig(control=True, max_actions=1, threshold_m=0.004)
 
 def feeling_lab() -> Lab:
     felt = lab(I)
-    felt.feels = True  # control goes on only while something is felt between the fingers
+    felt.feels = True  # control continues only while the fingers detect an object
     return felt
 
 

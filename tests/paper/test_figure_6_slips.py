@@ -1,4 +1,4 @@
-"""A rope that slips out of the fingers is noticed; what an action tells of the DLO is learnt."""
+"""A rope that slips out of the fingers is detected; the DLO's parameters are learned from actions."""
 
 import pytest
 from ideal_lab import I, S, lab, running, shape
@@ -27,7 +27,7 @@ def test_a_node_at_which_the_rope_slipped_twice_is_not_grasped_again() -> None:
     slippery = lab(I)
     slippery.feels = True
     slippery.slips = 20
-    # Whatever changes the error clears the marks of Fig. 6: only what slipped is left out here.
+    # A change of the error clears the marks of Fig. 6; only slipped nodes stay excluded.
     trace = shape(slippery, S, TaskConfig(max_actions=7, changed_m=0.0))
     nodes = [record.grasp_node for record in trace.result.history]
     assert all(record.slipped for record in trace.result.history)
@@ -60,7 +60,7 @@ def test_a_carry_that_was_broken_off_is_named_by_its_cause_and_is_no_slip(cause:
     first, second = trace.result.history
     assert (first.grasp_ok, first.slipped, first.ended_by) == (True, False, cause)
     assert (second.slipped, second.ended_by) == (False, "")
-    # What was broken off tells nothing of the DLO.
+    # An interrupted action provides no information on the DLO.
     assert trace.belief is not None
     assert trace.belief.actions == 1
 

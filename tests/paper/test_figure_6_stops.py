@@ -1,4 +1,4 @@
-"""How a task ends or goes on where the paper has no arrow: failures, an arm that braked, budgets, the operator."""
+"""Ends and continuations that the paper does not have: failures, an arm that braked, budgets, the operator."""
 
 import logging
 
@@ -54,7 +54,7 @@ def test_an_arm_that_braked_by_itself_is_cleared_lets_go_and_the_task_goes_on(sk
 
 def test_an_action_interrupted_before_its_grasp_does_not_count_as_held() -> None:
     late = lab(I)
-    late.fails["move_to"] = ["", "lost_commander"]  # the first action is whole, the second ends on the way
+    late.fails["move_to"] = ["", "lost_commander"]  # the first action is complete, the second is interrupted
     trace = shape(late, S, TaskConfig(max_actions=2))
     assert [record.grasp_ok for record in trace.result.history] == [True, False]
 
@@ -135,7 +135,7 @@ def test_a_threshold_set_too_low_stalls_instead_of_refining_for_ever() -> None:
 def test_a_task_ends_when_the_planner_promises_no_gain_after_actions_in_vain() -> None:
     stubborn = lab(I)
     stubborn.obeys = False
-    # A goal so near that no action of the model's rod brings it nearer by `progress_m`.
+    # A goal so near that no action of the model's rod reduces the error by `progress_m`.
     trace = shape(stubborn, moved(I, (0.002, 0.0)), TaskConfig(hopeless_actions=2, threshold_m=5e-4, infeasible="try"))
     assert ("choose_grasp", "no_gain", "stalled") in trace.edges()
     assert trace.result.outcome is RunOutcome.STALLED

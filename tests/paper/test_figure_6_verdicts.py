@@ -1,4 +1,4 @@
-"""The goal is judged before the robot moves: held to, doubted, projected, tried or rejected."""
+"""The goal is assessed before the robot moves: accepted, doubtful, projected, tried or rejected."""
 
 from dataclasses import replace
 
@@ -17,7 +17,7 @@ from dlokit.types.flow import FlowStatus, GoalFrame, GoalFrames, RunOutcome
 STIFF = replace(ROD, bending_stiffness_n_m2=1e-3, belief=replace(ROD.belief, takes_set=0.0))
 """A stiff rod that always springs back: friction holds no arc of less than 17 cm."""
 DOUBTED = replace(ROD, bending_stiffness_n_m2=1e-4)
-"""A rod whose S may hold or not, as far as its stiffness is known."""
+"""A rod whose S may hold or not within the uncertainty of its stiffness."""
 
 
 def test_a_goal_off_the_table_is_infeasible_before_the_robot_moves() -> None:

@@ -1,4 +1,4 @@
-"""A component that is needed to see is gone for a while: the task waits, finds the rope anew, and goes on."""
+"""A component needed for observation is lost for a while: the task waits, finds the rope again, and continues."""
 
 import asyncio
 import math
@@ -28,7 +28,7 @@ AWAY_S = 12.0
 
 
 class LosingTransport(MemoryTransport):
-    """A component answers nobody for a while, each time from a call on."""
+    """A component stops answering for a while, each time from one call on."""
 
     def __init__(self, component: str, *calls: int, away_s: float = AWAY_S) -> None:
         super().__init__()
@@ -105,7 +105,7 @@ def test_the_camera_is_checked_again_only_where_whoever_knew_its_place_was_lost(
 
 
 def test_one_that_is_lost_again_while_it_is_told_what_it_must_know_is_waited_for_again() -> None:
-    told_again, looks_then = 6, 8  # looking in track_again; in restore, after tracking was switched off
+    told_again, looks_then = 6, 8  # an observation in track_again; in restore, after tracking was switched off
     trace = with_loss("perception", told_again, looks_then)
     assert ("restore", "lost", "restore") in trace.edges()
     assert trace.result.outcome is RunOutcome.CONVERGED

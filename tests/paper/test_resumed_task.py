@@ -1,4 +1,4 @@
-"""A task whose process has crashed goes on from its journal: same goal, and what was spent stays spent."""
+"""A task whose process crashed continues from its journal, with the same goal and the remaining budget."""
 
 from pathlib import Path
 
@@ -22,7 +22,7 @@ GOAL = I + np.array([0.05, 0.0, 0.0])
 
 
 class Run:
-    """One process's part of a task, and what it leaves."""
+    """One process's part of a task, with its journal."""
 
     def __init__(self, lab: Lab, config: TaskConfig, resumed: Journal | None = None) -> None:
         self.lab = lab
@@ -47,7 +47,7 @@ def cut_off() -> Run:
 
 
 def test_a_journal_is_kept_at_each_box_once_there_is_a_goal(cut_off: Run) -> None:
-    assert len(cut_off.journals) == len(cut_off.steps) - 1  # the end is no box
+    assert len(cut_off.journals) == len(cut_off.steps) - 1  # the end is not a step
     assert [journal.actions for journal in cut_off.journals] == sorted(journal.actions for journal in cut_off.journals)
     last = cut_off.journals[-1]
     assert last.actions == 1
@@ -62,7 +62,7 @@ def test_the_task_takes_over_the_arm_looks_anew_and_goes_on_counting(cut_off: Ru
     assert resumed.result.outcome is RunOutcome.BUDGET
     assert [record.action for record in resumed.records] == [2, 3]
     assert resumed.result.start_rmse_m == cut_off.result.start_rmse_m
-    # Looked at again, the rope lies as it lay.
+    # Observed again, the rope has the same shape.
     assert resumed.journals[-1].errors_m[1] == pytest.approx(cut_off.journals[-1].errors_m[1], abs=2e-3)
 
 
@@ -84,7 +84,7 @@ def test_a_crash_before_the_first_look_begins_at_the_beginning(cut_off: Run) -> 
 
 
 def test_a_dlo_that_was_dropped_across_itself_in_the_first_action_is_gone_on_from(cut_off: Run) -> None:
-    # Straight, three quarters of a turn, and straight again, across where it began.
+    # Straight, three quarters of a turn, and straight again, across the first part.
     heading = 1.5 * np.pi * np.clip(np.linspace(-0.5, 1.5, NODES - 1), 0.0, 1.0)
     loop = np.tile(I[NODES // 2], (NODES, 1))
     loop[1:, :2] += LENGTH_M / (NODES - 1) * np.cumsum(np.column_stack((np.sin(heading), np.cos(heading))), axis=0)
@@ -113,7 +113,7 @@ def test_the_file_gives_back_what_was_kept_last(cut_off: Run, tmp_path: Path) ->
     assert read.slips == last.slips
     np.testing.assert_array_equal(read.request.nodes_world, last.request.nodes_world)
     assert [mark.node for mark in read.marks] == [mark.node for mark in last.marks]
-    JournalFile(tmp_path / "gone").keep(last)  # a disk that cannot be written ends no task
+    JournalFile(tmp_path / "gone").keep(last)  # a disk error does not end the task
     (tmp_path / NAME).write_bytes(b"\x00")
     with pytest.raises(InputError, match="cannot be understood"):
         read_journal(tmp_path)

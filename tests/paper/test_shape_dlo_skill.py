@@ -1,4 +1,4 @@
-"""`shape_dlo` as a skill: called over a bus, by whoever builds a larger task, in a lab that obeys at once."""
+"""`shape_dlo` as a skill: called over a bus, as part of a larger task, in the ideal lab."""
 
 import asyncio
 import itertools
@@ -71,7 +71,7 @@ async def on_zenoh(config: ZenohConfig, clock: Clock) -> AsyncGenerator[Transpor
 
 @asynccontextmanager
 async def hurried() -> AsyncGenerator[Clock]:
-    """A clock that runs as fast as the loop has nothing else to do."""
+    """A clock that advances whenever the loop is idle."""
     clock = FollowedClock()
 
     async def tick() -> None:
@@ -151,7 +151,7 @@ def test_a_cancelled_task_stops_the_robot_and_the_next_one_may_begin(on_bus: Bus
         task.cancel()
         with pytest.raises(asyncio.CancelledError):
             await task
-        # The caller goes on when the robot stands, not before.
+        # The caller continues only after the robot has stopped.
         assert "halt" in lab.calls
         assert isinstance(await bus.call(SHAPE_DLO, "I", max_actions=1), Succeeded)
 
@@ -176,7 +176,7 @@ def test_what_cannot_work_is_rejected_by_name_before_the_robot_moves(
         assert isinstance(outcome, Rejected)
         assert outcome.reason == reason
         assert not lab.calls
-        # Nothing of it is left in the way of the next task.
+        # Nothing of it affects the next task.
         assert isinstance(await bus.call(SHAPE_DLO, "I", max_actions=1), Succeeded)
 
     in_memory(body)

@@ -24,18 +24,18 @@ RUNS: dict[str, tuple[str, ...]] = {
         *("try", "--observer", "cpd", "--planner", "farthest", "--control", "--max-actions", "1"),
     ),
 }
-"""What is run, by the name of the file: each planner, two observers, shape servoing, a DLO that takes a set."""
+"""Configurations by file name: each planner, two observers, shape servoing, a DLO with permanent deformation."""
 
 PAIRS_OF_PICTURES = {"farthest": 2}
-"""How many are kept; they are most of a recording. Without them nothing is fed to perception."""
+"""Number of image pairs that are kept: they are most of a recording, and perception cannot be replayed without."""
 
 NOT_FED = ("cell/", "view/")
-"""No component that is replayed reads these."""
+"""Channels that no replayed component reads."""
 PICTURES = ("perception/images", "view/left", "view/right")
 
 
 def renew(names: list[str]) -> None:
-    """Run, and keep what a replay needs."""
+    """Run, and keep the messages that a replay needs."""
     for name in names:
         with tempfile.TemporaryDirectory() as folder:
             code = execute(["shape", "--headless", "--no-check-camera", "--out", folder, *RUNS[name]])
@@ -44,7 +44,7 @@ def renew(names: list[str]) -> None:
 
 
 def keep(source: Path, target: Path, pairs: int) -> None:
-    """Copy a recording as it is, without most of its pictures; the same messages give the same bytes."""
+    """Copy a recording without most of its images; the same messages give the same bytes."""
     with source.open("rb") as whole, target.open("wb") as part:
         reader, writer = make_reader(whole), Writer(part, compression=CompressionType.ZSTD)
         writer.start(library="dlokit")

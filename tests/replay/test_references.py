@@ -1,4 +1,4 @@
-"""Recorded runs, fed to each component once more: it says what it said, or the change is meant: `make references`."""
+"""Recorded runs, replayed through each component: it publishes the same, or the change is meant: `make references`."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -17,7 +17,7 @@ from dlokit.system.replay import REPLAYABLE, Replay, recorded_config, recorded_t
 FOLDER = Path(__file__).with_name("references")
 REFERENCES = sorted(path.stem for path in FOLDER.glob("*.mcap"))
 WITH_PICTURES = "farthest"
-LARGEST_BYTES = 1_000_000  # they are in the repository, and renewed often
+LARGEST_BYTES = 1_000_000  # they are in the repository and renewed often
 
 HINT = "if the change is meant, renew the references with `make references`, and say in the commit what changed"
 

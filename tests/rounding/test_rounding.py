@@ -1,4 +1,4 @@
-"""Nothing important hangs on rounding, and so on the processor: shapes, verdicts and choices stay what they are."""
+"""Shapes, verdicts and choices do not depend on rounding, and hence not on the processor."""
 
 import os
 import subprocess
@@ -17,7 +17,7 @@ from dlokit.types.arrays import Float64Array
 GROWN_M = 1e-6
 """[m]. A user would notice 0.1 mm. Well-posed calculations stay below 1e-8; a tie that rounding breaks gives 1e-5."""
 RELATIVE = 1e-12
-"""How far inputs are moved: a thousand times what one operation rounds by, as after a long calculation."""
+"""Perturbation of inputs: a thousand times the rounding of one operation, as after a long calculation."""
 
 
 def as_it_is(array: Float64Array) -> Float64Array:

@@ -1,6 +1,6 @@
-"""Programs of a tiny run on several hosts: the main host, the arm's, a desk that looks on, and strangers.
+"""Programs of a tiny run on several hosts: the main host, the arm's, an observing desk, and strangers.
 
-What they see they print, a line each; the main host and the desk do what their standard input says.
+Each prints its observations as lines; the main host and the desk execute commands from standard input.
 """
 
 import asyncio
@@ -61,7 +61,7 @@ def say(text: str) -> None:
 
 
 class TinyRobot(Component):
-    """No arm, but its lease, its state, and a motion that goes on until it is braked."""
+    """An arm reduced to its lease, its state, and a motion that continues until it is braked."""
 
     name = "robot"
     publishes = (topics.ROBOT_STATE,)
@@ -92,7 +92,7 @@ class TinyRobot(Component):
                         mode=RobotMode.IDLE,
                     ),
                 )
-                await asyncio.sleep(STATE_PERIOD_S)  # also when the cell's clock stands, because its host is cut off
+                await asyncio.sleep(STATE_PERIOD_S)  # also without the cell's clock, when its host is disconnected
         finally:
             self._watch.close()
 
@@ -141,7 +141,7 @@ def launch_in(folder: Path) -> Launch:
 
 
 async def obey(orders: dict[str, Callable[[], Awaitable[object]]]) -> None:
-    """Do what standard input says, a word a line, each beside the next; end with it."""
+    """Execute the commands on standard input, one word per line, concurrently; end at its end."""
     tasks: list[asyncio.Task[None]] = []
 
     async def do(word: str) -> None:
@@ -155,7 +155,7 @@ async def obey(orders: dict[str, Callable[[], Awaitable[object]]]) -> None:
 
 
 async def new_states(transport: Transport) -> str:
-    """Wait for states that the arm has told after this was asked."""
+    """Wait for states that the arm published after this call."""
     states = transport.stream(topics.ROBOT_STATE)
     for _ in range(3):
         await anext(states)
@@ -207,7 +207,7 @@ async def desk_host(hosts: HostsConfig, folder: Path) -> None:
 
 
 def look_in(endpoint: str, files: Sequence[str], within_s: float) -> dict[str, int] | str:
-    """What somebody without dlokit sees of the bus: how many answers to each question, if it can connect at all."""
+    """What a client without dlokit sees of the bus: number of answers to each query, if it can connect."""
     tls = TlsFiles(authority=files[0], certificate=files[1], key=files[2]) if files else None
     config = ZenohConfig(
         namespace=NAMESPACE, role="router", listen=(), connect=(endpoint,), tls=tls, connect_within_s=within_s
@@ -217,7 +217,7 @@ def look_in(endpoint: str, files: Sequence[str], within_s: float) -> dict[str, i
     except MachineError:
         return "refused"
     seen: dict[str, int] = {}
-    for _ in range(LOOKS):  # whoever has just come is told little by little what there is
+    for _ in range(LOOKS):  # a new client receives the declarations gradually
         for key in ("last/**", "call/robot/*", "call/**", "**"):
             replies = session.get(key, timeout=3.0, target=zenoh.QueryTarget.ALL)
             seen[key] = sum(reply.ok is not None for reply in replies)

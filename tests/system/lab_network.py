@@ -1,4 +1,4 @@
-"""A network of machines on this one: a network namespace each, on a bridge of their own (Linux, as root)."""
+"""A network of simulated machines: one network namespace each, on a separate bridge (Linux, as root)."""
 
 import os
 import shutil
@@ -8,7 +8,7 @@ from contextlib import contextmanager
 
 
 def why_not() -> str:
-    """Why there can be no such network here; empty when there can."""
+    """Why such a network is not possible here; empty if it is."""
     if shutil.which("ip") is None or os.geteuid() != 0:
         return "network namespaces need iproute2 and root"
     name = f"dlk{os.getpid()}-try"
@@ -19,7 +19,7 @@ def why_not() -> str:
 
 
 class LabNetwork:
-    """Machines by their names, at 10.77.0.1 and so on in the order of their names."""
+    """Machines by name, with addresses from 10.77.0.1 in the order of their names."""
 
     def __init__(self, names: tuple[str, ...]) -> None:
         self._prefix = f"dlk{os.getpid()}-"
@@ -29,11 +29,11 @@ class LabNetwork:
         return f"10.77.0.{self._names.index(name) + 1}"
 
     def inside(self, name: str, *command: str) -> tuple[str, ...]:
-        """The command, run on that machine."""
+        """The command that runs `command` on that machine."""
         return ("ip", "netns", "exec", self._prefix + name, *command)
 
     def cut(self, name: str) -> None:
-        """Somebody pulls its cable."""
+        """Disconnect its cable."""
         self._switch("link", "set", name, "down")
 
     def heal(self, name: str) -> None:
@@ -63,7 +63,7 @@ class LabNetwork:
 
 @contextmanager
 def lab_network(*names: str) -> Generator[LabNetwork]:
-    """Machines that are there meanwhile, whatever happens."""
+    """Provide machines within the context, and remove them at its end."""
     network = LabNetwork(names)
     try:
         network.build()

@@ -1,4 +1,4 @@
-"""Live runs that something goes wrong in, as `dlokit bench faults` makes them: a handful of the table."""
+"""Live runs with injected faults, as in `dlokit bench faults`: a few rows of its table."""
 
 import asyncio
 from pathlib import Path

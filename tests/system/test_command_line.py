@@ -32,7 +32,7 @@ LINE = np.column_stack([np.linspace(0.0, 0.5, 20), np.zeros(20)])  # (20, 2) [m]
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Generator[Path]:
-    """A working directory with shape files, which every test leaves without anything new in it."""
+    """A working directory with shape files, in which no test may leave a new file."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "empty.csv").write_text("")
     (tmp_path / "header.csv").write_text("x,y\n")
@@ -58,7 +58,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Generator[Path]:
 
 
 def _zigzag() -> np.ndarray:
-    """A curve (K, 2) [m] of the rope's length whose corners no rope takes."""
+    """A curve (K, 2) [m] of the rope's length with corners that no rope can form."""
     along = np.arange(26) * 0.01
     return np.column_stack([0.40 + along, 0.0173 * (np.arange(26) % 2)])
 

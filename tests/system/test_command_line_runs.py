@@ -1,4 +1,4 @@
-"""`dlokit shape` as a whole: repeatable side by side, re-runnable, and stopped by a signal with its result written."""
+"""`dlokit shape` as a whole: concurrent runs repeat, a run can be repeated, and a signal stops it with a result."""
 
 import json
 import signal
@@ -14,7 +14,7 @@ from dlokit.types.flow import RunOutcome
 
 DLOKIT = str(Path(sys.executable).with_name("dlokit"))
 BACKGROUND = ("sh", "-c", 'trap "" INT; exec "$0" "$@"')
-"""Starts a command as a script does that ends its line with &: it ignores SIGINT."""
+"""Starts a command as a script with & does: it ignores SIGINT."""
 LIMIT_S = 180.0  # an action takes 3 s of an idle core
 MACHINE_TIMES = ("wall_time_s", "planning_time_s")
 

@@ -1,4 +1,4 @@
-"""A run on several hosts, each in a network namespace of its own: what passes, what does not, a cable pulled out."""
+"""A run on several hosts, each in a network namespace: what may pass, and a disconnected cable."""
 
 import json
 import signal
@@ -34,7 +34,7 @@ class Program:
         self._popen.stdin.flush()
 
     def until(self, wanted: str) -> str:
-        """The next line that begins so; what stands before it is passed over."""
+        """The next line with this beginning; earlier lines are skipped."""
         assert self._popen.stdout is not None
         for line in self._popen.stdout:
             if line.startswith(wanted):
@@ -69,7 +69,7 @@ class Lab:
 
     @contextmanager
     def runs(self, host: str) -> Generator[Program]:
-        """The host's program meanwhile."""
+        """Run the host's program within the context."""
         here = self.folder / host
         here.mkdir(exist_ok=True)
         command = (sys.executable, PROGRAM, host, self.endpoint, str(self.certificates), str(here))
@@ -91,7 +91,7 @@ class Lab:
                 program.end()
 
     def look_in(self, machine: str, *attempts: tuple[str, tuple[str, ...]], within_s: float) -> list[object]:
-        """What somebody on that machine sees, who tries these endpoints with these files, one after the other."""
+        """What a client on that machine sees with these endpoints and files, tried one after another."""
         asked = [{"endpoint": endpoint, "files": files, "within_s": within_s} for endpoint, files in attempts]
         done = subprocess.run(
             self.network.inside(machine, sys.executable, PROGRAM, "look", json.dumps(asked)),

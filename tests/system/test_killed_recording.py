@@ -1,4 +1,4 @@
-"""A recording whose process is killed: readable, and at most a second short."""
+"""A recording whose process is killed is readable and lacks at most the last second."""
 
 import subprocess
 import sys

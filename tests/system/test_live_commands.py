@@ -1,4 +1,4 @@
-"""`dlokit call` and `dlokit stop` on a cell and an arm that really run, each in a process of its own."""
+"""`dlokit call` and `dlokit stop` with a live cell and arm, each in its own process."""
 
 import asyncio
 from collections.abc import AsyncGenerator
@@ -28,11 +28,11 @@ pytestmark = pytest.mark.live
 WAIT_S = 120.0  # both processes are up within 10 s of two idle cores
 OWN = ProcessRow(name="main", components=())
 FAR_RAD = 2.4
-"""Of the first joint: a motion takes 2.7 s of the cell's clock, long enough to be interrupted."""
+"""Target of the first joint: the motion takes 2.7 s of the cell's clock, long enough to interrupt it."""
 MOVING_RAD_S = 0.1
-"""A joint of an arm under way is faster."""
+"""Speed above which an arm is in motion."""
 STANDING_RAD_S = 0.01
-"""No joint of an arm that stands is faster: what the cell's controllers leave."""
+"""Largest joint speed of an arm at rest, due to the cell's controllers."""
 
 
 @asynccontextmanager
@@ -46,12 +46,12 @@ async def arm_and_cell(folder: Path) -> AsyncGenerator[LiveSystem]:
 
 
 async def dlokit(*arguments: str) -> int:
-    """The exit code of a command, in a thread of its own as in a shell of its own."""
+    """Exit code of a command that runs in a separate thread, as in a separate shell."""
     return await asyncio.to_thread(execute, arguments)
 
 
 async def until_speed(transport: Transport, lowest_rad_s: float, highest_rad_s: float) -> RobotState:
-    """The first state of the arm in which its fastest joint is so fast."""
+    """The first state of the arm whose fastest joint has this speed."""
     async for state in transport.stream(topics.ROBOT_STATE):
         if lowest_rad_s <= np.abs(state.dq_rad_s).max() <= highest_rad_s:
             return state
@@ -69,7 +69,7 @@ def test_an_arm_is_called_and_stopped_in_the_middle_of_a_motion(
             assert capsys.readouterr().out.startswith("succeeded {")
             moving = asyncio.create_task(live.transport.call(robot.MOVE_JOINTS, far_rad))
             await until_speed(live.transport, MOVING_RAD_S, np.inf)
-            # There is no decision process here, so nobody can say that no task goes on.
+            # Without a decision process, it is unknown whether a task runs.
             assert await dlokit("stop", "--run", str(tmp_path)) == 3
             said = capsys.readouterr().out.splitlines()
             assert said[0] == f"{tmp_path}: panda stands, and is stopped until dlokit enable"
@@ -78,7 +78,7 @@ def test_an_arm_is_called_and_stopped_in_the_middle_of_a_motion(
             assert isinstance(outcome, Failed)
             assert outcome.reason == "stopped"
             stands = await until_speed(live.transport, 0.0, STANDING_RAD_S)
-            # Far from where it was sent: a motion that is at its end is a hundredth of this away.
+            # Far from its target: at the end of a motion, the distance is a hundredth of this.
             assert np.abs(stands.q_rad - far_rad).max() > 0.1 * FAR_RAD
             refused = await live.transport.call(robot.HOME)
             assert isinstance(refused, Rejected)

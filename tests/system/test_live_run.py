@@ -1,4 +1,4 @@
-"""The real processes: the rope is shaped, a dead process is named, Ctrl-C leaves nothing behind."""
+"""Live runs with all processes: the rope is shaped, a dead process is named, Ctrl-C leaves no process."""
 
 import signal
 import subprocess
@@ -26,13 +26,13 @@ LIVE = RunConfig(runtime="live", headless=True)
 
 
 def started_by(pid: int) -> dict[str, psutil.Process]:
-    """The processes of the table that a process has started, by name."""
+    """Child processes from the table of processes, by name."""
     children = (child for child in psutil.Process(pid).children() if child.status() != psutil.STATUS_ZOMBIE)
     return {line[-1]: child for child in children if "dlokit.system.processes.main" in (line := child.cmdline())}
 
 
 class Killer(Watcher):
-    """Kills a process of this one's, once, in the middle of an action."""
+    """Kills one child process once, during an action."""
 
     def __init__(self, victim: str) -> None:
         self._victim = victim
@@ -50,7 +50,7 @@ def test_the_rope_is_shaped_by_all_processes_together(tmp_path: Path) -> None:
     assert result.outcome is RunOutcome.CONVERGED, result
     assert result.rmse_m is not None
     assert result.rmse_m < result.threshold_m
-    # The bar of the shaping task: what the system believes is true to 2 mm.
+    # The bound of the shaping task: the estimated error is correct within 2 mm.
     assert result.true_rmse_m is not None
     assert result.true_rmse_m < 0.014
     assert not started_by(psutil.Process().pid)

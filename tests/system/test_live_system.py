@@ -1,4 +1,4 @@
-"""Real processes with tiny components: they start, are watched, and none is left behind however it ends."""
+"""Live processes with tiny components: they start, are supervised, and all end with the system."""
 
 import asyncio
 import contextlib
@@ -66,7 +66,7 @@ async def never() -> str:
 
 
 async def result_of(system: LiveSystem, what_happens: Callable[[], object]) -> str:
-    """Let something happen while a task runs that says what became of it, as the shape task does."""
+    """Provoke an event while a task runs that returns an outcome, as the shape task does."""
 
     async def task() -> str:
         what_happens()
@@ -200,4 +200,4 @@ def test_a_cell_goes_on_for_a_while_when_all_is_lost_so_that_its_arm_can_brake(t
         parent.kill()
     live(eventually(lambda: not any(runs(pid) for pid in pids)))
     ended_s = {name: (tmp_path / "logs" / f"{name}.log").stat().st_mtime for name in ("cell", "echo")}
-    assert ended_s["cell"] - ended_s["echo"] > 1.0  # of the two seconds by which it outlives its parent
+    assert ended_s["cell"] - ended_s["echo"] > 1.0  # of the two seconds that it runs on after its parent

@@ -1,4 +1,4 @@
-"""Cell, robot and a commander as real processes: whichever way commander or feedback is lost, the arm brakes."""
+"""Cell, robot and commander as live processes: the arm brakes when it loses its commander or its feedback."""
 
 import asyncio
 import itertools
@@ -21,7 +21,7 @@ def test_an_arm_whose_commander_or_feedback_is_lost_brakes_and_moves_again_when_
         busy_processes=0,
         seed=0,
     )
-    # How soon is measured by `dlokit bench stop`; a test on a machine that does other things as well asks whether.
+    # `dlokit bench stop` measures the time; on a busy machine, a test only checks that it brakes.
     figures = asyncio.run(measure_stops(plan, lambda said: None))
     assert len(figures.by_fault) == 4
     for stop in itertools.chain(*figures.by_fault.values()):

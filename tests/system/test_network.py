@@ -1,4 +1,4 @@
-"""What a live system shows of itself: to the network nothing, to another system of the same machine nothing."""
+"""A live system is visible neither on the network nor to another system on the same machine."""
 
 import asyncio
 import ipaddress
@@ -23,7 +23,7 @@ WAIT_S = 60.0  # starting a process takes a second; many on a loaded machine tak
 
 
 def addresses_open(pid: int) -> list[str]:
-    """Addresses at which a process can be reached from elsewhere: not those of connections that stand."""
+    """Addresses on which a process listens, without those of established connections."""
     connections = psutil.Process(pid).net_connections(kind="inet")
     return [each.laddr.ip for each in connections if not each.raddr]
 
@@ -64,12 +64,12 @@ def test_two_systems_of_one_machine_do_not_see_each_other(tmp_path: Path) -> Non
 
 
 async def nothing_crosses(one: LiveSystem, other: LiveSystem) -> None:
-    """A command that is published in one system is heard in it, and by then not in the other."""
+    """A command published in one system arrives in it, and not in the other."""
     heard = one.transport.stream(topics.COMMAND)
     assert other.transport.latest(topics.COMMAND).value is None
     one.transport.publish(topics.COMMAND, OperatorCommand(stamp_ns=1, seq=1, command=Command.PAUSE))
     assert (await anext(heard)).command is Command.PAUSE
     ticks = other.transport.stream(topics.CLOCK)
-    for _ in range(10):  # by then the other system has had as long to hear of it
+    for _ in range(10):  # the other system has had as much time to receive it
         await anext(ticks)
     assert other.transport.latest(topics.COMMAND).value is None

@@ -1,4 +1,4 @@
-"""Cell, robot and a commander as real processes: a person's stop holds, whatever becomes of the commander."""
+"""Cell, robot and commander as live processes: a person's stop holds, whatever happens to the commander."""
 
 import asyncio
 
@@ -13,7 +13,7 @@ pytestmark = pytest.mark.live
 
 def test_nothing_moves_after_a_persons_stop_and_everything_does_after_the_arm_is_enabled() -> None:
     plan = PressPlan(run=RunConfig(runtime="live", headless=True), presses=1, busy_processes=0, seed=0)
-    # How soon is measured by `dlokit bench stop`; a test on a machine that does other things as well asks whether.
+    # `dlokit bench stop` measures the time; on a busy machine, a test only checks that it stops.
     rows = asyncio.run(measure_presses(plan, PERSON, print))
     assert [row.name for row in rows] == [STARTING.name, *(row.name for row in ROWS)]
     for row in rows:

@@ -1,6 +1,6 @@
-"""Long: the commands of README, run as they stand there, with the outcome that it leads one to expect.
+"""Long: the commands of README run as written, with the outcome that README describes.
 
-`make test-all` runs them; some ten minutes.
+`make test-all` runs them in about ten minutes.
 """
 
 import os
@@ -28,7 +28,7 @@ NEEDS_A_PERSON_OR_A_SYSTEM = (
     "enable",
     "ps",
 )
-"""These wait for a person, for a running system, or for a file of the reader's."""
+"""Commands that wait for a person, a running system, or a file of the reader."""
 LONG_BENCHES = ("dlokit bench", "dlokit resume")
 OF_A_RUN = "runs/<run>"
 LIMIT_S = 900.0
@@ -64,7 +64,7 @@ def test_a_shape_command_converges(line: str, tmp_path: Path) -> None:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with one run in it, of README's example of another DLO."""
+    """A folder with one run of README's example with another DLO."""
     made = tmp_path_factory.mktemp("readme")
     (line,) = [line for line in SHAPE if "silicone" in line]
     assert dlokit(f"{line} --headless --out {OF_A_RUN.replace('<run>', 'one')}", made).returncode == 0

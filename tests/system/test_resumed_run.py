@@ -1,4 +1,4 @@
-"""The decision process is killed in the middle of a run: nothing is left behind, and the run goes on in another."""
+"""The decision process is killed during a run: no process remains, and another run resumes it."""
 
 import subprocess
 import sys
@@ -52,7 +52,7 @@ def test_a_run_whose_decision_process_is_killed_goes_on_to_its_goal(tmp_path: Pa
     )
     assert done.returncode == 0, done.stdout + done.stderr
     assert read_result(resumed).outcome is RunOutcome.CONVERGED
-    # What has ended of its own cannot be resumed again.
+    # A run that has ended normally cannot be resumed.
     again = subprocess.run(
         (DLOKIT, "resume", str(resumed)), capture_output=True, text=True, timeout=WAIT_S, check=False
     )

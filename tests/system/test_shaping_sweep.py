@@ -1,4 +1,4 @@
-"""A small sweep as a whole: side by side as one after another, on a Dask cluster, and continued after Ctrl-C."""
+"""A small sweep as a whole: in parallel, in sequence, on a Dask cluster, and continued after Ctrl-C."""
 
 import os
 import signal
@@ -27,7 +27,7 @@ CASES: list[ShapingCase] = list(cases(paper_suite()[1:2], 2, (ShapingMethod(obse
 
 
 def _figures(results: list[CaseResult]) -> dict[int, Any]:
-    """What a run gives on any machine and in any folder."""
+    """The part of a run's result that is independent of machine and folder."""
     return {done.case.seed: _lasting(done.result) for done in results}
 
 

@@ -1,4 +1,4 @@
-"""A person's stop of a whole live run whose decision process does not answer: the arm stands, and goes on standing."""
+"""A person's stop of a live run whose decision process does not respond: the arm stops and stays stopped."""
 
 import asyncio
 import contextlib
@@ -30,7 +30,7 @@ Process = subprocess.Popen[bytes]
 DLOKIT = Path(sys.executable).with_name("dlokit")
 WAIT_S = 120.0  # a run takes half a minute of two idle cores
 MOVING_RAD_S = 0.2
-STANDS_RAD = 0.02  # of any joint: what a held arm and the DLO's pull move it by
+STANDS_RAD = 0.02  # of any joint: motion of a held arm under the DLO's force
 
 
 async def found(folder: Path, *, starting: bool) -> RunningSystem:
@@ -115,7 +115,7 @@ def test_a_system_that_is_stopped_while_it_starts_never_moves_its_arm(tmp_path: 
 
 
 def ends(body: Callable[[Process], Coroutine[Any, Any, None]], process: Process) -> None:
-    """Run it, and leave no process behind whatever becomes of it."""
+    """Run it, and end all its processes in any case."""
     try:
         asyncio.run(body(process))
     finally:

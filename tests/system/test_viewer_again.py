@@ -1,4 +1,4 @@
-"""A viewer that is started again: pages that are open find it, because its address has the key of before."""
+"""A restarted viewer: open pages reconnect, because its address has the same key."""
 
 import asyncio
 import os
@@ -19,7 +19,7 @@ from dlokit.system.toml_config import to_toml
 
 pytestmark = pytest.mark.live
 
-WAIT_S = 120.0  # a viewer is there after 2 s; on a loaded machine it takes more
+WAIT_S = 120.0  # a viewer starts within 2 s, or longer on a loaded machine
 OWN = ProcessRow(name="main", components=(), time_base=TimeBase.MACHINE)
 
 

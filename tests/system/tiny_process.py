@@ -1,4 +1,4 @@
-"""A started process whose components are as small as can be: a clock, an echo, and things that go wrong."""
+"""A process with minimal components: a clock, an echo, and scripted failures."""
 
 import asyncio
 import os
@@ -27,7 +27,7 @@ def _process() -> int:
 
 
 def _hang() -> None:
-    """Stop the event loop, as a component that never gives way does."""
+    """Block the event loop, as a component that never yields does."""
     ...
 
 

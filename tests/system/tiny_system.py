@@ -1,4 +1,4 @@
-"""Tables and launches of tiny processes; run as a program, a whole tiny system that waits to be ended."""
+"""Tables and launches of tiny processes; run as a program, a tiny system that waits until it is stopped."""
 
 import asyncio
 import sys

@@ -1,4 +1,4 @@
-"""The host: what is wired, in which order, and what happens when a component goes wrong."""
+"""The container: which parts it connects, in which order, and how it handles a component's errors."""
 
 import asyncio
 from collections.abc import Callable, Coroutine
@@ -245,7 +245,7 @@ def test_the_time_limit_of_a_skill_counts_on_the_clock_that_its_component_lives_
         host.add(Listener())
         async with host:
             call = asyncio.create_task(bus.call(SLEEP))
-            await asyncio.sleep(1000.0)  # the machine's time: a cell that stands still is not the skill's fault
+            await asyncio.sleep(1000.0)  # machine time: a cell whose clock does not advance must not end the skill
             assert not call.done()
             clock.tick(3_000_000_000)
             assert isinstance(await call, TimedOut)

@@ -1,4 +1,4 @@
-"""Contracts: what the host checks before and after a skill, one at a time, and once a call."""
+"""Contracts: checks before and after a skill, exclusive use of resources, and one run per call."""
 
 import asyncio
 
@@ -174,7 +174,7 @@ def test_a_call_that_comes_again_is_answered_from_the_record() -> None:
         drill = Drill()
         dispatch = await dispatcher_of(drill)
         first = await dispatch(request("a"), lambda data: None)
-        # Whatever it asks for now: it is the same call.
+        # Its arguments differ, but its id is that of the same call.
         again = await dispatch(request("a", 5.0), lambda data: None)
         assert again == first
         assert drill.turned == 1
@@ -224,11 +224,11 @@ def test_the_record_is_bounded_and_a_forgotten_answer_is_named(monkeypatch: pyte
             return await record.once(call_id, run)
 
         await answered("a")
-        await answered("b")  # 120 bytes: the first is forgotten, its number is not
+        await answered("b")  # 120 bytes: the first answer is deleted, its id is not
         assert await answered("a") == b"forgotten"
         assert await answered("b") == b"b" * 60
         await answered("c")
-        await answered("d")  # four calls: the first number is forgotten too
+        await answered("d")  # four calls: the first id is deleted too
         assert await answered("a") == b"a" * 60
 
     virtual_time.run(main())

@@ -1,4 +1,4 @@
-"""More than one of a kind: calls and messages find the one that is meant."""
+"""Several instances of a component: calls and messages reach the addressed one."""
 
 import asyncio
 
@@ -17,7 +17,7 @@ from dlokit.types.outcome import Succeeded, Unreachable
 
 
 def _who() -> str:
-    """Who answers."""
+    """Name of the instance that answers."""
     ...
 
 

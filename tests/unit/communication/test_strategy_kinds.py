@@ -1,4 +1,4 @@
-"""Strategies of other packages come through entry points; one that is broken stops no other."""
+"""Strategies of other packages are found through entry points; a broken one does not affect others."""
 
 import logging
 from dataclasses import dataclass
@@ -74,7 +74,7 @@ def test_one_that_cannot_be_imported_is_left_out_with_a_line_that_names_package_
     strategies = kind()
     assert list(strategies.installed()) == ["ours", "near"]
     strategies.installed()
-    (line,) = caplog.records  # once, however often they are asked for
+    (line,) = caplog.records  # once, however often they are requested
     assert line.levelno == logging.WARNING
     assert "bad-package 1.0" in line.getMessage()
     assert "ImportError: no libnear.so in any folder" in line.getMessage()

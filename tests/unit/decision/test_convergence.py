@@ -1,4 +1,4 @@
-"""When a shape task is over."""
+"""Conditions that end a shape task."""
 
 import pytest
 
@@ -54,10 +54,10 @@ IN_VAIN = [0.05, 0.02, 0.03, 0.025, 0.021]
 @pytest.mark.parametrize(
     ("errors_m", "promised_m", "expected"),
     [
-        (IN_VAIN, 0.019, False),  # better by no more than estimates differ by
+        (IN_VAIN, 0.019, False),  # an improvement within the noise of the estimate
         (IN_VAIN, 0.018, True),
         (IN_VAIN, None, True),
-        (IN_VAIN[:-1], 0.03, True),  # two are too few to give up
+        (IN_VAIN[:-1], 0.03, True),  # two are too few to stop
     ],
 )
 def test_after_actions_in_vain_only_the_promise_of_a_new_best_is_worth_another(

@@ -1,4 +1,4 @@
-"""Flow charts as data."""
+"""Flow charts defined as data."""
 
 import asyncio
 import enum
@@ -82,7 +82,7 @@ def test_the_drawing_has_every_arrow_and_lights_the_current_step() -> None:
 
 
 def faulty(fault: FaultKind, then: dict[Coin | FaultKind, str]) -> tuple[list[tuple[str, str]], list[str]]:
-    """The boxes visited and the faults told of a flow whose one step raises."""
+    """The visited steps and reported faults of a flow in which one step raises."""
 
     async def raises(task: list[str]) -> Coin:
         raise StepFault(fault, "too far", skill="robot.move_to", reason="unreachable")

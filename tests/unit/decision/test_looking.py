@@ -1,4 +1,4 @@
-"""How long a state is waited for."""
+"""Waiting times for a new state."""
 
 import asyncio
 from types import SimpleNamespace
@@ -28,7 +28,7 @@ STATE = DloState(stamp_ns=0, nodes_world=np.zeros((MODEL.nodes, 3)), topology=to
 
 
 class Bus:
-    """On which a component is gone, or another one's, from a time on."""
+    """A bus on which a component is lost or replaced from a given time on."""
 
     def __init__(self, gone: str, from_s: float, *, replaced: bool) -> None:
         self._gone, self._from_s, self._replaced = gone, from_s, replaced
@@ -40,7 +40,7 @@ class Bus:
 
 
 class Blind(Bus):
-    """On which all are there, and a look brings a state only from its nth time on."""
+    """A bus on which all components are present, and only the nth observation yields a state."""
 
     def __init__(self, states: Mailbox[DloState], brings_from: int) -> None:
         super().__init__("nobody", 0.0, replaced=False)
@@ -56,7 +56,7 @@ class Blind(Bus):
 
 
 def _task(bus: Bus, states: Mailbox[DloState]) -> ShapeTask:
-    """A task of which the observer was told where the DLO lies."""
+    """A task whose observer is initialised."""
     port = cast(Port, bus)
     commands: Mailbox[OperatorCommand] = Mailbox(topics.COMMAND.policy)
     return ShapeTask(
@@ -74,7 +74,7 @@ def _task(bus: Bus, states: Mailbox[DloState]) -> ShapeTask:
 
 
 async def looked(brings_from: int) -> tuple[DloState | StepFault, int, float]:
-    """State, or why none came, looks and time [s] of a look that brings something only from its nth time on."""
+    """State (or why there is none), number of observations and time [s] if only the nth yields a state."""
     began_s = asyncio.get_running_loop().time()
     states: Mailbox[DloState] = Mailbox(topics.STATE.policy)
     bus = Blind(states, brings_from)
@@ -86,7 +86,7 @@ async def looked(brings_from: int) -> tuple[DloState | StepFault, int, float]:
 
 
 async def waited_s(gone: str, after_s: float, *, replaced: bool = False) -> float:
-    """How long a state is waited for that does not come [s]."""
+    """Time for which a state that does not arrive is awaited [s]."""
     began_s = asyncio.get_running_loop().time()
     states: Mailbox[DloState] = Mailbox(topics.STATE.policy)
     with pytest.raises(StepFault, match="no model state within") as missed:

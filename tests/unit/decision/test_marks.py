@@ -1,4 +1,4 @@
-"""Which grasps are not to be tried again: marks are pairs of grasp and shape, slips of grasp and count."""
+"""Grasps that are not repeated: marks are pairs of grasp and shape, slips of grasp and count."""
 
 import numpy as np
 import pytest

@@ -77,7 +77,7 @@ def test_a_rod_that_is_not_there_is_asked_for():
 
 def test_the_camera_stands_and_looks_where_the_paper_says():
     T = matrix(default_calibration().T_world_camera)
-    # PAPER.md gives the place to the millimetre and the point it looks at to 1 cm.
+    # PAPER.md gives the position to the millimetre and the viewed point to 1 cm.
     assert np.allclose(T[:3, 3], [0.515, 0.617, 1.011], atol=1e-3)
     on_table = T[:3, 3] + T[:3, 2] * (-T[2, 3] / T[2, 2])
     assert np.allclose(on_table, [0.571, 0.004, 0.0], atol=0.01)

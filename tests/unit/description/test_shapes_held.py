@@ -1,4 +1,4 @@
-"""The shapes that are asked for must be ones that friction holds, or no loop could converge to them."""
+"""Friction must hold the requested shapes, or no control loop could converge to them."""
 
 from typing import Any
 
@@ -14,12 +14,12 @@ from dlokit.rod import elastic
 
 NODES = 41
 SETTLE_S = 2.0  # when the evaluator judges
-# A twelfth of the threshold: what is lost to springing back must not matter to convergence. Measured: at most 0.43 mm.
+# A twelfth of the threshold: spring-back must not affect convergence. Measured: at most 0.43 mm.
 HELD_M = 1e-3
 
 
 def _after_settling(nodes_world: np.ndarray) -> np.ndarray:
-    """Where the default rope comes to lie on the cell's table when it is laid down as given."""
+    """Rest shape of the default rope on the cell's table after it is placed as given."""
     spec: Any = mujoco.MjSpec()
     elastic.set_rod_physics(spec, 0.002)
     scene.add_table(spec, Table(), friction=SOFT_ROPE.friction)

@@ -182,7 +182,7 @@ def test_what_the_cell_records_is_what_the_evaluator_reads(tmp_path: Path) -> No
 
     np.testing.assert_array_equal(truth.stamps_ns, [0, S // 10, S // 5])
     assert truth.nodes_world.shape == (3, 41, 3)
-    assert geometry.rmse_m(truth.at(0), CELL_GOAL) < 1e-3  # what an S springs back while it comes to rest
+    assert geometry.rmse_m(truth.at(0), CELL_GOAL) < 1e-3  # spring-back of an S until it rests
     cell.close()
 
 

@@ -1,4 +1,4 @@
-"""A trajectory is believed by its own differences only."""
+"""A trajectory is checked by the differences of its angles."""
 
 import msgspec
 import numpy as np
@@ -28,7 +28,7 @@ def reason_of(trajectory: JointTrajectory) -> str:
 
 
 def trajectory(times: Float64Array, q: Float64Array, dq: Float64Array, ddq: Float64Array) -> JointTrajectory:
-    """The second joint moves like this from home, (K,) each; the others stand."""
+    """A motion of the second joint from home, (K,) each; the others are at rest."""
     rows = [np.zeros((len(times), 7)) for _ in range(3)]
     for row, values in zip(rows, (q, dq, ddq), strict=True):
         row[:, 1] = values
@@ -53,7 +53,7 @@ def test_a_trajectory_that_states_no_velocity_at_all_is_refused() -> None:
 
 
 def test_velocities_that_swing_about_standing_angles_are_refused() -> None:
-    # Between its samples the arm would shake by 2 rad/s * 5 ms / 4, stated accelerations or not.
+    # Between samples, the arm would oscillate by 2 rad/s * 5 ms / 4, whatever accelerations are stated.
     times = 0.005 * np.arange(101, dtype=np.float64)
     swing = 0.3 * np.cos(np.pi * np.arange(101, dtype=np.float64))
     swing[[0, -1]] = 0.0
@@ -134,7 +134,7 @@ def test_extremes_between_samples_are_those_of_a_dense_search() -> None:
 
 @pytest.mark.parametrize("sample_s", [0.0005, 0.002, 0.005, 0.01])
 def test_a_motion_at_its_limits_passes_at_any_sampling_rate(sample_s: float) -> None:
-    # Jerk and acceleration at the limit in turn, velocity 2 % below it; the samples fall anywhere.
+    # Jerk and acceleration alternately at the limit, velocity 2 % below it; at any sampling phase.
     jerk, top = PANDA_LIMITS.jerk_rad_s3[1], PANDA_LIMITS.acceleration_rad_s2[1]
     ramp_s = top / jerk
     hold_s = 0.98 * PANDA_LIMITS.velocity_rad_s[1] / top - ramp_s
@@ -173,7 +173,7 @@ def test_a_slower_pace_keeps_the_limits_and_the_path() -> None:
 
 @pytest.mark.parametrize("seed", [4341, 1727, 1262, 4275])
 def test_a_zigzag_of_short_legs_keeps_the_limits_by_its_differences(seed: int) -> None:
-    # The worst of 6,500: by the velocities of their samples these broke a limit of acceleration by 3 to 13 %.
+    # The worst of 6,500: their sampled velocities exceeded an acceleration limit by 3 to 13 %.
     kinematics, rng = PandaKinematics(), np.random.default_rng(seed)
     q = kinematics.inverse(pose([rng.uniform(0.35, 0.65), rng.uniform(-0.2, 0.2), 0.2], [0.0, 1.0, 0.0, 0.0]))
     T = kinematics.forward(q)

@@ -27,7 +27,7 @@ def test_a_rollout_moves_the_tool_on_the_path_and_in_the_time_of_the_robot() -> 
     track = tool_track(WAYPOINTS, PACE.speed_m_s, PACE.acceleration_m_s2, PACE.jerk_m_s3, STEP_S)
     (path,) = split_at_turns(poses[0], poses[1:])
     robot = np.array([path.pose(s).position_m for s in np.linspace(0.0, path.length_m, 5000)])
-    assert KDTree(robot).query(track[:, :3])[0].max() < 0.001  # of 5 cm of rounding: that of the rollout's grid
+    assert KDTree(robot).query(track[:, :3])[0].max() < 0.001  # resolution of the rollout's grid
     kinematics = PandaKinematics()
     planned = tool_move(kinematics, kinematics.inverse(poses[0]), poses[1:], PACE)
     assert abs(STEP_S * len(track) / planned.times_s[-1] - 1.0) < 0.1

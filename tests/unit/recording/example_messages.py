@@ -1,4 +1,4 @@
-"""A message of every type that is recorded, with values that JSON does not have."""
+"""A message of every recorded type, with values that JSON does not support."""
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from dlokit.types.system import ClockTick, Heartbeat, ViewerPage
 
 RNG = np.random.default_rng(5)
 NODES = 31
-POINTS = 700  # more than are listed
+POINTS = 700  # too many to be listed
 
 POSE = Pose(position_m=RNG.normal(size=3), wxyz=np.array([0.0, 1.0, 0.0, 0.0]))
 CALIBRATION = CameraCalibration(

@@ -1,4 +1,4 @@
-"""Skill calls are told of when they have ended, however they end."""
+"""Each skill call is recorded at its end, whatever its outcome."""
 
 import asyncio
 from collections.abc import Callable
@@ -102,7 +102,7 @@ def test_every_outcome_is_told_with_its_reason_and_when_it_was_called_and_ended(
         ("model.act", CallEnd.FAILED, "slipped", "by 3 mm"),
         ("model.act", CallEnd.REJECTED, "busy", ""),
         ("model.act", CallEnd.TIMED_OUT, "", "after 2 s"),
-        ("nobody.act", CallEnd.UNREACHABLE, "", ""),  # what goes over a cable is not told
+        ("nobody.act", CallEnd.UNREACHABLE, "", ""),  # calls between a driver and its device are not recorded
         ("model.act", CallEnd.CANCELLED, "", ""),
     ]
     assert [one.seq for one in records] == [1, 2, 3, 4, 5, 6]

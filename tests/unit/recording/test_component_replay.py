@@ -1,4 +1,4 @@
-"""A component is fed a recording: what it says and answers is what it did, or the difference is named."""
+"""A component is replayed: its messages and answers equal the recorded ones, or the difference is named."""
 
 import asyncio
 import math
@@ -35,7 +35,7 @@ ADD = Skill("model", "add", _add, timeout_s=5.0)
 
 
 class Adder(Component):
-    """Adds up the actions of flow messages and calls; says the sum at every one of them."""
+    """Adds up the actions of flow messages and calls, and publishes the sum at each."""
 
     name = "model"
     publishes = (topics.BELIEF,)
@@ -73,7 +73,7 @@ class Adder(Component):
 
 
 def recorded_run(path: Path) -> Timeline:
-    """Messages and calls that depend on their order: within one moment too."""
+    """Messages and calls whose order matters, also at the same time."""
 
     async def main() -> None:
         clock = LoopClock()

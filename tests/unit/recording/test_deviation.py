@@ -1,4 +1,4 @@
-"""How far two messages are apart: by the field, in its unit, and infinitely where they cannot be compared."""
+"""Deviations of two messages: per field, in its unit, and infinite if they cannot be compared."""
 
 import math
 from typing import Any
@@ -21,7 +21,7 @@ def largest(recorded: Any, replayed: Any) -> dict[str, float]:
 
 
 def changed(name: str, **fields: Any) -> dict[str, float]:
-    """What of a message deviates from one with other `fields`."""
+    """Deviations of a message from one with other `fields`."""
     message = EXAMPLES[name]
     found = largest(message, msgspec.structs.replace(message, **fields))
     return {field: apart for field, apart in found.items() if apart}

@@ -1,4 +1,4 @@
-"""The recorder: what it keeps, what a killed writer leaves, and that a run never ends with it."""
+"""The recorder: its content, the file of a killed writer, and that its failure never ends a run."""
 
 import logging
 from pathlib import Path
@@ -36,7 +36,7 @@ def test_messages_are_recorded_with_the_time_they_came_whether_encoded_or_not(tm
         recorder.put(topics.CLOCK, tick(1))
         now.ns = 7
         recorder.put(topics.CLOCK, codec.encode(tick(2)))
-    recorder.put(topics.CLOCK, tick(3))  # a late one is nobody's
+    recorder.put(topics.CLOCK, tick(3))  # a late message is not recorded
 
     assert [(one.log_ns, one.message.stamp_ns) for one in read_recording(tmp_path / "a.mcap")] == [(5, 1), (7, 2)]
     summary = summarise(tmp_path / "a.mcap")
@@ -79,7 +79,7 @@ def test_a_file_that_is_cut_anywhere_gives_what_was_flushed_before(tmp_path: Pat
         cut.write_bytes(data[:length])
         raw = RawRecording(path=cut)
         numbers = [record.log_time for _, record in raw]
-        # The index of a chunk stands behind it: a cut there loses nothing.
+        # The index of a chunk follows it: a cut there loses nothing.
         flushed = sum(size <= length for size in sizes)
         assert numbers[:flushed] == list(range(1, flushed + 1))
         assert raw.metadata["run"] == {"name": "x"}
@@ -88,7 +88,7 @@ def test_a_file_that_is_cut_anywhere_gives_what_was_flushed_before(tmp_path: Pat
 
 def test_a_full_disk_is_told_once_and_the_run_goes_on(caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level(logging.WARNING), Recorder(Path("/dev/full"), Now(), {}, waits=True) as recorder:
-        for number in range(1, 5000):  # more than may wait
+        for number in range(1, 5000):  # more than the queue holds
             recorder.put(topics.CLOCK, tick(number))
     (record,) = caplog.records
     assert "recording_failed: /dev/full" in record.message

@@ -1,4 +1,4 @@
-"""What is recorded comes back the same, in files that Foxglove's reader takes."""
+"""Recorded messages are read back unchanged, from files that Foxglove can read."""
 
 import enum
 from pathlib import Path
@@ -28,7 +28,7 @@ from dlokit.types.outcome import CallBegun
 from dlokit.types.robot import RobotState
 from dlokit.types.system import ClockTick
 
-JPEG_ERROR = 4  # of 255, on a picture of one colour
+JPEG_ERROR = 4  # of 255, for an image of one colour
 
 
 @pytest.fixture(scope="module")
@@ -106,10 +106,10 @@ def test_every_channel_has_a_schema_that_foxglove_reads_and_its_messages_have_it
 
 
 def check_described(schema: Schema, data: bytes) -> None:
-    """The file's own description of a message is all that is needed to read it: no field is left over."""
+    """The schema in the file suffices to read a message completely."""
     pool = DescriptorPool()
     for file in FileDescriptorSet.FromString(schema.data).file:
-        pool.Add(file)  # fails where a file comes before one that it needs
+        pool.Add(file)  # fails if a file precedes one that it depends on
     message = GetMessageClass(pool.FindMessageTypeByName(schema.name))()
     message.ParseFromString(data)
     assert message.ByteSize() == len(data) > 0

@@ -1,4 +1,4 @@
-"""The chain's statics against beam theory, its yield, its energy, and that it lies still."""
+"""The chain: statics against beam theory, yield, energy, and rest."""
 
 import dataclasses
 from typing import Any
@@ -34,7 +34,7 @@ def build(preset: DloPreset, nodes: int = NODES, *, table: bool = False, held: b
         spec.delete(root.joints[0])
     if not table:
         spec.option.gravity = [0.0, 0.0, 0.0]
-        spec.option.disableflags = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)  # a held link is no parent to be filtered
+        spec.option.disableflags = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)  # a held link has no parent to filter
     model = spec.compile()
     data: Any = mujoco.MjData(model)
     return model, data, Chain(model, data, preset.curl_1_m)
@@ -63,7 +63,7 @@ def test_a_chain_lies_where_it_was_put():
     wanted = builtin_shape("S", 0.5, NODES)
     chain.place(wanted)
     mujoco.mj_kinematics(model, data)
-    # Points equally far apart on a curve have chords a little shorter than the links; it adds up towards the ends.
+    # Chords of equally spaced points on a curve are slightly shorter than the links; this adds up towards the ends.
     assert np.linalg.norm(chain.nodes_world - wanted, axis=1).max() < 5e-4
 
 
@@ -77,11 +77,11 @@ def test_links_keep_their_length_through_a_fall_onto_the_table():
 @pytest.mark.parametrize("nodes", [22, 42])
 def test_both_halves_of_a_held_chain_sag_as_cantilevers_do(nodes: int):
     model, data, chain = build(dataclasses.replace(STIFF_WIRE, damping_s=0.1), nodes, held=True)
-    model.opt.gravity[2] = -0.05  # a sag of 0.3 % of the length: theory is that of small deflections
+    model.opt.gravity[2] = -0.05  # a sag of 0.3 % of the length: the theory assumes small deflections
     nodes_world = settled(model, data, chain, 1.5)
     sag_m = -nodes_world[[0, -1], 2]
     euler_bernoulli_m = STIFF_WIRE.mass_per_length_kg_m * 0.05 * 0.25**4 / (8 * STIFF_WIRE.bending_stiffness_n_m2)
-    # A joint stands for the bend of the link around it, which is exact but for lumped masses: 0.5 % at 21 links.
+    # A joint represents the bend of the link around it, exact except for lumped masses: 0.5 % at 21 links.
     assert sag_m == pytest.approx([euler_bernoulli_m] * 2, rel=0.01)
 
 
@@ -106,7 +106,7 @@ def test_a_bend_beyond_yield_keeps_what_is_beyond():
     model, data, chain = build(WIRE)
     chain.place(arc(12.0))
     kept = curvatures(settled(model, data, chain, 3.0))
-    # It swings back over its rest shape and so yields a little the other way where it swings fastest, at the ends.
+    # It overshoots its rest shape and yields slightly in the other direction where it is fastest, at the ends.
     assert np.median(kept) == pytest.approx(12.0 - 4.0, rel=0.03)
     assert np.all(np.abs(kept - 8.0) < 1.0)
 
@@ -158,7 +158,7 @@ def test_the_energy_of_a_chain_that_nothing_drives_never_grows(preset: DloPreset
         energies.append(float(data.energy.sum()))
     assert max(energies) == energies[0]
     lost = energies[0] - energies[-1]
-    # Gravity and spin are integrated explicitly, so that in some steps a little of what was lost comes back.
+    # Gravity and spin are integrated explicitly, so that in some steps a little lost energy returns.
     assert np.diff(energies).max() < 0.01 * lost
 
 
@@ -167,8 +167,8 @@ def test_a_pushed_chain_stops_by_friction_and_then_lies_still():
     chain.place(builtin_shape("I", 0.5, NODES))
     data.qvel[0] = 0.05
     after_1_s = settled(model, data, chain, 1.0)
-    assert np.abs(after_1_s - builtin_shape("I", 0.5, NODES)).max() < 0.002  # measured 0.4 mm; it would go 10 cm
-    assert np.abs(settled(model, data, chain, 0.5) - after_1_s).max() < 1e-5  # the rod's own bar is 1 mm in 28 s
+    assert np.abs(after_1_s - builtin_shape("I", 0.5, NODES)).max() < 0.002  # measured 0.4 mm; without friction 10 cm
+    assert np.abs(settled(model, data, chain, 0.5) - after_1_s).max() < 1e-5  # the rod's own bound is 1 mm in 28 s
 
 
 def test_an_s_that_friction_holds_does_not_creep():

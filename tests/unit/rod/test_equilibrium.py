@@ -1,4 +1,4 @@
-"""The nearest shape that friction holds: it holds in the cell's physics, and none nearer does."""
+"""The nearest shape that friction holds: it holds in the cell's physics, and no nearer one does."""
 
 from dataclasses import replace
 
@@ -24,7 +24,7 @@ def elastic_m3(model: BelievedDlo) -> float:
 
 
 def moves_m(nodes_world: Float64Array, model: BelievedDlo) -> float:
-    """How far MuJoCo's rod comes when it is released there for a second."""
+    """Displacement of MuJoCo's rod within a second after its release."""
     spec = mujoco.MjSpec()
     set_rod_physics(spec, 0.0025)
     add_ground(spec, model.friction)
@@ -47,7 +47,7 @@ def test_it_holds_with_a_quarter_of_friction_to_spare_where_the_goal_does_not(st
     model = replace(MODEL, bending_stiffness_n_m2=stiffness_n_m2)
     held = nearest_held(S_SHAPE, elastic_m3(model) / 0.75)
     assert held.lacking < 0.05
-    # A rod that is not held straightens by centimetres; below a millimetre it has but rolled into its place.
+    # A rod that friction does not hold straightens by centimetres; below a millimetre it only rolled into place.
     assert moves_m(held.nodes_world, model) < 0.001 < 0.003 < moves_m(S_SHAPE, model)
     assert geometry.arc_lengths(held.nodes_world)[-1] == pytest.approx(geometry.arc_lengths(S_SHAPE)[-1], rel=1e-6)
 

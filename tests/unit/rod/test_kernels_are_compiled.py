@@ -1,4 +1,4 @@
-"""What is compiled before the first decision is all that the decision needs."""
+"""Compilation before the first decision covers everything that a decision needs."""
 
 import asyncio
 import pickle
@@ -25,7 +25,7 @@ SHORT = RolloutConfig(search=SearchConfig(rollouts=40, finalists=2, generations=
 
 
 def compiled() -> dict[str, int]:
-    """How many versions of each kernel there are, one for each combination of argument types."""
+    """Number of compiled versions of each kernel, one for each combination of argument types."""
     kernels: dict[str, Any] = {**vars(planning_rod), **vars(tool_track)}
     return {name: len(kernel.signatures) for name, kernel in kernels.items() if hasattr(kernel, "signatures")}
 

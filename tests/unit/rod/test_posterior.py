@@ -1,4 +1,4 @@
-"""What actions say of a DLO: rods with known figures act, and are found again."""
+"""Learning from actions: the known parameters of simulated rods are recovered."""
 
 import math
 from dataclasses import replace
@@ -40,7 +40,7 @@ PACE = VelocityProfile()
 
 
 def acted(rod: QuickRod, before: Float64Array, node: int, by_m: tuple[float, float], turn_rad: float) -> Experience:
-    """A rod is taken at a node, lifted, moved, turned and let go."""
+    """A rod is grasped at a node, lifted, moved, turned and released."""
     ahead = (before[min(node + 1, 30)] - before[max(node - 1, 0)])[:2]
     grasp = np.array([*before[node, :2], 0.011, math.atan2(ahead[1], ahead[0])])
     way = [(0.0, 0.0, 0.04, 0.0), (*by_m, 0.04, turn_rad), (*by_m, 0.0, turn_rad)]
@@ -70,7 +70,7 @@ def history(rod: QuickRod) -> list[tuple[int, Experience]]:
 
 @cache
 def wire() -> tuple[Lesson, ...]:
-    """What is learnt of a stiff rod that takes a set."""
+    """The belief learned about a stiff rod with permanent deformation."""
     return tuple(lessons(MODEL, history(QuickRod(stiffness_share=70.0, yield_curvature_1_m=1.0))))
 
 
@@ -82,7 +82,7 @@ def test_the_elastic_figure_of_a_rod_that_acted_is_found_within_what_is_said(sti
     assert belief.yield_curvature_1_m is None
     low, high = belief.elastic_m3.interval()
     assert low < true < high
-    assert belief.elastic_m3.log_sd < math.hypot(0.35, 0.15, 0.25)  # surer than what was configured
+    assert belief.elastic_m3.log_sd < math.hypot(0.35, 0.15, 0.25)  # less uncertain than the configured belief
     assert belief.actions == len(ACTIONS)
 
 
@@ -90,7 +90,7 @@ def test_a_rod_that_takes_a_set_is_told_from_one_that_does_not() -> None:
     found = wire()
     assert found[-1].belief.yield_curvature_1_m == 1.0
     assert found[-1].belief.takes_set > 0.9
-    # What was learnt of the first action predicts the second better than what was configured.
+    # The belief learned from the first action predicts the second better than the configured one.
     assert found[1].learnt_m < 0.5 * found[1].configured_m
 
 
@@ -116,7 +116,7 @@ def test_without_evidence_what_was_configured_is_believed() -> None:
     belief = believed(MODEL, of, 1, stamp_ns=0)
     assert of.probability.sum() == pytest.approx(1.0)
     assert belief.yield_curvature_1_m is None
-    # Quite another DLO, which is mostly a stiffer one, has a share in the mean.
+    # A very different DLO, mostly a stiffer one, contributes to the mean.
     assert 1.0 < belief.bending_stiffness_n_m2.value / MODEL.bending_stiffness_n_m2 < 1.8
     assert belief.takes_set == pytest.approx(MODEL.belief.takes_set, rel=1e-6)
     springs_back = replace(MODEL, belief=replace(MODEL.belief, takes_set=0.0))
@@ -141,7 +141,7 @@ def test_the_model_of_a_belief_has_all_that_is_believed() -> None:
         found, told = getattr(again, name), getattr(belief, name)
         assert (found.value, found.log_sd) == (pytest.approx(told.value), told.log_sd)
     assert again.yield_curvature_1_m == belief.yield_curvature_1_m
-    # What is learnt of EI / (μ w) is what the model has: goals are judged by it, actions planned with its parts.
+    # The model has the learned EI / (μ w): goals are assessed by it, actions planned with its factors.
     assert again.elastic_m3.value == pytest.approx(belief.elastic_m3.value)
 
 

@@ -20,7 +20,7 @@ STEP_S = 0.005
 
 
 def carried(node: int, *by_m: tuple[float, float, float], pace: VelocityProfile = PACE) -> Motion:
-    """The tool takes the straight rod at `node` and goes by `by_m` from there."""
+    """The tool grasps the straight rod at `node` and moves it by `by_m`."""
     grasp = np.array([*I_SHAPE[node, :2], 0.011, np.pi / 2])
     waypoints = np.stack([grasp, *(grasp + np.array([*step, 0.0]) for step in by_m)])
     return Motion(node=node, waypoints=waypoints, velocity=pace)
@@ -32,7 +32,7 @@ def played(motion: Motion, rod: QuickRod | None = None, config: BelievedDlo = MO
 
 def test_a_pulled_rod_follows_its_end_and_keeps_its_length() -> None:
     after = played(carried(30, (0.0, 0.0, 0.003), (0.0, 0.1, 0.003), (0.0, 0.1, 0.0)))
-    assert np.abs(after - I_SHAPE - [0.0, 0.1, 0.0]).max() < 0.003  # the pads and the edges give a little
+    assert np.abs(after - I_SHAPE - [0.0, 0.1, 0.0]).max() < 0.003  # the pads and the edges are slightly compliant
     assert geometry.arc_lengths(after)[-1] == pytest.approx(MODEL.length_m, abs=0.002)
 
 
@@ -51,7 +51,7 @@ def test_a_curve_that_friction_holds_stays_and_one_that_it_does_not_springs_back
 
 
 def test_a_model_with_twice_the_nodes_predicts_the_same_lay_down() -> None:
-    # A rod that hangs from the pads, laid down as an S: with edges as long as the model's the two differ by 5 mm.
+    # A rod that hangs from the pads is laid down as an S: with the model's edge length, the two differ by 5 mm.
     goal, lift_m, ends = builtin_shape("S", MODEL.length_m, 31), 0.44, list[Float64Array]()
     over = goal[2::3] - I_SHAPE[30]
     path = [(float(x), float(y), lift_m * (1.0 - k / 9.0)) for k, (x, y, _) in enumerate(over)]
@@ -87,7 +87,7 @@ def test_the_tool_starts_and_ends_at_rest_rounds_corners_and_keeps_its_speed() -
     track = tool_track(waypoints, 0.25, 1.0, 10.0, STEP_S)
     speed = np.linalg.norm(np.diff(track[:, :3], axis=0), axis=1) / STEP_S
     assert np.allclose(track[-1], waypoints[-1], atol=1e-9)
-    assert speed.max() < 0.26  # a per cent or two is lost in the grid of the path
+    assert speed.max() < 0.26  # one or two per cent is lost in the discretisation of the path
     assert max(speed[0], speed[-1]) < 0.02
     corner = np.linalg.norm(track[:, :3] - waypoints[1, :3], axis=1).min()
     assert 0.01 < corner < 0.05  # a Bézier curve from 5 cm before to 5 cm after passes at 1.8 cm
@@ -108,5 +108,5 @@ def test_a_rod_that_takes_a_set_keeps_what_it_was_bent_beyond_yield() -> None:
     kept_m = [geometry.rmse_m(end, curve) for end in ends]
     assert kept_m[0] < kept_m[1] < kept_m[2]
     assert kept_m[0] < 0.2 * kept_m[3]
-    # A yield that is never met is none.
+    # A yield curvature that is never reached has no effect.
     assert np.abs(ends[2] - ends[3]).max() < 1e-9

@@ -1,4 +1,4 @@
-"""A released rod stays as far as it has kept its bends."""
+"""A released rod keeps its shape as far as its bends are permanent."""
 
 from dataclasses import replace
 
@@ -42,6 +42,6 @@ def test_it_springs_back_as_far_as_the_chain_that_yields() -> None:
         friction=wire.friction,
     )
     quick_m = geometry.rmse_m(settle(model, S_SHAPE, QuickRod(yield_curvature_1_m=3.0)), S_SHAPE)
-    # Two models of other kinds: a share of what an elastic wire would spring back, 54 mm.
+    # Two different models: a fraction of the spring-back of an elastic wire, 54 mm.
     assert quick_m == pytest.approx(chain_m, abs=0.004)
     assert chain_m > 0.008

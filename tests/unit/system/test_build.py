@@ -1,4 +1,4 @@
-"""Which components are built from their row alone."""
+"""Components that are built from their row alone."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +17,7 @@ from dlokit.system.table import COMPONENTS, ComponentRow
 
 
 class Plain(Component):
-    """Needs its settings, and nothing else."""
+    """A component that needs only its settings."""
 
     name = "plain"
 

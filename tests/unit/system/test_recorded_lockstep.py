@@ -1,4 +1,4 @@
-"""Lockstep recordings: all topics and calls that were, the same for the same seed, and nothing of the truth."""
+"""Lockstep recordings: all topics and calls, identical for the same seed, and without the true shape."""
 
 from pathlib import Path
 

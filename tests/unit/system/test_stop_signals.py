@@ -1,4 +1,4 @@
-"""A run that a signal ends can say which."""
+"""A run that a signal ends reports which signal."""
 
 import os
 import signal

@@ -1,4 +1,4 @@
-"""What the system is told when another DLO is laid on the table: what a ruler tells, and what the run itself says."""
+"""Configured knowledge about another DLO: measurements with a ruler, and the run's own settings."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace

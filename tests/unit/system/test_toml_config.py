@@ -1,4 +1,4 @@
-"""Configuration round trips through TOML, and says what is wrong with it."""
+"""Configuration round trips through TOML, and errors in a configuration are named."""
 
 from dataclasses import dataclass, field
 from typing import Annotated, ClassVar

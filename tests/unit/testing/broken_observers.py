@@ -1,4 +1,4 @@
-"""A sound observer, and one for each requirement that breaks it and little else."""
+"""A valid observer, and one for each requirement that violates little else."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -118,17 +118,17 @@ BROKEN: dict[str, Tweak] = {
     "camera, robot and pins": without_camera,
     "branched": without_branches,
 }
-"""What breaks each requirement, by its name."""
+"""Violation of each requirement, by its name."""
 
 
 @dataclass(frozen=True)
 class BrokenConfig:
-    """An observer that is sound but for one thing."""
+    """An observer that is valid except for one requirement."""
 
     name: ClassVar[str] = "broken"
 
     breaks: str = ""
-    """The requirement that it breaks; empty: none."""
+    """The requirement that it violates; empty: none."""
 
     def build(self, dlo: BelievedDlo) -> ObserverStrategy:
         return Broken(BROKEN.get(self.breaks, not_at_all))

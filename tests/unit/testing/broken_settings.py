@@ -1,4 +1,4 @@
-"""Settings that break one requirement each."""
+"""Settings that violate one requirement each."""
 
 import dataclasses
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ class Spaced:
 
 @dataclass(frozen=True)
 class Taken:
-    """A name of ours."""
+    """A name that dlokit uses."""
 
     name: ClassVar[str] = "cpd"
 

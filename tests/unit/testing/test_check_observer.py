@@ -1,4 +1,4 @@
-"""Every requirement of `check_observer` is broken once on purpose, and named."""
+"""Every requirement of `check_observer` is violated once on purpose, and named."""
 
 from functools import partial
 from typing import Any
@@ -61,7 +61,7 @@ def test_all_that_is_wrong_is_said_in_one_error() -> None:
     assert isinstance(caught.value, DlokitError)
     assert isinstance(caught.value, AssertionError)
     assert "observer broken_observers:BrokenConfig" in text.splitlines()[0]
-    assert "failed: follows, hidden nodes" in text  # one that never moves leaves hidden nodes behind as well
+    assert "failed: follows, hidden nodes" in text  # an observer that never moves also fails for hidden nodes
     assert "a rod that moved by 30 mm is found 30.0 mm off" in text
     assert "wanted: nodes within 15 mm" in text
 

@@ -1,4 +1,4 @@
-"""Figures that are known to a factor."""
+"""Log-normal parameters."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Values that cannot be are refused when they are made, also when they come in a message."""
+"""Invalid values are refused on construction, also when a message contains them."""
 
 import math
 
@@ -68,7 +68,7 @@ def test_a_trajectory_has_a_row_of_joints_for_each_time() -> None:
 
 
 def encoded(position: list[float], wxyz: list[float]) -> bytes:
-    """A pose as a program that checks nothing would send it."""
+    """A pose as a program without checks would send it."""
     return codec.encode(_Unchecked(position_m=np.array(position), wxyz=np.array(wxyz)))
 
 
@@ -90,7 +90,7 @@ def test_a_call_with_a_value_that_cannot_be_is_rejected_as_bad_arguments(spoilt:
     async def scenario(bench: Bench) -> None:
         target, velocity = downward([0.5, 0.1, 0.1], 0.3), VelocityProfile()
         if spoilt == "quaternion":
-            target.wxyz[:] = 0.0  # behind the check's back, as a program that has none would send it
+            target.wxyz[:] = 0.0  # bypasses the check, as a program without checks would send it
         else:
             msgspec.structs.force_setattr(velocity, "speed_m_s", 0.0)
         outcome = await bench.port.call(api.MOVE_LINEAR, target, velocity)

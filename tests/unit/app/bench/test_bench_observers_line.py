@@ -1,4 +1,4 @@
-"""What may be said on the command line of `dlokit bench observers`."""
+"""Arguments of `dlokit bench observers`."""
 
 from pathlib import Path
 

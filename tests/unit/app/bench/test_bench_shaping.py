@@ -1,4 +1,4 @@
-"""What `dlokit bench shaping` refuses before anything runs, and that `--quick` is little."""
+"""Input that `dlokit bench shaping` refuses before anything runs, and the size of `--quick`."""
 
 from pathlib import Path
 
@@ -71,7 +71,7 @@ def test_settings_of_a_run_are_settings_of_all_and_goals_that_may_not_hold_are_t
 
 
 def test_quick_suites_are_small_enough_for_a_quarter_of_an_hour() -> None:
-    # Two planners at 15 s a run of the rope and 30 s of a wire, which is a chain, two side by side.
+    # Two planners, 15 s per run of the rope and 30 s of a wire (a chain), two runs in parallel.
     for name in SUITE_NAMES:
         if name != "goals":
             runs = 2 * QUICK_SEEDS[name] * len(suite_of(name, None, quick=True))

@@ -1,4 +1,4 @@
-"""What a person sees of a sweep, also of one that was interrupted."""
+"""Terminal output of a sweep, including an interrupted one."""
 
 import io
 from collections.abc import Iterator

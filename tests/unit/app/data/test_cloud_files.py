@@ -1,4 +1,4 @@
-"""Recorded clouds: each format comes back as written, and what is wrong is said."""
+"""Recorded clouds: each format is read as written, and errors are named."""
 
 import struct
 from pathlib import Path
@@ -26,7 +26,7 @@ def with_colour() -> np.ndarray:
 
 
 def literal_lzf(data: bytes) -> bytes:
-    """LZF without compression: runs of up to 32 bytes as they are."""
+    """LZF without compression: literal runs of up to 32 bytes."""
     runs = [data[at : at + 32] for at in range(0, len(data), 32)]
     return b"".join(bytes([len(run) - 1]) + run for run in runs)
 

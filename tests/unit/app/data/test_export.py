@@ -1,4 +1,4 @@
-"""`dlokit export`: what is handed to people who learn from runs is what was recorded."""
+"""`dlokit export`: the exported data equal the recorded data."""
 
 import csv
 import importlib

@@ -1,4 +1,4 @@
-"""Length and radius from pictures of the cell."""
+"""Length and radius from images of the cell."""
 
 from dataclasses import replace
 

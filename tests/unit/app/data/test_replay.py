@@ -1,4 +1,4 @@
-"""`dlokit replay`: what it prints and how it ends; what is replayed is tested in tests/replay."""
+"""Output and exit codes of `dlokit replay`; tests/replay tests the replay itself."""
 
 import re
 from pathlib import Path
@@ -19,7 +19,7 @@ REFERENCE = Path(__file__).parents[3] / "replay" / "references" / "farthest.mcap
 
 @pytest.fixture
 def run(tmp_path: Path) -> Path:
-    """The folder of a run of which nothing but the clock was recorded."""
+    """The folder of a run with only the clock recorded."""
     metadata = {"configuration": {"config.toml": to_toml(RunConfig())}}
     writer = RecordingWriter(tmp_path / FILE_NAME, metadata)
     writer.add(topics.CLOCK, 0, ClockTick(stamp_ns=0, seq=1))
@@ -32,7 +32,7 @@ def test_a_component_that_does_what_it_did_ends_with_0_and_every_field_has_its_r
 ) -> None:
     assert execute(["replay", str(REFERENCE), "--into", "observer"]) == 0
     printed = " ".join(capsys.readouterr().out.split())
-    # How much it differs, and what is allowed, depend on the processor that made the reference.
+    # Deviations and tolerances depend on the processor that made the reference.
     assert "│ observer/targets │ nodes_world │ 11 │ " in printed
     assert "│ observer.initialise │ result.health │" in printed
     assert "observer does what it did: every field is within its tolerance." in printed

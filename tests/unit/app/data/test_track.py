@@ -1,4 +1,4 @@
-"""The tracking command over recorded clouds, made up and real."""
+"""The tracking command with simulated and real recorded clouds."""
 
 from pathlib import Path
 
@@ -149,8 +149,8 @@ def test_the_recorded_wire_harness_is_followed(strategy: ObserverStrategyConfig,
     assert result.visible[1].sum() < result.visible[0].sum()
     if isinstance(strategy, CpdConfig | SprConfig):
         return  # a mixture folds a hidden branch onto its neighbour
-    # The second cloud is the first with parts cut out: nothing moved. Hidden nodes may drift with the visible ones,
-    # but not fly to another branch, which is up to 17 cm away.
+    # The second cloud is the first with parts cut out, without motion. Hidden nodes may drift with the visible ones,
+    # but not jump to another branch, which is up to 17 cm away.
     off, _ = KDTree(result.clouds[1]).query(result.nodes_world[0])
     away = off > 0.06
     assert away.sum() >= 5

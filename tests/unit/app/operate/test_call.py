@@ -1,4 +1,4 @@
-"""`dlokit call`: what is typed becomes typed arguments, outcomes become lines."""
+"""`dlokit call`: parsing of arguments and printing of outcomes."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What `dlokit host` and `dlokit certs` make of their arguments."""
+"""Arguments of `dlokit host` and `dlokit certs`."""
 
 from pathlib import Path
 

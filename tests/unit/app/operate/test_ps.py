@@ -1,4 +1,4 @@
-"""`dlokit ps`: what is told of processes, and what they use."""
+"""`dlokit ps`: states and resource use of processes."""
 
 import io
 import os

@@ -1,4 +1,4 @@
-"""The list of skills: units by name, one of them by its key, and the page that holds it."""
+"""The list of skills: units by name, selection by key, and the reference page."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""`dlokit stop`: every system is stopped at once, and what is wrong with one is told and keeps none of the others."""
+"""`dlokit stop`: all systems are stopped at once, and an error in one is reported and does not delay the others."""
 
 import asyncio
 import itertools
@@ -27,7 +27,7 @@ from dlokit.system.processes.stop_socket import ENABLE, STOP, left_stop, press, 
 from dlokit.system.toml_config import to_toml
 
 PATIENCE_S = 30.0  # it takes milliseconds; a test that waits in vain fails
-SOON_S = 0.3  # what nobody answers is waited for no longer
+SOON_S = 0.3  # the wait for an answer that does not come is short
 numbers = itertools.count()
 
 
@@ -46,7 +46,7 @@ class Arm(Component):
 
 
 class Task(Component):
-    """Has a task, or none."""
+    """A decision component with or without a task."""
 
     name = "decision"
 

@@ -23,7 +23,7 @@ VOID = {"meta", "img", "path", "use", "rect"}  # elements that are not closed, o
 
 
 class _Balance(HTMLParser):
-    """Collects what is opened and closed, and every reference to something outside."""
+    """Collects opened and closed elements, and all references to external resources."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -139,7 +139,7 @@ def test_figures_take_their_colours_from_the_page_so_that_dark_mode_reaches_them
         figures.timing_bars(record.timings),
     ):
         assert "var(--final)" in figure
-        assert "#0" not in figure.replace('"#', '"')  # no stand-in is left
+        assert "#0" not in figure.replace('"#', '"')  # no placeholder is left
         assert "#000000" not in figure
 
 

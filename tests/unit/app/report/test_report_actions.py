@@ -1,4 +1,4 @@
-"""The parts of a report on what was expected of actions, and on control."""
+"""Sections of a report on predictions of actions, and on control."""
 
 import re
 from dataclasses import replace

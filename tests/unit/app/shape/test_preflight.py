@@ -1,4 +1,4 @@
-"""What a first run says while it compiles, and what the demo names to try next."""
+"""Messages of a first run during compilation, and the commands that the demo suggests."""
 
 import io
 import shlex
@@ -12,7 +12,7 @@ from dlokit.app.commands import parse
 from dlokit.app.shape.demo import NEXT
 from dlokit.app.shape.preflight import told_of_compiling
 
-COMPILE: Any = numba.njit  # our stub of it knows decorators alone
+COMPILE: Any = numba.njit  # the type stub has only decorators
 
 
 def said_while(work: Callable[[], object]) -> list[str]:

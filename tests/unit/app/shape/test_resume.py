@@ -1,4 +1,4 @@
-"""What can be resumed, and what is said of what cannot."""
+"""Runs that can be resumed, and the errors of those that cannot."""
 
 import os
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A bus that is disturbed: late in order, without feedback; and not before it is told to be."""
+"""A disturbed bus: delayed messages in order, no feedback, and only after the disturbance begins."""
 
 import asyncio
 import threading
@@ -53,7 +53,7 @@ def arm_state(stamp_ns: int) -> RobotState:
 
 
 async def until(said: Callable[[], None], there: Callable[[], bool]) -> None:
-    """Say it again until it is there."""
+    """Publish repeatedly until it arrives."""
     async with asyncio.timeout(60.0):
         while not there():
             said()
@@ -84,7 +84,7 @@ def test_while_feedback_is_withheld_neither_a_reader_nor_a_tap_has_any(tmp_path:
             tapped.clear()
             for _ in range(10):
                 arm.publish(topics.ARM_STATE, arm_state(2))
-            # Everything else arrives, on the same link and after it.
+            # All other messages arrive later on the same link.
             await until(lambda: arm.publish(topics.CLOCK, ClockTick(stamp_ns=2)), lambda: clock_ns() == 2)
             assert stamp_ns() == 1
             assert tapped == []

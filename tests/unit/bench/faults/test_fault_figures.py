@@ -1,4 +1,4 @@
-"""The figures of a sweep of faults."""
+"""Statistics of a sweep of faults."""
 
 import msgspec
 import pytest

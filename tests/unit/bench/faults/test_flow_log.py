@@ -1,4 +1,4 @@
-"""When a flow went on after a fault."""
+"""Time at which a flow continued after a fault."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""What counts as a right end of a run that something happened to."""
+"""Correct ends of a run with an injected fault."""
 
 import msgspec
 import pytest

@@ -12,7 +12,7 @@ LENGTH_M = 1.0
 
 
 def cable_nodes(frames: int, rate_hz: float) -> np.ndarray:
-    """Nodes (T, NODES, 3) [m] at equal distances along the cable: a bend that comes and goes while all of it drifts."""
+    """Equally spaced nodes (T, NODES, 3) [m] of the cable: it bends periodically and drifts as a whole."""
     t = np.arange(frames)[:, None] / rate_hz
     s = np.linspace(0.0, LENGTH_M, 1201)
     bend = (2.5 + np.sin(1.3 * t)) * np.sin(np.pi * s) + np.sin(0.7 * t) * np.sin(2.0 * np.pi * s)  # [1/m]

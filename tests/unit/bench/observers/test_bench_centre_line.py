@@ -1,4 +1,4 @@
-"""The curve between few nodes: its length, its points, and where the nodes are on it."""
+"""The curve between few nodes: its length, its points, and the positions of the nodes on it."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from dlokit.bench.observers.sequence import FINE, centre_line, lengths_between_m
 def test_lengths_between_few_nodes_are_those_of_the_curve_not_of_the_chords() -> None:
     nodes = cable_nodes(1, 60.0)[0]
     chords = np.linalg.norm(np.diff(nodes, axis=0), axis=1)
-    # The bend is 2.5/m at most: a chord of 83 mm is 0.15 mm too short, a spline right to a hundredth of that.
+    # The curvature is at most 2.5/m: a chord of 83 mm is 0.15 mm too short, a spline has a hundredth of that error.
     assert chords.sum() < LENGTH_M - 0.0005
     assert lengths_between_m(nodes) == pytest.approx(LENGTH_M / (NODES - 1), abs=2e-6)
 

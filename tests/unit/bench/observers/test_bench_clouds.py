@@ -1,4 +1,4 @@
-"""Simulated clouds: noise along the view ray, the share hidden that was asked for, by real view rays."""
+"""Simulated clouds: noise along the view ray, and the requested hidden fraction, by exact view rays."""
 
 from dataclasses import replace
 
@@ -55,7 +55,7 @@ def _look(conditions: Conditions, seed: int = 0) -> ObserverFrame:
 def _cloud(noise_m: float) -> np.ndarray:
     line = builtin_shape("I", 0.5, 401)
     conditions = replace(CLEAN, noise_m=noise_m, points=4000)
-    # The same random numbers: point i with noise is point i without, moved.
+    # The same random numbers: point i with noise is the shifted point i without.
     return stereo_cloud(line, np.ones(401, dtype=np.bool_), 0.004, conditions, CAMERA, np.random.default_rng(3))
 
 
@@ -81,7 +81,7 @@ def test_noise_is_as_asked_at_the_reference_depth_and_grows_with_the_square_of_d
 def test_without_noise_points_lie_within_a_radius_of_the_centre_line() -> None:
     line = builtin_shape("I", 0.5, 401)
     distance = np.linalg.norm(_cloud(0.0)[:, None, :] - line[None, ::4, :], axis=2).min(axis=1)
-    # Perception moves the surface by one radius: at the rim, a point is off by r sideways and r behind.
+    # Perception shifts the surface by one radius: at the rim, a point is off by r sideways and r in depth.
     assert distance.max() < np.sqrt(2.0) * 0.004 + 0.001
 
 
@@ -89,7 +89,7 @@ def test_without_noise_points_lie_within_a_radius_of_the_centre_line() -> None:
 @pytest.mark.parametrize("share", [0.3, 0.5, 0.7])
 def test_the_share_hidden_is_what_was_asked_for(place: Place, share: float) -> None:
     look = _look(Conditions(hidden=share, place=place))
-    # 50 nodes are 2 % each; a bend of the rod goes behind the ball's edge a few nodes at once.
+    # 50 nodes are 2 % each; a bend of the rod disappears behind the ball's edge a few nodes at once.
     assert np.mean(~look.visible) == pytest.approx(share, abs=0.06)
     assert len(look.seen.points_world) == pytest.approx(1000 * (1.0 - share), abs=60)
 
@@ -129,7 +129,7 @@ def test_the_depth_image_shows_the_nearest_point_of_the_ball() -> None:
     ball = ball_hiding(0.3, line[200], line, EYE)
     depth = depth_image(ball, CAMERA).depth_m
     nearest = depths_m(ball.centre_world[None], CAMERA)[0] - ball.radius_m
-    # Seen under an angle the nearest ray is a little beside the axis; cells are coarse.
+    # Seen at an angle, the nearest ray is slightly off the axis; cells are coarse.
     assert depth.min() == pytest.approx(nearest, abs=0.005)
     assert np.isinf(depth).any()
 
@@ -159,7 +159,7 @@ def test_the_dark_is_as_long_as_asked_and_leaves_light_before_and_more_after() -
 
 
 def _crossing_line(gap_m: float) -> np.ndarray:
-    """Half a turn of a helix around a ring, which comes back `gap_m` above its beginning."""
+    """Half a turn of a helix around a ring, which returns `gap_m` above its start."""
     angle = np.linspace(-0.3, 2.0 * np.pi + 0.3, 401)
     height = 0.3 + gap_m * np.clip((angle - np.pi) / 2.0, 0.0, 1.0)
     return np.column_stack([0.5 + 0.08 * np.cos(angle), 0.05 * np.sin(2.0 * angle), height])
@@ -206,7 +206,7 @@ def test_a_camera_that_is_elsewhere_than_believed_displaces_all_points_rigidly()
     right, wrong = _look(CLEAN).seen, _look(off).seen
     a, b = (np.asarray(seen.points_world, dtype=np.float64) for seen in (right, wrong))
     far = np.linalg.norm(a - b, axis=1)
-    # 3 mm, and 0.3° at 1.3 m, in whatever directions; clouds are in single precision.
+    # 3 mm, and 0.3° at 1.3 m, in any direction; clouds are in single precision.
     assert 0.0005 < far.mean() < 0.003 + 0.0053 * 1.4
     assert np.linalg.norm(a[0] - a, axis=1) == pytest.approx(np.linalg.norm(b[0] - b, axis=1), abs=1e-6)
     assert wrong.calibration is not None

@@ -1,4 +1,4 @@
-"""External sequences: what fits is read, what does not is named."""
+"""External sequences: valid ones are read, errors in others are named."""
 
 from pathlib import Path
 from typing import Any

@@ -1,4 +1,4 @@
-"""The timing of one iteration: that all do the same, and how the figures are made."""
+"""The timing of one iteration: equal input for all methods, and the statistics."""
 
 import numpy as np
 import pytest
@@ -34,7 +34,7 @@ def test_clouds_are_the_same_each_time_and_near_the_nodes() -> None:
 
 
 def test_ratios_are_of_iterations_that_ran_in_turn() -> None:
-    # The second pair ran on a machine three times as slow: the ratio is 10 all the same.
+    # The second pair ran on a machine three times as slow: the ratio is 10 nevertheless.
     assert ratio(_times("pycpd", [1e-3, 3e-3]), _times("cpd", [1e-4, 3e-4])) == pytest.approx((10.0, 10.0, 10.0))
 
 

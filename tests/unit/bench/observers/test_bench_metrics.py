@@ -1,4 +1,4 @@
-"""Metrics of the observers' bench on cases that can be reckoned by hand."""
+"""Metrics of the observer bench on cases with known results."""
 
 from dataclasses import replace
 
@@ -38,7 +38,7 @@ def _track(nodes: np.ndarray, visible: np.ndarray | None = None, dark: list[int]
 
 
 def _off_by(errors_m: list[float]) -> np.ndarray:
-    """A track whose every node is off by so much, frame by frame."""
+    """A track whose nodes all have these errors, frame by frame."""
     return _straight() + np.array(errors_m)[:, None, None] * [0.0, 1.0, 0.0]
 
 

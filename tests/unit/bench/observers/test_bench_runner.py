@@ -1,4 +1,4 @@
-"""The run and its report: the same input for all, what was done is kept, figures with intervals."""
+"""The run and its report: equal input for all methods, finished trials are kept, intervals of the results."""
 
 import os
 from dataclasses import dataclass, replace
@@ -41,7 +41,7 @@ GIVEN: dict[str, list[tuple[Observation, DloState]]] = {}
 
 @dataclass(frozen=True, kw_only=True)
 class StillConfig:
-    """An observer that never moves and keeps what it was given."""
+    """An observer that never moves and records its input."""
 
     name: ClassVar[str] = "still"
 
@@ -189,7 +189,7 @@ def test_an_early_end_keeps_what_was_done(monkeypatch: pytest.MonkeyPatch, tmp_p
 
 @dataclass(frozen=True, kw_only=True)
 class FailingConfig:
-    """A package that gives up, or answers with what is no number, at every other frame."""
+    """A package that fails, or returns values that are not finite, at every other frame."""
 
     name: ClassVar[str] = "failing"
 

@@ -1,4 +1,4 @@
-"""The bench's own sequences: the same for the same seed, rods that keep their length, hands as fast as asked."""
+"""The bench's own sequences: reproducible, with rods of constant length and hands of the requested speed."""
 
 import functools
 
@@ -55,7 +55,7 @@ def test_a_slow_sequence_is_the_same_motion_at_a_quarter_of_the_speed() -> None:
     full, slow = _played("two hands"), _played("two hands", frames=80, pace=0.25)
     assert full.pins_world is not None
     assert slow.pins_world is not None
-    # Hands are where they were at a quarter of the time, whatever the rod does between them.
+    # The hands have the positions of a quarter of the time; the rod between them may differ.
     assert slow.pins_world[::4] == pytest.approx(full.pins_world[:20], abs=1e-9)
 
 

@@ -1,4 +1,4 @@
-"""The summary: the default observer against the best peer of each case, and against the bars."""
+"""The summary: the default observer compared with the best peer of each case, and with the bounds."""
 
 import numpy as np
 import pytest

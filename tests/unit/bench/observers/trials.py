@@ -1,4 +1,4 @@
-"""A plan of the bench of observers, run in the process of the test."""
+"""A plan of the observer bench, run in the test's process."""
 
 from collections.abc import Iterator
 
@@ -6,7 +6,7 @@ from dlokit.bench.observers.runner import BenchPlan, Sequences, Trial, run_task
 
 
 def run_plan(plan: BenchPlan) -> Iterator[Trial]:
-    """Every trial, one after another, here."""
+    """Run all trials one after another in this process."""
     sequences = Sequences(plan.frames)
     for task in plan.tasks:
         yield from run_task(task, sequences.of(task), plan.methods)

@@ -1,4 +1,4 @@
-"""Results of runs that never ran, for tests of figures, tables and pictures."""
+"""Constructed results of runs, for tests of statistics, tables and plots."""
 
 import msgspec
 import numpy as np
@@ -30,7 +30,7 @@ def run(
     said: Standing | None = Standing.HOLDS,
     projected: bool = False,
 ) -> RunResult:
-    """A run by its errors: before the first action, and after each."""
+    """A run, given by its errors before the first action and after each."""
     rows = tuple(action(number, error) for number, error in enumerate(errors_m[1:], start=1))
     true_m = errors_m[-1] if true_m is None else true_m
     return RunResult(
@@ -69,5 +69,5 @@ def done(
 
 
 def same_shapes(one: CaseShapes, other: CaseShapes) -> bool:
-    """Whether two cases show the same."""
+    """Whether two cases have the same content."""
     return all(np.array_equal(getattr(one, name), getattr(other, name)) for name in CaseShapes.__dataclass_fields__)

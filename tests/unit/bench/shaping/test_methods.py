@@ -1,4 +1,4 @@
-"""Planners and observers are compared on the same starts, by name."""
+"""Planners and observers, chosen by name, are compared on the same start shapes."""
 
 from dataclasses import replace
 

@@ -34,7 +34,7 @@ def test_a_goal_that_another_was_put_in_the_place_of_is_not_reached() -> None:
 def test_actions_in_vain_are_counted_from_the_last_new_best() -> None:
     assert metrics.idle_actions(STALLED) == 3
     assert metrics.idle_actions(GOOD) == 0
-    # Better by less than counts as a change at all.
+    # An improvement below the threshold of a change.
     assert metrics.idle_actions(run([0.05, 0.03, 0.0299, 0.0298], outcome=RunOutcome.STALLED)) == 2
 
 

@@ -1,4 +1,4 @@
-"""The ideal perception and observer: exact, in an order of the observer's own choice, and on the bus as any other."""
+"""The ideal perception and observer: exact, in the observer's own order of nodes, and on the bus like any other."""
 
 import asyncio
 
@@ -87,4 +87,4 @@ def test_while_tracking_it_looks_at_the_rate_and_not_after() -> None:
 
     during, after = virtual_time.run(main())
     assert during == pytest.approx(11, abs=1)
-    assert after <= during + 1  # the one under way
+    assert after <= during + 1  # the running observation

@@ -1,4 +1,4 @@
-"""What the arm does, and what its commander tries: known also when the commander is killed meanwhile."""
+"""Logs of the arm's motion and its commander's attempts, also when the commander is killed."""
 
 import asyncio
 import multiprocessing
@@ -74,7 +74,7 @@ IDLE = RobotState(
 
 
 class Wire:
-    """The only part of a transport that a log needs: hands it the bytes of each state."""
+    """The only part of a transport that a log needs: it passes on the bytes of each state."""
 
     def tap(self, topic: Any, handler: Callable[[bytes], None]) -> None:
         self._handler = handler

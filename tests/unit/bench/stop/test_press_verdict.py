@@ -1,4 +1,4 @@
-"""A person's stop is judged by feedback and by what the commander tried: each thing that is wrong is named."""
+"""A person's stop is assessed by feedback and by the commander's attempts: each violation is named."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Figures of stops: percentiles are times that were measured, and an arm that never braked is no time."""
+"""Statistics of stops: percentiles are measured times, and an arm that never braked has none."""
 
 import math
 

@@ -133,7 +133,7 @@ def test_a_limit_that_runs_out_as_the_body_ends_does_no_harm() -> None:
         failures: list[object] = []
         asyncio.get_running_loop().set_exception_handler(lambda _, context: failures.append(context))
         async with clock.timeout(1.0):
-            clock.tick(2 * SECOND_NS)  # the body ends before the loop tells the limit
+            clock.tick(2 * SECOND_NS)  # the body ends before the loop notifies the limit
         await asyncio.sleep(0.1)
         assert failures == []
 

@@ -1,4 +1,4 @@
-"""Signs of life: they come while the loop is busy for a moment, and end when it hangs."""
+"""Heartbeats: they continue while the loop is busy briefly, and stop when it hangs."""
 
 import asyncio
 import threading
@@ -26,7 +26,7 @@ def test_a_busy_loop_delays_none() -> None:
     async def main() -> None:
         given = threading.Semaphore(0)
         async with ThreadPulse(PATIENCE_S)(lambda: given.release(), PERIOD_S):
-            # The loop does not come round in between.
+            # The loop completes no turn in between.
             assert all(given.acquire(timeout=PATIENCE_S) for _ in range(3))
 
     asyncio.run(main())
@@ -38,7 +38,7 @@ def test_a_loop_that_hangs_gives_no_more_and_one_that_goes_on_gives_them_again()
         silent_s = 0.03
         async with ThreadPulse(silent_s)(heard.set, PERIOD_S):
             end_s = time.monotonic() + PATIENCE_S
-            while heard.wait(10 * silent_s):  # the loop hangs here until no sign has come for a long time
+            while heard.wait(10 * silent_s):  # the loop hangs here until no heartbeat has come for a long time
                 heard.clear()
                 assert time.monotonic() < end_s
             assert await asyncio.to_thread(heard.wait, PATIENCE_S)

@@ -1,4 +1,4 @@
-"""Real-time priority: asked for where it is allowed, gone without where it is not, and never handed to workers."""
+"""Real-time priority: requested where allowed, optional where not, and never inherited by workers."""
 
 import asyncio
 import gc
@@ -26,11 +26,11 @@ from dlokit.communication.timing.urgency import (
 T = TypeVar("T")
 
 allowed = pytest.mark.skipif(not may_be_urgent(), reason="this system allows no real-time priority; see dlokit doctor")
-LITTLE, MUCH = 0.2, 0.8  # of a core: well below, and well above what may be taken
+LITTLE, MUCH = 0.2, 0.8  # fractions of a core: well below and well above the limit
 
 
 def on_a_thread(work: Callable[[], T]) -> T:
-    """Result of `work` on a thread of its own, so that no other test's becomes urgent."""
+    """Result of `work` on a separate thread, so that the thread of other tests does not become urgent."""
     with ThreadPoolExecutor(1) as pool:
         return pool.submit(work).result()
 
@@ -99,7 +99,7 @@ asyncio.run(main())
 
 
 class Granted:
-    """A machine whose clock and whose thread's own clock are moved by hand, and which notes what was granted."""
+    """A machine whose clock and CPU time the test sets, and which records the granted priorities."""
 
     def __init__(self) -> None:
         self.now_s = self.used_s = 0.0
@@ -107,7 +107,7 @@ class Granted:
         self.urgency = BoundedUrgency(lambda: self.now_s, lambda: self.used_s, self.urgent.append)
 
     def go_on(self, share: float, *, wanted: bool = True) -> None:
-        """A little more than a window in which the thread computes for that share of the time, in rounds of 10 ms."""
+        """Slightly more than a window in which the thread computes for that fraction of the time, in steps of 10 ms."""
         for _ in range(round(WINDOW_S / 0.01) + 2):
             self.urgency(wanted)
             self.now_s += 0.01
@@ -197,7 +197,7 @@ def test_a_thread_that_computes_much_leaves_the_machine_to_the_others_for_a_whil
     machine = Granted()
     machine.go_on(MUCH)
     assert machine.urgent == [True, False]
-    machine.go_on(LITTLE)  # it computes little because the others have the machine
+    machine.go_on(LITTLE)  # it computes little because other threads occupy the cores
     assert machine.urgent == [True, False]
     machine.now_s += REST_S
     machine.go_on(MUCH)

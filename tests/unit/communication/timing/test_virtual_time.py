@@ -9,7 +9,7 @@ from dlokit.communication.timing.virtual_time import VirtualDeadlock
 
 
 async def race(log: list[tuple[float, str]]) -> None:
-    """Tasks whose timers meet, and which wake one another."""
+    """Tasks with simultaneous timers, which wake one another."""
     loop = asyncio.get_running_loop()
     token = asyncio.Semaphore(1)
 
@@ -39,7 +39,7 @@ def test_a_long_wait_takes_no_time() -> None:
 
     began = time.monotonic()
     assert virtual_time.run(main()) == pytest.approx(3600.0, abs=1e-6)  # the loop rounds timers to its resolution
-    assert time.monotonic() - began < 60.0  # a machine that hangs for a moment is none of ours
+    assert time.monotonic() - began < 60.0  # allows for a machine that hangs briefly
 
 
 def test_every_run_starts_at_zero() -> None:

@@ -118,7 +118,7 @@ def test_arrays_of_a_message_cannot_be_changed_because_everybody_has_the_same() 
 
 @pytest.mark.parametrize("count", [10, 100_000], ids=["copied", "view of what came"])
 def test_small_and_large_arrays_come_back_the_same_and_aligned(count: int) -> None:
-    for offset in range(8):  # where an array begins in a message depends on what is before it
+    for offset in range(8):  # the offset of an array in a message depends on the data before it
         message = Named(name="n" * offset, values=np.arange(count, dtype=np.float64))
         buffer = bytearray()
         codec.encode_into(message, buffer)
@@ -181,7 +181,7 @@ def test_the_longest_list_takes_less_than_twice_the_longest_message(wanted: type
 
 
 def test_a_bool_that_is_neither_true_nor_false_is_refused() -> None:
-    # NumPy counts on it: more than 0 and 1 makes it write past the end of what nonzero() has set aside.
+    # NumPy relies on it: other values let nonzero() write beyond its allocated memory.
     data = msgspec.msgpack.encode({"values": array_extension("|b1", (2,), b"\x01\x02")})
     with pytest.raises(CommunicationError, match="other than 0 and 1"):
         codec.decode(data, Flags)

@@ -1,4 +1,4 @@
-"""What arrives from the network may be anything: a decoder returns a value, or raises `CommunicationError`."""
+"""For any input from the network, a decoder returns a value or raises `CommunicationError`."""
 
 import time
 import tracemalloc
@@ -25,7 +25,7 @@ from dlokit.system.table import COMPONENTS
 from dlokit.types.outcome import CallRecord
 
 ALLOWED_BYTES = 2 * LARGEST_MESSAGE_BYTES  # the message itself, and its decoded arrays
-ALLOWED_S = 5.0  # of the processor's time; a message takes microseconds
+ALLOWED_S = 5.0  # of processor time; a message takes microseconds
 TYPES: dict[str, Any] = {topic.name: topic.type for topic in TOPICS} | {"call": SkillCall, "record": CallRecord}
 SCHEMA = fingerprint(SkillCall)
 
@@ -64,12 +64,12 @@ def _every_decoder() -> dict[str, tuple[Decode, Sound]]:
 
 
 DECODERS = _every_decoder()
-"""Every decoder of the bus by name, with what makes messages that it understands."""
+"""Every decoder of the bus by name, with a generator of valid messages."""
 for_every_decoder = pytest.mark.parametrize(("decode", "sound"), DECODERS.values(), ids=DECODERS.keys())
 
 
 def understood(decode: Decode, data: bytes) -> bool:
-    """Decode a message within bounds of time and memory; False where it is refused. Any other exception passes."""
+    """Decode a message within bounds of time and memory; False if it is refused. Other exceptions propagate."""
     tracemalloc.start()
     began_s = time.process_time()
     try:
@@ -99,7 +99,7 @@ def test_a_sound_message_is_understood(decode: Decode, sound: Sound) -> None:
 
 
 def test_some_damage_is_refused_and_some_understood() -> None:
-    # Otherwise nothing was damaged, or every message beyond recognition.
+    # Otherwise the damage was absent, or too strong.
     rng = Random(1)
     found = [understood(decode, mutated(sound(rng), rng)) for decode, sound in DECODERS.values() for _ in range(10)]
     assert 0.0 < np.mean(found) < 0.9
@@ -126,7 +126,7 @@ def assert_same(one: object, other: object) -> None:
     elif isinstance(one, np.ndarray):
         assert isinstance(other, np.ndarray)
         assert (one.dtype, one.shape) == (other.dtype, other.shape)
-        assert one.tobytes() == other.tobytes()  # to the bit: NaN as well
+        assert one.tobytes() == other.tobytes()  # to the bit, also for NaN
     elif isinstance(one, tuple):
         assert isinstance(other, tuple)
         assert len(one) == len(other)

@@ -73,7 +73,7 @@ def test_every_change_of_a_field_changes_the_fingerprint(changed: dict[str, Any]
 
 
 def test_the_fingerprint_is_the_same_in_every_process() -> None:
-    # Written down: an address or a hash that differs between processes would part every two of them.
+    # A literal: an address or a hash that differs between processes would make them incompatible.
     assert fingerprint(Tree).hex() == "b6e86b2a04adb19c"
 
 

@@ -1,4 +1,4 @@
-"""What is known of earlier actions when control is chosen."""
+"""Prediction errors of earlier actions when control is chosen."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What the hands of an action do together: a pair's, on a bus with two arms that are told how their motions end."""
+"""Concurrent motions of a pair's arms, with two arms whose motions end as scripted."""
 
 import asyncio
 from collections.abc import Awaitable, Callable
@@ -34,7 +34,7 @@ NODE, PARTNERS_NODE = 3, 27
 
 @dataclass
 class Script:
-    """How the motions of one arm end, and what it was told."""
+    """Scripted ends of one arm's motions, and the commands it received."""
 
     motion_s: float = 2.0
     fails: str = ""
@@ -43,15 +43,15 @@ class Script:
     """When the fingers close on nothing, counted from the start of the motion."""
     holds: bool = True
     comes_above: bool = True
-    """Whether the other arm leaves it the place above its grasp."""
+    """Whether the other arm leaves the place above its grasp free."""
     home_needs: "Script | None" = None
-    """Whose arm must be home before this one can go there."""
+    """The arm that must be home before this one can move there."""
     is_home: bool = False
     told: list[str] = field(default_factory=list[str])
 
 
 class Arm(Component):
-    """An arm that does as its script says."""
+    """An arm that follows its script."""
 
     name = "robot"
     publishes = (topics.ROBOT_STATE,)
@@ -118,7 +118,7 @@ class Arm(Component):
 
 
 class Commander(Component):
-    """Whoever runs the task."""
+    """The component that runs the task."""
 
     name = "decision"
     reads = (topics.ROBOT_STATE, topics.STATE, topics.COMMAND)
@@ -172,7 +172,7 @@ def test_both_hands_move_and_neither_is_stopped() -> None:
 
     async def check(task: ShapeTask) -> None:
         await hands.follow_paths(task)
-        assert task.port.clock.now_ns() == pytest.approx(3.0e9)  # as long as the longer, not one after the other
+        assert task.port.clock.now_ns() == pytest.approx(3.0e9)  # as long as the longer motion, not the sum
 
     with_two_arms(first, second, check)
     assert first.told == second.told == ["follow_path"]

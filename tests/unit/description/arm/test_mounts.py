@@ -1,4 +1,4 @@
-"""Where the arms stand: together they reach the whole usable table."""
+"""Mounting poses of the arms: together they reach the whole usable table."""
 
 import numpy as np
 

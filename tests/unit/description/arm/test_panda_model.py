@@ -61,7 +61,7 @@ def test_at_home_the_gripper_points_down_along_x() -> None:
 
 @pytest.mark.parametrize("camera_x_m", [0.515, 0.415], ids=["left", "right"])
 def test_at_home_the_arm_hides_nothing_of_the_table_from_the_camera(camera_x_m: float) -> None:
-    # Lines of sight to the table from x = 0.30 m on lie beyond the plane through the camera and that edge.
+    # Lines of sight to the table from x = 0.30 m on are beyond the plane through the camera and that edge.
     camera_z_m, edge_x_m = 1.011, 0.30
     normal = np.array([1.0, 0.0, -(camera_x_m - edge_x_m) / camera_z_m])
     start, end = capsule_ends(PANDA_HOME_Q_RAD)
@@ -97,7 +97,7 @@ def test_the_fingers_open_along_y_of_the_tool_and_stand_off_the_base_as_told() -
     data.qpos[:7], data.qpos[7:] = PANDA_HOME_Q_RAD, 0.03
     mujoco.mj_forward(model, data)
     site = data.site("panda/tcp")
-    half_pad = 0.005  # the pads' inner faces are that far from their centres
+    half_pad = 0.005  # distance of the pads' inner faces from their centres
     for side, sign in (("left", 1.0), ("right", -1.0)):
         offset = site.xmat.reshape(3, 3).T @ (data.geom(f"panda/pad_{side}").xpos - site.xpos)
         np.testing.assert_allclose(offset, [0.0, sign * (0.03 + half_pad), 0.0], atol=1e-9)

@@ -1,4 +1,4 @@
-"""The camera of a replay: each look gets the pictures it had, when it had them."""
+"""The camera of a replay: each observation gets its recorded images at the recorded time."""
 
 import asyncio
 
@@ -25,7 +25,7 @@ def pair(stamp_ns: int) -> RecordedPair:
 
 
 def looks(camera: PlayedCamera, count: int) -> list[tuple[int, int, int]]:
-    """Of each look: when it had its pictures, their stamp, and what they show."""
+    """For each observation: time of arrival of its images, their stamp, and their content."""
     seen: list[tuple[int, int, int]] = []
 
     async def main() -> None:

@@ -1,4 +1,4 @@
-"""The cell on a bus, as the drivers meet it."""
+"""The cell on a bus, from the drivers' perspective."""
 
 import asyncio
 from collections.abc import AsyncGenerator, Awaitable, Callable
@@ -101,7 +101,7 @@ def test_a_trajectory_is_followed_closely_to_its_end():
     async def story(bus: MemoryTransport) -> None:
         outcome = await bus.call(api.FOLLOW, wave(), LEASE_S)
         assert isinstance(outcome, Succeeded)
-        assert outcome.result.q_rad[6] == pytest.approx(HOME[6] + 0.3, abs=2e-3)  # rad: what is left of the lag
+        assert outcome.result.q_rad[6] == pytest.approx(HOME[6] + 0.3, abs=2e-3)  # rad: remaining lag
         assert outcome.result.largest_joint_error_rad < 0.01
         assert outcome.result.duration_s == pytest.approx(1.0, abs=0.02)  # two ticks
         await asyncio.sleep(0.05)

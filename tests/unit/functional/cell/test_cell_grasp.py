@@ -97,7 +97,7 @@ def test_a_frictional_grasp_lifts_carries_and_releases_the_rope(physics: DloPhys
     move(cell, tool(place, LIFT_M), tool(goal, LIFT_M), 2.3)
     assert cell.arm_state().holding
     move(cell, tool(goal, LIFT_M), tool(goal, PANDA_GRASP_HEIGHT_M), 0.6)
-    # It must not have slipped: 2 mm is half the rope's radius.
+    # It must not slip: 2 mm is half the rope's radius.
     assert np.linalg.norm(cell.true_nodes_world()[NODE, :2] - goal) < 0.002
     cell.set_grip(0.04, 20.0)
     cell.step(0.6)
@@ -106,7 +106,7 @@ def test_a_frictional_grasp_lifts_carries_and_releases_the_rope(physics: DloPhys
     cell.step(1.0)
     left = cell.true_nodes_world()[NODE]
     assert left[2] < 0.006  # on the table: the radius is 4 mm
-    # The rope, no longer held straight, springs back by what its neighbours' bends ask for; measured 8 mm.
+    # The rope is no longer held straight and springs back due to the adjacent bends; measured 8 mm.
     assert np.linalg.norm(left[:2] - goal) < 0.015
 
 
@@ -117,7 +117,7 @@ def test_fingers_that_meet_nothing_hold_nothing():
     result = cell.arm.fingers.result()
     assert cell.arm.fingers.at_rest
     assert not result.held
-    assert result.width_m == pytest.approx(0.0, abs=0.001)  # what the soft stop of a finger's joint gives
+    assert result.width_m == pytest.approx(0.0, abs=0.001)  # compliance of the soft stop of a finger's joint
 
 
 def test_fingers_open_to_the_width_asked_for():
@@ -161,7 +161,7 @@ def test_fingers_that_lost_the_rope_close_and_no_longer_hold() -> None:
     cell.set_grip(0.0, 20.0)
     cell.step(1.0)
     assert cell.arm_state().holding
-    # It slips out: from one step to the next it lies elsewhere.
+    # It slips out: from one step to the next, its position changes.
     cell.place_dlo(builtin_shape("I", 0.5, 200) + np.array([0.15, 0.0, 0.0]), settle=False)
     cell.step(0.3)
     assert not cell.arm_state().holding

@@ -50,12 +50,12 @@ def test_the_rope_is_seen_where_the_calibration_says(cell: Cell, side: str):
     if side == "right":
         camera[:, 0] -= STEREO_BASELINE_M
     uv = camera[:, :2] / camera[:, 2:] * calibration.fx_px + (calibration.cx_px, calibration.cy_px)
-    # The rope's picture is 5 px wide: the middle of what is bright in a row of the window is the rope's middle.
+    # The rope is 5 px wide in the image: the centre of the bright pixels in a row of the window is its centre.
     for u, v in uv[5:36:5]:
         row, left = round(v), round(u) - 8
         columns = np.nonzero(bright[row, left : left + 17])[0] + left
         drift = (row - v) * (uv[30, 0] - uv[10, 0]) / (uv[30, 1] - uv[10, 1])  # the rope is straight
-        # 1 px: half of it is the rounding of the bright run, the rest the light falling from one side.
+        # 1 px: half of it is rounding to pixels, the rest the light from one side.
         assert columns.mean() == pytest.approx(u + drift, abs=1.0)
 
 

@@ -1,4 +1,4 @@
-"""The cell's small clocks: the lease of a motion, the pace of the ticks, set-points in time."""
+"""Timing of the cell: the lease of a motion, the rate of the ticks, interpolation of set-points."""
 
 from pathlib import Path
 
@@ -29,7 +29,7 @@ def test_time_in_which_the_cell_could_not_listen_does_not_count():
     watchdog = Watchdog(longest_tick_s=0.02)
     watchdog.arm(0.1)
     assert not watchdog.expired(0.0)
-    assert not watchdog.expired(5.0)  # the cell rendered, or the machine slept; renewals wait in the queue
+    assert not watchdog.expired(5.0)  # the cell rendered, or the machine was suspended; renewals wait in the queue
 
 
 def test_nothing_expires_without_a_motion():
@@ -42,8 +42,8 @@ def test_nothing_expires_without_a_motion():
 def test_ticks_that_are_late_are_caught_up_but_not_a_long_pause():
     pace = Pace(1.0, 0)
     assert pace.next_ns(0) == 10_000_000
-    assert pace.next_ns(35_000_000) == 20_000_000  # three ticks late: no delay until made good
-    assert pace.next_ns(9_000_000_000) == 8_900_000_000  # after a pause at most 0.1 s is made good
+    assert pace.next_ns(35_000_000) == 20_000_000  # three ticks late: no delay until the lag is recovered
+    assert pace.next_ns(9_000_000_000) == 8_900_000_000  # after a pause, at most 0.1 s is recovered
 
 
 def test_half_pace_takes_twice_the_time_and_says_so():

@@ -33,7 +33,7 @@ def test_a_shape_at_rest_moves_less_than_a_millimetre_from_2_to_30_s(name: str, 
     before = cell.true_nodes_world()
     cell.step(28.0)
     moved_m = np.linalg.norm(cell.true_nodes_world() - before, axis=1).max()
-    assert moved_m < 1e-3  # the bar; measured 0.02 mm
+    assert moved_m < 1e-3  # the bound; measured 0.02 mm
 
 
 def test_a_chain_at_rest_lies_as_still_as_the_rod():
@@ -60,7 +60,7 @@ def test_a_start_shape_stays_close_to_what_was_asked_for():
     cell = Cell(CONFIG, seed=0)
     curve = builtin_shape("S", 0.5, CONFIG.nodes)
     cell.place_dlo(curve)
-    # An S is held by friction but for its first elastic slip; 12 mm ends a task.
+    # Friction holds an S except for its first elastic slip; a task ends at 12 mm.
     assert np.linalg.norm(cell.true_nodes_world() - curve, axis=1).max() < 0.006
 
 
@@ -105,7 +105,7 @@ def test_a_start_shape_that_cannot_be_is_refused_by_name(curve: list[list[float]
 
 
 def test_the_arm_state_does_not_hold_the_rope():
-    """What the arm tells is the same wherever the rope lies."""
+    """The arm's state is independent of the rope's position."""
     states = []
     for name in ("I", "S"):
         cell = Cell(CONFIG, seed=0)

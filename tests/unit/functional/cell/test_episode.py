@@ -1,4 +1,4 @@
-"""What is drawn from the seed, and that a cell is built of it."""
+"""Random factors drawn from the seed, and the cell built with them."""
 
 import dataclasses
 from typing import Any
@@ -97,12 +97,12 @@ def test_a_dlo_lies_flat_on_a_tilted_table(physics: DloPhysics):
     nodes = cell.true_nodes_world()
     slope = np.polyfit(nodes[:, 1], nodes[:, 2], 1)[0]
     assert slope == pytest.approx(np.tan(np.radians(0.5)), rel=0.01)
-    assert np.median(nodes[:, 2]) == pytest.approx(0.004 / np.cos(np.radians(0.5)), abs=2e-5)  # it sinks in by 2 um
+    assert np.median(nodes[:, 2]) == pytest.approx(0.004 / np.cos(np.radians(0.5)), abs=2e-5)  # 2 um deep
 
 
 @pytest.mark.parametrize(
     ("physics", "felt"),
-    # Half of the nodes of an I lie on the left, where the table is as good as ice; a rod feels the mean of its nodes.
+    # Half of the nodes of an I are on the left, where friction is near 0; a rod has the mean of its nodes.
     [(ElasticRod(), [0.8 * (20 + 21 * 0.1) / 41] * 41), (ElastoplasticChain(), [0.08] * 21 + [0.8] * 20)],
     ids=["rod", "chain"],
 )

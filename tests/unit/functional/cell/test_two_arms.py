@@ -1,4 +1,4 @@
-"""The cell with a second arm: each by its name, and neither in the other's way."""
+"""The cell with a second arm: each has its own name, and neither affects the other."""
 
 import asyncio
 

@@ -1,4 +1,4 @@
-"""What the gate lets through to an arm, and what it refuses by name."""
+"""Motions that the gate passes to an arm, and those that it refuses by name."""
 
 import asyncio
 from collections.abc import Awaitable, Callable
@@ -174,14 +174,14 @@ def test_a_motion_is_braked_and_fails_when_feedback_freezes_on_its_way() -> None
         arm.frozen_ns = None
         ordered = len(arm.brakings_s)
         await robot.follow(joint_move(FAR, PANDA_HOME_Q_RAD), LEASE)
-        assert len(arm.brakings_s) == ordered  # no order of the motion before comes late
+        assert len(arm.brakings_s) == ordered  # no late command of the previous motion
 
     at_gate(scenario)
 
 
 def test_an_arm_whose_clock_stands_is_not_braked() -> None:
     class DrawnArm(FeltArm):
-        """As of a cell that draws a picture: neither its state nor its clock goes on."""
+        """An arm whose state and clock do not advance, as while the cell renders."""
 
         def now_ns(self) -> int:
             return super().now_ns() if self.frozen_ns is None else self.frozen_ns
@@ -233,7 +233,7 @@ def test_the_tool_stays_inside_its_box_also_of_an_arm_that_stands_elsewhere() ->
         assert arm.followed == []
 
     lower, upper = (0.2, -0.2, 0.3), (0.6, 0.2, 0.6)
-    at_gate(scenario, GateConfig(workspace_lower_m=lower, workspace_upper_m=upper))  # it turns to y = 0.24 m
+    at_gate(scenario, GateConfig(workspace_lower_m=lower, workspace_upper_m=upper))  # the tool is at y = 0.24 m
     at_gate(scenario, T_world_base=pose([0.0, 0.0, -0.5]))
 
 

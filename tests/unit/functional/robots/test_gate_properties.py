@@ -1,4 +1,4 @@
-"""Whatever reaches the gate: what it lets through keeps the limits as the cell runs it, and honest motions pass."""
+"""For any input, the motions that the gate passes keep the limits in the cell, and valid motions pass."""
 
 import asyncio
 import contextlib
@@ -30,7 +30,7 @@ poison = st.sampled_from(POISON)
 
 
 def passes(trajectory: JointTrajectory, config: GateConfig = CONFIG) -> JointTrajectory | None:
-    """What the arm is given of a trajectory that starts where it stands, if anything."""
+    """The trajectory that the gate passes to the arm, if any, for one that starts at the arm's state."""
 
     async def main() -> JointTrajectory | None:
         arm = PerfectArm()
@@ -45,7 +45,7 @@ def passes(trajectory: JointTrajectory, config: GateConfig = CONFIG) -> JointTra
 
 
 def assert_executed_within_limits(trajectory: JointTrajectory) -> None:
-    """Hold what the cell's own set-points do, ten to a sample, to the limits and to the gate's box and speed."""
+    """Check the cell's own set-points, ten per sample, against the limits and the gate's box and speed."""
     assert executed_breach(trajectory, CONFIG) == ""
 
 

@@ -1,4 +1,4 @@
-"""The rod between two looks: it follows the tools that hold it."""
+"""The rod between two observations: it follows the tools that hold it."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ def tool_of(robot: str, position: Float64Array, stamp_ns: int) -> RobotState:
 
 
 def lifted(step: int) -> Float64Array:
-    """Where the tool is after so many periods of 20 ms: 4 cm up, 10 cm across, 4 cm down, each in half a second."""
+    """Tool position after this number of periods of 20 ms: 4 cm up, 10 cm across, 4 cm down, half a second each."""
     legs = np.array([[0.0, 0.0, 0.04], [0.1, 0.0, 0.0], [0.0, 0.0, -0.04]])
     done = np.clip(step / 25.0 - np.arange(3), 0.0, 1.0)
     return np.asarray(done @ legs, dtype=np.float64)
@@ -45,7 +45,7 @@ def test_a_released_rod_lies_where_the_same_motion_was_predicted_to_leave_it() -
     track = np.array([[*(grasp + lifted(step)), np.pi / 2] for step in range(1, 76)])
     motion = Motion(node=28, waypoints=track[:1], velocity=VelocityProfile(), track=track)
     predicted = play(CONFIG, I_SHAPE, (QuickRod(),), (motion,), PERIOD_NS / 1e9).nodes_world[0, 0]
-    # The steps are of another length.
+    # The time steps differ.
     assert geometry.rmse_m(carry.nodes_world, predicted) < 0.002
     assert geometry.rmse_m(predicted, I_SHAPE) > 0.01
 
@@ -53,7 +53,7 @@ def test_a_released_rod_lies_where_the_same_motion_was_predicted_to_leave_it() -
 def test_rounding_stays_rounding() -> None:
     rng = np.random.default_rng(0)
     start = I_SHAPE * (1.0 + 1e-12 * rng.uniform(-1.0, 1.0, I_SHAPE.shape))
-    # With contacts that appear and break, as in MuJoCo, this grew to centimetres; here it stays as small.
+    # With contacts that appear and break, as in MuJoCo, this would grow to centimetres; here it stays small.
     assert np.abs(carried(I_SHAPE, 20).nodes_world - carried(start, 20).nodes_world).max() < 1e-9
 
 

@@ -1,4 +1,4 @@
-"""Goals dragged by frames: forces pull, the rod does the rest."""
+"""Goals dragged by frames: forces pull on nodes of a simulated rod."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ FRAMES = (
 
 
 def dragged(frames: tuple[GoalFrame, ...]) -> np.ndarray:
-    """The nodes (M, 3) [m] of a rod that frames have pulled until it rests."""
+    """Nodes (M, 3) [m] of a rod at rest after frames have pulled it."""
     rod = GoalRod(CONFIG)
     rod.place(START)
     for _ in range(10):
@@ -30,7 +30,7 @@ def dragged(frames: tuple[GoalFrame, ...]) -> np.ndarray:
 def test_frames_pull_their_nodes_to_them() -> None:
     nodes = dragged(FRAMES)
     for frame in FRAMES:
-        # Springs against a soft rod: what is left is the bending force over the spring's stiffness.
+        # Springs against a soft rod: the remaining error is the bending force over the spring's stiffness.
         assert np.hypot(*(nodes[frame.node, :2] - (frame.x_m, frame.y_m))) < 0.004
 
 
@@ -55,7 +55,7 @@ def test_ends_pushed_together_bow_out_in_the_plane_of_the_table() -> None:
     nodes = dragged(together)
     assert np.all(nodes[:, 2] == CONFIG.radius_m)
     assert np.hypot(*(nodes[30, :2] - nodes[0, :2])) == pytest.approx(0.3, abs=0.01)
-    # Forced flat, it must still have its length: it did not escape upwards unseen.
+    # In the plane, it must still have its full length: it has not moved upwards.
     assert arc_lengths(nodes)[-1] == pytest.approx(CONFIG.length_m, rel=0.01)
 
 

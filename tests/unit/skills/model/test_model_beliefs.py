@@ -1,4 +1,4 @@
-"""What the model component believes of the DLO, tells, predicts and learns."""
+"""The model component's belief about the DLO: publication, prediction and learning."""
 
 import asyncio
 
@@ -38,7 +38,7 @@ def test_what_is_configured_is_told_as_the_first_belief() -> None:
         assert belief.elastic_m3.value == pytest.approx(
             CONFIG.bending_stiffness_n_m2 / (CONFIG.friction * 9.81 * CONFIG.mass_kg_m)
         )
-        # A ratio is less sure than any of its parts.
+        # A ratio is more uncertain than any of its factors.
         assert belief.elastic_m3.log_sd > CONFIG.belief.stiffness_log_sd
         low, high = belief.length_m.interval()
         assert low < CONFIG.length_m < high

@@ -60,7 +60,7 @@ def test_frames_at_the_other_ends_take_the_rod_the_other_way_round() -> None:
         frames = tuple(GoalFrame(node=node, x_m=I_SHAPE[node, 0], y_m=I_SHAPE[node, 1]) for node in (0, 15, 30))
         outcome = await port.call(api.BUILD_GOAL, frames)
         assert isinstance(outcome, Succeeded)
-        # The frames lie on the rod: it stays where it is, but for what a damped rod swings by.
+        # The frames are on the rod: it stays in place except for damped oscillation.
         assert geometry.rmse_m(outcome.result.nodes_world, I_SHAPE) < 0.002
 
     with_model(scenario)

@@ -1,4 +1,4 @@
-"""The state of the model component: targets drag it, and the arm that holds it."""
+"""The state of the model component: target points and the holding arm pull it."""
 
 import numpy as np
 import pytest
@@ -70,7 +70,7 @@ def test_a_held_node_follows_the_tool_between_two_looks() -> None:
             await port.clock.sleep(0.02)
         moved = await state_after_a_moment(port)
         assert moved is not None
-        # Tool states come at 50 Hz but are published on at 10: the last may be 0.1 s, 10 mm, old.
+        # Tool states arrive at 50 Hz, states are published at 10 Hz: the last may be 0.1 s (10 mm) old.
         assert moved.nodes_world[28, 0] - I_SHAPE[28, 0] == pytest.approx(0.1, abs=0.012)
         assert moved.observed_stamp_ns == 1_000
         bus.publish(topics.GRIPPED, GraspState(stamp_ns=2_000_000_000, robot="panda", node=None))

@@ -1,4 +1,4 @@
-"""Predicted actions: the grasped node goes where it is taken, friction keeps the rest."""
+"""Predicted actions: the grasped node follows the tool, friction holds the rest."""
 
 import numpy as np
 import pytest
@@ -34,7 +34,7 @@ def test_a_grasped_end_comes_to_lie_where_it_is_taken_and_the_other_stays() -> N
     nodes = predict(CONFIG, I_SHAPE, pick(28, (0.08, -0.05)))
     # It springs back a little when it is released.
     assert np.linalg.norm(nodes[28, :2] - (I_SHAPE[28, :2] + (0.08, -0.05))) < 0.012
-    # The carried end pulls at the rest through the lift; friction keeps the other end within half a diameter.
+    # The lifted end pulls at the rest; friction keeps the other end within half a diameter.
     assert np.linalg.norm(nodes[0] - I_SHAPE[0]) < 0.008
     assert nodes[:, 2].max() < 0.008
 
@@ -47,7 +47,7 @@ def test_predictions_repeat_to_the_bit() -> None:
 def test_friction_holds_the_built_in_goals() -> None:
     for name in ("I", "S"):
         shape = builtin_shape(name, CONFIG.length_m, CONFIG.nodes)
-        # A goal that moves by more than a quarter of the threshold on its own could not be reached.
+        # A goal that springs back by more than a quarter of the threshold could not be reached.
         assert geometry.rmse_m(settle(CONFIG, shape), shape) < 0.003
 
 
@@ -60,7 +60,7 @@ def test_friction_does_not_hold_a_bend_that_is_too_tight() -> None:
 @pytest.mark.parametrize(("beside_m", "moved_m"), [(0.03, 0.03), (0.12, 0.0)])
 def test_a_push_moves_the_rod_only_where_the_fingers_meet_it(beside_m: float, moved_m: float) -> None:
     here = I_SHAPE[15]
-    # The fingers are wide along their y, which lies along the rod, and move 6 cm towards it.
+    # The fingers are wide along their y axis, which is along the rod, and move 6 cm towards it.
     way = [geometry.downward((here[0] - x_m, here[1], 0.01), 0.0) for x_m in (beside_m, beside_m - 0.06)]
     push = Push(
         stamp_ns=0,
@@ -69,5 +69,5 @@ def test_a_push_moves_the_rod_only_where_the_fingers_meet_it(beside_m: float, mo
         velocity=VelocityProfile(),
     )
     nodes = predict(CONFIG, I_SHAPE, push)
-    # The fingers are half as thick as 2 cm at most, and the rod rolls on a little.
+    # Half the fingers' thickness is at most 1 cm, and the rod rolls on slightly.
     assert nodes[15, 0] - here[0] == pytest.approx(moved_m, abs=0.015 if moved_m else 0.002)

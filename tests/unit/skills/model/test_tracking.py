@@ -1,4 +1,4 @@
-"""PD tracking: consistent targets are reached, outliers rejected, hidden nodes left to the rod."""
+"""PD tracking: consistent targets are reached, outliers rejected, hidden nodes follow the rod."""
 
 import time
 from dataclasses import replace
@@ -36,7 +36,7 @@ def off_mm(nodes: Float64Array, wanted: Float64Array) -> Float64Array:
 @pytest.mark.parametrize(("start", "goal"), [("I", "S"), ("S", "I")])
 def test_targets_that_the_rod_can_take_are_reached(start: str, goal: str) -> None:
     tracked = tracker_at(shape(start)).track(shape(goal), ALL)
-    # 1.5 mm is an eighth of the threshold for convergence: tracking must not be what decides.
+    # 1.5 mm is an eighth of the threshold for convergence: tracking must not affect the decision.
     assert off_mm(tracked.nodes_world, shape(goal)).max() < 1.5
     assert tracked.error_m < 1e-3
 
@@ -63,7 +63,7 @@ def test_a_stiff_dlo_is_followed_into_a_kink_where_it_keeps_bends(
     tracker = Tracker(wire)
     tracker.place(shape("I"))
     tracked = tracker.track(kinked, ALL)
-    # An elastic rod of that stiffness resists by more than targets may pull, and would be judged straighter than it is.
+    # An elastic rod of that stiffness resists more than targets may pull, and would be estimated too straight.
     assert (rmse_m(tracked.nodes_world, kinked) < 2e-3) is follows
 
 
@@ -73,7 +73,7 @@ def test_an_outlier_is_rejected() -> None:
     tracked = tracker_at(shape("S")).track(targets, ALL)
     # An observer's error is around 5 mm; one lost target must add less than that.
     assert off_mm(tracked.nodes_world, shape("S")).max() < 4.0
-    assert tracked.error_m > 0.01  # and it shows: 100 mm at one of 31 nodes are 18 mm
+    assert tracked.error_m > 0.01  # and the error reports it: 100 mm at one of 31 nodes are 18 mm
 
 
 def test_hidden_nodes_are_not_dragged_but_follow_the_rod() -> None:

@@ -67,7 +67,7 @@ def test_a_hidden_end_is_carried_along_by_the_rest_of_the_rod() -> None:
     rod = shape("I")
     moved = rod + np.array([0.03, 0.0, 0.0])
     result = Anchored().estimate(cloud(moved, hidden=(0.75, 1.0)), state(rod))
-    # Nothing is seen of it; its place follows from the motion of the visible part, 3 cm along x.
+    # It is hidden; its position follows from the motion of the visible part, 3 cm along x.
     np.testing.assert_allclose(result.nodes_world[26:], moved[26:], atol=0.006)
 
 
@@ -76,7 +76,7 @@ def test_a_held_node_is_where_the_gripper_is_and_anchors_what_shows_no_tip() -> 
     pin = GripperPin(robot="panda", node=15, position_world=rod[15].astype(np.float32))
     seen = cloud(rod, hidden=(0.85, 1.0))
     points = seen.points_world
-    no_first = np.linalg.norm(points - rod[0], axis=1) > 0.08  # the other tip is out of sight too
+    no_first = np.linalg.norm(points - rod[0], axis=1) > 0.08  # the other tip is hidden too
     near_pin = np.linalg.norm(points - rod[15], axis=1) < 0.015  # in the shadow of the fingers
     seen = msgspec.structs.replace(seen, points_world=points[no_first & ~near_pin], pins=(pin,))
     slid = state(resample(rod, 31) + np.array([0.0, 0.025, 0.0]))

@@ -1,4 +1,4 @@
-"""The M-step in few unknowns against the equation it stands for."""
+"""The M-step with few unknowns compared with the full equation."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ def test_the_kernel_is_its_factor_times_itself_in_few_columns(beta_m: float) -> 
     G = kernel(shape("S"), beta_m)
     L = low_rank(G)
     np.testing.assert_allclose(L @ L.T, G, atol=1e-14)  # rounding of sums of up to 31 products below one
-    assert L.shape[1] <= {0.02: 31, 0.12: 31, 0.8: 20}[beta_m]  # the wider, the more alike the columns
+    assert L.shape[1] <= {0.02: 31, 0.12: 31, 0.8: 20}[beta_m]  # the wider the kernel, the more similar the columns
 
 
 @pytest.mark.parametrize("stiffness", [0.0, 1e2])

@@ -1,4 +1,4 @@
-"""Clouds that no strategy should see: every one of ours keeps the last state, and nobody is told it was seen."""
+"""Bad clouds, which must not reach a strategy: the last state is kept, and no node counts as seen."""
 
 from collections.abc import Callable
 
@@ -83,7 +83,7 @@ def test_nan_among_good_points_does_no_harm(config: type[ObserverStrategyConfig]
 
 
 class Broken:
-    """A strategy that answers with what it was given."""
+    """A strategy that returns its input."""
 
     def __init__(self, answer: Callable[[], TargetPoints]) -> None:
         self._answer = answer
@@ -136,7 +136,7 @@ class Answering:
 
 @pytest.fixture
 def orders(monkeypatch: pytest.MonkeyPatch) -> list[Observation]:
-    """The clouds whose first order was sought."""
+    """The clouds that were ordered from scratch."""
     sought: list[Observation] = []
 
     def counted(seen: Observation, *rest: object) -> TargetPoints:

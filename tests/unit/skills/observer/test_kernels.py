@@ -1,4 +1,4 @@
-"""What is compiled before the first frame is all that the first frame needs."""
+"""Compilation before the first frame covers everything that the frame needs."""
 
 from typing import Any
 
@@ -14,7 +14,7 @@ from dlokit.skills.observer.strategies import OURS
 
 
 def compiled() -> dict[str, int]:
-    """How many versions of each kernel there are, one for each combination of argument types."""
+    """Number of compiled versions of each kernel, one for each combination of argument types."""
     return {
         f"{module.__name__}.{name}": len(kernel.signatures)
         for module in (mixture_kernels, som_kernels)

@@ -24,14 +24,14 @@ def test_weights_sum_to_one_over_the_nearest_nodes_only(neighbours: int) -> None
 
 def test_weights_put_each_node_together_from_its_neighbours() -> None:
     W = lle_weights(HELIX, 6, 1e-10)
-    # Six neighbours on a helix span space: only the regularisation keeps it from exact, here by 0.1 um.
+    # Six neighbours on a helix span space: only the regularisation causes an error, here 0.1 um.
     np.testing.assert_allclose(W @ HELIX, HELIX, atol=1e-6)
 
 
 def test_the_regularisation_costs_little_of_that() -> None:
     W = lle_weights(HELIX, 6, 1e-3)
     spacing = np.linalg.norm(HELIX[1] - HELIX[0])
-    # It prefers even weights: a node at a tip, outside of its neighbours, is put together worst.
+    # It prefers even weights: a node at a tip, outside its neighbours, has the largest residual.
     assert np.max(np.linalg.norm(W @ HELIX - HELIX, axis=1)) < 0.3 * spacing
 
 

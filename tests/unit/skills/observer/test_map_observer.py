@@ -1,4 +1,4 @@
-"""What the most probable rod is good for: nodes in their places, lengths kept, and saying how sure it is."""
+"""Accuracy of the most probable rod: ordered nodes, constant lengths, and stated uncertainty."""
 
 import msgspec
 import numpy as np
@@ -46,7 +46,7 @@ def test_rest_lengths_are_kept_where_the_rod_is_seen_and_where_not(name: str) ->
     rod = shape(name, 3)
     result = MapObserver().estimate(cloud(rod, hidden=(0.4, 0.6)), state(rod + np.array([0.02, 0.0, 0.0])))
     edges = np.linalg.norm(np.diff(result.nodes_world, axis=0), axis=1)
-    # 3 %: half a millimetre of 17, what the last linearisation leaves.
+    # 3 %: half a millimetre of 17, the error of the last linearisation.
     np.testing.assert_allclose(edges, LENGTH_M / 30, rtol=0.03)
 
 
@@ -107,7 +107,7 @@ def test_where_the_rod_lies_below_the_table_there_is_no_table(depth_m: float) ->
     rod = shape("S") - np.array([0.0, 0.0, depth_m])
     result = MapObserver().estimate(cloud(rod), state(rod + np.array([0.02, 0.0, 0.0])))
     assert rmse_m(result.nodes_world, rod) < 0.004  # as on the table
-    # A rod that comes from above, as far as it goes between two clouds: the cloud alone tells.
+    # A rod that comes from above by as much as it can move between two clouds: only the cloud counts.
     lowered = MapObserver().estimate(cloud(rod), state(rod + np.array([0.0, 0.0, 0.04])))
     assert np.abs(lowered.nodes_world[:, 2] - rod[:, 2]).max() < 0.01
 
@@ -154,7 +154,7 @@ def test_a_node_in_open_view_without_points_is_drawn_to_the_rod_and_one_behind_t
             segment=np.zeros(len(frame.points), dtype=np.int64),
             t=np.zeros(len(frame.points)),
             distance2=np.zeros(len(frame.points)),
-        )  # all at node 0: the other nodes have none
+        )  # all at node 0: the other nodes have no points
         system = ChainSystem(31)
         add_free_space(system, frame, frame.before, few, config)
         pulled.append(bool(np.any(system.band[60:63])))
@@ -164,7 +164,7 @@ def test_a_node_in_open_view_without_points_is_drawn_to_the_rod_and_one_behind_t
 
 def test_a_node_in_open_view_without_points_is_drawn_into_the_shade_where_that_is_nearer() -> None:
     depth_m = np.full((56, 64), np.inf, dtype=np.float32)
-    depth_m[:, 40:] = 0.5  # hides what lies at x > 0.66: (400 - 319.5) px of 500 px a metre at 1 m
+    depth_m[:, 40:] = 0.5  # hides the region x > 0.66: (400 - 319.5) px at 500 px per metre, 1 m away
     seen = msgspec.structs.replace(
         cloud(shape("I")), calibration=camera(), occlusion=Occlusion(depth_m=depth_m, scale=10)
     )
@@ -189,7 +189,7 @@ def test_few_nodes_on_a_bent_rod_are_as_good_as_many() -> None:
     fine = MapObserver().estimate(seen, prior)
     assert fine.nodes_world.shape == sparse.shape
     assert fine.visible.shape == (len(sparse),)
-    # Straight segments of 8 cm cut the bends short: without nodes in between all are drawn inwards.
+    # Straight segments of 8 cm shorten the bends: without nodes in between, all are pulled inwards.
     straight = MapObserver(MapConfig(longest_edge_m=1.0)).estimate(seen, prior)
     assert rmse_m(fine.nodes_world, sparse) < 0.5 * rmse_m(straight.nodes_world, sparse)
 
@@ -221,5 +221,5 @@ def test_a_moving_rod_with_a_hidden_middle_is_followed_better_than_by_registrati
             nodes = strategy.estimate(seen, prior).nodes_world
             total += float(np.mean(np.linalg.norm(nodes - truth, axis=1)))
         errors[name] = total / len(sequence.clouds)
-    assert errors["map"] < 0.008  # the bar of the base case
+    assert errors["map"] < 0.008  # the bound of the base case
     assert errors["map"] < 0.5 * errors["cpd"]

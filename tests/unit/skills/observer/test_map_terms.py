@@ -1,4 +1,4 @@
-"""Each term's normal equations are those of its residual; the band is the matrix it stands for."""
+"""Each term's normal equations are those of its residual, and the band equals the full matrix."""
 
 from collections.abc import Callable
 
@@ -80,7 +80,7 @@ def coherence_term(system: ChainSystem) -> None:
 
 
 def along_the_end(x: Float64Array) -> float:
-    """The last node's way along the direction of the last two edges; it is to stay."""
+    """Displacement of the last node along the direction of the last two edges; it should stay."""
     along = NODES[-1] - NODES[-3]
     return float((along / np.linalg.norm(along)) @ (x[-1] - NODES[-1])) ** 2 / 0.1**2
 
@@ -147,12 +147,12 @@ def test_a_straight_rod_that_moved_is_not_rolled() -> None:
     line = np.column_stack([np.linspace(0, 0.5, 9), np.zeros(9), np.zeros(9)])
     turn = np.radians(20)
     R = np.array([[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]])
-    beside = line + np.array([0.0, 0.01, 0.02])  # would be carried elsewhere by a roll
+    beside = line + np.array([0.0, 0.01, 0.02])  # a roll would move it
     both = np.vstack([line, beside])
     weights = np.concatenate([np.ones(9), np.zeros(9)])
     after = line @ R.T + np.array([0.1, 0.0, 0.0])
     got = moved_rigidly(both, np.vstack([after, np.zeros((9, 3))]), weights)
-    # kappa holds the turn back by 1 % of its sine at each end: 2 mm over 25 cm.
+    # kappa reduces the turn by 1 % of its sine at each end: 2 mm over 25 cm.
     np.testing.assert_allclose(got[9:], beside @ R.T + np.array([0.1, 0.0, 0.0]), atol=0.002)
 
 
@@ -177,7 +177,7 @@ def test_the_soft_assignment_is_that_of_a_gaussian_mixture_with_outliers() -> No
     weights, sums = soft_places(POINTS, NODES, 0.01, 0.1)
     likely = np.exp(-np.sum((POINTS[:, None] - NODES[None]) ** 2, axis=2) / (2 * 0.01**2))
     p = likely / (likely.sum(axis=1, keepdims=True) + 0.1)
-    # The bell in place of the Gaussian differs by at most 0.02 for a node, of the 1 that a point shares out.
+    # The approximation of the Gaussian changes a node's weight by at most 0.02 of a point's total of 1.
     np.testing.assert_allclose(weights, p.sum(axis=0), atol=0.02 * len(POINTS))
     np.testing.assert_allclose(sums / weights[:, None], (p.T @ POINTS) / p.sum(axis=0)[:, None], atol=0.001)
 
@@ -237,7 +237,7 @@ def test_rounding_does_not_decide_whether_a_node_at_rest_is_below_the_table() ->
 
 def test_rounding_does_not_decide_on_which_side_of_a_bend_a_point_outside_of_it_is() -> None:
     nodes = np.array([[0, 0, 0], [1, 0.1, 0], [2, 0.3, 0], [3, 0, 0]], dtype=np.float64)
-    # Fans of points from the outside of the bend at node 2, all of which are nearest to that node.
+    # Points fanned out outside the bend at node 2, which is the nearest node of all.
     turns = np.linspace(np.radians(87), np.radians(98), 50)
     points = nodes[2] + 0.02 * np.column_stack([np.cos(turns), np.sin(turns), np.zeros(50)])
     for start in (1, 2):

@@ -1,4 +1,4 @@
-"""What the most probable rod says of itself: unsure of what is hidden, and for how long; healthy unless it is lost."""
+"""Uncertainty and health of the most probable rod: uncertain where hidden, growing with time; healthy unless lost."""
 
 import msgspec
 import numpy as np
@@ -35,13 +35,13 @@ def seen_by_camera(seen: Observation, robot: Float64Array | None = None) -> Obse
 
 
 def stretch(rod: Float64Array, hidden: tuple[float, float]) -> Float64Array:
-    """The places of a stretch, given as shares of the length."""
+    """The points of a part, given as fractions of the length."""
     first, last = (round(share * 199) for share in hidden)
     return resample(rod, 200)[first : last + 1]
 
 
 def hidden_by_robot(rod: Float64Array, hidden: tuple[float, float], seed: int = 0) -> Observation:
-    """A cloud without a stretch, and the robot that hides it."""
+    """A cloud with a part missing, and the robot that hides that part."""
     return seen_by_camera(cloud(rod, seed, hidden=hidden), stretch(rod, hidden))
 
 
@@ -52,7 +52,7 @@ def spread_m(targets: TargetPoints) -> Float64Array:
 
 
 def after(clouds: list[Observation], prior: DloState) -> TargetPoints:
-    """The last answer, each prior being the answer before."""
+    """The last result, where each prior is the previous result."""
     topology = prior.topology
     for seen in clouds[:-1]:
         prior = prior_from(MapObserver().estimate(seen, prior), topology)
@@ -72,7 +72,7 @@ def test_a_variance_is_the_smaller_of_what_is_carried_on_and_what_the_cloud_alon
     np.testing.assert_allclose(blocks, expected + 0.1 * np.eye(3))
 
 
-@pytest.mark.parametrize("count", [31, 13])  # 13 are so far apart that the chain is refined
+@pytest.mark.parametrize("count", [31, 13])  # 13 nodes are so far apart that the chain is refined
 def test_what_is_hidden_is_less_sure_from_cloud_to_cloud_and_sure_again_when_it_is_seen(count: int) -> None:
     rod = shape("S")
     full = seen_by_camera(cloud(rod, 9))
@@ -96,7 +96,7 @@ def test_length_that_is_missing_in_open_view_makes_every_node_less_sure() -> Non
     explained = MapObserver().estimate(hidden_by_robot(rod, gap), state(rod))
     unexplained = MapObserver().estimate(seen_by_camera(cloud(rod, hidden=gap)), state(rod))
     assert np.all(spread_m(unexplained) > 2.0 * spread_m(explained).min())
-    # In doubt, but used: something that nobody knows may hide them.
+    # Uncertain, but used: an unknown object may hide them.
     assert explained.health > LOST_HEALTH > unexplained.health > ObserverConfig().hopeless_health
 
 
@@ -120,7 +120,7 @@ def test_a_rod_that_is_not_where_its_nodes_are_is_not_trusted(name: str, turned_
     turned = (rod - rod.mean(axis=0)) @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) + rod.mean(axis=0)
     clouds = [seen_by_camera(cloud(rod, seed)) for seed in range(3)]
     result = after(clouds, state(turned + np.array([0.06, 0.03, 0.0])))
-    assert np.linalg.norm(result.nodes_world - rod, axis=1).mean() > 0.05  # else it has found back
+    assert np.linalg.norm(result.nodes_world - rod, axis=1).mean() > 0.05  # otherwise it has recovered
     assert result.health < LOST_HEALTH
 
 

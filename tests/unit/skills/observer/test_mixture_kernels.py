@@ -1,4 +1,4 @@
-"""The compiled E-step against its equation written out."""
+"""The compiled E-step compared with its equation."""
 
 import numpy as np
 import pytest
@@ -49,7 +49,7 @@ def test_nodes_too_far_from_a_block_to_matter_are_left_out() -> None:
     left_in = expectation(*sorted_blocks(X, X_AXIS), near, 0.01**2, 0.05)[0]
     left_out = expectation(*sorted_blocks(X, X_AXIS), far, 0.01**2, 0.05)[0]
     assert 0.0 < left_in[1] < 1e-20  # ten sigma away
-    assert left_out[1] == 0.0  # twelve sigma: 1e-30, which no sum would show
+    assert left_out[1] == 0.0  # twelve sigma: 1e-30, which changes no sum
     assert written_out(X, far, 0.01**2, 0.05)[0][1] > 0.0
 
 

@@ -1,4 +1,4 @@
-"""The observer on a bus: what it publishes, when, and how its skills end."""
+"""The observer on a bus: its messages, their times, and the outcomes of its skills."""
 
 import asyncio
 from collections.abc import Awaitable, Callable
@@ -200,14 +200,14 @@ def test_a_rod_hidden_for_a_second_and_moved_meanwhile_is_lost_once_and_found_ag
         assert (lost.kind, lost.reason, lost.stamp_ns) == (ObserverEventKind.LOST, DistrustReason.NO_POINTS, frame_ns)
         assert (found.kind, found.reason) == (ObserverEventKind.FOUND_AGAIN, None)
         with pytest.raises(TimeoutError):
-            await asyncio.wait_for(anext(stream), 1.0)  # of virtual time: there are no others
+            await asyncio.wait_for(anext(stream), 1.0)  # of virtual time
 
     play(scenario)
 
 
 @dataclass(frozen=True)
 class Wavering:
-    """A strategy that finds the rod and says of each cloud, in turn, how healthy that is."""
+    """A strategy that finds the rod and reports a scripted health for each cloud."""
 
     name: ClassVar[str] = "wavering"
     healths: tuple[float, ...] = ()

@@ -1,4 +1,4 @@
-"""The self-organising map against its definition, and what it is good for."""
+"""The self-organising map compared with its definition, and its accuracy."""
 
 import msgspec
 import numpy as np
@@ -29,7 +29,7 @@ def spiral(turns: float = 1.0) -> Float64Array:
 
 
 def unwound(nodes: Float64Array, share: float) -> Float64Array:
-    """The curve with only a `share` of its bend, about the same centre."""
+    """The curve with only a `share` (fraction) of its bend, around the same centre."""
     steps = np.diff(nodes[:, :2], axis=0)
     heading = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
     heading = heading.mean() + share * (heading - heading.mean())
@@ -88,8 +88,8 @@ def test_it_converges_on_a_spiral_from_a_prior_that_is_almost_straight(share: fl
 def test_in_a_tight_coil_it_stays_where_the_prior_was_nearly_right(turns: float) -> None:
     curve = spiral(turns)
     prior = unwound(curve, 0.95)
-    # Turns are about 2 cm apart. From 8 tenths of the bend, or of 2.5 turns, it ends on the wrong turn: that is
-    # its limit, where the prior's nodes are about as near to the next turn as to their own.
+    # Turns are about 2 cm apart. From 8 tenths of the bend, or of 2.5 turns, it ends on the wrong turn:
+    # there, the prior's nodes are about as near to the next turn as to their own.
     assert rmse_m(Som().estimate(cloud(curve), state(prior)).nodes_world, curve) < 0.0167  # a spacing
 
 
@@ -129,7 +129,7 @@ def test_a_hidden_part_is_not_drawn_to_the_rest(hidden: tuple[float, float], gon
     curve = shape("S")
     result = Som().estimate(cloud(curve, hidden=hidden), state(curve + np.array([0.015, 0.0, 0.0])))
     assert not result.visible[gone].any()
-    # A map of all nodes ends 20 mm (middle) and 58 mm (tip) off; half a spacing at the rims stays.
+    # A map of all nodes has errors of 20 mm (middle) and 58 mm (tip); half a spacing at the rims remains.
     assert rmse_m(result.nodes_world, curve) < 0.015
     np.testing.assert_allclose(result.nodes_world[gone], curve[gone], atol=0.025)
 

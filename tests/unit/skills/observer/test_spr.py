@@ -1,4 +1,4 @@
-"""Structure preserved registration against its equations, and against what it adds to CPD."""
+"""Structure preserved registration compared with its equations and with CPD."""
 
 from dataclasses import replace
 
@@ -13,7 +13,7 @@ from dlokit.skills.observer.cpd import Cpd, CpdConfig
 from dlokit.skills.observer.mixture import kernel
 from dlokit.skills.observer.spr import Spr, SprConfig, lle_weights, register, structure_matrix
 
-# A kernel so narrow that motion alone keeps little of the shape; the defaults' wide ones leave less to the structure.
+# With this narrow kernel, coherent motion alone preserves little of the shape; wide defaults preserve more.
 PLIABLE_CPD = CpdConfig(beta_m=0.12, lambda_per_m2=300.0, outlier_weight=0.05, initial_sigma_m=0.04)
 PLIABLE = SprConfig(
     beta_m=0.12,
@@ -48,7 +48,7 @@ def test_one_iteration_solves_the_papers_equation() -> None:
     P1, _, PX = expectation(X, Y, sigma2, config.outlier_weight)
     left = (np.diag(P1) @ G + config.lambda_per_m2 * sigma2 * np.eye(len(Y)) + config.tau_per_m2 * sigma2 * M @ G) @ W
     right = PX - np.diag(P1) @ Y - config.tau_per_m2 * sigma2 * M @ Y
-    # PX is up to 30 m in sum; what is left is rounding, magnified by the distances to the origin.
+    # PX is up to 30 m in sum; the rest is rounding, magnified by the distances to the origin.
     np.testing.assert_allclose(left, right, atol=1e-7)
 
 

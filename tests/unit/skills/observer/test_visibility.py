@@ -1,4 +1,4 @@
-"""What a look could see, and where hidden nodes go."""
+"""Nodes that an observation could see, and the motion of hidden nodes."""
 
 import msgspec
 import numpy as np
@@ -71,9 +71,9 @@ def test_an_end_out_of_the_picture_is_not_taken_for_the_tip() -> None:
     seen = cloud(rod)
     inside = seen.points_world[:, 1] < 0.385
     seen = msgspec.structs.replace(seen, points_world=seen.points_world[inside], calibration=CAMERA)
-    # The registration pulls the nodes into what is seen; only the picture's border tells that the tip is beyond.
+    # The registration pulls the nodes into the visible part; only the image border shows that the tip is beyond.
     result = Anchored().estimate(seen, state(rod + np.array([0.01, -0.01, 0.0])))
-    assert np.sqrt(np.mean(np.sum((result.nodes_world - rod) ** 2, axis=1))) < 0.010  # the bar for hidden parts
+    assert np.sqrt(np.mean(np.sum((result.nodes_world - rod) ** 2, axis=1))) < 0.010  # the bound for hidden parts
     assert not result.visible[:5].any()
     assert result.visible[12:].all()
 

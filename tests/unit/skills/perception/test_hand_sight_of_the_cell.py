@@ -1,4 +1,4 @@
-"""The camera's place from the hand, in cells drawn anew for each seed, against the true pose of the camera."""
+"""The camera's pose from the hand, in a random cell for each seed, compared with the true pose."""
 
 import msgspec
 import numpy as np
@@ -22,7 +22,7 @@ PLACES = ((0.50, 0.14, np.pi / 2), (0.50, -0.14, -np.pi / 2))
 
 
 def table_error_m(T_world_camera: Pose, true: CameraCalibration) -> float:
-    """How far points at the table's height are seen beside their places, root mean square [m]."""
+    """Error of reconstructed points at the table's height, root mean square [m]."""
     x, y = np.meshgrid([0.3, 0.45, 0.6], [-0.25, 0.0, 0.25])
     places = np.column_stack([x.ravel(), y.ravel(), np.zeros(9)])
     pixels = project(places, true).pixels
@@ -54,10 +54,10 @@ def test_the_hand_brings_the_camera_of_a_drawn_cell_from_millimetres_to_below_on
     looks = [hand_look(cell, *place) for place in PLACES]
     cell.close()
     believed, true = background.calibration.T_world_camera, cell.rig.true_calibration
-    assert table_error_m(believed, true) > 0.005  # or there would be nothing to show
+    assert table_error_m(believed, true) > 0.005  # otherwise the test would show nothing
     check = camera_from_hand(background, looks, CONFIG.hand_sight)
     corrected = corrected_by(believed, check)
-    # What is left is the tilt of the table, told by the hand to 0.05 deg, and the grid of pixels at the arm's edge.
+    # The rest is the table's tilt, known from the hand to 0.05 deg, and the pixel grid at the arm's edge.
     assert table_error_m(corrected, true) < 0.001
     turn = geometry.rotation(corrected) @ geometry.rotation(true.T_world_camera).T
     assert abs(np.degrees(turn[1, 0])) < 0.1

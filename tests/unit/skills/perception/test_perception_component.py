@@ -31,7 +31,7 @@ NO_CORRECTION = PerceptionConfig(table=TableConfig(correct_pose=False))
 
 
 class ScriptedCamera:
-    """Gives one scene's pictures, after a while, stamped with the clock; or is gone."""
+    """A camera that returns one scene's images after a delay, stamped with the clock, or fails."""
 
     def __init__(self, scene: Scene, *, exposure_s: float = 0.0) -> None:
         self.images = scene.images
@@ -63,7 +63,7 @@ class ScriptedCamera:
 
 
 class Others(Component):
-    """Publishes what the robot and the decision layer would."""
+    """Publishes messages of the robot and the decision layer."""
 
     name = "robot"
     publishes = (topics.ROBOT_STATE,)
@@ -145,7 +145,7 @@ def test_a_look_takes_the_cloud_from_the_surface_to_the_centre_line_of_the_dlo_a
     in_the_air = replace(NO_CORRECTION, table=replace(NO_CORRECTION.table, supports=False))
     for radius_m in (0.001, 0.003):
         with_perception(s_scene, test, config=in_the_air, radius_m=radius_m)
-    # Straight down it would be the 2 mm between the radii; the camera looks a little aslant.
+    # Straight down it would be the 2 mm between the radii; the camera is slightly inclined.
     assert heights_m[0] - heights_m[1] == pytest.approx(0.002, abs=0.0005)
 
 

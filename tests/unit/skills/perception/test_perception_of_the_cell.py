@@ -1,4 +1,4 @@
-"""Perception of the simulated cell's own pictures, against its truth."""
+"""Perception of the simulated cell's images, compared with the true shape."""
 
 import msgspec
 import numpy as np

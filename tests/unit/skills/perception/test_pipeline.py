@@ -58,7 +58,7 @@ def test_the_tips_are_neither_eroded_nor_extended(s_scene: Scene):
 
 def test_a_lifted_rope_along_the_rows_is_not_drawn_down_to_the_table(straight_scene: Scene):
     points = look_at(straight_scene).observation.points_world
-    # Along the rows only the tips tell the depth: half a pixel of disparity, 8 mm, is what can be had.
+    # Along the rows, only the tips determine the depth: half a pixel of disparity (8 mm) is the achievable accuracy.
     assert abs(np.median(points[:, 2]) - 0.1) < 0.008
 
 
@@ -87,7 +87,7 @@ def test_a_box_around_one_half_leaves_that_half(s_scene: Scene):
     box = BoxConfig(lower_world=(0.2, -0.4, -0.02), upper_world=(0.52, 0.4, 0.25))
     points = look_at(s_scene, dataclasses.replace(CONFIG, box=box)).observation.points_world
     assert len(points) > 50
-    assert points[:, 0].max() < 0.525  # the move to the centre line comes after the box, and is one radius
+    assert points[:, 0].max() < 0.525  # the shift to the centre line follows the box filter, and is one radius
 
 
 def test_a_speck_of_light_on_the_table_is_not_dlo(s_scene: Scene):
@@ -135,7 +135,7 @@ def test_the_tables_plane_corrects_height_and_tilt_of_the_believed_pose(s_scene:
     images = msgspec.structs.replace(s_scene.images, calibration=calibration(believed))
     found = corrected_camera_pose(images, (s_scene.robot,), CONFIG, CONFIG.segmentation)
     assert found is not None
-    # A tenth of the error that was put in: 3 mm and 0.2 deg; measured 0.01 mm and 0.013 deg.
+    # A tenth of the introduced error: 3 mm and 0.2 deg; measured 0.01 mm and 0.013 deg.
     assert abs(found.position_m[2] - true.position_m[2]) < 0.0003
     assert np.arccos(min(1.0, rotation(found)[2] @ rotation(true)[2])) < np.radians(0.02)
 

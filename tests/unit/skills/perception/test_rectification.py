@@ -11,7 +11,7 @@ LENS = np.array([-0.25, 0.08, 0.0, 0.0, 0.0], dtype=np.float32)  # a wide-angle 
 
 
 def distorted(picture: np.ndarray, camera: CameraCalibration) -> np.ndarray:
-    """The picture as a camera with that lens would have taken it."""
+    """The image as taken through that lens."""
     K = np.array([[camera.fx_px, 0.0, camera.cx_px], [0.0, camera.fy_px, camera.cy_px], [0.0, 0.0, 1.0]])
     v, u = np.mgrid[0 : camera.height_px, 0 : camera.width_px].astype(np.float32)
     pixels = np.column_stack([u.ravel(), v.ravel()])[:, None]

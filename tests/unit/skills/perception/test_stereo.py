@@ -17,7 +17,7 @@ MIDDLE = (slice(200, 320), slice(200, 440))
 
 
 def textured_plane(height_m: float) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """Pictures of a textured plane at a height, made from its disparity alone."""
+    """Images of a textured plane at a height, generated from its disparity."""
     rng = np.random.default_rng(0)
     coarse = rng.uniform(40, 220, (HEIGHT_PX, WIDTH_PX // 4 + 100))
     v, u = np.mgrid[0:HEIGHT_PX, 0:WIDTH_PX].astype(float)
@@ -47,7 +47,7 @@ def test_a_textured_plane_is_found_at_its_height(height_m: float):
     pixels = np.column_stack([columns + found.window.left, rows + found.window.top])
     depth = CAMERA.fx_px * baseline_m(CAMERA) / found.pixels[rows, columns].astype(np.float64)
     heights = back_project(pixels, depth, CAMERA)[:, 2]
-    # Disparities lean towards whole pixels by up to 0.15 px: of 60 px at 1.2 m, 3 mm along the line of sight.
+    # Disparities are biased towards whole pixels by up to 0.15 px of 60 px: at 1.2 m, 3 mm along the line of sight.
     assert abs(np.median(heights) - height_m) < 0.003
 
 

@@ -1,4 +1,4 @@
-"""The farthest node first; marked, unreachable and unfit ones are passed over."""
+"""The farthest node first; marked, unreachable and unsuitable ones are skipped."""
 
 import asyncio
 
@@ -59,7 +59,7 @@ def test_the_farthest_node_is_grasped_first_and_the_others_follow() -> None:
 
 def test_the_node_is_taken_to_its_goal() -> None:
     action = proposals(bulged(20), I_SHAPE)[0]
-    # Arc lengths of bulge and goal differ: equal shares of the length lie some millimetres apart.
+    # Arc lengths of bulge and goal differ: points at equal fractions are some millimetres apart.
     assert np.linalg.norm(action.path[-1].position_m[:2] - I_SHAPE[20, :2]) < 0.008
     assert np.linalg.norm(action.grasp.T_world_tcp.position_m[:2] - bulged(20)[20, :2]) < 0.008
     assert action.velocity.speed_m_s > 0.0
@@ -103,7 +103,7 @@ def test_the_gripper_turns_to_the_goal_s_tangent() -> None:
 
 def test_with_the_whole_tangent_nodes_are_passed_over_for_which_the_wrist_has_no_room() -> None:
     def narrow(T: Pose) -> bool:
-        # Room for half of the turn that the goal asks for, from where the rod lies.
+        # The wrist has room for half of the turn that the goal requires.
         R = geometry.rotation(T)
         return bool(abs(abs(np.arctan2(R[1, 0], R[0, 0])) - np.pi / 2) < 0.6)
 

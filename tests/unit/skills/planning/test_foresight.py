@@ -1,4 +1,4 @@
-"""Actions that would tangle the rod are passed over."""
+"""Actions that would tangle the rod are skipped."""
 
 import asyncio
 from collections.abc import AsyncIterator, Sequence
@@ -40,7 +40,7 @@ def chosen(
     goal: Float64Array = STRAIGHT,
     most: int = 8,
 ) -> tuple[Action | None, list[int]]:
-    """The action taken, and the nodes whose actions were played through."""
+    """The chosen action, and the nodes whose actions were simulated."""
     played: list[int] = []
 
     async def predict(action: Action) -> Float64Array:

@@ -70,7 +70,7 @@ def test_the_widest_opening_is_taken_on_a_free_rod() -> None:
 @pytest.mark.parametrize("radius_m", [0.002, 0.006])
 def test_the_gripper_fits_beside_a_strand_up_to_the_boundary(radius_m: float) -> None:
     opening = 0.03
-    # The finger's far side, the clearance, the neighbour's radius: that far away it is free.
+    # Free from this distance on: the finger's far side, the clearance, the neighbour's radius.
     reach = opening / 2 + FINGER_THICKNESS_M + CLEARANCE_M + radius_m
     free, touched = hairpin(reach + 0.002), hairpin(reach - 0.002)
     at = 0.2

@@ -1,4 +1,4 @@
-"""Pairs of grasps: two arms, each on its own side, arriving together."""
+"""Pairs of grasps: two arms, each on its own side, with simultaneous motions."""
 
 import asyncio
 
@@ -62,7 +62,7 @@ def test_the_arms_of_a_pair_reach_their_poses_and_keep_apart(pair: PairPlace) ->
     assert pair.partner.robot == OPPOSITE
     assert all(map(FIRST.reachable, own))
     assert all(map(OTHER.reachable, other))
-    # Waypoints are 3 cm apart at least, and so is the way from and to home; poses between them may be a little nearer.
+    # The arms keep 3 cm apart at waypoints and on the paths from and to home; slightly less in between.
     assert APART.of_pair_m(own, other) > 0.02
 
 
@@ -101,6 +101,6 @@ def test_a_partner_that_holds_still_holds_its_end_of_the_rod() -> None:
         Motion(node=3, waypoints=np.stack((first, aside)), velocity=pace, partner=partner) for partner in (None, held)
     )
     alone, together = play(MODEL, STRAIGHT, (QuickRod(),), motions, 0.005).nodes_world[0]
-    np.testing.assert_allclose(together[-4, :2], STRAIGHT[-4, :2], atol=0.004)  # it slides a little once it is let go
+    np.testing.assert_allclose(together[-4, :2], STRAIGHT[-4, :2], atol=0.004)  # it slides slightly after its release
     assert together[3, 0] - STRAIGHT[3, 0] > 0.04
     assert np.linalg.norm(alone - together, axis=1).max() > 1e-4

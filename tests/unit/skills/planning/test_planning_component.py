@@ -39,7 +39,7 @@ NO_MARKS = Marks(invalid_nodes=np.zeros(0, dtype=np.int64))
 
 
 class Caller(Component):
-    """Who asks."""
+    """The component that calls."""
 
     name = "caller"
     reads = (topics.ACTION, topics.GOAL_VERDICT)

@@ -19,7 +19,7 @@ def test_a_lay_down_ends_with_the_held_end_at_its_goal_and_the_rest_behind_it() 
         assert candidate is not None
         assert candidate.motion.node == node
         tool = candidate.motion.waypoints
-        assert np.linalg.norm(tool[-1, :2] - S_SHAPE[node, :2]) < 0.013  # held 12 mm from the end
+        assert np.linalg.norm(tool[-1, :2] - S_SHAPE[node, :2]) < 0.013  # grasped 12 mm from the end
         assert np.linalg.norm(tool[2, :2] - S_SHAPE[30 - node, :2]) < 0.05  # it starts above the other end, with a lead
         assert np.all(np.diff(tool[2:, 2]) < 0.0)
 
@@ -72,7 +72,7 @@ def test_a_push_moves_the_middle_by_its_length_to_the_side_it_says(direction_rad
     end = play(MODEL, I_SHAPE, (QuickRod(),), (candidate.motion,), 0.005).nodes_world[0, 0]
     along = geometry.tangents(I_SHAPE)[15, :2]
     way = np.cos(direction_rad) * np.array([-along[1], along[0]])
-    # The spring of the fingers gives by a millimetre, and the bend that they leave by another.
+    # The fingers' compliance is a millimetre, and that of the bend which they leave another.
     assert (end - I_SHAPE)[15, :2] @ way == pytest.approx(0.05, abs=0.004)
     assert np.linalg.norm((end - I_SHAPE)[[0, 30]], axis=1).max() < 0.02
 

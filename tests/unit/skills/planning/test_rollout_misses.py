@@ -1,4 +1,4 @@
-"""What actions did is held against what was predicted of them."""
+"""Effects of actions are compared with their predictions."""
 
 import msgspec
 import numpy as np

@@ -1,4 +1,4 @@
-"""The score of `rollout`: what remains to be done after an action."""
+"""The score of `rollout`: the remaining error after an action."""
 
 from dataclasses import replace
 

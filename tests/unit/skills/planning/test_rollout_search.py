@@ -1,4 +1,4 @@
-"""The search of `rollout`: its budget, its finalists, who watches it."""
+"""The search of `rollout`: its budget, its finalists, its progress messages."""
 
 import asyncio
 import math
@@ -29,7 +29,7 @@ R = TypeVar("R")
 
 
 class TimedCompute(InlineCompute):
-    """Computes at once, on a machine whose clock says that each rollout took its time."""
+    """Computes at once, on a machine whose clock advances for each rollout."""
 
     def __init__(self, seconds_each: float) -> None:
         self.now_s = 0.0
@@ -97,8 +97,8 @@ def test_a_slow_machine_tries_every_family_and_ends_in_time() -> None:
     families = [Laying(here, from_last=False), *(Carrying(here, dragging=dragging) for dragging in (True, False))]
     asyncio.run(search.run([*families, Pushing(here)], np.random.default_rng(0)))
     assert tried == {LayDown, PickPlace, Drag, Push}
-    assert compute.now_s < 2.0 + 0.008 * 16  # a batch more: the clock counts one rollout at a time
-    assert search.spent > 50  # of the 100 that fit in: what takes the rest is whether the arm reaches
+    assert compute.now_s < 2.0 + 0.008 * 16  # one more batch: the clock counts one rollout at a time
+    assert search.spent > 50  # of the 100 that fit in: the rest of the time is for checks of reachability
 
 
 @pytest.mark.parametrize(("seconds_each", "others"), [(0.0, {LayDown}), (0.008, set[type[Action]]())])

@@ -38,7 +38,7 @@ def test_a_far_rod_is_laid_down_whole_and_expected_near_its_goal() -> None:
     action = best(RolloutConfig(search=SearchConfig(rollouts=160)), I_SHAPE, goal)
     assert isinstance(action, LayDown)
     assert action.predicted_nodes_world is not None
-    # The farthest node taken to its goal leaves 10 cm; so short a search a quarter of that.
+    # Moving the farthest node to its goal leaves 10 cm; this short search leaves a quarter of that.
     assert geometry.rmse_m(action.predicted_nodes_world, goal) < 0.025
 
 

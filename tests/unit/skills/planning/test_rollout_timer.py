@@ -6,7 +6,7 @@ from dlokit.skills.planning.rollout.search import Timer
 
 
 class HandClock:
-    """A stopwatch that a test moves on."""
+    """A stopwatch that the test advances."""
 
     def __init__(self) -> None:
         self.now_s = 100.0

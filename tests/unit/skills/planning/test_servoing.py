@@ -1,4 +1,4 @@
-"""Shape servoing: the Jacobian of releases, its correction by what was seen, and the verdicts that end control."""
+"""Shape servoing: the Jacobian of releases, its correction by observations, and the verdicts that end control."""
 
 from dataclasses import replace
 
@@ -48,7 +48,7 @@ def held(goal: np.ndarray, **changes: object) -> Held:
 
 
 def dragged(by: list[float]) -> np.ndarray:
-    """Where the rod comes to lie when it is dragged and let go."""
+    """Rest shape of the rod after it is dragged and released."""
     return released(MODEL, NODES, GRIP, [np.array(by)])[0]
 
 
@@ -57,7 +57,7 @@ def test_the_jacobian_says_what_a_small_drag_does_to_the_released_rod() -> None:
     by = np.array([0.012, 0.0, 0.0, 0.0])
     still, moved = released(MODEL, NODES, GRIP, [np.zeros(4), by])
     said = (matrix @ scaled(by)).reshape(-1, 2)
-    # Friction is no smooth function of the way; a linear forecast is good to a third of what moves most.
+    # Friction is not smooth; a linear prediction is accurate to a third of the largest displacement.
     assert np.abs(said - (moved - still)[:, :2]).max() < 0.33 * np.abs(moved - still).max()
 
 
@@ -78,7 +78,7 @@ def test_what_was_seen_of_a_correction_changes_the_jacobian_along_it_alone_and_n
     done = Correction(displacement=by, released_world=NODES, predicted_world=predicted)
     model = np.zeros((62, 3))
     half_as_far = corrected(model, [done], NODES + 0.75 * (predicted - NODES))
-    # Foreseen 10 mm, seen 7.5 mm: along x a quarter less than the model said.
+    # Predicted 10 mm, seen 7.5 mm: along x a quarter less than in the model.
     assert half_as_far[::2, 0] == pytest.approx(np.full(31, -0.25))
     assert not half_as_far[:, 1:].any()
     the_other_way = corrected(model, [done], NODES - 5.0 * (predicted - NODES))
@@ -139,7 +139,7 @@ def test_the_doubt_of_a_gain_counts_the_nodes_that_move_and_the_direction_in_whi
 
 
 def drag(by: list[float]) -> Drag:
-    """Node HELD drawn over the table."""
+    """Node HELD dragged over the table."""
     return Drag(
         stamp_ns=0,
         grasp=Grasp(node=HELD, T_world_tcp=downward(TOOL[:3], float(TOOL[3]))),
@@ -157,7 +157,7 @@ def test_control_follows_an_action_that_stops_short_where_the_eye_is_good_enough
 
 
 def test_control_follows_where_such_actions_went_amiss_and_the_grasp_has_a_hold_on_what_did() -> None:
-    # A stiff rod follows its held node; of a soft one only the neighbours do, and they are where they should be.
+    # All of a stiff rod follows its held node; of a soft one only the neighbours do, and they have no error.
     action, by, stiff = drag([0.04, 0.02, 0.0, 0.3]), np.array([0.04, 0.02, 0.0, 0.3]), 1e-4
     for model, follows in ((replace(MODEL, bending_stiffness_n_m2=stiff), True), (MODEL, False)):
         goal = released(model, NODES, GRIP, [by])[0]

@@ -1,4 +1,4 @@
-"""A log line that blocks or raises keeps no arm moving: the order to brake is given first."""
+"""A log line that blocks or raises cannot keep an arm moving: the brake command comes first."""
 
 import asyncio
 import logging
@@ -55,7 +55,7 @@ def test_an_arm_that_comes_too_near_brakes_before_the_log_line(monkeypatch: pyte
         async with host:
             port = Port(transport, clock, InlineCompute(), owner="test", publishes=())
             outcome = await port.call(api.GRASP)
-            # A component whose log raises ends, and no arm of its own obeys the order to brake here.
+            # A component whose log raises ends, and no arm executes its brake command here.
             assert raises or reason(outcome) == RobotReason.ARMS_TOO_NEAR
             await asyncio.sleep(1.0)
 
@@ -73,7 +73,7 @@ def test_the_motions_of_a_caller_that_is_gone_have_ended_before_the_log_line(rai
         try:
             await asyncio.Event().wait()
         finally:
-            await asyncio.sleep(0.3)  # until it stands
+            await asyncio.sleep(0.3)  # until it is at rest
             braked.append(arm)
 
     async def main() -> None:
@@ -83,7 +83,7 @@ def test_the_motions_of_a_caller_that_is_gone_have_ended_before_the_log_line(rai
         server._tasks.update(tasks)  # pyright: ignore[reportPrivateUsage]  # else it takes a network
         await asyncio.sleep(0.1)
         server.cancel_all_of("dead")
-        assert lines == []  # nothing that may block stands before the end of this turn of the loop
+        assert lines == []  # nothing that may block precedes the end of this turn of the loop
         await asyncio.wait(tasks.values())
         await asyncio.sleep(0.0)
 

@@ -1,4 +1,4 @@
-"""The lease on a robot, and who looks after it."""
+"""The lease on a robot, and its watchdogs."""
 
 import asyncio
 import threading
@@ -14,7 +14,7 @@ PATIENCE_S = 30.0  # it takes milliseconds; a test that waits in vain fails
 
 
 class Machine:
-    """A monotonic clock that stands still unless it is moved."""
+    """A monotonic clock that only the test advances."""
 
     def __init__(self) -> None:
         self.now_s = 0.0
@@ -45,7 +45,7 @@ def test_a_sign_of_life_of_somebody_else_keeps_nothing() -> None:
     keeper.hear("")
     machine.now_s = 0.25
     assert keeper.lost
-    keeper.renew("another system", 0.2)  # what has run out may be taken
+    keeper.renew("another system", 0.2)  # an expired lease may be taken
     with pytest.raises(SkillRejected, match="another system moves this robot"):
         keeper.renew("the decision process", 0.2)
 
@@ -66,7 +66,7 @@ def test_the_thread_tells_of_a_lease_that_has_run_out_until_it_runs_again() -> N
     watch.begin(keeper, lambda: told.release())
     try:
         machine.now_s = 0.25
-        # Again and again: one order to brake that is lost, or that a motion has overtaken, is not the last.
+        # Repeatedly: a brake command that is lost, or that a motion has overtaken, is not the last.
         assert told.acquire(timeout=PATIENCE_S)
         assert told.acquire(timeout=PATIENCE_S)
         keeper.hear("the decision process")
@@ -92,7 +92,7 @@ def test_the_thread_goes_on_when_whoever_it_tells_raises() -> None:
 
 
 class Unknown:
-    """A deadline that cannot say how much time is left."""
+    """A deadline that raises when read."""
 
     @property
     def left_s(self) -> float:
@@ -128,7 +128,7 @@ def test_nothing_is_told_of_a_deadline_that_is_no_longer_watched() -> None:
         watch.end(ended)
         while told.acquire(blocking=False):
             pass
-        for _ in range(3):  # the thread has looked again since
+        for _ in range(3):  # the thread has checked again since
             assert other.acquire(timeout=PATIENCE_S)
         assert not told.acquire(blocking=False)
     finally:
@@ -141,7 +141,7 @@ def test_the_thread_looks_while_nothing_else_of_its_process_gets_on() -> None:
     watch.begin(keeper, told.set)
     try:
         end_s = time.monotonic() + PATIENCE_S
-        while not told.is_set():  # this thread never waits: what looks has to come between
+        while not told.is_set():  # this thread never waits: the watchdog must interrupt it
             assert time.monotonic() < end_s
     finally:
         watch.close()

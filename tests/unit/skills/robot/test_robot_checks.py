@@ -1,4 +1,4 @@
-"""Every reason for which a trajectory is refused, and that good ones are not."""
+"""Every reason to refuse a trajectory, and valid trajectories that pass."""
 
 import msgspec
 import numpy as np
@@ -50,7 +50,7 @@ def test_running_a_trajectory_faster_breaks_velocity_then_acceleration_then_jerk
 def test_a_jump_in_acceleration_is_named() -> None:
     ddq = np.zeros_like(GOOD.ddq_rad_s2)
     ddq[len(ddq) // 2, 1] = 0.9 * PANDA_LIMITS.acceleration_rad_s2[1]
-    times = np.linspace(0.0, 0.1, len(ddq))  # so that the step between samples asks for more than 3750 rad/s³
+    times = np.linspace(0.0, 0.1, len(ddq))  # so that the step between samples requires more than 3750 rad/s³
     assert reason_of(msgspec.structs.replace(GOOD, times_s=times, ddq_rad_s2=ddq)) == RobotReason.JERK_LIMIT
 
 

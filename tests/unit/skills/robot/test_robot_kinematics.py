@@ -1,4 +1,4 @@
-"""Inverse kinematics: what it returns is the pose asked for, within the limits, over the whole table."""
+"""Inverse kinematics: solutions have the requested pose, within the limits, over the whole table."""
 
 import pickle
 import time
@@ -48,7 +48,7 @@ def test_the_pose_as_given_is_preferred() -> None:
 
 
 def test_a_turn_beyond_joint_7_is_taken_from_the_other_side_or_refused() -> None:
-    # Joint 7 stands at pi/4 - yaw here, and ends at 166°.
+    # Joint 7 is at pi/4 - yaw here; its limit is 166°.
     T = downward([0.5, 0.0, 0.1], np.pi / 4 + np.radians(175.0))
     with pytest.raises(SkillFailure, match="that way round"):
         KINEMATICS.inverse(T, yaw=Yaw.EXACT)

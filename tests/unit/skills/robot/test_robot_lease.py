@@ -1,4 +1,4 @@
-"""Who may move the arm, and how it comes to stand: stop, cancel, lease, one motion at a time."""
+"""Which caller may move the arm, and what stops it: stop, cancel, lease, one motion at a time."""
 
 import asyncio
 
@@ -73,7 +73,7 @@ def test_a_stop_that_another_latched_in_the_arm_is_found() -> None:
     async def scenario(bench: Bench) -> None:
         bench.arm.latched = True
         assert reason(await bench.port.call(api.HOME)) == "stop_latched"
-        # A lease may be taken, and loses nothing; it moves nothing either.
+        # Taking a lease is allowed: it moves nothing.
         assert isinstance(await bench.port.call(api.RENEW_LEASE, bench.me, 0.2), Succeeded)
         assert reason(await bench.port.call(api.HOME)) == "stop_latched"
 
@@ -97,7 +97,7 @@ def test_halt_brakes_and_the_motion_fails_as_stopped() -> None:
         assert isinstance(await bench.port.call(api.HALT), Succeeded)
         assert reason(await moving) == "stopped"
         assert bench.arm.stops == 1
-        # The next motion starts where the arm stands, not where it was to end.
+        # The next motion starts at the arm's position, not at the previous target.
         assert isinstance(await bench.port.call(api.HOME), Succeeded)
         assert np.abs(bench.arm.followed[-1].q_rad[0] - FAR).max() > 0.1
 
@@ -124,11 +124,11 @@ def test_the_arm_brakes_when_its_commander_s_lease_runs_out() -> None:
         await asyncio.sleep(0.1)
         assert bench.arm.stops == 0
         bench.machine_s = 0.25
-        await asyncio.sleep(0.03)  # one look of the watch
+        await asyncio.sleep(0.03)  # one period of the watchdog
         assert reason(await moving) == "lease_lost"
         ordered = bench.arm.stops
-        assert ordered == 2  # to brake at once, and to say when it stands
-        # An arm that stands is left alone: an order that comes late would stop the next commander's motion.
+        assert ordered == 2  # to brake at once, and to report its standstill
+        # An arm at rest gets no brake command: a late one would stop the next commander's motion.
         await asyncio.sleep(1.0)
         assert bench.arm.stops == ordered
         assert reason(await bench.port.call(api.HOME)) == "lease_lost"

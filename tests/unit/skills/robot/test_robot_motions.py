@@ -1,4 +1,4 @@
-"""What the robot component does when it is asked to move, and what it refuses to."""
+"""Motions of the robot component, and those that it refuses."""
 
 import asyncio
 
@@ -40,7 +40,7 @@ def test_a_trajectory_starts_where_the_last_was_told_to_end_not_where_the_arm_sa
         await bench.port.call(api.MOVE_JOINTS, FAR)
         await bench.port.call(api.HOME)
         np.testing.assert_allclose(bench.arm.followed[1].q_rad[0], FAR, atol=1e-9)
-        # Somebody has moved the arm by hand: then only the measured angles are true.
+        # The arm was moved by hand: only the measured angles are true.
         bench.arm.sag_rad = 0.2
         await bench.port.call(api.HOME)
         np.testing.assert_allclose(bench.arm.followed[2].q_rad[0], PANDA_HOME_Q_RAD + 0.2, atol=1e-9)
@@ -111,7 +111,7 @@ def test_the_gripper_opens_as_far_as_asked_and_no_further_than_it_can() -> None:
 def test_after_braking_for_old_feedback_a_motion_is_planned_from_where_fresh_feedback_finds_the_arm() -> None:
     async def scenario(bench: Bench) -> None:
         bench.arm.frozen = bench.arm.state()
-        bench.arm.q = bench.arm.q + 0.3  # it came this far until it stood, which nobody heard
+        bench.arm.q = bench.arm.q + 0.3  # its position at standstill, of which no feedback arrived
         await asyncio.sleep(0.5)
         going_home = asyncio.create_task(bench.port.call(api.HOME))
         await asyncio.sleep(0.5)

@@ -1,4 +1,4 @@
-"""Arguments that cannot be, through whole skills: each call ends in a named refusal, at once, and nothing moves."""
+"""Invalid arguments of skills: each call is refused by name, at once, and nothing moves."""
 
 import itertools
 import time
@@ -22,7 +22,7 @@ LONGEST_S, MOST_BYTES = 1.0, 256 * 2**20
 
 
 def spoilt_poses() -> list[Pose]:
-    """Poses as a program that checks nothing would send them: spoilt after they were made."""
+    """Poses as a program without checks would send them: made invalid after their construction."""
     poses: list[Pose] = []
     for name, size in (("position_m", 3), ("wxyz", 4)):
         for index, value in itertools.product(range(size), SPOILT):

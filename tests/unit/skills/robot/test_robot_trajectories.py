@@ -1,4 +1,4 @@
-"""Trajectories keep the limits, start and end at rest, and go where they were told."""
+"""Trajectories keep the limits, start and end at rest, and follow their path."""
 
 import numpy as np
 import pytest
@@ -31,7 +31,7 @@ def assert_at_rest_at_both_ends(trajectory: JointTrajectory) -> None:
 
 
 def assert_consistent(trajectory: JointTrajectory) -> None:
-    """Positions are the integral of the velocities, to what the trapezoidal rule can tell at 5 ms."""
+    """Positions are the integral of the velocities, to the accuracy of the trapezoidal rule at 5 ms."""
     t, dq = trajectory.times_s, trajectory.dq_rad_s
     steps = np.diff(trajectory.q_rad, axis=0)
     rule = np.diff(t)[:, None] * (dq[1:] + dq[:-1]) / 2
@@ -107,7 +107,7 @@ def test_any_carry_keeps_all_limits_and_ends_at_its_last_pose(seed: int, profile
 
 @pytest.mark.parametrize(("leg_m", "turn_rad"), [(0.01, 0.3), (0.02, 0.6)])
 def test_a_zigzag_of_short_legs_keeps_all_limits(leg_m: float, turn_rad: float) -> None:
-    # A soft jerk smooths over many corners at once: speeds shift to places where they are too high.
+    # A low jerk smooths over many corners at once: high speeds shift to corners.
     profile = VelocityProfile(speed_m_s=3.0, acceleration_m_s2=6.0, jerk_m_s3=60.0)
     rng = np.random.default_rng(0)
     for _ in range(25):

@@ -1,4 +1,4 @@
-"""Two robot components with their arms in one cell: neither drives into the other."""
+"""Two robot components with their arms in one cell: the arms do not collide."""
 
 import asyncio
 import math
@@ -57,7 +57,7 @@ def in_cell(scenario: Callable[[Port], Awaitable[None]], mounts: tuple[ArmMount,
         for mount in mounts:
             host.add(robot(bus, clock, mount))
         async with host:
-            await asyncio.sleep(0.2)  # both arms are heard of
+            await asyncio.sleep(0.2)  # feedback of both arms has arrived
             await scenario(Port(bus, clock, InlineCompute(), owner="test", publishes=()))
 
     virtual_time.run(main())
@@ -77,7 +77,7 @@ def test_an_arm_is_refused_the_place_where_the_other_stands_and_does_not_move() 
         assert isinstance(refused, Failed)
         assert refused.reason == RobotReason.ARMS_TOO_NEAR
         np.testing.assert_allclose(states(port)[1].q_rad, PANDA_HOME_Q_RAD, atol=2e-3)
-        # Once the first has made room, the way is free.
+        # After the first has moved away, the path is free.
         assert isinstance(await port.call(api.HOME), Succeeded)
         assert isinstance(await port.call(api.MOVE_TO.at(OPPOSITE), MIDDLE), Succeeded)
 
@@ -89,7 +89,7 @@ def test_an_arm_comes_as_near_to_one_that_stands_as_was_checked_and_leaves_again
         assert isinstance(await port.call(api.MOVE_TO, MIDDLE), Succeeded)
         beside = downward([CENTRE_M[0] + 0.165, CENTRE_M[1], 0.25], 0.0)
         assert isinstance(await port.call(api.MOVE_TO.at(OPPOSITE), beside), Succeeded)
-        # With the reaction time of an arm that might come towards it this would be too near.
+        # With the reaction time of an approaching arm, this would be too close.
         assert gap_m(*states(port)) < 0.05
         assert isinstance(await port.call(api.HOME.at(OPPOSITE)), Succeeded)
 
@@ -113,7 +113,7 @@ def test_arms_that_set_out_for_the_same_place_at_once_brake_before_they_meet() -
         assert [outcome.reason for outcome in outcomes if isinstance(outcome, Failed)] == [
             RobotReason.ARMS_TOO_NEAR
         ] * 2
-        # They did come near: it was the guard that ended the motions, not the distance they started at.
+        # They did get close: the guard ended the motions, not the check at the start.
         assert 0.0 < nearest_m < 0.15
 
     in_cell(scenario)
@@ -159,7 +159,7 @@ def test_an_arm_is_braked_on_its_way_when_the_other_is_not_heard_of_any_more(
         assert isinstance(outcome, Failed)
         assert outcome.reason == RobotReason.NEIGHBOUR_SILENT
         assert 0.2 < brakings_s[0] - since_s <= 0.25
-        since_s = math.inf  # it is heard of again
+        since_s = math.inf  # its feedback arrives again
         assert isinstance(await port.call(api.HOME), Succeeded)
 
     monkeypatch.setattr(MemoryTransport, "publish", withhold)

@@ -1,4 +1,4 @@
-"""What the panel says of the observer's events."""
+"""The panel's text for the observer's events."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Who may open the viewer's page and operate, tried by clients that are no browsers."""
+"""Access to the viewer's page and its controls, tested by clients other than browsers."""
 
 import asyncio
 import importlib
@@ -32,7 +32,7 @@ from dlokit.types.flow import Command
 KEY = "the-key"
 LIMIT_S = 20.0
 QUIET_S = 0.5
-"""A message that is heard is on the bus within milliseconds."""
+"""A message that the viewer accepts is on the bus within milliseconds."""
 VISER = Subprotocol(f"viser-v{viser.__version__}")
 CAMERA = {
     "type": "ViewerCameraMessage",
@@ -49,7 +49,7 @@ CAMERA = {
 
 
 class Served:
-    """A viewer that runs, and what it published."""
+    """A running viewer, and its published messages."""
 
     def __init__(self, viewer: ViewerComponent, bus: MemoryTransport) -> None:
         self.at: SplitResult = urlsplit(viewer.url)
@@ -57,7 +57,7 @@ class Served:
         self.commands, self.frames = bus.stream(topics.COMMAND), bus.stream(topics.GOAL_FRAMES)
 
     def client(self, path: str, *, host: str | None = None, origin: str | None = None) -> connect:
-        """A client that says that it is a page of `origin` on `host`; None: the viewer's own."""
+        """A client that claims to be a page of `origin` on `host`; None: the viewer's own."""
         netloc = self.at.netloc if host is None else host
         return connect(
             f"ws://{netloc}{path}",
@@ -70,7 +70,7 @@ class Served:
         )
 
     async def is_quiet(self) -> None:
-        """Raise where anything was published."""
+        """Raise if any message was published."""
         for stream in (self.commands, self.frames):
             with pytest.raises(TimeoutError):
                 await asyncio.wait_for(anext(stream), QUIET_S)
@@ -107,7 +107,7 @@ async def _received(client: ClientConnection) -> AsyncIterator[dict[str, Any]]:
 
 
 async def _press_shape_it(client: ClientConnection) -> None:
-    """As a browser does: find the button in what the page is made of, and say that it was pressed."""
+    """Press a button as a browser does: find it among the page's elements, and send the event."""
     await client.send(msgspec.msgpack.encode(CAMERA))
     async for message in _received(client):
         if message["type"] == "GuiButtonMessage" and message["props"]["label"] == "Shape it":
@@ -189,7 +189,7 @@ def test_no_client_can_publish_the_page_on_the_internet(monkeypatch: pytest.Monk
             await client.send(msgspec.msgpack.encode(CAMERA))
             for name in ("ShareUrlRequest", "ShareUrlDisconnect"):
                 await client.send(msgspec.msgpack.encode({"type": name}))
-            await _press_shape_it(client)  # messages are heard in their order
+            await _press_shape_it(client)  # messages are processed in order
             assert (await anext(served.commands)).command is Command.START
             await asyncio.sleep(QUIET_S)
 

@@ -1,4 +1,4 @@
-"""What the main host makes of other hosts that are missing, of another version, elsewhere in time, or refuse."""
+"""The main host's reaction to other hosts that are missing, have another version or time, or refuse."""
 
 import asyncio
 import itertools
@@ -33,9 +33,9 @@ class Manner:
     version: str = __version__
     ahead_s: float = 0.0
     raises: Exception | None = None
-    """Instead of running its share."""
+    """Behaviour instead of running its processes."""
     ready_first: bool = False
-    """Whether it says before that it is ready."""
+    """Whether it reports that it is ready first."""
 
 
 class OddHost(Component):
@@ -70,7 +70,7 @@ class OddHost(Component):
 async def shares_with(
     manner: Manner | None, row: ProcessRow = ROBOT, wait_s: float = 30.0
 ) -> AsyncGenerator[tuple[RemoteShares, OddHost]]:
-    """Shares of a run whose other host behaves so; with None it is not there."""
+    """The processes of a run on a host with this behaviour; None: the host is missing."""
     endpoint = free_meeting_point()
     here = ZenohTransport(ZenohConfig(namespace=NAMESPACE, listen=(endpoint,)))
     there = ZenohTransport(ZenohConfig(namespace=NAMESPACE, connect=(endpoint,)))

@@ -1,4 +1,4 @@
-"""Notes of running systems: found by any shell, gone with their system."""
+"""Notes of running systems: any shell can find them, and they vanish with their system."""
 
 import fcntl
 import os
@@ -40,7 +40,7 @@ def test_the_note_of_a_killed_system_is_removed(tmp_path: Path) -> None:
     with announced(Path("runs/mine"), "dlokit/mine", "tcp/127.0.0.1:7447", tmp_path) as ready:
         ready()
         (system,) = running_systems(tmp_path)
-        # Its number is that of a process that runs: this one's parent.
+        # Its process id is that of a running process: the parent of this one.
         left = msgspec.structs.replace(system, pid=os.getppid())
         note = tmp_path / f"{left.pid}.json"
         note.write_bytes(msgspec.json.encode(left))

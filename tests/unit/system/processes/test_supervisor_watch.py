@@ -1,4 +1,4 @@
-"""Whatever ends the supervisor's watch, or keeps it from its files: a death is noticed, and has a name."""
+"""The death of a process is noticed and named even if the supervisor's watch or its files fail."""
 
 import asyncio
 import errno
@@ -35,7 +35,7 @@ ONCE = Restart(times=1, window_s=600.0, wait_s=0.05)
 
 @pytest.fixture
 def no_more_files() -> Generator[Callable[[], None]]:
-    """From the call on no file can be opened; files that are open stay open."""
+    """From the call on, no file can be opened; open files stay open."""
     limits = resource.getrlimit(resource.RLIMIT_NOFILE)
     yield lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (3, limits[1]))
     resource.setrlimit(resource.RLIMIT_NOFILE, limits)
@@ -54,7 +54,7 @@ def kill(running: Supervisor) -> None:
 
 
 def failure_of(running: Supervisor, what_happens: Callable[[Supervisor], object]) -> ProcessFailure:
-    """What is told to the task that waits for the run when something happens."""
+    """The notification of the task that waits for the run, after an event."""
 
     async def main() -> ProcessFailure:
         async with running:
@@ -105,7 +105,7 @@ def test_a_process_that_cannot_be_started_at_all_is_a_named_failure(tmp_path: Pa
 def test_a_failed_start_keeps_no_file_open(tmp_path: Path) -> None:
     async def main() -> int:
         (tmp_path / "logs").write_text("a file in the place of the folder", encoding="utf-8")
-        gc.collect()  # what other tests have left is not closed meanwhile
+        gc.collect()  # files of earlier tests are not closed in between
         before = len(os.listdir("/proc/self/fd"))
         for _ in range(3):
             with pytest.raises(ProcessFailure):
@@ -116,7 +116,7 @@ def test_a_failed_start_keeps_no_file_open(tmp_path: Path) -> None:
 
 
 class Raises(logging.Handler):
-    """A handler of log lines that does not do its part."""
+    """A log handler that fails."""
 
     def emit(self, record: logging.LogRecord) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

@@ -1,4 +1,4 @@
-"""A worker that dies or freezes is replaced, and its work done once more."""
+"""A worker that dies or freezes is replaced, and its work is repeated."""
 
 import asyncio
 import os

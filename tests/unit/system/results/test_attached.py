@@ -1,4 +1,4 @@
-"""A system that runs is recorded by another process: what holds already, what comes, every call, and a whole file."""
+"""Another process records a running system: last states, new messages, all calls, in a complete file."""
 
 import asyncio
 import socket
@@ -51,7 +51,7 @@ async def tick(bus: JoinedBus) -> None:
 
 
 async def recorded(system: RunningSystem, path: Path) -> None:
-    """Run a small system, attach to it, let it do something, and give up recording."""
+    """Run a small system, attach to it, let it act, and stop recording."""
     own = ZenohConfig(namespace=system.namespace, listen=(system.endpoint,), multicast_interface=None)
     async with join_bus(own, TimeBase.MACHINE) as bus, asyncio.timeout(LIMIT_S):
         host = Container(bus.transport, bus.clock)
@@ -62,7 +62,7 @@ async def recorded(system: RunningSystem, path: Path) -> None:
             attached = asyncio.Event()
             recording = asyncio.create_task(record_until_ended(system, path, lambda _: attached.set()))
             await asyncio.wait({recording, asyncio.create_task(attached.wait())}, return_when=asyncio.FIRST_COMPLETED)
-            # Until the recorder's subscriptions have reached this process, what is said is said to nobody.
+            # Messages published before the recorder's subscriptions reach this process are lost.
             for seq in range(5, 155):
                 bus.transport.publish(topics.GOAL, goal(seq, "after"))
                 with calls_published(bus.transport, bus.clock):
@@ -76,7 +76,7 @@ async def recorded(system: RunningSystem, path: Path) -> None:
 
 @pytest.fixture
 def system(tmp_path: Path) -> Iterator[RunningSystem]:
-    """This process, as if it were a system that runs."""
+    """This process, presented as a running system."""
     (tmp_path / "config.toml").write_text(to_toml(RunConfig(seed=7)))
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
@@ -101,7 +101,7 @@ def test_what_holds_what_comes_and_every_call_is_recorded_into_a_whole_file(
     goals = [one.message for one in read_recording(path, {"model/goal"})]
     assert len(goals) > 20
     numbers = [one.seq for one in goals]
-    assert numbers == sorted(set(numbers))  # none twice: not the one of before either
+    assert numbers == sorted(set(numbers))  # none twice, including the last state from before
 
 
 def test_a_file_that_exists_is_not_overwritten(system: RunningSystem, tmp_path: Path) -> None:

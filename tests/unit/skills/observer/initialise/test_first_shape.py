@@ -18,7 +18,7 @@ def test_the_nodes_run_in_order_along_the_rod(name: str, seed: int) -> None:
     truth = shape(name, seed)
     seen = cloud(truth, seed, noise_m=0.003, outliers=0.05)
     points = seen.points_world
-    gap = np.linalg.norm(points - truth[8], axis=1) > 0.006  # a gap of 12 mm, as glare makes
+    gap = np.linalg.norm(points - truth[8], axis=1) > 0.006  # a gap of 12 mm, as from glare
     seen = msgspec.structs.replace(seen, points_world=points[gap])
     result = initial_targets(seen, NODES, LENGTH_M, prior_nodes=truth)
     assert rmse_m(result.nodes_world, truth) < 0.005  # 3 mm noise at the tips shifts all nodes a little
@@ -92,7 +92,7 @@ def test_pieces_far_apart_are_named() -> None:
 
 @pytest.mark.parametrize("name", SCENES)
 def test_rods_with_crossings_gaps_and_outliers_are_ordered_rightly_or_refused(name: str) -> None:
-    # The whole figures are printed by order_figures.py; here a few seeds, of which one may be refused.
+    # order_figures.py prints the full statistics; here are a few seeds, of which one may be refused.
     found = figures(SCENES[name], range(20, 23 if SCENES[name].crossings > 1 else 28))
     assert found.right > 0.8
     assert found.wrong == 0.0

@@ -1,4 +1,4 @@
-"""A rod across itself, seen from above: what its upper part hides."""
+"""A rod that crosses itself, seen from above: nodes hidden by its upper part."""
 
 import numpy as np
 import pytest
@@ -56,7 +56,7 @@ def test_parts_side_by_side_do_not_hide_each_other() -> None:
 @pytest.mark.parametrize("seed", [1, 2, 3, 4])
 def test_it_is_what_the_rays_say(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    heading = np.cumsum(rng.normal(0.3, 0.4, 50))  # winds round and round, and rises
+    heading = np.cumsum(rng.normal(0.3, 0.4, 50))  # a rising spiral
     steps = 0.01 * np.column_stack([np.cos(heading), np.sin(heading), np.full(50, 0.05)])
     nodes = np.array([0.5, 0.0, 0.05]) + np.cumsum(steps, axis=0)
     hidden = behind_itself(nodes, RADIUS_M, CAMERA)

@@ -1,4 +1,4 @@
-"""The camera's place from the hand, in rendered pictures with a known error of the believed pose."""
+"""The camera's pose from the hand, in rendered images with a known error of the calibrated pose."""
 
 import dataclasses
 
@@ -37,7 +37,7 @@ def hand_looks() -> list[HandLook]:
 
 
 def believed(images: StereoImages, offset_m: tuple[float, float], yaw_deg: float, lift_m: float = 0.0) -> StereoImages:
-    """The pair, its camera believed to stand and look elsewhere than it does."""
+    """The stereo pair with a perturbed calibrated pose of the camera."""
     turn = Rotation.from_euler("z", yaw_deg, degrees=True)
     center = np.array([0.5, 0.0, 0.0])
     T = images.calibration.T_world_camera
@@ -49,7 +49,7 @@ def believed(images: StereoImages, offset_m: tuple[float, float], yaw_deg: float
 
 
 def table_error_m(T_world_camera: Pose) -> float:
-    """How far points of the table are seen beside their places with a belief of the camera, root mean square [m]."""
+    """Error of reconstructed points of the table with a calibrated pose, root mean square [m]."""
     x, y = np.meshgrid([0.3, 0.5, 0.7], [-0.25, 0.0, 0.25])
     places = np.column_stack([x.ravel(), y.ravel(), np.zeros(9)])
     pixels = project(places, calibration()).pixels
@@ -72,13 +72,13 @@ def test_a_shift_and_a_turn_of_the_camera_are_found_to_a_millimetre(
     assert abs(np.degrees(check.yaw_rad) + yaw_deg) < 0.1
     assert table_error_m(corrected_by(background.calibration.T_world_camera, check)) < 0.001
     assert check.scatter_m < 0.0003
-    assert check.points > 800  # both pictures of both looks show most of the outline
+    assert check.points > 800  # both images of both observations show most of the outline
 
 
 def test_where_the_hand_is_beside_its_model_half_a_turn_between_the_looks_cancels_it(
     s_scene: Scene, hand_looks: list[HandLook], monkeypatch: pytest.MonkeyPatch
 ):
-    """The model's hand is 2 mm beside the real one; the other links stay."""
+    """Shift the model's hand by 2 mm from the real one; the other links stay."""
     right = arm_outline_module.link_transforms
 
     def wrong(q_rad: np.ndarray, finger_width_m: float, T_world_base: Pose | None) -> np.ndarray:
@@ -125,7 +125,7 @@ def test_the_outline_stands_around_the_arm_and_points_away_from_it(s_scene: Scen
         changed[tuple(np.round(outline.pixels + side * outline.normals).astype(int).T[::-1])] for side in (-4.0, 4.0)
     )
     assert np.mean(within > 10.0) > 0.95  # some grains of the table are as bright as the arm's dim parts
-    assert np.mean(beside < 10.0) > 0.95  # noise; the fingers are left out, but may be beside
+    assert np.mean(beside < 10.0) > 0.95  # noise; the fingers are excluded, but may be nearby
     # The points are on the rays of their pixels.
     assert np.abs(project(outline.points_world, calibration()).pixels - outline.pixels).max() < 1e-6
     assert outline.turns_with_hand.any()

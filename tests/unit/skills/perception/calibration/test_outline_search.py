@@ -5,7 +5,7 @@ from dlokit.skills.perception.calibration.hand_sight import difference, find_edg
 
 
 def pictures(edge_px: float) -> tuple[np.ndarray, np.ndarray]:
-    """A grained table, and the same with something bright up to a column in it; its last pixel is covered in part."""
+    """A textured table, and the same with a bright object up to a column, which covers the last pixel partly."""
     rng = np.random.default_rng(3)
     empty = rng.integers(30, 90, (60, 80, 3)).astype(np.uint8)
     covered = np.clip(edge_px - np.arange(80) + 0.5, 0.0, 1.0)[None, :, None]
@@ -22,7 +22,7 @@ def edges_at(picture: np.ndarray, empty: np.ndarray, column: float):
 def test_an_edge_is_found_to_a_fraction_of_a_pixel(off_px: float):
     edges = edges_at(*pictures(40.0 + off_px), 40.0)
     assert edges.found.all()
-    # The level lies far below the middle of a blurred edge, so that all are found farther out, by about the same.
+    # The level is far below the middle of a blurred edge, so that all edges are found farther out by the same offset.
     assert abs(np.median(edges.offsets_px) - off_px - 0.8) < 0.2
     assert np.std(edges.offsets_px) < 0.2
 

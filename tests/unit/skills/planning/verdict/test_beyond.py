@@ -1,4 +1,4 @@
-"""How far a goal is from what is on the table, seen and reached: never more than it is from a shape that is."""
+"""Lower bound on the distance from a goal to any shape that is on the table, in view and in reach."""
 
 import math
 from collections.abc import Callable
@@ -56,7 +56,7 @@ def test_out_of_view_nodes_meet_the_margin_of_the_picture_after_that_way() -> No
     away_m = beyond_rmse_m(far, place)
     assert away_m > 0.0
     assert out_of_bounds(moved(far, (0.0, -0.99 * away_m)), place) != ()  # not even straight back, by less than that
-    # The picture's border is nearly along x there: straight back it is hardly farther.
+    # The image border is nearly along x there: straight back is hardly farther.
     assert out_of_bounds(moved(far, (0.0, -1.05 * away_m)), place) == ()
 
 
@@ -64,7 +64,7 @@ def test_out_of_reach_it_is_less_than_the_way_back_but_not_by_much() -> None:
     spot = np.full((31, 3), (0.9, 0.0, 0.004))
     place = workplace(reachable=within_70_cm)
     truly_m = 0.9 - 0.7 - HANDLED_FROM_M
-    # Known to two half diagonals of a lattice of 2 cm, and one step of it.
+    # Accurate to two half diagonals of a lattice of 2 cm, and one step of it.
     assert truly_m - 0.049 < beyond_rmse_m(spot, place) <= truly_m
 
 

@@ -1,4 +1,4 @@
-"""Shapes that cannot be worked with are named, with what is wrong and where."""
+"""Infeasible shapes: each problem is named with its place."""
 
 from collections.abc import Callable
 
@@ -107,7 +107,7 @@ def test_a_goal_out_of_view_is_named_and_views_are_not_checked_without_a_camera(
 
 
 def test_a_bend_that_is_too_tight_is_named_for_goals_only() -> None:
-    # A right angle of a rod of 31 nodes is still a bend of 10 mm, which a rope of 4 mm takes; a hairpin is not.
+    # A right angle in 31 nodes is still a bend of 10 mm, which a rope of 4 mm allows; a hairpin is not.
     right_angle = np.array([[0.4, -0.2, 0.004], [0.4, 0.0, 0.004], [0.65, 0.0, 0.004]])
     assert of_goal(geometry.resample(right_angle, 31)).feasible
     hairpin = np.array([[0.4, -0.2, 0.004], [0.4, 0.05, 0.004], [0.5, -0.18, 0.004]])
@@ -139,7 +139,7 @@ def hairpin(gap_m: float) -> Float64Array:
 def test_strands_that_lie_upon_one_another_are_named_and_so_is_a_gap_too_narrow_for_fingers() -> None:
     (touching,) = overlaps(hairpin(0.006), 0.004)
     assert touching.problem is Problem.LIES_ON_ITSELF
-    # Nodes of the two strands do not face each other exactly, so what is measured is a little more than the gap.
+    # Nodes of the two strands are not exactly opposite, so the measured distance is slightly more than the gap.
     assert 0.006 <= touching.amount < 0.008
 
     (narrow,) = crowded(hairpin(0.02), workplace())

@@ -1,4 +1,4 @@
-"""A goal is settled in the model: what holds, what may, what does not, and the nearest shape that does."""
+"""A goal is simulated in the model: it holds, may hold, or does not; and the nearest shape that holds."""
 
 import asyncio
 from dataclasses import replace
@@ -56,7 +56,7 @@ def test_a_goal_that_springs_back_is_infeasible_and_the_nearest_shape_holds_when
     assert finding.problem is Problem.SPRINGS_BACK
     assert finding.amount > finding.limit == CONFIG.hold_share * THRESHOLD_M
     believed = verdict.releases[0]
-    # The node that is named is the one that moved farthest, by as much as is said.
+    # The named node is the one that moved farthest, by the stated distance.
     assert believed.largest_m == pytest.approx(np.linalg.norm(believed.nodes_world - S_SHAPE, axis=1).max())
     assert f"node {believed.node}" in verdict.text
     assert verdict.nearest_world is not None
@@ -87,7 +87,7 @@ def test_a_stiff_wire_that_keeps_its_bends_holds_what_an_elastic_one_does_not() 
 
 
 def test_a_goal_that_springs_back_is_not_ruled_out_while_the_dlo_may_keep_bends() -> None:
-    # As shipped nobody has said that it always springs back; a wire that is taken for an elastic rod would hold the S.
+    # By default, the DLO may keep bends; a wire that keeps its bends would hold the S.
     shipped = of(S_SHAPE, replace(STIFF, belief=BeliefConfig()))
     assert [finding.problem for finding in shipped.findings] == [Problem.SPRINGS_BACK]
     assert shipped.standing is Standing.DOUBTFUL
@@ -96,7 +96,7 @@ def test_a_goal_that_springs_back_is_not_ruled_out_while_the_dlo_may_keep_bends(
 
 
 def test_a_goal_whose_release_ends_far_away_is_doubtful_while_a_shape_near_it_holds() -> None:
-    # Let go, a rod flies past the shapes that friction could hold: what comes of it does not say that there are none.
+    # A released rod overshoots shapes that friction could hold: its rest shape does not exclude them.
     sure = BeliefConfig(stiffness_log_sd=0.02, weight_log_sd=0.0, friction_log_sd=0.0, takes_set=0.0)
     verdict = of(S_SHAPE, replace(ROPE, bending_stiffness_n_m2=1.3e-4, belief=sure))
     assert min(release.rmse_m for release in verdict.releases) > HOPELESS_FACTOR * THRESHOLD_M
@@ -162,7 +162,7 @@ def test_a_goal_of_which_only_a_tip_crosses_is_doubtful_for_an_open_shape_is_nea
         verdict = of(geometry.resample(nodes, 31))
         (said,) = [finding.text for finding in verdict.findings if finding.problem is Problem.CROSSES_ITSELF]
         assert verdict.standing is standing
-        assert nearness in said  # it says what the verdict says, and does not forbid what is worked at
+        assert nearness in said  # it states the verdict, and does not forbid a goal that is attempted
 
 
 def test_the_same_goal_gets_the_same_verdict_to_the_bit() -> None:
