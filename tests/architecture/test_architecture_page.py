@@ -11,7 +11,7 @@ PAGE = Path(__file__).parents[2] / "ARCHITECTURE.md"
 STALE = "ARCHITECTURE.md shows charts that are no longer the system's; renew them: dlokit graph --write ARCHITECTURE.md"
 
 
-def test_the_page_has_every_chart_as_the_tables_are_now() -> None:
+def test_the_page_has_the_current_chart_of_every_table() -> None:
     page = PAGE.read_text(encoding="utf-8")
     for name in DRAWINGS:
         assert f"<!-- dlokit graph {name} -->" in page
@@ -38,7 +38,7 @@ def test_a_stale_chart_is_renewed_and_the_text_around_it_stays(tmp_path: Path) -
     assert with_charts(written) == written
 
 
-def test_a_page_without_a_place_or_with_one_for_an_unknown_chart_is_refused(tmp_path: Path) -> None:
+def test_a_page_without_marks_or_with_marks_for_an_unknown_chart_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="dlokit graph flow"):
         with_charts("nothing here")
     with pytest.raises(InputError, match="weather"):

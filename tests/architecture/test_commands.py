@@ -19,7 +19,7 @@ def command_of(name: str) -> CliCommand[object]:
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_the_list_says_what_the_command_says_of_itself(name: str) -> None:
+def test_the_list_has_each_commands_own_summary(name: str) -> None:
     help_page = inspect.getdoc(command_of(name).arguments)
     assert help_page is not None
     assert help_page.split("\n\n")[0].replace("\n", " ") == COMMANDS[name].summary
@@ -48,14 +48,14 @@ def imported_by(statement: str) -> set[str]:
     return set(listing.stdout.split())
 
 
-def test_the_list_of_commands_waits_for_no_large_library() -> None:
+def test_the_list_of_commands_loads_no_large_library() -> None:
     assert not imported_by("import dlokit.app.main") & {*LARGE, "numpy", "mujoco", "zenoh"}
 
 
 @pytest.mark.parametrize(
     "line", [["skills"], ["call"], ["ps"], ["stop"], ["enable"], ["shape", "--help"]], ids=" ".join
 )
-def test_what_only_looks_something_up_waits_for_none_of_the_libraries_that_run_the_system(
+def test_commands_that_only_look_something_up_load_no_library_of_the_running_system(
     line: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for name in ("TMPDIR", "XDG_RUNTIME_DIR"):  # the folder of the notes of running systems: `stop` must find none

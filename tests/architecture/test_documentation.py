@@ -42,7 +42,7 @@ def commands() -> list[str]:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=page_id)
-def test_every_link_leads_somewhere(page: Path) -> None:
+def test_every_link_has_a_target(page: Path) -> None:
     text = CODE.sub("", page.read_text(encoding="utf-8"))
     links = [link for link in LINK.findall(text) if "://" not in link]
     assert [link for link in links if not (page.parent / link).exists()] == []
@@ -75,7 +75,7 @@ def module_of(page: str, room: str, monkeypatch: pytest.MonkeyPatch) -> ModuleTy
     return module
 
 
-def test_the_planner_of_the_how_to_works_as_it_stands(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_planner_of_the_how_to_works_as_written(monkeypatch: pytest.MonkeyPatch) -> None:
     settings: StrategyConfig = module_of("add-a-planner.md", "planning", monkeypatch).AnyNodeConfig()
     strategy = settings.build(PlanningTools(reachable=lambda pose: True, actions=ActionConfig()))
     nodes = np.column_stack([np.full(11, 0.5), np.linspace(-0.25, 0.25, 11), np.full(11, 0.004)])
@@ -89,7 +89,7 @@ def test_the_planner_of_the_how_to_works_as_it_stands(monkeypatch: pytest.Monkey
     assert sorted(asyncio.run(grasped())) == [0, 1, 2, 4, 5, 6, 7, 8, 9, 10]
 
 
-def test_the_observer_of_the_how_to_works_as_it_stands(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_observer_of_the_how_to_works_as_written(monkeypatch: pytest.MonkeyPatch) -> None:
     settings: ObserverStrategyConfig = module_of("add-an-observer.md", "observer", monkeypatch).NearestConfig()
     assert to_spec(settings).name == "nearest"
     nodes = np.column_stack([np.full(11, 0.5), np.linspace(-0.25, 0.25, 11), np.full(11, 0.004)])
@@ -101,7 +101,7 @@ def test_the_observer_of_the_how_to_works_as_it_stands(monkeypatch: pytest.Monke
     assert targets.visible.all()
 
 
-def test_the_map_of_the_paper_has_every_observer_of_ours() -> None:
+def test_the_map_of_the_paper_has_every_built_in_observer() -> None:
     page = (ROOT / "docs" / "paper_map.md").read_text(encoding="utf-8")
     modules = [type(config().build(BelievedDlo())).__module__ for config in OURS]
     files = [f"{module.removeprefix('dlokit.').replace('.', '/')}.py" for module in modules]

@@ -55,7 +55,7 @@ def test_it_shapes_in_lockstep_with_settings_that_the_run_keeps(environment: dic
     assert 'kind = "pulled"\nsteps = 12\n' in (out / "config.toml").read_text()
 
 
-def test_it_is_benched_beside_ours(environment: dict[str, str], tmp_path: Path) -> None:
+def test_it_is_benchmarked_with_the_built_in_observers(environment: dict[str, str], tmp_path: Path) -> None:
     found = run(
         environment,
         sys.executable,

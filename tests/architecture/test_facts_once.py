@@ -31,11 +31,11 @@ def homes(pattern: str) -> list[str]:
         (r"truth\.npz\"", "functional/cell/truth.py"),
     ],
 )
-def test_it_stands_in_one_file(pattern: str, home: str) -> None:
+def test_it_is_defined_in_one_file(pattern: str, home: str) -> None:
     assert homes(pattern) == [home]
 
 
-def test_no_two_classes_share_a_name_but_for_the_words_of_messages() -> None:
+def test_no_two_classes_share_a_name() -> None:
     found: dict[str, list[str]] = {}
     for path in SOURCE.rglob("*.py"):
         for name in re.findall(r"^class ([A-Z]\w*)", path.read_text(encoding="utf-8"), re.MULTILINE):
@@ -43,7 +43,7 @@ def test_no_two_classes_share_a_name_but_for_the_words_of_messages() -> None:
     assert {name: places for name, places in found.items() if len(places) > 1} == {}
 
 
-def test_world_to_camera_and_pixel_stands_in_the_geometry_of_the_camera() -> None:
+def test_only_the_camera_geometry_projects_points() -> None:
     """Except the observer's compiled kernel, which takes the camera as plain numbers."""
     world_to_camera = r"T_world_camera\.position_m\) @ rotation\(|inverse\(\w+\.T_world_camera\), nodes"
     pixel = r"\.f[xy]_px \* \w+(\[[^]]*\])? / "
@@ -53,7 +53,7 @@ def test_world_to_camera_and_pixel_stands_in_the_geometry_of_the_camera() -> Non
 ROBOT_CODE = ("motion", "functional/robots", "functional/cell/setpoints.py", "skills/robot", "decision/steps")
 
 
-def test_the_reasons_of_the_robot_are_written_out_where_they_are_declared_only() -> None:
+def test_the_robots_reasons_are_written_only_in_their_declaration() -> None:
     """So that each new reason is declared with its remedy, and not repeated elsewhere."""
     reasons = "|".join(reason.value for reason in RobotReason)
     raised = rf"(SkillFailure|SkillRejected)\(\s*\"|[=,({{]\s*\"({reasons})\""

@@ -44,7 +44,7 @@ def test_no_source_file_unpickles_or_evaluates() -> None:
     assert not {name: what for name, what in found.items() if what}
 
 
-def test_what_is_looked_for_is_found() -> None:
+def test_the_search_finds_a_violation() -> None:
     guilty = (
         "import pickle",
         "import os, marshal",

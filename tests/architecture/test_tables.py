@@ -76,7 +76,7 @@ def test_a_topic_has_a_reader(topic: Topic[Any]) -> None:
     assert readers or topic in by_a_driver | by_the_terminal
 
 
-def test_the_cell_tells_its_time_and_its_arm_and_nothing_of_the_dlo() -> None:
+def test_the_cell_publishes_its_time_and_its_arm_and_nothing_of_the_dlo() -> None:
     assert set(CLASSES["cell"].publishes) == {topics.CLOCK, topics.ARM_STATE}
     for skill in CLASSES["cell"].skills():
         result = get_type_hints(skill.signature)["return"]
@@ -91,7 +91,7 @@ def names_within(kind: Any) -> set[str]:
     return set(hints).union(*(names_within(hint) for hint in hints.values()))
 
 
-def test_the_search_for_truth_would_find_it() -> None:
+def test_the_search_for_the_true_shape_finds_it() -> None:
     assert "nodes_world" in names_within(DloState)
     assert "nodes_world" in names_within(tuple[DloState, ...])
 
@@ -121,7 +121,7 @@ def imported(path: Path) -> set[str]:
 
 
 @pytest.mark.parametrize("topic", TOPICS, ids=topic_id)
-def test_what_a_topic_carries_can_be_decoded(topic: Topic[Any]) -> None:
+def test_every_topics_type_can_be_decoded(topic: Topic[Any]) -> None:
     # Nil is refused as a wrong value; a type that msgspec does not know would be refused before it looks.
     with pytest.raises(CommunicationError, match="Expected `object`"):
         codec.decode(b"\xc0", topic.type)

@@ -45,7 +45,7 @@ def test_every_study_is_run_here_and_listed_on_the_page() -> None:
     assert [name for name in sorted(studies) if f"`python benchmarks/{name}.py" not in page] == []
 
 
-def test_an_argument_that_cannot_be_is_refused_in_one_line() -> None:
+def test_an_invalid_argument_is_refused_in_one_line() -> None:
     ended = subprocess.run(
         (sys.executable, FOLDER / "bus.py", "--repeats", "0"), capture_output=True, text=True, timeout=LIMIT_S
     )

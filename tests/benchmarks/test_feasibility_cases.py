@@ -22,7 +22,7 @@ GOALS = Path(__file__).parents[3] / "shared" / "data" / "goals" / "planar_goals.
 I_AND_S = {name: builtin_shape(name, 0.5, 101) for name in "IS"}
 
 
-def test_a_stiff_rope_stays_straight_and_springs_back_from_the_s_as_the_verdicts_say() -> None:
+def test_a_stiff_rope_stays_straight_and_springs_back_from_the_s_as_predicted() -> None:
     judged = judge_case(FeasibilityCase(dlo=bench_dlo("stiff-rope"), seed=1000, threshold_m=0.012, curves=I_AND_S))
     by = {(row.goal, row.level): row for row in judged}
     assert len(by) == len(judged) == 6
@@ -33,7 +33,7 @@ def test_a_stiff_rope_stays_straight_and_springs_back_from_the_s_as_the_verdicts
     assert by["S", Level.RULER].standing is Standing.DOUBTFUL
 
 
-def test_a_goal_that_does_not_stay_but_is_reached_from_a_shape_beyond_it_is_called_reached() -> None:
+def test_a_goal_that_springs_back_but_is_reached_by_overbending_counts_as_reached() -> None:
     cell = Cell(CellConfig(dlo=SILICONE_HOSE, nodes=21), seed=0)
     goal = dict(made_goals(1000, 0.5, SILICONE_HOSE.radius_m))["spiral-1000"]
     what = release(cell, goal, 31, 0.009)  # released in the goal, it springs back by 10 mm
@@ -50,7 +50,7 @@ def test_published_goals_that_are_said_to_hold_do() -> None:
         assert row.standing is not Standing.HOLDS or row.happened is Happened.STAYED, row
 
 
-def test_the_levels_know_what_they_say() -> None:
+def test_each_level_of_knowledge_has_its_stated_belief() -> None:
     stiffer = CellConfig(dlo=replace(WIRE_A, bending_stiffness_n_m2=2.0 * WIRE_A.bending_stiffness_n_m2))
     ruler, told, learnt = (known(level, WIRE_A, stiffer, np.random.default_rng(0)) for level in Level)
     assert (ruler.model.length_m, ruler.model.radius_m) == (WIRE_A.length_m, WIRE_A.radius_m)
@@ -64,13 +64,13 @@ def test_the_levels_know_what_they_say() -> None:
     assert known(Level.TOLD, SOFT_ROPE, CellConfig(), np.random.default_rng(0)).belief.takes_set == 0.0
 
 
-def test_a_file_that_holds_no_goals_is_named(tmp_path: Path) -> None:
+def test_a_file_without_goals_is_named(tmp_path: Path) -> None:
     np.save(tmp_path / "flat.npy", np.zeros((4, 2)))
     with pytest.raises(InputError, match=r"flat\.npy are"):
         run(Args(goals=tmp_path / "flat.npy", dlos=("soft_rope",)))
 
 
-def test_what_cannot_be_run_is_told_before_anything_runs(tmp_path: Path) -> None:
+def test_invalid_input_is_refused_before_anything_runs(tmp_path: Path) -> None:
     for args, words in (
         (Args(seeds=0), "--seeds 0"),
         (Args(threshold_m=-1.0), "--threshold-m"),

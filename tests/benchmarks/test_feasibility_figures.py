@@ -33,11 +33,11 @@ ROWS = (
 )
 
 
-def test_holds_is_right_where_it_stayed_and_infeasible_where_nothing_led_there() -> None:
+def test_holds_is_correct_if_the_goal_stayed_and_infeasible_if_nothing_reached_it() -> None:
     assert [is_right(row) for row in ROWS] == [True, True, False, True, True, False, True]
 
 
-def test_rates_count_what_was_said_and_what_happened() -> None:
+def test_rates_count_verdicts_and_results() -> None:
     found = {figure.metric: figure for figure in figures(ROWS) if figure.case == ALL}
     assert (found["holds is right"].value, found["holds is right"].n) == (pytest.approx(2 / 3), 3)
     assert (found["infeasible is right"].value, found["infeasible is right"].n) == (0.5, 2)
@@ -52,7 +52,7 @@ def test_rates_count_what_was_said_and_what_happened() -> None:
     assert found["processor time of a verdict, median"].value == pytest.approx(0.1)
 
 
-def test_dlos_are_counted_apart_as_well_and_nothing_is_said_of_what_was_never_said() -> None:
+def test_dlos_are_also_counted_separately_and_absent_verdicts_have_no_rate() -> None:
     hose = {figure.metric: figure for figure in figures(ROWS) if figure.case == "hose"}
     assert (hose["holds is right"].value, hose["holds is right"].n) == (1.0, 1)
     assert "infeasible is right" not in hose

@@ -5,13 +5,13 @@ from latency import CLOUD, DECISION, EXPOSURE, PICTURES, STATE, TARGETS, Sent, h
 TICKS = [(0, 100.0), (10_000_000, 100.02), (20_000_000, 100.04)]  # a cell at half the machine's pace
 
 
-def test_the_cells_stamps_are_told_in_the_machines_time() -> None:
+def test_the_cells_stamps_are_converted_to_machine_time() -> None:
     assert machine_time_s(10_000_000, TICKS) == 100.02
     assert machine_time_s(15_000_000, TICKS) == pytest.approx(100.03)
 
 
 @pytest.mark.parametrize("stamp_ns", [-1, 20_000_001])
-def test_a_stamp_of_before_or_after_what_was_heard_has_no_time(stamp_ns: int) -> None:
+def test_a_stamp_outside_the_received_ones_has_no_time(stamp_ns: int) -> None:
     assert machine_time_s(stamp_ns, TICKS) is None
     assert machine_time_s(stamp_ns, []) is None
 
@@ -23,7 +23,7 @@ def one_look() -> Sent:
     return sent
 
 
-def test_each_hop_counts_from_the_station_before_and_the_whole_way_from_the_exposure() -> None:
+def test_each_hop_counts_from_the_previous_stage_and_the_total_from_the_exposure() -> None:
     sent = one_look()
     sent.decisions_s = [100.05, 100.45, 100.6]
     found = hops(sent)
@@ -37,7 +37,7 @@ def test_only_the_first_message_of_an_exposure_counts() -> None:
     assert hops(sent)[TARGETS, STATE] == pytest.approx([0.08])
 
 
-def test_a_look_that_is_followed_by_another_before_a_step_is_not_decided_upon() -> None:
+def test_an_observation_followed_by_another_before_a_step_has_no_decision() -> None:
     sent = one_look()
     sent.note(STATE, 20_000_000, 100.5)
     sent.decisions_s = [100.7]
@@ -46,7 +46,7 @@ def test_a_look_that_is_followed_by_another_before_a_step_is_not_decided_upon() 
     assert found[EXPOSURE, DECISION] == pytest.approx([100.7 - 100.04])
 
 
-def test_a_look_that_came_to_no_cloud_counts_for_what_it_came_to() -> None:
+def test_an_observation_without_a_cloud_counts_up_to_its_last_stage() -> None:
     sent = Sent(ticks=list(TICKS))
     sent.note(PICTURES, 0, 100.01)
     found = hops(sent)

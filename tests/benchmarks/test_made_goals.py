@@ -8,7 +8,7 @@ from dlokit.description.shapes import CENTRE_M, length, self_clearance_m
 from parts.made_goals import made_goals, placed
 
 
-def test_each_seed_gives_one_goal_of_each_kind_of_the_rods_length_clear_of_itself_and_again_the_same() -> None:
+def test_each_seed_gives_the_same_valid_goals_one_of_each_kind() -> None:
     for seed in range(1000, 1005):
         goals = dict(made_goals(seed, 0.5, 0.003))
         assert [name.split("-")[0] for name in goals] == ["arcs", "spiral", "wave", "random"]

@@ -203,7 +203,7 @@ def _on_the_rod(frames: GoalFrames) -> bool:
     return np.allclose(places, STRAIGHT[[0, 15, 30], :2]) and all(frame.yaw_rad is None for frame in frames.frames)
 
 
-def test_whoever_comes_late_sees_what_was_published_before(runner: asyncio.Runner, visit: Visit) -> None:
+def test_a_late_visitor_sees_earlier_messages(runner: asyncio.Runner, visit: Visit) -> None:
     runner.run(visit.page.get_by_text("RMSE 50.0 mm").wait_for(timeout=LONG_S * 1000))
 
 
@@ -225,7 +225,7 @@ def test_stop_goes_to_the_arm_itself_and_enable_is_offered_while_it_is_latched(r
     runner.run(scenario())
 
 
-def test_a_page_to_watch_offers_nothing_that_nobody_would_hear_of(runner: asyncio.Runner, visit: Visit) -> None:
+def test_a_page_for_watching_has_no_controls(runner: asyncio.Runner, visit: Visit) -> None:
     async def buttons(of: Visit) -> list[int]:
         return [await of.page.get_by_role("button", name=name).count() for name in ("Shape it", "Reset frames", "Stop")]
 
@@ -243,9 +243,7 @@ async def _another_page(visit: Visit) -> Page:
     return await browser.new_page()
 
 
-def test_the_page_opens_with_its_key_alone_and_again_when_it_is_loaded_again(
-    runner: asyncio.Runner, visit: Visit
-) -> None:
+def test_the_page_opens_only_with_its_key_also_when_reloaded(runner: asyncio.Runner, visit: Visit) -> None:
     async def scenario() -> None:
         page = await _another_page(visit)
         try:
@@ -281,7 +279,7 @@ def test_another_page_of_the_browser_cannot_connect_even_with_the_key(runner: as
     runner.run(asyncio.wait_for(scenario(), LONG_S))
 
 
-def test_the_page_shows_the_robot_and_asks_nobody_else(runner: asyncio.Runner, visit: Visit) -> None:
+def test_the_page_shows_the_robot_without_external_requests(runner: asyncio.Runner, visit: Visit) -> None:
     async def scenario() -> None:
         # The first pictures are blank.
         while len(np.unique((before := await visit.scene_picture())[::4, ::4].reshape(-1, 3), axis=0)) < 200:
@@ -309,7 +307,7 @@ def test_the_page_shows_the_robot_and_asks_nobody_else(runner: asyncio.Runner, v
     runner.run(asyncio.wait_for(scenario(), LONG_S))
 
 
-def test_the_step_that_runs_is_lit_in_the_flow_chart(runner: asyncio.Runner, visit: Visit) -> None:
+def test_the_active_step_is_highlighted_in_the_flow_chart(runner: asyncio.Runner, visit: Visit) -> None:
     async def scenario() -> None:
         visit.bus.publish(topics.FLOW, _status("compare", 0.034))
         await visit.page.get_by_text("RMSE 34.0 mm").wait_for(timeout=LONG_S * 1000)
@@ -360,7 +358,7 @@ def test_turning_a_frame_with_the_mouse_publishes_the_direction_of_that_node_alo
     runner.run(asyncio.wait_for(scenario(), LONG_S))
 
 
-def test_shape_it_sends_the_goal_and_the_start_and_each_button_its_command(
+def test_the_shape_button_sends_goal_and_start_and_each_button_its_command(
     runner: asyncio.Runner, visit: Visit
 ) -> None:
     async def scenario() -> None:

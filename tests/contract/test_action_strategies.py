@@ -67,7 +67,7 @@ def wrapped(angles_rad: Float64Array) -> Float64Array:
 
 
 @pytest.mark.parametrize("start", list(STARTS))
-def test_every_action_can_be_executed_as_it_stands(config: type[StrategyConfig], start: str) -> None:
+def test_every_action_can_be_executed_as_proposed(config: type[StrategyConfig], start: str) -> None:
     actions = proposals(config, start)
     assert actions
     for action in actions:
@@ -96,7 +96,7 @@ def test_no_marked_node_is_proposed(config: type[StrategyConfig]) -> None:
     assert first not in {action.grasp.node for action in proposals(config, "I", (first,))}
 
 
-def test_with_every_node_marked_there_is_nothing_to_do(config: type[StrategyConfig]) -> None:
+def test_with_every_node_marked_nothing_is_proposed(config: type[StrategyConfig]) -> None:
     assert proposals(config, "I", tuple(range(MODEL.nodes))) == []
 
 
@@ -109,17 +109,17 @@ def test_every_pose_at_which_the_tool_stops_is_reachable(config: type[StrategyCo
         assert near(action.path[-1])
 
 
-def test_the_same_question_has_the_same_answer(config: type[StrategyConfig]) -> None:
+def test_equal_input_gives_equal_actions(config: type[StrategyConfig]) -> None:
     first, second = proposals(config, "random"), proposals(config, "random")
     assert [codec.encode(action) for action in first] == [codec.encode(action) for action in second]
 
 
-def test_its_settings_travel(config: type[StrategyConfig]) -> None:
+def test_its_settings_survive_encoding(config: type[StrategyConfig]) -> None:
     assert from_spec(to_spec(config())) == config()
     assert from_spec(StrategySpec(name=config.name)) == config()
 
 
-def test_a_setting_that_it_does_not_have_is_rejected_by_name(config: type[StrategyConfig]) -> None:
+def test_an_unknown_setting_is_rejected_by_name(config: type[StrategyConfig]) -> None:
     with pytest.raises(SkillRejected, match=r"no setting.*colour") as rejected:
         from_spec(StrategySpec(name=config.name, settings=b'{"colour": 1}'))
     assert rejected.value.reason == "bad_settings"

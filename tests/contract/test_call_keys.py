@@ -55,6 +55,6 @@ def test_a_call_by_the_key_of_another_skill_is_not_run() -> None:
         assert outcome.reason == "wrong_key"
 
 
-def test_a_call_that_was_cancelled_before_it_came_is_not_run_and_another_is() -> None:
+def test_a_call_cancelled_before_its_arrival_is_not_run_and_another_is() -> None:
     assert isinstance(asyncio.run(answer("call/robot/stop", cancelled="id-1")), Cancelled)
     assert isinstance(asyncio.run(answer("call/robot/stop", cancelled="id-2")), Succeeded)

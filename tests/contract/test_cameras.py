@@ -112,7 +112,7 @@ def test_each_capture_has_a_later_stamp(make: Maker, tmp_path: Path):
 
 
 @every_camera
-def test_a_camera_that_was_left_gives_nothing_until_it_is_entered_again(make: Maker, tmp_path: Path):
+def test_a_closed_camera_returns_nothing_until_it_is_opened_again(make: Maker, tmp_path: Path):
     async def main() -> None:
         async with make(tmp_path) as camera:
             with camera:
@@ -133,7 +133,7 @@ def test_a_camera_that_was_left_gives_nothing_until_it_is_entered_again(make: Ma
         (None, "not running"),
     ],
 )
-def test_a_simulated_camera_says_why_it_is_gone(peer: Cell | None, says: str):
+def test_a_lost_simulated_camera_names_the_reason(peer: Cell | None, says: str):
     async def main() -> None:
         transport = MemoryTransport()
         host = Container(transport, LoopClock())

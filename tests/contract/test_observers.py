@@ -18,16 +18,16 @@ every_observer = pytest.mark.parametrize("config", OBSERVERS, ids=[config.name f
 
 @every_observer
 @pytest.mark.parametrize("check", OBSERVER_CHECKS, ids=lambda check: check.name)
-def test_an_observer_keeps_to_the_protocol(config: type[ObserverStrategyConfig], check: Check[Build]) -> None:
+def test_an_observer_conforms_to_the_protocol(config: type[ObserverStrategyConfig], check: Check[Build]) -> None:
     assert findings([check], partial(config().build, BelievedDlo())) == []
 
 
 @every_observer
-def test_its_settings_are_documented_and_travel(config: type[ObserverStrategyConfig]) -> None:
+def test_its_settings_are_documented_and_survive_encoding(config: type[ObserverStrategyConfig]) -> None:
     assert findings(settings_checks("observer", dict(strategies())), config) == []
     assert from_spec(to_spec(config())) == config()
 
 
 @pytest.mark.parametrize("config", OURS, ids=[config.name for config in OURS])
-def test_ours_follow_branched_dlos_rather_than_refuse_them(config: type[ObserverStrategyConfig]) -> None:
+def test_built_in_observers_track_branched_dlos(config: type[ObserverStrategyConfig]) -> None:
     assert branched_off_m(partial(config().build, BelievedDlo())) is not None

@@ -86,7 +86,7 @@ def test_it_knows_its_state_as_soon_as_it_is_connected(with_robot: WithRobot) ->
     with_robot(scenario)
 
 
-def test_it_follows_a_trajectory_closely_and_says_how_closely(with_robot: WithRobot) -> None:
+def test_it_follows_a_trajectory_closely_and_reports_the_error(with_robot: WithRobot) -> None:
     async def scenario(robot: Robot) -> None:
         trajectory = joint_move(PANDA_HOME_Q_RAD, AWAY)
         result = await robot.follow(trajectory, LEASE)
@@ -194,7 +194,7 @@ def test_a_motion_is_refused_while_another_runs_or_when_it_starts_elsewhere(with
     with_robot(scenario)
 
 
-def test_it_grips_lifts_and_releases_a_rope_and_knows_air_from_rope(with_robot: WithRobot) -> None:
+def test_it_grips_lifts_and_releases_a_rope_and_detects_an_empty_grip(with_robot: WithRobot) -> None:
     async def scenario(robot: Robot) -> None:
         empty = await robot.grip(0.0, 20.0, LEASE)
         assert not empty.held
@@ -250,7 +250,7 @@ def test_the_arm_brakes_when_its_driver_dies_and_moves_again_once_recovered() ->
     virtual_time.run(main())
 
 
-def test_a_driver_without_a_cell_says_so() -> None:
+def test_a_driver_without_a_cell_reports_it() -> None:
     async def main() -> None:
         port = Port(MemoryTransport(), LoopClock(), InlineCompute(), owner="driver", publishes=())
         with pytest.raises(HardwareError, match="is the cell running"):

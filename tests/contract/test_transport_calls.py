@@ -171,7 +171,7 @@ def test_a_cancelled_caller_stops_the_skill_before_it_goes_on(on_bus: Grid) -> N
     on_bus(body)
 
 
-def test_a_component_that_nobody_runs_is_unreachable_and_not_alive(on_bus: Grid) -> None:
+def test_a_component_that_does_not_run_is_unreachable_and_not_alive(on_bus: Grid) -> None:
     async def body(bus: Bus) -> None:
         outcome = await bus.here.call(DOUBLE, 1.0)
         assert isinstance(outcome, Unreachable)
@@ -202,7 +202,7 @@ def test_a_call_that_runs_when_its_component_ends_is_cancelled_and_answered() ->
     over_zenoh(body)  # in memory, a call runs in the caller's task
 
 
-def test_a_caller_that_is_gone_has_its_running_skills_cancelled_and_nobody_else() -> None:
+def test_the_running_skills_of_a_lost_caller_are_cancelled_and_no_others() -> None:
     async def main() -> None:
         config = ZenohConfig(namespace=next(namespaces), multicast_interface="lo")
         dies, lives, serves = ZenohTransport(config), ZenohTransport(config), ZenohTransport(config)
@@ -230,9 +230,7 @@ def _double_and_add(value: float, more: float = 0.0) -> float:
     ...
 
 
-def test_a_call_of_a_skill_that_the_called_one_knows_otherwise_is_rejected_by_name(
-    on_bus: Grid, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_call_with_another_schema_is_rejected_by_name(on_bus: Grid, caplog: pytest.LogCaptureFixture) -> None:
     async def body(bus: Bus) -> None:
         async with working(bus):
             outcome = await bus.here.call(Skill("worker", "double", _double_and_add, timeout_s=5.0), 1.0)

@@ -24,7 +24,7 @@ HANDED_OVER_S = 0.2
 OTHER_NEWEST = Topic("test/newest", OtherReading, "source", None, KeepLast())
 
 
-def test_messages_of_another_schema_are_dropped_counted_and_told_at_both_ends(
+def test_messages_of_another_schema_are_dropped_counted_and_logged_at_both_ends(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     async def body(bus: Bus) -> None:
@@ -46,7 +46,7 @@ def test_messages_of_another_schema_are_dropped_counted_and_told_at_both_ends(
     assert "messages on test/newest dropped: the peer has schema" in caplog.text
 
 
-def test_readers_of_the_same_schema_are_not_told_of_anything() -> None:
+def test_readers_of_the_same_schema_log_nothing() -> None:
     async def body(bus: Bus) -> None:
         assert isinstance(bus.here, ZenohTransport)
         assert isinstance(bus.there, ZenohTransport)
@@ -59,7 +59,7 @@ def test_readers_of_the_same_schema_are_not_told_of_anything() -> None:
     over_zenoh(body)
 
 
-def test_a_reader_whose_loop_was_busy_reads_what_came_meanwhile_and_not_what_it_had_before() -> None:
+def test_a_reader_whose_loop_was_busy_reads_the_newest_message() -> None:
     async def body(bus: Bus) -> None:
         stream = bus.here.stream(NEWEST)
         await connected(bus)

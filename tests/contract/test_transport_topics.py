@@ -21,7 +21,7 @@ from transport_grid import (
 from dlokit.communication.topic import Topic
 
 
-def test_nothing_is_known_of_a_topic_before_its_first_message(on_bus: Grid) -> None:
+def test_a_topic_has_no_value_before_its_first_message(on_bus: Grid) -> None:
     async def body(bus: Bus) -> None:
         latest = bus.here.latest(NEWEST)
         assert latest.value is None
@@ -68,7 +68,7 @@ def test_a_stream_keeps_the_order(on_bus: Grid) -> None:
     on_bus(body)
 
 
-def test_a_slow_reader_of_every_message_loses_the_oldest_beyond_the_depth(on_bus: Grid) -> None:
+def test_a_slow_reader_of_every_message_loses_the_oldest_ones_above_the_depth(on_bus: Grid) -> None:
     async def body(bus: Bus) -> None:
         stream = aiter(bus.here.stream(EACH))
         await connected(bus)
@@ -95,7 +95,7 @@ def test_a_slow_reader_of_a_state_sees_only_the_newest(on_bus: Grid) -> None:
 
 
 @pytest.mark.parametrize("topic", [NEWEST, EACH], ids=["keep last", "every"])
-def test_whoever_asks_late_gets_the_last_message(on_bus: Grid, topic: Topic[Reading]) -> None:
+def test_a_late_reader_gets_the_last_message(on_bus: Grid, topic: Topic[Reading]) -> None:
     async def body(bus: Bus) -> None:
         bus.there.publish(topic, reading(1))
         bus.there.publish(topic, reading(2))
@@ -104,7 +104,7 @@ def test_whoever_asks_late_gets_the_last_message(on_bus: Grid, topic: Topic[Read
     on_bus(body)
 
 
-def test_a_late_stream_begins_with_the_last_message_only_where_asked(on_bus: Grid) -> None:
+def test_a_late_stream_begins_with_the_last_message_only_on_request(on_bus: Grid) -> None:
     async def body(bus: Bus) -> None:
         await connected(bus)
         bus.there.publish(NEWEST, reading(1))
@@ -129,7 +129,7 @@ def test_streams_end_when_the_transport_closes(on_bus: Grid) -> None:
     on_bus(body)
 
 
-def test_runs_side_by_side_do_not_hear_each_other() -> None:
+def test_concurrent_runs_receive_no_messages_of_each_other() -> None:
     async def main() -> None:
         async with asyncio.timeout(WAIT_S * 2), zenoh_bus() as mine, zenoh_bus() as theirs:
             for bus in (mine, theirs):

@@ -184,7 +184,7 @@ def test_algorithm_1_a_connection_error_is_a_failure_that_names_the_component(on
     on_bus(body)
 
 
-def test_algorithm_1_an_answer_that_cannot_be_understood_is_a_failure(on_bus: Bus) -> None:
+def test_algorithm_1_an_answer_that_cannot_be_decoded_is_a_failure(on_bus: Bus) -> None:
     async def body(it: Lab) -> None:
         assert is_failed(await it.caller.call(BABBLE, 0.04), "malformed_outcome")
 
@@ -224,7 +224,7 @@ def test_algorithm_2_arguments_that_do_not_fit_are_a_failure_that_shows_the_sign
 @pytest.mark.parametrize(
     "bytes_on_the_wire", [b"", b"\xc1", b"\x80", b"\x91" * 100_000], ids=["empty", "invalid", "no call", "deep"]
 )
-def test_algorithm_2_bytes_that_are_no_call_are_a_failure(on_bus: Bus, bytes_on_the_wire: bytes) -> None:
+def test_algorithm_2_bytes_that_are_not_a_call_are_a_failure(on_bus: Bus, bytes_on_the_wire: bytes) -> None:
     async def body(it: Lab) -> None:
         assert is_rejected(await deliver(it, bytes_on_the_wire), "malformed_call")
 

@@ -11,7 +11,7 @@ def lab(**fails: list[str]) -> Lab:
     return Lab(nodes=I.copy(), checks_camera=True, fails=fails)
 
 
-def test_the_hand_is_looked_at_in_two_places_before_the_rope_is_and_the_arm_leaves_between():
+def test_the_hand_is_observed_in_two_places_before_the_rope_with_the_arm_out_of_view_in_between():
     said: list[str] = []
 
     def listen(status: FlowStatus) -> None:
@@ -37,7 +37,7 @@ def test_the_hand_is_looked_at_in_two_places_before_the_rope_is_and_the_arm_leav
         ("check_camera", "scattered"),
     ],
 )
-def test_a_check_that_fails_is_told_and_the_task_goes_on_without_it(
+def test_a_failed_check_is_reported_and_the_task_continues_without_it(
     skill: str, reason: str, caplog: pytest.LogCaptureFixture
 ):
     trace = shape(lab(**{skill: [reason]}), I)
@@ -49,14 +49,14 @@ def test_a_check_that_fails_is_told_and_the_task_goes_on_without_it(
     assert reason in caplog.text
 
 
-def test_an_arm_that_braked_by_itself_on_the_way_is_cleared_and_told_again():
+def test_an_arm_that_braked_on_its_own_is_recovered_and_commanded_again():
     trace = shape(lab(move_to=["lease_lost"]), I)
     assert ("check_camera", "corrected", "find_dlo") in trace.edges()
     first = trace.calls.index("move_to")
     assert trace.calls[first : first + 3] == ["move_to", "recover", "move_to"]
 
 
-def test_an_arm_that_does_not_come_home_ends_the_task_before_anything_is_looked_at():
+def test_an_arm_that_does_not_reach_home_ends_the_task_before_any_observation():
     trace = shape(lab(home=["robot_lost"]), I)
     assert ("check_camera", "failed", "failed") in trace.edges()
     assert "note_background" not in trace.calls
@@ -64,7 +64,7 @@ def test_an_arm_that_does_not_come_home_ends_the_task_before_anything_is_looked_
     assert "robot_lost" in trace.result.reason
 
 
-def test_without_the_check_the_rope_is_looked_at_at_once():
+def test_without_the_check_the_rope_is_observed_at_once():
     trace = shape(Lab(nodes=I.copy()), I)
     assert ("check_camera", "off", "find_dlo") in trace.edges()
     assert trace.calls[:2] == ["home", "look"]

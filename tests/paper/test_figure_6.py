@@ -108,7 +108,7 @@ def test_a_rope_at_its_goal_needs_no_action() -> None:
     assert "grasp" not in trace.calls
 
 
-def test_one_action_is_grasp_carry_release_and_look_in_the_order_of_the_paper() -> None:
+def test_one_action_is_grasp_carry_release_and_observation_in_the_order_of_the_paper() -> None:
     trace = shape(lab(I), moved(I, (0.05, 0.0)), TaskConfig(max_actions=1))
     boxes = [step for step, _ in trace.steps]
     first = boxes.index("choose_grasp")
@@ -125,7 +125,7 @@ def test_one_action_is_grasp_carry_release_and_look_in_the_order_of_the_paper() 
     ]
 
 
-def test_the_loop_reaches_a_goal_that_obeys_the_rope() -> None:
+def test_the_loop_reaches_a_goal_that_the_rope_can_take() -> None:
     trace = shape(lab(I), moved(I, (0.08, 0.05), 0.3))
     assert trace.result.outcome is RunOutcome.CONVERGED
     assert trace.result.rmse_m < TaskConfig().threshold_m
@@ -170,7 +170,7 @@ def test_when_every_grasp_is_marked_the_task_ends_as_stalled() -> None:
     assert trace.result.reason
 
 
-def test_a_missed_grasp_opens_the_fingers_counts_as_an_action_and_goes_on() -> None:
+def test_a_missed_grasp_opens_the_fingers_and_counts_as_an_action() -> None:
     slippery = lab(I)
     slippery.holds = False
     trace = shape(slippery, S, TaskConfig(max_actions=2))
@@ -186,14 +186,14 @@ def test_a_carry_that_the_robot_refuses_is_released_where_it_is() -> None:
     assert ("move_to_goal", "refused", "release") in trace.edges()
 
 
-def test_the_ends_are_labelled_towards_the_goal_so_that_the_rope_is_not_turned_round() -> None:
+def test_the_ends_are_matched_to_the_goal_so_that_the_rope_is_not_reversed() -> None:
     goal = I[::-1].copy()
     trace = shape(lab(I), goal)
     assert trace.result.outcome is RunOutcome.CONVERGED
     assert trace.result.history == ()
 
 
-def test_ends_confused_behind_the_arm_are_put_right_by_looking_anew() -> None:
+def test_ends_confused_behind_the_arm_are_corrected_by_ordering_from_scratch() -> None:
     confused = lab(I)
     confused.confuses_ends = True
     trace = shape(confused, moved(I, (0.05, 0.0)))

@@ -20,7 +20,7 @@ def feeling_lab() -> Lab:
     return felt
 
 
-def test_control_corrects_while_the_rope_is_held_and_then_lets_go() -> None:
+def test_control_corrects_while_the_rope_is_held_and_then_releases() -> None:
     trace = shape(feeling_lab(), moved(I, (0.04, 0.03)), SERVO)
     assert ("move_to_goal", "to_control", "control") in trace.edges()
     assert ("control", "corrected", "control") in trace.edges()
@@ -32,7 +32,7 @@ def test_control_corrects_while_the_rope_is_held_and_then_lets_go() -> None:
     assert first.seen_m is not None
 
 
-def test_control_does_not_follow_an_action_where_the_eye_could_feign_what_it_would_mend() -> None:
+def test_control_does_not_follow_if_its_gain_is_within_the_observers_uncertainty() -> None:
     blurred = PlanningConfig(strategy=FarthestConfig(), servo=replace(EASY, sight_m=0.1))
     trace = shape(feeling_lab(), moved(I, (0.04, 0.03)), SERVO, planning=blurred)
     assert ("move_to_goal", "done", "release") in trace.edges()
@@ -43,7 +43,7 @@ def test_control_does_not_follow_an_action_where_the_eye_could_feign_what_it_wou
     assert (record.nodes_world == without.result.history[0].nodes_world).all()
 
 
-def test_whoever_watches_is_told_whether_it_plans_or_controls() -> None:
+def test_the_mode_planning_or_control_is_published() -> None:
     told: dict[str, Mode | None] = {}
 
     def watch(status: FlowStatus) -> None:
@@ -72,7 +72,7 @@ def test_a_correction_that_the_robot_refuses_is_a_deadlock_and_marks_the_grasp()
     assert first.grasp_node != second.grasp_node
 
 
-def test_an_arm_that_brakes_in_a_correction_is_cleared_and_lets_go() -> None:
+def test_an_arm_that_brakes_in_a_correction_is_recovered_and_releases() -> None:
     late = feeling_lab()
     late.fails["move_linear"] = ["", "lost_commander"]
     trace = shape(late, moved(I, (0.04, 0.03)), SERVO)
@@ -87,7 +87,7 @@ def test_an_arm_lost_in_a_correction_fails_the_task() -> None:
     assert ("control", "failed", "failed") in shape(broken, moved(I, (0.04, 0.03)), SERVO).edges()
 
 
-def test_a_rope_that_is_not_seen_while_held_is_let_go_uncorrected() -> None:
+def test_a_rope_that_is_not_seen_while_held_is_released_without_correction() -> None:
     blind = feeling_lab()
     looks_before = shape(feeling_lab(), moved(I, (0.04, 0.03)), SERVO).calls
     before = looks_before[: looks_before.index("follow_path")].count("look")

@@ -21,7 +21,7 @@ PUSHES = PlanningConfig(
 """A planner that can do nothing but push."""
 
 
-def test_a_push_comes_down_closed_holds_nothing_and_is_seen_afterwards() -> None:
+def test_a_push_descends_with_closed_fingers_and_is_observed_afterwards() -> None:
     trace = shape(lab(I), moved(I, (0.03, 0.0)), TaskConfig(max_actions=1), planning=PUSHES)
     assert {("grasp", "beside", "push"), ("push", "done", "release")} <= trace.edges()
     assert "grasp" not in trace.calls
@@ -38,7 +38,7 @@ def test_a_push_comes_down_closed_holds_nothing_and_is_seen_afterwards() -> None
         ("fault", ("push", "failed", "failed")),
     ],
 )
-def test_a_push_that_the_arm_does_not_do_ends_by_name(reason: str, edge: tuple[str, str, str]) -> None:
+def test_a_push_that_the_arm_refuses_ends_by_name(reason: str, edge: tuple[str, str, str]) -> None:
     broken = lab(I)
     broken.fails = {"follow_path": [reason]}
     assert edge in shape(broken, moved(I, (0.03, 0.0)), TaskConfig(max_actions=1), planning=PUSHES).edges()

@@ -11,7 +11,7 @@ from dlokit.decision.journal import Journal
 from dlokit.decision.records import GoalRequest
 
 
-def test_a_rope_that_slips_out_on_the_way_is_let_go_and_looked_for_again() -> None:
+def test_a_rope_that_slips_out_during_the_carry_is_released_and_observed_again() -> None:
     slippery = lab(I)
     slippery.feels = True
     slippery.slips = 1
@@ -34,7 +34,7 @@ def test_a_node_at_which_the_rope_slipped_twice_is_not_grasped_again() -> None:
     assert max(nodes.count(node) for node in nodes) <= 2
 
 
-def test_a_rope_that_lies_where_it_was_though_it_seemed_held_has_slipped() -> None:
+def test_a_rope_that_did_not_move_though_it_seemed_held_has_slipped() -> None:
     stubborn = lab(I)
     stubborn.obeys = False
     trace = shape(stubborn, S, TaskConfig(max_actions=1))
@@ -44,7 +44,7 @@ def test_a_rope_that_lies_where_it_was_though_it_seemed_held_has_slipped() -> No
 
 
 @pytest.mark.parametrize("learn", [True, False])
-def test_the_dlo_is_learnt_from_an_action_where_that_is_asked_for(learn: bool) -> None:
+def test_the_dlo_is_learned_from_an_action_if_configured(learn: bool) -> None:
     feeling = lab(I)
     feeling.feels = True
     trace = shape(feeling, S, TaskConfig(max_actions=1, learn=learn))
@@ -53,7 +53,7 @@ def test_the_dlo_is_learnt_from_an_action_where_that_is_asked_for(learn: bool) -
 
 
 @pytest.mark.parametrize("cause", ["lease_lost", "lost_commander", "table_collision"])
-def test_a_carry_that_was_broken_off_is_named_by_its_cause_and_is_no_slip(cause: str) -> None:
+def test_an_interrupted_carry_is_named_by_its_cause_and_is_not_a_slip(cause: str) -> None:
     late = lab(I)
     late.fails["follow_path"] = [cause]
     trace = shape(late, S, TaskConfig(max_actions=2, learn=True))
@@ -87,7 +87,7 @@ def test_a_slip_is_named_as_the_end_of_its_action() -> None:
 
 
 @pytest.mark.parametrize("skill", ["move_to", "move_linear"])
-def test_an_action_that_the_lease_ended_before_its_grasp_says_so(skill: str) -> None:
+def test_an_action_ended_by_the_lease_before_its_grasp_is_named(skill: str) -> None:
     late = lab(I)
     late.fails[skill] = ["lease_lost"]
     (record,) = shape(late, S, TaskConfig(max_actions=1)).result.history

@@ -43,7 +43,7 @@ def test_a_failing_skill_ends_the_task_with_its_name_and_a_safe_robot(
     ("skill", "box"),
     [("move_to", "approach"), ("move_linear", "grasp"), ("follow_path", "move_to_goal"), ("release", "approach")],
 )
-def test_an_arm_that_braked_by_itself_is_cleared_lets_go_and_the_task_goes_on(skill: str, box: str) -> None:
+def test_an_arm_that_braked_on_its_own_is_recovered_releases_and_the_task_continues(skill: str, box: str) -> None:
     late = lab(I)
     late.fails[skill] = ["lost_commander"]
     trace = shape(late, moved(I, (0.05, 0.0)))
@@ -59,7 +59,7 @@ def test_an_action_interrupted_before_its_grasp_does_not_count_as_held() -> None
     assert [record.grasp_ok for record in trace.result.history] == [True, False]
 
 
-def test_an_arm_that_braked_by_itself_before_the_first_look_is_told_again_to_drive_out_of_the_picture() -> None:
+def test_an_arm_that_braked_before_the_first_observation_is_moved_out_of_view_again() -> None:
     late = lab(I)
     late.fails["home"] = ["lease_lost", "lost_commander"]
     trace = shape(late, moved(I, (0.05, 0.0)))
@@ -67,7 +67,7 @@ def test_an_arm_that_braked_by_itself_before_the_first_look_is_told_again_to_dri
     assert trace.result.outcome is RunOutcome.CONVERGED
 
 
-def test_an_arm_that_never_gets_home_fails_the_task_by_name() -> None:
+def test_an_arm_that_never_reaches_home_fails_the_task_by_name() -> None:
     late = lab(I)
     late.fails["home"] = ["lease_lost"] * 3
     trace = shape(late, S, TaskConfig(max_recoveries=2))
@@ -76,7 +76,7 @@ def test_an_arm_that_never_gets_home_fails_the_task_by_name() -> None:
     assert "lease_lost" in trace.result.reason
 
 
-def test_an_arm_that_brakes_again_and_again_fails_the_task_by_name() -> None:
+def test_an_arm_that_brakes_repeatedly_fails_the_task_by_name() -> None:
     late = lab(I)
     late.fails["move_to"] = ["lost_commander"] * 3
     trace = shape(late, S, TaskConfig(max_recoveries=2))
@@ -125,14 +125,14 @@ def test_the_time_budget_ends_the_task() -> None:
     assert ("compare", "out_of_time", "budget_spent") in trace.edges()
 
 
-def test_a_threshold_set_too_low_stalls_instead_of_refining_for_ever() -> None:
+def test_a_threshold_set_too_low_stalls_instead_of_refining_without_end() -> None:
     stubborn = lab(I)
     stubborn.obeys = False
     trace = shape(stubborn, S, TaskConfig(stall_actions=2, threshold_m=1e-4, infeasible="try"))
     assert ("compare", "stalled", "stalled") in trace.edges()
 
 
-def test_a_task_ends_when_the_planner_promises_no_gain_after_actions_in_vain() -> None:
+def test_a_task_ends_when_no_gain_is_predicted_after_actions_without_progress() -> None:
     stubborn = lab(I)
     stubborn.obeys = False
     # A goal so near that no action of the model's rod reduces the error by `progress_m`.
@@ -154,7 +154,7 @@ def test_the_operator_stops_the_task_and_the_robot_is_left_safe() -> None:
     assert trace.calls[-2:] == ["stop", "tracking 0"]
 
 
-def test_the_time_that_the_operator_takes_is_no_computing() -> None:
+def test_waiting_for_the_operator_does_not_count_as_computing() -> None:
     waited_s = 20.0
 
     def sets_the_goal(status: FlowStatus) -> Command | None:

@@ -29,7 +29,7 @@ def test_a_goal_off_the_table_is_infeasible_before_the_robot_moves() -> None:
     assert "grasp" not in trace.calls
 
 
-def test_a_goal_that_holds_is_shaped_to_and_not_watched() -> None:
+def test_a_goal_that_holds_is_attempted_without_a_progress_check() -> None:
     trace = shape(lab(I), S, TaskConfig(max_actions=1))
     assert ("judge_goal", "holds", "track_model") in trace.edges()
     assert trace.result.verdict is not None
@@ -48,7 +48,7 @@ def test_a_goal_that_springs_back_is_rejected_with_the_nearest_shape_that_holds(
     assert "grasp" not in trace.calls
 
 
-def test_a_projected_goal_is_one_that_holds_and_the_error_to_the_one_asked_for_is_kept() -> None:
+def test_a_projected_goal_holds_and_the_error_to_the_requested_one_is_recorded() -> None:
     trace = shape(lab(I), S, TaskConfig(max_actions=1, infeasible="project"), rod=STIFF)
     assert ("judge_goal", "projected", "track_model") in trace.edges()
     result = trace.result
@@ -66,7 +66,7 @@ def test_a_projected_goal_is_one_that_holds_and_the_error_to_the_one_asked_for_i
     assert ("judge_goal", "holds", "track_model") in again.edges()
 
 
-def test_a_goal_that_cannot_be_projected_is_rejected_though_projecting_was_asked_for() -> None:
+def test_a_goal_that_cannot_be_projected_is_rejected_in_spite_of_the_setting() -> None:
     loop = builtin_shape("S", LENGTH_M, NODES)
     t = np.linspace(0.0, 1.0, NODES)
     loop[:, 0], loop[:, 1] = 0.5 + 0.07 * np.sin(4.2 * np.pi * t), 0.1 * (2 * t - 1) + 0.07 * np.cos(4.2 * np.pi * t)
@@ -76,7 +76,7 @@ def test_a_goal_that_cannot_be_projected_is_rejected_though_projecting_was_asked
     assert "crosses_itself" in trace.result.reason
 
 
-def test_an_infeasible_goal_is_tried_when_asked_and_stopped_soon_without_progress() -> None:
+def test_an_infeasible_goal_is_tried_on_request_and_stopped_early_without_progress() -> None:
     stubborn = lab(I)
     stubborn.obeys = False
     trace = shape(stubborn, S, TaskConfig(infeasible="try", watched_stall_actions=2), rod=STIFF)
@@ -85,7 +85,7 @@ def test_an_infeasible_goal_is_tried_when_asked_and_stopped_soon_without_progres
     assert len(trace.result.history) == 2
 
 
-def test_a_doubtful_goal_is_tried_and_watched() -> None:
+def test_a_doubtful_goal_is_tried_with_a_progress_check() -> None:
     stubborn = lab(I)
     stubborn.obeys = False
     trace = shape(stubborn, S, TaskConfig(watched_stall_actions=2), rod=DOUBTED)
@@ -94,7 +94,7 @@ def test_a_doubtful_goal_is_tried_and_watched() -> None:
     assert len(trace.result.history) == 2
 
 
-def test_an_operator_whose_goal_cannot_be_is_asked_again() -> None:
+def test_an_operator_with_an_infeasible_goal_is_asked_again() -> None:
     asked: list[str] = []
 
     def drags(status: FlowStatus) -> GoalFrames | None:
@@ -112,7 +112,7 @@ def test_an_operator_whose_goal_cannot_be_is_asked_again() -> None:
     assert "press Shape it again" in asked[1]
 
 
-def test_a_judge_that_fails_fails_the_task(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failed_assessment_of_the_goal_fails_the_task(monkeypatch: pytest.MonkeyPatch) -> None:
     def fails(*_: object) -> None:
         raise ValueError("a goal that nothing can be laid in")
 

@@ -73,7 +73,7 @@ def with_loss(component: str, *calls: int, away_s: float = AWAY_S, config: TaskC
         ("perception", 2, "track_model"),
     ],
 )
-def test_who_is_lost_before_the_first_action_is_waited_for_and_the_task_begins_anew(
+def test_a_component_lost_before_the_first_action_is_awaited_and_the_task_restarts(
     component: str, call: int, box: str
 ) -> None:
     trace = with_loss(component, call)
@@ -82,7 +82,7 @@ def test_who_is_lost_before_the_first_action_is_waited_for_and_the_task_begins_a
     assert trace.result.outcome is RunOutcome.CONVERGED
 
 
-def test_a_camera_lost_after_an_action_is_waited_for_and_the_action_counts_once() -> None:
+def test_a_camera_lost_after_an_action_is_awaited_and_the_action_counts_once() -> None:
     looks_before_the_first_action = 3
     tracking_on_and_off = 2
     trace = with_loss("perception", looks_before_the_first_action + tracking_on_and_off + 1)
@@ -93,7 +93,7 @@ def test_a_camera_lost_after_an_action_is_waited_for_and_the_action_counts_once(
 
 
 @pytest.mark.parametrize(("component", "calls_before", "checks"), [("observer", 2, 1), ("perception", 9, 2)])
-def test_the_camera_is_checked_again_only_where_whoever_knew_its_place_was_lost(
+def test_the_camera_is_checked_again_only_if_perception_was_lost(
     component: str, calls_before: int, checks: int
 ) -> None:
     trace = shape(
@@ -104,14 +104,14 @@ def test_the_camera_is_checked_again_only_where_whoever_knew_its_place_was_lost(
     assert trace.result.outcome is RunOutcome.CONVERGED
 
 
-def test_one_that_is_lost_again_while_it_is_told_what_it_must_know_is_waited_for_again() -> None:
+def test_a_component_lost_again_during_its_restoration_is_awaited_again() -> None:
     told_again, looks_then = 6, 8  # an observation in track_again; in restore, after tracking was switched off
     trace = with_loss("perception", told_again, looks_then)
     assert ("restore", "lost", "restore") in trace.edges()
     assert trace.result.outcome is RunOutcome.CONVERGED
 
 
-def test_one_that_is_lost_again_and_again_ends_the_task_by_name() -> None:
+def test_a_component_that_is_lost_repeatedly_ends_the_task_by_name() -> None:
     trace = with_loss("perception", *range(1, 40))
     assert ("restore", "too_often", "failed") in trace.edges()
     assert trace.result.outcome is RunOutcome.FAILED
@@ -119,7 +119,7 @@ def test_one_that_is_lost_again_and_again_ends_the_task_by_name() -> None:
     assert "perception.look unreachable" in trace.result.reason
 
 
-def test_one_that_does_not_come_back_ends_the_task_by_name() -> None:
+def test_a_component_that_does_not_return_ends_the_task_by_name() -> None:
     trace = with_loss("observer", 1, away_s=1e6)
     assert ("restore", "failed", "failed") in trace.edges()
     assert trace.result.reason is not None

@@ -46,7 +46,7 @@ def cut_off() -> Run:
     return Run(Lab(nodes=I.copy()), TaskConfig(max_actions=1))
 
 
-def test_a_journal_is_kept_at_each_box_once_there_is_a_goal(cut_off: Run) -> None:
+def test_a_journal_is_written_at_each_step_once_there_is_a_goal(cut_off: Run) -> None:
     assert len(cut_off.journals) == len(cut_off.steps) - 1  # the end is not a step
     assert [journal.actions for journal in cut_off.journals] == sorted(journal.actions for journal in cut_off.journals)
     last = cut_off.journals[-1]
@@ -55,7 +55,7 @@ def test_a_journal_is_kept_at_each_box_once_there_is_a_goal(cut_off: Run) -> Non
     assert last.elapsed_s > 0.0
 
 
-def test_the_task_takes_over_the_arm_looks_anew_and_goes_on_counting(cut_off: Run) -> None:
+def test_the_resumed_task_takes_the_arm_observes_again_and_continues_counting(cut_off: Run) -> None:
     resumed = Run(Lab(nodes=cut_off.lab.nodes), TaskConfig(max_actions=3), cut_off.journals[-1])
     assert resumed.steps[:3] == ["take_over", "check_camera", "find_dlo"]
     assert resumed.lab.calls[:3] == ["recover", "release", "move_linear"]
@@ -66,7 +66,7 @@ def test_the_task_takes_over_the_arm_looks_anew_and_goes_on_counting(cut_off: Ru
     assert resumed.journals[-1].errors_m[1] == pytest.approx(cut_off.journals[-1].errors_m[1], abs=2e-3)
 
 
-def test_what_was_spent_of_the_budgets_stays_spent(cut_off: Run) -> None:
+def test_used_budgets_stay_used(cut_off: Run) -> None:
     spent = Run(Lab(nodes=cut_off.lab.nodes), TaskConfig(max_actions=1), cut_off.journals[-1])
     assert spent.result.outcome is RunOutcome.BUDGET
     assert spent.records == []
@@ -76,14 +76,14 @@ def test_what_was_spent_of_the_budgets_stays_spent(cut_off: Run) -> None:
     assert late.result.outcome is RunOutcome.BUDGET
 
 
-def test_a_crash_before_the_first_look_begins_at_the_beginning(cut_off: Run) -> None:
+def test_after_a_crash_before_the_first_observation_the_task_starts_from_the_beginning(cut_off: Run) -> None:
     first = cut_off.journals[0]
     assert first.errors_m == ()
     again = Run(Lab(nodes=I.copy()), TaskConfig(max_actions=1), first)
     assert again.records[0].action == 1
 
 
-def test_a_dlo_that_was_dropped_across_itself_in_the_first_action_is_gone_on_from(cut_off: Run) -> None:
+def test_a_task_resumes_from_a_dlo_that_was_dropped_across_itself(cut_off: Run) -> None:
     # Straight, three quarters of a turn, and straight again, across the first part.
     heading = 1.5 * np.pi * np.clip(np.linspace(-0.5, 1.5, NODES - 1), 0.0, 1.0)
     loop = np.tile(I[NODES // 2], (NODES, 1))
@@ -95,14 +95,14 @@ def test_a_dlo_that_was_dropped_across_itself_in_the_first_action_is_gone_on_fro
     assert [record.action for record in resumed.records] == [1]
 
 
-def test_an_arm_that_cannot_be_cleared_ends_the_task_by_name(cut_off: Run) -> None:
+def test_an_arm_that_cannot_be_recovered_ends_the_task_by_name(cut_off: Run) -> None:
     result = Run(Lab(nodes=I.copy(), fails={"recover": ["fault"]}), PATIENT, cut_off.journals[-1]).result
     assert result.outcome is RunOutcome.FAILED
     assert result.reason is not None
     assert result.reason.startswith("robot.recover fault")
 
 
-def test_the_file_gives_back_what_was_kept_last(cut_off: Run, tmp_path: Path) -> None:
+def test_the_file_contains_the_last_journal(cut_off: Run, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="dlokit shape --config"):
         read_journal(tmp_path)
     file = JournalFile(tmp_path)

@@ -91,7 +91,7 @@ def on_bus(request: pytest.FixtureRequest) -> Bus:
     return request.param
 
 
-def test_a_task_called_over_the_bus_reaches_its_goal_and_tells_how_far_it_is(on_bus: Bus) -> None:
+def test_a_task_called_over_the_bus_reaches_its_goal_and_reports_progress(on_bus: Bus) -> None:
     told: list[ShapeProgress] = []
 
     async def body(bus: Transport, lab: Lab) -> None:
@@ -111,7 +111,7 @@ def test_a_task_called_over_the_bus_reaches_its_goal_and_tells_how_far_it_is(on_
     assert steps[-1] == "converged"
 
 
-def test_a_task_to_a_curve_is_judged_by_what_its_caller_says(on_bus: Bus) -> None:
+def test_a_task_with_a_curve_as_goal_uses_the_callers_settings(on_bus: Bus) -> None:
     async def body(bus: Transport, lab: Lab) -> None:
         goal = GoalRequest(nodes_world=builtin_shape("S", LENGTH_M, 60), name="mine")
         outcome = await bus.call(SHAPE_DLO, goal, max_actions=1)
@@ -124,7 +124,7 @@ def test_a_task_to_a_curve_is_judged_by_what_its_caller_says(on_bus: Bus) -> Non
     on_bus(body)
 
 
-def test_a_second_task_is_rejected_as_busy_and_the_first_goes_on(on_bus: Bus) -> None:
+def test_a_second_task_is_rejected_as_busy_and_the_first_continues(on_bus: Bus) -> None:
     async def body(bus: Transport, lab: Lab) -> None:
         began = asyncio.Event()
         first = asyncio.create_task(bus.call_reported(SHAPE_DLO, lambda step: began.set(), "S", max_actions=1))
@@ -168,7 +168,7 @@ def test_a_cancelled_task_stops_the_robot_and_the_next_one_may_begin(on_bus: Bus
         ("S", None, "tea_leaves", "unknown_strategy"),
     ],
 )
-def test_what_cannot_work_is_rejected_by_name_before_the_robot_moves(
+def test_invalid_requests_are_rejected_by_name_before_the_robot_moves(
     goal: str | GoalRequest, threshold_m: float | None, planner: str | None, reason: str
 ) -> None:
     async def body(bus: Transport, lab: Lab) -> None:
@@ -236,7 +236,7 @@ class Shell(Component):
                 return
 
 
-def test_whoever_may_not_press_the_operators_buttons_ends_the_task_by_a_skill() -> None:
+def test_a_caller_without_the_operators_buttons_ends_the_task_by_a_skill() -> None:
     async def main() -> None:
         bus, lab = MemoryTransport(), Lab(nodes=AWAY.copy())
         shell = Shell()
@@ -253,7 +253,7 @@ def test_whoever_may_not_press_the_operators_buttons_ends_the_task_by_a_skill() 
 
 
 @pytest.mark.parametrize(("canceller", "reason"), [("SIGTERM", "stopped by SIGTERM"), ("", "stopped by its caller")])
-def test_a_task_that_is_cancelled_names_who_cancels_it(canceller: str, reason: str) -> None:
+def test_a_cancelled_task_names_its_canceller(canceller: str, reason: str) -> None:
     async def main() -> None:
         lab = Lab(nodes=AWAY.copy())
         async with running(lab, MemoryTransport(), LoopClock()) as decision:

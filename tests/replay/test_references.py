@@ -33,7 +33,7 @@ def beyond(rows: list[FieldRow]) -> list[str]:
 
 @pytest.mark.parametrize("component", ["observer", "model", "planning"])
 @pytest.mark.parametrize("name", REFERENCES)
-def test_a_component_fed_a_recorded_run_does_what_it_did(name: str, component: str) -> None:
+def test_a_replayed_component_repeats_its_recorded_behaviour(name: str, component: str) -> None:
     done = replayed(name, component)
     assert not beyond(done.rows), HINT
     said = {row.what: row.compared for row in done.rows if row.field == "(messages)"}
@@ -44,7 +44,7 @@ def test_a_component_fed_a_recorded_run_does_what_it_did(name: str, component: s
     assert done.unknown_calls == 0
 
 
-def test_perception_fed_the_pictures_of_a_run_sees_what_it_saw() -> None:
+def test_perception_replayed_from_a_runs_images_repeats_its_clouds() -> None:
     done = replayed(WITH_PICTURES, "perception")
     assert not beyond(done.rows), HINT
     compared = {(row.what, row.field): row.compared for row in done.rows}
@@ -53,13 +53,13 @@ def test_perception_fed_the_pictures_of_a_run_sees_what_it_saw() -> None:
     assert done.left_out > 0
 
 
-def test_another_observer_is_found_out() -> None:
+def test_another_observer_is_detected() -> None:
     path = FOLDER / f"{WITH_PICTURES}.mcap"
     config = replace(recorded_config(path, REPLAYABLE["observer"]), observer=ObserverConfig(strategy=SprConfig()))
     assert any(row.what == "observer/targets" and not row.within for row in replay(path, "observer", config).rows)
 
 
-def test_a_configuration_of_another_version_is_in_the_way_of_the_component_that_it_configures_alone() -> None:
+def test_a_setting_of_another_version_prevents_only_the_replay_of_its_component() -> None:
     path = FOLDER / "wire.mcap"
     text = recorded_toml(path)
     assert "[cell" in text  # which no component that is replayed is built from
@@ -68,12 +68,12 @@ def test_a_configuration_of_another_version_is_in_the_way_of_the_component_that_
     assert config.model != RunConfig().model
 
 
-def test_a_recording_without_pictures_cannot_be_seen_again() -> None:
+def test_perception_cannot_be_replayed_without_images() -> None:
     with pytest.raises(InputError, match=r"no pictures.*another component"):
         replayed("wire", "perception")
 
 
-def test_the_references_are_small_and_hold_no_truth() -> None:
+def test_the_references_are_small_and_without_the_true_shape() -> None:
     assert len(REFERENCES) == 3
     for name in REFERENCES:
         path = FOLDER / f"{name}.mcap"
@@ -82,5 +82,5 @@ def test_the_references_are_small_and_hold_no_truth() -> None:
         assert {one.topic for one in read_recording(path)} <= known
 
 
-def test_what_can_be_replayed_is_said_on_the_command_line() -> None:
+def test_the_command_line_lists_the_components_that_can_be_replayed() -> None:
     assert set(REPLAYABLE) == {"perception", "observer", "model", "planning"}

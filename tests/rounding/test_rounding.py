@@ -42,7 +42,7 @@ def differences(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
 
 
 @pytest.mark.parametrize("scene", SCENES, ids=lambda scene: scene.__name__)
-def test_inputs_moved_by_rounding_give_the_same(scene: Any) -> None:
+def test_inputs_perturbed_by_rounding_give_the_same_results(scene: Any) -> None:
     before: Outcome = scene(as_it_is)
     assert before
     for seed in range(3):
@@ -50,7 +50,7 @@ def test_inputs_moved_by_rounding_give_the_same(scene: Any) -> None:
 
 
 @pytest.mark.long
-def test_a_plain_processor_gives_the_same(tmp_path: Path) -> None:
+def test_a_processor_without_avx_gives_the_same_results(tmp_path: Path) -> None:
     # An x86-64 without AVX: Numba compiles for it, NumPy and OpenBLAS take other paths.
     instructions: Any = np.show_config(mode="dicts")
     plain = {

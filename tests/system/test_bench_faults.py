@@ -14,7 +14,7 @@ pytestmark = pytest.mark.live
 
 
 @pytest.mark.parametrize("name", ["fill-disk", pytest.param("slip-grasp", marks=pytest.mark.long)])
-def test_a_run_ends_as_it_should_though_something_goes_wrong(tmp_path: Path, name: str) -> None:
+def test_a_run_with_an_injected_fault_ends_as_specified(tmp_path: Path, name: str) -> None:
     fault = BY_NAME[name]
     finding = asyncio.run(try_case(FaultCase(fault=fault, number=0), RunConfig(), tmp_path / "case"))
     assert finding.struck or finding.skipped, finding.broken

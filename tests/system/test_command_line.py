@@ -130,7 +130,7 @@ def test_what_the_parser_refuses_ends_with_2_and_points_to_the_help(
 
 
 @pytest.mark.parametrize("runtime", RUNTIMES)
-def test_a_taken_port_is_named_with_another_one(runtime: str) -> None:
+def test_the_error_for_a_port_in_use_proposes_another_one(runtime: str) -> None:
     with socket.create_server(("127.0.0.1", 0)) as other:
         port = other.getsockname()[1]
         with pytest.raises(InputError, match=rf"port {port} .*--port"):
@@ -198,7 +198,7 @@ def test_strategies_are_chosen_by_name_and_their_settings_are_flags() -> None:
     assert isinstance(run.perception.segmentation, ColourConfig)
 
 
-def test_a_dlo_preset_tells_the_model_what_a_ruler_tells_and_no_more() -> None:
+def test_a_dlo_preset_gives_the_model_only_length_and_radius() -> None:
     run = _shape_args("--dlo", "thin_wire").run
 
     assert run.cell.dlo.name == "thin_wire"
@@ -208,7 +208,7 @@ def test_a_dlo_preset_tells_the_model_what_a_ruler_tells_and_no_more() -> None:
     assert run.model.friction == RunConfig().model.friction
 
 
-def test_a_wire_takes_a_set_in_the_cell_unless_told_otherwise() -> None:
+def test_a_wire_stays_bent_in_the_cell_unless_configured_otherwise() -> None:
     assert _shape_args("--dlo", "wire-a").run.cell.physics == ElastoplasticChain()
     assert _shape_args("--dlo", "wire_a", "--physics", "rod").run.cell.physics == ElasticRod()
     assert _shape_args("--physics", "chain").run.cell.physics == ElastoplasticChain()
@@ -217,7 +217,7 @@ def test_a_wire_takes_a_set_in_the_cell_unless_told_otherwise() -> None:
         _shape_args("--physics", "glue")
 
 
-def test_a_randomised_cell_is_asked_for_and_each_factor_can_be_switched_off() -> None:
+def test_a_cell_is_randomised_on_request_and_each_factor_can_be_switched_off() -> None:
     assert _shape_args().run.cell.randomisation == Randomisation()
     run = _shape_args("--randomised", "--cell.randomisation.light", "0").run
     assert run.cell.randomisation == replace(RANDOMISED, light=0.0)
@@ -241,7 +241,7 @@ def test_what_a_run_writes_is_read_again_as_the_same(arguments: list[str], tmp_p
     assert from_toml(to_toml(first), RunConfig, "first") == first
 
 
-def test_the_command_line_goes_before_the_configuration(tmp_path: Path) -> None:
+def test_the_command_line_overrides_the_configuration(tmp_path: Path) -> None:
     written = tmp_path / "nan.csv"
     written.write_text(to_toml(RunConfig(seed=5, headless=True)))
 
@@ -271,7 +271,7 @@ def test_shape_files_are_kept_by_their_absolute_paths(tmp_path: Path, monkeypatc
     assert kept[0].start == "I"
 
 
-def test_a_terminal_that_knows_only_ascii_is_written_to_all_the_same() -> None:
+def test_output_works_on_an_ascii_terminal() -> None:
     done = _dlokit("skills", environment={"LANG": "C", "PYTHONIOENCODING": "ascii"})
     assert done.returncode == 0, done.stderr
     assert "robot.stop" in done.stdout

@@ -31,7 +31,7 @@ def _figures(folder: Path) -> dict[str, Any]:
     return {name: value for name, value in figures.items() if name not in MACHINE_TIMES}
 
 
-def test_two_runs_side_by_side_and_one_from_the_configuration_give_the_same_figures(tmp_path: Path) -> None:
+def test_two_concurrent_runs_and_one_from_the_configuration_give_equal_results(tmp_path: Path) -> None:
     folders = [tmp_path / name for name in ("one", "two", "again")]
     both = [_start("--max-actions", "1", "--seed", "7", "--out", str(folder)) for folder in folders[:2]]
     for run in both:

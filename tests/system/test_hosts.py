@@ -139,9 +139,7 @@ def test_a_system_on_two_hosts_calls_and_publishes_through_tls(system: System) -
     assert said == {"stop: Succeeded(result=None)", "states: flow"}
 
 
-def test_strangers_cannot_connect_and_a_host_that_the_run_does_not_name_sees_nothing(
-    system: System, tmp_path: Path
-) -> None:
+def test_unknown_clients_cannot_connect_and_an_unlisted_host_sees_nothing(system: System, tmp_path: Path) -> None:
     lab = system.lab
     make_certificates(tmp_path, hosts_from_words(("main=10.77.0.1", "desk")))
     of_another_lab, of_none, unencrypted, guest = lab.look_in(
@@ -156,7 +154,7 @@ def test_strangers_cannot_connect_and_a_host_that_the_run_does_not_name_sees_not
     assert guest == {"last/**": 0, "call/robot/*": 0, "call/**": 0, "**": 0}
 
 
-def test_a_host_that_looks_on_may_read_and_brake_but_not_command(system: System) -> None:
+def test_an_observing_host_may_read_and_brake_but_not_command(system: System) -> None:
     lab = system.lab
     (seen,) = lab.look_in("desk", (lab.endpoint, lab.files("desk")), within_s=WAIT_S)
     assert isinstance(seen, dict)
@@ -182,7 +180,7 @@ def test_a_host_that_looks_on_may_read_and_brake_but_not_command(system: System)
     assert "moving" not in log
 
 
-def test_an_arm_whose_cable_is_pulled_brakes_and_topics_flow_again_once_it_is_back(system: System) -> None:
+def test_a_disconnected_arm_brakes_and_topics_resume_after_reconnection(system: System) -> None:
     lab = system.lab
     robot_log = lab.folder / "arm" / "logs" / "robot.log"
     system.main.tell("home")
@@ -197,7 +195,7 @@ def test_an_arm_whose_cable_is_pulled_brakes_and_topics_flow_again_once_it_is_ba
     assert system.main.until("states: ") == "flow"
 
 
-def test_processes_that_may_be_started_again_are_once_their_host_is_back(system: System) -> None:
+def test_restartable_processes_are_restarted_when_their_host_returns(system: System) -> None:
     lab = system.lab
     lab.network.cut("eye")
     try:
@@ -210,7 +208,7 @@ def test_processes_that_may_be_started_again_are_once_their_host_is_back(system:
     assert system.main.until("echo: ") == "Succeeded(result='here')"
 
 
-def test_an_arms_host_that_stays_away_ends_the_run_by_name_and_serves_the_next_one(system: System) -> None:
+def test_a_lost_host_of_the_arm_ends_the_run_by_name_and_serves_the_next_one(system: System) -> None:
     lab = system.lab
     lab.network.cut("arm")
     try:

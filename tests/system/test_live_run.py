@@ -77,7 +77,7 @@ def test_a_cell_killed_during_an_action_fails_the_run_by_name(tmp_path: Path) ->
 @pytest.mark.parametrize(
     "victim", ["observer", *(pytest.param(name, marks=pytest.mark.long) for name in ("camera", "simulation"))]
 )
-def test_what_is_killed_during_an_action_is_started_again_and_the_task_goes_on(tmp_path: Path, victim: str) -> None:
+def test_a_process_killed_during_an_action_is_restarted_and_the_task_continues(tmp_path: Path, victim: str) -> None:
     killer = Killer(victim)
     record = judged_run(LIVE, job_from_config(LIVE), tmp_path, killer)
     assert killer.done

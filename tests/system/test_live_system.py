@@ -79,7 +79,7 @@ async def result_of(system: LiveSystem, what_happens: Callable[[], object]) -> s
     return await system.run(task(), lambda result, failure: f"{result} after {failure.reason}")
 
 
-def test_processes_start_answer_on_the_cells_clock_and_end(tmp_path: Path) -> None:
+def test_processes_start_answer_calls_on_the_cells_clock_and_end(tmp_path: Path) -> None:
     async def body() -> None:
         async with none_left(tmp_path, echo_row()) as system:
             assert system.clock.now_ns() > 0
@@ -143,7 +143,7 @@ def test_a_frozen_process_is_killed_and_named(tmp_path: Path, stopped_from_outsi
     live(body())
 
 
-def test_a_process_that_is_not_essential_starts_again_and_the_task_goes_on(tmp_path: Path) -> None:
+def test_a_process_that_is_not_essential_is_restarted_and_the_task_continues(tmp_path: Path) -> None:
     again = Restart(times=1, window_s=600.0, wait_s=0.1)
 
     async def body() -> None:
@@ -192,7 +192,7 @@ def test_no_process_outlives_the_one_that_started_it(tmp_path: Path, how: signal
     live(eventually(lambda: not any(runs(pid) for pid in pids)))
 
 
-def test_a_cell_goes_on_for_a_while_when_all_is_lost_so_that_its_arm_can_brake(tmp_path: Path) -> None:
+def test_a_cell_runs_on_briefly_after_its_parent_died_so_that_its_arm_can_brake(tmp_path: Path) -> None:
     program = (sys.executable, str(Path(__file__).with_name("tiny_system.py")), str(tmp_path))
     with subprocess.Popen(program, stdout=subprocess.PIPE, text=True) as parent:
         assert parent.stdout is not None

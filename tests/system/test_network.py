@@ -39,7 +39,7 @@ def test_a_live_system_listens_on_the_loopback_interface_only(tmp_path: Path) ->
     asyncio.run(main())
 
 
-def test_a_transport_of_its_own_opens_nothing_to_the_network() -> None:
+def test_a_default_transport_opens_no_port_to_the_network() -> None:
     async def main() -> None:
         before = addresses_open(psutil.Process().pid)
         transport = ZenohTransport(ZenohConfig(namespace="dlokit_test_sockets"))

@@ -11,7 +11,7 @@ from dlokit.system.config import RunConfig
 pytestmark = pytest.mark.live
 
 
-def test_nothing_moves_after_a_persons_stop_and_everything_does_after_the_arm_is_enabled() -> None:
+def test_nothing_moves_between_a_persons_stop_and_the_enabling_of_the_arm() -> None:
     plan = PressPlan(run=RunConfig(runtime="live", headless=True), presses=1, busy_processes=0, seed=0)
     # `dlokit bench stop` measures the time; on a busy machine, a test only checks that it stops.
     rows = asyncio.run(measure_presses(plan, PERSON, print))

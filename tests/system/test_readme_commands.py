@@ -72,11 +72,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("line", OTHERS)
-def test_a_command_that_looks_at_something_ends_well(line: str, folder: Path) -> None:
+def test_a_command_that_only_reads_succeeds(line: str, folder: Path) -> None:
     done = dlokit(line.replace("<run>", "one"), folder)
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-def test_every_command_of_readme_is_run_or_named_as_one_that_cannot_be() -> None:
+def test_every_command_of_readme_is_run_or_listed_as_not_runnable() -> None:
     assert len(SHAPE) >= 5
     assert len(OTHERS) >= 6

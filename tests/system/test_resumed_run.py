@@ -31,7 +31,7 @@ def resume(*arguments: str) -> "subprocess.CompletedProcess[str]":
     return subprocess.run(command, capture_output=True, text=True, timeout=WAIT_S, check=False)
 
 
-def test_a_run_whose_decision_process_is_killed_goes_on_to_its_goal(tmp_path: Path) -> None:
+def test_a_run_whose_decision_process_is_killed_resumes_to_its_goal(tmp_path: Path) -> None:
     killed, resumed = tmp_path / "killed", tmp_path / "resumed"
     command = (DLOKIT, "shape", "--runtime", "live", "--headless", "--out", str(killed))
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as run:

@@ -41,7 +41,7 @@ def alone(tmp_path_factory: pytest.TempPathFactory) -> dict[int, Any]:
     return _figures(list(run_sweep(CASES, CONFIG, tmp_path_factory.mktemp("alone"), Workers())))
 
 
-def test_cases_side_by_side_give_what_they_give_one_after_another(tmp_path: Path, alone: dict[int, Any]) -> None:
+def test_parallel_cases_give_the_same_results_as_sequential_ones(tmp_path: Path, alone: dict[int, Any]) -> None:
     side_by_side = list(run_sweep(CASES, CONFIG, tmp_path, Workers(jobs=2)))
 
     assert not any(done.fault for done in side_by_side)
@@ -61,7 +61,7 @@ def test_a_dask_cluster_gives_the_same(tmp_path: Path, alone: dict[int, Any]) ->
 
 
 @pytest.mark.long
-def test_an_interrupted_sweep_says_how_to_go_on_and_does(tmp_path: Path) -> None:
+def test_an_interrupted_sweep_names_the_command_that_continues_it(tmp_path: Path) -> None:
     folder = tmp_path / "sweep"
     command = [DLOKIT, "bench", "shaping", "--oracle", "--seeds", "1", "--max-actions", "1", "--out", str(folder)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as sweep:
@@ -88,7 +88,9 @@ def _die(case: ShapingCase, config: RunConfig, folder: Path) -> CaseResult:
     os._exit(9)
 
 
-def test_a_process_that_dies_is_told_with_how_to_go_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_dead_worker_is_reported_with_the_command_to_continue(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(sweep, "attempt_case", _die)
 
     with pytest.raises(MachineError, match="fewer --jobs"):

@@ -23,7 +23,7 @@ WAIT_S = 120.0  # a viewer starts within 2 s, or longer on a loaded machine
 OWN = ProcessRow(name="main", components=(), time_base=TimeBase.MACHINE)
 
 
-def test_a_viewer_that_was_killed_has_its_key_again_and_another_run_another_one(tmp_path: Path) -> None:
+def test_a_restarted_viewer_keeps_its_key_and_another_run_has_another_one(tmp_path: Path) -> None:
     def launch() -> Launch:
         return Launch(namespace=namespace_of(tmp_path), config_file=tmp_path / "config.toml", run_dir=tmp_path)
 

@@ -22,7 +22,7 @@ def test_python_runs_the_package_as_the_command_does(module: str) -> None:
     assert python("-m", module, "nonsense").returncode == 2
 
 
-def test_the_version_waits_for_no_large_library() -> None:
+def test_the_version_loads_no_large_library() -> None:
     listing = python(
         "-c",
         "import sys; sys.argv = ['dlokit', '--version']; from dlokit.app.main import main; main(); print(*sys.modules)",
@@ -31,7 +31,7 @@ def test_the_version_waits_for_no_large_library() -> None:
 
 
 @pytest.mark.parametrize(("typed", "meant"), [(["shpae"], "shape"), (["bench", "shapin"], "shaping")])
-def test_a_misspelt_command_is_refused_with_the_one_that_is_like_it(typed: list[str], meant: str) -> None:
+def test_a_misspelt_command_is_refused_with_the_most_similar_one(typed: list[str], meant: str) -> None:
     with pytest.raises(InputError, match=f"'{typed[-1]}'.*'{meant}'"):
         execute(typed)
 

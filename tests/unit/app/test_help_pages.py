@@ -22,7 +22,7 @@ def first_page(capsys: pytest.CaptureFixture[str]) -> list[str]:
     return re.findall(r"^  --(\S+)", page(capsys, "shape", "--help"), re.MULTILINE)
 
 
-def test_the_first_page_has_what_people_use_and_says_which_others_there_are(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_first_page_has_the_common_options_and_lists_the_other_pages(capsys: pytest.CaptureFixture[str]) -> None:
     text = page(capsys, "shape", "--help")
     for flag in ("--goal", "--planner", "--threshold-m", "--max-actions"):
         assert f"  {flag} " in text
@@ -70,7 +70,7 @@ def test_all_pages_together_are_the_whole_help(capsys: pytest.CaptureFixture[str
     assert plain <= {f"--{flag.removeprefix('[no-]')}" for flag in first_page(capsys)}
 
 
-def test_a_page_that_there_is_none_of_is_refused_with_those_that_there_are() -> None:
+def test_an_unknown_page_is_refused_with_the_known_ones() -> None:
     with pytest.raises(ConfigError, match=r"no help on 'grippers'.*planning.*all"):
         parse(["shape", "--help", "grippers"])
 
@@ -81,7 +81,7 @@ def test_short_help_is_shown_whole(capsys: pytest.CaptureFixture[str]) -> None:
     assert "GROUP" not in text
 
 
-def test_what_is_wrong_beside_it_is_told_and_not_taken_for_a_page_that_there_is_none_of() -> None:
+def test_other_errors_are_reported_and_not_taken_for_an_unknown_page() -> None:
     with pytest.raises(InputError, match=r"missing\.toml"):
         parse(["shape", "--config", "missing.toml", "--help", "planning"])
 

@@ -83,7 +83,7 @@ def in_lockstep(main: Coroutine[Any, Any, None]) -> None:
     virtual_time.run(main)
 
 
-def test_the_first_message_of_one_component_reaches_another_whatever_the_order_of_wiring() -> None:
+def test_the_first_message_reaches_other_components_in_any_order_of_addition() -> None:
     async def main() -> None:
         host = Container(MemoryTransport(), LoopClock())
         listener = Listener()
@@ -113,7 +113,7 @@ def test_handlers_take_one_message_at_a_time_in_order() -> None:
     in_lockstep(main())
 
 
-def test_a_state_of_before_the_start_reaches_a_handler_and_an_event_of_before_does_not() -> None:
+def test_a_late_handler_gets_the_last_state_but_no_earlier_event() -> None:
     async def main() -> None:
         bus = MemoryTransport()
         bus.publish(topics.CLOCK, ClockTick(stamp_ns=7))
@@ -144,7 +144,7 @@ def test_a_message_that_a_handler_cannot_use_does_not_end_it(caplog: pytest.LogC
     assert "unlucky" in caplog.text
 
 
-def test_a_component_whose_own_loop_raises_is_reported_to_whoever_waits(caplog: pytest.LogCaptureFixture) -> None:
+def test_an_error_of_a_components_task_is_raised_to_the_waiting_caller(caplog: pytest.LogCaptureFixture) -> None:
     class Broken(Component):
         name = "viewer"
 
@@ -162,7 +162,7 @@ def test_a_component_whose_own_loop_raises_is_reported_to_whoever_waits(caplog: 
     assert "viewer run ended" in caplog.text
 
 
-def test_the_end_of_the_host_cancels_what_runs_and_takes_no_more_calls() -> None:
+def test_the_end_of_the_container_cancels_running_calls_and_accepts_no_more() -> None:
     async def main() -> None:
         bus = MemoryTransport()
         host = Container(bus, LoopClock())
@@ -237,7 +237,7 @@ def test_a_time_out_inside_a_skill_is_a_failure_and_not_the_skills_own_limit() -
     in_lockstep(main())
 
 
-def test_the_time_limit_of_a_skill_counts_on_the_clock_that_its_component_lives_by() -> None:
+def test_the_time_limit_of_a_skill_counts_on_its_components_clock() -> None:
     async def main() -> None:
         bus = MemoryTransport()
         clock = FollowedClock()
@@ -282,7 +282,7 @@ def test_every_kind_of_result_crosses_the_bus() -> None:
     in_lockstep(main())
 
 
-def test_what_a_component_needs_is_loaded_where_its_work_is_done_and_failing_to_is_told(
+def test_a_preparation_runs_where_the_component_computes_and_its_failure_is_logged(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     loaded: list[str] = []

@@ -96,7 +96,7 @@ def test_arguments_outside_the_contract_are_rejected_by_name_with_what_is_allowe
     assert drill.turned == 0
 
 
-def test_a_precondition_that_the_component_knows_rejects_before_anything_runs() -> None:
+def test_a_precondition_checked_by_the_component_rejects_before_anything_runs() -> None:
     drill = Drill()
     drill.powered = False
     outcome = drilled(drill)
@@ -105,7 +105,7 @@ def test_a_precondition_that_the_component_knows_rejects_before_anything_runs() 
     assert drill.turned == 0
 
 
-def test_what_must_hold_all_the_while_is_checked_before_and_after() -> None:
+def test_an_invariant_is_checked_before_and_after() -> None:
     hot, heating = Drill(), Drill()
     hot.degrees, heating.heats_to = 95.0, 95.0
     before, after = drilled(hot), drilled(heating)
@@ -123,7 +123,7 @@ def test_a_postcondition_that_does_not_hold_makes_a_success_a_failure() -> None:
     assert (outcome.reason, outcome.detail) == ("blind_hole", "it ends in the wall")
 
 
-def test_skills_that_take_the_same_run_one_at_a_time() -> None:
+def test_skills_with_the_same_resource_run_one_at_a_time() -> None:
     async def main() -> None:
         async with await host_of(Drill()) as host:
             first = asyncio.create_task(host.transport.call(DRILL, 1.0))
@@ -139,7 +139,7 @@ def test_skills_that_take_the_same_run_one_at_a_time() -> None:
     virtual_time.run(main())
 
 
-def test_a_cancelled_skill_gives_back_what_it_took() -> None:
+def test_a_cancelled_skill_releases_its_resource() -> None:
     async def main() -> None:
         async with await host_of(Drill()) as host:
             first = asyncio.create_task(host.transport.call(DRILL, 1.0))
@@ -169,7 +169,7 @@ async def dispatcher_of(drill: Drill) -> Dispatcher:
     return Dispatcher(drill, host.clock)
 
 
-def test_a_call_that_comes_again_is_answered_from_the_record() -> None:
+def test_a_repeated_call_is_answered_from_the_record() -> None:
     async def main() -> None:
         drill = Drill()
         dispatch = await dispatcher_of(drill)
@@ -184,7 +184,7 @@ def test_a_call_that_comes_again_is_answered_from_the_record() -> None:
     virtual_time.run(main())
 
 
-def test_a_call_that_comes_again_while_it_runs_waits_for_the_same_answer() -> None:
+def test_a_repeated_call_of_a_running_skill_waits_for_the_same_answer() -> None:
     async def main() -> None:
         drill = Drill()
         dispatch = await dispatcher_of(drill)
@@ -210,7 +210,7 @@ def test_a_call_that_was_cancelled_is_not_run_again() -> None:
     virtual_time.run(main())
 
 
-def test_the_record_is_bounded_and_a_forgotten_answer_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_record_is_bounded_and_a_deleted_answer_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(dispatch, "LARGEST_TOTAL_BYTES", 100)
     monkeypatch.setattr(dispatch, "CALLS_KNOWN", 3)
 
@@ -234,7 +234,7 @@ def test_the_record_is_bounded_and_a_forgotten_answer_is_named(monkeypatch: pyte
     virtual_time.run(main())
 
 
-def test_a_condition_is_listed_in_words() -> None:
+def test_a_condition_is_listed_as_text() -> None:
     assert [condition.text for condition in DRILL.preconditions] == ["speed_rad_s is 0 to 100", "the power is on"]
     assert [condition.text for condition in LIGHT.preconditions] == ["somebody looks"]
     assert POLISH.postconditions == ()

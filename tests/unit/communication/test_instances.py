@@ -59,7 +59,7 @@ async def _three() -> tuple[Container, Listener]:
     return host, listener
 
 
-def test_a_call_goes_to_the_instance_that_it_is_addressed_to() -> None:
+def test_a_call_reaches_the_addressed_instance() -> None:
     async def main() -> None:
         host, _ = await _three()
         async with host:
@@ -72,7 +72,7 @@ def test_a_call_goes_to_the_instance_that_it_is_addressed_to() -> None:
     virtual_time.run(main())
 
 
-def test_a_reader_hears_every_instance_and_each_has_a_topic_of_its_own() -> None:
+def test_a_reader_receives_every_instance_and_each_has_its_own_topic() -> None:
     async def main() -> None:
         host, listener = await _three()
         async with host:
@@ -88,7 +88,7 @@ def test_a_reader_hears_every_instance_and_each_has_a_topic_of_its_own() -> None
 
 
 @pytest.mark.parametrize("named", [WHO, WHO.at("left")])
-def test_an_address_replaces_the_one_before(named: Skill[[], str]) -> None:
+def test_an_address_replaces_the_previous_one(named: Skill[[], str]) -> None:
     assert named.at("right").key == "decision.right.who"
     assert named.at("") == WHO
 

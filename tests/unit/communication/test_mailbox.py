@@ -47,7 +47,7 @@ def test_a_reader_that_waits_is_woken_by_a_message() -> None:
     virtual_time.run(main())
 
 
-def test_a_reader_that_waits_when_the_box_closes_comes_to_an_end() -> None:
+def test_a_reader_that_waits_ends_when_the_mailbox_closes() -> None:
     async def main() -> None:
         mailbox: Mailbox[int] = Mailbox(Every(2))
         reader = asyncio.create_task(drain(mailbox))
@@ -75,7 +75,7 @@ def test_a_reader_learns_the_age_of_what_it_has_read() -> None:
     virtual_time.run(main())
 
 
-def test_a_reader_that_comes_back_gets_what_has_arrived_meanwhile_and_not_what_waited() -> None:
+def test_a_returning_reader_gets_the_newest_message_and_not_the_waiting_one() -> None:
     async def main() -> None:
         arrived = [2]
         mailbox: Mailbox[int] = Mailbox(KeepLast(), lambda: mailbox.put(arrived.pop(), 0.0))

@@ -63,6 +63,6 @@ def test_a_result_crosses_the_bus() -> None:
     np.testing.assert_array_equal(back.result, [1.0, 2.0])
 
 
-def test_a_skill_is_known_by_its_component_name_and_says_what_it_does() -> None:
+def test_a_skill_has_its_component_name_and_description() -> None:
     assert MOVE.key == "robot.move"
     assert inspect.getdoc(_move) == MOVE.doc == "Move the tool."

@@ -49,7 +49,7 @@ def theirs(name: str, module: str) -> dict[str, str]:
     return {module: CONFIG.format(cls="TheirConfig", name=name)}
 
 
-def test_an_installed_packages_strategy_is_named_after_ours_and_in_the_union(folder: Path) -> None:
+def test_an_installed_packages_strategy_follows_the_built_in_ones_and_is_in_the_union(folder: Path) -> None:
     install(folder, "good-package", GROUP, {"near": "sk_good:TheirConfig"}, theirs("near", "sk_good"))
     strategies = kind()
     assert list(strategies.installed()) == ["ours", "near"]
@@ -60,7 +60,7 @@ def test_an_installed_packages_strategy_is_named_after_ours_and_in_the_union(fol
     assert strategies.to_spec(config).settings == b'{"radius_m":0.3}'
 
 
-def test_one_that_cannot_be_imported_is_left_out_with_a_line_that_names_package_and_reason(
+def test_a_strategy_that_cannot_be_imported_is_skipped_with_package_and_reason(
     folder: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     install(
@@ -89,7 +89,7 @@ def test_one_that_cannot_be_imported_is_left_out_with_a_line_that_names_package_
         ("from dataclasses import dataclass\n@dataclass(frozen=True)\nclass C:\n    x: int = 1\n", "has no name"),
     ],
 )
-def test_what_is_no_configuration_class_is_left_out_and_says_what_is_wanted(
+def test_an_entry_that_is_not_a_configuration_class_is_skipped_with_the_requirement(
     folder: Path, caplog: pytest.LogCaptureFixture, source: str, says: str
 ) -> None:
     module = f"sk_odd_{abs(hash(source))}"
@@ -106,7 +106,7 @@ def test_two_of_the_same_name_are_an_error_that_names_both(folder: Path) -> None
         kind().installed()
 
 
-def test_a_name_of_ours_cannot_be_taken(folder: Path) -> None:
+def test_a_built_in_name_cannot_be_taken(folder: Path) -> None:
     install(folder, "thief", GROUP, {"ours": "sk_thief:TheirConfig"}, theirs("ours", "sk_thief"))
     with pytest.raises(ConfigError, match=r"Ours of dlokit, and sk_thief:TheirConfig of thief"):
         kind().installed()
@@ -119,6 +119,6 @@ def test_settings_that_their_own_class_refuses_are_rejected_by_name(folder: Path
     assert rejected.value.reason == "bad_settings"
 
 
-def test_a_name_that_nobody_has_is_answered_with_those_there_are() -> None:
+def test_an_unknown_name_is_refused_with_the_known_ones() -> None:
     with pytest.raises(ConfigError, match=r"--observer 'magic' is not known; choose one of ours\."):
         kind().named("magic", "--observer")

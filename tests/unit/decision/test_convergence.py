@@ -21,7 +21,7 @@ CONFIG = TaskConfig(threshold_m=0.012, max_actions=5, max_time_s=100.0, stall_ac
         ([0.5, 0.2, 0.3, 0.25, 0.19], 0.0, Progress.NOT_YET, None),
     ],
 )
-def test_progress_names_the_first_condition_that_holds_and_says_why(
+def test_progress_names_the_first_condition_that_holds_with_a_reason(
     errors_m: list[float], elapsed_s: float, expected: Progress, why: str | None
 ) -> None:
     found, said = progress(SoFar(errors_m=errors_m, elapsed_s=elapsed_s), CONFIG)
@@ -29,14 +29,14 @@ def test_progress_names_the_first_condition_that_holds_and_says_why(
     assert said is None if why is None else said is not None and why in said
 
 
-def test_a_goal_that_may_not_hold_is_given_up_sooner() -> None:
+def test_a_doubtful_goal_is_abandoned_earlier() -> None:
     config = TaskConfig(stall_actions=3, watched_stall_actions=2)
     for doubtful, expected in ((False, Progress.NOT_YET), (True, Progress.STALLED)):
         so_far = SoFar(errors_m=[0.5, 0.2, 0.3, 0.25], doubtful=doubtful)
         assert progress(so_far, config)[0] is expected
 
 
-def test_a_worse_error_is_a_change_too() -> None:
+def test_a_larger_error_is_also_a_change() -> None:
     assert has_changed(0.02, 0.03, CONFIG)
     assert has_changed(0.03, 0.02, CONFIG)
     assert not has_changed(0.03, 0.03 + 0.9 * CONFIG.changed_m, CONFIG)
@@ -60,7 +60,7 @@ IN_VAIN = [0.05, 0.02, 0.03, 0.025, 0.021]
         (IN_VAIN[:-1], 0.03, True),  # two are too few to stop
     ],
 )
-def test_after_actions_in_vain_only_the_promise_of_a_new_best_is_worth_another(
+def test_after_actions_without_progress_only_a_predicted_new_best_justifies_another(
     errors_m: list[float], promised_m: float | None, expected: bool
 ) -> None:
     assert worth_it(errors_m, promised_m, CONFIG) is expected

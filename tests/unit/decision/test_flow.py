@@ -36,7 +36,7 @@ def flow(first_tails: str = "first") -> Flow[list[str]]:
     )
 
 
-def test_a_flow_follows_its_arrows_and_tells_each_box_with_the_outcome_that_led_there() -> None:
+def test_a_flow_follows_its_arrows_and_reports_each_step_with_the_previous_outcome() -> None:
     visited: list[tuple[str, str]] = []
     task: list[str] = []
 
@@ -64,7 +64,7 @@ def test_an_outcome_without_an_arrow_is_refused_when_the_flow_is_made() -> None:
         )
 
 
-def test_two_boxes_of_one_name_are_refused() -> None:
+def test_two_steps_with_one_name_are_refused() -> None:
     with pytest.raises(FlowError, match="two boxes"):
         Flow(
             name="toss",
@@ -74,7 +74,7 @@ def test_two_boxes_of_one_name_are_refused() -> None:
         )
 
 
-def test_the_drawing_has_every_arrow_and_lights_the_current_step() -> None:
+def test_the_drawing_has_every_arrow_and_highlights_the_current_step() -> None:
     chart = mermaid(flow(), current="second")
     for source, outcome, target in flow().edges():
         assert f"{source} -->|{outcome}| {target}" in chart
@@ -103,7 +103,7 @@ def faulty(fault: FaultKind, then: dict[Coin | FaultKind, str]) -> tuple[list[tu
     return visited, told
 
 
-def test_a_fault_takes_its_arrow_and_is_told() -> None:
+def test_a_fault_takes_its_arrow_and_is_reported() -> None:
     visited, told = faulty(FaultKind.REFUSED, {FaultKind.REFUSED: "done", FaultKind.FAILED: "failed"})
     assert visited == [("first", ""), ("done", "refused")]
     assert told == ["robot.move_to too far"]
@@ -114,11 +114,11 @@ def test_a_fault_without_an_arrow_of_its_own_takes_that_of_failed() -> None:
     assert visited[-1] == ("failed", "failed")
 
 
-def test_a_fault_in_a_box_that_has_no_arrow_for_faults_is_raised() -> None:
+def test_a_fault_in_a_step_without_an_arrow_for_faults_is_raised() -> None:
     with pytest.raises(StepFault, match="too far"):
         faulty(FaultKind.REFUSED, {})
 
 
-def test_a_box_with_an_arrow_for_a_fault_needs_that_of_failed() -> None:
+def test_a_step_with_an_arrow_for_a_fault_also_needs_that_of_failed() -> None:
     with pytest.raises(FlowError, match="FAILED"):
         faulty(FaultKind.REFUSED, {FaultKind.REFUSED: "done"})

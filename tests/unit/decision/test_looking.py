@@ -96,28 +96,28 @@ async def waited_s(gone: str, after_s: float, *, replaced: bool = False) -> floa
 
 
 @pytest.mark.parametrize("component", ["observer", "model"])
-def test_nobody_waits_for_a_state_while_who_makes_it_is_gone(component: str) -> None:
+def test_there_is_no_wait_for_a_state_while_its_publisher_is_lost(component: str) -> None:
     for after_s in (0.0, 3.0):
         assert after_s <= virtual_time.run(waited_s(component, after_s)) < after_s + 1.0
 
 
-def test_nobody_waits_for_a_state_from_an_observer_that_was_not_told_where_the_dlo_lies() -> None:
+def test_there_is_no_wait_for_a_state_from_an_uninitialised_observer() -> None:
     for after_s in (0.0, 3.0):
         assert after_s <= virtual_time.run(waited_s("observer", after_s, replaced=True)) < after_s + 1.0
 
 
-def test_a_state_that_does_not_come_though_all_are_there_is_waited_for_to_the_end() -> None:
+def test_a_missing_state_is_awaited_to_the_limit_while_all_components_are_present() -> None:
     assert virtual_time.run(waited_s("nobody", 0.0)) == pytest.approx(CONFIG.look_timeout_s)
 
 
-def test_a_look_of_which_nothing_came_is_done_again_while_all_are_there() -> None:
+def test_an_observation_without_a_result_is_repeated_while_all_components_are_present() -> None:
     found, looks, waiting_s = virtual_time.run(looked(brings_from=3))
     assert isinstance(found, DloState)
     assert looks == 3
     assert waiting_s == pytest.approx(2 * CONFIG.look_again_s)
 
 
-def test_looks_of_which_nothing_comes_end_in_the_time_of_one() -> None:
+def test_observations_without_a_result_end_within_the_time_of_one() -> None:
     found, looks, waiting_s = virtual_time.run(looked(brings_from=1000))
     assert isinstance(found, StepFault)
     assert found.kind is FaultKind.LOST

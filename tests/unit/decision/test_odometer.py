@@ -28,7 +28,7 @@ async def _states(*states: RobotState) -> AsyncIterator[RobotState]:
         yield state
 
 
-def test_the_way_there_and_back_counts_twice() -> None:
+def test_the_distance_there_and_back_counts_twice() -> None:
     odometer = Odometer()
 
     asyncio.run(odometer.follow(_states(_state("a", 0.3, 0.0), _state("a", 0.6, 0.4), _state("a", 0.3, 0.0))))
@@ -36,7 +36,7 @@ def test_the_way_there_and_back_counts_twice() -> None:
     assert odometer.travelled_m == pytest.approx(1.0)
 
 
-def test_two_arms_far_apart_that_stand_still_have_travelled_nowhere() -> None:
+def test_two_arms_at_rest_have_travelled_no_distance() -> None:
     odometer = Odometer()
 
     asyncio.run(odometer.follow(_states(_state("a", 0.3, 0.0), _state("b", 0.9, 0.0), _state("a", 0.3, 0.0))))

@@ -22,7 +22,7 @@ def build(nodes: int = 41):
 
 
 @pytest.mark.parametrize("dlo", PRESETS, ids=lambda dlo: dlo.name)
-def test_every_preset_says_its_source_and_gives_back_its_bending_stiffness(dlo: DloPreset):
+def test_every_preset_has_its_source_and_reproduces_its_bending_stiffness(dlo: DloPreset):
     assert len(dlo.source) > 40
     second_moment_m4 = math.pi * dlo.radius_m**4 / 4
     assert dlo.young_pa * second_moment_m4 == pytest.approx(dlo.bending_stiffness_n_m2)  # rounding only
@@ -32,7 +32,7 @@ def test_friction_holds_the_built_in_s_for_the_default_rope_with_room_to_spare()
     assert SOFT_ROPE.smallest_held_radius_m < S_RADIUS_M / 1.5
 
 
-def test_an_unknown_preset_is_an_error_that_lists_those_there_are():
+def test_an_unknown_preset_is_refused_with_the_known_ones():
     with pytest.raises(ConfigError, match="soft_rope"):
         preset("noodle")
 
@@ -42,7 +42,7 @@ def test_a_preset_without_stiffness_is_refused():
         dataclasses.replace(SOFT_ROPE, bending_stiffness_n_m2=0.0)
 
 
-def test_nodes_that_would_touch_are_refused_with_the_number_that_fits():
+def test_too_many_nodes_are_refused_with_the_number_that_fits():
     spec = mujoco.MjSpec()
     with pytest.raises(ConfigError, match="3 to 57"):
         elastic.add_rod(spec, SOFT_ROPE, 80)
@@ -70,12 +70,12 @@ def test_the_rod_weighs_what_its_preset_says():
     assert model.body_mass[elastic.rod_bodies(model)].sum() == pytest.approx(SOFT_ROPE.mass_kg, rel=1e-3)
 
 
-def test_a_rod_that_is_not_there_is_asked_for():
+def test_a_missing_rod_is_named():
     with pytest.raises(ConfigError, match="add_rod"):
         elastic.rod_bodies(mujoco.MjSpec().compile())
 
 
-def test_the_camera_stands_and_looks_where_the_paper_says():
+def test_the_camera_has_the_pose_of_the_paper():
     T = matrix(default_calibration().T_world_camera)
     # PAPER.md gives the position to the millimetre and the viewed point to 1 cm.
     assert np.allclose(T[:3, 3], [0.515, 0.617, 1.011], atol=1e-3)

@@ -56,13 +56,13 @@ def test_a_long_rope_gets_a_wider_s_instead_of_a_spiral() -> None:
     assert shapes.self_clearance_m(nodes) > shapes.SELF_CLEARANCE_M
 
 
-def test_an_unknown_name_lists_the_names_there_are() -> None:
+def test_an_unknown_shape_is_refused_with_the_known_ones() -> None:
     with pytest.raises(ShapeError, match=r"'U'.*I, S"):
         shapes.builtin_shape("U", ROPE_M, 31)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_random_shapes_lie_in_their_region_bend_gently_and_do_not_meet_themselves(seed: int) -> None:
+def test_random_shapes_stay_in_their_region_bend_gently_and_do_not_touch_themselves(seed: int) -> None:
     nodes = shapes.random_shape(np.random.default_rng(seed), ROPE_M, 81)
 
     assert shapes.length(nodes) == pytest.approx(ROPE_M, rel=CHORD_LOSS)

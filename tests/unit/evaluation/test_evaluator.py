@@ -40,7 +40,7 @@ def _errors(truth: Truth, releases: list[int | None], *, first: np.ndarray | Non
     )
 
 
-def test_each_release_is_judged_two_seconds_later_in_the_nodes_of_the_goal() -> None:
+def test_each_release_is_evaluated_two_seconds_later_at_the_nodes_of_the_goal() -> None:
     off = shapes.moved(CELL_GOAL, (0.03, 0.0))
     truth = _truth((0, START), (9, START), (10, off), (15, off), (16, CELL_GOAL), (20, CELL_GOAL))
 
@@ -75,7 +75,7 @@ def test_between_two_records_the_truth_is_interpolated() -> None:
     assert _errors(truth, [10 * S]).final_m == pytest.approx(0.02, abs=RESAMPLING_M)
 
 
-def test_a_system_that_counts_from_the_other_end_is_judged_in_its_own_order() -> None:
+def test_a_system_that_counts_from_the_other_end_is_evaluated_in_its_own_order() -> None:
     truth = _truth((0, START[::-1]), (10, CELL_GOAL[::-1]), (14, CELL_GOAL[::-1]))
 
     errors = _errors(truth, [10 * S])
@@ -84,7 +84,7 @@ def test_a_system_that_counts_from_the_other_end_is_judged_in_its_own_order() ->
     assert errors.final_m == pytest.approx(0.0, abs=RESAMPLING_M)
 
 
-def test_the_order_of_the_first_look_is_kept_for_the_whole_run() -> None:
+def test_the_order_of_the_first_observation_is_kept_for_the_whole_run() -> None:
     truth = _truth((0, START), (10, CELL_GOAL[::-1]), (14, CELL_GOAL[::-1]))
 
     wrong_way_round, either_way = _errors(truth, [10 * S]), _errors(truth, [10 * S], ends=True)
@@ -135,7 +135,7 @@ def _record(start: np.ndarray | None, releases: list[int]) -> RunRecord:
     )
 
 
-def test_the_figures_of_the_evaluator_are_filled_into_the_result() -> None:
+def test_the_true_errors_are_added_to_the_result() -> None:
     truth = _truth((0, START), (10, CELL_GOAL), (14, CELL_GOAL))
     record = _record(shapes.builtin_shape("I", 0.5, 31), [10 * S])
 
@@ -146,7 +146,7 @@ def test_the_figures_of_the_evaluator_are_filled_into_the_result() -> None:
     assert result.rmse_m == 0.01
 
 
-def test_figures_of_another_run_are_not_filled_in() -> None:
+def test_true_errors_of_another_run_are_not_added() -> None:
     truth = _truth((0, START), (14, CELL_GOAL))
     record = _record(shapes.builtin_shape("I", 0.5, 31), [10 * S])
     without_history = msgspec.structs.replace(record.result, history=())

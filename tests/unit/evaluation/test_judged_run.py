@@ -11,7 +11,7 @@ from dlokit.system.results.run_result import RunResult, read_result, write_resul
 from dlokit.types.flow import RunOutcome
 
 
-def test_a_result_tells_what_the_cell_of_its_seed_drew(tmp_path: Path) -> None:
+def test_a_result_has_the_random_factors_of_its_cell(tmp_path: Path) -> None:
     config = RunConfig(seed=7, cell=CellConfig(randomisation=RANDOMISED))
     episode = drawn(config)
     assert episode is not None
@@ -34,5 +34,5 @@ def test_a_result_tells_what_the_cell_of_its_seed_drew(tmp_path: Path) -> None:
     assert cell.config.camera_error_m == episode.hand_eye_m
 
 
-def test_a_result_tells_of_no_draw_where_nothing_is_randomised() -> None:
+def test_a_result_has_no_random_factors_without_randomisation() -> None:
     assert drawn(RunConfig(seed=7)) is None

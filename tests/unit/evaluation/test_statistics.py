@@ -17,7 +17,7 @@ def test_success_rates_have_the_published_clopper_pearson_limits() -> None:
     assert stats.binom.cdf(23, 25, interval.high) == pytest.approx(0.025)
 
 
-def test_no_failure_in_25_leaves_room_for_some() -> None:
+def test_no_failure_in_25_still_has_an_upper_limit() -> None:
     interval = success_rate(25, 25)
 
     assert interval.high == 1.0
@@ -63,6 +63,6 @@ def test_one_unit_has_no_interval() -> None:
 
 
 @pytest.mark.parametrize("values", [[], [0.1, np.nan], [[0.1, 0.2]]])
-def test_values_that_are_no_list_of_figures_are_refused(values: list[float]) -> None:
+def test_values_that_are_not_a_list_of_numbers_are_refused(values: list[float]) -> None:
     with pytest.raises(InputError, match="finite values"):
         bootstrap(values, np.random.default_rng(0))

@@ -52,7 +52,7 @@ def test_a_trajectory_that_states_no_velocity_at_all_is_refused() -> None:
     assert reason_of(still)
 
 
-def test_velocities_that_swing_about_standing_angles_are_refused() -> None:
+def test_oscillating_velocities_with_constant_angles_are_refused() -> None:
     # Between samples, the arm would oscillate by 2 rad/s * 5 ms / 4, whatever accelerations are stated.
     times = 0.005 * np.arange(101, dtype=np.float64)
     swing = 0.3 * np.cos(np.pi * np.arange(101, dtype=np.float64))
@@ -61,7 +61,7 @@ def test_velocities_that_swing_about_standing_angles_are_refused() -> None:
     assert reason_of(trajectory(times, nothing, swing, nothing)) == RobotReason.ACCELERATION_LIMIT
 
 
-def test_accelerations_that_are_not_those_of_the_velocities_are_refused() -> None:
+def test_accelerations_that_do_not_match_the_velocities_are_refused() -> None:
     assert (
         reason_of(msgspec.structs.replace(GOOD, ddq_rad_s2=np.zeros_like(GOOD.ddq_rad_s2)))
         == RobotReason.BAD_TRAJECTORY
@@ -101,12 +101,12 @@ def test_an_arm_of_other_joints_and_samples_too_far_apart_or_too_near_are_refuse
 
 
 @pytest.mark.parametrize("last_s", [200.1, 1e308])
-def test_a_trajectory_longer_than_anybody_waits_is_refused(last_s: float) -> None:
+def test_a_trajectory_that_is_too_long_is_refused(last_s: float) -> None:
     q = np.array([0.0, 0.0])
     assert reason_of(trajectory(np.array([0.0, last_s]), q, 0.0 * q, 0.0 * q)) == RobotReason.TOO_SLOW
 
 
-def test_a_range_that_is_left_between_samples_only_is_left() -> None:
+def test_a_range_that_is_exceeded_only_between_samples_is_detected() -> None:
     times, rows = 0.05 * np.arange(3, dtype=np.float64), np.tile(PANDA_HOME_Q_RAD, (3, 1))
     rows[:, 3] = PANDA_LIMITS.position_upper_rad[3] - 1e-4
     dq = np.zeros((3, 7))

@@ -84,7 +84,7 @@ def records_of(*hows: tuple[str, float]) -> list[CallRecord]:
     return [one for one in told_of(*hows) if isinstance(one, CallRecord)]
 
 
-def test_a_call_is_told_of_when_it_is_made_with_the_number_that_its_end_will_have() -> None:
+def test_the_start_of_a_call_is_recorded_with_the_number_of_its_end() -> None:
     told = told_of(("succeed", 0.5), ("fail", 0.0))
     assert [(type(one), one.skill, one.call, one.caller) for one in told[:4]] == [
         (CallBegun, "model.act", 1, "memory"),
@@ -95,7 +95,7 @@ def test_a_call_is_told_of_when_it_is_made_with_the_number_that_its_end_will_hav
     assert [one.stamp_ns for one in told[:2]] == [0, 500_000_000]
 
 
-def test_every_outcome_is_told_with_its_reason_and_when_it_was_called_and_ended() -> None:
+def test_every_outcome_is_recorded_with_reason_start_and_end() -> None:
     records = records_of(("succeed", 0.5), ("fail", 0.0), ("reject", 0.0), ("time out", 3.0))
     assert [(one.skill, one.outcome, one.reason, one.detail) for one in records] == [
         ("model.act", CallEnd.SUCCEEDED, "", ""),
@@ -110,7 +110,7 @@ def test_every_outcome_is_told_with_its_reason_and_when_it_was_called_and_ended(
     assert (records[0].arguments, records[0].result) == ('{"how": "succeed", "for_s": 0.5}', "7")
 
 
-def test_arguments_are_recorded_as_the_messages_that_they_are() -> None:
+def test_arguments_are_recorded_as_their_message_types() -> None:
     pose = Pose(position_m=np.array([0.1, 0.2, 0.3]), wxyz=np.array([1.0, 0.0, 0.0, 0.0]))
     request = encode_call(PLACE, "id-1", "caller", pose, float("inf"))
     assert isinstance(request, bytes)

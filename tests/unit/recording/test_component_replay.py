@@ -101,7 +101,7 @@ def rows_of(line: Timeline, component: Component, *, live: bool = False) -> list
     return compare(line, feed(component, line, Adder.publishes), live=live, same_processor=False)
 
 
-def test_a_timeline_holds_what_was_heard_asked_and_said_in_order(tmp_path: Path) -> None:
+def test_a_timeline_has_inputs_calls_and_outputs_in_order(tmp_path: Path) -> None:
     line = recorded_run(tmp_path / "a.mcap")
     order = [event.skill.key if isinstance(event, RecordedCall) else event.topic.name for event in line.events]
     assert order == ["decision/flow", "model.add", "model.add", "model.add", "decision/flow", "model.add"]
@@ -115,7 +115,7 @@ def test_a_timeline_holds_what_was_heard_asked_and_said_in_order(tmp_path: Path)
     assert (line.begin_ns, line.unknown) == (0, 0)
 
 
-def test_a_component_fed_its_recording_says_and_answers_the_same_at_the_same_times(tmp_path: Path) -> None:
+def test_a_replayed_component_publishes_and_answers_the_same_at_the_same_times(tmp_path: Path) -> None:
     line = recorded_run(tmp_path / "a.mcap")
     replayed = feed(Adder(), line, Adder.publishes)
     assert [one.log_ns for one in replayed.published] == [one.log_ns for one in line.published]
@@ -130,7 +130,7 @@ def test_a_component_fed_its_recording_says_and_answers_the_same_at_the_same_tim
     assert counts["model.add", "result"] == 2
 
 
-def test_a_component_that_changed_is_named_with_the_field_and_how_far(tmp_path: Path) -> None:
+def test_a_change_of_a_component_is_named_by_field_and_size(tmp_path: Path) -> None:
     line = recorded_run(tmp_path / "a.mcap")
     beyond = {(row.what, row.field): row for row in rows_of(line, Adder(error=1)) if not row.within}
     assert set(beyond) == {("model/belief", "actions"), ("model.add", "result")}
@@ -138,7 +138,7 @@ def test_a_component_that_changed_is_named_with_the_field_and_how_far(tmp_path: 
     assert beyond["model.add", "result"].at_ns == 750_000_000  # the first of the largest
 
 
-def test_messages_that_are_missing_or_too_many_are_counted_and_the_others_found_by_their_stamps(tmp_path: Path) -> None:
+def test_missing_and_extra_messages_are_counted_and_the_others_paired_by_stamp(tmp_path: Path) -> None:
     line = recorded_run(tmp_path / "a.mcap")
     line.published.pop(2)
     (messages,) = [row for row in rows_of(line, Adder()) if row.field == "(messages)"]
@@ -146,7 +146,7 @@ def test_messages_that_are_missing_or_too_many_are_counted_and_the_others_found_
     assert all(row.within for row in rows_of(line, Adder()) if row.field != "(messages)")
 
 
-def test_a_call_that_ends_otherwise_is_beyond_any_tolerance(tmp_path: Path) -> None:
+def test_a_call_with_another_outcome_exceeds_any_tolerance(tmp_path: Path) -> None:
     line = recorded_run(tmp_path / "a.mcap")
     for place, event in enumerate(line.events):
         if isinstance(event, RecordedCall) and event.arguments["amount"] == -1:
@@ -156,7 +156,7 @@ def test_a_call_that_ends_otherwise_is_beyond_any_tolerance(tmp_path: Path) -> N
     assert not outcome.within
 
 
-def test_what_was_not_recorded_is_left_out_of_the_comparison(tmp_path: Path) -> None:
+def test_unrecorded_messages_are_excluded_from_the_comparison(tmp_path: Path) -> None:
     line = recorded_run(tmp_path / "a.mcap")
     replayed = feed(Adder(error=1), line, Adder.publishes)
     stamps = {one.message.stamp_ns for one in line.published}
@@ -164,7 +164,7 @@ def test_what_was_not_recorded_is_left_out_of_the_comparison(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize(("same_processor", "within"), [(True, False), (False, True)])
-def test_a_difference_as_of_another_processor_is_allowed_of_another_alone(same_processor: bool, within: bool) -> None:
+def test_a_rounding_difference_is_allowed_only_for_another_processor(same_processor: bool, within: bool) -> None:
     field = "nodes_world"
     allowed = tolerance_of("observer/targets", field, live=False, same_processor=same_processor).largest
     assert (allowed >= 1e-8) is within

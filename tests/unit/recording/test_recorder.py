@@ -29,7 +29,7 @@ def tick(number: int) -> ClockTick:
     return ClockTick(stamp_ns=number, seq=number)
 
 
-def test_messages_are_recorded_with_the_time_they_came_whether_encoded_or_not(tmp_path: Path) -> None:
+def test_encoded_and_decoded_messages_are_recorded_with_their_time_of_arrival(tmp_path: Path) -> None:
     now = Now()
     with Recorder(tmp_path / "a.mcap", now, {"run": {"name": "x"}}, waits=True) as recorder:
         now.ns = 5
@@ -44,7 +44,7 @@ def test_messages_are_recorded_with_the_time_they_came_whether_encoded_or_not(tm
     assert summary.metadata["run"] == {"name": "x"}
 
 
-def test_a_message_that_cannot_be_decoded_is_left_out_by_name(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_message_that_cannot_be_decoded_is_skipped(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     with Recorder(tmp_path / "a.mcap", Now(), {}, waits=True) as recorder:
         recorder.put(topics.CLOCK, b"nonsense")
         recorder.put(topics.CLOCK, tick(1))
@@ -52,7 +52,7 @@ def test_a_message_that_cannot_be_decoded_is_left_out_by_name(tmp_path: Path, ca
     assert len(list(read_recording(tmp_path / "a.mcap"))) == 1
 
 
-def test_pictures_are_thinned_to_the_stated_rate_and_counted_and_not_called_lost(tmp_path: Path) -> None:
+def test_skipped_images_are_counted_and_not_reported_as_lost(tmp_path: Path) -> None:
     now = Now()
     pair = codec.encode(EXAMPLES[topics.STEREO_IMAGES.name])
     with Recorder(tmp_path / "a.mcap", now, {}, waits=True) as recorder:
@@ -64,7 +64,7 @@ def test_pictures_are_thinned_to_the_stated_rate_and_counted_and_not_called_lost
     assert summary.metadata["lost"] == {}
 
 
-def test_a_file_that_is_cut_anywhere_gives_what_was_flushed_before(tmp_path: Path) -> None:
+def test_a_file_cut_anywhere_has_the_messages_flushed_before(tmp_path: Path) -> None:
     path = tmp_path / "whole.mcap"
     writer = RecordingWriter(path, {"run": {"name": "x"}})
     sizes: list[int] = []
@@ -86,7 +86,7 @@ def test_a_file_that_is_cut_anywhere_gives_what_was_flushed_before(tmp_path: Pat
         assert not raw.whole
 
 
-def test_a_full_disk_is_told_once_and_the_run_goes_on(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_full_disk_is_logged_once_and_the_run_continues(caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level(logging.WARNING), Recorder(Path("/dev/full"), Now(), {}, waits=True) as recorder:
         for number in range(1, 5000):  # more than the queue holds
             recorder.put(topics.CLOCK, tick(number))
@@ -111,7 +111,7 @@ def test_a_disk_that_fills_up_later_ends_the_recording_and_not_the_run(
     ("content", "match"),
     [(None, "cannot be read"), (b"", "is empty"), (b"x,y,z\n1,2,3\n", "is not an MCAP file")],
 )
-def test_what_is_no_recording_is_refused_with_what_to_give(tmp_path: Path, content: bytes | None, match: str) -> None:
+def test_a_file_that_is_not_a_recording_is_refused(tmp_path: Path, content: bytes | None, match: str) -> None:
     path = tmp_path / "a.mcap"
     if content is not None:
         path.write_bytes(content)

@@ -65,11 +65,11 @@ def test_the_topics_of_the_table_and_the_skill_calls_are_recorded_and_nothing_el
 
 
 @pytest.mark.parametrize("name", [name for name in EXAMPLES if name != STEREO_IMAGES.name])
-def test_a_message_comes_back_the_same(name: str) -> None:
+def test_a_message_is_read_back_unchanged(name: str) -> None:
     assert_same(EXAMPLES[name], from_json(to_json(EXAMPLES[name]), RECORDED[name].type))
 
 
-def test_a_file_gives_every_message_back_in_order_with_the_time_it_came(recording: Path) -> None:
+def test_a_file_has_every_message_in_order_with_its_time_of_arrival(recording: Path) -> None:
     back = list(read_recording(recording))
     assert [one.topic for one in back] == list(EXAMPLES)
     assert [one.log_ns for one in back] == list(range(len(EXAMPLES)))
@@ -78,7 +78,7 @@ def test_a_file_gives_every_message_back_in_order_with_the_time_it_came(recordin
             assert_same(EXAMPLES[one.topic], one.message)
 
 
-def test_pictures_come_back_as_good_as_their_files_and_the_rest_of_their_message_the_same(recording: Path) -> None:
+def test_images_are_read_back_with_jpeg_quality_and_the_rest_unchanged(recording: Path) -> None:
     (pair,) = [one.message for one in read_recording(recording) if one.topic == STEREO_IMAGES.name]
     sent: Any = EXAMPLES[STEREO_IMAGES.name]
     for side in ("left", "right"):
@@ -135,7 +135,7 @@ def check_readable(schema: dict[str, Any], value: Any) -> None:
             assert isinstance(value, python[primitive])
 
 
-def test_what_is_no_number_in_json_is_one_again() -> None:
+def test_nan_and_infinity_survive_json() -> None:
     text = to_json(EXAMPLES["cell/clock"])
     assert b'"Infinity"' in text
     assert from_json(text, ClockTick).real_time_factor == float("inf")
@@ -151,13 +151,13 @@ def test_what_is_no_number_in_json_is_one_again() -> None:
         ({"dtype": "<f8"}, "cannot decode"),
     ],
 )
-def test_an_array_that_is_none_is_refused(array: dict[str, Any], match: str) -> None:
+def test_an_invalid_array_is_refused(array: dict[str, Any], match: str) -> None:
     plain = msgspec.json.decode(to_json(EXAMPLES["robot/state"])) | {"q_rad": array}
     with pytest.raises(CommunicationError, match=match):
         from_json(msgspec.json.encode(plain), RobotState)
 
 
-def test_every_kind_of_action_comes_back_as_itself_and_is_named() -> None:
+def test_every_kind_of_action_is_read_back_with_its_kind() -> None:
     picked: Any = EXAMPLES["planning/action"]
     fields = {name: getattr(picked, name) for name in picked.__struct_fields__}
     for kind in (PickPlace, Drag, LayDown, Push):
@@ -169,7 +169,7 @@ def test_every_kind_of_action_comes_back_as_itself_and_is_named() -> None:
     assert kind_name(RECORDED["planning/action"].type) == "PickPlace|Drag|LayDown|Push|PairPlace"
 
 
-def test_a_type_that_json_has_no_schema_for_is_not_forgotten() -> None:
+def test_a_type_without_a_json_schema_is_refused() -> None:
     class Either(Message, frozen=True, kw_only=True, eq=False):
         value: int | str
 
@@ -177,7 +177,7 @@ def test_a_type_that_json_has_no_schema_for_is_not_forgotten() -> None:
         json_schema(Either)
 
 
-def test_numbers_of_messages_that_are_missing_are_counted(tmp_path: Path) -> None:
+def test_missing_sequence_numbers_are_counted(tmp_path: Path) -> None:
     writer = RecordingWriter(tmp_path / "gaps.mcap", {})
     for seq in (4, 5, 8, 1, 2):  # the publisher was started again after 8
         writer.add(RECORDED["cell/clock"], seq, ClockTick(stamp_ns=seq, seq=seq))
@@ -185,7 +185,7 @@ def test_numbers_of_messages_that_are_missing_are_counted(tmp_path: Path) -> Non
     assert writer.lost == {"cell/clock": 2}
 
 
-def test_calls_are_numbered_by_their_callers_and_none_is_missing_when_two_call_in_turn(tmp_path: Path) -> None:
+def test_calls_are_numbered_by_caller_and_alternating_callers_lose_none(tmp_path: Path) -> None:
     writer = RecordingWriter(tmp_path / "calls.mcap", {})
     for seq, caller in ((7, "one"), (1, "other"), (8, "one"), (4, "other")):
         writer.add(CALLS_BEGUN, seq, CallBegun(stamp_ns=0, seq=seq, skill="robot.stop", call=seq, caller=caller))

@@ -58,7 +58,7 @@ def settled(model: Any, data: Any, chain: Chain, duration_s: float) -> Float64Ar
     return chain.nodes_world
 
 
-def test_a_chain_lies_where_it_was_put():
+def test_a_chain_is_where_it_was_placed():
     model, data, chain = build(SOFT_ROPE)
     wanted = builtin_shape("S", 0.5, NODES)
     chain.place(wanted)
@@ -102,7 +102,7 @@ def test_a_bend_below_yield_springs_back():
     assert np.abs(curvatures(settled(model, data, chain, 3.0))).max() < 0.01
 
 
-def test_a_bend_beyond_yield_keeps_what_is_beyond():
+def test_a_bend_above_yield_stays_partly():
     model, data, chain = build(WIRE)
     chain.place(arc(12.0))
     kept = curvatures(settled(model, data, chain, 3.0))
@@ -117,7 +117,7 @@ def test_a_chain_without_yield_always_springs_back():
     assert np.abs(curvatures(settled(model, data, chain, 3.0))).max() < 0.01
 
 
-def test_laying_a_chain_down_again_forgets_the_set_it_took():
+def test_placing_a_chain_again_removes_its_permanent_bends():
     model, data, chain = build(WIRE)
     chain.place(arc(12.0))
     settled(model, data, chain, 1.0)
@@ -162,7 +162,7 @@ def test_the_energy_of_a_chain_that_nothing_drives_never_grows(preset: DloPreset
     assert np.diff(energies).max() < 0.01 * lost
 
 
-def test_a_pushed_chain_stops_by_friction_and_then_lies_still():
+def test_a_pushed_chain_stops_by_friction_and_then_rests():
     model, data, chain = build(SOFT_ROPE, table=True)
     chain.place(builtin_shape("I", 0.5, NODES))
     data.qvel[0] = 0.05
@@ -178,7 +178,7 @@ def test_an_s_that_friction_holds_does_not_creep():
     assert np.abs(settled(model, data, chain, 0.5) - after_1_s).max() < 1e-4  # measured below 1 um
 
 
-def test_each_node_has_the_friction_of_the_place_where_it_lies():
+def test_each_node_has_the_friction_at_its_position():
     model, data, chain = build(WIRE, table=True)
     model.geom_friction[model.geom("table_top").id, 0] = 0.0
     chain.set_friction(np.linspace(0.1, 0.5, NODES))
@@ -199,7 +199,7 @@ def test_a_wrong_number_of_nodes_is_refused():
         chain.place(np.zeros((40, 3)))
 
 
-def test_a_chain_that_is_not_there_is_asked_for():
+def test_a_missing_chain_is_named():
     model = mujoco.MjSpec().compile()
     with pytest.raises(ConfigError, match="add_chain"):
         Chain(model, mujoco.MjData(model), 0.0)
@@ -208,6 +208,6 @@ def test_a_chain_that_is_not_there_is_asked_for():
 @pytest.mark.parametrize(
     ("values", "says"), [({"yield_curvature_1_m": 0.0}, "yield_curvature_1_m"), ({"curl_1_m": 13.0}, "full circle")]
 )
-def test_a_preset_that_cannot_be_is_refused(values: dict[str, float], says: str):
+def test_an_invalid_preset_is_refused(values: dict[str, float], says: str):
     with pytest.raises(ConfigError, match=says):
         dataclasses.replace(SOFT_ROPE, **values)  # pyright: ignore[reportArgumentType]  # floats all

@@ -43,7 +43,7 @@ def moves_m(nodes_world: Float64Array, model: BelievedDlo) -> float:
 
 
 @pytest.mark.parametrize("stiffness_n_m2", [5e-5, 2e-4, 1e-3])
-def test_it_holds_with_a_quarter_of_friction_to_spare_where_the_goal_does_not(stiffness_n_m2: float) -> None:
+def test_it_holds_with_a_quarter_of_friction_in_reserve_though_the_goal_does_not(stiffness_n_m2: float) -> None:
     model = replace(MODEL, bending_stiffness_n_m2=stiffness_n_m2)
     held = nearest_held(S_SHAPE, elastic_m3(model) / 0.75)
     assert held.lacking < 0.05
@@ -57,7 +57,7 @@ def test_a_goal_that_friction_holds_is_its_own_nearest() -> None:
     assert nearest_held(gentle, 0.03**3).rmse_m < 1e-4
 
 
-def test_the_stiffer_the_rod_the_farther_the_nearest_and_never_farther_than_where_it_settles() -> None:
+def test_a_stiffer_rod_has_a_farther_nearest_shape_but_never_farther_than_its_rest_shape() -> None:
     distances = [nearest_held(S_SHAPE, length_m**3).rmse_m for length_m in (0.05, 0.07, 0.09, 0.12, 0.2)]
     assert distances == sorted(distances)
     for stiffness_n_m2, length_m in ((1e-4, 0.079), (2e-4, 0.099), (1e-3, 0.17)):
@@ -67,7 +67,7 @@ def test_the_stiffer_the_rod_the_farther_the_nearest_and_never_farther_than_wher
         assert nearest_held(S_SHAPE, elastic_m3(model)).rmse_m < settled_m
 
 
-def test_a_bend_is_widened_to_the_radius_that_is_asked_for() -> None:
+def test_a_bend_is_widened_to_the_requested_radius() -> None:
     radius_m = 0.15
     held = nearest_held(S_SHAPE, 0.0, min_radius_m=radius_m)
     along = np.diff(held.nodes_world[:, :2], axis=0)
@@ -76,7 +76,7 @@ def test_a_bend_is_widened_to_the_radius_that_is_asked_for() -> None:
     assert held.rmse_m > 0.02
 
 
-def test_what_keeps_its_bends_holds_nearer_to_the_goal() -> None:
+def test_a_dlo_that_keeps_bends_holds_nearer_to_the_goal() -> None:
     springy, kept = (nearest_held(S_SHAPE, 0.2**3, yield_curvature_1_m=most).rmse_m for most in (np.inf, 1.0))
     assert springy > 0.05
     assert kept < 0.005

@@ -56,6 +56,6 @@ def test_a_model_that_was_built_compiles_nothing_while_an_arm_carries() -> None:
     assert compiled() == before
 
 
-def test_loading_can_be_sent_to_the_worker_that_computes() -> None:
+def test_loading_can_run_in_the_worker_process() -> None:
     assert isinstance(SHORT, Loaded)
     assert pickle.loads(pickle.dumps(SHORT.load))() > 0.0

@@ -75,7 +75,7 @@ def wire() -> tuple[Lesson, ...]:
 
 
 @pytest.mark.parametrize("stiffness", [1.0, 24.0])
-def test_the_elastic_figure_of_a_rod_that_acted_is_found_within_what_is_said(stiffness: float) -> None:
+def test_the_elastic_ratio_is_learned_within_its_stated_uncertainty(stiffness: float) -> None:
     rod = QuickRod(friction_share=1.2, stiffness_share=stiffness)
     belief = lessons(MODEL, history(rod))[-1].belief
     true = MODEL.bending_stiffness_n_m2 * stiffness / (MODEL.friction * 1.2 * 9.81 * MODEL.mass_kg_m)
@@ -86,7 +86,7 @@ def test_the_elastic_figure_of_a_rod_that_acted_is_found_within_what_is_said(sti
     assert belief.actions == len(ACTIONS)
 
 
-def test_a_rod_that_takes_a_set_is_told_from_one_that_does_not() -> None:
+def test_a_rod_that_keeps_bends_is_distinguished_from_one_that_does_not() -> None:
     found = wire()
     assert found[-1].belief.yield_curvature_1_m == 1.0
     assert found[-1].belief.takes_set > 0.9
@@ -94,7 +94,7 @@ def test_a_rod_that_takes_a_set_is_told_from_one_that_does_not() -> None:
     assert found[1].learnt_m < 0.5 * found[1].configured_m
 
 
-def test_an_action_that_moved_nothing_says_nothing() -> None:
+def test_an_action_without_motion_gives_no_information() -> None:
     still = Experience(
         before_world=I_SHAPE,
         after_world=I_SHAPE + np.array([0.003, 0.0, 0.0]),
@@ -111,7 +111,7 @@ def _flat() -> Evidence:
     return Evidence(log_likelihood=grid, rmse_m=grid)
 
 
-def test_without_evidence_what_was_configured_is_believed() -> None:
+def test_without_evidence_the_configured_belief_stays() -> None:
     of = posterior(MODEL, [_flat()])
     belief = believed(MODEL, of, 1, stamp_ns=0)
     assert of.probability.sum() == pytest.approx(1.0)
@@ -125,7 +125,7 @@ def test_without_evidence_what_was_configured_is_believed() -> None:
     assert believed(told, posterior(told, [_flat()]), 1, stamp_ns=0).yield_curvature_1_m == 1.0
 
 
-def test_the_model_of_a_belief_has_all_that_is_believed() -> None:
+def test_the_model_of_a_belief_has_all_its_parameters() -> None:
     learnt = wire()[-1].belief
     belief = msgspec.structs.replace(
         learnt,
@@ -145,7 +145,7 @@ def test_the_model_of_a_belief_has_all_that_is_believed() -> None:
     assert again.elastic_m3.value == pytest.approx(belief.elastic_m3.value)
 
 
-def test_a_learnt_chance_of_taking_a_set_is_the_model_s() -> None:
+def test_the_model_has_the_learned_probability_of_permanent_bends() -> None:
     belief = msgspec.structs.replace(as_configured(MODEL, 0), takes_set=0.07)
     assert as_believed(MODEL, belief).belief.takes_set == 0.07
 
@@ -169,7 +169,7 @@ def grip(node: int | None, name: str = "panda") -> GraspState:
     return GraspState(stamp_ns=0, robot=name, node=node)
 
 
-def test_a_grip_lasts_until_the_fingers_open() -> None:
+def test_a_grasp_lasts_until_the_fingers_open() -> None:
     grips = Grips()
     grips.gripped(grip(5))
     for state in (arm(1, 0.4), arm(2, 0.5), arm(3, 0.6, width_m=0.012, holding=False), arm(4, 0.7, 0.04, False)):
@@ -184,7 +184,7 @@ def test_a_grip_lasts_until_the_fingers_open() -> None:
     assert grips.take() is None, "a grip is taken once"
 
 
-def test_a_grip_that_lost_the_dlo_or_shared_it_says_nothing() -> None:
+def test_a_grasp_that_lost_the_dlo_or_shared_it_gives_no_information() -> None:
     lost = Grips()
     lost.gripped(grip(5))
     for state in (arm(1, 0.4), arm(2, 0.5), arm(3, 0.6, width_m=0.0, holding=False)):

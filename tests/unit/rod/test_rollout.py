@@ -36,7 +36,7 @@ def test_a_pulled_rod_follows_its_end_and_keeps_its_length() -> None:
     assert geometry.arc_lengths(after)[-1] == pytest.approx(MODEL.length_m, abs=0.002)
 
 
-def test_the_held_node_is_where_the_tool_let_go_and_far_nodes_have_not_moved() -> None:
+def test_the_held_node_is_where_the_tool_released_it_and_far_nodes_have_not_moved() -> None:
     after = played(carried(30, (0.0, 0.0, 0.04), (0.03, -0.005, 0.04), (0.03, -0.005, 0.0)))
     assert np.linalg.norm(after[30] - I_SHAPE[30] - [0.03, -0.005, 0.0]) < 0.004
     assert np.abs((after - I_SHAPE)[:10, 0]).max() < 0.001  # lifting draws them along the rod
@@ -72,7 +72,7 @@ def test_the_result_is_the_same_for_any_number_of_threads() -> None:
     assert one.nodes_world.shape == (2, 4, MODEL.nodes, 3)
 
 
-def test_how_near_strands_came_is_told() -> None:
+def test_the_smallest_distance_between_strands_is_returned() -> None:
     folded = played_nearest(carried(30, (0.0, 0.0, 0.04), (0.0, -0.45, 0.04), (0.0, -0.45, 0.0)))
     straight = played_nearest(carried(30, (0.0, 0.0, 0.04), (0.05, 0.0, 0.04), (0.05, 0.0, 0.0)))
     assert folded < 0.03 < straight
@@ -93,13 +93,13 @@ def test_the_tool_starts_and_ends_at_rest_rounds_corners_and_keeps_its_speed() -
     assert 0.01 < corner < 0.05  # a Bézier curve from 5 cm before to 5 cm after passes at 1.8 cm
 
 
-def test_a_path_that_turns_back_is_stopped_at() -> None:
+def test_the_tool_stops_where_the_path_reverses() -> None:
     waypoints = np.array([[0.5, 0.0, 0.01, 0.0], [0.5, 0.0, 0.11, 0.0], [0.5, 0.0, 0.01, 0.0]])
     track = tool_track(waypoints, 0.25, 1.0, 10.0, STEP_S)
     assert track[:, 2].max() == pytest.approx(0.11, abs=1e-6)
 
 
-def test_a_rod_that_takes_a_set_keeps_what_it_was_bent_beyond_yield() -> None:
+def test_a_rod_bent_above_yield_keeps_its_bends() -> None:
     curve = builtin_shape("S", MODEL.length_m, MODEL.nodes)
     away = Motion(node=0, waypoints=np.array([[*curve[0, :2], 0.011, 0.0]] * 2), velocity=PACE)
     stiff = 100.0  # elastic, it would spring far back

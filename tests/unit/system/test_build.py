@@ -35,7 +35,7 @@ def wiring() -> Wiring:
     return Wiring(transport=MemoryTransport(), clock=LoopClock(), folder=Path(), start_nodes_world=np.zeros((2, 3)))
 
 
-def test_a_component_without_a_builder_is_built_with_the_settings_that_its_row_names(
+def test_a_component_without_a_builder_gets_the_settings_of_its_row(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setitem(

@@ -44,12 +44,12 @@ def twice(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     return [recorded(root / name, CONFIG) for name in ("one", "two")]
 
 
-def test_two_recordings_of_one_seed_have_the_same_messages_at_the_same_times(twice: list[Path]) -> None:
+def test_two_recordings_of_one_seed_have_equal_messages_at_equal_times(twice: list[Path]) -> None:
     one, two = ([(r.topic, r.log_ns, to_json(r.message)) for r in read_recording(path)] for path in twice)
     assert one == two
 
 
-def test_a_recording_has_what_went_over_the_bus_and_of_the_cell_its_clock_and_arm_alone(twice: list[Path]) -> None:
+def test_a_recording_has_all_messages_on_the_bus_and_only_clock_and_arm_of_the_cell(twice: list[Path]) -> None:
     channels = {channel for channel, _ in RawRecording(path=twice[0])}
     assert channels >= {CLOCK.name, ARM_STATE.name, ROBOT_STATE.name, STEREO_IMAGES.name, OBSERVATION.name}
     assert channels >= {SKILL_CALLS.name, "view/left", "view/cloud", "view/tool"}
@@ -57,7 +57,7 @@ def test_a_recording_has_what_went_over_the_bus_and_of_the_cell_its_clock_and_ar
     assert {channel for channel in channels if channel.startswith("cell")} == {CLOCK.name, ARM_STATE.name}
 
 
-def test_what_drivers_ask_of_the_cell_is_not_recorded(twice: list[Path]) -> None:
+def test_drivers_calls_of_the_cell_are_not_recorded(twice: list[Path]) -> None:
     calls = [one.message for one in read_recording(twice[0], {topic.name for topic in CALLS})]
     skills = {call.skill for call in calls if isinstance(call, CallBegun | CallRecord)}
     assert skills == {"robot.home", "perception.look"}
@@ -71,7 +71,7 @@ def test_a_recording_holds_the_configuration_and_the_versions_of_its_run(twice: 
     assert set(raw.metadata["versions"]) >= {"dlokit", "python", "mujoco", "numpy"}
 
 
-def test_no_record_records_nothing(tmp_path: Path) -> None:
+def test_the_option_no_record_records_nothing(tmp_path: Path) -> None:
     async def nothing() -> None:
         config = RunConfig(headless=True, record=False)
         with lockstep_recorder(config, "I to S", tmp_path, LoopClock()) as recorder:

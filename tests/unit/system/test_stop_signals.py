@@ -44,7 +44,7 @@ def test_a_signal_that_ends_the_process_at_once_keeps_doing_so() -> None:
         signal.signal(signal.SIGTERM, before)
 
 
-def test_a_thread_that_gets_no_signals_notes_none() -> None:
+def test_another_thread_than_the_main_one_handles_no_signals() -> None:
     said: list[str] = []
 
     def run() -> None:

@@ -55,7 +55,7 @@ def test_a_strategy_is_kept_by_its_name_whichever_class_it_is_of() -> None:
     assert from_toml(to_toml(Chosen(Far())), Chosen, "test") == Chosen(Far())
 
 
-def test_a_strategy_that_is_not_installed_is_named_beside_those_that_are() -> None:
+def test_a_strategy_that_is_not_installed_is_refused_with_the_installed_ones() -> None:
     with pytest.raises(ConfigError, match="'lost'; allowed: near, far; is a package missing"):
         from_toml('[strategy]\nkind = "lost"\n', Chosen, "test")
 
@@ -74,12 +74,12 @@ def test_a_configuration_survives_the_round_trip_whichever_strategy_it_holds() -
         assert from_toml(to_toml(tree), Tree, "test") == tree
 
 
-def test_an_unknown_key_is_named_beside_the_allowed_ones() -> None:
+def test_an_unknown_key_is_refused_with_the_allowed_ones() -> None:
     with pytest.raises(ConfigError, match=r"sid_m.*allowed: side_m"):
         from_toml("[nested]\nsid_m = 1.0\n", Tree, "test")
 
 
-def test_an_unknown_strategy_is_named_beside_the_allowed_ones() -> None:
+def test_an_unknown_strategy_is_refused_with_the_allowed_ones() -> None:
     with pytest.raises(ConfigError, match="'Oval'; allowed: Round, Square"):
         from_toml('[shape]\nkind = "Oval"\n', Tree, "test")
 
@@ -89,12 +89,12 @@ def test_a_value_of_the_wrong_type_is_named_by_its_path() -> None:
         from_toml('[nested]\nside_m = "wide"\n', Tree, "test")
 
 
-def test_text_that_is_no_toml_is_one_clear_error() -> None:
+def test_invalid_toml_is_one_clear_error() -> None:
     with pytest.raises(ConfigError, match="test is not TOML"):
         from_toml("= 3", Tree, "test")
 
 
-def test_of_a_file_of_another_version_the_known_part_is_told_from_the_rest() -> None:
+def test_the_known_part_of_another_versions_file_is_separated() -> None:
     plain = to_plain(RunConfig(seed=3))
     assert known_part(plain, RunConfig) == (plain, [])
     older = {**plain, "gone": 1, "model": {**plain["model"], "gone": 2}}
@@ -104,7 +104,7 @@ def test_of_a_file_of_another_version_the_known_part_is_told_from_the_rest() -> 
     assert set(unknown) == {"model.gone", "observer.strategy.gone", "gone"}
 
 
-def test_a_file_of_another_version_is_refused_with_all_that_is_gone() -> None:
+def test_a_file_of_another_version_is_refused_with_all_removed_settings() -> None:
     text = "[shape]\nkind = 'Round'\nsides = 4\n[nested]\ncolour = 'red'\n[lid]\nopen = true\n"
     with pytest.raises(ConfigError, match=r"shape\.sides, nested\.colour, lid"):
         from_toml(text, Tree, "test")

@@ -18,7 +18,7 @@ from dlokit.types.dlo import DloState, TargetPoints
 from dlokit.types.observation import Observation
 
 
-def test_a_sound_observer_passes_every_check_and_its_time_is_reported() -> None:
+def test_a_valid_observer_passes_every_check_and_its_time_is_reported() -> None:
     report = check_observer(BrokenConfig, frames=3)
     assert set(report.passed) >= set(BROKEN)
     assert report.follows_branches
@@ -27,12 +27,12 @@ def test_a_sound_observer_passes_every_check_and_its_time_is_reported() -> None:
     assert "23 checks passed" in str(report)
 
 
-def test_each_requirement_has_an_observer_that_breaks_it() -> None:
+def test_each_requirement_has_an_observer_that_violates_it() -> None:
     assert list(BROKEN) == [check.name for check in OBSERVER_CHECKS]
 
 
 @pytest.mark.parametrize("name", BROKEN)
-def test_a_requirement_that_is_broken_is_found(name: str) -> None:
+def test_a_violated_requirement_is_found(name: str) -> None:
     (check,) = (check for check in OBSERVER_CHECKS if check.name == name)
     assert findings([check], partial(BrokenConfig(breaks=name).build, BelievedDlo()))
     assert not findings([check], partial(BrokenConfig().build, BelievedDlo()))
@@ -48,13 +48,13 @@ class Remembering(Broken):
         return before or self._before
 
 
-def test_one_that_remembers_is_not_pure() -> None:
+def test_an_observer_with_memory_is_not_pure() -> None:
     (check,) = (check for check in OBSERVER_CHECKS if check.name == "pure")
     found = findings([check], Remembering)
     assert "something is remembered" in found[0].wrong
 
 
-def test_all_that_is_wrong_is_said_in_one_error() -> None:
+def test_all_violations_are_in_one_error() -> None:
     with pytest.raises(CheckFailed) as caught:
         check_observer(BrokenConfig(breaks="follows"))
     text = str(caught.value)
@@ -66,7 +66,7 @@ def test_all_that_is_wrong_is_said_in_one_error() -> None:
     assert "wanted: nodes within 15 mm" in text
 
 
-def test_an_exception_is_a_finding_with_its_place() -> None:
+def test_an_exception_is_a_finding_with_its_location() -> None:
     with pytest.raises(CheckFailed, match=r"raised ValueError: too few points \(.*broken_observers\.py:\d+\)"):
         check_observer(BrokenConfig(breaks="few points"))
 
@@ -84,7 +84,7 @@ def refusing() -> ObserverStrategy:
     return Refusing(not_at_all)
 
 
-def test_one_for_plain_rods_may_refuse_a_branched_dlo_by_name() -> None:
+def test_an_observer_for_rods_may_refuse_a_branched_dlo_by_name() -> None:
     assert findings(OBSERVER_CHECKS, refusing) == []
 
 
@@ -102,7 +102,7 @@ def test_one_for_plain_rods_may_refuse_a_branched_dlo_by_name() -> None:
         (Kinded, "travels", "a setting is called 'kind'"),
     ],
 )
-def test_settings_that_break_a_requirement_are_found(config: type[Any], check: str, says: str) -> None:
+def test_settings_that_violate_a_requirement_are_found(config: type[Any], check: str, says: str) -> None:
     with pytest.raises(CheckFailed) as caught:
         check_observer(config)
     assert f"- {check}: " in str(caught.value)
@@ -110,15 +110,13 @@ def test_settings_that_break_a_requirement_are_found(config: type[Any], check: s
 
 
 @pytest.mark.parametrize(("config", "says"), [(Kinded, "AttributeError"), (Empty, "a object without estimate")])
-def test_settings_that_build_no_observer_are_one_finding_and_nothing_more_is_tried(
-    config: type[Any], says: str
-) -> None:
+def test_settings_that_build_no_observer_are_a_single_finding(config: type[Any], says: str) -> None:
     with pytest.raises(CheckFailed) as caught:
         check_observer(config)
     assert f"builds: {says}" in str(caught.value).replace("raised ", "").replace("build() gives ", "")
     assert "order" not in str(caught.value)
 
 
-def test_each_requirement_of_settings_is_broken_above() -> None:
+def test_each_requirement_of_settings_is_violated_above() -> None:
     names = {check.name for check in settings_checks("observer", {})}
     assert names == {"frozen dataclass", "name", "free name", "defaults", "documented", "travels"}

@@ -78,7 +78,7 @@ class _Unchecked(msgspec.Struct):
 
 
 @pytest.mark.parametrize("wxyz", [[math.nan] * 4, [0.0] * 4])
-def test_a_message_with_a_value_that_cannot_be_is_not_decoded(wxyz: list[float]) -> None:
+def test_a_message_with_an_invalid_value_is_not_decoded(wxyz: list[float]) -> None:
     with pytest.raises(CommunicationError, match="quaternion"):
         codec.decode(encoded([0.5, 0.0, 0.1], wxyz), Pose)
     with pytest.raises(CommunicationError, match="position_m"):
@@ -86,7 +86,7 @@ def test_a_message_with_a_value_that_cannot_be_is_not_decoded(wxyz: list[float])
 
 
 @pytest.mark.parametrize("spoilt", ["quaternion", "speed"])
-def test_a_call_with_a_value_that_cannot_be_is_rejected_as_bad_arguments(spoilt: str) -> None:
+def test_a_call_with_an_invalid_value_is_rejected_as_bad_arguments(spoilt: str) -> None:
     async def scenario(bench: Bench) -> None:
         target, velocity = downward([0.5, 0.1, 0.1], 0.3), VelocityProfile()
         if spoilt == "quaternion":

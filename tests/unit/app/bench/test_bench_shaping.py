@@ -34,7 +34,7 @@ def _args(*arguments: str) -> ShapingArgs:
         (("--cluster", "localhost"), "no address"),
     ],
 )
-def test_what_makes_no_sense_is_one_clear_error_and_leaves_no_folder(
+def test_invalid_arguments_are_one_clear_error_and_leave_no_folder(
     tmp_path: Path, arguments: tuple[str, ...], message: str
 ) -> None:
     folder = tmp_path / "sweep"
@@ -45,14 +45,14 @@ def test_what_makes_no_sense_is_one_clear_error_and_leaves_no_folder(
     assert not folder.exists()
 
 
-def test_a_json_file_in_no_folder_is_told_before_hours_of_work(tmp_path: Path) -> None:
+def test_a_json_file_in_a_missing_folder_is_refused_before_the_run(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="there is no folder"):
         run_shaping(_args("--json", str(tmp_path / "missing" / "figures.json"), "--out", str(tmp_path / "sweep")))
 
     assert not (tmp_path / "sweep").exists()
 
 
-def test_settings_of_a_file_hold_where_the_command_line_says_nothing_else() -> None:
+def test_settings_of_a_file_apply_unless_the_command_line_overrides_them() -> None:
     args = _args("--config", str(WIRE), "--seeds", "2", "--model.yield-curvature-1-m", "2.0")
 
     assert args.seeds == 2

@@ -28,14 +28,14 @@ def followed_on(console: Console, runs: Iterator[int]) -> list[int]:
     )
 
 
-def test_every_run_has_its_line_and_the_end_its_table() -> None:
+def test_every_run_has_a_line_and_the_sweep_a_table() -> None:
     console = Console(file=io.StringIO())
     assert followed_on(console, iter([1, 2, 3])) == [1, 2, 3]
     assert isinstance(console.file, io.StringIO)
     assert console.file.getvalue().splitlines() == ["1/3 number 1", "2/3 number 2", "3/3 number 3", "all: [1, 2, 3]"]
 
 
-def test_an_interrupted_sweep_prints_what_is_finished_and_how_to_go_on() -> None:
+def test_an_interrupted_sweep_prints_finished_runs_and_the_command_to_continue() -> None:
     console = Console(file=io.StringIO())
     with pytest.raises(KeyboardInterrupt):
         followed_on(console, two_then_interrupted())
@@ -46,7 +46,7 @@ def test_an_interrupted_sweep_prints_what_is_finished_and_how_to_go_on() -> None
     ]
 
 
-def test_of_a_sweep_that_was_interrupted_at_once_there_is_no_table() -> None:
+def test_a_sweep_interrupted_at_once_has_no_table() -> None:
     def at_once() -> Iterator[int]:
         raise KeyboardInterrupt
         yield

@@ -64,13 +64,13 @@ FILES = {
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_points_come_back_as_written(name: str, tmp_path: Path) -> None:
+def test_points_are_read_as_written(name: str, tmp_path: Path) -> None:
     path = tmp_path / name
     path.write_bytes(FILES[name])
     np.testing.assert_allclose(read_cloud(path), POINTS, atol=EXACT)
 
 
-def test_an_array_comes_back_as_saved(tmp_path: Path) -> None:
+def test_an_array_is_read_as_saved(tmp_path: Path) -> None:
     np.save(tmp_path / "cloud.npy", POINTS)
     np.testing.assert_array_equal(read_cloud(tmp_path / "cloud.npy"), POINTS)
     np.testing.assert_array_equal(read_nodes(tmp_path / "cloud.npy"), POINTS)
@@ -122,7 +122,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_a_bad_file_is_told_by_name_and_reason(name: str, tmp_path: Path) -> None:
+def test_a_bad_file_is_named_with_the_reason(name: str, tmp_path: Path) -> None:
     content, reason = BAD[name]
     (tmp_path / name).write_bytes(content)
     with pytest.raises(InputError, match=reason) as told:
@@ -136,13 +136,13 @@ def test_pickled_objects_are_never_loaded(tmp_path: Path) -> None:
         read_cloud(tmp_path / "objects.npy")
 
 
-def test_a_missing_file_and_a_folder_are_told(tmp_path: Path) -> None:
+def test_a_missing_file_and_a_folder_are_named(tmp_path: Path) -> None:
     for path in (tmp_path / "none.pcd", tmp_path / "folder.pcd"):
         (tmp_path / "folder.pcd").mkdir(exist_ok=True)
         with pytest.raises(InputError, match="no such file"):
             read_cloud(path)
 
 
-def test_initial_nodes_are_no_cloud_file(tmp_path: Path) -> None:
+def test_a_file_of_initial_nodes_is_not_a_cloud(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"\.npy or \.csv"):
         read_nodes(tmp_path / "nodes.pcd")

@@ -28,7 +28,7 @@ def export(out: Path, *flags: str) -> Path:
     return out
 
 
-def test_npz_has_a_file_a_topic_with_a_row_a_message_and_every_number_as_it_was(tmp_path: Path) -> None:
+def test_npz_has_one_file_per_topic_one_row_per_message_and_exact_values(tmp_path: Path) -> None:
     folder = export(tmp_path / "out", "--to", "npz")
     states = recorded("model/state")
     with np.load(folder / "model_state.npz") as arrays:
@@ -43,7 +43,7 @@ def test_npz_has_a_file_a_topic_with_a_row_a_message_and_every_number_as_it_was(
         assert arrays["grasp.node"].tolist() == [one.grasp.node for one in recorded("planning/action")]
 
 
-def test_clouds_of_different_sizes_lie_one_behind_the_other_and_each_is_found(tmp_path: Path) -> None:
+def test_clouds_of_different_sizes_are_concatenated_with_their_offsets(tmp_path: Path) -> None:
     folder = export(tmp_path / "out", "--to", "npz")
     clouds = recorded("perception/cloud")
     with np.load(folder / "perception_cloud.npz") as arrays:
@@ -52,7 +52,7 @@ def test_clouds_of_different_sizes_lie_one_behind_the_other_and_each_is_found(tm
         np.testing.assert_array_equal(points[first[number] : first[number + 1]], cloud.points_world)
 
 
-def test_what_a_message_lacks_is_no_number(tmp_path: Path) -> None:
+def test_a_missing_field_is_nan(tmp_path: Path) -> None:
     folder = export(tmp_path / "out", "--to", "npz")
     with np.load(folder / "decision_gripped.npz") as arrays:
         held = [one.node for one in recorded("decision/gripped")]
@@ -60,7 +60,7 @@ def test_what_a_message_lacks_is_no_number(tmp_path: Path) -> None:
         np.testing.assert_array_equal(arrays["node"], [np.nan if node is None else node for node in held])
 
 
-def test_csv_has_a_heading_a_number_and_tells_what_does_not_fit(
+def test_csv_has_one_heading_per_number_and_reports_omitted_fields(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = export(tmp_path / "out", "--to", "csv")
@@ -83,7 +83,7 @@ def test_pictures_are_the_files_that_were_recorded(tmp_path: Path) -> None:
     assert all(file.read_bytes().startswith(b"\xff\xd8") for file in files)
 
 
-def test_frames_hold_what_was_known_and_the_action_is_where_the_tool_is_next() -> None:
+def test_frames_have_the_state_and_the_next_tool_pose_as_action() -> None:
     frames = read_frames(RUN, 20, images=True)
     state, action = frames.features["observation.state"], frames.features["action"]
     assert frames.robots == ("panda",)
@@ -100,7 +100,7 @@ def test_frames_hold_what_was_known_and_the_action_is_where_the_tool_is_next() -
     assert len(frames.images["observation.images.left"]) == len(state.values)
 
 
-def test_a_lerobot_dataset_has_an_episode_a_run_and_says_of_each_feature_what_the_files_hold(tmp_path: Path) -> None:
+def test_a_lerobot_dataset_has_one_episode_per_run_and_describes_each_feature(tmp_path: Path) -> None:
     parquet = importlib.import_module("pyarrow.parquet")
     out = tmp_path / "out"
     assert execute(["export", str(RUN), str(RUN), "--to", "lerobot", "--fps", "5", "--out", str(out)]) == 0
@@ -130,7 +130,9 @@ def test_a_lerobot_dataset_has_an_episode_a_run_and_says_of_each_feature_what_th
     assert json.loads((out / "meta/tasks.jsonl").read_text())["task"] == "shape the DLO: random to I"
 
 
-def test_without_pyarrow_it_is_said_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_pyarrow_the_error_names_the_package_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def none(name: str) -> Any:
         raise ImportError(name)
 
@@ -147,12 +149,12 @@ def test_without_pyarrow_it_is_said_what_to_install(tmp_path: Path, monkeypatch:
         ([str(RUN.with_name("none.mcap")), "--to", "npz"], "cannot be read"),
     ],
 )
-def test_what_cannot_be_exported_is_refused_with_what_to_do(tmp_path: Path, flags: list[str], match: str) -> None:
+def test_an_impossible_export_is_refused_with_a_remedy(tmp_path: Path, flags: list[str], match: str) -> None:
     with pytest.raises(InputError, match=match):
         execute(["export", *flags, "--out", str(tmp_path / "out")])
 
 
-def test_a_folder_that_holds_something_is_not_written_into(tmp_path: Path) -> None:
+def test_a_folder_that_is_not_empty_is_not_overwritten(tmp_path: Path) -> None:
     (tmp_path / "mine").write_text("")
     with pytest.raises(InputError, match="is not empty"):
         execute(["export", str(RUN), "--to", "npz", "--out", str(tmp_path)])

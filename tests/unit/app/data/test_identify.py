@@ -70,7 +70,7 @@ def run_folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_identify_prints_figures_and_writes_a_configuration_that_holds_them(
+def test_identify_prints_parameters_and_writes_them_to_a_configuration(
     run_folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert execute(["identify", str(run_folder)]) == 0
@@ -84,7 +84,7 @@ def test_identify_prints_figures_and_writes_a_configuration_that_holds_them(
     assert (run_folder / "identified.png").stat().st_size > 5000
 
 
-def test_a_run_without_actions_is_an_error_that_says_so(tmp_path: Path) -> None:
+def test_a_run_without_actions_is_refused_by_name(tmp_path: Path) -> None:
     RecordingWriter(tmp_path / FILE_NAME, {}).close()
     (tmp_path / "config.toml").write_text(to_toml(RUN))
     with pytest.raises(InputError, match="no action"):

@@ -44,7 +44,9 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_info_tells_duration_run_versions_topics_and_outcomes(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_info_prints_duration_run_versions_topics_and_outcomes(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert execute(["info", str(folder)]) == 0
     printed = " ".join(capsys.readouterr().out.split())
     for expected in (
@@ -69,7 +71,7 @@ def test_info_prints_the_whole_configuration_for_another_run(folder: Path, capsy
     assert capsys.readouterr().out == "seed = 3"
 
 
-def test_info_says_that_a_file_was_cut_off(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_info_reports_that_a_file_was_cut_off(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = folder / "cut.mcap"
     path.write_bytes((folder / FILE_NAME).read_bytes()[:-10])
     assert execute(["info", str(path)]) == 0
@@ -81,7 +83,7 @@ def test_a_folder_without_a_recording_is_refused(tmp_path: Path) -> None:
         execute(["info", str(tmp_path)])
 
 
-def test_a_run_is_recorded_unless_told_not_to_and_a_bench_only_when_told_to() -> None:
+def test_runs_are_recorded_by_default_and_benches_on_request() -> None:
     runs = [parse(arguments) for arguments in (["shape"], ["shape", "--no-record"])]
     assert [run.run.record for run in runs if isinstance(run, ShapeArgs)] == [True, False]
     benches = [parse(["bench", "shaping", *flags]) for flags in ([], ["--record"])]

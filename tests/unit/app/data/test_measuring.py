@@ -21,7 +21,7 @@ def recorded(topic: str, message: Message) -> Recorded:
     return Recorded(topic=topic, log_ns=0, message=message)
 
 
-def test_length_and_radius_of_a_rope_are_measured_in_its_picture_within_what_is_said() -> None:
+def test_length_and_radius_of_a_rope_are_measured_within_the_stated_uncertainty() -> None:
     dlo = replace(SOFT_ROPE, length_m=0.6, radius_m=0.003)
     cell = Cell(CellConfig(dlo=dlo, settle_s=0.1), seed=1000)
     cell.place_dlo(random_shape(np.random.default_rng(2), dlo.length_m, 200))

@@ -27,7 +27,7 @@ def run(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_a_component_that_does_what_it_did_ends_with_0_and_every_field_has_its_row(
+def test_an_equal_replay_exits_with_0_and_has_a_row_for_every_field(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     assert execute(["replay", str(REFERENCE), "--into", "observer"]) == 0
@@ -38,7 +38,7 @@ def test_a_component_that_does_what_it_did_ends_with_0_and_every_field_has_its_r
     assert "observer does what it did: every field is within its tolerance." in printed
 
 
-def test_a_component_that_does_otherwise_ends_with_1_and_the_field_is_named(
+def test_a_different_replay_exits_with_1_and_names_the_field(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     config = tmp_path / "other.toml"
@@ -59,12 +59,12 @@ def test_a_component_that_does_otherwise_ends_with_1_and_the_field_is_named(
         (["--into", "planning"], "holds nothing of planning"),
     ],
 )
-def test_what_cannot_be_replayed_is_refused_with_what_to_do(run: Path, flags: list[str], match: str) -> None:
+def test_an_impossible_replay_is_refused_with_a_remedy(run: Path, flags: list[str], match: str) -> None:
     with pytest.raises(InputError, match=match):
         execute(["replay", str(run), *flags])
 
 
-def test_a_recording_that_does_not_say_how_its_run_was_configured_is_refused(tmp_path: Path) -> None:
+def test_a_recording_without_a_configuration_is_refused(tmp_path: Path) -> None:
     writer = RecordingWriter(tmp_path / "a.mcap", {})
     writer.add(topics.CLOCK, 0, ClockTick(stamp_ns=0, seq=1))
     writer.close()

@@ -50,7 +50,7 @@ def test_compiled_code_is_loaded_before_the_first_cloud(tmp_path: Path, monkeypa
         track(record(tmp_path, [0.0]), None, tmp_path / "out")
 
 
-def test_a_rod_is_followed_through_clouds_without_initial_nodes(tmp_path: Path) -> None:
+def test_a_rod_is_tracked_through_clouds_without_initial_nodes(tmp_path: Path) -> None:
     shifts = [0.0, 0.03, 0.06]
     result = track(record(tmp_path, shifts), None, tmp_path / "out")
     for nodes, shift in zip(result.nodes_world, shifts, strict=True):
@@ -74,7 +74,7 @@ def test_initial_nodes_decide_the_order(tmp_path: Path) -> None:
     assert rmse_m(result.nodes_world[0], bow(0.0)[::-1]) < 0.004  # as above
 
 
-def test_the_box_cuts_away_what_is_not_the_rod(tmp_path: Path) -> None:
+def test_the_box_removes_points_that_are_not_of_the_rod(tmp_path: Path) -> None:
     paths = record(tmp_path, [0.0])
     cloud = np.load(paths[0])
     clutter = np.random.default_rng(1).uniform([0.8, -0.2, 0.0], [1.0, 0.2, 0.1], (3000, 3))
@@ -87,13 +87,13 @@ def test_the_box_cuts_away_what_is_not_the_rod(tmp_path: Path) -> None:
         track(paths, None, tmp_path / "other", TrackSettings(observer=AnchoredConfig(), box=far))
 
 
-def test_a_cloud_that_cannot_be_ordered_is_told_with_its_name(tmp_path: Path) -> None:
+def test_a_cloud_that_cannot_be_ordered_is_named(tmp_path: Path) -> None:
     np.save(tmp_path / "dots.npy", np.random.default_rng(0).uniform(0, 1, (50, 3)))
     with pytest.raises(InputError, match=r"dots\.npy"):
         track([tmp_path / "dots.npy"], None, tmp_path / "out")
 
 
-def test_arguments_that_cannot_be_are_told(tmp_path: Path) -> None:
+def test_invalid_arguments_are_named(tmp_path: Path) -> None:
     paths = tuple(record(tmp_path, [0.0]))
     for args, reason in (
         (TrackArgs(clouds=()), "no cloud"),
@@ -109,7 +109,7 @@ def test_arguments_that_cannot_be_are_told(tmp_path: Path) -> None:
             run(args)
 
 
-def test_the_command_prints_a_row_a_cloud(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_prints_one_row_per_cloud(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     paths = tuple(record(tmp_path, [0.0, 0.02]))
     assert run(TrackArgs(clouds=paths, out=tmp_path / "out")) == 0
     printed = capsys.readouterr().out
@@ -138,7 +138,7 @@ def for_branches(config: type[OurObserver]) -> OurObserver:
 
 @pytest.mark.skipif(not HARNESS.is_dir(), reason="the recorded harness clouds lie beside the repository, not in it")
 @pytest.mark.parametrize("strategy", [for_branches(config) for config in OURS], ids=[config.name for config in OURS])
-def test_the_recorded_wire_harness_is_followed(strategy: ObserverStrategyConfig, tmp_path: Path) -> None:
+def test_the_recorded_wire_harness_is_tracked(strategy: ObserverStrategyConfig, tmp_path: Path) -> None:
     clouds = [HARNESS / "test_cloud.pcd", HARNESS / "test_cloud_occluded.pcd"]
     result = track(clouds, HARNESS / "Xinit.csv", tmp_path / "out", TrackSettings(observer=strategy))
     assert result.nodes_world.shape == (2, 89, 3)

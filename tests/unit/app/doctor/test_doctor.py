@@ -23,7 +23,7 @@ def test_a_picture_is_really_rendered() -> None:
     assert report.text
 
 
-def test_a_broken_opengl_is_told_with_its_error(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_broken_opengl_is_reported_with_its_error(monkeypatch: pytest.MonkeyPatch) -> None:
     # Where the loader looks for drivers; with none, EGL cannot start.
     monkeypatch.setenv("__EGL_VENDOR_LIBRARY_DIRS", "/nonexistent")
     monkeypatch.setenv("__EGL_VENDOR_LIBRARY_FILENAMES", "/nonexistent")
@@ -38,7 +38,7 @@ def test_a_broken_opengl_is_told_with_its_error(monkeypatch: pytest.MonkeyPatch)
     assert "apt install" in finding.mend
 
 
-def test_a_picture_that_takes_too_long_is_a_finding_and_no_hang() -> None:
+def test_a_rendering_that_takes_too_long_is_a_finding_and_does_not_block() -> None:
     report = probe_opengl(timeout_s=0.001)
 
     assert not report.works
@@ -66,7 +66,7 @@ def test_a_picture_that_takes_too_long_is_a_finding_and_no_hang() -> None:
         (machine.browser_finding(_nowhere), Severity.OPTIONAL),
     ],
 )
-def test_each_finding_says_how_it_stands_and_how_to_mend_it(finding: DoctorRow, standing: Severity) -> None:
+def test_each_finding_has_its_status_and_the_command_that_fixes_it(finding: DoctorRow, standing: Severity) -> None:
     assert finding.standing is standing
     assert bool(finding.mend) is (standing is not Severity.READY)
 
@@ -78,7 +78,7 @@ def test_a_wrong_version_names_the_one_that_is_needed() -> None:
     assert finding.mend == "pip install 'mujoco>=4.0'"
 
 
-def test_every_dependency_is_looked_at_but_no_extra() -> None:
+def test_every_dependency_is_checked_but_no_extra() -> None:
     names = {finding.what for finding in packages.dependency_findings()}
 
     assert {"dlokit", "mujoco", "eclipse-zenoh", "numpy"} <= names
@@ -91,7 +91,7 @@ def test_a_package_that_is_not_installed_is_lacking() -> None:
     assert finding.standing is Severity.LACKING
 
 
-def test_a_port_in_use_is_told_with_a_way_out() -> None:
+def test_a_port_in_use_is_reported_with_a_remedy() -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
@@ -105,7 +105,7 @@ def test_a_port_in_use_is_told_with_a_way_out() -> None:
     assert machine.port_finding("127.0.0.1", port).standing is Severity.READY
 
 
-def test_the_kernels_of_observers_and_planners_are_compiled_and_their_time_told() -> None:
+def test_the_kernels_of_observers_and_planners_are_compiled_and_timed() -> None:
     finding = machine.kernels_finding()
 
     assert finding.standing is Severity.READY
@@ -123,7 +123,7 @@ def _examines(*findings: DoctorRow) -> Callable[[DoctorArgs], tuple[DoctorRow, .
     return lambda _: findings
 
 
-def test_the_exit_code_tells_whether_anything_needed_is_lacking(
+def test_the_exit_code_shows_whether_a_requirement_is_missing(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(doctor, "examine", _examines(READY, LACKING, OPTIONAL))
@@ -135,7 +135,7 @@ def test_the_exit_code_tells_whether_anything_needed_is_lacking(
     assert "can run here" in capsys.readouterr().out
 
 
-def test_the_table_shows_the_command_that_mends() -> None:
+def test_the_table_shows_the_command_that_fixes_a_finding() -> None:
     console = Console(width=140, record=True, quiet=False, file=None)
     with console.capture() as captured:
         console.print(doctor.findings_table([READY, LACKING]))

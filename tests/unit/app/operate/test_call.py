@@ -38,12 +38,12 @@ def test_arrays_and_structures_come_from_json() -> None:
         (("{width_m",), "is no JSON object"),
     ],
 )
-def test_what_does_not_fit_is_refused_with_what_does(typed: tuple[str, ...], said: str) -> None:
+def test_invalid_arguments_are_refused_with_the_valid_ones(typed: tuple[str, ...], said: str) -> None:
     with pytest.raises(InputError, match=said):
         arguments_from(robot.RELEASE, typed)
 
 
-def test_outcomes_are_said_in_a_line() -> None:
+def test_each_outcome_is_printed_in_one_line() -> None:
     assert in_words(Succeeded(result=None)) == "succeeded"
     assert in_words(Succeeded(result=1.5)) == "succeeded 1.5"
     assert in_words(Failed(reason="stopped", detail="by hand")) == "failed stopped: by hand"

@@ -28,7 +28,7 @@ def file(tmp_path: Path) -> str:
     return str(path)
 
 
-def test_a_host_is_told_by_a_file_or_by_options_which_go_before_it(file: str) -> None:
+def test_a_host_is_configured_by_a_file_or_by_options_which_override_it(file: str) -> None:
     hosts, main = hosts_of(args("arm", "--config", file))
     assert (hosts.endpoint, hosts.certificates, main) == ("tls/10.0.0.1:7447", "lab", "brain")
     hosts, main = hosts_of(args("arm", "--config", file, "--connect", "tls/10.0.0.2:1", "--certificates", "here"))
@@ -53,7 +53,7 @@ def test_a_host_without_a_place_to_connect_or_that_the_file_does_not_know_is_ref
         hosts_of(args("arm", "--config", str(tmp_path / "alone.toml")))
 
 
-def test_a_plain_connection_is_asked_for_in_so_many_words(tmp_path: Path) -> None:
+def test_unencrypted_connections_need_an_option(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="whoever reaches the port could command the robot"):
         hosts_of(args("arm", "--connect", "tcp/10.0.0.2:1"))
     hosts = HostsConfig(endpoint="tcp/10.0.0.1:7447", plain_tcp=True, runs=RUNS)
@@ -61,7 +61,9 @@ def test_a_plain_connection_is_asked_for_in_so_many_words(tmp_path: Path) -> Non
     assert hosts_of(args("arm", "--config", str(tmp_path / "plain.toml")))[0].plain_tcp
 
 
-def test_certificates_are_made_and_what_to_copy_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_certificates_are_made_and_the_files_to_copy_are_listed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     folder = tmp_path / "lab"
     assert execute(("certs", str(folder), "--hosts", "brain=10.0.0.1", "arm,desk")) == 0
     said = capsys.readouterr().out

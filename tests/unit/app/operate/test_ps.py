@@ -32,7 +32,7 @@ def text_of(report: SystemReport | None, used: dict[int, Use], now_s: float) -> 
     return console.export_text()
 
 
-def test_every_process_is_listed_with_its_state_its_restarts_and_what_it_uses() -> None:
+def test_every_process_is_listed_with_state_restarts_and_resource_use() -> None:
     report = SystemReport(told_s=110.0, processes=(CAMERA,))
     text = text_of(report, {42: Use(cores=0.25, memory_bytes=300_000_000)}, now_s=110.0)
     camera = next(line for line in text.splitlines() if "camera" in line)
@@ -55,12 +55,12 @@ def test_a_healthy_system_fits_into_80_columns() -> None:
         assert whole in text
 
 
-def test_a_supervisor_that_is_silent_is_told_of() -> None:
+def test_a_silent_supervisor_is_reported() -> None:
     assert "said nothing for 30 s" in text_of(SystemReport(told_s=110.0, processes=()), {}, now_s=140.0)
     assert "decision" in text_of(None, {}, now_s=140.0)
 
 
-def test_the_report_is_read_as_it_was_written_and_a_full_disk_stops_nobody(tmp_path: Path) -> None:
+def test_the_report_is_read_as_written_and_a_full_disk_stops_no_process(tmp_path: Path) -> None:
     report = SystemReport(told_s=110.0, processes=(CAMERA,))
     assert read_report(tmp_path) is None
     write_report(tmp_path, report)
@@ -68,7 +68,7 @@ def test_the_report_is_read_as_it_was_written_and_a_full_disk_stops_nobody(tmp_p
     write_report(tmp_path / "gone", report)
 
 
-def test_use_is_measured_and_a_process_that_has_ended_is_left_out() -> None:
+def test_resource_use_is_measured_and_an_ended_process_is_omitted() -> None:
     with subprocess.Popen((sys.executable, "-c", "")) as ended:
         ended.wait()
     used = measure((os.getpid(), ended.pid), 0.01)

@@ -39,7 +39,7 @@ def test_a_skill_is_found_by_its_key_and_by_that_of_an_instance() -> None:
 @pytest.mark.parametrize(
     ("key", "said"), [("robot.fly", "robot.home"), ("conveyor.move", "COMPONENT.SKILL"), ("home", "COMPONENT.SKILL")]
 )
-def test_an_unknown_skill_is_refused_with_those_there_are(key: str, said: str) -> None:
+def test_an_unknown_skill_is_refused_with_the_known_ones(key: str, said: str) -> None:
     with pytest.raises(InputError, match=key) as refused:
         skill_named(key)
     assert said in str(refused.value)

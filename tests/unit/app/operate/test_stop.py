@@ -85,7 +85,7 @@ async def stopped(systems: Sequence[RunningSystem], within_s: float = PATIENCE_S
     return await stop_all(systems, found_within_s=SOON_S, stopped_within_s=within_s)
 
 
-def test_the_arm_brakes_and_the_task_is_told_to_end(tmp_path: Path) -> None:
+def test_the_arm_brakes_and_the_task_is_requested_to_end(tmp_path: Path) -> None:
     async def body() -> None:
         system, arm, task = noted(tmp_path / "run"), Arm(hangs=False), Task()
         async with asyncio.timeout(PATIENCE_S), on_bus(system, arm, task):
@@ -97,7 +97,7 @@ def test_the_arm_brakes_and_the_task_is_told_to_end(tmp_path: Path) -> None:
     asyncio.run(body())
 
 
-def test_a_system_between_two_tasks_has_none_to_end(tmp_path: Path) -> None:
+def test_a_system_between_two_tasks_has_no_task_to_end(tmp_path: Path) -> None:
     async def body() -> None:
         system = noted(tmp_path / "run")
         async with asyncio.timeout(PATIENCE_S), on_bus(system, Arm(hangs=False), Task(runs=False)):
@@ -107,7 +107,7 @@ def test_a_system_between_two_tasks_has_none_to_end(tmp_path: Path) -> None:
     asyncio.run(body())
 
 
-def test_systems_that_do_not_answer_keep_no_other_from_being_stopped(tmp_path: Path) -> None:
+def test_systems_that_do_not_respond_do_not_delay_the_stop_of_others(tmp_path: Path) -> None:
     async def body() -> None:
         gone, hanging, well = (noted(tmp_path / name) for name in ("gone", "hanging", "well"))
         arm = Arm(hangs=False)
@@ -122,7 +122,7 @@ def test_systems_that_do_not_answer_keep_no_other_from_being_stopped(tmp_path: P
     asyncio.run(body())
 
 
-def test_a_system_that_cannot_be_asked_at_all_is_told_of(tmp_path: Path) -> None:
+def test_a_system_that_cannot_be_reached_is_reported(tmp_path: Path) -> None:
     async def body() -> None:
         broken = RunningSystem(pid=1, began_s=0.0, folder=str(tmp_path), namespace="a//b", endpoint="nowhere")
         [said] = await stopped([broken])
@@ -132,7 +132,7 @@ def test_a_system_that_cannot_be_asked_at_all_is_told_of(tmp_path: Path) -> None
     asyncio.run(body())
 
 
-def test_an_arm_of_two_that_is_not_there_does_not_stand(tmp_path: Path) -> None:
+def test_a_missing_second_arm_does_not_count_as_stopped(tmp_path: Path) -> None:
     async def body() -> None:
         system = noted(tmp_path / "run", arms=2)
         async with asyncio.timeout(PATIENCE_S), on_bus(system, Arm(hangs=False)):
@@ -144,7 +144,7 @@ def test_an_arm_of_two_that_is_not_there_does_not_stand(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("stands", "code"), [((True, True), 0), ((True, False), 3)])
-def test_a_line_a_system_and_a_code_that_tells_whether_all_stand(
+def test_each_system_has_a_line_and_the_exit_code_shows_whether_all_arms_stopped(
     stands: tuple[bool, ...],
     code: int,
     tmp_path: Path,
@@ -163,13 +163,13 @@ def test_a_line_a_system_and_a_code_that_tells_whether_all_stand(
     assert capsys.readouterr().out == f"{tmp_path / 'one'}: stands: True\n{tmp_path / 'two'}: stands: {stands[1]}\n"
 
 
-def test_where_nothing_runs_there_is_nothing_to_stop(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_running_system_there_is_nothing_to_stop(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(stop, "running_systems", lambda starting: [])
     with pytest.raises(InputError, match="nothing to stop"):
         run_stop(StopArgs())
 
 
-def test_an_arm_is_stopped_by_the_socket_of_its_process_though_nothing_answers_on_the_bus(tmp_path: Path) -> None:
+def test_an_arm_is_stopped_through_its_process_socket_if_the_bus_does_not_respond(tmp_path: Path) -> None:
     async def body() -> None:
         system, pressed = noted(tmp_path / "run"), asyncio.Event()
 
@@ -201,7 +201,7 @@ def test_a_stop_that_feedback_does_not_confirm_is_not_confirmed(tmp_path: Path) 
     asyncio.run(body())
 
 
-def test_a_system_that_still_starts_begins_stopped(tmp_path: Path) -> None:
+def test_a_system_that_is_still_starting_starts_stopped(tmp_path: Path) -> None:
     async def body() -> None:
         system = msgspec.structs.replace(noted(tmp_path / "run"), starting=True)
         socket, stops = stop_socket(tmp_path / "run", "panda"), list[str]()

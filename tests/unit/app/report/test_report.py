@@ -94,7 +94,7 @@ def record() -> RunRecord:
     )
 
 
-def test_the_page_is_well_formed_and_needs_nothing_else(record: RunRecord) -> None:
+def test_the_page_is_well_formed_and_self_contained(record: RunRecord) -> None:
     page = _parse(report_html(record))
 
     assert page.open == []
@@ -104,7 +104,7 @@ def test_the_page_is_well_formed_and_needs_nothing_else(record: RunRecord) -> No
     assert {reference[1:] for reference in page.references if reference.startswith("#")} <= set(page.ids)
 
 
-def test_the_page_tells_outcome_figures_actions_and_setup(record: RunRecord) -> None:
+def test_the_page_has_outcome_figures_actions_and_setup(record: RunRecord) -> None:
     page = report_html(record)
 
     for text in (
@@ -122,7 +122,7 @@ def test_configuration_and_names_are_escaped(record: RunRecord) -> None:
     assert not any(f"<b>{word}" in page for word in ("goal", "again", "os", "1<"))
 
 
-def test_pictures_are_inside_the_page_in_their_colours(record: RunRecord) -> None:
+def test_images_are_embedded_with_their_colours(record: RunRecord) -> None:
     encoded = re.findall(r'src="data:image/jpeg;base64,([^"]+)"', report_html(record))
 
     pictures = [cv2.imdecode(np.frombuffer(base64.b64decode(data), np.uint8), cv2.IMREAD_COLOR) for data in encoded]
@@ -132,7 +132,7 @@ def test_pictures_are_inside_the_page_in_their_colours(record: RunRecord) -> Non
     np.testing.assert_allclose(pictures[0][28, 8], (10, 30, 200), atol=4)
 
 
-def test_figures_take_their_colours_from_the_page_so_that_dark_mode_reaches_them(record: RunRecord) -> None:
+def test_figures_take_their_colours_from_the_page_so_that_dark_mode_applies(record: RunRecord) -> None:
     for figure in (
         figures.overlay(record),
         figures.error_curve(record),
@@ -153,7 +153,7 @@ def test_every_shape_is_drawn(record: RunRecord) -> None:
         assert f"var({variable})" in overlay
 
 
-def test_quick_steps_are_named_but_not_drawn(record: RunRecord) -> None:
+def test_short_steps_are_named_but_not_drawn(record: RunRecord) -> None:
     assert "Below 0.02 s in all: clear marks (2×)." in report_html(record)
     assert "clear marks" not in figures.timing_bars(record.timings)
 
@@ -200,7 +200,7 @@ def test_the_page_is_written_into_the_runs_folder(record: RunRecord, tmp_path: P
     assert path.read_text(encoding="utf-8").startswith("<!doctype html>")
 
 
-def test_the_page_says_what_the_hand_told_of_the_camera(record: RunRecord) -> None:
+def test_the_page_has_the_result_of_the_camera_check(record: RunRecord) -> None:
     text = "the camera was 3.4 mm & 0.10° off"
     told = replace(record, result=msgspec.structs.replace(record.result, camera=CameraResult(text=text)))
     assert "The camera was 3.4 mm &amp; 0.10° off." in report_html(told)

@@ -43,7 +43,7 @@ def _controlled(*corrections: CorrectionResult, end: str = "no_gain") -> RunReco
 
 
 @pytest.mark.parametrize(("count", "across"), [(1, 1), (2, 2), (3, 3), (5, 3), (12, 4)])
-def test_every_action_has_its_view_and_few_stand_in_one_row(count: int, across: int) -> None:
+def test_every_action_has_a_view_and_few_views_fill_one_row(count: int, across: int) -> None:
     svg = action_figures.expected_shapes(_record(count))
     titles = [text for text in _texts(svg) if re.fullmatch(r"\d+: drag", text)]
     assert titles == [f"{number}: drag" for number in range(1, count + 1)]
@@ -56,7 +56,7 @@ def test_of_a_long_run_the_last_views_are_shown() -> None:
     assert {"3: drag", "14: drag"} <= set(texts)
 
 
-def test_what_the_views_show_is_named_once() -> None:
+def test_the_views_share_one_legend() -> None:
     texts = _texts(action_figures.expected_shapes(_record(3)))
     assert [text for text in texts if not text.endswith("drag")] == ["goal", "tool", "expected", "achieved"]
 
@@ -82,7 +82,7 @@ def test_actions_without_a_prediction_make_no_section() -> None:
     assert "Expected and achieved" not in report_html(_record(1, predicted=False))
 
 
-def test_each_correction_is_told_with_what_was_promised_and_what_was_seen() -> None:
+def test_each_correction_is_listed_with_predicted_and_observed_gain() -> None:
     page = report_html(_controlled(FIRST, UNSEEN))
     for text in ("Control while the DLO was held", "50.0 mm", "11.5°", "32.1 mm", "22.2 mm", "25.6 mm", "no gain"):
         assert text in page, text
@@ -96,13 +96,13 @@ def test_a_correction_whose_effect_was_not_seen_has_no_point_for_it() -> None:
     assert points(FIRST, seen) == points(FIRST, UNSEEN) + 1
 
 
-def test_control_that_ended_at_once_says_why_and_draws_nothing() -> None:
+def test_control_that_ended_at_once_has_its_reason_and_no_plot() -> None:
     page = report_html(_controlled(end="badly_seen"))
     assert "ended: badly seen" in page
     assert "before and after each correction" not in page
 
 
-def test_an_action_for_which_control_was_not_chosen_says_so() -> None:
+def test_an_action_without_control_has_the_reason() -> None:
     assert "planned alone, control was not worth it" in report_html(_controlled(end="not_worth_it"))
 
 

@@ -83,7 +83,7 @@ def test_one_of_several_shapes_is_taken_by_its_index(tmp_path: Path) -> None:
     np.testing.assert_allclose(_shape(f"{several}:1"), shifted, atol=1e-12)  # rounding
 
 
-def test_another_length_is_an_error_unless_it_may_be_fitted(tmp_path: Path) -> None:
+def test_a_different_length_is_an_error_unless_fitting_is_allowed(tmp_path: Path) -> None:
     path = _npy(tmp_path, shapes.fit_length(ON_TABLE, 0.47))
 
     with pytest.raises(ShapeError, match=r"0\.470 m long, the rope 0\.500 m; 2%.*--fit-length"):
@@ -126,7 +126,7 @@ def test_an_unusable_array_is_one_clear_error(tmp_path: Path, case: str) -> None
 
 
 @pytest.mark.parametrize("index", ["2", "-1", "x", ""])
-def test_an_index_that_is_not_there_names_those_that_are(tmp_path: Path, index: str) -> None:
+def test_an_invalid_index_is_refused_with_the_valid_ones(tmp_path: Path, index: str) -> None:
     path = _npy(tmp_path, np.stack([ON_TABLE, ON_TABLE]))
 
     with pytest.raises(ShapeError, match=r"allowed are .*:0 to .*:1"):
@@ -198,7 +198,7 @@ def test_recorded_goals_are_read_and_fitted_to_the_rope(tmp_path: Path) -> None:
         read_points(f"{RECORDED_GOALS}:50")
 
 
-def test_a_goal_that_lies_elsewhere_is_moved_by_its_middle(tmp_path: Path) -> None:
+def test_a_goal_elsewhere_is_moved_by_its_centre(tmp_path: Path) -> None:
     about_origin = ON_TABLE - ON_TABLE.mean(axis=0)
     file = _npy(tmp_path, about_origin[:, :2])
     with pytest.raises(ShapeError, match=r"off the table.*--goal-at-m"):

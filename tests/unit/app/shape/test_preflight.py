@@ -30,7 +30,7 @@ def test_compiling_is_announced_once_and_counted() -> None:
     assert "2 functions" in done
 
 
-def test_nothing_is_said_of_code_that_is_compiled_already() -> None:
+def test_compiled_code_is_not_announced() -> None:
     kernel: Any = COMPILE(lambda value: value + 1)
     kernel(1)
     assert said_while(lambda: kernel(2)) == []

@@ -51,7 +51,7 @@ def ended(folder: Path, outcome: RunOutcome) -> None:
     )  # fmt: skip
 
 
-def test_a_killed_run_goes_on_with_its_goal_where_its_cell_left_the_dlo(run_dir: Path) -> None:
+def test_a_killed_run_resumes_with_its_goal_and_the_dlo_of_its_cell(run_dir: Path) -> None:
     config, job = resumed_job(run_dir)
     assert config == CONFIG
     assert job.name == "to S.csv, resumed"
@@ -61,7 +61,7 @@ def test_a_killed_run_goes_on_with_its_goal_where_its_cell_left_the_dlo(run_dir:
 
 
 @pytest.mark.parametrize("outcome", RunOutcome)
-def test_only_a_run_that_came_to_an_end_of_its_own_is_refused(run_dir: Path, outcome: RunOutcome) -> None:
+def test_only_a_run_that_ended_normally_is_refused(run_dir: Path, outcome: RunOutcome) -> None:
     ended(run_dir, outcome)
     if outcome in (RunOutcome.FAILED, RunOutcome.CANCELLED):
         assert resumed_job(run_dir)[1].resumed is not None
@@ -78,13 +78,13 @@ def test_a_run_that_still_runs_is_refused(run_dir: Path) -> None:
 @pytest.mark.parametrize(
     ("missing", "said"), [("journal.msgpack", "holds no journal.msgpack"), ("truth.npz", "how the cell left its DLO")]
 )
-def test_what_is_missing_is_told_with_a_way_to_start_anew(run_dir: Path, missing: str, said: str) -> None:
+def test_missing_files_are_named_with_the_command_for_a_new_run(run_dir: Path, missing: str, said: str) -> None:
     os.remove(run_dir / missing)
     with pytest.raises(InputError, match=said) as error:
         resumed_job(run_dir)
     assert "dlokit shape --config" in str(error.value)
 
 
-def test_a_folder_that_is_none_is_refused(tmp_path: Path) -> None:
+def test_a_missing_folder_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="is no folder"):
         resumed_job(tmp_path / "nowhere")

@@ -53,7 +53,7 @@ def test_a_terminal_shows_the_table_and_the_present_step() -> None:
 
 
 @pytest.mark.parametrize("terminal", [True, False])
-def test_where_the_viewer_is_stands_there_once_it_can_be_opened_with_what_to_do_there(terminal: bool) -> None:
+def test_the_viewers_address_is_shown_once_it_can_be_opened_with_its_purpose(terminal: bool) -> None:
     console = _console(terminal=terminal)
     with RunDisplay(console, title="I to S", threshold_m=0.012, invitation="Drag the frames.") as display:
         assert "viewer" not in _written(console)
@@ -62,7 +62,7 @@ def test_where_the_viewer_is_stands_there_once_it_can_be_opened_with_what_to_do_
     assert at < todo
 
 
-def test_a_terminal_says_that_the_run_starts_until_its_first_step() -> None:
+def test_a_terminal_shows_that_the_run_is_starting_until_its_first_step() -> None:
     console = _console(terminal=True)
     with RunDisplay(console, title="I to S", threshold_m=0.012) as display:
         assert "▸ starting" in _written(console)
@@ -92,7 +92,7 @@ def test_the_table_is_whole_in_60_columns() -> None:
     assert max(map(len, _written(console).splitlines())) <= 60
 
 
-def test_a_decision_shows_how_far_it_is_and_its_best_candidate_until_the_next_step() -> None:
+def test_a_decision_shows_its_progress_and_best_candidate_until_the_next_step() -> None:
     console = _console(terminal=True)
     best = ScoredCandidate(
         kind="drag", node=7, score_m=0.0123, nodes_world=np.zeros((2, 3)), path_world=np.zeros((2, 3))
@@ -118,7 +118,7 @@ def test_a_log_file_does_not_get_the_progress_of_decisions() -> None:
     assert "rollouts" not in _written(console)
 
 
-def test_the_step_is_gone_when_the_run_has_ended() -> None:
+def test_the_step_is_removed_when_the_run_has_ended() -> None:
     console = _console(terminal=True)
     with RunDisplay(console, title="I to S", threshold_m=0.012) as display:
         display.step(STATUS)
@@ -136,7 +136,7 @@ def test_a_log_file_gets_one_plain_line_anmade_action() -> None:
     assert not any("choose grasp" in line or "\x1b" in line for line in lines)
 
 
-def test_the_summary_says_outcome_error_pace_and_where_the_report_lies() -> None:
+def test_the_summary_has_outcome_error_pace_and_the_path_of_the_report() -> None:
     report = Path("/somewhere/with a long name/" + "deep/" * 30 + "report.html")
 
     text = _show(_console(terminal=False), report)
@@ -166,7 +166,7 @@ def test_a_run_that_raises_leaves_the_terminal_usable() -> None:
 
 
 @pytest.mark.parametrize("outcome", RunOutcome)
-def test_every_outcome_has_words(outcome: RunOutcome) -> None:
+def test_every_outcome_has_a_text(outcome: RunOutcome) -> None:
     words = outcome_in_words(msgspec.structs.replace(RESULT, outcome=outcome, reason="out_of_view"))
 
     assert words.startswith(MEANINGS[outcome])
@@ -174,13 +174,13 @@ def test_every_outcome_has_words(outcome: RunOutcome) -> None:
     assert "10.1 mm" in words
 
 
-def test_words_tell_whether_the_threshold_was_met() -> None:
+def test_the_text_states_whether_the_threshold_was_met() -> None:
     assert "below the threshold of 12 mm" in outcome_in_words(RESULT)
     assert "above the threshold" in outcome_in_words(msgspec.structs.replace(RESULT, rmse_m=0.02))
     assert "never seen" in outcome_in_words(msgspec.structs.replace(RESULT, rmse_m=None, outcome=RunOutcome.FAILED))
 
 
-def test_a_run_whose_actions_did_not_do_as_predicted_names_the_commands_that_learn_the_dlo() -> None:
+def test_a_run_with_large_prediction_errors_names_the_commands_that_learn_the_dlo() -> None:
     rows = tuple(msgspec.structs.replace(ROWS[0], action=number, missed_m=0.05) for number in (1, 2, 3))
     stalled = msgspec.structs.replace(RESULT, outcome=RunOutcome.STALLED, history=rows)
     words = outcome_in_words(stalled)
@@ -200,7 +200,7 @@ def test_a_run_whose_actions_did_not_do_as_predicted_names_the_commands_that_lea
 
 
 @pytest.mark.parametrize("terminal", [True, False])
-def test_what_was_said_of_the_camera_is_written_once(terminal: bool) -> None:
+def test_the_result_of_the_camera_check_is_written_once(terminal: bool) -> None:
     text = "the camera was 3.4 mm and 0.10° off its calibration along the table; corrected"
     console = _console(terminal=terminal)
     with RunDisplay(console, title="I to S", threshold_m=0.012) as display:
@@ -225,7 +225,7 @@ def test_what_was_said_of_the_camera_is_written_once(terminal: bool) -> None:
         ({"grasp_ok": False, "ended_by": "joint_limit"}, "joint limit"),
     ],
 )
-def test_what_ended_an_action_is_named_by_its_cause(changes: dict[str, Any], words: str) -> None:
+def test_the_end_of_an_action_is_named_by_its_cause(changes: dict[str, Any], words: str) -> None:
     assert grip_in_words(msgspec.structs.replace(made_action(1), **changes)) == words
 
 

@@ -18,7 +18,7 @@ from dlokit.types.robot import FIRST_ROBOT, RobotMode, RobotState
 from dlokit.types.system import ClockTick
 
 
-def test_a_bus_that_nobody_disturbs_carries_everything_at_once(tmp_path: Path) -> None:
+def test_an_undisturbed_bus_delivers_everything_at_once(tmp_path: Path) -> None:
     line = Line(tmp_path / FILE_NAME)
     sent: list[int] = []
     line.send(lambda: sent.append(1))
@@ -26,7 +26,7 @@ def test_a_bus_that_nobody_disturbs_carries_everything_at_once(tmp_path: Path) -
     assert kind_in(tmp_path / FILE_NAME) is Disturbance.NONE
 
 
-def test_late_messages_keep_their_order_also_when_the_bus_is_well_again(tmp_path: Path) -> None:
+def test_late_messages_keep_their_order_after_the_disturbance(tmp_path: Path) -> None:
     disturb(tmp_path, Disturbance.LATE)
     line = Line(tmp_path / FILE_NAME)
     arrived, last = list[int](), threading.Event()
@@ -60,7 +60,7 @@ async def until(said: Callable[[], None], there: Callable[[], bool]) -> None:
             await asyncio.sleep(0.01)
 
 
-def test_while_feedback_is_withheld_neither_a_reader_nor_a_tap_has_any(tmp_path: Path) -> None:
+def test_withheld_feedback_reaches_neither_a_reader_nor_a_tap(tmp_path: Path) -> None:
     async def main() -> None:
         where = f"unixsock-stream/{tmp_path}/bus"
         arm = ZenohTransport(ZenohConfig(namespace="withheld", listen=(where,)))

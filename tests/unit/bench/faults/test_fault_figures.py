@@ -25,7 +25,7 @@ def finding(fault: str, **changed: object) -> tuple[Fault, RunFinding]:
     return BY_NAME[fault], msgspec.structs.replace(right, **changed)
 
 
-def test_a_rate_is_told_with_its_exact_interval_and_without_runs_that_were_not_struck() -> None:
+def test_a_rate_has_its_exact_interval_and_excludes_runs_without_a_fault() -> None:
     results = [finding("kill-camera"), finding("kill-camera", stands=False), finding("kill-camera", struck=False)]
     row = fault_rows(results)[0]
     assert row.rate is not None
@@ -39,13 +39,13 @@ def test_the_control_is_not_counted_among_the_faults() -> None:
     assert (everything.right, len(everything.judged)) == (1, 1)
 
 
-def test_a_figure_that_no_run_has_is_left_out() -> None:
+def test_a_statistic_without_data_is_omitted() -> None:
     metrics = {figure.metric for figure in figures([finding("kill-camera")])}
     assert "median time to recover" in metrics
     assert not any("braking" in metric for metric in metrics)
 
 
-def test_what_was_skipped_is_neither_right_nor_wrong_and_what_broke_down_is_wrong() -> None:
+def test_a_skipped_run_is_neither_correct_nor_wrong_and_a_crashed_one_is_wrong() -> None:
     assert all_right([finding("fill-disk", struck=False, skipped="not here")])
     assert not all_right([finding("fill-disk", struck=False, broken="not_started")])
     assert not all_right([finding("fill-disk", lost_s=3.0)])

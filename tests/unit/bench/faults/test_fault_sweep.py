@@ -14,7 +14,7 @@ from dlokit.errors import InputError
 from dlokit.system.config import RunConfig
 
 
-def test_the_folder_of_an_interrupted_sweep_is_taken_again_and_that_of_another_is_refused(tmp_path: Path) -> None:
+def test_the_folder_of_an_interrupted_sweep_is_continued_and_that_of_another_is_refused(tmp_path: Path) -> None:
     config = RunConfig()
     claim_faults_folder(tmp_path, config)
     claim_faults_folder(tmp_path, config)
@@ -30,7 +30,7 @@ def test_a_finished_run_is_read_and_not_run_again(tmp_path: Path) -> None:
     assert list(run_faults([case], RunConfig(), tmp_path)) == [(case, found)]
 
 
-def test_a_run_that_never_started_is_made_again_by_the_next_sweep(tmp_path: Path) -> None:
+def test_a_run_that_never_started_is_repeated_by_the_next_sweep(tmp_path: Path) -> None:
     (tmp_path / FINDING_FILE).write_bytes(
         msgspec.json.encode(RunFinding(fault="kill-camera", number=3, broken="not_started"))
     )

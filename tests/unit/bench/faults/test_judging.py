@@ -23,7 +23,7 @@ CONVERGED = RunFinding(
 CAMERA = BY_NAME["kill-camera"]
 
 
-def test_a_run_that_converges_with_the_arm_at_rest_and_nothing_left_behind_is_right() -> None:
+def test_a_run_that_converges_with_the_arm_at_rest_and_no_process_left_is_correct() -> None:
     assert faults_of(CONVERGED, CAMERA) == ()
 
 
@@ -40,17 +40,17 @@ def test_a_run_that_converges_with_the_arm_at_rest_and_nothing_left_behind_is_ri
         ({"lost_s": 1.2}, "its recording lacks 1.2 s"),
     ],
 )
-def test_everything_that_is_wrong_is_said(changed: dict[str, object], said: str) -> None:
+def test_every_violation_is_named(changed: dict[str, object], said: str) -> None:
     assert faults_of(msgspec.structs.replace(CONVERGED, **changed), CAMERA) == (said,)
 
 
-def test_a_failure_is_right_only_under_its_own_name() -> None:
+def test_a_failure_is_correct_only_with_the_expected_name() -> None:
     died = msgspec.structs.replace(CONVERGED, outcome=RunOutcome.FAILED, reason="process_died: cell", exit_code=3)
     assert faults_of(died, BY_NAME["kill-cell"]) == ()
     assert faults_of(died, BY_NAME["kill-robot"]) != ()
 
 
-def test_an_arm_that_is_gone_with_its_cell_is_not_asked_whether_it_stands() -> None:
+def test_an_arm_lost_with_its_cell_need_not_report_standstill() -> None:
     gone = msgspec.structs.replace(
         CONVERGED, outcome=RunOutcome.FAILED, reason="process_died: cell", stands=None, exit_code=3
     )

@@ -87,14 +87,14 @@ def test_without_noise_points_lie_within_a_radius_of_the_centre_line() -> None:
 
 @pytest.mark.parametrize("place", ["middle", "tip", "moving"])
 @pytest.mark.parametrize("share", [0.3, 0.5, 0.7])
-def test_the_share_hidden_is_what_was_asked_for(place: Place, share: float) -> None:
+def test_the_hidden_fraction_is_the_requested_one(place: Place, share: float) -> None:
     look = _look(Conditions(hidden=share, place=place))
     # 50 nodes are 2 % each; a bend of the rod disappears behind the ball's edge a few nodes at once.
     assert np.mean(~look.visible) == pytest.approx(share, abs=0.06)
     assert len(look.seen.points_world) == pytest.approx(1000 * (1.0 - share), abs=60)
 
 
-def test_what_is_hidden_is_where_it_was_asked_for() -> None:
+def test_the_hidden_part_is_at_the_requested_place() -> None:
     assert not _look(Conditions(place="middle")).visible[25]
     assert not _look(Conditions(place="tip")).visible[0]
     moving = looks(replace(_sequence(26), pins_world=None, pin_nodes=()), Conditions(place="moving"), 0)
@@ -109,14 +109,14 @@ def test_no_point_shows_what_a_ball_hides() -> None:
     assert np.linalg.norm(points[None] - hidden[:, None], axis=2).min() > 0.005
 
 
-def test_a_ball_hides_what_is_behind_it_and_not_what_is_before_or_beside() -> None:
+def test_a_ball_hides_only_points_behind_it() -> None:
     ball = Ball(centre_world=np.array([0.0, 0.0, 1.0]), radius_m=0.1)
     positions = np.array([[0.0, 0.0, 2.0], [0.0, 0.0, 0.5], [0.19, 0.0, 2.0], [0.21, 0.0, 2.0]])
     # A ray that touches the ball leaves the axis by asin(0.1): 0.201 m at 2 m.
     assert hides(ball, np.zeros(3), positions).tolist() == [True, False, True, False]
 
 
-def test_the_observer_can_know_from_the_depth_image_what_the_ball_hides() -> None:
+def test_the_depth_image_shows_the_observer_what_the_ball_hides() -> None:
     look = _look(Conditions(hidden=0.5))
     known = shaded(_sequence().nodes_world[0], look.seen, VisibilityConfig())
     # Cells of 8 pixels and one around: up to 16 px, 2.6 cm, at each edge of the shadow, which the rod leaves aslant.
@@ -134,7 +134,7 @@ def test_the_depth_image_shows_the_nearest_point_of_the_ball() -> None:
     assert np.isinf(depth).any()
 
 
-def test_outliers_are_the_share_that_was_asked_for() -> None:
+def test_outliers_are_the_requested_fraction() -> None:
     points = np.asarray(_look(Conditions(hidden=0.0, noise_m=0.0, outliers=0.2)).seen.points_world, dtype=np.float64)
     line = builtin_shape("S", 0.5, 401)
     stray = np.linalg.norm(points[:, None] - line[None], axis=2).min(axis=1) > 0.008
@@ -150,7 +150,7 @@ def test_nothing_is_seen_in_the_dark() -> None:
     assert len(seen[6].seen.points_world) > 0
 
 
-def test_the_dark_is_as_long_as_asked_and_leaves_light_before_and_more_after() -> None:
+def test_the_dark_period_has_the_requested_length_and_position() -> None:
     dark = dark_frames(Conditions(dark_s=1.0), 100, 25.0)
     assert (dark.start, len(dark), 100 - dark.stop) == (25, 25, 50)
     assert long_enough(Conditions(dark_s=1.0), 50, 25.0), "the quick run"
@@ -201,7 +201,7 @@ def test_a_node_under_a_crossing_is_not_visible_and_has_no_points() -> None:
     assert np.linalg.norm(points - middle, axis=1).min() > 0.004
 
 
-def test_a_camera_that_is_elsewhere_than_believed_displaces_all_points_rigidly() -> None:
+def test_an_error_of_the_camera_pose_displaces_all_points_rigidly() -> None:
     off = replace(CLEAN, camera_error_m=0.003, camera_error_rad=float(np.deg2rad(0.3)))
     right, wrong = _look(CLEAN).seen, _look(off).seen
     a, b = (np.asarray(seen.points_world, dtype=np.float64) for seen in (right, wrong))
@@ -230,7 +230,7 @@ def test_pins_are_known_only_while_a_hand_holds() -> None:
     assert first.seen.pins == (), "the unpinned rows do not get them"
 
 
-def test_a_look_is_the_same_however_often_and_in_whatever_order_it_is_asked_for() -> None:
+def test_a_frame_is_the_same_in_any_order_and_on_repetition() -> None:
     once, again = looks(_sequence(), Conditions(), 0), looks(_sequence(), Conditions(), 0)
     later = again[1].seen.points_world
     assert np.array_equal(once[0].seen.points_world, again[0].seen.points_world)
@@ -245,7 +245,7 @@ def test_a_long_sequence_is_not_kept_in_memory() -> None:
     assert np.array_equal(seen[499].seen.points_world, seen[499].seen.points_world)
 
 
-def test_the_picture_is_as_large_as_the_sequence_needs() -> None:
+def test_the_image_is_as_large_as_the_sequence_needs() -> None:
     sequence = _sequence()
     wide = replace(sequence, nodes_world=sequence.nodes_world * [1.0, 4.0, 1.0])
     camera = camera_of(wide)

@@ -44,7 +44,7 @@ def test_a_sequence_is_read_as_it_was_written(tmp_path: Path) -> None:
     assert np.array_equal(sequence.nodes_world, _arrays()["nodes"][:3])
 
 
-def test_clouds_are_simulated_where_the_file_has_none(tmp_path: Path) -> None:
+def test_clouds_are_simulated_if_the_file_has_none(tmp_path: Path) -> None:
     path = _written(tmp_path)
     assert [case.conditions.hidden for case in external_cases((path,))] == [0.0, 0.3, 0.5, 0.7]
     assert len(looks(read_sequence(path), Conditions(hidden=0.0), 0)[0].seen.points_world) == 1000
@@ -59,7 +59,7 @@ def test_rows_of_nan_are_padding_of_clouds(tmp_path: Path) -> None:
     assert len(external_cases((path,))) == 1, "what its clouds show is as it is"
 
 
-def test_a_recorded_cloud_shows_the_nodes_that_points_are_near_to(tmp_path: Path) -> None:
+def test_nodes_near_points_of_a_recorded_cloud_are_visible(tmp_path: Path) -> None:
     clouds = _arrays()["nodes"][:, :7] + [0.0, 0.0, 0.01]
     clouds[2] = np.nan
     seen = looks(read_sequence(_written(tmp_path, clouds=clouds, T_world_camera=None)), Conditions(), 0)
@@ -67,12 +67,12 @@ def test_a_recorded_cloud_shows_the_nodes_that_points_are_near_to(tmp_path: Path
     assert not seen[2].visible.any(), "a frame may have no points at all"
 
 
-def test_the_radius_is_the_file_s_or_a_common_one(tmp_path: Path) -> None:
+def test_the_radius_is_the_files_or_the_default(tmp_path: Path) -> None:
     assert read_sequence(_written(tmp_path)).radius_m == RADIUS_M
     assert read_sequence(_written(tmp_path, radius_m=0.002)).radius_m == 0.002
 
 
-def test_arrays_of_other_names_are_not_read_but_said(tmp_path: Path) -> None:
+def test_unknown_arrays_are_ignored_and_named(tmp_path: Path) -> None:
     path = _written(tmp_path, pin=np.array(["left"]))
     assert read_sequence(path).pins_world is None
     assert unread_arrays(path) == ("pin",)
@@ -99,12 +99,12 @@ def test_arrays_of_other_names_are_not_read_but_said(tmp_path: Path) -> None:
         ({"rate_hz": np.array([30.0, 30.0])}, "one number"),
     ],
 )
-def test_what_does_not_fit_is_named(tmp_path: Path, changed: dict[str, Any], said: str) -> None:
+def test_inconsistent_arrays_are_named(tmp_path: Path, changed: dict[str, Any], said: str) -> None:
     with pytest.raises(InputError, match=said):
         read_sequence(_written(tmp_path, **changed))
 
 
-def test_a_file_that_is_missing_or_something_else_is_named(tmp_path: Path) -> None:
+def test_a_missing_or_foreign_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no file"):
         read_sequence(tmp_path / "none.npz")
     text = tmp_path / "text.npz"

@@ -42,7 +42,7 @@ def _off_by(errors_m: list[float]) -> np.ndarray:
     return _straight() + np.array(errors_m)[:, None, None] * [0.0, 1.0, 0.0]
 
 
-def test_nodes_that_slide_along_the_curve_are_wrong_in_order_and_right_as_a_curve() -> None:
+def test_nodes_that_slide_along_the_curve_have_a_node_error_and_no_curve_error() -> None:
     slid = _straight() + np.array([0.03, 0.0, 0.0])
     figures = score(_track(np.broadcast_to(slid, (FRAMES, NODES, 3))))
     assert figures["node error"] == pytest.approx(0.03)
@@ -51,13 +51,13 @@ def test_nodes_that_slide_along_the_curve_are_wrong_in_order_and_right_as_a_curv
     assert figures["tip error"] == pytest.approx(0.03)
 
 
-def test_a_dlo_tracked_the_wrong_way_round_is_wrong_in_order() -> None:
+def test_a_dlo_tracked_in_reverse_order_has_a_node_error() -> None:
     figures = score(_track(np.broadcast_to(_straight()[::-1], (FRAMES, NODES, 3))))
     assert figures["tip error"] == pytest.approx(0.5)
     assert figures["curve error"] == pytest.approx(0.0, abs=1e-12)
 
 
-def test_errors_of_visible_and_hidden_nodes_are_told_apart() -> None:
+def test_errors_of_visible_and_hidden_nodes_are_separate() -> None:
     nodes = np.broadcast_to(_straight(), (FRAMES, NODES, 3)).copy()
     visible = np.ones((FRAMES, NODES), dtype=np.bool_)
     visible[:, 4:7] = False
@@ -67,7 +67,7 @@ def test_errors_of_visible_and_hidden_nodes_are_told_apart() -> None:
     assert figures["node error, hidden"] == pytest.approx(0.02)
 
 
-def test_without_hidden_nodes_there_is_no_figure_for_them() -> None:
+def test_without_hidden_nodes_their_error_is_absent() -> None:
     assert "node error, hidden" not in score(_track(np.broadcast_to(_straight(), (FRAMES, NODES, 3))))
 
 
@@ -80,7 +80,7 @@ def test_lost_frames_are_those_over_50_mm_in_the_mean() -> None:
     assert figures["longest loss"] == 1.0
 
 
-def test_the_longest_loss_is_the_longest_row_and_frames_that_show_nothing_do_not_count() -> None:
+def test_the_longest_loss_is_the_longest_sequence_of_lost_frames_with_points() -> None:
     lost = np.array([True, False, True, True, True, True, False])
     shown = np.array([True, True, False, False, True, True, True])
     assert longest_loss(lost, shown) == 2
@@ -115,7 +115,7 @@ def test_a_case_without_a_dark_has_no_recovery() -> None:
     assert "frames to settle" not in figures
 
 
-def test_stated_deviations_that_rank_as_errors_do_correlate_by_one_whatever_their_size() -> None:
+def test_stated_deviations_in_the_order_of_the_errors_have_correlation_one() -> None:
     track = _track(_off_by([0.001, 0.002, 0.004, 0.03]))
     figures = score(replace(track, stated_m=track.errors_m**2))
     assert figures[CORRELATION] == pytest.approx(1.0)
@@ -124,7 +124,7 @@ def test_stated_deviations_that_rank_as_errors_do_correlate_by_one_whatever_thei
     assert figures[CORRELATION] == pytest.approx(-1.0)
 
 
-def test_a_method_that_states_nothing_has_no_correlation() -> None:
+def test_a_method_without_stated_deviations_has_no_correlation() -> None:
     assert CORRELATION not in score(_track(_off_by([0.001, 0.002])))
 
 
@@ -135,7 +135,7 @@ def test_frames_without_a_covariance_are_left_out_of_the_correlation() -> None:
     assert score(replace(track, stated_m=stated))[CORRELATION] == pytest.approx(1.0)
 
 
-def test_what_never_varies_correlates_with_nothing() -> None:
+def test_constant_deviations_have_no_correlation() -> None:
     assert rank_correlation(np.ones(5), np.arange(5.0)) is None
     assert rank_correlation(np.arange(2.0), np.arange(2.0)) is None
 
@@ -150,7 +150,7 @@ def test_a_loss_is_flagged_when_health_falls_within_five_frames() -> None:
     assert losses(lost, health, 0.75) == Losses(count=3, flagged=2)
 
 
-def test_a_loss_at_the_very_end_cannot_be_judged() -> None:
+def test_a_loss_at_the_very_end_is_not_assessed() -> None:
     lost = np.zeros(10, dtype=np.bool_)
     lost[5:] = True
     assert losses(lost, np.ones(10), 0.75) == Losses(count=0, flagged=0)

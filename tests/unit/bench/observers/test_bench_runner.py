@@ -91,7 +91,7 @@ def test_an_observer_that_never_moves_is_wrong_by_how_far_the_rod_moved() -> Non
     assert trial.figures["node error"] == pytest.approx(np.linalg.norm(nodes[1:] - nodes[0], axis=2).mean())
 
 
-def test_the_looks_of_a_sequence_are_never_asked_for_all_at_once() -> None:
+def test_the_frames_of_a_sequence_are_never_loaded_all_at_once() -> None:
     asked: list[int] = []
 
     class Watched(Looks):
@@ -136,19 +136,19 @@ def test_tables_have_a_dash_where_a_trial_is_missing_and_pictures_are_drawn(tmp_
     assert [path.name for path in draw(rows, tmp_path)] == ["node-error.png"]
 
 
-def test_ours_run_without_and_with_pins_and_peers_without() -> None:
+def test_built_in_observers_run_with_and_without_pins_and_peers_without() -> None:
     names = [method.name for method in choose().methods]
     assert "anchored" in names
     assert "anchored, pinned" in names
     assert "pycpd, pinned" not in names
 
 
-def test_an_unknown_method_is_named_with_those_there_are() -> None:
+def test_an_unknown_method_is_refused_with_the_known_ones() -> None:
     with pytest.raises(ConfigError, match=r"nobody; there are .*anchored.*pycpd"):
         choose(("nobody",))
 
 
-def test_a_missing_peer_is_left_out_unless_it_was_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_peer_is_skipped_unless_it_was_requested(monkeypatch: pytest.MonkeyPatch) -> None:
     def absent(package: str) -> None:
         raise MachineError(f"The peer {package} is not installed")
 
@@ -160,7 +160,7 @@ def test_a_missing_peer_is_left_out_unless_it_was_asked_for(monkeypatch: pytest.
         choose(("pycpd",))
 
 
-def test_a_package_that_is_not_there_is_told_how_to_install() -> None:
+def test_the_error_for_a_missing_package_names_its_installation() -> None:
     with pytest.raises(MachineError, match="pip install"):
         methods.imported("no_such_package_of_a_peer")  # pyright: ignore[reportPrivateUsage]  # the one place of the message
 
@@ -174,7 +174,7 @@ def test_pycpd_follows_a_small_shift() -> None:
     assert trial.figures["node error"] < 0.01
 
 
-def test_an_early_end_keeps_what_was_done(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_an_early_end_keeps_finished_trials(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     done = Trial(case="base", seed=0, method="cpd", frames=3, figures={"node error": 0.01})
 
     def interrupted(plan: BenchPlan, jobs: int):  # a generator of trials
@@ -216,7 +216,7 @@ class Failing:
 
 
 @pytest.mark.parametrize("not_finite", [False, True])
-def test_a_frame_that_a_method_gives_up_at_keeps_the_answer_before_and_is_counted(not_finite: bool) -> None:
+def test_a_frame_at_which_a_method_fails_keeps_the_previous_answer_and_is_counted(not_finite: bool) -> None:
     (trial,) = run_plan(_plan(ObserverMethod(config=FailingConfig(not_finite=not_finite))))
     (still,) = run_plan(_plan(ObserverMethod(config=StillConfig())))
     assert trial.figures["frames without an answer"] == pytest.approx(1.0 / 3.0)
@@ -234,14 +234,14 @@ def _lossy(seed: int, count: int, flagged: int, case: str = "base", correlation:
     )
 
 
-def test_the_share_of_lost_tracks_flagged_is_over_losses_and_says_how_many() -> None:
+def test_the_fraction_of_flagged_losses_has_their_number() -> None:
     rows = figures([_lossy(0, 3, 3), _lossy(1, 1, 0), _lossy(2, 0, 0)])
     (row,) = [row for row in rows if row.metric == FLAGGED]
     assert (row.value, row.n) == (0.75, 4)
     assert (row.low, row.high) == (0.0, 1.0), "resampled over the two sequences with losses"
 
 
-def test_without_a_loss_or_without_health_nothing_is_said_of_flags() -> None:
+def test_without_a_loss_or_health_there_is_no_fraction_of_flags() -> None:
     silent = Trial(case="base", seed=0, method="peer", frames=9, figures={"node error": 0.1})
     rows = figures([_lossy(0, 0, 0), silent])
     assert all(row.metric != FLAGGED for row in rows)
@@ -255,13 +255,13 @@ def test_over_all_cases_a_unit_is_a_seed() -> None:
     assert (over_all[FLAGGED].value, over_all[FLAGGED].n) == (0.5, 4)
 
 
-def test_methods_that_state_no_health_are_not_judged_by_it() -> None:
+def test_methods_without_health_are_not_assessed_by_it() -> None:
     assert not ObserverMethod(config=PycpdConfig()).states_trust
     (trial,) = run_plan(_plan(ObserverMethod(config=StillConfig())))
     assert trial.losses == Losses(count=0, flagged=0)
 
 
-def test_a_worker_process_gives_what_this_process_gives_and_what_it_raises_is_raised_here(tmp_path: Path) -> None:
+def test_a_worker_process_returns_equal_results_and_passes_on_errors(tmp_path: Path) -> None:
     file = write_cable(tmp_path / "cable.npz", 4)
     good = tuple(ObserverCase(name=str(share), file=file, conditions=Conditions(hidden=share)) for share in (0.0, 0.3))
     missing = ObserverCase(name="none", file=tmp_path / "none.npz")
@@ -288,7 +288,7 @@ def test_processes_are_started_with_one_thread_for_linear_algebra(monkeypatch: p
     assert "NUMBA_NUM_THREADS" not in os.environ
 
 
-def test_a_case_that_is_too_long_for_few_frames_is_left_out_and_named() -> None:
+def test_a_case_that_needs_more_frames_is_skipped_and_named() -> None:
     plan, left_out = observers._plan(ObserversArgs(frames=30))  # pyright: ignore[reportPrivateUsage]
     assert all(case.conditions.dark_s == 0.0 for case in plan.cases)
     assert any("dark for 1 s" in reason for reason in left_out)
@@ -302,6 +302,6 @@ def test_no_processes_at_all_are_refused() -> None:
 
 
 @pytest.mark.parametrize("args", [ObserversArgs(seeds=0), ObserversArgs(frames=1), ObserversArgs(seeds=2000)])
-def test_numbers_that_cannot_be_are_refused(args: ObserversArgs) -> None:
+def test_invalid_numbers_are_refused(args: ObserversArgs) -> None:
     with pytest.raises(ConfigError, match="--seeds"):
         run_observers(args)

@@ -39,7 +39,7 @@ def test_the_rod_keeps_its_length(motion: Motion) -> None:
 
 
 @pytest.mark.parametrize("motion", MOTIONS)
-def test_all_of_the_rod_stays_in_the_paper_camera_s_picture(motion: Motion) -> None:
+def test_all_of_the_rod_stays_in_view_of_the_papers_camera(motion: Motion) -> None:
     camera = camera_of(_played(motion))
     assert camera is not None
     assert (camera.width_px, camera.height_px) == (default_calibration().width_px, default_calibration().height_px)
@@ -77,7 +77,7 @@ def test_the_crossing_crosses() -> None:
     assert np.any(separated & separated.T & apart)
 
 
-def test_pick_and_place_lets_go_between_picks() -> None:
+def test_pick_and_place_releases_between_grasps() -> None:
     pins = _played("pick and place").pins_world
     assert pins is not None
     held = np.isfinite(pins[:, :, 0]).any(axis=1)
@@ -85,7 +85,7 @@ def test_pick_and_place_lets_go_between_picks() -> None:
     assert not held.all()
 
 
-def test_a_sequence_that_cannot_be_is_refused() -> None:
+def test_an_invalid_sequence_is_refused() -> None:
     with pytest.raises(ConfigError, match="frames 1"):
         simulate("swing", 0, frames=1)
     with pytest.raises(ConfigError, match="pace 2"):

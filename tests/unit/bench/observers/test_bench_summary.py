@@ -39,7 +39,7 @@ def test_the_default_observer_is_compared_with_the_best_peer_without_pins() -> N
     assert one.met
 
 
-def test_only_seeds_that_all_have_run_are_compared() -> None:
+def test_only_seeds_that_all_methods_have_run_are_compared() -> None:
     errors = {default_name(): [0.004, 0.9], "pycpd": [0.02, 0.1], "cpd": [0.01]}
     (one,) = compare(_trials(errors), [CASE])
     assert one.figure.value == pytest.approx(0.4)
@@ -50,7 +50,7 @@ def test_without_a_peer_there_is_nothing_to_compare() -> None:
     assert list(compare(_trials({"cpd": [0.004]}), [CASE])) == []
 
 
-def test_an_extra_case_has_no_bar() -> None:
+def test_an_extra_case_has_no_bound() -> None:
     (one,) = compare(_trials({default_name(): [0.1], "cpd": [0.1]}), [ObserverCase(name="base", extra=True)])
     assert not one.met
     assert not one.has_bar
@@ -60,21 +60,21 @@ def test_peers_are_the_packages_and_our_implementations_of_papers() -> None:
     assert set(PUBLISHED) == {"pycpd", "probreg", "cpd", "spr", "som"}
 
 
-def test_no_frame_may_be_lost_in_cases_with_few_hidden_but_in_the_dark() -> None:
+def test_no_frame_may_be_lost_in_cases_with_few_hidden_nodes_except_in_the_dark() -> None:
     never_lost = {bar.case for bar in bars(CASES) if bar.metric == "frames over 50 mm"}
     assert {"base", "hidden 0 %", "swing 1 m/s", "crossing"} <= never_lost
     assert {"hidden 50 %", "hidden 70 %", "dark for 1 s", "camera error"}.isdisjoint(never_lost)
     assert bars([ObserverCase(name="x", conditions=Conditions(hidden=0.7))]) == bars([])
 
 
-def test_a_bar_is_met_from_below_or_from_above() -> None:
+def test_a_bound_is_met_from_below_or_from_above() -> None:
     assert Bar(case="base", metric="node error", most=0.008).met(0.008)
     assert not Bar(case="base", metric="node error", most=0.008).met(0.0081)
     assert Bar(case="base", metric="m", most=0.6, is_least=True).met(0.6)
     assert not Bar(case="base", metric="m", most=0.6, is_least=True).met(0.59)
 
 
-def test_every_bar_is_of_a_case_and_metric_there_are() -> None:
+def test_every_bound_has_an_existing_case_and_metric() -> None:
     once = np.array([1.0])
     times = [IterationTimes(method=m, points=2000, iterations_s=once, setups_s=once) for m in ("cpd", "pycpd")]
     known = {(row.case, row.metric) for row in iterations.figures(times)}

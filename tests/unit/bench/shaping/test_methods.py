@@ -11,7 +11,7 @@ from dlokit.skills.observer.cpd import CpdConfig
 from dlokit.system.config import RunConfig
 
 
-def test_every_method_meets_every_start() -> None:
+def test_every_method_runs_from_every_start_shape() -> None:
     methods = methods_of(RunConfig(), ["map", "cpd"], ["farthest", "rollout"])
     todo = list(cases(paper_suite(), 3, methods, first_seed=100))
     assert len(todo) == len(paper_suite()) * 3 * 4
@@ -21,14 +21,14 @@ def test_every_method_meets_every_start() -> None:
     assert {case.seed for case in todo} == {100, 101, 102}
 
 
-def test_where_nothing_is_named_the_configuration_is_the_method() -> None:
+def test_by_default_the_configuration_is_the_method() -> None:
     config = RunConfig()
     (method,) = methods_of(config, [], [])
     assert method == ShapingMethod(observer=config.observer.strategy.name, planner=config.planning.strategy.name)
     assert with_method(config, method) == config
 
 
-def test_a_strategy_that_is_configured_keeps_its_settings_and_another_has_its_own() -> None:
+def test_a_configured_strategy_keeps_its_settings_and_others_have_defaults() -> None:
     config = RunConfig()
     config = replace(config, observer=replace(config.observer, strategy=CpdConfig(beta_m=0.3)))
     planner = config.planning.strategy.name
@@ -39,6 +39,6 @@ def test_a_strategy_that_is_configured_keeps_its_settings_and_another_has_its_ow
     assert with_method(config, ShapingMethod(observer="map", planner="rollout")).planning.strategy.name == "rollout"
 
 
-def test_a_method_that_is_not_known_is_told_with_those_that_are() -> None:
+def test_an_unknown_method_is_refused_with_the_known_methods() -> None:
     with pytest.raises(ConfigError, match="farthest"):
         with_method(RunConfig(), ShapingMethod(observer="map", planner="crystal_ball"))

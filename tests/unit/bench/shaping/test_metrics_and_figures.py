@@ -20,25 +20,25 @@ def _find(rows: list[BenchFigure], case: str, method: str, metric: str) -> Bench
     return row
 
 
-def test_a_convergence_is_false_when_the_truth_is_two_millimetres_beyond_the_threshold() -> None:
+def test_a_convergence_is_false_if_the_true_error_is_two_millimetres_above_the_threshold() -> None:
     assert metrics.falsely_converged(FALSE)
     assert not metrics.falsely_converged(run([0.05, 0.010], true_m=0.0139))
     assert not metrics.falsely_converged(STALLED)
 
 
-def test_a_goal_that_another_was_put_in_the_place_of_is_not_reached() -> None:
+def test_a_goal_that_was_replaced_is_not_reached() -> None:
     assert metrics.converged(GOOD)
     assert not metrics.converged(run([0.05, 0.010], said=Standing.INFEASIBLE, projected=True))
 
 
-def test_actions_in_vain_are_counted_from_the_last_new_best() -> None:
+def test_actions_without_progress_count_from_the_last_new_best() -> None:
     assert metrics.idle_actions(STALLED) == 3
     assert metrics.idle_actions(GOOD) == 0
     # An improvement below the threshold of a change.
     assert metrics.idle_actions(run([0.05, 0.03, 0.0299, 0.0298], outcome=RunOutcome.STALLED)) == 2
 
 
-def test_each_figure_is_of_its_experiment_its_group_and_of_all() -> None:
+def test_each_statistic_is_per_experiment_per_group_and_over_all() -> None:
     rows = figures([done(GOOD), done(STALLED, seed=1), done(GOOD, STRAIGHT), done(GOOD, method=ROLLOUT)])
 
     assert _find(rows, "I to S", FARTHEST.name, "converged").value == 0.5
@@ -57,7 +57,7 @@ def test_each_figure_is_of_its_experiment_its_group_and_of_all() -> None:
     assert _find(rows, "all", FARTHEST.name, "hopeless runs stopped in time").n == 1
 
 
-def test_a_rate_has_the_exact_interval_and_says_of_how_many() -> None:
+def test_a_rate_has_the_exact_interval_and_its_number_of_runs() -> None:
     row = _find(figures([done(GOOD, seed=seed) for seed in range(20)]), "all", FARTHEST.name, "converged")
 
     assert (row.value, row.high, row.n) == (1.0, 1.0, 20)
@@ -97,9 +97,7 @@ def test_the_table_has_a_cell_for_every_heading() -> None:
     assert list(verdict_lines(results)) == ["farthest, map: holds: 1 of 2 reached, doubtful: 0 of 1 reached"]
 
 
-def test_every_case_that_did_not_break_down_has_a_panel_on_some_page(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_every_case_that_did_not_crash_has_a_panel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pictures, "ROWS", 1)
     cases = [done(GOOD, seed=seed) for seed in range(pictures.COLUMNS + 1)]
 

@@ -51,7 +51,7 @@ def test_targets_are_the_truth_with_the_left_end_first() -> None:
     assert targets.visible.all()
 
 
-def test_the_order_is_the_one_asked_for_and_stays_when_the_rope_moves() -> None:
+def test_the_order_is_the_requested_one_and_stays_when_the_rope_moves() -> None:
     moved = shapes.moved(TRUTH, (0.0, 0.02))
 
     async def main() -> TargetPoints:
@@ -67,7 +67,7 @@ def test_the_order_is_the_one_asked_for_and_stays_when_the_rope_moves() -> None:
     assert np.allclose(virtual_time.run(main()).nodes_world, geometry.resample(moved, NODES), atol=1e-6)
 
 
-def test_while_tracking_it_looks_at_the_rate_and_not_after() -> None:
+def test_it_observes_at_the_tracking_rate_only_while_tracking() -> None:
     async def main() -> tuple[int, int]:
         async with await _host(_Rope()) as host:
             seen: list[int] = []

@@ -58,7 +58,7 @@ def test_each_arc_of_a_bent_goal_turns_by_its_angle_at_its_radius(turn_deg: int)
     assert bends.max() == pytest.approx(1.0 / radius_m, rel=0.02)
 
 
-def test_the_system_is_told_of_a_rod_what_a_lab_knows_and_not_what_is_so() -> None:
+def test_the_system_is_configured_with_measured_and_not_true_parameters() -> None:
     stiff = stiffness_suite()[-1].configured(RunConfig())
     wire = wires_suite()[0].configured(RunConfig())
 
@@ -100,7 +100,7 @@ def test_curves_of_a_file_are_scaled_moved_to_the_middle_and_have_seeds_of_their
         (np.full((1, 4, 3), np.nan), "has no length"),
     ],
 )
-def test_a_file_that_holds_no_curves_is_one_clear_error(tmp_path: Path, content: np.ndarray, message: str) -> None:
+def test_a_file_without_curves_is_one_clear_error(tmp_path: Path, content: np.ndarray, message: str) -> None:
     np.save(tmp_path / "goals.npy", content)
 
     with pytest.raises(ShapeError, match=message):

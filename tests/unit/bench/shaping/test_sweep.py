@@ -43,7 +43,7 @@ def test_every_planner_gets_the_same_starts_goals_and_cells() -> None:
         assert np.array_equal(my_job.request.nodes_world, their_job.request.nodes_world)
 
 
-def test_a_sweep_goes_by_seeds_so_that_an_early_end_has_every_experiment_in_it() -> None:
+def test_a_sweep_is_ordered_by_seeds_so_that_a_partial_one_has_every_experiment() -> None:
     assert [case.seed for case in cases((BENT, STRAIGHT), 2, (FARTHEST,))] == [0, 0, 1, 1]
 
 
@@ -76,7 +76,7 @@ def test_a_finished_case_is_read_and_not_run_again(tmp_path: Path, monkeypatch: 
 
 
 @pytest.mark.parametrize("missing", ["result.json", SHAPES_FILE])
-def test_a_case_of_which_a_file_is_missing_or_half_is_not_finished(tmp_path: Path, missing: str) -> None:
+def test_a_case_with_a_missing_or_incomplete_file_is_not_finished(tmp_path: Path, missing: str) -> None:
     _finish(tmp_path, done(GOOD))
     case = done(GOOD).case
     here = tmp_path / case.folder_name
@@ -122,7 +122,7 @@ def test_a_folder_is_continued_with_the_same_settings_and_more_seeds_or_planners
         (CONFIG, "paper", True, "oracle is False, here True"),
     ],
 )
-def test_a_folder_of_other_settings_is_refused_by_the_first_that_differs(
+def test_a_folder_with_other_settings_is_refused_by_the_first_difference(
     tmp_path: Path, config: RunConfig, suite: str, oracle: bool, message: str
 ) -> None:
     claim_sweep_folder(tmp_path, CONFIG, "paper", paper_suite(), oracle=False)
@@ -131,21 +131,21 @@ def test_a_folder_of_other_settings_is_refused_by_the_first_that_differs(
         claim_sweep_folder(tmp_path, config, suite, paper_suite(), oracle=oracle)
 
 
-def test_other_goals_under_the_same_name_are_other_settings(tmp_path: Path) -> None:
+def test_different_goals_with_the_same_name_count_as_other_settings(tmp_path: Path) -> None:
     claim_sweep_folder(tmp_path, CONFIG, "goals", paper_suite(), oracle=False)
 
     with pytest.raises(InputError, match="experiments"):
         claim_sweep_folder(tmp_path, CONFIG, "goals", paper_suite()[:2], oracle=False)
 
 
-def test_a_folder_of_something_else_is_refused(tmp_path: Path) -> None:
+def test_a_foreign_folder_is_refused(tmp_path: Path) -> None:
     (tmp_path / "thesis.tex").touch()
 
     with pytest.raises(InputError, match="not empty"):
         claim_sweep_folder(tmp_path, CONFIG, "paper", paper_suite(), oracle=False)
 
 
-def test_a_run_that_breaks_down_is_told_of_and_is_not_finished(tmp_path: Path) -> None:
+def test_a_run_that_crashes_is_reported_and_not_finished(tmp_path: Path) -> None:
     case = ShapingCase(
         experiment=replace(BENT, start="Z"), seed=0, method=ShapingMethod(observer=IDEAL, planner="farthest")
     )
@@ -160,7 +160,7 @@ def test_a_run_that_breaks_down_is_told_of_and_is_not_finished(tmp_path: Path) -
 
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "ray://127.0.0.1:1", "somewhere"])
-def test_a_cluster_that_is_not_there_is_one_clear_error(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_unreachable_cluster_is_one_clear_error(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
     def missing(name: str) -> None:
         raise ImportError(name)
 
@@ -175,5 +175,5 @@ def _names(todo: Sequence[ShapingCase]) -> list[str]:
     return [case.folder_name for case in todo]
 
 
-def test_a_folder_name_says_experiment_seed_planner_and_observer() -> None:
+def test_a_folder_name_has_experiment_seed_planner_and_observer() -> None:
     assert _names([done(GOOD, seed=3).case]) == ["I-to-S-3-farthest-map"]

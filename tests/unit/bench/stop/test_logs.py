@@ -39,7 +39,7 @@ def test_an_attempt_runs_from_its_first_report_to_its_second() -> None:
     asyncio.run(body())
 
 
-def test_nothing_runs_any_more_when_the_commander_is_gone() -> None:
+def test_no_attempt_runs_after_the_commander_has_ended() -> None:
     async def body() -> None:
         reports, sender = multiprocessing.Pipe(duplex=False)
         log = AttemptLog()
@@ -107,7 +107,7 @@ def test_a_mode_begins_with_the_first_state_that_has_it_and_brakings_are_counted
     asyncio.run(body())
 
 
-def test_a_wait_for_a_state_ends_with_a_new_one_alone() -> None:
+def test_a_wait_for_a_state_ends_only_with_a_new_one() -> None:
     async def body() -> None:
         wire = Wire()
         log = arm_log(wire)

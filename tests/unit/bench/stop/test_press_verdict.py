@@ -35,7 +35,7 @@ def verdict(
     return judged(report, watched, exit_code=0, holds=True, goes_on=goes_on)
 
 
-def test_an_arm_that_stands_and_refuses_everything_is_right() -> None:
+def test_an_arm_that_is_stopped_and_refuses_everything_is_correct() -> None:
     nearly = msgspec.structs.replace(STATE, q_rad=np.full(7, 0.01), finger_width_m=0.0203)
     press = verdict(nearly)
     assert press.wrong == ()
@@ -43,17 +43,17 @@ def test_an_arm_that_stands_and_refuses_everything_is_right() -> None:
     assert np.isclose(press.fingers_m, 0.0003)
 
 
-def test_whatever_moves_is_named_though_it_comes_back() -> None:
+def test_any_motion_is_named_even_if_it_returns() -> None:
     moved = msgspec.structs.replace(STATE, q_rad=np.array([0, 0, 0, 0, 0, 0.03, 0]), finger_width_m=0.021)
     assert verdict(moved, STATE).wrong == ("a joint moved by 0.030 rad", "the fingers moved by 1.00 mm")
 
 
-def test_a_dlo_that_is_let_go_and_a_latch_that_is_lost_are_named() -> None:
+def test_a_released_dlo_and_a_lost_latch_are_named() -> None:
     lost = msgspec.structs.replace(STATE, holding=False, stop_latched=False)
     assert verdict(lost, STATE).wrong == ("the stop was not latched all the time", "the fingers let the DLO go")
 
 
-def test_what_was_accepted_or_never_tried_is_named() -> None:
+def test_an_accepted_or_missing_attempt_is_named() -> None:
     accepted = (replace(REFUSALS[0], ended_as="Succeeded"), REFUSALS[1])
     assert verdict(attempts=accepted).wrong == (
         "robot.move_joints was not refused: Succeeded",
@@ -79,7 +79,7 @@ def press(confirmed_s: float | None, *wrong: str) -> Press:
     return Press(confirmed_s=confirmed_s, moved_rad=0.001, fingers_m=0.0, wrong=wrong)
 
 
-def test_the_bar_asks_for_a_confirmation_within_a_second_and_for_nothing_wrong() -> None:
+def test_the_bound_requires_a_confirmation_within_a_second_and_no_violation() -> None:
     def row(*presses: Press) -> tuple[PressRow, ...]:
         return (PressRow(name="a row", presses=presses),)
 

@@ -15,7 +15,7 @@ def measured(killed: tuple[Stop, ...], false_stops: int = 0) -> StopFigures:
     return StopFigures(killed=killed, frozen=stops(0.2), watched_s=60.0, false_stops=false_stops)
 
 
-def test_a_percentile_is_the_time_that_so_many_did_not_exceed() -> None:
+def test_a_percentile_is_a_measured_time() -> None:
     hundred = stops(*(number / 1000 for number in range(1, 101)))
     assert percentile_s(hundred, 50.0) == 0.050
     assert percentile_s(hundred, 99.0) == 0.099
@@ -23,7 +23,7 @@ def test_a_percentile_is_the_time_that_so_many_did_not_exceed() -> None:
     assert percentile_s(stops(0.1), 50.0) == 0.1
 
 
-def test_an_arm_that_never_braked_is_later_than_all_others() -> None:
+def test_an_arm_that_never_braked_ranks_last() -> None:
     assert percentile_s(stops(0.1, None, 0.2), 100.0) == math.inf
     rows = {(row.case, row.metric): row.value for row in stop_figures(measured(stops(0.1, None, 0.2)))}
     assert rows["commander killed", "never braked"] == 1
@@ -31,7 +31,7 @@ def test_an_arm_that_never_braked_is_later_than_all_others() -> None:
     assert ("commander killed", "braking begins after, max") not in rows
 
 
-def test_the_bar_asks_for_99_of_100_in_time_and_none_for_nothing() -> None:
+def test_the_bound_requires_99_of_100_in_time_and_no_false_brake() -> None:
     one_late = stops(*[0.2] * 99, 0.4)
     assert holds_the_bar(measured(one_late))
     assert not holds_the_bar(measured(stops(*[0.2] * 98, 0.4, 0.4)))

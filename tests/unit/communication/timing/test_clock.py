@@ -29,7 +29,7 @@ def test_a_followed_clock_shows_its_last_tick_and_never_goes_back() -> None:
     assert clock.now_ns() == 5
 
 
-def test_sleepers_wake_in_the_order_of_their_times_whatever_the_order_they_lay_down_in() -> None:
+def test_sleepers_wake_in_the_order_of_their_times() -> None:
     async def main() -> None:
         clock = FollowedClock()
         woken: list[int] = []
@@ -92,7 +92,7 @@ async def advance(clock: Clock, duration_s: float) -> None:
 
 
 @pytest.mark.parametrize("kind", [LoopClock, FollowedClock])
-def test_a_limit_ends_its_body_when_the_clock_says_so(kind: type[LoopClock] | type[FollowedClock]) -> None:
+def test_a_limit_ends_its_body_on_its_clock(kind: type[LoopClock] | type[FollowedClock]) -> None:
     async def main() -> None:
         clock = kind()
         ended: list[str] = []
@@ -127,7 +127,7 @@ def test_a_body_that_ends_in_time_is_not_disturbed_later(kind: type[LoopClock] |
     virtual_time.run(main())
 
 
-def test_a_limit_that_runs_out_as_the_body_ends_does_no_harm() -> None:
+def test_a_limit_that_expires_as_the_body_ends_has_no_effect() -> None:
     async def main() -> None:
         clock = FollowedClock()
         failures: list[object] = []

@@ -11,7 +11,7 @@ PATIENCE_S = 30.0  # it takes milliseconds; a test that waits in vain fails
 PERIOD_S = 0.005
 
 
-def test_on_the_loop_they_come_at_their_beat() -> None:
+def test_the_loop_sends_heartbeats_at_the_period() -> None:
     async def main() -> None:
         given: list[float] = []
         async with loop_pulse(lambda: given.append(round(asyncio.get_running_loop().time(), 3)), 0.04):
@@ -22,7 +22,7 @@ def test_on_the_loop_they_come_at_their_beat() -> None:
     virtual_time.run(main())
 
 
-def test_a_busy_loop_delays_none() -> None:
+def test_a_busy_loop_delays_no_heartbeat() -> None:
     async def main() -> None:
         given = threading.Semaphore(0)
         async with ThreadPulse(PATIENCE_S)(lambda: given.release(), PERIOD_S):
@@ -32,7 +32,7 @@ def test_a_busy_loop_delays_none() -> None:
     asyncio.run(main())
 
 
-def test_a_loop_that_hangs_gives_no_more_and_one_that_goes_on_gives_them_again() -> None:
+def test_heartbeats_stop_while_the_loop_hangs_and_resume() -> None:
     async def main() -> None:
         heard = threading.Event()
         silent_s = 0.03
@@ -46,7 +46,7 @@ def test_a_loop_that_hangs_gives_no_more_and_one_that_goes_on_gives_them_again()
     asyncio.run(main())
 
 
-def test_one_that_fails_does_not_end_them() -> None:
+def test_a_failed_heartbeat_does_not_end_the_others() -> None:
     async def main() -> None:
         tried = threading.Semaphore(0)
 

@@ -126,7 +126,7 @@ def test_an_urgent_thread_starts_ordinary_threads_and_processes() -> None:
 
 
 @allowed
-def test_threads_that_a_library_starts_meanwhile_are_urgent_and_later_ones_are_not() -> None:
+def test_threads_that_a_library_starts_in_the_context_are_urgent_and_later_ones_are_not() -> None:
     def story() -> tuple[int, int, int]:
         with threads_urgent():
             meanwhile = policy_of_a_new_thread()
@@ -136,7 +136,7 @@ def test_threads_that_a_library_starts_meanwhile_are_urgent_and_later_ones_are_n
 
 
 @allowed
-def test_an_urgent_thread_is_as_urgent_as_before_once_a_library_s_threads_have_started() -> None:
+def test_an_urgent_thread_keeps_its_priority_after_the_context() -> None:
     def story() -> int:
         make_urgent()
         with threads_urgent():
@@ -147,7 +147,7 @@ def test_an_urgent_thread_is_as_urgent_as_before_once_a_library_s_threads_have_s
 
 
 @allowed
-def test_what_is_no_longer_wanted_is_given_back_and_can_be_had_again() -> None:
+def test_a_released_priority_can_be_requested_again() -> None:
     def story() -> list[int]:
         urgency, policies = BoundedUrgency(), list[int]()
         for wanted in (True, False, True):
@@ -158,7 +158,7 @@ def test_what_is_no_longer_wanted_is_given_back_and_can_be_had_again() -> None:
     assert on_a_thread(story) == [os.SCHED_RR, os.SCHED_OTHER, os.SCHED_RR]
 
 
-def test_where_the_system_refuses_everything_goes_on_as_an_ordinary_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_if_the_system_refuses_the_thread_stays_ordinary(monkeypatch: pytest.MonkeyPatch) -> None:
     def refused(*_: object) -> None:
         raise PermissionError("Operation not permitted")
 
@@ -166,7 +166,7 @@ def test_where_the_system_refuses_everything_goes_on_as_an_ordinary_thread(monke
     _nothing_is_urgent()
 
 
-def test_where_there_is_no_such_thing_everything_goes_on_as_an_ordinary_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_on_other_systems_the_thread_stays_ordinary(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("sched_setscheduler", "sched_getscheduler", "sched_getparam", "sched_param", "SCHED_RR"):
         monkeypatch.delattr(os, name)  # as on macOS
     _nothing_is_urgent()
@@ -184,7 +184,7 @@ def _nothing_is_urgent() -> None:
     assert not may_be_urgent()
 
 
-def test_a_thread_that_computes_little_keeps_its_urgency_while_it_wants_it() -> None:
+def test_a_thread_that_computes_little_keeps_its_priority() -> None:
     machine = Granted()
     machine.go_on(LITTLE)
     machine.go_on(LITTLE)
@@ -193,7 +193,7 @@ def test_a_thread_that_computes_little_keeps_its_urgency_while_it_wants_it() -> 
     assert machine.urgent == [True, False]
 
 
-def test_a_thread_that_computes_much_leaves_the_machine_to_the_others_for_a_while() -> None:
+def test_a_thread_that_computes_much_is_ordinary_for_a_while() -> None:
     machine = Granted()
     machine.go_on(MUCH)
     assert machine.urgent == [True, False]
@@ -204,7 +204,7 @@ def test_a_thread_that_computes_much_leaves_the_machine_to_the_others_for_a_whil
     assert machine.urgent == [True, False, True, False]
 
 
-def test_what_was_computed_before_does_not_count() -> None:
+def test_earlier_computation_does_not_count() -> None:
     machine = Granted()
     machine.go_on(MUCH, wanted=False)
     machine.go_on(LITTLE)
@@ -224,7 +224,7 @@ def test_the_threads_of_the_bus_are_urgent_and_the_loop_is_not() -> None:
     assert policies["MainThread"] == os.SCHED_OTHER
 
 
-def test_no_garbage_is_looked_for_meanwhile_among_what_was_loaded_before() -> None:
+def test_earlier_objects_are_excluded_from_garbage_collection() -> None:
     async def scenario() -> None:
         async with garbage_frozen():
             assert gc.get_freeze_count() > 1000  # what Python itself has loaded

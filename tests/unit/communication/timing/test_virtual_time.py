@@ -50,7 +50,7 @@ def test_every_run_starts_at_zero() -> None:
     assert virtual_time.run(now()) == 0.0
 
 
-def test_tasks_that_wait_for_one_another_are_named_a_deadlock() -> None:
+def test_tasks_that_wait_for_one_another_are_a_deadlock() -> None:
     async def main() -> None:
         await asyncio.Event().wait()
 
@@ -58,7 +58,7 @@ def test_tasks_that_wait_for_one_another_are_named_a_deadlock() -> None:
         virtual_time.run(main())
 
 
-def test_ctrl_c_cancels_what_runs_and_its_clean_up_is_done() -> None:
+def test_ctrl_c_cancels_the_tasks_with_their_clean_up() -> None:
     cleaned_up: list[float] = []
 
     async def main() -> None:

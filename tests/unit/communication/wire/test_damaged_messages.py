@@ -93,19 +93,19 @@ def test_a_damaged_message_is_decoded_or_refused_within_bounds(decode: Decode, s
 
 
 @for_every_decoder
-def test_a_sound_message_is_understood(decode: Decode, sound: Sound) -> None:
+def test_a_valid_message_is_decoded(decode: Decode, sound: Sound) -> None:
     rng = Random(7)
     assert all(understood(decode, sound(rng)) for _ in range(5))
 
 
-def test_some_damage_is_refused_and_some_understood() -> None:
+def test_some_damaged_messages_are_refused_and_some_decoded() -> None:
     # Otherwise the damage was absent, or too strong.
     rng = Random(1)
     found = [understood(decode, mutated(sound(rng), rng)) for decode, sound in DECODERS.values() for _ in range(10)]
     assert 0.0 < np.mean(found) < 0.9
 
 
-def test_a_decoder_that_asks_for_too_much_memory_is_found() -> None:
+def test_a_decoder_that_allocates_too_much_memory_is_detected() -> None:
     with pytest.raises(AssertionError):
         understood(lambda data: bytes(ALLOWED_BYTES + 1), b"")
 
@@ -113,7 +113,7 @@ def test_a_decoder_that_asks_for_too_much_memory_is_found() -> None:
 @pytest.mark.parametrize("wanted", TYPES.values(), ids=TYPES.keys())
 @every_time_the_same
 @given(rng=st.randoms(use_true_random=False))
-def test_every_message_comes_back_as_it_was_sent(wanted: type[msgspec.Struct], rng: Random) -> None:
+def test_every_message_is_decoded_as_sent(wanted: type[msgspec.Struct], rng: Random) -> None:
     sent = example(wanted, rng)
     assert_same(codec.decode(codec.encode(sent), wanted), sent)
 

@@ -9,7 +9,7 @@ SCHEMA = b"01234567"
 ELSEWHERE = this_machine() ^ 1
 
 
-def test_an_envelope_tells_when_it_was_sealed() -> None:
+def test_an_envelope_has_the_send_time() -> None:
     before_ns = time.monotonic_ns()
     envelope = unpack_envelope(pack_envelope(SCHEMA), SCHEMA)
     assert before_ns <= envelope.sent_ns <= time.monotonic_ns()
@@ -24,12 +24,12 @@ def test_a_message_of_another_schema_is_refused_by_name() -> None:
 @pytest.mark.parametrize(
     "envelope", [None, b"", b"short", pack_envelope(SCHEMA) + b"!"], ids=["none", "empty", "short", "longer"]
 )
-def test_a_message_that_does_not_say_its_schema_is_refused(envelope: bytes | None) -> None:
+def test_a_message_without_a_schema_is_refused(envelope: bytes | None) -> None:
     with pytest.raises(SchemaMismatch, match="no envelope"):
         unpack_envelope(envelope, SCHEMA)
 
 
-def test_a_message_of_another_machine_is_as_old_as_its_stay_here() -> None:
+def test_the_age_of_a_message_of_another_machine_counts_from_its_arrival() -> None:
     assert Envelope(SCHEMA, ELSEWHERE, 10**18).sent_s(arrived_s=3.0) == 3.0
 
 

@@ -43,12 +43,12 @@ def paint(**changed: Any) -> type[msgspec.Struct]:
     return msgspec.defstruct("Paint", listed, bases=(Value,), kw_only=True, frozen=True, eq=False)
 
 
-def test_the_same_fields_have_the_same_fingerprint_whatever_the_class_is_called() -> None:
+def test_the_fingerprint_does_not_depend_on_the_class_name() -> None:
     assert fingerprint(paint()) == fingerprint(Paint)
     assert fingerprint(Tree) == fingerprint(Bush)
 
 
-def test_a_default_value_is_no_part_of_the_wire() -> None:
+def test_the_fingerprint_does_not_depend_on_defaults() -> None:
     assert fingerprint(paint(name=(str, "striped"))) == fingerprint(Paint)
 
 
@@ -97,5 +97,5 @@ def test_every_topic_has_a_description_without_addresses() -> None:
     ],
     ids=str,
 )
-def test_a_type_of_any_number_of_items_is_known(wanted: Any, listing: bool) -> None:
+def test_a_type_with_any_number_of_items_is_detected(wanted: Any, listing: bool) -> None:
     assert is_listing(wanted) is listing

@@ -29,7 +29,7 @@ def done(kind: str, off_m: float, **changes: object) -> ActionRecord:
     return ActionRecord(**{**fields, **changes})  # pyright: ignore[reportArgumentType]
 
 
-def test_only_actions_of_the_same_kind_that_went_as_planned_tell_how_far_such_actions_miss() -> None:
+def test_prediction_errors_come_only_from_completed_actions_of_the_same_kind() -> None:
     history = (
         done("drag", 0.03),
         done("drag", 0.04),

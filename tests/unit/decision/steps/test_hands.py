@@ -179,7 +179,7 @@ def test_both_hands_move_and_neither_is_stopped() -> None:
 
 
 @pytest.mark.parametrize("fails", [0, 1])
-def test_when_one_hand_fails_the_other_is_stopped_and_the_failure_is_told(fails: int) -> None:
+def test_when_one_hand_fails_the_other_is_stopped_and_the_failure_is_raised(fails: int) -> None:
     scripts = (Script(), Script())
     scripts[fails].fails = "joint_limit"
 
@@ -207,7 +207,7 @@ def test_a_motion_that_the_gate_refuses_leads_to_another_grasp(reason: str) -> N
 
 
 @pytest.mark.parametrize("blocked", [0, 1])
-def test_a_pair_of_which_one_cannot_come_goes_home_before_another_is_chosen(blocked: int) -> None:
+def test_a_pair_with_an_unreachable_grasp_goes_home_before_another_is_chosen(blocked: int) -> None:
     scripts = (Script(), Script())
     scripts[blocked].comes_above = False
 
@@ -220,7 +220,7 @@ def test_a_pair_of_which_one_cannot_come_goes_home_before_another_is_chosen(bloc
     assert all(script.is_home for script in scripts)
 
 
-def test_a_pair_that_can_neither_come_nor_go_home_fails() -> None:
+def test_a_pair_that_can_neither_reach_its_grasp_nor_go_home_fails() -> None:
     first = Script()
     second = Script(comes_above=False, home_needs=first)
     first.home_needs = second
@@ -233,7 +233,7 @@ def test_a_pair_that_can_neither_come_nor_go_home_fails() -> None:
     with_two_arms(first, second, check)
 
 
-def test_a_pair_of_which_one_holds_nothing_is_missed() -> None:
+def test_a_pair_with_an_empty_hand_counts_as_missed() -> None:
     async def check(task: ShapeTask) -> None:
         assert not (await hands.close_fingers(task)).held
 
@@ -241,7 +241,7 @@ def test_a_pair_of_which_one_holds_nothing_is_missed() -> None:
 
 
 @pytest.mark.parametrize(("loses", "node"), [(0, NODE), (1, PARTNERS_NODE)])
-def test_a_slip_out_of_either_hand_stops_both_and_is_noted_at_its_node(loses: int, node: int) -> None:
+def test_a_slip_out_of_either_hand_stops_both_and_is_recorded_at_its_node(loses: int, node: int) -> None:
     scripts = (Script(), Script())
     scripts[loses].loses_at_s = 1.0
 
@@ -254,7 +254,7 @@ def test_a_slip_out_of_either_hand_stops_both_and_is_noted_at_its_node(loses: in
     assert [script.told for script in scripts] == [["follow_path", "stop"]] * 2
 
 
-def test_a_held_node_is_beside_the_tool_centre_point_along_the_rod_and_between_the_fingers_across_it() -> None:
+def test_a_held_node_may_be_off_the_tool_centre_point_along_the_rod_only() -> None:
     T_world_tcp = geometry.downward([0.5, 0.1, 0.004], 0.3)
     along, across, up = geometry.rotation(T_world_tcp).T  # axes of the tool in the world
     node = T_world_tcp.position_m + 0.012 * along + 0.004 * across + 0.002 * up
@@ -264,7 +264,7 @@ def test_a_held_node_is_beside_the_tool_centre_point_along_the_rod_and_between_t
     assert np.allclose(place, [0.012, 0.0, 0.002], atol=1e-12)
 
 
-def test_a_hand_that_another_is_in_the_way_of_goes_after_it() -> None:
+def test_a_hand_blocked_by_another_moves_after_it() -> None:
     first, second = Script(), Script()
     first.home_needs = second
 
@@ -276,7 +276,7 @@ def test_a_hand_that_another_is_in_the_way_of_goes_after_it() -> None:
     assert second.told == ["home"]
 
 
-def test_hands_that_are_in_the_way_of_one_another_do_not_try_for_ever() -> None:
+def test_hands_that_block_each_other_do_not_retry_without_end() -> None:
     first, second = Script(), Script()
     first.home_needs, second.home_needs = second, first
 

@@ -32,7 +32,7 @@ def model() -> Any:
     return spec.compile()
 
 
-def test_the_flange_stands_where_the_documentation_says() -> None:
+def test_the_flange_is_where_the_documentation_says() -> None:
     # All joints at zero: 0.333 + 0.316 + 0.384 - 0.107 m up, 0.088 m ahead, looking down.
     flange = arm_transforms(np.zeros(7))[0, 7] @ np.array([0.0, 0.0, 0.107, 1.0])
     np.testing.assert_allclose(flange[:3], [0.088, 0.0, 0.926], atol=1e-12)
@@ -89,7 +89,7 @@ def test_the_capsules_of_a_link_enclose_its_mesh(link: str) -> None:
     assert np.max(np.min(gaps, axis=0)) < (0.03 if link == "link0" else 0.012)
 
 
-def test_the_fingers_open_along_y_of_the_tool_and_stand_off_the_base_as_told() -> None:
+def test_the_fingers_open_along_y_of_the_tool_by_the_commanded_width() -> None:
     spec = mujoco.MjSpec()
     add_panda(spec, T_world_base=pose([1.0, 2.0, 0.0]), visual=False)
     model = spec.compile()
@@ -105,7 +105,7 @@ def test_the_fingers_open_along_y_of_the_tool_and_stand_off_the_base_as_told() -
     assert pytest.approx(0.1034) == PANDA_TCP_M  # Franka's nominal end effector
 
 
-def test_an_arm_that_is_told_to_stay_stays_without_fighting_gravity(model: Any) -> None:
+def test_a_holding_arm_stays_in_place_with_gravity_compensated(model: Any) -> None:
     data = mujoco.MjData(model)
     data.qpos[:7] = data.ctrl[:7] = PANDA_HOME_Q_RAD
     mujoco.mj_step(model, data, 500)

@@ -38,23 +38,23 @@ def looks(camera: PlayedCamera, count: int) -> list[tuple[int, int, int]]:
     return seen
 
 
-def test_a_look_gets_its_own_pictures_when_they_came() -> None:
+def test_an_observation_gets_its_own_images_at_their_time() -> None:
     camera = PlayedCamera(iter([pair(10), pair(30)]), [(10, 17), (30, 37)])
     assert looks(camera, 2) == [(15, 10, 10), (35, 30, 30)]
     assert camera.left_out == set()
 
 
-def test_a_look_whose_pictures_were_left_out_gets_those_before_with_its_own_stamp_and_is_told_of() -> None:
+def test_an_observation_without_images_gets_the_previous_ones_with_its_stamp_and_is_noted() -> None:
     camera = PlayedCamera(iter([pair(10), pair(30)]), [(10, 17), (20, 27), (30, 37)])
     assert looks(camera, 3) == [(15, 10, 10), (27, 20, 10), (35, 30, 30)]
     assert camera.left_out == {20}
 
 
-def test_pictures_that_are_no_looks_are_passed_over() -> None:
+def test_images_of_no_observation_are_skipped() -> None:
     assert looks(PlayedCamera(iter([pair(10), pair(20), pair(30)]), [(10, 17), (30, 37)]), 2)[1] == (35, 30, 30)
 
 
-def test_without_pictures_there_is_nothing_to_look_at() -> None:
+def test_without_images_there_is_no_observation() -> None:
     camera = PlayedCamera(iter([]), [(10, 17)])
     assert camera.empty
     with pytest.raises(HardwareError, match="no pictures"):
@@ -63,7 +63,7 @@ def test_without_pictures_there_is_nothing_to_look_at() -> None:
         _ = camera.calibration
 
 
-def test_after_the_last_look_nothing_comes() -> None:
+def test_after_the_last_observation_there_are_no_images() -> None:
     async def main() -> None:
         camera = PlayedCamera(iter([pair(10)]), [])
         async with asyncio.timeout(3.0):

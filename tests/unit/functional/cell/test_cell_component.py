@@ -74,7 +74,7 @@ def arm_mode(bus: MemoryTransport) -> RobotMode:
     return state.mode
 
 
-def test_in_lockstep_the_cells_time_is_the_hosts():
+def test_in_lockstep_the_cells_time_is_the_loops():
     async def story(bus: MemoryTransport) -> None:
         await asyncio.sleep(0.505)
         tick = bus.latest(topics.CLOCK).value
@@ -85,7 +85,7 @@ def test_in_lockstep_the_cells_time_is_the_hosts():
     run(story)
 
 
-def test_the_clock_ticks_at_100_hz_and_the_arm_speaks_at_50():
+def test_the_clock_ticks_at_100_hz_and_the_arm_publishes_at_50():
     async def story(bus: MemoryTransport) -> None:
         await asyncio.sleep(0.505)
         tick, state = bus.latest(topics.CLOCK).value, bus.latest(topics.ARM_STATE).value
@@ -127,7 +127,7 @@ def test_without_renewals_the_arm_brakes_and_needs_recovery():
     run(story, renews=False)
 
 
-def test_the_cell_is_in_a_hurry_from_the_beginning_of_a_motion_until_the_arm_stands_but_not_while_it_draws():
+def test_the_cell_is_urgent_during_a_motion_but_not_while_it_renders():
     wanted: list[bool] = []
 
     async def main() -> None:
@@ -149,7 +149,7 @@ def test_the_cell_is_in_a_hurry_from_the_beginning_of_a_motion_until_the_arm_sta
     virtual_time.run(main())
 
 
-def test_a_brake_ends_a_motion_as_stopped_and_the_arm_stands_before_the_end():
+def test_a_brake_ends_a_motion_as_stopped_with_the_arm_at_rest_before_its_end():
     async def story(bus: MemoryTransport) -> None:
         motion = asyncio.create_task(bus.call(api.FOLLOW, wave(duration_s=2.0), LEASE_S))
         await asyncio.sleep(1.0)
@@ -238,7 +238,7 @@ def test_a_grip_returns_when_the_fingers_rest():
     run(story)
 
 
-def test_the_truth_is_a_file_of_its_own_at_10_hz(tmp_path: Path):
+def test_the_true_shape_is_recorded_in_a_separate_file_at_10_hz(tmp_path: Path):
     async def main() -> None:
         async with running(tmp_path) as bus:
             await asyncio.sleep(1.05)

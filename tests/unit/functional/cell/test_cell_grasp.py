@@ -110,7 +110,7 @@ def test_a_frictional_grasp_lifts_carries_and_releases_the_rope(physics: DloPhys
     assert np.linalg.norm(left[:2] - goal) < 0.015
 
 
-def test_fingers_that_meet_nothing_hold_nothing():
+def test_fingers_that_close_on_nothing_hold_nothing():
     cell = Cell(CellConfig(), seed=0)
     cell.set_grip(0.0, 20.0)
     cell.step(1.5)

@@ -42,7 +42,7 @@ def test_another_seed_gives_another_error():
 
 
 @pytest.mark.parametrize("side", ["left", "right"])
-def test_the_rope_is_seen_where_the_calibration_says(cell: Cell, side: str):
+def test_the_rope_is_seen_at_its_calibrated_position(cell: Cell, side: str):
     images = cell.capture()
     calibration = images.calibration
     bright = getattr(images, side).min(axis=2) > 130
@@ -75,7 +75,7 @@ def test_the_disparity_is_positive_and_fits_the_depth(cell: Cell):
     assert disparity == pytest.approx(calibration.fx_px * STEREO_BASELINE_M / depth_m, abs=1.0)  # whole pixels
 
 
-def test_looking_does_not_move_the_world():
+def test_rendering_does_not_change_the_simulation():
     nodes = []
     for looks in (False, True):
         cell = Cell(EXACT, seed=0)

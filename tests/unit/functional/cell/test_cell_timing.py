@@ -16,7 +16,7 @@ from dlokit.types.arrays import Float64Array
 from dlokit.types.robot import JointTrajectory
 
 
-def test_a_lease_runs_out_only_without_renewals():
+def test_a_lease_expires_only_without_renewals():
     watchdog = Watchdog(longest_tick_s=0.02)
     watchdog.arm(0.1)
     assert not any(watchdog.expired(k * 0.01) for k in range(10))
@@ -25,7 +25,7 @@ def test_a_lease_runs_out_only_without_renewals():
     assert any(watchdog.expired(0.2 + k * 0.01) for k in range(3))
 
 
-def test_time_in_which_the_cell_could_not_listen_does_not_count():
+def test_time_in_which_the_cell_could_not_receive_does_not_count():
     watchdog = Watchdog(longest_tick_s=0.02)
     watchdog.arm(0.1)
     assert not watchdog.expired(0.0)
@@ -46,7 +46,7 @@ def test_ticks_that_are_late_are_caught_up_but_not_a_long_pause():
     assert pace.next_ns(9_000_000_000) == 8_900_000_000  # after a pause, at most 0.1 s is recovered
 
 
-def test_half_pace_takes_twice_the_time_and_says_so():
+def test_half_pace_takes_twice_the_time_and_is_reported():
     pace = Pace(0.5, 0)
     now_ns = 0
     for _ in range(300):
@@ -55,7 +55,7 @@ def test_half_pace_takes_twice_the_time_and_says_so():
     assert pace.real_time_factor == pytest.approx(0.5, rel=0.01)  # a running mean of 50 ticks
 
 
-def test_following_is_smooth_between_samples():
+def test_the_interpolation_is_smooth_between_samples():
     times = np.linspace(0.0, 1.0, 6)
     q, dq, ddq = np.sin(times)[:, None], np.cos(times)[:, None], -np.sin(times)[:, None]
     follow = Follow(JointTrajectory(times_s=times, q_rad=q, dq_rad_s=dq, ddq_rad_s2=ddq), start_s=2.0)
@@ -68,7 +68,7 @@ def test_following_is_smooth_between_samples():
 
 
 @pytest.mark.parametrize("offset_rad", [1e-5, -3e-4, 0.02])
-def test_a_motion_that_begins_beside_the_last_set_point_joins_on_without_a_jump(offset_rad: float) -> None:
+def test_a_motion_that_begins_near_the_last_set_point_continues_without_a_jump(offset_rad: float) -> None:
     offset = offset_rad * np.array([1.0, -1.0, 0.5, 0.2, -0.3, 1.0, 0.0])
     planned = joint_move(PANDA_HOME_Q_RAD, PANDA_HOME_Q_RAD + 0.3)
     follow = Follow(planned, 0.0, Fade(offset, PANDA_LIMITS))

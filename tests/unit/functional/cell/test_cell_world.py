@@ -44,7 +44,7 @@ def test_a_chain_at_rest_lies_as_still_as_the_rod():
     assert np.linalg.norm(cell.true_nodes_world() - before, axis=1).max() < 1e-4  # measured 2 um in a second
 
 
-def test_a_wire_keeps_an_s_that_an_elastic_one_of_its_stiffness_does_not():
+def test_a_wire_keeps_an_s_that_an_elastic_rod_of_equal_stiffness_does_not():
     curve = builtin_shape("S", 0.5, 41, radius_m=WIRE_A.radius_m)
     away_m: list[float] = []
     for yield_1_m in (WIRE_A.yield_curvature_1_m, None):
@@ -56,7 +56,7 @@ def test_a_wire_keeps_an_s_that_an_elastic_one_of_its_stiffness_does_not():
     assert away_m[1] > 0.03  # measured 53 mm
 
 
-def test_a_start_shape_stays_close_to_what_was_asked_for():
+def test_a_start_shape_stays_close_to_the_requested_one():
     cell = Cell(CONFIG, seed=0)
     curve = builtin_shape("S", 0.5, CONFIG.nodes)
     cell.place_dlo(curve)
@@ -98,13 +98,13 @@ def test_placing_the_rope_takes_no_time():
         ([[0.0, 0.0], [np.nan, 0.5]], "long"),
     ],
 )
-def test_a_start_shape_that_cannot_be_is_refused_by_name(curve: list[list[float]], says: str):
+def test_an_invalid_start_shape_is_refused_by_name(curve: list[list[float]], says: str):
     cell = Cell(CONFIG, seed=0)
     with pytest.raises(ShapeError, match=says):
         cell.place_dlo(curve)
 
 
-def test_the_arm_state_does_not_hold_the_rope():
+def test_the_arm_state_does_not_contain_the_rope():
     """The arm's state is independent of the rope's position."""
     states = []
     for name in ("I", "S"):
@@ -130,7 +130,7 @@ def test_a_pushed_rope_does_not_roll_away():
     assert moved_m < 0.001
 
 
-def test_a_diverged_cell_says_so_instead_of_starting_anew():
+def test_a_diverged_cell_is_reported_and_not_reset():
     cell = Cell(CONFIG, seed=0)
     cell._data.qvel[0] = np.nan  # pyright: ignore[reportPrivateUsage]  # nothing that one may do does this
     with pytest.raises(DlokitError, match="diverged"):
@@ -152,6 +152,6 @@ def test_a_diverged_cell_says_so_instead_of_starting_anew():
         ({"table_regions": (1.0, 1.0, -1.0, 1.0)}, "table_regions"),
     ],
 )
-def test_settings_that_cannot_work_are_refused_by_name(values: dict[str, Any], says: str):
+def test_invalid_settings_are_refused_by_name(values: dict[str, Any], says: str):
     with pytest.raises(ConfigError, match=says):
         CellConfig(**values)

@@ -38,7 +38,7 @@ DRAWN = {
 }
 
 
-def test_nothing_is_drawn_unless_asked_for():
+def test_nothing_is_randomised_by_default():
     assert draw_episode(NOMINAL, seed=3) == Episode()
     special = CellConfig(
         table_regions=(1.0, 0.1, 0.9, 0.8), table_tilt_deg=(0.1, -0.2), light=0.9, camera_error_m=0.001
@@ -46,7 +46,7 @@ def test_nothing_is_drawn_unless_asked_for():
     assert apply_episode(special, Episode()) == special
 
 
-def test_a_seed_draws_the_same_again_and_another_seed_something_else():
+def test_a_seed_draws_the_same_factors_again_and_another_seed_others():
     assert draw_episode(EVERYTHING, seed=3) == draw_episode(EVERYTHING, seed=3)
     one, other = (dataclasses.asdict(draw_episode(EVERYTHING, seed=seed)) for seed in (3, 4))
     assert [name for name in one if one[name] == other[name]] == []
@@ -62,7 +62,7 @@ def test_a_factor_is_switched_off_without_changing_the_others(factor: str):
     assert drawn[changed[0]] == getattr(Episode(), changed[0])
 
 
-def test_what_is_drawn_stays_within_what_was_allowed():
+def test_drawn_factors_stay_within_their_ranges():
     episodes = [draw_episode(EVERYTHING, seed) for seed in range(200)]
     for name, share in (("friction", 0.25), ("stiffness", 0.5), ("weight", 0.2), ("light", 0.15)):
         values = np.array([getattr(episode, f"{name}_factor") for episode in episodes])
@@ -77,7 +77,7 @@ def test_what_is_drawn_stays_within_what_was_allowed():
     assert colors.max() <= 1.0
 
 
-def test_the_cell_is_the_one_that_was_drawn():
+def test_the_cell_has_the_drawn_factors():
     episode = draw_episode(EVERYTHING, seed=5)
     cell = Cell(EVERYTHING, seed=5)
     dlo = cell.config.dlo
@@ -106,7 +106,7 @@ def test_a_dlo_lies_flat_on_a_tilted_table(physics: DloPhysics):
     [(ElasticRod(), [0.8 * (20 + 21 * 0.1) / 41] * 41), (ElastoplasticChain(), [0.08] * 21 + [0.8] * 20)],
     ids=["rod", "chain"],
 )
-def test_a_dlo_feels_in_which_quarters_of_the_table_it_lies(physics: DloPhysics, felt: list[float]):
+def test_a_dlo_has_the_friction_of_the_table_regions_it_lies_on(physics: DloPhysics, felt: list[float]):
     cell = Cell(CellConfig(physics=physics, table_regions=(1.0, 0.1, 1.0, 0.1), settle_s=0.3), seed=0)
     cell.place_dlo(builtin_shape("I", 0.5, 41) + np.array([0.0, 0.003, 0.0]))  # the middle node clearly on the left
     data = cell._data  # pyright: ignore[reportPrivateUsage]  # no skill tells contacts
@@ -128,6 +128,6 @@ def test_a_table_without_regions_keeps_its_own_friction():
         ({"hand_eye_from_m": 0.004, "hand_eye_to_m": 0.003}, "exchange"),
     ],
 )
-def test_a_randomisation_that_cannot_be_is_refused_by_name(values: dict[str, Any], says: str):
+def test_an_invalid_randomisation_is_refused_by_name(values: dict[str, Any], says: str):
     with pytest.raises(ConfigError, match=says):
         Randomisation(**values)

@@ -67,7 +67,7 @@ async def refusal(motion: Awaitable[object]) -> str:
     return failure.value.reason
 
 
-def test_a_planned_motion_passes_as_it_is() -> None:
+def test_a_planned_motion_passes_unchanged() -> None:
     async def scenario(arm: FeltArm, robot: GatedRobot) -> None:
         await robot.follow(GOOD, LEASE)
         assert arm.followed == [GOOD]
@@ -99,7 +99,7 @@ def test_every_motion_is_slowed_by_the_speed_scale() -> None:
     at_gate(scenario, GateConfig(speed_scale=0.1))
 
 
-def test_a_motion_that_would_take_longer_than_anybody_waits_is_refused_at_a_small_scale() -> None:
+def test_a_motion_that_becomes_too_long_at_a_small_scale_is_refused() -> None:
     path = (downward([0.5, 0.1, 0.1], 0.3), downward([0.5, -0.3, 0.1], 0.3), downward([0.5, 0.3, 0.1], 0.3))
     slow = tool_move(KINEMATICS, KINEMATICS.inverse(path[0]), path[1:], VelocityProfile(speed_m_s=0.08))
     assert 10.0 < slow.times_s[-1] < 20.0
@@ -120,7 +120,7 @@ def test_a_motion_too_fast_for_the_limits_passes_when_it_is_scaled_into_them() -
 
 
 @pytest.mark.parametrize("off_rad", [0.06, -1.0, np.nan])
-def test_a_motion_that_starts_elsewhere_than_the_arm_stands_is_refused(off_rad: float) -> None:
+def test_a_motion_that_does_not_start_at_the_arms_position_is_refused(off_rad: float) -> None:
     async def scenario(arm: FeltArm, robot: GatedRobot) -> None:
         arm.sag_rad = off_rad
         assert await refusal(robot.follow(GOOD, LEASE)) == RobotReason.WRONG_START
@@ -137,7 +137,7 @@ def test_a_motion_from_an_arm_that_moves_is_refused(dq_rad_s: float) -> None:
     at_gate(scenario)
 
 
-def test_frozen_feedback_is_waited_for_and_then_refused() -> None:
+def test_a_motion_with_frozen_feedback_is_refused_after_a_wait() -> None:
     async def scenario(arm: FeltArm, robot: GatedRobot) -> None:
         await robot.follow(GOOD, LEASE)
         arm.frozen_ns = 7
@@ -165,7 +165,7 @@ def test_a_state_seen_after_a_long_pause_may_be_as_old_as_the_pause() -> None:
     at_gate(scenario)
 
 
-def test_a_motion_is_braked_and_fails_when_feedback_freezes_on_its_way() -> None:
+def test_a_motion_is_braked_and_fails_when_feedback_freezes_during_it() -> None:
     async def scenario(arm: FeltArm, robot: GatedRobot) -> None:
         loop = asyncio.get_running_loop()
         loop.call_at(0.5, setattr, arm, "frozen_ns", 500_000_000)
@@ -179,7 +179,7 @@ def test_a_motion_is_braked_and_fails_when_feedback_freezes_on_its_way() -> None
     at_gate(scenario)
 
 
-def test_an_arm_whose_clock_stands_is_not_braked() -> None:
+def test_an_arm_whose_clock_does_not_advance_is_not_braked() -> None:
     class DrawnArm(FeltArm):
         """An arm whose state and clock do not advance, as while the cell renders."""
 
@@ -205,7 +205,7 @@ def test_an_arm_that_has_just_connected_moves_at_once() -> None:
     at_gate(scenario)
 
 
-def test_an_arm_that_comes_to_rest_is_waited_for() -> None:
+def test_a_motion_waits_for_an_arm_that_comes_to_rest() -> None:
     async def scenario(arm: FeltArm, robot: GatedRobot) -> None:
         arm.dq_rad_s = 1.5
         asyncio.get_running_loop().call_later(0.2, setattr, arm, "dq_rad_s", 0.01)
@@ -214,7 +214,7 @@ def test_an_arm_that_comes_to_rest_is_waited_for() -> None:
     at_gate(scenario)
 
 
-def test_nothing_is_waited_for_while_states_come() -> None:
+def test_there_is_no_wait_while_states_arrive() -> None:
     async def scenario(arm: FeltArm, robot: GatedRobot) -> None:
         for _ in range(5):
             robot.state()
@@ -227,7 +227,7 @@ def test_nothing_is_waited_for_while_states_come() -> None:
     at_gate(scenario)
 
 
-def test_the_tool_stays_inside_its_box_also_of_an_arm_that_stands_elsewhere() -> None:
+def test_the_tool_stays_inside_its_box_for_any_mounting_pose() -> None:
     async def scenario(arm: FeltArm, robot: GatedRobot) -> None:
         assert await refusal(robot.follow(GOOD, LEASE)) == RobotReason.OUTSIDE_WORKSPACE
         assert arm.followed == []
@@ -261,7 +261,7 @@ def test_only_the_holder_of_the_lease_moves_the_arm() -> None:
 
 
 @pytest.mark.parametrize("width_m", [-0.01, 0.081, np.nan, np.inf])
-def test_a_width_that_the_hand_has_not_is_refused(width_m: float) -> None:
+def test_a_width_outside_the_hands_range_is_refused(width_m: float) -> None:
     async def scenario(arm: FeltArm, robot: GatedRobot) -> None:
         assert await refusal(robot.grip(width_m, 20.0, LEASE)) == "bad_width"
         assert arm.width_m == 0.08
@@ -270,14 +270,14 @@ def test_a_width_that_the_hand_has_not_is_refused(width_m: float) -> None:
 
 
 @pytest.mark.parametrize("force_n", [0.0, -5.0, 71.0, np.nan, np.inf])
-def test_a_force_that_the_hand_has_not_is_refused(force_n: float) -> None:
+def test_a_force_outside_the_hands_range_is_refused(force_n: float) -> None:
     async def scenario(arm: FeltArm, robot: GatedRobot) -> None:
         assert await refusal(robot.grip(0.0, force_n, LEASE)) == "bad_force"
 
     at_gate(scenario)
 
 
-def test_stopping_braking_and_recovering_pass_whatever_else() -> None:
+def test_stop_brake_and_recover_always_pass() -> None:
     async def scenario(arm: FeltArm, robot: GatedRobot) -> None:
         arm.frozen_ns = 1
         await robot.stop()
@@ -300,12 +300,12 @@ def test_stopping_braking_and_recovering_pass_whatever_else() -> None:
         ({"workspace_upper_m": (1.0, np.nan, 1.0)}, "workspace-upper-m"),
     ],
 )
-def test_settings_that_cannot_be_are_refused(settings: dict[str, float], named: str) -> None:
+def test_invalid_settings_are_refused(settings: dict[str, float], named: str) -> None:
     with pytest.raises(ConfigError, match=named):
         GateConfig(**settings)  # type: ignore[arg-type]  # the point of the test
 
 
-def test_the_box_holds_home_the_table_work_and_lifts_to_half_a_metre() -> None:
+def test_the_box_contains_home_the_work_area_and_lifts_to_half_a_metre() -> None:
     async def scenario(arm: FeltArm, robot: GatedRobot) -> None:
         for x, y in ((0.4, -0.4), (0.6, 0.25), (0.5, 0.0)):
             low, high = downward([x, y, 0.011], 0.0), downward([x, y, 0.5], 0.0)

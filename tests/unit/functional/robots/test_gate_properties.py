@@ -51,7 +51,7 @@ def assert_executed_within_limits(trajectory: JointTrajectory) -> None:
 
 @settings(QUICK, max_examples=60)
 @given(seed=seeds)
-def test_honest_motions_pass_and_keep_the_limits_as_they_are_run(seed: int) -> None:
+def test_valid_motions_pass_and_keep_the_limits_in_the_cell(seed: int) -> None:
     try:
         planned = honest(seed)
     except SkillFailure:
@@ -70,7 +70,7 @@ def test_honest_motions_pass_and_keep_the_limits_as_they_are_run(seed: int) -> N
     value=poison,
     places=st.lists(st.integers(0, 10**6), min_size=1, max_size=3),
 )
-def test_a_value_put_into_a_motion_never_leads_to_a_motion_that_breaks_a_limit(
+def test_a_modified_value_never_leads_to_a_motion_that_exceeds_a_limit(
     seed: int, part: str, value: float, places: list[int]
 ) -> None:
     spoilt = getattr(GOOD[seed % len(GOOD)], part).copy()
@@ -94,7 +94,7 @@ GOOD = [joint_move(PANDA_HOME_Q_RAD, PANDA_HOME_Q_RAD + shift) for shift in (0.0
     size=st.floats(1e-6, 3.0),
     how=st.sampled_from(DISAGREEMENTS),
 )
-def test_a_motion_whose_parts_disagree_is_refused_or_keeps_the_limits(
+def test_a_motion_with_inconsistent_arrays_is_refused_or_keeps_the_limits(
     seed: int, part: str, size: float, how: str
 ) -> None:
     altered = disagreeing(GOOD[seed % len(GOOD)], np.random.default_rng(seed), part, size, how)
@@ -132,7 +132,7 @@ def test_every_kind_of_adversarial_motion_is_refused_or_keeps_the_limits(seed: i
 
 @pytest.mark.parametrize("part", PARTS[1:])
 @pytest.mark.parametrize("shape", [(3, 7), (2, 6), (2, 8), (14,), (2, 7, 1), (0, 7), (2, 0)])
-def test_wrong_lengths_are_no_trajectory(part: str, shape: tuple[int, ...]) -> None:
+def test_arrays_of_unequal_lengths_are_refused(part: str, shape: tuple[int, ...]) -> None:
     fine = {name: np.zeros((2, 7)) for name in PARTS[1:]}
     with pytest.raises(BadValue):
         JointTrajectory(times_s=np.array([0.0, 0.005]), **{**fine, part: np.zeros(shape)})

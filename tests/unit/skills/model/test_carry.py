@@ -37,7 +37,7 @@ def carried(start: Float64Array, node: int) -> Carry:
     return carry
 
 
-def test_a_released_rod_lies_where_the_same_motion_was_predicted_to_leave_it() -> None:
+def test_a_released_rod_has_the_predicted_shape_of_the_same_motion() -> None:
     carry = carried(I_SHAPE, 28)
     assert carry.travelled_m == pytest.approx(0.18)
     assert carry.release("panda")
@@ -50,14 +50,14 @@ def test_a_released_rod_lies_where_the_same_motion_was_predicted_to_leave_it() -
     assert geometry.rmse_m(predicted, I_SHAPE) > 0.01
 
 
-def test_rounding_stays_rounding() -> None:
+def test_rounding_errors_do_not_grow() -> None:
     rng = np.random.default_rng(0)
     start = I_SHAPE * (1.0 + 1e-12 * rng.uniform(-1.0, 1.0, I_SHAPE.shape))
     # With contacts that appear and break, as in MuJoCo, this would grow to centimetres; here it stays small.
     assert np.abs(carried(I_SHAPE, 20).nodes_world - carried(start, 20).nodes_world).max() < 1e-9
 
 
-def test_two_tools_lift_a_rod_that_falls_when_the_last_lets_go() -> None:
+def test_two_tools_lift_a_rod_that_falls_after_the_last_release() -> None:
     carry = Carry(CONFIG)
     carry.place(I_SHAPE)
     ends = {"left": 2, "right": 28}
@@ -87,7 +87,7 @@ def test_a_report_that_is_not_newer_moves_nothing(stamp_ns: int) -> None:
     assert np.array_equal(carry.nodes_world, before)
 
 
-def test_a_pin_is_where_the_tool_is_now() -> None:
+def test_a_pin_is_at_the_present_tool_position() -> None:
     carry = Carry(CONFIG)
     carry.place(I_SHAPE)
     grasp = I_SHAPE[15] + GRASP_M

@@ -40,7 +40,7 @@ def test_a_frame_with_yaw_turns_the_rod() -> None:
     assert np.arctan2(along[1], along[0]) == pytest.approx(np.deg2rad(60), abs=np.deg2rad(5))
 
 
-def test_a_goal_obeys_the_rod_even_when_frames_ask_for_more() -> None:
+def test_a_goal_keeps_the_rods_length_even_if_frames_pull_farther() -> None:
     apart = (GoalFrame(node=0, x_m=0.5, y_m=-0.5), GoalFrame(node=30, x_m=0.5, y_m=0.5))
     nodes = dragged(apart)
     assert arc_lengths(nodes)[-1] == pytest.approx(CONFIG.length_m, rel=0.01)

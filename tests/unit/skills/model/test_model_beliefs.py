@@ -16,7 +16,7 @@ from dlokit.types.observation import GraspState
 from dlokit.types.outcome import Failed, Rejected, Succeeded
 
 
-def test_what_is_believed_is_told_again_when_a_goal_is_set_for_those_who_joined_late() -> None:
+def test_the_belief_is_published_again_with_each_goal_for_late_readers() -> None:
     async def check(port: Port, bus: MemoryTransport) -> None:
         heard = aiter(port.stream(topics.BELIEF))
         first = await asyncio.wait_for(anext(heard), 1.0)
@@ -28,7 +28,7 @@ def test_what_is_believed_is_told_again_when_a_goal_is_set_for_those_who_joined_
     with_model(check)
 
 
-def test_what_is_configured_is_told_as_the_first_belief() -> None:
+def test_the_configured_belief_is_published_first() -> None:
     async def check(port: Port, bus: MemoryTransport) -> None:
         await port.clock.sleep(0.01)
         belief = port.latest(topics.BELIEF).value
@@ -68,7 +68,7 @@ def test_predict_and_settle_answer_with_shapes() -> None:
     with_model(check)
 
 
-def test_what_an_action_did_is_learnt_from_once() -> None:
+def test_each_action_is_learned_from_once() -> None:
     async def check(port: Port, bus: MemoryTransport) -> None:
         bus.publish(topics.TARGETS, targets(I_SHAPE))
         await state_after_a_moment(port)

@@ -15,7 +15,7 @@ from dlokit.types.flow import GoalFrame, GoalFrames
 from dlokit.types.outcome import Rejected, Succeeded
 
 
-def test_a_goal_has_the_models_nodes_whatever_it_was_given() -> None:
+def test_a_goal_has_the_models_number_of_nodes() -> None:
     async def check(port: Port, bus: MemoryTransport) -> None:
         outcome = await port.call(api.SET_GOAL, builtin_shape("S", 0.5, 200), "S", True)
         assert isinstance(outcome, Succeeded)
@@ -29,7 +29,7 @@ def test_a_goal_has_the_models_nodes_whatever_it_was_given() -> None:
 
 
 @pytest.mark.parametrize("bad", [np.zeros((1, 3)), np.zeros((5, 2)), np.full((5, 3), np.nan), np.zeros((5, 3))])
-def test_curves_that_are_none_are_rejected(bad: Float64Array) -> None:
+def test_invalid_curves_are_rejected(bad: Float64Array) -> None:
     async def check(port: Port, bus: MemoryTransport) -> None:
         outcome = await port.call(api.SET_GOAL, bad)
         assert isinstance(outcome, Rejected)
@@ -38,7 +38,7 @@ def test_curves_that_are_none_are_rejected(bad: Float64Array) -> None:
     with_model(check)
 
 
-def test_frames_drag_the_goal_from_where_the_rod_lies() -> None:
+def test_frames_drag_the_goal_from_the_rods_shape() -> None:
     async def check(port: Port, bus: MemoryTransport) -> None:
         bus.publish(topics.TARGETS, targets(I_SHAPE))
         await port.clock.sleep(0.01)
@@ -53,7 +53,7 @@ def test_frames_drag_the_goal_from_where_the_rod_lies() -> None:
     with_model(check)
 
 
-def test_frames_at_the_other_ends_take_the_rod_the_other_way_round() -> None:
+def test_frames_at_exchanged_ends_reverse_the_rod() -> None:
     async def scenario(port: Port, bus: MemoryTransport) -> None:
         bus.publish(topics.TARGETS, targets(I_SHAPE[::-1]))
         await state_after_a_moment(port)
@@ -66,7 +66,7 @@ def test_frames_at_the_other_ends_take_the_rod_the_other_way_round() -> None:
     with_model(scenario)
 
 
-def test_frames_before_any_look_drag_a_straight_rod_in_the_middle_of_the_table() -> None:
+def test_frames_before_any_observation_drag_a_straight_rod_in_the_middle_of_the_table() -> None:
     async def check(port: Port, bus: MemoryTransport) -> None:
         outcome = await port.call(api.BUILD_GOAL, (GoalFrame(node=15, x_m=0.52, y_m=0.0),))
         assert isinstance(outcome, Succeeded)
@@ -76,7 +76,7 @@ def test_frames_before_any_look_drag_a_straight_rod_in_the_middle_of_the_table()
     with_model(check)
 
 
-def test_a_frame_on_a_node_that_is_not_there_is_rejected() -> None:
+def test_a_frame_on_a_missing_node_is_rejected() -> None:
     async def check(port: Port, bus: MemoryTransport) -> None:
         outcome = await port.call(api.BUILD_GOAL, (GoalFrame(node=99, x_m=0.5, y_m=0.0),))
         assert isinstance(outcome, Rejected)

@@ -62,7 +62,7 @@ def test_reset_with_nodes_publishes_them_as_the_state() -> None:
     with_model(check)
 
 
-def test_a_held_node_follows_the_tool_between_two_looks() -> None:
+def test_a_held_node_follows_the_tool_between_two_observations() -> None:
     async def check(port: Port, bus: MemoryTransport) -> None:
         grasp = await _grasped(port, bus)
         for k in range(1, 51):
@@ -83,7 +83,7 @@ def test_a_held_node_follows_the_tool_between_two_looks() -> None:
 
 
 @pytest.mark.parametrize(("held", "follows"), [(True, False), (False, True)])
-def test_targets_that_no_held_rod_can_have_come_to_are_left_out(held: bool, follows: bool) -> None:
+def test_targets_that_a_held_rod_cannot_have_reached_are_ignored(held: bool, follows: bool) -> None:
     async def check(port: Port, bus: MemoryTransport) -> None:
         bus.publish(topics.TARGETS, targets(I_SHAPE))
         # The robot's newest state is from before the fingers closed.

@@ -30,7 +30,7 @@ def pick(node: int, by_m: tuple[float, float]) -> PickPlace:
     )
 
 
-def test_a_grasped_end_comes_to_lie_where_it_is_taken_and_the_other_stays() -> None:
+def test_a_grasped_end_is_moved_to_its_target_and_the_other_stays() -> None:
     nodes = predict(CONFIG, I_SHAPE, pick(28, (0.08, -0.05)))
     # It springs back a little when it is released.
     assert np.linalg.norm(nodes[28, :2] - (I_SHAPE[28, :2] + (0.08, -0.05))) < 0.012

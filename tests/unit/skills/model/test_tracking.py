@@ -34,7 +34,7 @@ def off_mm(nodes: Float64Array, wanted: Float64Array) -> Float64Array:
 
 
 @pytest.mark.parametrize(("start", "goal"), [("I", "S"), ("S", "I")])
-def test_targets_that_the_rod_can_take_are_reached(start: str, goal: str) -> None:
+def test_targets_consistent_with_the_rod_are_reached(start: str, goal: str) -> None:
     tracked = tracker_at(shape(start)).track(shape(goal), ALL)
     # 1.5 mm is an eighth of the threshold for convergence: tracking must not affect the decision.
     assert off_mm(tracked.nodes_world, shape(goal)).max() < 1.5
@@ -48,9 +48,7 @@ def test_a_moved_rod_is_followed_at_once() -> None:
 
 
 @pytest.mark.parametrize(("yield_curvature_1_m", "follows"), [(1.5, True), (None, False)])
-def test_a_stiff_dlo_is_followed_into_a_kink_where_it_keeps_bends(
-    yield_curvature_1_m: float | None, follows: bool
-) -> None:
+def test_a_stiff_dlo_that_keeps_bends_is_tracked_into_a_kink(yield_curvature_1_m: float | None, follows: bool) -> None:
     wire = replace(CONFIG, bending_stiffness_n_m2=9e-4, yield_curvature_1_m=yield_curvature_1_m)
     edge_m = wire.length_m / (wire.nodes - 1)
     # Straight, then a bend of 25 mm radius through 115° that a straight piece follows, then one the other way.
@@ -127,7 +125,7 @@ def test_the_same_targets_give_the_same_shape_to_the_bit() -> None:
     assert np.array_equal(first, second)
 
 
-def test_an_update_is_quick_enough_for_a_camera() -> None:
+def test_an_update_is_fast_enough_for_a_camera() -> None:
     tracker = tracker_at(shape("I"))
     took_s: list[float] = []
     for goal in ("S", "I", "S", "I", "S"):
@@ -153,6 +151,6 @@ def test_placing_a_rod_where_it_is_moves_nothing() -> None:
     assert np.array_equal(nodes, shape("S"))
 
 
-def test_more_nodes_than_fit_are_refused_with_the_number_that_does() -> None:
+def test_more_nodes_than_fit_are_refused_with_the_largest_number() -> None:
     with pytest.raises(ConfigError, match="to 57 are allowed"):
         RodModel(BelievedDlo(nodes=80), timestep_s=0.004)

@@ -16,7 +16,7 @@ SHAPES = ["I", "S", "U", "random"]
 
 @pytest.mark.parametrize("name", SHAPES)
 @pytest.mark.parametrize("seed", [1, 2])
-def test_nodes_are_in_their_places_on_a_fully_visible_rod(name: str, seed: int) -> None:
+def test_nodes_have_their_positions_on_a_fully_visible_rod(name: str, seed: int) -> None:
     rod = shape(name, seed)
     prior = rod + np.array([0.02, 0.02, 0.0])  # 2.8 cm since the last cloud
     result = Anchored().estimate(cloud(rod, seed), state(prior))
@@ -33,7 +33,7 @@ def test_anchoring_is_what_keeps_nodes_from_sliding() -> None:
     assert rmse_m(Anchored().estimate(seen, prior).nodes_world, rod) < 0.004
 
 
-def test_the_ends_never_flip_while_the_rod_moves_three_centimetres_a_cloud() -> None:
+def test_the_ends_never_flip_while_the_rod_moves_three_centimetres_per_cloud() -> None:
     rod = shape("random", 3)
     nodes = rod
     for frame in range(1, 13):
@@ -45,7 +45,7 @@ def test_the_ends_never_flip_while_the_rod_moves_three_centimetres_a_cloud() -> 
 
 
 @pytest.mark.parametrize("name", SHAPES)
-def test_a_hidden_middle_stays_coherent_and_is_not_called_visible(name: str) -> None:
+def test_a_hidden_middle_stays_coherent_and_does_not_count_as_visible(name: str) -> None:
     rod = shape(name, 4)
     result = Anchored().estimate(cloud(rod, hidden=(0.4, 0.6)), state(rod + np.array([0.01, 0.0, 0.0])))
     assert rmse_m(result.nodes_world, rod) < 0.010
@@ -85,7 +85,7 @@ def test_a_held_node_is_where_the_gripper_is_and_anchors_what_shows_no_tip() -> 
     assert rmse_m(result.nodes_world[5:26], rod[5:26]) < 0.004
 
 
-def test_a_cloud_that_is_no_rod_gives_no_health() -> None:
+def test_a_cloud_that_is_not_a_rod_gives_zero_health() -> None:
     dust = np.random.default_rng(0).uniform([0.3, -0.3, 0.0], [0.7, 0.3, 0.1], (1500, 3))
     seen = msgspec.structs.replace(cloud(shape("I")), points_world=dust.astype(np.float32))
     assert Anchored().estimate(seen, state(shape("S"))).health < 0.5
@@ -105,7 +105,7 @@ def test_a_branched_topology_is_registered_without_anchors() -> None:
     )
 
 
-def test_an_empty_cloud_gives_the_prior_back_and_no_trust() -> None:
+def test_an_empty_cloud_returns_the_prior_with_zero_health() -> None:
     rod = shape("S")
     result = Anchored().estimate(cloud(rod, count=0), state(rod))
     np.testing.assert_array_equal(result.nodes_world, rod)

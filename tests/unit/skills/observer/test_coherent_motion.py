@@ -41,7 +41,7 @@ def test_nodes_and_coefficients_solve_the_papers_equation(stiffness: float, ridg
     np.testing.assert_allclose(Y + G @ W, T, atol=1e-10)
 
 
-def test_without_structure_it_is_the_equation_of_coherent_point_drift() -> None:
+def test_without_local_structure_it_is_coherent_point_drift() -> None:
     Y = shape("S") - shape("S").mean(axis=0)
     G, (P1, PX) = kernel(Y, 0.12), moments(Y)
     W = np.linalg.solve(P1[:, None] * G + 0.01 * np.eye(len(Y)), PX - P1[:, None] * Y)
@@ -55,7 +55,7 @@ def test_nodes_without_any_points_stay() -> None:
     np.testing.assert_array_equal(nodes, Y)
 
 
-def test_a_smoothness_of_nothing_is_refused_by_name() -> None:
+def test_a_smoothness_of_zero_is_refused_by_name() -> None:
     Y = shape("S")
     with pytest.raises(np.linalg.LinAlgError, match="must be above 0"):
         CoherentMotion(Y, kernel(Y, 0.12)).nodes(np.zeros(len(Y)), np.zeros_like(Y), 0.0)

@@ -74,7 +74,7 @@ def test_outliers_do_not_pull_the_nodes() -> None:
     assert np.sqrt(np.mean(np.sum((nodes - pulled) ** 2, axis=1))) < 0.012
 
 
-def test_nodes_keep_coherent_where_nothing_is_seen() -> None:
+def test_hidden_nodes_move_coherently() -> None:
     rod = shape("I")
     seen = cloud(rod + np.array([0.02, 0.0, 0.0]), hidden=(0.4, 0.6), outliers=0.0)
     result = Cpd().estimate(seen, state(rod))
@@ -84,7 +84,7 @@ def test_nodes_keep_coherent_where_nothing_is_seen() -> None:
     np.testing.assert_allclose(result.nodes_world[hidden, 0] - rod[hidden, 0], 0.02, atol=0.003)
 
 
-def test_an_empty_cloud_gives_the_prior_back_and_no_trust() -> None:
+def test_an_empty_cloud_returns_the_prior_with_zero_health() -> None:
     rod = shape("S")
     result = Cpd().estimate(cloud(rod, count=0), state(rod))
     np.testing.assert_array_equal(result.nodes_world, rod)

@@ -49,7 +49,7 @@ BAD: dict[str, tuple[Callable[[], Observation], DistrustReason]] = {
 
 @pytest.mark.parametrize("config", OURS, ids=[config.name for config in OURS])
 @pytest.mark.parametrize("name", BAD)
-def test_a_bad_cloud_is_named_and_the_last_state_is_kept_less_and_less_certain(
+def test_a_bad_cloud_is_named_and_the_last_state_is_kept_with_growing_uncertainty(
     config: type[ObserverStrategyConfig], name: str
 ) -> None:
     make, doubt = BAD[name]
@@ -64,7 +64,7 @@ def test_a_bad_cloud_is_named_and_the_last_state_is_kept_less_and_less_certain(
     assert np.sqrt(answer.targets.covariance[0, 0, 0]) == pytest.approx(0.005 + grown_m)
 
 
-def test_ten_million_points_are_thinned_before_anybody_looks_at_them() -> None:
+def test_ten_million_points_are_downsampled_before_use() -> None:
     rng = np.random.default_rng(0)
     points = np.tile(cloud(ROD).points_world, (6000, 1))[:10_000_000]
     points[rng.integers(0, len(points), 1000)] = np.nan
@@ -74,7 +74,7 @@ def test_ten_million_points_are_thinned_before_anybody_looks_at_them() -> None:
 
 
 @pytest.mark.parametrize("config", OURS, ids=[config.name for config in OURS])
-def test_nan_among_good_points_does_no_harm(config: type[ObserverStrategyConfig]) -> None:
+def test_nan_points_are_ignored(config: type[ObserverStrategyConfig]) -> None:
     points = cloud(ROD).points_world.copy()
     points[::7] = np.nan
     answer = followed(config().build(BelievedDlo()), seen(points), prior(), CONFIG)
@@ -106,14 +106,14 @@ def fails() -> TargetPoints:
     ],
     ids=["raises", "too few nodes", "NaN nodes", "NaN health"],
 )
-def test_a_strategy_that_fails_loses_the_rod_and_not_the_run(answer: Callable[[], TargetPoints]) -> None:
+def test_a_failing_strategy_loses_the_rod_but_does_not_end_the_run(answer: Callable[[], TargetPoints]) -> None:
     result = followed(Broken(answer), seen(cloud(ROD).points_world), prior(), CONFIG)
     assert result.doubt is DistrustReason.BAD_TARGETS
     np.testing.assert_array_equal(result.targets.nodes_world, ROD)
     assert result.targets.health == 0.0
 
 
-def test_uncertainty_grows_the_same_in_one_step_as_in_many_and_never_shrinks() -> None:
+def test_uncertainty_grows_equally_in_one_step_and_in_many() -> None:
     stated = np.broadcast_to(np.diag([1e-6, 4e-6, 9e-6]), (len(ROD), 3, 3))
     once = grown_covariance(msgspec.structs.replace(prior(), covariance=stated), 0.5, 0.1)
     steps = stated
@@ -154,14 +154,14 @@ def hidden(*nodes: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("outliers", [0.0, 0.05])
-def test_a_hidden_node_alone_does_not_have_the_cloud_ordered_again(outliers: float, orders: list[Observation]) -> None:
+def test_a_hidden_node_alone_does_not_trigger_ordering_from_scratch(outliers: float, orders: list[Observation]) -> None:
     look = seen(cloud(ROD, outliers=outliers, hidden=(0.4, 0.6)).points_world)
     answer = followed(Answering(ROD, hidden(13, 14, 15, 16, 17)), look, prior(), CONFIG)
     assert answer.doubt is None
     assert orders == []
 
 
-def test_a_rod_that_lies_beside_targets_with_hidden_nodes_is_found_there(orders: list[Observation]) -> None:
+def test_a_rod_away_from_targets_with_hidden_nodes_is_found(orders: list[Observation]) -> None:
     beside = ROD + np.array([0.0, 0.03, 0.0])
     answer = followed(Answering(beside, hidden(15)), seen(cloud(ROD).points_world), prior(), CONFIG)
     assert answer.doubt is DistrustReason.ELSEWHERE
@@ -169,7 +169,7 @@ def test_a_rod_that_lies_beside_targets_with_hidden_nodes_is_found_there(orders:
     assert len(orders) == 1
 
 
-def test_targets_that_slid_along_the_rod_are_put_back() -> None:
+def test_targets_that_slid_along_the_rod_are_corrected() -> None:
     line = shape("I")
     slid = line + 0.02 * (line[0] - line[1]) / np.linalg.norm(line[0] - line[1])
     before = msgspec.structs.replace(state(line), observed_stamp_ns=SECOND_NS, stamp_ns=SECOND_NS)

@@ -24,7 +24,7 @@ def compiled() -> dict[str, int]:
 
 
 @pytest.mark.parametrize("config", OURS, ids=[config.name for config in OURS])
-def test_after_warming_no_observer_compiles_anything(config: type[ObserverStrategyConfig]) -> None:
+def test_after_loading_no_observer_compiles_anything(config: type[ObserverStrategyConfig]) -> None:
     warm()
     before = compiled()
     assert before["dlokit.skills.observer.mixture_kernels.expectation"] == 1
@@ -43,6 +43,6 @@ def test_after_warming_no_observer_compiles_anything(config: type[ObserverStrate
     ],
     ids=lambda kernel: kernel.__name__,
 )
-def test_warming_needs_what_only_hidden_parts_tips_and_pins_need(kernel: Any) -> None:
+def test_loading_also_compiles_for_hidden_parts_tips_and_pins(kernel: Any) -> None:
     warm()
     assert kernel.signatures

@@ -28,14 +28,14 @@ def test_weights_put_each_node_together_from_its_neighbours() -> None:
     np.testing.assert_allclose(W @ HELIX, HELIX, atol=1e-6)
 
 
-def test_the_regularisation_costs_little_of_that() -> None:
+def test_the_regularisation_changes_little() -> None:
     W = lle_weights(HELIX, 6, 1e-3)
     spacing = np.linalg.norm(HELIX[1] - HELIX[0])
     # It prefers even weights: a node at a tip, outside its neighbours, has the largest residual.
     assert np.max(np.linalg.norm(W @ HELIX - HELIX, axis=1)) < 0.3 * spacing
 
 
-def test_no_other_weights_that_sum_to_one_cost_less() -> None:
+def test_no_other_weights_that_sum_to_one_have_lower_cost() -> None:
     K, regularisation = 5, 1e-3
     W = lle_weights(HELIX, K, regularisation)
     rng = np.random.default_rng(0)
@@ -58,7 +58,7 @@ def test_weights_do_not_change_when_the_shape_is_turned_scaled_and_shifted(scale
     np.testing.assert_allclose(lle_weights(moved, 6, 1e-3), lle_weights(HELIX, 6, 1e-3), atol=1e-6)
 
 
-def test_the_structure_matrix_measures_how_badly_nodes_are_put_together() -> None:
+def test_the_structure_matrix_measures_the_reconstruction_error() -> None:
     W = lle_weights(HELIX, 6, 1e-3)
     T = np.random.default_rng(0).normal(size=HELIX.shape)
     M = structure_matrix(W)
@@ -67,7 +67,7 @@ def test_the_structure_matrix_measures_how_badly_nodes_are_put_together() -> Non
 
 
 @pytest.mark.parametrize("count", [2, 3, 5])
-def test_fewer_nodes_than_neighbours_and_nodes_on_a_line_are_no_error(count: int) -> None:
+def test_fewer_nodes_than_neighbours_and_nodes_on_a_line_are_accepted(count: int) -> None:
     W = lle_weights(shape("I")[:count], 6, 1e-3)
     np.testing.assert_allclose(W.sum(axis=1), 1.0, atol=1e-12)
 

@@ -33,7 +33,7 @@ def camera() -> CameraCalibration:
 
 @pytest.mark.parametrize("name", SHAPES)
 @pytest.mark.parametrize("seed", [1, 2])
-def test_nodes_are_in_their_places_on_a_fully_visible_rod(name: str, seed: int) -> None:
+def test_nodes_have_their_positions_on_a_fully_visible_rod(name: str, seed: int) -> None:
     rod = shape(name, seed)
     result = MapObserver().estimate(cloud(rod, seed), state(rod + np.array([0.02, 0.02, 0.0])))
     assert rmse_m(result.nodes_world, rod) < 0.004  # as for the anchored observer: 2 mm noise, 3 % outliers
@@ -42,7 +42,7 @@ def test_nodes_are_in_their_places_on_a_fully_visible_rod(name: str, seed: int) 
 
 
 @pytest.mark.parametrize("name", SHAPES)
-def test_rest_lengths_are_kept_where_the_rod_is_seen_and_where_not(name: str) -> None:
+def test_rest_lengths_are_kept_in_visible_and_hidden_parts(name: str) -> None:
     rod = shape(name, 3)
     result = MapObserver().estimate(cloud(rod, hidden=(0.4, 0.6)), state(rod + np.array([0.02, 0.0, 0.0])))
     edges = np.linalg.norm(np.diff(result.nodes_world, axis=0), axis=1)
@@ -58,7 +58,7 @@ def test_nodes_do_not_slide_along_the_rod() -> None:
 
 
 @pytest.mark.parametrize("name", SHAPES)
-def test_a_hidden_middle_stays_coherent_is_not_called_visible_and_is_less_sure(name: str) -> None:
+def test_a_hidden_middle_stays_coherent_with_larger_uncertainty(name: str) -> None:
     rod = shape(name, 4)
     result = MapObserver().estimate(cloud(rod, hidden=(0.4, 0.6)), state(rod + np.array([0.01, 0.0, 0.0])))
     assert rmse_m(result.nodes_world, rod) < 0.010
@@ -103,7 +103,7 @@ def test_nodes_stay_a_radius_above_the_table(radius_m: float) -> None:
 
 
 @pytest.mark.parametrize("depth_m", [0.05, 1.0])
-def test_where_the_rod_lies_below_the_table_there_is_no_table(depth_m: float) -> None:
+def test_for_a_rod_below_the_table_the_table_is_ignored(depth_m: float) -> None:
     rod = shape("S") - np.array([0.0, 0.0, depth_m])
     result = MapObserver().estimate(cloud(rod), state(rod + np.array([0.02, 0.0, 0.0])))
     assert rmse_m(result.nodes_world, rod) < 0.004  # as on the table
@@ -112,7 +112,7 @@ def test_where_the_rod_lies_below_the_table_there_is_no_table(depth_m: float) ->
     assert np.abs(lowered.nodes_world[:, 2] - rod[:, 2]).max() < 0.01
 
 
-def test_strays_below_the_table_do_not_take_it_away() -> None:
+def test_outliers_below_the_table_do_not_disable_it() -> None:
     rod = shape("S")
     seen = cloud(rod)
     few = len(seen.points_world) // 12
@@ -123,13 +123,13 @@ def test_strays_below_the_table_do_not_take_it_away() -> None:
     assert result.nodes_world[:, 2].min() > 0.004 - 0.0015  # the points pull by 6 mm
 
 
-def test_a_fifth_of_outliers_does_no_harm() -> None:
+def test_a_fifth_of_outliers_has_little_effect() -> None:
     rod = shape("U")
     result = MapObserver().estimate(cloud(rod, outliers=0.25), state(rod + np.array([0.015, 0.0, 0.0])))
     assert rmse_m(result.nodes_world, rod) < 0.004
 
 
-def test_a_tip_at_the_border_of_the_picture_is_not_taken_for_the_end_of_the_rod() -> None:
+def test_a_tip_at_the_image_border_does_not_count_as_the_end_of_the_rod() -> None:
     rod = shape("I") + np.array([0.0, 0.33, 0.0])  # the picture ends at y = 0.55; the rod at 0.58
     seen = cloud(rod)
     inside = seen.points_world[:, 1] < 0.55
@@ -140,7 +140,7 @@ def test_a_tip_at_the_border_of_the_picture_is_not_taken_for_the_end_of_the_rod(
     assert result.visible[5:].all()
 
 
-def test_a_node_in_open_view_without_points_is_drawn_to_the_rod_and_one_behind_the_robot_is_not() -> None:
+def test_a_node_in_view_without_points_is_pulled_to_the_rod_and_a_hidden_one_is_not() -> None:
     rod = shape("I")
     seen = msgspec.structs.replace(cloud(rod, outliers=0.0), calibration=camera())
     config = MapConfig()
@@ -162,7 +162,7 @@ def test_a_node_in_open_view_without_points_is_drawn_to_the_rod_and_one_behind_t
     assert pulled == [True, False]
 
 
-def test_a_node_in_open_view_without_points_is_drawn_into_the_shade_where_that_is_nearer() -> None:
+def test_a_node_in_view_without_points_is_pulled_to_a_nearer_hidden_region() -> None:
     depth_m = np.full((56, 64), np.inf, dtype=np.float32)
     depth_m[:, 40:] = 0.5  # hides the region x > 0.66: (400 - 319.5) px at 500 px per metre, 1 m away
     seen = msgspec.structs.replace(
@@ -176,7 +176,7 @@ def test_a_node_in_open_view_without_points_is_drawn_into_the_shade_where_that_i
     assert view.nearest_shade(np.array([0.50, 0.1, 0.0]), 0.1, MapConfig().visibility) is None  # 16 cm away
 
 
-def test_few_nodes_on_a_bent_rod_are_as_good_as_many() -> None:
+def test_few_nodes_on_a_bent_rod_are_as_accurate_as_many() -> None:
     dense = shape("S")
     seen, start = cloud(dense), state(dense).topology
     every = 5
@@ -194,7 +194,7 @@ def test_few_nodes_on_a_bent_rod_are_as_good_as_many() -> None:
     assert rmse_m(fine.nodes_world, sparse) < 0.5 * rmse_m(straight.nodes_world, sparse)
 
 
-def test_a_cloud_that_is_no_rod_gives_no_health() -> None:
+def test_a_cloud_that_is_not_a_rod_gives_zero_health() -> None:
     dust = np.random.default_rng(0).uniform([0.3, -0.3, 0.0], [0.7, 0.3, 0.1], (1500, 3))
     seen = msgspec.structs.replace(cloud(shape("I")), points_world=dust.astype(np.float32))
     assert MapObserver().estimate(seen, state(shape("S"))).health < 0.5
@@ -211,7 +211,7 @@ def test_a_branched_dlo_is_registered_as_the_other_observers_do() -> None:
     )
 
 
-def test_a_moving_rod_with_a_hidden_middle_is_followed_better_than_by_registration() -> None:
+def test_a_moving_rod_with_a_hidden_middle_is_tracked_better_than_by_registration() -> None:
     sequence = moving_rod(Case(frames=20), seed=100)
     errors: dict[str, float] = {}
     for name, strategy in {"map": MapObserver(), "cpd": Cpd()}.items():

@@ -168,7 +168,7 @@ def test_a_point_does_not_leave_its_window_however_near_the_other_strand_is() ->
     assert free.segment[0] == 4
 
 
-def test_inliers_weigh_one_and_outliers_nothing() -> None:
+def test_inliers_have_weight_one_and_outliers_zero() -> None:
     weights = [inlier_probability(d**2, 0.002, 3.5) for d in (0.0, 0.007, 0.02)]
     np.testing.assert_allclose(weights, [1.0, 0.5, 0.0], atol=0.003)  # exp(-3.5² / 2) = 0.002
 
@@ -192,7 +192,7 @@ def test_a_segment_with_many_points_counts_as_one_with_the_most_allowed() -> Non
     assert sums[0, 3] / sums[0, 0] == pytest.approx(0.005)  # the mean of the points stays
 
 
-def test_the_extent_of_a_cloud_is_found_despite_noise_and_its_gap_named() -> None:
+def test_the_extent_and_the_gap_of_a_cloud_are_found_despite_noise() -> None:
     rng = np.random.default_rng(1)
     s = rng.uniform(0.02, 0.45, 1500)
     s = s[(s < 0.2) | (s > 0.3)] + rng.normal(0, 0.002, np.count_nonzero((s < 0.2) | (s > 0.3)))
@@ -204,7 +204,7 @@ def test_the_extent_of_a_cloud_is_found_despite_noise_and_its_gap_named() -> Non
     assert found.gap_m == pytest.approx((0.2, 0.3), abs=0.007)  # bins of 5 mm
 
 
-def test_a_tip_behind_something_known_is_no_tip() -> None:
+def test_a_tip_behind_a_known_occlusion_does_not_count() -> None:
     found = extent(np.random.default_rng(0).uniform(0.01, 0.4, 1500), 0.5, TipConfig())
     assert found is not None
     assert seen_tips(found, 0.5, False, False, 0.03, TipConfig()).first_m == found.start_m
@@ -220,7 +220,7 @@ def test_the_length_across_a_gap_does_not_make_a_hidden_end_a_tip() -> None:
     assert seen_tips(found, 0.5, False, False, 0.12, TipConfig()).last_m == found.end_m
 
 
-def test_what_does_not_fit_between_two_tips_is_taken_up_by_the_gap() -> None:
+def test_excess_length_between_two_tips_goes_into_the_gap() -> None:
     rod = np.linspace(0.0, 0.5, 11)
     places = places_along(rod, Tips(first_m=0.01, last_m=0.53, gap_m=(0.2, 0.3)))
     np.testing.assert_allclose(places[:4], rod[:4] + 0.01, atol=1e-6)

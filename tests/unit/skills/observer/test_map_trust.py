@@ -59,7 +59,7 @@ def after(clouds: list[Observation], prior: DloState) -> TargetPoints:
     return MapObserver().estimate(clouds[-1], prior)
 
 
-def test_a_variance_is_the_smaller_of_what_is_carried_on_and_what_the_cloud_alone_says() -> None:
+def test_a_variance_is_the_smaller_of_the_propagated_and_the_clouds() -> None:
     rng = np.random.default_rng(0)
     fresh, more = (np.einsum("nij,nkj->nik", roots, roots) for roots in rng.normal(size=(2, 20, 3, 3)))
     alone, before = fresh + more, rng.uniform(0.0, 20.0, 20)
@@ -73,7 +73,7 @@ def test_a_variance_is_the_smaller_of_what_is_carried_on_and_what_the_cloud_alon
 
 
 @pytest.mark.parametrize("count", [31, 13])  # 13 nodes are so far apart that the chain is refined
-def test_what_is_hidden_is_less_sure_from_cloud_to_cloud_and_sure_again_when_it_is_seen(count: int) -> None:
+def test_uncertainty_of_hidden_nodes_grows_with_each_cloud_until_they_are_seen(count: int) -> None:
     rod = shape("S")
     full = seen_by_camera(cloud(rod, 9))
     clouds = [full] + [hidden_by_robot(rod, (0.35, 0.65), seed) for seed in range(8)]
@@ -84,14 +84,14 @@ def test_what_is_hidden_is_less_sure_from_cloud_to_cloud_and_sure_again_when_it_
     assert again < soon
 
 
-def test_a_shape_before_that_nobody_knows_says_nothing_of_what_is_hidden() -> None:
+def test_an_unknown_previous_shape_gives_no_information_on_hidden_nodes() -> None:
     rod = shape("S")
     seen, known = hidden_by_robot(rod, HALF), state(rod)
     unknown = msgspec.structs.replace(known, visible=np.zeros(len(rod), dtype=np.bool_))
     assert spread_m(after([seen], unknown))[15] > 2.0 * spread_m(after([seen], known))[15]
 
 
-def test_length_that_is_missing_in_open_view_makes_every_node_less_sure() -> None:
+def test_length_missing_in_view_makes_every_node_more_uncertain() -> None:
     rod, gap = shape("S"), (0.45, 0.6)
     explained = MapObserver().estimate(hidden_by_robot(rod, gap), state(rod))
     unexplained = MapObserver().estimate(seen_by_camera(cloud(rod, hidden=gap)), state(rod))
@@ -101,20 +101,20 @@ def test_length_that_is_missing_in_open_view_makes_every_node_less_sure() -> Non
 
 
 @pytest.mark.parametrize("name", ["I", "S", "U", "random"])
-def test_a_rod_is_trusted_with_half_of_it_or_a_tip_behind_the_robot(name: str) -> None:
+def test_a_rod_with_half_of_it_or_a_tip_hidden_is_healthy(name: str) -> None:
     rod = shape(name, 4)
     for hidden in (HALF, (0.0, 0.3), (0.8, 1.0)):
         clouds = [hidden_by_robot(rod, hidden, seed) for seed in range(5)]
         assert after(clouds, state(rod)).health > LOST_HEALTH, hidden
 
 
-def test_a_rod_is_trusted_among_a_quarter_of_outliers() -> None:
+def test_a_rod_among_a_quarter_of_outliers_is_healthy() -> None:
     rod = shape("S")
     assert after([seen_by_camera(cloud(rod, outliers=0.35))], state(rod)).health > LOST_HEALTH
 
 
 @pytest.mark.parametrize(("name", "turned_rad"), [("S", np.pi / 2), ("U", np.pi / 1.5)])
-def test_a_rod_that_is_not_where_its_nodes_are_is_not_trusted(name: str, turned_rad: float) -> None:
+def test_nodes_away_from_the_rod_have_low_health(name: str, turned_rad: float) -> None:
     rod = shape(name)
     c, s = np.cos(turned_rad), np.sin(turned_rad)
     turned = (rod - rod.mean(axis=0)) @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) + rod.mean(axis=0)
@@ -124,7 +124,7 @@ def test_a_rod_that_is_not_where_its_nodes_are_is_not_trusted(name: str, turned_
     assert result.health < LOST_HEALTH
 
 
-def test_a_cloud_of_the_table_is_not_trusted() -> None:
+def test_a_cloud_of_the_table_has_low_health() -> None:
     table = np.random.default_rng(0).uniform([0.2, -0.3, 0.0], [0.8, 0.3, 0.002], (1800, 3))
     seen = seen_by_camera(msgspec.structs.replace(cloud(shape("S")), points_world=table.astype(np.float32)))
     assert after([seen], state(shape("S"))).health < 0.5 * LOST_HEALTH

@@ -43,7 +43,7 @@ def test_the_axis_that_points_are_sorted_by_changes_nothing() -> None:
         np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-14)  # another order of sums
 
 
-def test_nodes_too_far_from_a_block_to_matter_are_left_out() -> None:
+def test_nodes_too_far_from_a_block_are_omitted() -> None:
     X = np.full((10, 3), 0.001)
     near, far = (np.array([[0.0, 0.0, 0.0], [x, 0.0, 0.0]]) for x in (0.1, 0.12))
     left_in = expectation(*sorted_blocks(X, X_AXIS), near, 0.01**2, 0.05)[0]

@@ -83,7 +83,7 @@ def test_after_initialise_every_cloud_gives_targets_with_its_stamp() -> None:
     play(scenario)
 
 
-def test_the_prior_is_the_models_state_once_it_has_followed() -> None:
+def test_the_prior_is_the_models_state_once_available() -> None:
     rod = shape("S")
 
     async def scenario(transport: MemoryTransport, clock: LoopClock) -> None:
@@ -156,12 +156,12 @@ def test_the_strategy_can_be_changed_while_running() -> None:
     "config",
     [AnchoredConfig(tip_snap_m=0.01), CpdConfig(beta_m=0.3), SprConfig(tau_per_m2=5.0), SomConfig(iterations=9)],
 )
-def test_a_spec_brings_the_settings_back(config: AnchoredConfig | CpdConfig | SprConfig | SomConfig) -> None:
+def test_a_spec_restores_the_settings(config: AnchoredConfig | CpdConfig | SprConfig | SomConfig) -> None:
     assert from_spec(to_spec(config)) == config
     assert from_spec(StrategySpec(name=config.name)) == strategies()[config.name]()
 
 
-def test_a_rod_that_jumped_is_found_again_in_its_order_and_health_says_so() -> None:
+def test_a_rod_that_jumped_is_found_again_in_its_order_with_low_health_in_between() -> None:
     rod = shape("I")
     turn = np.radians(60)
     R = np.array([[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]])
@@ -220,7 +220,7 @@ class Wavering:
         return msgspec.structs.replace(Anchored().estimate(seen, prior), health=health)
 
 
-def test_a_health_that_wavers_about_the_limit_is_told_of_once() -> None:
+def test_a_health_around_the_limit_causes_one_event() -> None:
     limits = ObserverConfig()
     low, between, sound = limits.lost_health - 0.01, limits.lost_health + 0.01, limits.sound_health + 0.01
     rod = shape("S")

@@ -61,7 +61,7 @@ def test_a_neuron_that_no_point_reaches_stays() -> None:
     np.testing.assert_allclose(after, [[0.1, 0.0, 0.0], [1.0, 0.0, 0.0], [9.0, 0.0, 0.0]], atol=1e-12)
 
 
-def test_neighbours_are_those_along_the_branches_and_not_those_across() -> None:
+def test_neighbours_are_along_the_branches_and_not_across() -> None:
     edges = np.array([[0, 1], [1, 2], [1, 3], [4, 5]])
     d = graph_distances(Topology(edges=edges, rest_lengths_m=np.full(4, 0.1)), 6)
     np.testing.assert_array_equal(d[0, :4], [0, 1, 2, 2])
@@ -85,7 +85,7 @@ def test_it_converges_on_a_spiral_from_a_prior_that_is_almost_straight(share: fl
 
 
 @pytest.mark.parametrize("turns", [1.5, 2.0])
-def test_in_a_tight_coil_it_stays_where_the_prior_was_nearly_right(turns: float) -> None:
+def test_in_a_tight_coil_it_converges_only_from_a_nearby_prior(turns: float) -> None:
     curve = spiral(turns)
     prior = unwound(curve, 0.95)
     # Turns are about 2 cm apart. From 8 tenths of the bend, or of 2.5 turns, it ends on the wrong turn:
@@ -93,7 +93,7 @@ def test_in_a_tight_coil_it_stays_where_the_prior_was_nearly_right(turns: float)
     assert rmse_m(Som().estimate(cloud(curve), state(prior)).nodes_world, curve) < 0.0167  # a spacing
 
 
-def test_a_neighbourhood_wider_than_the_map_is_wrong_would_fold_it() -> None:
+def test_a_neighbourhood_wider_than_the_error_would_fold_the_map() -> None:
     curve, d = spiral(2.0), graph_distances(chain(NODES, 0.5), NODES)
     points = cloud(curve, outliers=0.0).points_world.astype(np.float64)
     wide = organise(
@@ -125,7 +125,7 @@ def test_the_neighbourhood_is_what_keeps_nodes_evenly_spread() -> None:
 
 
 @pytest.mark.parametrize(("hidden", "gone"), [((0.4, 0.6), slice(13, 18)), ((0.75, 1.0), slice(25, 31))])
-def test_a_hidden_part_is_not_drawn_to_the_rest(hidden: tuple[float, float], gone: slice) -> None:
+def test_a_hidden_part_is_not_pulled_to_the_rest(hidden: tuple[float, float], gone: slice) -> None:
     curve = shape("S")
     result = Som().estimate(cloud(curve, hidden=hidden), state(curve + np.array([0.015, 0.0, 0.0])))
     assert not result.visible[gone].any()
@@ -134,7 +134,7 @@ def test_a_hidden_part_is_not_drawn_to_the_rest(hidden: tuple[float, float], gon
     np.testing.assert_allclose(result.nodes_world[gone], curve[gone], atol=0.025)
 
 
-def test_hidden_nodes_move_as_the_shown_ones_near_them_on_the_dlo() -> None:
+def test_hidden_nodes_move_as_the_nearest_visible_ones_along_the_dlo() -> None:
     Y = rod(np.column_stack([np.linspace(0.0, 1.0, 9), np.zeros(9)]), 9)
     T = Y.copy()
     T[:3] += [0.0, 0.01, 0.0]
@@ -146,7 +146,7 @@ def test_hidden_nodes_move_as_the_shown_ones_near_them_on_the_dlo() -> None:
     np.testing.assert_allclose(moved[4], 0.02, atol=1e-9)  # the middle, as near to the one side as to the other
 
 
-def test_a_piece_of_which_nothing_is_shown_stays() -> None:
+def test_a_completely_hidden_branch_stays() -> None:
     edges = np.array([[0, 1], [2, 3]])
     d = graph_distances(Topology(edges=edges, rest_lengths_m=np.full(2, 0.1)), 4)
     Y = np.zeros((4, 3))
@@ -154,7 +154,7 @@ def test_a_piece_of_which_nothing_is_shown_stays() -> None:
     np.testing.assert_allclose(moved, [[0.01] * 3, [0.01] * 3, [0.0] * 3, [0.0] * 3])
 
 
-def test_far_points_draw_nothing() -> None:
+def test_far_points_have_no_effect() -> None:
     curve = shape("S")
     seen = cloud(curve, outliers=0.0)
     far = np.random.default_rng(0).uniform([0.2, 0.4, 0.0], [0.6, 0.6, 0.1], (300, 3))
@@ -164,7 +164,7 @@ def test_far_points_draw_nothing() -> None:
     np.testing.assert_allclose(Som(all_points).estimate(dirty, state(curve)).nodes_world, clean_nodes, atol=1e-9)
 
 
-def test_an_empty_cloud_gives_the_prior_back_and_no_trust() -> None:
+def test_an_empty_cloud_returns_the_prior_with_zero_health() -> None:
     curve = shape("S")
     result = Som().estimate(cloud(curve, count=0), state(curve))
     np.testing.assert_array_equal(result.nodes_world, curve)
@@ -172,6 +172,6 @@ def test_an_empty_cloud_gives_the_prior_back_and_no_trust() -> None:
     assert result.health == 0.0
 
 
-def test_a_long_edge_parts_nodes_more_than_a_short_one() -> None:
+def test_a_long_edge_separates_nodes_more_than_a_short_one() -> None:
     d = graph_distances(Topology(edges=chain(3, 0.3).edges, rest_lengths_m=np.array([0.1, 0.3])), 3)
     np.testing.assert_allclose(d[0], [0.0, 0.5, 2.0])  # the mean edge is 0.2 m

@@ -52,7 +52,7 @@ def test_one_iteration_solves_the_papers_equation() -> None:
     np.testing.assert_allclose(left, right, atol=1e-7)
 
 
-def test_the_step_is_where_the_penalised_likelihood_is_flat() -> None:
+def test_the_step_maximises_the_penalised_likelihood() -> None:
     X, Y = points_of(shape("S")), shape("S") + np.array([0.02, 0.01, 0.0])
     config = replace(PLIABLE, max_iterations=1, tau_per_m2=1e6)
     W = register(X, Y, config).coefficients
@@ -86,7 +86,7 @@ def test_it_keeps_the_local_structure_over_a_gap_better_than_cpd() -> None:
     assert rmse_m(spr, rod) < 0.7 * rmse_m(drifted, rod)
 
 
-def test_annealing_starts_anew_with_every_cloud() -> None:
+def test_annealing_restarts_with_every_cloud() -> None:
     rod = shape("U")
     strategy, prior = Spr(), state(rod + np.array([0.015, 0.0, 0.0]))
     first = strategy.estimate(cloud(rod), prior).nodes_world

@@ -40,14 +40,14 @@ def at_pixel(u: float, v: float, depth_m: float) -> np.ndarray:
     return transform(CAMERA.T_world_camera, p_camera)
 
 
-def test_what_is_out_of_the_picture_or_behind_the_camera_is_shaded() -> None:
+def test_nodes_outside_the_image_or_behind_the_camera_are_hidden() -> None:
     inside, left, border = at_pixel(320, 240, 1.0), at_pixel(-5, 240, 1.0), at_pixel(320, 478.5, 1.0)
     behind = at_pixel(320, 240, -0.5)
     flags = shaded(np.vstack([inside, left, border, behind]), look(), CONFIG)
     assert flags.tolist() == [False, True, True, True]
 
 
-def test_what_is_behind_the_robot_is_shaded_and_what_is_before_it_is_not() -> None:
+def test_nodes_behind_the_robot_are_hidden_and_nodes_in_front_are_not() -> None:
     occlusion = robot_at((320, 240), 0.8)
     far, near = at_pixel(320, 240, 1.0), at_pixel(320, 240, 0.7)
     touching, beside = at_pixel(320, 240, 0.805), at_pixel(400, 240, 1.0)
@@ -55,7 +55,7 @@ def test_what_is_behind_the_robot_is_shaded_and_what_is_before_it_is_not() -> No
     assert flags.tolist() == [True, False, False, False]
 
 
-def test_without_a_camera_nothing_is_known_to_be_shaded() -> None:
+def test_without_a_camera_no_node_is_known_to_be_hidden() -> None:
     seen = msgspec.structs.replace(look(), calibration=None)
     assert not shaded(np.array([[9.0, 9.0, 9.0]]), seen, CONFIG).any()
 
@@ -66,7 +66,7 @@ def test_a_node_needs_points_around_it() -> None:
     assert not supported(points, np.zeros((0, 3)), CONFIG).any()
 
 
-def test_an_end_out_of_the_picture_is_not_taken_for_the_tip() -> None:
+def test_the_image_border_does_not_count_as_the_tip() -> None:
     rod = shape("I") + np.array([0.0, 0.28, 0.0])  # its first 0.13 m lie beyond y = 0.4, the border of the picture
     seen = cloud(rod)
     inside = seen.points_world[:, 1] < 0.385
@@ -97,6 +97,6 @@ def test_a_hidden_end_turns_with_the_rod() -> None:
     np.testing.assert_allclose(fill_hidden(nodes, known, prior), nodes, atol=1e-9)  # a turn is exact
 
 
-def test_with_nothing_known_the_prior_stays() -> None:
+def test_without_information_the_prior_stays() -> None:
     prior = shape("S")
     np.testing.assert_array_equal(fill_hidden(prior + 1.0, np.zeros(len(prior), dtype=np.bool_), prior), prior)

@@ -9,7 +9,7 @@ from dlokit.skills.perception.config import BoxConfig
 BOX = BoxConfig(lower_world=(0.3, -0.2, 0.0), upper_world=(0.7, 0.2, 0.1))
 
 
-def test_the_faces_of_the_box_belong_to_it_and_nothing_beyond():
+def test_the_faces_belong_to_the_box():
     corners = np.array([BOX.lower_world, BOX.upper_world])
     assert inside_box(corners, BOX).all()
     for axis in range(3):
@@ -35,6 +35,6 @@ def test_a_box_around_the_camera_hides_nothing():
     assert box_outline(BoxConfig(lower_world=(0, -1, 0), upper_world=(2, 2, 2)), calibration()).all()
 
 
-def test_a_box_inside_out_is_refused():
+def test_a_box_with_exchanged_bounds_is_refused():
     with pytest.raises(ValueError, match="smaller"):
         BoxConfig(lower_world=(0.5, 0.0, 0.0), upper_world=(0.4, 1.0, 1.0))

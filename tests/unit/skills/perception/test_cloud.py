@@ -22,7 +22,7 @@ def test_the_disparities_of_a_plane_give_its_points_and_unknown_ones_none():
     np.testing.assert_allclose(points[:, 2], 0.05, atol=1e-6)
 
 
-def test_thinning_keeps_coverage_and_the_mean():
+def test_downsampling_keeps_coverage_and_the_mean():
     cloud = RNG.uniform(0.0, 0.1, (3000, 3))
     thinned = thin(cloud, 0.01)
     assert len(thinned) <= 10**3 + 300  # cubes that the cloud touches
@@ -30,7 +30,7 @@ def test_thinning_keeps_coverage_and_the_mean():
     assert distance.max() <= 0.01 * np.sqrt(3)  # the diagonal of a cube
 
 
-def test_thinning_gives_each_cube_the_mean_of_its_points():
+def test_downsampling_gives_each_voxel_the_mean_of_its_points():
     np.testing.assert_allclose(thin(np.array([[0.001, 0, 0], [0.003, 0, 0], [0.05, 0, 0]]), 0.01)[0], [0.002, 0, 0])
 
 
@@ -39,7 +39,7 @@ def test_no_voxel_keeps_all_points():
     assert thin(cloud, 0.0) is cloud
 
 
-def test_a_point_alone_is_an_outlier_and_a_cluster_is_not():
+def test_an_isolated_point_is_an_outlier_and_a_cluster_is_not():
     cluster = RNG.normal(0.0, 0.002, (20, 3))
     flags = lonely(np.vstack([cluster, [[0.1, 0.0, 0.0]]]), CONFIG)
     assert flags.tolist() == [False] * 20 + [True]
@@ -58,7 +58,7 @@ def test_lifted_points_move_one_radius_away_from_the_camera():
     assert np.isclose(np.linalg.norm(moved - eye) - np.linalg.norm(points - eye), 0.004)
 
 
-def test_points_in_the_table_come_up_along_their_line_of_sight():
+def test_points_below_the_table_are_lifted_along_their_line_of_sight():
     camera = calibration()
     point = np.array([[0.5, 0.0, -0.006]])
     moved = to_centre_line(point, camera, 0.004, 0.0)[0]
@@ -67,6 +67,6 @@ def test_points_in_the_table_come_up_along_their_line_of_sight():
     np.testing.assert_allclose(np.cross(moved - eye, point[0] - eye), 0.0, atol=1e-12)
 
 
-def test_without_a_table_points_may_lie_as_low_as_they_are_seen():
+def test_without_a_table_points_keep_their_height():
     camera = calibration()
     assert to_centre_line(np.array([[0.5, 0.0, -0.1]]), camera, 0.004, None)[0, 2] < -0.1

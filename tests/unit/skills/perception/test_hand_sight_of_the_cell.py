@@ -48,7 +48,7 @@ def hand_look(cell: Cell, x_m: float, y_m: float, yaw_rad: float) -> HandLook:
 
 
 @pytest.mark.parametrize(("seed", "shadows"), [(1000, False), (1001, True)])
-def test_the_hand_brings_the_camera_of_a_drawn_cell_from_millimetres_to_below_one(seed: int, shadows: bool):
+def test_the_hand_reduces_the_camera_error_of_a_random_cell_below_a_millimetre(seed: int, shadows: bool):
     cell = Cell(CellConfig(randomisation=RANDOMISED, shadows=shadows), seed=seed)
     background = by_the_table(cell)
     looks = [hand_look(cell, *place) for place in PLACES]

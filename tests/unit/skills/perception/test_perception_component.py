@@ -104,14 +104,14 @@ def with_perception(
     return camera
 
 
-def test_the_camera_is_open_while_the_component_runs_and_left_at_its_end(s_scene: Scene):
+def test_the_camera_is_open_while_the_component_runs_and_closed_at_its_end(s_scene: Scene):
     async def test(bus: MemoryTransport, camera: ScriptedCamera) -> None:
         assert camera.steps == ["entered"]
 
     assert with_perception(s_scene, test).steps == ["entered", "left"]
 
 
-def test_a_look_knows_where_the_robot_is(s_scene: Scene):
+def test_an_observation_has_the_robots_occlusion(s_scene: Scene):
     async def test(bus: MemoryTransport, camera: ScriptedCamera) -> None:
         outcome = await bus.call(api.LOOK)
         assert isinstance(outcome, Succeeded)
@@ -121,7 +121,7 @@ def test_a_look_knows_where_the_robot_is(s_scene: Scene):
     with_perception(s_scene, test)
 
 
-def test_a_look_publishes_pictures_and_points_with_the_stamp_of_the_pictures(s_scene: Scene):
+def test_an_observation_publishes_images_and_points_with_the_images_stamp(s_scene: Scene):
     async def test(bus: MemoryTransport, camera: ScriptedCamera) -> None:
         outcome = await bus.call(api.LOOK)
         assert isinstance(outcome, Succeeded)
@@ -134,7 +134,7 @@ def test_a_look_publishes_pictures_and_points_with_the_stamp_of_the_pictures(s_s
     with_perception(s_scene, test, exposure_s=0.05)
 
 
-def test_a_look_takes_the_cloud_from_the_surface_to_the_centre_line_of_the_dlo_as_believed(s_scene: Scene):
+def test_an_observation_shifts_the_cloud_to_the_centre_line_by_the_believed_radius(s_scene: Scene):
     heights_m: list[float] = []
 
     async def test(bus: MemoryTransport, camera: ScriptedCamera) -> None:
@@ -149,7 +149,7 @@ def test_a_look_takes_the_cloud_from_the_surface_to_the_centre_line_of_the_dlo_a
     assert heights_m[0] - heights_m[1] == pytest.approx(0.002, abs=0.0005)
 
 
-def test_a_look_without_points_fails_by_name_and_still_publishes(s_scene: Scene):
+def test_an_observation_without_points_fails_by_name_and_still_publishes(s_scene: Scene):
     async def test(bus: MemoryTransport, camera: ScriptedCamera) -> None:
         nowhere = np.array([0.3, 0.3, 0.0]), np.array([0.4, 0.4, 0.1])
         assert isinstance(await bus.call(api.SET_BOX, *nowhere), Succeeded)
@@ -197,7 +197,7 @@ def test_bad_settings_are_rejected_by_name(s_scene: Scene):
     with_perception(s_scene, test)
 
 
-def test_tracking_looks_at_its_rate_until_it_is_set_to_zero(s_scene: Scene):
+def test_tracking_observes_at_its_rate_until_it_is_set_to_zero(s_scene: Scene):
     async def test(bus: MemoryTransport, camera: ScriptedCamera) -> None:
         clock = LoopClock()
         await clock.sleep(1.0)
@@ -212,7 +212,7 @@ def test_tracking_looks_at_its_rate_until_it_is_set_to_zero(s_scene: Scene):
     with_perception(s_scene, test)
 
 
-def test_a_tracking_look_that_is_due_during_another_is_left_out(s_scene: Scene):
+def test_a_tracking_observation_due_during_another_is_skipped(s_scene: Scene):
     async def test(bus: MemoryTransport, camera: ScriptedCamera) -> None:
         await bus.call(api.SET_TRACKING, 10.0)
         await LoopClock().sleep(1.0)
@@ -222,7 +222,7 @@ def test_a_tracking_look_that_is_due_during_another_is_left_out(s_scene: Scene):
     with_perception(s_scene, test, exposure_s=0.25)
 
 
-def test_tracking_survives_a_camera_that_comes_back(s_scene: Scene, caplog: pytest.LogCaptureFixture):
+def test_tracking_survives_a_camera_that_returns(s_scene: Scene, caplog: pytest.LogCaptureFixture):
     async def test(bus: MemoryTransport, camera: ScriptedCamera) -> None:
         camera.gone = True
         await bus.call(api.SET_TRACKING, 5.0)
@@ -235,7 +235,7 @@ def test_tracking_survives_a_camera_that_comes_back(s_scene: Scene, caplog: pyte
     assert "camera_lost" in caplog.text
 
 
-def test_a_look_on_demand_waits_for_the_tracking_look(s_scene: Scene):
+def test_an_observation_on_demand_waits_for_the_tracking_observation(s_scene: Scene):
     async def test(bus: MemoryTransport, camera: ScriptedCamera) -> None:
         await bus.call(api.SET_TRACKING, 1.0)
         await LoopClock().sleep(0.1)
@@ -245,7 +245,7 @@ def test_a_look_on_demand_waits_for_the_tracking_look(s_scene: Scene):
     with_perception(s_scene, test, exposure_s=0.25)
 
 
-def test_the_table_corrects_the_pose_in_the_observation_but_not_in_the_pictures(s_scene: Scene):
+def test_the_table_corrects_the_pose_in_the_observation_but_not_in_the_images(s_scene: Scene):
     off = msgspec.structs.replace(
         s_scene.images.calibration.T_world_camera,
         position_m=s_scene.images.calibration.T_world_camera.position_m + np.array([0.0, 0.0, 0.003]),
@@ -266,7 +266,7 @@ def test_the_table_corrects_the_pose_in_the_observation_but_not_in_the_pictures(
     with_perception(s_scene, test, config=PerceptionConfig())
 
 
-def test_the_observation_says_which_node_the_gripper_holds(s_scene: Scene):
+def test_the_observation_has_the_held_node(s_scene: Scene):
     async def test(bus: MemoryTransport, camera: ScriptedCamera) -> None:
         for node, expected in ((7, [7]), (None, [])):
             bus.publish(topics.GRIPPED, GraspState(stamp_ns=0, robot="panda", node=node))
@@ -278,7 +278,7 @@ def test_the_observation_says_which_node_the_gripper_holds(s_scene: Scene):
     with_perception(s_scene, test)
 
 
-def test_a_held_node_is_where_the_tool_has_carried_it_not_at_the_tool_centre_point(s_scene: Scene):
+def test_a_held_node_keeps_its_offset_from_the_tool_centre_point(s_scene: Scene):
     place_tcp = np.array([0.011, 0.0, -0.003])  # a grasp of an end, 11 mm inside the node
 
     async def test(bus: MemoryTransport, camera: ScriptedCamera) -> None:

@@ -23,7 +23,7 @@ RANDOM = CellConfig(dlo=WIRE_A, physics=ElastoplasticChain(), randomisation=RAND
 
 
 @pytest.mark.parametrize("config", [*NOMINAL, pytest.param(RANDOM, id="randomised")])
-def test_every_preset_is_seen_whole_and_where_it_is_despite_the_error_of_the_camera_pose(config: CellConfig):
+def test_every_preset_is_seen_completely_and_accurately_despite_the_pose_error(config: CellConfig):
     preset = config.dlo
     cell = Cell(config, seed=1)
     cell.place_dlo(builtin_shape("S", preset.length_m, 81), settle=False)

@@ -56,7 +56,7 @@ def test_the_tips_are_neither_eroded_nor_extended(s_scene: Scene):
         assert abs(overhang) <= 0.005  # the rope's round end reaches 4 mm beyond its last node
 
 
-def test_a_lifted_rope_along_the_rows_is_not_drawn_down_to_the_table(straight_scene: Scene):
+def test_a_lifted_rope_along_the_rows_is_not_pulled_down_to_the_table(straight_scene: Scene):
     points = look_at(straight_scene).observation.points_world
     # Along the rows, only the tips determine the depth: half a pixel of disparity (8 mm) is the achievable accuracy.
     assert abs(np.median(points[:, 2]) - 0.1) < 0.008
@@ -83,14 +83,14 @@ def test_a_rope_in_the_gripper_keeps_its_points_on_both_sides():
     assert 5 < hidden.min() < 20 < hidden.max() < 30
 
 
-def test_a_box_around_one_half_leaves_that_half(s_scene: Scene):
+def test_a_box_around_one_half_keeps_that_half(s_scene: Scene):
     box = BoxConfig(lower_world=(0.2, -0.4, -0.02), upper_world=(0.52, 0.4, 0.25))
     points = look_at(s_scene, dataclasses.replace(CONFIG, box=box)).observation.points_world
     assert len(points) > 50
     assert points[:, 0].max() < 0.525  # the shift to the centre line follows the box filter, and is one radius
 
 
-def test_a_speck_of_light_on_the_table_is_not_dlo(s_scene: Scene):
+def test_a_bright_spot_on_the_table_is_not_the_dlo(s_scene: Scene):
     left = s_scene.images.left.copy()
     left[400:404, 300:304] = 255
     images = msgspec.structs.replace(s_scene.images, left=left)
@@ -112,7 +112,7 @@ def test_a_picture_without_dlo_gives_an_observation_without_points(s_scene: Scen
     assert look.disparity is None
 
 
-def test_a_look_is_the_same_to_the_bit_when_repeated(s_scene: Scene):
+def test_a_repeated_observation_is_identical_to_the_bit(s_scene: Scene):
     a, b = look_at(s_scene).observation, look_at(s_scene).observation
     assert a.points_world.tobytes() == b.points_world.tobytes()
 

@@ -23,7 +23,7 @@ def test_pictures_without_distortion_pass_untouched(s_scene: Scene):
     assert rectified(s_scene.images) is s_scene.images
 
 
-def test_a_lens_distortion_is_undone_in_both_pictures(s_scene: Scene):
+def test_lens_distortion_is_corrected_in_both_images(s_scene: Scene):
     camera = msgspec.structs.replace(calibration(), distortion=LENS, distortion_right=LENS)
     clean = [cv2.GaussianBlur(picture, (0, 0), 2.0) for picture in (s_scene.images.left, s_scene.images.right)]
     left, right = (distorted(picture, camera) for picture in clean)
@@ -46,7 +46,7 @@ def test_a_second_pair_with_another_lens_is_not_rectified_by_the_first_ones_map(
     np.testing.assert_array_equal(second.right, s_scene.images.right)  # that lens has none
 
 
-def test_the_maps_of_a_lens_are_made_once_and_not_at_every_look(s_scene: Scene, monkeypatch: pytest.MonkeyPatch):
+def test_the_maps_of_a_lens_are_computed_once(s_scene: Scene, monkeypatch: pytest.MonkeyPatch):
     pair = msgspec.structs.replace(s_scene.images, calibration=msgspec.structs.replace(calibration(), distortion=LENS))
     first = rectified(pair)
     monkeypatch.delattr(cv2, "initUndistortRectifyMap")

@@ -30,7 +30,7 @@ def test_colour_keeps_its_hue_and_no_grey():
     assert green.build().mask(picture(GREEN, RED, WHITE, BLACK)).pixels.tolist() == [[True, False, False, False]]
 
 
-def test_a_range_of_hues_may_pass_through_red():
+def test_a_range_of_hues_may_contain_red():
     red = ColourConfig(lowest_hue_deg=340, highest_hue_deg=20)
     assert red.build().mask(picture(RED, GREEN)).pixels.tolist() == [[True, False]]
 
@@ -41,11 +41,11 @@ def test_a_grey_picture_has_no_coloured_pixels():
 
 
 @pytest.mark.parametrize("config", [BrightnessConfig(lowest=7, highest=9), ColourConfig(lowest_hue_deg=5.0)])
-def test_a_strategy_travels_as_a_named_spec(config: BrightnessConfig | ColourConfig):
+def test_a_strategy_is_encoded_as_a_named_spec(config: BrightnessConfig | ColourConfig):
     assert from_spec(to_spec(config)) == config
 
 
-def test_what_a_spec_leaves_out_has_its_default():
+def test_settings_omitted_in_a_spec_have_their_defaults():
     assert from_spec(StrategySpec(name="brightness")) == BrightnessConfig()
 
 
@@ -59,6 +59,6 @@ def test_what_a_spec_leaves_out_has_its_default():
         (StrategySpec(name="brightness", settings=b"not json"), "settings"),
     ],
 )
-def test_a_bad_spec_is_refused_with_what_is_allowed(spec: StrategySpec, says: str):
+def test_a_bad_spec_is_refused_with_the_valid_settings(spec: StrategySpec, says: str):
     with pytest.raises(SkillRejected, match=says):
         from_spec(spec)

@@ -26,7 +26,7 @@ def test_distance_is_to_the_nearest_surface_and_negative_inside():
     np.testing.assert_allclose(robot_distance_m(points, capsule), [0.2, 0.2, -0.05])
 
 
-def test_points_on_the_gripper_are_the_robots_and_a_rope_two_centimetres_away_is_not():
+def test_points_on_the_gripper_are_removed_and_a_rope_two_centimetres_away_is_not():
     frames = dict(zip(PANDA_LINKS, link_transforms(OVER_TABLE_Q_RAD, 0.02)[0], strict=True))
     capsules = panda_capsules((robot_state(OVER_TABLE_Q_RAD, finger_width_m=0.02),))
     on_pad = frames["left_finger"] @ [0.0, 0.01, 0.045, 1.0]
@@ -66,7 +66,7 @@ def test_the_occlusion_map_has_the_depth_of_the_nearest_surface():
     assert occlusion_map(ball, camera, 8).depth_m[row, column] == pytest.approx(roots.min(), abs=1e-5)
 
 
-def test_a_robot_that_stands_elsewhere_is_looked_for_there():
+def test_a_robot_with_another_base_pose_is_filtered_there():
     base = pose((1.04, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
     state = robot_state(OVER_TABLE_Q_RAD)
     here = panda_capsules((state,))

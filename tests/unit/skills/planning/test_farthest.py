@@ -57,7 +57,7 @@ def test_the_farthest_node_is_grasped_first_and_the_others_follow() -> None:
     assert sorted(found) == list(range(NODES))
 
 
-def test_the_node_is_taken_to_its_goal() -> None:
+def test_the_node_is_moved_to_its_goal() -> None:
     action = proposals(bulged(20), I_SHAPE)[0]
     # Arc lengths of bulge and goal differ: points at equal fractions are some millimetres apart.
     assert np.linalg.norm(action.path[-1].position_m[:2] - I_SHAPE[20, :2]) < 0.008
@@ -66,7 +66,7 @@ def test_the_node_is_taken_to_its_goal() -> None:
     assert action.stamp_ns == 7
 
 
-def test_marked_nodes_are_left_out() -> None:
+def test_marked_nodes_are_skipped() -> None:
     found = [action.grasp.node for action in proposals(bulged(20), I_SHAPE, (20, 19, 21))]
     assert found[0] in (18, 22)
     assert not {19, 20, 21} & set(found)
@@ -82,7 +82,7 @@ def test_nothing_is_proposed_when_nothing_is_in_reach() -> None:
     assert proposals(bulged(20), I_SHAPE, unreachable_x_m=0.0) == []
 
 
-def test_a_node_whose_gripper_does_not_fit_is_passed_over() -> None:
+def test_a_node_where_the_gripper_does_not_fit_is_skipped() -> None:
     nodes = I_SHAPE.copy()
     nodes[15:, 1] = nodes[15, 1] - (nodes[15:, 1] - nodes[15, 1])
     nodes[15:, 0] += 0.016  # folded back upon itself, strands touching
@@ -101,7 +101,7 @@ def test_the_gripper_turns_to_the_goal_s_tangent() -> None:
     assert not np.allclose(turned.path[-1].wxyz, turned.grasp.T_world_tcp.wxyz, atol=1e-3)
 
 
-def test_with_the_whole_tangent_nodes_are_passed_over_for_which_the_wrist_has_no_room() -> None:
+def test_with_the_full_tangent_nodes_outside_the_wrists_range_are_skipped() -> None:
     def narrow(T: Pose) -> bool:
         # The wrist has room for half of the turn that the goal requires.
         R = geometry.rotation(T)

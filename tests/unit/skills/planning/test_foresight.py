@@ -50,7 +50,7 @@ def chosen(
     return asyncio.run(untangled(grasps(nodes), predict, goal, most)), played
 
 
-def test_the_first_action_is_taken_when_it_tangles_nothing_and_says_what_it_will_do() -> None:
+def test_the_first_action_without_a_tangle_is_chosen_with_its_prediction() -> None:
     action, played = chosen([7, 20], {})
     assert action is not None
     assert action.grasp.node == 7
@@ -64,24 +64,24 @@ def test_an_action_that_brings_strands_together_falls_back_to_the_next_best() ->
     assert action.grasp.node == 20
 
 
-def test_neighbours_of_a_node_that_tangles_are_not_played_through() -> None:
+def test_neighbours_of_a_node_that_tangles_are_not_simulated() -> None:
     _, played = chosen([7, 8, 6, 9, 20], {7: hairpin(0.01)})
     assert played == [7, 20]
 
 
-def test_where_every_action_tangles_the_strands_are_kept_as_far_apart_as_can_be() -> None:
+def test_if_every_action_tangles_the_one_with_the_largest_distance_is_chosen() -> None:
     action, _ = chosen([7, 20, 28], {7: hairpin(0.01), 20: hairpin(0.03), 28: hairpin(0.02)})
     assert action is not None
     assert action.grasp.node == 20
 
 
-def test_no_more_actions_are_played_through_than_allowed() -> None:
+def test_no_more_actions_are_simulated_than_allowed() -> None:
     tangles = {node: hairpin(0.01) for node in range(31)}
     _, played = chosen(range(0, 31, 4), tangles, most=3)
     assert len(played) == 3
 
 
-def test_a_goal_with_close_strands_asks_for_no_more_than_its_own() -> None:
+def test_a_goal_with_close_strands_lowers_the_required_distance() -> None:
     goal = hairpin(0.03)
     # 2.5 cm is closer than the rule allows, but not closer than 70 % of what the goal itself has.
     assert 0.7 * self_clearance_m(goal) < self_clearance_m(hairpin(0.025)) < CLEARANCE_M

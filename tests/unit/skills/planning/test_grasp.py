@@ -36,7 +36,7 @@ def hairpin(gap_m: float) -> Float64Array:
     return geometry.resample(np.column_stack([points, np.full(len(points), 0.004)]), 41)
 
 
-def test_the_gripper_stands_across_the_rod_and_points_down() -> None:
+def test_the_gripper_is_across_the_rod_and_points_down() -> None:
     point = rod_point(I_SHAPE, 0.5)
     T = geometry.rotation(grasp_pose(point, grasp_yaw(point, 0.0), HEIGHT_M))
     assert np.abs(T[:, 0] @ [0.0, 1.0, 0.0]) == pytest.approx(1.0)  # tool x along the rod, which lies along y
@@ -68,7 +68,7 @@ def test_the_widest_opening_is_taken_on_a_free_rod() -> None:
 
 
 @pytest.mark.parametrize("radius_m", [0.002, 0.006])
-def test_the_gripper_fits_beside_a_strand_up_to_the_boundary(radius_m: float) -> None:
+def test_the_gripper_fits_next_to_a_strand_up_to_the_boundary(radius_m: float) -> None:
     opening = 0.03
     # Free from this distance on: the finger's far side, the clearance, the neighbour's radius.
     reach = opening / 2 + FINGER_THICKNESS_M + CLEARANCE_M + radius_m
@@ -83,11 +83,11 @@ def test_two_strands_between_the_fingers_are_one_too_many() -> None:
     assert not gripper_fits(strands, rod_point(strands, 0.2), 0.05, RADIUS_M)
 
 
-def test_a_narrower_opening_is_taken_where_the_wide_one_lands_on_the_rod() -> None:
+def test_a_narrower_opening_is_chosen_if_the_wide_one_hits_the_rod() -> None:
     strands = hairpin(0.036)
     assert fitting_opening_m(strands, rod_point(strands, 0.2), RADIUS_M) == 0.03
 
 
-def test_no_opening_fits_strands_that_lie_side_by_side() -> None:
+def test_no_opening_fits_adjacent_strands() -> None:
     strands = hairpin(0.018)
     assert fitting_opening_m(strands, rod_point(strands, 0.2), RADIUS_M) is None

@@ -49,7 +49,7 @@ def pair() -> PairPlace:
     return pair_from_i_to_s()
 
 
-def test_a_pair_of_grasps_brings_a_straight_rod_near_an_s_at_once(pair: PairPlace) -> None:
+def test_a_pair_of_grasps_brings_a_straight_rod_near_an_s_in_one_action(pair: PairPlace) -> None:
     assert pair.predicted_nodes_world is not None
     # The two bends of an S need two hands; the best single node leaves 5 cm.
     assert rmse_m(pair.predicted_nodes_world, S) < 0.02
@@ -67,7 +67,7 @@ def test_the_arms_of_a_pair_reach_their_poses_and_keep_apart(pair: PairPlace) ->
 
 
 @pytest.mark.parametrize("near_at", [0, -1], ids=["on the way there", "on the way home"])
-def test_the_ways_from_and_to_home_count_too(near_at: int) -> None:
+def test_the_paths_from_and_to_home_count_too(near_at: int) -> None:
     # Side by side the tools have 20 cm, but the arms come from opposite sides and each reaches past the other.
     own, other = (
         [downward((x_m, far_m, 0.02), 0.0), downward((x_m, near_m, 0.02), 0.0)][:: 1 if near_at else -1]
@@ -81,7 +81,7 @@ def test_the_ways_from_and_to_home_count_too(near_at: int) -> None:
     assert APART.of_pair_m(own, other) < -0.01
 
 
-def test_arms_at_home_are_far_apart_and_arms_at_one_place_overlap() -> None:
+def test_arms_at_home_are_far_apart_and_arms_at_one_position_overlap() -> None:
     home = np.array([[0.0, -0.9, 0.0, -2.5, 0.0, 1.6, 0.785398]])
     assert APART.at_joints_m(home, home) > 0.2
     middle = (arm.inverse(OVER_THE_MIDDLE, yaw=Yaw.EITHER)[None] for arm in (FIRST, OTHER))

@@ -30,6 +30,6 @@ def test_poses_are_dense_enough() -> None:
 
 
 @pytest.mark.parametrize("turn_rad", [0.0, 1.2])
-def test_the_gripper_ends_turned_as_asked(turn_rad: float) -> None:
+def test_the_gripper_ends_with_the_requested_yaw(turn_rad: float) -> None:
     last = carry_path(START, END, 0.3, turn_rad, LIFT_M)[-1]
     assert last.wxyz == pytest.approx(geometry.downward(END, 0.3 + turn_rad).wxyz)

@@ -72,7 +72,7 @@ def with_planning(test: Callable[[Port], Awaitable[None]], reachable: Callable[[
     virtual_time.run(main())
 
 
-def test_a_proposal_is_answered_and_published() -> None:
+def test_a_proposal_is_returned_and_published() -> None:
     async def check(port: Port) -> None:
         outcome = await port.call(api.PROPOSE, SHAPE, GOAL, NO_MARKS)
         assert isinstance(outcome, Succeeded)
@@ -116,7 +116,7 @@ def test_shapes_of_different_counts_are_rejected() -> None:
     with_planning(check)
 
 
-def test_verdicts_travel() -> None:
+def test_verdicts_survive_encoding() -> None:
     async def check(port: Port) -> None:
         off = GoalShape(stamp_ns=0, nodes_world=moved(I_SHAPE, (0.0, 0.4)))
         goal = await port.call(api.JUDGE_GOAL, off, 0.012)
@@ -133,7 +133,7 @@ def test_verdicts_travel() -> None:
     with_planning(check)
 
 
-def test_what_cannot_be_judged_is_rejected_with_what_is_allowed() -> None:
+def test_shapes_that_cannot_be_assessed_are_rejected_with_the_requirement() -> None:
     async def check(port: Port) -> None:
         few = await port.call(api.JUDGE_GOAL, GoalShape(stamp_ns=0, nodes_world=I_SHAPE[:20]), 0.012)
         assert isinstance(few, Rejected)
@@ -157,7 +157,7 @@ def test_strategies_are_chosen_by_name() -> None:
     with_planning(check)
 
 
-def test_whatever_the_strategy_a_verdict_finds_its_code_compiled() -> None:
+def test_code_for_verdicts_is_compiled_for_every_strategy() -> None:
     prepare = PlanningComponent(PlanningConfig(strategy=FarthestConfig()), everywhere, BelievedDlo()).preparation()
     assert prepare is not None
     pickle.loads(pickle.dumps(prepare))()  # it is sent to the worker that computes
@@ -167,7 +167,7 @@ def test_whatever_the_strategy_a_verdict_finds_its_code_compiled() -> None:
     assert len(kernel.signatures) == 1
 
 
-def test_a_strategy_that_is_compiled_has_its_code_loaded_before_it_is_asked() -> None:
+def test_the_code_of_a_compiled_strategy_is_loaded_before_its_first_call() -> None:
     loaded: list[str] = []
 
     class Loads(FarthestConfig):
@@ -178,7 +178,7 @@ def test_a_strategy_that_is_compiled_has_its_code_loaded_before_it_is_asked() ->
     assert loaded == ["strategy"]
 
 
-def test_what_was_learnt_of_the_dlo_is_planned_with() -> None:
+def test_planning_uses_the_learned_belief() -> None:
     async def main() -> None:
         host = Container(MemoryTransport(), LoopClock())
         caller, believer = Caller(), Believer()

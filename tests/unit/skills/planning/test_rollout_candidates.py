@@ -24,7 +24,7 @@ def test_a_lay_down_ends_with_the_held_end_at_its_goal_and_the_rest_behind_it() 
         assert np.all(np.diff(tool[2:, 2]) < 0.0)
 
 
-def test_a_lay_down_that_missed_is_aimed_better() -> None:
+def test_a_lay_down_is_corrected_by_its_prediction_error() -> None:
     family, errors_m = Laying(scene(), from_last=True), list[float]()
     numbers = family.first(1, np.random.default_rng(0))[0]
     for _ in range(4):
@@ -36,7 +36,7 @@ def test_a_lay_down_that_missed_is_aimed_better() -> None:
     assert errors_m[-1] < 0.35 * errors_m[0]
 
 
-def test_the_first_few_carries_are_of_nodes_all_over_the_rod_the_farthest_from_its_goal_first() -> None:
+def test_the_first_carries_are_of_nodes_spread_over_the_rod_the_farthest_first() -> None:
     here = scene()
     few = [int(numbers[0]) for numbers in Carrying(here, dragging=True).first(6, np.random.default_rng(0))]
     assert few[0] == np.argmax(here.error_m)
@@ -45,7 +45,7 @@ def test_the_first_few_carries_are_of_nodes_all_over_the_rod_the_farthest_from_i
     assert set(every) == set(np.argsort(-here.error_m, kind="stable")[::2].tolist())
 
 
-def test_a_carry_that_fell_short_is_released_farther() -> None:
+def test_the_target_of_a_carry_compensates_for_spring_back() -> None:
     family = Carrying(scene(), dragging=True)
     numbers = family.first(1, np.random.default_rng(0))[0]
     short = S_SHAPE - np.array([0.01, 0.0, 0.0])
@@ -54,7 +54,7 @@ def test_a_carry_that_fell_short_is_released_farther() -> None:
     assert np.abs(np.delete(more, 1)).max() == 0.0
 
 
-def test_where_the_end_is_marked_the_next_node_is_held() -> None:
+def test_if_the_end_is_marked_the_next_node_is_grasped() -> None:
     family = Laying(scene(marked=(0,)), from_last=False)
     candidate = family.make(family.first(1, np.random.default_rng(0))[0])
     assert candidate is not None
@@ -66,7 +66,7 @@ def push_of(direction_rad: float, length_m: float = 0.05, marked: tuple[int, ...
 
 
 @pytest.mark.parametrize("direction_rad", [0.0, np.pi])
-def test_a_push_moves_the_middle_by_its_length_to_the_side_it_says(direction_rad: float) -> None:
+def test_a_push_moves_the_middle_by_its_length_in_its_direction(direction_rad: float) -> None:
     candidate = push_of(direction_rad)
     assert candidate is not None
     end = play(MODEL, I_SHAPE, (QuickRod(),), (candidate.motion,), 0.005).nodes_world[0, 0]
@@ -77,7 +77,7 @@ def test_a_push_moves_the_middle_by_its_length_to_the_side_it_says(direction_rad
     assert np.linalg.norm((end - I_SHAPE)[[0, 30]], axis=1).max() < 0.02
 
 
-def test_a_push_along_the_rod_onto_it_or_at_a_marked_node_is_none() -> None:
+def test_a_push_along_the_rod_onto_it_or_at_a_marked_node_is_no_candidate() -> None:
     assert push_of(1.3) is None
     assert push_of(0.0, marked=(15,)) is None
     assert push_of(0.0, length_m=-0.01) is None

@@ -41,22 +41,22 @@ def after(action: Action, nodes: Float64Array, stamp_ns: int = 2) -> Misses:
     return misses
 
 
-def test_a_kind_that_missed_by_much_is_trusted_less_and_others_as_before() -> None:
+def test_a_large_prediction_error_affects_only_actions_of_its_kind() -> None:
     misses = after(laid(), S_SHAPE + ASIDE)
     assert misses.of(LayDown) == pytest.approx(np.sqrt((LAY_DOWN_MISS_M**2 + 0.03**2) / 2.0))
     assert misses.of(Drag) == DRAG_MISS_M
 
 
-def test_a_kind_that_does_as_predicted_is_trusted_more() -> None:
+def test_a_small_prediction_error_lowers_the_expected_error_of_its_kind() -> None:
     assert after(laid(), S_SHAPE).of(LayDown) < LAY_DOWN_MISS_M
 
 
-def test_the_same_question_again_and_a_rod_that_was_not_moved_teach_nothing() -> None:
+def test_a_repeated_proposal_and_an_unmoved_rod_change_nothing() -> None:
     assert after(laid(), S_SHAPE + ASIDE, stamp_ns=1).of(LayDown) == LAY_DOWN_MISS_M
     assert after(laid(), I_SHAPE).of(LayDown) == LAY_DOWN_MISS_M
 
 
-def test_of_several_proposals_the_last_was_taken() -> None:
+def test_of_several_proposals_the_last_was_executed() -> None:
     misses = Misses(MODEL)
     misses.expect(laid(), state(I_SHAPE, 1))
     misses.expect(msgspec.structs.replace(laid(), predicted_nodes_world=S_SHAPE + ASIDE), state(I_SHAPE, 1))

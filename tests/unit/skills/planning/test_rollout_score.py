@@ -30,7 +30,7 @@ def scored(played: Played, goal: Float64Array = S_SHAPE) -> Float64Array:
     return remaining_m(played, miss_m, goal, MODEL.radius_m, FeasibilityConfig())[0]
 
 
-def test_of_two_shapes_with_one_error_that_is_better_whose_error_sits_in_one_place() -> None:
+def test_of_two_shapes_with_equal_error_the_one_with_local_error_is_better() -> None:
     here, everywhere = S_SHAPE.copy(), S_SHAPE.copy()
     here[:6, 0] += 0.03
     everywhere[:, 0] += geometry.rmse_m(here, S_SHAPE)
@@ -38,7 +38,7 @@ def test_of_two_shapes_with_one_error_that_is_better_whose_error_sits_in_one_pla
     assert score[0] < score[1] - 0.002
 
 
-def test_a_tangle_and_a_rod_off_the_table_are_dear() -> None:
+def test_a_tangle_and_a_rod_off_the_table_have_a_high_cost() -> None:
     off = S_SHAPE + np.array([0.3, 0.0, 0.0])
     clean, crossed, outside = (
         scored(lying(S_SHAPE))[0],
@@ -49,13 +49,13 @@ def test_a_tangle_and_a_rod_off_the_table_are_dear() -> None:
     assert outside > geometry.rmse_m(off, S_SHAPE) + 0.05
 
 
-def test_a_doubtful_action_counts_for_less_than_a_sure_one_of_the_same_mean() -> None:
+def test_of_two_actions_with_equal_mean_the_more_certain_one_is_better() -> None:
     scores = np.array([[0.01, 0.02], [0.03, 0.02]])
     assert cautious_m(scores, 0.0)[0] == pytest.approx(cautious_m(scores, 0.0)[1])
     assert cautious_m(scores, 1.0)[0] > cautious_m(scores, 1.0)[1]
 
 
-def test_no_shape_however_near_the_goal_scores_below_what_its_kind_misses_alone() -> None:
+def test_no_score_is_below_the_prediction_error_of_its_kind() -> None:
     miss_m = np.array([0.008, 0.008])
     played = lying(S_SHAPE, S_SHAPE + np.array([0.002, 0.0, 0.0]))
     at_goal, beside = remaining_m(played, miss_m, S_SHAPE, MODEL.radius_m, FeasibilityConfig())[0]
@@ -63,7 +63,7 @@ def test_no_shape_however_near_the_goal_scores_below_what_its_kind_misses_alone(
     assert beside > at_goal
 
 
-def test_a_lay_down_must_promise_more_than_a_small_correction_because_it_misses_by_more() -> None:
+def test_a_lay_down_needs_a_larger_predicted_gain_than_a_small_correction() -> None:
     assert usual_miss_m(LayDown, MODEL) > usual_miss_m(PickPlace, MODEL) > usual_miss_m(Drag, MODEL)
     near = lying(S_SHAPE + np.array([0.004, 0.0, 0.0]))
     score = [
@@ -73,7 +73,7 @@ def test_a_lay_down_must_promise_more_than_a_small_correction_because_it_misses_
     assert score[0] > score[1] + 0.004
 
 
-def test_a_dlo_that_does_not_drape_is_not_expected_to_be_laid_down_well() -> None:
+def test_a_lay_down_of_a_stiff_dlo_has_a_larger_expected_error() -> None:
     rope, hose, wire = (
         replace(MODEL, bending_stiffness_n_m2=preset.bending_stiffness_n_m2, mass_kg_m=preset.mass_per_length_kg_m)
         for preset in (SOFT_ROPE, SILICONE_HOSE, WIRE_B)

@@ -59,7 +59,7 @@ def test_finalists_are_of_more_than_one_kind_where_there_are_others() -> None:
     assert set(asked[-1]) == {Drag, PickPlace}
 
 
-def test_the_search_keeps_to_its_budget_and_refining_helps() -> None:
+def test_the_search_keeps_its_budget_and_refinement_helps() -> None:
     def run(generations: int, rollouts: int) -> tuple[int, float]:
         config = SearchConfig(rollouts=rollouts, finalists=2, generations=generations)
 
@@ -102,7 +102,7 @@ def test_a_slow_machine_tries_every_family_and_ends_in_time() -> None:
 
 
 @pytest.mark.parametrize(("seconds_each", "others"), [(0.0, {LayDown}), (0.008, set[type[Action]]())])
-def test_the_kind_that_can_score_best_is_tried_first_and_where_time_is_short_one_that_cannot_win_not_at_all(
+def test_the_most_promising_kind_is_tried_first_and_hopeless_ones_are_skipped_if_time_is_short(
     seconds_each: float, others: set[type[Action]]
 ) -> None:
     tried: list[type[Action]] = []
@@ -122,7 +122,7 @@ def test_the_kind_that_can_score_best_is_tried_first_and_where_time_is_short_one
     assert set(tried) == {Drag, PickPlace, *others}
 
 
-def test_who_watches_is_told_the_best_of_each_kind_and_node_best_first() -> None:
+def test_progress_has_the_best_of_each_kind_and_node_best_first() -> None:
     told = list[list[Choice]]()
 
     async def tell(rollouts: int, best: Sequence[Choice]) -> None:
@@ -147,9 +147,7 @@ def test_who_watches_is_told_the_best_of_each_kind_and_node_best_first() -> None
 
 
 @pytest.mark.parametrize(("log_sd", "factor"), [(0.1, 1.4), (math.log(3.0), 3.0)])
-def test_finalists_are_tried_on_rods_as_other_as_the_belief_allows_and_at_least_as_the_doubt(
-    log_sd: float, factor: float
-) -> None:
+def test_finalists_are_simulated_with_rods_sampled_from_the_belief(log_sd: float, factor: float) -> None:
     sure = BeliefConfig(stiffness_log_sd=log_sd, friction_log_sd=0.0)
     rods = doubtful_rods(sure)
     assert len(rods) == 8

@@ -33,7 +33,7 @@ def best(config: RolloutConfig, start: Float64Array, goal: Float64Array) -> Acti
     return asyncio.run(first())
 
 
-def test_a_far_rod_is_laid_down_whole_and_expected_near_its_goal() -> None:
+def test_a_far_rod_is_laid_down_as_a_whole_and_predicted_near_its_goal() -> None:
     goal = moved(I_SHAPE, (0.06, 0.1375), 0.7)
     action = best(RolloutConfig(search=SearchConfig(rollouts=160)), I_SHAPE, goal)
     assert isinstance(action, LayDown)
@@ -42,7 +42,7 @@ def test_a_far_rod_is_laid_down_whole_and_expected_near_its_goal() -> None:
     assert geometry.rmse_m(action.predicted_nodes_world, goal) < 0.025
 
 
-def test_a_rod_near_its_goal_is_corrected_and_not_laid_down_anew() -> None:
+def test_a_rod_near_its_goal_is_corrected_and_not_laid_down_again() -> None:
     start = S_SHAPE.copy()
     start[:8, 0] += 0.02 * np.linspace(1.0, 0.0, 8)
     action = best(RolloutConfig(search=SHORT), start, S_SHAPE)
@@ -51,7 +51,7 @@ def test_a_rod_near_its_goal_is_corrected_and_not_laid_down_anew() -> None:
 
 
 @pytest.mark.parametrize("kind", ["pick_place", "drag", "lay_down", "push"])
-def test_kinds_can_be_left_out(kind: str) -> None:
+def test_kinds_can_be_disabled(kind: str) -> None:
     config = RolloutConfig(
         search=SHORT,
         pick_place=kind == "pick_place",
@@ -64,7 +64,7 @@ def test_kinds_can_be_left_out(kind: str) -> None:
     assert kind_of(action) == names[kind]
 
 
-def test_every_kind_travels_over_the_bus_as_what_it_is() -> None:
+def test_every_kind_keeps_its_type_over_the_bus() -> None:
     families = (
         Carrying(scene(), dragging=False),
         Carrying(scene(), dragging=True),
@@ -79,7 +79,7 @@ def test_every_kind_travels_over_the_bus_as_what_it_is() -> None:
         assert type(back) is family.kind
 
 
-def test_settings_that_cannot_be_are_refused() -> None:
+def test_invalid_settings_are_refused() -> None:
     with pytest.raises(ConfigError, match="too short"):
         SearchConfig(rollouts=30)
     for seconds in (0.0, -1.0, math.nan):

@@ -20,7 +20,7 @@ def _play(timer: Timer, clock: HandClock, rollouts: int, each_s: float) -> None:
         clock.now_s += rollouts * each_s
 
 
-def test_without_a_clock_nothing_is_left_out() -> None:
+def test_without_a_clock_nothing_is_skipped() -> None:
     timer = Timer(0.001, None)
     timer.allow(0.0, 8, 8)
     with timer.playing(1000):
@@ -40,7 +40,7 @@ def test_the_time_for_a_part_ends_and_the_next_part_gets_more() -> None:
     assert not timer.over
 
 
-def test_time_is_kept_for_the_finals_at_the_pace_of_playing_alone() -> None:
+def test_time_is_reserved_for_the_finals_at_the_pace_of_simulation_alone() -> None:
     clock = HandClock()
     timer = Timer(2.0, clock, cores=2)
     clock.now_s += 1.0  # candidates were made
@@ -52,7 +52,7 @@ def test_time_is_kept_for_the_finals_at_the_pace_of_playing_alone() -> None:
     assert timer.over
 
 
-def test_finals_that_would_take_most_of_the_time_leave_the_search_its_part() -> None:
+def test_long_finals_leave_the_search_its_minimum_time() -> None:
     clock = HandClock()
     timer = Timer(2.0, clock, cores=2)
     _play(timer, clock, 100, 0.013)  # 1.3 s; a part of the finals takes 0.21 s, all of them 0.83 s
@@ -60,7 +60,7 @@ def test_finals_that_would_take_most_of_the_time_leave_the_search_its_part() -> 
     assert not timer.over  # up to 1.4 s
 
 
-def test_where_no_finals_would_end_in_time_the_search_has_all_of_it() -> None:
+def test_if_no_finals_would_end_in_time_the_search_has_all_of_it() -> None:
     clock = HandClock()
     timer = Timer(2.0, clock, cores=2)
     _play(timer, clock, 18, 0.1)
@@ -69,7 +69,7 @@ def test_where_no_finals_would_end_in_time_the_search_has_all_of_it() -> None:
     assert list(timer.rounds([1, 2, 3], 8)) == []
 
 
-def test_batches_are_small_until_the_pace_is_known_and_then_as_it_allows() -> None:
+def test_batches_are_small_until_the_pace_is_known() -> None:
     clock = HandClock()
     timer = Timer(2.0, clock, cores=2)
     assert timer.batch(100) == 2
@@ -80,7 +80,7 @@ def test_batches_are_small_until_the_pace_is_known_and_then_as_it_allows() -> No
     assert timer.batch(3) == 3
 
 
-def test_finals_are_played_while_the_next_of_them_will_end_in_time() -> None:
+def test_finals_are_simulated_while_the_next_one_will_end_in_time() -> None:
     clock = HandClock()
     timer = Timer(2.0, clock, cores=2)
     _play(timer, clock, 130, 0.01)  # 1.3 s; two finalists on eight rods take 0.16 s
@@ -92,7 +92,7 @@ def test_finals_are_played_while_the_next_of_them_will_end_in_time() -> None:
     assert clock.now_s - 100.0 == pytest.approx(1.94)
 
 
-def test_something_is_played_even_when_the_time_is_over_before() -> None:
+def test_something_is_simulated_even_if_the_time_is_over_before() -> None:
     clock = HandClock()
     timer = Timer(1.0, clock, cores=2)
     clock.now_s += 5.0

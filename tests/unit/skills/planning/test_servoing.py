@@ -52,7 +52,7 @@ def dragged(by: list[float]) -> np.ndarray:
     return released(MODEL, NODES, GRIP, [np.array(by)])[0]
 
 
-def test_the_jacobian_says_what_a_small_drag_does_to_the_released_rod() -> None:
+def test_the_jacobian_predicts_the_effect_of_a_small_drag_on_the_released_rod() -> None:
     matrix = jacobian(released(MODEL, NODES, GRIP, probes()))
     by = np.array([0.012, 0.0, 0.0, 0.0])
     still, moved = released(MODEL, NODES, GRIP, [np.zeros(4), by])
@@ -72,7 +72,7 @@ def test_damped_least_squares_points_to_the_goal_and_keeps_to_the_limits() -> No
     assert abs(far[3]) <= LARGEST_RAD + 1e-12
 
 
-def test_what_was_seen_of_a_correction_changes_the_jacobian_along_it_alone_and_no_more_than_is_trusted() -> None:
+def test_an_observed_correction_updates_the_jacobian_only_along_it_within_bounds() -> None:
     by = np.array([0.01, 0.0, 0.0, 0.0])
     predicted = NODES + np.array([0.01, 0.0, 0.0])
     done = Correction(displacement=by, released_world=NODES, predicted_world=predicted)
@@ -94,13 +94,13 @@ def test_a_correction_is_advised_that_is_expected_to_bring_the_shape_nearer() ->
     assert rmse_m(advice.correction.predicted_world, goal) == pytest.approx(advice.then_rmse_m)
 
 
-def test_a_shape_at_its_goal_is_let_go() -> None:
+def test_a_shape_at_its_goal_is_released() -> None:
     advice = advise(held(dragged([0.0, 0.0, 0.0, 0.0])), 0.006, MODEL, everywhere, CONFIG)
     assert (advice.verdict, advice.reason) == (ControlVerdict.SETTLED, "good_enough")
     assert advice.correction is None
 
 
-def test_an_error_that_the_held_node_has_no_part_in_is_not_corrected() -> None:
+def test_an_error_far_from_the_held_node_is_not_corrected() -> None:
     goal = NODES.copy()
     goal[20:, 0] += 0.05
     advice = advise(held(goal), 0.006, MODEL, everywhere, CONFIG)
@@ -119,14 +119,12 @@ HIDDEN = {"visible": np.arange(31) > 15}
 
 
 @pytest.mark.parametrize(("known", "reason"), [(UNSURE, "in_doubt"), (SURE, ""), (HIDDEN, "in_doubt"), ({}, "")])
-def test_a_correction_is_made_only_where_its_gain_is_more_than_the_doubt_of_the_shape(
-    known: dict[str, object], reason: str
-) -> None:
+def test_a_correction_needs_a_gain_above_the_uncertainty_of_the_shape(known: dict[str, object], reason: str) -> None:
     shape = msgspec.structs.replace(held(NODES).shape, **known)
     assert advise(held(dragged([0.02, 0.0, 0.0, 0.0]), shape=shape), 0.003, MODEL, everywhere, CONFIG).reason == reason
 
 
-def test_the_doubt_of_a_gain_counts_the_nodes_that_move_and_the_direction_in_which_they_do() -> None:
+def test_the_uncertainty_of_a_gain_counts_moving_nodes_along_their_motion() -> None:
     error, by = np.full((4, 2), 0.01), np.zeros((4, 2))
     by[0, 0] = 0.01
     seen = np.zeros((4, 2, 2))
@@ -148,7 +146,7 @@ def drag(by: list[float]) -> Drag:
     )
 
 
-def test_control_follows_an_action_that_stops_short_where_the_eye_is_good_enough() -> None:
+def test_control_follows_an_incomplete_action_if_the_observer_is_accurate_enough() -> None:
     action = drag([0.04, 0.02, 0.0, 0.3])
     reached, missed = dragged([0.04, 0.02, 0.0, 0.3]), dragged([0.06, 0.03, 0.0, 0.3])
     assert not foresee(MODEL, NODES, reached, action, 0.0, CONFIG).follows
@@ -156,7 +154,7 @@ def test_control_follows_an_action_that_stops_short_where_the_eye_is_good_enough
     assert not foresee(MODEL, NODES, missed, action, 0.0, replace(CONFIG, sight_m=0.03)).follows
 
 
-def test_control_follows_where_such_actions_went_amiss_and_the_grasp_has_a_hold_on_what_did() -> None:
+def test_control_follows_if_such_actions_have_errors_that_the_grasp_can_correct() -> None:
     # All of a stiff rod follows its held node; of a soft one only the neighbours do, and they have no error.
     action, by, stiff = drag([0.04, 0.02, 0.0, 0.3]), np.array([0.04, 0.02, 0.0, 0.3]), 1e-4
     for model, follows in ((replace(MODEL, bending_stiffness_n_m2=stiff), True), (MODEL, False)):

@@ -65,7 +65,7 @@ def test_an_arm_that_comes_too_near_brakes_before_the_log_line(monkeypatch: pyte
 
 
 @pytest.mark.parametrize("raises", [False, True], ids=["blocks", "raises"])
-def test_the_motions_of_a_caller_that_is_gone_have_ended_before_the_log_line(raises: bool) -> None:
+def test_the_motions_of_a_lost_caller_have_ended_before_the_log_line(raises: bool) -> None:
     braked: list[str] = []
     lines: list[int] = []
 

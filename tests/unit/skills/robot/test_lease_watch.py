@@ -23,7 +23,7 @@ class Machine:
         return round(self.now_s * 1e9)
 
 
-def test_a_sign_of_life_keeps_the_lease_for_its_duration() -> None:
+def test_a_heartbeat_renews_the_lease_for_its_duration() -> None:
     machine = Machine()
     keeper = LeaseKeeper(machine)
     keeper.renew("the decision process", 0.2)
@@ -36,7 +36,7 @@ def test_a_sign_of_life_keeps_the_lease_for_its_duration() -> None:
     assert keeper.lost
 
 
-def test_a_sign_of_life_of_somebody_else_keeps_nothing() -> None:
+def test_a_heartbeat_of_another_caller_renews_nothing() -> None:
     machine = Machine()
     keeper = LeaseKeeper(machine)
     keeper.renew("the decision process", 0.2)
@@ -50,7 +50,7 @@ def test_a_sign_of_life_of_somebody_else_keeps_nothing() -> None:
         keeper.renew("the decision process", 0.2)
 
 
-def test_nobody_s_lease_never_runs_out() -> None:
+def test_a_free_lease_never_expires() -> None:
     machine = Machine()
     keeper = LeaseKeeper(machine)
     keeper.renew("the decision process", 0.2)
@@ -59,7 +59,7 @@ def test_nobody_s_lease_never_runs_out() -> None:
     assert not keeper.lost
 
 
-def test_the_thread_tells_of_a_lease_that_has_run_out_until_it_runs_again() -> None:
+def test_the_thread_reports_an_expired_lease_until_it_is_renewed() -> None:
     machine, told = Machine(), threading.Semaphore(0)
     keeper, watch = LeaseKeeper(machine), ThreadWatchdog()
     keeper.renew("the decision process", 0.2)
@@ -75,7 +75,7 @@ def test_the_thread_tells_of_a_lease_that_has_run_out_until_it_runs_again() -> N
         watch.close()
 
 
-def test_the_thread_goes_on_when_whoever_it_tells_raises() -> None:
+def test_the_thread_continues_after_an_error_in_a_callback() -> None:
     told, keeper, watch = threading.Semaphore(0), LeaseKeeper(time.monotonic_ns), ThreadWatchdog()
     keeper.renew("the decision process", 0.001)
 
@@ -118,7 +118,7 @@ def test_a_deadline_that_raises_counts_as_expired_on_thread_and_loop() -> None:
     asyncio.run(on_loop())
 
 
-def test_nothing_is_told_of_a_deadline_that_is_no_longer_watched() -> None:
+def test_a_removed_deadline_causes_no_callback() -> None:
     told, other, watch = threading.Semaphore(0), threading.Semaphore(0), ThreadWatchdog()
     ended = Unknown()
     watch.begin(ended, lambda: told.release())
@@ -135,7 +135,7 @@ def test_nothing_is_told_of_a_deadline_that_is_no_longer_watched() -> None:
         watch.close()
 
 
-def test_the_thread_looks_while_nothing_else_of_its_process_gets_on() -> None:
+def test_the_thread_checks_while_the_rest_of_its_process_is_blocked() -> None:
     told, keeper, watch = threading.Event(), LeaseKeeper(time.monotonic_ns), ThreadWatchdog()
     keeper.renew("the decision process", 0.05)
     watch.begin(keeper, told.set)

@@ -27,7 +27,7 @@ def test_a_planned_trajectory_passes() -> None:
     check_trajectory(GOOD)
 
 
-def test_a_joint_beyond_its_range_is_named() -> None:
+def test_a_joint_outside_its_range_is_named() -> None:
     q = GOOD.q_rad.copy()
     q[10, 3] = 0.0
     assert reason_of(msgspec.structs.replace(GOOD, q_rad=q)) == RobotReason.JOINT_LIMIT
@@ -64,7 +64,7 @@ def test_times_that_do_not_rise_from_zero_are_refused(times: list[float]) -> Non
     assert failure.value.reason == RobotReason.BAD_TRAJECTORY
 
 
-def test_the_table_may_be_come_near_to_but_not_touched() -> None:
+def test_the_arm_may_approach_the_table_but_not_touch_it() -> None:
     check_collisions(KINEMATICS.inverse(downward([0.5, 0.0, 0.011], 0.0))[None])
     with pytest.raises(SkillFailure, match="raise the path") as failure:
         check_collisions(KINEMATICS.inverse(downward([0.5, 0.0, 0.005], 0.0))[None])

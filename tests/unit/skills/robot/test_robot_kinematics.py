@@ -47,7 +47,7 @@ def test_the_pose_as_given_is_preferred() -> None:
     np.testing.assert_allclose(matrix(reached), matrix(T), atol=1e-9)
 
 
-def test_a_turn_beyond_joint_7_is_taken_from_the_other_side_or_refused() -> None:
+def test_a_yaw_outside_joint_7_is_reached_from_the_other_side_or_refused() -> None:
     # Joint 7 is at pi/4 - yaw here; its limit is 166°.
     T = downward([0.5, 0.0, 0.1], np.pi / 4 + np.radians(175.0))
     with pytest.raises(SkillFailure, match="that way round"):
@@ -68,7 +68,7 @@ def test_a_tilted_pose_is_solved_by_differential_kinematics() -> None:
         assert min(np.abs(reached - matrix(meant)).max() for meant in (target, half_turned(target))) < 2e-4
 
 
-def test_the_gripper_reaches_the_table_all_over_but_for_the_far_corners(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_gripper_reaches_the_whole_table_except_the_far_corners(capsys: pytest.CaptureFixture[str]) -> None:
     reached, asked = 0, 0
     for x in np.linspace(0.30, 0.75, 10):
         for y in np.linspace(-0.35, 0.35, 15):
@@ -87,7 +87,7 @@ def test_the_gripper_reaches_the_table_all_over_but_for_the_far_corners(capsys: 
     assert reached / asked > 0.96  # only the two corners beyond 0.79 m are lost
 
 
-def test_out_of_reach_is_named_and_says_what_is_allowed() -> None:
+def test_a_pose_out_of_reach_is_refused_with_the_allowed_range() -> None:
     with pytest.raises(SkillFailure, match=r"0\.27 to 0\.79 m") as failure:
         KINEMATICS.inverse(downward([0.9, 0.0, 0.1], 0.0))
     assert failure.value.reason == "unreachable"
@@ -106,7 +106,7 @@ def test_a_base_elsewhere_moves_the_reach_with_it() -> None:
     np.testing.assert_allclose(upright.inverse(T), KINEMATICS.inverse(downward([0.5, 0.0, 0.1], 0.3)), atol=1e-9)
 
 
-def test_it_pickles_as_its_settings_for_a_worker_process() -> None:
+def test_it_can_be_pickled_for_a_worker_process() -> None:
     KINEMATICS.inverse(tilted(downward([0.5, 0.0, 0.2], 0.0), (0.2, 0.0)))  # the solver exists now
     data = pickle.dumps(PandaKinematics(pose([0.1, 0.0, 0.0])))
     assert len(data) < 2000
@@ -115,7 +115,7 @@ def test_it_pickles_as_its_settings_for_a_worker_process() -> None:
     np.testing.assert_array_equal(pickle.loads(data).inverse(T), expected)
 
 
-def test_planning_can_ask_for_reach_thousands_of_times() -> None:
+def test_reachability_is_fast_enough_for_planning() -> None:
     grasps = random_grasps(100)
     began = time.perf_counter()
     for T in grasps:

@@ -69,7 +69,7 @@ def test_a_motion_that_is_being_planned_when_a_person_stops_the_arm_never_starts
     on_bench(scenario, SlowCompute())
 
 
-def test_a_stop_that_another_latched_in_the_arm_is_found() -> None:
+def test_a_stop_latched_in_the_arm_by_another_process_is_detected() -> None:
     async def scenario(bench: Bench) -> None:
         bench.arm.latched = True
         assert reason(await bench.port.call(api.HOME)) == "stop_latched"
@@ -80,7 +80,7 @@ def test_a_stop_that_another_latched_in_the_arm_is_found() -> None:
     on_bench(scenario)
 
 
-def test_a_stop_that_no_feedback_confirms_says_so() -> None:
+def test_a_stop_without_confirming_feedback_is_reported() -> None:
     async def scenario(bench: Bench) -> None:
         bench.arm.silent = True
         assert reason(await bench.port.call(api.STOP)) == "not_confirmed"
@@ -117,7 +117,7 @@ def test_a_cancelled_caller_leaves_the_arm_standing() -> None:
     on_bench(scenario)
 
 
-def test_the_arm_brakes_when_its_commander_s_lease_runs_out() -> None:
+def test_the_arm_brakes_when_its_commanders_lease_expires() -> None:
     async def scenario(bench: Bench) -> None:
         assert isinstance(await bench.port.call(api.RENEW_LEASE, bench.me, 0.2), Succeeded)
         moving = asyncio.create_task(bench.port.call(api.MOVE_JOINTS, FAR))
@@ -151,7 +151,7 @@ def test_a_renewed_lease_keeps_the_arm_moving_however_slow_the_cell() -> None:
     on_bench(scenario)
 
 
-def test_a_lease_is_one_commander_s_until_it_is_given_back() -> None:
+def test_a_lease_belongs_to_one_commander_until_its_release() -> None:
     async def scenario(bench: Bench) -> None:
         await bench.port.call(api.RENEW_LEASE, bench.me, 0.2)
         assert reason(await bench.port.call(api.RENEW_LEASE, "somebody else", 0.2)) == "leased"
@@ -163,7 +163,7 @@ def test_a_lease_is_one_commander_s_until_it_is_given_back() -> None:
     on_bench(scenario)
 
 
-def test_a_robot_that_another_commands_refuses_motions_but_not_to_stop() -> None:
+def test_a_robot_with_another_commander_refuses_motions_but_not_stops() -> None:
     async def scenario(bench: Bench) -> None:
         assert isinstance(await bench.port.call(api.RENEW_LEASE, "the decision process", 0.2), Succeeded)
         for refused in (bench.port.call(api.HOME), bench.port.call(api.RELEASE), bench.port.call(api.RECOVER)):
@@ -175,12 +175,12 @@ def test_a_robot_that_another_commands_refuses_motions_but_not_to_stop() -> None
 
 
 @pytest.mark.parametrize("lease_s", [0.0, -1.0, float("nan"), float("inf")])
-def test_a_lease_that_never_runs_out_or_at_once_is_refused(lease_s: float) -> None:
+def test_a_lease_of_infinite_or_zero_duration_is_refused(lease_s: float) -> None:
     with pytest.raises(ConfigError, match="commander-lease-s"):
         RobotConfig(commander_lease_s=lease_s)
 
 
-def test_a_motion_asked_for_before_the_arm_is_connected_fails_by_name() -> None:
+def test_a_motion_before_the_arm_is_connected_fails_by_name() -> None:
     async def main() -> None:
         bench = Bench()
         bench.arm.connected = False

@@ -34,7 +34,7 @@ def test_it_moves_to_a_pose_carries_and_returns_home() -> None:
     on_bench(scenario)
 
 
-def test_a_trajectory_starts_where_the_last_was_told_to_end_not_where_the_arm_sags_to() -> None:
+def test_a_trajectory_starts_at_the_last_commanded_position_not_at_the_sagging_one() -> None:
     async def scenario(bench: Bench) -> None:
         bench.arm.sag_rad = 0.002
         await bench.port.call(api.MOVE_JOINTS, FAR)
@@ -62,7 +62,7 @@ def test_it_publishes_the_robot_s_state_at_its_rate() -> None:
     on_bench(scenario)
 
 
-def test_an_arm_that_falls_silent_is_not_repeated() -> None:
+def test_the_last_state_of_a_silent_arm_is_not_published_again() -> None:
     async def scenario(bench: Bench) -> None:
         bench.arm.silent = True
         await asyncio.sleep(0.5)
@@ -88,14 +88,14 @@ def test_what_cannot_be_done_is_refused_before_anything_moves(target: Pose, expe
 
 
 @pytest.mark.parametrize("q_rad", [np.zeros(6), np.full(7, np.nan)], ids=["six", "nan"])
-def test_angles_that_are_none_are_rejected(q_rad: np.ndarray) -> None:
+def test_invalid_angles_are_rejected(q_rad: np.ndarray) -> None:
     async def scenario(bench: Bench) -> None:
         assert reason(await bench.port.call(api.MOVE_JOINTS, q_rad)) == "bad_arguments"
 
     on_bench(scenario)
 
 
-def test_the_gripper_opens_as_far_as_asked_and_no_further_than_it_can() -> None:
+def test_the_gripper_opens_to_the_requested_width_within_its_range() -> None:
     async def scenario(bench: Bench) -> None:
         opened = await bench.port.call(api.RELEASE, 0.03)
         assert isinstance(opened, Succeeded)
@@ -108,7 +108,7 @@ def test_the_gripper_opens_as_far_as_asked_and_no_further_than_it_can() -> None:
     on_bench(scenario)
 
 
-def test_after_braking_for_old_feedback_a_motion_is_planned_from_where_fresh_feedback_finds_the_arm() -> None:
+def test_after_braking_for_old_feedback_a_motion_starts_at_fresh_feedback() -> None:
     async def scenario(bench: Bench) -> None:
         bench.arm.frozen = bench.arm.state()
         bench.arm.q = bench.arm.q + 0.3  # its position at standstill, of which no feedback arrived
@@ -125,7 +125,7 @@ def test_after_braking_for_old_feedback_a_motion_is_planned_from_where_fresh_fee
     on_bench(scenario)
 
 
-def test_a_motion_is_not_planned_while_no_feedback_comes() -> None:
+def test_no_motion_is_planned_without_feedback() -> None:
     async def scenario(bench: Bench) -> None:
         bench.arm.frozen = bench.arm.state()
         await asyncio.sleep(0.5)

@@ -72,7 +72,7 @@ NAMED = {
 
 
 @pytest.mark.parametrize("name", sorted({name for name, _, _ in CALLS}))
-def test_arguments_that_cannot_be_end_in_a_named_refusal_at_once(name: str) -> None:
+def test_invalid_arguments_are_refused_by_name_at_once(name: str) -> None:
     async def scenario(bench: Bench) -> None:
         for _, skill, arguments in (call for call in CALLS if call[0] == name):
             began = time.perf_counter()
@@ -90,7 +90,7 @@ def test_arguments_that_cannot_be_end_in_a_named_refusal_at_once(name: str) -> N
         tracemalloc.stop()
 
 
-def test_a_path_that_turns_back_without_end_is_refused_at_once() -> None:
+def test_a_path_with_countless_reversals_is_refused_at_once() -> None:
     async def scenario(bench: Bench) -> None:
         path = tuple(downward([0.5, 0.01 * (-1) ** i, 0.2], 0.0) for i in range(2000))
         began = time.perf_counter()

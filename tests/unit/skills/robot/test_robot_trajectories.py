@@ -58,13 +58,13 @@ def test_a_joint_move_is_a_straight_line_at_the_fastest_joint_s_limit() -> None:
     assert 0.95 < fastest <= 1.0
 
 
-def test_a_joint_move_beyond_a_limit_is_refused_by_name() -> None:
+def test_a_joint_move_outside_a_limit_is_refused_by_name() -> None:
     with pytest.raises(SkillFailure, match="joint 4") as failure:
         joint_move(PANDA_HOME_Q_RAD, PANDA_HOME_Q_RAD + np.array([0, 0, 0, 3.0, 0, 0, 0]))
     assert failure.value.reason == "joint_limit"
 
 
-def test_a_move_to_where_it_is_stays_there() -> None:
+def test_a_move_to_the_present_pose_stays_there() -> None:
     for trajectory in (
         joint_move(PANDA_HOME_Q_RAD, PANDA_HOME_Q_RAD),
         tool_move(KINEMATICS, PANDA_HOME_Q_RAD, (KINEMATICS.forward(PANDA_HOME_Q_RAD),), PROFILE),
@@ -121,7 +121,7 @@ def test_a_zigzag_of_short_legs_keeps_all_limits(leg_m: float, turn_rad: float) 
         check_trajectory(tool_move(KINEMATICS, q, tuple(path), profile))
 
 
-def test_a_line_is_straight_and_reaches_the_speed_asked_for() -> None:
+def test_a_line_is_straight_and_reaches_the_requested_speed() -> None:
     q = KINEMATICS.inverse(downward([0.4, -0.25, 0.1], 0.2))
     trajectory = tool_move(KINEMATICS, q, (downward([0.5, 0.3, 0.1], 0.6),), PROFILE)
     track = tool_track(trajectory)
@@ -132,7 +132,7 @@ def test_a_line_is_straight_and_reaches_the_speed_asked_for() -> None:
     assert speed.max() == pytest.approx(PROFILE.speed_m_s, rel=0.01)
 
 
-def test_a_corner_is_rounded_and_not_stopped_at() -> None:
+def test_a_corner_is_rounded_without_a_stop() -> None:
     start, corner, end = (downward(p, 0.0) for p in ([0.45, -0.2, 0.1], [0.45, 0.0, 0.1], [0.6, 0.0, 0.1]))
     trajectory = tool_move(KINEMATICS, KINEMATICS.inverse(start), (corner, end), PROFILE)
     track = tool_track(trajectory)
@@ -153,13 +153,13 @@ def test_a_fast_corner_is_taken_no_harder_than_the_profile_s_acceleration() -> N
     assert acceleration.max() < 1.1 * np.sqrt(2.0) * profile.acceleration_m_s2
 
 
-def test_a_path_given_half_a_turn_away_is_taken_without_turning() -> None:
+def test_a_path_turned_by_half_a_turn_is_followed_without_turning() -> None:
     q = KINEMATICS.inverse(downward([0.5, 0.0, 0.1], 0.0))
     trajectory = tool_move(KINEMATICS, q, (downward([0.5, 0.1, 0.1], np.pi),), PROFILE)
     assert np.max(np.abs(trajectory.q_rad[:, 6] - q[6])) < 0.3  # the base turns by 0.2 rad, no more is needed
 
 
-def test_a_path_that_turns_back_stops_where_it_turns() -> None:
+def test_a_path_stops_where_it_reverses() -> None:
     low, high = downward([0.5, 0.0, 0.05], 0.0), downward([0.5, 0.0, 0.2], 0.0)
     trajectory = tool_move(KINEMATICS, KINEMATICS.inverse(high), (low, high), PROFILE)
     track = tool_track(trajectory)

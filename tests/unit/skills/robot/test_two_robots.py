@@ -70,7 +70,7 @@ def states(port: Port) -> tuple[RobotState, RobotState]:
     return first, second
 
 
-def test_an_arm_is_refused_the_place_where_the_other_stands_and_does_not_move() -> None:
+def test_a_motion_into_the_other_arm_is_refused() -> None:
     async def scenario(port: Port) -> None:
         assert isinstance(await port.call(api.MOVE_TO, MIDDLE), Succeeded)
         refused = await port.call(api.MOVE_TO.at(OPPOSITE), MIDDLE)
@@ -84,7 +84,7 @@ def test_an_arm_is_refused_the_place_where_the_other_stands_and_does_not_move() 
     in_cell(scenario)
 
 
-def test_an_arm_comes_as_near_to_one_that_stands_as_was_checked_and_leaves_again() -> None:
+def test_an_arm_may_approach_a_resting_arm_to_the_checked_distance_and_leave() -> None:
     async def scenario(port: Port) -> None:
         assert isinstance(await port.call(api.MOVE_TO, MIDDLE), Succeeded)
         beside = downward([CENTRE_M[0] + 0.165, CENTRE_M[1], 0.25], 0.0)
@@ -119,7 +119,7 @@ def test_arms_that_set_out_for_the_same_place_at_once_brake_before_they_meet() -
     in_cell(scenario)
 
 
-def test_no_motion_beside_an_arm_that_is_not_heard_of() -> None:
+def test_no_motion_starts_without_feedback_of_the_other_arm() -> None:
     async def scenario(port: Port) -> None:
         refused = await port.call(api.MOVE_TO, MIDDLE)
         assert isinstance(refused, Failed)
@@ -129,9 +129,7 @@ def test_no_motion_beside_an_arm_that_is_not_heard_of() -> None:
 
 
 @pytest.mark.parametrize("silence", ["nothing comes", "the same comes again"])
-def test_an_arm_is_braked_on_its_way_when_the_other_is_not_heard_of_any_more(
-    silence: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_moving_arm_brakes_when_feedback_of_the_other_stops(silence: str, monkeypatch: pytest.MonkeyPatch) -> None:
     publish, last, since_s = MemoryTransport.publish, list[RobotState](), math.inf
 
     def withhold(bus: MemoryTransport, topic: Topic[Any], message: Any) -> None:
@@ -174,7 +172,7 @@ def tool_jacobian(q_rad: Float64Array) -> Float64Array:
 
 
 @pytest.mark.parametrize(("speed_m_s", "nearer_mm"), [(0.4, 32.0), (-0.4, 0.0)])
-def test_the_distance_after_braking_counts_the_way_until_the_arm_stands(speed_m_s: float, nearer_mm: float) -> None:
+def test_the_distance_after_braking_includes_the_braking_distance(speed_m_s: float, nearer_mm: float) -> None:
     q_rad = PandaKinematics().inverse(MIDDLE)
     towards_the_other = np.array([speed_m_s, 0.0, 0.0])
 

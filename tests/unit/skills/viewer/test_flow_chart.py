@@ -26,25 +26,25 @@ def _lit(html: str) -> list[str]:
     return [name for box, name in zip(boxes, names, strict=True) if box.get("fill") == palette.LIT]
 
 
-def test_every_box_and_every_outcome_of_the_table_is_drawn_once() -> None:
+def test_every_step_and_every_outcome_of_the_table_is_drawn_once() -> None:
     texts = [element.text for element in _parse(flow_chart_svg(FLOW)).iter(f"{SVG}text")]
     boxes = ["look", "compare", "move there", "failed", "converged"]
     assert sorted(t or "" for t in texts) == sorted([*boxes, *(outcome for _, outcome, _ in FLOW)])
 
 
-def test_only_the_current_step_is_lit_also_when_it_is_an_end() -> None:
+def test_only_the_current_step_is_highlighted_also_if_it_is_an_end() -> None:
     assert _lit(flow_chart_svg(FLOW)) == []
     assert _lit(flow_chart_svg(FLOW, "move_there", "far")) == ["move there"]
     assert _lit(flow_chart_svg(FLOW, "converged")) == ["converged"]
 
 
-def test_boxes_do_not_overlap() -> None:
+def test_steps_do_not_overlap() -> None:
     rects = _parse(flow_chart_svg(FLOW)).iter(f"{SVG}rect")
     spans = [(float(rect.get("y") or 0), float(rect.get("height") or 0)) for rect in rects]
     assert all(y + height < below for (y, height), (below, _) in pairwise(spans))
 
 
-def test_arrows_to_different_boxes_do_not_run_on_one_another() -> None:
+def test_arrows_to_different_steps_do_not_overlap() -> None:
     lanes: dict[float, list[tuple[float, float]]] = {}
     for x, y in re.findall(r"H(\d+) V([\d.]+) H", flow_chart_svg(FLOW)):
         lanes.setdefault(float(x), []).append((float(y), float(y)))
@@ -52,7 +52,7 @@ def test_arrows_to_different_boxes_do_not_run_on_one_another() -> None:
     assert len(lanes) == 3
 
 
-def test_names_from_outside_cannot_break_out_of_the_drawing() -> None:
+def test_external_names_are_escaped_in_the_drawing() -> None:
     html = flow_chart_svg((("<b>", 'a"&', "end"),), '"><script>')
     assert "<script>" not in html
     assert "<b>" not in html

@@ -1,7 +1,7 @@
 from dlokit.skills.viewer.state import Fresh
 
 
-def test_each_value_is_handed_out_once_and_only_the_newest() -> None:
+def test_each_value_is_returned_once_and_only_the_newest() -> None:
     fresh, seen = Fresh[int](), list[int]()
     assert not fresh.take(seen.append)
     fresh.put(1)
@@ -11,7 +11,7 @@ def test_each_value_is_handed_out_once_and_only_the_newest() -> None:
     assert seen == [2]
 
 
-def test_a_value_can_be_handed_out_again() -> None:
+def test_a_value_can_be_returned_again() -> None:
     fresh, seen = Fresh[int](), list[int]()
     fresh.again()
     assert not fresh.take(seen.append)

@@ -13,7 +13,7 @@ def handles() -> GoalHandles:
     return GoalHandles(STRAIGHT, X_M, Y_M)
 
 
-def test_three_frames_lie_on_both_ends_and_the_middle_along_the_rod(handles: GoalHandles) -> None:
+def test_three_frames_are_at_both_ends_and_the_middle_along_the_rod(handles: GoalHandles) -> None:
     for handle, node in zip(handles.handles, (0, 15, 30), strict=True):
         assert handle.node == node
         np.testing.assert_allclose((handle.x_m, handle.y_m), STRAIGHT[node, :2])
@@ -28,7 +28,7 @@ def test_frames_follow_the_goal_until_the_first_drag(handles: GoalHandles) -> No
     assert (handles.handles[0].x_m, handles.handles[0].y_m) == (0.4, 0.1)
 
 
-def test_a_released_goal_takes_the_frames_back(handles: GoalHandles) -> None:
+def test_a_released_goal_resets_the_frames(handles: GoalHandles) -> None:
     handles.drag(0, 0.4, 0.1, 2.5)
     handles.follow(BENT)
     handles.release()

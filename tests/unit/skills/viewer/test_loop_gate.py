@@ -22,7 +22,7 @@ def test_what_a_thread_posts_runs_on_the_loops_thread() -> None:
     asyncio.run(scenario())
 
 
-def test_a_shut_gate_drops_what_comes_and_what_waits() -> None:
+def test_a_closed_gate_drops_new_and_waiting_calls() -> None:
     async def scenario() -> list[str]:
         gate, ran = LoopGate(asyncio.get_running_loop()), list[str]()
         _in_a_thread(gate.post, ran.append, "waiting")

@@ -15,7 +15,7 @@ from dlokit.types.observation import DistrustReason, ObserverEvent, ObserverEven
         (ObserverEventKind.REFUSED, DistrustReason.OLD_STAMP, "Observer, refused: old stamp (health 0.70)"),
     ],
 )
-def test_only_a_rod_that_is_not_where_it_was_followed_to_is_called_lost(
+def test_only_a_rod_away_from_its_tracked_position_is_reported_as_lost(
     kind: ObserverEventKind, reason: DistrustReason | None, said: str
 ) -> None:
     assert said in observer_html(ObserverEvent(stamp_ns=1, kind=kind, reason=reason, health=0.7))

@@ -8,7 +8,7 @@ from dlokit.errors import MachineError
 from dlokit.skills.viewer.page import check_port, close_page, open_page
 
 
-def test_a_port_in_use_is_one_error_that_says_what_to_do() -> None:
+def test_a_port_in_use_is_one_error_with_a_remedy() -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
@@ -25,7 +25,7 @@ def test_an_address_of_another_machine_is_an_error_and_not_a_wait() -> None:
 
 
 @pytest.mark.parametrize("encoding", ["gzip", "identity"])
-def test_the_browsers_tab_has_our_name(encoding: str) -> None:
+def test_the_browsers_tab_is_named_dlokit(encoding: str) -> None:
     server = open_page("127.0.0.1", 0, "key")
     try:
         request = urllib.request.Request(f"http://127.0.0.1:{server.get_port()}/key/")
@@ -37,7 +37,7 @@ def test_the_browsers_tab_has_our_name(encoding: str) -> None:
     assert re.findall("<title>(.*?)</title>", page) == ["dlokit"]
 
 
-def test_a_closed_page_gives_its_port_back_and_prints_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_closed_page_releases_its_port_and_prints_nothing(capsys: pytest.CaptureFixture[str]) -> None:
     server = open_page("127.0.0.1", 0, "key")
     port = server.get_port()
     with pytest.raises(MachineError):

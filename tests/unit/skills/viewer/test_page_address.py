@@ -13,7 +13,7 @@ from dlokit.skills.viewer.address import new_key, page_url, watch_key
         ("lab-pc", 80, "http://lab-pc/k"),
     ],
 )
-def test_an_address_is_one_that_a_browser_on_the_viewers_machine_opens(host: str, port: int, url: str) -> None:
+def test_the_address_can_be_opened_on_the_viewers_machine(host: str, port: int, url: str) -> None:
     assert page_url(host, port, "k") == url
 
 
@@ -23,7 +23,7 @@ def test_keys_are_random_and_fit_into_an_address() -> None:
     assert all(len(key) == 32 and key.replace("-", "").replace("_", "").isalnum() for key in keys)
 
 
-def test_who_may_watch_has_another_key_that_is_always_the_same() -> None:
+def test_watchers_have_another_key_that_is_always_the_same() -> None:
     key = new_key()
     assert watch_key(key) == watch_key(key) != key
     assert watch_key(key) != watch_key(new_key())

@@ -116,7 +116,7 @@ async def _press_shape_it(client: ClientConnection) -> None:
             return
 
 
-def test_a_page_with_the_key_operates() -> None:
+def test_a_page_with_the_key_can_operate() -> None:
     async def scenario(served: Served) -> None:
         async with served.client(served.at.path) as client:
             await _press_shape_it(client)
@@ -168,7 +168,7 @@ def test_hostile_clients_are_refused_in_the_handshake_and_nothing_is_published()
     _served(scenario)
 
 
-def test_a_watcher_sees_the_scene_and_is_not_heard() -> None:
+def test_a_watcher_sees_the_scene_and_cannot_operate() -> None:
     async def scenario(served: Served) -> None:
         async with served.client(served.watch_at.path) as client:
             await _press_shape_it(client)
@@ -232,13 +232,13 @@ def _refuses_to_start(reason: str) -> None:
         open_page("127.0.0.1", 0, KEY)
 
 
-def test_a_viser_that_starts_its_server_otherwise_serves_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_incompatible_viser_serves_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     starts = importlib.import_module("viser.infra._infra")
     monkeypatch.setattr(starts, "websockets", SimpleNamespace(**vars(vars(starts)["websockets"])))
     _refuses_to_start("serve")
 
 
-def test_a_server_that_does_not_ask_for_the_key_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_server_that_does_not_require_the_key_is_stopped(monkeypatch: pytest.MonkeyPatch) -> None:
     started: list[viser.ViserServer] = []
     monkeypatch.setattr(PageGate, "_gated", lambda _, serve: serve)
     monkeypatch.setattr("dlokit.skills.viewer.page.remove_sharing", started.append)
@@ -258,12 +258,12 @@ def _then(first: Callable[[Any], object], second: Callable[[Any], object]) -> Ca
 
 
 @pytest.mark.parametrize("name", ["ShareUrlRequest", "ShareUrlDisconnect", "ViewerCameraMessage"])
-def test_a_viser_without_a_message_that_is_known_is_refused(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_viser_without_a_known_message_is_refused(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delattr(f"viser._messages.{name}")
     _refuses_to_start(name)
 
 
-def test_no_handler_of_anything_to_share_is_left() -> None:
+def test_no_handler_for_sharing_is_left() -> None:
     server = open_page("127.0.0.1", 0, KEY)
     try:
         names = {kind.__name__ for kind in vars(vars(server)["_websock_server"])["_incoming_handlers"]}

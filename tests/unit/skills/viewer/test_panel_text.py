@@ -14,17 +14,17 @@ def _status(text: str = "", outcome: RunOutcome | None = None) -> FlowStatus:
     )
 
 
-def test_a_running_task_shows_its_step_actions_and_error_against_the_threshold() -> None:
+def test_a_running_task_shows_step_actions_error_and_threshold() -> None:
     html = status_html(RunState.RUNNING, _status(), 0.012)
     assert "choose grasp" in html
     assert "3 actions · RMSE 21.3 mm · threshold 12.0 mm" in html
 
 
-def test_one_action_is_one() -> None:
+def test_one_action_is_singular() -> None:
     assert ">1 action · " in status_html(RunState.RUNNING, msgspec.structs.replace(_status(), actions=1), 0.012)
 
 
-def test_an_ended_task_shows_its_outcome_and_a_pausing_one_that_it_pauses() -> None:
+def test_an_ended_task_shows_its_outcome_and_a_paused_one_that_it_is_paused() -> None:
     assert ">stalled<" in status_html(RunState.ENDED, _status(outcome=RunOutcome.STALLED), 0.012)
     assert ">paused<" in status_html(RunState.PAUSED, _status(), 0.012)
 
@@ -40,7 +40,7 @@ def test_text_from_the_flow_cannot_become_markup() -> None:
     assert "<script>" not in status_html(RunState.RUNNING, _status("<script>alert(1)</script>"), 0.012)
 
 
-def test_a_decision_shows_how_far_it_is_and_the_best_candidates_best_first() -> None:
+def test_a_decision_shows_its_progress_and_the_best_candidates_best_first() -> None:
     nodes = np.zeros((2, 3))
     best = tuple(
         ScoredCandidate(kind=kind, node=node, score_m=score_m, nodes_world=nodes, path_world=nodes)

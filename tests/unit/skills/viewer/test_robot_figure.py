@@ -20,7 +20,7 @@ def panda() -> tuple[mujoco.MjModel, mujoco.MjData]:
 
 
 @pytest.mark.parametrize("q_rad", [np.zeros(7), PANDA_HOME_Q_RAD, np.array([0.3, -0.5, 0.7, -1.9, 0.4, 2.1, -1.1])])
-def test_links_stand_where_the_simulated_arm_has_them(
+def test_links_have_the_poses_of_the_simulated_arm(
     panda: tuple[mujoco.MjModel, mujoco.MjData], q_rad: Float64Array
 ) -> None:
     model, data = panda
@@ -33,7 +33,7 @@ def test_links_stand_where_the_simulated_arm_has_them(
 
 
 @pytest.mark.parametrize(("side", "number"), [("left", 1), ("right", 2)])
-def test_fingers_stand_where_the_simulated_hand_has_them(
+def test_fingers_have_the_poses_of_the_simulated_hand(
     panda: tuple[mujoco.MjModel, mujoco.MjData], side: str, number: int
 ) -> None:
     model, data = panda

@@ -41,7 +41,7 @@ def test_a_second_time_adds_hosts_and_changes_nothing_else(tmp_path: Path) -> No
     host_files(tmp_path, "viewer")
 
 
-def test_a_host_with_another_address_gets_a_certificate_for_the_key_it_has(tmp_path: Path) -> None:
+def test_a_host_with_a_new_address_gets_a_certificate_for_its_existing_key(tmp_path: Path) -> None:
     make_certificates(tmp_path, [LabHost(name="robot", addresses=("10.0.0.3",))])
     key = (tmp_path / "robot.key").read_bytes()
     make_certificates(tmp_path, [LabHost(name="robot", addresses=("10.0.0.4",))])
@@ -58,7 +58,7 @@ def test_a_folder_without_the_authoritys_key_makes_no_hosts(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize("words", [("ca",), ("Robot",), ("robot=",), ("robot", "robot"), ("../robot",), ("a=b_c",)])
-def test_what_is_no_host_is_refused(words: tuple[str, ...]) -> None:
+def test_an_invalid_host_is_refused(words: tuple[str, ...]) -> None:
     with pytest.raises(InputError):
         hosts_from_words(words)
 

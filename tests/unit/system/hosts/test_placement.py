@@ -57,7 +57,7 @@ def test_a_process_that_a_run_does_not_need_may_be_placed() -> None:
         ({"Desk 1": ()}, "'Desk 1' cannot name a host"),
     ],
 )
-def test_what_is_placed_wrongly_is_named(change: dict[str, tuple[str, ...]], said: str) -> None:
+def test_an_invalid_placement_is_named(change: dict[str, tuple[str, ...]], said: str) -> None:
     with pytest.raises(Exception, match=said):
         placed(hosts(RUNS | change), ROWS)
 
@@ -71,7 +71,7 @@ def test_what_is_placed_wrongly_is_named(change: dict[str, tuple[str, ...]], sai
         (partial(HostsConfig, endpoint="tcp/10.0.0.1:7447", plain_tcp=True, wait_s=0.0), "wait_s"),
     ],
 )
-def test_a_meeting_place_that_is_open_or_lacks_certificates_is_refused(
+def test_an_open_endpoint_or_one_without_certificates_is_refused(
     configured: Callable[[], HostsConfig], said: str
 ) -> None:
     with pytest.raises(ConfigError, match=said):

@@ -96,7 +96,7 @@ async def failure_of_start(manner: Manner | None, wait_s: float = 30.0) -> Proce
         return raised.value
 
 
-def test_a_share_gets_the_configuration_and_its_processes_and_is_ended() -> None:
+def test_a_host_gets_the_configuration_and_its_processes_and_is_ended() -> None:
     async def body() -> None:
         async with shares_with(Manner()) as (shares, odd):
             await shares.start()
@@ -105,7 +105,7 @@ def test_a_share_gets_the_configuration_and_its_processes_and_is_ended() -> None
     asyncio.run(body())
 
 
-def test_a_host_that_does_not_come_is_named() -> None:
+def test_a_host_that_does_not_connect_is_named() -> None:
     assert asyncio.run(failure_of_start(None, wait_s=0.1)).reason == "host_missing: arm"
 
 
@@ -115,7 +115,7 @@ def test_a_host_of_another_version_is_named() -> None:
     assert f"dlokit 0.0.1 there, {__version__} here" in failure.detail
 
 
-def test_a_host_that_refuses_or_fails_says_why() -> None:
+def test_a_host_that_refuses_or_fails_names_the_reason() -> None:
     refused = asyncio.run(failure_of_start(Manner(raises=SkillRejected("bad_configuration", "no such strategy"))))
     assert (refused.reason, refused.detail) == ("bad_configuration", "on host arm: no such strategy")
     died = asyncio.run(failure_of_start(Manner(raises=SkillFailure("process_died: robot", "signal 9"))))
@@ -123,9 +123,7 @@ def test_a_host_that_refuses_or_fails_says_why() -> None:
 
 
 @pytest.mark.parametrize(("ahead_s", "said"), [(60.0, "60.0 s ahead"), (-60.0, "60.0 s behind"), (0.0, None)])
-def test_a_host_whose_time_of_day_is_off_is_named(
-    ahead_s: float, said: str | None, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_host_whose_clock_is_off_is_named(ahead_s: float, said: str | None, caplog: pytest.LogCaptureFixture) -> None:
     assert abs(ahead_s) > CLOCK_OFF_S or said is None
 
     async def body() -> None:
@@ -139,7 +137,7 @@ def test_a_host_whose_time_of_day_is_off_is_named(
     assert len(warned) == (said is not None)
 
 
-def test_a_host_whose_processes_are_not_needed_ends_no_run_but_its_start(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_host_of_optional_processes_can_only_end_the_start_of_a_run(caplog: pytest.LogCaptureFixture) -> None:
     died = SkillFailure("process_died: viewer", "signal 9")
     viewer = replace(ROBOT, essential=False)
 
@@ -167,7 +165,7 @@ async def until_two_serve(main: ZenohTransport | None) -> None:
             await asyncio.sleep(0.01)
 
 
-def test_a_host_that_runs_twice_is_named_and_neither_runs_the_share(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_duplicate_host_is_named_and_neither_runs_its_processes(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(shares_module, "GONE_WITHIN_S", 0.0)
 
     async def body() -> None:

@@ -13,7 +13,7 @@ def process(name: str, pid: int) -> ProcessReport:
     )
 
 
-def test_a_process_is_still_there_until_it_has_ended_and_its_number_may_be_used_again(tmp_path: Path) -> None:
+def test_a_process_counts_as_running_until_its_end_even_if_its_id_is_reused(tmp_path: Path) -> None:
     assert still_there(tmp_path) == []
     waits = (sys.executable, "-c", "import sys; sys.stdin.read()", "cell")
     with subprocess.Popen(waits, stdin=subprocess.PIPE) as cell:

@@ -32,7 +32,7 @@ def test_processes_that_wait_for_one_another_are_named() -> None:
         names(row("a", "b"), row("b", "a"), row("c"))
 
 
-def test_a_process_is_started_again_as_often_as_its_row_allows_within_the_window() -> None:
+def test_a_process_is_restarted_as_often_as_its_row_allows_within_the_window() -> None:
     twice = Restart(times=2, window_s=60.0, wait_s=1.0)
     assert may_restart(twice, [0.0], 10.0)
     assert may_restart(twice, [0.0, 10.0], 20.0)

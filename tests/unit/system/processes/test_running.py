@@ -26,7 +26,7 @@ def test_a_system_is_found_while_it_runs_and_not_after(tmp_path: Path) -> None:
         the_running_system(None, tmp_path)
 
 
-def test_a_system_that_starts_can_be_stopped_and_not_be_asked_for_anything_else(tmp_path: Path) -> None:
+def test_a_starting_system_can_only_be_stopped(tmp_path: Path) -> None:
     with announced(Path("runs/mine"), "dlokit/mine", "tcp/127.0.0.1:7447", tmp_path) as ready:
         assert running_systems(tmp_path) == []
         with pytest.raises(InputError, match="no system runs"):
@@ -50,7 +50,7 @@ def test_the_note_of_a_killed_system_is_removed(tmp_path: Path) -> None:
         assert still_runs(system, tmp_path)
 
 
-def test_a_system_that_is_killed_leaves_a_note_that_nobody_holds(tmp_path: Path) -> None:
+def test_a_killed_system_leaves_a_note_without_a_lock(tmp_path: Path) -> None:
     script = (
         "import sys, time\nfrom pathlib import Path\nfrom dlokit.system.processes.running import announced\n"
         "with announced(Path('x'), 'dlokit/x', 'tcp/127.0.0.1:1', Path(sys.argv[1])) as ready:\n"
@@ -65,7 +65,7 @@ def test_a_system_that_is_killed_leaves_a_note_that_nobody_holds(tmp_path: Path)
     assert running_systems(tmp_path) == []
 
 
-def test_several_systems_are_named_and_one_must_be_said(tmp_path: Path) -> None:
+def test_with_several_systems_one_must_be_named(tmp_path: Path) -> None:
     with announced(Path("runs/mine"), "dlokit/mine", "tcp/127.0.0.1:7447", tmp_path) as ready:
         ready()
         (system,) = running_systems(tmp_path)

@@ -69,7 +69,7 @@ def failure_of(running: Supervisor, what_happens: Callable[[Supervisor], object]
     return asyncio.run(main())
 
 
-def test_a_death_is_noticed_though_the_folder_of_the_logs_is_gone(tmp_path: Path) -> None:
+def test_a_death_is_noticed_though_the_folder_of_the_logs_is_missing(tmp_path: Path) -> None:
     def happens(running: Supervisor) -> None:
         shutil.rmtree(tmp_path)
         kill(running)
@@ -132,7 +132,7 @@ def test_a_log_line_that_cannot_be_written_hides_no_death(tmp_path: Path, restar
         module.log.removeHandler(handler)
 
 
-def test_the_failure_is_told_before_it_is_logged(tmp_path: Path) -> None:
+def test_the_failure_is_notified_before_it_is_logged(tmp_path: Path) -> None:
     running, told = supervisor(tmp_path), list[bool]()
 
     class Looks(logging.Handler):

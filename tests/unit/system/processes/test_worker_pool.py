@@ -30,7 +30,7 @@ def die() -> None:
     os._exit(1)
 
 
-def test_the_work_of_a_worker_that_dies_is_done_by_another(tmp_path: Path) -> None:
+def test_another_worker_does_the_work_of_one_that_dies(tmp_path: Path) -> None:
     async def main() -> None:
         with worker_pool() as compute:
             # Both: the second task waits in the pool that breaks.
@@ -40,7 +40,7 @@ def test_the_work_of_a_worker_that_dies_is_done_by_another(tmp_path: Path) -> No
     asyncio.run(main())
 
 
-def test_the_work_of_a_worker_that_freezes_is_done_by_another(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_another_worker_does_the_work_of_one_that_freezes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(workers, "SILENT_S", 1.0)
 
     async def main() -> None:

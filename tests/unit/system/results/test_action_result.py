@@ -25,7 +25,7 @@ def _record(corrections: tuple[CorrectionRecord, ...], control_end: str) -> Acti
     )
 
 
-def test_the_trace_of_control_is_told_in_figures() -> None:
+def test_the_result_has_the_figures_of_control() -> None:
     done = CorrectionRecord(
         displacement=np.array([0.01, -0.02, 0.0, 0.3]), before_m=0.04, predicted_m=0.03, seen_m=None
     )
@@ -36,18 +36,18 @@ def test_the_trace_of_control_is_told_in_figures() -> None:
     assert row.control_end == "no_gain"
 
 
-def test_an_action_without_control_says_so() -> None:
+def test_an_action_without_control_has_a_reason() -> None:
     row = action_result(_record((), ""))
     assert row.corrections == ()
     assert row.control_end is None
 
 
 @pytest.mark.parametrize(("ended_by", "told"), [("", None), ("lease_lost", "lease_lost")])
-def test_what_ended_an_action_early_is_told_by_name(ended_by: str, told: str | None) -> None:
+def test_the_early_end_of_an_action_is_named(ended_by: str, told: str | None) -> None:
     assert action_result(msgspec.structs.replace(_record((), ""), ended_by=ended_by)).ended_by == told
 
 
-def test_how_far_a_shape_is_from_the_one_that_was_predicted_is_told_where_one_was() -> None:
+def test_the_result_has_the_prediction_error_if_there_was_a_prediction() -> None:
     record = _record((), "")
     assert action_result(record).missed_m is None
     beside = msgspec.structs.replace(record, expected_world=np.tile([0.03, 0.04, 0.0], (31, 1)))

@@ -86,7 +86,7 @@ def system(tmp_path: Path) -> Iterator[RunningSystem]:
         yield the_running_system(tmp_path)
 
 
-def test_what_holds_what_comes_and_every_call_is_recorded_into_a_whole_file(
+def test_last_states_new_messages_and_calls_are_recorded_in_a_complete_file(
     system: RunningSystem, tmp_path: Path
 ) -> None:
     path = tmp_path / "a.mcap"

@@ -5,7 +5,7 @@ from dlokit.system.results.run_result import camera_result
 from dlokit.types.image import CameraCheck
 
 
-def test_a_correction_has_its_figures_and_a_refusal_its_words_alone() -> None:
+def test_a_correction_has_its_values_and_a_refusal_only_its_text() -> None:
     check = CameraCheck(
         offset_m=np.array([0.003, -0.004]), yaw_rad=0.001, center_world=np.zeros(2), scatter_m=1e-4, points=900
     )

@@ -22,7 +22,7 @@ def test_runs_of_the_same_second_get_folders_of_their_own(tmp_path: Path) -> Non
     assert [folder.name for folder in folders] == [f"20260301-140509-shape{end}" for end in ("", "-2", "-3")]
 
 
-def test_a_name_cannot_lead_out_of_the_folder(tmp_path: Path) -> None:
+def test_a_name_cannot_leave_the_folder(tmp_path: Path) -> None:
     folder = new_run_folder(tmp_path, "../../goals/my goal.npy:3", STARTED)
 
     assert folder.parent == tmp_path
@@ -42,7 +42,7 @@ def test_the_users_folder_is_never_overwritten(tmp_path: Path) -> None:
         claim_run_folder(tmp_path)
 
 
-def test_a_file_is_no_folder(tmp_path: Path) -> None:
+def test_a_file_is_refused_as_a_folder(tmp_path: Path) -> None:
     path = tmp_path / "runs"
     path.write_text("")
 

@@ -75,7 +75,7 @@ def test_the_file_has_the_promised_fields_in_order(tmp_path: Path) -> None:
     assert written["true_rmse_m"] is None
 
 
-def test_a_result_is_read_as_it_was_written(tmp_path: Path) -> None:
+def test_a_result_is_read_as_written(tmp_path: Path) -> None:
     write_result(tmp_path, _result())
 
     assert read_result(tmp_path) == _result()

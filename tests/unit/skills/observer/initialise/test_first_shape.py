@@ -14,7 +14,7 @@ from dlokit.types.observation import Observation
 
 @pytest.mark.parametrize("name", ["I", "S", "U", "random"])
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_the_nodes_run_in_order_along_the_rod(name: str, seed: int) -> None:
+def test_the_nodes_are_in_order_along_the_rod(name: str, seed: int) -> None:
     truth = shape(name, seed)
     seen = cloud(truth, seed, noise_m=0.003, outliers=0.05)
     points = seen.points_world
@@ -32,7 +32,7 @@ def test_node_0_is_the_end_farther_to_the_left() -> None:
     np.testing.assert_array_equal(oriented(nodes[::-1].copy()), nodes)
 
 
-def test_of_two_ends_equally_far_left_node_0_is_the_one_nearer_to_the_robot() -> None:
+def test_of_two_ends_equally_far_left_node_0_is_the_one_closer_to_the_robot() -> None:
     nodes = rod(np.column_stack([np.linspace(0, 1, 50), np.zeros(50)]))
     np.testing.assert_array_equal(oriented(nodes[::-1].copy()), nodes)
 
@@ -67,7 +67,7 @@ def eight() -> np.ndarray:
 
 @pytest.mark.parametrize("nodes", [loop(40), loop(70), eight()], ids=["loop", "tails", "eight"])
 @pytest.mark.parametrize("seed", [0, 1, 2])
-def test_a_rod_across_itself_goes_straight_on_where_it_crosses(nodes: np.ndarray, seed: int) -> None:
+def test_a_rod_across_itself_continues_straight_at_the_crossing(nodes: np.ndarray, seed: int) -> None:
     result = initial_targets(cloud(nodes, seed), NODES, LENGTH_M)
     assert rmse_m(result.nodes_world, resample(nodes, NODES), ends_interchangeable=True) < 0.006
 
@@ -91,7 +91,7 @@ def test_pieces_far_apart_are_named() -> None:
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_rods_with_crossings_gaps_and_outliers_are_ordered_rightly_or_refused(name: str) -> None:
+def test_rods_with_crossings_gaps_and_outliers_are_ordered_correctly_or_refused(name: str) -> None:
     # order_figures.py prints the full statistics; here are a few seeds, of which one may be refused.
     found = figures(SCENES[name], range(20, 23 if SCENES[name].crossings > 1 else 28))
     assert found.right > 0.8
@@ -105,7 +105,7 @@ def test_nodes_in_a_gap_are_not_visible() -> None:
     assert np.flatnonzero(~result.visible).tolist() == [16, 17]
 
 
-def test_an_area_is_no_rod() -> None:
+def test_an_area_is_refused() -> None:
     rng = np.random.default_rng(0)
     points = rng.uniform([0.2, -0.4, 0.0], [0.8, 0.4, 0.004], (20_000, 3))
     table = Observation(stamp_ns=1, points_world=points.astype(np.float32))

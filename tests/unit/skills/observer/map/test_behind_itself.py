@@ -49,12 +49,12 @@ def test_the_lower_part_is_hidden_where_the_upper_one_crosses_it_and_nowhere_els
     assert np.flatnonzero(hidden).tolist() == [12]
 
 
-def test_parts_side_by_side_do_not_hide_each_other() -> None:
+def test_adjacent_parts_do_not_hide_each_other() -> None:
     assert not behind_itself(crossed(0.0), RADIUS_M, CAMERA).any()
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3, 4])
-def test_it_is_what_the_rays_say(seed: int) -> None:
+def test_the_result_agrees_with_ray_casting(seed: int) -> None:
     rng = np.random.default_rng(seed)
     heading = np.cumsum(rng.normal(0.3, 0.4, 50))  # a rising spiral
     steps = 0.01 * np.column_stack([np.cos(heading), np.sin(heading), np.full(50, 0.05)])
@@ -64,7 +64,7 @@ def test_it_is_what_the_rays_say(seed: int) -> None:
     assert hidden.tolist() == by_definition(nodes)
 
 
-def test_what_lies_behind_the_camera_hides_nothing_and_is_not_hidden() -> None:
+def test_nodes_behind_the_camera_hide_nothing_and_are_not_hidden() -> None:
     nodes = crossed(2 * RADIUS_M)
     nodes[25:, 2] = 0.9
     assert not behind_itself(nodes, RADIUS_M, CAMERA).any()

@@ -75,7 +75,7 @@ def test_a_shift_and_a_turn_of_the_camera_are_found_to_a_millimetre(
     assert check.points > 800  # both images of both observations show most of the outline
 
 
-def test_where_the_hand_is_beside_its_model_half_a_turn_between_the_looks_cancels_it(
+def test_half_a_turn_between_two_observations_cancels_an_offset_of_the_hand(
     s_scene: Scene, hand_looks: list[HandLook], monkeypatch: pytest.MonkeyPatch
 ):
     """Shift the model's hand by 2 mm from the real one; the other links stay."""
@@ -98,7 +98,7 @@ def test_pictures_without_the_hand_are_refused(s_scene: Scene, hand_looks: list[
         camera_from_hand(s_scene.images, empty, CONFIG)
 
 
-def test_pictures_that_contradict_each_other_are_refused(s_scene: Scene, hand_looks: list[HandLook]):
+def test_inconsistent_images_are_refused(s_scene: Scene, hand_looks: list[HandLook]):
     first, second = hand_looks
     images = msgspec.structs.replace(
         second.images, left=np.roll(second.images.left, 5, axis=0), right=np.roll(second.images.right, 5, axis=0)
@@ -108,7 +108,7 @@ def test_pictures_that_contradict_each_other_are_refused(s_scene: Scene, hand_lo
         camera_from_hand(s_scene.images, [first, bent], CONFIG)
 
 
-def test_a_correction_beyond_what_is_believed_is_refused(s_scene: Scene, hand_looks: list[HandLook]):
+def test_an_implausibly_large_correction_is_refused(s_scene: Scene, hand_looks: list[HandLook]):
     background = believed(s_scene.images, (0.006, 0.0), 0.0)
     with pytest.raises(SkillFailure, match="too_far"):
         camera_from_hand(background, hand_looks, dataclasses.replace(CONFIG, largest_offset_m=0.005))
@@ -117,7 +117,7 @@ def test_a_correction_beyond_what_is_believed_is_refused(s_scene: Scene, hand_lo
         camera_from_hand(turned, hand_looks, dataclasses.replace(CONFIG, largest_yaw_rad=0.003))
 
 
-def test_the_outline_stands_around_the_arm_and_points_away_from_it(s_scene: Scene, hand_looks: list[HandLook]):
+def test_the_outline_surrounds_the_arm_with_outward_normals(s_scene: Scene, hand_looks: list[HandLook]):
     outline = arm_outline(hand_looks[0].robot, calibration())
     assert len(outline.pixels) > 200
     changed = difference(hand_looks[0].images.left, s_scene.images.left)

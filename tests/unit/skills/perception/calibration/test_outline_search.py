@@ -27,14 +27,14 @@ def test_an_edge_is_found_to_a_fraction_of_a_pixel(off_px: float):
     assert np.std(edges.offsets_px) < 0.2
 
 
-def test_nothing_is_found_where_nothing_changed_nor_where_all_did():
+def test_no_edge_is_found_without_a_change_or_with_a_change_everywhere():
     picture, empty = pictures(40.0)
     assert not edges_at(empty, empty, 40.0).found.any()
     assert not edges_at(picture, empty, 20.0).found.any()  # all of it within
     assert not edges_at(picture, empty, 60.0).found.any()  # none of it
 
 
-def test_a_shadow_beside_the_edge_does_not_move_it():
+def test_a_shadow_near_the_edge_does_not_move_it():
     picture, empty = pictures(40.0)
     shadowed = picture.copy()
     shadowed[:, 42:] = (empty[:, 42:] * 0.7).astype(np.uint8)

@@ -37,19 +37,19 @@ def workplace(
     return Workplace(BelievedDlo(), config, GraspConfig(), reachable, camera)
 
 
-def test_a_goal_inside_is_no_way_from_it() -> None:
+def test_a_goal_inside_has_distance_zero() -> None:
     place = workplace(FeasibilityConfig(), PandaKinematics().reachable, default_calibration())
     assert beyond_rmse_m(I_SHAPE, place) == 0.0
 
 
-def test_off_the_table_it_is_the_distance_of_the_nodes_from_it() -> None:
+def test_off_the_table_it_is_the_distance_of_the_nodes_to_the_table() -> None:
     table = FeasibilityConfig(table_x_m=(0.0, 1.0), table_y_m=(-0.3, 0.3))
     assert beyond_rmse_m(moved(I_SHAPE, (0.6, 0.0)), workplace(table)) == pytest.approx(0.12)  # all of it, from 1.12 m
     at_corner = np.full((31, 3), (1.03, 0.34, 0.004))
     assert beyond_rmse_m(at_corner, workplace(table)) == pytest.approx(0.05)
 
 
-def test_out_of_view_nodes_meet_the_margin_of_the_picture_after_that_way() -> None:
+def test_out_of_view_it_is_the_distance_to_the_image_margin() -> None:
     place = workplace(camera=default_calibration())
     spot = np.full((31, 3), (0.52, 0.0, 0.004))
     far = moved(spot, (0.0, 0.8))
@@ -60,7 +60,7 @@ def test_out_of_view_nodes_meet_the_margin_of_the_picture_after_that_way() -> No
     assert out_of_bounds(moved(far, (0.0, -1.05 * away_m)), place) == ()
 
 
-def test_out_of_reach_it_is_less_than_the_way_back_but_not_by_much() -> None:
+def test_out_of_reach_it_is_slightly_less_than_the_distance_back() -> None:
     spot = np.full((31, 3), (0.9, 0.0, 0.004))
     place = workplace(reachable=within_70_cm)
     truly_m = 0.9 - 0.7 - HANDLED_FROM_M
@@ -68,7 +68,7 @@ def test_out_of_reach_it_is_less_than_the_way_back_but_not_by_much() -> None:
     assert truly_m - 0.049 < beyond_rmse_m(spot, place) <= truly_m
 
 
-def test_it_is_never_more_than_to_a_shape_that_keeps_to_everything() -> None:
+def test_it_is_never_more_than_the_distance_to_a_valid_shape() -> None:
     place = workplace(FeasibilityConfig(), PandaKinematics().reachable, default_calibration())
     rng = np.random.default_rng(1000)
     bounds: list[float] = []

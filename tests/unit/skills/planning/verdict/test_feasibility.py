@@ -86,7 +86,7 @@ def test_a_goal_out_of_reach_is_named() -> None:
     assert finding.amount == pytest.approx(0.5)  # no node of it can be grasped: the whole rod is out of reach
 
 
-def test_a_node_out_of_reach_is_no_harm_to_a_goal_when_one_near_it_can_be_grasped() -> None:
+def test_a_node_out_of_reach_is_allowed_if_a_nearby_one_can_be_grasped() -> None:
     along_x = moved(I_SHAPE, (-0.04, 0.0), np.pi / 2)  # from 0.23 to 0.73 m; the arm reaches 0.70
 
     assert (
@@ -136,7 +136,7 @@ def hairpin(gap_m: float) -> Float64Array:
     return geometry.resample(np.column_stack([curve, np.full(len(curve), 0.004)]), 31)
 
 
-def test_strands_that_lie_upon_one_another_are_named_and_so_is_a_gap_too_narrow_for_fingers() -> None:
+def test_overlapping_strands_and_a_gap_too_narrow_for_fingers_are_named() -> None:
     (touching,) = overlaps(hairpin(0.006), 0.004)
     assert touching.problem is Problem.LIES_ON_ITSELF
     # Nodes of the two strands are not exactly opposite, so the measured distance is slightly more than the gap.
@@ -147,7 +147,7 @@ def test_strands_that_lie_upon_one_another_are_named_and_so_is_a_gap_too_narrow_
     assert crowded(hairpin(0.08), workplace()) == ()
 
 
-def test_a_goal_of_another_length_is_named_with_by_how_much() -> None:
+def test_a_goal_of_another_length_is_named_with_the_difference() -> None:
     (finding,) = misfits(1.04 * I_SHAPE, 0.5)
     assert finding.problem is Problem.WRONG_LENGTH
     assert finding.amount == pytest.approx(0.02)

@@ -49,7 +49,7 @@ def test_the_built_in_goals_hold_for_the_default_rope(goal: Float64Array) -> Non
     assert len(verdict.releases) == 5
 
 
-def test_a_goal_that_springs_back_is_infeasible_and_the_nearest_shape_holds_when_it_is_judged_itself() -> None:
+def test_a_goal_that_springs_back_is_infeasible_and_its_nearest_shape_holds() -> None:
     verdict = of(S_SHAPE, STIFF)
     assert verdict.standing is Standing.INFEASIBLE
     (finding,) = verdict.findings
@@ -64,7 +64,7 @@ def test_a_goal_that_springs_back_is_infeasible_and_the_nearest_shape_holds_when
     assert of(verdict.nearest_world, STIFF).standing is Standing.HOLDS
 
 
-def test_a_goal_that_holds_only_as_far_as_the_model_is_right_is_doubtful() -> None:
+def test_a_goal_that_holds_only_for_some_parameters_is_doubtful() -> None:
     verdict = of(S_SHAPE, replace(ROPE, bending_stiffness_n_m2=1e-4))
     assert verdict.standing is Standing.DOUBTFUL
     at_worst, at_best = verdict.releases[1], verdict.releases[2]
@@ -72,7 +72,7 @@ def test_a_goal_that_holds_only_as_far_as_the_model_is_right_is_doubtful() -> No
     assert at_best.rmse_m < at_worst.rmse_m
 
 
-def test_the_less_is_known_of_the_dlo_the_less_is_promised_and_the_less_is_ruled_out() -> None:
+def test_a_more_uncertain_dlo_has_more_doubtful_goals() -> None:
     def known(log_sd: float, stiffness_n_m2: float) -> Standing:
         belief = BeliefConfig(stiffness_log_sd=log_sd, takes_set=0.0)
         return of(S_SHAPE, replace(ROPE, bending_stiffness_n_m2=stiffness_n_m2, belief=belief)).standing
@@ -111,7 +111,7 @@ def test_a_goal_with_one_bend_too_tight_is_doubtful_while_a_smoother_one_is_near
     assert verdict.standing is Standing.DOUBTFUL
 
 
-def test_a_goal_off_the_table_is_infeasible_and_the_nearest_one_is_the_same_moved_inside() -> None:
+def test_a_goal_off_the_table_is_infeasible_and_the_nearest_shape_is_the_goal_moved_inside() -> None:
     verdict = of(moved(I_SHAPE, (0.0, 0.2)))
     assert verdict.standing is Standing.INFEASIBLE
     assert [finding.problem for finding in verdict.findings] == [Problem.OFF_TABLE]
@@ -133,7 +133,7 @@ def test_a_goal_is_not_ruled_out_while_one_bent_inside_is_within_the_threshold()
     assert verdict.standing is Standing.DOUBTFUL
 
 
-def test_a_goal_across_itself_is_infeasible_and_not_even_tried() -> None:
+def test_a_goal_across_itself_is_infeasible_and_not_simulated() -> None:
     t = np.linspace(0.0, 1.0, 200)
     loop = np.column_stack([0.5 + 0.07 * np.sin(4.2 * np.pi * t), 0.1 * (2 * t - 1) + 0.07 * np.cos(4.2 * np.pi * t)])
     verdict = of(geometry.resample(np.column_stack([loop, np.full(200, 0.004)]), 31))
@@ -143,7 +143,7 @@ def test_a_goal_across_itself_is_infeasible_and_not_even_tried() -> None:
     assert "No shape near it was found that holds" in verdict.text
 
 
-def test_a_goal_of_which_only_a_tip_crosses_is_doubtful_for_an_open_shape_is_near() -> None:
+def test_a_goal_with_only_a_crossing_tip_is_doubtful_because_an_open_shape_is_near() -> None:
     def crossed(tail_m: float) -> Float64Array:
         corners = [[0.35, 0.0], [0.55, 0.0], [0.55, 0.12], [0.45, 0.12], [0.45, -tail_m]]
         return geometry.resample(np.column_stack((corners, np.full(5, 0.004))), 121)
@@ -173,6 +173,6 @@ def test_the_same_goal_gets_the_same_verdict_to_the_bit() -> None:
     assert first.nearest_world.tobytes() == second.nearest_world.tobytes()
 
 
-def test_no_move_is_better_than_one_and_what_cannot_be_mended_has_none() -> None:
+def test_a_valid_goal_is_not_moved_and_an_unfixable_one_has_no_move() -> None:
     assert moved_inside(I_SHAPE, lambda nodes: True) is I_SHAPE
     assert moved_inside(I_SHAPE, lambda nodes: False) is None

@@ -23,25 +23,25 @@ from dlokit.system.config import UNKNOWN_STIFFNESS_LOG_SD, RunConfig, with_dlo
 from dlokit.system.toml_config import from_plain, to_plain
 
 
-def test_the_rope_that_ships_is_believed_as_it_ships() -> None:
+def test_the_default_rope_has_the_default_belief() -> None:
     run = RunConfig()
     assert with_dlo(run, run.cell.dlo) == run
 
 
-def test_of_another_dlo_length_and_radius_are_told_and_its_stiffness_is_unknown() -> None:
+def test_of_another_dlo_only_length_and_radius_are_known() -> None:
     model = with_dlo(RunConfig(), SILICONE_HOSE).model
     assert (model.length_m, model.radius_m) == (SILICONE_HOSE.length_m, SILICONE_HOSE.radius_m)
     assert model.bending_stiffness_n_m2 == BelievedDlo().bending_stiffness_n_m2 != SILICONE_HOSE.bending_stiffness_n_m2
     assert model.belief.stiffness_log_sd == UNKNOWN_STIFFNESS_LOG_SD
 
 
-def test_a_stiffness_that_the_run_tells_is_believed_as_surely_as_it_says() -> None:
+def test_a_configured_stiffness_is_believed_with_its_uncertainty() -> None:
     told = BelievedDlo(bending_stiffness_n_m2=4e-4, belief=BeliefConfig(stiffness_log_sd=0.9))
     model = with_dlo(replace(RunConfig(), model=told), WIRE_B).model
     assert (model.bending_stiffness_n_m2, model.belief.stiffness_log_sd) == (4e-4, 0.9)
 
 
-def test_how_sure_the_run_is_of_the_shipped_stiffness_is_believed_too() -> None:
+def test_the_uncertainty_of_the_default_stiffness_can_be_configured() -> None:
     told = BelievedDlo(belief=BeliefConfig(stiffness_log_sd=0.5))
     assert with_dlo(replace(RunConfig(), model=told), WIRE_B).model.belief.stiffness_log_sd == 0.5
 
@@ -55,7 +55,7 @@ def leaves(plain: Any, path: str = "") -> Iterator[tuple[str, Any]]:
 
 
 @pytest.mark.parametrize("observer", OURS, ids=[config.name for config in OURS])
-def test_the_radius_of_a_dlo_is_told_in_one_place_besides_the_cell(observer: type[Any]) -> None:
+def test_the_radius_of_a_dlo_is_configured_in_one_place_besides_the_cell(observer: type[Any]) -> None:
     run = replace(RunConfig(), observer=replace(RunConfig().observer, strategy=observer()))
     homes = {path for path, value in leaves(to_plain(run)) if "radius" in path and value == SOFT_ROPE.radius_m}
     assert homes == {"cell.dlo.radius_m", "model.radius_m"}
@@ -83,7 +83,7 @@ class AskingPlanner:
 
 
 @pytest.mark.parametrize("component", ["observer", "planning"])
-def test_strategies_are_built_for_the_dlo_that_a_ruler_tells(component: str) -> None:
+def test_strategies_are_built_for_the_configured_dlo(component: str) -> None:
     run, TOLD[:] = with_dlo(RunConfig(), WIRE_B), []
     run = replace(
         run,
@@ -103,9 +103,7 @@ def test_strategies_are_built_for_the_dlo_that_a_ruler_tells(component: str) -> 
         (("observer", "strategy"), "radius_m"),
     ],
 )
-def test_a_configuration_that_tells_a_component_its_own_radius_is_refused_by_name(
-    table: tuple[str, ...], key: str
-) -> None:
+def test_a_radius_for_one_component_alone_is_refused_by_name(table: tuple[str, ...], key: str) -> None:
     plain = to_plain(RunConfig())
     at = plain
     for name in table:
