@@ -36,8 +36,7 @@ def check_ranges(settings: Any, group: str = "") -> None:
         value = getattr(settings, name)
         allowed = next(_violations(value, kind), None)
         if allowed is not None:
-            option = f"{group}.{name}".lstrip(".").replace("_", "-")
-            raise ConfigError(f"--{option} is {value}; it must be {allowed}.")
+            raise ConfigError(f"{_option(group, name, kind)} is {value}; it must be {allowed}.")
 
 
 @cache
@@ -45,6 +44,13 @@ def _kinds(settings: type[Any]) -> dict[str, Any]:
     """The type of each field, with what is noted beside it."""
     hints = get_type_hints(settings, include_extras=True)
     return {field.name: hints[field.name] for field in fields(settings)}
+
+
+def _option(group: str, name: str, kind: Any) -> str:
+    """How the command line calls a setting: by its short name where it has one."""
+    notes = get_args(kind)[1:] if get_origin(kind) is Annotated else ()
+    short = [alias for note in notes for alias in getattr(note, "aliases", None) or ()]
+    return short[0] if short else "--" + f"{group}.{name}".lstrip(".").replace("_", "-")
 
 
 def _violations(value: Any, kind: Any) -> Iterator[str]:

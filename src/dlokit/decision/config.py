@@ -23,9 +23,9 @@ class TaskConfig:
     )
     """RMSE below which the goal counts as reached [m]; the paper's is 1.2 cm. Smaller: more precise, more actions."""
     max_actions: Annotated[Count, tyro.conf.arg(aliases=("--max-actions",))] = 40
-    """Most actions; an action is a grasp, what is done with it, and a release. Then the task ends as `budget`."""
+    """Most actions of a task. An action is a grasp, what is done with it, and a release. Then it ends as `budget`."""
     check_camera: Annotated[bool, tyro.conf.arg(aliases=("--check-camera",))] = True
-    """Look at the robot's hand first, and correct the camera's position along the table by it."""
+    """Look at the robot's hand first, to correct the camera's position. It is corrected along the table."""
     max_time_s: Positive = 1800.0
     """Most time on the cell's clock [s]; then the task ends as `budget`."""
     stall_actions: Count = 6
@@ -39,11 +39,11 @@ class TaskConfig:
     reduce the error by more than the uncertainty of the observed shape; decided for each action before the arm
     moves."""
     learn: Annotated[bool, tyro.conf.arg(aliases=("--learn",))] = False
-    """Estimate stiffness, friction and set of the DLO from its actions, and plan the next actions with them."""
+    """Learn stiffness, friction and set of the DLO from its actions. The next actions are planned with them."""
     infeasible: Annotated[Infeasible, tyro.conf.arg(aliases=("--infeasible",))] = "reject"
-    """What to do with a goal that cannot hold, or is out of the arm's reach: reject, project or try. reject: end, or
-    ask the operator again, and give the nearest shape that holds. project: shape to that one instead. try: go on with
-    the goal as it is."""
+    """What to do with a goal that cannot hold: reject, project or try. The same with one out of the arm's reach.
+    reject: end, or ask the operator again, and give the nearest shape that holds. project: shape to that one instead.
+    try: go on with the goal as it is."""
     grasp_force_n: Positive = 20.0
     """Grip force [N]. Larger: the DLO slips less and is squeezed more."""
 

@@ -42,7 +42,8 @@ class RunConfig:
     runtime: Runtime = "lockstep"
     """lockstep: one process on virtual time, repeatable to the bit. live: all processes, each at its own rate."""
     seed: Annotated[int, Meta(ge=0)] = 0
-    """Seed of everything random: the start shape, camera noise, the error of the believed camera pose."""
+    """Seed of everything random. The start shape, camera noise and the error of the believed camera pose are drawn from
+    it."""
     headless: bool = False
     """Run without the browser viewer."""
     arms: Literal[1, 2] = 1

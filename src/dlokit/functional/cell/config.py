@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Annotated, Literal, get_args
 
+import tyro
 from msgspec import Meta
 
 from dlokit.description.dlo import SOFT_ROPE, DloPreset
@@ -27,9 +28,10 @@ class CellConfig:
     """The DLO on the table."""
     physics: DloPhysics = field(default_factory=ElasticRod)
     """How the DLO behaves: as an elastic rod, or as a chain that takes a set."""
-    randomised: tuple[Factor, ...] = ()
-    """Properties that are drawn from the seed, each within the range of `docs/reference/dlos.md`; the others keep their
-    nominal value. `--randomised` draws all."""
+    randomised: Annotated[tuple[Factor, ...], tyro.conf.arg(metavar="FACTOR ...")] = ()
+    """Properties that are drawn from the seed, within the ranges of `docs/reference/dlos.md`; the others keep their
+    nominal value. Any of friction, friction_regions, stiffness, weight, curl, hand_eye, table_tilt, light and color;
+    `--randomised` draws all."""
     settle_s: NotNegative = 2.0
     """Time the DLO is given to come to rest before the run starts [s]. Larger: more at rest, a longer start."""
     width_px: PictureSize = 640
