@@ -174,7 +174,8 @@ def _default(command: CliCommand[A], given: Sequence[str]) -> A | None:
     """The arguments that hold where the command line says nothing; None where some must be given."""
     if command.defaults is not None:
         return command.defaults(given)
-    required = any(field.default is MISSING and field.default_factory is MISSING for field in fields(command.arguments))
+    settings: Any = command.arguments
+    required = any(field.default is MISSING and field.default_factory is MISSING for field in fields(settings))
     return None if required else command.arguments()
 
 

@@ -249,7 +249,7 @@ class GatedRobot:
         return SkillFailure(
             RobotReason.STALE_FEEDBACK,
             f"the arm was braked: its feedback was older than {FEEDBACK_AGE_S} s "
-            "(--gate.feedback-age-s) on the way; is its driver running, and the machine not overloaded?",
+            "on the way; is its driver running, and the machine not overloaded?",
         )
 
     def _check_lease(self, lease: Lease) -> None:
