@@ -16,7 +16,7 @@ from dlokit.functional.cell.config import EVERY_FACTOR, CellConfig
 from dlokit.functional.cell.dlo_physics import ElasticRod, ElastoplasticChain
 from dlokit.functional.cell.world import Cell
 from dlokit.motion.inverse_kinematics import PandaKinematics
-from dlokit.rod.believed import ModelConfig
+from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.planning.config import PlanningConfig
 from dlokit.skills.planning.strategies import load
 from dlokit.skills.planning.verdict import holding
@@ -108,7 +108,7 @@ def _judge(
     planning: PlanningConfig,
     rng: np.random.Generator,
 ) -> Iterator[Judged]:
-    nodes = ModelConfig().nodes
+    nodes = BelievedDlo().nodes
     what = release(cell, curve, nodes, case.threshold_m)
     for level in Level:
         knowledge = known(level, case.dlo, cell, rng)

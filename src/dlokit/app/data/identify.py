@@ -18,7 +18,7 @@ from dlokit.app.data.measuring import Measures, measure
 from dlokit.errors import InputError
 from dlokit.recording.channels import FILE_NAME
 from dlokit.recording.reader import read_recording
-from dlokit.rod.believed import ModelConfig, as_believed, as_configured
+from dlokit.rod.believed import BelievedDlo, as_believed, as_configured
 from dlokit.rod.posterior import Lesson, lessons
 from dlokit.skills.model.experiences import experiences
 from dlokit.system.config import CONFIG_FILE, RunConfig
@@ -121,7 +121,7 @@ def run(args: IdentifyArgs) -> int:
     return 0
 
 
-def _with_size(model: ModelConfig, size: Measures) -> ModelConfig:
+def _with_size(model: BelievedDlo, size: Measures) -> BelievedDlo:
     told = as_configured(model, stamp_ns=0)
     length, radius = told.length_m.with_measured(size.length_m), told.radius_m.with_measured(size.radius_m)
     sure = replace(model.belief, length_log_sd=length.log_sd, radius_log_sd=radius.log_sd)
