@@ -12,6 +12,8 @@ from dlokit.communication.timing.urgency import BoundedUrgency, make_urgent
 
 log = logging.getLogger(__name__)
 
+LOOP_SILENT_S = 1.0
+"""An event loop that has not come round for this long [s] is taken to hang."""
 _TICK_S = 0.05
 """How often the loop shows that it comes round."""
 
@@ -47,7 +49,7 @@ class ThreadPulse:
     from that moment on; a loop that hangs gives none after `silent_s`.
     """
 
-    def __init__(self, silent_s: float) -> None:
+    def __init__(self, silent_s: float = LOOP_SILENT_S) -> None:
         """`silent_s` is the longest time in which the loop need not come round [s]."""
         self._silent_s = silent_s
 
