@@ -91,7 +91,7 @@ def _robot(mount: ArmMount) -> "_Builder":
         from dlokit.system.processes.stop_socket import stop_button, stop_socket
 
         live = config.runtime == "live"
-        pulse = ThreadPulse(config.robot.loop_silent_s) if live else loop_pulse
+        pulse = ThreadPulse() if live else loop_pulse
         watch = ThreadWatchdog() if live else LoopWatchdog()
         lease = LeaseKeeper(time.monotonic_ns)
         robot = GatedRobot(
@@ -142,6 +142,7 @@ def _planning(config: RunConfig, wiring: Wiring) -> Component:
 
 
 def _second_arm(config: RunConfig) -> "SecondArm | None":
+    from dlokit.decision.steps.hands import APPROACH_HEIGHT_M
     from dlokit.motion.arm_distance import Apart
     from dlokit.motion.inverse_kinematics import PandaKinematics
     from dlokit.skills.planning.base import SecondArm
@@ -154,7 +155,7 @@ def _second_arm(config: RunConfig) -> "SecondArm | None":
         robot=mount.robot,
         reachable=kinematics.reachable,
         place_m=mount.place_m,
-        apart_m=Apart(PandaKinematics(), kinematics, lift_m=config.task.approach_height_m).of_pair_m,
+        apart_m=Apart(PandaKinematics(), kinematics, lift_m=APPROACH_HEIGHT_M).of_pair_m,
     )
 
 

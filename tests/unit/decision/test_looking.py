@@ -14,7 +14,7 @@ from dlokit.communication.timing import virtual_time
 from dlokit.communication.transport import KnownLiveness, Liveness, Mailbox
 from dlokit.decision.config import TaskConfig
 from dlokit.decision.flow import FaultKind, StepFault
-from dlokit.decision.looking import look, state_after
+from dlokit.decision.looking import LOOK_AGAIN_S, LOOK_TIMEOUT_S, look, state_after
 from dlokit.decision.task import Odometer, ShapeTask, Spent
 from dlokit.rod.believed import BelievedDlo
 from dlokit.rod.nodes import topology
@@ -107,19 +107,19 @@ def test_there_is_no_wait_for_a_state_from_an_uninitialised_observer() -> None:
 
 
 def test_a_missing_state_is_awaited_to_the_limit_while_all_components_are_present() -> None:
-    assert virtual_time.run(waited_s("nobody", 0.0)) == pytest.approx(CONFIG.look_timeout_s)
+    assert virtual_time.run(waited_s("nobody", 0.0)) == pytest.approx(LOOK_TIMEOUT_S)
 
 
 def test_an_observation_without_a_result_is_repeated_while_all_components_are_present() -> None:
     found, looks, waiting_s = virtual_time.run(looked(brings_from=3))
     assert isinstance(found, DloState)
     assert looks == 3
-    assert waiting_s == pytest.approx(2 * CONFIG.look_again_s)
+    assert waiting_s == pytest.approx(2 * LOOK_AGAIN_S)
 
 
 def test_observations_without_a_result_end_within_the_time_of_one() -> None:
     found, looks, waiting_s = virtual_time.run(looked(brings_from=1000))
     assert isinstance(found, StepFault)
     assert found.kind is FaultKind.LOST
-    assert looks == CONFIG.look_timeout_s / CONFIG.look_again_s
-    assert waiting_s == pytest.approx(CONFIG.look_timeout_s)
+    assert looks == LOOK_TIMEOUT_S / LOOK_AGAIN_S
+    assert waiting_s == pytest.approx(LOOK_TIMEOUT_S)

@@ -206,7 +206,8 @@ def test_a_missing_chain_is_named():
 
 
 @pytest.mark.parametrize(
-    ("values", "says"), [({"yield_curvature_1_m": 0.0}, "yield_curvature_1_m"), ({"curl_1_m": 13.0}, "full circle")]
+    ("values", "says"),
+    [({"yield_curvature_1_m": 0.0}, "yield-curvature-1-m"), ({"curl_1_m": 13.0}, "full circle")],
 )
 def test_an_invalid_preset_is_refused(values: dict[str, float], says: str):
     with pytest.raises(ConfigError, match=says):

@@ -12,6 +12,8 @@ from dlokit.communication.timing.urgency import BoundedUrgency, make_urgent
 
 log = logging.getLogger(__name__)
 
+LOOP_SILENT_S = 1.0
+"""An event loop that takes longer than this for one turn [s] is taken to hang."""
 _TICK_S = 0.05
 """Period at which the event loop marks that it runs [s]."""
 
@@ -47,7 +49,7 @@ class ThreadPulse:
     loop that hangs sends none after `silent_s`.
     """
 
-    def __init__(self, silent_s: float) -> None:
+    def __init__(self, silent_s: float = LOOP_SILENT_S) -> None:
         """`silent_s` is the longest time that the loop may take for one turn [s]."""
         self._silent_s = silent_s
 

@@ -14,6 +14,9 @@ from dlokit.skills.robot import api as robot
 from dlokit.types.action import ControlAdvice, ControlVerdict, GraspedNode
 from dlokit.types.outcome import Succeeded
 
+MOST_CORRECTIONS = 4
+"""Corrections while the DLO is held once, at most: control must end where the error does not fall."""
+
 
 async def control(task: ShapeTask) -> Controlled:
     """Look at the DLO while it is held, and do one correction, or say why there is none to do."""
@@ -27,7 +30,7 @@ async def control(task: ShapeTask) -> Controlled:
         return _ends(task, Controlled.DEADLOCK, advice.reason)
     if advice.correction is None:
         return _ends(task, Controlled.SETTLED, advice.reason)
-    if len(attempt.corrections) >= task.config.max_corrections:
+    if len(attempt.corrections) >= MOST_CORRECTIONS:
         return _ends(task, Controlled.SETTLED, "corrections_spent")
     try:
         await task.ask(robot.MOVE_LINEAR, advice.target, attempt.action.velocity)

@@ -8,7 +8,6 @@ import viser
 from dlokit import geometry
 from dlokit.description.table import Table
 from dlokit.skills.viewer import palette
-from dlokit.skills.viewer.config import ViewerConfig
 from dlokit.skills.viewer.page import close_page, open_page
 from dlokit.skills.viewer.palette import Layer
 from dlokit.skills.viewer.scene import ViewerScene
@@ -28,15 +27,15 @@ def server() -> Iterator[viser.ViserServer]:
 
 @pytest.fixture
 def scene(server: viser.ViserServer) -> ViewerScene:
-    return ViewerScene(server, ViewerConfig(), Table(), 0.004)
+    return ViewerScene(server, Table(), 0.004)
 
 
 def test_the_table_of_the_configuration_is_drawn(server: viser.ViserServer, monkeypatch: pytest.MonkeyPatch) -> None:
     drawn: dict[str, dict[str, Any]] = {}
     monkeypatch.setattr(server.scene, "add_box", lambda name, **box: drawn.update({name: box}))
-    ViewerScene(server, ViewerConfig(), Table(centre_m=(0.3, -0.1), size_m=(0.8, 0.6), thickness_m=0.02), 0.004)
-    assert drawn["/table/top"]["dimensions"] == (0.8, 0.6, 0.02)
-    assert drawn["/table/top"]["position"] == (0.3, -0.1, -0.01)
+    ViewerScene(server, Table(centre_m=(0.3, -0.1), size_m=(0.8, 0.6)), 0.004)
+    assert drawn["/table/top"]["dimensions"] == (0.8, 0.6, 0.05)
+    assert drawn["/table/top"]["position"] == (0.3, -0.1, -0.025)
 
 
 def _action(predicted: Float64Array | None) -> PickPlace:
