@@ -62,7 +62,7 @@ def test_another_observer_is_detected() -> None:
 def test_a_setting_of_another_version_prevents_only_the_replay_of_its_component() -> None:
     path = FOLDER / "wire.mcap"
     text = recorded_toml(path)
-    assert "[cell" in text  # which no component that is replayed is built from
+    assert "[cell" in text  # a setting of no replayed component
     config = recorded_config(path, REPLAYABLE["model"])
     assert config.cell == RunConfig().cell
     assert config.model != RunConfig().model

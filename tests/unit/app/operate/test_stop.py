@@ -26,7 +26,7 @@ from dlokit.system.processes.running import RunningSystem
 from dlokit.system.processes.stop_socket import ENABLE, STOP, left_stop, press, stop_button, stop_socket
 from dlokit.system.toml_config import to_toml
 
-PATIENCE_S = 30.0  # it takes milliseconds; a test that waits in vain fails
+PATIENCE_S = 30.0  # it takes milliseconds; only a failing test waits this long
 SOON_S = 0.3  # the wait for an answer that does not come is short
 numbers = itertools.count()
 

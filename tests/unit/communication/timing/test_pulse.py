@@ -7,7 +7,7 @@ import time
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.pulse import ThreadPulse, loop_pulse
 
-PATIENCE_S = 30.0  # it takes milliseconds; a test that waits in vain fails
+PATIENCE_S = 30.0  # it takes milliseconds; only a failing test waits this long
 PERIOD_S = 0.005
 
 

@@ -102,7 +102,7 @@ def test_a_slow_machine_tries_every_family_and_ends_in_time() -> None:
 
 
 @pytest.mark.parametrize(("seconds_each", "others"), [(0.0, {LayDown}), (0.008, set[type[Action]]())])
-def test_the_most_promising_kind_is_tried_first_and_hopeless_ones_are_skipped_if_time_is_short(
+def test_the_most_promising_kind_is_tried_first_and_others_only_if_time_allows(
     seconds_each: float, others: set[type[Action]]
 ) -> None:
     tried: list[type[Action]] = []

@@ -10,7 +10,7 @@ from dlokit.communication.timing.deadlines import LoopWatchdog, ThreadWatchdog
 from dlokit.errors import SkillRejected
 from dlokit.skills.robot.lease import LeaseKeeper
 
-PATIENCE_S = 30.0  # it takes milliseconds; a test that waits in vain fails
+PATIENCE_S = 30.0  # it takes milliseconds; only a failing test waits this long
 
 
 class Machine:
