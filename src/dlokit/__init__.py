@@ -1,10 +1,67 @@
-"""dlokit: bring cables, ropes and wires into the shape you want with a robot and a camera."""
+"""dlokit: bring cables, ropes and wires into the shape you want with a robot and a camera.
+
+    run = dlokit.shape(start="I", goal="S")          # one task in the simulated cell
+    tracker = dlokit.Tracker(length_m=0.5)           # nodes of a DLO in your own point clouds
+    recording = dlokit.open_run("runs/…")            # what a run recorded, as arrays
+
+The names in `__all__` are the public Python API, under semantic versioning; everything else may change.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from dlokit.app.data.identify import Identified, identify
+    from dlokit.app.library.judging import judge
+    from dlokit.app.library.recording import Recording, open_run
+    from dlokit.app.library.run import Run
+    from dlokit.app.library.shape import shape
+    from dlokit.app.library.tracker import Nodes, Tracker
+    from dlokit.errors import DlokitError, InputError
+
+    __version__: str
+
+__all__ = [
+    "DlokitError",
+    "Identified",
+    "InputError",
+    "Nodes",
+    "Recording",
+    "Run",
+    "Tracker",
+    "__version__",
+    "identify",
+    "judge",
+    "open_run",
+    "shape",
+]
+
+_HOMES = {
+    "DlokitError": "dlokit.errors",
+    "InputError": "dlokit.errors",
+    "Identified": "dlokit.app.data.identify",
+    "Nodes": "dlokit.app.library.tracker",
+    "Recording": "dlokit.app.library.recording",
+    "Run": "dlokit.app.library.run",
+    "Tracker": "dlokit.app.library.tracker",
+    "identify": "dlokit.app.data.identify",
+    "judge": "dlokit.app.library.judging",
+    "open_run": "dlokit.app.library.recording",
+    "shape": "dlokit.app.library.shape",
+}
+"""Modules of the public names. They are imported at first use: `import dlokit` loads nothing."""
 
 
-def __getattr__(name: str) -> str:
+def __getattr__(name: str) -> Any:
     if name == "__version__":
         # Looked up when it is asked for: it takes as long as importing NumPy does, and every process would wait.
         from importlib.metadata import version
 
         return version("dlokit")
+    if name in _HOMES:
+        return getattr(import_module(_HOMES[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

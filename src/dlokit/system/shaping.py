@@ -10,6 +10,7 @@ from collections import defaultdict
 from collections.abc import AsyncIterator, Callable, Coroutine, Generator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from types import FrameType
 
 from dlokit import __version__
@@ -71,6 +72,9 @@ LINGER_S = 2.2
 class Watcher:
     """Whoever shows a run while it goes on, e.g. the terminal; of itself it shows nothing."""
 
+    def started(self, cancel: Callable[[], object]) -> None:
+        """The task runs. `cancel` ends it with outcome `cancelled`, as Ctrl-C does, and may be called on any thread."""
+
     def page(self, url: str) -> None:
         """The viewer's page is served, at this address; again when the viewer was started again."""
 
@@ -121,6 +125,9 @@ async def shape(
     watch: Watcher,
 ) -> RunRecord:
     """Run the task to its end and let the cell run on until its last shape can be judged."""
+    task, loop = asyncio.current_task(), asyncio.get_running_loop()
+    assert task is not None
+    watch.started(partial(loop.call_soon_threadsafe, task.cancel))
     album = _Album(transport.stream(topics.STEREO_IMAGES))
     helpers = [asyncio.create_task(waiting) for waiting in (album.fill(), *_told(transport, watch))]
     began_s, began_ns = time.perf_counter(), clock.now_ns()
