@@ -24,11 +24,11 @@ from dlokit.description.scene import default_calibration
 from dlokit.errors import ConfigError
 from dlokit.evaluation.statistics import success_rate, without_interval
 from dlokit.motion.inverse_kinematics import PandaKinematics
-from dlokit.rod.believed import ModelConfig, as_configured
+from dlokit.rod.believed import BelievedDlo, as_configured
 from dlokit.skills.planning.config import PlanningConfig
 from dlokit.skills.planning.verdict import holding
 from dlokit.skills.planning.verdict.feasibility import Workplace
-from dlokit.skills.planning.verdict.goal_verdict import judge
+from dlokit.skills.planning.verdict.goal_verdict import HOPELESS_FACTOR, judge
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import GoalShape
 from dlokit.types.feasibility import GoalVerdict
@@ -64,7 +64,7 @@ def _problems(judged: Judged) -> list[str]:
     return [finding.problem.value for finding in judged.verdict.findings]
 
 
-def judged(goal_world: Float64Array, model: ModelConfig) -> Judged:
+def judged(goal_world: Float64Array, model: BelievedDlo) -> Judged:
     """The verdict on a goal (M, 3) [m] for the rod of `model`, as configured."""
     holds = list[holding.HoldVerdict]()
 
@@ -82,14 +82,14 @@ def judged(goal_world: Float64Array, model: ModelConfig) -> Judged:
     if not holds:
         return Judged(verdict, np.nan, np.nan)
     worst_m = max(release.rmse_m for release in holds[0].releases)
-    limits = PLANNING.feasibility.hold_share * THRESHOLD_M, PLANNING.feasibility.hopeless_factor * THRESHOLD_M
+    limits = PLANNING.feasibility.hold_share * THRESHOLD_M, HOPELESS_FACTOR * THRESHOLD_M
     return Judged(verdict, worst_m / limits[0], holds[0].attainable_rmse_m / limits[1])
 
 
 def _compared(number: int, curve: Float64Array) -> tuple[str, float]:
     rng = np.random.default_rng(number)
     stiffer = float(np.exp(rng.uniform(*np.log(STIFFER))))
-    default = ModelConfig()
+    default = BelievedDlo()
     model = replace(default, bending_stiffness_n_m2=stiffer * default.bending_stiffness_n_m2)
     goal = geometry.resample(curve, model.nodes)
     moved = goal * (1.0 + RELATIVE * rng.uniform(-1.0, 1.0, goal.shape))
@@ -118,7 +118,7 @@ def run(args: Args) -> int:
     if args.goals < 1 or args.jobs < 1:
         raise ConfigError(f"--goals {args.goals} and --jobs {args.jobs} must be at least 1.")
     check_json(args.json)
-    default, began_s, console = ModelConfig(), time.perf_counter(), Console(highlight=False, soft_wrap=True)
+    default, began_s, console = BelievedDlo(), time.perf_counter(), Console(highlight=False, soft_wrap=True)
     made = (curve for seed in count() for _, curve in made_goals(seed, default.length_m, default.radius_m))
     parallel: Any = Parallel(n_jobs=args.jobs, return_as="generator")
     todo = (delayed(_compared)(number, curve) for number, curve in enumerate(islice(made, args.goals)))

@@ -10,7 +10,7 @@ import numpy as np
 from dlokit.bench.shaping.experiments import TOLD_HEAVIER, TOLD_SMOOTHER, TOLD_STIFFER
 from dlokit.description.dlo import GRAVITY_M_S2, SOFT_ROPE, DloPreset
 from dlokit.functional.cell.config import CellConfig
-from dlokit.rod.believed import BeliefConfig, ModelConfig, as_believed, as_configured
+from dlokit.rod.believed import BeliefConfig, BelievedDlo, as_believed, as_configured
 from dlokit.system.config import RunConfig, with_dlo
 from dlokit.types.dlo import DloBelief, Figure
 
@@ -41,7 +41,7 @@ class Level(enum.Enum):
 class KnownDlo:
     """What a verdict is given."""
 
-    model: ModelConfig
+    model: BelievedDlo
     belief: DloBelief
 
 
@@ -65,9 +65,9 @@ def known(level: Level, nominal: DloPreset, cell: CellConfig, rng: np.random.Gen
             return _learnt(told(nominal), cell, rng)
 
 
-def told(dlo: DloPreset) -> ModelConfig:
+def told(dlo: DloPreset) -> BelievedDlo:
     """A model that knows a DLO as well as the shipped one knows the soft rope, and whether it takes a set."""
-    return ModelConfig(
+    return BelievedDlo(
         length_m=dlo.length_m,
         radius_m=dlo.radius_m,
         bending_stiffness_n_m2=TOLD_STIFFER * dlo.bending_stiffness_n_m2,
@@ -78,7 +78,7 @@ def told(dlo: DloPreset) -> ModelConfig:
     )
 
 
-def _learnt(model: ModelConfig, cell: CellConfig, rng: np.random.Generator) -> KnownDlo:
+def _learnt(model: BelievedDlo, cell: CellConfig, rng: np.random.Generator) -> KnownDlo:
     elastic_m3 = true_elastic_m3(cell) * math.exp(rng.normal() * _LEARNT_LOG_SD)
     bend_1_m, bend_factor = cell.dlo.yield_curvature_1_m, math.exp(rng.normal() * _LEARNT_YIELD_LOG_SD)
     before = as_configured(model, 0)

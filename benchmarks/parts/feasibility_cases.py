@@ -17,7 +17,7 @@ from dlokit.functional.cell.dlo_physics import ElasticRod, ElastoplasticChain
 from dlokit.functional.cell.randomisation import RANDOMISED
 from dlokit.functional.cell.world import Cell
 from dlokit.motion.inverse_kinematics import PandaKinematics
-from dlokit.rod.believed import ModelConfig
+from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.planning.config import PlanningConfig
 from dlokit.skills.planning.strategies import load
 from dlokit.skills.planning.verdict import holding
@@ -109,7 +109,7 @@ def _judge(
     planning: PlanningConfig,
     rng: np.random.Generator,
 ) -> Iterator[Judged]:
-    nodes = ModelConfig().nodes
+    nodes = BelievedDlo().nodes
     what = release(cell, curve, nodes, case.threshold_m)
     for level in Level:
         knowledge = known(level, case.dlo, cell.config, rng)

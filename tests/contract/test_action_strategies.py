@@ -10,7 +10,7 @@ from dlokit import geometry
 from dlokit.communication.wire import codec
 from dlokit.description.shapes import builtin_shape, moved, random_shape
 from dlokit.errors import SkillRejected
-from dlokit.rod.believed import ModelConfig
+from dlokit.rod.believed import BelievedDlo
 from dlokit.rod.nodes import topology
 from dlokit.skills.planning.actions import ActionConfig
 from dlokit.skills.planning.base import PlanningTools, StrategyConfig
@@ -23,7 +23,7 @@ from dlokit.types.dlo import DloState, GoalShape
 from dlokit.types.pose import Pose
 from dlokit.types.system import StrategySpec
 
-MODEL = ModelConfig()
+MODEL = BelievedDlo()
 STARTS = {
     "I": builtin_shape("I", MODEL.length_m, MODEL.nodes),
     "moved": moved(builtin_shape("I", MODEL.length_m, MODEL.nodes), (0.05, 0.05), 0.7),

@@ -13,13 +13,13 @@ from dlokit.communication.port import Port
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.description.shapes import builtin_shape
-from dlokit.rod.believed import ModelConfig
+from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.model.component import ModelComponent
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, TargetPoints
 from dlokit.types.robot import RobotMode, RobotState
 
-CONFIG = ModelConfig()
+CONFIG = BelievedDlo()
 I_SHAPE = builtin_shape("I", CONFIG.length_m, CONFIG.nodes)
 S_SHAPE = builtin_shape("S", CONFIG.length_m, CONFIG.nodes)
 

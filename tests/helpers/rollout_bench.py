@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from dlokit.description.shapes import builtin_shape
-from dlokit.rod.believed import ModelConfig
+from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.planning.actions import ActionConfig
 from dlokit.skills.planning.base import PlanningTools
 from dlokit.skills.planning.rollout.candidates import PlanningScene
@@ -11,7 +11,7 @@ from dlokit.skills.planning.rollout.search import SearchConfig
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
 
-MODEL = ModelConfig()
+MODEL = BelievedDlo()
 I_SHAPE = builtin_shape("I", MODEL.length_m, MODEL.nodes)
 S_SHAPE = builtin_shape("S", MODEL.length_m, MODEL.nodes)
 SHORT = SearchConfig(rollouts=70, finalists=2, generations=1)

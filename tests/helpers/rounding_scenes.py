@@ -19,7 +19,7 @@ from dlokit.description.scene import default_calibration
 from dlokit.description.shapes import builtin_shape, moved, random_shape
 from dlokit.motion.inverse_kinematics import PandaKinematics
 from dlokit.recording.reader import read_recording
-from dlokit.rod.believed import ModelConfig, as_configured
+from dlokit.rod.believed import BelievedDlo, as_configured
 from dlokit.rod.equilibrium import nearest_held
 from dlokit.rod.nodes import topology
 from dlokit.skills.model.carry import Carry
@@ -47,7 +47,7 @@ Rounded = Callable[[Float64Array], Float64Array]
 Outcome = dict[str, Float64Array | str]
 """Lengths [m], by what they are of, and words."""
 
-MODEL = ModelConfig()
+MODEL = BelievedDlo()
 GOALS = {name: builtin_shape(name, MODEL.length_m, MODEL.nodes) for name in ("I", "S")}
 STIFF_N_M2 = (5e-5, 2e-4, 1e-3)
 RECORDING = Path(__file__).parents[1] / "replay" / "references" / "rollout.mcap"

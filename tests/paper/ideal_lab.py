@@ -22,14 +22,14 @@ from dlokit.decision.config import TaskConfig
 from dlokit.decision.journal import Journal
 from dlokit.decision.records import ActionRecord, GoalRequest, ShapeResult
 from dlokit.description.shapes import builtin_shape
-from dlokit.rod.believed import ModelConfig
+from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.model.component import ModelComponent
 from dlokit.skills.observer.component import ObserverComponent
 from dlokit.skills.observer.config import ObserverConfig
 from dlokit.skills.planning.component import PlanningComponent
 from dlokit.skills.planning.config import PlanningConfig
 from dlokit.skills.planning.farthest import FarthestConfig
-from dlokit.skills.planning.servoing.jacobian import ServoConfig
+from dlokit.skills.planning.servoing.controller import ServoConfig
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloBelief
 from dlokit.types.flow import Command, FlowStatus, GoalFrames, OperatorCommand
@@ -60,7 +60,7 @@ class Trace:
         return {(a, outcome, b) for (a, _), (b, outcome) in zip(self.steps, self.steps[1:], strict=False)}
 
 
-ROD = ModelConfig(nodes=NODES, length_m=LENGTH_M)
+ROD = BelievedDlo(nodes=NODES, length_m=LENGTH_M)
 EASY = ServoConfig(least_health=0.5)
 """The same makes the observer doubt what it sees while the rope is held."""
 PATIENT = TaskConfig(stall_actions=15, hopeless_actions=15)
@@ -73,7 +73,7 @@ def shape(
     config: TaskConfig | None = None,
     reachable: Callable[[Pose], bool] = lambda pose: True,
     operator: Callable[[FlowStatus], Command | GoalFrames | None] = lambda status: None,
-    rod: ModelConfig = ROD,
+    rod: BelievedDlo = ROD,
     planning: PlanningConfig | None = None,
     bus: Callable[[], MemoryTransport] = MemoryTransport,
     operator_takes_s: float = 0.0,
@@ -95,7 +95,7 @@ async def running(
     clock: Clock,
     config: TaskConfig | None = None,
     reachable: Callable[[Pose], bool] = lambda pose: True,
-    rod: ModelConfig = ROD,
+    rod: BelievedDlo = ROD,
     others: tuple[Component, ...] = (),
     planning: PlanningConfig | None = None,
     keep: Callable[[Journal], None] = lambda journal: None,
@@ -128,7 +128,7 @@ async def _shape(
     config: TaskConfig,
     reachable: Callable[[Pose], bool],
     operator: Callable[[FlowStatus], Command | GoalFrames | None],
-    rod: ModelConfig,
+    rod: BelievedDlo,
     planning: PlanningConfig | None,
     bus: Callable[[], MemoryTransport],
     operator_takes_s: float,

@@ -1,6 +1,5 @@
 """The goal is judged before the robot moves: held to, doubted, projected, tried or rejected."""
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +10,7 @@ from scripted_hardware import LENGTH_M, NODES
 from dlokit.decision.config import TaskConfig
 from dlokit.description.shapes import builtin_shape, moved
 from dlokit.geometry import rmse_m
-from dlokit.rod.believed import SettleConfig
+from dlokit.skills.planning.verdict import holding
 from dlokit.types.feasibility import Standing
 from dlokit.types.flow import FlowStatus, GoalFrame, GoalFrames, RunOutcome
 
@@ -113,6 +112,10 @@ def test_an_operator_whose_goal_cannot_be_is_asked_again() -> None:
     assert "press Shape it again" in asked[1]
 
 
-def test_a_judge_that_fails_fails_the_task() -> None:
-    trace = shape(lab(I), S, rod=replace(ROD, settle=SettleConfig(timestep_s=math.nan)))
+def test_a_judge_that_fails_fails_the_task(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*_: object) -> None:
+        raise ValueError("a goal that nothing can be laid in")
+
+    monkeypatch.setattr(holding, "settle", fails)
+    trace = shape(lab(I), S)
     assert ("judge_goal", "failed", "failed") in trace.edges()

@@ -1,4 +1,4 @@
-"""The rod as the system believes it to be: its figures, how sure they are, and how it is driven.
+"""The rod as the system believes it to be: its figures, and how sure they are.
 
 They are deliberately not those of the simulated cell: in a lab nobody knows the DLO exactly either.
 """
@@ -17,85 +17,22 @@ DAMPING_S = 0.05
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrackingConfig:
-    """The PD controller that drags the model to the target points."""
-
-    stiffness_n_m: float = 20.0
-    """Proportional gain Kp of the force on a visible node [N/m]."""
-    hold_stiffness_n_m: float = 200.0
-    """Proportional gain on a node that the gripper holds [N/m]."""
-    damping_n_s_m: float = 0.2
-    """Derivative gain Kd [N·s/m]."""
-    force_limit_n: float = 0.25
-    """Largest force of one target point [N]; outliers pull no harder than this."""
-    held_gate_m: float = 0.02
-    """Distance of a target to the model beyond which it is left out while a gripper holds the rod [m]: the model
-    follows the tool, so such a target is a mistake of an observer who sees the rod half behind the arm."""
-    held_gate_per_m: float = 0.15
-    """Growth of that distance with the path of the tool [m/m]: the model's friction is not the table's."""
-    hidden_friction_share: float = 0.4
-    """Share of the table's friction that holds a hidden node where it was; 0 leaves it to the rod alone."""
-    tightest_bend_m: float = 0.02
-    """Radius of the tightest bend that a DLO which keeps bends is followed into [m]."""
-    steps: int = 120
-    """Physics steps of one update; fixed, so that runs repeat."""
-    timestep_s: float = 0.01
-    """Length of one physics step while tracking [s]."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class GoalConfig:
-    """How the operator's frames drag the goal rod."""
-
-    stiffness_n_m: float = 40.0
-    """Spring between a frame and its node [N/m]."""
-    force_limit_n: float = 0.1
-    """Largest force of a frame on its node [N]; more would stretch the rod."""
-    damping_n_s_m: float = 0.05
-    """Damping of the goal rod [N·s/m]."""
-    steps: int = 150
-    """Physics steps of one update."""
-    timestep_s: float = 0.01
-    """Length of one physics step while a goal is dragged [s]."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class PredictionConfig:
-    """How the rod is predicted while a tool holds it, and after its release."""
-
-    release_s: float = 0.4
-    """Time that the rod is given to come to rest after the release [s]."""
-    publish_period_s: float = 0.1
-    """Time between two states while the model follows a tool [s]."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class SettleConfig:
-    """How it is found out where a released rod comes to rest."""
-
-    duration_s: float = 2.0
-    """Longest time that it is given [s]: as long as the evaluator waits."""
-    timestep_s: float = 0.005
-    """Length of one physics step [s]."""
-
-
-@dataclass(frozen=True, kw_only=True)
 class BeliefConfig:
-    """How sure the figures of the model are; most are standard deviations of logarithms, 0.1 is about 10 %."""
+    """How sure the figures of the model are: standard deviations of their logarithms, 0.1 is about 10 %."""
 
     length_log_sd: float = 0.01
-    """Of the length."""
+    """Of the length. Larger: it is less sure."""
     radius_log_sd: float = 0.05
-    """Of the radius."""
+    """Of the radius. Larger: it is less sure."""
     stiffness_log_sd: float = 0.35
-    """Of the bending stiffness."""
+    """Of the bending stiffness. Larger: goals are judged, and finalists tried, for softer and stiffer DLOs."""
     weight_log_sd: float = 0.15
-    """Of the mass per length."""
+    """Of the mass per length. Larger: more goals are doubted."""
     friction_log_sd: float = 0.25
-    """Of the friction."""
+    """Of the friction. Larger: goals are judged, and finalists tried, for smoother and rougher tables."""
     takes_set: float = 0.2
-    """Chance, 0 to 1, that the DLO keeps bends, though no curvature is told beyond which it does. Say 0 of one that is
-    known to spring back always: without that no goal is called infeasible for springing back."""
+    """Chance, 0 to 1, that the DLO keeps bends, though no curvature is told beyond which it does. Above 0.05 no goal is
+    called infeasible for springing back; say 0 of a DLO that is known to spring back always."""
 
     def __post_init__(self) -> None:
         if not self.takes_set <= 1.0:
@@ -112,17 +49,17 @@ class BelievedDlo:
     """The DLO as the system believes it to be: the one description that every component gets."""
 
     nodes: int = 31
-    """Number of nodes M; the paper splits its DLO in 30 segments."""
+    """Number of nodes M; the paper splits its DLO in 30 segments. Larger: finer shapes, more computation."""
     length_m: float = 0.5
     """Length of the DLO [m]."""
     radius_m: float = 0.004
     """Radius of the DLO [m]."""
     bending_stiffness_n_m2: float = 1.3e-5
-    """Bending stiffness EI [N·m²]."""
+    """Bending stiffness EI [N·m²]. Larger: it springs back more when released."""
     mass_kg_m: float = 0.035
-    """Mass per length [kg/m]."""
+    """Mass per length [kg/m]. Larger: friction holds it more firmly."""
     friction: float = 0.6
-    """Sliding friction coefficient between the DLO and the table."""
+    """Sliding friction coefficient between the DLO and the table. Larger: tighter bends hold."""
     yield_curvature_1_m: float | None = None
     """Curvature beyond which the DLO keeps a bend [1/m], 1 for a copper wire; without it the DLO is taken to spring
     back always, but for the chance in `--model.belief.takes-set`."""
@@ -141,20 +78,6 @@ class BelievedDlo:
             value: float = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise ConfigError(f"--model.{name.replace('_', '-')} is {value}; it must be a number above 0.")
-
-
-@dataclass(frozen=True, kw_only=True)
-class ModelConfig(BelievedDlo):
-    """The rod as the system believes it to be, and how it is driven."""
-
-    tracking: TrackingConfig = field(default_factory=TrackingConfig)
-    """The PD controller."""
-    goal: GoalConfig = field(default_factory=GoalConfig)
-    """Dragging of the goal."""
-    rollout: PredictionConfig = field(default_factory=PredictionConfig)
-    """Prediction of actions."""
-    settle: SettleConfig = field(default_factory=SettleConfig)
-    """Where a released rod comes to rest."""
 
 
 def as_configured(config: BelievedDlo, stamp_ns: int) -> DloBelief:
@@ -177,7 +100,7 @@ def as_configured(config: BelievedDlo, stamp_ns: int) -> DloBelief:
     )
 
 
-def as_believed(config: ModelConfig, belief: DloBelief) -> ModelConfig:
+def as_believed(config: BelievedDlo, belief: DloBelief) -> BelievedDlo:
     """The model with all that is believed of the DLO: the figures, and how sure they are."""
     return replace(
         config,

@@ -3,19 +3,19 @@
 import numpy as np
 
 from dlokit import geometry
-from dlokit.rod.believed import ModelConfig
+from dlokit.rod.believed import BelievedDlo
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import Topology
 
 
-def topology(config: ModelConfig) -> Topology:
+def topology(config: BelievedDlo) -> Topology:
     """The rod's edges: a single line of equal segments."""
     first = np.arange(config.nodes - 1, dtype=np.int64)
     spacing = config.length_m / (config.nodes - 1)
     return Topology(edges=np.column_stack((first, first + 1)), rest_lengths_m=np.full(config.nodes - 1, spacing))
 
 
-def fit_length(config: ModelConfig, nodes_world: Float64Array) -> Float64Array:
+def fit_length(config: BelievedDlo, nodes_world: Float64Array) -> Float64Array:
     """A curve (K, 3) [m] as the rod's nodes (M, 3): its ends cut or prolonged equally to the rod's length."""
     s = geometry.arc_lengths(nodes_world)
     if len(nodes_world) == config.nodes and abs(s[-1] - config.length_m) < 0.005 * config.length_m:

@@ -6,14 +6,14 @@ a wire lies on the table.
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import msgspec
 import numpy as np
 from scipy.interpolate import RectBivariateSpline
 
 from dlokit import geometry
-from dlokit.rod.believed import BeliefConfig, ModelConfig, as_configured
+from dlokit.rod.believed import BeliefConfig, BelievedDlo, as_configured
 from dlokit.rod.rollout import Motion, QuickRod, play
 from dlokit.types.action import VelocityProfile
 from dlokit.types.arrays import Float64Array
@@ -60,7 +60,7 @@ STIFFNESS_LOG = np.log(2.0) * np.arange(-2.0, 10.0)
 YIELDS_1_M = (math.inf, 3.0, 1.0)
 """Yield curvatures that are tried [1/m]: a DLO that springs back always, and two that take a set."""
 _TIMESTEP_S = 0.005
-_REST_S = 1.0
+_REST_S = 1.0  # after the release; longer than in planning, as it is compared with what the camera saw
 _SEEN_M = 0.004  # the state's own error
 _MODEL_SHARE = 0.08  # error of the rod of planning, as a share of how far a node was moved
 _LOW_LIFT_M = 0.05
@@ -78,7 +78,7 @@ class Evidence:
     rmse_m: Float64Array  # (Y, F, S) [m] of what each rod predicts to what was seen
 
 
-def evidence(config: ModelConfig, seen: Experience) -> Evidence | None:
+def evidence(config: BelievedDlo, seen: Experience) -> Evidence | None:
     """Play an action through on every rod of the grid; None when it moved the DLO too little to tell anything."""
     if seen.moved_m.max() < _LEAST_MOVED_M:
         return None
@@ -88,8 +88,8 @@ def evidence(config: ModelConfig, seen: Experience) -> Evidence | None:
         for a in FRICTION_LOG
         for b in STIFFNESS_LOG
     )
-    patient = replace(config, rollout=replace(config.rollout, release_s=_REST_S))
-    played = play(patient, seen.before_world, rods, (seen.motion(_TIMESTEP_S),), _TIMESTEP_S)
+    motion = seen.motion(_TIMESTEP_S)
+    played = play(config, seen.before_world, rods, (motion,), _TIMESTEP_S, rest_s=_REST_S)
     residual = np.linalg.norm((played.nodes_world[:, 0] - seen.after_world)[..., :2], axis=-1)  # (R, M)
     rmse_m = np.sqrt(np.mean(residual**2, axis=1))
     beyond_m = max(float(np.ptp(seen.tool[:, 2])) - _LOW_LIFT_M, 0.0)
@@ -133,7 +133,7 @@ class Posterior:
         return min(1.0, float(self.probability[finite].sum()))
 
 
-def posterior(config: ModelConfig, heard: Sequence[Evidence]) -> Posterior:
+def posterior(config: BelievedDlo, heard: Sequence[Evidence]) -> Posterior:
     """Bayes' rule over everything that was heard."""
     fine_friction, fine_stiffness = _fine(FRICTION_LOG), _fine(STIFFNESS_LOG)
     total = np.zeros((len(YIELDS_1_M), len(FRICTION_LOG), len(STIFFNESS_LOG)))
@@ -150,7 +150,7 @@ def posterior(config: ModelConfig, heard: Sequence[Evidence]) -> Posterior:
     )
 
 
-def believed(config: ModelConfig, of: Posterior, actions: int, stamp_ns: int) -> DloBelief:
+def believed(config: BelievedDlo, of: Posterior, actions: int, stamp_ns: int) -> DloBelief:
     """The belief that a posterior stands for: the most probable yield, and mean and spread of the rest under it."""
     layer = of.probability[of.best_yield]
     layer = layer / layer.sum()
@@ -177,7 +177,7 @@ def _fine(coarse: Float64Array) -> Float64Array:
     return np.linspace(coarse[0], coarse[-1], _FINER * (len(coarse) - 1) + 1)
 
 
-def _log_prior(config: ModelConfig, friction_log: Float64Array, stiffness_log: Float64Array) -> Float64Array:
+def _log_prior(config: BelievedDlo, friction_log: Float64Array, stiffness_log: Float64Array) -> Float64Array:
     """Of every rod (Y, F, S), up to a constant."""
     sure: BeliefConfig = config.belief
     a, b = friction_log[:, None], stiffness_log[None, :]
@@ -223,7 +223,7 @@ class Lesson:
     """After it."""
 
 
-def lessons(config: ModelConfig, seen: Iterable[tuple[int, Experience]]) -> list[Lesson]:
+def lessons(config: BelievedDlo, seen: Iterable[tuple[int, Experience]]) -> list[Lesson]:
     """Learn from experiences in their order; those that tell nothing are left out."""
     heard: list[Evidence] = []
     found: list[Lesson] = []

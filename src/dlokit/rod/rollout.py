@@ -18,7 +18,7 @@ import scipy
 from dlokit import geometry
 from dlokit.description.arm.panda import PANDA_FINGERTIP_BELOW_TCP_M
 from dlokit.description.contacts import ROLLING_M
-from dlokit.rod.believed import DAMPING_S, POISSON, ModelConfig
+from dlokit.rod.believed import DAMPING_S, POISSON, BelievedDlo
 from dlokit.rod.nodes import fit_length
 from dlokit.types.action import Action, Push, VelocityProfile
 from dlokit.types.arrays import Float64Array
@@ -32,6 +32,8 @@ FINGERS = np.array([0.0085, 0.009, PANDA_FINGERTIP_BELOW_TCP_M])
 tips are below the tool [m]."""
 NO_FINGERS = np.zeros(3)
 """For a motion that holds the rod."""
+REST_S = 0.4
+"""Time that a rod is given to come to rest after a release [s]: short, as a decision plays hundreds."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,7 +50,7 @@ class QuickRod:
     yield_curvature_1_m: float | None = None
     """Curvature beyond which it keeps a bend [1/m]; infinite: it always springs back; None: the model's."""
 
-    def numbers(self, config: ModelConfig, nodes: int) -> Float64Array:
+    def numbers(self, config: BelievedDlo, nodes: int) -> Float64Array:
         """The nine numbers (9,) that `play_motion` takes, in SI units, for a rod of so many nodes."""
         edge_m = config.length_m / (nodes - 1)
         taken_for = self.yield_curvature_1_m or config.yield_curvature_1_m or math.inf
@@ -93,16 +95,19 @@ class Played:
 
 
 def play(
-    config: ModelConfig,
+    config: BelievedDlo,
     nodes_world: Float64Array,
     rods: tuple[QuickRod, ...],
     motions: tuple[Motion, ...],
     timestep_s: float,
     threads: int = 0,
+    *,
+    rest_s: float = REST_S,
 ) -> Played:
     """Play every motion through on every rod, all of them lying as `nodes_world` (K, 3) [m].
 
-    `threads` 0: as many as there are cores. The result is the same for any number.
+    A rod has `rest_s` [s] to come to rest after its release. `threads` 0: as many as there are cores; the result is the
+    same for any number.
     """
     from dlokit.rod.planning_rod import play_motion
 
@@ -113,7 +118,7 @@ def play(
     nearest = np.empty((len(rods), len(motions)))
     numbers = [rod.numbers(config, fine) for rod in rods]
     starts = [start + np.array([*rod.shift_m, 0.0]) for rod in rods]
-    rest = round(config.rollout.release_s / timestep_s)
+    rest = round(rest_s / timestep_s)
 
     def one(motion_index: int) -> None:
         motion = motions[motion_index]
@@ -155,7 +160,7 @@ def _all_pads(nodes_world: Float64Array, motion: Motion, count: int) -> Float64A
 _PREDICT_STEP_S = 0.01
 
 
-def predict(config: ModelConfig, nodes_world: Float64Array, action: Action) -> Float64Array:
+def predict(config: BelievedDlo, nodes_world: Float64Array, action: Action) -> Float64Array:
     """The shape (M, 3) [m] that `action` leaves of a rod at `nodes_world` (K, 3) [m]."""
     return play(config, nodes_world, (QuickRod(),), (motion_of(action),), _PREDICT_STEP_S, threads=1).nodes_world[0, 0]
 
@@ -170,7 +175,7 @@ def motion_of(action: Action) -> Motion:
     )
 
 
-def fine_rod(config: ModelConfig, nodes_world: Float64Array) -> Float64Array:
+def fine_rod(config: BelievedDlo, nodes_world: Float64Array) -> Float64Array:
     """A curve (K, 3) [m] as nodes (F, 3) [m] of a rod of the model's length, with edges as short as the planning rod
     needs them; on a smooth curve, for on straight edges it would have kinks."""
     nodes = fit_length(config, nodes_world)
@@ -196,7 +201,7 @@ def between_pads(nodes_world: Float64Array, near: int, tool: Float64Array, arm: 
 
 
 _WARMING_STEP_S = 0.02
-_SMALL = ModelConfig(nodes=5, length_m=0.08)
+_SMALL = BelievedDlo(nodes=5, length_m=0.08)
 
 
 def warm() -> float:
@@ -215,9 +220,11 @@ def warm() -> float:
 
 _AS_MODELLED = QuickRod()
 _NO_TOOL, _NO_PADS = np.zeros((0, 4)), np.zeros((0, 3))
+_SETTLE_S = 2.0  # longest time that a rod laid down is given: as long as the evaluator waits
+_SETTLE_STEP_S = 0.005  # half of planning's: a goal is tried a few times, not hundreds
 
 
-def settle(config: ModelConfig, nodes_world: Float64Array, rod: QuickRod = _AS_MODELLED) -> Float64Array:
+def settle(config: BelievedDlo, nodes_world: Float64Array, rod: QuickRod = _AS_MODELLED) -> Float64Array:
     """Where a rod laid down as `nodes_world` (K, 3) [m] and let go comes to rest, (M, 3) [m].
 
     It is taken to have been straight before it was laid down, and does not collide with itself.
@@ -227,8 +234,7 @@ def settle(config: ModelConfig, nodes_world: Float64Array, rod: QuickRod = _AS_M
     nodes = fit_length(config, nodes_world)
     nodes[:, 2] = config.radius_m - SINK_M
     end = np.empty_like(nodes)
-    step_s = config.settle.timestep_s
-    steps = round(config.settle.duration_s / step_s)
-    play_motion(nodes, rod.numbers(config, config.nodes), step_s, steps, _NO_TOOL, _NO_PADS, NO_FINGERS, end)
+    steps = round(_SETTLE_S / _SETTLE_STEP_S)
+    play_motion(nodes, rod.numbers(config, config.nodes), _SETTLE_STEP_S, steps, _NO_TOOL, _NO_PADS, NO_FINGERS, end)
     end[:, 2] = np.maximum(end[:, 2], config.radius_m)
     return end

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from dlokit.description.dlo import DloPreset
-from dlokit.rod.believed import DAMPING_S, POISSON, ModelConfig
+from dlokit.rod.believed import DAMPING_S, POISSON, BelievedDlo
 from dlokit.rod.elastic import add_rod, rod_bodies, set_rod_physics
 from dlokit.rod.nodes import topology
 from dlokit.types.arrays import Float64Array, Int64Array
@@ -22,7 +22,7 @@ _WEIGHTLESS = int(mujoco.mjtDisableBit.mjDSBL_CONTACT) | int(mujoco.mjtDisableBi
 class RodModel:
     """One weightless rod without contacts: M nodes, with a spring from each to a target."""
 
-    def __init__(self, config: ModelConfig, *, timestep_s: float, damping_n_s_m: float = 0.0) -> None:
+    def __init__(self, config: BelievedDlo, *, timestep_s: float, damping_n_s_m: float = 0.0) -> None:
         """Build the rod straight along x.
 
         `damping_n_s_m` acts on every node's velocity against the world. Raises `ConfigError` on a rod that
@@ -70,7 +70,7 @@ class RodModel:
         mujoco.mj_step(self._model, self._data, count)
 
 
-def _compile(config: ModelConfig, timestep_s: float) -> Any:
+def _compile(config: BelievedDlo, timestep_s: float) -> Any:
     spec = mujoco.MjSpec()
     set_rod_physics(spec, timestep_s)
     spec.option.disableflags = _WEIGHTLESS

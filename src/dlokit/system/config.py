@@ -13,7 +13,7 @@ from dlokit.errors import ConfigError
 from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.cell.dlo_physics import ElasticRod, ElastoplasticChain
 from dlokit.functional.robots.gate import GateConfig
-from dlokit.rod.believed import ModelConfig
+from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.config import ObserverConfig
 from dlokit.skills.perception.config import PerceptionConfig
 from dlokit.skills.planning.config import PlanningConfig
@@ -65,7 +65,7 @@ class RunConfig:
     """From pictures to the DLO's points."""
     observer: ObserverConfig = field(default_factory=ObserverConfig)
     """From points to target points."""
-    model: ModelConfig = field(default_factory=ModelConfig)
+    model: BelievedDlo = field(default_factory=BelievedDlo)
     """The DLO as the system believes it to be."""
     planning: PlanningConfig = field(default_factory=PlanningConfig)
     """Which grasp next."""
@@ -102,7 +102,7 @@ def with_dlo(run: RunConfig, dlo: DloPreset) -> RunConfig:
     if dlo == run.cell.dlo:
         return run
     physics = ElasticRod() if dlo.yield_curvature_1_m is None else ElastoplasticChain()
-    belief, shipped = run.model.belief, ModelConfig()
+    belief, shipped = run.model.belief, BelievedDlo()
     if (run.model.bending_stiffness_n_m2, belief.stiffness_log_sd) == (
         shipped.bending_stiffness_n_m2,
         shipped.belief.stiffness_log_sd,

@@ -31,6 +31,12 @@ def from_toml(text: str, wanted: type[C], source: str) -> C:
         plain = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"{source} is not TOML: {error}; write one with `dlokit shape --out DIR`") from error
+    gone = known_part(plain, wanted)[1]
+    if len(gone) > 1:
+        raise ConfigError(
+            f"{source}: this version has no settings {', '.join(gone)}: it is the file of another one; delete these, "
+            f"`dlokit shape --help all` shows those there are"
+        )
     return from_plain(plain, wanted, source)
 
 

@@ -16,14 +16,14 @@ from dlokit.decision.config import TaskConfig
 from dlokit.decision.flow import FaultKind, StepFault
 from dlokit.decision.looking import look, state_after
 from dlokit.decision.task import Odometer, ShapeTask, Spent
-from dlokit.rod.believed import ModelConfig
+from dlokit.rod.believed import BelievedDlo
 from dlokit.rod.nodes import topology
 from dlokit.types.dlo import DloState
 from dlokit.types.flow import OperatorCommand
 from dlokit.types.outcome import Succeeded
 
 CONFIG = TaskConfig()
-MODEL = ModelConfig()
+MODEL = BelievedDlo()
 STATE = DloState(stamp_ns=0, nodes_world=np.zeros((MODEL.nodes, 3)), topology=topology(MODEL))
 
 

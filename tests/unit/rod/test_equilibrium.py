@@ -9,21 +9,21 @@ import pytest
 from dlokit import geometry
 from dlokit.description.dlo import DloPreset
 from dlokit.description.shapes import builtin_shape, random_shape
-from dlokit.rod.believed import ModelConfig
+from dlokit.rod.believed import BelievedDlo
 from dlokit.rod.elastic import add_ground, add_rod, rod_nodes, set_rod_nodes, set_rod_physics
 from dlokit.rod.equilibrium import nearest_held
 from dlokit.rod.rollout import settle
 from dlokit.types.arrays import Float64Array
 
-MODEL = ModelConfig()
+MODEL = BelievedDlo()
 S_SHAPE = builtin_shape("S", 0.5, 31)
 
 
-def elastic_m3(model: ModelConfig) -> float:
+def elastic_m3(model: BelievedDlo) -> float:
     return model.bending_stiffness_n_m2 / (model.friction * 9.81 * model.mass_kg_m)
 
 
-def moves_m(nodes_world: Float64Array, model: ModelConfig) -> float:
+def moves_m(nodes_world: Float64Array, model: BelievedDlo) -> float:
     """How far MuJoCo's rod comes when it is released there for a second."""
     spec = mujoco.MjSpec()
     set_rod_physics(spec, 0.0025)

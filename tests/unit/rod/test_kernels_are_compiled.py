@@ -10,7 +10,7 @@ from model_bench import robot_at
 from dlokit.description.shapes import builtin_shape
 from dlokit.motion import tool_track
 from dlokit.rod import planning_rod
-from dlokit.rod.believed import ModelConfig
+from dlokit.rod.believed import BelievedDlo
 from dlokit.rod.nodes import topology
 from dlokit.skills.model.carry import Carry
 from dlokit.skills.planning.actions import ActionConfig
@@ -20,7 +20,7 @@ from dlokit.skills.planning.rollout.strategy import RolloutConfig
 from dlokit.types.action import Marks
 from dlokit.types.dlo import DloState, GoalShape
 
-MODEL = ModelConfig()
+MODEL = BelievedDlo()
 SHORT = RolloutConfig(search=SearchConfig(rollouts=40, finalists=2, generations=1))
 
 

@@ -11,7 +11,7 @@ import pytest
 from dlokit import geometry
 from dlokit.description.shapes import builtin_shape
 from dlokit.motion.tool_track import tool_track
-from dlokit.rod.believed import ModelConfig, as_believed, as_configured
+from dlokit.rod.believed import BelievedDlo, as_believed, as_configured
 from dlokit.rod.posterior import (
     FRICTION_LOG,
     STIFFNESS_LOG,
@@ -32,7 +32,7 @@ from dlokit.types.dlo import Figure
 from dlokit.types.observation import Gripped
 from dlokit.types.robot import RobotMode, RobotState
 
-MODEL = ModelConfig()
+MODEL = BelievedDlo()
 I_SHAPE = builtin_shape("I", MODEL.length_m, MODEL.nodes)
 S_SHAPE = builtin_shape("S", MODEL.length_m, MODEL.nodes)
 STEP_S = 0.005
@@ -46,8 +46,7 @@ def acted(rod: QuickRod, before: Float64Array, node: int, by_m: tuple[float, flo
     way = [(0.0, 0.0, 0.04, 0.0), (*by_m, 0.04, turn_rad), (*by_m, 0.0, turn_rad)]
     waypoints = np.stack([grasp, *(grasp + np.array(step) for step in way)])
     motion = Motion(node=node, waypoints=waypoints, velocity=PACE)
-    patient = replace(MODEL, rollout=replace(MODEL.rollout, release_s=1.0))
-    after = play(patient, before, (rod,), (motion,), STEP_S).nodes_world[0, 0]
+    after = play(MODEL, before, (rod,), (motion,), STEP_S, rest_s=1.0).nodes_world[0, 0]
     tool = tool_track(waypoints, PACE.speed_m_s, PACE.acceleration_m_s2, PACE.jerk_m_s3, STEP_S)
     return Experience(
         before_world=before,

@@ -8,12 +8,12 @@ import pytest
 from dlokit import geometry
 from dlokit.description.shapes import builtin_shape, random_shape
 from dlokit.motion.tool_track import tool_track
-from dlokit.rod.believed import ModelConfig
+from dlokit.rod.believed import BelievedDlo
 from dlokit.rod.rollout import Motion, QuickRod, play
 from dlokit.types.action import VelocityProfile
 from dlokit.types.arrays import Float64Array
 
-MODEL = ModelConfig()
+MODEL = BelievedDlo()
 I_SHAPE = builtin_shape("I", MODEL.length_m, MODEL.nodes)  # along y
 PACE = VelocityProfile()
 STEP_S = 0.005
@@ -26,7 +26,7 @@ def carried(node: int, *by_m: tuple[float, float, float], pace: VelocityProfile 
     return Motion(node=node, waypoints=waypoints, velocity=pace)
 
 
-def played(motion: Motion, rod: QuickRod | None = None, config: ModelConfig = MODEL) -> Float64Array:
+def played(motion: Motion, rod: QuickRod | None = None, config: BelievedDlo = MODEL) -> Float64Array:
     return play(config, I_SHAPE, (rod or QuickRod(),), (motion,), STEP_S).nodes_world[0, 0]
 
 

@@ -8,12 +8,12 @@ import pytest
 from dlokit import geometry
 from dlokit.description.dlo import WIRE_B
 from dlokit.description.shapes import builtin_shape
-from dlokit.rod.believed import ModelConfig
+from dlokit.rod.believed import BelievedDlo
 from dlokit.rod.chain import Chain, add_chain
 from dlokit.rod.elastic import add_ground, set_rod_physics
 from dlokit.rod.rollout import QuickRod, settle
 
-MODEL = ModelConfig(bending_stiffness_n_m2=1e-4)
+MODEL = BelievedDlo(bending_stiffness_n_m2=1e-4)
 S_SHAPE = builtin_shape("S", 0.5, 31)
 
 
@@ -35,7 +35,7 @@ def test_it_springs_back_as_far_as_the_chain_that_yields() -> None:
     chain.place(builtin_shape("S", 0.5, 41, radius_m=wire.radius_m))
     mujoco.mj_step(compiled, data, 800)
     chain_m = geometry.rmse_m(geometry.resample(chain.nodes_world, 31), S_SHAPE - [0.0, 0.0, 0.001])
-    model = ModelConfig(
+    model = BelievedDlo(
         radius_m=wire.radius_m,
         bending_stiffness_n_m2=wire.bending_stiffness_n_m2,
         mass_kg_m=wire.mass_per_length_kg_m,

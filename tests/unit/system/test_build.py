@@ -9,7 +9,7 @@ import pytest
 from dlokit.communication.component import Component
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing.clock import LoopClock
-from dlokit.rod.believed import ModelConfig
+from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.model.component import ModelComponent
 from dlokit.system.build import Wiring, build_component
 from dlokit.system.config import RunConfig
@@ -21,7 +21,7 @@ class Plain(Component):
 
     name = "plain"
 
-    def __init__(self, config: ModelConfig) -> None:
+    def __init__(self, config: BelievedDlo) -> None:
         self.config = config
 
 
@@ -41,7 +41,7 @@ def test_a_component_without_a_builder_is_built_with_the_settings_that_its_row_n
     monkeypatch.setitem(
         COMPONENTS, "plain", PlainRow(name="plain", kind="nowhere:Plain", settings="model", process="observer")
     )
-    config = RunConfig(model=ModelConfig(nodes=17))
+    config = RunConfig(model=BelievedDlo(nodes=17))
     built = build_component("plain", config, wiring())
     assert isinstance(built, Plain)
     assert built.config is config.model

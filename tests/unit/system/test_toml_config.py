@@ -102,3 +102,9 @@ def test_of_a_file_of_another_version_the_known_part_is_told_from_the_rest() -> 
     known, unknown = known_part(older, RunConfig)
     assert known == plain
     assert set(unknown) == {"model.gone", "observer.strategy.gone", "gone"}
+
+
+def test_a_file_of_another_version_is_refused_with_all_that_is_gone() -> None:
+    text = "[shape]\nkind = 'Round'\nsides = 4\n[nested]\ncolour = 'red'\n[lid]\nopen = true\n"
+    with pytest.raises(ConfigError, match=r"shape\.sides, nested\.colour, lid"):
+        from_toml(text, Tree, "test")

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from os import PathLike
 from pathlib import Path
 from typing import Annotated
 
@@ -18,7 +19,7 @@ from dlokit.app.data.measuring import Measures, measure
 from dlokit.errors import InputError
 from dlokit.recording.channels import FILE_NAME
 from dlokit.recording.reader import read_recording
-from dlokit.rod.believed import ModelConfig, as_believed, as_configured
+from dlokit.rod.believed import BelievedDlo, as_believed, as_configured
 from dlokit.rod.posterior import Lesson, lessons
 from dlokit.skills.model.experiences import experiences
 from dlokit.system.config import CONFIG_FILE, RunConfig
@@ -125,20 +126,29 @@ class Identified:
     size: Measures | None = None
     """Length and radius as measured in the pictures; None where the DLO is in no picture."""
 
+    @property
+    def settings(self) -> dict[str, object]:
+        """The figures found, as the argument `settings` of `dlokit.shape` and `dlokit.judge`."""
+        return {"model": self.config.model}
 
-def identify(runs: Sequence[Path]) -> Identified:
-    """Length, radius, stiffness and friction of a DLO from the folders of its runs, in their order.
 
-    Raises `InputError` where a folder holds no recorded run, or where the runs show nothing of the DLO.
+def identify(runs: Sequence[Path | str | PathLike[str]]) -> Identified:
+    """Estimate length, radius, stiffness and friction of a DLO from its runs, in their order.
+
+    `runs` are their folders, or what `dlokit.shape` and `dlokit.open_run` return. Raises `InputError` where one is no
+    recorded run, or where the runs show nothing of the DLO.
     """
-    configured = read_toml(runs[-1] / CONFIG_FILE, RunConfig)
-    size = measure(read_recording(runs[-1] / FILE_NAME), configured.perception, configured.model)
+    folders = [Path(one) for one in runs]
+    if not folders:
+        raise InputError("no run is named; give the folders of one or more runs of one DLO.")
+    configured = read_toml(folders[-1] / CONFIG_FILE, RunConfig)
+    size = measure(read_recording(folders[-1] / FILE_NAME), configured.perception, configured.model)
     model = configured.model if size is None else _with_size(configured.model, size)
-    seen = [lesson for folder in runs for lesson in experiences(read_recording(folder / FILE_NAME))]
+    seen = [lesson for folder in folders for lesson in experiences(read_recording(folder / FILE_NAME))]
     found = tuple(lessons(model, seen))
     if not found and size is None:
         raise InputError(
-            f"{', '.join(map(str, runs))}: the DLO is in no picture, and no action held and moved it; "
+            f"{', '.join(map(str, folders))}: the DLO is in no picture, and no action held and moved it; "
             f"give a run that saw it."
         )
     belief = found[-1].belief if found else as_configured(model, stamp_ns=0)
@@ -151,7 +161,7 @@ def identify(runs: Sequence[Path]) -> Identified:
     )
 
 
-def _with_size(model: ModelConfig, size: Measures) -> ModelConfig:
+def _with_size(model: BelievedDlo, size: Measures) -> BelievedDlo:
     told = as_configured(model, stamp_ns=0)
     length, radius = told.length_m.with_measured(size.length_m), told.radius_m.with_measured(size.radius_m)
     sure = replace(model.belief, length_log_sd=length.log_sd, radius_log_sd=radius.log_sd)

@@ -170,6 +170,10 @@ class Recording:
             figure.savefig(path)
         return figure
 
+    def __fspath__(self) -> str:
+        """The run's folder: a recording may be given where the path of a run is asked for."""
+        return str(self.path.parent)
+
     def __repr__(self) -> str:
         outcome = "no result" if self.result is None else self.result.outcome.value
         return f"<Recording {self.path}: {outcome}, {sum(self.topics.values())} messages>"

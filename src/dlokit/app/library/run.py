@@ -98,6 +98,10 @@ class Run:
         """The recording of the run. Raises `InputError` where none was made (``settings={"record": False}``)."""
         return open_run(self.folder)
 
+    def __fspath__(self) -> str:
+        """The folder: a run may be given where the path of one is asked for."""
+        return str(self.folder)
+
     def __repr__(self) -> str:
         error = "" if self.rmse_m is None else f", RMSE {self.rmse_m * 1000:.1f} mm"
         return f"<Run {self.record.name}: {self.outcome.value}, {len(self.actions)} actions{error}, {self.folder}>"

@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dlokit import geometry
-from dlokit.rod.believed import ModelConfig
+from dlokit.rod.believed import BelievedDlo
 from dlokit.rod.planning_rod import advance
-from dlokit.rod.rollout import NO_FINGERS, SINK_M, QuickRod, between_pads, fine_rod
+from dlokit.rod.rollout import NO_FINGERS, REST_S, SINK_M, QuickRod, between_pads, fine_rod
 from dlokit.skills.model.tracking import Pin
 from dlokit.types.arrays import Float64Array
 from dlokit.types.robot import RobotState
@@ -41,7 +41,7 @@ class _Grip:
 class Carry:
     """A rod on the table whose held nodes move with the robots' tools, which point down."""
 
-    def __init__(self, config: ModelConfig) -> None:
+    def __init__(self, config: BelievedDlo) -> None:
         self._config = config
         straight = np.column_stack((np.linspace(0.0, config.length_m, config.nodes), np.zeros((config.nodes, 2))))
         self._grips: dict[str, _Grip] = {}
@@ -119,7 +119,7 @@ class Carry:
             return False
         if self._grips:
             return False  # the rod comes to rest when the last one lets go
-        rest_steps = math.ceil(self._config.rollout.release_s / _STEP_S)
+        rest_steps = math.ceil(REST_S / _STEP_S)
         self._advance(_STEP_S, _NO_TOOL, _NO_PADS, rest_steps=rest_steps)
         return True
 

@@ -15,7 +15,7 @@ from dlokit.communication.component import Component, implements, on
 from dlokit.description.shapes import builtin_shape
 from dlokit.errors import SkillFailure, SkillRejected
 from dlokit.rod import rollout
-from dlokit.rod.believed import ModelConfig, as_configured
+from dlokit.rod.believed import BelievedDlo, as_configured
 from dlokit.rod.nodes import topology
 from dlokit.rod.posterior import Evidence, believed, evidence, posterior
 from dlokit.rod.rollout import predict
@@ -32,6 +32,11 @@ from dlokit.types.observation import Gripped
 from dlokit.types.robot import RobotState
 
 _BUILD_ROUNDS = 10  # updates that a far drag takes to settle
+_PUBLISH_EVERY_S = 0.1  # between two states while the model follows a tool
+# While a gripper holds the rod the model follows the tool. A target this far from it is a mistake of an observer who
+# sees the rod half behind the arm; more is allowed the longer the tool's way [m/m], for friction is not as believed.
+_HELD_GATE_M = 0.02
+_HELD_GATE_PER_M = 0.15
 
 
 class ModelComponent(Component):
@@ -40,7 +45,7 @@ class ModelComponent(Component):
     name = "model"
     publishes = (topics.STATE, topics.GOAL, topics.BELIEF)
 
-    def __init__(self, config: ModelConfig) -> None:
+    def __init__(self, config: BelievedDlo) -> None:
         super().__init__()
         self._config = config
         self._topology = topology(config)
@@ -103,7 +108,7 @@ class ModelComponent(Component):
         self._grips.moved(robot)
         if self._carry.move(robot) and self._state is not None:
             since_s = (robot.stamp_ns - self._state.stamp_ns) / 1e9
-            if since_s >= self._config.rollout.publish_period_s:
+            if since_s >= _PUBLISH_EVERY_S:
                 self._follow(robot.stamp_ns)
 
     @on(topics.GOAL_FRAMES)
@@ -187,8 +192,7 @@ class ModelComponent(Component):
     def _believed(self, targets: TargetPoints) -> BoolArray:
         """Which targets (M,) may be true of a rod that a tool holds and that the model has followed."""
         moved_m = np.linalg.norm(targets.nodes_world - self._carry.nodes_world, axis=1)
-        gains = self._config.tracking
-        return targets.visible & (moved_m < gains.held_gate_m + gains.held_gate_per_m * self._carry.travelled_m)
+        return targets.visible & (moved_m < _HELD_GATE_M + _HELD_GATE_PER_M * self._carry.travelled_m)
 
     def _publish(self, state: DloState) -> None:
         self._state = state

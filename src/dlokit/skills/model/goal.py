@@ -7,22 +7,26 @@ import math
 
 import numpy as np
 
-from dlokit.rod.believed import ModelConfig
+from dlokit.rod.believed import BelievedDlo
 from dlokit.rod.nodes import fit_length
 from dlokit.rod.tracking_rod import RodModel
 from dlokit.types.arrays import Float64Array
 from dlokit.types.flow import GoalFrame
 
+_STEP_S = 0.01  # of one physics step
+_STEPS = 150  # of one update
 _ROUNDS = 5  # the limit on the force is renewed this often in one update
+_SPRING_N_M = 40.0  # between a frame and its node
+_FORCE_LIMIT_N = 0.1  # of a frame on its node; more would stretch the rod
+_DAMPING_N_S_M = 0.05  # of each node against the table
 
 
 class GoalRod:
     """A rod in the plane of the table that frames pull into a goal."""
 
-    def __init__(self, config: ModelConfig) -> None:
+    def __init__(self, config: BelievedDlo) -> None:
         self.config = config
-        goal = config.goal
-        self._rod = RodModel(config, timestep_s=goal.timestep_s, damping_n_s_m=goal.damping_n_s_m)
+        self._rod = RodModel(config, timestep_s=_STEP_S, damping_n_s_m=_DAMPING_N_S_M)
 
     @property
     def nodes_world(self) -> Float64Array:
@@ -45,19 +49,19 @@ class GoalRod:
         nodes = self._rod.nodes_world
         targets, gains = nodes.copy(), np.zeros_like(nodes)
         targets[:, 2] = self.config.radius_m
-        gains[:, 2] = self.config.goal.stiffness_n_m  # the table: an elastic rod would buckle out of the plane
+        gains[:, 2] = _SPRING_N_M  # the table: an elastic rod would buckle out of the plane
         for frame in frames:
             self._grab(frame, targets, gains)
         for _ in range(_ROUNDS):
             pull_n = gains[:, 0] * np.linalg.norm(targets - self._rod.nodes_world, axis=1)
-            share = np.minimum(1.0, self.config.goal.force_limit_n / np.maximum(pull_n, 1e-12))
+            share = np.minimum(1.0, _FORCE_LIMIT_N / np.maximum(pull_n, 1e-12))
             self._rod.pull(targets, gains * np.column_stack((share, share, np.ones_like(share))))
-            self._rod.step(math.ceil(self.config.goal.steps / _ROUNDS))
+            self._rod.step(math.ceil(_STEPS / _ROUNDS))
         return self.nodes_world
 
     def _grab(self, frame: GoalFrame, targets: Float64Array, gains: Float64Array) -> None:
         centre = np.array([frame.x_m, frame.y_m])
-        targets[frame.node, :2], gains[frame.node, :2] = centre, self.config.goal.stiffness_n_m
+        targets[frame.node, :2], gains[frame.node, :2] = centre, _SPRING_N_M
         if frame.yaw_rad is None:
             return
         spacing = self.config.length_m / (self.config.nodes - 1)
@@ -65,4 +69,4 @@ class GoalRod:
         for side in (-1, 1):
             if 0 <= frame.node + side < self.config.nodes:
                 targets[frame.node + side, :2] = centre + side * along
-                gains[frame.node + side, :2] = self.config.goal.stiffness_n_m
+                gains[frame.node + side, :2] = _SPRING_N_M

@@ -12,12 +12,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dlokit.description.dlo import GRAVITY_M_S2
-from dlokit.rod.believed import ModelConfig
+from dlokit.rod.believed import BelievedDlo
 from dlokit.rod.nodes import fit_length
 from dlokit.rod.tracking_rod import RodModel
 from dlokit.types.arrays import BoolArray, Float64Array
 
+_STEP_S = 0.01  # of one physics step
+_STEPS = 120  # of one update; fixed, so that runs repeat
 _ROUNDS = 8  # the limit on the force is renewed this often in one update
+_KP_N_M = 20.0  # proportional gain Kp of a visible node
+_HELD_KP_N_M = 200.0  # the same of a node that a gripper holds
+_KD_N_S_M = 0.2  # derivative gain Kd: nearly critical damping, 2 sqrt(Kp m), of a node of a rope
+_FORCE_LIMIT_N = 0.25  # of one target: the rod's constraints overrule an outlier that pulls no harder
+_HIDDEN_FRICTION_SHARE = 0.4  # of the table's friction, by which a hidden node stays; 0 leaves it to the rod alone
+_TIGHTEST_BEND_M = 0.02  # radius of the tightest bend into which a DLO that keeps bends is followed
 
 
 @dataclass(frozen=True)
@@ -40,11 +48,10 @@ class Tracked:
 class Tracker:
     """A rod that follows target points."""
 
-    def __init__(self, config: ModelConfig) -> None:
+    def __init__(self, config: BelievedDlo) -> None:
         self.config = config
-        gains = config.tracking
         followed = replace(config, bending_stiffness_n_m2=followed_stiffness_n_m2(config))
-        self._rod = RodModel(followed, timestep_s=gains.timestep_s, damping_n_s_m=gains.damping_n_s_m)
+        self._rod = RodModel(followed, timestep_s=_STEP_S, damping_n_s_m=_KD_N_S_M)
 
     @property
     def nodes_world(self) -> Float64Array:
@@ -59,12 +66,11 @@ class Tracker:
 
     def track(self, targets_world: Float64Array, visible: BoolArray, pins: tuple[Pin, ...] = ()) -> Tracked:
         """Drag the model to targets (M, 3) [m]; nodes with `visible` (M,) False and no pin are left free."""
-        gains = self.config.tracking
         targets = targets_world.copy()
         targets[:, 2] = np.maximum(targets[:, 2], self.config.radius_m)
         base, limit = self._gains(visible)
         for pin in pins:
-            targets[pin.node], base[pin.node], limit[pin.node] = pin.position_world, gains.hold_stiffness_n_m, np.inf
+            targets[pin.node], base[pin.node], limit[pin.node] = pin.position_world, _HELD_KP_N_M, np.inf
         free = ~visible & np.isfinite(limit)
         targets[free] = self._rod.nodes_world[free]
         if free.all():
@@ -76,26 +82,25 @@ class Tracker:
             power = np.where(visible & (round_ >= _ROUNDS // 2), 2.0, 1.0)
             gain = base * np.minimum(1.0, limit / np.maximum(pull_n, 1e-12)) ** power
             self._rod.pull(targets, np.repeat(gain[:, None], 3, axis=1))
-            self._rod.step(math.ceil(gains.steps / _ROUNDS))
+            self._rod.step(math.ceil(_STEPS / _ROUNDS))
         return Tracked(nodes_world=self.nodes_world, error_m=_rms_m(self.nodes_world, targets_world, visible))
 
     def _gains(self, visible: BoolArray) -> tuple[Float64Array, Float64Array]:
         """Kp (M,) [N/m] and largest force (M,) [N] of each node's target."""
-        gains = self.config.tracking
         weight_n = GRAVITY_M_S2 * self.config.mass_kg_m * self.config.length_m / self.config.nodes
-        friction_n = gains.hidden_friction_share * self.config.friction * weight_n
-        limit = np.where(visible, gains.force_limit_n, friction_n)
-        return np.full(len(visible), gains.stiffness_n_m), limit
+        friction_n = _HIDDEN_FRICTION_SHARE * self.config.friction * weight_n
+        limit = np.where(visible, _FORCE_LIMIT_N, friction_n)
+        return np.full(len(visible), _KP_N_M), limit
 
 
-def followed_stiffness_n_m2(config: ModelConfig) -> float:
+def followed_stiffness_n_m2(config: BelievedDlo) -> float:
     """Bending stiffness with which the rod follows its targets [N·m²].
 
     A DLO that keeps bends resists no bend by more than its yield moment ``EI κ_y``; an elastic rod as stiff would
     straighten its kinks against the targets. At the tightest bend this one resists as much as that.
     """
     yield_1_m = config.yield_curvature_1_m or math.inf
-    return config.bending_stiffness_n_m2 * min(1.0, yield_1_m * config.tracking.tightest_bend_m)
+    return config.bending_stiffness_n_m2 * min(1.0, yield_1_m * _TIGHTEST_BEND_M)
 
 
 def _rms_m(nodes: Float64Array, targets: Float64Array, visible: BoolArray) -> float:

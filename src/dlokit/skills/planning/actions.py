@@ -3,7 +3,6 @@
 from dataclasses import dataclass, field
 
 from dlokit.description.arm.panda import PANDA_GRASP_HEIGHT_M
-from dlokit.description.shapes import LENGTH_TOLERANCE
 from dlokit.description.table import TABLE_X_M, TABLE_Y_M
 from dlokit.errors import ConfigError
 from dlokit.types.action import VelocityProfile
@@ -14,25 +13,11 @@ _PACE = VelocityProfile()
 
 @dataclass(frozen=True, kw_only=True)
 class GraspConfig:
-    """Where and how the gripper takes hold."""
+    """Where the gripper takes hold."""
 
     height_m: float = PANDA_GRASP_HEIGHT_M
-    """Height of the tool centre point over the table at grasp and release [m]."""
-    end_inset_m: float = 0.012
-    """A grasp stays this far inside the ends of the rod, so that there is rod between the pads [m]."""
-    openings_m: tuple[float, ...] = (0.05, 0.04, 0.03, 0.02)
-    """Finger openings to try, the first that fits is taken [m]."""
-    finger_width_m: float = 0.02
-    """Extent of a finger along the rod [m]."""
-    finger_thickness_m: float = 0.012
-    """Extent of a finger across the rod, outwards from its pad [m]."""
-    clearance_m: float = 0.002
-    """Free space between a finger and the rod's surface [m]."""
-    adjacent_m: float = 0.04
-    """Parts of the rod nearer than this along it belong to the grasped strand [m]."""
-    comfortable_yaw_rad: float = 0.785
-    """Yaw of the tool, against the bearing of its place from the robot's base, that leaves the wrist most room [rad];
-    the Panda's hand is mounted 45° off the middle of joint 7."""
+    """Height of the tool centre point over the table at grasp and release [m]. Larger: the fingertips stay farther from
+    the table, and hold less of a thin DLO."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,21 +25,14 @@ class PathConfig:
     """How the grasped node is carried to its goal."""
 
     lift_m: float = 0.04
-    """Height of the carry above the grasp [m]."""
-    spacing_m: float = 0.03
-    """Largest distance of two poses on the carry [m]."""
-    turn_to_goal_tangent: bool = True
-    """Turn the gripper on the way from the rod's tangent to the goal's, where the arm can; fewer actions are needed."""
-    largest_turn_rad: float = 1.6
-    """Most that the gripper turns on one carry [rad]."""
-    overshoot: float = 0.0
-    """Release this share of the way beyond the goal, against springing back."""
+    """Height of the carry above the grasp [m]. Larger: less of the DLO drags over the table. `rollout` begins with it
+    and tries others."""
     speed_m_s: float = _PACE.speed_m_s
-    """Speed of the tool on the carry [m/s]."""
+    """Speed of the tool on the carry [m/s]. Larger: shorter actions. `rollout` begins with it and tries others."""
     acceleration_m_s2: float = _PACE.acceleration_m_s2
-    """Acceleration of the tool [m/s²]."""
+    """Largest acceleration of the tool on the carry [m/s²]. Larger: shorter actions, and a DLO that swings more."""
     jerk_m_s3: float = _PACE.jerk_m_s3
-    """Jerk of the tool [m/s³]."""
+    """Largest jerk of the tool on the carry [m/s³]. Larger: the acceleration sets in more abruptly."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,43 +40,18 @@ class FeasibilityConfig:
     """What a start or goal shape must keep to."""
 
     table_x_m: tuple[float, float] = (TABLE_X_M[0] - _TABLE_SLACK_M, TABLE_X_M[1] + _TABLE_SLACK_M)
-    """Usable table along x [m]."""
+    """Usable table along x, from and to [m]: shapes that reach beyond are refused, actions that lead there avoided."""
     table_y_m: tuple[float, float] = (TABLE_Y_M[0] - _TABLE_SLACK_M, TABLE_Y_M[1] + _TABLE_SLACK_M)
-    """Usable table along y [m]."""
-    view_margin_px: float = 4.0
-    """A node must be this far inside the picture [px]."""
+    """Usable table along y, from and to [m]."""
     min_bend_radius_m: float = 0.008
-    """Tightest bend of a goal [m]."""
-    length_tolerance: float = LENGTH_TOLERANCE
-    """A goal may be this share longer or shorter than the rod."""
-    handled_from_m: float = 0.05
-    """A node of a goal that cannot be grasped is no harm when one this near along the rod can be [m]."""
+    """Radius of the tightest bend that a goal may have [m]. Larger: more goals are doubted."""
     hold_share: float = 0.5
-    """A goal holds when the rod, released there, springs back by no more than this share of the threshold."""
-    doubt_sds: float = 2.0
-    """What the DLO may be: so many standard deviations of what is believed of EI / (μ w), to either side."""
-    yield_doubt: float = 1.5
-    """Factor by which the curvature where the DLO yields may be other than believed."""
-    set_doubt: float = 0.05
-    """A goal can be hopeless for springing back where the chance that the DLO keeps bends is no more than this."""
-    hopeless_factor: float = 1.1
-    """A goal is hopeless when even at best no shape holds that is within this many thresholds of it."""
-    nearest_shares: tuple[float, ...] = (0.75, 0.5, 0.35)
-    """Shares of friction with which the nearest shape that holds is sought, until one holds in every trial."""
+    """A goal holds when the DLO, released there, springs back by no more than this share of the threshold, above 0 and
+    at most 1. Larger: fewer goals are doubted."""
 
     def __post_init__(self) -> None:
         if not 0.0 < self.hold_share <= 1.0:
             raise ConfigError(f"--planning.feasibility.hold-share is {self.hold_share}; it must be above 0, at most 1.")
-        if not self.doubt_sds >= 0.0:
-            raise ConfigError(f"--planning.feasibility.doubt-sds is {self.doubt_sds}; it must be 0 (no doubt) or more.")
-        if not self.yield_doubt >= 1.0:
-            raise ConfigError(
-                f"--planning.feasibility.yield-doubt is {self.yield_doubt}; it must be 1 (no doubt) or more."
-            )
-        if not all(0.0 < share <= 1.0 for share in self.nearest_shares):
-            raise ConfigError(
-                f"--planning.feasibility.nearest-shares are {self.nearest_shares}; each must be above 0, at most 1."
-            )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,6 +59,6 @@ class ActionConfig:
     """How any pick-and-place action is made."""
 
     grasp: GraspConfig = field(default_factory=GraspConfig)
-    """Where and how the gripper takes hold."""
+    """Where the gripper takes hold."""
     path: PathConfig = field(default_factory=PathConfig)
     """How the grasped node is carried."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import ClassVar, Protocol, runtime_checkable
 
 from dlokit.communication.port import Compute, InlineCompute
-from dlokit.rod.believed import ModelConfig
+from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.planning.actions import ActionConfig, FeasibilityConfig
 from dlokit.types.action import Action, Candidates, Marks
 from dlokit.types.dlo import DloState, GoalShape
@@ -49,7 +49,7 @@ class PlanningTools:
 
     reachable: Reachable
     actions: ActionConfig
-    model: ModelConfig = field(default_factory=ModelConfig)
+    model: BelievedDlo = field(default_factory=BelievedDlo)
     """The rod that actions are played through with."""
     table: FeasibilityConfig = field(default_factory=FeasibilityConfig)
     """Where the rod may lie."""

@@ -10,7 +10,7 @@ from dlokit.communication import topics
 from dlokit.communication.component import Component, implements
 from dlokit.errors import SkillFailure, SkillRejected
 from dlokit.rod import rollout
-from dlokit.rod.believed import ModelConfig, as_believed, as_configured
+from dlokit.rod.believed import BelievedDlo, as_believed, as_configured
 from dlokit.skills.planning import api
 from dlokit.skills.planning.base import ActionStrategy, PlanningTools, Reachable, SecondArm, StrategyConfig
 from dlokit.skills.planning.config import PlanningConfig
@@ -44,7 +44,7 @@ class PlanningComponent(Component):
         self,
         config: PlanningConfig,
         reachable: Reachable,
-        model: ModelConfig,
+        model: BelievedDlo,
         stopwatch: Callable[[], float] | None = None,
         second: SecondArm | None = None,
     ) -> None:
@@ -108,7 +108,7 @@ class PlanningComponent(Component):
                 return action.predicted_nodes_world
             return await self.port.compute(rollout.predict, self._model, shape.nodes_world, action)
 
-        return await untangled(actions, predict, goal.nodes_world, self._config.foresight)
+        return await untangled(actions, predict, goal.nodes_world)
 
     async def _tell(self, candidates: Candidates) -> None:
         self.port.publish(topics.CANDIDATES, candidates)

@@ -10,30 +10,41 @@ from collections.abc import AsyncIterator, Awaitable, Callable
 import msgspec
 
 from dlokit.description.shapes import self_clearance_m
-from dlokit.skills.planning.config import ForesightConfig
 from dlokit.types.action import Action
 from dlokit.types.arrays import Float64Array
 
 Predict = Callable[[Action], Awaitable[Float64Array]]
 """The shape (M, 3) [m] that the model expects of an action."""
 
+CLEARANCE_M = 0.04
+"""Strands that are no neighbours on the rod are to stay this far apart after an action, as predicted [m]."""
+_GOAL_SHARE = 0.7  # of its own clearance, that a goal whose strands are closer asks for at most
+_NODE_STRIDE = 3  # after a tangle the next node tried is at least this far from it: neighbours fare alike
+_MOST_PREDICTIONS = 8  # of 0.1 to 0.3 s each
+
+
+def required_clearance_m(goal_world: Float64Array) -> float:
+    """How far strands are to stay apart after an action on the way to a goal (M, 3) [m]."""
+    return min(CLEARANCE_M, _GOAL_SHARE * self_clearance_m(goal_world))
+
 
 async def untangled(
-    actions: AsyncIterator[Action], predict: Predict, goal_world: Float64Array, config: ForesightConfig
+    actions: AsyncIterator[Action], predict: Predict, goal_world: Float64Array, most: int = _MOST_PREDICTIONS
 ) -> Action | None:
     """The first of `actions` that keeps the strands apart, with its predicted shape; None when there are none.
 
-    `goal_world` (M, 3) [m]. Where none does, it is the action that keeps them farthest apart.
+    `goal_world` (M, 3) [m]. Where none of the `most` that are predicted does, it is the action that keeps them farthest
+    apart.
     """
-    required_m = min(config.clearance_m, config.goal_share * self_clearance_m(goal_world))
+    required_m = required_clearance_m(goal_world)
     tried: list[tuple[float, Action]] = []
     async for action in actions:
-        if any(abs(action.grasp.node - other.grasp.node) < config.node_stride for _, other in tried):
+        if any(abs(action.grasp.node - other.grasp.node) < _NODE_STRIDE for _, other in tried):
             continue
         nodes = await predict(action)
         clearance_m = self_clearance_m(nodes)
         tried.append((clearance_m, msgspec.structs.replace(action, predicted_nodes_world=nodes)))
-        if clearance_m >= required_m or len(tried) == config.max_predictions:
+        if clearance_m >= required_m or len(tried) == most:
             break
     if tried and tried[-1][0] >= required_m:
         return tried[-1][1]

@@ -5,12 +5,24 @@ from dataclasses import dataclass
 import numpy as np
 
 from dlokit import geometry
-from dlokit.skills.planning.actions import GraspConfig
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
 
 SAMPLE_M = 0.002
 """Distance of the points at which the rod is checked against the fingers [m]."""
+END_INSET_M = 0.012
+"""A grasp stays this far inside the ends of the rod [m], so that there is rod between the pads."""
+OPENINGS_M = (0.05, 0.04, 0.03, 0.02)
+"""Openings of the Panda's fingers that are tried [m]: a wide one forgives more, a narrow one fits beside strands."""
+FINGER_THICKNESS_M = 0.012
+"""Extent of a finger across the rod, outwards from its pad [m]."""
+CLEARANCE_M = 0.002
+"""Free space between a finger and the rod's surface [m]."""
+COMFORTABLE_YAW_RAD = 0.785
+"""Yaw of the tool, against the bearing of its place from the robot's base, that leaves the wrist most room [rad]; the
+Panda's hand is mounted 45° off the middle of joint 7."""
+_FINGER_WIDTH_M = 0.02  # extent of a finger along the rod
+_ADJACENT_M = 0.04  # parts of the rod nearer than this along it belong to the grasped strand
 
 
 @dataclass(frozen=True)
@@ -34,10 +46,10 @@ def rod_point(nodes_world: Float64Array, share: float) -> RodPoint:
     return RodPoint(s_m=float(at), position_world=position, yaw_rad=float(np.arctan2(tangent[1], tangent[0])))
 
 
-def grasp_share(nodes_world: Float64Array, node: int, end_inset_m: float) -> float:
+def grasp_share(nodes_world: Float64Array, node: int) -> float:
     """Where to grasp for `node` of (M, 3) [m], as a share of the rod's length: there, but never too near an end."""
     s = geometry.arc_lengths(nodes_world)
-    inset = min(end_inset_m / s[-1], 0.5)
+    inset = min(END_INSET_M / s[-1], 0.5)
     return float(np.clip(s[node] / s[-1], inset, 1.0 - inset))
 
 
@@ -46,50 +58,46 @@ def wrapped(angle_rad: float) -> float:
     return float((angle_rad + np.pi) % (2.0 * np.pi) - np.pi)
 
 
-def grasp_yaw(
-    point: RodPoint, turn_rad: float, config: GraspConfig, place_m: tuple[float, float] = (0.0, 0.0)
-) -> float:
+def grasp_yaw(point: RodPoint, turn_rad: float, place_m: tuple[float, float] = (0.0, 0.0)) -> float:
     """Yaw of the tool at `point`: of the two across the rod, the one that leaves the wrist more room [rad].
 
     `turn_rad` is what the tool turns afterwards; the worse of both ends counts. The arm stands at `place_m`.
     """
     x, y = point.position_world[:2] - np.array(place_m)
-    middle = float(np.arctan2(y, x)) + config.comfortable_yaw_rad
+    middle = float(np.arctan2(y, x)) + COMFORTABLE_YAW_RAD
     first = wrapped(point.yaw_rad - middle)
     choices = (first, first - np.pi if first > 0.0 else first + np.pi)
     return min(choices, key=lambda yaw: max(abs(yaw), abs(yaw + turn_rad))) + middle
 
 
-def grasp_pose(point: RodPoint, yaw_rad: float, config: GraspConfig) -> Pose:
-    """Tool pose that takes the rod at `point`."""
-    return geometry.downward((*point.position_world[:2], config.height_m), yaw_rad)
+def grasp_pose(point: RodPoint, yaw_rad: float, height_m: float) -> Pose:
+    """Tool pose that takes the rod at `point`, `height_m` over the table [m]."""
+    return geometry.downward((*point.position_world[:2], height_m), yaw_rad)
 
 
-def fitting_opening_m(nodes_world: Float64Array, point: RodPoint, radius_m: float, config: GraspConfig) -> float | None:
+def fitting_opening_m(nodes_world: Float64Array, point: RodPoint, radius_m: float) -> float | None:
     """The first finger opening at which the gripper fits around the rod (M, 3) [m] at `point`; None: none does.
 
     `radius_m` is the rod's [m].
     """
-    for opening_m in config.openings_m:
-        if gripper_fits(nodes_world, point, opening_m, radius_m, config):
+    for opening_m in OPENINGS_M:
+        if gripper_fits(nodes_world, point, opening_m, radius_m):
             return opening_m
     return None
 
 
-def gripper_fits(
-    nodes_world: Float64Array, point: RodPoint, opening_m: float, radius_m: float, config: GraspConfig
-) -> bool:
+def gripper_fits(nodes_world: Float64Array, point: RodPoint, opening_m: float, radius_m: float) -> bool:
     """Whether both fingers come down beside the rod (M, 3) [m], on no part of it, and around one strand only."""
     length = geometry.arc_lengths(nodes_world)[-1]
     count = int(length / SAMPLE_M) + 2
     points = geometry.resample(nodes_world, count)
-    strand = np.abs(np.linspace(0.0, length, count) - point.s_m) < config.adjacent_m
+    strand = np.abs(np.linspace(0.0, length, count) - point.s_m) < _ADJACENT_M
     cosine, sine = np.cos(point.yaw_rad), np.sin(point.yaw_rad)
     offsets = points[:, :2] - point.position_world[:2]
     along = np.abs(offsets @ np.array([cosine, sine]))
     across = np.abs(offsets @ np.array([-sine, cosine]))
-    reach = radius_m + config.clearance_m
-    beside = along < config.finger_width_m / 2.0 + reach
-    within_fingers = across < opening_m / 2.0 + config.finger_thickness_m + reach
+    reach = radius_m + CLEARANCE_M
+    beside = along < _FINGER_WIDTH_M / 2.0 + reach
+    within_fingers = across < opening_m / 2.0 + FINGER_THICKNESS_M + reach
     free_between = across < opening_m / 2.0 - reach
     return not np.any(beside & within_fingers & ~(strand & free_between))

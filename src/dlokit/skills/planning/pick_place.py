@@ -21,22 +21,26 @@ from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState
 from dlokit.types.pose import Pose
 
+_POSE_EVERY_M = 0.03  # poses of a carry are no further apart
+_POSE_EVERY_RAD = 0.3  # nor turned further, so that nobody turns the short way round where the long one is meant
+_LARGEST_TURN_RAD = 1.6  # of the gripper on one carry; where the goal asks for more, it turns so far
+
 
 def carry_path(
-    start_world: Float64Array, end_world: Float64Array, yaw_rad: float, turn_rad: float, config: PathConfig
+    start_world: Float64Array, end_world: Float64Array, yaw_rad: float, turn_rad: float, lift_m: float
 ) -> tuple[Pose, ...]:
-    """Tool poses from above `start_world` (3,) [m] down to `end_world` (3,) [m], turning by `turn_rad` on the carry."""
-    lift = np.array([0.0, 0.0, config.lift_m])
-    beyond = end_world + config.overshoot * (end_world - start_world)
-    beyond[2] = end_world[2]
-    distance = float(np.linalg.norm(beyond - start_world))
-    # Poses are at most 0.3 rad apart, so that nobody turns the short way round where the long one is meant.
-    count = max(1, math.ceil(distance / config.spacing_m), math.ceil(abs(turn_rad) / 0.3))
+    """Tool poses from above `start_world` (3,) [m] down to `end_world` (3,) [m], turning by `turn_rad` on the carry.
+
+    The carry is `lift_m` above the start [m].
+    """
+    lift = np.array([0.0, 0.0, lift_m])
+    distance = float(np.linalg.norm(end_world - start_world))
+    count = max(1, math.ceil(distance / _POSE_EVERY_M), math.ceil(abs(turn_rad) / _POSE_EVERY_RAD))
     carry = [
-        geometry.downward(start_world + share * (beyond - start_world) + lift, yaw_rad + share * turn_rad)
+        geometry.downward(start_world + share * (end_world - start_world) + lift, yaw_rad + share * turn_rad)
         for share in np.linspace(0.0, 1.0, count + 1)
     ]
-    return (*carry, geometry.downward(beyond, yaw_rad + turn_rad))
+    return (*carry, geometry.downward(end_world, yaw_rad + turn_rad))
 
 
 def velocity(config: PathConfig) -> VelocityProfile:
@@ -62,19 +66,19 @@ def take_to_goal(
     """
     grasp, path = tools.actions.grasp, tools.actions.path
     nodes = shape.nodes_world
-    share = grasp_share(nodes, node, grasp.end_inset_m)
+    share = grasp_share(nodes, node)
     here, there = rod_point(nodes, share), rod_point(goal_world, share)
-    opening_m = fitting_opening_m(nodes, here, tools.model.radius_m, grasp)
+    opening_m = fitting_opening_m(nodes, here, tools.model.radius_m)
     if opening_m is None:
         return Invalid.GRIPPER_DOES_NOT_FIT
     whole = wrapped(there.yaw_rad - here.yaw_rad)
-    part = float(np.clip(whole, -path.largest_turn_rad, path.largest_turn_rad)) if path.turn_to_goal_tangent else 0.0
+    part = float(np.clip(whole, -_LARGEST_TURN_RAD, _LARGEST_TURN_RAD))
     # A carry with a turn may be out of reach where one without is not.
     for turn_rad in (whole,) if whole_turn else dict.fromkeys((part, 0.0)):
-        yaw = grasp_yaw(here, turn_rad, grasp)
-        T_world_tcp = grasp_pose(here, yaw, grasp)
+        yaw = grasp_yaw(here, turn_rad)
+        T_world_tcp = grasp_pose(here, yaw, grasp.height_m)
         end = np.array([*there.position_world[:2], grasp.height_m])
-        poses = carry_path(T_world_tcp.position_m, end, yaw, turn_rad, path)
+        poses = carry_path(T_world_tcp.position_m, end, yaw, turn_rad, path.lift_m)
         if all(tools.reachable(pose) for pose in (T_world_tcp, poses[0], poses[-2], poses[-1])):
             return PickPlace(
                 stamp_ns=shape.stamp_ns,

@@ -38,9 +38,9 @@ def run_folder(tmp_path: Path) -> Path:
     grasp = np.array([*before[7, :2], 0.011, math.pi / 2])
     way = [(0.0, 0.0, 0.04, 0.0), (0.06, 0.02, 0.04, 0.6), (0.06, 0.02, 0.0, 0.6)]
     waypoints = np.stack([grasp, *(grasp + np.array(step) for step in way)])
-    patient = replace(model, rollout=replace(model.rollout, release_s=1.0))
     motion = Motion(node=7, waypoints=waypoints, velocity=pace)
-    after = play(patient, before, (QuickRod(stiffness_share=STIFF),), (motion,), STEP_S).nodes_world[0, 0]
+    rod = QuickRod(stiffness_share=STIFF)
+    after = play(model, before, (rod,), (motion,), STEP_S, rest_s=1.0).nodes_world[0, 0]
     track = tool_track(waypoints, pace.speed_m_s, pace.acceleration_m_s2, pace.jerk_m_s3, STEP_S)
     writer = RecordingWriter(tmp_path / FILE_NAME, {"run": {"name": "I to S"}})
     zeros = np.zeros(7)

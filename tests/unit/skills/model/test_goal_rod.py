@@ -5,11 +5,11 @@ import pytest
 
 from dlokit.description.shapes import builtin_shape
 from dlokit.geometry import arc_lengths
-from dlokit.rod.believed import ModelConfig
+from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.model.goal import GoalRod
 from dlokit.types.flow import GoalFrame
 
-CONFIG = ModelConfig()
+CONFIG = BelievedDlo()
 START = builtin_shape("I", CONFIG.length_m, CONFIG.nodes)
 FRAMES = (
     GoalFrame(node=3, x_m=0.45, y_m=-0.15),

@@ -5,11 +5,11 @@ import pytest
 
 from dlokit import geometry
 from dlokit.description.shapes import builtin_shape
-from dlokit.rod.believed import ModelConfig
+from dlokit.rod.believed import BelievedDlo
 from dlokit.rod.rollout import predict, settle
 from dlokit.types.action import Grasp, PickPlace, Push, VelocityProfile
 
-CONFIG = ModelConfig()
+CONFIG = BelievedDlo()
 I_SHAPE = builtin_shape("I", CONFIG.length_m, CONFIG.nodes)
 HEIGHT_M = 0.011
 
@@ -52,7 +52,7 @@ def test_friction_holds_the_built_in_goals() -> None:
 
 
 def test_friction_does_not_hold_a_bend_that_is_too_tight() -> None:
-    stiff = ModelConfig(bending_stiffness_n_m2=1e-3)
+    stiff = BelievedDlo(bending_stiffness_n_m2=1e-3)
     shape = builtin_shape("S", CONFIG.length_m, CONFIG.nodes)
     assert geometry.rmse_m(settle(stiff, shape), shape) > 0.02
 

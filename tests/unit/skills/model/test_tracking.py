@@ -9,13 +9,13 @@ import pytest
 from dlokit.description.shapes import builtin_shape, moved
 from dlokit.errors import ConfigError
 from dlokit.geometry import arc_lengths, rmse_m
-from dlokit.rod.believed import ModelConfig
+from dlokit.rod.believed import BelievedDlo
 from dlokit.rod.nodes import fit_length
 from dlokit.rod.tracking_rod import RodModel
 from dlokit.skills.model.tracking import Pin, Tracker
 from dlokit.types.arrays import Float64Array
 
-CONFIG = ModelConfig()
+CONFIG = BelievedDlo()
 ALL = np.ones(CONFIG.nodes, dtype=np.bool_)
 
 
@@ -155,4 +155,4 @@ def test_placing_a_rod_where_it_is_moves_nothing() -> None:
 
 def test_more_nodes_than_fit_are_refused_with_the_number_that_does() -> None:
     with pytest.raises(ConfigError, match="to 57 are allowed"):
-        RodModel(ModelConfig(nodes=80), timestep_s=0.004)
+        RodModel(BelievedDlo(nodes=80), timestep_s=0.004)

@@ -6,7 +6,7 @@ import numpy as np
 
 from dlokit import geometry
 from dlokit.description.shapes import builtin_shape, moved
-from dlokit.skills.planning.actions import ActionConfig, PathConfig
+from dlokit.skills.planning.actions import ActionConfig
 from dlokit.skills.planning.base import ActionStrategy, PlanningTools
 from dlokit.skills.planning.farthest import Farthest, FarthestConfig, FarthestTangentConfig
 from dlokit.types.action import Action, Marks
@@ -33,14 +33,13 @@ def proposals(
     goal: Float64Array,
     marked: tuple[int, ...] = (),
     *,
-    config: ActionConfig | None = None,
     unreachable_x_m: float = 9.0,
     ends_interchangeable: bool = False,
 ) -> list[Action]:
     def reachable(T: Pose) -> bool:
         return float(T.position_m[0]) < unreachable_x_m
 
-    strategy = Farthest(PlanningTools(reachable=reachable, actions=config or ActionConfig()))
+    strategy = Farthest(PlanningTools(reachable=reachable, actions=ActionConfig()))
     shape = DloState(stamp_ns=7, nodes_world=nodes, topology=TOPOLOGY)
     wanted = GoalShape(stamp_ns=0, nodes_world=goal, ends_interchangeable=ends_interchangeable)
     marks = Marks(invalid_nodes=np.array(marked, dtype=np.int64))
@@ -97,10 +96,7 @@ def test_the_nearer_order_counts_where_ends_are_interchangeable() -> None:
     assert free[0].grasp.node == 20
 
 
-def test_the_gripper_keeps_its_orientation_when_it_is_told_to() -> None:
-    keeps = ActionConfig(path=PathConfig(turn_to_goal_tangent=False))
-    node_24 = next(action for action in proposals(bulged(20), I_SHAPE, config=keeps) if action.grasp.node == 24)
-    assert np.allclose(node_24.path[-1].wxyz, node_24.grasp.T_world_tcp.wxyz)
+def test_the_gripper_turns_to_the_goal_s_tangent() -> None:
     turned = next(action for action in proposals(bulged(20), I_SHAPE) if action.grasp.node == 24)
     assert not np.allclose(turned.path[-1].wxyz, turned.grasp.T_world_tcp.wxyz, atol=1e-3)
 

@@ -8,8 +8,7 @@ import pytest
 
 from dlokit import geometry
 from dlokit.description.shapes import builtin_shape, self_clearance_m
-from dlokit.skills.planning.config import ForesightConfig
-from dlokit.skills.planning.foresight import untangled
+from dlokit.skills.planning.foresight import CLEARANCE_M, untangled
 from dlokit.types.action import Action, Grasp, PickPlace, VelocityProfile
 from dlokit.types.arrays import Float64Array
 
@@ -39,7 +38,7 @@ def chosen(
     nodes: Sequence[int],
     shapes: dict[int, Float64Array],
     goal: Float64Array = STRAIGHT,
-    config: ForesightConfig | None = None,
+    most: int = 8,
 ) -> tuple[Action | None, list[int]]:
     """The action taken, and the nodes whose actions were played through."""
     played: list[int] = []
@@ -48,7 +47,7 @@ def chosen(
         played.append(action.grasp.node)
         return shapes.get(action.grasp.node, STRAIGHT)
 
-    return asyncio.run(untangled(grasps(nodes), predict, goal, config or ForesightConfig())), played
+    return asyncio.run(untangled(grasps(nodes), predict, goal, most)), played
 
 
 def test_the_first_action_is_taken_when_it_tangles_nothing_and_says_what_it_will_do() -> None:
@@ -66,7 +65,7 @@ def test_an_action_that_brings_strands_together_falls_back_to_the_next_best() ->
 
 
 def test_neighbours_of_a_node_that_tangles_are_not_played_through() -> None:
-    _, played = chosen([7, 8, 6, 9, 20], {7: hairpin(0.01)}, config=ForesightConfig(node_stride=3))
+    _, played = chosen([7, 8, 6, 9, 20], {7: hairpin(0.01)})
     assert played == [7, 20]
 
 
@@ -78,14 +77,14 @@ def test_where_every_action_tangles_the_strands_are_kept_as_far_apart_as_can_be(
 
 def test_no_more_actions_are_played_through_than_allowed() -> None:
     tangles = {node: hairpin(0.01) for node in range(31)}
-    _, played = chosen(range(0, 31, 4), tangles, config=ForesightConfig(max_predictions=3))
+    _, played = chosen(range(0, 31, 4), tangles, most=3)
     assert len(played) == 3
 
 
 def test_a_goal_with_close_strands_asks_for_no_more_than_its_own() -> None:
     goal = hairpin(0.03)
-    # 2.5 cm is closer than the setting allows, but not closer than 70 % of what the goal itself has.
-    assert 0.7 * self_clearance_m(goal) < self_clearance_m(hairpin(0.025)) < ForesightConfig().clearance_m
+    # 2.5 cm is closer than the rule allows, but not closer than 70 % of what the goal itself has.
+    assert 0.7 * self_clearance_m(goal) < self_clearance_m(hairpin(0.025)) < CLEARANCE_M
     action, _ = chosen([7, 20], {7: hairpin(0.025)}, goal)
     assert action is not None
     assert action.grasp.node == 7

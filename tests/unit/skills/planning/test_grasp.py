@@ -5,8 +5,12 @@ import pytest
 
 from dlokit import geometry
 from dlokit.description.shapes import builtin_shape
-from dlokit.skills.planning.actions import GraspConfig
 from dlokit.skills.planning.grasp import (
+    CLEARANCE_M,
+    COMFORTABLE_YAW_RAD,
+    END_INSET_M,
+    FINGER_THICKNESS_M,
+    OPENINGS_M,
     fitting_opening_m,
     grasp_pose,
     grasp_share,
@@ -16,7 +20,7 @@ from dlokit.skills.planning.grasp import (
 )
 from dlokit.types.arrays import Float64Array
 
-CONFIG = GraspConfig()
+HEIGHT_M = 0.011
 RADIUS_M = 0.004
 I_SHAPE = builtin_shape("I", 0.5, 31)
 
@@ -34,16 +38,16 @@ def hairpin(gap_m: float) -> Float64Array:
 
 def test_the_gripper_stands_across_the_rod_and_points_down() -> None:
     point = rod_point(I_SHAPE, 0.5)
-    T = geometry.rotation(grasp_pose(point, grasp_yaw(point, 0.0, CONFIG), CONFIG))
+    T = geometry.rotation(grasp_pose(point, grasp_yaw(point, 0.0), HEIGHT_M))
     assert np.abs(T[:, 0] @ [0.0, 1.0, 0.0]) == pytest.approx(1.0)  # tool x along the rod, which lies along y
     assert T[:, 2] == pytest.approx([0.0, 0.0, -1.0])
 
 
 def test_the_end_is_grasped_a_little_inside() -> None:
-    share = grasp_share(I_SHAPE, 0, CONFIG.end_inset_m)
-    assert rod_point(I_SHAPE, share).position_world[1] == pytest.approx(-0.25 + CONFIG.end_inset_m)
-    assert grasp_share(I_SHAPE, 30, CONFIG.end_inset_m) == pytest.approx(1.0 - share)
-    assert grasp_share(I_SHAPE, 15, CONFIG.end_inset_m) == pytest.approx(0.5)
+    share = grasp_share(I_SHAPE, 0)
+    assert rod_point(I_SHAPE, share).position_world[1] == pytest.approx(-0.25 + END_INSET_M)
+    assert grasp_share(I_SHAPE, 30) == pytest.approx(1.0 - share)
+    assert grasp_share(I_SHAPE, 15) == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize("turn_rad", [-1.5, 0.0, 1.5])
@@ -51,8 +55,8 @@ def test_the_end_is_grasped_a_little_inside() -> None:
 def test_the_wrist_keeps_room_to_turn(node: int, turn_rad: float) -> None:
     shape = builtin_shape("S", 0.5, 31)
     point = rod_point(shape, node / 30)
-    yaw = grasp_yaw(point, turn_rad, CONFIG)
-    middle = np.arctan2(point.position_world[1], point.position_world[0]) + CONFIG.comfortable_yaw_rad
+    yaw = grasp_yaw(point, turn_rad)
+    middle = np.arctan2(point.position_world[1], point.position_world[0]) + COMFORTABLE_YAW_RAD
     # Joint 7 turns 2.89 rad either way from its middle.
     assert abs(yaw - middle) < 2.8
     assert abs(yaw + turn_rad - middle) < 2.8
@@ -60,30 +64,30 @@ def test_the_wrist_keeps_room_to_turn(node: int, turn_rad: float) -> None:
 
 
 def test_the_widest_opening_is_taken_on_a_free_rod() -> None:
-    assert fitting_opening_m(I_SHAPE, rod_point(I_SHAPE, 0.5), RADIUS_M, CONFIG) == CONFIG.openings_m[0]
+    assert fitting_opening_m(I_SHAPE, rod_point(I_SHAPE, 0.5), RADIUS_M) == OPENINGS_M[0]
 
 
 @pytest.mark.parametrize("radius_m", [0.002, 0.006])
 def test_the_gripper_fits_beside_a_strand_up_to_the_boundary(radius_m: float) -> None:
     opening = 0.03
     # The finger's far side, the clearance, the neighbour's radius: that far away it is free.
-    reach = opening / 2 + CONFIG.finger_thickness_m + CONFIG.clearance_m + radius_m
+    reach = opening / 2 + FINGER_THICKNESS_M + CLEARANCE_M + radius_m
     free, touched = hairpin(reach + 0.002), hairpin(reach - 0.002)
     at = 0.2
-    assert gripper_fits(free, rod_point(free, at), opening, radius_m, CONFIG)
-    assert not gripper_fits(touched, rod_point(touched, at), opening, radius_m, CONFIG)
+    assert gripper_fits(free, rod_point(free, at), opening, radius_m)
+    assert not gripper_fits(touched, rod_point(touched, at), opening, radius_m)
 
 
 def test_two_strands_between_the_fingers_are_one_too_many() -> None:
     strands = hairpin(0.015)
-    assert not gripper_fits(strands, rod_point(strands, 0.2), 0.05, RADIUS_M, CONFIG)
+    assert not gripper_fits(strands, rod_point(strands, 0.2), 0.05, RADIUS_M)
 
 
 def test_a_narrower_opening_is_taken_where_the_wide_one_lands_on_the_rod() -> None:
     strands = hairpin(0.036)
-    assert fitting_opening_m(strands, rod_point(strands, 0.2), RADIUS_M, CONFIG) == 0.03
+    assert fitting_opening_m(strands, rod_point(strands, 0.2), RADIUS_M) == 0.03
 
 
 def test_no_opening_fits_strands_that_lie_side_by_side() -> None:
     strands = hairpin(0.018)
-    assert fitting_opening_m(strands, rod_point(strands, 0.2), RADIUS_M, CONFIG) is None
+    assert fitting_opening_m(strands, rod_point(strands, 0.2), RADIUS_M) is None

@@ -10,7 +10,7 @@ from dlokit.description.shapes import builtin_shape
 from dlokit.geometry import downward, lifted, rmse_m
 from dlokit.motion.arm_distance import Apart
 from dlokit.motion.inverse_kinematics import PandaKinematics, Yaw
-from dlokit.rod.believed import ModelConfig
+from dlokit.rod.believed import BelievedDlo
 from dlokit.rod.nodes import topology
 from dlokit.rod.rollout import Motion, QuickRod, play
 from dlokit.skills.planning.actions import ActionConfig
@@ -20,11 +20,11 @@ from dlokit.skills.planning.rollout.strategy import RolloutConfig
 from dlokit.types.action import Marks, PairPlace, VelocityProfile
 from dlokit.types.dlo import DloState, GoalShape
 
-MODEL = ModelConfig()
+MODEL = BelievedDlo()
 FIRST, OTHER = (PandaKinematics(mount.T_world_base) for mount in ARMS)
 APART = Apart(FIRST, OTHER)
 SECOND = SecondArm(robot=OPPOSITE, reachable=OTHER.reachable, place_m=ARMS[1].place_m, apart_m=APART.of_pair_m)
-SHORT = SearchConfig(rollouts=60, generations=1, finalists=1, doubt=1.0)
+SHORT = SearchConfig(rollouts=68, generations=1, finalists=1)
 STRAIGHT, S = (builtin_shape(name, MODEL.length_m, MODEL.nodes) for name in ("I", "S"))
 
 OVER_THE_MIDDLE = downward((0.52, 0.0, 0.1), 0.8)

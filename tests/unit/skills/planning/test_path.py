@@ -6,16 +6,15 @@ import numpy as np
 import pytest
 
 from dlokit import geometry
-from dlokit.skills.planning.actions import PathConfig
 from dlokit.skills.planning.pick_place import carry_path
 
 START = np.array([0.4, 0.0, 0.011])
 END = np.array([0.5, 0.1, 0.011])
+LIFT_M = 0.04
 
 
 def test_the_rod_is_lifted_carried_and_lowered() -> None:
-    config = PathConfig(lift_m=0.05)
-    path = carry_path(START, END, 0.3, 0.0, config)
+    path = carry_path(START, END, 0.3, 0.0, 0.05)
     assert path[0].position_m == pytest.approx(START + np.array([0.0, 0.0, 0.05]))
     assert all(pose.position_m[2] == pytest.approx(0.061) for pose in path[:-1])
     assert path[-1].position_m == pytest.approx(END)
@@ -23,7 +22,7 @@ def test_the_rod_is_lifted_carried_and_lowered() -> None:
 
 
 def test_poses_are_dense_enough() -> None:
-    path = carry_path(START, END, 0.0, 1.5, PathConfig(spacing_m=0.03))
+    path = carry_path(START, END, 0.0, 1.5, LIFT_M)
     steps = np.diff([pose.position_m for pose in path[:-1]], axis=0)
     assert np.linalg.norm(steps, axis=1).max() <= 0.03 + 1e-9
     turns = [geometry.rotation(a).T @ geometry.rotation(b) for a, b in itertools.pairwise(path)]
@@ -32,10 +31,5 @@ def test_poses_are_dense_enough() -> None:
 
 @pytest.mark.parametrize("turn_rad", [0.0, 1.2])
 def test_the_gripper_ends_turned_as_asked(turn_rad: float) -> None:
-    last = carry_path(START, END, 0.3, turn_rad, PathConfig())[-1]
+    last = carry_path(START, END, 0.3, turn_rad, LIFT_M)[-1]
     assert last.wxyz == pytest.approx(geometry.downward(END, 0.3 + turn_rad).wxyz)
-
-
-def test_overshoot_goes_beyond_the_goal_by_its_share_on_the_table() -> None:
-    last = carry_path(START, END, 0.0, 0.0, PathConfig(overshoot=0.1))[-1]
-    assert last.position_m == pytest.approx(END + 0.1 * (END - START))

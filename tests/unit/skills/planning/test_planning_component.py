@@ -17,7 +17,7 @@ from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.description.shapes import builtin_shape, moved
 from dlokit.rod import planning_rod
-from dlokit.rod.believed import ModelConfig, as_configured
+from dlokit.rod.believed import BelievedDlo, as_configured
 from dlokit.rod.rollout import settle
 from dlokit.skills.planning import api
 from dlokit.skills.planning.component import PlanningComponent
@@ -64,7 +64,7 @@ def with_planning(test: Callable[[Port], Awaitable[None]], reachable: Callable[[
     async def main() -> None:
         host = Container(MemoryTransport(), LoopClock())
         caller = Caller()
-        host.add(PlanningComponent(PlanningConfig(strategy=FarthestConfig()), reachable, ModelConfig()))
+        host.add(PlanningComponent(PlanningConfig(strategy=FarthestConfig()), reachable, BelievedDlo()))
         host.add(caller)
         async with host:
             await test(caller.port)
@@ -158,12 +158,12 @@ def test_strategies_are_chosen_by_name() -> None:
 
 
 def test_whatever_the_strategy_a_verdict_finds_its_code_compiled() -> None:
-    prepare = PlanningComponent(PlanningConfig(strategy=FarthestConfig()), everywhere, ModelConfig()).preparation()
+    prepare = PlanningComponent(PlanningConfig(strategy=FarthestConfig()), everywhere, BelievedDlo()).preparation()
     assert prepare is not None
     pickle.loads(pickle.dumps(prepare))()  # it is sent to the worker that computes
     kernel: Any = planning_rod.play_motion
     assert len(kernel.signatures) == 1
-    settle(ModelConfig(), GOAL.nodes_world)
+    settle(BelievedDlo(), GOAL.nodes_world)
     assert len(kernel.signatures) == 1
 
 
@@ -182,13 +182,13 @@ def test_what_was_learnt_of_the_dlo_is_planned_with() -> None:
     async def main() -> None:
         host = Container(MemoryTransport(), LoopClock())
         caller, believer = Caller(), Believer()
-        for component in (PlanningComponent(PlanningConfig(), everywhere, ModelConfig()), believer, caller):
+        for component in (PlanningComponent(PlanningConfig(), everywhere, BelievedDlo()), believer, caller):
             host.add(component)
         tight = GoalShape(stamp_ns=0, nodes_world=builtin_shape("S", 0.5, 31))
         async with host:
             standings: list[Standing] = []
-            configured = as_configured(ModelConfig(), 0)
-            stiffer = as_configured(replace(ModelConfig(), bending_stiffness_n_m2=1e-3), 0)
+            configured = as_configured(BelievedDlo(), 0)
+            stiffer = as_configured(replace(BelievedDlo(), bending_stiffness_n_m2=1e-3), 0)
             stiff = Figure(value=stiffer.elastic_m3.value, log_sd=0.1)
             learnt = msgspec.structs.replace(stiffer, elastic_m3=stiff, takes_set=0.0, actions=1)
             for belief in (configured, learnt):

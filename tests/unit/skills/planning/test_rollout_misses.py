@@ -5,15 +5,15 @@ import numpy as np
 import pytest
 
 from dlokit.description.shapes import builtin_shape
-from dlokit.rod.believed import ModelConfig
+from dlokit.rod.believed import BelievedDlo
 from dlokit.rod.nodes import topology
-from dlokit.skills.planning.rollout.score import Misses, ScoreConfig
+from dlokit.skills.planning.rollout.score import DRAG_MISS_M, LAY_DOWN_MISS_M, Misses
 from dlokit.types.action import Action, Drag, Grasp, LayDown, VelocityProfile
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState
 from dlokit.types.pose import Pose
 
-MODEL = ModelConfig()
+MODEL = BelievedDlo()
 I_SHAPE = builtin_shape("I", MODEL.length_m, MODEL.nodes)
 S_SHAPE = builtin_shape("S", MODEL.length_m, MODEL.nodes)
 ASIDE = np.array([0.03, 0.0, 0.0])
@@ -35,32 +35,30 @@ def laid() -> Action:
 
 
 def after(action: Action, nodes: Float64Array, stamp_ns: int = 2) -> Misses:
-    misses = Misses(ScoreConfig(), MODEL)
+    misses = Misses(MODEL)
     misses.expect(action, state(I_SHAPE, 1))
     misses.compare(state(nodes, stamp_ns))
     return misses
 
 
 def test_a_kind_that_missed_by_much_is_trusted_less_and_others_as_before() -> None:
-    usual = ScoreConfig()
     misses = after(laid(), S_SHAPE + ASIDE)
-    assert misses.of(LayDown) == pytest.approx(np.sqrt((usual.lay_down_miss_m**2 + 0.03**2) / 2.0))
-    assert misses.of(Drag) == usual.drag_miss_m
+    assert misses.of(LayDown) == pytest.approx(np.sqrt((LAY_DOWN_MISS_M**2 + 0.03**2) / 2.0))
+    assert misses.of(Drag) == DRAG_MISS_M
 
 
 def test_a_kind_that_does_as_predicted_is_trusted_more() -> None:
-    assert after(laid(), S_SHAPE).of(LayDown) < ScoreConfig().lay_down_miss_m
+    assert after(laid(), S_SHAPE).of(LayDown) < LAY_DOWN_MISS_M
 
 
 def test_the_same_question_again_and_a_rod_that_was_not_moved_teach_nothing() -> None:
-    usual = ScoreConfig().lay_down_miss_m
-    assert after(laid(), S_SHAPE + ASIDE, stamp_ns=1).of(LayDown) == usual
-    assert after(laid(), I_SHAPE).of(LayDown) == usual
+    assert after(laid(), S_SHAPE + ASIDE, stamp_ns=1).of(LayDown) == LAY_DOWN_MISS_M
+    assert after(laid(), I_SHAPE).of(LayDown) == LAY_DOWN_MISS_M
 
 
 def test_of_several_proposals_the_last_was_taken() -> None:
-    misses = Misses(ScoreConfig(), MODEL)
+    misses = Misses(MODEL)
     misses.expect(laid(), state(I_SHAPE, 1))
     misses.expect(msgspec.structs.replace(laid(), predicted_nodes_world=S_SHAPE + ASIDE), state(I_SHAPE, 1))
     misses.compare(state(S_SHAPE + ASIDE, 2))
-    assert misses.of(LayDown) < ScoreConfig().lay_down_miss_m
+    assert misses.of(LayDown) < LAY_DOWN_MISS_M

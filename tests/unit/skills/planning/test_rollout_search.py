@@ -18,7 +18,7 @@ from dlokit.skills.planning.rollout.candidates import PlanningScene
 from dlokit.skills.planning.rollout.carrying import Carrying
 from dlokit.skills.planning.rollout.laying import Laying
 from dlokit.skills.planning.rollout.pushing import Pushing
-from dlokit.skills.planning.rollout.score import ScoreConfig, remaining_m
+from dlokit.skills.planning.rollout.score import remaining_m
 from dlokit.skills.planning.rollout.search import Choice, Scoring, Search, SearchConfig, SearchWatch, doubtful_rods
 from dlokit.types.action import Action, Drag, LayDown, PickPlace, Push
 from dlokit.types.arrays import Float64Array
@@ -65,7 +65,7 @@ def test_the_search_keeps_to_its_budget_and_refining_helps() -> None:
 
         def score(played: Played, kinds: Sequence[type[Action]]) -> Float64Array:
             miss_m = np.zeros(len(kinds))
-            return remaining_m(played, miss_m, S_SHAPE, MODEL.radius_m, ScoreConfig(), FeasibilityConfig())
+            return remaining_m(played, miss_m, S_SHAPE, MODEL.radius_m, FeasibilityConfig())
 
         search = Search(I_SHAPE, MODEL, config, Scoring(score=score, judge=expected), InlineCompute())
         found = asyncio.run(search.run([Carrying(scene(), dragging=False)], np.random.default_rng(0)))
@@ -92,7 +92,7 @@ def test_a_slow_machine_tries_every_family_and_ends_in_time() -> None:
         return np.ones_like(played.nearest_m)
 
     watch = SearchWatch(stopwatch=lambda: compute.now_s)
-    search = Search(I_SHAPE, MODEL, SearchConfig(threads=2), Scoring(score=score, judge=expected), compute, watch)
+    search = Search(I_SHAPE, MODEL, SearchConfig(), Scoring(score=score, judge=expected), compute, watch, threads=2)
     here = PlanningScene(I_SHAPE, S_SHAPE, frozenset(), tools(reachable))
     families = [Laying(here, from_last=False), *(Carrying(here, dragging=dragging) for dragging in (True, False))]
     asyncio.run(search.run([*families, Pushing(here)], np.random.default_rng(0)))
@@ -114,9 +114,8 @@ def test_the_kind_that_can_score_best_is_tried_first_and_where_time_is_short_one
     compute = TimedCompute(seconds_each)
     least: dict[type[Action], float] = {LayDown: 0.02, PickPlace: 0.01, Drag: 0.0}
     scoring = Scoring(score=score, judge=expected, least_m=lambda kind: least[kind])
-    search = Search(
-        I_SHAPE, MODEL, SearchConfig(threads=2), scoring, compute, SearchWatch(stopwatch=lambda: compute.now_s)
-    )
+    watch = SearchWatch(stopwatch=lambda: compute.now_s)
+    search = Search(I_SHAPE, MODEL, SearchConfig(), scoring, compute, watch, threads=2)
     families = [Laying(scene(), from_last=False), *(Carrying(scene(), dragging=dragging) for dragging in (False, True))]
     asyncio.run(search.run(families, np.random.default_rng(0)))
     assert tried[0] is Drag
@@ -132,7 +131,7 @@ def test_who_watches_is_told_the_best_of_each_kind_and_node_best_first() -> None
     def score(played: Played, kinds: Sequence[type[Action]]) -> Float64Array:
         return np.linalg.norm(played.nodes_world[:, :, 0] - S_SHAPE[0], axis=-1)
 
-    config = SearchConfig(rollouts=100, threads=2)
+    config = SearchConfig(rollouts=100)
     search = Search(
         I_SHAPE, MODEL, config, Scoring(score=score, judge=expected), InlineCompute(), SearchWatch(tell=tell)
     )
@@ -152,8 +151,7 @@ def test_finalists_are_tried_on_rods_as_other_as_the_belief_allows_and_at_least_
     log_sd: float, factor: float
 ) -> None:
     sure = BeliefConfig(stiffness_log_sd=log_sd, friction_log_sd=0.0)
-    config = SearchConfig(doubt=1.4)
-    rods = doubtful_rods(config, sure)
-    assert len(rods) == config.other_rods == 8
+    rods = doubtful_rods(sure)
+    assert len(rods) == 8
     assert {round(rod.stiffness_share, 9) for rod in rods} == {round(1.0 / factor, 9), round(factor, 9)}
     assert {rod.friction_share for rod in rods} == {1.0 / 1.4, 1.4}

@@ -16,7 +16,7 @@ from dlokit.skills.planning.rollout.candidates import to_action
 from dlokit.skills.planning.rollout.carrying import Carrying
 from dlokit.skills.planning.rollout.laying import Laying
 from dlokit.skills.planning.rollout.pushing import Pushing
-from dlokit.skills.planning.rollout.search import SearchConfig, doubtful_rods
+from dlokit.skills.planning.rollout.search import SearchConfig
 from dlokit.skills.planning.rollout.strategy import RolloutConfig
 from dlokit.types.action import Action, Drag, LayDown, Marks, PickPlace, Push, kind_of
 from dlokit.types.arrays import Float64Array
@@ -82,11 +82,6 @@ def test_every_kind_travels_over_the_bus_as_what_it_is() -> None:
 def test_settings_that_cannot_be_are_refused() -> None:
     with pytest.raises(ConfigError, match="too short"):
         SearchConfig(rollouts=30)
-    with pytest.raises(ConfigError, match="doubt"):
-        SearchConfig(doubt=0.5)
     for seconds in (0.0, -1.0, math.nan):
         with pytest.raises(ConfigError, match="seconds"):
             SearchConfig(seconds=seconds)
-    sure = SearchConfig(doubt=1.0)
-    assert doubtful_rods(sure, MODEL.belief) == ()
-    assert sure.other_rods == 0

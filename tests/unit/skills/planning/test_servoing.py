@@ -7,26 +7,28 @@ import numpy as np
 import pytest
 
 from dlokit.geometry import downward, rmse_m
-from dlokit.rod.believed import ModelConfig
+from dlokit.rod.believed import BelievedDlo
 from dlokit.rod.nodes import topology
-from dlokit.skills.planning.servoing.controller import Held, advise, gain
+from dlokit.skills.planning.servoing.controller import Held, ServoConfig, advise, gain
 from dlokit.skills.planning.servoing.forecast import foresee
 from dlokit.skills.planning.servoing.jacobian import (
+    LARGEST_M,
+    LARGEST_RAD,
+    TRUST,
+    VELOCITY,
     Grip,
-    ServoConfig,
     corrected,
     damped_step,
     jacobian,
     probes,
     released,
     scaled,
-    velocity,
 )
 from dlokit.types.action import ControlVerdict, Correction, Drag, Grasp, HeldNode, PairPlace, Partner, Push
 from dlokit.types.dlo import DloState
 from dlokit.types.pose import Pose
 
-MODEL = ModelConfig()
+MODEL = BelievedDlo()
 CONFIG = ServoConfig()
 NODES = np.column_stack((np.full(31, 0.5), np.linspace(-0.25, 0.25, 31), np.full(31, MODEL.radius_m)))
 HELD = 3
@@ -47,27 +49,27 @@ def held(goal: np.ndarray, **changes: object) -> Held:
 
 def dragged(by: list[float]) -> np.ndarray:
     """Where the rod comes to lie when it is dragged and let go."""
-    return released(MODEL, NODES, GRIP, [np.array(by)], CONFIG)[0]
+    return released(MODEL, NODES, GRIP, [np.array(by)])[0]
 
 
 def test_the_jacobian_says_what_a_small_drag_does_to_the_released_rod() -> None:
-    matrix = jacobian(released(MODEL, NODES, GRIP, probes(CONFIG), CONFIG), CONFIG)
+    matrix = jacobian(released(MODEL, NODES, GRIP, probes()))
     by = np.array([0.012, 0.0, 0.0, 0.0])
-    still, moved = released(MODEL, NODES, GRIP, [np.zeros(4), by], CONFIG)
-    said = (matrix @ scaled(by, CONFIG)).reshape(-1, 2)
+    still, moved = released(MODEL, NODES, GRIP, [np.zeros(4), by])
+    said = (matrix @ scaled(by)).reshape(-1, 2)
     # Friction is no smooth function of the way; a linear forecast is good to a third of what moves most.
     assert np.abs(said - (moved - still)[:, :2]).max() < 0.33 * np.abs(moved - still).max()
 
 
 def test_damped_least_squares_points_to_the_goal_and_keeps_to_the_limits() -> None:
-    matrix = jacobian(released(MODEL, NODES, GRIP, probes(CONFIG), CONFIG), CONFIG)
+    matrix = jacobian(released(MODEL, NODES, GRIP, probes()))
     error = (dragged([0.01, 0.0, 0.0, 0.0]) - NODES)[:, :2]
-    near = damped_step(matrix, error, CONFIG)
+    near = damped_step(matrix, error)
     assert near[0] > 0.005
     assert near[2] == 0.0
-    far = damped_step(matrix, 30.0 * error, CONFIG)
-    assert np.linalg.norm(far[:2]) <= CONFIG.largest_m + 1e-12
-    assert abs(far[3]) <= CONFIG.largest_rad + 1e-12
+    far = damped_step(matrix, 30.0 * error)
+    assert np.linalg.norm(far[:2]) <= LARGEST_M + 1e-12
+    assert abs(far[3]) <= LARGEST_RAD + 1e-12
 
 
 def test_what_was_seen_of_a_correction_changes_the_jacobian_along_it_alone_and_no_more_than_is_trusted() -> None:
@@ -75,12 +77,12 @@ def test_what_was_seen_of_a_correction_changes_the_jacobian_along_it_alone_and_n
     predicted = NODES + np.array([0.01, 0.0, 0.0])
     done = Correction(displacement=by, released_world=NODES, predicted_world=predicted)
     model = np.zeros((62, 3))
-    half_as_far = corrected(model, [done], NODES + 0.75 * (predicted - NODES), CONFIG)
+    half_as_far = corrected(model, [done], NODES + 0.75 * (predicted - NODES))
     # Foreseen 10 mm, seen 7.5 mm: along x a quarter less than the model said.
     assert half_as_far[::2, 0] == pytest.approx(np.full(31, -0.25))
     assert not half_as_far[:, 1:].any()
-    the_other_way = corrected(model, [done], NODES - 5.0 * (predicted - NODES), CONFIG)
-    assert np.abs(the_other_way).max() == pytest.approx(CONFIG.trust)
+    the_other_way = corrected(model, [done], NODES - 5.0 * (predicted - NODES))
+    assert np.abs(the_other_way).max() == pytest.approx(TRUST)
 
 
 def test_a_correction_is_advised_that_is_expected_to_bring_the_shape_nearer() -> None:
@@ -142,7 +144,7 @@ def drag(by: list[float]) -> Drag:
         stamp_ns=0,
         grasp=Grasp(node=HELD, T_world_tcp=downward(TOOL[:3], float(TOOL[3]))),
         path=(downward(TOOL[:3] + np.array([*by[:2], 0.0]), float(TOOL[3]) + by[3]),),
-        velocity=velocity(CONFIG),
+        velocity=VELOCITY,
     )
 
 
@@ -158,7 +160,7 @@ def test_control_follows_where_such_actions_went_amiss_and_the_grasp_has_a_hold_
     # A stiff rod follows its held node; of a soft one only the neighbours do, and they are where they should be.
     action, by, stiff = drag([0.04, 0.02, 0.0, 0.3]), np.array([0.04, 0.02, 0.0, 0.3]), 1e-4
     for model, follows in ((replace(MODEL, bending_stiffness_n_m2=stiff), True), (MODEL, False)):
-        goal = released(model, NODES, GRIP, [by], CONFIG)[0]
+        goal = released(model, NODES, GRIP, [by])[0]
         assert not foresee(model, NODES, goal, action, 0.0, CONFIG).follows
         assert foresee(model, NODES, goal, action, 0.02, CONFIG).follows is follows
 

@@ -135,10 +135,9 @@ class PlanningScene:
     def _find(self, node: int) -> NodeToGoal | None:
         if node in self.marked:
             return None
-        grasp = self.tools.actions.grasp
-        share = grasp_share(self.nodes_world, node, grasp.end_inset_m)
+        share = grasp_share(self.nodes_world, node)
         here = rod_point(self.nodes_world, share)
-        opening_m = fitting_opening_m(self.nodes_world, here, self.tools.model.radius_m, grasp)
+        opening_m = fitting_opening_m(self.nodes_world, here, self.tools.model.radius_m)
         if opening_m is None:
             return None
         return NodeToGoal(node=node, here=here, there=rod_point(self.goal_world, share), opening_m=opening_m)
@@ -150,11 +149,10 @@ class PlanningScene:
 
         The arm stands at `place_m`.
         """
-        grasp = self.tools.actions.grasp
         turn = wrapped(hold.there.yaw_rad - hold.here.yaw_rad) + more_turn_rad
         turn = min(max(turn, -_LARGEST_TURN_RAD), _LARGEST_TURN_RAD)
-        yaw = grasp_yaw(hold.here, turn, grasp, place_m)
-        return np.array([*hold.here.position_world[:2], grasp.height_m, yaw]), turn
+        yaw = grasp_yaw(hold.here, turn, place_m)
+        return np.array([*hold.here.position_world[:2], self.tools.actions.grasp.height_m, yaw]), turn
 
     def candidate(
         self, kind: type[Action], numbers: Float64Array, hold: NodeToGoal, tool: Float64Array, velocity: VelocityProfile
@@ -201,7 +199,7 @@ def _handled(motion: Motion, opening_m: float, tools: PlanningTools) -> tuple[Gr
         count = max(1, math.ceil(abs(end[3] - start[3]) / _POSE_EVERY_RAD))
         poses += [tool_pose(start + share * (end - start)) for share in np.linspace(0.0, 1.0, count + 1)[1:]]
     first = RodPoint(s_m=0.0, position_world=tool[0, :3], yaw_rad=0.0)
-    T_world_tcp = grasp_pose(first, float(tool[0, 3]), tools.actions.grasp)
+    T_world_tcp = grasp_pose(first, float(tool[0, 3]), tools.actions.grasp.height_m)
     return Grasp(node=motion.node, T_world_tcp=T_world_tcp, opening_m=opening_m), tuple(poses)
 
 

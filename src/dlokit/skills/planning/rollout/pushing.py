@@ -9,7 +9,7 @@ import numpy as np
 
 from dlokit import geometry
 from dlokit.rod.rollout import FINGERS
-from dlokit.skills.planning.grasp import SAMPLE_M, RodPoint, rod_point, wrapped
+from dlokit.skills.planning.grasp import CLEARANCE_M, COMFORTABLE_YAW_RAD, SAMPLE_M, RodPoint, rod_point, wrapped
 from dlokit.skills.planning.rollout.candidates import Candidate, NodeToGoal, PlanningScene
 from dlokit.types.action import Action, Push, VelocityProfile
 from dlokit.types.arrays import Float64Array
@@ -112,7 +112,7 @@ class Pushing:
     def _comfortable(self, yaw_rad: float, here: RodPoint) -> float:
         """The same fingers turned by half a turn, where that leaves the wrist more room [rad]."""
         x, y = here.position_world[:2]
-        middle = math.atan2(y, x) + self._scene.tools.actions.grasp.comfortable_yaw_rad
+        middle = math.atan2(y, x) + COMFORTABLE_YAW_RAD
         return middle + (wrapped(2.0 * (yaw_rad - middle)) / 2.0)
 
     def _free(self, tool: Float64Array) -> bool:
@@ -122,7 +122,7 @@ class Pushing:
         offsets = self._rod - tool[:2]
         along = np.clip(offsets @ line, -FINGERS[0], FINGERS[0])
         nearest_m = np.linalg.norm(offsets - along[:, None] * line, axis=1).min()
-        return bool(nearest_m > FINGERS[1] + tools.model.radius_m + tools.actions.grasp.clearance_m)
+        return bool(nearest_m > FINGERS[1] + tools.model.radius_m + CLEARANCE_M)
 
     def _velocity(self, speed_m_s: float) -> VelocityProfile:
         path = self._scene.tools.actions.path

@@ -8,47 +8,36 @@ import numpy as np
 from dlokit import geometry
 from dlokit.description.dlo import GRAVITY_M_S2
 from dlokit.description.shapes import self_clearance_m
-from dlokit.rod.believed import ModelConfig
+from dlokit.rod.believed import BelievedDlo
 from dlokit.rod.rollout import Played
 from dlokit.skills.planning.actions import FeasibilityConfig
+from dlokit.skills.planning.foresight import required_clearance_m
 from dlokit.types.action import Action, Drag, LayDown, Push
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState
 
+PICK_PLACE_MISS_M = 0.003
+"""How far a pick-and-place usually ends from what is predicted [m]; adds to its RMSE."""
+DRAG_MISS_M = 0.0015
+"""The same for a drag [m]."""
+PUSH_MISS_M = 0.005
+"""The same for a push, which holds nothing [m]."""
+LAY_DOWN_MISS_M = 0.008
+"""The same for a lay-down of a DLO that drapes [m]: near the goal it is not worth its time."""
+_DRAPES_SHARE = 0.1  # gravity bending length (EI / w)^(1/3) over length, up to which a DLO drapes as it is laid down
 
-@dataclass(frozen=True, kw_only=True)
-class ScoreConfig:
-    """What an action is judged by."""
 
-    next_action: float = 0.5
-    """Weight of the error that one more ideal pick-and-place would leave, beside the error itself."""
-    reach_m: float = 0.08
-    """Distance along the rod over which a pick-and-place takes its neighbours with it [m]."""
-    clearance_m: float = 0.04
-    """Strands that are no neighbours on the rod stay this far apart after an action [m]."""
-    goal_share: float = 0.7
-    """A goal whose strands are closer asks for no more than this share of its own clearance."""
-    pick_place_miss_m: float = 0.003
-    """How far a pick-and-place usually ends from what is predicted, whatever the doubt [m]; adds to its RMSE."""
-    drag_miss_m: float = 0.0015
-    """The same for a drag [m]."""
-    push_miss_m: float = 0.005
-    """The same for a push, which holds nothing [m]."""
-    lay_down_miss_m: float = 0.008
-    """The same for a lay-down of a DLO that drapes [m]: near the goal it is not worth its time."""
-    drapes_share: float = 0.1
-    """Gravity bending length (EI / w)^(1/3) over length, up to which a DLO drapes as it is laid down. The miss of a
-    lay-down grows with the square of what is above it: a wire turns in the fingers, and lands where it likes."""
-    caution: float = 1.0
-    """Standard deviations, over rods that the DLO may be, by which an action must be better."""
+def usual_miss_m(kind: type[Action], model: BelievedDlo) -> float:
+    """How far a kind of action usually ends from what is predicted, with a DLO as the model has it [m].
 
-    def miss_m(self, kind: type[Action], model: ModelConfig) -> float:
-        """How far a kind of action usually ends from what is predicted, with a DLO as the model has it [m]."""
-        if kind is LayDown:
-            bending_m = (model.bending_stiffness_n_m2 / (GRAVITY_M_S2 * model.mass_kg_m)) ** (1.0 / 3.0)
-            return self.lay_down_miss_m * max(1.0, bending_m / (self.drapes_share * model.length_m)) ** 2
-        of_kind: dict[type[Action], float] = {Drag: self.drag_miss_m, Push: self.push_miss_m}
-        return of_kind.get(kind, self.pick_place_miss_m)
+    The miss of a lay-down grows with the square of what the DLO lacks to drape: a wire turns in the fingers, and lands
+    where it likes.
+    """
+    if kind is LayDown:
+        bending_m = (model.bending_stiffness_n_m2 / (GRAVITY_M_S2 * model.mass_kg_m)) ** (1.0 / 3.0)
+        return LAY_DOWN_MISS_M * max(1.0, bending_m / (_DRAPES_SHARE * model.length_m)) ** 2
+    of_kind: dict[type[Action], float] = {Drag: DRAG_MISS_M, Push: PUSH_MISS_M}
+    return of_kind.get(kind, PICK_PLACE_MISS_M)
 
 
 _MOVED_M = 0.004  # a rod that lies as before, to that RMS, was not acted on
@@ -66,14 +55,14 @@ class _Expected:
 class Misses:
     """What was expected of an action, compared with the next shape: a kind that misses by much is trusted less."""
 
-    def __init__(self, config: ScoreConfig, model: ModelConfig) -> None:
-        self._config, self._model = config, model
+    def __init__(self, model: BelievedDlo) -> None:
+        self._model = model
         self._expected: _Expected | None = None
         self._seen: dict[type[Action], list[float]] = {}
 
     def of(self, kind: type[Action]) -> float:
         """RMS distance of a shape to what was predicted [m]: what is usual counts as much as each action so far."""
-        squares = [self._config.miss_m(kind, self._model) ** 2, *(miss_m**2 for miss_m in self._seen.get(kind, []))]
+        squares = [usual_miss_m(kind, self._model) ** 2, *(miss_m**2 for miss_m in self._seen.get(kind, []))]
         return math.sqrt(float(np.mean(squares)))
 
     def expect(self, action: Action, shape: DloState) -> None:
@@ -93,6 +82,9 @@ class Misses:
         self._seen.setdefault(expected.kind, []).append(min(miss_m, _MOST_M))
 
 
+_NEXT_ACTION = 0.5  # weight of the error that one more ideal pick-and-place would leave, beside the error itself
+_REACH_M = 0.08  # along the rod, over which a pick-and-place takes its neighbours with it
+_CAUTION = 1.0  # standard deviations, over rods that the DLO may be, by which an action must be better
 _TANGLED = 0.3  # metres of score a metre of missing clearance: a tangle is worse than any error that it saves
 _TOUCHING_DIAMETERS = 1.3  # strands whose nodes came nearer than this may have gone through one another
 
@@ -102,7 +94,6 @@ def remaining_m(
     miss_m: Float64Array,
     goal_world: Float64Array,
     radius_m: float,
-    config: ScoreConfig,
     table: FeasibilityConfig,
 ) -> Float64Array:
     """What remains after each motion on each rod (R, C) [m], for a goal (M, 3) [m].
@@ -115,9 +106,9 @@ def remaining_m(
     """
     nodes = played.nodes_world
     error = goal_world[:, :2] - nodes[..., :2]  # (R, C, M, 2)
-    after = _after_one_more(error, goal_world, config.reach_m)
-    score = np.hypot(_rms(error), miss_m) + config.next_action * np.hypot(after, miss_m)
-    required_m = min(config.clearance_m, config.goal_share * self_clearance_m(goal_world))
+    after = _after_one_more(error, goal_world, _REACH_M)
+    score = np.hypot(_rms(error), miss_m) + _NEXT_ACTION * np.hypot(after, miss_m)
+    required_m = required_clearance_m(goal_world)
     flat = nodes.reshape(-1, *nodes.shape[2:])
     clearance = np.array([self_clearance_m(shape) for shape in flat]).reshape(score.shape)
     clearance = np.where(played.nearest_m < _TOUCHING_DIAMETERS * 2.0 * radius_m, 0.0, clearance)
@@ -125,12 +116,12 @@ def remaining_m(
     return score + _off_table(nodes, table)
 
 
-def least_remaining_m(miss_m: float, config: ScoreConfig) -> float:
+def least_remaining_m(miss_m: float) -> float:
     """What `remaining_m` is never below for motions that usually miss by `miss_m`, however well they are aimed [m]."""
-    return (1.0 + config.next_action) * miss_m
+    return (1.0 + _NEXT_ACTION) * miss_m
 
 
-def cautious_m(score_m: Float64Array, caution: float) -> Float64Array:
+def cautious_m(score_m: Float64Array, caution: float = _CAUTION) -> Float64Array:
     """One score (C,) [m] from those on several rods (R, C): the mean, and `caution` standard deviations more."""
     return score_m.mean(axis=0) + caution * score_m.std(axis=0)
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from dlokit.communication.port import Compute
 from dlokit.errors import ConfigError
-from dlokit.rod.believed import BeliefConfig, ModelConfig
+from dlokit.rod.believed import BeliefConfig, BelievedDlo
 from dlokit.rod.rollout import Motion, Played, QuickRod, play
 from dlokit.skills.planning.rollout.candidates import Candidate, Family
 from dlokit.types.action import Action
@@ -23,37 +23,31 @@ T = TypeVar("T")
 _LEAST = 16  # rollouts besides those of the finalists
 
 
+_OTHER_RODS = 8  # that each finalist is tried on, as `doubtful_rods` makes them
+
+
 @dataclass(frozen=True, kw_only=True)
 class SearchConfig:
-    """How many rollouts, and for what."""
+    """How many actions are played through for a decision."""
 
     rollouts: int = 480
-    """Motions played through for one decision, at most."""
+    """Motions played through for one decision, at most. Larger: better actions, and longer decisions."""
     seconds: float = 2.0
-    """Time for one decision when live [s]: the search ends with what it has then. On a machine so busy that not a
-    quarter of the rollouts fits, it takes longer, up to three times. Not looked at in lockstep."""
+    """Time for one decision when live [s]: the search ends with what it has then. Larger: better actions on a slow
+    machine. Where not a quarter of the rollouts fits, it takes longer, up to three times. Not looked at in lockstep."""
     generations: int = 8
-    """Refinements."""
+    """Rounds in which the best candidates are refined. Larger: more refinement, of fewer candidates each."""
     finalists: int = 8
-    """Candidates that are tried on other rods."""
-    doubt: float = 1.4
-    """Factor by which friction and stiffness of the DLO may be other than the model's, up or down, at least; more
-    where the model is less sure of them (`--model.belief`, and what was learnt). 1: the model is believed."""
-    astray_m: float = 0.003
-    """Distance by which the DLO may lie beside where it is seen [m]. Every finalist is played on eight rods: each pair
-    of friction and stiffness, on either side of where it is seen."""
-    timestep_s: float = 0.01
-    """Step of the quick rod [s]."""
-    threads: int = 0
-    """Threads that play; 0: one a core. The result is the same."""
+    """Best candidates that are tried again on eight rods, stiffer, softer, rougher and smoother than believed. Larger:
+    actions that depend less on what is believed of the DLO, and fewer candidates."""
 
     def __post_init__(self) -> None:
-        if self.finalists < 1 or self.generations < 0 or self.threads < 0:
+        if self.finalists < 1 or self.generations < 0:
             raise ConfigError(
-                f"a search has finalists {self.finalists}, generations {self.generations}, threads {self.threads}; "
-                f"at least 1, 0 and 0 are allowed."
+                f"a search has finalists {self.finalists}, generations {self.generations}; at least 1 and 0 are "
+                f"allowed."
             )
-        finals = self.finalists * self.other_rods
+        finals = self.finalists * _OTHER_RODS
         if self.rollouts < _LEAST + finals:
             raise ConfigError(
                 f"a search of {self.rollouts} rollouts is too short: {self.finalists} finalists take {finals}, and "
@@ -61,16 +55,6 @@ class SearchConfig:
             )
         if not self.seconds > 0.0:
             raise ConfigError(f"a search has seconds {self.seconds}; it must be a number above 0.")
-        if not (self.doubt >= 1.0 and 0.0 < self.timestep_s <= 0.02):
-            raise ConfigError(
-                f"a search has doubt {self.doubt} and timestep_s {self.timestep_s}; the doubt is a factor of 1 or "
-                f"more, the time step above 0 and up to 0.02 s."
-            )
-
-    @property
-    def other_rods(self) -> int:
-        """Rods besides the model's that each finalist is tried on, as `doubtful_rods` makes them."""
-        return 0 if self.doubt == 1.0 else 8
 
 
 _LARGEST_BATCH = 8  # rollouts a core between two looks at the time
@@ -167,20 +151,24 @@ _WORTH_IT = 1.6  # a family is refined while its best is no worse than this time
 _AT_ONCE = 2  # families refined in one generation
 _NARROWER = 0.75  # spread of a generation against the one before
 _SHOWN = 6  # candidates that are told of
+_TIMESTEP_S = 0.01  # of the quick rod
+_DOUBT = 1.4  # factor by which friction and stiffness may be other than the model's, at least
+_ASTRAY_M = 0.003  # by which the DLO may lie beside where it is seen
 _LEAST_SHARE = 0.25  # of the rollouts, that a live decision waits for though its time has passed
 
 
-def doubtful_rods(config: SearchConfig, sure: BeliefConfig) -> tuple[QuickRod, ...]:
-    """What the DLO may be like besides what the model says, which is as `sure` of it."""
-    if config.doubt == 1.0:
-        return ()
+def doubtful_rods(sure: BeliefConfig) -> tuple[QuickRod, ...]:
+    """What the DLO may be like besides what the model says, which is as `sure` of it.
+
+    Each pair of friction and stiffness, up and down, on either side of where it is seen.
+    """
     friction_by, stiffness_by = (
-        max(config.doubt, math.exp(log_sd)) for log_sd in (sure.friction_log_sd, sure.stiffness_log_sd)
+        max(_DOUBT, math.exp(log_sd)) for log_sd in (sure.friction_log_sd, sure.stiffness_log_sd)
     )
     rods = list[QuickRod]()
     both = itertools.product((1.0 / friction_by, friction_by), (1.0 / stiffness_by, stiffness_by))
     for k, (friction, stiffness) in enumerate(both):
-        x, y = config.astray_m * math.cos(k * math.pi / 4.0), config.astray_m * math.sin(k * math.pi / 4.0)
+        x, y = _ASTRAY_M * math.cos(k * math.pi / 4.0), _ASTRAY_M * math.sin(k * math.pi / 4.0)
         for shift_m in ((x, y), (-x, -y)):
             rods.append(QuickRod(friction_share=friction, stiffness_share=stiffness, shift_m=shift_m))
     return tuple(rods)
@@ -238,19 +226,20 @@ class Search:
     def __init__(
         self,
         nodes_world: Float64Array,
-        model: ModelConfig,
+        model: BelievedDlo,
         config: SearchConfig,
         scoring: Scoring,
         compute: Compute,
         watch: SearchWatch | None = None,
+        threads: int = 0,
     ) -> None:
+        """`threads` play at once; 0: as many as there are cores. The result is the same."""
         self._nodes, self._model, self._config = nodes_world, model, config
         self._scoring, self._compute = scoring, compute
-        self._rods = doubtful_rods(config, model.belief)
+        self._rods = doubtful_rods(model.belief)
         self._watch = watch or SearchWatch()
-        self._timer = Timer(
-            config.seconds, self._watch.stopwatch, config.threads, least=round(_LEAST_SHARE * config.rollouts)
-        )
+        self._timer = Timer(config.seconds, self._watch.stopwatch, threads, least=round(_LEAST_SHARE * config.rollouts))
+        self._threads = threads
         self.spent = 0
         """Rollouts so far."""
 
@@ -339,9 +328,8 @@ class Search:
     async def _play(self, candidates: Sequence[Candidate], rods: tuple[QuickRod, ...]) -> Played:
         motions: tuple[Motion, ...] = tuple(candidate.motion for candidate in candidates)
         self.spent += len(motions) * len(rods)
-        config = self._config
         with self._timer.playing(len(motions) * len(rods)):
-            return await self._compute(play, self._model, self._nodes, rods, motions, config.timestep_s, config.threads)
+            return await self._compute(play, self._model, self._nodes, rods, motions, _TIMESTEP_S, self._threads)
 
 
 def _made(family: Family, numbers: Iterator[Float64Array], count: int) -> list[Candidate]:

@@ -14,11 +14,13 @@ from dlokit.skills.planning.rollout.carrying import Carrying
 from dlokit.skills.planning.rollout.laying import Laying
 from dlokit.skills.planning.rollout.pairing import Pairing
 from dlokit.skills.planning.rollout.pushing import Pushing
-from dlokit.skills.planning.rollout.score import Misses, ScoreConfig, cautious_m, least_remaining_m, remaining_m
+from dlokit.skills.planning.rollout.score import Misses, cautious_m, least_remaining_m, remaining_m, usual_miss_m
 from dlokit.skills.planning.rollout.search import Choice, Scoring, Search, SearchConfig, SearchWatch
 from dlokit.types.action import Action, Candidates, CandidateSeen, Marks
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, GoalShape
+
+_SEED = 0  # of the candidates, with the stamp of the shape: the same question has the same answer
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,11 +30,9 @@ class RolloutConfig:
     name: ClassVar[str] = "rollout"
 
     search: SearchConfig = field(default_factory=SearchConfig)
-    """How many rollouts, and for what."""
-    score: ScoreConfig = field(default_factory=ScoreConfig)
-    """What an action is judged by."""
+    """How many actions are played through for a decision."""
     pick_place: bool = True
-    """Consider pick-and-place."""
+    """Consider lifting the rod at a node, carrying it and putting it down."""
     drag: bool = True
     """Consider dragging the rod along the table."""
     lay_down: bool = True
@@ -41,8 +41,6 @@ class RolloutConfig:
     """Consider pushing the rod sideways with closed fingers. Off, as where the rod goes then is less well predicted."""
     pair: bool = True
     """Consider pairs of grasps, where there are two arms."""
-    seed: int = 0
-    """Seed of the candidates, with the stamp of the shape; the same question has the same answer."""
 
     def build(self, tools: PlanningTools) -> ActionStrategy:
         """The strategy with these settings."""
@@ -58,7 +56,7 @@ class Rollout:
 
     def __init__(self, config: RolloutConfig, tools: PlanningTools) -> None:
         self._config, self._tools = config, tools
-        self._misses = Misses(config.score, tools.model)
+        self._misses = Misses(tools.model)
 
     async def propose(self, shape: DloState, goal: GoalShape, marks: Marks) -> AsyncIterator[Action]:
         """Actions of any kind, the one that leaves least to be done first; each with its predicted shape."""
@@ -70,14 +68,11 @@ class Rollout:
 
         def score(played: Played, kinds: Sequence[type[Action]]) -> Float64Array:
             miss_m = np.array([self._misses.of(kind) for kind in kinds])
-            return remaining_m(played, miss_m, goal_world, tools.model.radius_m, config.score, tools.table)
-
-        def judge(scores_m: Float64Array) -> Float64Array:
-            return cautious_m(scores_m, config.score.caution)
+            return remaining_m(played, miss_m, goal_world, tools.model.radius_m, tools.table)
 
         def least_m(kind: type[Action]) -> float:
             # Of what is usual: one action that went wrong must not keep its whole kind from being tried.
-            return least_remaining_m(config.score.miss_m(kind, tools.model), config.score)
+            return least_remaining_m(usual_miss_m(kind, tools.model))
 
         async def tell(rollouts: int, best: Sequence[Choice]) -> None:
             seen = tuple(_seen(choice) for choice in best)
@@ -86,10 +81,10 @@ class Rollout:
             )
 
         watch = SearchWatch(tell=tell, stopwatch=tools.stopwatch)
-        scoring = Scoring(score=score, judge=judge, least_m=least_m)
+        scoring = Scoring(score=score, judge=cautious_m, least_m=least_m)
         search = Search(shape.nodes_world, tools.model, config.search, scoring, tools.compute, watch)
         # Other candidates at another time: what did not do as predicted is not tried again in just the same way.
-        rng = np.random.default_rng([config.seed, shape.stamp_ns])
+        rng = np.random.default_rng([_SEED, shape.stamp_ns])
         for choice in await search.run(self._families(scene), rng):
             action = to_action(choice.candidate, shape.stamp_ns, choice.nodes_world, tools)
             self._misses.expect(action, shape)

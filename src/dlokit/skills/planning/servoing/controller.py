@@ -13,11 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from dlokit import geometry
-from dlokit.rod.believed import ModelConfig
+from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.planning.base import Reachable
 from dlokit.skills.planning.servoing.jacobian import (
     Grip,
-    ServoConfig,
     corrected,
     damped_step,
     jacobian,
@@ -29,7 +28,25 @@ from dlokit.types.arrays import BoolArray, Float64Array
 from dlokit.types.dlo import DloState
 from dlokit.types.pose import Pose
 
+LEAST_GAIN_M = 0.001
+"""A correction that is expected to gain less than this RMSE [m] is not worth its time."""
+DOUBTS = 1.0
+"""A correction gains more than so many standard deviations of what the shape's covariance lets it seem to gain."""
+_GOOD_SHARE = 0.5  # of the threshold: good enough, as what the camera sees behind the arm is not exact
+_WINDOW = 2  # corrections in a row that may go by without progress; then control is in a deadlock
+_SLACK_SHARE = 0.02  # two held nodes stay nearer than the DLO between them by this share: more would overstretch it
 _HIDDEN = 3.0  # times the standard deviation of a node that is seen, measured behind the hand
+
+
+@dataclass(frozen=True, kw_only=True)
+class ServoConfig:
+    """When the DLO is seen well enough for corrections while it is held."""
+
+    sight_m: float = 0.003
+    """How exactly a held DLO is seen, where the observer does not say, and before it is held: standard deviation of
+    each node along each axis [m]. Larger: fewer corrections, of larger errors."""
+    least_health: float = 0.9
+    """Least health of the observation, 0 (lost) to 1, at which a correction is made. Larger: fewer corrections."""
 
 
 @dataclass(frozen=True)
@@ -85,12 +102,12 @@ class Held:
 
 
 def advise(
-    held: Held, threshold_m: float, model: ModelConfig, reachable: Reachable, config: ServoConfig
+    held: Held, threshold_m: float, model: BelievedDlo, reachable: Reachable, config: ServoConfig
 ) -> ControlAdvice:
     """The next correction, or the verdict that ends control."""
     grip = Grip(held.grip.node, _tool(held.grip.T_world_tcp))
     nodes = held.shape.nodes_world
-    shapes = released(model, nodes, grip, probes(config), config)
+    shapes = released(model, nodes, grip, probes())
     now = shapes[0]
     rmse_m = _rmse_m(now, held.goal_world)
 
@@ -99,27 +116,27 @@ def advise(
             verdict=verdict, reason=reason, rmse_m=rmse_m, then_rmse_m=rmse_m, target=held.grip.T_world_tcp
         )
 
-    if rmse_m < config.good_share * threshold_m:
+    if rmse_m < _GOOD_SHARE * threshold_m:
         return ends(ControlVerdict.SETTLED, "good_enough")
     if _badly_seen(held.shape, config):
         return ends(ControlVerdict.SETTLED, "badly_seen")
-    if _no_progress(held, rmse_m, config):
+    if _no_progress(held, rmse_m):
         return ends(ControlVerdict.DEADLOCK, "no_progress")
-    matrix = corrected(jacobian(shapes, config), held.done, now, config)
-    step = damped_step(matrix, (held.goal_world - now)[:, :2], config)
+    matrix = corrected(jacobian(shapes), held.done, now)
+    step = damped_step(matrix, (held.goal_world - now)[:, :2])
     steps = [share * step for share in _SHARES]
-    allowed = [by for by in steps if not _overstretches(held, grip, by, model, config)]
+    allowed = [by for by in steps if not _overstretches(held, grip, by, model)]
     if not allowed:
         return ends(ControlVerdict.DEADLOCK, "overstretch")
     reached = [by for by in allowed if reachable(_pose(grip.tool + by))]
     if not reached:
         return ends(ControlVerdict.DEADLOCK, "out_of_reach")
-    expected = released(model, nodes, grip, reached, config)
+    expected = released(model, nodes, grip, reached)
     left_m = [_rmse_m(shape, held.goal_world) for shape in expected]
     best = int(np.argmin(left_m))
-    if left_m[best] > rmse_m - config.least_gain_m:
+    if left_m[best] > rmse_m - LEAST_GAIN_M:
         return ends(ControlVerdict.SETTLED, "no_gain")
-    if not _gain(held, now, expected[best], config).exceeds(config.doubts, config.least_gain_m):
+    if not _gain(held, now, expected[best], config).exceeds(DOUBTS, LEAST_GAIN_M):
         return ends(ControlVerdict.SETTLED, "in_doubt")
     return ControlAdvice(
         verdict=ControlVerdict.CORRECT,
@@ -145,21 +162,21 @@ def _gain(held: Held, now: Float64Array, then: Float64Array, config: ServoConfig
     return gain((held.goal_world - now)[:, :2], (then - now)[:, :2], covariance)
 
 
-def _no_progress(held: Held, rmse_m: float, config: ServoConfig) -> bool:
-    """Whether the last `window` corrections brought no new best error."""
-    if len(held.done) < config.window:
+def _no_progress(held: Held, rmse_m: float) -> bool:
+    """Whether the last `_WINDOW` corrections brought no new best error."""
+    if len(held.done) < _WINDOW:
         return False
     errors = [_rmse_m(correction.released_world, held.goal_world) for correction in held.done] + [rmse_m]
-    return min(errors[-config.window :]) > min(errors[: -config.window]) - config.least_gain_m
+    return min(errors[-_WINDOW:]) > min(errors[:-_WINDOW]) - LEAST_GAIN_M
 
 
-def _overstretches(held: Held, grip: Grip, by: Float64Array, model: ModelConfig, config: ServoConfig) -> bool:
+def _overstretches(held: Held, grip: Grip, by: Float64Array, model: BelievedDlo) -> bool:
     """Whether the tool would come farther from another held node than the DLO between them is long."""
     edge_m = model.length_m / (model.nodes - 1)
     there = grip.tool + by
     return any(
         float(np.linalg.norm(there[:3] - other.T_world_tcp.position_m))
-        > (1.0 - config.slack_share) * abs(other.node - grip.node) * edge_m
+        > (1.0 - _SLACK_SHARE) * abs(other.node - grip.node) * edge_m
         for other in held.others
     )
 

@@ -7,16 +7,18 @@ more than the eye could feign.
 
 import numpy as np
 
-from dlokit.rod.believed import ModelConfig
+from dlokit.rod.believed import BelievedDlo
 from dlokit.rod.rollout import QuickRod, motion_of, play
-from dlokit.skills.planning.servoing.controller import gain, usual
-from dlokit.skills.planning.servoing.jacobian import Grip, ServoConfig, damped_step, jacobian, probes, released, scaled
+from dlokit.skills.planning.servoing.controller import DOUBTS, LEAST_GAIN_M, ServoConfig, gain, usual
+from dlokit.skills.planning.servoing.jacobian import TIMESTEP_S, Grip, damped_step, jacobian, probes, released, scaled
 from dlokit.types.action import Action, ControlForecast, Push
 from dlokit.types.arrays import Float64Array
 
+_DOUBT = 1.4  # factor by which friction and stiffness of the DLO may be other than believed, up or down
+
 
 def foresee(
-    model: ModelConfig,
+    model: BelievedDlo,
     nodes_world: Float64Array,
     goal_world: Float64Array,
     action: Action,
@@ -30,25 +32,25 @@ def foresee(
     if isinstance(action, Push) or action.partner is not None:
         return ControlForecast(follows=False, gain_m=0.0)
     motion = motion_of(action)
-    shapes = play(model, nodes_world, (QuickRod(), *_doubtful(config)), (motion,), config.timestep_s).nodes_world[:, 0]
+    shapes = play(model, nodes_world, (QuickRod(), *_doubtful()), (motion,), TIMESTEP_S).nodes_world[:, 0]
     expected, others = shapes[0], shapes[1:]
     astray_m = float(np.sqrt(np.mean(np.sum((others - expected) ** 2, axis=-1))))
     others = expected + max(1.0, missed_m / max(astray_m, 1e-6)) * (others - expected)
     grip = Grip(motion.node, motion.waypoints[-1])
-    matrix = jacobian(released(model, expected, grip, probes(config), config), config)
-    gains_m = [_mendable_m(matrix, (goal_world - shape)[:, :2], config) for shape in others]
+    matrix = jacobian(released(model, expected, grip, probes()))
+    gains_m = [_mendable_m(matrix, (goal_world - shape)[:, :2], config.sight_m) for shape in others]
     gain_m = float(np.mean(gains_m))
-    return ControlForecast(follows=gain_m >= config.least_gain_m, gain_m=gain_m)
+    return ControlForecast(follows=gain_m >= LEAST_GAIN_M, gain_m=gain_m)
 
 
-def _mendable_m(matrix: Float64Array, error: Float64Array, config: ServoConfig) -> float:
-    """RMSE [m] that a correction would mend of an error (M, 2) [m]; 0 where it would not be made."""
-    by = (matrix @ scaled(damped_step(matrix, error, config), config)).reshape(-1, 2)
-    mended = gain(error, by, usual(config.sight_m, np.ones(len(error), dtype=np.bool_)))
-    return mended.rmse_m if mended.exceeds(config.doubts, config.least_gain_m) else 0.0
+def _mendable_m(matrix: Float64Array, error: Float64Array, sight_m: float) -> float:
+    """RMSE [m] that a correction would mend of an error (M, 2) [m], seen to `sight_m` [m]; 0 where it is not made."""
+    by = (matrix @ scaled(damped_step(matrix, error))).reshape(-1, 2)
+    mended = gain(error, by, usual(sight_m, np.ones(len(error), dtype=np.bool_)))
+    return mended.rmse_m if mended.exceeds(DOUBTS, LEAST_GAIN_M) else 0.0
 
 
-def _doubtful(config: ServoConfig) -> tuple[QuickRod, ...]:
+def _doubtful() -> tuple[QuickRod, ...]:
     """Rods that the DLO may be."""
-    shares = (1.0 / config.doubt, config.doubt)
+    shares = (1.0 / _DOUBT, _DOUBT)
     return tuple(QuickRod(friction_share=friction, stiffness_share=stiff) for friction in shares for stiff in shares)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dlokit import geometry
-from dlokit.description.shapes import NEIGHBOUR_M
+from dlokit.description.shapes import LENGTH_TOLERANCE, NEIGHBOUR_M
 from dlokit.geometry.camera import project
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.planning.actions import FeasibilityConfig, GraspConfig
@@ -64,6 +64,11 @@ def _touching(points: Float64Array, radius_m: float) -> float:
     return float((np.clip(2.0 * radius_m - apart.min(axis=1), 0.0, None) ** 2).sum())
 
 
+VIEW_MARGIN_PX = 4.0
+"""A node must be this far inside the picture [px]."""
+HANDLED_FROM_M = 0.05
+"""A node of a goal that cannot be grasped is no harm when one this near along the rod can be [m]."""
+
 _FINER = 4  # points a node spacing at which strands are measured against each other
 
 
@@ -82,7 +87,7 @@ class Workplace:
 def check_start(nodes_world: Float64Array, place: Workplace) -> Verdict:
     """Whether a rod lying as `nodes_world` (M, 3) [m] can be shaped at all."""
     found = _on_table(nodes_world, place.config), _in_reach(nodes_world, place, handled_from_m=0.0)
-    seen = _in_view(nodes_world, place.config, place.calibration)
+    seen = _in_view(nodes_world, place.calibration)
     return Verdict(findings=_those(*found, seen, _crossing(nodes_world)))
 
 
@@ -90,8 +95,8 @@ def out_of_bounds(nodes_world: Float64Array, place: Workplace) -> tuple[Finding,
     """What a goal (M, 3) [m] breaks that moving it might mend: table, reach, view."""
     return _those(
         _on_table(nodes_world, place.config),
-        _in_reach(nodes_world, place, handled_from_m=place.config.handled_from_m),
-        _in_view(nodes_world, place.config, place.calibration),
+        _in_reach(nodes_world, place, handled_from_m=HANDLED_FROM_M),
+        _in_view(nodes_world, place.calibration),
     )
 
 
@@ -99,8 +104,8 @@ def is_inside(nodes_world: Float64Array, place: Workplace) -> bool:
     """Whether `out_of_bounds` finds nothing for (K, 3) [m]; stops at the first, and looks at the cheap ones first."""
     return not (
         _on_table(nodes_world, place.config)
-        or _in_view(nodes_world, place.config, place.calibration)
-        or _in_reach(nodes_world, place, handled_from_m=place.config.handled_from_m)
+        or _in_view(nodes_world, place.calibration)
+        or _in_reach(nodes_world, place, handled_from_m=HANDLED_FROM_M)
     )
 
 
@@ -115,10 +120,10 @@ def bends(nodes_world: Float64Array, config: FeasibilityConfig) -> tuple[Finding
     return _those(_bend(nodes_world, config))
 
 
-def misfits(nodes_world: Float64Array, length_m: float, config: FeasibilityConfig) -> tuple[Finding, ...]:
+def misfits(nodes_world: Float64Array, length_m: float) -> tuple[Finding, ...]:
     """By how much a goal (M, 3) [m] is longer or shorter than a rod of `length_m`."""
     excess_m = float(geometry.arc_lengths(nodes_world)[-1]) - length_m
-    allowed_m = config.length_tolerance * length_m
+    allowed_m = LENGTH_TOLERANCE * length_m
     if abs(excess_m) <= allowed_m:
         return ()
     return (
@@ -137,21 +142,21 @@ def misfits(nodes_world: Float64Array, length_m: float, config: FeasibilityConfi
 def crowded(nodes_world: Float64Array, place: Workplace) -> tuple[Finding, ...]:
     """Where a rod (M, 3) [m] lies so close to itself that the fingers could neither grasp nor release it."""
     fits = [
-        fitting_opening_m(nodes_world, rod_point(nodes_world, share), place.dlo.radius_m, place.grasp) is not None
+        fitting_opening_m(nodes_world, rod_point(nodes_world, share), place.dlo.radius_m) is not None
         for share in np.linspace(0.0, 1.0, len(nodes_world))
     ]
     node, gap_m = _farthest_from(nodes_world, np.array(fits))
-    if gap_m <= place.config.handled_from_m:
+    if gap_m <= HANDLED_FROM_M:
         return ()
     return (
         Finding(
             problem=Problem.NO_ROOM_FOR_FINGERS,
             node=node,
             amount=gap_m,
-            limit=place.config.handled_from_m,
+            limit=HANDLED_FROM_M,
             unit="m",
             text=f"There is no room for the fingers: from {place_of(nodes_world, node)} it is {gap_m:.3f} m along the "
-            f"rod to where they fit; {place.config.handled_from_m:.2f} m is allowed. Leave more room between strands.",
+            f"rod to where they fit; {HANDLED_FROM_M:.2f} m is allowed. Leave more room between strands.",
         ),
     )
 
@@ -215,20 +220,18 @@ def _in_reach(nodes_world: Float64Array, place: Workplace, *, handled_from_m: fl
 
 def _can_grasp(nodes_world: Float64Array, share: float, place: Workplace) -> bool:
     point = rod_point(nodes_world, share)
-    yaw = grasp_yaw(point, 0.0, place.grasp)
+    yaw = grasp_yaw(point, 0.0)
     # A grasp may take the rod from either side; one that the arm reaches is enough.
-    return any(place.reachable(grasp_pose(point, yaw + turn, place.grasp)) for turn in (0.0, np.pi, -np.pi))
+    return any(place.reachable(grasp_pose(point, yaw + turn, place.grasp.height_m)) for turn in (0.0, np.pi, -np.pi))
 
 
-def _in_view(
-    nodes_world: Float64Array, config: FeasibilityConfig, calibration: CameraCalibration | None
-) -> Finding | None:
+def _in_view(nodes_world: Float64Array, calibration: CameraCalibration | None) -> Finding | None:
     if calibration is None:
         return None
     projection = project(nodes_world, calibration)
     u, v = projection.pixels.T
     width, height = calibration.width_px, calibration.height_px
-    outside_px = np.max([-u, u - (width - 1), -v, v - (height - 1)], axis=0) + config.view_margin_px
+    outside_px = np.max([-u, u - (width - 1), -v, v - (height - 1)], axis=0) + VIEW_MARGIN_PX
     outside_px[projection.depth_m <= 0.0] = np.inf
     node = int(outside_px.argmax())
     if outside_px[node] <= 0.0:
@@ -241,7 +244,7 @@ def _in_view(
         unit="px",
         text=f"The shape is out of the camera's view: {place_of(nodes_world, node)} projects to pixel "
         f"({u[node]:.0f}, {v[node]:.0f}); the picture is {width} x {height} with a margin of "
-        f"{config.view_margin_px:.0f}. Move the shape or the camera.",
+        f"{VIEW_MARGIN_PX:.0f}. Move the shape or the camera.",
     )
 
 

@@ -26,6 +26,10 @@ from dlokit.types.feasibility import Finding, GoalVerdict, Problem, Standing
 TryGoal = Callable[[Float64Array], Awaitable[HoldVerdict]]
 """Releases the rod in a goal (M, 3) [m]; costs what a few seconds of physics cost."""
 
+HOPELESS_FACTOR = 1.1
+"""A goal is hopeless when even at best no shape holds that is within this many thresholds of it: more than 1, as the
+shape that is looked for is a local optimum."""
+
 
 async def judge(goal: GoalShape, threshold_m: float, *, place: Workplace, try_goal: TryGoal) -> GoalVerdict:
     """Judge a goal for the DLO of `place`, to be met to an RMSE of `threshold_m` [m].
@@ -45,13 +49,13 @@ async def judge(goal: GoalShape, threshold_m: float, *, place: Workplace, try_go
         *beyond,
         *(_of_goal(finding, apart_m, threshold_m) for finding in across),
         *bent,
-        *misfits(nodes, place.dlo.length_m, place.config),
+        *misfits(nodes, place.dlo.length_m),
         *sprung,
         *crowded(nodes, place),
     )
     hopeless = (
         hold is None
-        or hold.attainable_rmse_m > place.config.hopeless_factor * threshold_m
+        or hold.attainable_rmse_m > HOPELESS_FACTOR * threshold_m
         or (bool(beyond) and beyond_rmse_m(nodes, place) > threshold_m)
     )
     nearest = None if hold is None or not findings else _nearest(hold, place)
@@ -92,7 +96,7 @@ def _nearest(hold: HoldVerdict, place: Workplace) -> Float64Array | None:
     moved = moved_inside(hold.nearest_world, lambda nodes: is_inside(nodes, place))
     if moved is None or overlaps(moved, place.dlo.radius_m) or bends(moved, place.config):
         return None
-    return None if misfits(moved, place.dlo.length_m, place.config) or crowded(moved, place) else moved
+    return None if misfits(moved, place.dlo.length_m) or crowded(moved, place) else moved
 
 
 def _springs_back(hold: HoldVerdict, nodes: Float64Array, threshold_m: float, place: Workplace) -> tuple[Finding, ...]:

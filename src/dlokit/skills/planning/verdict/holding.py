@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dlokit import geometry
-from dlokit.rod.believed import ModelConfig
+from dlokit.rod.believed import BelievedDlo
 from dlokit.rod.equilibrium import nearest_held
 from dlokit.rod.nodes import fit_length
 from dlokit.rod.rollout import QuickRod, settle
@@ -20,6 +20,11 @@ from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloBelief
 from dlokit.types.feasibility import Release
 
+SET_DOUBT = 0.05
+"""A goal can be hopeless for springing back where the chance that the DLO keeps bends is no more than this."""
+_DOUBT_SDS = 2.0  # standard deviations of what is believed of EI / (μ w), by which the DLO may be other, to either side
+_YIELD_DOUBT = 1.5  # factor by which the curvature where the DLO yields may be other than believed
+_NEAREST_SHARES = (0.75, 0.5, 0.35)  # of friction, with which the nearest shape is sought until one holds in all trials
 _SPREAD = (0.0, 1.0, -1.0, 0.5, -0.5)  # of the doubt: believed, stiffest, softest, between
 
 
@@ -53,13 +58,13 @@ class Plausible:
 
 
 def try_goal(
-    model: ModelConfig, belief: DloBelief, goal_world: Float64Array, threshold_m: float, config: FeasibilityConfig
+    model: BelievedDlo, belief: DloBelief, goal_world: Float64Array, threshold_m: float, config: FeasibilityConfig
 ) -> HoldVerdict:
     """Release the rod in a goal (M, 3) [m], and where that does not hold look for the nearest shape that does.
 
     `model` is the rod of `belief`: the one that actions are planned with.
     """
-    may_be, allowed_m = plausible(belief, config), config.hold_share * threshold_m
+    may_be, allowed_m = plausible(belief), config.hold_share * threshold_m
     releases = tuple(release(model, goal_world, one) for one in may_be)
     best_m, too_tight = min(trial.rmse_m for trial in releases), bool(bends(goal_world, config))
     if best_m > threshold_m or too_tight:
@@ -72,25 +77,25 @@ def try_goal(
 
 def attainable_rmse_m(belief: DloBelief, goal_world: Float64Array, config: FeasibilityConfig) -> float:
     """How near to a goal (M, 3) [m] some shape holds that bends no tighter than allowed, at best [m]."""
-    softest = min(one.elastic_factor for one in plausible(belief, config)) * belief.elastic_m3.value
+    softest = min(one.elastic_factor for one in plausible(belief)) * belief.elastic_m3.value
     # What keeps a bend can be bent further and comes back to any shape: friction need not hold it.
-    springs_back = belief.yield_curvature_1_m is None and belief.takes_set <= config.set_doubt
+    springs_back = belief.yield_curvature_1_m is None and belief.takes_set <= SET_DOUBT
     elastic_m3 = softest if springs_back else 0.0
     return nearest_held(goal_world, elastic_m3, min_radius_m=config.min_bend_radius_m).rmse_m
 
 
-def plausible(belief: DloBelief, config: FeasibilityConfig) -> tuple[Plausible, ...]:
+def plausible(belief: DloBelief) -> tuple[Plausible, ...]:
     """The rods that the DLO may be: as believed first, then stiffest, softest, and between."""
     return tuple(
         Plausible(
-            elastic_factor=math.exp(share * config.doubt_sds * belief.elastic_m3.log_sd),
-            yield_curvature_1_m=(belief.yield_curvature_1_m or math.inf) * config.yield_doubt**share,
+            elastic_factor=math.exp(share * _DOUBT_SDS * belief.elastic_m3.log_sd),
+            yield_curvature_1_m=(belief.yield_curvature_1_m or math.inf) * _YIELD_DOUBT**share,
         )
         for share in _SPREAD
     )
 
 
-def release(model: ModelConfig, goal_world: Float64Array, rod: Plausible) -> Release:
+def release(model: BelievedDlo, goal_world: Float64Array, rod: Plausible) -> Release:
     """Lay the rod down as a goal (M, 3) [m], let go, and measure how far it springs back."""
     nodes = settle(model, goal_world, rod.quick)
     moved_m = np.linalg.norm(nodes - goal_world, axis=1)
@@ -105,16 +110,16 @@ def release(model: ModelConfig, goal_world: Float64Array, rod: Plausible) -> Rel
 
 
 def _nearest(
-    model: ModelConfig, belief: DloBelief, goal_world: Float64Array, allowed_m: float, config: FeasibilityConfig
+    model: BelievedDlo, belief: DloBelief, goal_world: Float64Array, allowed_m: float, config: FeasibilityConfig
 ) -> Float64Array | None:
     """The nearest shape found (M, 3) [m] that holds whatever of the doubts is right.
 
     It is sought for the stiffest rod with ever less of the friction, for a rod rolls more easily than it slides.
     """
-    may_be = plausible(belief, config)
+    may_be = plausible(belief)
     stiffest = max(may_be, key=lambda one: one.elastic_factor)
     elastic_m3 = stiffest.elastic_factor * belief.elastic_m3.value
-    for share in config.nearest_shares:
+    for share in _NEAREST_SHARES:
         held = nearest_held(
             goal_world,
             elastic_m3 / share,

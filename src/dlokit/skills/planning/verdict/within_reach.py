@@ -11,7 +11,7 @@ import daqp
 import numpy as np
 
 from dlokit import geometry
-from dlokit.skills.planning.verdict.feasibility import Workplace
+from dlokit.skills.planning.verdict.feasibility import HANDLED_FROM_M, VIEW_MARGIN_PX, Workplace
 from dlokit.types.arrays import Float64Array
 
 _LATTICE_M = 0.02  # distance of places at which the arm's reach is tried
@@ -50,7 +50,7 @@ def _seen_table(place: Workplace, height_m: float) -> Inequalities:
     limits = np.array([x1, -x0, y1, -y0])
     if place.calibration is None:
         return sides, limits
-    camera, margin = place.calibration, place.config.view_margin_px
+    camera, margin = place.calibration, VIEW_MARGIN_PX
     corners = np.array([[0.0, 0.0, height_m], [1.0, 0.0, height_m], [0.0, 1.0, height_m]])
     origin, *others = geometry.transform(geometry.inverse(camera.T_world_camera), corners)
     along = np.column_stack([other - origin for other in others])  # (3, 2): camera coordinates a metre of x, y
@@ -88,7 +88,7 @@ def _from_reach(nodes_world: Float64Array, place: Workplace) -> Float64Array:
 
     away_m = np.array([distance_m(x, y) for x, y in nodes_world[:, :2]])
     # Counted between places of the lattice: neither the node nor the edge of the reach need lie on one.
-    return np.maximum(away_m - 2.0 * _OFF_LATTICE_M - place.config.handled_from_m, 0.0)
+    return np.maximum(away_m - 2.0 * _OFF_LATTICE_M - HANDLED_FROM_M, 0.0)
 
 
 def _offsets() -> list[tuple[int, int]]:

@@ -12,7 +12,7 @@ from dlokit.description.shapes import builtin_shape, moved, random_shape
 from dlokit.motion.inverse_kinematics import PandaKinematics
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.planning.actions import FeasibilityConfig, GraspConfig
-from dlokit.skills.planning.verdict.feasibility import Workplace, out_of_bounds
+from dlokit.skills.planning.verdict.feasibility import HANDLED_FROM_M, Workplace, out_of_bounds
 from dlokit.skills.planning.verdict.within_reach import beyond_rmse_m
 from dlokit.types.image import CameraCalibration
 from dlokit.types.pose import Pose
@@ -63,7 +63,7 @@ def test_out_of_view_nodes_meet_the_margin_of_the_picture_after_that_way() -> No
 def test_out_of_reach_it_is_less_than_the_way_back_but_not_by_much() -> None:
     spot = np.full((31, 3), (0.9, 0.0, 0.004))
     place = workplace(reachable=within_70_cm)
-    truly_m = 0.9 - 0.7 - place.config.handled_from_m
+    truly_m = 0.9 - 0.7 - HANDLED_FROM_M
     # Known to two half diagonals of a lattice of 2 cm, and one step of it.
     assert truly_m - 0.049 < beyond_rmse_m(spot, place) <= truly_m
 

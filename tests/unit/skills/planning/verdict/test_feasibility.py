@@ -148,7 +148,7 @@ def test_strands_that_lie_upon_one_another_are_named_and_so_is_a_gap_too_narrow_
 
 
 def test_a_goal_of_another_length_is_named_with_by_how_much() -> None:
-    (finding,) = misfits(1.04 * I_SHAPE, 0.5, FeasibilityConfig())
+    (finding,) = misfits(1.04 * I_SHAPE, 0.5)
     assert finding.problem is Problem.WRONG_LENGTH
     assert finding.amount == pytest.approx(0.02)
-    assert misfits(1.01 * I_SHAPE, 0.5, FeasibilityConfig()) == ()
+    assert misfits(1.01 * I_SHAPE, 0.5) == ()

@@ -10,11 +10,11 @@ from msgspec.structs import replace as replace_belief
 from dlokit import geometry
 from dlokit.description.shapes import builtin_shape, moved
 from dlokit.motion.inverse_kinematics import PandaKinematics
-from dlokit.rod.believed import BeliefConfig, ModelConfig, as_configured
+from dlokit.rod.believed import BeliefConfig, BelievedDlo, as_configured
 from dlokit.skills.planning.actions import FeasibilityConfig, GraspConfig
 from dlokit.skills.planning.verdict import holding
 from dlokit.skills.planning.verdict.feasibility import Workplace, crossings, parting_rmse_m
-from dlokit.skills.planning.verdict.goal_verdict import judge
+from dlokit.skills.planning.verdict.goal_verdict import HOPELESS_FACTOR, judge
 from dlokit.skills.planning.verdict.holding import HoldVerdict
 from dlokit.skills.planning.verdict.within_reach import moved_inside
 from dlokit.types.arrays import Float64Array
@@ -22,14 +22,14 @@ from dlokit.types.dlo import GoalShape
 from dlokit.types.feasibility import GoalVerdict, Problem, Standing
 
 THRESHOLD_M = 0.012
-ROPE = ModelConfig(belief=BeliefConfig(takes_set=0.0))
+ROPE = BelievedDlo(belief=BeliefConfig(takes_set=0.0))
 STIFF = replace(ROPE, bending_stiffness_n_m2=1e-3)
 CONFIG = FeasibilityConfig()
 I_SHAPE = builtin_shape("I", 0.5, 31)
 S_SHAPE = builtin_shape("S", 0.5, 31)
 
 
-def of(goal: Float64Array, model: ModelConfig = ROPE, yield_curvature_1_m: float | None = None) -> GoalVerdict:
+def of(goal: Float64Array, model: BelievedDlo = ROPE, yield_curvature_1_m: float | None = None) -> GoalVerdict:
     place = Workplace(model, CONFIG, GraspConfig(), PandaKinematics().reachable, None)
     belief = replace_belief(as_configured(model, 0), yield_curvature_1_m=yield_curvature_1_m)
 
@@ -91,7 +91,7 @@ def test_a_goal_that_springs_back_is_not_ruled_out_while_the_dlo_may_keep_bends(
     shipped = of(S_SHAPE, replace(STIFF, belief=BeliefConfig()))
     assert [finding.problem for finding in shipped.findings] == [Problem.SPRINGS_BACK]
     assert shipped.standing is Standing.DOUBTFUL
-    almost_sure = of(S_SHAPE, replace(STIFF, belief=BeliefConfig(takes_set=CONFIG.set_doubt)))
+    almost_sure = of(S_SHAPE, replace(STIFF, belief=BeliefConfig(takes_set=holding.SET_DOUBT)))
     assert almost_sure.standing is Standing.INFEASIBLE
 
 
@@ -99,7 +99,7 @@ def test_a_goal_whose_release_ends_far_away_is_doubtful_while_a_shape_near_it_ho
     # Let go, a rod flies past the shapes that friction could hold: what comes of it does not say that there are none.
     sure = BeliefConfig(stiffness_log_sd=0.02, weight_log_sd=0.0, friction_log_sd=0.0, takes_set=0.0)
     verdict = of(S_SHAPE, replace(ROPE, bending_stiffness_n_m2=1.3e-4, belief=sure))
-    assert min(release.rmse_m for release in verdict.releases) > CONFIG.hopeless_factor * THRESHOLD_M
+    assert min(release.rmse_m for release in verdict.releases) > HOPELESS_FACTOR * THRESHOLD_M
     assert verdict.standing is Standing.DOUBTFUL
 
 
