@@ -1,14 +1,14 @@
 """`dlokit.open_run`: what a run recorded, as arrays over time."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import TypeVar, cast
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from dlokit.app.library.plots import draw_shapes, new_figure
 from dlokit.communication import topics
@@ -20,6 +20,11 @@ from dlokit.recording.reader import RawRecording, Recorded, read_recording
 from dlokit.system.results.run_result import FILE_NAME as RESULT_FILE_NAME
 from dlokit.system.results.run_result import ActionResult, RunResult, read_result
 from dlokit.types.arrays import BoolArray, Float32Array, Float64Array, Int64Array, UInt8Array
+from dlokit.types.dlo import DloState, TargetPoints
+from dlokit.types.message import Message
+from dlokit.types.robot import RobotState
+
+T = TypeVar("T", bound=Message)
 
 PLOTTED_SHAPES = 12
 """Shapes that `plot` draws of a run, evenly spaced in time."""
@@ -78,25 +83,28 @@ class Recording:
     @cached_property
     def state(self) -> Shapes:
         """The shape that convergence and planning used: the model's, after tracking."""
-        return self._shapes(topics.STATE)
+        return self._shapes(self._of(topics.STATE))
 
     @cached_property
     def targets(self) -> Shapes:
         """The observer's target points."""
-        return self._shapes(topics.TARGETS)
+        return self._shapes(self._of(topics.TARGETS))
 
     @cached_property
     def goal(self) -> Float64Array | None:
         """The goal (M, 3) [m] that was set last; None when none was."""
-        goals = self.messages(topics.GOAL.name)
-        return goals[-1].message.nodes_world if goals else None
+        goals = self._of(topics.GOAL)
+        return goals[-1].nodes_world if goals else None
 
     @cached_property
     def robots(self) -> dict[str, RobotStates]:
         """Each robot's states by its name."""
-        found: dict[str, list[Any]] = {}
-        for one in self._read(topics.ROBOT_STATE.row):
-            found.setdefault(one.robot, []).append(one)
+        found: dict[str, list[RobotState]] = {}
+        for name in self.topics:
+            topic = topic_of(name)
+            if topic is not None and topic.row == topics.ROBOT_STATE.row:
+                states = cast(list[RobotState], self._of(topic))
+                found[states[0].robot] = states
         return {name: _robot(states) for name, states in found.items()}
 
     @property
@@ -109,13 +117,13 @@ class Recording:
     @cached_property
     def clouds(self) -> Clouds:
         """The DLO's points, as the observer got them."""
-        seen = [one.message for one in self.messages(topics.OBSERVATION.name)]
+        seen = self._of(topics.OBSERVATION)
         return Clouds(stamp_ns=_stamps(seen), points_world=tuple(cloud.points_world for cloud in seen))
 
     @cached_property
     def pictures(self) -> Pictures:
         """The pairs of pictures, at most two per second. A minute of them takes some 200 MB of memory."""
-        pairs = [one.message for one in self.messages(topics.STEREO_IMAGES.name)]
+        pairs = self._of(topics.STEREO_IMAGES)
         empty = np.empty((0, 0, 0, 3), dtype=np.uint8)
         return Pictures(
             stamp_ns=_stamps(pairs),
@@ -178,13 +186,12 @@ class Recording:
         outcome = "no result" if self.result is None else self.result.outcome.value
         return f"<Recording {self.path}: {outcome}, {sum(self.topics.values())} messages>"
 
-    def _read(self, row: str) -> list[Any]:
-        """The messages of all topics of a row of the table, e.g. of each robot's state."""
-        only = {name for name in self.topics if (topic := topic_of(name)) is not None and topic.row == row}
-        return [one.message for one in read_recording(self.path, only=only)]
+    def _of(self, topic: Topic[T]) -> list[T]:
+        """The messages of a topic alone."""
+        return [cast(T, one.message) for one in self.messages(topic.name)]
 
-    def _shapes(self, topic: Topic[Any]) -> Shapes:
-        found = [one.message for one in self.messages(topic.name)]
+    @staticmethod
+    def _shapes(found: Sequence[DloState] | Sequence[TargetPoints]) -> Shapes:
         count = len(found[0].nodes_world) if found else 0
         hidden = np.zeros(count, dtype=np.bool_)
         return Shapes(
@@ -195,7 +202,7 @@ class Recording:
         )
 
 
-def open_run(path: Path | str) -> Recording:
+def open_run(path: Path | str | PathLike[str]) -> Recording:
     """Open the recording of a run: its folder, or the file `recording.mcap` itself.
 
     Nothing but the head of the file is read. Raises `InputError` where there is no recording.
@@ -210,20 +217,17 @@ def open_run(path: Path | str) -> Recording:
     return Recording(file)
 
 
-def _stamps(messages: list[Any]) -> Int64Array:
+def _stamps(messages: Sequence[Message]) -> Int64Array:
     return np.array([message.stamp_ns for message in messages], dtype=np.int64)
 
 
-def _robot(states: list[Any]) -> RobotStates:
-    def column(name: str) -> NDArray[Any]:
-        return np.array([getattr(state, name) for state in states])
-
+def _robot(states: list[RobotState]) -> RobotStates:
     return RobotStates(
         stamp_ns=_stamps(states),
-        q_rad=column("q_rad"),
-        dq_rad_s=column("dq_rad_s"),
+        q_rad=np.array([state.q_rad for state in states]),
+        dq_rad_s=np.array([state.dq_rad_s for state in states]),
         tool_position_world=np.array([state.T_world_tcp.position_m for state in states]),
         tool_wxyz=np.array([state.T_world_tcp.wxyz for state in states]),
-        finger_width_m=column("finger_width_m"),
-        holding=column("holding"),
+        finger_width_m=np.array([state.finger_width_m for state in states]),
+        holding=np.array([state.holding for state in states]),
     )

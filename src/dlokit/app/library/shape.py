@@ -84,13 +84,17 @@ class _Display(RunDisplay):
     """The display of the terminal, which can end the run that it shows."""
 
     _cancel: Callable[[], object] | None = None
+    _cancelled = False
 
     def started(self, cancel: Callable[[], object]) -> None:
-        """The task runs."""
+        """The task runs; one that was cancelled while the system started ends at once."""
         self._cancel = cancel
+        if self._cancelled:
+            cancel()
 
     def cancel(self) -> None:
-        """End the task, if it runs already."""
+        """End the task, or, where it does not run yet, as soon as it does."""
+        self._cancelled = True
         if self._cancel is not None:
             self._cancel()
 

@@ -42,11 +42,9 @@ def length_m(nodes: Float64Array) -> float:
 @pytest.mark.parametrize("observer", [ours.name for ours in OURS])
 def test_a_moving_rod_is_followed(observer: str) -> None:
     tracker = Tracker(length_m=length_m(bow(0.0)), observer=observer)
-    for number in range(4):
-        nodes = tracker.update(cloud(bow(0.01 * number), number))
-        assert nodes.doubt is None
-        assert nodes.visible.all()
-    assert rmse_m(nodes.positions_world, bow(0.03)) < 0.008
+    followed_nodes = [tracker.update(cloud(bow(0.01 * number), number)) for number in range(4)]
+    assert all(nodes.doubt is None and nodes.visible.all() for nodes in followed_nodes)
+    assert rmse_m(followed_nodes[-1].positions_world, bow(0.03)) < 0.008
 
 
 def test_it_answers_as_the_observer_of_a_full_system_does() -> None:
