@@ -23,7 +23,7 @@ from dlokit.rod.believed import BelievedDlo, as_configured
 from dlokit.rod.equilibrium import nearest_held
 from dlokit.rod.nodes import topology
 from dlokit.skills.model.carry import Carry
-from dlokit.skills.model.tracking import Tracker
+from dlokit.skills.model.tracking import PdTracker
 from dlokit.skills.observer.config import ObserverConfig
 from dlokit.skills.observer.following import follow
 from dlokit.skills.observer.strategies import OURS
@@ -39,7 +39,7 @@ from dlokit.types.action import Action, Marks, kind_of
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, GoalShape, TargetPoints
 from dlokit.types.feasibility import GoalVerdict
-from dlokit.types.observation import Gripped, Observation
+from dlokit.types.observation import GraspState, Observation
 from dlokit.types.robot import RobotState
 
 Rounded = Callable[[Float64Array], Float64Array]
@@ -79,7 +79,7 @@ def _looks() -> list[tuple[Observation, DloState]]:
 
 def tracked(rounded: Rounded) -> Outcome:
     """The model dragged to the target points of a recorded run, of which some are hidden."""
-    tracker, found, before_ns = Tracker(MODEL), Outcome(), -1
+    tracker, found, before_ns = PdTracker(MODEL), Outcome(), -1
     for number, one in enumerate(read_recording(RECORDING, {topics.TARGETS.name})):
         seen = one.message
         assert isinstance(seen, TargetPoints)
@@ -101,10 +101,10 @@ def carried(rounded: Rounded) -> Outcome:
                 tools[one.message.robot] = one.message
                 if carry.move(one.message):
                     found[f"state {number}"] = carry.nodes_world
-            case Gripped(node=None):
+            case GraspState(node=None):
                 carry.release(one.message.robot)
                 found[f"released {number}"] = carry.nodes_world
-            case Gripped(node=int(node)):
+            case GraspState(node=int(node)):
                 carry.take_hold(one.message.robot, node, tools[one.message.robot])
             case _:
                 pass

@@ -10,7 +10,6 @@ from collections import defaultdict
 from collections.abc import AsyncIterator, Callable, Coroutine, Generator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
 from types import FrameType
 
 from dlokit import __version__
@@ -127,7 +126,8 @@ async def shape(
     """Run the task to its end and let the cell run on until its last shape can be judged."""
     task, loop = asyncio.current_task(), asyncio.get_running_loop()
     assert task is not None
-    watch.started(partial(loop.call_soon_threadsafe, task.cancel))
+    cancel = task.cancel
+    watch.started(lambda: loop.call_soon_threadsafe(cancel))
     album = _Album(transport.stream(topics.STEREO_IMAGES))
     helpers = [asyncio.create_task(waiting) for waiting in (album.fill(), *_told(transport, watch))]
     began_s, began_ns = time.perf_counter(), clock.now_ns()

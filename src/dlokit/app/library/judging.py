@@ -46,7 +46,7 @@ def judge(
         config = with_settings(with_choices(RunConfig(seed=seed), NamedChoices(dlo=dlo)), settings or {})
         config = replace(config, goal=named_or_saved(goal, "goal", Path(folder)), headless=True)
         # A goal off the table is judged like any other.
-        job = job_from_config(replace(config, task=replace(config.task, infeasible="attempt")))
+        job = job_from_config(replace(config, task=replace(config.task, infeasible="try")))
         assert job.request is not None
         nodes = resample(np.asarray(job.request.nodes_world), config.model.nodes)
         shape = GoalShape(

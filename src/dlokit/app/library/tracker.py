@@ -20,7 +20,7 @@ from dlokit.skills.observer.strategies import OBSERVERS
 from dlokit.types.arrays import BoolArray, Float32Array, Float64Array
 from dlokit.types.dlo import DloState, TargetPoints, Topology
 from dlokit.types.image import CameraCalibration
-from dlokit.types.observation import Doubt, Observation, Occlusion
+from dlokit.types.observation import DistrustReason, Observation, Occlusion
 from dlokit.types.pose import Pose
 
 CLOUD_PERIOD_NS = 33_333_333
@@ -41,7 +41,7 @@ class Nodes:
     """Uncertainty of each node; None where the observer does not estimate it."""
     health: float
     """Confidence of the observer, from 0 (the DLO is lost) to 1."""
-    doubt: Doubt | None
+    doubt: DistrustReason | None
     """Why the positions are not to be trusted; None when they are."""
 
 
@@ -148,9 +148,7 @@ class Tracker:
 
     def _first(self, seen: Observation) -> Nodes:
         try:
-            targets = initial_targets(
-                cleaned(seen, self._config.most_points), self._dlo.nodes, self._length_m, self._config.initialise
-            )
+            targets = initial_targets(cleaned(seen), self._dlo.nodes, self._length_m)
         except SkillFailure as failure:
             raise InputError(
                 f"the first cloud cannot be ordered into nodes ({failure.reason}): {failure.detail}; or give the nodes "
@@ -228,7 +226,7 @@ def _known_topology(initial: Float64Array | None, length_m: float | None, count:
     return None if length_m is None else chain(count, length_m)
 
 
-def _nodes(targets: TargetPoints, doubt: Doubt | None) -> Nodes:
+def _nodes(targets: TargetPoints, doubt: DistrustReason | None) -> Nodes:
     return Nodes(
         stamp_ns=targets.stamp_ns,
         positions_world=targets.nodes_world,

@@ -16,8 +16,8 @@ from dlokit.decision.records import GoalRequest
 from dlokit.description import shapes
 from dlokit.description.dlo import preset
 from dlokit.errors import ConfigError
+from dlokit.functional.cell.config import EVERY_FACTOR
 from dlokit.functional.cell.dlo_physics import PHYSICS
-from dlokit.functional.cell.randomisation import RANDOMISED
 from dlokit.skills.observer.strategies import OBSERVERS
 from dlokit.skills.perception.segmentations import SEGMENTATIONS
 from dlokit.skills.planning.strategies import PLANNERS
@@ -62,7 +62,7 @@ def with_choices(run: RunConfig, choices: NamedChoices, prefix: str = "") -> Run
     if choices.physics is not None:
         run = _with_physics(run, choices.physics, f"{prefix}physics")
     if choices.randomised:
-        run = replace(run, cell=replace(run.cell, randomisation=RANDOMISED))
+        run = replace(run, cell=replace(run.cell, randomised=EVERY_FACTOR))
     if choices.observer is not None:
         observer = _chosen(OBSERVERS, f"{prefix}observer", choices.observer, run.observer.strategy)
         run = replace(run, observer=replace(run.observer, strategy=observer))

@@ -23,12 +23,12 @@ from dlokit.skills.model import api
 from dlokit.skills.model.carry import Carry
 from dlokit.skills.model.experiences import Grips
 from dlokit.skills.model.goal import GoalRod
-from dlokit.skills.model.tracking import Tracker
+from dlokit.skills.model.tracking import PdTracker
 from dlokit.types.action import Action
 from dlokit.types.arrays import BoolArray, Float64Array
 from dlokit.types.dlo import DloBelief, DloState, GoalShape, TargetPoints
 from dlokit.types.flow import GoalFrame, GoalFrames
-from dlokit.types.observation import Gripped
+from dlokit.types.observation import GraspState
 from dlokit.types.robot import RobotState
 
 _BUILD_ROUNDS = 10  # updates that a far drag takes to settle
@@ -49,7 +49,7 @@ class ModelComponent(Component):
         super().__init__()
         self._config = config
         self._topology = topology(config)
-        self._tracker = Tracker(config)
+        self._tracker = PdTracker(config)
         self._goal_rod = GoalRod(config)
         self._carry = Carry(config)
         self._state: DloState | None = None
@@ -89,7 +89,7 @@ class ModelComponent(Component):
         )
 
     @on(topics.GRIPPED)
-    async def on_gripped(self, gripped: Gripped) -> None:
+    async def on_gripped(self, gripped: GraspState) -> None:
         """Tie the held node to the tool, or let it go and settle."""
         self._grips.gripped(gripped)
         tool = self._tools.get(gripped.robot)

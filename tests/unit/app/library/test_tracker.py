@@ -19,7 +19,7 @@ from dlokit.skills.observer.map.observer import MapConfig
 from dlokit.skills.observer.strategies import OURS
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, TargetPoints
-from dlokit.types.observation import Doubt, Observation
+from dlokit.types.observation import DistrustReason, Observation
 
 LENGTH_M = 0.42
 
@@ -82,7 +82,7 @@ def test_a_cloud_that_shows_nothing_is_no_error_and_the_dlo_is_found_again() -> 
     tracker = Tracker(length_m=length_m(bow(0.0)))
     before = tracker.update(cloud(bow(0.0)))
     nothing = tracker.update(np.empty((0, 3)))
-    assert nothing.doubt is Doubt.NO_POINTS
+    assert nothing.doubt is DistrustReason.NO_POINTS
     assert nothing.health == 0.0
     np.testing.assert_array_equal(nothing.positions_world, before.positions_world)
     assert tracker.update(cloud(bow(0.01), 1)).doubt is None
