@@ -76,11 +76,10 @@ def run(args: Args) -> int:
         last = tracker.update(cloud, stamp_ns=stamp_ns)
         whole_s.append(time.perf_counter() - between_s)
         alone_s.append(between_s - begin_s)
+    whole, alone = median(whole_s), median(alone_s)
     ratio = median([one / other for one, other in zip(whole_s, alone_s, strict=True)])
     console = Console(highlight=False, soft_wrap=True)
-    console.print(
-        f"Tracker.update {median(whole_s).value * 1e3:.2f} ms, observer alone {median(alone_s).value * 1e3:.2f} ms"
-    )
+    console.print(f"Tracker.update {whole.value * 1e3:.2f} ms, observer alone {alone.value * 1e3:.2f} ms")
     console.print(f"ratio {ratio.value:.2f}, 95 % {ratio.low:.2f} to {ratio.high:.2f}, medians of {ratio.n} clouds")
     rows = [
         figure("swaying rod", "Tracker.update", "time", whole, "s"),
