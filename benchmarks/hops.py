@@ -58,7 +58,7 @@ from dlokit.communication.timing.clock import LoopClock
 from dlokit.communication.zenoh.session import ZenohConfig, open_session
 from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.decision.convergence import error_m
-from dlokit.decision.looking import look
+from dlokit.decision.looking import LOOK_INTERVAL_S, look
 from dlokit.decision.steps.goal import set_goal
 from dlokit.decision.steps.perceive import compare, find_dlo
 from dlokit.decision.task import Odometer, ShapeTask, Spent
@@ -191,9 +191,9 @@ async def traced_look(config: RunConfig) -> Way:
         async with lockstep_system(config, job.start_nodes_world, Path(folder), tape) as system:
             task = await _begun(system, job, config)
             for _ in range(UNTRACED):
-                await system.clock.sleep(config.task.look_interval_s)
+                await system.clock.sleep(LOOK_INTERVAL_S)
                 await _look_and_compare(task)
-            await system.clock.sleep(config.task.look_interval_s)
+            await system.clock.sleep(LOOK_INTERVAL_S)
             names = {f"observer on {topics.OBSERVATION.name}", f"model on {topics.TARGETS.name}"}
             handling = {each for each in asyncio.all_tasks() if each.get_name() in names}
             if len(handling) != len(names):

@@ -9,19 +9,17 @@ import numpy as np
 
 from dlokit.bench.shaping.experiments import TOLD_HEAVIER, TOLD_SMOOTHER, TOLD_STIFFER
 from dlokit.description.dlo import GRAVITY_M_S2, SOFT_ROPE, DloPreset
-from dlokit.functional.cell.config import CellConfig
+from dlokit.functional.cell.world import TABLE_FRICTION, Cell
 from dlokit.rod.believed import BeliefConfig, BelievedDlo, as_believed, as_configured
 from dlokit.system.config import RunConfig, with_dlo
-from dlokit.types.dlo import DloBelief, Figure
+from dlokit.types.dlo import DloBelief, LogNormal
 
 _LEARNT_LOG_SD, _LEARNT_YIELD_LOG_SD = 0.12, 0.2
 
 BENCH_DLOS = (
     SOFT_ROPE,
-    replace(SOFT_ROPE, name="firm_rope", bending_stiffness_n_m2=1e-4, source="The soft rope, ten times as stiff."),
-    replace(
-        SOFT_ROPE, name="stiff_rope", bending_stiffness_n_m2=1e-3, source="The soft rope, a hundred times as stiff."
-    ),
+    replace(SOFT_ROPE, name="firm_rope", bending_stiffness_n_m2=1e-4),
+    replace(SOFT_ROPE, name="stiff_rope", bending_stiffness_n_m2=1e-3),
 )
 """Elastic ropes of rising stiffness; the last two are for this bench alone."""
 
@@ -45,14 +43,15 @@ class KnownDlo:
     belief: DloBelief
 
 
-def true_elastic_m3(cell: CellConfig) -> float:
-    """EI / (μ w) [m³] of the DLO in a cell as it was drawn, on all quarters of the table alike."""
-    dlo = cell.dlo
-    friction = max(cell.table_friction, dlo.friction) * float(np.mean(cell.table_regions))
+def true_elastic_m3(cell: Cell) -> float:
+    """EI / (μ w) [m³] of the DLO in a cell as it was drawn, with the mean friction of the table's quarters."""
+    dlo, episode = cell.config.dlo, cell.episode
+    table = TABLE_FRICTION * episode.friction_factor
+    friction = max(table, dlo.friction) * float(np.mean(episode.friction_regions))
     return dlo.bending_stiffness_n_m2 / (friction * GRAVITY_M_S2 * dlo.mass_per_length_kg_m)
 
 
-def known(level: Level, nominal: DloPreset, cell: CellConfig, rng: np.random.Generator) -> KnownDlo:
+def known(level: Level, nominal: DloPreset, cell: Cell, rng: np.random.Generator) -> KnownDlo:
     """What is known at a level of a DLO with `nominal` figures that lies in a `cell` as it was drawn."""
     match level:
         case Level.RULER:
@@ -78,15 +77,15 @@ def told(dlo: DloPreset) -> BelievedDlo:
     )
 
 
-def _learnt(model: BelievedDlo, cell: CellConfig, rng: np.random.Generator) -> KnownDlo:
+def _learnt(model: BelievedDlo, cell: Cell, rng: np.random.Generator) -> KnownDlo:
     elastic_m3 = true_elastic_m3(cell) * math.exp(rng.normal() * _LEARNT_LOG_SD)
-    bend_1_m, bend_factor = cell.dlo.yield_curvature_1_m, math.exp(rng.normal() * _LEARNT_YIELD_LOG_SD)
+    bend_1_m, bend_factor = cell.config.dlo.yield_curvature_1_m, math.exp(rng.normal() * _LEARNT_YIELD_LOG_SD)
     before = as_configured(model, 0)
     stiffness_n_m2 = elastic_m3 * before.friction.value * before.weight_n_m.value
     belief = msgspec.structs.replace(
         before,
-        bending_stiffness_n_m2=Figure(value=stiffness_n_m2, log_sd=before.bending_stiffness_n_m2.log_sd),
-        elastic_m3=Figure(value=elastic_m3, log_sd=_LEARNT_LOG_SD),
+        bending_stiffness_n_m2=LogNormal(value=stiffness_n_m2, log_sd=before.bending_stiffness_n_m2.log_sd),
+        elastic_m3=LogNormal(value=elastic_m3, log_sd=_LEARNT_LOG_SD),
         yield_curvature_1_m=None if bend_1_m is None else bend_1_m * bend_factor,
         actions=1,
     )

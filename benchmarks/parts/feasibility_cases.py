@@ -12,9 +12,8 @@ from joblib import Parallel, delayed
 from dlokit import geometry
 from dlokit.description.dlo import DloPreset, preset
 from dlokit.description.scene import default_calibration
-from dlokit.functional.cell.config import CellConfig
+from dlokit.functional.cell.config import EVERY_FACTOR, CellConfig
 from dlokit.functional.cell.dlo_physics import ElasticRod, ElastoplasticChain
-from dlokit.functional.cell.randomisation import RANDOMISED
 from dlokit.functional.cell.world import Cell
 from dlokit.motion.inverse_kinematics import PandaKinematics
 from dlokit.rod.believed import BelievedDlo
@@ -72,7 +71,7 @@ def judge_case(case: FeasibilityCase) -> list[Judged]:
     planning = PlanningConfig()
     load(planning.strategy)  # what is compiled is not part of a verdict's time
     physics = ElasticRod() if case.dlo.yield_curvature_1_m is None else ElastoplasticChain()
-    cell = Cell(CellConfig(dlo=case.dlo, physics=physics, randomisation=RANDOMISED), seed=case.seed)
+    cell = Cell(CellConfig(dlo=case.dlo, physics=physics, randomised=EVERY_FACTOR), seed=case.seed)
     rng = np.random.default_rng([case.seed, *case.dlo.name.encode()])
     try:
         return [judged for name, curve in _goals(case) for judged in _judge(case, name, curve, cell, planning, rng)]
@@ -112,7 +111,7 @@ def _judge(
     nodes = BelievedDlo().nodes
     what = release(cell, curve, nodes, case.threshold_m)
     for level in Level:
-        knowledge = known(level, case.dlo, cell.config, rng)
+        knowledge = known(level, case.dlo, cell, rng)
         started_s = time.process_time()
         verdict = asyncio.run(_verdict(geometry.resample(curve, nodes), knowledge, planning, case.threshold_m))
         yield Judged(

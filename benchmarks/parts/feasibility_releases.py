@@ -74,7 +74,7 @@ def _attempts(cell: Cell, goal: Float64Array, rested: Float64Array) -> Iterator[
     if cell.config.dlo.yield_curvature_1_m is not None:
         return
     for share in _FRICTION_SHARES:
-        held = nearest_held(goal, true_elastic_m3(cell.config) / share).nodes_world
+        held = nearest_held(goal, true_elastic_m3(cell) / share).nodes_world
         if not overlaps(held, radius_m):
             yield _rest(cell, held, len(goal))
 

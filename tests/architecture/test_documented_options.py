@@ -60,7 +60,7 @@ def test_the_options_are_found_in_help_and_pages(known: set[str]) -> None:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
 def test_every_option_that_a_page_speaks_of_exists(page: Path, known: set[str]) -> None:
-    # `--cell.randomisation` stands for all that begins so.
+    # `--cell.dlo` stands for all that begins so.
     groups = {option[:end] for option in known for end in (dot.start() for dot in re.finditer(r"\.", option))}
     assert sorted(spoken_of(page) - known - groups - OF_OTHERS) == []
 

@@ -34,7 +34,7 @@ def test_a_stiff_rope_stays_straight_and_springs_back_from_the_s_as_the_verdicts
 
 
 def test_a_goal_that_does_not_stay_but_is_reached_from_a_shape_beyond_it_is_called_reached() -> None:
-    cell = Cell(CellConfig(dlo=SILICONE_HOSE, nodes=21), seed=0)
+    cell = Cell(CellConfig(dlo=SILICONE_HOSE), seed=0)
     goal = dict(made_goals(1000, 0.5, SILICONE_HOSE.radius_m))["spiral-1000"]
     what = release(cell, goal, 31, 0.009)  # laid in the goal it springs back by 10 mm
     cell.close()
@@ -51,7 +51,8 @@ def test_published_goals_that_are_said_to_hold_do() -> None:
 
 
 def test_the_levels_know_what_they_say() -> None:
-    stiffer = CellConfig(dlo=replace(WIRE_A, bending_stiffness_n_m2=2.0 * WIRE_A.bending_stiffness_n_m2))
+    dlo = replace(WIRE_A, bending_stiffness_n_m2=2.0 * WIRE_A.bending_stiffness_n_m2)
+    stiffer = Cell(CellConfig(dlo=dlo), seed=0)
     ruler, told, learnt = (known(level, WIRE_A, stiffer, np.random.default_rng(0)) for level in Level)
     assert (ruler.model.length_m, ruler.model.radius_m) == (WIRE_A.length_m, WIRE_A.radius_m)
     assert ruler.belief.yield_curvature_1_m is None
@@ -61,7 +62,7 @@ def test_the_levels_know_what_they_say() -> None:
     assert told.belief.elastic_m3.value == pytest.approx(1.3 / 1.17 / 0.75 * nominal_m3)
     assert abs(np.log(learnt.belief.elastic_m3.value / true_elastic_m3(stiffer))) < 3 * learnt.belief.elastic_m3.log_sd
     assert learnt.belief.elastic_m3.log_sd < told.belief.elastic_m3.log_sd < ruler.belief.elastic_m3.log_sd
-    assert known(Level.TOLD, SOFT_ROPE, CellConfig(), np.random.default_rng(0)).belief.takes_set == 0.0
+    assert known(Level.TOLD, SOFT_ROPE, stiffer, np.random.default_rng(0)).belief.takes_set == 0.0
 
 
 def test_a_file_that_holds_no_goals_is_named(tmp_path: Path) -> None:

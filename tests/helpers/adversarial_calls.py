@@ -134,7 +134,7 @@ class Batch:
     async def run(self, calls: int, note: Callable[[CallResult], None]) -> None:
         """Make that many calls."""
         host = Container(self._bus, self._clock)
-        cell = CellConfig(settle_s=0.0, nodes=11)
+        cell = CellConfig(settle_s=0.0)
         host.add(CellComponent(cell, builtin_shape("I", 0.5, 100), seed=int(self._rng.integers(1000))))
         robot = GatedRobot(self._driver, self._config, self._clock.now_ns)
         host.add(RobotComponent(RobotConfig(), robot, lambda: 0))

@@ -2,10 +2,12 @@
 
 from dataclasses import replace
 
+import pytest
 from ideal_lab import EASY, I, lab, shape
 from scripted_hardware import Lab
 
 from dlokit.decision.config import TaskConfig
+from dlokit.decision.steps import control
 from dlokit.description.shapes import moved
 from dlokit.skills.planning.config import PlanningConfig
 from dlokit.skills.planning.farthest import FarthestConfig
@@ -55,8 +57,9 @@ def test_whoever_watches_is_told_whether_it_plans_or_controls() -> None:
     assert told["track_again"] is None
 
 
-def test_corrections_of_one_grasp_are_bounded() -> None:
-    trace = shape(feeling_lab(), moved(I, (0.04, 0.03)), replace(SERVO, max_corrections=1))
+def test_corrections_of_one_grasp_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(control, "MOST_CORRECTIONS", 1)
+    trace = shape(feeling_lab(), moved(I, (0.04, 0.03)), SERVO)
     [record] = trace.result.history
     assert len(record.corrections) == 1
     assert record.control_end in ("corrections_spent", "no_gain", "good_enough")

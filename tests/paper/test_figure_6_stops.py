@@ -8,6 +8,7 @@ from ideal_lab import I, S, lab, shape
 from dlokit.decision import component
 from dlokit.decision.config import TaskConfig
 from dlokit.decision.steps import hands
+from dlokit.decision.steps.hands import MOST_RECOVERIES
 from dlokit.decision.task import ShapeTask
 from dlokit.description.shapes import moved
 from dlokit.types.flow import Command, FlowStatus, RunOutcome
@@ -69,8 +70,8 @@ def test_an_arm_that_braked_by_itself_before_the_first_look_is_told_again_to_dri
 
 def test_an_arm_that_never_gets_home_fails_the_task_by_name() -> None:
     late = lab(I)
-    late.fails["home"] = ["lease_lost"] * 3
-    trace = shape(late, S, TaskConfig(max_recoveries=2))
+    late.fails["home"] = ["lease_lost"] * (MOST_RECOVERIES + 1)
+    trace = shape(late, S)
     assert trace.result.outcome is RunOutcome.FAILED
     assert trace.result.reason is not None
     assert "lease_lost" in trace.result.reason
@@ -78,8 +79,8 @@ def test_an_arm_that_never_gets_home_fails_the_task_by_name() -> None:
 
 def test_an_arm_that_brakes_again_and_again_fails_the_task_by_name() -> None:
     late = lab(I)
-    late.fails["move_to"] = ["lost_commander"] * 3
-    trace = shape(late, S, TaskConfig(max_recoveries=2))
+    late.fails["move_to"] = ["lost_commander"] * (MOST_RECOVERIES + 1)
+    trace = shape(late, S)
     assert ("recover", "too_often", "failed") in trace.edges()
     assert trace.result.reason is not None
     assert "lost_commander" in trace.result.reason
@@ -135,7 +136,7 @@ def test_a_threshold_set_too_low_stalls_instead_of_refining_for_ever() -> None:
 def test_a_task_ends_when_the_planner_promises_no_gain_after_actions_in_vain() -> None:
     stubborn = lab(I)
     stubborn.obeys = False
-    # A goal so near that no action of the model's rod brings it nearer by `progress_m`.
+    # A goal so near that no action of the model's rod brings it nearer by `PROGRESS_M`.
     trace = shape(stubborn, moved(I, (0.002, 0.0)), TaskConfig(hopeless_actions=2, threshold_m=5e-4, infeasible="try"))
     assert ("choose_grasp", "no_gain", "stalled") in trace.edges()
     assert trace.result.outcome is RunOutcome.STALLED

@@ -5,7 +5,6 @@ import socket
 import subprocess
 import sys
 from collections.abc import Generator
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +16,8 @@ from dlokit.app.shape import shape as shape_command
 from dlokit.app.shape.shape import ShapeArgs
 from dlokit.description.shapes import builtin_shape
 from dlokit.errors import ConfigError, InputError
+from dlokit.functional.cell.config import EVERY_FACTOR
 from dlokit.functional.cell.dlo_physics import ElasticRod, ElastoplasticChain
-from dlokit.functional.cell.randomisation import RANDOMISED, Randomisation
 from dlokit.skills.observer.cpd import CpdConfig
 from dlokit.skills.perception.colour import ColourConfig
 from dlokit.system.config import RunConfig
@@ -217,10 +216,10 @@ def test_a_wire_takes_a_set_in_the_cell_unless_told_otherwise() -> None:
         _shape_args("--physics", "glue")
 
 
-def test_a_randomised_cell_is_asked_for_and_each_factor_can_be_switched_off() -> None:
-    assert _shape_args().run.cell.randomisation == Randomisation()
-    run = _shape_args("--randomised", "--cell.randomisation.light", "0").run
-    assert run.cell.randomisation == replace(RANDOMISED, light=0.0)
+def test_a_randomised_cell_is_asked_for_as_a_whole_or_by_its_factors() -> None:
+    assert _shape_args().run.cell.randomised == ()
+    assert _shape_args("--randomised").run.cell.randomised == EVERY_FACTOR
+    assert _shape_args("--cell.randomised", "light", "curl").run.cell.randomised == ("light", "curl")
 
 
 @pytest.mark.parametrize(

@@ -3,8 +3,9 @@
 A command must not wait for the libraries of another, `dlokit stop` least of all.
 """
 
+import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, make_dataclass
+from dataclasses import MISSING, dataclass, fields, make_dataclass
 from difflib import get_close_matches
 from functools import reduce
 from importlib import import_module
@@ -13,7 +14,7 @@ from typing import Annotated, Any, Generic, NoReturn, TypeVar
 
 import tyro
 
-from dlokit.app.help_pages import HELP, paged
+from dlokit.app.help_pages import HELP, asked_page, printed
 from dlokit.errors import InputError
 
 A = TypeVar("A")
@@ -156,17 +157,26 @@ def _command(arguments: Sequence[str]) -> tuple[CliCommand[Any], Sequence[str]]:
 
 def _parsed(command: CliCommand[Any], arguments: Sequence[str], rest: Sequence[str]) -> Any:
     words = " ".join(("dlokit", *arguments[: len(arguments) - len(rest)]))
+    given, page = asked_page(rest)
+    default = _default(command, given)
+    if page is not None and default is not None and printed(words, default, page):
+        sys.exit(0)
+    return tyro.cli(
+        command.arguments,
+        args=given,
+        prog=words,
+        default=tyro.MISSING_NONPROP if default is None else default,
+        config=OPTIONS,
+    )
 
-    def parsed(given: list[str]) -> Any:
-        return tyro.cli(
-            command.arguments,
-            args=given,
-            prog=words,
-            default=command.defaults(given) if command.defaults else tyro.MISSING_NONPROP,
-            config=OPTIONS,
-        )
 
-    return paged(words, rest, parsed)
+def _default(command: CliCommand[A], given: Sequence[str]) -> A | None:
+    """The arguments that hold where the command line says nothing; None where some must be given."""
+    if command.defaults is not None:
+        return command.defaults(given)
+    settings: Any = command.arguments
+    required = any(field.default is MISSING and field.default_factory is MISSING for field in fields(settings))
+    return None if required else command.arguments()
 
 
 def _list(arguments: Sequence[str]) -> NoReturn:

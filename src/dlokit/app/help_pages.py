@@ -1,113 +1,37 @@
-"""The help of a command, page by page: what people use first, then a page for each group of settings.
+"""The help of a command with many settings: what people use first, then a page for each group of settings.
 
-A run has some three hundred settings. tyro lists all of them; whoever asks for help the first time needs a dozen.
+Whoever asks for help the first time needs a dozen of a run's settings. Other commands have tyro's own help.
 """
 
-import contextlib
-import io
+import inspect
 import re
-import sys
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from typing import TypeVar
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 from rich.console import Console
 from rich.padding import Padding
+from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
+from dlokit.app.options import Option, OptionGroup, groups_of
 from dlokit.errors import ConfigError
-
-T = TypeVar("T")
 
 HELP = ("-h", "--help")
 ALL = "all"
-_FEW_BOXES = 4
-"""Help of so many boxes is shown whole."""
-_COLORS = re.compile(r"\x1b\[[0-9;]*m")
-_TOP = re.compile(r"^╭─ (?P<title>\S+(?: \S+)*) ─+╮$")
-_FLAG = re.compile(r"^│ (?P<flag>-\S+)")
+FEW_GROUPS = 3
+"""Help of so many groups is shown whole, by tyro."""
 _SENTENCE_END = re.compile(r"(?<!e\.g)[.;](?=\s)")
-_NO_VALUES = ("", "None", "False", "True")
 _OPTION_WIDTH = 25
 """Of the first page's column of options [characters]: the longest option and its value."""
-_FIRST_PARAGRAPHS = 3
-"""On the first page: how it is used, what it does, what to try."""
+_FIRST_PARAGRAPHS = 2
+"""On the first page: what the command does, what to try."""
 _NARROWEST = 80
 _WIDEST = 110
 """Of the first page [characters]: longer lines are hard to read."""
 
 
-@dataclass(frozen=True)
-class _Box:
-    """A box of tyro's, line by line."""
-
-    title: str
-    """Of the settings in it, `cell.dlo`; empty: the command's own."""
-    about: tuple[str, ...]
-    """What stands above its flags, with the borders."""
-    flags: tuple[tuple[str, tuple[str, ...]], ...]
-    """Each with its lines."""
-    bottom: str
-
-    @property
-    def group(self) -> str:
-        return self.title.partition(".")[0]
-
-    @property
-    def summary(self) -> str:
-        """What the settings are for, in one line."""
-        lines = (_COLORS.sub("", line).strip("│ ") for line in self.about[1:])
-        return " ".join(line for line in lines if line.strip("─"))
-
-    def with_flags(self, wanted: Callable[[str], bool]) -> "_Box":
-        return _Box(self.title, self.about, tuple(each for each in self.flags if wanted(each[0])), self.bottom)
-
-    def briefs(self) -> Iterator[tuple[str, str]]:
-        """Each flag with its value as one string, and the first sentence of what it does."""
-        for _, lines in self.flags:
-            first, *others = (_COLORS.sub("", line).strip("│").strip() for line in lines)
-            option, gap, text = first.partition("  ")
-            text = " ".join((text.strip(), *others) if gap else others)
-            yield _short_option(option, text), _first_sentence(text)
-
-    def lines(self) -> Iterator[str]:
-        yield from self.about
-        for _, lines in self.flags:
-            yield from lines
-        yield self.bottom
-
-
-class _Page(io.StringIO):
-    """Takes what is printed, with the colors and lines that the terminal would have."""
-
-    @property
-    def encoding(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]  # one that is only read
-        return getattr(sys.__stdout__, "encoding", None) or "ascii"
-
-    def isatty(self) -> bool:
-        return sys.__stdout__ is not None and sys.__stdout__.isatty()
-
-
-def paged(words: str, arguments: Sequence[str], parse: Callable[[list[str]], T]) -> T:
-    """What `parse` makes of the arguments of the command `words`; where they ask for help, the page that they name.
-
-    Raises `ConfigError` for a page that there is none of; `SystemExit` after a page, and where `parse` does.
-    """
-    rest, page = _asked(arguments)
-    if page is None:
-        return parse(rest)
-    caught = _Page()
-    try:
-        with contextlib.redirect_stdout(caught):
-            return parse(rest)
-    except SystemExit:
-        if caught.getvalue():  # else what was typed beside --help was wrong, and has been told
-            _print(caught.getvalue(), words, page)
-        raise
-
-
-def _asked(arguments: Sequence[str]) -> tuple[list[str], str | None]:
+def asked_page(arguments: Sequence[str]) -> tuple[list[str], str | None]:
     """The arguments without the page that they ask for; its name, empty for the first; None when they ask for none."""
     rest, at = list(arguments), next((k for k, word in enumerate(arguments) if word in HELP), None)
     if at is None:
@@ -118,88 +42,83 @@ def _asked(arguments: Sequence[str]) -> tuple[list[str], str | None]:
     return rest, page
 
 
-def _print(text: str, words: str, page: str) -> None:
-    head, boxes = _read(text)
-    groups = {box.group: None for box in boxes if box.group}
-    if page not in ("", ALL, *groups):
-        raise ConfigError(
-            f"there is no help on {page!r}; {words} --help takes {', '.join((*groups, ALL))}, or nothing."
-        )
-    if page == ALL or len(boxes) <= _FEW_BOXES:
-        print(text, end="")
-    elif page:
-        _print_boxes([box for box in boxes if box.group == page])
-    else:
-        _print_first_page(words, head, boxes)
+def printed(words: str, arguments: Any, page: str) -> bool:
+    """Print a page of the help of the command `words` with these arguments; False where tyro's own help will do.
 
-
-def _print_boxes(boxes: Sequence[_Box]) -> None:
-    for box in boxes:
-        if box.flags:
-            print("\n".join(box.lines()))
-
-
-def _print_first_page(words: str, head: Sequence[str], boxes: Sequence[_Box]) -> None:
-    """What people use first, an option a line or two, and which other pages there are: two screens of a terminal."""
-    width = Console().width
-    console = Console(width=min(max(width, _NARROWEST), _WIDEST))
-    paragraphs = "\n".join(head).split("\n\n")
-    print("\n\n".join(paragraphs[:_FIRST_PARAGRAPHS]), end="\n\n")
-    options = Table(box=None, show_header=False, padding=(0, 1, 0, 0))
-    options.add_column(width=_OPTION_WIDTH, no_wrap=True, style="bold")
-    options.add_column()
-    for box in boxes:
-        for option, sentence in box.with_flags(lambda flag: "." not in flag).briefs():
-            if option not in HELP:
-                options.add_row(Text(option), Text(sentence))
-    console.print(Padding(options, (0, 0, 1, 2)))
-    groups = ", ".join(dict.fromkeys(box.group for box in boxes if box.group))
-    more = f"More: {words} --help {ALL}, or --help GROUP for one group of settings: {groups}."
-    console.print(more, highlight=False)
-
-
-def _short_option(text: str, about: str) -> str:
-    """The first name of an option and its value; NAME where its choices take too much room.
-
-    What is on unless it is switched off becomes `--[no-]name`.
+    `page` is a group, `all`, or empty for the first page. Raises `ConfigError` for any other.
     """
-    short = text.partition(", -")[0]
-    name, _, value = short.partition(" ")
-    if about.endswith("(default: True)"):
+    groups = groups_of(arguments)
+    names = tuple(dict.fromkeys(group.name for group in groups if group.name))
+    if len(names) <= FEW_GROUPS:
+        return False
+    about = inspect.getdoc(type(arguments)) or ""
+    if page == "":
+        _print_first_page(words, about, groups, names)
+    elif page == ALL:
+        print(f"usage: {words} [OPTIONS]\n\n{about}\n")
+        _print_groups(groups)
+    elif page in names:
+        _print_groups([group for group in groups if group.name == page])
+    else:
+        raise ConfigError(f"there is no help on {page!r}; {words} --help takes {', '.join((*names, ALL))}, or nothing.")
+    return True
+
+
+def _print_groups(groups: Sequence[OptionGroup]) -> None:
+    console = Console(highlight=False)
+    for group in groups:
+        text = Text("\n").join(_paragraphs(group))
+        console.print(Panel(text, title=f"{group.path} options".strip(), title_align="left", border_style="dim"))
+
+
+def _paragraphs(group: OptionGroup) -> Iterator[Text]:
+    if group.path and group.about:
+        yield Text(f"{group.about}\n")
+    for option in group.options:
+        yield Text(_with_value(option), style="bold")
+        about = Text.assemble(option.about, " ", (option.default, "dim")) if option.default else Text(option.about)
+        yield from (Text.assemble("      ", line) for line in about.wrap(Console(), _inner_width()))
+
+
+def _inner_width() -> int:
+    """Room for the sentences in a box [characters]: without its borders and their indentation."""
+    return max(Console().width - 10, 20)
+
+
+def _with_value(option: Option) -> str:
+    names = list(option.names)
+    if option.switched_on:
+        path, dot, last = names[0][2:].rpartition(".")
+        names.append(f"--{path}{dot}no-{last}")
+    return ", ".join(f"{name} {option.value}".rstrip() for name in names)
+
+
+def _print_first_page(words: str, about: str, groups: Sequence[OptionGroup], names: Sequence[str]) -> None:
+    """What people use first, an option a line or two, and which other pages there are: two screens of a terminal."""
+    console = Console(width=min(max(Console().width, _NARROWEST), _WIDEST), highlight=False)
+    paragraphs = about.split("\n\n")[:_FIRST_PARAGRAPHS]
+    print("\n\n".join((f"usage: {words} [OPTIONS]", *paragraphs)), end="\n\n")
+    table = Table(box=None, show_header=False, padding=(0, 1, 0, 0))
+    table.add_column(width=_OPTION_WIDTH, no_wrap=True, style="bold")
+    table.add_column()
+    for group in groups:
+        for option in group.options:
+            if "." not in option.names[0]:
+                table.add_row(Text(_short(option)), Text(_first_sentence(option)))
+    console.print(Padding(table, (0, 0, 1, 2)))
+    console.print(f"More: {words} --help {ALL}, or --help GROUP for one group of settings: {', '.join(names)}.")
+
+
+def _short(option: Option) -> str:
+    """The option and its value; NAME where its choices take too much room, `--[no-]name` where it is on."""
+    name = option.names[0]
+    if option.switched_on:
         return f"--[no-]{name[2:]}"
-    value = value.removeprefix("{None}|").strip("{}") if value.startswith("{None}|") else value
-    return f"{name} {value}".rstrip() if len(name) + len(value) < _OPTION_WIDTH else f"{name} NAME"
+    return f"{name} {option.value}".rstrip() if len(name) + len(option.value) < _OPTION_WIDTH else f"{name} NAME"
 
 
-def _first_sentence(text: str) -> str:
-    """The first sentence of a help text, with its default where that is a value."""
-    about, _, default = text.partition("(default: ")
-    sentence = _SENTENCE_END.split(about.strip(), maxsplit=1)[0].rstrip(".")
-    default = default.rstrip(") ")
-    return sentence if default in _NO_VALUES else f"{sentence} [{default}]"
-
-
-def _read(text: str) -> tuple[list[str], list[_Box]]:
-    """What stands before the boxes, and the boxes."""
-    head, boxes, lines = list[str](), list[_Box](), iter(text.splitlines())
-    for line in lines:
-        top = _TOP.match(_COLORS.sub("", line))
-        if top is not None:
-            boxes.append(_box(top["title"].removesuffix("options").strip(), line, lines))
-        elif not boxes:
-            head.append(line)
-    return head, boxes
-
-
-def _box(title: str, top: str, lines: Iterator[str]) -> _Box:
-    about, flags = [top], list[tuple[str, list[str]]]()
-    for line in lines:
-        plain = _COLORS.sub("", line)
-        if plain.startswith("╰"):
-            return _Box(title, tuple(about), tuple((flag, tuple(its)) for flag, its in flags), line)
-        flag = _FLAG.match(plain)
-        if flag is not None:
-            flags.append((flag["flag"], [line]))
-        else:
-            (flags[-1][1] if flags else about).append(line)
-    raise AssertionError(f"the box {title} of the help has no end")
+def _first_sentence(option: Option) -> str:
+    """The first sentence of what it does, with its default."""
+    sentence = _SENTENCE_END.split(option.about, maxsplit=1)[0].rstrip(".")
+    default = option.default.removeprefix("(default: ").removesuffix(")")
+    return f"{sentence} [{default}]" if default else sentence

@@ -10,6 +10,11 @@ from dlokit.geometry import rmse_m
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import GoalShape
 
+PROGRESS_M = 0.001
+"""A new best RMSE is better than the previous best by at least this [m]: estimates of one shape differ by as much."""
+CHANGED_M = 0.0005
+"""An action that changes the RMSE by less than this [m] has changed nothing, and its node is marked (Fig. 6)."""
+
 
 def error_m(nodes_world: Float64Array, goal: GoalShape) -> float:
     """RMSE of nodes (M, 3) [m] to the goal's, node by node [m]; in the nearer order where the goal allows both."""
@@ -43,7 +48,7 @@ class SoFar:
 def progress(so_far: SoFar, config: TaskConfig) -> tuple[Progress, str | None]:
     """Whether a task goes on, by the first condition that holds, and in one sentence why it does not.
 
-    Stalled means: the last ``stall_actions`` actions brought no new best that differs by ``progress_m``; for a goal
+    Stalled means: the last ``stall_actions`` actions brought no new best that differs by `PROGRESS_M`; for a goal
     that may not hold, the last ``watched_stall_actions``.
     """
     errors_m, best = so_far.errors_m, best_so_far(so_far.errors_m)
@@ -54,16 +59,16 @@ def progress(so_far: SoFar, config: TaskConfig) -> tuple[Progress, str | None]:
     if so_far.elapsed_s >= config.max_time_s:
         return Progress.OUT_OF_TIME, f"{config.max_time_s:g} s are spent; {best}"
     patience = min(config.stall_actions, config.watched_stall_actions) if so_far.doubtful else config.stall_actions
-    if in_vain(errors_m, config) >= patience:
+    if in_vain(errors_m) >= patience:
         return Progress.STALLED, f"no better shape in {patience} actions; {best}"
     return Progress.NOT_YET, None
 
 
-def in_vain(errors_m: Sequence[float], config: TaskConfig) -> int:
+def in_vain(errors_m: Sequence[float]) -> int:
     """Number of actions since the last that brought a best RMSE, better by more than what an estimate may vary."""
     best_m, last = errors_m[0], 0
     for action, error_m in enumerate(errors_m):
-        if error_m < best_m - config.progress_m:
+        if error_m < best_m - PROGRESS_M:
             best_m, last = error_m, action
     return len(errors_m) - 1 - last
 
@@ -74,9 +79,9 @@ def worth_it(errors_m: Sequence[float], promised_m: float | None, config: TaskCo
     It is, until ``hopeless_actions`` have been in vain; then it must promise a new best. None, a planner that does not
     predict, is given the benefit of the doubt.
     """
-    if promised_m is None or in_vain(errors_m, config) < config.hopeless_actions:
+    if promised_m is None or in_vain(errors_m) < config.hopeless_actions:
         return True
-    return promised_m < min(errors_m) - config.progress_m
+    return promised_m < min(errors_m) - PROGRESS_M
 
 
 def best_so_far(errors_m: Sequence[float]) -> str:
@@ -85,6 +90,6 @@ def best_so_far(errors_m: Sequence[float]) -> str:
     return f"best RMSE {best_m * 1e3:.1f} mm after action {errors_m.index(best_m)}"
 
 
-def has_changed(before_m: float, after_m: float, config: TaskConfig) -> bool:
+def has_changed(before_m: float, after_m: float) -> bool:
     """Whether an action changed the error (Fig. 6: if not, its grasp point is marked)."""
-    return abs(after_m - before_m) >= config.changed_m
+    return abs(after_m - before_m) >= CHANGED_M

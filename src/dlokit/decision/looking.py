@@ -18,6 +18,20 @@ from dlokit.types.outcome import Outcome, Succeeded
 
 log = logging.getLogger(__name__)
 
+LOOK_TIMEOUT_S = 20.0
+"""Longest wait for the model's state after a look [s]."""
+LOOK_AGAIN_S = 5.0
+"""Wait [s] after which a look without a model state is repeated, as long as all components are alive: a message was
+dropped."""
+LOOK_INTERVAL_S = 0.15
+"""Time between two looks [s]: a second look at the same moment brings nothing new."""
+_MOST_LOOKS = 6
+"""Looks after an action, at most: an estimate that still varies is taken as it is."""
+_SETTLED_M = 0.0015
+"""The estimate has settled when two looks in a row differ by less than this (RMS over nodes) [m]."""
+_RESET_M = 0.01
+"""A model state farther than this from the nodes found again (RMS over nodes) [m] is replaced by them: too far for the
+tracking controller to drag the model there."""
 _ALIVE_EVERY_S = 0.5
 """How often it is looked whether they are there, while a state is waited for [s]."""
 
@@ -28,7 +42,7 @@ async def state_after(task: ShapeTask, stamp_ns: int) -> DloState:
     It is not waited for while observer or model is gone, or the observer is another than the one that was told where
     the DLO lies: the cloud is lost with them.
     """
-    state = await _state_within(task, stamp_ns, task.config.look_timeout_s)
+    state = await _state_within(task, stamp_ns, LOOK_TIMEOUT_S)
     if state is None:
         raise _missed(task, stamp_ns)
     return state
@@ -47,7 +61,7 @@ async def _state_within(task: ShapeTask, stamp_ns: int, seconds: float) -> DloSt
 def _missed(task: ShapeTask, stamp_ns: int) -> StepFault:
     return StepFault(
         FaultKind.LOST,
-        f"no model state within {task.config.look_timeout_s:g} s of the look at {stamp_ns / 1e9:.3f} s: "
+        f"no model state within {LOOK_TIMEOUT_S:g} s of the look at {stamp_ns / 1e9:.3f} s: "
         "observer or model does not answer, is gone, or was started anew",
     )
 
@@ -91,18 +105,18 @@ async def look(task: ShapeTask) -> DloState:
     Again, where nothing comes of it though all are there: a message on the way was dropped.
     """
     loop = asyncio.get_running_loop()
-    end_s, first_ns = loop.time() + task.config.look_timeout_s, None
+    end_s, first_ns = loop.time() + LOOK_TIMEOUT_S, None
     while True:
         seen = await task.ask(perception.LOOK)
         first_ns = seen.stamp_ns if first_ns is None else first_ns
         left_s = end_s - loop.time()
         # That of an earlier look will do: on a busy machine it may be late, and not lost.
-        state = await _state_within(task, first_ns, min(task.config.look_again_s, left_s))
+        state = await _state_within(task, first_ns, min(LOOK_AGAIN_S, left_s))
         if state is not None:
             return state
-        if left_s <= task.config.look_again_s or not _is_tracked(task):
+        if left_s <= LOOK_AGAIN_S or not _is_tracked(task):
             raise _missed(task, first_ns)
-        log.warning("no model state within %g s of a look; looking again", task.config.look_again_s)
+        log.warning("no model state within %g s of a look; looking again", LOOK_AGAIN_S)
 
 
 async def look_anew(task: ShapeTask, expected_world: Float64Array) -> None:
@@ -111,25 +125,24 @@ async def look_anew(task: ShapeTask, expected_world: Float64Array) -> None:
     What was tracked behind the arm may be wrong, even the other way round. Where the cloud cannot be ordered the
     tracked state stays. Raises `StepFault` when nothing is seen, or nobody answers.
     """
-    await task.port.clock.sleep(task.config.look_interval_s)
+    await task.port.clock.sleep(LOOK_INTERVAL_S)
     task.state = await look(task)
     found = await tell_observer(task, task.state.observed_stamp_ns, expected_world)
     if not isinstance(found, Succeeded):
         return
     task.state = await state_after(task, found.result.stamp_ns)
-    if _rms_m(task.state.nodes_world, found.result.nodes_world) > task.config.astray_m:
-        # Too far for the controller to drag the model there: it is put there.
+    if _rms_m(task.state.nodes_world, found.result.nodes_world) > _RESET_M:
         await task.port.call(model.RESET, found.result.nodes_world)
 
 
 async def settle(task: ShapeTask) -> None:
     """Look until two states in a row agree, or looks are spent. Raises `StepFault` when the DLO is not seen."""
     before: DloState | None = None
-    for _ in range(task.config.max_looks):
+    for _ in range(_MOST_LOOKS):
         # First, too: a second look in the same instant would bring nothing new, and the observer ignores it.
-        await task.port.clock.sleep(task.config.look_interval_s)
+        await task.port.clock.sleep(LOOK_INTERVAL_S)
         state = task.state = await look(task)
-        if before is not None and _rms_m(before.nodes_world, state.nodes_world) < task.config.settled_m:
+        if before is not None and _rms_m(before.nodes_world, state.nodes_world) < _SETTLED_M:
             return
         before = state
 

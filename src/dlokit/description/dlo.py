@@ -2,8 +2,12 @@
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
+
+from msgspec import Meta
 
 from dlokit.errors import ConfigError
+from dlokit.ranges import Fraction, NotNegative, Positive, check_ranges
 
 GRAVITY_M_S2 = 9.81
 """Of the cell as of the model [m/s²]: nobody needs a ruler for it."""
@@ -14,44 +18,34 @@ class DloPreset:
     """One kind of deformable linear object."""
 
     name: str
-    """Short name."""
-    length_m: float = 0.5
+    """Short name, for messages and tables."""
+    length_m: Positive = 0.5
     """Length along the rod [m]."""
-    radius_m: float = 0.004
+    radius_m: Positive = 0.004
     """Radius of its round cross-section [m]."""
-    mass_per_length_kg_m: float = 0.03
-    """Mass of one metre [kg/m]."""
-    bending_stiffness_n_m2: float = 1.0e-5
-    """EI, the moment that bends it to a curvature of one radian a metre [N·m²]."""
-    poisson: float = 0.3
-    """Poisson's ratio, which sets the stiffness against twist."""
-    damping_s: float = 0.05
-    """Rayleigh damping: viscous bending moment as a share of the elastic one [s]."""
-    yield_curvature_1_m: float | None = None
-    """Curvature up to which it springs back [1/m]; what it is bent beyond stays. None: it always springs back.
+    mass_per_length_kg_m: Positive = 0.03
+    """Mass per length [kg/m]."""
+    bending_stiffness_n_m2: Positive = 1.0e-5
+    """EI, the moment that bends it to a curvature of one radian per metre [N·m²]. Larger: stiffer."""
+    poisson: Annotated[float, Meta(ge=0.0, le=0.5)] = 0.3
+    """Poisson's ratio. Larger: less stiff against twist."""
+    damping_s: NotNegative = 0.05
+    """Rayleigh damping: viscous bending moment as a fraction of the elastic one [s]. Larger: sooner at rest."""
+    yield_curvature_1_m: Positive | None = None
+    """Curvature up to which it springs back [1/m]; what it is bent beyond stays. Without it, it always springs back.
     Only the elastoplastic chain takes a set; an elastic rod never does."""
     curl_1_m: float = 0.0
-    """Curvature that it has without load, from the reel it came on [1/m]."""
-    friction: float = 0.8
+    """Curvature without load, from the reel it came on [1/m]; the sign says to which side."""
+    friction: NotNegative = 0.8
     """Coefficient of sliding friction on the table and between its own loops."""
-    color_rgb: tuple[float, float, float] = (0.93, 0.88, 0.74)
-    """Colour, each channel 0 to 1."""
-    source: str = ""
-    """Where the numbers come from."""
+    color_rgb: tuple[Fraction, Fraction, Fraction] = (0.93, 0.88, 0.74)
+    """Colour: red, green and blue, each 0 to 1."""
 
     def __post_init__(self) -> None:
-        for field in ("length_m", "radius_m", "mass_per_length_kg_m", "bending_stiffness_n_m2"):
-            value: float = getattr(self, field)
-            if not (math.isfinite(value) and value > 0.0):
-                raise ConfigError(f"DLO preset {self.name!r}: {field} is {value}; it must be positive.")
-        if self.yield_curvature_1_m is not None and not self.yield_curvature_1_m > 0.0:
-            raise ConfigError(
-                f"DLO preset {self.name!r}: yield_curvature_1_m is {self.yield_curvature_1_m}; it must be positive, or "
-                "left away for a DLO that takes no set."
-            )
+        check_ranges(self, "cell.dlo")
         if not abs(self.curl_1_m) * self.length_m < 2.0 * math.pi:
             raise ConfigError(
-                f"DLO preset {self.name!r}: curl_1_m is {self.curl_1_m}; over its length it must turn by less than a "
+                f"--cell.dlo.curl-1-m is {self.curl_1_m}; over its length the {self.name} must turn by less than a "
                 "full circle."
             )
 
@@ -75,12 +69,10 @@ class DloPreset:
         return (self.bending_stiffness_n_m2 / (self.friction * weight_n_m)) ** (1.0 / 3.0)
 
 
-SOFT_ROPE = DloPreset(
-    name="soft_rope",
-    source="Estimate for a braided 8 mm cotton rope. Catalogue weights are 30 to 45 g/m. Bending stiffness by Peirce's "
-    "cantilever, EI = w c³, with a bending length c of 3.2 cm: a soft braid. Friction of cotton on "
-    "a matt table 0.6 to 0.8; here the upper end.",
-)
+SOFT_ROPE = DloPreset(name="soft_rope")
+"""Estimate for a braided 8 mm cotton rope. Catalogue weights are 30 to 45 g/m. Bending stiffness by Peirce's
+cantilever, EI = w c³, with a bending length c of 3.2 cm: a soft braid. Friction of cotton on a matt table 0.6 to 0.8;
+here the upper end."""
 SILICONE_HOSE = DloPreset(
     name="silicone_hose",
     mass_per_length_kg_m=0.044,
@@ -88,15 +80,14 @@ SILICONE_HOSE = DloPreset(
     poisson=0.45,
     friction=0.9,
     color_rgb=(0.90, 0.90, 0.88),
-    source="Computed: tube 8 mm outside, 4 mm inside, silicone of Shore 50 A (E about 2 MPa), 1.15 g/cm³: "
-    "EI = E π (R⁴ - r⁴) / 4 = 3.8e-4 N·m², 43 g/m. Silicone on wood: friction about 0.9.",
 )
-_IDENTIFIED = (
-    "identified with a discrete elastic rod by Q. J. Chen, T. Bretl, Q.-C. Pham, Accurate Simulation and Parameter "
-    "Identification of Deformable Linear Objects using Discrete Elastic Rods in Generalized Coordinates, "
-    "arXiv:2310.00911; figures from their repository qj25/adapteddlo_muj (February 2025). Thickness as they simulate "
-    "it. Yield curvature and friction are estimates: neither is published."
-)
+"""Computed: tube 8 mm outside, 4 mm inside, silicone of Shore 50 A (E about 2 MPa), 1.15 g/cm³:
+EI = E π (R⁴ - r⁴) / 4 = 3.8e-4 N·m², 43 g/m. Silicone on wood: friction about 0.9."""
+
+# The wires a, b and c were identified with a discrete elastic rod by Q. J. Chen, T. Bretl, Q.-C. Pham, Accurate
+# Simulation and Parameter Identification of Deformable Linear Objects using Discrete Elastic Rods in Generalized
+# Coordinates, arXiv:2310.00911; figures from their repository qj25/adapteddlo_muj (February 2025). Radii are those of
+# their simulations. Yield curvature and friction of all wires are estimates: neither is published.
 _WIRE_YIELD_1_M = 1.0  # a bend of 8 cm radius keeps 92 % of its curvature, as copper does
 WIRE_A = DloPreset(
     name="wire_a",
@@ -106,8 +97,8 @@ WIRE_A = DloPreset(
     yield_curvature_1_m=_WIRE_YIELD_1_M,
     friction=0.5,
     color_rgb=(0.93, 0.93, 0.93),
-    source=f"White wire, 0.087 kg on 5.0 m, twist over bending stiffness 0.82, {_IDENTIFIED}",
 )
+"""White wire, 0.087 kg on 5.0 m, twist over bending stiffness 0.82."""
 WIRE_B = DloPreset(
     name="wire_b",
     radius_m=0.003,
@@ -116,8 +107,8 @@ WIRE_B = DloPreset(
     yield_curvature_1_m=_WIRE_YIELD_1_M,
     friction=0.5,
     color_rgb=(0.95, 0.72, 0.66),
-    source=f"Red wire, 0.043 kg on 2.0 m, twist over bending stiffness 1.64, {_IDENTIFIED}",
 )
+"""Red wire, 0.043 kg on 2.0 m, twist over bending stiffness 1.64."""
 WIRE_C = DloPreset(
     name="wire_c",
     radius_m=0.003,
@@ -126,8 +117,8 @@ WIRE_C = DloPreset(
     yield_curvature_1_m=_WIRE_YIELD_1_M,
     friction=0.5,
     color_rgb=(0.80, 0.88, 0.95),
-    source=f"Black wire, 0.081 kg on 2.98 m, twist over bending stiffness 1.46, {_IDENTIFIED}",
 )
+"""Black wire, 0.081 kg on 2.98 m, twist over bending stiffness 1.46."""
 THIN_WIRE = DloPreset(
     name="thin_wire",
     radius_m=0.003,
@@ -136,9 +127,8 @@ THIN_WIRE = DloPreset(
     yield_curvature_1_m=_WIRE_YIELD_1_M,
     friction=0.5,
     color_rgb=(0.92, 0.86, 0.30),
-    source="Lower end of published wires, 5.6e-5 to 1.0e-3 N·m² and 17 to 27 g/m; see wire_a to wire_c. "
-    "Yield curvature and friction are estimates.",
 )
+"""Lower end of published wires, 5.6e-5 to 1.0e-3 N·m² and 17 to 27 g/m."""
 STIFF_WIRE = DloPreset(
     name="stiff_wire",
     radius_m=0.003,
@@ -147,9 +137,8 @@ STIFF_WIRE = DloPreset(
     yield_curvature_1_m=_WIRE_YIELD_1_M,
     friction=0.5,
     color_rgb=(0.92, 0.86, 0.30),
-    source="Upper end of published wires, 5.6e-5 to 1.0e-3 N·m² and 17 to 27 g/m; see wire_a to wire_c. "
-    "Yield curvature and friction are estimates.",
 )
+"""Upper end of published wires."""
 
 PRESETS = (SOFT_ROPE, SILICONE_HOSE, WIRE_A, WIRE_B, WIRE_C, THIN_WIRE, STIFF_WIRE)
 """Every preset that ships, the default first."""

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from dlokit import geometry
 from dlokit.description.contacts import CONTACT_SOLIMP, CONTACT_SOLREF
-from dlokit.description.table import Table
+from dlokit.description.table import TABLE_THICKNESS_M, Table
 from dlokit.types.arrays import Float64Array, UInt8Array
 from dlokit.types.image import CameraCalibration
 
@@ -85,9 +85,9 @@ def add_table(
     spec.worldbody.add_geom(
         name="table",
         type=mujoco.mjtGeom.mjGEOM_BOX,
-        pos=rotation.apply([0.0, 0.0, -table.thickness_m / 2]) + np.array([*table.centre_m, 0.0]),
+        pos=rotation.apply([0.0, 0.0, -TABLE_THICKNESS_M / 2]) + np.array([*table.centre_m, 0.0]),
         quat=quat,
-        size=[*table.half_size_m, table.thickness_m / 2],
+        size=[*table.half_size_m, TABLE_THICKNESS_M / 2],
         material="table",
         contype=0,
         conaffinity=0,

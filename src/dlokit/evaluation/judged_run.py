@@ -8,7 +8,6 @@ import msgspec
 
 from dlokit.evaluation.evaluator import evaluate, read_truth, with_truth
 from dlokit.functional.cell.episode import Episode, draw_episode
-from dlokit.functional.cell.randomisation import Randomisation
 from dlokit.system.config import CONFIG_FILE, RunConfig
 from dlokit.system.results.run_record import RunRecord
 from dlokit.system.results.run_result import write_nearest, write_result
@@ -51,6 +50,4 @@ def judged_run(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher, r
 
 def drawn(config: RunConfig) -> Episode | None:
     """What the cell of a run drew; None where nothing is randomised."""
-    if config.cell.randomisation == Randomisation():
-        return None
-    return draw_episode(config.cell, config.seed)
+    return draw_episode(config.cell, config.seed) if config.cell.randomised else None

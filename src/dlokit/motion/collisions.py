@@ -6,7 +6,7 @@ A failure is a `SkillFailure` with a `RobotReason`; it says what was wrong, what
 import numpy as np
 
 from dlokit.description.arm.panda import PANDA_COLLISION, PANDA_LIMITS
-from dlokit.description.table import TABLE_TOP_M, Surroundings
+from dlokit.description.table import TABLE_TOP_M
 from dlokit.errors import SkillFailure
 from dlokit.motion.capsules import RADII_M, Capsules, capsule_distances
 from dlokit.motion.forward_kinematics import capsule_ends
@@ -15,6 +15,11 @@ from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
 from dlokit.types.robot import JointLimits, JointTrajectory, RobotReason
 
+TABLE_CLEARANCE_M = 0.001
+"""Smallest distance of any part of the arm from the table [m]; fingertips grasp 2 mm above it."""
+COLLISION_STEP_RAD = 0.03
+"""Largest joint angle between two configurations that are checked for collisions [rad]: the hand moves by less than
+3 cm."""
 _GRIPPER = ("hand", "left_finger", "right_finger")
 # Pairs of links that can meet within the joint limits; neighbours overlap at their joint and cannot.
 _PAIRS = (
@@ -47,15 +52,12 @@ def check_limits(trajectory: JointTrajectory, limits: JointLimits = PANDA_LIMITS
         raise SkillFailure(broken.reason, broken.detail)
 
 
-def check_collisions(
-    q_rad: Float64Array, surroundings: Surroundings | None = None, T_world_base: Pose | None = None
-) -> None:
+def check_collisions(q_rad: Float64Array, T_world_base: Pose | None = None) -> None:
     """Hold configurations (K, 7) [rad] clear of the table and of the arm itself."""
-    around = surroundings or Surroundings()
     start, end = capsule_ends(q_rad, T_world_base=T_world_base)
-    _check_table(start, end, around)
+    _check_table(start, end)
     first, second = (Capsules(start[:, parts], end[:, parts], RADII_M[parts]) for parts in (_FIRST, _SECOND))
-    gap = capsule_distances(first, second) - around.self_clearance_m
+    gap = capsule_distances(first, second)  # the capsules themselves stand off the surface
     if np.any(gap < 0.0):
         _, pair = np.unravel_index(int(np.argmin(gap)), gap.shape)
         raise SkillFailure(
@@ -65,15 +67,15 @@ def check_collisions(
         )
 
 
-def _check_table(start: Float64Array, end: Float64Array, around: Surroundings) -> None:
+def _check_table(start: Float64Array, end: Float64Array) -> None:
     lowest = np.minimum(start[..., 2], end[..., 2]) - RADII_M - TABLE_TOP_M
     lowest = np.where(_ABOVE_TABLE, lowest, np.inf)
-    if np.any(lowest < around.table_clearance_m):
+    if np.any(lowest < TABLE_CLEARANCE_M):
         _, part = np.unravel_index(int(np.argmin(lowest)), lowest.shape)
         raise SkillFailure(
             RobotReason.TABLE_COLLISION,
             f"{_LINKS[part]} would come to {lowest.min() * 1e3:.1f} mm above the table, at least "
-            f"{around.table_clearance_m * 1e3:.1f} mm are allowed; raise the path (a gripper pointing down may bring "
+            f"{TABLE_CLEARANCE_M * 1e3:.1f} mm are allowed; raise the path (a gripper pointing down may bring "
             "its tool centre point to 11 mm)",
         )
 
@@ -81,13 +83,11 @@ def _check_table(start: Float64Array, end: Float64Array, around: Surroundings) -
 def check_trajectory(
     trajectory: JointTrajectory,
     limits: JointLimits = PANDA_LIMITS,
-    surroundings: Surroundings | None = None,
     T_world_base: Pose | None = None,
 ) -> None:
     """Everything that a trajectory must satisfy before it runs. Raises `SkillFailure`."""
     check_limits(trajectory, limits)
-    around = surroundings or Surroundings()
-    check_collisions(thinned(trajectory.q_rad, around.collision_step_rad), around, T_world_base)
+    check_collisions(thinned(trajectory.q_rad, COLLISION_STEP_RAD), T_world_base)
 
 
 def thinned(q: Float64Array, step_rad: float) -> Float64Array:

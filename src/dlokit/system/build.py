@@ -81,7 +81,7 @@ def _cell(config: RunConfig, wiring: Wiring) -> Component:
 
 def _robot(mount: ArmMount) -> "_Builder":
     def build(config: RunConfig, wiring: Wiring) -> Component:
-        from dlokit.communication.timing.deadlines import LoopWatch, ThreadWatch
+        from dlokit.communication.timing.deadlines import LoopWatchdog, ThreadWatchdog
         from dlokit.communication.timing.pulse import ThreadPulse, loop_pulse
         from dlokit.functional.robots.gate import GatedRobot
         from dlokit.functional.robots.simulated import SimulatedRobot
@@ -91,8 +91,8 @@ def _robot(mount: ArmMount) -> "_Builder":
         from dlokit.system.processes.stop_socket import stop_button, stop_socket
 
         live = config.runtime == "live"
-        pulse = ThreadPulse(config.robot.loop_silent_s) if live else loop_pulse
-        watch = ThreadWatch() if live else LoopWatch()
+        pulse = ThreadPulse() if live else loop_pulse
+        watch = ThreadWatchdog() if live else LoopWatchdog()
         lease = LeaseKeeper(time.monotonic_ns)
         robot = GatedRobot(
             SimulatedRobot(_driver_port(wiring, "robot driver"), mount, pulse),
@@ -142,6 +142,7 @@ def _planning(config: RunConfig, wiring: Wiring) -> Component:
 
 
 def _second_arm(config: RunConfig) -> "SecondArm | None":
+    from dlokit.decision.steps.hands import APPROACH_HEIGHT_M
     from dlokit.motion.arm_distance import Apart
     from dlokit.motion.inverse_kinematics import PandaKinematics
     from dlokit.skills.planning.base import SecondArm
@@ -154,7 +155,7 @@ def _second_arm(config: RunConfig) -> "SecondArm | None":
         robot=mount.robot,
         reachable=kinematics.reachable,
         place_m=mount.place_m,
-        apart_m=Apart(PandaKinematics(), kinematics, lift_m=config.task.approach_height_m).of_pair_m,
+        apart_m=Apart(PandaKinematics(), kinematics, lift_m=APPROACH_HEIGHT_M).of_pair_m,
     )
 
 

@@ -1,10 +1,10 @@
 """The configuration tree of a run: everything that a run depends on, in one value."""
 
-import math
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Annotated, Literal
 
 import tyro
+from msgspec import Meta
 
 from dlokit.decision.config import TaskConfig
 from dlokit.description.dlo import DloPreset
@@ -13,6 +13,7 @@ from dlokit.errors import ConfigError
 from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.cell.dlo_physics import ElasticRod, ElastoplasticChain
 from dlokit.functional.robots.gate import GateConfig
+from dlokit.ranges import check_ranges
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.config import ObserverConfig
 from dlokit.skills.perception.config import PerceptionConfig
@@ -40,8 +41,9 @@ class RunConfig:
     (three frames in the viewer)."""
     runtime: Runtime = "lockstep"
     """lockstep: one process on virtual time, repeatable to the bit. live: all processes, each at its own rate."""
-    seed: int = 0
-    """Seed of everything random; the start shape, camera noise, the error of the believed camera pose."""
+    seed: Annotated[int, Meta(ge=0)] = 0
+    """Seed of everything random. The start shape, camera noise and the error of the believed camera pose are drawn from
+    it."""
     headless: bool = False
     """Run without the browser viewer."""
     arms: Literal[1, 2] = 1
@@ -56,7 +58,7 @@ class RunConfig:
     ends_interchangeable: bool = False
     """Whether the rod lying the other way round is as good."""
     task: TaskConfig = field(default_factory=TaskConfig)
-    """When to stop and how to look."""
+    """When a task ends, and what it does beside carrying the DLO."""
     cell: CellConfig = field(default_factory=CellConfig)
     """The simulated cell, which stands in for reality."""
     table: Table = field(default_factory=Table)
@@ -70,7 +72,7 @@ class RunConfig:
     planning: PlanningConfig = field(default_factory=PlanningConfig)
     """Which grasp next."""
     robot: RobotConfig = field(default_factory=RobotConfig)
-    """How the arm moves."""
+    """Heartbeats and clearances of the arms."""
     gate: GateConfig = field(default_factory=GateConfig)
     """What every motion must keep before it reaches an arm: workspace, tool speed, speed scale."""
     viewer: ViewerConfig = field(default_factory=ViewerConfig)
@@ -79,10 +81,7 @@ class RunConfig:
     """The machines of a live run on several, from the part [hosts] of a `--config` file; None: this machine alone."""
 
     def __post_init__(self) -> None:
-        if self.seed < 0:
-            raise ConfigError(f"--seed is {self.seed}; it must be 0 or more.")
-        if self.goal_at_m is not None and not all(math.isfinite(value) for value in self.goal_at_m):
-            raise ConfigError(f"--goal-at-m is {self.goal_at_m}; it must be two numbers in metres, e.g. 0.52 0.")
+        check_ranges(self)
         if self.goal == INTERACTIVE and self.headless:
             raise ConfigError(
                 "--goal interactive needs the viewer, where the goal is dragged; leave --headless away, or name a goal."

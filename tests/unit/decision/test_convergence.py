@@ -3,7 +3,17 @@
 import pytest
 
 from dlokit.decision.config import TaskConfig
-from dlokit.decision.convergence import Progress, SoFar, best_so_far, has_changed, in_vain, progress, worth_it
+from dlokit.decision.convergence import (
+    CHANGED_M,
+    PROGRESS_M,
+    Progress,
+    SoFar,
+    best_so_far,
+    has_changed,
+    in_vain,
+    progress,
+    worth_it,
+)
 
 CONFIG = TaskConfig(threshold_m=0.012, max_actions=5, max_time_s=100.0, stall_actions=3)
 
@@ -37,14 +47,14 @@ def test_a_goal_that_may_not_hold_is_given_up_sooner() -> None:
 
 
 def test_a_worse_error_is_a_change_too() -> None:
-    assert has_changed(0.02, 0.03, CONFIG)
-    assert has_changed(0.03, 0.02, CONFIG)
-    assert not has_changed(0.03, 0.03 + 0.9 * CONFIG.changed_m, CONFIG)
+    assert has_changed(0.02, 0.03)
+    assert has_changed(0.03, 0.02)
+    assert not has_changed(0.03, 0.03 + 0.9 * CHANGED_M)
 
 
 def test_a_new_best_within_the_noise_of_the_estimate_is_no_progress() -> None:
-    assert in_vain([0.02, 0.02 - 0.9 * CONFIG.progress_m], CONFIG) == 1
-    assert in_vain([0.02, 0.02 - 1.1 * CONFIG.progress_m], CONFIG) == 0
+    assert in_vain([0.02, 0.02 - 0.9 * PROGRESS_M]) == 1
+    assert in_vain([0.02, 0.02 - 1.1 * PROGRESS_M]) == 0
 
 
 IN_VAIN = [0.05, 0.02, 0.03, 0.025, 0.021]

@@ -11,10 +11,10 @@ import pytest
 from dlokit.communication import topics
 from dlokit.communication.port import Port
 from dlokit.communication.timing import virtual_time
-from dlokit.communication.transport import Known, Liveness, Mailbox
+from dlokit.communication.transport import KnownLiveness, Liveness, Mailbox
 from dlokit.decision.config import TaskConfig
 from dlokit.decision.flow import FaultKind, StepFault
-from dlokit.decision.looking import look, state_after
+from dlokit.decision.looking import LOOK_AGAIN_S, LOOK_TIMEOUT_S, look, state_after
 from dlokit.decision.task import Odometer, ShapeTask, Spent
 from dlokit.rod.believed import BelievedDlo
 from dlokit.rod.nodes import topology
@@ -35,8 +35,8 @@ class Bus:
 
     def alive(self, component: str) -> Liveness:
         if component != self._gone or asyncio.get_running_loop().time() < self._from_s:
-            return Known(True, "1")
-        return Known(True, "2") if self._replaced else Known(False)
+            return KnownLiveness(True, "1")
+        return KnownLiveness(True, "2") if self._replaced else KnownLiveness(False)
 
 
 class Blind(Bus):
@@ -107,19 +107,19 @@ def test_nobody_waits_for_a_state_from_an_observer_that_was_not_told_where_the_d
 
 
 def test_a_state_that_does_not_come_though_all_are_there_is_waited_for_to_the_end() -> None:
-    assert virtual_time.run(waited_s("nobody", 0.0)) == pytest.approx(CONFIG.look_timeout_s)
+    assert virtual_time.run(waited_s("nobody", 0.0)) == pytest.approx(LOOK_TIMEOUT_S)
 
 
 def test_a_look_of_which_nothing_came_is_done_again_while_all_are_there() -> None:
     found, looks, waiting_s = virtual_time.run(looked(brings_from=3))
     assert isinstance(found, DloState)
     assert looks == 3
-    assert waiting_s == pytest.approx(2 * CONFIG.look_again_s)
+    assert waiting_s == pytest.approx(2 * LOOK_AGAIN_S)
 
 
 def test_looks_of_which_nothing_comes_end_in_the_time_of_one() -> None:
     found, looks, waiting_s = virtual_time.run(looked(brings_from=1000))
     assert isinstance(found, StepFault)
     assert found.kind is FaultKind.LOST
-    assert looks == CONFIG.look_timeout_s / CONFIG.look_again_s
-    assert waiting_s == pytest.approx(CONFIG.look_timeout_s)
+    assert looks == LOOK_TIMEOUT_S / LOOK_AGAIN_S
+    assert waiting_s == pytest.approx(LOOK_TIMEOUT_S)

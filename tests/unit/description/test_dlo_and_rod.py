@@ -22,8 +22,7 @@ def build(nodes: int = 41):
 
 
 @pytest.mark.parametrize("dlo", PRESETS, ids=lambda dlo: dlo.name)
-def test_every_preset_says_its_source_and_gives_back_its_bending_stiffness(dlo: DloPreset):
-    assert len(dlo.source) > 40
+def test_every_preset_gives_back_its_bending_stiffness(dlo: DloPreset):
     second_moment_m4 = math.pi * dlo.radius_m**4 / 4
     assert dlo.young_pa * second_moment_m4 == pytest.approx(dlo.bending_stiffness_n_m2)  # rounding only
 
@@ -38,7 +37,7 @@ def test_an_unknown_preset_is_an_error_that_lists_those_there_are():
 
 
 def test_a_preset_without_stiffness_is_refused():
-    with pytest.raises(ConfigError, match="bending_stiffness"):
+    with pytest.raises(ConfigError, match="bending-stiffness-n-m2 is 0"):
         dataclasses.replace(SOFT_ROPE, bending_stiffness_n_m2=0.0)
 
 

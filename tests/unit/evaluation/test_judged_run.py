@@ -3,8 +3,7 @@ from pathlib import Path
 import msgspec
 
 from dlokit.evaluation.judged_run import drawn
-from dlokit.functional.cell.config import CellConfig
-from dlokit.functional.cell.randomisation import RANDOMISED
+from dlokit.functional.cell.config import EVERY_FACTOR, CellConfig
 from dlokit.functional.cell.world import Cell
 from dlokit.system.config import RunConfig
 from dlokit.system.results.run_result import RunResult, read_result, write_result
@@ -12,7 +11,7 @@ from dlokit.types.flow import RunOutcome
 
 
 def test_a_result_tells_what_the_cell_of_its_seed_drew(tmp_path: Path) -> None:
-    config = RunConfig(seed=7, cell=CellConfig(randomisation=RANDOMISED))
+    config = RunConfig(seed=7, cell=CellConfig(randomised=EVERY_FACTOR))
     episode = drawn(config)
     assert episode is not None
     result = RunResult(
@@ -30,7 +29,7 @@ def test_a_result_tells_what_the_cell_of_its_seed_drew(tmp_path: Path) -> None:
     write_result(tmp_path, msgspec.structs.replace(result, episode=episode))
     assert read_result(tmp_path).episode == episode
     cell = Cell(config.cell, seed=config.seed)
-    assert cell.config.light == episode.light_factor
+    assert cell.episode == episode
     assert cell.config.camera_error_m == episode.hand_eye_m
 
 

@@ -206,7 +206,8 @@ def test_a_chain_that_is_not_there_is_asked_for():
 
 
 @pytest.mark.parametrize(
-    ("values", "says"), [({"yield_curvature_1_m": 0.0}, "yield_curvature_1_m"), ({"curl_1_m": 13.0}, "full circle")]
+    ("values", "says"),
+    [({"yield_curvature_1_m": 0.0}, "yield-curvature-1-m"), ({"curl_1_m": 13.0}, "full circle")],
 )
 def test_a_preset_that_cannot_be_is_refused(values: dict[str, float], says: str):
     with pytest.raises(ConfigError, match=says):

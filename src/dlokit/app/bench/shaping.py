@@ -33,7 +33,7 @@ from dlokit.bench.shaping.pictures import draw
 from dlokit.bench.shaping.suites import SEEDS_APART, SUITE_NAMES, suite_of
 from dlokit.bench.shaping.sweep import Workers, check_address, claim_sweep_folder, describe, run_sweep
 from dlokit.errors import EXIT_FAULT, ConfigError, InputError
-from dlokit.functional.cell.randomisation import RANDOMISED, Randomisation
+from dlokit.functional.cell.config import EVERY_FACTOR
 from dlokit.system.config import RunConfig
 from dlokit.system.results.run_folder import new_run_folder
 from dlokit.system.results.run_record import machine_facts
@@ -215,11 +215,9 @@ def _randomised(args: ShapingArgs) -> RunConfig:
     cell = args.run.cell
     if not args.randomised:
         return args.run
-    if cell.randomisation != Randomisation():
-        raise ConfigError(
-            "--randomised draws everything: with --cell.randomisation.… of your own choice leave it away."
-        )
-    return replace(args.run, cell=replace(cell, randomisation=RANDOMISED))
+    if cell.randomised:
+        raise ConfigError("--randomised draws every property; omit it, or --cell.randomised with its own choice.")
+    return replace(args.run, cell=replace(cell, randomised=EVERY_FACTOR))
 
 
 def _names(listed: str) -> tuple[str, ...]:
@@ -233,7 +231,7 @@ def _check_writable(path: Path | None) -> None:
 
 
 def _headline(args: ShapingArgs, suite: str, config: RunConfig, todo: Sequence[ShapingCase]) -> str:
-    drawn = "one cell for all" if config.cell.randomisation == Randomisation() else "a randomised cell for each seed"
+    drawn = "a randomised cell for each seed" if config.cell.randomised else "one cell for all"
     seen = "state from the truth (oracle)" if args.oracle else "perception in the loop"
     threshold_mm = config.task.threshold_m * 1e3
     return f"suite {suite}: {len(todo)} runs, {drawn}, {seen}, threshold {threshold_mm:g} mm"

@@ -16,8 +16,8 @@ from dlokit.decision.records import GoalRequest
 from dlokit.description import shapes
 from dlokit.description.dlo import preset
 from dlokit.errors import ConfigError
+from dlokit.functional.cell.config import EVERY_FACTOR
 from dlokit.functional.cell.dlo_physics import PHYSICS
-from dlokit.functional.cell.randomisation import RANDOMISED
 from dlokit.skills.observer.strategies import OBSERVERS
 from dlokit.skills.perception.segmentations import SEGMENTATIONS
 from dlokit.skills.planning.strategies import PLANNERS
@@ -37,7 +37,7 @@ def chosen_settings(arguments: Sequence[str], config_file: Path | None) -> RunCo
     if (name := value_of(arguments, "--physics")) is not None:
         run = _with_physics(run, name)
     if "--randomised" in arguments:
-        run = replace(run, cell=replace(run.cell, randomisation=RANDOMISED))
+        run = replace(run, cell=replace(run.cell, randomised=EVERY_FACTOR))
     if (name := value_of(arguments, "--observer")) is not None:
         observer = _chosen(OBSERVERS, "--observer", name, run.observer.strategy)
         run = replace(run, observer=replace(run.observer, strategy=observer))

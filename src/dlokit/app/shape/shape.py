@@ -60,7 +60,7 @@ class ShapeChoices:
     case."""
     randomised: bool = False
     """Draw friction, stiffness, light and more of the cell from the seed; also weight, curl, hand-eye error, tilt of
-    the table, colour. `--cell.randomisation.…` changes or switches off each."""
+    the table, colour. `--cell.randomised friction light` draws these alone."""
     observer: Annotated[str | None, _one_of(OBSERVERS, AS_SHIPPED.observer.strategy)] = None
     """How nodes are found in a cloud: map, anchored, cpd, spr or som. The last three are the paper's; an installed
     package may add others. `--observer cpd --help observer` shows the settings of cpd."""

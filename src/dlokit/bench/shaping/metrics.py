@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from dlokit.decision.config import TaskConfig
+from dlokit.decision.convergence import CHANGED_M
 from dlokit.system.results.run_result import RunResult
 from dlokit.types.feasibility import Standing
 from dlokit.types.flow import RunOutcome
@@ -59,7 +59,7 @@ def idle_actions(run: RunResult) -> int:
         errors.insert(0, run.start_rmse_m)
     if not errors:
         return 0
-    return len(errors) - 1 - _last_progress(errors, TaskConfig.changed_m)
+    return len(errors) - 1 - _last_progress(errors, CHANGED_M)
 
 
 def _last_progress(errors_m: Sequence[float], changed_m: float) -> int:

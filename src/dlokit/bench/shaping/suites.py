@@ -109,7 +109,7 @@ def stiffness_suite(ratios: tuple[float, ...] = RATIOS, turns_deg: tuple[int, ..
 def rod_with_limit(limit_m: float, name: str) -> DloPreset:
     """The rope with the stiffness that puts its elastic limit at a radius [m]."""
     stiffness = SOFT_ROPE.bending_stiffness_n_m2 * (limit_m / SOFT_ROPE.smallest_held_radius_m) ** 3
-    return replace(SOFT_ROPE, name=name, bending_stiffness_n_m2=stiffness, source="The stiffness suite of the bench.")
+    return replace(SOFT_ROPE, name=name, bending_stiffness_n_m2=stiffness)
 
 
 def _side(ratio: float) -> str:

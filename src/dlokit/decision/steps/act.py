@@ -20,6 +20,11 @@ from dlokit.types.outcome import Succeeded
 
 NOT_WORTH_IT = "not_worth_it"
 """The word of an action that control does not follow."""
+_TRACKING_HZ = 2.0
+"""Rate of looks while the DLO is carried [Hz]."""
+_ALIKE_M = 0.002
+"""A failed grasp stays marked while the shape is nearer than this (RMSE) to the one from which it failed [m]. The paper
+clears all marks on any change of the error."""
 
 
 async def choose_grasp(task: ShapeTask) -> Found:
@@ -117,7 +122,7 @@ async def grasp(task: ShapeTask) -> Grasped:
 async def move_to_goal(task: ShapeTask) -> Carried:
     """Carry the node along the path while perception, observer and model follow the rod."""
     hands.say_gripped(task, held=True)
-    await task.port.call(perception.SET_TRACKING, task.config.tracking_hz)
+    await task.port.call(perception.SET_TRACKING, _TRACKING_HZ)
     try:
         held = await hands.follow_while_held(task)
     finally:
@@ -153,12 +158,12 @@ async def release(task: ShapeTask) -> Done:
 async def has_error_changed(task: ShapeTask) -> Change:
     """Compare the error with the one before the action."""
     before_m, after_m = task.errors_m[-2:]
-    return Change.CHANGED if has_changed(before_m, after_m, task.config) else Change.UNCHANGED
+    return Change.CHANGED if has_changed(before_m, after_m) else Change.UNCHANGED
 
 
 async def clear_marks(task: ShapeTask) -> Done:
     """Grasp points may be tried again, but for those that failed from a shape like the present one."""
-    task.grasps.clear(task.shape.nodes_world, task.config.alike_m)
+    task.grasps.clear(task.shape.nodes_world, _ALIKE_M)
     if task.attempt.deadlock:
         await mark_invalid(task)
     return Done.DONE

@@ -11,8 +11,11 @@ from dlokit.decision.steps.outcomes import Controlled
 from dlokit.decision.task import ShapeTask
 from dlokit.skills.planning import api as planning
 from dlokit.skills.robot import api as robot
-from dlokit.types.action import ControlAdvice, ControlVerdict, HeldNode
+from dlokit.types.action import ControlAdvice, ControlVerdict, GraspedNode
 from dlokit.types.outcome import Succeeded
+
+MOST_CORRECTIONS = 4
+"""Corrections while the DLO is held once, at most: control must end where the error does not fall."""
 
 
 async def control(task: ShapeTask) -> Controlled:
@@ -27,7 +30,7 @@ async def control(task: ShapeTask) -> Controlled:
         return _ends(task, Controlled.DEADLOCK, advice.reason)
     if advice.correction is None:
         return _ends(task, Controlled.SETTLED, advice.reason)
-    if len(attempt.corrections) >= task.config.max_corrections:
+    if len(attempt.corrections) >= MOST_CORRECTIONS:
         return _ends(task, Controlled.SETTLED, "corrections_spent")
     try:
         await task.ask(robot.MOVE_LINEAR, advice.target, attempt.action.velocity)
@@ -58,7 +61,7 @@ async def _advice(task: ShapeTask) -> ControlAdvice | str:
     arm = task.port.latest(topics.ROBOT_STATE).value
     if arm is None or not arm.holding:
         return "not_held"
-    grip = HeldNode(node=task.attempt.action.grasp.node, T_world_tcp=arm.T_world_tcp)
+    grip = GraspedNode(node=task.attempt.action.grasp.node, T_world_tcp=arm.T_world_tcp)
     began_s = task.stopwatch()
     said = await task.port.call(
         planning.CORRECT, task.shape, task.goal, grip, tuple(task.attempt.corrections), task.config.threshold_m

@@ -17,10 +17,18 @@ from dlokit.geometry import inverse, lifted, transform
 from dlokit.skills.robot import api as robot
 from dlokit.types.action import Action, Grasp, VelocityProfile
 from dlokit.types.arrays import Float64Array
-from dlokit.types.observation import Gripped
+from dlokit.types.observation import GraspState
 from dlokit.types.outcome import Failed, Outcome, Succeeded
 from dlokit.types.pose import Pose
 from dlokit.types.robot import GripResult, MotionResult, Remedy, RobotReason, remedy_of
+
+APPROACH_HEIGHT_M = 0.06
+"""Height above the grasp where the joint-space move ends and the straight descent begins [m]."""
+RETREAT_HEIGHT_M = 0.06
+"""Height of the straight ascent after the release [m]."""
+MOST_RECOVERIES = 5
+"""Times in one task that the fault of an arm which braked on its own is cleared (a late heartbeat); more often is a
+defect of the machine, and the task ends."""
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -60,7 +68,7 @@ async def open_fingers(task: ShapeTask) -> None:
 
 async def go_above(task: ShapeTask) -> None:
     """Joint-space moves above the grasps."""
-    height_m = task.config.approach_height_m
+    height_m = APPROACH_HEIGHT_M
     moved = await _one_by_one(
         task,
         lambda hand: task.port.call(robot.MOVE_TO.at(hand.instance), lifted(hand.grasp.T_world_tcp, height_m)),
@@ -104,7 +112,7 @@ async def go_up(task: ShapeTask) -> None:
     def up(hand: Hand) -> Coroutine[Any, Any, Outcome[MotionResult]]:
         state = task.port.latest(topics.ROBOT_STATE.at(hand.instance)).value
         start = hand.path[-1] if state is None else state.T_world_tcp
-        target = lifted(start, task.config.retreat_height_m)
+        target = lifted(start, RETREAT_HEIGHT_M)
         return task.port.call(robot.MOVE_LINEAR.at(hand.instance), target, hand.velocity)
 
     result_of(robot.MOVE_LINEAR, await together(task, up))
@@ -130,11 +138,11 @@ async def until_done(task: ShapeTask, skill: Skill[P, R], *args: P.args, **kwarg
     """Tell an arm that holds nothing to move, and again after it braked by itself; not for ever.
 
     Beside the flow's box `recover`, which must choose anew because a DLO may be held: here the same motion will do.
-    Every time counts to the task's `max_recoveries`; the outcome of the last one is returned.
+    Every time counts to the task's `MOST_RECOVERIES`; the outcome of the last one is returned.
     """
     while True:
         moved = await task.port.call(skill, *args, **kwargs)
-        if remedy_of(reason_of(moved)) is not Remedy.RECOVER or task.spent.recoveries >= task.config.max_recoveries:
+        if remedy_of(reason_of(moved)) is not Remedy.RECOVER or task.spent.recoveries >= MOST_RECOVERIES:
             return moved
         task.spent.recoveries += 1
         await task.port.clock.sleep(_STANDS_S)
@@ -209,7 +217,7 @@ def say_gripped(task: ShapeTask, *, held: bool) -> None:
         node, place = hand.grasp.node if held else None, None
         if held and tool is not None and task.state is not None:
             place = place_in_tool(task.state.nodes_world[hand.grasp.node], tool.T_world_tcp)
-        message = Gripped(stamp_ns=task.port.clock.now_ns(), robot=hand.robot, node=node, node_tcp=place)
+        message = GraspState(stamp_ns=task.port.clock.now_ns(), robot=hand.robot, node=node, node_tcp=place)
         task.port.publish(topics.GRIPPED, message)
 
 

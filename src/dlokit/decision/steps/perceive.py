@@ -52,7 +52,7 @@ async def robots_out_of_the_way(task: ShapeTask) -> None:
 
 
 async def _robot_speaks(task: ShapeTask, name: str) -> None:
-    waited_s = task.config.robot_timeout_s
+    waited_s = _ROBOT_TIMEOUT_S
     try:
         async with asyncio.timeout(waited_s):
             async for _ in task.port.stream(topics.ROBOT_STATE.at(instance_of(name))):
@@ -93,7 +93,7 @@ async def track_again(task: ShapeTask) -> Done:
     attempt = task.attempt
     robot_time_s = (task.port.clock.now_ns() - attempt.chosen_ns) / 1e9
     path_m = task.odometer.travelled_m - attempt.tool_travelled_m
-    await task.port.clock.sleep(task.config.settle_s)
+    await task.port.clock.sleep(_SETTLE_S)
     await look_anew(task, attempt.expected_world)
     await settle(task)
     if stayed_behind(attempt, task.shape.nodes_world):
@@ -119,6 +119,12 @@ async def _learn(task: ShapeTask) -> None:
 
 log = logging.getLogger(__name__)
 
+_SETTLE_S = 0.5
+"""Wait after the arm has left before looking [s]: the DLO comes to rest."""
+_ROBOT_TIMEOUT_S = 10.0
+"""Longest wait for a robot's first state [s]."""
+_CHECK_HEIGHT_M = 0.15
+"""Height of the tool centre point over the table while the camera looks at the hand [m]: clear of the DLO."""
 _PLACES = ((0.50, 0.14, np.pi / 2), (0.50, -0.14, -np.pi / 2))
 """Where the first arm's hand is looked at: x, y [m] and yaw [rad]. Half a turn lies between the looks, so that errors
 of the hand's model cancel; the farther apart, the better is the camera's turn told."""
@@ -172,7 +178,7 @@ async def _shown(task: ShapeTask) -> str | None:
     if not isinstance(begun, Succeeded):
         return f"perception.note_background {explain(begun)}"
     for x_m, y_m, yaw_rad in _PLACES:
-        place = downward([x_m, y_m, task.config.check_height_m], yaw_rad)
+        place = downward([x_m, y_m, _CHECK_HEIGHT_M], yaw_rad)
         moved = await until_done(task, robot.MOVE_TO.at(instance_of(name)), place, either_way=False)
         if not isinstance(moved, Succeeded):
             return f"robot.move_to {explain(moved)}"

@@ -18,6 +18,10 @@ from dlokit.skills.perception import api as perception
 from dlokit.skills.robot import api as robot
 from dlokit.types.action import VelocityProfile
 
+_MOST_RESTORATIONS = 4
+"""Times in one task that lost components are waited for."""
+_RESTART_TIMEOUT_S = 180.0
+"""Longest wait for a process to be started again [s of the machine's clock]; it may have kernels to compile."""
 _NOTICED_S = 1.0
 """By then everybody knows that a process is gone, and it is not taken for alive."""
 _ASKED_EVERY_S = 0.2
@@ -26,7 +30,7 @@ _ASKED_EVERY_S = 0.2
 async def recover(task: ShapeTask) -> Recovered:
     """Clear the fault of an arm that braked by itself; not for ever."""
     task.spent.recoveries += 1
-    if task.spent.recoveries > task.config.max_recoveries:
+    if task.spent.recoveries > hands.MOST_RECOVERIES:
         task.reason = f"the arm braked by itself {task.spent.recoveries} times; the last time: {task.reason}"
         return Recovered.TOO_OFTEN
     await hands.clear_faults(task)
@@ -36,7 +40,7 @@ async def recover(task: ShapeTask) -> Recovered:
 async def restore(task: ShapeTask) -> Restored:
     """Wait until whoever was lost is there again; then find the DLO anew, and go on with what was under way."""
     task.spent.restorations += 1
-    if task.spent.restorations > task.config.max_restorations:
+    if task.spent.restorations > _MOST_RESTORATIONS:
         task.reason = f"components were lost {task.spent.restorations} times; the last time: {task.reason}"
         return Restored.TOO_OFTEN
     await _all_there(task)
@@ -52,13 +56,13 @@ async def restore(task: ShapeTask) -> Restored:
 
 async def _all_there(task: ShapeTask) -> None:
     try:
-        async with asyncio.timeout(task.config.restart_timeout_s):
+        async with asyncio.timeout(_RESTART_TIMEOUT_S):
             await asyncio.sleep(_NOTICED_S * task.spent.restorations)  # the longer, the more often it was in vain
             while _missing(task):  # noqa: ASYNC110  a liveness is looked at, and wakes nobody
                 await asyncio.sleep(_ASKED_EVERY_S)
     except TimeoutError:
         missing = ", ".join(_missing(task))
-        waited = f"{missing} not there again within {task.config.restart_timeout_s:g} s; {task.reason}"
+        waited = f"{missing} not there again within {_RESTART_TIMEOUT_S:g} s; {task.reason}"
         raise StepFault(FaultKind.FAILED, waited) from None
 
 
@@ -96,7 +100,7 @@ async def take_over(task: ShapeTask) -> Done:
         state = task.port.latest(topics.ROBOT_STATE.at(instance)).value
         if state is None:
             continue  # the next box waits for it
-        up = lifted(state.T_world_tcp, task.config.retreat_height_m)
+        up = lifted(state.T_world_tcp, hands.RETREAT_HEIGHT_M)
         try:
             await task.ask(robot.MOVE_LINEAR.at(instance), up, VelocityProfile())
         except StepFault as fault:

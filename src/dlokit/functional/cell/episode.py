@@ -8,11 +8,30 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dlokit.functional.cell.config import CellConfig
-from dlokit.functional.cell.randomisation import Randomisation
+from dlokit.functional.cell.config import CellConfig, Factor
 
 _STREAM = 0xE9  # keeps these draws apart from all others of the same seed
 _FRICTION, _REGIONS, _STIFFNESS, _WEIGHT, _CURL, _HAND_EYE, _TILT, _LIGHT, _COLOR = range(9)
+
+FRICTION = 0.25
+"""Fraction by which the table's friction differs; 0.25 draws a factor from 1/1.25 to 1.25. Two ropes of one kind differ
+by as much in friction and stiffness."""
+REGIONS = 0.15
+"""Fraction by which each quarter of the table differs in friction from the others."""
+STIFFNESS = 0.5
+"""Fraction by which the DLO's bending stiffness differs."""
+WEIGHT = 0.2
+"""Fraction by which the DLO's mass per length differs."""
+CURL_1_M = 0.5
+"""Largest curvature without load [1/m], to either side."""
+HAND_EYE_M = (0.002, 0.005)
+"""Smallest and largest distance of the believed camera position from the true one [m]."""
+TILT_DEG = 0.2
+"""Largest tilt of the table about each of its axes [°]: a frame levelled with a spirit level."""
+LIGHT = 0.15
+"""Fraction by which the light differs."""
+COLOR = 0.1
+"""Largest difference of each colour channel of the DLO, of 1."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,32 +52,31 @@ class Episode:
 
 
 def draw_episode(config: CellConfig, seed: int) -> Episode:
-    """Draw what `config.randomisation` lets differ, from the seed alone."""
-    wanted = config.randomisation
-    r, g, b = (
-        float(channel) for channel in np.clip(_around(seed, _COLOR, wanted.color, 3) + config.dlo.color_rgb, 0, 1)
-    )
-    near_right, near_left, far_right, far_left = _factors(seed, _REGIONS, wanted.friction_regions, 4)
-    tilt_x, tilt_y = (float(angle) for angle in _around(seed, _TILT, wanted.table_tilt_deg, 2))
-    hand_eye = _rng(seed, _HAND_EYE).uniform(wanted.hand_eye_from_m, wanted.hand_eye_to_m)
+    """Draw the properties in `config.randomised`, from the seed alone."""
+
+    def only(factor: Factor, most: float) -> float:
+        return most if factor in config.randomised else 0.0
+
+    color = np.clip(_around(seed, _COLOR, COLOR, 3) + config.dlo.color_rgb, 0, 1)
+    r, g, b = (float(channel) for channel in color)
+    near_right, near_left, far_right, far_left = _factors(seed, _REGIONS, only("friction_regions", REGIONS), 4)
+    tilt_x, tilt_y = (float(angle) for angle in _around(seed, _TILT, only("table_tilt", TILT_DEG), 2))
     return Episode(
-        friction_factor=_factors(seed, _FRICTION, wanted.friction, 1)[0],
+        friction_factor=_factors(seed, _FRICTION, only("friction", FRICTION), 1)[0],
         friction_regions=(near_right, near_left, far_right, far_left),
-        stiffness_factor=_factors(seed, _STIFFNESS, wanted.stiffness, 1)[0],
-        weight_factor=_factors(seed, _WEIGHT, wanted.weight, 1)[0],
-        curl_1_m=float(_around(seed, _CURL, wanted.curl_1_m, 1)[0]) if wanted.curl_1_m else None,
-        hand_eye_m=float(hand_eye) if wanted.hand_eye_to_m else None,
+        stiffness_factor=_factors(seed, _STIFFNESS, only("stiffness", STIFFNESS), 1)[0],
+        weight_factor=_factors(seed, _WEIGHT, only("weight", WEIGHT), 1)[0],
+        curl_1_m=float(_around(seed, _CURL, CURL_1_M, 1)[0]) if "curl" in config.randomised else None,
+        hand_eye_m=float(_rng(seed, _HAND_EYE).uniform(*HAND_EYE_M)) if "hand_eye" in config.randomised else None,
         table_tilt_deg=(tilt_x, tilt_y),
-        light_factor=_factors(seed, _LIGHT, wanted.light, 1)[0],
-        color_rgb=(r, g, b) if wanted.color else None,
+        light_factor=_factors(seed, _LIGHT, only("light", LIGHT), 1)[0],
+        color_rgb=(r, g, b) if "color" in config.randomised else None,
     )
 
 
 def apply_episode(config: CellConfig, episode: Episode) -> CellConfig:
-    """The cell of an episode: nothing is left to draw."""
+    """The settings with the drawn DLO and camera error; friction, tilt and light of the table stay in the episode."""
     nominal = config.dlo
-    near_right, near_left, far_right, far_left = np.multiply(config.table_regions, episode.friction_regions).tolist()
-    tilt_x, tilt_y = np.add(config.table_tilt_deg, episode.table_tilt_deg).tolist()
     dlo = replace(
         nominal,
         bending_stiffness_n_m2=nominal.bending_stiffness_n_m2 * episode.stiffness_factor,
@@ -70,12 +88,8 @@ def apply_episode(config: CellConfig, episode: Episode) -> CellConfig:
     return replace(
         config,
         dlo=dlo,
-        table_friction=config.table_friction * episode.friction_factor,
-        table_regions=(near_right, near_left, far_right, far_left),
-        table_tilt_deg=(tilt_x, tilt_y),
-        light=config.light * episode.light_factor,
         camera_error_m=config.camera_error_m if episode.hand_eye_m is None else episode.hand_eye_m,
-        randomisation=Randomisation(),
+        randomised=(),
     )
 
 
@@ -87,5 +101,5 @@ def _around(seed: int, stream: int, most: float, count: int) -> np.ndarray:
     return most * _rng(seed, stream).uniform(-1.0, 1.0, count)
 
 
-def _factors(seed: int, stream: int, share: float, count: int) -> list[float]:
-    return [float(factor) for factor in np.exp(_around(seed, stream, float(np.log1p(share)), count))]
+def _factors(seed: int, stream: int, fraction: float, count: int) -> list[float]:
+    return [float(factor) for factor in np.exp(_around(seed, stream, float(np.log1p(fraction)), count))]

@@ -59,8 +59,11 @@ class StereoRig:
         return np.asarray(cv2.add(picture, noise, dtype=cv2.CV_8U), dtype=np.uint8)
 
 
-def add_cameras(spec: Any, calibration: CameraCalibration, config: CellConfig) -> None:
-    """Add the two cameras of a calibration to `spec` (MjSpec), and the settings that their pictures need."""
+def add_cameras(spec: Any, calibration: CameraCalibration, *, shadows: bool, light: float) -> None:
+    """Add the two cameras of a calibration to `spec` (MjSpec), and the settings that their pictures need.
+
+    `light` is a factor on the ambient light.
+    """
     T = geometry.matrix(calibration.T_world_camera)
     turned = np.eye(4)
     turned[:3, :3] = T[:3, :3] @ _FLIP_YZ
@@ -75,9 +78,9 @@ def add_cameras(spec: Any, calibration: CameraCalibration, config: CellConfig) -
         camera.principal_pixel = [width / 2 - (calibration.cx_px + 0.5), (calibration.cy_px + 0.5) - height / 2]
     visual = spec.visual
     visual.global_.offwidth, visual.global_.offheight = width, height
-    visual.quality.offsamples = config.samples
-    visual.quality.shadowsize = 2048 if config.shadows else 0
-    visual.headlight.ambient = [_AMBIENT * config.light] * 3
+    visual.quality.offsamples = 0  # with 4 samples a pixel software rendering takes two to four times as long
+    visual.quality.shadowsize = 2048 if shadows else 0
+    visual.headlight.ambient = [_AMBIENT * light] * 3
     visual.headlight.diffuse, visual.headlight.specular = [0.0] * 3, [0.0] * 3
     # Clipping planes are multiples of the model's extent, which is fixed here so that they are 0.1 m and 6 m.
     spec.stat.extent = 1.0

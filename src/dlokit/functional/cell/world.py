@@ -12,28 +12,39 @@ from dlokit.description.arm.panda import PANDA_HOME_Q_RAD
 from dlokit.description.arm.panda_model import add_panda
 from dlokit.description.scene import add_lights, add_table, table_height_m
 from dlokit.description.shapes import CENTRE_M, LENGTH_TOLERANCE
+from dlokit.description.table import Table
 from dlokit.errors import DlokitError, ShapeError
 from dlokit.functional.cell.arm import CellArm
 from dlokit.functional.cell.config import TICK_S, CellConfig
 from dlokit.functional.cell.dlo_physics import DloBody
-from dlokit.functional.cell.episode import apply_episode, draw_episode
+from dlokit.functional.cell.episode import Episode, apply_episode, draw_episode
 from dlokit.functional.cell.rendering import StereoRig, add_cameras
 from dlokit.rod.elastic import set_rod_physics
 from dlokit.types.arrays import Float64Array
 from dlokit.types.image import StereoImages
 from dlokit.types.robot import FIRST_ROBOT, JointTrajectory, RobotState
 
+NODES = 41
+"""Nodes of the cell's DLO, 12.5 mm apart on half a metre; the system's own model has another number."""
+TIMESTEP_S = 0.0025
+"""Step of the physics [s]; a whole number of them makes one tick. Stiff wires diverge with longer ones."""
+_STEPS_A_TICK = round(TICK_S / TIMESTEP_S)
+TABLE_FRICTION = 0.5
+"""Friction of the table's own surface; of two surfaces that touch the larger friction counts, mostly the DLO's."""
+TRUE_TABLE = Table()
+"""The table as it is; the system's own belief is the setting `table`."""
+
 
 class TableFriction:
     """Gives the DLO at each node the friction of the quarter of the table where it lies."""
 
-    def __init__(self, model: Any, dlo: DloBody, config: CellConfig) -> None:
+    def __init__(self, model: Any, dlo: DloBody, dlo_friction: float, episode: Episode) -> None:
         """The quarters meet in the middle of where shapes lie."""
         self._dlo = dlo
-        self._differs = set(config.table_regions) != {1.0}
-        # Of two surfaces that touch the larger friction counts: the table's own must not hide what nodes are told.
-        self._nominal = max(config.table_friction, config.dlo.friction)
-        self._factors = np.array(config.table_regions).reshape(2, 2)  # near and far, right and left
+        self._differs = set(episode.friction_regions) != {1.0}
+        # Of two surfaces that touch the larger friction counts: the table's own must not hide that of the nodes.
+        self._nominal = max(TABLE_FRICTION * episode.friction_factor, dlo_friction)
+        self._factors = np.array(episode.friction_regions).reshape(2, 2)  # near and far, right and left
         if self._differs:
             model.geom_friction[model.geom("table_top").id, 0] = 0.0
 
@@ -54,19 +65,27 @@ _DIVERGED = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL,
 class Cell:
     """Reality, simulated. Its time starts at 0 and goes on by `step` alone."""
 
-    def __init__(self, config: CellConfig, *, seed: int, arms: tuple[ArmMount, ...] = FIRST_ALONE) -> None:
+    def __init__(
+        self,
+        config: CellConfig,
+        *,
+        seed: int,
+        arms: tuple[ArmMount, ...] = FIRST_ALONE,
+        episode: Episode | None = None,
+    ) -> None:
         """Build the cell with its arms at home and the DLO straight in the middle of the table.
 
-        What `config.randomisation` lets differ is drawn from the seed. Raises `ConfigError` or `MachineError` on what
-        cannot be built.
+        The properties in `config.randomised` are drawn from the seed, unless `episode` gives them. Raises `ConfigError`
+        or `MachineError` on what cannot be built.
         """
-        config = apply_episode(config, draw_episode(config, seed))
+        self.episode = draw_episode(config, seed) if episode is None else episode
+        config = apply_episode(config, self.episode)
         self.config = config
         self.rig = StereoRig(config, seed=seed)
-        self._model = _build(config, self.rig, arms)
+        self._model = _build(config, self.episode, self.rig, arms)
         self._data: Any = mujoco.MjData(self._model)
         self._dlo = config.physics.take_over(self._model, self._data, config.dlo)
-        self._friction = TableFriction(self._model, self._dlo, config)
+        self._friction = TableFriction(self._model, self._dlo, config.dlo.friction, self.episode)
         self._start_ns = 0
         self._steps = 0
         self.arms = {mount.robot: CellArm(self._model, self._data, mount, np.array(PANDA_HOME_Q_RAD)) for mount in arms}
@@ -81,12 +100,12 @@ class Cell:
     @property
     def time_ns(self) -> int:
         """The cell's time [ns]."""
-        return self._start_ns + self._steps * round(self.config.timestep_s * 1e9)
+        return self._start_ns + self._steps * round(TIMESTEP_S * 1e9)
 
     @property
     def time_s(self) -> float:
         """Seconds since the cell's start."""
-        return self._steps * self.config.timestep_s
+        return self._steps * TIMESTEP_S
 
     def begin_at(self, stamp_ns: int) -> None:
         """Count stamps from `stamp_ns` on. Before the first step."""
@@ -101,14 +120,14 @@ class Cell:
         self._dlo.place(self._nodes_along(np.asarray(curve_world, dtype=np.float64)))
         self._refresh()
         for _ in range(round(self.config.settle_s / TICK_S) if settle else 0):
-            for _ in range(self.config.steps_per_tick):
+            for _ in range(_STEPS_A_TICK):
                 self._before_step()
                 mujoco.mj_step(self._model, self._data)
             self._refresh()
 
     def step(self, duration_s: float) -> None:
         """Let time pass: a whole number of physics steps."""
-        for _ in range(round(duration_s / self.config.timestep_s)):
+        for _ in range(round(duration_s / TIMESTEP_S)):
             self._steps += 1
             self._before_step()
             mujoco.mj_step(self._model, self._data)
@@ -155,8 +174,8 @@ class Cell:
         """MuJoCo starts a diverged state anew and only counts it; nobody would notice."""
         if any(self._data.warning[kind].number for kind in _DIVERGED):
             raise DlokitError(
-                f"The cell's physics diverged at {self.time_s:.2f} s: this is beyond what it simulates. Use a smaller "
-                "cell.timestep_s or a softer DLO, and report how it came about."
+                f"The cell's physics diverged at {self.time_s:.2f} s: it cannot simulate this. Use a softer or "
+                "thicker DLO, and report how it came about."
             )
 
     def _refresh(self) -> None:
@@ -178,24 +197,23 @@ class Cell:
                 f"The start shape is {length_m:.3f} m long and the {dlo.name} {dlo.length_m:.3f} m: "
                 "give a curve of that length."
             )
-        xy = geometry.resample(curve_world[:, :2], self.config.nodes)
-        table = self.config.table
-        off = np.abs(xy - table.centre_m) > np.array(table.half_size_m) - dlo.radius_m
+        xy = geometry.resample(curve_world[:, :2], NODES)
+        off = np.abs(xy - TRUE_TABLE.centre_m) > np.array(TRUE_TABLE.half_size_m) - dlo.radius_m
         if off.any():
             raise ShapeError(f"The start shape leaves the table at {xy[off.any(axis=1)][0].round(3)} m: move it.")
-        lowest_m = table_height_m(xy, table, self.config.table_tilt_deg) + dlo.radius_m
+        lowest_m = table_height_m(xy, TRUE_TABLE, self.episode.table_tilt_deg) + dlo.radius_m
         if curve_world.shape[1] == 2:
             return np.column_stack([xy, lowest_m])
-        return np.column_stack([xy, np.maximum(geometry.resample(curve_world, self.config.nodes)[:, 2], lowest_m)])
+        return np.column_stack([xy, np.maximum(geometry.resample(curve_world, NODES)[:, 2], lowest_m)])
 
 
-def _build(config: CellConfig, rig: StereoRig, arms: tuple[ArmMount, ...]) -> Any:
+def _build(config: CellConfig, episode: Episode, rig: StereoRig, arms: tuple[ArmMount, ...]) -> Any:
     spec: Any = mujoco.MjSpec()
-    set_rod_physics(spec, config.timestep_s)
-    add_table(spec, config.table, friction=config.table_friction, tilt_deg=config.table_tilt_deg)
-    add_lights(spec, config.table, shadows=config.shadows, light=config.light)
-    add_cameras(spec, rig.true_calibration, config)
+    set_rod_physics(spec, TIMESTEP_S)
+    add_table(spec, TRUE_TABLE, friction=TABLE_FRICTION * episode.friction_factor, tilt_deg=episode.table_tilt_deg)
+    add_lights(spec, TRUE_TABLE, shadows=config.shadows, light=episode.light_factor)
+    add_cameras(spec, rig.true_calibration, shadows=config.shadows, light=episode.light_factor)
     for mount in arms:
         add_panda(spec, name=mount.robot, T_world_base=mount.T_world_base)
-    config.physics.add(spec, config.dlo, config.nodes)
+    config.physics.add(spec, config.dlo, NODES)
     return spec.compile()

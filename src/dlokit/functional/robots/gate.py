@@ -10,15 +10,17 @@ from typing import Annotated, Self
 
 import numpy as np
 import tyro
+from msgspec import Meta
 from numpy.typing import NDArray
 
 from dlokit import geometry
-from dlokit.communication.timing.deadlines import LoopWatch, Watch
+from dlokit.communication.timing.deadlines import DeadlineWatchdog, LoopWatchdog
 from dlokit.description.arm.panda import PANDA_GRIP_FORCE_N, PANDA_OPEN_WIDTH_M
 from dlokit.errors import ConfigError, SkillFailure
 from dlokit.functional.robots.base import Robot
 from dlokit.motion.forward_kinematics import tcp_matrices
 from dlokit.motion.limits import START_RAD, limit_violation, scaled
+from dlokit.ranges import Positive, check_ranges
 from dlokit.types.pose import Pose
 from dlokit.types.robot import GripResult, JointLimits, JointTrajectory, Lease, MotionResult, RobotReason, RobotState
 
@@ -34,32 +36,24 @@ class GateConfig:
     """Corner of the box that the tool centre point never leaves, with the smallest x, y and z in the world [m]."""
     workspace_upper_m: tuple[float, float, float] = (1.34, 0.9, 1.2)
     """The opposite corner [m]; by default the box holds what one arm, or two opposite arms, reach in front."""
-    largest_tool_speed_m_s: float = 2.5
+    largest_tool_speed_m_s: Positive = 2.5
     """Largest speed of the tool centre point [m/s]; joint motions over the table reach 1.9."""
-    speed_scale: Annotated[float, tyro.conf.arg(aliases=("--speed-scale",))] = 1.0
+    speed_scale: Annotated[float, Meta(ge=SLOWEST_SCALE, le=1.0), tyro.conf.arg(aliases=("--speed-scale",))] = 1.0
     """Factor on the speed of every motion, 0.05 to 1; accelerations change with its square. 0.1 to try things out."""
-    feedback_age_s: float = 0.1
-    """Largest age of the arm's feedback [s]: a motion does not begin before newer has come, by the machine's clock, and
-    is braked on its way by the arm's own clock, which stands while a simulated cell draws a picture."""
 
     def __post_init__(self) -> None:
-        corners = (*self.workspace_lower_m, *self.workspace_upper_m)
-        below = all(a < b for a, b in zip(self.workspace_lower_m, self.workspace_upper_m, strict=True))
-        if not (below and all(math.isfinite(value) for value in corners)):
+        check_ranges(self, "gate")
+        if not all(a < b for a, b in zip(self.workspace_lower_m, self.workspace_upper_m, strict=True)):
             raise ConfigError(
                 f"--gate.workspace-lower-m is {self.workspace_lower_m} and --gate.workspace-upper-m "
-                f"{self.workspace_upper_m}; they must be finite, and the first below the second in x, y and z."
+                f"{self.workspace_upper_m}; the first must be below the second in x, y and z."
             )
-        if not SLOWEST_SCALE <= self.speed_scale <= 1.0:
-            raise ConfigError(f"--speed-scale is {self.speed_scale}; it must be {SLOWEST_SCALE} to 1.")
-        for name, value, unit in (
-            ("largest-tool-speed-m-s", self.largest_tool_speed_m_s, "m/s"),
-            ("feedback-age-s", self.feedback_age_s, "s"),
-        ):
-            if not 0.0 < value < math.inf:
-                raise ConfigError(f"--gate.{name} is {value}; it must be a finite number above 0 in {unit}.")
 
 
+FEEDBACK_AGE_S = 0.1
+"""Largest age of the arm's feedback [s], five periods of its state. A motion does not begin before newer feedback has
+come, by the machine's clock; on its way it is braked by the arm's own clock, which stands while a simulated cell draws
+a picture (decision 17)."""
 _REST_RAD_S = 0.05
 """An arm whose joints are measured slower than this stands [rad/s]; a standing arm of the cell is measured at 0.01."""
 _LONGEST_WAIT_S = 1.0
@@ -79,7 +73,7 @@ class GatedRobot:
         *,
         T_world_base: Pose | None = None,
         may_move: Callable[[str], bool] = bool,
-        watch: Watch | None = None,
+        watch: DeadlineWatchdog | None = None,
     ) -> None:
         """`now_ns` is the machine's clock, by which feedback ages before a motion; virtual time in lockstep.
 
@@ -92,7 +86,7 @@ class GatedRobot:
         self._T_world_base = T_world_base
         self._may_move = may_move
         self._feedback = _Feedback()
-        self._watch = watch or LoopWatch()
+        self._watch = watch or LoopWatchdog()
 
     @property
     def limits(self) -> JointLimits:
@@ -130,7 +124,7 @@ class GatedRobot:
 
         Raises `SkillFailure` stale_feedback or wrong_start after 1 s.
         """
-        began_ns, allowed_s = self._now_ns(), self._config.feedback_age_s
+        began_ns, allowed_s = self._now_ns(), FEEDBACK_AGE_S
         while True:
             state = self._robot.state()
             age_s = self._feedback.age_s(state.stamp_ns, self._now_ns())
@@ -237,7 +231,7 @@ class GatedRobot:
 
     async def _watched(self, motion: Awaitable[MotionResult]) -> MotionResult:
         """Run a motion; it is braked, and has failed, when the arm's feedback grows too old."""
-        fresh = _FreshFeedback(self._robot, self._config.feedback_age_s)
+        fresh = _FreshFeedback(self._robot, FEEDBACK_AGE_S)
         self._watch.begin(fresh, fresh.brake)
         try:
             result = await motion
@@ -254,8 +248,8 @@ class GatedRobot:
     def _stale(self) -> SkillFailure:
         return SkillFailure(
             RobotReason.STALE_FEEDBACK,
-            f"the arm was braked: its feedback was older than {self._config.feedback_age_s} s "
-            "(--gate.feedback-age-s) on the way; is its driver running, and the machine not overloaded?",
+            f"the arm was braked: its feedback was older than {FEEDBACK_AGE_S} s "
+            "on the way; is its driver running, and the machine not overloaded?",
         )
 
     def _check_lease(self, lease: Lease) -> None:
@@ -271,7 +265,7 @@ def _not_standing(state: RobotState, age_s: float, allowed_s: float, waited_s: f
     if age_s > allowed_s:
         return SkillFailure(
             RobotReason.STALE_FEEDBACK,
-            f"no feedback of the arm younger than {allowed_s} s (--gate.feedback-age-s) came within {waited_s:.1f} s; "
+            f"no feedback of the arm younger than {allowed_s} s came within {waited_s:.1f} s; "
             "is its driver running, and the machine not overloaded?",
         )
     return SkillFailure(

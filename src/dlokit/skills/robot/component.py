@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from dlokit.communication import topics
 from dlokit.communication.component import Component, holds, implements
 from dlokit.communication.port import Port
-from dlokit.communication.timing.deadlines import LoopWatch, Watch
+from dlokit.communication.timing.deadlines import DeadlineWatchdog, LoopWatchdog
 from dlokit.description.arm.panda import PANDA_HOME_Q_RAD
 from dlokit.errors import HardwareError, SkillFailure
 from dlokit.functional.robots.base import Robot
 from dlokit.motion.arm_distance import check_apart
-from dlokit.motion.collisions import check_trajectory
+from dlokit.motion.collisions import COLLISION_STEP_RAD, check_trajectory
 from dlokit.motion.inverse_kinematics import PandaKinematics, Yaw
 from dlokit.motion.limits import START_RAD
 from dlokit.motion.trajectories import joint_move, tool_move
@@ -45,6 +45,8 @@ R = TypeVar("R")
 log = logging.getLogger(__name__)
 
 
+STATE_RATE_HZ = 50.0
+"""Rate at which the robot's state is published [Hz]."""
 _CONFIRMED_S = 0.8
 """Longest wait for the feedback that confirms a stop [s]: an arm brakes within 0.3 s from its largest speed."""
 _STANDS_RAD_S = 0.02
@@ -87,7 +89,7 @@ class RobotComponent(Component):
         monotonic_ns: Callable[[], int],
         kinematics: PandaKinematics | None = None,
         instance: str = "",
-        watch: Watch | None = None,
+        watch: DeadlineWatchdog | None = None,
         neighbours: tuple[str, ...] = (),
         button: StopButton = no_button,
         lease: LeaseKeeper | None = None,
@@ -107,7 +109,7 @@ class RobotComponent(Component):
         self._standing = standing or self._newest
         self._kinematics = kinematics or PandaKinematics()
         self._lease = lease or LeaseKeeper(monotonic_ns)
-        self._watch = watch or LoopWatch()
+        self._watch = watch or LoopWatchdog()
         self._loop: asyncio.AbstractEventLoop | None = None
         self._motion: asyncio.Task[Any] | None = None
         self._braked_because = ""
@@ -121,9 +123,7 @@ class RobotComponent(Component):
         """Keep the port, and watch the other arms through it."""
         super().attach(port)
         self._neighbours = (
-            Neighbours(port, self._others, self._config.surroundings.arm_clearance_m, self._robot.now_ns)
-            if self._others
-            else None
+            Neighbours(port, self._others, self._config.arm_clearance_m, self._robot.now_ns) if self._others else None
         )
 
     def preparation(self) -> Callable[[], object]:
@@ -143,7 +143,7 @@ class RobotComponent(Component):
                         self.port.publish(topics.ROBOT_STATE, state)
                         published_ns = state.stamp_ns
                         self._keep_apart(state)
-                    await self.port.clock.sleep(1.0 / self._config.state_rate_hz)
+                    await self.port.clock.sleep(1.0 / STATE_RATE_HZ)
         finally:
             self._watch.close()
 
@@ -275,7 +275,7 @@ class RobotComponent(Component):
         while (state := self._robot.state()).stamp_ns <= now_ns or not is_so(state):
             if self.port.clock.now_ns() >= give_up_ns:
                 raise SkillFailure(RobotReason.NOT_CONFIRMED, f"no feedback said within {_CONFIRMED_S:g} s that {what}")
-            await self.port.clock.sleep(1.0 / self._config.state_rate_hz)
+            await self.port.clock.sleep(1.0 / STATE_RATE_HZ)
 
     @holds(api.ENABLED)
     def _is_enabled(self, caller: str) -> str | None:
@@ -334,14 +334,12 @@ class RobotComponent(Component):
             check_trajectory,
             trajectory,
             self._robot.limits,
-            self._config.surroundings,
             self._kinematics.T_world_base,
         )
         if self._neighbours is not None:
-            around, others = self._config.surroundings, await self._neighbours.now()
-            check_apart(
-                trajectory, self._kinematics.T_world_base, others, around.arm_clearance_m, around.collision_step_rad
-            )
+            others = await self._neighbours.now()
+            clearance_m = self._config.arm_clearance_m
+            check_apart(trajectory, self._kinematics.T_world_base, others, clearance_m, COLLISION_STEP_RAD)
         self._commanded = None
         with self._others_heard():
             result = await self._interruptible(self._robot.follow(trajectory, self._driver_lease()))

@@ -12,14 +12,14 @@ from dlokit.communication.component import Component, on
 from dlokit.communication.skill import Skill
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.description.shapes import builtin_shape
-from dlokit.description.table import Table
+from dlokit.description.table import TABLE_X_M, TABLE_Y_M, Table
 from dlokit.skills.viewer.address import new_key, page_url, watch_key
 from dlokit.skills.viewer.config import ViewerConfig
 from dlokit.skills.viewer.flow_chart import Edge
 from dlokit.skills.viewer.frames import GoalFramesView, GoalHandles
 from dlokit.skills.viewer.page import LoopGate, close_page, open_page
 from dlokit.skills.viewer.panel import Operator, Panel
-from dlokit.skills.viewer.scene import ViewerScene, thumbnail
+from dlokit.skills.viewer.scene import PICTURE_WIDTH_PX, ViewerScene, thumbnail
 from dlokit.skills.viewer.state import ErrorHistory, Fresh, LitStep, RunState, after_command, after_status
 from dlokit.types.action import Action, Candidates
 from dlokit.types.dlo import DloState, GoalShape, TargetPoints
@@ -29,6 +29,9 @@ from dlokit.types.image import StereoImages
 from dlokit.types.observation import Observation, ObserverEvent
 from dlokit.types.robot import RobotState
 from dlokit.types.system import ViewerPage
+
+_DRAW_PERIOD_S = 1.0 / 15.0
+"""Time between two updates of the scene [s]; nothing is drawn while no browser is open."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,7 +92,7 @@ class ViewerComponent(Component):
         self._history = ErrorHistory()
         self._lit = LitStep(self._flow)
         self._handles = GoalHandles(
-            builtin_shape("I", rod.length_m, rod.nodes, radius_m=rod.radius_m), config.goal_x_m, config.goal_y_m
+            builtin_shape("I", rod.length_m, rod.nodes, radius_m=rod.radius_m), TABLE_X_M, TABLE_Y_M
         )
         self._images = Fresh[StereoImages]()
         self._cloud = Fresh[Observation]()
@@ -119,7 +122,7 @@ class ViewerComponent(Component):
         gate = LoopGate(asyncio.get_running_loop())
         try:
             self._port = server.get_port()
-            scene = ViewerScene(server, self._config, self._table, self._rod.radius_m)
+            scene = ViewerScene(server, self._table, self._rod.radius_m)
             frames = GoalFramesView(server, self._handles, gate, self._publish_frames) if self._operated else None
             panel = Panel(
                 server,
@@ -208,7 +211,7 @@ class ViewerComponent(Component):
                 with server.atomic():
                     self._draw_scene(scene, frames)
                     self._draw_panel(scene, panel)
-            await clock.sleep(1.0 / self._config.draw_rate_hz)
+            await clock.sleep(_DRAW_PERIOD_S)
 
     def _draw_scene(self, scene: ViewerScene, frames: GoalFramesView | None) -> None:
         for robot in self._robots.values():
@@ -226,7 +229,7 @@ class ViewerComponent(Component):
 
     def _draw_panel(self, scene: ViewerScene, panel: Panel) -> None:
         if (images := self._images.value) is not None and self._images.fresh:
-            panel.draw_picture(thumbnail(images.left, self._config.picture_width_px))
+            panel.draw_picture(thumbnail(images.left, PICTURE_WIDTH_PX))
         self._images.take(scene.show_pictures)
         self._event.take(panel.draw_observer_event)
         self._candidates.take(panel.draw_candidates)

@@ -7,9 +7,8 @@ import numpy as np
 import viser
 
 from dlokit import geometry
-from dlokit.description.table import Table
+from dlokit.description.table import TABLE_THICKNESS_M, TABLE_X_M, TABLE_Y_M, Table
 from dlokit.skills.viewer import palette
-from dlokit.skills.viewer.config import ViewerConfig
 from dlokit.skills.viewer.palette import Layer
 from dlokit.skills.viewer.robot_figure import GripperGhost, MeshStore, RobotFigure, place
 from dlokit.types.action import Action, Candidates
@@ -72,14 +71,15 @@ VISITOR_LOOK_AT_M = (0.36, 0.02, 0.20)
 VISITOR_FOV_RAD = math.radians(45.0)
 """Angle of view from the top to the bottom of the picture."""
 _TUBE_SIDES = 10
+PICTURE_WIDTH_PX = 320
+"""Width of the camera picture that is sent to the browser [px]: half a picture, a quarter of its bytes."""
 
 
 class ViewerScene:
     """What the page shows in three dimensions. Layers appear with their first message."""
 
-    def __init__(self, server: viser.ViserServer, config: ViewerConfig, table: Table, dlo_radius_m: float) -> None:
+    def __init__(self, server: viser.ViserServer, table: Table, dlo_radius_m: float) -> None:
         self._scene = server.scene
-        self._picture_width_px = config.picture_width_px
         self._radius_m = dlo_radius_m
         self._roots = {layer: self._scene.add_frame(f"/{layer.slug}", show_axes=False) for layer in palette.LAYERS}
         self._meshes = MeshStore()
@@ -88,7 +88,7 @@ class ViewerScene:
         self._tubes: dict[str, tuple[viser.MeshHandle, int]] = {}
         self._frustum: viser.CameraFrustumHandle | None = None
         self._ghosts: tuple[GripperGhost, GripperGhost] | None = None
-        _set_stage(server, config, table)
+        _set_stage(server, table)
 
     def set_visible(self, layer: Layer, visible: bool) -> None:
         """Show or hide one layer."""
@@ -105,7 +105,7 @@ class ViewerScene:
 
     def show_pictures(self, images: StereoImages) -> None:
         """The left picture in the frustum of the camera that took it."""
-        picture = thumbnail(images.left, self._picture_width_px)
+        picture = thumbnail(images.left, PICTURE_WIDTH_PX)
         calibration = images.calibration
         if self._frustum is None:
             self._frustum = self._scene.add_camera_frustum(
@@ -222,7 +222,7 @@ class ViewerScene:
         self._tubes[name] = (mesh, len(nodes_world))
 
 
-def _set_stage(server: viser.ViserServer, config: ViewerConfig, table: Table) -> None:
+def _set_stage(server: viser.ViserServer, table: Table) -> None:
     """Light, table, the part of it where a goal may lie, and where a visitor stands at first."""
     scene = server.scene
     scene.world_axes.visible = False
@@ -232,11 +232,11 @@ def _set_stage(server: viser.ViserServer, config: ViewerConfig, table: Table) ->
     scene.add_box(
         "/table/top",
         color=palette.TABLE_RGB,
-        dimensions=(*table.size_m, table.thickness_m),
-        position=(*table.centre_m, -table.thickness_m / 2.0),
+        dimensions=(*table.size_m, TABLE_THICKNESS_M),
+        position=(*table.centre_m, -TABLE_THICKNESS_M / 2.0),
         cast_shadow=False,
     )
-    (x0, x1), (y0, y1) = config.goal_x_m, config.goal_y_m
+    (x0, x1), (y0, y1) = TABLE_X_M, TABLE_Y_M
     z = 0.0005  # a hair above the table, or the two would flicker
     corners = np.array([(x0, y0, z), (x1, y0, z), (x1, y1, z), (x0, y1, z)], dtype=np.float32)
     scene.add_line_segments(

@@ -30,7 +30,7 @@ async def leases_held(
     `clock` is the run's, for their stamps. Raises `ProcessFailure` when an arm does not give its lease.
     """
     give = heartbeats(transport, clock)
-    pulse = ThreadPulse(config.loop_silent_s)
+    pulse = ThreadPulse()
     # It beats before the first lease is taken: taking the second one may take longer than the first one lasts.
     async with garbage_frozen(), pulse(give, config.commander_lease_s / HEARTBEATS_A_LEASE):
         for mount in arms:

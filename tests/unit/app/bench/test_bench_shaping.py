@@ -26,7 +26,7 @@ def _args(*arguments: str) -> ShapingArgs:
         (("--jobs", "0"), "--jobs 0"),
         (("--first-seed", "9999", "--seeds", "2"), "seeds below 10000"),
         (("--oracle", "--observer", "map"), "--observer map away"),
-        (("--randomised", "--cell.randomisation.light", "0.1"), "leave it away"),
+        (("--randomised", "--cell.randomised", "light"), "omit it"),
         (("--planner", "crystal_ball"), "farthest"),
         (("--suite", "ropes"), "paper, goals, stiffness, wires"),
         (("--suite", "goals"), "needs a file"),

@@ -20,6 +20,7 @@ from dlokit.evaluation.evaluator import read_truth
 from dlokit.functional.cell import api
 from dlokit.functional.cell.component import CellComponent
 from dlokit.functional.cell.config import CellConfig
+from dlokit.functional.cell.world import NODES
 from dlokit.types.outcome import Failed, Rejected, Succeeded
 from dlokit.types.robot import JointTrajectory, RobotMode
 
@@ -249,7 +250,7 @@ def test_the_truth_is_a_file_of_its_own_at_10_hz(tmp_path: Path):
     virtual_time.run(main())
     truth = read_truth(tmp_path)
     assert truth.stamps_ns.tolist() == [k * 100_000_000 for k in range(11)]
-    assert truth.nodes_world.shape == (11, CONFIG.nodes, 3)
+    assert truth.nodes_world.shape == (11, NODES, 3)
 
 
 def test_two_runs_of_one_seed_see_equal_pictures():

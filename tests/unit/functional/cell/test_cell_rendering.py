@@ -90,7 +90,7 @@ def test_looking_does_not_move_the_world():
 
 
 def test_noise_is_drawn_from_the_seed_and_differs_between_pictures():
-    config = dataclasses.replace(EXACT, image_noise_sigma=2.0, width_px=160, height_px=140, samples=0)
+    config = dataclasses.replace(EXACT, image_noise_sigma=2.0, width_px=160, height_px=140)
 
     def look() -> list[np.ndarray]:
         cell = Cell(config, seed=9)

@@ -1,48 +1,28 @@
 """What is drawn from the seed, and that a cell is built of it."""
 
 import dataclasses
-from typing import Any
 
 import numpy as np
 import pytest
 
 from dlokit.description.shapes import builtin_shape
-from dlokit.errors import ConfigError
-from dlokit.functional.cell.config import CellConfig
+from dlokit.functional.cell.config import EVERY_FACTOR, CellConfig, Factor
 from dlokit.functional.cell.dlo_physics import DloPhysics, ElasticRod, ElastoplasticChain
 from dlokit.functional.cell.episode import Episode, apply_episode, draw_episode
-from dlokit.functional.cell.randomisation import RANDOMISED, Randomisation
-from dlokit.functional.cell.world import Cell
+from dlokit.functional.cell.world import TABLE_FRICTION, Cell
 
 NOMINAL = CellConfig()
-EVERYTHING = CellConfig(randomisation=RANDOMISED)
-OFF: dict[str, dict[str, float]] = {
-    **{
-        name: {name: 0.0}
-        for name in (
-            "friction",
-            "friction_regions",
-            "stiffness",
-            "weight",
-            "curl_1_m",
-            "table_tilt_deg",
-            "light",
-            "color",
-        )
-    },
-    "hand_eye": {"hand_eye_from_m": 0.0, "hand_eye_to_m": 0.0},
-}
-DRAWN = {
+EVERYTHING = CellConfig(randomised=EVERY_FACTOR)
+DRAWN: dict[Factor, str] = {
     **{"friction": "friction_factor", "stiffness": "stiffness_factor", "weight": "weight_factor"},
-    **{"light": "light_factor", "color": "color_rgb", "hand_eye": "hand_eye_m"},
+    **{"friction_regions": "friction_regions", "curl": "curl_1_m", "hand_eye": "hand_eye_m"},
+    **{"table_tilt": "table_tilt_deg", "light": "light_factor", "color": "color_rgb"},
 }
 
 
 def test_nothing_is_drawn_unless_asked_for():
     assert draw_episode(NOMINAL, seed=3) == Episode()
-    special = CellConfig(
-        table_regions=(1.0, 0.1, 0.9, 0.8), table_tilt_deg=(0.1, -0.2), light=0.9, camera_error_m=0.001
-    )
+    special = CellConfig(camera_error_m=0.001)
     assert apply_episode(special, Episode()) == special
 
 
@@ -52,13 +32,13 @@ def test_a_seed_draws_the_same_again_and_another_seed_something_else():
     assert [name for name in one if one[name] == other[name]] == []
 
 
-@pytest.mark.parametrize("factor", OFF)
-def test_a_factor_is_switched_off_without_changing_the_others(factor: str):
+@pytest.mark.parametrize("factor", EVERY_FACTOR)
+def test_a_factor_is_switched_off_without_changing_the_others(factor: Factor):
     everything = dataclasses.asdict(draw_episode(EVERYTHING, seed=5))
-    without = CellConfig(randomisation=dataclasses.replace(RANDOMISED, **OFF[factor]))
+    without = CellConfig(randomised=tuple(other for other in EVERY_FACTOR if other != factor))
     drawn = dataclasses.asdict(draw_episode(without, seed=5))
     changed = [name for name in drawn if drawn[name] != everything[name]]
-    assert changed == [DRAWN.get(factor, factor)]
+    assert changed == [DRAWN[factor]]
     assert drawn[changed[0]] == getattr(Episode(), changed[0])
 
 
@@ -84,15 +64,15 @@ def test_the_cell_is_the_one_that_was_drawn():
     assert dlo.bending_stiffness_n_m2 == NOMINAL.dlo.bending_stiffness_n_m2 * episode.stiffness_factor
     assert dlo.mass_per_length_kg_m == NOMINAL.dlo.mass_per_length_kg_m * episode.weight_factor
     assert (dlo.curl_1_m, dlo.color_rgb) == (episode.curl_1_m, episode.color_rgb)
-    assert cell.config.table_regions == episode.friction_regions
+    assert cell.episode == episode
     off_m = cell.rig.calibration.T_world_camera.position_m - cell.rig.true_calibration.T_world_camera.position_m
     assert np.linalg.norm(off_m) == pytest.approx(episode.hand_eye_m)
-    assert cell.config.randomisation == Randomisation()
+    assert cell.config.randomised == ()
 
 
 @pytest.mark.parametrize("physics", [ElasticRod(), ElastoplasticChain()], ids=lambda physics: physics.name)
 def test_a_dlo_lies_flat_on_a_tilted_table(physics: DloPhysics):
-    cell = Cell(CellConfig(physics=physics, table_tilt_deg=(0.5, 0.0), settle_s=0.3), seed=0)
+    cell = Cell(CellConfig(physics=physics, settle_s=0.3), seed=0, episode=Episode(table_tilt_deg=(0.5, 0.0)))
     cell.place_dlo(builtin_shape("I", 0.5, 41)[:, :2])
     nodes = cell.true_nodes_world()
     slope = np.polyfit(nodes[:, 1], nodes[:, 2], 1)[0]
@@ -107,7 +87,8 @@ def test_a_dlo_lies_flat_on_a_tilted_table(physics: DloPhysics):
     ids=["rod", "chain"],
 )
 def test_a_dlo_feels_in_which_quarters_of_the_table_it_lies(physics: DloPhysics, felt: list[float]):
-    cell = Cell(CellConfig(physics=physics, table_regions=(1.0, 0.1, 1.0, 0.1), settle_s=0.3), seed=0)
+    half_ice = Episode(friction_regions=(1.0, 0.1, 1.0, 0.1))
+    cell = Cell(CellConfig(physics=physics, settle_s=0.3), seed=0, episode=half_ice)
     cell.place_dlo(builtin_shape("I", 0.5, 41) + np.array([0.0, 0.003, 0.0]))  # the middle node clearly on the left
     data = cell._data  # pyright: ignore[reportPrivateUsage]  # no skill tells contacts
     found = sorted(float(contact.friction[0]) for contact in data.contact)
@@ -115,19 +96,6 @@ def test_a_dlo_feels_in_which_quarters_of_the_table_it_lies(physics: DloPhysics,
 
 
 def test_a_table_without_regions_keeps_its_own_friction():
-    cell = Cell(CellConfig(table_friction=0.9), seed=0)
+    cell = Cell(CellConfig(), seed=0)
     model = cell._model  # pyright: ignore[reportPrivateUsage]
-    assert model.geom_friction[model.geom("table_top").id, 0] == 0.9
-
-
-@pytest.mark.parametrize(
-    ("values", "says"),
-    [
-        ({"friction": -0.1}, "randomisation.friction"),
-        ({"light": float("nan")}, "randomisation.light"),
-        ({"hand_eye_from_m": 0.004, "hand_eye_to_m": 0.003}, "exchange"),
-    ],
-)
-def test_a_randomisation_that_cannot_be_is_refused_by_name(values: dict[str, Any], says: str):
-    with pytest.raises(ConfigError, match=says):
-        Randomisation(**values)
+    assert model.geom_friction[model.geom("table_top").id, 0] == TABLE_FRICTION

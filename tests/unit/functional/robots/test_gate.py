@@ -295,7 +295,6 @@ def test_stopping_braking_and_recovering_pass_whatever_else() -> None:
         ({"speed_scale": 1.1}, "speed-scale"),
         ({"speed_scale": np.nan}, "speed-scale"),
         ({"largest_tool_speed_m_s": 0.0}, "largest-tool-speed-m-s"),
-        ({"feedback_age_s": np.inf}, "feedback-age-s"),
         ({"workspace_lower_m": (0.0, 0.0, 2.0)}, "workspace-lower-m"),
         ({"workspace_upper_m": (1.0, np.nan, 1.0)}, "workspace-upper-m"),
     ],

@@ -19,15 +19,15 @@ from dlokit.geometry import rmse_m
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer import api
 from dlokit.skills.observer.anchored import Anchored, AnchoredConfig
-from dlokit.skills.observer.component import ObserverComponent
+from dlokit.skills.observer.component import FOUND_MARGIN, ObserverComponent
 from dlokit.skills.observer.config import ObserverConfig
 from dlokit.skills.observer.cpd import CpdConfig
-from dlokit.skills.observer.following import follow
+from dlokit.skills.observer.following import FOUND_AGAIN_HEALTH, follow
 from dlokit.skills.observer.som import SomConfig
 from dlokit.skills.observer.spr import SprConfig
 from dlokit.skills.observer.strategies import from_spec, strategies, to_spec
 from dlokit.types.dlo import DloState, TargetPoints
-from dlokit.types.observation import Doubt, Observation, ObserverEventKind
+from dlokit.types.observation import DistrustReason, Observation, ObserverEventKind
 from dlokit.types.outcome import Failed, Rejected, Succeeded
 from dlokit.types.system import StrategySpec
 
@@ -170,7 +170,7 @@ def test_a_rod_that_jumped_is_found_again_in_its_order_and_health_says_so() -> N
     found = follow(Anchored(), cloud(jumped), state(rod), ObserverConfig())
     assert rmse_m(lost.nodes_world, jumped) > 0.02
     assert rmse_m(found.nodes_world, jumped) < 0.004
-    assert found.health <= ObserverConfig().found_again_health
+    assert found.health <= FOUND_AGAIN_HEALTH
 
 
 def test_a_rod_hidden_for_a_second_and_moved_meanwhile_is_lost_once_and_found_again_once() -> None:
@@ -197,7 +197,7 @@ def test_a_rod_hidden_for_a_second_and_moved_meanwhile_is_lost_once_and_found_ag
         assert targets is not None
         assert rmse_m(targets.nodes_world, moved) < 0.005  # as after a first look
         lost, found = await anext(stream), await anext(stream)
-        assert (lost.kind, lost.reason, lost.stamp_ns) == (ObserverEventKind.LOST, Doubt.NO_POINTS, frame_ns)
+        assert (lost.kind, lost.reason, lost.stamp_ns) == (ObserverEventKind.LOST, DistrustReason.NO_POINTS, frame_ns)
         assert (found.kind, found.reason) == (ObserverEventKind.FOUND_AGAIN, None)
         with pytest.raises(TimeoutError):
             await asyncio.wait_for(anext(stream), 1.0)  # of virtual time: there are no others
@@ -221,8 +221,8 @@ class Wavering:
 
 
 def test_a_health_that_wavers_about_the_limit_is_told_of_once() -> None:
-    limits = ObserverConfig()
-    low, between, sound = limits.lost_health - 0.01, limits.lost_health + 0.01, limits.sound_health + 0.01
+    limit = ObserverConfig().lost_health
+    low, between, sound = limit - 0.01, limit + 0.01, limit + FOUND_MARGIN + 0.01
     rod = shape("S")
 
     async def scenario(transport: MemoryTransport, clock: LoopClock) -> None:
@@ -248,7 +248,7 @@ def test_clouds_with_old_stamps_are_refused_by_one_event_and_change_nothing() ->
         first = transport.latest(topics.OBSERVER_EVENT).value
         assert await targets_after(transport, clock, at(4, cloud(rod + 0.02))) is None
         assert first is not None
-        assert (first.kind, first.reason) == (ObserverEventKind.REFUSED, Doubt.OLD_STAMP)
+        assert (first.kind, first.reason) == (ObserverEventKind.REFUSED, DistrustReason.OLD_STAMP)
         assert transport.latest(topics.OBSERVER_EVENT).value is first
 
     play(scenario)

@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 
 from dlokit import geometry
-from dlokit.functional.cell.config import CellConfig
-from dlokit.functional.cell.randomisation import RANDOMISED
+from dlokit.functional.cell.config import EVERY_FACTOR, CellConfig
 from dlokit.functional.cell.world import Cell
 from dlokit.geometry.camera import project
 from dlokit.motion.inverse_kinematics import PandaKinematics
@@ -49,7 +48,7 @@ def hand_look(cell: Cell, x_m: float, y_m: float, yaw_rad: float) -> HandLook:
 
 @pytest.mark.parametrize(("seed", "shadows"), [(1000, False), (1001, True)])
 def test_the_hand_brings_the_camera_of_a_drawn_cell_from_millimetres_to_below_one(seed: int, shadows: bool):
-    cell = Cell(CellConfig(randomisation=RANDOMISED, shadows=shadows), seed=seed)
+    cell = Cell(CellConfig(randomised=EVERY_FACTOR, shadows=shadows), seed=seed)
     background = by_the_table(cell)
     looks = [hand_look(cell, *place) for place in PLACES]
     cell.close()

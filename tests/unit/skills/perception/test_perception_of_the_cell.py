@@ -7,9 +7,8 @@ from scipy.spatial import KDTree
 
 from dlokit.description.dlo import PRESETS, WIRE_A
 from dlokit.description.shapes import builtin_shape
-from dlokit.functional.cell.config import CellConfig
+from dlokit.functional.cell.config import EVERY_FACTOR, CellConfig
 from dlokit.functional.cell.dlo_physics import ElastoplasticChain
-from dlokit.functional.cell.randomisation import RANDOMISED
 from dlokit.functional.cell.world import Cell
 from dlokit.geometry import resample
 from dlokit.skills.perception.config import PerceptionConfig
@@ -19,7 +18,7 @@ CONFIG = PerceptionConfig()
 
 
 NOMINAL = [pytest.param(CellConfig(dlo=preset), id=preset.name) for preset in PRESETS]
-RANDOM = CellConfig(dlo=WIRE_A, physics=ElastoplasticChain(), randomisation=RANDOMISED)
+RANDOM = CellConfig(dlo=WIRE_A, physics=ElastoplasticChain(), randomised=EVERY_FACTOR)
 
 
 @pytest.mark.parametrize("config", [*NOMINAL, pytest.param(RANDOM, id="randomised")])

@@ -34,7 +34,7 @@ from dlokit.types.outcome import Failed, Succeeded
 from dlokit.types.robot import RobotMode, RobotReason, RobotState
 
 MIDDLE = downward([*CENTRE_M, 0.25], 0.0)
-CLEARANCE_M = RobotConfig().surroundings.arm_clearance_m
+CLEARANCE_M = RobotConfig().arm_clearance_m
 
 
 def robot(bus: MemoryTransport, clock: LoopClock, mount: ArmMount) -> RobotComponent:

@@ -8,11 +8,10 @@ import viser
 from dlokit import geometry
 from dlokit.description.table import Table
 from dlokit.skills.viewer import palette
-from dlokit.skills.viewer.config import ViewerConfig
 from dlokit.skills.viewer.page import close_page, open_page
 from dlokit.skills.viewer.palette import Layer
 from dlokit.skills.viewer.scene import ViewerScene
-from dlokit.types.action import Candidates, CandidateSeen, Grasp, PickPlace, VelocityProfile
+from dlokit.types.action import Candidates, Grasp, PickPlace, ScoredCandidate, VelocityProfile
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, GoalShape, TargetPoints, Topology
 from dlokit.types.image import CameraCalibration, StereoImages
@@ -28,15 +27,15 @@ def server() -> Iterator[viser.ViserServer]:
 
 @pytest.fixture
 def scene(server: viser.ViserServer) -> ViewerScene:
-    return ViewerScene(server, ViewerConfig(), Table(), 0.004)
+    return ViewerScene(server, Table(), 0.004)
 
 
 def test_the_table_of_the_configuration_is_drawn(server: viser.ViserServer, monkeypatch: pytest.MonkeyPatch) -> None:
     drawn: dict[str, dict[str, Any]] = {}
     monkeypatch.setattr(server.scene, "add_box", lambda name, **box: drawn.update({name: box}))
-    ViewerScene(server, ViewerConfig(), Table(centre_m=(0.3, -0.1), size_m=(0.8, 0.6), thickness_m=0.02), 0.004)
-    assert drawn["/table/top"]["dimensions"] == (0.8, 0.6, 0.02)
-    assert drawn["/table/top"]["position"] == (0.3, -0.1, -0.01)
+    ViewerScene(server, Table(centre_m=(0.3, -0.1), size_m=(0.8, 0.6)), 0.004)
+    assert drawn["/table/top"]["dimensions"] == (0.8, 0.6, 0.05)
+    assert drawn["/table/top"]["position"] == (0.3, -0.1, -0.025)
 
 
 def _action(predicted: Float64Array | None) -> PickPlace:
@@ -80,7 +79,7 @@ def test_an_action_can_be_hidden_and_another_shown_after_it(scene: ViewerScene) 
 
 def _candidates(count: int) -> Candidates:
     best = tuple(
-        CandidateSeen(kind="drag", node=3, score_m=0.01, nodes_world=_straight(31), path_world=_straight(2))
+        ScoredCandidate(kind="drag", node=3, score_m=0.01, nodes_world=_straight(31), path_world=_straight(2))
         for _ in range(count)
     )
     return Candidates(stamp_ns=1, rollouts=16, budget=480, best=best)
