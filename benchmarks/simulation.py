@@ -125,7 +125,7 @@ def _parts(cell: Cell, config: RunConfig) -> list[Part]:
     """All else."""
     images, arm = cell.capture(), (cell.arm_state(),)
     look = perceive(images, arm, config.perception, config.perception.segmentation, config.model.radius_m).observation
-    targets = initial_targets(look, config.model.nodes, config.model.length_m, config.observer.initialise)
+    targets = initial_targets(look, config.model.nodes, config.model.length_m)
     prior = DloState(
         stamp_ns=0,
         nodes_world=targets.nodes_world,

@@ -5,7 +5,7 @@ scale shrinks from step to step); neighbours share the pull; then every edge is 
 position-based dynamics. Hidden nodes move as the visible ones beside them do.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.base import nothing_seen
-from dlokit.skills.observer.visibility import VisibilityConfig, explained_share, visible_nodes
+from dlokit.skills.observer.visibility import explained_share, visible_nodes
 from dlokit.types.dlo import DloState, TargetPoints, Topology
 from dlokit.types.observation import Observation
 
@@ -38,8 +38,6 @@ class PulledConfig:
     """How often the edges are put back to their length in a step."""
     max_points: int = 500
     """Larger clouds are thinned, evenly over their index, to about so many points."""
-    visibility: VisibilityConfig = field(default_factory=VisibilityConfig)
-    """When a node counts as seen."""
 
     def __post_init__(self) -> None:
         if self.steps < 1 or not 0.0 < self.last_scale_m <= self.first_scale_m:
@@ -73,8 +71,8 @@ class Pulled:
         return TargetPoints(
             stamp_ns=seen.stamp_ns,
             nodes_world=nodes,
-            visible=visible_nodes(nodes, points, seen, config.visibility),
-            health=explained_share(points, nodes, topology, config.visibility),
+            visible=visible_nodes(nodes, points, seen),
+            health=explained_share(points, nodes, topology),
         )
 
 

@@ -259,7 +259,7 @@ def write_result(result: TrackResult, clouds: Sequence[Path], out: Path) -> None
 
 def _first(seen: Observation, settings: TrackSettings, config: ObserverConfig, name: str) -> TargetPoints:
     try:
-        return initial_targets(seen, settings.nodes, settings.length_m, config.initialise)
+        return initial_targets(seen, settings.nodes, settings.length_m)
     except SkillFailure as failure:
         raise InputError(
             f"{name}: {failure.reason}: {failure.detail}; or give the nodes at the first cloud with --initial"

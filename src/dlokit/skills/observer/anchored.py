@@ -4,7 +4,7 @@ A mixture fits the curve but leaves its nodes free to slide along it by centimet
 rod's own length: where a tip is seen, node i lies at arc length i / (M - 1) of the rod's length from it.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -13,11 +13,11 @@ import scipy
 from dlokit.geometry import arc_lengths
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.base import ObserverStrategy, nothing_seen
-from dlokit.skills.observer.cpd import CpdConfig, pliable, register
-from dlokit.skills.observer.curve import CurveConfig, FittedCurve, Segment, fit_curve, project
+from dlokit.skills.observer.cpd import PLIABLE, register
+from dlokit.skills.observer.curve import FittedCurve, Segment, fit_curve, project
 from dlokit.skills.observer.mixture import thinned
 from dlokit.skills.observer.partial import register_visible
-from dlokit.skills.observer.visibility import VisibilityConfig, shaded, visible_nodes
+from dlokit.skills.observer.visibility import shaded, visible_nodes
 from dlokit.types.arrays import BoolArray, Float64Array
 from dlokit.types.dlo import DloState, TargetPoints, Topology
 from dlokit.types.observation import Observation
@@ -29,12 +29,6 @@ class AnchoredConfig:
 
     name: ClassVar[str] = "anchored"
 
-    cpd: CpdConfig = field(default_factory=pliable)
-    """The registration that finds the curve and which way round the rod lies."""
-    curve: CurveConfig = field(default_factory=CurveConfig)
-    """The fit of the centre line."""
-    visibility: VisibilityConfig = field(default_factory=VisibilityConfig)
-    """When a node counts as seen."""
     length_tolerance: float = 0.06
     """Both tips count as seen when the seen curve is shorter or longer than the rod by at most this share."""
     tip_snap_m: float = 0.03
@@ -108,14 +102,14 @@ class Anchored:
         if len(points) == 0:
             return nothing_seen(seen, prior)
         config = self._config
-        drifted = register(thinned(points, config.cpd.max_points), prior.nodes_world, config.cpd)
-        curve = fit_curve(points, drifted.nodes, config.curve) if is_chain(prior.topology) else None
+        drifted = register(thinned(points, PLIABLE.max_points), prior.nodes_world, PLIABLE)
+        curve = fit_curve(points, drifted.nodes) if is_chain(prior.topology) else None
         if curve is None:
-            return register_visible(points, drifted, seen, prior, config.cpd, config.visibility)
+            return register_visible(points, drifted, seen, prior, PLIABLE)
         rod_m = np.concatenate(([0.0], np.cumsum(prior.topology.rest_lengths_m)))
         s_m, covered = node_places(curve, drifted.nodes, rod_m, seen, config)
         nodes = curve.at(s_m)
-        visible = covered & visible_nodes(nodes, points, seen, config.visibility)
+        visible = covered & visible_nodes(nodes, points, seen)
         nodes = _pinned(nodes, seen)
         return TargetPoints(
             stamp_ns=seen.stamp_ns,
@@ -176,8 +170,8 @@ def _tips(
     if misfit <= config.length_tolerance:
         return [first, last]
     onward = np.array([0.005, 0.01, 0.015])  # hidden within a node spacing
-    cut_first = bool(np.any(shaded(curve.at(start - onward), seen, config.visibility)))
-    cut_last = bool(np.any(shaded(curve.at(end + onward), seen, config.visibility)))
+    cut_first = bool(np.any(shaded(curve.at(start - onward), seen)))
+    cut_last = bool(np.any(shaded(curve.at(end + onward), seen)))
     broken = len(curve.segments) > 1
     if broken and not cut_first and not cut_last and misfit <= 3 * config.length_tolerance:
         return [first, last]

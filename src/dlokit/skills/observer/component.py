@@ -21,6 +21,10 @@ from dlokit.types.dlo import DloState, TargetPoints
 from dlokit.types.observation import Doubt, Observation, ObserverEvent, ObserverEventKind
 from dlokit.types.system import StrategySpec
 
+FOUND_MARGIN = 0.05
+"""A lost rod counts as found again at a health this far above the limit, so that a wavering one is not notified again
+and again."""
+
 
 class ObserverComponent(Component):
     """Orders the first cloud into nodes; then follows them from cloud to cloud."""
@@ -73,10 +77,9 @@ class ObserverComponent(Component):
             before = self._prior(self._last).nodes_world
         targets = await self.port.compute(
             initial_targets,
-            cleaned(seen, self._config.most_points),
+            cleaned(seen),
             self._dlo.nodes,
             self._dlo.length_m,
-            self._config.initialise,
             before,
         )
         self._publish(targets)
@@ -99,7 +102,7 @@ class ObserverComponent(Component):
 
     def _tell(self, targets: TargetPoints, doubt: Doubt | None) -> None:
         """An event when the rod is lost or found again, none while that lasts."""
-        limit = self._config.sound_health if self._lost else self._config.lost_health
+        limit = self._config.lost_health + (FOUND_MARGIN if self._lost else 0.0)
         lost = targets.health < limit
         if lost is not self._lost:
             self._lost = lost

@@ -29,9 +29,8 @@ class CpdConfig(MixtureConfig):
         return Cpd(self)
 
 
-def pliable() -> CpdConfig:
-    """Registration that follows every bend; what slides along the curve, the anchors put back. CPD alone is stiffer."""
-    return CpdConfig(beta_m=0.12, lambda_per_m2=300.0, outlier_weight=0.05, initial_sigma_m=0.04, max_points=700)
+PLIABLE = CpdConfig(beta_m=0.12, lambda_per_m2=300.0, outlier_weight=0.05, initial_sigma_m=0.04, max_points=700)
+"""A registration that follows every bend, for observers that correct the nodes that slide along the curve."""
 
 
 def register(X: Float64Array, Y: Float64Array, config: CpdConfig) -> Registration:
@@ -58,6 +57,6 @@ class Cpd:
         return TargetPoints(
             stamp_ns=seen.stamp_ns,
             nodes_world=result.nodes,
-            visible=visible_nodes(result.nodes, points, seen, self._config.visibility),
-            health=explained_share(points, result.nodes, prior.topology, self._config.visibility),
+            visible=visible_nodes(result.nodes, points, seen),
+            health=explained_share(points, result.nodes, prior.topology),
         )

@@ -11,22 +11,18 @@ from dlokit.types.arrays import BoolArray, Float64Array
 STEP_M = 0.002  # spacing of the fitted polyline: a tenth of the tightest bend in use
 
 
-@dataclass(frozen=True, kw_only=True)
-class CurveConfig:
-    """How a centre line is fitted."""
-
-    reach_m: float = 0.02
-    """Points farther from the guide than this do not belong to the DLO [m]; also how far ends are searched."""
-    spread_m: float = 0.008
-    """Points farther from the fitted curve than this are outliers [m]: radius and three times the noise."""
-    smoothing_m: float = 0.012
-    """Bends shorter than this are taken for noise [m]."""
-    bin_m: float = 0.005
-    """Length of curve over which points are averaged [m]."""
-    gap_m: float = 0.02
-    """A stretch without points is a gap when it is longer than this [m]."""
-    iterations: int = 3
-    """How often the curve becomes the next guide."""
+REACH_M = 0.02
+"""Points farther from the guide than this do not belong to the DLO [m]; also how far ends are searched."""
+_SPREAD_M = 0.008
+"""Points farther from the fitted curve than this are outliers [m]: radius and three times the noise."""
+_SMOOTHING_M = 0.012
+"""Bends shorter than this are taken for noise [m]."""
+_BIN_M = 0.005
+"""Length of curve over which points are averaged [m]."""
+_GAP_M = 0.02
+"""A stretch without points is a gap when it is longer than this [m]."""
+ITERATIONS = 3
+"""How often the curve becomes the next guide."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,24 +94,26 @@ def dense(polyline: Float64Array, past_m: float) -> Float64Array:
     return polyline_at(polyline, s, np.linspace(-past_m, s[-1] + past_m, count + 1))
 
 
-def fit_curve(points: Float64Array, guide: Float64Array, config: CurveConfig) -> FittedCurve | None:
+def fit_curve(
+    points: Float64Array, guide: Float64Array, *, reach_m: float = REACH_M, iterations: int = ITERATIONS
+) -> FittedCurve | None:
     """The centre line of a cloud (N, 3) [m] near a guide (K, 3) [m] that runs along it, or None.
 
     Each iteration projects the points on the guide, averages them over short bins of arc length, and
     smooths the averages by a cubic spline with a penalty on its second derivative; the curve is the next
     guide, lengthened at both ends to catch what lies beyond. None when too few points lie near the guide.
     """
-    polyline, limit = guide, config.reach_m
-    for _ in range(config.iterations):
-        smooth = _smoothed(points, dense(polyline, config.reach_m), limit, config)
+    polyline, limit = guide, reach_m
+    for _ in range(iterations):
+        smooth = _smoothed(points, dense(polyline, reach_m), limit)
         if smooth is None:
             return None
-        polyline, limit = smooth, config.spread_m
-    polyline = dense(polyline, config.reach_m)
+        polyline, limit = smooth, _SPREAD_M
+    polyline = dense(polyline, reach_m)
     s, distance = project(points, polyline)
     length = arc_lengths(polyline)[-1]
-    used = (distance < config.spread_m) & (s > 0.0) & (s < length)
-    segments = _segments(s[used], length, config)
+    used = (distance < _SPREAD_M) & (s > 0.0) & (s < length)
+    segments = _segments(s[used], length)
     if not segments:
         return None
     return FittedCurve(
@@ -127,18 +125,18 @@ def fit_curve(points: Float64Array, guide: Float64Array, config: CurveConfig) ->
     )
 
 
-def _smoothed(points: Float64Array, guide: Float64Array, limit_m: float, config: CurveConfig) -> Float64Array | None:
+def _smoothed(points: Float64Array, guide: Float64Array, limit_m: float) -> Float64Array | None:
     """The smoothed averages of the points near a dense guide, over the stretch they cover; None if too few."""
     s, distance = project(points, guide)
     length = arc_lengths(guide)[-1]
     near = (distance < limit_m) & (s > 0.0) & (s < length)
-    covered = _segments(s[near], length, config)
+    covered = _segments(s[near], length)
     if not covered:
         return None
     first, last = covered[0].start_m, covered[-1].end_m
     inside = near & (s >= first) & (s <= last)
     s, X = s[inside], points[inside]
-    bins = np.floor((s - first) / config.bin_m).astype(np.int64)
+    bins = np.floor((s - first) / _BIN_M).astype(np.int64)
     counts = np.bincount(bins)
     full = counts > 0
     if np.count_nonzero(full) < 5:
@@ -149,21 +147,21 @@ def _smoothed(points: Float64Array, guide: Float64Array, limit_m: float, config:
 
     means = np.column_stack([mean(X[:, axis]) for axis in range(3)])
     # In units of the smoothing length and with weights of one per unit of length, the penalty is 1.
-    weights = np.minimum(counts[full] / np.median(counts[full]), 3.0) * config.bin_m / config.smoothing_m
-    spline = scipy.interpolate.make_smoothing_spline(mean(s) / config.smoothing_m, means, weights, lam=1.0)
+    weights = np.minimum(counts[full] / np.median(counts[full]), 3.0) * _BIN_M / _SMOOTHING_M
+    spline = scipy.interpolate.make_smoothing_spline(mean(s) / _SMOOTHING_M, means, weights, lam=1.0)
     steps = max(int(np.ceil((last - first) / STEP_M)), 2)
-    return np.asarray(spline(np.linspace(first, last, steps + 1) / config.smoothing_m), dtype=np.float64)
+    return np.asarray(spline(np.linspace(first, last, steps + 1) / _SMOOTHING_M), dtype=np.float64)
 
 
-def _segments(s: Float64Array, length_m: float, config: CurveConfig) -> tuple[Segment, ...]:
+def _segments(s: Float64Array, length_m: float) -> tuple[Segment, ...]:
     """The stretches of arc length that points cover, gaps longer than `gap_m` apart."""
     if len(s) < 10:
         return ()
-    width = config.bin_m
+    width = _BIN_M
     counts = np.bincount(np.clip((s / width).astype(np.int64), 0, None), minlength=int(np.ceil(length_m / width)))
     # A stray point does not cover a bin: that takes a fifth of what is usual.
     covered = np.flatnonzero(counts > 0.2 * np.median(counts[counts > 0]))
-    breaks = np.flatnonzero(np.diff(covered) > config.gap_m / width) + 1
+    breaks = np.flatnonzero(np.diff(covered) > _GAP_M / width) + 1
     found: list[Segment] = []
     for run in np.split(covered, breaks):
         low, high = run[0] * width, (run[-1] + 1) * width

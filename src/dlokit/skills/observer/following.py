@@ -13,13 +13,25 @@ from dlokit.geometry import rmse_m
 from dlokit.skills.observer.anchored import is_chain
 from dlokit.skills.observer.base import ObserverStrategy
 from dlokit.skills.observer.config import ObserverConfig
-from dlokit.skills.observer.initialise.first_shape import initial_targets
+from dlokit.skills.observer.initialise.first_shape import LENGTH_TOLERANCE, LONE_RADIUS_M, initial_targets
 from dlokit.skills.observer.visibility import distance_to_dlo_m, kept
 from dlokit.types.dlo import DloState, TargetPoints, Topology
 from dlokit.types.observation import Doubt, Observation
 
+MOST_POINTS = 20_000
+"""Larger clouds are thinned to this many points, drawn evenly."""
+_LEAST_POINTS = 10
+"""A cloud with fewer points is not used."""
+_ELSEWHERE_M = 0.01
+"""A cloud ordered without a prior is preferred where it differs from the targets by more than this [m], root mean
+square."""
+FOUND_AGAIN_HEALTH = 0.5
+"""Targets of a rod that was lost and found again have at most this health."""
+UNUSABLE_HEALTH = 0.25
+"""Targets of less health are not used: the last state is kept, not visible, with growing uncertainty."""
 
-def cleaned(seen: Observation, most_points: int) -> Observation:
+
+def cleaned(seen: Observation, most_points: int = MOST_POINTS) -> Observation:
     """The observation without points that are no numbers, and at most `most_points` of the others, drawn evenly."""
     points = seen.points_world
     usable = np.flatnonzero(np.isfinite(points).all(axis=1))
@@ -37,13 +49,13 @@ def near(seen: Observation, prior: DloState, reach_m: float) -> Observation:
     return seen if inside.all() else msgspec.structs.replace(seen, points_world=seen.points_world[inside])
 
 
-def doubt_of(seen: Observation, near_ones: Observation, prior: DloState, least_points: int) -> Doubt | None:
+def doubt_of(seen: Observation, near_ones: Observation, prior: DloState) -> Doubt | None:
     """Why a cleaned cloud, of which `near_ones` lie near the prior, cannot be used; None when it can."""
     if prior.observed_stamp_ns > 0 and seen.stamp_ns <= prior.observed_stamp_ns:
         return Doubt.OLD_STAMP
-    if len(seen.points_world) < least_points:
+    if len(seen.points_world) < _LEAST_POINTS:
         return Doubt.NO_POINTS
-    if len(near_ones.points_world) < max(0.5 * len(seen.points_world), least_points):
+    if len(near_ones.points_world) < max(0.5 * len(seen.points_world), _LEAST_POINTS):
         return Doubt.FAR_POINTS
     return None
 
@@ -71,9 +83,9 @@ def followed(strategy: ObserverStrategy, seen: Observation, prior: DloState, con
     A cloud that cannot be used, or shows nothing of the DLO, leaves the prior as it is: not visible, health 0, with a
     covariance that grows with the time.
     """
-    usable = cleaned(seen, config.most_points)
+    usable = cleaned(seen)
     around = near(usable, prior, config.reach_m)
-    doubt = doubt_of(usable, around, prior, config.least_points)
+    doubt = doubt_of(usable, around, prior)
     if doubt is not None:
         return Followed(targets=kept(seen.stamp_ns, prior, config.drift_m_s), doubt=doubt)
     targets = _estimated(strategy, around, prior)
@@ -82,7 +94,7 @@ def followed(strategy: ObserverStrategy, seen: Observation, prior: DloState, con
     found = _elsewhere(targets, around, prior, config)
     if found is not None:
         return Followed(targets=found, doubt=Doubt.ELSEWHERE)
-    if targets.health < config.hopeless_health:
+    if targets.health < UNUSABLE_HEALTH:
         return Followed(targets=kept(seen.stamp_ns, prior, config.drift_m_s), doubt=Doubt.NOT_THE_DLO)
     return Followed(targets=targets, doubt=Doubt.LOW_HEALTH if targets.health < config.lost_health else None)
 
@@ -104,28 +116,28 @@ _DENSE_FRACTION = 0.25
 """A point with fewer than this fraction of the usual number of neighbours is an outlier, as in the first order."""
 
 
-def _may_be_elsewhere(targets: TargetPoints, seen: Observation, topology: Topology, config: ObserverConfig) -> bool:
+def _may_be_elsewhere(targets: TargetPoints, seen: Observation, topology: Topology) -> bool:
     """Whether the first order of the cloud can find a whole rod elsewhere than targets of which nodes are hidden.
 
     It costs ten times what a strategy does. It can where the cloud shows something beside the targets, or where a tip
     of the targets is beyond the cloud and what is hidden is within the tolerance of the rod's length: they slid.
     """
     hidden = ~targets.visible
-    few = np.count_nonzero(hidden) <= math.ceil(config.initialise.length_tolerance * len(topology.edges)) + 1
+    few = np.count_nonzero(hidden) <= math.ceil(LENGTH_TOLERANCE * len(topology.edges)) + 1
     slid = bool(few and (hidden[0] or hidden[-1]))
-    return slid or _rod_beside(targets, seen, topology, config)
+    return slid or _rod_beside(targets, seen, topology)
 
 
-def _rod_beside(targets: TargetPoints, seen: Observation, topology: Topology, config: ObserverConfig) -> bool:
-    """Whether points that lie as densely as on the DLO are farther than `elsewhere_m` from the targets' line.
+def _rod_beside(targets: TargetPoints, seen: Observation, topology: Topology) -> bool:
+    """Whether points that lie as densely as on the DLO are farther than `_ELSEWHERE_M` from the targets' line.
 
     The first order of a cloud leaves out lone points as well.
     """
     points = seen.points_world.astype(np.float64)
-    beside = points[distance_to_dlo_m(points, targets.nodes_world, topology) > config.elsewhere_m]
+    beside = points[distance_to_dlo_m(points, targets.nodes_world, topology) > _ELSEWHERE_M]
     if len(beside) == 0:
         return False
-    tree, radius_m = scipy.spatial.KDTree(points), config.initialise.lone_radius_m
+    tree, radius_m = scipy.spatial.KDTree(points), LONE_RADIUS_M
     drawn = points[:: max(len(points) // _COUNTED_POINTS, 1)]
     usual = float(np.median(tree.query_ball_point(drawn, radius_m, return_length=True)))
     counts = np.asarray(tree.query_ball_point(beside, radius_m, return_length=True))
@@ -140,21 +152,21 @@ def _elsewhere(
     Targets are in doubt when their health is low, or when nodes are hidden although the cloud may show the whole rod
     without a gap (`_may_be_elsewhere`): a fold of the registration looks like a rod of which a part is hidden. If a
     rod of full length is found elsewhere than the targets, it is right. The order is the one nearer to the prior's,
-    and health at most `found_again_health`.
+    and health at most `FOUND_AGAIN_HEALTH`.
     """
     low = targets.health < config.lost_health
     if not is_chain(prior.topology):
         return None
-    if not low and (targets.visible.all() or not _may_be_elsewhere(targets, seen, prior.topology, config)):
+    if not low and (targets.visible.all() or not _may_be_elsewhere(targets, seen, prior.topology)):
         return None
     length_m = float(np.sum(prior.topology.rest_lengths_m))
     try:
-        found = initial_targets(seen, len(prior.nodes_world), length_m, config.initialise, prior.nodes_world)
+        found = initial_targets(seen, len(prior.nodes_world), length_m, prior.nodes_world)
     except SkillFailure:
         return None
     if not low and not found.visible.all():
         return None
-    elsewhere = rmse_m(found.nodes_world, targets.nodes_world) > config.elsewhere_m
+    elsewhere = rmse_m(found.nodes_world, targets.nodes_world) > _ELSEWHERE_M
     if not elsewhere or found.health < min(targets.health, config.lost_health):
         return None
-    return msgspec.structs.replace(found, health=min(found.health, config.found_again_health))
+    return msgspec.structs.replace(found, health=min(found.health, FOUND_AGAIN_HEALTH))

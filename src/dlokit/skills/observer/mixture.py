@@ -11,12 +11,11 @@ compiled (`mixture_kernels`).
 # pyright: reportConstantRedefinition=false
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 import scipy
 
-from dlokit.skills.observer.visibility import VisibilityConfig
 from dlokit.types.arrays import Float64Array
 
 RANK_TOLERANCE = 1e-15
@@ -39,13 +38,11 @@ class MixtureConfig:
     smallest_sigma_m: float = 0.002
     """The iteration ends below this standard deviation [m]; about the noise of the cloud."""
     tolerance: float = 1e-3
-    """The iteration ends when sigma² changes by a smaller share than this."""
+    """The iteration ends when sigma² changes by a smaller fraction than this."""
     max_iterations: int = 60
     """The iteration ends at the latest after so many steps."""
     max_points: int = 2000
     """Larger clouds are thinned, evenly over their index, to so many points before registration."""
-    visibility: VisibilityConfig = field(default_factory=VisibilityConfig)
-    """When a node counts as seen."""
 
     def __post_init__(self) -> None:
         if self.beta_m <= 0.0 or self.lambda_per_m2 <= 0.0:

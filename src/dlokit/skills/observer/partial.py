@@ -1,12 +1,10 @@
 """Registration without the nodes that the cloud does not show, for DLOs of any topology."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from dlokit.skills.observer.cpd import CpdConfig, register
 from dlokit.skills.observer.mixture import Registration, motion, thinned
-from dlokit.skills.observer.visibility import VisibilityConfig, explained_share, supported, visible_nodes
+from dlokit.skills.observer.visibility import SUPPORT_RADIUS_M, explained_share, supported, visible_nodes
 from dlokit.types.arrays import BoolArray, Float64Array
 from dlokit.types.dlo import DloState, TargetPoints, Topology
 from dlokit.types.observation import Observation
@@ -20,7 +18,6 @@ def register_visible(
     seen: Observation,
     prior: DloState,
     cpd: CpdConfig,
-    visibility: VisibilityConfig,
 ) -> TargetPoints:
     """Target points of a DLO of which parts may be hidden, from a `first` registration of all its nodes.
 
@@ -30,7 +27,7 @@ def register_visible(
     and ended in none, or with their edges squeezed or torn, are taken out; the others are registered again,
     and their coherent motion carries the hidden ones.
     """
-    hidden = hidden_nodes(points, first.nodes, prior, cpd, visibility)
+    hidden = hidden_nodes(points, first.nodes, prior)
     shown = ~hidden
     nodes = first.nodes
     if hidden.any() and np.count_nonzero(shown) >= 3:
@@ -40,18 +37,15 @@ def register_visible(
     return TargetPoints(
         stamp_ns=seen.stamp_ns,
         nodes_world=nodes,
-        visible=shown & visible_nodes(nodes, points, seen, visibility),
-        health=explained_share(points, nodes, prior.topology, visibility),
+        visible=shown & visible_nodes(nodes, points, seen),
+        health=explained_share(points, nodes, prior.topology),
     )
 
 
-def hidden_nodes(
-    points: Float64Array, drifted: Float64Array, prior: DloState, cpd: CpdConfig, visibility: VisibilityConfig
-) -> BoolArray:
+def hidden_nodes(points: Float64Array, drifted: Float64Array, prior: DloState) -> BoolArray:
     """Which nodes (M,) the cloud (N, 3) [m] does not show, judged by where a registration put them (M, 3) [m]."""
-    near = replace(visibility, radius_m=1.5 * visibility.radius_m)
-    alone_before = ~supported(prior.nodes_world, points, near)
-    alone_after = ~supported(drifted, points, visibility)
+    alone_before = ~supported(prior.nodes_world, points, 1.5 * SUPPORT_RADIUS_M)
+    alone_after = ~supported(drifted, points)
     return alone_before & (alone_after | distorted_nodes(drifted, prior.topology))
 
 

@@ -12,7 +12,7 @@ nodes i and j, r the radius of the neighbourhood; both in mean edges at rest.
 # The papers' capital letters are variables here, not constants.
 # pyright: reportConstantRedefinition=false
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -21,7 +21,7 @@ import scipy
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.base import ObserverStrategy, nothing_seen
 from dlokit.skills.observer.mixture import thinned
-from dlokit.skills.observer.visibility import VisibilityConfig, explained_share, visible_nodes
+from dlokit.skills.observer.visibility import explained_share, visible_nodes
 from dlokit.types.arrays import BoolArray, Float64Array, Int64Array
 from dlokit.types.dlo import DloState, TargetPoints, Topology
 from dlokit.types.observation import Observation
@@ -53,8 +53,6 @@ class SomConfig:
     """Where nodes may be hidden, those are that at the prior win fewer points than this share of the median."""
     max_points: int = 700
     """Larger clouds are thinned, evenly over their index, to so many points."""
-    visibility: VisibilityConfig = field(default_factory=VisibilityConfig)
-    """When a node counts as seen."""
 
     def build(self, dlo: BelievedDlo) -> ObserverStrategy:
         """The strategy with these settings."""
@@ -159,8 +157,8 @@ class Som:
         return TargetPoints(
             stamp_ns=seen.stamp_ns,
             nodes_world=nodes,
-            visible=shown & visible_nodes(nodes, points, seen, self._config.visibility),
-            health=explained_share(points, nodes, prior.topology, self._config.visibility),
+            visible=shown & visible_nodes(nodes, points, seen),
+            health=explained_share(points, nodes, prior.topology),
         )
 
     def _organised(self, X: Float64Array, prior: DloState) -> tuple[Float64Array, BoolArray]:

@@ -136,6 +136,6 @@ class Spr:
         return TargetPoints(
             stamp_ns=seen.stamp_ns,
             nodes_world=result.nodes,
-            visible=visible_nodes(result.nodes, points, seen, self._config.visibility),
-            health=explained_share(points, result.nodes, prior.topology, self._config.visibility),
+            visible=visible_nodes(result.nodes, points, seen),
+            health=explained_share(points, result.nodes, prior.topology),
         )

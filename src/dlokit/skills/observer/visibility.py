@@ -1,7 +1,5 @@
 """Which nodes a look could see: in the picture, not behind the robot, with points around them; where the others are."""
 
-from dataclasses import dataclass
-
 import numpy as np
 import scipy
 
@@ -14,18 +12,14 @@ SURE_M = 0.005  # of nodes whose observer states no covariance: what the contrac
 WIDEST_M = 0.5  # a node is somewhere on the table
 
 
-@dataclass(frozen=True, kw_only=True)
-class VisibilityConfig:
-    """When a node counts as seen."""
-
-    radius_m: float = 0.015
-    """Points nearer than this support a node [m]; about a node spacing."""
-    least_points: int = 3
-    """A node with fewer supporting points is hidden."""
-    robot_margin_m: float = 0.01
-    """The robot hides what lies at least so far behind its surface [m]."""
-    picture_margin_px: float = 3.0
-    """A node nearer to the border of the picture than this is out of view [px]."""
+SUPPORT_RADIUS_M = 0.015
+"""Points nearer than this support a node [m]; about a node spacing."""
+LEAST_SUPPORT = 3
+"""A node with fewer supporting points is hidden."""
+ROBOT_MARGIN_M = 0.01
+"""The robot hides what is at least this far behind its surface [m]: more than the error of its pose."""
+PICTURE_MARGIN_PX = 3.0
+"""A node nearer to the border of the picture than this is out of view [px]."""
 
 
 def grown_covariance(prior: DloState, seconds: float, speed_m_s: float) -> Float64Array:
@@ -54,19 +48,17 @@ def kept(stamp_ns: int, prior: DloState, speed_m_s: float) -> TargetPoints:
     )
 
 
-def visible_nodes(
-    nodes_world: Float64Array, points_world: Float64Array, seen: Observation, config: VisibilityConfig
-) -> BoolArray:
+def visible_nodes(nodes_world: Float64Array, points_world: Float64Array, seen: Observation) -> BoolArray:
     """Whether each node (M, 3) [m] was seen in the cloud (N, 3) [m], (M,)."""
-    return supported(nodes_world, points_world, config) & ~shaded(nodes_world, seen, config)
+    return supported(nodes_world, points_world) & ~shaded(nodes_world, seen)
 
 
-def supported(nodes_world: Float64Array, points_world: Float64Array, config: VisibilityConfig) -> BoolArray:
-    """Whether enough points lie around each node, (M,)."""
+def supported(nodes_world: Float64Array, points_world: Float64Array, radius_m: float = SUPPORT_RADIUS_M) -> BoolArray:
+    """Whether enough points are within `radius_m` [m] of each node, (M,)."""
     if len(points_world) == 0:
         return np.zeros(len(nodes_world), dtype=np.bool_)
-    counts = scipy.spatial.KDTree(points_world).query_ball_point(nodes_world, config.radius_m, return_length=True)
-    return np.asarray(counts) >= config.least_points
+    counts = scipy.spatial.KDTree(points_world).query_ball_point(nodes_world, radius_m, return_length=True)
+    return np.asarray(counts) >= LEAST_SUPPORT
 
 
 def distance_to_dlo_m(points_world: Float64Array, nodes_world: Float64Array, topology: Topology) -> Float64Array:
@@ -80,17 +72,15 @@ def distance_to_dlo_m(points_world: Float64Array, nodes_world: Float64Array, top
     return np.asarray(distance, dtype=np.float64)
 
 
-def explained_share(
-    points_world: Float64Array, nodes_world: Float64Array, topology: Topology, config: VisibilityConfig
-) -> float:
+def explained_share(points_world: Float64Array, nodes_world: Float64Array, topology: Topology) -> float:
     """The share of the points (N, 3) [m], N >= 1, that lie within the support radius of the DLO.
 
     A mixture's own inlier probabilities do not tell this: its variance grows until they fit.
     """
-    return float(np.mean(distance_to_dlo_m(points_world, nodes_world, topology) < config.radius_m))
+    return float(np.mean(distance_to_dlo_m(points_world, nodes_world, topology) < SUPPORT_RADIUS_M))
 
 
-def shaded(positions_world: Float64Array, seen: Observation, config: VisibilityConfig) -> BoolArray:
+def shaded(positions_world: Float64Array, seen: Observation) -> BoolArray:
     """Whether each position (K, 3) [m] is out of the picture or behind the robot, (K,).
 
     Without a calibration nothing is known to be shaded.
@@ -99,12 +89,12 @@ def shaded(positions_world: Float64Array, seen: Observation, config: VisibilityC
         return np.zeros(len(positions_world), dtype=np.bool_)
     projection = project(positions_world, seen.calibration)
     pixels, depth_m = projection.pixels, projection.depth_m
-    margin = config.picture_margin_px
+    margin = PICTURE_MARGIN_PX
     size = np.array([seen.calibration.width_px, seen.calibration.height_px])
     outside = (depth_m <= 0.0) | np.any((pixels < margin) | (pixels > size - 1 - margin), axis=1)
     if seen.occlusion is None:
         return outside
-    return outside | (_robot_depth(pixels, seen.occlusion) < depth_m - config.robot_margin_m)
+    return outside | (_robot_depth(pixels, seen.occlusion) < depth_m - ROBOT_MARGIN_M)
 
 
 def _robot_depth(pixels: Float64Array, occlusion: Occlusion) -> Float64Array:

@@ -12,7 +12,7 @@ from dlokit.errors import InputError
 from dlokit.geometry import resample, rmse_m
 from dlokit.skills.observer.anchored import AnchoredConfig, is_chain
 from dlokit.skills.observer.base import ObserverStrategyConfig
-from dlokit.skills.observer.cpd import CpdConfig, pliable
+from dlokit.skills.observer.cpd import PLIABLE, CpdConfig
 from dlokit.skills.observer.spr import SprConfig
 from dlokit.skills.observer.strategies import OURS, OurObserver
 from dlokit.skills.perception.config import BoxConfig
@@ -131,7 +131,7 @@ def test_edges_follow_the_nodes_of_a_rod_and_branch_where_they_branch() -> None:
 def for_branches(config: type[OurObserver]) -> OurObserver:
     """The settings for a harness: the mixtures' kernel, tuned on single rods and 0.8 m wide, is too stiff for it."""
     if config in (CpdConfig, SprConfig):
-        narrow = pliable()
+        narrow = PLIABLE
         return config(beta_m=narrow.beta_m, lambda_per_m2=narrow.lambda_per_m2, initial_sigma_m=narrow.initial_sigma_m)
     return config()
 

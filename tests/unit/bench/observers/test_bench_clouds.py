@@ -22,7 +22,7 @@ from dlokit.bench.observers.sequence import Sequence
 from dlokit.description.scene import default_calibration
 from dlokit.description.shapes import builtin_shape
 from dlokit.geometry import pose
-from dlokit.skills.observer.visibility import VisibilityConfig, shaded
+from dlokit.skills.observer.visibility import shaded
 from dlokit.types.image import CameraCalibration
 
 CAMERA = default_calibration()
@@ -118,7 +118,7 @@ def test_a_ball_hides_what_is_behind_it_and_not_what_is_before_or_beside() -> No
 
 def test_the_observer_can_know_from_the_depth_image_what_the_ball_hides() -> None:
     look = _look(Conditions(hidden=0.5))
-    known = shaded(_sequence().nodes_world[0], look.seen, VisibilityConfig())
+    known = shaded(_sequence().nodes_world[0], look.seen)
     # Cells of 8 pixels and one around: up to 16 px, 2.6 cm, at each edge of the shadow, which the rod leaves aslant.
     assert np.all(known[~look.visible])
     assert np.count_nonzero(known & look.visible) <= 10
@@ -252,4 +252,4 @@ def test_the_picture_is_as_large_as_the_sequence_needs() -> None:
     assert camera is not None
     assert camera.width_px >= CAMERA.width_px
     look = looks(wide, CLEAN, 0)[0]
-    assert not shaded(wide.nodes_world[0], look.seen, VisibilityConfig()).any()
+    assert not shaded(wide.nodes_world[0], look.seen).any()

@@ -7,7 +7,7 @@ from synthetic_clouds import LENGTH_M, cloud, shape, state
 
 from dlokit.geometry import resample, rmse_m
 from dlokit.skills.observer.anchored import Anchored, chain, is_chain
-from dlokit.skills.observer.cpd import Cpd, pliable
+from dlokit.skills.observer.cpd import PLIABLE, Cpd
 from dlokit.types.dlo import Topology
 from dlokit.types.observation import GripperPin
 
@@ -29,7 +29,7 @@ def test_anchoring_is_what_keeps_nodes_from_sliding() -> None:
     rod = shape("S")
     prior = state(resample(rod, 31) + np.array([0.0, 0.03, 0.0]))  # 3 cm along the rod
     seen = cloud(rod)
-    assert rmse_m(Cpd(pliable()).estimate(seen, prior).nodes_world, rod) > 0.008
+    assert rmse_m(Cpd(PLIABLE).estimate(seen, prior).nodes_world, rod) > 0.008
     assert rmse_m(Anchored().estimate(seen, prior).nodes_world, rod) < 0.004
 
 
@@ -101,7 +101,7 @@ def test_a_branched_topology_is_registered_without_anchors() -> None:
     assert not is_chain(branched)
     prior = msgspec.structs.replace(state(rod), topology=branched)
     np.testing.assert_array_equal(
-        Anchored().estimate(cloud(rod), prior).nodes_world, Cpd(pliable()).estimate(cloud(rod), prior).nodes_world
+        Anchored().estimate(cloud(rod), prior).nodes_world, Cpd(PLIABLE).estimate(cloud(rod), prior).nodes_world
     )
 
 

@@ -11,7 +11,7 @@ from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer import following
 from dlokit.skills.observer.base import ObserverStrategyConfig
 from dlokit.skills.observer.config import ObserverConfig
-from dlokit.skills.observer.following import cleaned, followed
+from dlokit.skills.observer.following import MOST_POINTS, cleaned, followed
 from dlokit.skills.observer.initialise.first_shape import initial_targets
 from dlokit.skills.observer.strategies import OURS
 from dlokit.skills.observer.visibility import grown_covariance
@@ -68,8 +68,8 @@ def test_ten_million_points_are_thinned_before_anybody_looks_at_them() -> None:
     rng = np.random.default_rng(0)
     points = np.tile(cloud(ROD).points_world, (6000, 1))[:10_000_000]
     points[rng.integers(0, len(points), 1000)] = np.nan
-    usable = cleaned(seen(points), CONFIG.most_points)
-    assert 0.9 * CONFIG.most_points < len(usable.points_world) <= CONFIG.most_points
+    usable = cleaned(seen(points), MOST_POINTS)
+    assert 0.9 * MOST_POINTS < len(usable.points_world) <= MOST_POINTS
     assert np.isfinite(usable.points_world).all()
 
 

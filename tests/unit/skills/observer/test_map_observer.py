@@ -8,7 +8,8 @@ from synthetic_clouds import LENGTH_M, cloud, shape, state
 
 from dlokit.geometry import resample, rmse_m
 from dlokit.rod.believed import BelievedDlo
-from dlokit.skills.observer.cpd import Cpd, pliable
+from dlokit.skills.observer.cpd import PLIABLE, Cpd
+from dlokit.skills.observer.map import observer as map_observer
 from dlokit.skills.observer.map.assign import Assignment
 from dlokit.skills.observer.map.band import ChainSystem
 from dlokit.skills.observer.map.fine import add_free_space
@@ -53,7 +54,7 @@ def test_rest_lengths_are_kept_where_the_rod_is_seen_and_where_not(name: str) ->
 def test_nodes_do_not_slide_along_the_rod() -> None:
     rod = shape("S")
     prior = state(resample(rod, 31) + np.array([0.0, 0.03, 0.0]))  # 3 cm along the rod
-    assert rmse_m(Cpd(pliable()).estimate(cloud(rod), prior).nodes_world, rod) > 0.008
+    assert rmse_m(Cpd(PLIABLE).estimate(cloud(rod), prior).nodes_world, rod) > 0.008
     assert rmse_m(MapObserver().estimate(cloud(rod), prior).nodes_world, rod) < 0.004
 
 
@@ -143,20 +144,19 @@ def test_a_tip_at_the_border_of_the_picture_is_not_taken_for_the_end_of_the_rod(
 def test_a_node_in_open_view_without_points_is_drawn_to_the_rod_and_one_behind_the_robot_is_not() -> None:
     rod = shape("I")
     seen = msgspec.structs.replace(cloud(rod, outliers=0.0), calibration=camera())
-    config = MapConfig()
     nobody = np.full((56, 64), np.inf, dtype=np.float32)
     everywhere = np.full((56, 64), 0.5, dtype=np.float32)
     pulled: list[bool] = []
     for depth_m in (nobody, everywhere):
         looked = msgspec.structs.replace(seen, occlusion=Occlusion(depth_m=depth_m, scale=10))
-        frame = posed(looked, state(rod), (), BelievedDlo().radius_m, config)
+        frame = posed(looked, state(rod), (), radius_m=0.004, noise_m=0.002, widest_m=0.05, max_points=1000)
         few = Assignment(
             segment=np.zeros(len(frame.points), dtype=np.int64),
             t=np.zeros(len(frame.points)),
             distance2=np.zeros(len(frame.points)),
         )  # all at node 0: the other nodes have none
         system = ChainSystem(31)
-        add_free_space(system, frame, frame.before, few, config)
+        add_free_space(system, frame, frame.before, few)
         pulled.append(bool(np.any(system.band[60:63])))
         assert not system.band[0:3].any()
     assert pulled == [True, False]
@@ -170,13 +170,13 @@ def test_a_node_in_open_view_without_points_is_drawn_into_the_shade_where_that_i
     )
     view = view_of(seen, np.zeros(3))
     assert view is not None
-    shade = view.nearest_shade(np.array([0.63, 0.1, 0.0]), 0.1, MapConfig().visibility)
+    shade = view.nearest_shade(np.array([0.63, 0.1, 0.0]), 0.1)
     assert shade is not None
     np.testing.assert_allclose(shade, [0.67, 0.1, 0.0], atol=0.02)  # a cell is 2 cm
-    assert view.nearest_shade(np.array([0.50, 0.1, 0.0]), 0.1, MapConfig().visibility) is None  # 16 cm away
+    assert view.nearest_shade(np.array([0.50, 0.1, 0.0]), 0.1) is None  # 16 cm away
 
 
-def test_few_nodes_on_a_bent_rod_are_as_good_as_many() -> None:
+def test_few_nodes_on_a_bent_rod_are_as_good_as_many(monkeypatch: pytest.MonkeyPatch) -> None:
     dense = shape("S")
     seen, start = cloud(dense), state(dense).topology
     every = 5
@@ -190,7 +190,8 @@ def test_few_nodes_on_a_bent_rod_are_as_good_as_many() -> None:
     assert fine.nodes_world.shape == sparse.shape
     assert fine.visible.shape == (len(sparse),)
     # Straight segments of 8 cm cut the bends short: without nodes in between all are drawn inwards.
-    straight = MapObserver(MapConfig(longest_edge_m=1.0)).estimate(seen, prior)
+    monkeypatch.setattr(map_observer, "LONGEST_EDGE_M", 1.0)
+    straight = MapObserver().estimate(seen, prior)
     assert rmse_m(fine.nodes_world, sparse) < 0.5 * rmse_m(straight.nodes_world, sparse)
 
 
@@ -207,7 +208,7 @@ def test_a_branched_dlo_is_registered_as_the_other_observers_do() -> None:
     edges[-1, 0] = 10
     prior = msgspec.structs.replace(state(rod), topology=Topology(edges=edges, rest_lengths_m=plain.rest_lengths_m))
     np.testing.assert_array_equal(
-        MapObserver().estimate(cloud(rod), prior).nodes_world, Cpd(pliable()).estimate(cloud(rod), prior).nodes_world
+        MapObserver().estimate(cloud(rod), prior).nodes_world, Cpd(PLIABLE).estimate(cloud(rod), prior).nodes_world
     )
 
 

@@ -5,10 +5,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from dlokit.skills.observer.map import terms
 from dlokit.skills.observer.map.assign import assign, inlier_probability, moments, soft_places
 from dlokit.skills.observer.map.band import BELOW, ChainSystem
 from dlokit.skills.observer.map.coarse import moved_rigidly
-from dlokit.skills.observer.map.settings import ChainPriors, TipConfig
+from dlokit.skills.observer.map.problem import PLACE_SIGMA_M
 from dlokit.skills.observer.map.terms import (
     add_coherence,
     add_lengths,
@@ -30,7 +31,6 @@ REST = RNG.uniform(0.008, 0.012, M - 1)
 POINTS = NODES[RNG.integers(0, M, 40)] + RNG.normal(0.0, 0.003, (40, 3))
 FIRST = np.argmin(((POINTS[:, None] - 0.5 * (NODES[1:] + NODES[:-1])) ** 2).sum(axis=2), axis=1)
 WEIGHTS = RNG.uniform(0.5, 2.0, 40)
-PRIORS = ChainPriors()
 
 
 def dense(system: ChainSystem) -> Float64Array:
@@ -49,10 +49,10 @@ def lengths(x: Float64Array) -> float:
 def moved(x: Float64Array) -> float:
     h, way, d = 0.01, 0.02, x - BEFORE
     return float(
-        np.sum(np.diff(d, axis=0) ** 2) / (PRIORS.strain_per_m05**2 * h * way**2)
-        + np.sum(np.diff(d, 2, axis=0) ** 2) / (PRIORS.bend_per_m15**2 * h**3 * way**2)
-        + np.sum(np.diff(x, 2, axis=0) ** 2) / (PRIORS.straight_per_m05**2 * h**3)
-        + np.sum(d**2) / (M * PRIORS.place_m**2)
+        np.sum(np.diff(d, axis=0) ** 2) / (terms.STRAIN_PER_M05**2 * h * way**2)
+        + np.sum(np.diff(d, 2, axis=0) ** 2) / (terms.BEND_PER_M15**2 * h**3 * way**2)
+        + np.sum(np.diff(x, 2, axis=0) ** 2) / (terms.STRAIGHT_PER_M05**2 * h**3)
+        + np.sum(d**2) / (M * PLACE_SIGMA_M**2)
     )
 
 
@@ -73,9 +73,9 @@ def points_term(system: ChainSystem) -> None:
 
 
 def coherence_term(system: ChainSystem) -> None:
-    K_d, K_x = coherence(M, 0.01, PRIORS)
+    K_d, K_x = coherence(M, 0.01)
     K = K_d / 0.02**2
-    K[:, 0] += 1.0 / (M * PRIORS.place_m**2)
+    K[:, 0] += 1.0 / (M * PLACE_SIGMA_M**2)
     add_coherence(system.band, system.rhs, BEFORE, K, K_x)
 
 
@@ -196,7 +196,7 @@ def test_the_extent_of_a_cloud_is_found_despite_noise_and_its_gap_named() -> Non
     rng = np.random.default_rng(1)
     s = rng.uniform(0.02, 0.45, 1500)
     s = s[(s < 0.2) | (s > 0.3)] + rng.normal(0, 0.002, np.count_nonzero((s < 0.2) | (s > 0.3)))
-    found = extent(np.append(s, 0.55), 0.5, TipConfig())  # one stray
+    found = extent(np.append(s, 0.55), 0.5)  # one stray
     assert found is not None
     # Forty points in the last centimetre: the count's error is a sixth of it.
     assert found.start_m == pytest.approx(0.02, abs=0.003)
@@ -205,19 +205,19 @@ def test_the_extent_of_a_cloud_is_found_despite_noise_and_its_gap_named() -> Non
 
 
 def test_a_tip_behind_something_known_is_no_tip() -> None:
-    found = extent(np.random.default_rng(0).uniform(0.01, 0.4, 1500), 0.5, TipConfig())
+    found = extent(np.random.default_rng(0).uniform(0.01, 0.4, 1500), 0.5)
     assert found is not None
-    assert seen_tips(found, 0.5, False, False, 0.03, TipConfig()).first_m == found.start_m
-    assert seen_tips(found, 0.5, True, False, 0.03, TipConfig()).first_m is None
-    assert seen_tips(found, 0.5, False, False, 0.03, TipConfig()).last_m is None  # 10 cm short
+    assert seen_tips(found, 0.5, False, False, 0.03).first_m == found.start_m
+    assert seen_tips(found, 0.5, True, False, 0.03).first_m is None
+    assert seen_tips(found, 0.5, False, False, 0.03).last_m is None  # 10 cm short
 
 
 def test_the_length_across_a_gap_does_not_make_a_hidden_end_a_tip() -> None:
     s = np.random.default_rng(0).uniform(0.0, 0.49, 1500)
-    found = extent(s[(s < 0.2) | (s > 0.3)], 0.5, TipConfig())
+    found = extent(s[(s < 0.2) | (s > 0.3)], 0.5)
     assert found is not None
-    assert seen_tips(found, 0.5, False, True, 0.12, TipConfig()).last_m is None
-    assert seen_tips(found, 0.5, False, False, 0.12, TipConfig()).last_m == found.end_m
+    assert seen_tips(found, 0.5, False, True, 0.12).last_m is None
+    assert seen_tips(found, 0.5, False, False, 0.12).last_m == found.end_m
 
 
 def test_what_does_not_fit_between_two_tips_is_taken_up_by_the_gap() -> None:

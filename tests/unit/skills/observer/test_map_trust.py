@@ -8,6 +8,7 @@ from synthetic_clouds import cloud, shape, state
 from dlokit.geometry import resample
 from dlokit.skills.observer.base import prior_from
 from dlokit.skills.observer.config import ObserverConfig
+from dlokit.skills.observer.following import UNUSABLE_HEALTH
 from dlokit.skills.observer.map.observer import MapObserver
 from dlokit.skills.observer.map.trust import carried
 from dlokit.types.arrays import Float64Array
@@ -97,7 +98,7 @@ def test_length_that_is_missing_in_open_view_makes_every_node_less_sure() -> Non
     unexplained = MapObserver().estimate(seen_by_camera(cloud(rod, hidden=gap)), state(rod))
     assert np.all(spread_m(unexplained) > 2.0 * spread_m(explained).min())
     # In doubt, but used: something that nobody knows may hide them.
-    assert explained.health > LOST_HEALTH > unexplained.health > ObserverConfig().hopeless_health
+    assert explained.health > LOST_HEALTH > unexplained.health > UNUSABLE_HEALTH
 
 
 @pytest.mark.parametrize("name", ["I", "S", "U", "random"])

@@ -19,10 +19,10 @@ from dlokit.geometry import rmse_m
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer import api
 from dlokit.skills.observer.anchored import Anchored, AnchoredConfig
-from dlokit.skills.observer.component import ObserverComponent
+from dlokit.skills.observer.component import FOUND_MARGIN, ObserverComponent
 from dlokit.skills.observer.config import ObserverConfig
 from dlokit.skills.observer.cpd import CpdConfig
-from dlokit.skills.observer.following import follow
+from dlokit.skills.observer.following import FOUND_AGAIN_HEALTH, follow
 from dlokit.skills.observer.som import SomConfig
 from dlokit.skills.observer.spr import SprConfig
 from dlokit.skills.observer.strategies import from_spec, strategies, to_spec
@@ -170,7 +170,7 @@ def test_a_rod_that_jumped_is_found_again_in_its_order_and_health_says_so() -> N
     found = follow(Anchored(), cloud(jumped), state(rod), ObserverConfig())
     assert rmse_m(lost.nodes_world, jumped) > 0.02
     assert rmse_m(found.nodes_world, jumped) < 0.004
-    assert found.health <= ObserverConfig().found_again_health
+    assert found.health <= FOUND_AGAIN_HEALTH
 
 
 def test_a_rod_hidden_for_a_second_and_moved_meanwhile_is_lost_once_and_found_again_once() -> None:
@@ -221,8 +221,8 @@ class Wavering:
 
 
 def test_a_health_that_wavers_about_the_limit_is_told_of_once() -> None:
-    limits = ObserverConfig()
-    low, between, sound = limits.lost_health - 0.01, limits.lost_health + 0.01, limits.sound_health + 0.01
+    limit = ObserverConfig().lost_health
+    low, between, sound = limit - 0.01, limit + 0.01, limit + FOUND_MARGIN + 0.01
     rod = shape("S")
 
     async def scenario(transport: MemoryTransport, clock: LoopClock) -> None:

@@ -6,11 +6,10 @@ from synthetic_clouds import cloud, shape, state
 
 from dlokit.geometry import downward, transform
 from dlokit.skills.observer.anchored import Anchored, fill_hidden
-from dlokit.skills.observer.visibility import VisibilityConfig, shaded, supported
+from dlokit.skills.observer.visibility import LEAST_SUPPORT, shaded, supported
 from dlokit.types.image import CameraCalibration
 from dlokit.types.observation import Observation, Occlusion
 
-CONFIG = VisibilityConfig()
 CAMERA = CameraCalibration(
     width_px=640,
     height_px=480,
@@ -43,7 +42,7 @@ def at_pixel(u: float, v: float, depth_m: float) -> np.ndarray:
 def test_what_is_out_of_the_picture_or_behind_the_camera_is_shaded() -> None:
     inside, left, border = at_pixel(320, 240, 1.0), at_pixel(-5, 240, 1.0), at_pixel(320, 478.5, 1.0)
     behind = at_pixel(320, 240, -0.5)
-    flags = shaded(np.vstack([inside, left, border, behind]), look(), CONFIG)
+    flags = shaded(np.vstack([inside, left, border, behind]), look())
     assert flags.tolist() == [False, True, True, True]
 
 
@@ -51,19 +50,19 @@ def test_what_is_behind_the_robot_is_shaded_and_what_is_before_it_is_not() -> No
     occlusion = robot_at((320, 240), 0.8)
     far, near = at_pixel(320, 240, 1.0), at_pixel(320, 240, 0.7)
     touching, beside = at_pixel(320, 240, 0.805), at_pixel(400, 240, 1.0)
-    flags = shaded(np.vstack([far, near, touching, beside]), look(occlusion), CONFIG)
+    flags = shaded(np.vstack([far, near, touching, beside]), look(occlusion))
     assert flags.tolist() == [True, False, False, False]
 
 
 def test_without_a_camera_nothing_is_known_to_be_shaded() -> None:
     seen = msgspec.structs.replace(look(), calibration=None)
-    assert not shaded(np.array([[9.0, 9.0, 9.0]]), seen, CONFIG).any()
+    assert not shaded(np.array([[9.0, 9.0, 9.0]]), seen).any()
 
 
 def test_a_node_needs_points_around_it() -> None:
-    points = np.array([[0.0, 0.0, 0.0]] * CONFIG.least_points + [[1.0, 0.0, 0.0]])
-    assert supported(np.array([[0.005, 0.0, 0.0], [1.0, 0.0, 0.0]]), points, CONFIG).tolist() == [True, False]
-    assert not supported(points, np.zeros((0, 3)), CONFIG).any()
+    points = np.array([[0.0, 0.0, 0.0]] * LEAST_SUPPORT + [[1.0, 0.0, 0.0]])
+    assert supported(np.array([[0.005, 0.0, 0.0], [1.0, 0.0, 0.0]]), points).tolist() == [True, False]
+    assert not supported(points, np.zeros((0, 3))).any()
 
 
 def test_an_end_out_of_the_picture_is_not_taken_for_the_tip() -> None:

@@ -35,7 +35,7 @@ def test_the_table_of_the_configuration_is_drawn(server: viser.ViserServer, monk
     monkeypatch.setattr(server.scene, "add_box", lambda name, **box: drawn.update({name: box}))
     ViewerScene(server, Table(centre_m=(0.3, -0.1), size_m=(0.8, 0.6)), 0.004)
     assert drawn["/table/top"]["dimensions"] == (0.8, 0.6, 0.05)
-    assert drawn["/table/top"]["position"] == (0.3, -0.1, -0.01)
+    assert drawn["/table/top"]["position"] == (0.3, -0.1, -0.025)
 
 
 def _action(predicted: Float64Array | None) -> PickPlace:

@@ -6,60 +6,45 @@ end farther to the robot's left (larger y in the world); of two ends within 2 cm
 robot's base (smaller x).
 """
 
-from dataclasses import dataclass, field
-
 import numpy as np
 import scipy
 
 from dlokit.errors import SkillFailure
 from dlokit.geometry import arc_lengths, resample, rmse_m
-from dlokit.skills.observer.curve import CurveConfig, FittedCurve, fit_curve
-from dlokit.skills.observer.initialise.ordering import OrderingConfig, Way, faces_itself, links, polyline, ways
-from dlokit.skills.observer.initialise.skeleton import SkeletonConfig, skeleton
-from dlokit.skills.observer.visibility import VisibilityConfig, shaded, supported
+from dlokit.skills.observer.curve import FittedCurve, fit_curve
+from dlokit.skills.observer.initialise.ordering import Way, faces_itself, links, polyline, ways
+from dlokit.skills.observer.initialise.skeleton import skeleton
+from dlokit.skills.observer.visibility import shaded, supported
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import TargetPoints
 from dlokit.types.observation import Observation
 
-
-def _first_curve() -> CurveConfig:
-    # The skeleton ends where the rod does: a longer reach would catch what another part of the rod lies beyond it.
-    return CurveConfig(reach_m=0.006, iterations=2)
-
-
-@dataclass(frozen=True, kw_only=True)
-class InitialiseConfig:
-    """How the first cloud is ordered."""
-
-    least_points: int = 60
-    """Fewer points than this are no DLO."""
-    lone_radius_m: float = 0.01
-    """A point with less than a quarter of the usual number of points in this radius is an outlier [m]."""
-    most_pieces: int = 24
-    """A skeleton of more pieces than this is no rod, but an area or many things."""
-    branch_m: float = 0.03
-    """Pieces that no order of the rod has room for may together be so long [m]; longer ones are no outliers."""
-    ambiguity: float = 6.0
-    """Two orders whose costs differ by less than this cannot be told apart [1/m]; see `ordering`."""
-    same_order_m: float = 0.01
-    """Two orders whose curves differ by less than this are the same [m], root mean square."""
-    length_tolerance: float = 0.06
-    """The curve may be shorter or longer than the rod by this share."""
-    skeleton: SkeletonConfig = field(default_factory=SkeletonConfig)
-    """How the cloud becomes pieces of line."""
-    ordering: OrderingConfig = field(default_factory=OrderingConfig)
-    """What an order of these pieces costs."""
-    curve: CurveConfig = field(default_factory=_first_curve)
-    """The fit of the centre line."""
-    visibility: VisibilityConfig = field(default_factory=VisibilityConfig)
-    """What tells that an end lies at the border of the picture or behind the robot, and which nodes lie in a gap."""
+_LEAST_POINTS = 60
+"""Fewer points than this are no DLO."""
+LONE_RADIUS_M = 0.01
+"""A point with less than a quarter of the usual number of points in this radius is an outlier [m]."""
+_MOST_PIECES = 24
+"""A skeleton of more pieces than this is no rod, but an area or many things."""
+_BRANCH_M = 0.03
+"""Pieces that no order of the rod has room for may together be this long [m]; longer ones are no outliers."""
+_AMBIGUITY = 6.0
+"""Two orders whose costs differ by less than this cannot be told apart [1/m]; see `ordering`."""
+_SAME_ORDER_M = 0.01
+"""Two orders whose curves differ by less than this are the same [m], root mean square."""
+LENGTH_TOLERANCE = 0.06
+"""The curve may be shorter or longer than the rod by this fraction of its length: more than a goal may, since noise
+and hidden ends shorten a curve."""
+_GAP_FRACTION = 0.14
+"""A link between pieces may cross a gap of at most this fraction of the rod's length."""
+_REACH_M = 0.006
+"""Points farther from the skeleton than this do not belong to the curve [m]. The skeleton ends where the rod does: a
+longer reach would catch points of another part of the rod beyond it."""
 
 
 def initial_targets(
     seen: Observation,
     count: int,
     length_m: float | None,
-    config: InitialiseConfig | None = None,
     prior_nodes: Float64Array | None = None,
 ) -> TargetPoints:
     """The cloud as `count` nodes in order along a rod of known length [m]; with None, whatever length is seen.
@@ -70,20 +55,19 @@ def initial_targets(
     ``crossing`` (the rod lies across or against itself in a way that leaves more than one order) or
     ``fragmented`` (pieces too far apart or too many to be one rod).
     """
-    config = config or InitialiseConfig()
     points = np.asarray(seen.points_world, dtype=np.float64)
-    kept = without_lone_points(points, config)
-    if len(kept) < config.least_points:
+    kept = without_lone_points(points)
+    if len(kept) < _LEAST_POINTS:
         raise SkillFailure(
             "no_points",
-            f"{len(kept)} points of the DLO in the cloud, at least {config.least_points} are needed; "
+            f"{len(kept)} points of the DLO in the cloud, at least {_LEAST_POINTS} are needed; "
             f"is it in view, and do the filters fit its colour?",
         )
-    curve = fit_curve(kept, _ordered(kept, length_m, config), config.curve)
+    curve = fit_curve(kept, _ordered(kept, length_m), reach_m=_REACH_M, iterations=2)
     if curve is None:
         raise SkillFailure("fragmented", "no curve runs through the points; look again")
     if length_m is not None:
-        _check_length(curve, length_m, seen, config)
+        _check_length(curve, length_m, seen)
     nodes = curve.at(np.linspace(curve.segments[0].start_m, curve.segments[-1].end_m, count))
     span = curve.segments[-1].end_m - curve.segments[0].start_m
     fit = 1.0 if length_m is None else 1.0 - abs(span / length_m - 1.0)
@@ -91,7 +75,7 @@ def initial_targets(
     return TargetPoints(
         stamp_ns=seen.stamp_ns,
         nodes_world=nodes,
-        visible=supported(nodes, kept, config.visibility),
+        visible=supported(nodes, kept),
         health=float(np.mean(curve.used)) * len(kept) / len(points) * fit,
     )
 
@@ -106,32 +90,32 @@ def oriented(nodes: Float64Array, prior_nodes: Float64Array | None = None) -> Fl
     return nodes if first[0] <= last[0] else nodes[::-1].copy()
 
 
-def without_lone_points(points: Float64Array, config: InitialiseConfig) -> Float64Array:
+def without_lone_points(points: Float64Array) -> Float64Array:
     """The points (N, 3) [m] that have enough others around them."""
     if len(points) == 0:
         return points
-    counts = np.asarray(scipy.spatial.KDTree(points).query_ball_point(points, config.lone_radius_m, return_length=True))
+    counts = np.asarray(scipy.spatial.KDTree(points).query_ball_point(points, LONE_RADIUS_M, return_length=True))
     return points[counts > 0.25 * np.median(counts)]
 
 
-def _ordered(points: Float64Array, length_m: float | None, config: InitialiseConfig) -> Float64Array:
+def _ordered(points: Float64Array, length_m: float | None) -> Float64Array:
     """A line (K, 3) [m] along the rod, from tip to tip, through the points (N, 3) [m]."""
-    pieces = skeleton(points, config.skeleton)
-    if not 1 <= len(pieces) <= config.most_pieces:
+    pieces = skeleton(points)
+    if not 1 <= len(pieces) <= _MOST_PIECES:
         raise SkillFailure(
             "fragmented",
-            f"the cloud falls into {len(pieces)} pieces of line, 1 to {config.most_pieces} are allowed: it shows an "
+            f"the cloud falls into {len(pieces)} pieces of line, 1 to {_MOST_PIECES} are allowed: it shows an "
             f"area or many things; check the box and the segmentation",
         )
     rod_m = length_m or sum(float(arc_lengths(piece)[-1]) for piece in pieces)
-    joined = links(pieces, points, config.ordering.gap_share * rod_m, config.ordering)
-    found = ways(pieces, joined, length_m, config.ordering, config.ambiguity)
+    joined = links(pieces, points, _GAP_FRACTION * rod_m)
+    found = ways(pieces, joined, length_m, _AMBIGUITY)
     best = polyline(found[0], pieces, joined)
-    _check_left_out(found[0], pieces, best, config)
-    if faces_itself(best, config.ordering):
+    _check_left_out(found[0], pieces, best)
+    if faces_itself(best):
         raise SkillFailure("crossing", "the rod's ends touch, so that it has no beginning; lay them apart")
     for other in found[1:]:
-        if not _same(best, polyline(other, pieces, joined), config.same_order_m):
+        if not _same(best, polyline(other, pieces, joined), _SAME_ORDER_M):
             raise SkillFailure(
                 "crossing",
                 "the rod lies across or against itself such that two orders are equally likely; lay it out",
@@ -144,11 +128,11 @@ def _same(a: Float64Array, b: Float64Array, tolerance_m: float) -> bool:
     return rmse_m(resample(a, 50), resample(b, 50), ends_interchangeable=True) < tolerance_m
 
 
-def _check_left_out(way: Way, pieces: list[Float64Array], line: Float64Array, config: InitialiseConfig) -> None:
+def _check_left_out(way: Way, pieces: list[Float64Array], line: Float64Array) -> None:
     """Raise ``fragmented`` or ``crossing`` when much of what was seen is not part of the rod."""
     others = [piece for number, piece in enumerate(pieces) if number not in way.pieces]
     left_out_m = sum(float(arc_lengths(piece)[-1]) for piece in others)
-    if left_out_m <= config.branch_m:
+    if left_out_m <= _BRANCH_M:
         return
     apart_m = float(np.min(scipy.spatial.KDTree(line).query(np.vstack(others))[0]))
     if apart_m > 0.02:
@@ -164,20 +148,20 @@ def _check_left_out(way: Way, pieces: list[Float64Array], line: Float64Array, co
     )
 
 
-def _check_length(curve: FittedCurve, length_m: float, seen: Observation, config: InitialiseConfig) -> None:
+def _check_length(curve: FittedCurve, length_m: float, seen: Observation) -> None:
     """Raise ``out_of_view`` when the curve is too short, ``crossing`` when it is too long to be one rod."""
     start, end = curve.segments[0].start_m, curve.segments[-1].end_m
     span = end - start
-    if span > (1.0 + config.length_tolerance) * length_m:
+    if span > (1.0 + LENGTH_TOLERANCE) * length_m:
         raise SkillFailure(
             "crossing",
             f"the curve is {span:.3f} m long, the rod {length_m:.3f} m; something else lies in the cloud, "
             f"or the configured length is wrong",
         )
-    if span >= (1.0 - config.length_tolerance) * length_m:
+    if span >= (1.0 - LENGTH_TOLERANCE) * length_m:
         return
     onward = np.array([0.005, 0.01, 0.015])
-    cut = [bool(np.any(shaded(curve.at(s), seen, config.visibility))) for s in (start - onward, end + onward)]
+    cut = [bool(np.any(shaded(curve.at(s), seen))) for s in (start - onward, end + onward)]
     where = "at the border of the picture or behind the robot" if any(cut) else "by the box filter, or unseen"
     raise SkillFailure(
         "out_of_view",

@@ -13,35 +13,29 @@ import scipy
 from dlokit.geometry import arc_lengths
 from dlokit.types.arrays import Float64Array
 
-
-@dataclass(frozen=True, kw_only=True)
-class OrderingConfig:
-    """What an order of pieces costs. The unit is that of bending energy, ∫ κ² ds [1/m]."""
-
-    tangent_m: float = 0.02
-    """The direction of an end is that of its last piece of this length [m]."""
-    bend_m: float = 0.04
-    """The curvature of an end is that of its last piece of this length [m]."""
-    inertia: float = 0.7
-    """How much a rod goes on bending as it did: 0 weighs the bend of a link, 1 its difference from the bend before."""
-    gap_share: float = 0.14
-    """A link may lead over a gap of at most this share of the rod's length."""
-    support_m: float = 0.006
-    """A place on a link with a point so near is seen [m]."""
-    unseen_per_m: float = 300.0
-    """Cost of a link for each metre that is not seen [1/m²]."""
-    left_out_per_m: float = 1200.0
-    """Cost of each metre of pieces that are not part of the way [1/m²]."""
-    length_cost: float = 16.0
-    """Cost of a length that is off by `length_sigma`; it grows with the square [1/m]."""
-    length_sigma: float = 0.03
-    """The length of a way is right to about this share."""
-    sharpest_rad: float = 2.1
-    """A link that turns by more than this at one of its ends is none [rad]."""
-    facing_m: float = 0.025
-    """Two tips that point at each other from so near may be no tips [m]: a ring could be cut anywhere."""
-    most_steps: int = 20_000
-    """The search ends after so many steps, with the best way so far."""
+# What an order of pieces costs. The unit is that of bending energy, ∫ κ² ds [1/m].
+_TANGENT_M = 0.02
+"""The direction of an end is that of its last piece of this length [m]."""
+_BEND_M = 0.04
+"""The curvature of an end is that of its last piece of this length [m]."""
+_INERTIA = 0.7
+"""How much a rod keeps its curvature across a link: 0 weighs the bend of the link, 1 its change of curvature."""
+_SUPPORT_M = 0.006
+"""A place on a link with a point this near is seen [m]."""
+_UNSEEN_PER_M = 300.0
+"""Cost of a link for each metre that is not seen [1/m²]."""
+_LEFT_OUT_PER_M = 1200.0
+"""Cost of each metre of pieces that are not part of the way [1/m²]."""
+_LENGTH_COST = 16.0
+"""Cost of a length that is off by `_LENGTH_SIGMA`; it grows with the square [1/m]."""
+_LENGTH_SIGMA = 0.03
+"""Standard deviation of the length of a way, as a fraction of it."""
+_LARGEST_TURN_RAD = 2.1
+"""A link may turn by at most this at one of its ends [rad]."""
+_FACING_M = 0.025
+"""Two tips that point at each other from within this distance may be no tips [m]: a ring could be cut anywhere."""
+_MOST_STEPS = 20_000
+"""The search ends after this many steps, with the best way so far."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,13 +68,13 @@ class Links:
 LINK_STEPS = 13
 
 
-def links(pieces: list[Float64Array], support: Float64Array, longest_gap_m: float, config: OrderingConfig) -> Links:
+def links(pieces: list[Float64Array], support: Float64Array, longest_gap_m: float) -> Links:
     """The links between the ends of pieces (K_i, 3) [m], supported by points (N, 3) [m].
 
     The bending energy is that of the cubic between the middles of the two last stretches with their directions,
     4 / c (α² + α β + β²) with the angles α and β from the chord c [m].
     """
-    inner, outward, ends, bend = _ends(pieces, config)
+    inner, outward, ends, bend = _ends(pieces)
     count = len(ends)
     a, b = np.nonzero(np.arange(count)[:, None] // 2 != np.arange(count)[None, :] // 2)
     chord = inner[b] - inner[a]
@@ -89,22 +83,22 @@ def links(pieces: list[Float64Array], support: Float64Array, longest_gap_m: floa
     leaving, arriving = _turn(chord, outward[a]), _turn(chord, -outward[b])
     goes_on = 0.25 * (bend[a] + bend[b]) * span[:, None]
     goes_on -= _dot(goes_on, chord)[:, None] * chord
-    energy = (1 - config.inertia) * _energy(leaving, arriving, span)
-    energy += config.inertia * _energy(leaving + goes_on, arriving - goes_on, span)
+    energy = (1 - _INERTIA) * _energy(leaving, arriving, span)
+    energy += _INERTIA * _energy(leaving + goes_on, arriving - goes_on, span)
     curves = hermite(ends[a], outward[a], ends[b], -outward[b])
     steps = np.linalg.norm(np.diff(curves, axis=1), axis=2)
     length = steps.sum(axis=1)
     middles = 0.5 * (curves[:, 1:] + curves[:, :-1])
-    seen = scipy.spatial.KDTree(support).query(middles.reshape(-1, 3), distance_upper_bound=config.support_m)[0]
+    seen = scipy.spatial.KDTree(support).query(middles.reshape(-1, 3), distance_upper_bound=_SUPPORT_M)[0]
     unseen = np.sum(steps * ~np.isfinite(seen).reshape(steps.shape), axis=1)
     sharpest = np.maximum(np.linalg.norm(leaving, axis=1), np.linalg.norm(arriving, axis=1))
-    allowed = (unseen <= longest_gap_m) & (length < 2.0 * longest_gap_m) & (sharpest < config.sharpest_rad)
+    allowed = (unseen <= longest_gap_m) & (length < 2.0 * longest_gap_m) & (sharpest < _LARGEST_TURN_RAD)
     result = Links(
         cost=np.full((count, count), np.inf),
         length_m=np.zeros((count, count)),
         points=np.zeros((count, count, LINK_STEPS, 3)),
     )
-    result.cost[a, b] = np.where(allowed, energy + config.unseen_per_m * unseen, np.inf)
+    result.cost[a, b] = np.where(allowed, energy + _UNSEEN_PER_M * unseen, np.inf)
     result.length_m[a, b] = length
     result.points[a, b] = curves
     return result
@@ -127,7 +121,7 @@ def _turn(chord: Float64Array, direction: Float64Array) -> Float64Array:
 
 
 def _ends(
-    pieces: list[Float64Array], config: OrderingConfig
+    pieces: list[Float64Array],
 ) -> tuple[Float64Array, Float64Array, Float64Array, Float64Array]:
     """For each end the middle of its last stretch, the direction outward there, its last point, the curvature [1/m].
 
@@ -137,14 +131,14 @@ def _ends(
     for piece in pieces:
         for way in (piece, piece[::-1]):
             s = arc_lengths(way)
-            part = way[: max(int(np.searchsorted(s, config.tangent_m, side="right")), 2)]
+            part = way[: max(int(np.searchsorted(s, _TANGENT_M, side="right")), 2)]
             middle = part.mean(axis=0)
             axis = np.linalg.svd(part - middle)[2][0]
             inner.append(middle)
             outward.append(axis if axis @ (part[0] - part[-1]) > 0 else -axis)
             last.append(way[0])
-            count = int(np.searchsorted(s, config.bend_m, side="right"))
-            if s[count - 1] < 0.5 * config.bend_m:
+            count = int(np.searchsorted(s, _BEND_M, side="right"))
+            if s[count - 1] < 0.5 * _BEND_M:
                 bend.append(np.zeros(3))
             else:
                 c = np.polynomial.polynomial.polyfit(s[:count], way[:count], 2)
@@ -161,11 +155,9 @@ def hermite(start: Float64Array, leaving: Float64Array, end: Float64Array, arriv
     return (2 * t**3 - 3 * t**2 + 1) * p + (t**3 - 2 * t**2 + t) * u + (3 * t**2 - 2 * t**3) * q + (t**3 - t**2) * v
 
 
-def ways(
-    pieces: list[Float64Array], joined: Links, length_m: float | None, config: OrderingConfig, margin: float
-) -> list[Way]:
+def ways(pieces: list[Float64Array], joined: Links, length_m: float | None, margin: float) -> list[Way]:
     """The cheapest way through the pieces (K, 3) [m] and all that cost up to `margin` more, cheapest first."""
-    search = _Search(pieces, joined, length_m, config, margin)
+    search = _Search(pieces, joined, length_m, margin)
     search.run()
     best = min((way.cost for way in search.found), default=np.inf)
     return sorted((way for way in search.found if way.cost <= best + margin), key=lambda way: way.cost)
@@ -174,15 +166,12 @@ def ways(
 class _Search:
     """Depth first from every end; what costs more than the best way so far and the margin is cut off."""
 
-    def __init__(
-        self, pieces: list[Float64Array], joined: Links, length_m: float | None, config: OrderingConfig, margin: float
-    ) -> None:
+    def __init__(self, pieces: list[Float64Array], joined: Links, length_m: float | None, margin: float) -> None:
         self._lengths = [float(arc_lengths(piece)[-1]) for piece in pieces]
         self._cost = joined.cost.tolist()
         self._link_m = joined.length_m.tolist()
         self._onward = [[int(b) for b in np.argsort(row) if np.isfinite(row[b])] for row in joined.cost]
         self._length_m = length_m
-        self._config = config
         self._margin = margin
         self._best = np.inf
         self._steps = 0
@@ -196,7 +185,7 @@ class _Search:
     def _extend(self, entered: list[int], used: set[int], cost: float, length_m: float) -> None:
         self._steps += 1
         self._keep(entered, used, cost, length_m)
-        if self._steps > self._config.most_steps:
+        if self._steps > _MOST_STEPS:
             return
         leaving = entered[-1] ^ 1
         for end in self._onward[leaving]:
@@ -214,12 +203,11 @@ class _Search:
     def _keep(self, entered: list[int], used: set[int], cost: float, length_m: float) -> None:
         if entered[0] > (entered[-1] ^ 1):
             return  # the same way from its other end is kept instead
-        config = self._config
         left_out = sum(length for piece, length in enumerate(self._lengths) if piece not in used)
-        total = cost + config.left_out_per_m * left_out
+        total = cost + _LEFT_OUT_PER_M * left_out
         if self._length_m is not None:
-            off = (length_m / self._length_m - 1.0) / config.length_sigma
-            total += config.length_cost * off**2
+            off = (length_m / self._length_m - 1.0) / _LENGTH_SIGMA
+            total += _LENGTH_COST * off**2
         if total <= self._best + self._margin:
             self._best = min(self._best, total)
             self.found.append(Way(cost=total, ends=tuple(entered), length_m=length_m))
@@ -235,9 +223,9 @@ def polyline(way: Way, pieces: list[Float64Array], joined: Links) -> Float64Arra
     return np.vstack(parts)
 
 
-def faces_itself(line: Float64Array, config: OrderingConfig) -> bool:
+def faces_itself(line: Float64Array) -> bool:
     """Whether the two ends of a line (K, 3) [m] point at each other from near: a ring, cut anywhere."""
-    if float(np.linalg.norm(line[0] - line[-1])) > config.facing_m:
+    if float(np.linalg.norm(line[0] - line[-1])) > _FACING_M:
         return False
-    _, outward, _, _ = _ends([line], config)
+    _, outward, _, _ = _ends([line])
     return float(outward[0] @ outward[1]) < -0.5

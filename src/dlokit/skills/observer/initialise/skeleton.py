@@ -1,81 +1,72 @@
 """The skeleton of a cloud: its points drawn together to a line, and the unbranched pieces of that line."""
 
-from dataclasses import dataclass
-
 import numpy as np
 import scipy
 
 from dlokit.geometry import arc_lengths
 from dlokit.types.arrays import BoolArray, Float64Array, Int64Array
 
-
-@dataclass(frozen=True, kw_only=True)
-class SkeletonConfig:
-    """How a cloud becomes pieces of line."""
-
-    voxel_m: float = 0.004
-    """Points are first averaged over cubes of this edge [m]."""
-    radius_m: float = 0.011
-    """Points within this distance draw one another to their common line [m]."""
-    rounds: int = 3
-    """How often they do."""
-    least_share: float = 0.2
-    """A place on the line around which less than this share of the usual number of points lies is none."""
-    spacing_m: float = 0.004
-    """Distance of the points kept along the line [m]."""
-    most_points: int = 1500
-    """A line of more points than this is none but an area; a rod of 5 m has 1000."""
-    spur_m: float = 0.008
-    """Side branches shorter than this are noise [m]."""
-    junction_m: float = 0.006
-    """So much of the line is cut out around a place where it branches [m]."""
-    corner_m: float = 0.012
-    """Over this length to both sides of a point its bend is measured [m]."""
-    sharpest_rad: float = 1.4
-    """A line that turns by more than this there [rad] is taken for two that meet."""
-    ahead_m: float = 0.03
-    """A piece that another points at from so near is split there [m]: they may be parts of one rod that crosses."""
-    meet_m: float = 0.006
-    """It points at a piece when the line ahead comes so near to it [m]."""
-    least_m: float = 0.004
-    """Pieces shorter than this are left out [m]."""
+_VOXEL_M = 0.004
+"""Points are first averaged over cubes of this edge [m]."""
+_RADIUS_M = 0.011
+"""Points within this distance draw one another to their common line [m]."""
+_ROUNDS = 3
+"""Number of times that they do."""
+_LEAST_DENSITY = 0.2
+"""A place on the line is dropped where the point density is below this fraction of the median."""
+_SPACING_M = 0.004
+"""Distance of the points kept along the line [m]."""
+_MOST_POINTS = 1500
+"""A skeleton with more points is an area, not a line; a rod of 5 m has 1000."""
+_SPUR_M = 0.008
+"""Side branches shorter than this are noise [m]."""
+_JUNCTION_M = 0.006
+"""The line is cut out within this distance of a place where it branches [m]."""
+_CORNER_M = 0.012
+"""The bend at a point is measured over this length to both sides [m]."""
+_CORNER_TURN_RAD = 1.4
+"""A line that turns by more than this at a point [rad] is taken for two lines that meet."""
+_AHEAD_M = 0.03
+"""A piece is split where the end of another points at it from within this distance [m]: one rod may cross there."""
+_MEET_M = 0.006
+"""An end points at a piece when its straight continuation comes this near to it [m]."""
+_LEAST_PIECE_M = 0.004
+"""Pieces shorter than this are dropped [m]."""
 
 
-def skeleton(points: Float64Array, config: SkeletonConfig) -> list[Float64Array]:
+def skeleton(points: Float64Array) -> list[Float64Array]:
     """The unbranched pieces (K, 3) [m] of a cloud (N, 3) [m], each in order, in no order among themselves.
 
     None at all of a cloud that covers an area.
     """
-    line = spaced(contracted(points, config), config.spacing_m)
-    if len(line) > config.most_points:
+    line = spaced(contracted(points), _SPACING_M)
+    if len(line) > _MOST_POINTS:
         return []
-    joined = _neighbours(spanning_tree(line, 3.0 * config.spacing_m), len(line))
-    _prune(joined, config.spur_m)
+    joined = _neighbours(spanning_tree(line, 3.0 * _SPACING_M), len(line))
+    _prune(joined, _SPUR_M)
     branching = line[[len(near) > 2 for near in joined]]
     if len(branching) > 0:
-        _cut(joined, np.flatnonzero(scipy.spatial.KDTree(branching).query(line)[0] < config.junction_m).tolist())
+        _cut(joined, np.flatnonzero(scipy.spatial.KDTree(branching).query(line)[0] < _JUNCTION_M).tolist())
     pieces: list[Float64Array] = []
     for chain in _chains(joined):
-        corners = _corners(line[chain], config.corner_m, config.sharpest_rad)
+        corners = _corners(line[chain], _CORNER_M, _CORNER_TURN_RAD)
         pieces += [line[part] for part in np.split(np.array(chain), corners)]
-    pieces = [piece for piece in pieces if len(piece) > 1 and arc_lengths(piece)[-1] >= config.least_m]
-    return _split_where_met(pieces, config)
+    pieces = [piece for piece in pieces if len(piece) > 1 and arc_lengths(piece)[-1] >= _LEAST_PIECE_M]
+    return _split_where_met(pieces)
 
 
-def contracted(points: Float64Array, config: SkeletonConfig) -> Float64Array:
+def contracted(points: Float64Array) -> Float64Array:
     """Points (K, 3) [m] of the cloud (N, 3) [m], averaged over cubes and moved across the line to its middle.
 
     A moving least-squares line (Lee 2000): a point goes to the weighted mean of its neighbours, but only across their
     main direction, so that tips stay where they are.
     """
-    line, weights = averaged(points, config.voxel_m)
-    for _ in range(config.rounds):
-        pairs = scipy.spatial.KDTree(line).query_pairs(config.radius_m, output_type="ndarray")
-        line = _round(line, weights, pairs, config.radius_m)
-    around = np.array(
-        [weights[near].sum() for near in scipy.spatial.KDTree(line).query_ball_point(line, config.spacing_m)]
-    )
-    return line[around > config.least_share * np.median(around)]
+    line, weights = averaged(points, _VOXEL_M)
+    for _ in range(_ROUNDS):
+        pairs = scipy.spatial.KDTree(line).query_pairs(_RADIUS_M, output_type="ndarray")
+        line = _round(line, weights, pairs, _RADIUS_M)
+    around = np.array([weights[near].sum() for near in scipy.spatial.KDTree(line).query_ball_point(line, _SPACING_M)])
+    return line[around > _LEAST_DENSITY * np.median(around)]
 
 
 def _round(line: Float64Array, weights: Float64Array, pairs: Int64Array, radius_m: float) -> Float64Array:
@@ -204,29 +195,29 @@ def _corners(chain: Float64Array, reach_m: float, sharpest: float) -> list[int]:
     return sorted(taken)
 
 
-def _split_where_met(pieces: list[Float64Array], config: SkeletonConfig) -> list[Float64Array]:
+def _split_where_met(pieces: list[Float64Array]) -> list[Float64Array]:
     """The pieces, those split in two to which the end of another points from near."""
     if len(pieces) == 0:
         return []
     owner = np.concatenate([np.full(len(piece), number) for number, piece in enumerate(pieces)])
     index = np.concatenate([np.arange(len(piece)) for piece in pieces])
     line = np.vstack(pieces)
-    inside = np.concatenate([_inside(piece, config.corner_m) for piece in pieces])
+    inside = np.concatenate([_inside(piece, _CORNER_M) for piece in pieces])
     tree = scipy.spatial.KDTree(line)
     cuts: list[set[int]] = [set() for _ in pieces]
-    steps = np.arange(0.004, config.ahead_m, 0.002)[:, None]
+    steps = np.arange(0.004, _AHEAD_M, 0.002)[:, None]
     for number, piece in enumerate(pieces):
         for way in (piece, piece[::-1]):
-            inner = way[min(np.searchsorted(arc_lengths(way), config.corner_m), len(way) - 1)]
+            inner = way[min(np.searchsorted(arc_lengths(way), _CORNER_M), len(way) - 1)]
             direction = (way[0] - inner) / max(float(np.linalg.norm(way[0] - inner)), 1e-9)
-            distance, nearest = tree.query(way[0] + steps * direction, distance_upper_bound=config.meet_m)
+            distance, nearest = tree.query(way[0] + steps * direction, distance_upper_bound=_MEET_M)
             found = np.asarray(nearest, dtype=np.int64)[np.isfinite(distance)]
-            own = (owner == number) & (np.linalg.norm(line - way[0], axis=1) < 3.0 * config.corner_m)
+            own = (owner == number) & (np.linalg.norm(line - way[0], axis=1) < 3.0 * _CORNER_M)
             hit = found[~own[found] & inside[found]]
             if len(hit) > 0:
                 cuts[owner[hit[0]]].add(int(index[hit[0]]))
     parts = [part for piece, at in zip(pieces, cuts, strict=True) for part in np.split(piece, sorted(at))]
-    return [part for part in parts if len(part) > 1 and arc_lengths(part)[-1] >= config.least_m]
+    return [part for part in parts if len(part) > 1 and arc_lengths(part)[-1] >= _LEAST_PIECE_M]
 
 
 def _inside(piece: Float64Array, margin_m: float) -> BoolArray:

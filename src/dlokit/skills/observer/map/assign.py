@@ -7,6 +7,8 @@ from numba import njit
 
 from dlokit.types.arrays import Float64Array, Int64Array
 
+MOST_POINTS = 20.0
+"""More points than this on a segment say no more than this many: they share the error of the model."""
 _NEARER = 1.0 - 1e-6
 """A point leaves its segment only where the squared distance to the next is less than this times its own. Outside
 of a bend the node between two segments is the nearest place on both, and rounding would decide."""

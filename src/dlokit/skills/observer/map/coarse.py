@@ -3,12 +3,18 @@
 import numpy as np
 from numba import njit
 
-from dlokit.skills.observer.map.assign import soft_places
-from dlokit.skills.observer.map.problem import MapProblem, with_priors
-from dlokit.skills.observer.map.settings import MapSettings
+from dlokit.skills.observer.map.assign import MOST_POINTS, soft_places
+from dlokit.skills.observer.map.problem import COARSE_POINTS, LENGTH_SIGMA_M, MapProblem, with_priors
 from dlokit.skills.observer.map.terms import add_places
 from dlokit.skills.observer.mixture import thinned
 from dlokit.types.arrays import Float64Array
+
+_NARROWEST_M = 0.008
+"""Width of the soft assignment at its end [m]; about a node spacing."""
+_NARROWING = 0.75
+"""Factor on the width from one coarse step to the next."""
+_OUTLIER_RATIO = 0.1
+"""Density of outliers, as a fraction of the peak of a node's Gaussian."""
 
 
 @njit(cache=True)
@@ -46,23 +52,23 @@ def moved_rigidly(before: Float64Array, after: Float64Array, weights: Float64Arr
     return moved
 
 
-def coarse(problem: MapProblem, config: MapSettings) -> tuple[Float64Array, Float64Array]:
+def coarse(problem: MapProblem) -> tuple[Float64Array, Float64Array]:
     """Nodes near the cloud, and the nodes before moved rigidly to them; both (M, 3) [m].
 
     Points belong to nodes softly, with a Gaussian that narrows from the way since the last cloud to about a
     node spacing. Rest lengths stiffen with it: a chain that could not stretch at all would not get round bends.
     """
-    points = thinned(problem.points, config.coarse_points)
+    points = thinned(problem.points, COARSE_POINTS)
     nodes, before = problem.before, problem.before
-    share = min(len(nodes) / len(points) * config.most_points, 1.0)
-    sigma = max(problem.way_m, config.narrowest_m)
+    share = min(len(nodes) / len(points) * MOST_POINTS, 1.0)
+    sigma = max(problem.way_m, _NARROWEST_M)
     while True:
-        weights, sums = soft_places(points, nodes, sigma, config.outlier_ratio)
+        weights, sums = soft_places(points, nodes, sigma, _OUTLIER_RATIO)
         drawn = (sums + 1e-6 * nodes) / (weights + 1e-6)[:, None]  # a node without points stays
         before = moved_rigidly(problem.before, drawn, weights + 1e-6)
-        system = with_priors(problem, nodes, before, problem.way_m, max(config.priors.length_m, sigma / 16), config)
+        system = with_priors(problem, nodes, before, problem.way_m, max(LENGTH_SIGMA_M, sigma / 16))
         add_places(system.band, system.rhs, weights, sums, share / sigma**2)
         nodes = system.solve()
-        if sigma <= config.narrowest_m:
+        if sigma <= _NARROWEST_M:
             return nodes, before
-        sigma = max(sigma * config.narrowing, config.narrowest_m)
+        sigma = max(sigma * _NARROWING, _NARROWEST_M)

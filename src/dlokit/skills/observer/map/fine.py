@@ -5,14 +5,26 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from dlokit.skills.observer.map.assign import Assignment, assign, moments, nearest_segment
+from dlokit.skills.observer.map.assign import MOST_POINTS, Assignment, assign, moments, nearest_segment
 from dlokit.skills.observer.map.band import ChainSystem
-from dlokit.skills.observer.map.problem import MapProblem, with_priors
-from dlokit.skills.observer.map.settings import MapSettings
+from dlokit.skills.observer.map.problem import LENGTH_SIGMA_M, MapProblem, with_priors
 from dlokit.skills.observer.map.terms import add_place, add_points, add_tip
-from dlokit.skills.observer.map.tips import Tips, extent, places_along, seen_tips
+from dlokit.skills.observer.map.tips import SNAP_BLIND_M, SNAP_M, Tips, extent, places_along, seen_tips
+from dlokit.skills.observer.visibility import LEAST_SUPPORT, SUPPORT_RADIUS_M
 from dlokit.types.arrays import BoolArray, Float64Array, Int64Array
 
+_STEPS = 4
+"""Gauss-Newton steps with points assigned to segments."""
+_OUTLIER_LIMIT = 3.5
+"""Beyond this many standard deviations a point is rather an outlier."""
+_WINDOW_M = 0.05
+"""A point's place along the rod changes by at most this during the steps [m]."""
+_TIP_SIGMA_M = 0.001
+"""Standard deviation of a seen tip from the end of the cloud, along the rod [m]."""
+_FREE_SPACE_M = 0.01
+"""Pull of a node in open view without points to the nearest shade or point, as a standard deviation [m]."""
+_FREE_SPACE_REACH_M = 0.05
+"""A point farther than this hardly pulls [m]."""
 _END_M = 0.02  # past an end the curve goes straight on, along its last stretch of this length
 
 
@@ -59,37 +71,37 @@ class Fitted:
     """(M,) whether the node is out of the picture, behind the robot, or behind the rod itself."""
 
 
-def fine(problem: MapProblem, nodes: Float64Array, before: Float64Array, config: MapSettings) -> Fitted:
+def fine(problem: MapProblem, nodes: Float64Array, before: Float64Array) -> Fitted:
     """Gauss-Newton from the coarse `nodes`; every other step begins with the nodes at their places from the tips.
 
     `nodes` and those of the cloud `before` are (M, 3) [m], about the problem's origin.
     """
     points = problem.points
-    window = max(int(np.ceil(config.window_m / np.mean(np.diff(problem.rod_m)))), 1)
+    window = max(int(np.ceil(_WINDOW_M / np.mean(np.diff(problem.rod_m)))), 1)
     first = nearest_segment(points, nodes)
     placed = assign(points, nodes, first, first, window)
     tips = Tips()
-    for step in range(config.fine_steps):
-        sigma = config.noise_m * (2.0 if step == 0 else 1.0)
+    for step in range(_STEPS):
+        sigma = problem.noise_m * (2.0 if step == 0 else 1.0)
         if step % 2 == 0:
-            tips = find_tips(problem, nodes, placed, sigma, config)
+            tips = find_tips(problem, nodes, placed, sigma)
             wanted = places_along(problem.rod_m, tips)
             nodes, before = slid(nodes, wanted), slid(before, wanted)
             placed = assign(points, nodes, placed.segment, placed.segment, window)
             first = placed.segment
-        system = with_priors(problem, nodes, before, problem.way_m, config.priors.length_m, config)
-        add_cloud(system, points, nodes, placed, sigma, config.most_points, config)
-        add_tips(system, nodes, tips, config.priors.tip_m)
-        add_free_space(system, problem, nodes, placed, config)
+        system = with_priors(problem, nodes, before, problem.way_m, LENGTH_SIGMA_M)
+        add_cloud(system, points, nodes, placed, sigma, MOST_POINTS)
+        add_tips(system, nodes, tips)
+        add_free_space(system, problem, nodes, placed)
         nodes = system.solve()
         placed = assign(points, nodes, placed.segment, first, window)
-    supported = supports(placed, len(nodes), config)
+    supported = supports(placed, len(nodes))
     return Fitted(
         nodes=nodes,
         placed=placed,
         tips=tips,
         supported=supported,
-        shaded=problem.hidden(nodes, ~supported, config),
+        shaded=problem.hidden(nodes, ~supported),
     )
 
 
@@ -105,7 +117,6 @@ def add_cloud(
     placed: Assignment,
     sigma_m: float,
     most_points: float,
-    config: MapSettings,
 ) -> None:
     """The points (N, 3) [m] on their segments of `nodes` (M, 3) [m].
 
@@ -118,23 +129,21 @@ def add_cloud(
         placed.distance2,
         len(nodes) - 1,
         sigma_m,
-        config.outlier_limit,
+        _OUTLIER_LIMIT,
         most_points,
     )
     add_points(system.band, system.rhs, nodes, sums)
 
 
-def add_tips(system: ChainSystem, nodes: Float64Array, tips: Tips, sigma_m: float) -> None:
+def add_tips(system: ChainSystem, nodes: Float64Array, tips: Tips) -> None:
     """Seen tips of the nodes (M, 3) [m] stay where `places_along` has put them, along the rod."""
     last = len(nodes) - 1
     for known, end, inner in ((tips.first_m, 0, 2), (tips.last_m, last, last - 2)):
         if known is not None:
-            add_tip(system.band, system.rhs, nodes, end, inner, sigma_m)
+            add_tip(system.band, system.rhs, nodes, end, inner, _TIP_SIGMA_M)
 
 
-def add_free_space(
-    system: ChainSystem, problem: MapProblem, nodes: Float64Array, placed: Assignment, config: MapSettings
-) -> None:
+def add_free_space(system: ChainSystem, problem: MapProblem, nodes: Float64Array, placed: Assignment) -> None:
     """Nodes in open view without points cannot be there: each is drawn to the nearest shade or point of the rod.
 
     `nodes` (M, 3) [m]. Only where the picture tells what hides the rod. Robustly (Geman-McClure): standard deviation
@@ -142,46 +151,42 @@ def add_free_space(
     """
     if problem.view is None or not problem.view.tells:
         return
-    unsupported = ~supports(placed, len(nodes), config)
-    alone = np.flatnonzero(unsupported & ~problem.hidden(nodes, unsupported, config))
-    rod = problem.points[placed.distance2 < config.visibility.radius_m**2]
+    unsupported = ~supports(placed, len(nodes))
+    alone = np.flatnonzero(unsupported & ~problem.hidden(nodes, unsupported))
+    rod = problem.points[placed.distance2 < SUPPORT_RADIUS_M**2]
     if len(alone) == 0 or len(rod) == 0:
         return
-    reach = config.free_space_reach_m
+    reach = _FREE_SPACE_REACH_M
     for node in alone.tolist():
         away = rod - nodes[node]
         squared = np.einsum("ij,ij->i", away, away)
         at = int(np.argmin(squared))
         place, far2 = rod[at], float(squared[at])
-        shade = problem.view.nearest_shade(nodes[node], min(np.sqrt(far2), 2.0 * reach), config.visibility)
+        shade = problem.view.nearest_shade(nodes[node], min(np.sqrt(far2), 2.0 * reach))
         if shade is not None:
             place, far2 = shade, float(np.sum((shade - nodes[node]) ** 2))
-        add_place(system.band, system.rhs, node, place, config.free_space_m * (1.0 + far2 / reach**2))
+        add_place(system.band, system.rhs, node, place, _FREE_SPACE_M * (1.0 + far2 / reach**2))
 
 
-def find_tips(
-    problem: MapProblem, nodes: Float64Array, placed: Assignment, sigma_m: float, config: MapSettings
-) -> Tips:
+def find_tips(problem: MapProblem, nodes: Float64Array, placed: Assignment, sigma_m: float) -> Tips:
     """The tips that the cloud shows, on the polyline of the nodes (M, 3) [m]."""
     s = arc_lengths(nodes)
-    near = placed.distance2 < (config.outlier_limit * sigma_m) ** 2
+    near = placed.distance2 < (_OUTLIER_LIMIT * sigma_m) ** 2
     along = (s[placed.segment] + placed.t * np.diff(s)[placed.segment])[near]
-    found = extent(along, float(s[-1]), config.tips)
+    found = extent(along, float(s[-1]))
     if found is None:
         return Tips()
     onward = np.array([0.005, 0.01, 0.015])  # hidden within a node spacing
     ends = places(nodes, s, np.concatenate([found.start_m - onward, found.end_m + onward]))
-    cut = problem.shaded(ends, config.visibility)
+    cut = problem.shaded(ends)
     tells = problem.view is not None and problem.view.tells
-    snap_m = config.tips.snap_m if tells else config.tips.snap_blind_m
-    return seen_tips(found, float(problem.rod_m[-1]), bool(cut[:3].any()), bool(cut[3:].any()), snap_m, config.tips)
+    snap_m = SNAP_M if tells else SNAP_BLIND_M
+    return seen_tips(found, float(problem.rod_m[-1]), bool(cut[:3].any()), bool(cut[3:].any()), snap_m)
 
 
-def supports(placed: Assignment, count: int, config: MapSettings) -> BoolArray:
+def supports(placed: Assignment, count: int) -> BoolArray:
     """Which nodes (count,) have enough points at their part of the rod."""
-    return _supporting(placed.segment, placed.t, placed.distance2, config.visibility.radius_m, count) >= (
-        config.visibility.least_points
-    )
+    return _supporting(placed.segment, placed.t, placed.distance2, SUPPORT_RADIUS_M, count) >= LEAST_SUPPORT
 
 
 @njit(cache=True)

@@ -17,8 +17,7 @@ import scipy
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.anchored import is_chain
 from dlokit.skills.observer.base import ObserverStrategy, nothing_seen
-from dlokit.skills.observer.cpd import register
-from dlokit.skills.observer.map.settings import MapSettings
+from dlokit.skills.observer.cpd import PLIABLE, register
 from dlokit.skills.observer.mixture import thinned
 from dlokit.skills.observer.partial import register_visible
 from dlokit.types.dlo import DloState, TargetPoints, Topology
@@ -26,14 +25,26 @@ from dlokit.types.observation import GripperPin, Observation
 
 
 @dataclass(frozen=True, kw_only=True)
-class MapConfig(MapSettings):
-    """The most probable rod: stiff lengths, coherent motion, seen tips; says how sure it is of each node."""
+class MapConfig:
+    """The most probable rod: stiff lengths, coherent motion, seen tips; estimates the uncertainty of each node."""
 
     name: ClassVar[str] = "map"
+
+    noise_m: float = 0.002
+    """Standard deviation of the cloud's points from the rod [m]. Larger: smoother shapes, fewer points are outliers."""
+    widest_m: float = 0.05
+    """Largest motion of the rod between two clouds [m]. Larger: faster motion is followed, and a fold of the rod onto
+    itself becomes more likely."""
+    max_points: int = 1000
+    """Most points of a cloud that are used; larger clouds are thinned. Larger: more accurate and slower."""
 
     def build(self, dlo: BelievedDlo) -> ObserverStrategy:
         """The strategy with these settings."""
         return MapObserver(self, dlo)
+
+
+LONGEST_EDGE_M = 0.02
+"""Chains with longer edges are refined [m]."""
 
 
 def refinement(prior: DloState, longest_edge_m: float) -> int:
@@ -86,11 +97,19 @@ class MapObserver:
             return nothing_seen(seen, prior)
         if not is_chain(prior.topology) or len(prior.nodes_world) < 4:
             points = seen.points_world.astype("float64")
-            first = register(thinned(points, config.cpd.max_points), prior.nodes_world, config.cpd)
-            return register_visible(points, first, seen, prior, config.cpd, config.visibility)
-        pieces = refinement(prior, config.longest_edge_m)
-        problem = posed(seen, refined(prior, pieces), refined_pins(seen.pins, pieces), self._dlo.radius_m, config)
-        found = tracked(problem, config)
+            first = register(thinned(points, PLIABLE.max_points), prior.nodes_world, PLIABLE)
+            return register_visible(points, first, seen, prior, PLIABLE)
+        pieces = refinement(prior, LONGEST_EDGE_M)
+        problem = posed(
+            seen,
+            refined(prior, pieces),
+            refined_pins(seen.pins, pieces),
+            radius_m=self._dlo.radius_m,
+            noise_m=config.noise_m,
+            widest_m=config.widest_m,
+            max_points=config.max_points,
+        )
+        found = tracked(problem)
         return TargetPoints(
             stamp_ns=seen.stamp_ns,
             nodes_world=found.fitted.nodes[::pieces] + problem.origin,

@@ -7,14 +7,31 @@ from numba import njit
 
 from dlokit.description.table import TABLE_TOP_M
 from dlokit.skills.observer.map.band import ChainSystem
-from dlokit.skills.observer.map.settings import MapSettings
 from dlokit.skills.observer.map.terms import add_coherence, add_lengths, add_place, add_table, coherence
 from dlokit.skills.observer.map.view import View, view_of
 from dlokit.skills.observer.mixture import thinned
-from dlokit.skills.observer.visibility import SURE_M, VisibilityConfig
+from dlokit.skills.observer.visibility import SURE_M
 from dlokit.types.arrays import BoolArray, Float64Array
 from dlokit.types.dlo import DloState
 from dlokit.types.observation import GripperPin, Observation
+
+LENGTH_SIGMA_M = 0.0001
+"""Standard deviation of an edge from its rest length [m]: a rod hardly stretches."""
+COARSE_POINTS = 300
+"""Most points of the cloud that the coarse stage takes."""
+PLACE_SIGMA_M = 0.3
+"""A node stays within this of where it was [m]; so weak that it only decides where nothing else does."""
+_PIN_SIGMA_M = 0.0001
+"""Standard deviation of a held node from its gripper [m]."""
+_TABLE_SIGMA_M = 0.0001
+"""How far a node may sink into the table [m]."""
+_LEAST_WAY_M = 0.005
+"""The rod is taken to have moved at least this far since the last cloud [m]."""
+_BELOW_TABLE_M = 0.02
+"""Points this far below the table show that there is none [m]; ten times the noise."""
+_FRACTION_BELOW_TABLE = 0.1
+"""There is no table where more than this fraction of the points is below it; outliers, a fifth of a cloud, are above
+and below."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,6 +40,8 @@ class MapProblem:
 
     view: View | None
     """The camera; None where nobody knows it."""
+    noise_m: float
+    """Standard deviation of the cloud's points from the rod [m]."""
     radius_m: float
     """Radius of the rod [m]: nodes lie at least so high above the table."""
     origin: Float64Array
@@ -47,31 +66,43 @@ class MapProblem:
     floor_m: float
     """Lowest z of a node [m]; -inf where there is no table."""
 
-    def shaded(self, positions: Float64Array, config: VisibilityConfig) -> BoolArray:
+    def shaded(self, positions: Float64Array) -> BoolArray:
         """Whether each position (K, 3) [m] is known to be hidden: out of the picture or behind the robot, (K,)."""
-        return np.zeros(len(positions), dtype=np.bool_) if self.view is None else self.view.shaded(positions, config)
+        return np.zeros(len(positions), dtype=np.bool_) if self.view is None else self.view.shaded(positions)
 
-    def hidden(self, nodes: Float64Array, alone: BoolArray, config: MapSettings) -> BoolArray:
+    def hidden(self, nodes: Float64Array, alone: BoolArray) -> BoolArray:
         """Whether each node (M, 3) [m] is known to be hidden, (M,); by the rod itself only nodes `alone` (M,)."""
-        shaded = self.shaded(nodes, config.visibility)
+        shaded = self.shaded(nodes)
         if self.view is None or not np.any(alone & ~shaded):
             return shaded
         return shaded | (alone & self.view.behind_itself(nodes, self.radius_m))
 
 
 def posed(
-    seen: Observation, prior: DloState, held: tuple[GripperPin, ...], radius_m: float, config: MapSettings
+    seen: Observation,
+    prior: DloState,
+    held: tuple[GripperPin, ...],
+    *,
+    radius_m: float,
+    noise_m: float,
+    widest_m: float,
+    max_points: int,
 ) -> MapProblem:
-    """The problem of one cloud with at least one point, for a rod of `radius_m` [m]."""
+    """The problem of one cloud with at least one point, for a rod of `radius_m` [m].
+
+    Its points have a standard deviation of `noise_m` [m] from the rod, which moved by at most `widest_m` [m] since the
+    last cloud; `max_points` of them are used.
+    """
     origin = prior.nodes_world.mean(axis=0)
     before = prior.nodes_world - origin
     pins = tuple((pin.node, np.asarray(pin.position_world, dtype=np.float64) - origin) for pin in held)
     carried = max((float(np.linalg.norm(place - before[node])) for node, place in pins), default=0.0)
-    points = thinned(np.asarray(seen.points_world, dtype=np.float64), config.fine_points) - origin
+    points = thinned(np.asarray(seen.points_world, dtype=np.float64), max_points) - origin
     rest = np.array(prior.topology.rest_lengths_m, dtype=np.float64)
-    K_d, K_x = coherence(len(before), float(np.mean(rest)), config.priors)
+    K_d, K_x = coherence(len(before), float(np.mean(rest)))
     return MapProblem(
         view=view_of(seen, origin),
+        noise_m=noise_m,
         radius_m=radius_m,
         origin=origin,
         points=points,
@@ -81,19 +112,19 @@ def posed(
         rest_m=rest,
         K_d=K_d,
         K_x=K_x,
-        way_m=max(way_since(thinned(points, config.coarse_points), before, config), min(carried, config.widest_m)),
+        way_m=max(way_since(thinned(points, COARSE_POINTS), before, widest_m), min(carried, widest_m)),
         pins=pins,
-        floor_m=_floor_m(points, before, TABLE_TOP_M + radius_m - float(origin[2]), config),
+        floor_m=_floor_m(points, before, TABLE_TOP_M + radius_m - float(origin[2])),
     )
 
 
-def _floor_m(points: Float64Array, before: Float64Array, table_m: float, config: MapSettings) -> float:
+def _floor_m(points: Float64Array, before: Float64Array, table_m: float) -> float:
     """Lowest z of a node [m]: `table_m`, or none where the cloud (N, 3) or the nodes before (M, 3) [m] lie below it.
 
     Then there is no table, as under a cable that hangs between two hands in a frame of another origin.
     """
-    deep_m = table_m - config.below_table_m
-    is_below = np.mean(points[:, 2] < deep_m) > config.share_below_table or bool(np.any(before[:, 2] < deep_m))
+    deep_m = table_m - _BELOW_TABLE_M
+    is_below = np.mean(points[:, 2] < deep_m) > _FRACTION_BELOW_TABLE or bool(np.any(before[:, 2] < deep_m))
     return -np.inf if is_below else table_m
 
 
@@ -108,14 +139,14 @@ def _variance(prior: DloState) -> Float64Array:
     return sure if prior.visible is None else np.where(prior.visible, sure, np.inf)
 
 
-def way_since(points: Float64Array, before: Float64Array, config: MapSettings) -> float:
+def way_since(points: Float64Array, before: Float64Array, widest_m: float) -> float:
     """How far the rod went: 1.5 times the distance of four points in five to the nodes before, within limits [m].
 
     Points (n, 3) see only the way across the rod, hence the 1.5.
     """
     nearest = np.sort(to_nodes_m(points, before))
     far = nearest[min(int(0.8 * len(nearest)), len(nearest) - 1)]
-    return float(min(max(1.5 * far, config.least_way_m), config.widest_m))
+    return float(min(max(1.5 * far, _LEAST_WAY_M), widest_m))
 
 
 @njit(cache=True)
@@ -137,7 +168,6 @@ def with_priors(
     before: Float64Array,
     way_m: float,
     length_sigma_m: float,
-    config: MapSettings,
 ) -> ChainSystem:
     """Normal equations at `nodes` with all that does not come from the cloud; `before` moved rigidly.
 
@@ -145,12 +175,11 @@ def with_priors(
     K = K_d / way² + I / (M place²): what moved far may also have changed its shape.
     """
     system = ChainSystem(len(nodes))
-    priors = config.priors
     K = problem.K_d / way_m**2
-    K[:, 0] += 1.0 / (len(nodes) * priors.place_m**2)
+    K[:, 0] += 1.0 / (len(nodes) * PLACE_SIGMA_M**2)
     add_coherence(system.band, system.rhs, before, K, problem.K_x)
     add_lengths(system.band, system.rhs, nodes, problem.rest_m, length_sigma_m)
-    add_table(system.band, system.rhs, nodes, problem.floor_m, priors.table_m)
+    add_table(system.band, system.rhs, nodes, problem.floor_m, _TABLE_SIGMA_M)
     for node, place in problem.pins:
-        add_place(system.band, system.rhs, node, place, priors.pin_m)
+        add_place(system.band, system.rhs, node, place, _PIN_SIGMA_M)
     return system

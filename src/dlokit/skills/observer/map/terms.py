@@ -12,14 +12,19 @@ import numpy as np
 from numba import njit
 
 from dlokit.skills.observer.map.band import add_block
-from dlokit.skills.observer.map.settings import ChainPriors
 from dlokit.types.arrays import Float64Array
 
+STRAIN_PER_M05 = 8.0
+"""Incoherence: nodes s apart move differently by this times sqrt(s), times the distance travelled [m^-0.5]."""
+BEND_PER_M15 = 15.0
+"""Change of bend: a stretch s leaves its old shape by this times s^1.5, times the distance travelled [m^-1.5]."""
+STRAIGHT_PER_M05 = 20.0
+"""The rod's own bend: a stretch s leaves a straight line by about this times s^1.5 [m^-0.5]; weak."""
 _BELOW_M = 1e-6  # the least depth under the table that counts
 
 
 @lru_cache(maxsize=8)
-def coherence(count: int, step_m: float, priors: ChainPriors) -> tuple[Float64Array, Float64Array]:
+def coherence(count: int, step_m: float) -> tuple[Float64Array, Float64Array]:
     """K_d and K_x of the quadratic forms dᵀ K_d d and xᵀ K_x x, the same for each coordinate, as bands (M, 3).
 
     sum |d_{i+1} - d_i|² / (strain² h) + sum |d_{i+1} - 2 d_i + d_{i-1}|² / (bend² h³), for a way of 1 m since the
@@ -29,8 +34,8 @@ def coherence(count: int, step_m: float, priors: ChainPriors) -> tuple[Float64Ar
     D1 = np.diff(np.eye(count), axis=0)
     D2 = np.diff(D1, axis=0)
     bends = D2.T @ D2 / step_m**3
-    K_d = D1.T @ D1 / (priors.strain_per_m05**2 * step_m) + bends / priors.bend_per_m15**2
-    return _lower_band(K_d), _lower_band(bends / priors.straight_per_m05**2)
+    K_d = D1.T @ D1 / (STRAIN_PER_M05**2 * step_m) + bends / BEND_PER_M15**2
+    return _lower_band(K_d), _lower_band(bends / STRAIGHT_PER_M05**2)
 
 
 def _lower_band(K: Float64Array) -> Float64Array:

@@ -5,8 +5,19 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from dlokit.skills.observer.map.settings import TipConfig
+from dlokit.skills.observer.initialise.first_shape import LENGTH_TOLERANCE
 from dlokit.types.arrays import Float64Array
+
+SNAP_M = 0.12
+"""An end of a cloud that nothing hides is a tip when it is this near to one [m]."""
+SNAP_BLIND_M = 0.03
+"""The same where it is not known what hides the rod [m]."""
+_BIN_M = 0.005
+"""Length of rod over which points are counted [m]."""
+_GAP_M = 0.02
+"""A longer stretch without points is a gap [m]."""
+_REACH_M = 0.08
+"""The cloud is searched this far past the ends of the rod [m]; about the largest motion between two clouds."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,13 +39,13 @@ class Tips:
     gap_m: tuple[float, float] | None = None
 
 
-def extent(s: Float64Array, length_m: float, config: TipConfig) -> Extent | None:
+def extent(s: Float64Array, length_m: float) -> Extent | None:
     """What points at arc lengths s (n,) [m] cover; None when they are too few to tell."""
-    bins = int(np.ceil((length_m + 2 * config.reach_m) / config.bin_m))
-    start, end, low, high = _extent(s, -config.reach_m, config.bin_m, bins)
+    bins = int(np.ceil((length_m + 2 * _REACH_M) / _BIN_M))
+    start, end, low, high = _extent(s, -_REACH_M, _BIN_M, bins)
     if np.isnan(start):
         return None
-    return Extent(start_m=start, end_m=end, gap_m=(low, high) if high - low > config.gap_m else None)
+    return Extent(start_m=start, end_m=end, gap_m=(low, high) if high - low > _GAP_M else None)
 
 
 @njit(cache=True)
@@ -87,9 +98,7 @@ def _edge(s: Float64Array) -> float:
     return min(inner + beyond * (inner - deep) / inside, top)
 
 
-def seen_tips(
-    found: Extent, length_m: float, cut_first: bool, cut_last: bool, snap_m: float, config: TipConfig
-) -> Tips:
+def seen_tips(found: Extent, length_m: float, cut_first: bool, cut_last: bool, snap_m: float) -> Tips:
     """Which ends of the cloud are tips of a rod of `length_m`; `cut`: something known hides what follows the end.
 
     Both, when the cloud is unbroken and as long as the rod. (Across a gap the length is the chain's own, and tells
@@ -98,7 +107,7 @@ def seen_tips(
     """
     misfit = abs(found.end_m - found.start_m - length_m) / length_m
     broken = found.gap_m is not None
-    if not broken and misfit <= config.length_tolerance:
+    if not broken and misfit <= LENGTH_TOLERANCE:
         return Tips(first_m=found.start_m, last_m=found.end_m)
     off_first, off_last = abs(found.start_m), abs(found.end_m - length_m)
     is_first = not cut_first and off_first <= snap_m

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from dlokit.skills.observer.map.coarse import coarse
 from dlokit.skills.observer.map.fine import Fitted, fine
 from dlokit.skills.observer.map.problem import MapProblem
-from dlokit.skills.observer.map.settings import MapSettings
 from dlokit.skills.observer.map.trust import health, stated_covariance
 from dlokit.types.arrays import Float64Array
 
@@ -20,9 +19,9 @@ class FoundNodes:
     health: float
 
 
-def tracked(problem: MapProblem, config: MapSettings) -> FoundNodes:
+def tracked(problem: MapProblem) -> FoundNodes:
     """The most probable nodes near the problem's nodes before."""
-    nodes, before = coarse(problem, config)
-    fitted = fine(problem, nodes, before, config)
-    covariance = stated_covariance(problem, before, fitted, config)
-    return FoundNodes(fitted=fitted, covariance=covariance, health=health(problem, fitted, covariance, config))
+    nodes, before = coarse(problem)
+    fitted = fine(problem, nodes, before)
+    covariance = stated_covariance(problem, before, fitted)
+    return FoundNodes(fitted=fitted, covariance=covariance, health=health(problem, fitted, covariance))

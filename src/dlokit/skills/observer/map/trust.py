@@ -4,20 +4,39 @@ import numpy as np
 from numba import njit
 
 from dlokit.skills.observer.map.fine import Fitted, add_cloud, add_tips
-from dlokit.skills.observer.map.problem import MapProblem, with_priors
-from dlokit.skills.observer.map.settings import MapSettings
+from dlokit.skills.observer.map.problem import LENGTH_SIGMA_M, MapProblem, with_priors
 from dlokit.skills.observer.map.terms import add_coherence
 from dlokit.types.arrays import Float64Array
 
+# Set on sequences with known truth.
+_INDEPENDENT_POINTS = 1.0
+"""The points of a segment say as much as this many independent ones: they share the error of the model."""
+_REMEMBERED = 0.9
+"""Fraction of a node's previous variance that remains, as long as the cloud does not show the node."""
+_FORGOTTEN_M = 0.5
+"""A rod that moved this far may have any shape [m]: the variance by the cloud alone is computed with this distance."""
+_UNKNOWN = 0.4
+"""How much a node without points counts as missing when it is not known what hides it."""
+_USUAL_FRACTION = 0.85
+"""Health does not suffer while at least this fraction of the points is on the rod: the others are outliers."""
+_MISSING = 5.0
+"""Factor on the fraction of missing nodes in health, where the picture shows that nothing hides them."""
+_PRESENT_LEAST = 0.6
+"""Health falls to no less than this for missing nodes alone: something that is not known may hide them."""
+_TIP = 0.88
+"""Factor on health for each tip that should be seen and is not."""
+_HALF_M = 0.05
+"""Health is halved where the root mean square of the stated standard deviations is this large [m]."""
 
-def stated_covariance(problem: MapProblem, before: Float64Array, fitted: Fitted, config: MapSettings) -> Float64Array:
+
+def stated_covariance(problem: MapProblem, before: Float64Array, fitted: Fitted) -> Float64Array:
     """Covariance of each node (M, 3, 3) [m²].
 
     A node's own is `carried`, of H⁻¹ with the shape before and without; what fits nowhere (`astray_m`) is added to all.
     """
-    fresh, alone = _shape_covariances(problem, before, fitted, config)
-    astray2 = astray_m(problem, fitted, config) ** 2
-    return carried(fresh, alone, problem.variance_before, config.trust.remembered, astray2)
+    fresh, alone = _shape_covariances(problem, before, fitted)
+    astray2 = astray_m(problem, fitted) ** 2
+    return carried(fresh, alone, problem.variance_before, _REMEMBERED, astray2)
 
 
 @njit(cache=True)
@@ -42,66 +61,61 @@ def carried(
     return blocks
 
 
-def _shape_covariances(
-    problem: MapProblem, before: Float64Array, fitted: Fitted, config: MapSettings
-) -> tuple[Float64Array, Float64Array]:
+def _shape_covariances(problem: MapProblem, before: Float64Array, fitted: Fitted) -> tuple[Float64Array, Float64Array]:
     """The diagonal blocks of H⁻¹ (M, 3, 3) [m²], for a rod that keeps its shape as usual, and for one that does not.
 
     The H that finds the nodes would be overconfident: neighbouring points err alike.
     """
-    trust, priors = config.trust, config.priors
-    system = with_priors(problem, fitted.nodes, before, trust.forgotten_m, priors.length_m, config)
-    few = trust.independent_points
-    add_cloud(system, problem.points, fitted.nodes, fitted.placed, config.noise_m, few, config)
-    add_tips(system, fitted.nodes, fitted.tips, priors.tip_m)
+    system = with_priors(problem, fitted.nodes, before, _FORGOTTEN_M, LENGTH_SIGMA_M)
+    add_cloud(system, problem.points, fitted.nodes, fitted.placed, problem.noise_m, _INDEPENDENT_POINTS)
+    add_tips(system, fitted.nodes, fitted.tips)
     alone = system.covariance()
-    kept = problem.K_d * (1.0 / problem.way_m**2 - 1.0 / trust.forgotten_m**2)
+    kept = problem.K_d * (1.0 / problem.way_m**2 - 1.0 / _FORGOTTEN_M**2)
     add_coherence(system.band, system.rhs, before, kept, np.zeros_like(kept))
     return system.covariance(), alone
 
 
-def astray_m(problem: MapProblem, fitted: Fitted, config: MapSettings) -> float:
+def astray_m(problem: MapProblem, fitted: Fitted) -> float:
     """How much of the rod fits nowhere [m]: a rod that lies where it is said to be has its length where it is seen.
 
     The length of the nodes in open view without points, where the picture tells that nothing hides them, and half
     of what the way from tip to tip over the cloud differs from the rod's length: the nodes between slid by as much.
-    At most `half_m`, for what is missing may also be hidden by something that nobody knows.
+    At most `_HALF_M`, for what is missing may also be hidden by something that nobody knows.
     """
     length_m = float(problem.rod_m[-1])
     first, last = fitted.tips.first_m, fitted.tips.last_m
     misfit_m = 0.0 if first is None or last is None else 0.5 * abs(last - first - length_m)
-    gone_m = missing(problem, fitted, config) * length_m if _tells(problem) else 0.0
-    return min(float(np.hypot(gone_m, misfit_m)), config.trust.half_m)
+    gone_m = missing(problem, fitted) * length_m if _tells(problem) else 0.0
+    return min(float(np.hypot(gone_m, misfit_m)), _HALF_M)
 
 
-def health(problem: MapProblem, fitted: Fitted, covariance: Float64Array, config: MapSettings) -> float:
+def health(problem: MapProblem, fitted: Fitted, covariance: Float64Array) -> float:
     """Trust in the whole, 0 to 1: a product of four shares. `covariance` (M, 3, 3) [m²].
 
     Points that lie within 5 standard deviations of the rod, by the share that is usual; 1 / (1 + rms² / half²) with the
-    root mean square of the nodes' standard deviations; 1 less the share of missing nodes, times `trust.missing` but not
-    below `trust.present_least` where the picture tells that nothing hides them; and `trust.tip` for each tip that is
+    root mean square of the nodes' standard deviations; 1 less the share of missing nodes, times `_MISSING` but not
+    below `_PRESENT_LEAST` where the picture tells that nothing hides them; and `_TIP` for each tip that is
     neither seen nor held nor known to be hidden.
     """
-    trust = config.trust
     mean_square = float(np.einsum("nii->", covariance)) / len(covariance)
-    sure = 1.0 / (1.0 + mean_square / trust.half_m**2)
-    gone = missing(problem, fitted, config)
-    present = max(1.0 - trust.missing * gone, trust.present_least) if _tells(problem) else 1.0 - gone
-    usual = min(explained(fitted, config) / trust.usual_share, 1.0)
+    sure = 1.0 / (1.0 + mean_square / _HALF_M**2)
+    gone = missing(problem, fitted)
+    present = max(1.0 - _MISSING * gone, _PRESENT_LEAST) if _tells(problem) else 1.0 - gone
+    usual = min(explained(problem, fitted) / _USUAL_FRACTION, 1.0)
     held = {node for node, _ in problem.pins}
     ends = ((fitted.tips.first_m, 0), (fitted.tips.last_m, len(fitted.nodes) - 1))
     unseen = sum(known is None and node not in held and not fitted.shaded[node] for known, node in ends)
-    return float(np.clip(usual * sure * present * trust.tip**unseen, 0.0, 1.0))
+    return float(np.clip(usual * sure * present * _TIP**unseen, 0.0, 1.0))
 
 
-def explained(fitted: Fitted, config: MapSettings) -> float:
+def explained(problem: MapProblem, fitted: Fitted) -> float:
     """Share of the points that lie within 5 standard deviations of the rod."""
-    return float(np.mean(fitted.placed.distance2 < (5.0 * config.noise_m) ** 2))
+    return float(np.mean(fitted.placed.distance2 < (5.0 * problem.noise_m) ** 2))
 
 
-def missing(problem: MapProblem, fitted: Fitted, config: MapSettings) -> float:
+def missing(problem: MapProblem, fitted: Fitted) -> float:
     """Share of the nodes that should have points and have none; less where nothing tells what hides them."""
-    return float(np.mean(~fitted.supported & ~fitted.shaded)) * (1.0 if _tells(problem) else config.trust.unknown)
+    return float(np.mean(~fitted.supported & ~fitted.shaded)) * (1.0 if _tells(problem) else _UNKNOWN)
 
 
 def _tells(problem: MapProblem) -> bool:

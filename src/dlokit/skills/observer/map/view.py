@@ -7,7 +7,7 @@ from numba import njit
 
 from dlokit.geometry import rotation
 from dlokit.geometry.camera import in_camera
-from dlokit.skills.observer.visibility import VisibilityConfig
+from dlokit.skills.observer.visibility import PICTURE_MARGIN_PX, ROBOT_MARGIN_M
 from dlokit.types.arrays import BoolArray, Float32Array, Float64Array
 from dlokit.types.image import CameraCalibration
 from dlokit.types.observation import Observation
@@ -75,7 +75,7 @@ class View:
     tells: bool
     """Whether it is known what the robot hides."""
 
-    def shaded(self, positions: Float64Array, config: VisibilityConfig) -> BoolArray:
+    def shaded(self, positions: Float64Array) -> BoolArray:
         """Whether each position (K, 3) [m] is out of the picture or behind the robot, (K,)."""
         return _shaded(
             positions,
@@ -84,15 +84,15 @@ class View:
             self.pinhole,
             self.depth_m,
             self.scale,
-            config.picture_margin_px,
-            config.robot_margin_m,
+            PICTURE_MARGIN_PX,
+            ROBOT_MARGIN_M,
         )
 
     def behind_itself(self, nodes: Float64Array, radius_m: float) -> BoolArray:
         """Whether another part of the chain hides each node (M, 3) [m], (M,)."""
         return behind_in_camera((nodes - self.eye) @ self.R_world_camera, radius_m)
 
-    def nearest_shade(self, position: Float64Array, reach_m: float, config: VisibilityConfig) -> Float64Array | None:
+    def nearest_shade(self, position: Float64Array, reach_m: float) -> Float64Array | None:
         """The nearest place (3,) [m] in front of the same plane that the robot hides; None beyond `reach_m`."""
         found = _nearest_shade(
             position,
@@ -102,7 +102,7 @@ class View:
             self.depth_m,
             self.scale,
             reach_m,
-            config.robot_margin_m,
+            ROBOT_MARGIN_M,
         )
         return found if np.isfinite(found[0]) else None
 
