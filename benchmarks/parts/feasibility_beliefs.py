@@ -12,7 +12,7 @@ from dlokit.description.dlo import GRAVITY_M_S2, SOFT_ROPE, DloPreset
 from dlokit.functional.cell.world import TABLE_FRICTION, Cell
 from dlokit.rod.believed import BeliefConfig, BelievedDlo, as_believed, as_configured
 from dlokit.system.config import RunConfig, with_dlo
-from dlokit.types.dlo import DloBelief, Figure
+from dlokit.types.dlo import DloBelief, LogNormal
 
 _LEARNT_LOG_SD, _LEARNT_YIELD_LOG_SD = 0.12, 0.2
 
@@ -84,8 +84,8 @@ def _learnt(model: BelievedDlo, cell: Cell, rng: np.random.Generator) -> KnownDl
     stiffness_n_m2 = elastic_m3 * before.friction.value * before.weight_n_m.value
     belief = msgspec.structs.replace(
         before,
-        bending_stiffness_n_m2=Figure(value=stiffness_n_m2, log_sd=before.bending_stiffness_n_m2.log_sd),
-        elastic_m3=Figure(value=elastic_m3, log_sd=_LEARNT_LOG_SD),
+        bending_stiffness_n_m2=LogNormal(value=stiffness_n_m2, log_sd=before.bending_stiffness_n_m2.log_sd),
+        elastic_m3=LogNormal(value=elastic_m3, log_sd=_LEARNT_LOG_SD),
         yield_curvature_1_m=None if bend_1_m is None else bend_1_m * bend_factor,
         actions=1,
     )

@@ -3,7 +3,7 @@
 
 def __getattr__(name: str) -> str:
     if name == "__version__":
-        # Looked up when it is asked for: it takes as long as importing NumPy does, and every process would wait.
+        # Looked up on access: the import takes as long as NumPy's, and every process would wait for it.
         from importlib.metadata import version
 
         return version("dlokit")

@@ -1,4 +1,4 @@
-"""`python -m dlokit`, which is the command `dlokit`."""
+"""`python -m dlokit`, equivalent to the command `dlokit`."""
 
 from dlokit.app.main import main
 

@@ -43,7 +43,7 @@ def test_messages_of_another_schema_are_dropped_counted_and_told_at_both_ends(
         assert not tapped
 
     over_zenoh(body)
-    assert "messages on test/newest are dropped: schema" in caplog.text
+    assert "messages on test/newest dropped: the peer has schema" in caplog.text
 
 
 def test_readers_of_the_same_schema_are_not_told_of_anything() -> None:

@@ -39,7 +39,7 @@ from dlokit.types.action import Action, Marks, kind_of
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, GoalShape, TargetPoints
 from dlokit.types.feasibility import GoalVerdict
-from dlokit.types.observation import Gripped, Observation
+from dlokit.types.observation import GraspState, Observation
 from dlokit.types.robot import RobotState
 
 Rounded = Callable[[Float64Array], Float64Array]
@@ -101,10 +101,10 @@ def carried(rounded: Rounded) -> Outcome:
                 tools[one.message.robot] = one.message
                 if carry.move(one.message):
                     found[f"state {number}"] = carry.nodes_world
-            case Gripped(node=None):
+            case GraspState(node=None):
                 carry.release(one.message.robot)
                 found[f"released {number}"] = carry.nodes_world
-            case Gripped(node=int(node)):
+            case GraspState(node=int(node)):
                 carry.take_hold(one.message.robot, node, tools[one.message.robot])
             case _:
                 pass

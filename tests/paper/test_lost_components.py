@@ -10,7 +10,7 @@ from ideal_lab import LENGTH_M, NODES, Lab, Trace, shape
 
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.skill import Skill
-from dlokit.communication.transport import Known, Liveness
+from dlokit.communication.transport import KnownLiveness, Liveness
 from dlokit.decision.config import TaskConfig
 from dlokit.description.shapes import builtin_shape
 from dlokit.types.flow import FlowStatus, GoalFrame, GoalFrames, RunOutcome
@@ -51,8 +51,8 @@ class LosingTransport(MemoryTransport):
 
     def alive(self, component: str) -> Liveness:
         if component != self._component:
-            return Known(super().alive(component).alive, f"the process of {component}")
-        return Known(False) if self._gone else Known(True, f"process {self._losses} of {component}")
+            return KnownLiveness(super().alive(component).alive, f"the process of {component}")
+        return KnownLiveness(False) if self._gone else KnownLiveness(True, f"process {self._losses} of {component}")
 
     @property
     def _gone(self) -> bool:

@@ -19,7 +19,7 @@ from tiny_process import ECHO, Echo, TinyCell
 from dlokit import geometry
 from dlokit.communication import topics
 from dlokit.communication.component import Component, implements
-from dlokit.communication.timing.deadlines import ThreadWatch
+from dlokit.communication.timing.deadlines import ThreadWatchdog
 from dlokit.communication.transport import Transport
 from dlokit.communication.zenoh.session import TlsFiles, ZenohConfig, open_session
 from dlokit.communication.zenoh.transport import ZenohTransport
@@ -70,7 +70,7 @@ class TinyRobot(Component):
     def __init__(self) -> None:
         super().__init__()
         self._lease = LeaseKeeper(time.monotonic_ns)
-        self._watch = ThreadWatch()
+        self._watch = ThreadWatchdog()
         self._braked = asyncio.Event()
 
     async def run(self) -> None:

@@ -11,7 +11,7 @@ from dlokit.types.system import ClockTick
 
 def tick_for_ever(path: Path) -> None:
     began_ns = time.monotonic_ns()
-    with Recorder(path, lambda: time.monotonic_ns() - began_ns, {"run": {"name": "killed"}}, patient=False) as recorder:
+    with Recorder(path, lambda: time.monotonic_ns() - began_ns, {"run": {"name": "killed"}}, waits=False) as recorder:
         number = 0
         while True:
             number += 1

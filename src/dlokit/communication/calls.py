@@ -18,35 +18,35 @@ Q = TypeVar("Q")
 log = logging.getLogger(__name__)
 
 CallEnded = Callable[[Outcome[Any], bytes], None]
-"""Takes the outcome of a call, and the encoded `SkillCall`; empty where the arguments did not fit."""
+"""Takes the outcome of a call and the encoded `SkillCall`, which is empty if the arguments did not fit."""
 
 
 class CallListener(Protocol):
-    """Is notified of the skill calls that are made through a transport."""
+    """Gets notified of each skill call that is made through a transport."""
 
     def begin(self, skill: Skill[..., Any], caller: str) -> CallEnded | None:
-        """A call is made. Returns what is called when it has ended; None: this call is not logged."""
+        """Note the start of a call. Returns the function to call at its end; None: do not log this call."""
         ...
 
 
 class SkillCaller:
-    """The part of a transport that calls skills. It numbers, encodes, logs and decodes; the transport delivers."""
+    """The part of a transport that calls skills: it numbers, encodes, logs and decodes; `_deliver` sends."""
 
     def __init__(self, identity: str, call_log: CallListener | None = None) -> None:
-        """`identity` names the caller to the components that it calls."""
+        """`identity` is the caller's name, as the called components see it."""
         self.identity = identity
         self.call_log = call_log
         self._call_numbers = itertools.count(1)
 
     async def call(self, skill: Skill[P, R], *args: P.args, **kwargs: P.kwargs) -> Outcome[R]:
-        """Algorithm 1; a cancelled caller cancels the skill. Never raises but on cancellation."""
-        return await self._call(skill, ignored, *args, **kwargs)
+        """Call a skill (Algorithm 1); a cancelled caller cancels the skill. Raises only on cancellation."""
+        return await self._call(skill, ignore_progress, *args, **kwargs)
 
     async def call_reported(
-        self, skill: ReportingSkill[P, R, Q], told: Callable[[Q], None], *args: P.args, **kwargs: P.kwargs
+        self, skill: ReportingSkill[P, R, Q], on_progress: Callable[[Q], None], *args: P.args, **kwargs: P.kwargs
     ) -> Outcome[R]:
-        """Like `call`, with progress."""
-        return await self._call(skill, decoding(skill, told), *args, **kwargs)
+        """Like `call`; `on_progress` gets the progress reports."""
+        return await self._call(skill, decode_progress(skill, on_progress), *args, **kwargs)
 
     async def _call(self, skill: Skill[P, R], report: Report, *args: P.args, **kwargs: P.kwargs) -> Outcome[R]:
         ended = None if self.call_log is None else self.call_log.begin(skill, self.identity)
@@ -68,12 +68,12 @@ class SkillCaller:
     async def _deliver(
         self, skill: Skill[..., Any], request: bytes, call_id: str, report: Report
     ) -> bytes | TimedOut | Unreachable:
-        """Hand an encoded `SkillCall` to its component, and progress to `report`; the encoded outcome."""
+        """Send an encoded `SkillCall` to its component, pass progress to `report`, return the encoded outcome."""
         raise NotImplementedError
 
 
 def encode_call(skill: Skill[P, R], call_id: str, caller: str, *args: P.args, **kwargs: P.kwargs) -> bytes | Rejected:
-    """The message (component, skill, serialized arguments), or why there is none."""
+    """The encoded message (component, skill, serialized arguments), or the rejection if the arguments do not fit."""
     try:
         arguments = skill.encode_arguments(*args, **kwargs)
     except (CommunicationError, TypeError) as error:
@@ -90,29 +90,29 @@ def encode_call(skill: Skill[P, R], call_id: str, caller: str, *args: P.args, **
 
 
 def decode_answer(skill: Skill[P, R], answer: bytes) -> Outcome[R]:
-    """The outcome, or the failure to understand it."""
+    """The decoded outcome, or ``Failed`` if it cannot be decoded."""
     try:
         outcome: Outcome[R] = codec.decode(answer, skill.outcome_type)
     except CommunicationError as error:
         return Failed(reason="malformed_outcome", detail=f"{skill.key}: {error}")
     if isinstance(outcome, Rejected) and outcome.reason == SCHEMA_MISMATCH:
-        log.error("%s was not run: %s", skill.key, outcome.detail)
+        log.error("%s did not run: %s", skill.key, outcome.detail)
     return outcome
 
 
-def decoding(skill: ReportingSkill[P, R, Q], told: Callable[[Q], None]) -> Report:
-    """Takes encoded progress and tells it. Neither a malformed piece nor a listener's mistake ends the call."""
+def decode_progress(skill: ReportingSkill[P, R, Q], on_progress: Callable[[Q], None]) -> Report:
+    """Decode each progress report for `on_progress`. A malformed report or an error of `on_progress` is only logged."""
 
-    def tell(data: bytes) -> None:
+    def notify(data: bytes) -> None:
         try:
-            told(skill.decode_report(data))
+            on_progress(skill.decode_report(data))
         except CommunicationError as error:
-            log.warning("progress of %s cannot be understood: %s", skill.key, error)
-        except Exception:  # it is the caller's code: its mistake must not reach the transport that delivers
-            log.exception("whoever follows %s raised", skill.key)
+            log.warning("progress report of %s dropped: %s", skill.key, error)
+        except Exception:  # an error in the caller's code must not reach the transport
+            log.exception("the progress callback of %s raised an error", skill.key)
 
-    return tell
+    return notify
 
 
-def ignored(data: bytes) -> None:
-    """Takes progress that the caller did not ask for."""
+def ignore_progress(data: bytes) -> None:
+    """Discard progress reports that the caller did not request."""

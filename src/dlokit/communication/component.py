@@ -1,4 +1,4 @@
-"""What a component is: a plain object that says what it reads, publishes, and can do."""
+"""The base class of components: each declares the topics it reads and publishes and the skills it implements."""
 
 import inspect
 from collections.abc import Callable, Coroutine
@@ -43,7 +43,7 @@ def implements_reporting(
     [Callable[Concatenate[C, Callable[[Q], None], P], Coroutine[Any, Any, R]]],
     Callable[Concatenate[C, Callable[[Q], None], P], Coroutine[Any, Any, R]],
 ]:
-    """The same for a skill that reports: the method's first argument tells the caller how far it is."""
+    """Like `implements`, for a skill that reports: the method's first argument sends progress to the caller."""
 
     def mark(
         method: Callable[Concatenate[C, Callable[[Q], None], P], Coroutine[Any, Any, R]],
@@ -55,7 +55,7 @@ def implements_reporting(
 
 
 def holds(condition: Condition) -> Callable[[Callable[[C, str], str | None]], Callable[[C, str], str | None]]:
-    """Mark a method that knows whether a condition holds for a caller: None, or what is wrong, for people."""
+    """Mark a method that checks a condition for a caller: it returns None, or what is wrong as text."""
 
     def mark(method: Callable[[C, str], str | None]) -> Callable[[C, str], str | None]:
         setattr(method, _CONDITION, condition)
@@ -67,7 +67,7 @@ def holds(condition: Condition) -> Callable[[Callable[[C, str], str | None]], Ca
 def on(
     topic: Topic[T],
 ) -> Callable[[Callable[[C, T], Coroutine[Any, Any, None]]], Callable[[C, T], Coroutine[Any, Any, None]]]:
-    """Mark a method as the handler of a topic: called with each message, one at a time, in order."""
+    """Mark a method as the handler of a topic: it gets each message, one at a time, in order."""
 
     def mark(
         method: Callable[[C, T], Coroutine[Any, Any, None]],
@@ -79,32 +79,32 @@ def on(
 
 
 class Component:
-    """Base of all components. The container attaches a port; everything else is the component's own maths."""
+    """Base class of all components. The container attaches the port through which a component communicates."""
 
     name: ClassVar[str]
     publishes: ClassVar[tuple[Topic[Any], ...]] = ()
     reads: ClassVar[tuple[Topic[Any], ...]] = ()
-    """Topics read through ``port.latest`` or ``port.stream``, beside those with a handler."""
+    """Topics read through ``port.latest`` or ``port.stream``, in addition to those with a handler."""
 
     instance: str = ""
-    """Which of its kind it is, where there is more than one; empty: the first."""
+    """Name of the instance where there is more than one, e.g. the second robot; empty: the first."""
 
     port: Port
 
     @cached_property
     def address(self) -> str:
-        """What it is called on the bus."""
+        """Its name on the bus."""
         return f"{self.name}.{self.instance}" if self.instance else self.name
 
     def attach(self, port: Port) -> None:
-        """Called once by the container, before anything runs."""
+        """Take the port; the container calls this once, before anything runs."""
         self.port = port
 
     async def run(self) -> None:
-        """Background behaviour; started and cancelled by the container. May return."""
+        """Background task, which the container starts and cancels; it may return."""
 
     def preparation(self) -> Callable[[], object] | None:
-        """What ``port.compute`` does before anyone calls, where it has a process of its own: load what the work needs.
+        """Function that ``port.compute`` runs before the first call, e.g. to load modules in the compute process.
 
         None: the component computes nothing there, or nothing that is slow the first time.
         """
@@ -122,17 +122,17 @@ class Component:
 
     @classmethod
     def conditions(cls) -> dict[Condition, str]:
-        """Condition → name of the method that knows whether it holds."""
+        """Condition → name of the method that checks it."""
         return _marked(cls, _CONDITION)
 
     @classmethod
     def subscribes(cls) -> tuple[Topic[Any], ...]:
-        """Every topic it reads."""
+        """All topics that it reads."""
         return tuple(dict.fromkeys((*cls.handlers(), *cls.reads)))
 
 
 def _marked(cls: type[Component], mark: str) -> dict[Any, str]:
-    # A dictionary by class body order, so that hosts start handlers in an order that repeats.
+    # A dictionary in the order of the class body, so that containers start handlers in a repeatable order.
     found: dict[Any, str] = {}
     for base in reversed(cls.__mro__):
         for name, member in vars(base).items():

@@ -1,4 +1,4 @@
-"""The container: wires components to a bus and answers skill calls (Algorithm 2)."""
+"""The container: connects components to a bus and answers skill calls (Algorithm 2)."""
 
 import asyncio
 import logging
@@ -15,8 +15,8 @@ from dlokit.errors import CommunicationError, ConfigError, SkillFailure, SkillRe
 
 log = logging.getLogger(__name__)
 
-STOP_PATIENCE_S = 5.0
-"""A component's tasks get this long to end when the container stops."""
+STOP_TIMEOUT_S = 5.0
+"""Longest wait for the components' tasks to end when the container stops [s]."""
 
 
 class Container:
@@ -29,7 +29,7 @@ class Container:
         compute: Compute | None = None,
         instances: Mapping[str, tuple[str, ...]] | None = None,
     ) -> None:
-        """`instances` names, by component, those that there are besides the first; who reads one reads them all."""
+        """`instances` lists, by component, the instances in addition to the first; a reader receives all of them."""
         self._instances = instances or {}
         self.transport = transport
         self.clock = clock
@@ -39,10 +39,13 @@ class Container:
         self._failed: asyncio.Future[None] | None = None
 
     def add(self, component: Component) -> None:
-        """Wire a component: give it a port, answer its calls. Before the container is started."""
+        """Add a component and attach its port; call this before the container starts."""
         for topic in component.publishes:
             if topic.publisher != component.name:
-                raise ConfigError(f"{component.name} cannot publish {topic.name}: its row names {topic.publisher}")
+                raise ConfigError(
+                    f"{component.name} cannot publish {topic.name}: in the topic table, its publisher is "
+                    f"{topic.publisher}"
+                )
         component.attach(
             Port(
                 self.transport,
@@ -57,28 +60,28 @@ class Container:
         self._components.append(component)
 
     async def prepare(self) -> None:
-        """Let the components' compute port load what they need; live, before anyone is told that they are ready."""
+        """Run each component's preparation where it computes; a live process does so before it reports ready."""
         for component in self._components:
             preparation = component.preparation()
             if preparation is None:
                 continue
             try:
                 await self._compute(preparation)
-            except Exception:  # what cannot be loaded is told again, by name, by the call that needs it
-                log.exception("%s could not be prepared; its first work will take longer", component.address)
+            except Exception:  # the call that needs it fails with the same error, by name
+                log.exception("%s could not be prepared; its first computation will take longer", component.address)
 
     async def __aenter__(self) -> "Container":
         self._failed = asyncio.get_running_loop().create_future()
-        # All subscriptions stand before the first component runs, so that no first message is lost.
+        # All subscriptions are made before the first component runs, so that no first message is lost.
         for component in self._components:
             for row, method in component.handlers().items():
-                for topic in self._of_all(row):
-                    # A state of before the component was there still holds; an event of before is past.
+                for topic in self._all_instances(row):
+                    # The last state still holds for a component that joins late; an earlier event is over.
                     stream = self.transport.stream(topic, with_last=isinstance(topic.policy, KeepLast))
                     self._start(component, f"on {topic.name}", _handle(component, topic, method, stream))
             for row in component.reads:
-                for topic in self._of_all(row):
-                    # The first look at a topic subscribes to it and finds nothing yet: it must not be the component's.
+                for topic in self._all_instances(row):
+                    # The first read subscribes and finds nothing yet: the container does it for the component.
                     self.transport.latest(topic)
         for component in self._components:
             self.transport.serve(component.address, Dispatcher(component, self.clock))
@@ -92,26 +95,26 @@ class Container:
         for task in reversed(self._tasks):
             task.cancel()
         if self._tasks:
-            _, stuck = await asyncio.wait(self._tasks, timeout=STOP_PATIENCE_S)
+            _, stuck = await asyncio.wait(self._tasks, timeout=STOP_TIMEOUT_S)
             for task in stuck:
-                log.error("%s does not end though it was cancelled", task.get_name())
+                log.error("%s did not end within %g s of its cancellation", task.get_name(), STOP_TIMEOUT_S)
         if self._failed is not None and self._failed.done():
-            self._failed.exception()  # retrieved, so that the loop does not complain
+            self._failed.exception()  # retrieved, so that the loop logs no warning
 
     async def wait_failed(self) -> None:
-        """Return never, but raise when a component's own loop has raised."""
+        """Wait until a component's task raises, and raise its error; never returns."""
         assert self._failed is not None, "the container is not started"
         await asyncio.shield(self._failed)
 
-    def _of_all(self, topic: Topic[Any]) -> tuple[Topic[Any], ...]:
+    def _all_instances(self, topic: Topic[Any]) -> tuple[Topic[Any], ...]:
         return (topic, *(topic.at(instance) for instance in self._instances.get(topic.publisher, ())))
 
     def _start(self, component: Component, what: str, coroutine: Any) -> None:
         task: asyncio.Task[None] = asyncio.create_task(coroutine, name=f"{component.address} {what}")
-        task.add_done_callback(self._note)
+        task.add_done_callback(self._note_error)
         self._tasks.append(task)
 
-    def _note(self, task: asyncio.Task[None]) -> None:
+    def _note_error(self, task: asyncio.Task[None]) -> None:
         if task.cancelled() or task.exception() is None:
             return
         error = task.exception()
@@ -126,12 +129,12 @@ async def _handle(component: Component, topic: Topic[Any], method: str, stream: 
         try:
             await handler(message)
         except (SkillFailure, SkillRejected, CommunicationError) as error:
-            # One bad message must not end the component: it waits for the next.
+            # One bad message must not end the component: it continues with the next.
             log.warning("%s on %s: %s", component.address, topic.name, error)
 
 
 async def end_tasks(*tasks: asyncio.Task[Any]) -> None:
-    """Cancel tasks and wait until they have ended, whatever they end with."""
+    """Cancel tasks and wait until all have ended; their errors are ignored."""
     for task in tasks:
         task.cancel()
     await asyncio.gather(*tasks, return_exceptions=True)

@@ -1,4 +1,4 @@
-"""Algorithm 2 for one component: a call is checked against the skill's contract, run at most once, and answered."""
+"""Algorithm 2 for one component: check a call against the skill's contract, run it at most once, and answer it."""
 
 import asyncio
 import logging
@@ -17,16 +17,16 @@ from dlokit.errors import CommunicationError, SkillFailure, SkillRejected
 from dlokit.types.outcome import Cancelled, Failed, Outcome, Rejected, Succeeded, TimedOut
 
 LARGEST_TOTAL_BYTES = 8_000_000
-"""Of the answers kept; the oldest go first."""
+"""Total size of the stored answers [bytes]; the oldest are deleted first."""
 CALLS_KNOWN = 4096
-"""Calls whose number is remembered, with or without their answers."""
+"""Number of call ids that are remembered, with or without their answers."""
 
 
 class Answers:
-    """Encoded outcomes of the calls to one component, by the calls' numbers."""
+    """Encoded outcomes of the calls to one component, by call id."""
 
     def __init__(self, forgotten: bytes, cancelled: bytes) -> None:
-        """`forgotten` answers a call whose outcome is no longer kept; `cancelled` one whose first was cancelled."""
+        """`forgotten` is the answer for a call whose outcome was deleted, `cancelled` for a call that was cancelled."""
         self._forgotten = forgotten
         self._cancelled = cancelled
         self._kept: OrderedDict[str, bytes | None] = OrderedDict()
@@ -34,7 +34,7 @@ class Answers:
         self._running: dict[str, asyncio.Future[bytes]] = {}
 
     async def once(self, call_id: str, run: Callable[[], Awaitable[bytes]]) -> bytes:
-        """The answer to a call: of `run`, of the one that runs already, or of before."""
+        """Answer a call: run it, wait for the same call that already runs, or return the stored answer."""
         if call_id in self._kept:
             return self._kept[call_id] or self._forgotten
         if call_id in self._running:
@@ -65,7 +65,7 @@ class Answers:
 log = logging.getLogger(__name__)
 
 _FORGOTTEN = Failed(
-    reason="answer_forgotten", detail="the call ran before, and is not run again; its outcome is no longer kept"
+    reason="answer_forgotten", detail="the call has already run and does not run again; its outcome was deleted"
 )
 
 
@@ -81,10 +81,10 @@ class Dispatcher:
         self._conditions = component.conditions()
         self._answers = Answers(forgotten=codec.encode(_FORGOTTEN), cancelled=codec.encode(Cancelled()))
         self._held: dict[str, str] = {}
-        """What may be used by one skill at a time → who uses it, in words."""
+        """Exclusive resource → name of the skill that uses it."""
 
     async def __call__(self, request: bytes, report: Report) -> bytes:
-        """Answer a call, once."""
+        """Answer a call; repeated deliveries of the same call run the skill once."""
         try:
             call = codec.decode(request, SkillCall)
         except CommunicationError as error:
@@ -101,25 +101,25 @@ class Dispatcher:
     async def _run(self, call: SkillCall, report: Report) -> Outcome[Any]:
         if call.component != self._component.address:
             return Rejected(
-                reason="wrong_component", detail=f"{call.component} was meant, this is {self._component.address}"
+                reason="wrong_component", detail=f"the call is for {call.component}; this is {self._component.address}"
             )
         if call.skill not in self._skills:
             return Rejected(reason="unknown_skill", detail=f"{call.skill}; {call.component} has {sorted(self._skills)}")
         skill, method = self._skills[call.skill]
         if call.schema != skill.schema:
             error = mismatch(call.schema.hex(), skill.schema)
-            log.error("a call of %s by %s is rejected: %s", skill.key, call.caller, error)
+            log.error("call of %s from %s rejected: %s", skill.key, call.caller, error)
             return Rejected(reason=SCHEMA_MISMATCH, detail=str(error))
         try:
             arguments = skill.decode_arguments(call.arguments)
         except CommunicationError as error:
             return Rejected(reason="bad_arguments", detail=str(error))
-        wrong = self._broken((*skill.preconditions, *skill.keeps), call.caller, arguments)
+        wrong = self._first_violation((*skill.preconditions, *skill.keeps), call.caller, arguments)
         if wrong is not None:
             return Rejected(reason=wrong[0], detail=wrong[1])
         holder = self._held.get(skill.exclusive) if skill.exclusive else None
         if holder is not None:
-            return Rejected(reason="busy", detail=f"{holder} runs; wait for it, or stop it")
+            return Rejected(reason="busy", detail=f"{holder} is running; wait until it ends, or stop it")
         run = getattr(self._component, method)
         if isinstance(skill, ReportingSkill):
             run = partial(run, lambda progress: report(codec.encode(progress)))
@@ -130,15 +130,17 @@ class Dispatcher:
         finally:
             self._held.pop(skill.exclusive, None)
         if isinstance(outcome, Succeeded):
-            wrong = self._broken((*skill.keeps, *skill.postconditions), call.caller, arguments)
+            wrong = self._first_violation((*skill.keeps, *skill.postconditions), call.caller, arguments)
             if wrong is not None:
                 return Failed(reason=wrong[0], detail=wrong[1])
         return outcome
 
-    def _broken(self, wanted: tuple[Condition, ...], caller: str, arguments: dict[str, Any]) -> tuple[str, str] | None:
-        """Name and detail of the first condition that does not hold."""
-        for condition in wanted:
-            detail = condition.broken_by(arguments)
+    def _first_violation(
+        self, required: tuple[Condition, ...], caller: str, arguments: dict[str, Any]
+    ) -> tuple[str, str] | None:
+        """Reason and detail of the first condition that does not hold; None if all hold."""
+        for condition in required:
+            detail = condition.violation(arguments)
             method = self._conditions.get(condition)
             if detail is None and method is not None:
                 detail = getattr(self._component, method)(caller)
@@ -165,6 +167,6 @@ async def _execute(skill: Skill[..., Any], method: Any, arguments: dict[str, Any
         if current is not None and current.cancelling():
             raise
         return Cancelled()
-    except Exception as error:  # a skill's error is an outcome, never a crash (Algorithm 2)
+    except Exception as error:  # an error in a skill is an outcome, never a crash (Algorithm 2)
         log.exception("%s raised", skill.key)
         return Failed(reason="error", detail=f"{type(error).__name__}: {error}")

@@ -1,4 +1,4 @@
-"""The bus within one process. Messages pass through the codec, so that it behaves as a real one."""
+"""The bus within one process. Messages pass through the codec, so that it behaves like a network bus."""
 
 import asyncio
 import itertools
@@ -10,7 +10,7 @@ from typing import Any, ParamSpec, TypeVar
 from dlokit.communication.calls import CallListener, SkillCaller
 from dlokit.communication.skill import Skill
 from dlokit.communication.topic import Topic
-from dlokit.communication.transport import CallHandler, Known, Latest, Liveness, Mailbox, Report
+from dlokit.communication.transport import CallHandler, KnownLiveness, Latest, Liveness, Mailbox, Report
 from dlokit.communication.wire import codec
 from dlokit.types.message import Message
 from dlokit.types.outcome import Unreachable
@@ -25,7 +25,7 @@ class MemoryTransport(SkillCaller):
     def __init__(
         self, tap: Callable[[Topic[Any], Message], None] | None = None, call_log: CallListener | None = None
     ) -> None:
-        """`tap` sees every message as its readers get it. There is one caller: this process."""
+        """`tap` gets every message as the readers get it. The only caller is this process."""
         super().__init__("memory", call_log)
         self._tap = tap
         self._taps: defaultdict[str, list[Callable[[bytes], None]]] = defaultdict(list)
@@ -36,7 +36,7 @@ class MemoryTransport(SkillCaller):
         self._closed = False
 
     def publish(self, topic: Topic[T], message: T) -> None:
-        """Hand everybody the same decoded, read-only copy."""
+        """Deliver the same decoded, read-only copy to all readers."""
         data = codec.encode(message)
         for listener in self._taps[topic.name]:
             listener(data)
@@ -50,18 +50,18 @@ class MemoryTransport(SkillCaller):
             mailbox = reference()
             if mailbox is not None:
                 mailbox.put(copy, now_s)
-        # A reader that nobody holds any more is gone.
+        # Readers that were garbage-collected are removed.
         readers[:] = [reference for reference in readers if reference() is not None]
 
     def latest(self, topic: Topic[T]) -> Latest[T]:
-        """The newest message, whoever came when."""
+        """The newest message, also to a reader that joined after it was published."""
         if topic.name not in self._latest:
             return Latest(None, float("inf"))
         value, arrived = self._latest[topic.name]
         return Latest(value, asyncio.get_running_loop().time() - arrived)
 
     def stream(self, topic: Topic[T], *, with_last: bool = False) -> Mailbox[T]:
-        """Messages from now on; with `with_last`, the last one before, first."""
+        """Messages from now on; with `with_last`, the last published message first."""
         mailbox: Mailbox[T] = Mailbox(topic.policy)
         if with_last and topic.name in self._latest:
             mailbox.put(*self._latest[topic.name])
@@ -71,13 +71,13 @@ class MemoryTransport(SkillCaller):
         return mailbox
 
     def send(self, skill: Skill[P, Any], *args: P.args, **kwargs: P.kwargs) -> None:
-        """Ask and do not wait; on the loop's thread."""
+        """Call without waiting for the outcome; only on the loop's thread."""
         task = asyncio.get_running_loop().create_task(self.call(skill, *args, **kwargs), name=f"sent {skill.key}")
         self._sent.add(task)
         task.add_done_callback(self._sent.discard)
 
     def tap(self, topic: Topic[Any], listener: Callable[[bytes], None]) -> None:
-        """Hand on every message before its readers get it."""
+        """Pass every message, still encoded, to `listener` before the readers get it."""
         self._taps[topic.name].append(listener)
 
     async def _deliver(
@@ -88,18 +88,18 @@ class MemoryTransport(SkillCaller):
 
     def alive(self, component: str) -> Liveness:
         """A component is alive while it is served."""
-        return Known(component in self._handlers)
+        return KnownLiveness(component in self._handlers)
 
     def serve(self, component: str, handler: CallHandler) -> None:
         """Answer calls to `component`."""
         self._handlers[component] = handler
 
     async def withdraw(self, component: str) -> None:
-        """Answer no more; calls that run belong to their callers' tasks."""
+        """Stop answering calls; running calls belong to their callers' tasks."""
         self._handlers.pop(component, None)
 
     async def close(self) -> None:
-        """End all streams, forget all handlers."""
+        """End all streams and remove all handlers."""
         self._closed = True
         self._handlers.clear()
         for reference in itertools.chain.from_iterable(self._mailboxes.values()):

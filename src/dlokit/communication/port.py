@@ -1,4 +1,4 @@
-"""A component's window to the rest of the system: its messages, calls, clock, and where its heavy work goes."""
+"""A component's port: its access to messages, calls, the clock, and computation outside the event loop."""
 
 import logging
 from collections.abc import Callable
@@ -20,7 +20,7 @@ R = TypeVar("R")
 
 
 class Compute(Protocol):
-    """Runs a pure, picklable function of ours somewhere."""
+    """Runs a pure, picklable function of dlokit, inline or in another process."""
 
     async def __call__(self, function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
         """Result of ``function(*args, **kwargs)``."""
@@ -28,7 +28,7 @@ class Compute(Protocol):
 
 
 class InlineCompute:
-    """Here and now; the virtual clock stands still meanwhile."""
+    """Computes on the event loop; the virtual clock does not advance meanwhile."""
 
     async def __call__(self, function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
         """Result of ``function(*args, **kwargs)``."""
@@ -44,7 +44,7 @@ Q = TypeVar("Q")
 
 
 class Port:
-    """What a container gives a component. It holds the component to what it declares."""
+    """A component's access to the bus, which allows only the topics that the component declares."""
 
     def __init__(
         self,
@@ -57,14 +57,14 @@ class Port:
         subscribes: tuple[Topic[Any], ...] | None = None,
         instance: str = "",
     ) -> None:
-        """`owner` may publish `publishes` and read `subscribes` (None: everything), whosever they are.
+        """`owner` may publish the topics `publishes` and read `subscribes` (None: all), of every instance.
 
-        What it publishes is its own `instance`'s, unless it says whose it is.
+        A topic without an instance is published as that of `instance`.
         """
         self._transport = transport
         self.clock = clock
         self.compute = compute
-        """Runs heavy, pure work where it does not stop the loop."""
+        """Runs long pure computations where they do not block the loop."""
         self._owner = owner
         self._instance = instance
         self._publishes = {topic.row for topic in publishes}
@@ -72,7 +72,7 @@ class Port:
         self._sequence: dict[str, int] = {}
 
     def publish(self, topic: Topic[T], message: T) -> None:
-        """Send a message, numbered on its topic. Only topics that the component declares are allowed."""
+        """Publish a message with its sequence number. Raises `CommunicationError` for an undeclared topic."""
         if topic.row not in self._publishes:
             raise CommunicationError(
                 f"{self._owner} may not publish {topic.name}: it declares {sorted(self._publishes)}; "
@@ -90,40 +90,40 @@ class Port:
         return self._transport.latest(topic)
 
     def stream(self, topic: Topic[T]) -> Stream[T]:
-        """Messages of a topic from now on; it says how old the one read last is."""
+        """Messages of a topic from now on, with the age of the last read one."""
         self._check_read(topic)
         return self._transport.stream(topic)
 
     async def call(self, skill: Skill[P, R], *args: P.args, **kwargs: P.kwargs) -> Outcome[R]:
-        """Ask another component for a skill."""
+        """Call a skill of another component."""
         return await self._transport.call(skill, *args, **kwargs)
 
     async def call_reported(
-        self, skill: ReportingSkill[P, R, Q], told: Callable[[Q], None], *args: P.args, **kwargs: P.kwargs
+        self, skill: ReportingSkill[P, R, Q], on_progress: Callable[[Q], None], *args: P.args, **kwargs: P.kwargs
     ) -> Outcome[R]:
-        """Ask another component for a skill, and hear of its progress meanwhile."""
-        return await self._transport.call_reported(skill, told, *args, **kwargs)
+        """Call a skill of another component; `on_progress` gets its progress reports."""
+        return await self._transport.call_reported(skill, on_progress, *args, **kwargs)
 
     def send(self, skill: Skill[P, Any], *args: P.args, **kwargs: P.kwargs) -> None:
-        """Ask another component for a skill and return at once; live, from any thread."""
+        """Call a skill of another component and return at once; live, any thread may call this."""
         self._transport.send(skill, *args, **kwargs)
 
     def tap(self, topic: Topic[T], listener: Callable[[T], None]) -> None:
-        """Hand every message of a topic to `listener`; live, on a thread of the network's, past the loop."""
+        """Pass every message of a topic to `listener`; live, on a network thread, independent of the loop."""
         self._check_read(topic)
 
-        def hear(data: bytes) -> None:
+        def decode_and_pass(data: bytes) -> None:
             try:
                 message = codec.decode(data, topic.type)
             except CommunicationError as error:
-                log.warning("a message on %s was dropped: %s", topic.name, error)
+                log.warning("message on %s dropped: %s", topic.name, error)
                 return
             listener(message)
 
-        self._transport.tap(topic, hear)
+        self._transport.tap(topic, decode_and_pass)
 
     def alive(self, component: str) -> Liveness:
-        """Whether another component is there."""
+        """Whether another component can be called."""
         return self._transport.alive(component)
 
     def _check_read(self, topic: Topic[Any]) -> None:

@@ -1,4 +1,4 @@
-"""What a skill is: a name, a typed signature, and a contract of what must hold before, during and after it."""
+"""Skills: a name, a typed signature, and a contract with preconditions, invariants and postconditions."""
 
 import inspect
 from collections.abc import Callable, Mapping
@@ -16,33 +16,33 @@ from dlokit.types.outcome import Cancelled, Failed, Rejected, Succeeded, TimedOu
 
 @dataclass(frozen=True)
 class Condition:
-    """One thing that must hold."""
+    """One condition of a contract."""
 
     text: str
-    """In words."""
+    """The condition as a sentence."""
     reason: str = ""
-    """Name of the outcome when it does not; empty: in words only, the skill itself sees to it."""
+    """Reason of the outcome when it does not hold; empty: the container does not check it, the skill does."""
     of: Callable[..., bool] | None = None
-    """Whether it holds for the arguments that it takes, by their names. None: only the component knows; it marks the
-    method that tells with `dlokit.communication.component.holds`."""
+    """Whether it holds for the skill's arguments that it names as parameters. None: the component checks it, in a
+    method marked with `dlokit.communication.component.holds`."""
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Names of the skill's arguments that it looks at."""
+        """Names of the skill's arguments that it checks."""
         return () if self.of is None else tuple(inspect.signature(self.of).parameters)
 
-    def broken_by(self, arguments: Mapping[str, Any]) -> str | None:
-        """What is wrong with the arguments, for people; None when nothing is, or when it is not about them."""
+    def violation(self, arguments: Mapping[str, Any]) -> str | None:
+        """What is wrong with the arguments, as text; None if the condition holds or does not concern them."""
         if self.of is None:
             return None
-        seen = {name: arguments[name] for name in self.parameters}
-        if self.of(**seen):
+        checked = {name: arguments[name] for name in self.parameters}
+        if self.of(**checked):
             return None
-        return f"needed: {self.text}; given: " + ", ".join(f"{name} = {value}" for name, value in seen.items())
+        return f"required: {self.text}; given: " + ", ".join(f"{name} = {value}" for name, value in checked.items())
 
 
 def conditions(declared: str | tuple[Condition, ...]) -> tuple[Condition, ...]:
-    """A part of a contract as conditions; words alone are one that nobody checks."""
+    """A part of a contract as conditions; a plain text is one condition that the container does not check."""
     if isinstance(declared, str):
         return (Condition(declared),) if declared else ()
     return declared
@@ -54,32 +54,32 @@ Q = TypeVar("Q")
 
 
 SCHEMA_MISMATCH = "schema_mismatch"
-"""Reason why a call is rejected whose caller knows the skill otherwise."""
+"""Reason of a call that is rejected because the caller's schema of the skill differs."""
 
 
 @dataclass(frozen=True)
 class Skill(Generic[P, R]):
-    """Something a component can be asked to do.
+    """A named operation that a component offers to callers.
 
-    `signature` is a function whose parameters, return annotation and docstring are the contract; its
-    body is never run. A wrong argument is a type error in the editor before it is an outcome.
+    `signature` is a function whose parameters, return annotation and docstring are the contract; its body never runs.
+    A type checker finds a wrong argument before the call is made.
     """
 
     component: str
-    """Who has it: a component, or `component.instance` where there is more than one of a kind."""
+    """The component that implements it, or `component.instance` where there is more than one."""
     name: str
     signature: Callable[P, R]
     timeout_s: float
-    """Longest time it may run, on the clock that the container lives by."""
+    """Longest time it may run [s], on the container's clock."""
     requires: str | tuple[Condition, ...] = ""
-    """What must hold before (else rejected): in words, or as conditions that the container checks."""
+    """Preconditions (else rejected): a text, or conditions that the container checks."""
     ensures: str | tuple[Condition, ...] = ""
-    """What holds after it succeeded (else failed)."""
+    """Postconditions of a success (else failed)."""
     keeps: tuple[Condition, ...] = ()
-    """What must hold all the while: the host checks it before and after, the component meanwhile."""
+    """Invariants: the container checks them before and after the skill runs, the component while it runs."""
     exclusive: str = ""
-    """What of the component it takes for itself, e.g. ``"motion"``: another skill that takes the same is rejected as
-    ``busy`` meanwhile."""
+    """Resource of the component that it uses exclusively, e.g. ``"motion"``: while it runs, another skill that uses the
+    same resource is rejected as ``busy``."""
 
     @cached_property
     def key(self) -> str:
@@ -87,7 +87,7 @@ class Skill(Generic[P, R]):
         return f"{self.component}.{self.name}"
 
     def at(self, instance: str) -> "Skill[P, R]":
-        """The same skill of another of its kind: `MOVE_TO.at("opposite")`; an empty name is the first one."""
+        """The skill of another instance: `MOVE_TO.at("opposite")`; an empty name is the first instance."""
         return _addressed(self, instance)
 
     @cached_property
@@ -102,12 +102,12 @@ class Skill(Generic[P, R]):
 
     @property
     def doc(self) -> str:
-        """What it does."""
+        """Description of the skill: the docstring of its signature."""
         return inspect.getdoc(self.signature) or ""
 
     @cached_property
     def types(self) -> dict[str, Any]:
-        """Types of its arguments by their names, and of its result as ``return``."""
+        """Types of its arguments by name, and of its result as ``return``."""
         return get_type_hints(self.signature)
 
     @cached_property
@@ -116,23 +116,23 @@ class Skill(Generic[P, R]):
 
     @cached_property
     def arguments_type(self) -> type[msgspec.Struct]:
-        """What its arguments are on the wire: a Struct with a field each."""
+        """Struct type of its arguments on the wire, with one field for each argument."""
         fields = [(name, self.types[name]) for name in self._signature.parameters]
         return msgspec.defstruct(f"{self.name}_arguments", fields, forbid_unknown_fields=True, eq=False)
 
     @cached_property
     def outcome_type(self) -> Any:
-        """What its answer is on the wire: every outcome, a success with its result."""
+        """Type of its answer on the wire: the union of all outcomes, where a success has the skill's result."""
         result = self.types["return"]
         return Succeeded[result] | Failed | Rejected | Cancelled | TimedOut | Unreachable
 
     @cached_property
     def schema(self) -> bytes:
-        """What its arguments and its result look like on the wire: caller and called one compare it."""
+        """Fingerprint of its arguments and outcome on the wire, which the caller and the called component compare."""
         return fingerprint(self.arguments_type, self.outcome_type)
 
     def plain_arguments(self, plain: Mapping[str, Any]) -> dict[str, Any]:
-        """Arguments from plain values, as JSON has them. Raises `CommunicationError` when they do not fit."""
+        """Convert arguments from JSON values. Raises `CommunicationError` when they do not fit the signature."""
         signature = self._signature
         try:
             signature.bind(**plain)
@@ -147,7 +147,7 @@ class Skill(Generic[P, R]):
         """
         fields = self.arguments_type.__struct_fields__
         if len(args) == len(fields) and not kwargs:
-            named = dict(zip(fields, args, strict=True))  # as most calls are; to bind takes ten times as long
+            named = dict(zip(fields, args, strict=True))  # the common case; `bind` takes ten times as long
         else:
             bound = self._signature.bind(*args, **kwargs)
             bound.apply_defaults()
@@ -164,7 +164,7 @@ class Skill(Generic[P, R]):
             ) from error
 
 
-@cache  # its types for encoding are made once; there are as many as skills and instances
+@cache  # so that the types for encoding are made once for each skill and instance
 def _addressed(skill: Skill[..., Any], instance: str) -> Skill[..., Any]:
     kind = skill.component.partition(".")[0]
     return replace(skill, component=f"{kind}.{instance}" if instance else kind)
@@ -172,24 +172,24 @@ def _addressed(skill: Skill[..., Any], instance: str) -> Skill[..., Any]:
 
 @dataclass(frozen=True)
 class ReportingSkill(Skill[P, R], Generic[P, R, Q]):
-    """A skill that tells its caller how far it is."""
+    """A skill that reports its progress to the caller."""
 
     reports: type[Q] = field(kw_only=True)
-    """What it tells, again and again until it ends."""
+    """Type of the progress reports, of which it sends any number until it ends."""
 
     def at(self, instance: str) -> "ReportingSkill[P, R, Q]":
-        """The same skill of another of its kind."""
+        """The skill of another instance."""
         addressed = _addressed(self, instance)
         assert isinstance(addressed, ReportingSkill)
         return addressed
 
     @cached_property
     def schema(self) -> bytes:
-        """With what it tells."""
+        """Fingerprint that also covers the progress reports."""
         return fingerprint(self.arguments_type, self.outcome_type, self.reports)
 
     def decode_report(self, data: bytes) -> Q:
-        """A piece of progress of the declared type. Raises `CommunicationError` when it is anything else."""
+        """Decode one progress report. Raises `CommunicationError` when it is not of the declared type."""
         return codec.decode(data, self.reports)
 
 
@@ -202,4 +202,4 @@ class SkillCall(msgspec.Struct, frozen=True, kw_only=True):
     call_id: str
     caller: str
     schema: bytes = b""
-    """Of the skill, as the caller knows it; empty from versions that did not say."""
+    """The caller's fingerprint of the skill; versions that sent none leave it empty."""

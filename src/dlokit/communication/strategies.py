@@ -1,7 +1,7 @@
-"""Strategies by name: ours and third parties' by their entry points, and how one travels over the bus.
+"""Strategies by name: dlokit's own, those of other packages by entry point, and how the bus carries one.
 
-A skill has one `StrategyKind` for each of its strategy protocols. Over the bus goes a name with settings as JSON; who
-receives it knows the type by the name, so decoding never executes anything.
+A skill has one `StrategyKind` for each of its strategy protocols. The bus carries a name with settings as JSON; the
+receiver looks up the type by the name, so decoding never executes code.
 """
 
 import dataclasses
@@ -26,28 +26,28 @@ class FoundStrategy:
 
     config: Any
     source: str
-    """The class and its package, for messages."""
+    """The class and its package, for error messages."""
 
 
 def from_packages(group: str) -> Iterator[FoundStrategy]:
-    """The strategies of a group of entry points, in the order of their names.
+    """The strategies of a group of entry points, sorted by name.
 
-    One that cannot be imported, or is no configuration class, is left out with a warning: another package's mistake
-    must not stop the rest.
+    An entry that cannot be imported, or is not a configuration class, is skipped with a warning: an error in another
+    package must not disable the rest.
     """
     for entry in sorted(entry_points(group=group), key=lambda entry: (entry.name, entry.value)):
         source = _source(entry)
         try:
             config = entry.load()
-        except Exception as error:  # whatever a package's import may raise
+        except Exception as error:  # the import of another package may raise anything
             reason = " ".join(f"{type(error).__name__}: {error}".split())
-            log.warning("left out: %s cannot be imported: %s", source, reason)
+            log.warning("skipped: %s cannot be imported: %s", source, reason)
             continue
         flaw = _flaw(config)
         if flaw is None:
             yield FoundStrategy(config=config, source=source)
         else:
-            log.warning("left out: %s %s; a frozen dataclass of settings with a `name` is wanted", source, flaw)
+            log.warning("skipped: %s %s; it must be a frozen dataclass of settings with a `name`", source, flaw)
 
 
 def _source(entry: EntryPoint) -> str:
@@ -57,13 +57,13 @@ def _source(entry: EntryPoint) -> str:
 
 def _flaw(config: Any) -> str | None:
     if not isinstance(config, type) or not dataclasses.is_dataclass(config):
-        return "is no dataclass"
+        return "is not a dataclass"
     name = getattr(config, "name", None)
     return None if isinstance(name, str) and name else "has no name"
 
 
 class NamedConfig(Protocol):
-    """The settings of a strategy: a frozen dataclass with a name of its own."""
+    """The settings of a strategy: a frozen dataclass with a unique name."""
 
     name: ClassVar[str]
 
@@ -73,25 +73,24 @@ C = TypeVar("C", bound=NamedConfig)
 
 @dataclass(frozen=True)
 class StrategyKind(Generic[C]):
-    """All strategies for one purpose. A configuration field marks itself with its kind: ``Annotated[…, KIND]``."""
+    """All strategies for one purpose. A configuration field names its kind in its type: ``Annotated[…, KIND]``."""
 
     purpose: str
-    """What they are called in messages, e.g. ``"observer"``."""
+    """Name of the kind in error messages, e.g. ``"observer"``."""
     entry_points: str
-    """Group of the entry points by which other packages add theirs; each names a configuration class."""
-    ours: tuple[type[C], ...]
+    """Group of entry points through which other packages add strategies; each names a configuration class."""
+    builtin: tuple[type[C], ...]
     """Strategies that ship with dlokit, the default first."""
 
     def installed(self) -> dict[str, type[C]]:
-        """Every installed strategy's configuration class by its name, ours first.
+        """Configuration classes of all installed strategies by name, dlokit's own first.
 
-        One that cannot be used is left out, with a warning the first time. Raises `ConfigError` when two bear the
-        same name.
+        An unusable one is skipped, with a warning the first time. Raises `ConfigError` when two have the same name.
         """
         found: dict[str, type[C]] = {}
         origin: dict[str, str] = {}
-        mine = [(config, f"{config.__module__}:{config.__qualname__} of dlokit") for config in self.ours]
-        for config, source in (*mine, *self._theirs):
+        builtin = [(config, f"{config.__module__}:{config.__qualname__} of dlokit") for config in self.builtin]
+        for config, source in (*builtin, *self._external):
             if config.name in found:
                 raise ConfigError(
                     f"two strategies of kind {self.purpose} are called {config.name!r}: {origin[config.name]}, and "
@@ -102,7 +101,7 @@ class StrategyKind(Generic[C]):
         return found
 
     @cached_property
-    def _theirs(self) -> tuple[tuple[type[C], str], ...]:
+    def _external(self) -> tuple[tuple[type[C], str], ...]:
         return tuple((found.config, found.source) for found in from_packages(self.entry_points))
 
     def union(self) -> Any:
@@ -121,25 +120,25 @@ class StrategyKind(Generic[C]):
         return known[name]
 
     def to_spec(self, config: C) -> StrategySpec:
-        """A strategy's settings, as they travel."""
+        """A strategy's name and encoded settings, as the bus carries them."""
         return StrategySpec(name=config.name, settings=msgspec.json.encode(config))
 
     def from_spec(self, spec: StrategySpec) -> C:
-        """The settings that a spec carries.
+        """Decode the settings in a spec.
 
         Raises `SkillRejected` with ``unknown_strategy`` or ``bad_settings``.
         """
         known = self.installed()
         if spec.name not in known:
             raise SkillRejected(
-                "unknown_strategy", f"no {self.purpose} is called {spec.name!r}; there are {', '.join(known)}"
+                "unknown_strategy", f"{self.purpose} {spec.name!r} is not known; choose one of {', '.join(known)}"
             )
         wanted = known[spec.name]
         try:
             unknown = set(msgspec.json.decode(spec.settings, type=dict[str, Any])) - set(settings_of(wanted))
             settings = msgspec.json.decode(spec.settings, type=wanted)
         except (msgspec.MsgspecError, ConfigError) as error:
-            raise SkillRejected("bad_settings", f"these are not settings of {spec.name!r}: {error}") from error
+            raise SkillRejected("bad_settings", f"the settings of {spec.name!r} are not valid: {error}") from error
         if unknown:
             raise SkillRejected(
                 "bad_settings", f"{spec.name!r} has no setting {sorted(unknown)}; it has {list(settings_of(wanted))}"

@@ -1,4 +1,4 @@
-"""What a topic is."""
+"""Topics: the row of the topic table and the policy for slow readers."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -11,12 +11,12 @@ T = TypeVar("T", bound=Message)
 
 @dataclass(frozen=True)
 class KeepLast:
-    """A slow reader sees only the newest message: for states and pictures."""
+    """A slow reader receives only the newest message: for states and images."""
 
 
 @dataclass(frozen=True)
 class Every:
-    """A reader sees every message in order, up to `depth` waiting; then the oldest are dropped."""
+    """A reader receives every message in order; more than `depth` waiting messages drop the oldest."""
 
     depth: int
     """Messages that may wait for one reader."""
@@ -32,23 +32,23 @@ class Topic(Generic[T]):
     name: str
     """Key on the bus."""
     type: type[T]
-    """What it carries; decoding refuses anything else."""
+    """Type of its messages; decoding refuses any other."""
     publisher: str
     """The one component that may publish it."""
     rate_hz: float | None
-    """Expected rate [Hz]; None: only when there is something to say."""
+    """Expected rate [Hz]; None: irregular, on events."""
     policy: Policy = KeepLast()
-    """What a slow reader misses."""
+    """Which messages a slow reader loses."""
     doc: str = ""
-    """One line of what it says."""
+    """Content, in one line."""
     instance: str = ""
-    """Whose it is, where there is more than one of its kind; empty: the first one's."""
+    """Instance of the component that publishes it, e.g. the second robot; empty: the first."""
 
     @cached_property
     def row(self) -> str:
-        """Name of its row in the table, whosever it is."""
+        """Name of its row in the table, the same for all instances."""
         return self.name.removesuffix(f"/{self.instance}") if self.instance else self.name
 
     def at(self, instance: str) -> "Topic[T]":
-        """The same topic of another of its kind: `ROBOT_STATE.at("opposite")`; an empty name is the first one."""
+        """The topic of another instance: `ROBOT_STATE.at("opposite")`; an empty name is the first instance."""
         return replace(self, name=f"{self.row}/{instance}" if instance else self.row, instance=instance)

@@ -1,6 +1,6 @@
-"""The table of topics: everything that is published, a row each.
+"""The table of topics: one row for each published message.
 
-The cell's true DLO state is not here, and a test holds that it never will be.
+The cell's true DLO state is on no topic; a test verifies this.
 """
 
 from typing import Any, cast
@@ -11,33 +11,33 @@ from dlokit.types.dlo import DloBelief, DloState, GoalShape, TargetPoints
 from dlokit.types.feasibility import GoalVerdict
 from dlokit.types.flow import FlowStatus, GoalFrames, OperatorCommand
 from dlokit.types.image import StereoImages
-from dlokit.types.observation import Gripped, Observation, ObserverEvent
+from dlokit.types.observation import GraspState, Observation, ObserverEvent
 from dlokit.types.robot import RobotState
 from dlokit.types.system import ClockTick, Heartbeat, ViewerPage
 
 LAST = KeepLast()
-ANY_ACTION = cast(type[Action], Action)  # a union decodes like a type, but the type system has no word for that
+ANY_ACTION = cast(type[Action], Action)  # a union decodes like a type, which the type system cannot express
 
 # fmt: off
 CLOCK         = Topic("cell/clock",        ClockTick,       "cell",       100.0, LAST,       "the cell's time")
 ARM_STATE     = Topic("cell/arm_state",    RobotState,      "cell",       50.0,  LAST,       "the simulated arm's sensors")
 ROBOT_STATE   = Topic("robot/state",       RobotState,      "robot",      50.0,  LAST,       "joints, tool pose, fingers")
-STEREO_IMAGES = Topic("perception/images", StereoImages,    "perception", None,  LAST,       "the pair of pictures last taken")
-OBSERVATION   = Topic("perception/cloud",  Observation,     "perception", None,  Every(4),   "the DLO's points in the world")
-TARGETS       = Topic("observer/targets",  TargetPoints,    "observer",   None,  Every(4),   "where the nodes are believed to be")
-OBSERVER_EVENT = Topic("observer/events",  ObserverEvent,   "observer",   None,  Every(16),  "that the DLO was lost, or found again")
-STATE         = Topic("model/state",       DloState,        "model",      None,  Every(16),  "the shape everybody uses")
+STEREO_IMAGES = Topic("perception/images", StereoImages,    "perception", None,  LAST,       "the newest stereo pair")
+OBSERVATION   = Topic("perception/cloud",  Observation,     "perception", None,  Every(4),   "the DLO's point cloud")
+TARGETS       = Topic("observer/targets",  TargetPoints,    "observer",   None,  Every(4),   "estimated node positions")
+OBSERVER_EVENT = Topic("observer/events",  ObserverEvent,   "observer",   None,  Every(16),  "the DLO was lost or found again")
+STATE         = Topic("model/state",       DloState,        "model",      None,  Every(16),  "the estimated shape of the DLO")
 GOAL          = Topic("model/goal",        GoalShape,       "model",      None,  LAST,       "the shape the operator wants")
-BELIEF        = Topic("model/belief",      DloBelief,       "model",      None,  LAST,       "what is believed of the DLO, and how surely")
-CANDIDATES    = Topic("planning/candidates", Candidates,    "planning",   None,  LAST,       "how far a decision is, and the best so far")
+BELIEF        = Topic("model/belief",      DloBelief,       "model",      None,  LAST,       "estimated DLO parameters, with uncertainty")
+CANDIDATES    = Topic("planning/candidates", Candidates,    "planning",   None,  LAST,       "progress of planning, best candidates so far")
 ACTION        = Topic("planning/action",   ANY_ACTION,      "planning",   None,  LAST,       "the grasp and path chosen")
 GOAL_VERDICT  = Topic("planning/verdict",  GoalVerdict,     "planning",   None,  LAST,       "whether the goal can be reached and will hold")
-GRIPPED       = Topic("decision/gripped",  Gripped,         "decision",   None,  Every(16),  "which node the gripper holds")
+GRIPPED       = Topic("decision/gripped",  GraspState,      "decision",   None,  Every(16),  "which node the gripper holds")
 FLOW          = Topic("decision/flow",     FlowStatus,      "decision",   None,  Every(64),  "the step of the flow chart that runs")
-HEARTBEAT     = Topic("decision/heartbeat", Heartbeat,      "decision",   25.0,  LAST,       "that the commander of the robots is there")
+HEARTBEAT     = Topic("decision/heartbeat", Heartbeat,      "decision",   25.0,  LAST,       "the commander of the robots is alive")
 COMMAND       = Topic("viewer/command",    OperatorCommand, "viewer",     None,  Every(16),  "the operator's buttons")
 GOAL_FRAMES   = Topic("viewer/frames",     GoalFrames,      "viewer",     None,  LAST,       "the three frames that pull the goal")
-VIEWER_PAGE   = Topic("viewer/page",       ViewerPage,      "viewer",     None,  LAST,       "where a browser finds the viewer")
+VIEWER_PAGE   = Topic("viewer/page",       ViewerPage,      "viewer",     None,  LAST,       "URL of the viewer")
 # fmt: on
 
 TOPICS: tuple[Topic[Any], ...] = tuple(row for row in list(globals().values()) if isinstance(row, Topic))

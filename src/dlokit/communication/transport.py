@@ -1,4 +1,4 @@
-"""What carries messages and calls, in memory or over zenoh, and where messages wait for their reader."""
+"""The transport protocol, which carries messages and calls in memory or over zenoh, and the reader's mailbox."""
 
 import asyncio
 from collections import deque
@@ -15,10 +15,10 @@ T = TypeVar("T")
 
 
 class Mailbox(AsyncIterator[T], Generic[T]):
-    """Bounded by the topic's policy; when it is full the oldest message goes. One reader."""
+    """Queue of received messages for one reader, bounded by the topic's policy; a full one drops the oldest."""
 
     def __init__(self, policy: Policy, refresh: Callable[[], None] | None = None) -> None:
-        """`refresh` fetches what has arrived and was not handed out yet: the loop may have been busy."""
+        """`refresh` fetches messages that arrived while the loop was busy."""
         self._items: deque[tuple[T, float]] = deque(maxlen=policy.depth if isinstance(policy, Every) else 1)
         self._refresh = refresh
         self._woken: asyncio.Future[None] | None = None
@@ -28,18 +28,18 @@ class Mailbox(AsyncIterator[T], Generic[T]):
 
     @property
     def age_s(self) -> float:
-        """Time since the message that was read last was sent [s]; inf before the first."""
+        """Time since the last read message was sent [s]; inf before the first."""
         return asyncio.get_running_loop().time() - self._read_sent_s
 
     def put(self, item: T, sent_s: float) -> None:
-        """Add a message that was sent at `sent_s` of the loop's clock; on the loop's thread."""
+        """Add a message that was sent at `sent_s` on the loop's clock; call this on the loop's thread."""
         if len(self._items) == self._items.maxlen:
             self.dropped += 1
         self._items.append((item, sent_s))
         self._wake()
 
     def close(self) -> None:
-        """No more will come: the reader gets what waits, then the end."""
+        """Accept no more messages: the reader gets those that wait, then the iteration ends."""
         self._closed = True
         self._wake()
 
@@ -72,7 +72,7 @@ Report = Callable[[bytes], None]
 """Sends one encoded piece of progress to the caller; returns at once."""
 
 CallHandler = Callable[[bytes, Report], Awaitable[bytes]]
-"""Takes an encoded `SkillCall`, gives an encoded `Outcome`; never raises but on cancellation."""
+"""Takes an encoded `SkillCall` and returns an encoded `Outcome`; raises only on cancellation."""
 
 
 @dataclass(frozen=True)
@@ -80,9 +80,9 @@ class Latest(Generic[M]):
     """The newest message of a topic."""
 
     value: M | None
-    """None when nothing has come yet."""
+    """None before the first message."""
     age_s: float
-    """Time since it was sent, on the loop's clock [s]; from another machine, since it arrived. Inf: nothing has."""
+    """Time since it was sent [s], or since it arrived if another machine sent it; inf before the first message."""
 
 
 class Stream(Protocol[T_co]):
@@ -94,40 +94,40 @@ class Stream(Protocol[T_co]):
 
     @property
     def age_s(self) -> float:
-        """Time since the message that was read last was sent [s]; inf before the first."""
+        """Time since the last read message was sent [s]; inf before the first."""
         ...
 
 
 class Liveness(Protocol):
-    """What is known of a component."""
+    """Whether a component is reachable, and in which process."""
 
     @property
     def alive(self) -> bool:
-        """Whether it answers."""
+        """Whether it answers calls."""
         ...
 
     @property
     def server(self) -> str:
-        """Which process serves it: another one after a restart. Empty where there is but one process."""
+        """Id of the process that serves it, a new one after a restart; empty where there is only one process."""
         ...
 
 
 @dataclass(frozen=True)
-class Known:
-    """Liveness by knowledge of this moment."""
+class KnownLiveness:
+    """Liveness at one moment."""
 
     alive: bool
-    """Whether it answers."""
+    """Whether it answers calls."""
     server: str = ""
-    """Which process serves it: another one after a restart. Empty where there is but one process."""
+    """Id of the process that serves it, a new one after a restart; empty where there is only one process."""
 
 
 class Transport(Protocol):
-    """Publish, read, call. Typed by the topic's and the skill's row."""
+    """Publish and read messages, call skills; typed by the rows of the topic and the skill."""
 
     @property
     def identity(self) -> str:
-        """Who calls through it, as the called ones see it."""
+        """Name of this caller, as the called components see it."""
         ...
 
     def publish(self, topic: Topic[M], message: M) -> None:
@@ -139,42 +139,42 @@ class Transport(Protocol):
         ...
 
     def stream(self, topic: Topic[M], *, with_last: bool = False) -> Stream[M]:
-        """Messages that come from now on, in order; drops as the topic's row says.
+        """Messages from now on, in order; the topic's policy says which a slow reader loses.
 
-        With `with_last`, the last one of before comes first, so that whoever joins late knows it.
+        With `with_last`, the last message published before comes first, so that a late reader knows it.
         """
         ...
 
     async def call(self, skill: Skill[P, R], *args: P.args, **kwargs: P.kwargs) -> Outcome[R]:
-        """Ask for a skill and wait for what becomes of it (Algorithm 1). Never raises but on cancellation."""
+        """Call a skill and wait for its outcome (Algorithm 1). Raises only on cancellation."""
         ...
 
     async def call_reported(
-        self, skill: ReportingSkill[P, R, Q], told: Callable[[Q], None], *args: P.args, **kwargs: P.kwargs
+        self, skill: ReportingSkill[P, R, Q], on_progress: Callable[[Q], None], *args: P.args, **kwargs: P.kwargs
     ) -> Outcome[R]:
-        """Like `call`; `told` hears of the skill's progress in order, before the outcome, on the loop's thread."""
+        """Like `call`; `on_progress` gets each report in order, before the outcome, on the loop's thread."""
         ...
 
     def send(self, skill: Skill[P, Any], *args: P.args, **kwargs: P.kwargs) -> None:
-        """Ask for a skill and return at once; what becomes of it is not told. Live, from any thread."""
+        """Call a skill and return at once, without its outcome. Live, any thread may call this."""
         ...
 
     def tap(self, topic: Topic[Any], listener: Callable[[bytes], None]) -> None:
-        """Hand every message of a topic, still encoded, to `listener`; live, on a thread of the network's."""
+        """Pass every message of a topic, still encoded, to `listener`; live, on a network thread."""
         ...
 
     def alive(self, component: str) -> Liveness:
-        """Whether a component is there to be called."""
+        """Whether a component can be called."""
         ...
 
     def serve(self, component: str, handler: CallHandler) -> None:
-        """Answer calls to a component (Algorithm 2 is the handler)."""
+        """Answer calls to a component with `handler` (Algorithm 2)."""
         ...
 
     async def withdraw(self, component: str) -> None:
-        """Answer no more; over a network, calls that run are cancelled."""
+        """Stop answering calls; over a network, running calls are cancelled."""
         ...
 
     async def close(self) -> None:
-        """Stop everything; streams end."""
+        """Stop all communication and end all streams."""
         ...

@@ -1,4 +1,4 @@
-"""The pinhole camera: world to pixels and back. Camera frame: x right, y down, z forward."""
+"""Pinhole camera: projection and back-projection. Camera frame: x right, y down, z forward."""
 
 from dataclasses import dataclass
 
@@ -13,10 +13,10 @@ from dlokit.types.image import CameraCalibration
 
 @dataclass(frozen=True, kw_only=True)
 class Projection:
-    """Where points of the world fall in the picture."""
+    """World points projected into the image."""
 
     pixels: Float64Array  # (N, 2) u, v [px]
-    depth_m: Float64Array  # (N,) along z of the camera [m]; not positive behind it
+    depth_m: Float64Array  # (N,) along z of the camera [m]; not positive behind the camera
 
 
 def camera_matrix(fx_px: float, fy_px: float, cx_px: float, cy_px: float) -> Float64Array:
@@ -25,13 +25,13 @@ def camera_matrix(fx_px: float, fy_px: float, cx_px: float, cy_px: float) -> Flo
 
 
 def in_camera(points_world: ArrayLike, camera: CameraCalibration) -> Float64Array:
-    """Points (N, 3) [m] of the world in the camera's frame: z is depth."""
+    """World points (N, 3) [m] in the camera frame, where z is the depth."""
     offsets = np.asarray(points_world, dtype=np.float64) - camera.T_world_camera.position_m
     return offsets @ rotation(camera.T_world_camera)
 
 
 def project(points_world: ArrayLike, camera: CameraCalibration) -> Projection:
-    """Points (N, 3) [m] of the world, in the (rectified left) picture of `camera`."""
+    """Project world points (N, 3) [m] into the (rectified left) image of `camera`."""
     p_camera = in_camera(points_world, camera)
     depth = p_camera[:, 2]
     safe = np.where(np.abs(depth) < 1e-9, 1e-9, depth)
@@ -49,24 +49,24 @@ def rays(pixels: ArrayLike, camera: CameraCalibration) -> Float64Array:
 
 
 def back_project(pixels: ArrayLike, depth_m: ArrayLike, camera: CameraCalibration) -> Float64Array:
-    """Points (N, 3) [m] of the world that are seen in pixels (N, 2) at depth (N,) [m]; inverse of `project`."""
+    """World points (N, 3) [m] of pixels (N, 2) with depth (N,) [m]; the inverse of `project`."""
     p_camera = rays(pixels, camera) * np.asarray(depth_m, dtype=np.float64)[:, None]
     return p_camera @ rotation(camera.T_world_camera).T + camera.T_world_camera.position_m
 
 
 def baseline_m(camera: CameraCalibration) -> float:
-    """Distance of the two cameras [m]. Raises `ConfigError` for a single camera."""
+    """Distance between the two cameras [m]. Raises `ConfigError` for a single camera."""
     if camera.baseline_m is None or camera.baseline_m <= 0.0:
         raise ConfigError(
-            f"the calibration of camera {camera.serial!r} has baseline {camera.baseline_m}, so it is no stereo pair; "
-            "stereo matching needs a baseline above 0 m: use a stereo camera, or set baseline_m in its calibration"
+            f"the calibration of camera {camera.serial!r} has baseline {camera.baseline_m}, so it is not a stereo "
+            "pair; stereo matching needs a baseline above 0 m: use a stereo camera or set baseline_m in the calibration"
         )
     return camera.baseline_m
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlaneDisparity:
-    """Disparity of a plane, which is affine in the pixel: ``d = per_u * u + per_v * v + constant`` [px]."""
+    """Disparity of a plane as an affine function of the pixel: ``d = per_u * u + per_v * v + constant`` [px]."""
 
     per_u: float
     per_v: float
@@ -78,16 +78,16 @@ class PlaneDisparity:
 
 
 def plane_disparity(camera: CameraCalibration, height_m: float) -> PlaneDisparity:
-    """Disparity of the horizontal plane at `height_m` in the world, by ``d = f B / Z``.
+    """Disparity of the horizontal plane at `height_m` in the world, from ``d = f B / Z``.
 
-    With n the world's z axis in the camera frame and h the camera's height over the plane, a point of the plane
-    fulfils ``n · p = -h``; with ``p = Z r(u, v)`` that makes ``1 / Z = n · r(u, v) / -h``.
+    Let n be the world's z axis in the camera frame and h the camera's height above the plane. A point p of the plane
+    satisfies ``n · p = -h``; with ``p = Z r(u, v)`` this gives ``1 / Z = n · r(u, v) / -h``.
     """
     n = rotation(camera.T_world_camera)[2]
     h = float(camera.T_world_camera.position_m[2]) - height_m
     if h <= 0.0:
         raise ConfigError(
-            f"the camera is believed to stand {h:.3f} m above the plane at {height_m:.3f} m; it must be above it: "
+            f"the calibrated camera is {h:.3f} m above the plane at {height_m:.3f} m; it must be above the plane: "
             "check T_world_camera in its calibration"
         )
     scale = -camera.fx_px * baseline_m(camera) / h

@@ -7,13 +7,13 @@ from dlokit.types.arrays import Float64Array
 
 
 def arc_lengths(nodes: ArrayLike) -> Float64Array:
-    """Length along a polyline (K, d) [m] at each of its points, (K,), from 0."""
+    """Arc length (K,) [m] at each point of a polyline (K, d) [m], from 0."""
     steps = np.linalg.norm(np.diff(np.asarray(nodes, dtype=np.float64), axis=0), axis=1)
     return np.concatenate(([0.0], np.cumsum(steps)))
 
 
 def resample(nodes: ArrayLike, count: int) -> Float64Array:
-    """A polyline (K, d) [m] as `count` points equally spaced by arc length, (count, d)."""
+    """Resample a polyline (K, d) [m] at `count` points with equal arc-length spacing, (count, d)."""
     points = np.asarray(nodes, dtype=np.float64)
     s = arc_lengths(points)
     wanted = np.linspace(0.0, s[-1], count)
@@ -27,9 +27,9 @@ def tangents(nodes: ArrayLike) -> Float64Array:
 
 
 def rmse_m(nodes: ArrayLike, goal: ArrayLike, *, ends_interchangeable: bool = False) -> float:
-    """Root mean square over nodes of the distance from node i to goal node i [m], both (M, 3).
+    """Root mean square distance from node i to goal node i [m], both (M, 3).
 
-    The reverse order counts as well only when the goal says that ends are interchangeable.
+    With `ends_interchangeable`, the reversed order of nodes also counts, and the smaller error is returned.
     """
     a, b = np.asarray(nodes, dtype=np.float64), np.asarray(goal, dtype=np.float64)
     forward = float(np.sqrt(np.mean(np.sum((a - b) ** 2, axis=1))))

@@ -1,7 +1,7 @@
 """Poses and rotations in space.
 
 Poses follow ``p_world = T_world_tcp @ p_tcp``; quaternions are (w, x, y, z); lengths in metres.
-Every process loads this module for its settings: SciPy loads its rotations where they are first asked for.
+SciPy's rotations are loaded on first use, because every process loads this module for its settings.
 """
 
 import numpy as np
@@ -16,7 +16,7 @@ from dlokit.types.pose import Pose
 def pose(position_m: ArrayLike, wxyz: ArrayLike = (1.0, 0.0, 0.0, 0.0)) -> Pose:
     """A pose from a position (3,) [m] and a quaternion (4,), which is normalised.
 
-    Raises `BadValue` where one of them is not finite, or the quaternion is zero.
+    Raises `BadValue` if one of them is not finite, or the quaternion is zero.
     """
     quaternion = np.asarray(wxyz, dtype=np.float64)
     norm = np.linalg.norm(quaternion)
@@ -48,12 +48,12 @@ def rotation(T: Pose) -> Float64Array:
 
 
 def compose(T_a_b: Pose, T_b_c: Pose) -> Pose:
-    """``T_a_c``."""
+    """Compose two poses: ``T_a_c``."""
     return pose_from_matrix(matrix(T_a_b) @ matrix(T_b_c))
 
 
 def inverse(T_a_b: Pose) -> Pose:
-    """``T_b_a``."""
+    """Invert a pose: ``T_b_a``."""
     R = rotation(T_a_b)
     result = np.eye(4)
     result[:3, :3] = R.T
@@ -62,12 +62,12 @@ def inverse(T_a_b: Pose) -> Pose:
 
 
 def transform(T_a_b: Pose, points_b: ArrayLike) -> Float64Array:
-    """Points (N, 3) [m] of frame b, in frame a."""
+    """Transform points (N, 3) [m] from frame b to frame a."""
     return np.asarray(points_b, dtype=np.float64) @ rotation(T_a_b).T + T_a_b.position_m
 
 
 def downward(position_m: ArrayLike, yaw_rad: float) -> Pose:
-    """A tool pose whose z axis points straight down and whose x axis lies at `yaw_rad` in the table plane."""
+    """A tool pose whose z axis points straight down and whose x axis is at `yaw_rad` in the table plane."""
     cosine, sine = np.cos(yaw_rad), np.sin(yaw_rad)
     T = np.eye(4)
     T[:3, :3] = np.array([[cosine, sine, 0.0], [sine, -cosine, 0.0], [0.0, 0.0, -1.0]])
@@ -76,5 +76,5 @@ def downward(position_m: ArrayLike, yaw_rad: float) -> Pose:
 
 
 def lifted(T: Pose, height_m: float) -> Pose:
-    """The pose, higher along z of its frame."""
+    """The pose translated by `height_m` along z of its reference frame."""
     return pose(T.position_m + np.array([0.0, 0.0, height_m]), T.wxyz)

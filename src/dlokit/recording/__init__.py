@@ -1,1 +1,1 @@
-"""Recordings: everything that went over the bus in one MCAP file, and how it is read again."""
+"""Recordings: write all messages and calls on the bus to one MCAP file, read them, and replay components from them."""

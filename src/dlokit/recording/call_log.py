@@ -1,4 +1,4 @@
-"""Messages for the recording, of every skill call that is made through a transport."""
+"""Records each skill call that is made through a transport as messages."""
 
 from collections.abc import Callable
 from functools import partial
@@ -12,7 +12,7 @@ from dlokit.communication.topic import Topic
 from dlokit.communication.wire import codec
 from dlokit.errors import CommunicationError
 from dlokit.recording.channels import CALLS_BEGUN, SKILL_CALLS
-from dlokit.recording.plain import to_json
+from dlokit.recording.message_json import to_json
 from dlokit.types.message import Message
 from dlokit.types.outcome import (
     CallBegun,
@@ -27,11 +27,11 @@ from dlokit.types.outcome import (
 )
 
 LARGEST_TEXT = 65_536
-"""Longer arguments and results are left out [bytes]: the shapes in them are on topics as well."""
+"""Longer arguments and results are omitted [bytes]; the shapes in them are also published on topics."""
 
 
 class CallLog:
-    """One message when a call is made and one when it has ended; a call that is cancelled ends as well."""
+    """Records one message at the start and one at the end of each call; cancellation is also an end."""
 
     def __init__(
         self,
@@ -40,10 +40,10 @@ class CallLog:
         *,
         unlogged: frozenset[str] = frozenset(),
     ) -> None:
-        """`now_ns` is the run's clock; calls to the components `unlogged` are left out.
+        """`now_ns` is the run's clock; calls to the components in `unlogged` are not recorded.
 
-        `put` takes each message with its topic. It may take a function instead, and call it on another thread: to
-        write arguments and a result as JSON takes longer than most calls.
+        `put` takes each message with its topic, or a function that returns the message and may run on another thread:
+        writing arguments and a result as JSON takes longer than most calls.
         """
         self._now_ns = now_ns
         self._put = put
@@ -52,7 +52,7 @@ class CallLog:
         self._ended = 0
 
     def begin(self, skill: Skill[..., Any], caller: str) -> CallEnded | None:
-        """As `dlokit.communication.calls.CallListener`."""
+        """Implements `dlokit.communication.calls.CallListener`."""
         if skill.component in self._unlogged:
             return None
         began_ns = self._now_ns()
@@ -77,7 +77,7 @@ class CallLog:
 
 
 def record_of(bare: CallRecord, outcome: Outcome[Any], request: bytes) -> CallRecord:
-    """The record of a call with its outcome, and with arguments and result as JSON."""
+    """Complete a call's record with its outcome, and with arguments and result as JSON."""
     end, reason, detail = end_of(outcome)
     return msgspec.structs.replace(
         bare,
@@ -90,7 +90,7 @@ def record_of(bare: CallRecord, outcome: Outcome[Any], request: bytes) -> CallRe
 
 
 def end_of(outcome: Outcome[Any]) -> tuple[CallEnd, str, str]:
-    """How a call ended, its reason, and details for people."""
+    """Name, reason and detail of a call's outcome."""
     match outcome:
         case Succeeded():
             return CallEnd.SUCCEEDED, "", ""
@@ -108,10 +108,10 @@ def end_of(outcome: Outcome[Any]) -> tuple[CallEnd, str, str]:
 
 def _arguments(request: bytes) -> str:
     try:
-        # Without their types: a record has what was sent, whatever the skill is.
+        # Decoded without the skill's types, so that the record contains exactly what was sent.
         named = codec.decode(codec.decode(request, SkillCall).arguments, dict[str, Any])
     except CommunicationError:
-        return ""  # they did not fit, as the outcome says, or are too long to be written
+        return ""  # they did not fit the signature, as the outcome reports, or are too long
     parts = {name: _text(value) for name, value in named.items()}
     text = "{" + ", ".join(f'"{name}": {value or "null"}' for name, value in parts.items()) + "}"
     return text if len(text) <= LARGEST_TEXT else ""

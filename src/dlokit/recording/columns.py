@@ -1,4 +1,4 @@
-"""Messages of one topic as columns: a row a message, a column a field."""
+"""Messages of one topic as a table: one row for each message, one column for each field."""
 
 import enum
 from collections.abc import Iterator, Sequence
@@ -17,16 +17,16 @@ class Column:
     """One field over all messages."""
 
     name: str
-    """Its path, e.g. ``"T_world_tcp.position_m"``, ``"findings[0].amount"``."""
+    """Path of the field, e.g. ``"T_world_tcp.position_m"``, ``"findings[0].amount"``."""
     values: NDArray[Any]
-    """(T, …) a row a message; NaN or an empty text where a message lacks the field. Where the shape differs from one
-    message to the next (clouds): (sum of lengths, …), one behind the other."""
+    """(T, …) one row for each message; NaN or an empty text if a message lacks the field. If the shape differs between
+    messages (clouds): (sum of lengths, …), concatenated."""
     first: NDArray[np.int64] | None = None
-    """(T + 1,) where each message's part begins, and the last one's ends; None where each has a row."""
+    """(T + 1,) start of each message's part, and the end of the last; None if each message has one row."""
 
 
 def columns(messages: Sequence[Recorded]) -> list[Column]:
-    """All fields of messages of one topic, and `log_ns`, when each came."""
+    """All fields of the messages of one topic, and `log_ns`, the time at which each was received."""
     rows = [dict(_flat(one.message, "")) for one in messages]
     names = dict.fromkeys(name for row in rows for name in row)
     log_ns = Column(name="log_ns", values=np.array([one.log_ns for one in messages], dtype=np.int64))

@@ -1,6 +1,6 @@
-"""Foxglove's message types, as far as recordings use them: https://docs.foxglove.dev/docs/visualization/message-schemas
+"""The Foxglove message types in recordings: https://docs.foxglove.dev/docs/visualization/message-schemas
 
-They are written as Protobuf, which is the one form of them that Foxglove and Rerun both show. Lengths in metres.
+They are written as Protobuf, the only encoding that both Foxglove and Rerun display. Lengths are in metres.
 """
 
 from typing import Any, TypeVar
@@ -29,25 +29,25 @@ from dlokit.errors import CommunicationError
 M = TypeVar("M", bound=Message)
 
 ENCODING = "protobuf"
-"""Of schemas and of messages, as MCAP names it."""
+"""MCAP's name of the encoding of schemas and messages."""
 UPRIGHT = Quaternion(w=1.0)
 HERE = Pose(position=Vector3(), orientation=UPRIGHT)
-"""The frame's own place: a pose that is left out has no orientation."""
+"""The identity pose; an omitted pose would have an invalid orientation."""
 
 
 def time_of(stamp_ns: int) -> Timestamp:
-    """A stamp as they write it."""
+    """A stamp [ns] as a Protobuf timestamp."""
     seconds, nanos = divmod(stamp_ns, 1_000_000_000)
     return Timestamp(seconds=seconds, nanos=nanos)
 
 
 def schema_name(kind: type[Message]) -> str:
-    """The name by which their panels know a type."""
+    """Full name of a type, by which Foxglove's panels select messages."""
     return str(kind.DESCRIPTOR.full_name)
 
 
 def schema_of(kind: type[Message]) -> bytes:
-    """Its schema: a set of the files that describe it and what is in it, each after those that it needs."""
+    """Schema of a type: the files that define it and its fields' types, each after its dependencies."""
     found = FileDescriptorSet()
     seen: set[str] = set()
 
@@ -64,7 +64,7 @@ def schema_of(kind: type[Message]) -> bytes:
 
 
 def from_bytes(data: bytes, kind: type[M]) -> M:
-    """The message in `data`. Raises `CommunicationError`."""
+    """Decode a message. Raises `CommunicationError` if `data` is not of type `kind`."""
     message = kind()
     try:
         message.ParseFromString(data)

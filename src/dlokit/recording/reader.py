@@ -1,4 +1,4 @@
-"""Recordings read again, also those whose writer was killed."""
+"""Read recordings, including those whose writer was killed."""
 
 from collections.abc import Container, Iterator
 from dataclasses import dataclass, field
@@ -14,7 +14,7 @@ from dlokit.communication.topics import STEREO_IMAGES
 from dlokit.errors import CommunicationError, InputError, SchemaMismatch
 from dlokit.recording import foxglove
 from dlokit.recording.channels import RECORDED, type_of
-from dlokit.recording.plain import from_plain
+from dlokit.recording.message_json import from_plain
 from dlokit.recording.views import VIEWS, from_jpeg
 from dlokit.types.message import Message
 
@@ -27,23 +27,23 @@ class Recorded:
 
     topic: str
     log_ns: int
-    """When it came [ns], on the run's clock; the message's own stamp is what it speaks of."""
+    """Time of arrival on the run's clock [ns]; the message's own stamp is the time to which its content refers."""
     message: Message
 
 
 @dataclass(kw_only=True)
 class RawRecording:
-    """Records of a file in order, nothing decoded. Iterate once; the rest is filled meanwhile."""
+    """Records of a file in order, not decoded. Iterate once; iteration fills the other fields."""
 
     path: Path
     metadata: dict[str, dict[str, str]] = field(default_factory=dict[str, dict[str, str]])
     channels: dict[int, Channel] = field(default_factory=dict[int, Channel])
     schemas: dict[int, str] = field(default_factory=dict[int, str])
     whole: bool = False
-    """Whether the file's end was found: its writer was not killed."""
+    """Whether the file is complete: its writer was not killed."""
 
     def __iter__(self) -> Iterator[tuple[str, McapMessage]]:
-        """Channel and message. Raises `InputError` when the file is no recording."""
+        """Yield channel and message. Raises `InputError` when the file is not a recording."""
         try:
             with self.path.open("rb") as stream:
                 if (head := stream.read(len(_MAGIC))) != _MAGIC:
@@ -56,7 +56,7 @@ class RawRecording:
             ) from error
 
     def schema_of(self, topic: str) -> str:
-        """Name of the type of a channel that has been read."""
+        """Name of the message type of a channel that has been read."""
         return next(self.schemas.get(of.schema_id, "") for of in self.channels.values() if of.topic == topic)
 
     def _messages(self, reader: StreamReader) -> Iterator[tuple[str, McapMessage]]:
@@ -81,16 +81,16 @@ class RawRecording:
             except StopIteration:
                 self.whole = True
                 return
-            except Exception:  # whatever the parser stumbles over is where the file was cut
+            except Exception:  # any error of the parser marks the place where the file was cut off
                 return
             yield record
 
 
 def read_recording(path: Path, only: Container[str] | None = None) -> Iterator[Recorded]:
-    """Every message of every topic, and the skill calls, in the order in which they came; or those of `only` alone.
+    """Read the messages of all topics and the skill calls, or only of the channels `only`, in the order of arrival.
 
-    They equal what was published, but for pictures, which are as good as their JPEG files. Raises `InputError` when
-    the file is no recording, and `SchemaMismatch` when another version wrote messages that this one cannot read.
+    They equal the published messages, except for images, which have JPEG quality. Raises `InputError` when the file is
+    not a recording, and `SchemaMismatch` when another version wrote messages that this one cannot read.
     """
     pictures: dict[str, bytes] = {}
     for channel, record in RawRecording(path=path):
@@ -101,17 +101,17 @@ def read_recording(path: Path, only: Container[str] | None = None) -> Iterator[R
 
 
 def picture_file(data: bytes) -> foxglove.CompressedImage:
-    """A picture of `view/left` or `view/right`, as it is in the file. Raises `SchemaMismatch`."""
+    """Decode an image message of `view/left` or `view/right`. Raises `SchemaMismatch`."""
     try:
         return foxglove.from_bytes(data, foxglove.CompressedImage)
     except CommunicationError as error:
-        raise SchemaMismatch(f"{error}; another version wrote the file: read it with that one") from error
+        raise SchemaMismatch(f"{error}; another version wrote the file: read it with that version") from error
 
 
 def _message(channel: str, data: bytes, pictures: dict[str, bytes]) -> Message:
     kind = type_of(channel)
     if kind is None:
-        raise SchemaMismatch(f"{channel} is no topic of this version; it knows {sorted(RECORDED)}")
+        raise SchemaMismatch(f"{channel} is not a topic of this version; it has {sorted(RECORDED)}")
     plain: Any = msgspec.json.decode(data)
     if channel == STEREO_IMAGES.name:
         for side in ("left", "right"):

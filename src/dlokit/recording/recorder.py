@@ -1,4 +1,4 @@
-"""Records a run while it goes on, on a thread of its own: the run neither waits for the disk nor ends with it."""
+"""Records a run on a separate thread: the run does not wait for the disk, and a disk error does not end it."""
 
 import contextlib
 import logging
@@ -22,13 +22,13 @@ from dlokit.types.message import Message
 log = logging.getLogger(__name__)
 
 FLUSH_EVERY_S = 0.5
-"""A process that is killed loses what came since, on the machine's clock."""
+"""Period of flushes [s of machine time]; a killed process loses the messages since the last one."""
 BATCH_EVERY_S = 0.1
-"""A thread that woke for each message would cost the run more than writing does."""
-WAITING = 1024
-"""Messages that may wait for the disk: 5 s of a live run."""
-PATIENCE_S = 10.0
-"""A lockstep run, which may wait, waits so long for the disk; so does the end of a run."""
+"""Period at which the thread writes [s]; waking it for each message would cost the run more than the writing."""
+QUEUE_LENGTH = 1024
+"""Number of messages that may wait for the disk: 5 s of a live run."""
+DISK_TIMEOUT_S = 10.0
+"""Longest wait for the disk [s], in a lockstep run and at the end of any run."""
 
 
 @dataclass(frozen=True)
@@ -36,11 +36,11 @@ class _Item:
     topic: Topic[Any]
     log_ns: int
     message: Message | bytes | Callable[[], Message]
-    """Encoded, when it comes from another process; a function makes it on the writer's thread."""
+    """Encoded if it is from another process; a function returns the message on the writer's thread."""
 
 
 class Recorder:
-    """Takes messages from any thread and writes them. Use as a context manager."""
+    """Takes messages from any thread and writes them to a file. Use as a context manager."""
 
     def __init__(
         self,
@@ -48,19 +48,19 @@ class Recorder:
         now_ns: Callable[[], int],
         metadata: Mapping[str, Mapping[str, str]],
         *,
-        patient: bool,
+        waits: bool,
     ) -> None:
-        """`now_ns` is the run's clock. Who is not `patient` loses messages when the disk is slow, and counts them."""
+        """`now_ns` is the run's clock. When the disk is slow, `put` waits if `waits`, else it drops and counts."""
         self._path = path
         self._now_ns = now_ns
         self._metadata = metadata
-        self._patient = patient
-        self._waiting: queue.Queue[_Item] = queue.Queue(WAITING)
+        self._waits = waits
+        self._queue: queue.Queue[_Item] = queue.Queue(QUEUE_LENGTH)
         self._ending = threading.Event()
         self._lock = threading.Lock()
         self._last_pair_ns: int | None = None
-        self._thinned = 0
-        self._handed = set[str]()
+        self._skipped_pairs = 0
+        self._topics = set[str]()
         self._closed = False
         self._thread = threading.Thread(target=self._write_all, name="recorder", daemon=True)
 
@@ -71,37 +71,37 @@ class Recorder:
     def __exit__(self, *exc: object) -> None:
         self._closed = True
         self._ending.set()
-        self._thread.join(PATIENCE_S)
+        self._thread.join(DISK_TIMEOUT_S)
         if self._thread.is_alive():
-            log.warning("recording_slow: %s is not written to its end: the disk does not answer", self._path)
+            log.warning("recording_slow: %s is not complete: the disk does not respond", self._path)
 
     def put(self, topic: Topic[Any], message: Message | bytes | Callable[[], Message]) -> None:
-        """Record a message that nobody changes any more; returns at once where the run may not wait.
+        """Record a message, which must not change afterwards; returns at once unless the recorder `waits`.
 
-        A function is called on the writer's thread, and returns the message.
+        A function is called on the writer's thread and returns the message.
         """
         if self._closed:
             return
         log_ns = self._now_ns()
-        self._handed.add(topic.name)
-        if topic is STEREO_IMAGES and self._thinned_out(log_ns):
+        self._topics.add(topic.name)
+        if topic is STEREO_IMAGES and self._skips_pair(log_ns):
             return
         try:
-            self._waiting.put(_Item(topic, log_ns, message), self._patient, PATIENCE_S)
+            self._queue.put(_Item(topic, log_ns, message), self._waits, DISK_TIMEOUT_S)
         except queue.Full:
-            if self._patient:
-                log.warning("recording_failed: %s: the disk does not answer; the run goes on without it", self._path)
+            if self._waits:
+                log.warning("recording_failed: %s: the disk does not respond; the run continues without it", self._path)
                 self._closed = True
 
     def has(self, topic: Topic[Any]) -> bool:
-        """Whether anything of a topic was handed over."""
-        return topic.name in self._handed
+        """Whether any message of a topic was passed to the recorder."""
+        return topic.name in self._topics
 
-    def _thinned_out(self, log_ns: int) -> bool:
+    def _skips_pair(self, log_ns: int) -> bool:
         with self._lock:
             last = self._last_pair_ns
             if last is not None and 0 <= log_ns - last < 1e9 / IMAGES_PER_S:
-                self._thinned += 1
+                self._skipped_pairs += 1
                 return True
             self._last_pair_ns = log_ns
             return False
@@ -115,26 +115,26 @@ class Recorder:
         try:
             self._write_until_end(writer)
             lost = dict(writer.lost)
-            if self._thinned:
-                lost[STEREO_IMAGES.name] = max(0, lost.get(STEREO_IMAGES.name, 0) - self._thinned)
-            writer.add_metadata("thinned", {STEREO_IMAGES.name: str(self._thinned)})
+            if self._skipped_pairs:
+                lost[STEREO_IMAGES.name] = max(0, lost.get(STEREO_IMAGES.name, 0) - self._skipped_pairs)
+            writer.add_metadata("thinned", {STEREO_IMAGES.name: str(self._skipped_pairs)})
             writer.add_metadata("lost", {name: str(number) for name, number in lost.items() if number})
             writer.close()
-        except Exception as error:  # whatever it is, the run goes on without it
+        except Exception as error:  # any error ends the recording only; the run continues
             writer.abandon()
             self._give_up(error)
 
     def _write_until_end(self, writer: RecordingWriter) -> None:
         flush_at_s = time.monotonic() + FLUSH_EVERY_S
         ending = False
-        # While it holds the interpreter's lock, and is put aside, no heartbeat of this process is given.
-        urgency = never_urgent if self._patient else BoundedUrgency()
+        # If this thread were preempted while it holds the interpreter's lock, this process would send no heartbeat.
+        urgency = never_urgent if self._waits else BoundedUrgency()
         while not ending:
             urgency(True)
             ending = self._ending.wait(BATCH_EVERY_S)
-            # No more than wait now: a flush must not be put off by what comes meanwhile.
-            for _ in range(self._waiting.qsize()):
-                self._write(writer, self._waiting.get_nowait())
+            # Only the messages that wait now, so that later ones do not delay the flush.
+            for _ in range(self._queue.qsize()):
+                self._write(writer, self._queue.get_nowait())
             if time.monotonic() >= flush_at_s:
                 writer.flush()
                 flush_at_s = time.monotonic() + FLUSH_EVERY_S
@@ -148,13 +148,13 @@ class Recorder:
             elif not isinstance(message, Message):
                 message = message()
         except CommunicationError as error:
-            log.warning("a message on %s is not recorded: %s", item.topic.name, error)
+            log.warning("message on %s not recorded: %s", item.topic.name, error)
             return
         writer.add(item.topic, item.log_ns, message)
 
     def _give_up(self, error: Exception) -> None:
-        log.warning("recording_failed: %s: %s; the run goes on without a recording", self._path, error)
+        log.warning("recording_failed: %s: %s; the run continues without a recording", self._path, error)
         self._closed = True
-        with contextlib.suppress(queue.Empty):  # whoever waits for room is let go
+        with contextlib.suppress(queue.Empty):  # release callers that wait for space in the queue
             while True:
-                self._waiting.get_nowait()
+                self._queue.get_nowait()

@@ -1,4 +1,4 @@
-"""What is in a recording, in figures."""
+"""Summary statistics of a recording."""
 
 from collections import Counter, defaultdict
 from collections.abc import Mapping
@@ -7,7 +7,7 @@ from pathlib import Path
 
 from dlokit.communication.topics import FLOW
 from dlokit.recording.channels import CALLS_BEGUN, SKILL_CALLS
-from dlokit.recording.plain import from_json
+from dlokit.recording.message_json import from_json
 from dlokit.recording.reader import RawRecording
 from dlokit.types.flow import FlowStatus
 from dlokit.types.outcome import CallBegun, CallRecord
@@ -15,50 +15,50 @@ from dlokit.types.outcome import CallBegun, CallRecord
 
 @dataclass(frozen=True, kw_only=True)
 class ChannelSummary:
-    """One channel."""
+    """Statistics of one channel."""
 
     count: int
     schema: str
-    """Name of its type, e.g. ``"dlokit.DloState"``."""
+    """Name of its message type, e.g. ``"dlokit.DloState"``."""
     rate_hz: float | None
-    """Mean rate between its first and its last message; None for fewer than two."""
+    """Mean rate between its first and last message [Hz]; None for fewer than two."""
     size_bytes: int
-    """Before compression."""
+    """Size before compression."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class CallSummary:
-    """The calls of one skill."""
+    """Statistics of the calls of one skill."""
 
     outcomes: Counter[str]
-    """How often each outcome, with its reason where there is one."""
+    """Number of calls with each outcome (and its reason, if any)."""
     mean_s: float
-    """Mean time from the call to its end, on the run's clock."""
+    """Mean duration of a call, on the run's clock [s]."""
     longest_s: float
-    """Longest time."""
+    """Longest duration of a call [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class RecordingSummary:
-    """One file."""
+    """Statistics of one recording."""
 
     size_bytes: int
     whole: bool
-    """False: the writer was killed before it ended the file; what is there is good."""
+    """False: the writer was killed before the end of the file; the messages before that are valid."""
     duration_s: float
-    """From the first message to the last, on the run's clock."""
+    """Time from the first to the last message, on the run's clock [s]."""
     metadata: Mapping[str, Mapping[str, str]]
     channels: Mapping[str, ChannelSummary]
     calls: Mapping[str, CallSummary]
     """By skill."""
     running: tuple[str, ...]
-    """Skills that had been called and had not ended when the recording did."""
+    """Skills that were running when the recording ended."""
     last_step: FlowStatus | None
-    """Where the flow was; its outcome when the run had ended."""
+    """Last status of the flow; it contains the task's outcome if the run has ended."""
 
 
 class _Calls:
-    """Calls as they are read."""
+    """Statistics of the calls read so far."""
 
     def __init__(self) -> None:
         self._running: dict[tuple[str, int], str] = {}
@@ -84,7 +84,7 @@ class _Calls:
 
 
 def summarise(path: Path) -> RecordingSummary:
-    """Read a file through. Raises `InputError` when it is no recording, `SchemaMismatch` when another version's."""
+    """Summarise a file. Raises `InputError` if it is not a recording, `SchemaMismatch` if another version wrote it."""
     raw, calls = RawRecording(path=path), _Calls()
     times: defaultdict[str, list[int]] = defaultdict(list)
     sizes: Counter[str] = Counter()

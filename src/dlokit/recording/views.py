@@ -1,4 +1,4 @@
-"""What Foxglove's panels show of our messages: pictures, clouds, frames, the rod in the scene, and a log."""
+"""Conversion of messages to views for Foxglove's panels: images, clouds, frames, the rod in the scene, and a log."""
 
 import numpy as np
 
@@ -19,8 +19,8 @@ from dlokit.types.robot import RobotState
 
 
 def to_jpeg(pixels: UInt8Array) -> bytes:
-    """A picture (height, width, 3) RGB, or (height, width) grey, as the bytes of a file."""
-    import cv2  # here, because whoever reads or writes other topics need not wait for it
+    """Encode an image (height, width, 3) RGB, or (height, width) grey, as JPEG."""
+    import cv2  # here, so that other topics can be read and written without loading it
 
     picture = cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR) if pixels.ndim == 3 else pixels
     _, data = cv2.imencode(f".{IMAGE_FORMAT}", picture, [cv2.IMWRITE_JPEG_QUALITY, IMAGE_QUALITY])
@@ -28,12 +28,12 @@ def to_jpeg(pixels: UInt8Array) -> bytes:
 
 
 def from_jpeg(data: bytes) -> UInt8Array:
-    """The picture (height, width, 3) RGB. Raises `CommunicationError` when there is none."""
+    """Decode a JPEG image to (height, width, 3) RGB. Raises `CommunicationError` if `data` is not an image."""
     import cv2
 
     picture = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_COLOR)
     if picture is None:
-        raise CommunicationError("a recorded picture cannot be decoded: its bytes are no JPEG file")
+        raise CommunicationError("a recorded image cannot be decoded: its bytes are not a JPEG file")
     return cv2.cvtColor(picture, cv2.COLOR_BGR2RGB).astype(np.uint8, copy=False)
 
 
@@ -52,7 +52,7 @@ VIEWS: dict[str, type[View]] = {
     "view/goal": fox.PointCloud,
     "view/log": fox.Log,
 }
-"""Every channel that is made for Foxglove, with its type."""
+"""Every channel for Foxglove, with its message type."""
 
 WORLD = "world"
 CAMERA = "camera"
@@ -64,7 +64,7 @@ _DIAMETER_M = 0.008
 
 
 def views_of(message: Message) -> list[tuple[str, View]]:
-    """What to show of a message, by channel; pictures need a codec and are not among it."""
+    """Views of a message, with their channels; the writer encodes images itself."""
     match message:
         case RobotState():
             return [("view/tool", _frame(message.stamp_ns, f"{message.robot}_tool", message.T_world_tcp))]
@@ -121,7 +121,7 @@ def _camera(stamp_ns: int, camera: CameraCalibration) -> fox.CameraCalibration:
 
 
 def _both(name: str, message: DloState | GoalShape | TargetPoints, drawn: fox.SceneUpdate) -> list[tuple[str, View]]:
-    """A shape as it is drawn, and its nodes as a cloud: Rerun knows no scenes."""
+    """A shape as a scene, and its nodes as a cloud, because Rerun does not display scenes."""
     return [("view/scene", drawn), (f"view/{name}", _cloud(message.stamp_ns, message.nodes_world))]
 
 

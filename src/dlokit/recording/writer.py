@@ -1,4 +1,4 @@
-"""Messages into an MCAP file."""
+"""Write messages to an MCAP file."""
 
 from collections import defaultdict
 from collections.abc import Mapping
@@ -14,7 +14,7 @@ from dlokit.communication.topic import Topic
 from dlokit.communication.topics import ARM_STATE
 from dlokit.recording import foxglove
 from dlokit.recording.channels import IMAGE_FORMAT, type_of
-from dlokit.recording.plain import json_schema, kind_name, to_json
+from dlokit.recording.message_json import json_schema, kind_name, to_json
 from dlokit.recording.views import CAMERA, VIEWS, View, to_jpeg, views_of
 from dlokit.types.image import StereoImages
 from dlokit.types.message import Message
@@ -24,16 +24,16 @@ _NO_PIXELS = np.empty((0, 0, 3), dtype=np.uint8)
 
 
 class RecordingWriter:
-    """Writes one recording; what `flush` has written survives a killed process. Raises `OSError` as files do."""
+    """Writes one recording; flushed messages survive a killed process. Raises `OSError` on file errors."""
 
     def __init__(self, path: Path, metadata: Mapping[str, Mapping[str, str]]) -> None:
-        """`metadata` is written first, so that a file that was cut off has it too."""
+        """`metadata` is written first, so that a file that is cut off also contains it."""
         self._stream = path.open("wb")
         self._writer = Writer(self._stream, compression=CompressionType.ZSTD)
         self._channels: dict[str, int] = {}
         self._last_seq: dict[str, int] = {}
         self.lost: defaultdict[str, int] = defaultdict(int)
-        """Messages by topic whose number is missing."""
+        """Number of missing sequence numbers by topic."""
         try:
             self._writer.start(library=f"dlokit {__version__}")
             for name, entries in metadata.items():
@@ -44,17 +44,17 @@ class RecordingWriter:
             raise
 
     def add_metadata(self, name: str, entries: Mapping[str, str]) -> None:
-        """Names and values of one kind."""
+        """Add a metadata record with names and values."""
         self._writer.add_metadata(name, dict(entries))
 
     def add(self, topic: Topic[Any], log_ns: int, message: Message) -> None:
-        """One message, with what is shown of it; `log_ns` is when it came, its stamp what it speaks of."""
+        """Write a message and its views; `log_ns` is the time of its arrival."""
         self._count_lost(topic, message)
         if isinstance(message, StereoImages):
-            # The pictures first: who reads the message has them then.
+            # The images come before the message that refers to them, so that a reader has them in time.
             self._add_picture("view/left", log_ns, message.stamp_ns, to_jpeg(message.left))
             self._add_picture("view/right", log_ns, message.stamp_ns, to_jpeg(message.right))
-        # The arm's sensors say again what the robot says: shown is the robot.
+        # The simulated arm's sensor state duplicates the robot's state, of which the view is made.
         for channel, view in () if topic.row == ARM_STATE.row else views_of(message):
             self._add(channel, log_ns, message.stamp_ns, 0, view)
         if isinstance(message, StereoImages):
@@ -62,27 +62,27 @@ class RecordingWriter:
         self._add(topic.name, log_ns, message.stamp_ns, message.seq, message)
 
     def flush(self) -> None:
-        """End the chunk, and hand it to the system."""
+        """End the chunk and pass it to the operating system."""
         self._writer.flush()
 
     def close(self) -> None:
-        """Write the index, and end the file."""
+        """Write the index and close the file."""
         self._writer.finish()
         self._stream.close()
 
     def abandon(self) -> None:
-        """Close the file as it is: it cannot be written any more."""
+        """Close the file without an index, after a write error."""
         try:
             self._stream.close()
         except OSError:
-            # What is still buffered cannot be written either; the file is closed all the same.
+            # The buffered rest cannot be written either; the file is closed nevertheless.
             assert self._stream.closed
 
     def _count_lost(self, topic: Topic[Any], message: Message) -> None:
-        # Of a topic there is one publisher, of calls there are as many as call.
+        # A topic has one publisher; calls are numbered by each caller.
         counted = f"{topic.name} {message.caller}" if isinstance(message, CallBegun | CallRecord) else topic.name
         last, seq = self._last_seq.get(counted), message.seq
-        # A publisher that was started again counts from 1.
+        # A restarted publisher counts from 1.
         if last is not None and seq > last + 1:
             self.lost[topic.name] += seq - last - 1
         self._last_seq[counted] = seq
@@ -105,7 +105,7 @@ class RecordingWriter:
             encoding = schema_encoding = foxglove.ENCODING
         else:
             kind = type_of(channel)
-            assert kind is not None, f"{channel} is no topic"
+            assert kind is not None, f"{channel} is not a topic"
             name, schema = f"dlokit.{kind_name(kind)}", json_schema(kind)
             encoding, schema_encoding = "json", "jsonschema"
         number = self._writer.register_schema(name, schema_encoding, schema)

@@ -11,7 +11,7 @@ from msgspec import Meta
 
 from dlokit.description.dlo import GRAVITY_M_S2
 from dlokit.ranges import Fraction, NotNegative, Positive, check_ranges
-from dlokit.types.dlo import DloBelief, Figure
+from dlokit.types.dlo import DloBelief, LogNormal
 
 POISSON = 0.3
 """Poisson's ratio taken for any DLO: it sets the stiffness against twist, which no picture shows."""
@@ -73,12 +73,12 @@ def as_configured(config: BelievedDlo, stamp_ns: int) -> DloBelief:
     weight_n_m = GRAVITY_M_S2 * config.mass_kg_m
     return DloBelief(
         stamp_ns=stamp_ns,
-        length_m=Figure(value=config.length_m, log_sd=sure.length_log_sd),
-        radius_m=Figure(value=config.radius_m, log_sd=sure.radius_log_sd),
-        bending_stiffness_n_m2=Figure(value=config.bending_stiffness_n_m2, log_sd=sure.stiffness_log_sd),
-        weight_n_m=Figure(value=weight_n_m, log_sd=sure.weight_log_sd),
-        friction=Figure(value=config.friction, log_sd=sure.friction_log_sd),
-        elastic_m3=Figure(
+        length_m=LogNormal(value=config.length_m, log_sd=sure.length_log_sd),
+        radius_m=LogNormal(value=config.radius_m, log_sd=sure.radius_log_sd),
+        bending_stiffness_n_m2=LogNormal(value=config.bending_stiffness_n_m2, log_sd=sure.stiffness_log_sd),
+        weight_n_m=LogNormal(value=weight_n_m, log_sd=sure.weight_log_sd),
+        friction=LogNormal(value=config.friction, log_sd=sure.friction_log_sd),
+        elastic_m3=LogNormal(
             value=config.bending_stiffness_n_m2 / (config.friction * weight_n_m),
             log_sd=math.hypot(sure.stiffness_log_sd, sure.weight_log_sd, sure.friction_log_sd),
         ),

@@ -17,7 +17,7 @@ from dlokit.rod.believed import BeliefConfig, BelievedDlo, as_configured
 from dlokit.rod.rollout import Motion, QuickRod, play
 from dlokit.types.action import VelocityProfile
 from dlokit.types.arrays import Float64Array
-from dlokit.types.dlo import DloBelief, Figure
+from dlokit.types.dlo import DloBelief, LogNormal
 from dlokit.types.robot import RobotState
 
 
@@ -202,9 +202,9 @@ def _moments(probability: Float64Array, log: Float64Array) -> tuple[float, float
     return mean, math.sqrt(float((probability * (log - mean) ** 2).sum()))
 
 
-def _scaled(before: Figure, log: tuple[float, float], doubt_log_sd: float) -> Figure:
+def _scaled(before: LogNormal, log: tuple[float, float], doubt_log_sd: float) -> LogNormal:
     log_sd = math.hypot(log[1], doubt_log_sd)
-    return Figure(value=before.value * math.exp(log[0]), log_sd=log_sd)
+    return LogNormal(value=before.value * math.exp(log[0]), log_sd=log_sd)
 
 
 @dataclass(frozen=True, kw_only=True)

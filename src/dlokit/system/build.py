@@ -81,7 +81,7 @@ def _cell(config: RunConfig, wiring: Wiring) -> Component:
 
 def _robot(mount: ArmMount) -> "_Builder":
     def build(config: RunConfig, wiring: Wiring) -> Component:
-        from dlokit.communication.timing.deadlines import LoopWatch, ThreadWatch
+        from dlokit.communication.timing.deadlines import LoopWatchdog, ThreadWatchdog
         from dlokit.communication.timing.pulse import ThreadPulse, loop_pulse
         from dlokit.functional.robots.gate import GatedRobot
         from dlokit.functional.robots.simulated import SimulatedRobot
@@ -92,7 +92,7 @@ def _robot(mount: ArmMount) -> "_Builder":
 
         live = config.runtime == "live"
         pulse = ThreadPulse() if live else loop_pulse
-        watch = ThreadWatch() if live else LoopWatch()
+        watch = ThreadWatchdog() if live else LoopWatchdog()
         lease = LeaseKeeper(time.monotonic_ns)
         robot = GatedRobot(
             SimulatedRobot(_driver_port(wiring, "robot driver"), mount, pulse),

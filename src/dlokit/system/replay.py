@@ -16,7 +16,7 @@ from dlokit.errors import InputError
 from dlokit.functional.cameras.played import PlayedCamera, RecordedPair
 from dlokit.recording.channels import topic_of
 from dlokit.recording.comparison import FieldRow, compare
-from dlokit.recording.feeding import Timeline, feed, read_timeline
+from dlokit.recording.component_replay import Timeline, feed, read_timeline
 from dlokit.recording.reader import RawRecording, Recorded, read_recording
 from dlokit.skills.perception.component import PerceptionComponent
 from dlokit.skills.viewer.component import ViewerComponent
@@ -98,7 +98,7 @@ def replay(path: Path, name: str, config: RunConfig) -> Replay:
     # Pictures are what the camera gave, not what perception made of them.
     said = tuple(topic for topic in kind.publishes if topic is not topics.STEREO_IMAGES)
     line = read_timeline(path, kind, said)
-    if not line.said and not line.events:
+    if not line.published and not line.events:
         raise InputError(f"{path} holds nothing of {name}: no message that it reads or publishes, and no call of it.")
     camera = PlayedCamera(_pairs(path), _looks(path, line)) if name == PERCEPTION else None
     if camera is not None and camera.empty:
@@ -133,7 +133,7 @@ def _pairs(path: Path) -> Iterator[RecordedPair]:
 def _looks(path: Path, line: Timeline) -> list[tuple[int, int]]:
     """Stamps of all pictures that were taken, and when: some gave a cloud, some were kept, most both."""
     kept = {record.publish_time: record.log_time for channel, record in RawRecording(path=path) if channel == PICTURES}
-    clouds = {one.message.stamp_ns: one.log_ns for one in line.said}
+    clouds = {one.message.stamp_ns: one.log_ns for one in line.published}
     return sorted((clouds | kept).items())
 
 

@@ -1,4 +1,4 @@
-"""Every value and message that crosses a component boundary, and nothing else.
+"""All values and messages that cross a component boundary, and nothing else.
 
-One concept a file; import from the file, e.g. ``from dlokit.types.dlo import DloState``.
+Each file has one concept; import from the file, e.g. ``from dlokit.types.dlo import DloState``.
 """

@@ -1,4 +1,4 @@
-"""Actions, one grasp-to-release each, what a planner considers while it decides, and small motions of a held node."""
+"""Actions from grasp to release, the candidates a planner considers, and the corrections of a grasped node."""
 
 import enum
 import math
@@ -11,9 +11,9 @@ from dlokit.types.robot import FIRST_ROBOT
 
 
 class VelocityProfile(Value, frozen=True, kw_only=True, eq=False):
-    """How fast the tool moves along a path; different profiles may give different shapes.
+    """Speed, acceleration and jerk limits of the tool along a path; they can influence the resulting shape.
 
-    Raises `BadValue` where one of the three is not a finite number above 0.
+    Raises `BadValue` if one of the three is not a finite number above 0.
     """
 
     speed_m_s: float = 0.25
@@ -31,150 +31,150 @@ class VelocityProfile(Value, frozen=True, kw_only=True, eq=False):
 
 
 class Grasp(Value, frozen=True, kw_only=True, eq=False):
-    """Where to take hold of the DLO."""
+    """Where and how to grasp the DLO."""
 
     node: int
     T_world_tcp: Pose
-    """Tool centre point between the fingertips, its x axis along the rod, z (approach) down."""
+    """Pose of the tool centre point between the fingertips: x axis along the rod, z (approach) down."""
     opening_m: float = 0.04
     """Finger opening on approach [m]."""
 
 
 class Partner(Value, frozen=True, kw_only=True, eq=False):
-    """What the second arm does of an action."""
+    """The second arm's part of an action."""
 
     robot: str
     grasp: Grasp
     path: tuple[Pose, ...]
     velocity: VelocityProfile
-    """Such that both paths take the same time."""
+    """Profile with which both paths take the same time."""
 
 
-class Handling(Message, frozen=True, kw_only=True, eq=False):
-    """One grasp-to-release: come down at a node, move on a path, go up again. Kinds differ in what the path does."""
+class ActionBase(Message, frozen=True, kw_only=True, eq=False):
+    """Fields of every action: descend at a node, move along a path, ascend. The kinds differ in their paths."""
 
     grasp: Grasp
-    """Where the tool comes down."""
+    """Where the tool descends."""
     path: tuple[Pose, ...]
-    """Tool poses from there to the release, without the first itself."""
+    """Tool poses from the grasp to the release, without the grasp pose."""
     velocity: VelocityProfile
-    predicted_nodes_world: Float64Array | None = None  # (M, 3) [m] shape expected after it; None: not predicted
+    predicted_nodes_world: Float64Array | None = None  # (M, 3) [m] predicted shape after it; None: not predicted
     robot: str = FIRST_ROBOT
     partner: Partner | None = None
-    """What a second arm does at the same time: in a pair, and in no other kind."""
+    """The second arm's part; only `PairPlace` has one."""
 
 
-class PickPlace(Handling, frozen=True, kw_only=True, eq=False, tag="pick-and-place"):
+class PickPlace(ActionBase, frozen=True, kw_only=True, eq=False, tag="pick-and-place"):
     """Grasp a node, carry it along a path above the table, release it."""
 
 
-class Drag(Handling, frozen=True, kw_only=True, eq=False, tag="drag"):
-    """Grasp a node and draw it over the table, without lifting the rod."""
+class Drag(ActionBase, frozen=True, kw_only=True, eq=False, tag="drag"):
+    """Grasp a node and drag it over the table, without lifting the rod."""
 
 
-class LayDown(Handling, frozen=True, kw_only=True, eq=False, tag="lay-down"):
+class LayDown(ActionBase, frozen=True, kw_only=True, eq=False, tag="lay-down"):
     """Grasp near an end, lift most of the rod, and lay it down along a curve."""
 
 
-class Push(Handling, frozen=True, kw_only=True, eq=False, tag="push"):
-    """Push the rod over the table with closed fingers, which come down beside it: nothing is held.
+class Push(ActionBase, frozen=True, kw_only=True, eq=False, tag="push"):
+    """Push the rod over the table with closed fingers that descend beside it; nothing is grasped.
 
-    Its grasp is where they come down, with the node that they push and an opening of zero.
+    Its `grasp` is the pose where the fingers descend, with the pushed node and an opening of zero.
     """
 
 
-class PairPlace(Handling, frozen=True, kw_only=True, eq=False, tag="pair"):
-    """Two arms grasp a node each, carry both at the same time, and release both.
+class PairPlace(ActionBase, frozen=True, kw_only=True, eq=False, tag="pair"):
+    """Two arms each grasp a node, carry both at the same time, and release both.
 
-    What is not the partner's is the first arm's.
+    All fields but `partner` describe the first arm's part.
     """
 
 
 Action = PickPlace | Drag | LayDown | Push | PairPlace
-"""Every kind of action."""
+"""Union of all kinds of actions."""
 
 
 def kind_of(action: Action) -> str:
-    """The kind of an action, in words."""
+    """Name of an action's kind, e.g. ``"pick-and-place"``."""
     return str(action.__struct_config__.tag)
 
 
 class Marks(Value, frozen=True, kw_only=True, eq=False):
-    """Grasp nodes that were tried since the shape last changed, in vain (Fig. 6)."""
+    """Grasp nodes marked as tried without effect since the shape last changed (Fig. 6)."""
 
     invalid_nodes: Int64Array  # (n,)
 
 
-class CandidateSeen(Value, frozen=True, kw_only=True, eq=False):
-    """One action that is considered."""
+class ScoredCandidate(Value, frozen=True, kw_only=True, eq=False):
+    """One candidate action with its score."""
 
     kind: str
-    """In words, as `types.action.kind_of` has it."""
+    """Name of its kind, as from `kind_of`."""
     node: int
-    """The node that would be grasped or pushed."""
+    """Node to be grasped or pushed."""
     score_m: float
-    """What would remain to be done, as the planner judges it [m]; less is better."""
-    nodes_world: Float64Array  # (M, 3) [m] expected after it
-    path_world: Float64Array  # (W, 3) [m] of the tool
+    """Remaining error after it, as the planner scores it [m]; lower is better."""
+    nodes_world: Float64Array  # (M, 3) [m] predicted shape after it
+    path_world: Float64Array  # (W, 3) [m] path of the tool
 
 
 class Candidates(Message, frozen=True, kw_only=True, eq=False):
-    """How far a decision is: what was played through so far, and the best of it."""
+    """Progress of a planner: the number of simulated candidates, and the best of them."""
 
     rollouts: int
-    """Played through so far."""
+    """Number of candidates simulated so far."""
     budget: int
-    """To be played through, at most."""
-    best: tuple[CandidateSeen, ...] = ()
-    """The best few, best first."""
+    """Largest number of candidates to simulate."""
+    best: tuple[ScoredCandidate, ...] = ()
+    """The best candidates, best first."""
 
 
-class HeldNode(Value, frozen=True, kw_only=True, eq=False):
-    """A node between fingers."""
+class GraspedNode(Value, frozen=True, kw_only=True, eq=False):
+    """A node that a gripper holds."""
 
     node: int
     T_world_tcp: Pose
-    """The tool that holds it."""
+    """Pose of the tool that holds it."""
 
 
 class Correction(Value, frozen=True, kw_only=True, eq=False):
-    """A small motion of the tool while it holds the DLO, and what the model expects of it."""
+    """A small motion of the tool that holds the DLO, with the model's predictions."""
 
     displacement: Float64Array  # (4,) x, y, z [m] and yaw [rad] of the tool, in the world
-    released_world: Float64Array  # (M, 3) [m] the shape expected if the DLO were let go before it
-    predicted_world: Float64Array  # (M, 3) [m] the shape expected if it is let go after it
+    released_world: Float64Array  # (M, 3) [m] predicted shape if the DLO is released before it
+    predicted_world: Float64Array  # (M, 3) [m] predicted shape if the DLO is released after it
 
 
 class ControlForecast(Value, frozen=True, kw_only=True):
-    """Whether control shall follow an action, by what is known before it."""
+    """Whether control should follow an action, predicted before the action."""
 
     follows: bool
     gain_m: float
-    """RMSE that control is expected to mend [m]; what the eye could feign does not count."""
+    """Reduction of the RMSE expected from control [m]; changes within the observer's uncertainty do not count."""
 
 
 class ControlVerdict(enum.Enum):
-    """Whether control can still bring the shape nearer to its goal."""
+    """Whether control can still reduce the error to the goal."""
 
     CORRECT = "correct"
-    """It can: do the correction, then look again."""
+    """It can: execute the correction, then observe the shape again."""
     SETTLED = "settled"
-    """The shape is good enough, or too little is to be gained at this grasp: let go."""
+    """The shape is good enough, or this grasp cannot improve it much: release."""
     DEADLOCK = "deadlock"
-    """The error is not small and control cannot reduce it: let go, and plan another grasp."""
+    """The error is not small and control cannot reduce it: release, and plan another grasp."""
 
 
 class ControlAdvice(Value, frozen=True, kw_only=True, eq=False):
-    """What to do with a DLO that is held."""
+    """Next step of control for a grasped DLO."""
 
     verdict: ControlVerdict
     reason: str
-    """Why not to go on, by name: good_enough, no_gain, in_doubt, badly_seen; no_progress, overstretch, out_of_reach.
-    Empty when a correction is advised."""
+    """Name of the reason to stop: good_enough, no_gain, in_doubt, badly_seen; no_progress, overstretch, out_of_reach.
+    Empty for a correction."""
     rmse_m: float
-    """Error to the goal expected if the DLO were let go now [m]."""
+    """Predicted error to the goal if the DLO is released now [m]."""
     then_rmse_m: float
-    """The same after the correction [m]; without one, the same as `rmse_m`."""
+    """Predicted error if the DLO is released after the correction [m]; equal to `rmse_m` without a correction."""
     target: Pose
-    """Where the tool goes; where it is, when no correction is advised."""
+    """Target pose of the tool; its present pose without a correction."""
     correction: Correction | None = None

@@ -1,6 +1,6 @@
-"""Array annotations. Their dtype is checked when a message is decoded.
+"""Array annotations; decoding a message checks the dtype.
 
-A comment behind each field gives the shape, the unit and, through its name, the frame.
+A comment after each field gives the shape and the unit; the field's name gives the frame.
 """
 
 from typing import TypeAlias
@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 Float64Array: TypeAlias = NDArray[np.float64]
-"""State: poses, nodes, joint values."""
+"""For state: poses, nodes, joint values."""
 Float32Array: TypeAlias = NDArray[np.float32]
-"""Bulk: clouds, depth."""
+"""For sensor data: point clouds, depth."""
 UInt8Array: TypeAlias = NDArray[np.uint8]
-"""Pictures."""
+"""For images."""
 Int64Array: TypeAlias = NDArray[np.int64]
-"""Indices."""
+"""For indices."""
 BoolArray: TypeAlias = NDArray[np.bool_]
-"""Masks and flags."""
+"""For masks and flags."""

@@ -1,4 +1,4 @@
-"""The DLO: its topology, its state, and what is believed of it."""
+"""The DLO: its topology, its state, and its estimated parameters (the belief)."""
 
 import math
 
@@ -7,35 +7,35 @@ from dlokit.types.message import Message, Value
 
 
 class Topology(Value, frozen=True, kw_only=True, eq=False):
-    """Which nodes are joined: edges, not an index order, so that branched DLOs fit."""
+    """Connections between nodes, as edges rather than an index order, so that branched DLOs can be described."""
 
     edges: Int64Array  # (E, 2) node indices
     rest_lengths_m: Float64Array  # (E,) [m]
 
 
 class DloState(Message, frozen=True, kw_only=True, eq=False):
-    """The one shape that convergence, planning and the viewer use: the model's, after PD tracking."""
+    """Estimated shape of the DLO that convergence, planning and the viewer use: the model's, after PD tracking."""
 
     nodes_world: Float64Array  # (M, 3) [m]
     topology: Topology
     tracking_error_m: float = 0.0
     """Root mean square distance of the visible nodes to their target points [m]."""
-    visible: BoolArray | None = None  # (M,) whether the observer saw the node; None before the first look
+    visible: BoolArray | None = None  # (M,) whether the observer saw the node; None before the first observation
     observed_stamp_ns: int = 0
-    """Stamp of the cloud that the state was last corrected with [ns]; 0 before the first."""
+    """Stamp of the last cloud that corrected the state [ns]; 0 before the first."""
     health: float = 1.0
-    """The observer's trust in its targets, 0 (lost) to 1."""
-    covariance: Float64Array | None = None  # (M, 3, 3) [m²] of the targets it was last corrected with
+    """The observer's confidence in its targets, 0 (lost) to 1."""
+    covariance: Float64Array | None = None  # (M, 3, 3) [m²] of the target points that last corrected the state
 
 
 class TargetPoints(Message, frozen=True, kw_only=True, eq=False):
-    """Where the observer believes the nodes are; the model is dragged there."""
+    """Node positions estimated by the observer, towards which PD tracking pulls the model."""
 
     nodes_world: Float64Array  # (M, 3) [m]
-    visible: BoolArray  # (M,) False: hidden or out of the picture; such a node must not be dragged
+    visible: BoolArray  # (M,) False: hidden or outside the image; PD tracking must not pull such a node
     covariance: Float64Array | None = None  # (M, 3, 3) [m²]
     health: float = 1.0
-    """0 (lost) to 1."""
+    """The observer's confidence, 0 (lost) to 1."""
 
 
 class GoalShape(Message, frozen=True, kw_only=True, eq=False):
@@ -44,60 +44,60 @@ class GoalShape(Message, frozen=True, kw_only=True, eq=False):
     nodes_world: Float64Array  # (M, 3) [m], in the order of the rod
     name: str = "goal"
     ends_interchangeable: bool = False
-    """Whether a rod lying the other way round is as good."""
+    """Whether the same shape with the order of nodes reversed is equally good."""
 
 
 _CONTRADICTS_SDS = 3.0
 
 
-class Figure(Value, frozen=True, kw_only=True, eq=False):
-    """A number above 0 that is known to a factor: its logarithm is normally distributed."""
+class LogNormal(Value, frozen=True, kw_only=True, eq=False):
+    """An uncertain positive parameter: its logarithm is normally distributed."""
 
     value: float
-    """The median; where it is not believed more or less than twice, the best guess."""
+    """The median, which is the best estimate."""
     log_sd: float = 0.0
     """Standard deviation of the logarithm: 0.1 is about 10 %."""
 
-    def between(self, sds: float = 2.0) -> tuple[float, float]:
-        """The interval of so many standard deviations to either side; of two it holds 95 %."""
+    def interval(self, sds: float = 2.0) -> tuple[float, float]:
+        """The interval of `sds` standard deviations of the logarithm around the median; two cover 95 %."""
         factor = math.exp(sds * self.log_sd)
         return self.value / factor, self.value * factor
 
-    def with_measured(self, measured: "Figure") -> "Figure":
-        """This figure and a measured one together, as sure as each is; one that contradicts it takes its place."""
+    def fused_with(self, measured: "LogNormal") -> "LogNormal":
+        """Fuse with a measurement, weighted by the variances; a measurement that contradicts it replaces it."""
         apart = math.log(measured.value / self.value)
         if abs(apart) > _CONTRADICTS_SDS * math.hypot(self.log_sd, measured.log_sd) or self.log_sd == 0.0:
             return measured if abs(apart) > _CONTRADICTS_SDS * measured.log_sd else self
-        share = self.log_sd**2 / (self.log_sd**2 + measured.log_sd**2)
+        gain = self.log_sd**2 / (self.log_sd**2 + measured.log_sd**2)
         log_sd = self.log_sd * measured.log_sd / math.hypot(self.log_sd, measured.log_sd)
-        return Figure(value=self.value * math.exp(share * apart), log_sd=log_sd)
+        return LogNormal(value=self.value * math.exp(gain * apart), log_sd=log_sd)
 
 
 class DloBelief(Message, frozen=True, kw_only=True, eq=False):
-    """The DLO as the system believes it to be, as configured at first and as learnt from then on.
+    """Estimated parameters of the DLO: configured at first, then learned from the actions.
 
-    Stiffness and friction are not independent of one another: what a rod on a table shows best is the ratio of both,
-    `elastic_m3`, which is surer than either.
+    The estimates of stiffness and friction are correlated: a rod on a table reveals their ratio `elastic_m3` best, so
+    it is less uncertain than either.
     """
 
-    length_m: Figure
-    radius_m: Figure
-    bending_stiffness_n_m2: Figure
+    length_m: LogNormal
+    radius_m: LogNormal
+    bending_stiffness_n_m2: LogNormal
     """Bending stiffness EI [N·m²]."""
-    weight_n_m: Figure
+    weight_n_m: LogNormal
     """Weight per length w [N/m]."""
-    friction: Figure
-    """Coefficient μ of sliding friction on the table."""
-    elastic_m3: Figure
-    """EI / (μ w) [m³] of these figures; its cube root is about the radius of the tightest arc that friction holds."""
+    friction: LogNormal
+    """Coefficient μ of sliding friction between DLO and table."""
+    elastic_m3: LogNormal
+    """EI / (μ w) [m³]; its cube root is about the radius of the tightest arc that friction holds."""
     yield_curvature_1_m: float | None = None
-    """Curvature beyond which the DLO keeps a bend [1/m]; None: it is taken to spring back always."""
+    """Curvature above which the DLO stays bent [1/m]; None: it is assumed always to spring back."""
     takes_set: float = 1.0
-    """How probable it is that the DLO keeps bends at all, 0 to 1."""
+    """Probability that the DLO stays bent at all, 0 to 1."""
     actions: int = 0
-    """Actions that it was learnt from; 0: it is what was configured."""
+    """Number of actions that the estimates were learned from; 0: as configured."""
 
     @property
     def held_radius_m(self) -> float:
-        """About the radius of the tightest arc that friction holds, ``(EI / (μ w))^(1/3)`` [m]."""
+        """Approximate radius of the tightest arc that friction holds, ``(EI / (μ w))^(1/3)`` [m]."""
         return self.elastic_m3.value ** (1.0 / 3.0)

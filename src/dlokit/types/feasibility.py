@@ -1,4 +1,4 @@
-"""Whether a shape can be worked with, and if not, why."""
+"""Feasibility of start and goal shapes: problems found, and the verdict on a goal."""
 
 import enum
 
@@ -7,7 +7,7 @@ from dlokit.types.message import Message, Value
 
 
 class Problem(enum.Enum):
-    """What can be wrong with a start or goal shape."""
+    """Kinds of problems of a start or goal shape."""
 
     OFF_TABLE = "off_table"
     OUT_OF_REACH = "out_of_reach"
@@ -25,103 +25,105 @@ class Finding(Value, frozen=True, kw_only=True, eq=False):
 
     problem: Problem
     node: int
-    """The node where it is worst."""
+    """Node where the problem is worst."""
     amount: float
-    """How much there is of what is limited, in `unit`."""
+    """Value of the limited quantity, in `unit`."""
     limit: float
-    """The limit that `amount` breaks, in `unit`."""
+    """Limit that `amount` violates, in `unit`."""
     unit: str
     """``m`` or ``px``."""
     text: str
-    """What is wrong and where, what is allowed, and what to do."""
+    """Sentence for the user: what is wrong and where, what is allowed, and what to do."""
 
 
 class Verdict(Value, frozen=True, kw_only=True, eq=False):
-    """All problems of a shape; none of them: it is feasible."""
+    """All problems of a shape; a shape without problems is feasible."""
 
     findings: tuple[Finding, ...] = ()
 
     @property
     def feasible(self) -> bool:
-        """Whether there is nothing against it."""
+        """Whether no problem was found."""
         return not self.findings
 
     @property
     def reason(self) -> str:
-        """Name of the first problem; empty without any."""
+        """Name of the first problem; empty if feasible."""
         return self.findings[0].problem.value if self.findings else ""
 
     @property
     def text(self) -> str:
-        """All findings, for people."""
+        """All findings as one text for the user."""
         return " ".join(finding.text for finding in self.findings)
 
 
 class Standing(enum.Enum):
-    """What is to be expected of a goal."""
+    """Predicted feasibility of a goal."""
 
     HOLDS = "holds"
-    """Released in it, the DLO stays there, whatever of the model's doubts is true; and the arm gets there."""
+    """Released in the goal shape, the DLO stays there for all parameters within the belief, and the arm reaches it."""
     DOUBTFUL = "doubtful"
-    """It may hold, or a shape within the threshold does: worth trying, and watching."""
+    """The goal may hold, or a shape within the threshold of it does: worth an attempt."""
     INFEASIBLE = "infeasible"
-    """Nothing within the threshold of it holds, or the arm does not get there."""
+    """No shape within the threshold of the goal holds, or the arm cannot reach it."""
 
 
 class Release(Value, frozen=True, kw_only=True, eq=False):
-    """One trial in the model: the DLO laid down as the goal and let go."""
+    """One simulated release: the DLO is placed in the goal shape and released."""
 
     elastic_factor: float
-    """EI / (μ w) of this trial, bending stiffness over friction and weight, over what is believed."""
-    nodes_world: Float64Array  # (M, 3) [m] where it came to rest
+    """EI / (μ w) in this simulation, relative to the believed value."""
+    nodes_world: Float64Array  # (M, 3) [m] shape at rest after the release
     rmse_m: float
-    """How far it sprang back, over all nodes [m]."""
+    """Spring-back over all nodes (root mean square) [m]."""
     node: int
-    """The node that sprang back farthest."""
+    """Node with the largest spring-back."""
     largest_m: float
-    """How far that node did [m]."""
+    """Spring-back of that node [m]."""
 
 
 class GoalVerdict(Message, frozen=True, kw_only=True, eq=False):
-    """Whether a goal can be reached and will hold, as the model believes."""
+    """Whether the model predicts that a goal can be reached and will hold."""
 
     standing: Standing
     threshold_m: float
-    """The RMSE below which the goal would count as reached [m]."""
-    goal_world: Float64Array  # (M, 3) [m] what was judged
+    """RMSE below which the goal counts as reached [m]."""
+    goal_world: Float64Array  # (M, 3) [m] the goal that was assessed
     findings: tuple[Finding, ...] = ()
-    """What stands against the goal, by name; none: it holds."""
+    """Problems of the goal; empty: it holds."""
     releases: tuple[Release, ...] = ()
-    """The trials: as believed first, then as stiff on as smooth a table as may be, then as soft on as rough a one,
-    then between. None where the DLO would lie across itself."""
+    """Simulated releases: with the believed parameters first, then with the largest EI / (μ w) within the belief, then
+    with the smallest, then with values in between. Empty if the DLO would cross itself."""
     nearest_world: Float64Array | None = None  # (M, 3) [m]
-    """The nearest shape found that holds, in reach; None: the goal does, or none was found."""
+    """Nearest shape found that holds and is reachable; None: the goal itself holds, or none was found."""
     nearest_rmse_m: float | None = None
-    """How far that shape is from the goal [m]."""
+    """RMSE of that shape to the goal [m]."""
 
     @property
     def reason(self) -> str:
-        """Names of all problems; empty without any."""
+        """Names of all problems; empty if there are none."""
         return ", ".join(finding.problem.value for finding in self.findings)
 
     @property
     def springs_back(self) -> Release | None:
-        """The worst trial; None without trials."""
+        """The simulated release with the largest spring-back; None without releases."""
         return max(self.releases, key=lambda release: release.rmse_m, default=None)
 
     @property
     def text(self) -> str:
-        """One line for people: the verdict, everything against the goal, and the nearest shape that holds."""
-        parts = [f"The goal {_WORDS[self.standing]}."]
+        """One line for the user: the verdict, all findings, and the nearest shape that holds."""
+        parts = [f"The goal {_PREDICATES[self.standing]}."]
         parts += [finding.text for finding in self.findings]
         if self.nearest_rmse_m is not None:
-            parts.append(f"The nearest shape found that holds is {self.nearest_rmse_m * 1000.0:.1f} mm (RMSE) from it.")
+            parts.append(
+                f"The nearest shape found that holds has an RMSE of {self.nearest_rmse_m * 1000.0:.1f} mm to it."
+            )
         elif self.standing is Standing.INFEASIBLE:
-            parts.append("No shape near it was found that holds.")
+            parts.append("No shape that holds was found near it.")
         return " ".join(parts)
 
 
-_WORDS = {
+_PREDICATES = {
     Standing.HOLDS: "holds",
     Standing.DOUBTFUL: "is doubtful",
     Standing.INFEASIBLE: "is infeasible",

@@ -1,4 +1,4 @@
-"""Where the decision layer is, as everybody may see it."""
+"""Status of the decision layer, and the operator's commands."""
 
 import enum
 
@@ -17,39 +17,39 @@ class RunOutcome(enum.Enum):
 
 
 class Mode(enum.Enum):
-    """How the shape is being changed."""
+    """How the robot changes the shape."""
 
     PLANNING = "planning"
-    """By an action that is planned from its grasp to its release."""
+    """By an action that is planned from grasp to release."""
     CONTROL = "control"
-    """By corrections of a DLO that is held, each from a new look."""
+    """By corrections of a grasped DLO, each after a new observation."""
 
 
 class FlowStatus(Message, frozen=True, kw_only=True, eq=False):
-    """The step of the flow chart that runs now, and the last outcome."""
+    """The present step of the flow chart, and the outcome that led to it."""
 
     flow: str
     step: str
     last_outcome: str = ""
-    """Outcome that led here; empty at the start."""
+    """Outcome of the previous step; empty at the start."""
     actions: int = 0
     rmse_m: float | None = None
     text: str = ""
-    """One line for people."""
+    """One line for the user."""
     outcome: RunOutcome | None = None
-    """Set once, when the flow has ended."""
+    """Outcome of the task; set only when the flow has ended."""
     mode: Mode | None = None
-    """None in boxes that belong to neither, e.g. while the camera looks."""
+    """None in steps that belong to neither mode, e.g. perception."""
 
 
 class OperatorCommand(Message, frozen=True, kw_only=True, eq=False):
-    """What the operator asks for in the viewer."""
+    """Command of the operator in the viewer."""
 
     command: "Command"
 
 
 class Command(enum.Enum):
-    """The operator's buttons."""
+    """Buttons of the viewer."""
 
     START = "start"
     PAUSE = "pause"
@@ -64,10 +64,10 @@ class GoalFrames(Message, frozen=True, kw_only=True, eq=False):
 
 
 class GoalFrame(Value, frozen=True, kw_only=True, eq=False):
-    """One movable frame, pulling one node of the goal rod by a spring force."""
+    """One movable frame, which pulls one node of the goal rod with a spring force."""
 
     node: int
     x_m: float
     y_m: float
     yaw_rad: float | None = None
-    """Direction of the rod there in the table plane [rad]; None leaves it free."""
+    """Direction of the rod at the node in the table plane [rad]; None: free."""

@@ -1,4 +1,4 @@
-"""Pictures, and what is known of the camera that took them."""
+"""Images, and the calibration of the camera that took them."""
 
 from dlokit.types.arrays import BoolArray, Float32Array, Float64Array, UInt8Array
 from dlokit.types.message import Message, Value
@@ -15,24 +15,24 @@ class CameraCalibration(Value, frozen=True, kw_only=True, eq=False):
     cx_px: float
     cy_px: float
     T_world_camera: Pose
-    """Where the (left) camera is believed to stand; a real one is always a little off."""
+    """Calibrated pose of the (left) camera; it differs slightly from the true pose."""
     baseline_m: float | None = None
     """Distance of the right camera along the left one's x axis [m]; None for a single camera."""
-    distortion: Float32Array | None = None  # (5,) k1 k2 p1 p2 k3 of the left picture; None when rectified
-    distortion_right: Float32Array | None = None  # (5,) of the right picture
+    distortion: Float32Array | None = None  # (5,) k1 k2 p1 p2 k3 of the left image; None when rectified
+    distortion_right: Float32Array | None = None  # (5,) of the right image
     serial: str = ""
     date: str = ""
     """Day of calibration, ISO 8601."""
 
 
 class Image(Message, frozen=True, kw_only=True, eq=False):
-    """One picture."""
+    """One image."""
 
     pixels: UInt8Array  # (height, width, 3) RGB or (height, width) grey
 
 
 class StereoImages(Message, frozen=True, kw_only=True, eq=False):
-    """Two pictures exposed together."""
+    """A pair of images exposed at the same time."""
 
     left: UInt8Array  # (height, width, 3) RGB
     right: UInt8Array  # (height, width, 3) RGB
@@ -40,7 +40,7 @@ class StereoImages(Message, frozen=True, kw_only=True, eq=False):
 
 
 class DepthImage(Message, frozen=True, kw_only=True, eq=False):
-    """A picture with the depth of each pixel, as depth cameras give it."""
+    """An image with the depth of each pixel, from a depth camera."""
 
     pixels: UInt8Array  # (height, width, 3) RGB
     depth_m: Float32Array  # (height, width) along z of the camera [m]; 0 where unknown
@@ -48,20 +48,20 @@ class DepthImage(Message, frozen=True, kw_only=True, eq=False):
 
 
 class Mask(Value, frozen=True, kw_only=True, eq=False):
-    """Which pixels are DLO."""
+    """The pixels that show the DLO."""
 
     pixels: BoolArray  # (height, width)
 
 
 class CameraCheck(Value, frozen=True, kw_only=True, eq=False):
-    """How far the camera is seen to be off its believed place along the table, and how well that is known."""
+    """Measured error of the camera's calibrated pose in the table plane, with its uncertainty."""
 
-    offset_m: Float64Array  # (2,) x, y [m] from the believed place to the seen one
+    offset_m: Float64Array  # (2,) x, y [m] from the calibrated to the measured position
     yaw_rad: float
-    """How far it is turned about the vertical through the middle of what was looked at [rad]."""
+    """Rotation error about the vertical axis through `center_world` [rad]."""
     center_world: Float64Array  # (2,) x, y [m]
-    """The point on the table that the offset is told of, and the turn is about."""
+    """Point on the table to which offset and rotation refer: the centre of the observed region."""
     scatter_m: float
-    """How far the pictures disagree after the correction (root mean square) [m]."""
+    """Remaining deviation between the images after the correction (root mean square) [m]."""
     points: int
-    """Points of the arm's outline that were found."""
+    """Number of detected points on the arm's outline."""

@@ -1,4 +1,4 @@
-"""What every message and every value inside one has in common."""
+"""Base classes of messages and of the values inside them."""
 
 import msgspec
 
@@ -11,11 +11,11 @@ class Value(msgspec.Struct, frozen=True, kw_only=True, eq=False, forbid_unknown_
 
 
 class Message(Value, frozen=True, kw_only=True, eq=False):
-    """What a topic carries: a value with a stamp, a frame and a sequence number."""
+    """Content of a topic: a value with a stamp, a frame and a sequence number."""
 
     stamp_ns: int
-    """Time of what the message speaks of [ns], on the clock of the cell or the hardware."""
+    """Time to which the content refers [ns], on the clock of the cell or the hardware."""
     frame: str = "world"
-    """Frame of everything in it that does not name its own."""
+    """Frame of all fields that do not name their own."""
     seq: int = 0
-    """Number of this message on its topic, counted from 1; set when it is published."""
+    """Sequence number on the topic, from 1; set when the message is published."""

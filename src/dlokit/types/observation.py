@@ -1,4 +1,4 @@
-"""What perception saw in one look, and what the observer tells beside its targets."""
+"""The output of perception, and the events that the observer publishes in addition to its target points."""
 
 import enum
 
@@ -8,19 +8,19 @@ from dlokit.types.message import Message, Value
 
 
 class GripperPin(Value, frozen=True, kw_only=True, eq=False):
-    """A node that a gripper holds, and where."""
+    """A node that a gripper holds, with its position."""
 
     robot: str
     node: int
-    position_world: Float32Array  # (3,) [m] where the node is, by the tool's pose
+    position_world: Float32Array  # (3,) [m] position of the node, from the tool's pose
 
 
 class Occlusion(Value, frozen=True, kw_only=True, eq=False):
-    """Depth of the robot's known geometry as the camera sees it, at reduced resolution."""
+    """Depth image of the robot's known geometry from the camera's pose, at reduced resolution."""
 
     depth_m: Float32Array  # (height / scale, width / scale) along z of the camera [m]; inf where no robot is
     scale: int
-    """Camera pixels a cell, along each side."""
+    """Camera pixels per cell along each side."""
 
 
 class PointCloud(Message, frozen=True, kw_only=True, eq=False):
@@ -31,60 +31,60 @@ class PointCloud(Message, frozen=True, kw_only=True, eq=False):
 
 
 class Observation(Message, frozen=True, kw_only=True, eq=False):
-    """The DLO's points of one look, and what is needed to know which nodes could not be seen.
+    """The DLO's points in one image pair, with what is needed to determine which nodes were hidden.
 
-    The stamp is the pictures'.
+    Its stamp is that of the images.
     """
 
-    points_world: Float32Array  # (N, 3) [m], filtered and thinned; N may be 0
+    points_world: Float32Array  # (N, 3) [m], filtered and downsampled; N may be 0
     calibration: CameraCalibration | None = None
-    """The camera that looked; None for a cloud of unknown origin."""
+    """The camera that took the images; None for a cloud of unknown origin."""
     occlusion: Occlusion | None = None
     pins: tuple[GripperPin, ...] = ()
 
 
-class Gripped(Message, frozen=True, kw_only=True, eq=False):
-    """Which node a gripper holds, as far as the decision layer knows."""
+class GraspState(Message, frozen=True, kw_only=True, eq=False):
+    """Node that a gripper holds, according to the decision layer."""
 
     robot: str
     node: int | None
-    """Node between the fingers; None: nothing is held."""
+    """Node between the fingers; None: the gripper is empty."""
     node_tcp: Float64Array | None = None  # (3,) [m]
-    """Where the node is in the tool's frame; None: at the tool centre point, or unknown."""
+    """Position of the node in the tool's frame; None: at the tool centre point, or unknown."""
 
 
 class ObserverEventKind(enum.Enum):
-    """What happened."""
+    """Kinds of events of the observer."""
 
     LOST = "lost"
     FOUND_AGAIN = "found_again"
     REFUSED = "refused"
-    """Clouds are not used; told at the first of them."""
+    """The observer does not use the clouds; published at the first of them."""
 
 
-class Doubt(enum.Enum):
-    """Why targets are not what the cloud shows, or not to be trusted."""
+class DistrustReason(enum.Enum):
+    """Why the target points do not represent the cloud, or cannot be trusted."""
 
     NO_POINTS = "no_points"
-    """Too few points that are numbers."""
+    """Too few finite points."""
     FAR_POINTS = "far_points"
-    """Most points lie farther off than the DLO can have gone: another frame, or another unit."""
+    """Most points are farther away than the DLO can have moved: the frame or the unit differs."""
     OLD_STAMP = "old_stamp"
     """The cloud is not newer than the state."""
     NOT_THE_DLO = "not_the_dlo"
-    """Hardly any point lies on the DLO, and it is nowhere else in the cloud: the table, or something else."""
+    """Few points are near the DLO, and it is nowhere else in the cloud, which shows the table or another object."""
     BAD_TARGETS = "bad_targets"
-    """The strategy failed, or its targets are no numbers or not as many as there are nodes."""
+    """The strategy failed, or its targets are not finite or differ in number from the nodes."""
     LOW_HEALTH = "low_health"
-    """The strategy itself says so."""
+    """The strategy itself reports low confidence."""
     ELSEWHERE = "elsewhere"
-    """The cloud, ordered anew, shows the DLO where the strategy did not find it."""
+    """Ordering the cloud from scratch finds the DLO where the strategy did not."""
 
 
 class ObserverEvent(Message, frozen=True, kw_only=True, eq=False):
-    """One event, with the stamp of the cloud at which it happened."""
+    """One event of the observer, with the stamp of the cloud that caused it."""
 
     kind: ObserverEventKind
-    reason: Doubt | None
-    """None when found again."""
+    reason: DistrustReason | None
+    """None for `FOUND_AGAIN`."""
     health: float

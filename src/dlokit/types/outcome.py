@@ -1,4 +1,4 @@
-"""What became of a skill call, and how calls are recorded."""
+"""Outcomes of skill calls, and the messages that record calls."""
 
 import enum
 from typing import Generic, TypeVar
@@ -9,16 +9,16 @@ R = TypeVar("R")
 
 
 class Succeeded(Value, Generic[R], frozen=True, kw_only=True, eq=False, tag=True):
-    """Sent, received, executed (the paper's ``success``), with the skill's result."""
+    """The call was sent, received and executed (the paper's ``success``); contains the skill's result."""
 
     result: R
 
 
 class Failed(Value, frozen=True, kw_only=True, eq=False, tag=True):
-    """The skill ran and did not reach its end."""
+    """The skill ran and did not succeed."""
 
     reason: str
-    """A short name, e.g. ``"no_points"``; the skill's api lists the names it uses."""
+    """Short name, e.g. ``"no_points"``; the skill's api lists its names."""
     detail: str = ""
 
 
@@ -30,17 +30,17 @@ class Rejected(Value, frozen=True, kw_only=True, eq=False, tag=True):
 
 
 class Cancelled(Value, frozen=True, kw_only=True, eq=False, tag=True):
-    """The skill was stopped before its end, and left the robot safe."""
+    """The skill was cancelled before its end and left the robot in a safe state."""
 
 
 class TimedOut(Value, frozen=True, kw_only=True, eq=False, tag=True):
-    """The skill did not answer in the time its declaration allows; it was cancelled."""
+    """The skill exceeded the time-out in its declaration and was cancelled."""
 
     timeout_s: float
 
 
 class Unreachable(Value, frozen=True, kw_only=True, eq=False, tag=True):
-    """Nobody answered: the component is not running."""
+    """No process answered: the component is not running."""
 
     component: str
 
@@ -60,33 +60,33 @@ class CallEnd(enum.Enum):
 
 
 class CallBegun(Message, frozen=True, kw_only=True, eq=False):
-    """A call was made. One that has no end in a recording ran when the recording ended."""
+    """Start of a call. A call without an end in a recording was running when the recording ended."""
 
     skill: str
     """``component.skill``"""
     call: int
-    """Its number among those of its caller, from 1."""
+    """Number of the call, counted from 1 for each caller."""
     caller: str = ""
-    """Who called, as the bus knows it."""
+    """Identity of the caller on the bus."""
 
 
 class CallRecord(Message, frozen=True, kw_only=True, eq=False):
-    """One call, with the stamp of its end."""
+    """A completed call; its stamp is the end of the call."""
 
     skill: str
     """``component.skill``"""
     outcome: CallEnd
     call: int = 0
-    """Its number among those of its caller, from 1: the one with which it was told to have begun."""
+    """Number of the call, counted from 1 for each caller; the same as in its `CallBegun`."""
     caller: str = ""
-    """Who called, as the bus knows it."""
+    """Identity of the caller on the bus."""
     reason: str = ""
-    """Of a call that failed or was rejected."""
+    """Reason of a call that failed or was rejected."""
     detail: str = ""
-    """For people."""
+    """Explanation for the user."""
     began_ns: int = 0
-    """When it was called [ns], on the clock of the stamp."""
+    """Start of the call [ns], on the clock of the stamp."""
     arguments: str = "{}"
-    """As a JSON object; empty when there would be too much of it."""
+    """Arguments as a JSON object; empty if too long."""
     result: str = ""
-    """As JSON; empty when it did not succeed, or would be too much."""
+    """Result as JSON; empty if the call did not succeed or the result is too long."""

@@ -1,4 +1,4 @@
-"""Robot state, limits, trajectories and what became of a motion."""
+"""Robot state, limits, trajectories, and results of motions and grips."""
 
 import enum
 from typing import Self
@@ -9,30 +9,30 @@ from dlokit.types.message import Message, Value
 from dlokit.types.pose import Pose
 
 LEASE_S = 0.2
-"""Time without a sign of life after which an arm brakes [s of the machine's clock], unless told otherwise."""
+"""Default time without a heartbeat after which an arm brakes [s of machine time]."""
 FIRST_ROBOT = "panda"
 """Name of the arm at the world's origin."""
 
 
 class Remedy(enum.Enum):
-    """What the caller can do about something that the robot did not do."""
+    """What the caller can do after a failed or rejected robot skill."""
 
     ANOTHER_TARGET = "another_target"
-    """Refused before it began, or braked on the way, because of where it leads: another target may do."""
+    """The target or the path to it is not possible; another target may be."""
     RECOVER = "recover"
-    """The arm braked by itself though nothing is broken, because a sign of life or feedback came late on a busy
-    machine: it can go on after `recover`."""
+    """The arm braked although nothing is broken, because a heartbeat or feedback arrived late on a busy machine: it can
+    continue after `recover`."""
     NONE = "none"
-    """Something is broken, the call was wrong, or a person wanted it so."""
+    """Something is broken, the call was invalid, or a person stopped the arm."""
 
 
 class RobotReason(enum.StrEnum):
-    """Why the robot did not do what it was asked, as it stands in `Failed` and `Rejected`, each with its remedy."""
+    """Reasons of the robot's `Failed` and `Rejected` outcomes, each with its remedy."""
 
     remedy: Remedy
 
     def __new__(cls, value: str, remedy: Remedy) -> Self:
-        """A reason without a remedy cannot be declared."""
+        """Make a reason; a declaration without a remedy raises an error."""
         reason = str.__new__(cls, value)
         reason._value_ = value
         reason.remedy = remedy
@@ -71,23 +71,23 @@ class RobotReason(enum.StrEnum):
 
 
 def remedy_of(reason: str) -> Remedy:
-    """The remedy of a reason as an outcome names it; none of one that is not the robot's own."""
+    """The remedy of an outcome's reason; `Remedy.NONE` for a reason that is not the robot's."""
     known = {each.value: each.remedy for each in RobotReason}
     return known.get(reason, Remedy.NONE)
 
 
 class RobotMode(enum.Enum):
-    """What the arm is doing."""
+    """Present state of motion of the arm."""
 
     IDLE = "idle"
     MOVING = "moving"
     BRAKING = "braking"
     FAULT = "fault"
-    """Stopped itself (reflex, lost commander); needs ``recover``."""
+    """The arm stopped on its own (reflex, lost commander); it needs ``recover``."""
 
 
 class JointLimits(Value, frozen=True, kw_only=True, eq=False):
-    """What the joints may do; a trajectory outside is refused before it runs."""
+    """Limits of the joints; a trajectory that exceeds them is rejected before it runs."""
 
     position_lower_rad: Float64Array  # (J,) [rad]
     position_upper_rad: Float64Array  # (J,) [rad]
@@ -97,7 +97,7 @@ class JointLimits(Value, frozen=True, kw_only=True, eq=False):
 
 
 class RobotState(Message, frozen=True, kw_only=True, eq=False):
-    """One robot, at one moment."""
+    """State of one robot at one time."""
 
     robot: str
     q_rad: Float64Array  # (J,)
@@ -110,19 +110,18 @@ class RobotState(Message, frozen=True, kw_only=True, eq=False):
     holding: bool = False
     """Whether the fingers hold something (width and force agree)."""
     T_world_base: Pose | None = None
-    """Where the arm stands; None: at the world's origin."""
+    """Pose of the arm's base; None: at the world's origin."""
     stop_latched: bool = False
-    """Whether a person has stopped the arm: neither it nor its fingers move until a person enables it."""
+    """Whether a person has stopped the arm: neither arm nor fingers move until a person enables it."""
 
 
 class JointTrajectory(Value, frozen=True, kw_only=True, eq=False):
-    """A joint-space path in time, sampled densely enough for linear interpolation of the velocity.
+    """A joint-space trajectory, sampled densely enough for linear interpolation of the velocity.
 
-    Raises `BadValue` where the arrays do not have the same number of samples and joints; `dlokit.motion.limits` checks
-    the values.
+    Raises `BadValue` if the arrays differ in the number of samples or joints; `dlokit.motion.limits` checks the values.
     """
 
-    times_s: Float64Array  # (K,) [s], rising from 0
+    times_s: Float64Array  # (K,) [s], increasing from 0
     q_rad: Float64Array  # (K, J)
     dq_rad_s: Float64Array  # (K, J)
     ddq_rad_s2: Float64Array  # (K, J)
@@ -131,31 +130,31 @@ class JointTrajectory(Value, frozen=True, kw_only=True, eq=False):
         times, q, dq, ddq = (array.shape for array in (self.times_s, self.q_rad, self.dq_rad_s, self.ddq_rad_s2))
         if len(times) != 1 or len(q) != 2 or q[0] != times[0] or not q == dq == ddq or 0 in q:
             raise BadValue(
-                f"a trajectory has times of shape {times} and samples of shapes {q}, {dq}, {ddq}; allowed are (K,) "
+                f"a trajectory has times of shape {times} and samples of shapes {q}, {dq}, {ddq}; they must be (K,) "
                 "and three times (K, J), with at least one sample and one joint"
             )
 
 
 class MotionResult(Value, frozen=True, kw_only=True, eq=False):
-    """What was really executed."""
+    """Result of an executed motion."""
 
-    q_rad: Float64Array  # (J,) where the joints ended
+    q_rad: Float64Array  # (J,) final joint angles
     T_world_tcp: Pose
     duration_s: float
     largest_joint_error_rad: float
-    """Largest distance between commanded and measured joint angle on the way."""
+    """Largest difference between commanded and measured joint angle during the motion."""
 
 
 class GripResult(Value, frozen=True, kw_only=True, eq=False):
-    """How a grip ended."""
+    """Result of closing the fingers."""
 
     width_m: float
     held: bool
-    """Whether the fingers stopped on something that is neither empty air nor the width asked for."""
+    """Whether an object stopped the fingers: they are neither closed nor at the requested width."""
 
 
 class Lease(Value, frozen=True, kw_only=True, eq=False):
-    """A commander's right to move the robot; the robot brakes when it is not renewed in time."""
+    """A commander's right to move the robot; the robot brakes if the commander does not renew it in time."""
 
     holder: str
     duration_s: float = LEASE_S

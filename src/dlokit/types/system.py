@@ -1,33 +1,33 @@
-"""What the system tells of itself: time, signs of life, where the page is; a strategy as it travels over the bus."""
+"""System messages: clock ticks, heartbeats, the viewer's address; and the encoding of a strategy on the bus."""
 
 from dlokit.types.message import Message, Value
 
 
 class ClockTick(Message, frozen=True, kw_only=True, eq=False):
-    """The cell's time is its ``stamp_ns``; components that live by its clock wait for these."""
+    """A tick of the cell's clock; its ``stamp_ns`` is the cell's time."""
 
     real_time_factor: float = 1.0
-    """Cell seconds a machine second, lately."""
+    """Recent ratio of the cell's time to machine time."""
 
 
 class Heartbeat(Message, frozen=True, kw_only=True, eq=False):
-    """The holder of the robots' leases is there: each of these keeps its leases for their duration from now on."""
+    """Heartbeat of the holder of the robots' leases: each one renews its leases for their full duration."""
 
     holder: str
-    """Who says so, as the robot knows it: the caller that took the lease."""
+    """Identity of the caller that holds the lease, as the robot knows it."""
 
 
 class ViewerPage(Message, frozen=True, kw_only=True, eq=False):
-    """The page is served from now on."""
+    """Address of the viewer, published when it starts to serve the page."""
 
     url: str
-    """As a browser on the viewer's machine opens it, with the key without which nothing is served."""
+    """URL for a browser on the viewer's machine; it contains the key that the viewer requires."""
 
 
 class StrategySpec(Value, frozen=True, kw_only=True, eq=False):
-    """A strategy by its name, with its settings encoded; the component that has it decodes them."""
+    """A strategy's name with its encoded settings, which the component that runs it decodes."""
 
     name: str
-    """As its package registers it, e.g. ``"brightness"``."""
+    """Name under which its package registers it, e.g. ``"brightness"``."""
     settings: bytes = b"{}"
-    """The settings as a JSON object; what is left out has its default."""
+    """The settings as a JSON object; omitted settings have their defaults."""

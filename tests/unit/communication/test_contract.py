@@ -92,7 +92,7 @@ def test_arguments_outside_the_contract_are_rejected_by_name_with_what_is_allowe
     outcome = drilled(drill, speed_rad_s)
     assert isinstance(outcome, Rejected)
     assert outcome.reason == "bad_speed"
-    assert outcome.detail == f"needed: speed_rad_s is 0 to 100; given: speed_rad_s = {speed_rad_s}"
+    assert outcome.detail == f"required: speed_rad_s is 0 to 100; given: speed_rad_s = {speed_rad_s}"
     assert drill.turned == 0
 
 
@@ -131,7 +131,7 @@ def test_skills_that_take_the_same_run_one_at_a_time() -> None:
             second = await host.transport.call(POLISH, 1.0)
             assert isinstance(second, Rejected)
             assert second.reason == "busy"
-            assert "drill runs" in second.detail
+            assert "drill" in second.detail
             assert isinstance(await host.transport.call(LIGHT, 1.0), Succeeded)
             assert isinstance(await first, Succeeded)
             assert isinstance(await host.transport.call(POLISH, 1.0), Succeeded)

@@ -84,8 +84,8 @@ def test_one_that_cannot_be_imported_is_left_out_with_a_line_that_names_package_
 @pytest.mark.parametrize(
     ("source", "says"),
     [
-        ("def C(): pass\n", "is no dataclass"),
-        ("class C:\n    name = 'c'\n", "is no dataclass"),
+        ("def C(): pass\n", "is not a dataclass"),
+        ("class C:\n    name = 'c'\n", "is not a dataclass"),
         ("from dataclasses import dataclass\n@dataclass(frozen=True)\nclass C:\n    x: int = 1\n", "has no name"),
     ],
 )

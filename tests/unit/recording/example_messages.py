@@ -4,15 +4,15 @@ import numpy as np
 
 from dlokit.communication import topics
 from dlokit.recording.channels import CALLS_BEGUN, SKILL_CALLS
-from dlokit.types.action import Candidates, CandidateSeen, Grasp, PickPlace, VelocityProfile
-from dlokit.types.dlo import DloBelief, DloState, Figure, GoalShape, TargetPoints, Topology
+from dlokit.types.action import Candidates, Grasp, PickPlace, ScoredCandidate, VelocityProfile
+from dlokit.types.dlo import DloBelief, DloState, GoalShape, LogNormal, TargetPoints, Topology
 from dlokit.types.feasibility import Finding, GoalVerdict, Problem, Standing
 from dlokit.types.flow import Command, FlowStatus, GoalFrame, GoalFrames, Mode, OperatorCommand, RunOutcome
 from dlokit.types.image import CameraCalibration, StereoImages
 from dlokit.types.message import Message
 from dlokit.types.observation import (
-    Doubt,
-    Gripped,
+    DistrustReason,
+    GraspState,
     GripperPin,
     Observation,
     ObserverEvent,
@@ -76,7 +76,7 @@ EXAMPLES: dict[str, Message] = {
         covariance=RNG.normal(size=(NODES, 3, 3)),
     ),
     topics.OBSERVER_EVENT.name: ObserverEvent(
-        stamp_ns=30_000_000, seq=1, kind=ObserverEventKind.LOST, reason=Doubt.NO_POINTS, health=0.0
+        stamp_ns=30_000_000, seq=1, kind=ObserverEventKind.LOST, reason=DistrustReason.NO_POINTS, health=0.0
     ),
     topics.STATE.name: DloState(
         stamp_ns=40_000_000,
@@ -89,12 +89,12 @@ EXAMPLES: dict[str, Message] = {
     topics.BELIEF.name: DloBelief(
         stamp_ns=45_000_000,
         seq=1,
-        length_m=Figure(value=0.5, log_sd=0.01),
-        radius_m=Figure(value=0.004),
-        bending_stiffness_n_m2=Figure(value=1.3e-5, log_sd=0.3),
-        weight_n_m=Figure(value=0.34, log_sd=0.2),
-        friction=Figure(value=0.6, log_sd=0.25),
-        elastic_m3=Figure(value=6.4e-5, log_sd=0.2),
+        length_m=LogNormal(value=0.5, log_sd=0.01),
+        radius_m=LogNormal(value=0.004),
+        bending_stiffness_n_m2=LogNormal(value=1.3e-5, log_sd=0.3),
+        weight_n_m=LogNormal(value=0.34, log_sd=0.2),
+        friction=LogNormal(value=0.6, log_sd=0.25),
+        elastic_m3=LogNormal(value=6.4e-5, log_sd=0.2),
         yield_curvature_1_m=None,
         actions=3,
     ),
@@ -104,7 +104,7 @@ EXAMPLES: dict[str, Message] = {
         rollouts=40,
         budget=480,
         best=(
-            CandidateSeen(
+            ScoredCandidate(
                 kind="drag",
                 node=4,
                 score_m=0.012,
@@ -131,7 +131,7 @@ EXAMPLES: dict[str, Message] = {
             Finding(problem=Problem.SPRINGS_BACK, node=4, amount=0.02, limit=0.01, unit="m", text="It springs back."),
         ),
     ),
-    topics.GRIPPED.name: Gripped(stamp_ns=50_000_000, seq=1, robot="panda", node=None),
+    topics.GRIPPED.name: GraspState(stamp_ns=50_000_000, seq=1, robot="panda", node=None),
     topics.FLOW.name: FlowStatus(
         stamp_ns=60_000_000,
         seq=1,

@@ -17,7 +17,7 @@ from dlokit.communication.timing.clock import LoopClock
 from dlokit.communication.topic import Topic
 from dlokit.errors import SkillFailure, SkillRejected
 from dlokit.recording.call_log import CallLog, record_of
-from dlokit.recording.plain import to_json
+from dlokit.recording.message_json import to_json
 from dlokit.types.message import Message
 from dlokit.types.outcome import CallBegun, CallEnd, CallRecord, Succeeded, Unreachable
 from dlokit.types.pose import Pose

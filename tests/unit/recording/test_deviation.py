@@ -9,7 +9,7 @@ import pytest
 from example_messages import EXAMPLES
 
 from dlokit.recording.comparison import deviations
-from dlokit.recording.plain import from_json, to_json
+from dlokit.recording.message_json import from_json, to_json
 from dlokit.types.action import Marks
 
 

@@ -18,7 +18,7 @@ from mcap.records import Schema
 from dlokit.communication.topics import STEREO_IMAGES, TOPICS
 from dlokit.errors import CommunicationError
 from dlokit.recording.channels import CALLS, CALLS_BEGUN, RECORDED
-from dlokit.recording.plain import from_json, json_schema, kind_name, to_json
+from dlokit.recording.message_json import from_json, json_schema, kind_name, to_json
 from dlokit.recording.reader import read_recording
 from dlokit.recording.views import VIEWS
 from dlokit.recording.writer import RecordingWriter
@@ -144,7 +144,7 @@ def test_what_is_no_number_in_json_is_one_again() -> None:
 @pytest.mark.parametrize(
     ("array", "match"),
     [
-        ({"dtype": "<f4", "shape": [1], "values": [1.0], "base64": ""}, "array of float64 expected"),
+        ({"dtype": "<f4", "shape": [1], "values": [1.0], "base64": ""}, "array of float64 is expected"),
         ({"dtype": "O", "shape": [1], "values": [1.0], "base64": ""}, "refused; allowed"),
         ({"dtype": "<f8", "shape": [2], "values": [1.0], "base64": ""}, "cannot reshape"),
         ({"dtype": "<f8", "shape": [1], "values": [], "base64": "AAAA"}, "cannot decode"),
@@ -173,7 +173,7 @@ def test_a_type_that_json_has_no_schema_for_is_not_forgotten() -> None:
     class Either(Message, frozen=True, kw_only=True, eq=False):
         value: int | str
 
-    with pytest.raises(CommunicationError, match="no schema in common"):
+    with pytest.raises(CommunicationError, match="no common schema"):
         json_schema(Either)
 
 

@@ -28,8 +28,8 @@ from dlokit.rod.rollout import Motion, QuickRod, play
 from dlokit.skills.model.experiences import Grips
 from dlokit.types.action import VelocityProfile
 from dlokit.types.arrays import Float64Array
-from dlokit.types.dlo import Figure
-from dlokit.types.observation import Gripped
+from dlokit.types.dlo import LogNormal
+from dlokit.types.observation import GraspState
 from dlokit.types.robot import RobotMode, RobotState
 
 MODEL = BelievedDlo()
@@ -80,7 +80,7 @@ def test_the_elastic_figure_of_a_rod_that_acted_is_found_within_what_is_said(sti
     belief = lessons(MODEL, history(rod))[-1].belief
     true = MODEL.bending_stiffness_n_m2 * stiffness / (MODEL.friction * 1.2 * 9.81 * MODEL.mass_kg_m)
     assert belief.yield_curvature_1_m is None
-    low, high = belief.elastic_m3.between()
+    low, high = belief.elastic_m3.interval()
     assert low < true < high
     assert belief.elastic_m3.log_sd < math.hypot(0.35, 0.15, 0.25)  # surer than what was configured
     assert belief.actions == len(ACTIONS)
@@ -129,10 +129,10 @@ def test_the_model_of_a_belief_has_all_that_is_believed() -> None:
     learnt = wire()[-1].belief
     belief = msgspec.structs.replace(
         learnt,
-        length_m=Figure(value=0.47, log_sd=0.003),
-        radius_m=Figure(value=0.0031, log_sd=0.02),
-        weight_n_m=Figure(value=1.2 * learnt.weight_n_m.value, log_sd=0.05),
-        bending_stiffness_n_m2=Figure(
+        length_m=LogNormal(value=0.47, log_sd=0.003),
+        radius_m=LogNormal(value=0.0031, log_sd=0.02),
+        weight_n_m=LogNormal(value=1.2 * learnt.weight_n_m.value, log_sd=0.05),
+        bending_stiffness_n_m2=LogNormal(
             value=1.2 * learnt.bending_stiffness_n_m2.value, log_sd=learnt.bending_stiffness_n_m2.log_sd
         ),
     )
@@ -165,8 +165,8 @@ def arm(stamp_ns: int, x_m: float, width_m: float = 0.008, holding: bool = True,
     )
 
 
-def grip(node: int | None, name: str = "panda") -> Gripped:
-    return Gripped(stamp_ns=0, robot=name, node=node)
+def grip(node: int | None, name: str = "panda") -> GraspState:
+    return GraspState(stamp_ns=0, robot=name, node=node)
 
 
 def test_a_grip_lasts_until_the_fingers_open() -> None:

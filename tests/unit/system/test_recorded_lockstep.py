@@ -9,7 +9,7 @@ from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.communication.topics import ARM_STATE, CLOCK, OBSERVATION, ROBOT_STATE, STEREO_IMAGES, TOPICS
 from dlokit.recording.channels import CALLS, FILE_NAME, SKILL_CALLS
-from dlokit.recording.plain import to_json
+from dlokit.recording.message_json import to_json
 from dlokit.recording.reader import RawRecording, read_recording
 from dlokit.recording.views import VIEWS
 from dlokit.skills.perception import api as perception

@@ -23,7 +23,7 @@ from dlokit.rod.posterior import Lesson, lessons
 from dlokit.skills.model.experiences import experiences
 from dlokit.system.config import CONFIG_FILE, RunConfig
 from dlokit.system.toml_config import read_toml, to_toml
-from dlokit.types.dlo import DloBelief, Figure
+from dlokit.types.dlo import DloBelief, LogNormal
 
 
 def write_picture(path: Path, lessons: Sequence[Lesson]) -> None:
@@ -50,7 +50,7 @@ def _errors(axes: Axes, lessons: Sequence[Lesson]) -> None:
 def _belief(axes: Axes, lessons: Sequence[Lesson]) -> None:
     numbers = list(range(1, len(lessons) + 1))
     beliefs = [lesson.belief.elastic_m3 for lesson in lessons]
-    low, high = zip(*(figure.between() for figure in beliefs), strict=True)
+    low, high = zip(*(figure.interval() for figure in beliefs), strict=True)
     axes.fill_between(numbers, low, high, color="C0", alpha=0.2, linewidth=0.0, label="95 %")
     axes.plot(numbers, [figure.value for figure in beliefs], "o-", color="C0")
     for number, lesson in zip(numbers, lessons, strict=True):
@@ -123,7 +123,7 @@ def run(args: IdentifyArgs) -> int:
 
 def _with_size(model: BelievedDlo, size: Measures) -> BelievedDlo:
     told = as_configured(model, stamp_ns=0)
-    length, radius = told.length_m.with_measured(size.length_m), told.radius_m.with_measured(size.radius_m)
+    length, radius = told.length_m.fused_with(size.length_m), told.radius_m.fused_with(size.radius_m)
     sure = replace(model.belief, length_log_sd=length.log_sd, radius_log_sd=radius.log_sd)
     return replace(model, length_m=length.value, radius_m=radius.value, belief=sure)
 
@@ -133,7 +133,7 @@ def _actions(found: list[Lesson]) -> Table:
     for heading in ("action", "moved, mm", "as configured, mm", "as learnt, mm", "EI/(μ w), cm³", "takes a set"):
         table.add_column(heading, justify="right", no_wrap=True)
     for lesson in found:
-        low, high = lesson.belief.elastic_m3.between()
+        low, high = lesson.belief.elastic_m3.interval()
         bend = lesson.belief.yield_curvature_1_m
         table.add_row(
             str(lesson.action),
@@ -151,7 +151,7 @@ def _figures(belief: DloBelief, config: RunConfig, size: Measures | None) -> Tab
     for heading in ("", "configured", "found", "95 % within"):
         table.add_column(heading, justify="left" if not heading else "right", no_wrap=True)
     model = config.model
-    rows: tuple[tuple[str, float, Figure], ...] = (
+    rows: tuple[tuple[str, float, LogNormal], ...] = (
         ("length, m", model.length_m, belief.length_m),
         ("radius, m", model.radius_m, belief.radius_m),
         ("bending stiffness EI, N·m²", model.bending_stiffness_n_m2, belief.bending_stiffness_n_m2),
@@ -163,7 +163,7 @@ def _figures(belief: DloBelief, config: RunConfig, size: Measures | None) -> Tab
         ),
     )
     for name, before, figure in rows:
-        low, high = figure.between()
+        low, high = figure.interval()
         table.add_row(name, f"{before:.3g}", f"{figure.value:.3g}", f"{low:.3g} to {high:.3g}")
     bend = belief.yield_curvature_1_m
     told = model.yield_curvature_1_m

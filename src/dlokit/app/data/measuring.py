@@ -16,7 +16,7 @@ from dlokit.skills.observer.initialise.first_shape import initial_targets
 from dlokit.skills.perception.config import PerceptionConfig
 from dlokit.skills.perception.pipeline import Look, corrected_camera_pose, perceive
 from dlokit.types.arrays import Float64Array
-from dlokit.types.dlo import Figure
+from dlokit.types.dlo import LogNormal
 from dlokit.types.flow import FlowStatus
 from dlokit.types.image import StereoImages
 from dlokit.types.robot import RobotState
@@ -53,8 +53,8 @@ _RADIUS_LOG_SD = 0.035
 class Measures:
     """What the camera tells of the DLO's size."""
 
-    length_m: Figure
-    radius_m: Figure
+    length_m: LogNormal
+    radius_m: LogNormal
     looks: int
 
 
@@ -111,7 +111,7 @@ def _size(
     return None if radius is None else (float(geometry.arc_lengths(nodes)[-1]), radius)
 
 
-def _figure(values: list[float], common_log_sd: float) -> Figure:
+def _figure(values: list[float], common_log_sd: float) -> LogNormal:
     logs = np.log(values)
     scatter = float(logs.std()) / math.sqrt(len(values))
-    return Figure(value=float(np.exp(np.median(logs))), log_sd=math.hypot(common_log_sd, scatter))
+    return LogNormal(value=float(np.exp(np.median(logs))), log_sd=math.hypot(common_log_sd, scatter))

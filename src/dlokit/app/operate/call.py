@@ -14,7 +14,7 @@ from dlokit.app.operate.skills import skill_named
 from dlokit.communication.skill import ReportingSkill, Skill
 from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.errors import EXIT_OTHERWISE, CommunicationError, InputError
-from dlokit.recording.plain import to_json
+from dlokit.recording.message_json import to_json
 from dlokit.system.processes.bus import join_bus
 from dlokit.system.processes.running import RunningSystem, the_running_system
 from dlokit.system.results.recording import calls_published

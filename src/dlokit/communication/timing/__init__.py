@@ -1,1 +1,1 @@
-"""Clocks, signs of life, deadlines, and the threads that must not be late."""
+"""Clocks, periodic heartbeats, deadlines and their watchdogs, and real-time priority of threads."""

@@ -1,4 +1,4 @@
-"""Clocks that components wait on: integer nanoseconds, never the wall."""
+"""Clocks that components wait on: integer nanoseconds, never wall-clock time."""
 
 import asyncio
 import heapq
@@ -24,19 +24,19 @@ class Clock(Protocol):
         ...
 
     def timeout(self, duration_s: float, /) -> AbstractAsyncContextManager[asyncio.Timeout]:
-        """Like `asyncio.timeout`, on this clock: its body is cancelled and `TimeoutError` raised."""
+        """Like `asyncio.timeout`, on this clock: it cancels its body and raises `TimeoutError`."""
         ...
 
 
 class LoopClock:
-    """The running event loop's own time: virtual in lockstep, the machine's monotonic clock on hardware."""
+    """The time of the running event loop: virtual in lockstep, the machine's monotonic clock on hardware."""
 
     def now_ns(self) -> int:
         """Time now [ns]."""
         return round(asyncio.get_running_loop().time() * 1e9)
 
     async def sleep_until(self, stamp_ns: int) -> None:
-        """Wait until the clock shows `stamp_ns`; yields once even when that has passed."""
+        """Wait until the clock shows `stamp_ns`; yields once even if that time has passed."""
         await asyncio.sleep(max(0.0, stamp_ns / 1e9 - asyncio.get_running_loop().time()))
 
     async def sleep(self, duration_s: float) -> None:
@@ -44,11 +44,11 @@ class LoopClock:
         await asyncio.sleep(duration_s)
 
     timeout = staticmethod(asyncio.timeout)
-    """A limit [s]."""
+    """A time limit in seconds."""
 
 
 class FollowedClock:
-    """A clock in another process, followed by its ticks: it may be slower than the machine's, or stand still."""
+    """The clock of another process, known by its ticks: it may be slower than the machine's, or not advance."""
 
     def __init__(self) -> None:
         self._now_ns = 0
@@ -56,7 +56,7 @@ class FollowedClock:
         self._order = itertools.count()
 
     def tick(self, stamp_ns: int) -> None:
-        """The other process's clock shows `stamp_ns`; wakes whoever waited for it. Never goes back."""
+        """Set the time to `stamp_ns` and wake the tasks that are due; a smaller stamp is ignored."""
         self._now_ns = max(self._now_ns, stamp_ns)
         while self._waiting and self._waiting[0][0] <= self._now_ns:
             future = heapq.heappop(self._waiting)[2]
@@ -68,7 +68,7 @@ class FollowedClock:
         return self._now_ns
 
     async def sleep_until(self, stamp_ns: int) -> None:
-        """Wait for the first tick at or after `stamp_ns`; a clock that stands still is the watchdogs' business."""
+        """Wait for the first tick at or after `stamp_ns`; watchdogs detect a clock that does not advance."""
         if stamp_ns <= self._now_ns:
             await asyncio.sleep(0)
             return
@@ -80,7 +80,7 @@ class FollowedClock:
 
     @asynccontextmanager
     async def timeout(self, duration_s: float) -> AsyncGenerator[asyncio.Timeout]:
-        """A limit of `duration_s` of this clock; one that stands still never ends it."""
+        """A time limit of `duration_s` on this clock; it never expires while the clock does not advance."""
         async with asyncio.timeout(None) as limit:
             due = self._wake_at(self._now_ns + round(duration_s * 1e9))
             over = False

@@ -1,4 +1,4 @@
-"""Deadlines that must be put off in time, and who watches them: the event loop in lockstep, a thread when live."""
+"""Deadlines and the watchdogs that check them: on the event loop in lockstep, on a thread when live."""
 
 import asyncio
 import logging
@@ -12,74 +12,74 @@ from dlokit.communication.timing.urgency import make_urgent
 
 log = logging.getLogger(__name__)
 
-LOOK_S = 0.02
-"""Longest time between two looks, and between two calls of `expired` [s]."""
-SHORTEST_S = 0.001
-"""Shortest time between two looks [s]."""
-OVERSLEPT_S = 0.02
-"""A thread that wakes this much later than it meant to [s] has not heard what arrived meanwhile: it looks once more."""
+CHECK_PERIOD_S = 0.02
+"""Longest time between two checks, and between two calls of `expired` [s]."""
+SHORTEST_WAIT_S = 0.001
+"""Shortest time between two checks [s]."""
+LATE_WAKE_S = 0.02
+"""A thread that wakes later than planned by this much [s] may have missed a renewal: it checks once more."""
 
 
 class Deadline(Protocol):
-    """Something that expires unless it is put off: a lease that is renewed, feedback that is fresh."""
+    """A point in time that expires unless it is renewed, e.g. of a lease or of the driver's feedback."""
 
     @property
     def left_s(self) -> float:
-        """Time until it expires [s], 0 or less from then on; inf while it cannot. Any thread may ask."""
+        """Time until it expires [s]; 0 or less once expired, inf while it cannot expire. Thread-safe."""
         ...
 
 
-class Watch(Protocol):
-    """Calls back when a deadline has expired, again and again until it is put off or no longer watched.
+class DeadlineWatchdog(Protocol):
+    """Calls back when a deadline has expired, repeatedly until the deadline is renewed or removed.
 
-    A deadline that raises when it is asked counts as expired: the arm brakes, and the log says why.
+    A deadline that raises an error counts as expired: the arm brakes, and the log has the error.
     """
 
     def begin(self, deadline: Deadline, expired: Callable[[], None]) -> None:
-        """Watch it too, unless it is watched already. `expired` may be called on another thread; it returns at once."""
+        """Add a deadline. `expired` may be called on another thread; it must return at once."""
         ...
 
     def end(self, deadline: Deadline) -> None:
-        """Watch it no longer; its `expired` is not called after this."""
+        """Remove a deadline; its `expired` is not called after this returns."""
         ...
 
     def close(self) -> None:
-        """Watch nothing any more."""
+        """Stop checking all deadlines."""
         ...
 
 
-class LoopWatch:
-    """Watches on the event loop, and so not while that is busy; only while a deadline can expire."""
+class LoopWatchdog:
+    """Checks on the event loop, hence not while the loop is busy, and only while a deadline can expire."""
 
     def __init__(self) -> None:
         self._watched: dict[Deadline, Callable[[], None]] = {}
         self._task: asyncio.Task[None] | None = None
 
     def begin(self, deadline: Deadline, expired: Callable[[], None]) -> None:
-        """Watch it too."""
+        """Add a deadline."""
         self._watched[deadline] = expired
         if self._task is None or self._task.done():
-            self._task = asyncio.create_task(self._look(), name="deadlines")
+            self._task = asyncio.create_task(self._check(), name="deadlines")
 
     def end(self, deadline: Deadline) -> None:
-        """Watch it no longer."""
+        """Remove a deadline."""
         self._watched.pop(deadline, None)
 
     def close(self) -> None:
-        """Watch nothing any more."""
+        """Stop checking all deadlines."""
         if self._task is not None:
             self._task.cancel()
 
-    async def _look(self) -> None:
+    async def _check(self) -> None:
         while any(_left_s(deadline) < math.inf for deadline in self._watched):
             for deadline, expired in list(self._watched.items()):
                 if _left_s(deadline) <= 0.0:
                     expired()
-            await asyncio.sleep(LOOK_S)
+            await asyncio.sleep(CHECK_PERIOD_S)
 
 
-class ThreadWatch:
-    """Watches from a thread of its own, on the machine's monotonic clock; wakes when a deadline may expire."""
+class ThreadWatchdog:
+    """Checks on its own thread and the machine's monotonic clock; wakes when a deadline may expire."""
 
     def __init__(self) -> None:
         self._watched: dict[Deadline, Callable[[], None]] = {}
@@ -88,23 +88,23 @@ class ThreadWatch:
         self._thread: threading.Thread | None = None
 
     def begin(self, deadline: Deadline, expired: Callable[[], None]) -> None:
-        """Watch it too."""
+        """Add a deadline."""
         with self._lock:
             self._watched[deadline] = expired
             if self._thread is None:
-                self._thread = threading.Thread(target=self._look, name="deadlines", daemon=True)
+                self._thread = threading.Thread(target=self._check, name="deadlines", daemon=True)
                 self._thread.start()
 
     def end(self, deadline: Deadline) -> None:
-        """Watch it no longer."""
+        """Remove a deadline."""
         with self._lock:
             self._watched.pop(deadline, None)
 
     def close(self) -> None:
-        """Watch nothing any more."""
+        """Stop checking all deadlines."""
         self._closed.set()
 
-    def _look(self) -> None:
+    def _check(self) -> None:
         make_urgent()
         late = False
         while True:
@@ -112,33 +112,33 @@ class ThreadWatch:
                 watched = list(self._watched)
             left_s = {deadline: _left_s(deadline) for deadline in watched}
             expired = [deadline for deadline, left in left_s.items() if left <= 0.0]
-            # Once: a machine so busy that it wakes nobody in time must not keep the arm moving.
+            # Only once: on a machine so busy that threads always wake late, the arm must brake all the same.
             again = late and bool(expired)
             if not again:
                 for deadline in expired:
-                    self._tell(deadline)
-            wait_s = SHORTEST_S if again else min(map(_next_look_s, left_s.values()), default=LOOK_S)
+                    self._notify(deadline)
+            wait_s = SHORTEST_WAIT_S if again else min(map(_next_check_s, left_s.values()), default=CHECK_PERIOD_S)
             began_s = time.monotonic()
             if self._closed.wait(wait_s):
                 return
-            late = not again and time.monotonic() - began_s > wait_s + OVERSLEPT_S
+            late = not again and time.monotonic() - began_s > wait_s + LATE_WAKE_S
 
-    def _tell(self, deadline: Deadline) -> None:
+    def _notify(self, deadline: Deadline) -> None:
         try:
-            with self._lock:  # an order to brake that came after `end` would stop the next motion
+            with self._lock:  # a brake command after `end` would stop the next motion
                 if (expired := self._watched.get(deadline)) is not None:
                     expired()
-        except Exception:  # the next look tells again: a watch that has ended would leave an arm moving for ever
-            log.exception("whoever is told that a deadline has expired raised")
+        except Exception:  # the next check notifies again; if the thread ended here, nothing would stop the arm
+            log.exception("the callback for an expired deadline raised an error; it is called again")
 
 
 def _left_s(deadline: Deadline) -> float:
     try:
         return deadline.left_s
-    except Exception:  # whatever it is: nobody knows any more whether the arm may move, so it brakes
-        log.exception("a deadline could not say how much time is left; it counts as expired")
+    except Exception:  # it is unknown whether the arm may still move, so it brakes
+        log.exception("a deadline failed to return its remaining time; it counts as expired")
         return 0.0
 
 
-def _next_look_s(left_s: float) -> float:
-    return LOOK_S if left_s <= 0.0 else min(max(left_s, SHORTEST_S), LOOK_S)
+def _next_check_s(left_s: float) -> float:
+    return CHECK_PERIOD_S if left_s <= 0.0 else min(max(left_s, SHORTEST_WAIT_S), CHECK_PERIOD_S)

@@ -1,4 +1,4 @@
-"""Signs of life, given at a steady beat: on the loop in lockstep, from a thread of their own when live."""
+"""Periodic heartbeats: sent by the event loop in lockstep, by a separate thread when live."""
 
 import asyncio
 import logging
@@ -13,27 +13,27 @@ from dlokit.communication.timing.urgency import BoundedUrgency, make_urgent
 log = logging.getLogger(__name__)
 
 LOOP_SILENT_S = 1.0
-"""An event loop that has not come round for this long [s] is taken to hang."""
+"""An event loop that takes longer than this for one turn [s] is taken to hang."""
 _TICK_S = 0.05
-"""How often the loop shows that it comes round."""
+"""Period at which the event loop marks that it runs [s]."""
 
 
 class Pulse(Protocol):
-    """Gives a sign of life again and again while its context is open."""
+    """Sends a heartbeat periodically while its context is open."""
 
-    def __call__(self, give: Callable[[], None], period_s: float) -> AbstractAsyncContextManager[None]:
-        """`give` is called every `period_s`, and must return at once."""
+    def __call__(self, send: Callable[[], None], period_s: float, /) -> AbstractAsyncContextManager[None]:
+        """`send` is called every `period_s`, and must return at once."""
         ...
 
 
 @asynccontextmanager
-async def loop_pulse(give: Callable[[], None], period_s: float) -> AsyncGenerator[None]:
-    """On the event loop, in its time: virtual in lockstep."""
+async def loop_pulse(send: Callable[[], None], period_s: float) -> AsyncGenerator[None]:
+    """Send heartbeats from the event loop, in its time: virtual in lockstep."""
 
     async def beat() -> None:
         while True:
             await asyncio.sleep(period_s)
-            give()
+            send()
 
     beating = asyncio.create_task(beat(), name="pulse")
     try:
@@ -43,48 +43,48 @@ async def loop_pulse(give: Callable[[], None], period_s: float) -> AsyncGenerato
 
 
 class ThreadPulse:
-    """On a thread of its own, on the machine's monotonic clock, for as long as the event loop comes round.
+    """Sends heartbeats from its own thread, on the machine's monotonic clock, while the event loop runs.
 
-    Work that keeps the loop busy for a moment delays no sign of life; a process that is killed or frozen gives none
-    from that moment on; a loop that hangs gives none after `silent_s`.
+    A short computation on the loop delays no heartbeat. A killed or frozen process sends none from that moment on; a
+    loop that hangs sends none after `silent_s`.
     """
 
     def __init__(self, silent_s: float = LOOP_SILENT_S) -> None:
-        """`silent_s` is the longest time in which the loop need not come round [s]."""
+        """`silent_s` is the longest time that the loop may take for one turn [s]."""
         self._silent_s = silent_s
 
     @asynccontextmanager
-    async def __call__(self, give: Callable[[], None], period_s: float) -> AsyncGenerator[None]:
-        """Beat until the context ends; its last sign has been given when it has ended."""
-        came_round_s = time.monotonic()
+    async def __call__(self, send: Callable[[], None], period_s: float) -> AsyncGenerator[None]:
+        """Send heartbeats until the context ends; none is sent afterwards."""
+        last_turn_s = time.monotonic()
         over = threading.Event()
         urgency = BoundedUrgency()
 
-        async def come_round() -> None:
-            nonlocal came_round_s
+        async def mark_turns() -> None:
+            nonlocal last_turn_s
             while True:
-                came_round_s = time.monotonic()
-                # A loop that is put aside while it holds the interpreter's lock keeps the signs of life waiting.
+                last_turn_s = time.monotonic()
+                # A loop thread that is preempted while it holds the interpreter's lock would delay the heartbeats.
                 urgency(True)
                 await asyncio.sleep(_TICK_S)
 
         def beat() -> None:
             make_urgent()
             while not over.wait(period_s):
-                if time.monotonic() - came_round_s > self._silent_s:
+                if time.monotonic() - last_turn_s > self._silent_s:
                     continue
                 try:
-                    give()
-                except Exception:  # the next one may get through; if none does, the lease runs out as it should
-                    log.exception("a sign of life could not be given")
+                    send()
+                except Exception:  # the next one may succeed; if none does, the lease expires as it should
+                    log.exception("a heartbeat could not be sent")
 
-        rounds = asyncio.create_task(come_round(), name="come round")
+        turns = asyncio.create_task(mark_turns(), name="loop turns")
         thread = threading.Thread(target=beat, name="pulse", daemon=True)
         thread.start()
         try:
             yield
         finally:
             over.set()
-            rounds.cancel()
+            turns.cancel()
             urgency(False)
             thread.join(period_s)

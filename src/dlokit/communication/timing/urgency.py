@@ -1,6 +1,7 @@
-"""Which threads have the machine before all others: the few on which it depends how soon an arm brakes.
+"""Real-time priority for the few threads that determine how soon an arm brakes.
 
-Real-time threads of Linux, where the system allows them; elsewhere, and where it does not, nothing changes.
+An urgent thread is scheduled before ordinary ones (`SCHED_RR` on Linux). Where the system does not allow this, threads
+keep their ordinary priority.
 """
 
 import contextlib
@@ -12,35 +13,36 @@ from collections.abc import AsyncGenerator, Callable, Generator
 from contextlib import asynccontextmanager, contextmanager
 from typing import Protocol
 
-SIGNS_PRIORITY = 5
-"""Of threads that only pass signs of life and orders on; low among real-time threads, so that a driver's own come
+HEARTBEAT_PRIORITY = 5
+"""Real-time priority of threads that only pass on heartbeats and commands; low, so that a driver's own threads come
 first."""
 WORK_PRIORITY = 3
-"""Of threads that compute as well: no sign of life waits for them."""
-MOST_OF_A_CORE = 0.5
-"""Whoever computes longer than this share of the time leaves the machine to the others."""
+"""Real-time priority of threads that also compute: no heartbeat waits for them."""
+LARGEST_CPU_FRACTION = 0.5
+"""Fraction of one core above which a thread loses its real-time priority for a while."""
 WINDOW_S = 0.5
-"""Time over which that share is taken [s]."""
+"""Time over which that fraction is measured [s]."""
 REST_S = 1.0
-"""How long it then leaves it to them [s]."""
+"""Time for which the thread is then ordinary [s]."""
 
 
 class Urgency(Protocol):
-    """Told again and again by the thread that calls it whether it is in a hurry."""
+    """Requests or releases real-time priority for the calling thread, which calls it periodically."""
 
     def __call__(self, wanted: bool, /) -> None:
-        """`wanted`: from now on, the calling thread would have the machine before others."""
+        """Request (True) or release (False) real-time priority for the calling thread."""
         ...
 
 
 def never_urgent(wanted: bool) -> None:
-    """For lockstep, where nobody waits for the machine."""
+    """Leave the priority as it is: in lockstep, nothing depends on the machine's time."""
 
 
 class BoundedUrgency:
-    """The calling thread has the machine before others while it wants to, and takes little of it.
+    """Real-time priority for a thread that needs little of a core.
 
-    One that takes more than `MOST_OF_A_CORE` could starve the others: it is ordinary for a while.
+    A thread that uses more than `LARGEST_CPU_FRACTION` of a core is ordinary for `REST_S`, so that it cannot starve
+    others.
     """
 
     def __init__(
@@ -49,17 +51,17 @@ class BoundedUrgency:
         used_s: Callable[[], float] = time.thread_time,
         grant: Callable[[bool], object] | None = None,
     ) -> None:
-        """`now_s` is the machine's clock, `used_s` what the thread has computed [s]; `grant` sets its priority."""
+        """`now_s` is the machine's clock, `used_s` the thread's CPU time [s]; `grant` sets its priority."""
         self._now_s, self._used_s, self._grant = now_s, used_s, grant or _grant
         self._urgent = self._spent = False
         self._window_began_s = self._used_before_s = 0.0
 
     def __call__(self, wanted: bool) -> None:
-        """As `Urgency`; it costs less than a microsecond while nothing changes."""
+        """As `Urgency`; takes less than a microsecond while nothing changes."""
         if not wanted:
             self._spent = False
         elif self._urgent:
-            self._spent = self._too_much()
+            self._spent = self._exceeds_limit()
         elif self._spent:
             self._spent = self._now_s() - self._window_began_s < REST_S
         self._set(wanted and not self._spent)
@@ -73,25 +75,25 @@ class BoundedUrgency:
     def _begin_window(self) -> None:
         self._window_began_s, self._used_before_s = self._now_s(), self._used_s()
 
-    def _too_much(self) -> bool:
+    def _exceeds_limit(self) -> bool:
         window_s = self._now_s() - self._window_began_s
         if window_s < WINDOW_S:
             return False
         used_s = self._used_s() - self._used_before_s
         self._begin_window()
-        return used_s > MOST_OF_A_CORE * window_s
+        return used_s > LARGEST_CPU_FRACTION * window_s
 
 
-def make_urgent(priority: int = SIGNS_PRIORITY) -> bool:
-    """Let the calling thread have the machine before others, where this is allowed; whether it is.
+def make_urgent(priority: int = HEARTBEAT_PRIORITY) -> bool:
+    """Give the calling thread real-time priority; returns whether the system allows it.
 
-    Threads and processes that it starts are ordinary ones.
+    Threads and processes that it starts are ordinary.
     """
     return _set_policy(lambda: (os.SCHED_RR | os.SCHED_RESET_ON_FORK, priority))
 
 
 def may_be_urgent() -> bool:
-    """Whether this system lets a thread have the machine before others."""
+    """Whether this system allows real-time priority."""
     allowed: list[bool] = []
     trying = threading.Thread(target=lambda: allowed.append(make_urgent()))
     trying.start()
@@ -101,10 +103,10 @@ def may_be_urgent() -> bool:
 
 @asynccontextmanager
 async def garbage_frozen() -> AsyncGenerator[None]:
-    """Keep the garbage collector away from what this process has loaded before.
+    """Exclude all present objects of this process from garbage collection while the context is open.
 
-    There is hardly any garbage in it, and a full collection holds the interpreter's lock for 0.1 to 0.7 s: no heartbeat
-    is sent meanwhile, and no order passed on.
+    Few of them are garbage, and a full collection holds the interpreter's lock for 0.1 to 0.7 s, during which no
+    heartbeat is sent and no command passed on.
     """
     gc.freeze()
     try:
@@ -115,20 +117,20 @@ async def garbage_frozen() -> AsyncGenerator[None]:
 
 @contextmanager
 def threads_urgent() -> Generator[None]:
-    """Threads that are started meanwhile, by the calling one, are urgent, and so are those that they start.
+    """Make threads urgent that the calling thread starts within the context, and those that they start.
 
-    For threads of a library, which cannot ask for themselves. Nothing may start a process meanwhile.
+    For the threads of a library, which do not request it themselves. Start no process within the context.
     """
     try:
         before = os.sched_getscheduler(0), os.sched_getparam(0)
     except (OSError, AttributeError):
         before = None
-    changed = before is not None and _set_policy(lambda: (os.SCHED_RR, SIGNS_PRIORITY))
+    changed = before is not None and _set_policy(lambda: (os.SCHED_RR, HEARTBEAT_PRIORITY))
     try:
         yield
     finally:
         if changed and before is not None:
-            with contextlib.suppress(OSError):  # giving back is always allowed
+            with contextlib.suppress(OSError):  # lowering the priority is always allowed
                 os.sched_setscheduler(0, *before)
 
 
@@ -136,12 +138,12 @@ def _grant(urgent: bool) -> None:
     if urgent:
         make_urgent(WORK_PRIORITY)
     else:
-        # The flag stays: who may not do everything may not take it away, and would be refused.
+        # The flag stays: without privileges, the system refuses to remove it.
         _set_policy(lambda: (os.SCHED_OTHER | os.SCHED_RESET_ON_FORK, 0))
 
 
 def _set_policy(wanted: Callable[[], tuple[int, int]]) -> bool:
-    """Policy and priority of the calling thread; `wanted` names what other systems than Linux lack."""
+    """Set policy and priority of the calling thread. `wanted` is a function, since only Linux has these names."""
     with contextlib.suppress(OSError, AttributeError):  # not allowed; not Linux
         policy, priority = wanted()
         os.sched_setscheduler(0, policy, os.sched_param(priority))

@@ -1,7 +1,7 @@
 """An event loop on virtual time: it jumps to the next timer instead of waiting.
 
-Runs on it are deterministic and as fast as the machine allows. Never await a thread or a process on it:
-virtual time would run away meanwhile.
+Runs on it are deterministic and as fast as the machine allows. Never await a thread or a process on it: virtual time
+would advance in the meantime.
 """
 
 import asyncio
@@ -15,21 +15,21 @@ T = TypeVar("T")
 
 
 class VirtualDeadlock(DlokitError):
-    """Every task waits for another, and no timer is set: the run would never end."""
+    """Raised when every task waits for another and no timer is set: the run would never end."""
 
 
 class _JumpingSelector(selectors.DefaultSelector):
-    """Reports what is ready now and, where the loop would sleep, advances its clock."""
+    """Returns what is ready now; where the loop would sleep, it advances the loop's clock instead."""
 
     loop: "VirtualTimeLoop"
 
     def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
-        # The real selector is still asked, so that Ctrl-C (a byte on the loop's own pipe) is seen.
+        # Poll the real selector too, so that Ctrl-C (a byte on the loop's own pipe) is seen.
         ready = super().select(0)
         if ready:
             return ready
         if timeout is None:
-            raise VirtualDeadlock("every task waits for another and no timer is set; a wait lacks its time-out")
+            raise VirtualDeadlock("every task waits for another and no timer is set; give the wait a time-out")
         if timeout > 0:
             self.loop.advance(timeout)
         return []
@@ -49,7 +49,7 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         return self._virtual_s
 
     def advance(self, duration_s: float) -> None:
-        """Jump ahead."""
+        """Advance the virtual time."""
         self._virtual_s += duration_s
 
 

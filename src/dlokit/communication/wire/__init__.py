@@ -1,1 +1,1 @@
-"""How a value becomes bytes and back, and what both ends compare."""
+"""Encoding of values as bytes, and the schema fingerprints that both ends compare."""

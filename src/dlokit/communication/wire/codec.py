@@ -1,7 +1,7 @@
-"""Messages to bytes and back: msgpack, with arrays as extension types.
+"""Encode messages as bytes and decode them: msgpack, with arrays as extension types.
 
-Decoding executes nothing, checks every type, and allocates less than twice `LARGEST_MESSAGE_BYTES`, whatever comes.
-Arrays come back read-only, because a message belongs to everybody; large ones are views of the bytes that came.
+Decoding executes nothing, checks every type, and allocates less than twice `LARGEST_MESSAGE_BYTES` for any input.
+Decoded arrays are read-only, because readers share a message; large ones are views of the received bytes.
 """
 
 import math
@@ -22,9 +22,9 @@ ARRAY_CODE = 1
 ALLOWED_DTYPES = frozenset({"<f8", "<f4", "|u1", "<i8", "|b1"})
 LARGEST_RANK = 4
 LARGEST_MESSAGE_BYTES = 64 * 2**20
-"""A longer message is refused before it is looked at: ten pairs of pictures of 1024 by 896 pixels."""
+"""Longest message that is decoded: ten stereo pairs of 1024 by 896 pixels."""
 LARGEST_LISTING_BYTES = 2 * 2**20
-"""The same for types that may hold any number of items: a byte of those can ask for 40 bytes of memory."""
+"""The same for types with any number of items, of which one byte can need 40 bytes of memory."""
 LARGE_ARRAY_BYTES = 2**14
 LONGEST_HEAD_BYTES = 64
 _PLAIN = (bool, int, float, str)
@@ -34,7 +34,9 @@ def _encode_hook(value: Any) -> Any:
     if isinstance(value, np.generic):
         return value.item()
     if not isinstance(value, np.ndarray):
-        raise NotImplementedError(f"{type(value).__name__} cannot be sent; allowed: plain values, Structs, arrays")
+        raise NotImplementedError(
+            f"{type(value).__name__} cannot be sent; allowed: numbers, texts, containers, Structs, arrays"
+        )
     array: NDArray[Any] = np.ascontiguousarray(value)
     head = _head_of(array.dtype, value.shape)
     return msgspec.msgpack.Ext(ARRAY_CODE, b"".join((head, array.data)))
@@ -42,7 +44,7 @@ def _encode_hook(value: Any) -> Any:
 
 @lru_cache(maxsize=1024)
 def _head_of(dtype: "np.dtype[Any]", shape: tuple[int, ...]) -> bytes:
-    """What stands before an array's values: its length, then dtype and shape."""
+    """The header of an array: its own length, then dtype and shape."""
     if dtype.str not in ALLOWED_DTYPES:
         raise CommunicationError(
             f"an array of {dtype} cannot be sent; allowed: {sorted(ALLOWED_DTYPES)}; convert it with .astype()"
@@ -56,7 +58,7 @@ _HEAD = msgspec.msgpack.Decoder(tuple[str, tuple[int, ...]])
 
 @lru_cache(maxsize=1024)
 def _read_head(head: bytes) -> "tuple[np.dtype[Any], tuple[int, ...], int]":
-    """Dtype, shape, and the number of bytes that they need."""
+    """Dtype, shape, and the number of bytes of the values."""
     name, shape = _HEAD.decode(head)
     if name not in ALLOWED_DTYPES or len(shape) > LARGEST_RANK or any(n < 0 for n in shape):
         raise CommunicationError(
@@ -73,7 +75,7 @@ def _extension_hook(code: int, data: memoryview) -> NDArray[Any]:
     dtype, shape, expected = _read_head(bytes(data[2 : min(begin, 2 + LONGEST_HEAD_BYTES)]))
     if len(data) - begin != expected:
         raise CommunicationError(
-            f"array of shape {shape} needs {expected} bytes, {len(data) - begin} came: message is cut"
+            f"an array of shape {shape} needs {expected} bytes, but {len(data) - begin} arrived: message is cut"
         )
     if expected >= LARGE_ARRAY_BYTES:
         array: NDArray[Any] = np.frombuffer(data[begin:], dtype=dtype)
@@ -82,7 +84,7 @@ def _extension_hook(code: int, data: memoryview) -> NDArray[Any]:
     else:  # a small part must not keep a large message in memory
         array = np.frombuffer(bytes(data[begin:]), dtype=dtype)
     if dtype.kind == "b" and array.view(np.uint8).max(initial=0) > 1:
-        raise CommunicationError("an array of bool holds more than 0 and 1: message is damaged")
+        raise CommunicationError("an array of bool has values other than 0 and 1: message is damaged")
     return array.reshape(shape)
 
 
@@ -96,7 +98,7 @@ def _decode_hook(wanted: Any, value: Any) -> Any:
     dtype = _dtype_of(wanted)
     if not isinstance(value, np.ndarray) or value.dtype != dtype:
         found = value.dtype if isinstance(value, np.ndarray) else type(value).__name__
-        raise CommunicationError(f"array of {dtype} expected, {found} came")
+        raise CommunicationError(f"an array of {dtype} is expected, but {found} arrived")
     return value
 
 
@@ -105,21 +107,21 @@ _ENCODER = msgspec.msgpack.Encoder(enc_hook=_encode_hook)
 
 @lru_cache(maxsize=256)
 def _decoder(wanted: Any) -> tuple[Callable[[bytes], Any], int]:
-    """What decodes a type, and the longest message that it takes [bytes]."""
+    """The decoding function of a type, and its longest message [bytes]."""
     decode = msgspec.msgpack.Decoder(wanted, ext_hook=_extension_hook, dec_hook=_decode_hook).decode
     return decode, largest_bytes(wanted)
 
 
 def largest_bytes(wanted: Any) -> int:
-    """The longest message of a type [bytes]."""
+    """Length of the longest message of a type that is accepted [bytes]."""
     return LARGEST_LISTING_BYTES if is_listing(wanted) else LARGEST_MESSAGE_BYTES
 
 
 def encode(value: object) -> bytes:
-    """Bytes of a value. Raises `CommunicationError` when something in it cannot be sent."""
+    """Encode a value. Raises `CommunicationError` when a part of it cannot be sent."""
     bulk = _bulk_bytes(value)
     if bulk >= LARGE_ARRAY_BYTES:
-        buffer = bytearray(bulk + LARGE_ARRAY_BYTES)  # growing one from nothing takes twenty times as long
+        buffer = bytearray(bulk + LARGE_ARRAY_BYTES)  # a buffer that grows takes twenty times as long
         encode_into(value, buffer)
         return bytes(buffer)
     try:
@@ -129,7 +131,7 @@ def encode(value: object) -> bytes:
 
 
 def encode_into(value: object, buffer: bytearray) -> None:
-    """Bytes of a value in the place of the buffer's; one that is used again and again need not grow."""
+    """Encode a value into `buffer`, replacing its content; a reused buffer need not grow."""
     try:
         _ENCODER.encode_into(value, buffer)
     except (NotImplementedError, TypeError, ValueError, msgspec.MsgspecError) as error:
@@ -141,7 +143,7 @@ def _not_encodable(value: object, error: Exception) -> CommunicationError:
 
 
 def _bulk_bytes(value: object) -> int:
-    """Bytes of the arrays and byte strings that a Struct holds, in itself or in Structs inside."""
+    """Total size of the arrays and byte strings in a value, including nested Structs [bytes]."""
     if isinstance(value, np.ndarray):
         return value.nbytes
     if isinstance(value, bytes):
@@ -156,12 +158,12 @@ def _bulk_bytes(value: object) -> int:
 
 @lru_cache(maxsize=512)
 def _bulky_fields(kind: type[msgspec.Struct]) -> tuple[str, ...]:
-    """Fields that may hold arrays or byte strings; most hold a number or a name, and are not looked at."""
+    """Fields that may hold arrays or byte strings; numbers and names, the most common types, are skipped."""
     return tuple(each.name for each in msgspec.structs.fields(kind) if each.type not in _PLAIN)
 
 
 def decode(data: bytes, wanted: type[T]) -> T:
-    """The value of type `wanted` in `data`. Raises `CommunicationError` when it is anything else."""
+    """Decode a value of type `wanted`. Raises `CommunicationError` when `data` is anything else."""
     decoder, limit = _decoder(wanted)
     if len(data) > limit:
         raise CommunicationError(f"{_name(wanted)} of {len(data)} bytes refused; the longest allowed has {limit}")
@@ -178,7 +180,7 @@ def _name(wanted: Any) -> str:
 
 
 def from_plain(value: object, wanted: Any) -> Any:
-    """A value of type `wanted` from what JSON has; arrays from lists. Raises `CommunicationError`."""
+    """Convert a JSON value to type `wanted`, lists to arrays. Raises `CommunicationError` when it does not fit."""
     try:
         return msgspec.convert(value, wanted, dec_hook=_array_of_list)
     except (msgspec.MsgspecError, ValueError, TypeError) as error:

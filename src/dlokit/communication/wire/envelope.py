@@ -1,4 +1,4 @@
-"""What goes beside a message over the network: its schema, and when it was sent on which machine's clock."""
+"""The envelope that accompanies a message over the network: its schema, send time, and sending machine."""
 
 import struct
 import time
@@ -15,32 +15,32 @@ _BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 
 
 class Envelope(msgspec.Struct, frozen=True, gc=False):
-    """Read from beside a message."""
+    """Schema, send time and sending machine of one message."""
 
     schema: bytes
     machine: int
-    """Whose clock `sent_ns` is on: monotonic clocks begin anew with each boot."""
+    """Boot id of the sending machine: monotonic clocks restart with each boot."""
     sent_ns: int
-    """When it was sent, on the sender's monotonic clock."""
+    """Send time on the sender's monotonic clock [ns]."""
 
     def sent_s(self, arrived_s: float) -> float:
-        """When it was sent on this machine's monotonic clock [s]; when it arrived, if another machine sent it."""
+        """Send time on this machine's monotonic clock [s], or `arrived_s` if another machine sent it."""
         return self.sent_ns * 1e-9 if self.machine == this_machine() else arrived_s
 
-    def not_after(self, other: "Envelope | None") -> bool:
-        """Whether it is known to have been sent no later than another one."""
+    def is_not_newer_than(self, other: "Envelope | None") -> bool:
+        """Whether it is known to have been sent no later than another."""
         return other is not None and self.machine == other.machine and self.sent_ns <= other.sent_ns
 
 
-def seal(schema: bytes) -> bytes:
-    """The envelope of a message that is sent now."""
+def pack_envelope(schema: bytes) -> bytes:
+    """Encode the envelope of a message that is sent now."""
     return _LAYOUT.pack(schema, this_machine(), time.monotonic_ns())
 
 
-def opened(envelope: bytes | None, schema: bytes) -> Envelope:
-    """What an envelope says. Raises `SchemaMismatch` when the message is not what the reader knows under its name."""
+def unpack_envelope(envelope: bytes | None, schema: bytes) -> Envelope:
+    """Decode an envelope. Raises `SchemaMismatch` when the sender's schema differs from the reader's `schema`."""
     if envelope is None or len(envelope) != _LAYOUT.size:
-        raise SchemaMismatch("it does not say in which schema it was written; this version reads only its own")
+        raise SchemaMismatch("the message has no envelope with its schema; run the same version of dlokit on both ends")
     read = Envelope(*_LAYOUT.unpack(envelope))
     if read.schema != schema:
         raise mismatch(read.schema.hex(), schema)
@@ -48,16 +48,17 @@ def opened(envelope: bytes | None, schema: bytes) -> Envelope:
 
 
 def mismatch(theirs: str, ours: bytes) -> SchemaMismatch:
-    """The error for a peer of another version; `theirs` in hexadecimal digits."""
+    """The error for a peer of another version; `theirs` is its fingerprint in hexadecimal digits."""
     return SchemaMismatch(
-        f"schema {theirs or 'unnamed'} there, {ours.hex()} here; run the same version of dlokit on both ends"
+        f"the peer has schema {theirs or 'unnamed'}, this process has {ours.hex()}; "
+        "run the same version of dlokit on both ends"
     )
 
 
 @cache
 def this_machine() -> int:
-    """A number of this machine since it was booted."""
+    """An id of this machine since its last boot."""
     try:
         return int(_BOOT_ID.read_text(encoding="ascii").replace("-", "")[:16], 16)
-    except (OSError, ValueError):  # not a Linux: nobody else's number, so that ages count from the arrival
+    except (OSError, ValueError):  # not Linux: an id that no other process has, so that ages count from the arrival
         return time.time_ns()

@@ -1,4 +1,4 @@
-"""What a type looks like on the wire, in eight bytes that both ends of the bus compare."""
+"""Schema fingerprints: the wire form of a type in eight bytes, which both ends of the bus compare."""
 
 import enum
 import hashlib
@@ -14,19 +14,19 @@ FINGERPRINT_BYTES = 8
 
 @lru_cache(maxsize=512)
 def fingerprint(*types: Any) -> bytes:
-    """Eight bytes that change with any field, type, tag or choice of the types; not with docs or default values."""
+    """Eight bytes that change with any field, type, tag or union member of the types; not with docs or defaults."""
     text = "\n".join(description(each) for each in types)
     return hashlib.blake2b(text.encode(), digest_size=FINGERPRINT_BYTES).digest()
 
 
 def description(wanted: Any) -> str:
-    """A type's wire form in words, the same in every process."""
+    """A type's wire form as text, the same in every process."""
     return _described(inspect.type_info(wanted), ())
 
 
 @lru_cache(maxsize=512)
 def is_listing(wanted: Any) -> bool:
-    """Whether a value may hold any number of items, so that few bytes can ask for much memory; arrays are none."""
+    """Whether a value may have any number of items, so that few bytes can need much memory; arrays do not count."""
     return _is_listing(inspect.type_info(wanted), ())
 
 
@@ -38,7 +38,7 @@ def _described(node: Any, within: tuple[Any, ...]) -> str:
     match node:
         case inspect.StructType():
             if node.cls in within:
-                return f"^{len(within) - within.index(node.cls)}"  # a tree: counted from here, whatever it is called
+                return f"^{len(within) - within.index(node.cls)}"  # a recursive type: by depth, not by name
             inner = (*within, node.cls)
             dtypes = _dtypes(node.cls)
             fields = (
@@ -63,7 +63,7 @@ def _described(node: Any, within: tuple[Any, ...]) -> str:
 
 
 def _dtypes(cls: Any) -> dict[str, str]:
-    """Dtypes of the arrays among a Struct's fields, which msgspec does not tell."""
+    """Dtypes of the arrays among a Struct's fields, which msgspec does not report."""
     hints = get_type_hints(get_origin(cls) or cls)
     return {name: "".join(_DTYPE.findall(str(hint))) for name, hint in hints.items()}
 

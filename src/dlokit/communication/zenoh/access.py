@@ -1,7 +1,7 @@
-"""What other hosts may do on this host's bus, as zenoh's own access control enforces it.
+"""The rights of other hosts on this host's bus, as rules for zenoh's access control.
 
-A host is known by the common name of its certificate, on the link that it connects through; whoever matches nobody may
-do nothing. Processes of this host come in over the loopback interface, which is no link of TLS, and may do everything.
+A host is identified by the common name of its certificate; a link that matches no host may do nothing. Processes of
+this host connect over the loopback interface, without TLS, and may do everything.
 """
 
 from collections.abc import Sequence
@@ -10,29 +10,29 @@ from typing import Any
 
 OWN = "own processes"
 READABLE = ("alive", "caller", "reader", "writer")
-"""Kinds of liveliness tokens: that somebody is there is no secret among hosts that know one another."""
+"""Kinds of liveliness tokens, which every known host may read."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class HostRights:
-    """What one other host may do; every host may read every topic."""
+    """The rights of one other host; in addition, every host may read every topic."""
 
     host: str
     """Common name of its certificate."""
     trusted: bool = False
-    """Whether it may do everything: the host that others meet at, which has looked at what it passes on."""
+    """Whether it may do everything: the main host, which enforces the rights of those whose messages it forwards."""
     publishes: tuple[str, ...] = ()
-    """Names of topics."""
+    """Names of topics that it may publish."""
     serves: tuple[str, ...] = ()
-    """Components that answer calls there."""
+    """Components that may answer calls on it."""
     calls: tuple[str, ...] = ()
-    """``component/skill`` or ``component/*``."""
+    """Skills that it may call, as ``component/skill`` or ``component/*``."""
 
 
 def access_control(namespace: str, hosts: Sequence[HostRights]) -> dict[str, Any]:
-    """The part `access_control` of a zenoh configuration: what is not allowed is denied.
+    """The section `access_control` of a zenoh configuration; everything that no rule allows is denied.
 
-    zenoh allows a key expression that an allowed one includes: a query of ``**`` is none.
+    zenoh allows a key expression only if a rule's expression includes it; hence a query of ``**`` is denied.
     """
     rules = [_rule(f"{OWN}/{flow}", flow, _EVERY_MESSAGE, ["**"]) for flow in ("ingress", "egress")]
     policies = [{"rules": [rule["id"] for rule in rules], "subjects": [OWN]}]
@@ -69,7 +69,7 @@ def _everything(host: str, namespace: str) -> list[dict[str, Any]]:
 
 
 def _rules_of(host: HostRights, namespace: str) -> list[dict[str, Any]]:
-    """What comes from it is looked at message by message; what goes to it was asked for by what came."""
+    """Rules for each kind of incoming message; all outgoing messages are allowed, since the host requested them."""
     topics, serves = host.publishes, host.serves
     called = dict.fromkeys(call.partition("/")[0] for call in host.calls)
     answered = [*(f"call/{each}/*" for each in serves), *(f"last/{each}" for each in topics)]

@@ -1,8 +1,8 @@
-"""Skill calls over zenoh: the caller's side (Algorithm 1) and the called one's, which hands to the host.
+"""Skill calls over zenoh: the caller's side (Algorithm 1), and the server that passes calls to the dispatcher.
 
-A call is a query on the key of the component's skill, by which access control tells skills apart. An answer is an
-encoded outcome; no answer at all means that nobody is there. A caller that gives up sends the call's id to the
-component's cancel key.
+A call is a query on the skill's key, by which access control distinguishes skills. The reply is an encoded outcome; no
+reply means that no process serves the component. To cancel, the caller sends the call's id to the component's cancel
+key.
 """
 
 import asyncio
@@ -23,17 +23,17 @@ from dlokit.types.outcome import Rejected
 log = logging.getLogger(__name__)
 
 NETWORK_LIMIT_S = 86_400.0
-"""Zenoh ends a query by itself after this long; earlier ends are ours, on the clock that skills live by."""
+"""zenoh's own time-out of a query [s]; the transport applies the skill's time-out on the skill's clock."""
 
 SENT_LIMIT_S = 10.0
-"""The answer to a call that nobody waits for is forgotten after this long."""
+"""Time after which zenoh discards a call that was sent without waiting for its answer [s]."""
 
 CALLS_REMEMBERED = 64
-"""Cancelled calls whose request has not arrived yet, that are remembered."""
+"""Number of remembered ids of cancelled calls whose request has not arrived yet."""
 
 
 OUTCOME, PROGRESS = b"outcome", b"progress"
-"""What goes beside an answer: which of the two it is."""
+"""Attachment of a reply: which of the two it is."""
 
 
 def ask(
@@ -44,7 +44,7 @@ def ask(
     call_id: str,
     report: Report,
 ) -> "asyncio.Future[bytes | None]":
-    """The encoded outcome to come; None when nobody answers. Cancelling it does not cancel the skill: see `cancel`."""
+    """Future of the encoded outcome; None if no process answers. Only `cancel` cancels the skill itself."""
     answered: asyncio.Future[bytes | None] = loop.create_future()
 
     def settle(answer: bytes | None) -> None:
@@ -66,22 +66,22 @@ def ask(
     try:
         session.get(
             f"call/{skill.component}/{skill.name}",
-            # On zenoh's own thread: both only wake the loop, and a thread for every call costs 0.7 ms.
+            # On zenoh's own thread: both only wake the loop, and a thread for each call costs 0.7 ms.
             zenoh.handlers.Callback(on_reply, on_end, indirect=False),
             payload=request,
             attachment=call_id.encode(),
             timeout=NETWORK_LIMIT_S,
-            # The answer goes to the loop at once, not when the query has ended.
+            # Pass the answer to the loop at once, not at the end of the query.
             consolidation=zenoh.ConsolidationMode.NONE,
         )
     except zenoh.ZError as error:
-        log.warning("a call to %s could not be sent: %s", skill.key, error)
+        log.warning("call of %s not sent: %s", skill.key, error)
         settle(None)
     return answered
 
 
 def send(session: zenoh.Session, skill: Skill[..., Any], request: bytes, call_id: str) -> None:
-    """Ask without waiting for an answer; before whatever else waits to be sent."""
+    """Call without waiting for an answer, ahead of all other messages that wait to be sent."""
     session.get(
         f"call/{skill.component}/{skill.name}",
         zenoh.handlers.Callback(lambda reply: None, indirect=False),
@@ -94,13 +94,13 @@ def send(session: zenoh.Session, skill: Skill[..., Any], request: bytes, call_id
 
 
 def cancel(session: zenoh.Session, component: str, call_id: str) -> None:
-    """Ask the component to stop working on a call; its answer is then ``Cancelled``."""
+    """Request that the component cancels a call; its answer is then ``Cancelled``."""
     if not session.is_closed():
         session.put(f"cancel/{component}", call_id.encode(), congestion_control=zenoh.CongestionControl.BLOCK)
 
 
 class CallServer:
-    """Answers calls to one component on the loop; a task a call, so that it can be cancelled."""
+    """Answers calls to one component on the loop, each in its own task, so that it can be cancelled."""
 
     def __init__(
         self,
@@ -117,30 +117,30 @@ class CallServer:
         self._tasks: dict[str, asyncio.Task[None]] = {}
         self._cancelled_early: deque[str] = deque(maxlen=CALLS_REMEMBERED)
         self._closing = False
-        # Whoever sees the token may call: it comes last.
+        # The token is declared last: a process that sees it may call.
         self._cancels = session.declare_subscriber(f"cancel/{component}", self._on_cancel)
-        with threads_urgent():  # the call may be an order to brake; its thread only hands it to the loop
+        with threads_urgent():  # the call may be a brake command; its thread only passes it to the loop
             self._calls = session.declare_queryable(f"call/{component}/*", self._on_query)
         self._token = session.liveliness().declare_token(f"alive/{component}/{session.zid()}")
 
-    async def close(self, patience_s: float) -> None:
-        """Take no more calls, cancel those that run, and let them answer."""
+    async def close(self, timeout_s: float) -> None:
+        """Accept no more calls, cancel running ones, and wait up to `timeout_s` for their answers."""
         self._closing = True
         self._token.undeclare()
         tasks = list(self._tasks.values())
         for task in tasks:
             task.cancel()
         if tasks:
-            await asyncio.wait(tasks, timeout=patience_s)
+            await asyncio.wait(tasks, timeout=timeout_s)
         self._calls.undeclare()
         self._cancels.undeclare()
 
     def cancel_all_of(self, caller: str) -> None:
-        """Cancel the calls that run for a session that is gone; on the loop."""
+        """Cancel the running calls of a caller whose session has ended; only on the loop's thread."""
         for call_id, task in list(self._tasks.items()):
             if call_id.rpartition("-")[0] == caller:
                 task.cancel()
-                # Once it has ended, and the arm stands that it moved: a log line may block.
+                # Log only after the call has ended and its arm has stopped: writing a log line may block.
                 task.add_done_callback(_log_caller_gone)
 
     def _on_query(self, query: zenoh.Query) -> None:
@@ -157,12 +157,12 @@ class CallServer:
             query.drop()
             return
         try:
-            named = codec.decode(request, _Named).skill
+            named = codec.decode(request, _CalledSkill).skill
         except CommunicationError:
-            named = None  # the handler says what is wrong with it
-        # Access control has looked at the key alone: a host that may stop an arm may not move it by the same key.
+            named = None  # the handler answers with the error
+        # Access control checks only the key: a host that may only stop an arm must not move it through that key.
         if named is not None and named != str(query.key_expr).rpartition("/")[2]:
-            log.error("a call is rejected that names another skill than its key %s", query.key_expr)
+            log.error("call rejected: it names the skill %r, but its key is %s", named, query.key_expr)
             _reply(query, _WRONG_KEY)
             return
         if call_id in self._cancelled_early:
@@ -175,7 +175,7 @@ class CallServer:
     async def _answer(self, query: zenoh.Query, request: bytes) -> None:
         answer = self._cancelled
         try:
-            answer = await self._handler(request, lambda data: _tell(query, data))
+            answer = await self._handler(request, lambda data: _send_progress(query, data))
         except asyncio.CancelledError:
             log.debug("a call was cancelled")
         finally:
@@ -194,31 +194,31 @@ class CallServer:
 
 
 def _log_caller_gone(task: "asyncio.Task[None]") -> None:
-    log.warning("%s was cancelled: its caller is gone", task.get_name())
+    log.warning("%s was cancelled: its caller has ended", task.get_name())
 
 
 _WRONG_KEY = codec.encode(
-    Rejected(reason="wrong_key", detail="the call names another skill than the key that it came by")
+    Rejected(reason="wrong_key", detail="the call names another skill than the key through which it was sent")
 )
 
 
-class _Named(msgspec.Struct):
-    """Of a call, which skill is meant; the handler reads the rest."""
+class _CalledSkill(msgspec.Struct):
+    """The skill's name in an encoded `SkillCall`; the handler decodes the rest."""
 
     skill: str
 
 
-def _tell(query: zenoh.Query, progress: bytes) -> None:
+def _send_progress(query: zenoh.Query, progress: bytes) -> None:
     try:
         query.reply(query.key_expr, progress, attachment=PROGRESS)
     except zenoh.ZError as error:
-        log.warning("progress could not be sent: %s", error)
+        log.warning("progress report not sent: %s", error)
 
 
 def _reply(query: zenoh.Query, answer: bytes) -> None:
     try:
         query.reply(query.key_expr, answer, attachment=OUTCOME)
     except zenoh.ZError as error:
-        log.warning("an answer could not be sent: %s", error)
+        log.warning("answer not sent: %s", error)
     finally:
         query.drop()

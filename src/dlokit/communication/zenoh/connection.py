@@ -1,4 +1,4 @@
-"""What the parts of one zenoh transport share: the session, the event loop, and the count of refused messages."""
+"""State shared by the parts of one zenoh transport: session, event loop, and the count of refused messages."""
 
 import asyncio
 import logging
@@ -15,33 +15,33 @@ log = logging.getLogger(__name__)
 
 
 class Refusals:
-    """By topic and kind of error. Any thread may note one."""
+    """Counts of refused messages by topic and kind of error. Thread-safe."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._counts: Counter[tuple[str, str]] = Counter()
 
     def note(self, topic: str, error: CommunicationError) -> None:
-        """Count a message, or a peer, that cannot be understood; the first of its kind is logged."""
+        """Count a message or peer that this version cannot decode; the first of each kind is logged."""
         key = (topic, type(error).__name__)
         with self._lock:
             self._counts[key] += 1
             first = self._counts[key] == 1
         if first:
-            log.error("messages on %s are dropped: %s", topic, error)
+            log.error("messages on %s dropped: %s", topic, error)
 
     @property
     def counts(self) -> Mapping[tuple[str, str], int]:
-        """How many, by topic and name of the error."""
+        """Number of refused messages by topic and name of the error."""
         with self._lock:
             return dict(self._counts)
 
 
 @dataclass(frozen=True)
 class Connection:
-    """What the topics of one process share."""
+    """The session, event loop and refusal counts that the topics of one process share."""
 
     session: zenoh.Session
     loop: asyncio.AbstractEventLoop
-    """Zenoh calls back on threads of its own; they hand over with `call_soon_threadsafe`."""
+    """Callbacks on zenoh's threads pass their results to it with `call_soon_threadsafe`."""
     refusals: Refusals

@@ -1,4 +1,4 @@
-"""Who is there, by liveliness tokens of zenoh: one per served component and per caller, gone when their process is."""
+"""Liveness of components and callers by zenoh's liveliness tokens, which vanish when their process ends."""
 
 import asyncio
 import threading
@@ -8,39 +8,39 @@ import zenoh
 
 
 class Presence:
-    """The components seen on the bus. Zenoh notes from its own threads; everybody may ask."""
+    """The components present on the bus. Thread-safe: zenoh's threads update it."""
 
     def __init__(self, session: zenoh.Session, loop: asyncio.AbstractEventLoop) -> None:
         self._loop = loop
         self._lock = threading.Lock()
-        self._tokens: dict[tuple[str, str], None] = {}  # component and process, the newest last
+        self._tokens: dict[tuple[str, str], None] = {}  # (component, process), the newest last
         self._ever: set[str] = set()
         self._changed = asyncio.Event()
-        # Two processes may serve one component for a moment, while it is restarted: each token counts.
+        # Two processes may serve one component briefly, while it is restarted: each has its own token.
         self._subscriber = session.liveliness().declare_subscriber("alive/*/*", self._on_token, history=True)
 
     def has(self, component: str) -> bool:
-        """Whether the component is there."""
+        """Whether the component is present."""
         with self._lock:
             return any(name == component for name, _ in self._tokens)
 
     def server(self, component: str) -> str:
-        """The process that serves it, of two the one that came last; empty when it is not there."""
+        """Id of the process that serves it, the newest of several; empty if it is not present."""
         with self._lock:
             return next((process for name, process in reversed(self._tokens) if name == component), "")
 
     def count(self, component: str) -> int:
-        """How many serve it: two for a moment while it is restarted, and more by somebody's mistake."""
+        """Number of processes that serve it: two briefly during a restart, otherwise more than one is an error."""
         with self._lock:
             return sum(name == component for name, _ in self._tokens)
 
     async def found(self, component: str, timeout_s: float) -> None:
-        """Wait for a component that was never there, for at most `timeout_s`: peers take time to find each other."""
+        """Wait up to `timeout_s` for a component that was never present: peers take time to find each other."""
         if component not in self._ever:
             await self.wait_for(component, timeout_s)
 
     async def wait_for(self, component: str, timeout_s: float) -> bool:
-        """Wait until it is there, for at most `timeout_s` of the machine's time; whether it is."""
+        """Wait up to `timeout_s` of machine time until it is present; returns whether it is."""
         try:
             async with asyncio.timeout(timeout_s):
                 while not self.has(component):
@@ -62,19 +62,19 @@ class Presence:
 
 
 def watch_callers(
-    session: zenoh.Session, loop: asyncio.AbstractEventLoop, gone: Callable[[str], None]
+    session: zenoh.Session, loop: asyncio.AbstractEventLoop, on_gone: Callable[[str], None]
 ) -> "zenoh.Subscriber[None]":
-    """Tell `gone`, on the loop, of every caller's session that has ended, however it did."""
+    """Call `on_gone` on the loop with the id of each caller whose session has ended, for whatever reason."""
 
     def on_token(sample: zenoh.Sample) -> None:
         if sample.kind == zenoh.SampleKind.DELETE:
             identity = str(sample.key_expr).rpartition("/")[2]
-            loop.call_soon_threadsafe(gone, identity)
+            loop.call_soon_threadsafe(on_gone, identity)
 
-    # With those that are there already: zenoh tells nothing of the end of a token that it has not told of.
+    # `history` includes the present callers: zenoh reports the end only of tokens that it has reported before.
     return session.liveliness().declare_subscriber("caller/*", on_token, history=True)
 
 
 def announce_caller(session: zenoh.Session) -> zenoh.LivelinessToken:
-    """Let the called ones know that this session is there, for as long as it is."""
+    """Declare this session as a caller to the called components; the token vanishes with the session."""
     return session.liveliness().declare_token(f"caller/{session.zid()}")

@@ -1,4 +1,4 @@
-"""Opening a zenoh session that stays on this machine, or goes where it is told to."""
+"""Opening a zenoh session, on this machine only or also over configured network endpoints."""
 
 import json
 from collections.abc import Callable
@@ -13,18 +13,18 @@ from dlokit.errors import MachineError
 
 SHARED_FROM_BYTES = 2**16
 LINK_LEASE_MS = 5000
-"""Between hosts: a link that is silent for so long is gone. zenoh sends a sign of life four times in it."""
+"""A link between hosts that is silent for this long is closed; zenoh sends four keep-alive messages in this time."""
 RETRY_FIRST_MS = 500
 RETRY_LONGEST_MS = 2000
-"""How soon a link between hosts that is gone is tried again, at first and at the latest."""
+"""Shortest and longest wait before a closed link between hosts is opened again [ms]."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TlsFiles:
-    """Paths of the files with which a host proves who it is, and recognises others."""
+    """Paths of the files with which hosts authenticate each other (mutual TLS)."""
 
     authority: str
-    """Of the lab: whoever it has not signed cannot connect."""
+    """Certificate of the lab's authority; a host whose certificate it has not signed cannot connect."""
     certificate: str
     """Its common name is the host's name."""
     key: str
@@ -32,47 +32,47 @@ class TlsFiles:
 
 @dataclass(frozen=True, kw_only=True)
 class ZenohConfig:
-    """How the processes of one run find one another."""
+    """How the processes of one run connect to each other."""
 
     namespace: str
-    """Prefix of every key, so that runs side by side do not hear each other."""
+    """Prefix of every key, which separates runs on the same network."""
     listen: tuple[str, ...] = ("tcp/127.0.0.1:0",)
-    """Endpoints to listen on; the default opens no port to the network."""
+    """Endpoints to listen on; the default is not reachable from the network."""
     connect: tuple[str, ...] = ()
-    """Endpoints to connect to: where the processes of the run meet."""
+    """Endpoints to connect to, through which the processes of the run find each other."""
     multicast_interface: str | None = None
-    """Interface on which peers find one another by themselves, e.g. `lo`; None: only through `connect`.
+    """Interface for multicast discovery of peers, e.g. `lo`; None: peers connect only through `connect`.
 
-    Whoever searches opens a socket of all interfaces for the answers: it is off unless asked for.
+    Discovery opens a socket on all interfaces for the answers; therefore it is off by default.
     """
     role: Literal["peer", "client", "router"] = "peer"
-    """On one machine everybody is a peer. Between several, a router is its host's door: it passes on what the host's
-    own processes, its clients, and other doors say."""
+    """On one machine, every process is a peer. Between hosts, each has a router, which forwards messages between the
+    host's own processes (its clients) and the routers of other hosts."""
     connect_within_s: float | None = None
-    """Opening fails when no connection stands after so long; None: it is tried for ever, beside everything else."""
+    """Opening fails if no connection is made within this time; None: it retries in the background without limit."""
     tls: TlsFiles | None = None
-    """For endpoints `tls/…`: both ends prove who they are."""
+    """For endpoints `tls/…`: both ends authenticate."""
     others: tuple[HostRights, ...] | None = None
-    """What other hosts may do here; None: no access control, e.g. where no other host can connect."""
+    """Rights of other hosts; None: no access control, e.g. where no other host can connect."""
 
 
 OpenSession = Callable[[ZenohConfig], zenoh.Session]
-"""Opens a session as configured; a bench may put something of its own in between."""
+"""Opens a session as configured; a bench may replace it to inject faults."""
 
 
 def open_session(config: ZenohConfig) -> zenoh.Session:
-    """A session of peers. Raises `MachineError` when an endpoint cannot be used."""
+    """Open a session. Raises `MachineError` when an endpoint cannot be used."""
     settings = zenoh.Config()
     for key, value in _settings(config).items():
         settings.insert_json5(key, json.dumps(value))
     try:
-        # Heartbeats, and orders to brake, pass through its threads; they move bytes, and nothing of ours runs on them.
+        # Heartbeats and brake commands pass through zenoh's threads, which only move bytes.
         with threads_urgent():
             return zenoh.open(settings)
     except zenoh.ZError as error:
         raise MachineError(
             f"the bus cannot listen on {config.listen} or reach {config.connect}: {error}; "
-            f"end the other run that uses the endpoint, or configure another one"
+            f"stop the other run that uses the endpoint, or configure another endpoint"
         ) from error
 
 
@@ -82,20 +82,20 @@ def _settings(config: ZenohConfig) -> dict[str, object]:
         "namespace": config.namespace,
         "listen/endpoints": list(config.listen),
         "connect/endpoints": list(config.connect),
-        # Nobody waits for peers at the start: liveliness says who is there.
+        # Do not wait for peers at the start: liveliness tokens show which are present.
         "connect/timeout_ms": -1 if config.connect_within_s is None else round(config.connect_within_s * 1000),
         "connect/exit_on_failure": config.connect_within_s is not None,
         "scouting/delay": 0,
         "scouting/multicast/enabled": config.multicast_interface is not None,
-        # A cloud goes faster through the socket than through shared memory, a picture the other way round.
+        # A cloud is faster through the socket, an image through shared memory.
         "transport/shared_memory/transport_optimization/message_size_threshold": SHARED_FROM_BYTES,
-        # A reader that hangs may hold up a writer this long [µs], then its link is closed.
+        # A reader that hangs may block a writer for this long [µs], then its link is closed.
         "transport/link/tx/queue/congestion_control/block/wait_before_close": 1_000_000,
     }
     if config.multicast_interface is not None:
         settings["scouting/multicast/interface"] = config.multicast_interface
     if config.role != "peer":
-        settings |= _DOORS
+        settings |= _HOST_LINKS
     if config.tls is not None:
         settings |= _tls_settings(config.tls)
     if config.others is not None:
@@ -103,7 +103,7 @@ def _settings(config: ZenohConfig) -> dict[str, object]:
     return settings
 
 
-_DOORS: dict[str, object] = {
+_HOST_LINKS: dict[str, object] = {
     "transport/link/tx/lease": LINK_LEASE_MS,
     "connect/retry": {
         "period_init_ms": RETRY_FIRST_MS,

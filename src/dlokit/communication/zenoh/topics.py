@@ -1,8 +1,8 @@
-"""Topics over zenoh: writers that remember their last message, readers that never fall behind.
+"""Topics over zenoh: writers that store their last message, readers that always receive the newest ones.
 
-A message published before a reader was there would be lost to it; so each writer answers for its last
-one, and announces itself by a liveliness token. A reader asks whoever it sees announced. Readers announce
-themselves as well; the tokens name the schema, so that each end knows of another version at the other.
+A reader that joins late would miss the message published before. Therefore each writer announces itself with a
+liveliness token and answers queries for its last message, and a reader queries each announced writer. Readers have
+tokens too; a token contains the schema, so that each end detects another version at the other end.
 """
 
 import logging
@@ -19,7 +19,7 @@ from dlokit.communication.timing.urgency import threads_urgent
 from dlokit.communication.topic import Every, Topic
 from dlokit.communication.transport import Latest, Mailbox
 from dlokit.communication.wire import codec
-from dlokit.communication.wire.envelope import Envelope, mismatch, opened, seal
+from dlokit.communication.wire.envelope import Envelope, mismatch, pack_envelope, unpack_envelope
 from dlokit.communication.wire.schema import fingerprint
 from dlokit.communication.zenoh.connection import Connection
 from dlokit.errors import CommunicationError
@@ -30,13 +30,13 @@ log = logging.getLogger(__name__)
 T = TypeVar("T", bound=Message)
 
 ASK_TIMEOUT_S = 5.0
-"""Longest wait for a writer's last message; it comes within a millisecond, or its process hangs."""
+"""Longest wait for a writer's last message [s]; it arrives within a millisecond unless the writer's process hangs."""
 BURST = 64
-"""Messages of a topic of which every one counts, that may come at once while no thread of ours can run."""
+"""Number of messages of an `Every` topic that zenoh buffers while no Python thread can run."""
 
 
-class Letter(msgspec.Struct, frozen=True):
-    """A message as it came: opened only when it is wanted."""
+class ReceivedMessage(msgspec.Struct, frozen=True):
+    """A message as received, still encoded; it is decoded only when a reader needs it."""
 
     envelope: Envelope
     data: bytes
@@ -44,12 +44,12 @@ class Letter(msgspec.Struct, frozen=True):
 
 
 class TopicWriter:
-    """Publishes one topic and answers late readers with the last message."""
+    """Publishes one topic and sends its last message to late readers."""
 
     def __init__(self, connection: Connection, topic: Topic[Any]) -> None:
         session = connection.session
         every = isinstance(topic.policy, Every)
-        # What is kept last may be dropped under way as well: the next one comes. Of the others none may be.
+        # A `KeepLast` message may be dropped under congestion, since the next one replaces it; an `Every` one may not.
         control = zenoh.CongestionControl.BLOCK if every else zenoh.CongestionControl.DROP
         self._schema = fingerprint(topic.type)
         self._lock = threading.Lock()
@@ -61,10 +61,10 @@ class TopicWriter:
         self._readers = watch_schemas(connection, "reader", topic.name, self._schema)
 
     def put(self, message: Message) -> None:
-        """Send to all readers; from any thread."""
+        """Send a message to all readers; thread-safe."""
         with self._lock:
             codec.encode_into(message, self._buffer)
-            payload, envelope = zenoh.ZBytes(self._buffer), seal(self._schema)
+            payload, envelope = zenoh.ZBytes(self._buffer), pack_envelope(self._schema)
             self._last = (payload, envelope)
             self._publisher.put(payload, attachment=envelope)
 
@@ -76,11 +76,11 @@ class TopicWriter:
 
 
 class TopicReader(Generic[T]):
-    """Reads one topic for all readers of this process.
+    """Receives one topic for all readers in this process.
 
-    Zenoh keeps the newest messages by itself, without Python: neither a busy loop nor a thread that holds the
-    interpreter delays the network or makes it pile up. A thread of the reader's hands them to the loop; a loop that
-    was busy fetches them itself. Decoding is the loop's, and only of what is still wanted by then.
+    zenoh buffers the newest messages without Python: neither a busy loop nor a thread that holds the interpreter's
+    lock delays the network or lets messages accumulate. A thread of the reader passes them to the loop; a loop that was
+    busy fetches them itself. The loop decodes them, and only those that are still needed by then.
     """
 
     def __init__(self, connection: Connection, topic: Topic[T]) -> None:
@@ -91,19 +91,19 @@ class TopicReader(Generic[T]):
         depth = topic.policy.depth if isinstance(topic.policy, Every) else 1
         self._schema = fingerprint(topic.type)
         self._limit = codec.largest_bytes(topic.type)
-        self._box: deque[Letter] = deque(maxlen=depth)
-        self._newest: Letter | None = None
+        self._received: deque[ReceivedMessage] = deque(maxlen=depth)
+        self._newest: ReceivedMessage | None = None
         self._value: T | None = None
         self._mailboxes: list[weakref.ref[Mailbox[T]]] = []
         self._waiting_for_last: list[weakref.ref[Mailbox[T]]] = []
         session = connection.session
         ring = zenoh.handlers.RingChannel(max(depth, BURST) if self._every else 1)
         self._subscriber = session.declare_subscriber(f"topic/{topic.name}", ring)
-        self._pump = threading.Thread(target=self._hand_over, name=f"reads {topic.name}", daemon=True)
-        with threads_urgent():  # it holds the interpreter's lock, for which heartbeats and orders would wait
-            self._pump.start()
+        self._thread = threading.Thread(target=self._receive, name=f"reads {topic.name}", daemon=True)
+        with threads_urgent():  # it holds the interpreter's lock, for which heartbeats and commands would wait
+            self._thread.start()
         self._token = session.liveliness().declare_token(f"reader/{topic.name}/{self._schema.hex()}/{session.zid()}")
-        self._writers = watch_schemas(connection, "writer", topic.name, self._schema, self._ask_for_last)
+        self._writers = watch_schemas(connection, "writer", topic.name, self._schema, self._query_last)
 
     def latest(self) -> Latest[T]:
         """The newest message and its age."""
@@ -113,7 +113,7 @@ class TopicReader(Generic[T]):
         return Latest(self._value, self._loop.time() - self._sent_s(self._newest))
 
     def open_mailbox(self, *, with_last: bool) -> Mailbox[T]:
-        """A mailbox for messages from now on, after the last one where that is wanted."""
+        """A mailbox for messages from now on; with `with_last`, the last published message first."""
         self._refresh()
         mailbox: Mailbox[T] = Mailbox(self._topic.policy, self._refresh)
         if with_last and self._value is not None and self._newest is not None:
@@ -124,38 +124,38 @@ class TopicReader(Generic[T]):
         return mailbox
 
     def close(self) -> None:
-        """Streams end."""
+        """End all streams."""
         for reference in self._mailboxes:
             mailbox = reference()
             if mailbox is not None:
                 mailbox.close()
 
-    def join(self, patience_s: float) -> bool:
-        """Wait for the thread, which ends with the session; whether it has."""
-        self._pump.join(patience_s)
-        return not self._pump.is_alive()
+    def join(self, timeout_s: float) -> bool:
+        """Wait up to `timeout_s` for the thread, which ends with the session; returns whether it has ended."""
+        self._thread.join(timeout_s)
+        return not self._thread.is_alive()
 
-    def _hand_over(self) -> None:
+    def _receive(self) -> None:
         for sample in self._subscriber.handler:
-            letter = self._letter(sample)
-            if letter is not None:
-                self._box.append(letter)
+            received = self._unpack(sample)
+            if received is not None:
+                self._received.append(received)
                 self._connection.loop.call_soon_threadsafe(self._drain)
 
-    def _letter(self, sample: zenoh.Sample) -> Letter | None:
+    def _unpack(self, sample: zenoh.Sample) -> ReceivedMessage | None:
         try:
-            envelope, data = unpacked(sample, self._schema, self._limit)
+            envelope, data = unpack_sample(sample, self._schema, self._limit)
         except CommunicationError as error:
             self._connection.refusals.note(self._topic.name, error)
             return None
-        return Letter(envelope, data, self._loop.time())
+        return ReceivedMessage(envelope, data, self._loop.time())
 
     def _drain(self) -> None:
-        while self._box:
-            self._take(self._box.popleft())
+        while self._received:
+            self._take(self._received.popleft())
 
     def _refresh(self) -> None:
-        """Take what has arrived; of states also what the thread has had no turn for yet, which is newer."""
+        """Take all received messages; of a `KeepLast` topic also a newer one that the thread has not fetched yet."""
         self._drain()
         if self._every:
             return
@@ -163,48 +163,49 @@ class TopicReader(Generic[T]):
             sample = self._subscriber.handler.try_recv()
         except zenoh.ZError:  # the session has been closed
             return
-        letter = None if sample is None else self._letter(sample)
-        if letter is not None:
-            self._take(letter)
+        received = None if sample is None else self._unpack(sample)
+        if received is not None:
+            self._take(received)
 
-    def _take(self, letter: Letter) -> None:
-        if not self._every and self._newest is not None and letter.envelope.not_after(self._newest.envelope):
-            return  # the loop has been faster than the thread that still held it
-        message = self._decode(letter)
+    def _take(self, received: ReceivedMessage) -> None:
+        newest = self._newest
+        if not self._every and newest is not None and received.envelope.is_not_newer_than(newest.envelope):
+            return  # the loop has fetched a newer one before the thread passed this one on
+        message = self._decode(received)
         if message is not None:
             self._waiting_for_last.clear()
-            self._deliver(message, letter, self._mailboxes)
+            self._deliver(message, received, self._mailboxes)
 
-    def _ask_for_last(self) -> None:
+    def _query_last(self) -> None:
         if self._connection.session.is_closed():
             return
         known = self._newest
 
         def on_reply(reply: zenoh.Reply) -> None:
-            letter = None if reply.ok is None else self._letter(reply.ok)
-            if letter is not None:
-                self._connection.loop.call_soon_threadsafe(self._take_last, letter, known)
+            received = None if reply.ok is None else self._unpack(reply.ok)
+            if received is not None:
+                self._connection.loop.call_soon_threadsafe(self._take_last, received, known)
 
         self._connection.session.get(f"last/{self._topic.name}", on_reply, timeout=ASK_TIMEOUT_S)
 
-    def _take_last(self, letter: Letter, known: Letter | None) -> None:
+    def _take_last(self, received: ReceivedMessage, known: ReceivedMessage | None) -> None:
         if self._newest is not known:
-            return  # a newer one has come meanwhile
-        message = self._decode(letter)
+            return  # a newer one has arrived since the query
+        message = self._decode(received)
         if message is not None:
-            self._deliver(message, letter, self._waiting_for_last)
+            self._deliver(message, received, self._waiting_for_last)
             self._waiting_for_last.clear()
 
-    def _decode(self, letter: Letter) -> T | None:
+    def _decode(self, received: ReceivedMessage) -> T | None:
         try:
-            return codec.decode(letter.data, self._topic.type)
+            return codec.decode(received.data, self._topic.type)
         except CommunicationError as error:
             self._connection.refusals.note(self._topic.name, error)
             return None
 
-    def _deliver(self, message: T, letter: Letter, references: list[weakref.ref[Mailbox[T]]]) -> None:
-        self._value, self._newest = message, letter
-        sent_s = self._sent_s(letter)
+    def _deliver(self, message: T, received: ReceivedMessage, references: list[weakref.ref[Mailbox[T]]]) -> None:
+        self._value, self._newest = message, received
+        sent_s = self._sent_s(received)
         gone = False
         for reference in references:
             mailbox = reference()
@@ -216,23 +217,23 @@ class TopicReader(Generic[T]):
             references[:] = [reference for reference in references if reference() is not None]
 
     @staticmethod
-    def _sent_s(letter: Letter) -> float:
-        return letter.envelope.sent_s(letter.arrived_s)
+    def _sent_s(received: ReceivedMessage) -> float:
+        return received.envelope.sent_s(received.arrived_s)
 
 
-def unpacked(sample: zenoh.Sample, schema: bytes, limit: int) -> tuple[Envelope, bytes]:
-    """Envelope and bytes of a message. Raises `CommunicationError`: another version's, or too long."""
+def unpack_sample(sample: zenoh.Sample, schema: bytes, limit: int) -> tuple[Envelope, bytes]:
+    """Envelope and bytes of a message. Raises `CommunicationError` if it has another schema or is too long."""
     attachment, payload = sample.attachment, sample.payload
-    envelope = opened(None if attachment is None else attachment.to_bytes(), schema)
+    envelope = unpack_envelope(None if attachment is None else attachment.to_bytes(), schema)
     if len(payload) > limit:
         raise CommunicationError(f"a message of {len(payload)} bytes refused; the longest allowed has {limit}")
     return envelope, payload.to_bytes()
 
 
 def watch_schemas(
-    connection: Connection, who: str, topic: str, ours: bytes, came: Callable[[], None] | None = None
+    connection: Connection, end: str, topic: str, ours: bytes, on_match: Callable[[], None] | None = None
 ) -> "zenoh.Subscriber[None]":
-    """Note whoever comes to the topic's other end with another schema; tell `came`, on the loop, of the others."""
+    """Count peers at the topic's other `end` with another schema; call `on_match` on the loop for each other peer."""
 
     def on_token(sample: zenoh.Sample) -> None:
         if sample.kind != zenoh.SampleKind.PUT:
@@ -240,7 +241,7 @@ def watch_schemas(
         theirs = str(sample.key_expr).split("/")[-2]
         if theirs != ours.hex():
             connection.loop.call_soon_threadsafe(connection.refusals.note, topic, mismatch(theirs, ours))
-        elif came is not None:
-            connection.loop.call_soon_threadsafe(came)
+        elif on_match is not None:
+            connection.loop.call_soon_threadsafe(on_match)
 
-    return connection.session.liveliness().declare_subscriber(f"{who}/{topic}/*/*", on_token, history=True)
+    return connection.session.liveliness().declare_subscriber(f"{end}/{topic}/*/*", on_token, history=True)

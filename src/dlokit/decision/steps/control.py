@@ -11,7 +11,7 @@ from dlokit.decision.steps.outcomes import Controlled
 from dlokit.decision.task import ShapeTask
 from dlokit.skills.planning import api as planning
 from dlokit.skills.robot import api as robot
-from dlokit.types.action import ControlAdvice, ControlVerdict, HeldNode
+from dlokit.types.action import ControlAdvice, ControlVerdict, GraspedNode
 from dlokit.types.outcome import Succeeded
 
 MOST_CORRECTIONS = 4
@@ -61,7 +61,7 @@ async def _advice(task: ShapeTask) -> ControlAdvice | str:
     arm = task.port.latest(topics.ROBOT_STATE).value
     if arm is None or not arm.holding:
         return "not_held"
-    grip = HeldNode(node=task.attempt.action.grasp.node, T_world_tcp=arm.T_world_tcp)
+    grip = GraspedNode(node=task.attempt.action.grasp.node, T_world_tcp=arm.T_world_tcp)
     began_s = task.stopwatch()
     advice = await task.port.call(
         planning.CORRECT, task.shape, task.goal, grip, tuple(task.attempt.corrections), task.config.threshold_m

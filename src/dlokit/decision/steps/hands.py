@@ -17,7 +17,7 @@ from dlokit.geometry import inverse, lifted, transform
 from dlokit.skills.robot import api as robot
 from dlokit.types.action import Action, Grasp, VelocityProfile
 from dlokit.types.arrays import Float64Array
-from dlokit.types.observation import Gripped
+from dlokit.types.observation import GraspState
 from dlokit.types.outcome import Failed, Outcome, Succeeded
 from dlokit.types.pose import Pose
 from dlokit.types.robot import GripResult, MotionResult, Remedy, RobotReason, remedy_of
@@ -217,7 +217,7 @@ def publish_gripped(task: ShapeTask, *, held: bool) -> None:
         node, place = hand.grasp.node if held else None, None
         if held and tool is not None and task.state is not None:
             place = place_in_tool(task.state.nodes_world[hand.grasp.node], tool.T_world_tcp)
-        message = Gripped(stamp_ns=task.port.clock.now_ns(), robot=hand.robot, node=node, node_tcp=place)
+        message = GraspState(stamp_ns=task.port.clock.now_ns(), robot=hand.robot, node=node, node_tcp=place)
         task.port.publish(topics.GRIPPED, message)
 
 

@@ -14,7 +14,7 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from dlokit import geometry
-from dlokit.communication.timing.deadlines import LoopWatch, Watch
+from dlokit.communication.timing.deadlines import DeadlineWatchdog, LoopWatchdog
 from dlokit.description.arm.panda import PANDA_GRIP_FORCE_N, PANDA_OPEN_WIDTH_M
 from dlokit.errors import ConfigError, SkillFailure
 from dlokit.functional.robots.base import Robot
@@ -73,7 +73,7 @@ class GatedRobot:
         *,
         T_world_base: Pose | None = None,
         may_move: Callable[[str], bool] = bool,
-        watch: Watch | None = None,
+        watch: DeadlineWatchdog | None = None,
     ) -> None:
         """`now_ns` is the machine's clock, by which feedback ages before a motion; virtual time in lockstep.
 
@@ -86,7 +86,7 @@ class GatedRobot:
         self._T_world_base = T_world_base
         self._may_move = may_move
         self._feedback = _Feedback()
-        self._watch = watch or LoopWatch()
+        self._watch = watch or LoopWatchdog()
 
     @property
     def limits(self) -> JointLimits:

@@ -28,7 +28,7 @@ from dlokit.types.action import Action
 from dlokit.types.arrays import BoolArray, Float64Array
 from dlokit.types.dlo import DloBelief, DloState, GoalShape, TargetPoints
 from dlokit.types.flow import GoalFrame, GoalFrames
-from dlokit.types.observation import Gripped
+from dlokit.types.observation import GraspState
 from dlokit.types.robot import RobotState
 
 _BUILD_ROUNDS = 10  # updates that a far drag takes to settle
@@ -89,7 +89,7 @@ class ModelComponent(Component):
         )
 
     @on(topics.GRIPPED)
-    async def on_gripped(self, gripped: Gripped) -> None:
+    async def on_gripped(self, gripped: GraspState) -> None:
         """Tie the held node to the tool, or let it go and settle."""
         self._grips.gripped(gripped)
         tool = self._tools.get(gripped.robot)

@@ -11,7 +11,7 @@ from dlokit.rod.posterior import Experience, tool_of
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState
 from dlokit.types.flow import FlowStatus
-from dlokit.types.observation import Gripped
+from dlokit.types.observation import GraspState
 from dlokit.types.robot import RobotState
 
 _LOST_SHARE = 0.7  # of the width before: fingers that hold nothing any more and are nearer than this have closed
@@ -36,12 +36,12 @@ class Grips:
     """Follows messages; keeps the last grip that has ended."""
 
     def __init__(self) -> None:
-        self._open: Gripped | None = None
+        self._open: GraspState | None = None
         self._states: list[RobotState] = []
         self._opening = False
         self._ended: EndedGrip | None = None
 
-    def gripped(self, message: Gripped) -> None:
+    def gripped(self, message: GraspState) -> None:
         """A node is held, or let go."""
         held, self._open = self._open, None
         self._ended = None
@@ -81,7 +81,7 @@ def experiences(messages: Iterable[Recorded]) -> Iterator[tuple[int, Experience]
                 state = np.asarray(message.nodes_world)
             case RobotState() as message if recorded.topic == topics.ROBOT_STATE.name:
                 grips.moved(message)
-            case Gripped() as message:
+            case GraspState() as message:
                 grips.gripped(message)
             case FlowStatus(step=step) if step == _CHOSEN:
                 before = state

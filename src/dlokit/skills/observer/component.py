@@ -18,7 +18,7 @@ from dlokit.skills.observer.kernels import warm
 from dlokit.skills.observer.strategies import from_spec
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, TargetPoints
-from dlokit.types.observation import Doubt, Observation, ObserverEvent, ObserverEventKind
+from dlokit.types.observation import DistrustReason, Observation, ObserverEvent, ObserverEventKind
 from dlokit.types.system import StrategySpec
 
 FOUND_MARGIN = 0.05
@@ -100,7 +100,7 @@ class ObserverComponent(Component):
         self._last = targets
         self.port.publish(topics.TARGETS, targets)
 
-    def _tell(self, targets: TargetPoints, doubt: Doubt | None) -> None:
+    def _tell(self, targets: TargetPoints, doubt: DistrustReason | None) -> None:
         """An event when the rod is lost or found again, none while that lasts."""
         limit = self._config.lost_health + (FOUND_MARGIN if self._lost else 0.0)
         lost = targets.health < limit
@@ -113,9 +113,11 @@ class ObserverComponent(Component):
         """An event at the first of several clouds that are not newer than the targets."""
         if not self._refusing and self._last is not None:
             self._refusing = True
-            self._publish_event(seen.stamp_ns, ObserverEventKind.REFUSED, Doubt.OLD_STAMP, self._last.health)
+            self._publish_event(seen.stamp_ns, ObserverEventKind.REFUSED, DistrustReason.OLD_STAMP, self._last.health)
 
-    def _publish_event(self, stamp_ns: int, kind: ObserverEventKind, reason: Doubt | None, health: float) -> None:
+    def _publish_event(
+        self, stamp_ns: int, kind: ObserverEventKind, reason: DistrustReason | None, health: float
+    ) -> None:
         event = ObserverEvent(stamp_ns=stamp_ns, kind=kind, reason=reason, health=health)
         self.port.publish(topics.OBSERVER_EVENT, event)
 

@@ -16,7 +16,7 @@ from dlokit.skills.observer.config import ObserverConfig
 from dlokit.skills.observer.initialise.first_shape import LENGTH_TOLERANCE, LONE_RADIUS_M, initial_targets
 from dlokit.skills.observer.visibility import distance_to_dlo_m, kept
 from dlokit.types.dlo import DloState, TargetPoints, Topology
-from dlokit.types.observation import Doubt, Observation
+from dlokit.types.observation import DistrustReason, Observation
 
 MOST_POINTS = 20_000
 """Larger clouds are thinned to this many points, drawn evenly."""
@@ -49,14 +49,14 @@ def near(seen: Observation, prior: DloState, reach_m: float) -> Observation:
     return seen if inside.all() else msgspec.structs.replace(seen, points_world=seen.points_world[inside])
 
 
-def doubt_of(seen: Observation, near_ones: Observation, prior: DloState) -> Doubt | None:
+def doubt_of(seen: Observation, near_ones: Observation, prior: DloState) -> DistrustReason | None:
     """Why a cleaned cloud, of which `near_ones` lie near the prior, cannot be used; None when it can."""
     if prior.observed_stamp_ns > 0 and seen.stamp_ns <= prior.observed_stamp_ns:
-        return Doubt.OLD_STAMP
+        return DistrustReason.OLD_STAMP
     if len(seen.points_world) < _LEAST_POINTS:
-        return Doubt.NO_POINTS
+        return DistrustReason.NO_POINTS
     if len(near_ones.points_world) < max(0.5 * len(seen.points_world), _LEAST_POINTS):
-        return Doubt.FAR_POINTS
+        return DistrustReason.FAR_POINTS
     return None
 
 
@@ -68,7 +68,7 @@ class Followed:
     """The answer to one cloud."""
 
     targets: TargetPoints
-    doubt: Doubt | None
+    doubt: DistrustReason | None
     """Why they are not to be trusted; None when they are."""
 
 
@@ -90,13 +90,13 @@ def followed(strategy: ObserverStrategy, seen: Observation, prior: DloState, con
         return Followed(targets=kept(seen.stamp_ns, prior, config.drift_m_s), doubt=doubt)
     targets = _estimated(strategy, around, prior)
     if targets is None:
-        return Followed(targets=kept(seen.stamp_ns, prior, config.drift_m_s), doubt=Doubt.BAD_TARGETS)
+        return Followed(targets=kept(seen.stamp_ns, prior, config.drift_m_s), doubt=DistrustReason.BAD_TARGETS)
     found = _elsewhere(targets, around, prior, config)
     if found is not None:
-        return Followed(targets=found, doubt=Doubt.ELSEWHERE)
+        return Followed(targets=found, doubt=DistrustReason.ELSEWHERE)
     if targets.health < UNUSABLE_HEALTH:
-        return Followed(targets=kept(seen.stamp_ns, prior, config.drift_m_s), doubt=Doubt.NOT_THE_DLO)
-    return Followed(targets=targets, doubt=Doubt.LOW_HEALTH if targets.health < config.lost_health else None)
+        return Followed(targets=kept(seen.stamp_ns, prior, config.drift_m_s), doubt=DistrustReason.NOT_THE_DLO)
+    return Followed(targets=targets, doubt=DistrustReason.LOW_HEALTH if targets.health < config.lost_health else None)
 
 
 def _estimated(strategy: ObserverStrategy, seen: Observation, prior: DloState) -> TargetPoints | None:

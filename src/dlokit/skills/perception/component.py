@@ -23,7 +23,7 @@ from dlokit.skills.perception.rectification import rectified
 from dlokit.skills.perception.segmentations import from_spec
 from dlokit.types.arrays import Float64Array
 from dlokit.types.image import CameraCheck, StereoImages
-from dlokit.types.observation import Gripped, GripperPin, Observation
+from dlokit.types.observation import GraspState, GripperPin, Observation
 from dlokit.types.pose import Pose
 from dlokit.types.robot import FIRST_ROBOT, RobotState
 from dlokit.types.system import StrategySpec
@@ -49,7 +49,7 @@ class PerceptionComponent(Component):
         self._rate_changed = asyncio.Event()
         self._looking = asyncio.Lock()
         self._robots: dict[str, RobotState] = {}
-        self._gripped: dict[str, Gripped] = {}
+        self._gripped: dict[str, GraspState] = {}
         self._looks = 0
         self._T_world_camera: Pose | None = None
         self._background: StereoImages | None = None
@@ -128,7 +128,7 @@ class PerceptionComponent(Component):
         self._robots[state.robot] = state
 
     @on(topics.GRIPPED)
-    async def on_gripped(self, gripped: Gripped) -> None:
+    async def on_gripped(self, gripped: GraspState) -> None:
         """Remember which node is held."""
         if gripped.node is None:
             self._gripped.pop(gripped.robot, None)
@@ -221,7 +221,7 @@ class PerceptionComponent(Component):
         )
 
 
-def _pin(T_world_tcp: Pose, node: int, gripped: Gripped) -> GripperPin:
+def _pin(T_world_tcp: Pose, node: int, gripped: GraspState) -> GripperPin:
     """The held node where the tool has carried it."""
     node_tcp = np.zeros(3) if gripped.node_tcp is None else gripped.node_tcp
     place = geometry.transform(T_world_tcp, node_tcp[None, :])[0]

@@ -1,7 +1,7 @@
 """What planning can be asked to do."""
 
 from dlokit.communication.skill import Skill
-from dlokit.types.action import Action, ControlAdvice, ControlForecast, Correction, HeldNode, Marks
+from dlokit.types.action import Action, ControlAdvice, ControlForecast, Correction, GraspedNode, Marks
 from dlokit.types.dlo import DloState, GoalShape
 from dlokit.types.feasibility import GoalVerdict, Verdict
 from dlokit.types.system import StrategySpec
@@ -37,10 +37,10 @@ def _foresee_control(shape: DloState, goal: GoalShape, action: Action, missed_m:
 def _correct(
     shape: DloState,
     goal: GoalShape,
-    grip: HeldNode,
+    grip: GraspedNode,
     done: tuple[Correction, ...],
     threshold_m: float,
-    others: tuple[HeldNode, ...] = (),
+    others: tuple[GraspedNode, ...] = (),
 ) -> ControlAdvice:
     """Shape servoing: the next correction of a DLO that is held and lies on the table, or the word that it ends here.
 

@@ -23,7 +23,7 @@ from dlokit.skills.planning.verdict import holding
 from dlokit.skills.planning.verdict.feasibility import Workplace, check_start
 from dlokit.skills.planning.verdict.goal_verdict import judge
 from dlokit.skills.planning.verdict.holding import HoldVerdict
-from dlokit.types.action import Action, Candidates, ControlAdvice, ControlForecast, Correction, HeldNode, Marks
+from dlokit.types.action import Action, Candidates, ControlAdvice, ControlForecast, Correction, GraspedNode, Marks
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloBelief, DloState, GoalShape
 from dlokit.types.feasibility import GoalVerdict, Verdict
@@ -160,10 +160,10 @@ class PlanningComponent(Component):
         self,
         shape: DloState,
         goal: GoalShape,
-        grip: HeldNode,
+        grip: GraspedNode,
         done: tuple[Correction, ...],
         threshold_m: float,
-        others: tuple[HeldNode, ...] = (),
+        others: tuple[GraspedNode, ...] = (),
     ) -> ControlAdvice:
         """The next correction of a DLO that is held, or the word that control ends here."""
         self._learn()

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from dlokit.communication import topics
 from dlokit.communication.component import Component, holds, implements
 from dlokit.communication.port import Port
-from dlokit.communication.timing.deadlines import LoopWatch, Watch
+from dlokit.communication.timing.deadlines import DeadlineWatchdog, LoopWatchdog
 from dlokit.description.arm.panda import PANDA_HOME_Q_RAD
 from dlokit.errors import HardwareError, SkillFailure
 from dlokit.functional.robots.base import Robot
@@ -89,7 +89,7 @@ class RobotComponent(Component):
         monotonic_ns: Callable[[], int],
         kinematics: PandaKinematics | None = None,
         instance: str = "",
-        watch: Watch | None = None,
+        watch: DeadlineWatchdog | None = None,
         neighbours: tuple[str, ...] = (),
         button: StopButton = no_button,
         lease: LeaseKeeper | None = None,
@@ -109,7 +109,7 @@ class RobotComponent(Component):
         self._standing = standing or self._newest
         self._kinematics = kinematics or PandaKinematics()
         self._lease = lease or LeaseKeeper(monotonic_ns)
-        self._watch = watch or LoopWatch()
+        self._watch = watch or LoopWatchdog()
         self._loop: asyncio.AbstractEventLoop | None = None
         self._motion: asyncio.Task[Any] | None = None
         self._braked_because = ""

@@ -20,7 +20,7 @@ from dlokit.types.action import Candidates
 from dlokit.types.arrays import UInt8Array
 from dlokit.types.feasibility import GoalVerdict
 from dlokit.types.flow import Command, FlowStatus, Mode
-from dlokit.types.observation import Doubt, ObserverEvent, ObserverEventKind
+from dlokit.types.observation import DistrustReason, ObserverEvent, ObserverEventKind
 
 _WIDTH_PX = 380
 _RUN = {"Start": Command.START, "Pause": Command.PAUSE, "Resume": Command.RESUME, "Stop": Command.STOP}
@@ -192,7 +192,7 @@ def observer_html(event: ObserverEvent) -> str:
     """One line of what the observer tells."""
     reason = "" if event.reason is None else f": {event.reason.value.replace('_', ' ')}"
     # What is carried is half hidden by the fingers: low health alone is a doubt, and people take "lost" for a failure.
-    what = "in doubt" if event.reason is Doubt.LOW_HEALTH else event.kind.value.replace("_", " ")
+    what = "in doubt" if event.reason is DistrustReason.LOW_HEALTH else event.kind.value.replace("_", " ")
     return _note(f"Observer, {what}{reason} (health {event.health:.2f})")
 
 

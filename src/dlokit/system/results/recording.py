@@ -84,7 +84,7 @@ def lockstep_recorder(config: RunConfig, name: str, folder: Path, clock: Clock) 
     if not config.record:
         yield None
         return
-    with Recorder(folder / FILE_NAME, clock.now_ns, run_metadata(config, name), patient=True) as recorder:
+    with Recorder(folder / FILE_NAME, clock.now_ns, run_metadata(config, name), waits=True) as recorder:
         yield recorder
 
 
@@ -107,7 +107,7 @@ def bus_recorder(
     """Record what goes over the bus of a live system that is configured so, from now on."""
     # The network's threads have no running loop to ask.
     now_ns = clock.now_ns if isinstance(clock, FollowedClock) else time.monotonic_ns
-    with Recorder(path, now_ns, metadata, patient=False) as recorder:
+    with Recorder(path, now_ns, metadata, waits=False) as recorder:
         for topic in topics_of_run(config):
             transport.tap(topic, lambda data, topic=topic: recorder.put(topic, data))
         yield recorder

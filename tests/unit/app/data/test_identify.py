@@ -22,7 +22,7 @@ from dlokit.system.toml_config import read_toml, to_toml
 from dlokit.types.action import VelocityProfile
 from dlokit.types.dlo import DloState
 from dlokit.types.flow import FlowStatus
-from dlokit.types.observation import Gripped
+from dlokit.types.observation import GraspState
 from dlokit.types.robot import RobotMode, RobotState
 
 RUN = RunConfig()
@@ -46,7 +46,7 @@ def run_folder(tmp_path: Path) -> Path:
     zeros = np.zeros(7)
     writer.add(topics.STATE, 0, DloState(stamp_ns=0, nodes_world=before, topology=topology(model)))
     writer.add(topics.FLOW, 1, FlowStatus(stamp_ns=1, flow="shape_dlo", step="choose_grasp"))
-    writer.add(topics.GRIPPED, 2, Gripped(stamp_ns=2, robot="panda", node=7))
+    writer.add(topics.GRIPPED, 2, GraspState(stamp_ns=2, robot="panda", node=7))
     for number, place in enumerate(track[::4]):
         stamp_ns = 10 + round(number * 4 * STEP_S * 1e9)
         state = RobotState(
@@ -62,7 +62,7 @@ def run_folder(tmp_path: Path) -> Path:
         )
         writer.add(topics.ROBOT_STATE, stamp_ns, state)
     end_ns = 10_000_000_000
-    writer.add(topics.GRIPPED, end_ns, Gripped(stamp_ns=end_ns, robot="panda", node=None))
+    writer.add(topics.GRIPPED, end_ns, GraspState(stamp_ns=end_ns, robot="panda", node=None))
     writer.add(topics.STATE, end_ns, DloState(stamp_ns=end_ns, nodes_world=after, topology=topology(model)))
     writer.add(topics.FLOW, end_ns, FlowStatus(stamp_ns=end_ns, flow="shape_dlo", step="has_error_changed"))
     writer.close()

@@ -38,6 +38,6 @@ def test_length_and_radius_of_a_rope_are_measured_in_its_picture_within_what_is_
     assert size is not None
     assert size.looks == 1, "a rope that is carried is not measured"
     for figure, true in ((size.length_m, dlo.length_m), (size.radius_m, dlo.radius_m)):
-        low, high = figure.between(3.0)
+        low, high = figure.interval(3.0)
         assert low < true < high
     assert measure([at("move_to_goal"), *look], PerceptionConfig(), BelievedDlo()) is None

@@ -11,7 +11,7 @@ from rich.console import Console
 from dlokit.app.shape.outcome_words import MEANINGS, outcome_in_words
 from dlokit.app.shape.terminal import RunDisplay, action_table, grip_in_words
 from dlokit.system.results.run_result import CameraResult
-from dlokit.types.action import Candidates, CandidateSeen
+from dlokit.types.action import Candidates, ScoredCandidate
 from dlokit.types.flow import FlowStatus, RunOutcome
 
 ROWS = (
@@ -94,7 +94,9 @@ def test_the_table_is_whole_in_60_columns() -> None:
 
 def test_a_decision_shows_how_far_it_is_and_its_best_candidate_until_the_next_step() -> None:
     console = _console(terminal=True)
-    best = CandidateSeen(kind="drag", node=7, score_m=0.0123, nodes_world=np.zeros((2, 3)), path_world=np.zeros((2, 3)))
+    best = ScoredCandidate(
+        kind="drag", node=7, score_m=0.0123, nodes_world=np.zeros((2, 3)), path_world=np.zeros((2, 3))
+    )
     with RunDisplay(console, title="I to S", threshold_m=0.012) as display:
         display.step(STATUS)
         display.considered(Candidates(stamp_ns=0, rollouts=48, budget=480))

@@ -54,7 +54,7 @@ def test_tasks_that_wait_for_one_another_are_named_a_deadlock() -> None:
     async def main() -> None:
         await asyncio.Event().wait()
 
-    with pytest.raises(VirtualDeadlock, match="a wait lacks its time-out"):
+    with pytest.raises(VirtualDeadlock):
         virtual_time.run(main())
 
 

@@ -183,7 +183,7 @@ def test_the_longest_list_takes_less_than_twice_the_longest_message(wanted: type
 def test_a_bool_that_is_neither_true_nor_false_is_refused() -> None:
     # NumPy counts on it: more than 0 and 1 makes it write past the end of what nonzero() has set aside.
     data = msgspec.msgpack.encode({"values": array_extension("|b1", (2,), b"\x01\x02")})
-    with pytest.raises(CommunicationError, match="more than 0 and 1"):
+    with pytest.raises(CommunicationError, match="other than 0 and 1"):
         codec.decode(data, Flags)
 
 
@@ -194,12 +194,12 @@ def test_a_transposed_view_keeps_its_values() -> None:
 
 def test_an_array_of_another_dtype_than_declared_is_refused() -> None:
     wrong = msgspec.msgpack.encode({"values": array_extension("<f4", (1,), b"\0\0\0\0")})
-    with pytest.raises(CommunicationError, match="array of float64 expected, float32 came"):
+    with pytest.raises(CommunicationError, match=r"array of float64.*float32"):
         codec.decode(wrong, Vector)
 
 
 def test_a_list_in_the_place_of_an_array_is_refused() -> None:
-    with pytest.raises(CommunicationError, match="array of float64 expected, list came"):
+    with pytest.raises(CommunicationError, match=r"array of float64.*list"):
         codec.decode(msgspec.msgpack.encode({"values": [1.0]}), Vector)
 
 

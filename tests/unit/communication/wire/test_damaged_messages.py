@@ -18,7 +18,7 @@ from dlokit.communication.skill import ReportingSkill, Skill, SkillCall
 from dlokit.communication.topics import TOPICS
 from dlokit.communication.wire import codec
 from dlokit.communication.wire.codec import LARGEST_MESSAGE_BYTES
-from dlokit.communication.wire.envelope import opened, seal
+from dlokit.communication.wire.envelope import pack_envelope, unpack_envelope
 from dlokit.communication.wire.schema import fingerprint
 from dlokit.errors import CommunicationError
 from dlokit.system.table import COMPONENTS
@@ -59,7 +59,7 @@ def _every_decoder() -> dict[str, tuple[Decode, Sound]]:
     for component in COMPONENTS.values():
         for skill in component.skills():
             found |= _of_skill(skill)
-    found["envelope"] = (lambda data: opened(data, SCHEMA), lambda rng: seal(SCHEMA))
+    found["envelope"] = (lambda data: unpack_envelope(data, SCHEMA), lambda rng: pack_envelope(SCHEMA))
     return found
 
 

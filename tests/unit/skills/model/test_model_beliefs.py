@@ -12,7 +12,7 @@ from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.port import Port
 from dlokit.skills.model import api
 from dlokit.types.action import Grasp, PickPlace, VelocityProfile
-from dlokit.types.observation import Gripped
+from dlokit.types.observation import GraspState
 from dlokit.types.outcome import Failed, Rejected, Succeeded
 
 
@@ -40,7 +40,7 @@ def test_what_is_configured_is_told_as_the_first_belief() -> None:
         )
         # A ratio is less sure than any of its parts.
         assert belief.elastic_m3.log_sd > CONFIG.belief.stiffness_log_sd
-        low, high = belief.length_m.between()
+        low, high = belief.length_m.interval()
         assert low < CONFIG.length_m < high
 
     with_model(check)
@@ -74,12 +74,12 @@ def test_what_an_action_did_is_learnt_from_once() -> None:
         await state_after_a_moment(port)
         grasp = np.array([*I_SHAPE[15, :2], 0.011])
         bus.publish(topics.ROBOT_STATE, robot_at(grasp, 0))
-        bus.publish(topics.GRIPPED, Gripped(stamp_ns=0, robot="panda", node=15))
+        bus.publish(topics.GRIPPED, GraspState(stamp_ns=0, robot="panda", node=15))
         await port.clock.sleep(0.01)
         for step in range(1, 11):
             bus.publish(topics.ROBOT_STATE, robot_at(grasp + np.array([0.005 * step, 0.0, 0.0]), step * 50_000_000))
             await port.clock.sleep(0.01)
-        bus.publish(topics.GRIPPED, Gripped(stamp_ns=500_000_000, robot="panda", node=None))
+        bus.publish(topics.GRIPPED, GraspState(stamp_ns=500_000_000, robot="panda", node=None))
         await port.clock.sleep(0.01)
         after = I_SHAPE + np.array([0.05, 0.0, 0.0]) * np.exp(-(((np.arange(31) - 15) / 8.0) ** 2))[:, None]
         learnt = await port.call(api.LEARN, I_SHAPE, after)

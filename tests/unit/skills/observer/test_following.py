@@ -16,7 +16,7 @@ from dlokit.skills.observer.initialise.first_shape import initial_targets
 from dlokit.skills.observer.strategies import OURS
 from dlokit.skills.observer.visibility import grown_covariance
 from dlokit.types.dlo import DloState, TargetPoints
-from dlokit.types.observation import Doubt, Observation
+from dlokit.types.observation import DistrustReason, Observation
 
 ROD = shape("S")
 SECOND_NS = 1_000_000_000
@@ -35,15 +35,15 @@ def table() -> Observation:
     return seen(np.random.default_rng(0).uniform([0.2, -0.4, 0.0], [0.8, 0.4, 0.004], (4000, 3)))
 
 
-BAD: dict[str, tuple[Callable[[], Observation], Doubt]] = {
-    "empty": (lambda: seen(np.zeros((0, 3))), Doubt.NO_POINTS),
-    "all NaN": (lambda: seen(np.full((500, 3), np.nan)), Doubt.NO_POINTS),
-    "one point": (lambda: seen(ROD[:1]), Doubt.NO_POINTS),
-    "another frame": (lambda: seen(cloud(ROD).points_world + np.float32(3.0)), Doubt.FAR_POINTS),
-    "millimetres": (lambda: seen(cloud(ROD).points_world * 1000.0), Doubt.FAR_POINTS),
-    "a stamp that repeats": (lambda: seen(cloud(ROD).points_world, SECOND_NS), Doubt.OLD_STAMP),
-    "a stamp that goes backwards": (lambda: seen(cloud(ROD).points_world, 5), Doubt.OLD_STAMP),
-    "the table alone": (table, Doubt.NOT_THE_DLO),
+BAD: dict[str, tuple[Callable[[], Observation], DistrustReason]] = {
+    "empty": (lambda: seen(np.zeros((0, 3))), DistrustReason.NO_POINTS),
+    "all NaN": (lambda: seen(np.full((500, 3), np.nan)), DistrustReason.NO_POINTS),
+    "one point": (lambda: seen(ROD[:1]), DistrustReason.NO_POINTS),
+    "another frame": (lambda: seen(cloud(ROD).points_world + np.float32(3.0)), DistrustReason.FAR_POINTS),
+    "millimetres": (lambda: seen(cloud(ROD).points_world * 1000.0), DistrustReason.FAR_POINTS),
+    "a stamp that repeats": (lambda: seen(cloud(ROD).points_world, SECOND_NS), DistrustReason.OLD_STAMP),
+    "a stamp that goes backwards": (lambda: seen(cloud(ROD).points_world, 5), DistrustReason.OLD_STAMP),
+    "the table alone": (table, DistrustReason.NOT_THE_DLO),
 }
 
 
@@ -60,7 +60,7 @@ def test_a_bad_cloud_is_named_and_the_last_state_is_kept_less_and_less_certain(
     assert answer.targets.health == 0.0
     assert answer.targets.covariance is not None
     # A second at the drift speed; none passes between equal stamps, or backwards.
-    grown_m = 0.0 if doubt is Doubt.OLD_STAMP else CONFIG.drift_m_s
+    grown_m = 0.0 if doubt is DistrustReason.OLD_STAMP else CONFIG.drift_m_s
     assert np.sqrt(answer.targets.covariance[0, 0, 0]) == pytest.approx(0.005 + grown_m)
 
 
@@ -108,7 +108,7 @@ def fails() -> TargetPoints:
 )
 def test_a_strategy_that_fails_loses_the_rod_and_not_the_run(answer: Callable[[], TargetPoints]) -> None:
     result = followed(Broken(answer), seen(cloud(ROD).points_world), prior(), CONFIG)
-    assert result.doubt is Doubt.BAD_TARGETS
+    assert result.doubt is DistrustReason.BAD_TARGETS
     np.testing.assert_array_equal(result.targets.nodes_world, ROD)
     assert result.targets.health == 0.0
 
@@ -164,7 +164,7 @@ def test_a_hidden_node_alone_does_not_have_the_cloud_ordered_again(outliers: flo
 def test_a_rod_that_lies_beside_targets_with_hidden_nodes_is_found_there(orders: list[Observation]) -> None:
     beside = ROD + np.array([0.0, 0.03, 0.0])
     answer = followed(Answering(beside, hidden(15)), seen(cloud(ROD).points_world), prior(), CONFIG)
-    assert answer.doubt is Doubt.ELSEWHERE
+    assert answer.doubt is DistrustReason.ELSEWHERE
     assert np.linalg.norm(answer.targets.nodes_world - ROD, axis=1).mean() < 0.004
     assert len(orders) == 1
 
@@ -174,4 +174,4 @@ def test_targets_that_slid_along_the_rod_are_put_back() -> None:
     slid = line + 0.02 * (line[0] - line[1]) / np.linalg.norm(line[0] - line[1])
     before = msgspec.structs.replace(state(line), observed_stamp_ns=SECOND_NS, stamp_ns=SECOND_NS)
     answer = followed(Answering(slid, hidden(0)), seen(cloud(line).points_world), before, CONFIG)
-    assert answer.doubt is Doubt.ELSEWHERE
+    assert answer.doubt is DistrustReason.ELSEWHERE

@@ -27,7 +27,7 @@ from dlokit.skills.observer.som import SomConfig
 from dlokit.skills.observer.spr import SprConfig
 from dlokit.skills.observer.strategies import from_spec, strategies, to_spec
 from dlokit.types.dlo import DloState, TargetPoints
-from dlokit.types.observation import Doubt, Observation, ObserverEventKind
+from dlokit.types.observation import DistrustReason, Observation, ObserverEventKind
 from dlokit.types.outcome import Failed, Rejected, Succeeded
 from dlokit.types.system import StrategySpec
 
@@ -197,7 +197,7 @@ def test_a_rod_hidden_for_a_second_and_moved_meanwhile_is_lost_once_and_found_ag
         assert targets is not None
         assert rmse_m(targets.nodes_world, moved) < 0.005  # as after a first look
         lost, found = await anext(stream), await anext(stream)
-        assert (lost.kind, lost.reason, lost.stamp_ns) == (ObserverEventKind.LOST, Doubt.NO_POINTS, frame_ns)
+        assert (lost.kind, lost.reason, lost.stamp_ns) == (ObserverEventKind.LOST, DistrustReason.NO_POINTS, frame_ns)
         assert (found.kind, found.reason) == (ObserverEventKind.FOUND_AGAIN, None)
         with pytest.raises(TimeoutError):
             await asyncio.wait_for(anext(stream), 1.0)  # of virtual time: there are no others
@@ -248,7 +248,7 @@ def test_clouds_with_old_stamps_are_refused_by_one_event_and_change_nothing() ->
         first = transport.latest(topics.OBSERVER_EVENT).value
         assert await targets_after(transport, clock, at(4, cloud(rod + 0.02))) is None
         assert first is not None
-        assert (first.kind, first.reason) == (ObserverEventKind.REFUSED, Doubt.OLD_STAMP)
+        assert (first.kind, first.reason) == (ObserverEventKind.REFUSED, DistrustReason.OLD_STAMP)
         assert transport.latest(topics.OBSERVER_EVENT).value is first
 
     play(scenario)

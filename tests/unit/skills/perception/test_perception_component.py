@@ -23,7 +23,7 @@ from dlokit.skills.perception.component import PerceptionComponent
 from dlokit.skills.perception.config import PerceptionConfig, TableConfig
 from dlokit.skills.perception.segmentations import to_spec
 from dlokit.types.image import CameraCalibration, StereoImages
-from dlokit.types.observation import Gripped
+from dlokit.types.observation import GraspState
 from dlokit.types.outcome import Failed, Rejected, Succeeded
 from dlokit.types.system import StrategySpec
 
@@ -269,7 +269,7 @@ def test_the_table_corrects_the_pose_in_the_observation_but_not_in_the_pictures(
 def test_the_observation_says_which_node_the_gripper_holds(s_scene: Scene):
     async def test(bus: MemoryTransport, camera: ScriptedCamera) -> None:
         for node, expected in ((7, [7]), (None, [])):
-            bus.publish(topics.GRIPPED, Gripped(stamp_ns=0, robot="panda", node=node))
+            bus.publish(topics.GRIPPED, GraspState(stamp_ns=0, robot="panda", node=node))
             await LoopClock().sleep(0.001)
             outcome = await bus.call(api.LOOK)
             assert isinstance(outcome, Succeeded)
@@ -283,7 +283,7 @@ def test_a_held_node_is_where_the_tool_has_carried_it_not_at_the_tool_centre_poi
 
     async def test(bus: MemoryTransport, camera: ScriptedCamera) -> None:
         bus.publish(topics.ROBOT_STATE, s_scene.robot)
-        bus.publish(topics.GRIPPED, Gripped(stamp_ns=0, robot="panda", node=7, node_tcp=place_tcp))
+        bus.publish(topics.GRIPPED, GraspState(stamp_ns=0, robot="panda", node=7, node_tcp=place_tcp))
         await LoopClock().sleep(0.001)
         outcome = await bus.call(api.LOOK)
         assert isinstance(outcome, Succeeded)

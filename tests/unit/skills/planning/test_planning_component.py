@@ -25,7 +25,7 @@ from dlokit.skills.planning.config import PlanningConfig
 from dlokit.skills.planning.farthest import FarthestConfig
 from dlokit.skills.planning.strategies import load, strategies, to_spec
 from dlokit.types.action import Marks
-from dlokit.types.dlo import DloState, Figure, GoalShape, Topology
+from dlokit.types.dlo import DloState, GoalShape, LogNormal, Topology
 from dlokit.types.feasibility import Standing
 from dlokit.types.outcome import Failed, Rejected, Succeeded
 from dlokit.types.pose import Pose
@@ -189,7 +189,7 @@ def test_what_was_learnt_of_the_dlo_is_planned_with() -> None:
             standings: list[Standing] = []
             configured = as_configured(BelievedDlo(), 0)
             stiffer = as_configured(replace(BelievedDlo(), bending_stiffness_n_m2=1e-3), 0)
-            stiff = Figure(value=stiffer.elastic_m3.value, log_sd=0.1)
+            stiff = LogNormal(value=stiffer.elastic_m3.value, log_sd=0.1)
             learnt = msgspec.structs.replace(stiffer, elastic_m3=stiff, takes_set=0.0, actions=1)
             for belief in (configured, learnt):
                 believer.port.publish(topics.BELIEF, belief)

@@ -24,7 +24,7 @@ from dlokit.skills.planning.servoing.jacobian import (
     released,
     scaled,
 )
-from dlokit.types.action import ControlVerdict, Correction, Drag, Grasp, HeldNode, PairPlace, Partner, Push
+from dlokit.types.action import ControlVerdict, Correction, Drag, Grasp, GraspedNode, PairPlace, Partner, Push
 from dlokit.types.dlo import DloState
 from dlokit.types.pose import Pose
 
@@ -42,7 +42,7 @@ def everywhere(pose: Pose) -> bool:
 
 def held(goal: np.ndarray, **changes: object) -> Held:
     shape = DloState(stamp_ns=0, nodes_world=NODES, topology=topology(MODEL))
-    node = HeldNode(node=HELD, T_world_tcp=downward(TOOL[:3], float(TOOL[3])))
+    node = GraspedNode(node=HELD, T_world_tcp=downward(TOOL[:3], float(TOOL[3])))
     base = Held(shape=shape, goal_world=goal, grip=node, others=(), done=())
     return Held(**{**base.__dict__, **changes})  # pyright: ignore[reportArgumentType]
 
@@ -190,6 +190,6 @@ def test_a_correction_out_of_reach_is_a_deadlock() -> None:
 
 
 def test_a_correction_that_would_stretch_the_rod_between_two_tools_is_a_deadlock() -> None:
-    other = HeldNode(node=20, T_world_tcp=downward(NODES[20] + [0.0, 0.004, 0.0], np.pi / 2))
+    other = GraspedNode(node=20, T_world_tcp=downward(NODES[20] + [0.0, 0.004, 0.0], np.pi / 2))
     advice = advise(held(dragged([0.02, -0.02, 0.0, 0.0]), others=(other,)), 0.006, MODEL, everywhere, CONFIG)
     assert (advice.verdict, advice.reason) == (ControlVerdict.DEADLOCK, "overstretch")

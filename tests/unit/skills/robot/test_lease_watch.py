@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from dlokit.communication.timing.deadlines import LoopWatch, ThreadWatch
+from dlokit.communication.timing.deadlines import LoopWatchdog, ThreadWatchdog
 from dlokit.errors import SkillRejected
 from dlokit.skills.robot.lease import LeaseKeeper
 
@@ -61,7 +61,7 @@ def test_nobody_s_lease_never_runs_out() -> None:
 
 def test_the_thread_tells_of_a_lease_that_has_run_out_until_it_runs_again() -> None:
     machine, told = Machine(), threading.Semaphore(0)
-    keeper, watch = LeaseKeeper(machine), ThreadWatch()
+    keeper, watch = LeaseKeeper(machine), ThreadWatchdog()
     keeper.renew("the decision process", 0.2)
     watch.begin(keeper, lambda: told.release())
     try:
@@ -76,7 +76,7 @@ def test_the_thread_tells_of_a_lease_that_has_run_out_until_it_runs_again() -> N
 
 
 def test_the_thread_goes_on_when_whoever_it_tells_raises() -> None:
-    told, keeper, watch = threading.Semaphore(0), LeaseKeeper(time.monotonic_ns), ThreadWatch()
+    told, keeper, watch = threading.Semaphore(0), LeaseKeeper(time.monotonic_ns), ThreadWatchdog()
     keeper.renew("the decision process", 0.001)
 
     def raises() -> None:
@@ -100,7 +100,7 @@ class Unknown:
 
 
 def test_a_deadline_that_raises_counts_as_expired_on_thread_and_loop() -> None:
-    told, on_thread = threading.Semaphore(0), ThreadWatch()
+    told, on_thread = threading.Semaphore(0), ThreadWatchdog()
     on_thread.begin(Unknown(), lambda: told.release())
     try:
         assert told.acquire(timeout=PATIENCE_S)
@@ -109,7 +109,7 @@ def test_a_deadline_that_raises_counts_as_expired_on_thread_and_loop() -> None:
         on_thread.close()
 
     async def on_loop() -> None:
-        told, watch = asyncio.Event(), LoopWatch()
+        told, watch = asyncio.Event(), LoopWatchdog()
         watch.begin(Unknown(), told.set)
         async with asyncio.timeout(PATIENCE_S):
             await told.wait()
@@ -119,7 +119,7 @@ def test_a_deadline_that_raises_counts_as_expired_on_thread_and_loop() -> None:
 
 
 def test_nothing_is_told_of_a_deadline_that_is_no_longer_watched() -> None:
-    told, other, watch = threading.Semaphore(0), threading.Semaphore(0), ThreadWatch()
+    told, other, watch = threading.Semaphore(0), threading.Semaphore(0), ThreadWatchdog()
     ended = Unknown()
     watch.begin(ended, lambda: told.release())
     watch.begin(Unknown(), lambda: other.release())
@@ -136,7 +136,7 @@ def test_nothing_is_told_of_a_deadline_that_is_no_longer_watched() -> None:
 
 
 def test_the_thread_looks_while_nothing_else_of_its_process_gets_on() -> None:
-    told, keeper, watch = threading.Event(), LeaseKeeper(time.monotonic_ns), ThreadWatch()
+    told, keeper, watch = threading.Event(), LeaseKeeper(time.monotonic_ns), ThreadWatchdog()
     keeper.renew("the decision process", 0.05)
     watch.begin(keeper, told.set)
     try:

@@ -4,7 +4,7 @@ import numpy as np
 from dlokit.skills.viewer import palette
 from dlokit.skills.viewer.panel import candidates_html, legend_html, status_html
 from dlokit.skills.viewer.state import RunState
-from dlokit.types.action import Candidates, CandidateSeen
+from dlokit.types.action import Candidates, ScoredCandidate
 from dlokit.types.flow import FlowStatus, Mode, RunOutcome
 
 
@@ -43,7 +43,7 @@ def test_text_from_the_flow_cannot_become_markup() -> None:
 def test_a_decision_shows_how_far_it_is_and_the_best_candidates_best_first() -> None:
     nodes = np.zeros((2, 3))
     best = tuple(
-        CandidateSeen(kind=kind, node=node, score_m=score_m, nodes_world=nodes, path_world=nodes)
+        ScoredCandidate(kind=kind, node=node, score_m=score_m, nodes_world=nodes, path_world=nodes)
         for kind, node, score_m in (("lay-down", 0, 0.0123), ("<drag>", 7, 0.0456))
     )
     html = candidates_html(Candidates(stamp_ns=1, rollouts=96, budget=480, best=best))

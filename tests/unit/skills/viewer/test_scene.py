@@ -11,7 +11,7 @@ from dlokit.skills.viewer import palette
 from dlokit.skills.viewer.page import close_page, open_page
 from dlokit.skills.viewer.palette import Layer
 from dlokit.skills.viewer.scene import ViewerScene
-from dlokit.types.action import Candidates, CandidateSeen, Grasp, PickPlace, VelocityProfile
+from dlokit.types.action import Candidates, Grasp, PickPlace, ScoredCandidate, VelocityProfile
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, GoalShape, TargetPoints, Topology
 from dlokit.types.image import CameraCalibration, StereoImages
@@ -79,7 +79,7 @@ def test_an_action_can_be_hidden_and_another_shown_after_it(scene: ViewerScene) 
 
 def _candidates(count: int) -> Candidates:
     best = tuple(
-        CandidateSeen(kind="drag", node=3, score_m=0.01, nodes_world=_straight(31), path_world=_straight(2))
+        ScoredCandidate(kind="drag", node=3, score_m=0.01, nodes_world=_straight(31), path_world=_straight(2))
         for _ in range(count)
     )
     return Candidates(stamp_ns=1, rollouts=16, budget=480, best=best)

@@ -16,7 +16,7 @@ from dlokit.skills.planning.rollout.pairing import Pairing
 from dlokit.skills.planning.rollout.pushing import Pushing
 from dlokit.skills.planning.rollout.score import Misses, cautious_m, least_remaining_m, remaining_m, usual_miss_m
 from dlokit.skills.planning.rollout.search import Choice, Scoring, Search, SearchConfig, SearchWatch
-from dlokit.types.action import Action, Candidates, CandidateSeen, Marks
+from dlokit.types.action import Action, Candidates, Marks, ScoredCandidate
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, GoalShape
 
@@ -106,9 +106,9 @@ class Rollout:
         return families
 
 
-def _seen(choice: Choice) -> CandidateSeen:
+def _seen(choice: Choice) -> ScoredCandidate:
     candidate = choice.candidate
-    return CandidateSeen(
+    return ScoredCandidate(
         kind=str(candidate.kind.__struct_config__.tag),
         node=candidate.motion.node,
         score_m=choice.score_m,

@@ -24,7 +24,7 @@ from dlokit.skills.planning.servoing.jacobian import (
     probes,
     released,
 )
-from dlokit.types.action import ControlAdvice, ControlVerdict, Correction, HeldNode
+from dlokit.types.action import ControlAdvice, ControlVerdict, Correction, GraspedNode
 from dlokit.types.arrays import BoolArray, Float64Array
 from dlokit.types.dlo import DloState
 from dlokit.types.pose import Pose
@@ -98,8 +98,8 @@ class Held:
 
     shape: DloState
     goal_world: Float64Array  # (M, 3) [m] in the order of the rod
-    grip: HeldNode
-    others: tuple[HeldNode, ...]
+    grip: GraspedNode
+    others: tuple[GraspedNode, ...]
     """Nodes that other robots hold."""
     done: tuple[Correction, ...]
     """Corrections since the grasp, the first one first."""

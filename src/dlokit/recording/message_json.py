@@ -1,7 +1,7 @@
-"""Messages as JSON: exact both ways, with schemas that Foxglove's reader takes.
+"""Lossless conversion of messages to JSON and back, with schemas that Foxglove can read.
 
-That reader knows no unions and no arrays of arrays. So an array is an object of its dtype, its shape and either its
-values in one row, which can be plotted, or their bytes; and a field that may be None has the schema it has otherwise.
+Foxglove's reader supports neither unions nor nested arrays. Hence an array is an object with its dtype, its shape and
+either its values in one flat list, which can be plotted, or their bytes; the schema of an optional field omits None.
 """
 
 import base64
@@ -21,7 +21,7 @@ from dlokit.errors import CommunicationError
 T = TypeVar("T")
 
 LARGEST_LISTED = 512
-"""Arrays of more elements are written as bytes; the nodes and covariances of a DLO are listed, clouds are not."""
+"""Arrays with more elements are written as bytes; the nodes and covariances of a DLO are listed, clouds are not."""
 
 _ARRAY_SCHEMA: dict[str, Any] = {
     "type": "object",
@@ -42,12 +42,12 @@ _PRIMITIVES: dict[Any, dict[str, Any]] = {
 
 
 def to_json(value: object) -> bytes:
-    """A message, or any value within one, as JSON; NaN and infinity as the strings ``"NaN"``, ``"Infinity"``."""
+    """Convert a message or a value to JSON; NaN and infinity become the strings ``"NaN"``, ``"Infinity"``."""
     return msgspec.json.encode(_plain(value))
 
 
 def from_json(data: bytes, wanted: type[T]) -> T:
-    """The message of type `wanted` in `data`. Raises `CommunicationError` when it is anything else."""
+    """Decode a message of type `wanted` from JSON. Raises `CommunicationError` when `data` is anything else."""
     try:
         return from_plain(msgspec.json.decode(data), wanted)
     except msgspec.MsgspecError as error:
@@ -55,9 +55,9 @@ def from_json(data: bytes, wanted: type[T]) -> T:
 
 
 def from_plain(plain: object, wanted: type[T]) -> T:
-    """Like `from_json`, of parsed JSON; in the place of an array there may be one."""
+    """Like `from_json`, from parsed JSON, which may also contain NumPy arrays."""
     try:
-        # Not strict: a number that JSON does not have came as a string.
+        # Not strict: JSON has NaN and infinity as strings.
         return msgspec.convert(plain, wanted, strict=False, dec_hook=_array_hook)
     except (msgspec.MsgspecError, ValueError, TypeError, KeyError) as error:
         raise CommunicationError(f"cannot decode {kind_name(wanted)} from JSON: {error}") from error
@@ -69,13 +69,13 @@ def json_schema(kind: Any) -> bytes:
 
 
 def kind_name(kind: Any) -> str:
-    """Name of a type; of a union, those of its members."""
+    """Name of a type, or of the members of a union."""
     return "|".join(part.__name__ for part in get_args(kind) or (kind,))
 
 
 def _plain(value: Any) -> Any:
     if isinstance(value, float):
-        return float(value) if math.isfinite(value) else _name_of(value)
+        return float(value) if math.isfinite(value) else _name_of_nonfinite(value)
     if value is None or isinstance(value, str | int):
         return value
     if isinstance(value, np.ndarray):
@@ -86,7 +86,7 @@ def _plain(value: Any) -> Any:
         return plain if config.tag_field is None else {config.tag_field: config.tag, **plain}
     if isinstance(value, tuple | list):
         return [_plain(item) for item in value]
-    if isinstance(value, dict):  # a Struct that was decoded without its type
+    if isinstance(value, dict):  # a Struct decoded without its type
         return {name: _plain(item) for name, item in value.items()}
     if isinstance(value, enum.Enum):
         return value.value
@@ -94,10 +94,10 @@ def _plain(value: Any) -> Any:
         return _plain(value.item())
     if isinstance(value, bytes):
         return base64.b64encode(value).decode()
-    raise CommunicationError(f"{type(value).__name__} cannot be recorded; allowed: what messages are made of")
+    raise CommunicationError(f"{type(value).__name__} cannot be recorded; allowed: the types of messages' fields")
 
 
-def _name_of(value: float) -> str:
+def _name_of_nonfinite(value: float) -> str:
     if math.isnan(value):
         return "NaN"
     return "Infinity" if value > 0 else "-Infinity"
@@ -118,7 +118,7 @@ def _array_hook(wanted: Any, value: Any) -> NDArray[Any]:
     dtype = np.dtype(get_args(get_args(wanted)[1])[0])
     array = value if isinstance(value, np.ndarray) else _array_from(value)
     if array.dtype != dtype:
-        raise CommunicationError(f"array of {dtype} expected, {array.dtype} came")
+        raise CommunicationError(f"an array of {dtype} is expected, not of {array.dtype}")
     array.flags.writeable = False
     return array
 
@@ -152,12 +152,12 @@ def _schema(kind: Any) -> dict[str, Any]:
 
 
 def _all_of(kinds: list[Any]) -> dict[str, Any]:
-    """One object with the fields of all: of kinds of messages each has its own beside those of the others."""
+    """Schema of a union of messages: one object with the fields of all members."""
     merged: dict[str, Any] = {}
     for kind in kinds:
         schema = _schema(kind)
         if schema["type"] != "object":
-            raise CommunicationError(f"{kinds} have no schema in common; allowed: unions of messages, and with None")
+            raise CommunicationError(f"{kinds} have no common schema; allowed: unions of messages, and with None")
         merged |= schema["properties"]
     return {"type": "object", "properties": merged}
 

@@ -17,11 +17,11 @@ from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.errors import SkillFailure
 from dlokit.recording.comparison import FieldRow, compare
-from dlokit.recording.feeding import Asked, Timeline, feed, read_timeline
+from dlokit.recording.component_replay import RecordedCall, Timeline, feed, read_timeline
 from dlokit.recording.recorder import Recorder
 from dlokit.recording.tolerances import tolerance_of
 from dlokit.system.results.recording import call_log_of
-from dlokit.types.dlo import DloBelief, Figure
+from dlokit.types.dlo import DloBelief, LogNormal
 from dlokit.types.flow import FlowStatus
 from dlokit.types.outcome import CallEnd, Cancelled
 
@@ -62,7 +62,7 @@ class Adder(Component):
         return self._sum + self._error
 
     def _tell(self) -> None:
-        one = Figure(value=1.0)
+        one = LogNormal(value=1.0)
         self.port.publish(
             topics.BELIEF,
             DloBelief(
@@ -77,7 +77,7 @@ def recorded_run(path: Path) -> Timeline:
 
     async def main() -> None:
         clock = LoopClock()
-        with Recorder(path, clock.now_ns, {}, patient=True) as recorder:
+        with Recorder(path, clock.now_ns, {}, waits=True) as recorder:
             bus = MemoryTransport(recorder.put, call_log_of(recorder, clock))
             host = Container(bus, clock)
             host.add(Adder())
@@ -103,17 +103,22 @@ def rows_of(line: Timeline, component: Component, *, live: bool = False) -> list
 
 def test_a_timeline_holds_what_was_heard_asked_and_said_in_order(tmp_path: Path) -> None:
     line = recorded_run(tmp_path / "a.mcap")
-    order = [event.skill.key if isinstance(event, Asked) else event.topic.name for event in line.events]
+    order = [event.skill.key if isinstance(event, RecordedCall) else event.topic.name for event in line.events]
     assert order == ["decision/flow", "model.add", "model.add", "model.add", "decision/flow", "model.add"]
-    assert [dict(event.arguments)["amount"] for event in line.events if isinstance(event, Asked)] == [3, -1, 100, 7]
-    assert [one.message.stamp_ns for one in line.said if one.topic is topics.BELIEF][:3] == [0, 5e8, 7.5e8]
+    assert [dict(event.arguments)["amount"] for event in line.events if isinstance(event, RecordedCall)] == [
+        3,
+        -1,
+        100,
+        7,
+    ]
+    assert [one.message.stamp_ns for one in line.published if one.topic is topics.BELIEF][:3] == [0, 5e8, 7.5e8]
     assert (line.begin_ns, line.unknown) == (0, 0)
 
 
 def test_a_component_fed_its_recording_says_and_answers_the_same_at_the_same_times(tmp_path: Path) -> None:
     line = recorded_run(tmp_path / "a.mcap")
     replayed = feed(Adder(), line, Adder.publishes)
-    assert [one.log_ns for one in replayed.said] == [one.log_ns for one in line.said]
+    assert [one.log_ns for one in replayed.published] == [one.log_ns for one in line.published]
     ends = [asked.answer.outcome for asked, _ in replayed.answers]
     assert ends == [CallEnd.SUCCEEDED, CallEnd.FAILED, CallEnd.CANCELLED, CallEnd.SUCCEEDED]
     assert isinstance(replayed.answers[2][1], Cancelled)
@@ -135,7 +140,7 @@ def test_a_component_that_changed_is_named_with_the_field_and_how_far(tmp_path: 
 
 def test_messages_that_are_missing_or_too_many_are_counted_and_the_others_found_by_their_stamps(tmp_path: Path) -> None:
     line = recorded_run(tmp_path / "a.mcap")
-    line.said.pop(2)
+    line.published.pop(2)
     (messages,) = [row for row in rows_of(line, Adder()) if row.field == "(messages)"]
     assert (messages.largest, messages.compared, messages.within) == (1.0, 4, False)
     assert all(row.within for row in rows_of(line, Adder()) if row.field != "(messages)")
@@ -144,7 +149,7 @@ def test_messages_that_are_missing_or_too_many_are_counted_and_the_others_found_
 def test_a_call_that_ends_otherwise_is_beyond_any_tolerance(tmp_path: Path) -> None:
     line = recorded_run(tmp_path / "a.mcap")
     for place, event in enumerate(line.events):
-        if isinstance(event, Asked) and event.arguments["amount"] == -1:
+        if isinstance(event, RecordedCall) and event.arguments["amount"] == -1:
             line.events[place] = replace(event, answer=msgspec.structs.replace(event.answer, reason="busy"))
     (outcome,) = [row for row in rows_of(line, Adder()) if row.field == "outcome"]
     assert outcome.largest == math.inf
@@ -154,7 +159,7 @@ def test_a_call_that_ends_otherwise_is_beyond_any_tolerance(tmp_path: Path) -> N
 def test_what_was_not_recorded_is_left_out_of_the_comparison(tmp_path: Path) -> None:
     line = recorded_run(tmp_path / "a.mcap")
     replayed = feed(Adder(error=1), line, Adder.publishes)
-    stamps = {one.message.stamp_ns for one in line.said}
+    stamps = {one.message.stamp_ns for one in line.published}
     assert compare(line, replayed, live=False, same_processor=False, left_out=stamps, uncompared={"model.add"}) == []
 
 
