@@ -80,7 +80,7 @@ def test_every_kind_travels_over_the_bus_as_what_it_is() -> None:
 
 
 def test_settings_that_cannot_be_are_refused() -> None:
-    with pytest.raises(ConfigError, match="too short"):
+    with pytest.raises(ConfigError, match="it must be 80 or greater"):
         SearchConfig(rollouts=30)
     for seconds in (0.0, -1.0, math.nan):
         with pytest.raises(ConfigError, match="seconds"):
