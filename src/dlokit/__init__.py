@@ -8,33 +8,7 @@ The names in `__all__` are the public Python API, under semantic versioning; eve
 """
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from dlokit.app.data.identify import Identified, identify
-    from dlokit.app.library.judging import judge
-    from dlokit.app.library.recording import Recording, open_run
-    from dlokit.app.library.run import Run
-    from dlokit.app.library.shape import shape
-    from dlokit.app.library.tracker import Nodes, Tracker
-    from dlokit.errors import DlokitError, InputError
-
-    __version__: str
-
-__all__ = [
-    "DlokitError",
-    "Identified",
-    "InputError",
-    "Nodes",
-    "Recording",
-    "Run",
-    "Tracker",
-    "__version__",
-    "identify",
-    "judge",
-    "open_run",
-    "shape",
-]
+from typing import Any
 
 _HOMES = {
     "DlokitError": "dlokit.errors",
@@ -49,7 +23,9 @@ _HOMES = {
     "open_run": "dlokit.app.library.recording",
     "shape": "dlokit.app.library.shape",
 }
-"""Modules of the public names. They are imported at first use: `import dlokit` loads nothing."""
+"""Modules of the public names, imported at first use: `import dlokit` loads nothing. `__init__.pyi` has their types."""
+
+__all__ = ["__version__", *_HOMES]  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def __getattr__(name: str) -> Any:
