@@ -123,7 +123,7 @@ def test_a_component_that_does_not_return_ends_the_task_by_name() -> None:
     trace = with_loss("observer", 1, away_s=1e6)
     assert ("restore", "failed", "failed") in trace.edges()
     assert trace.result.reason is not None
-    assert trace.result.reason.startswith("observer not there again within 180 s")
+    assert trace.result.reason.startswith("observer not restarted within 180 s")
 
 
 def test_an_operator_who_has_set_the_goal_is_not_asked_again() -> None:

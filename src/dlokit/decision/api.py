@@ -1,4 +1,4 @@
-"""What the decision layer can be asked to do: a finished flow is itself a skill, and larger tasks build on it."""
+"""The skills of the decision layer: a flow is itself a skill, and larger tasks build on it."""
 
 from dlokit.communication.skill import Condition, ReportingSkill, Skill
 from dlokit.decision.config import Infeasible
@@ -8,10 +8,10 @@ from dlokit.types.system import StrategySpec
 
 
 class ShapeProgress(Value, frozen=True, kw_only=True, eq=False):
-    """Where a shape task is: told at each box of its flow chart, and after each action."""
+    """Progress of a shape task: reported at each step of its flow chart, and after each action."""
 
     step: str
-    """The box that is entered."""
+    """The step that begins."""
     actions: int
     """Actions that have ended."""
     rmse_m: float | None
@@ -19,7 +19,7 @@ class ShapeProgress(Value, frozen=True, kw_only=True, eq=False):
     text: str = ""
     """One line for people."""
     action: ActionRecord | None = None
-    """The action that has just ended, told once."""
+    """The action that has just ended; reported once."""
 
 
 def _shape_dlo(
@@ -35,16 +35,16 @@ def _shape_dlo(
     `threshold_m` [m]; at most `max_actions` actions are tried; `infeasible` says what to do with a goal that does not
     hold; `planner` chooses actions in this and later tasks, by its name or with settings. None: as configured.
 
-    It succeeds when the task came to an end of its own (converged, stalled, budget, infeasible, or cancelled by the
-    operator); the result's `outcome` says to which, and how near the DLO came. Cancelling it stops the robot, which
-    goes on holding what it holds. Fails with: task_failed (the robot, the camera or a component did not do its part).
+    It succeeds when the task reaches an end of its chart (converged, stalled, budget, infeasible) or the operator
+    cancels it; the result's `outcome` says which, and its `rmse_m` how near the DLO came. Cancelling the call stops the
+    robot, whose gripper stays closed. Fails with: task_failed (the robot, the camera or a component failed).
     Rejected with: busy (another task runs), unknown_shape, bad_shape, bad_settings, unknown_strategy.
     """
     ...
 
 
 def _stop_task() -> bool:
-    """End the task that runs, as the operator's button does; whether one ran. The arms brake, and stay stopped."""
+    """End the running task, as the operator's button does; return whether one ran. The arms brake, and stay stopped."""
     ...
 
 
@@ -56,7 +56,7 @@ SHAPE_DLO = ReportingSkill(
     _shape_dlo,
     timeout_s=7200.0,
     requires=(IDLE,),
-    ensures="the robot stands; the DLO is within the threshold of the goal if the outcome is converged",
+    ensures="the robot is at rest; the DLO is within the threshold of the goal if the outcome is converged",
     reports=ShapeProgress,
 )
-STOP_TASK = Skill("decision", "stop_task", _stop_task, 5.0, "", "no task runs that ran before, or it is ending")
+STOP_TASK = Skill("decision", "stop_task", _stop_task, 5.0, "", "the task that ran has ended, or is ending")

@@ -1,4 +1,4 @@
-"""One action while it is done, and which grasps are not to be tried again."""
+"""One action while it is executed, and which grasps are not to be tried again."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -19,7 +19,7 @@ SLIPPED = "slipped"
 
 @dataclass(kw_only=True)
 class ActionAttempt:
-    """One action, from the choice to the look after the release: made new for each."""
+    """One action, from its choice to the look after the release; a new value for each action."""
 
     action: Action
     before_world: Float64Array  # (M, 3) [m]
@@ -29,18 +29,18 @@ class ActionAttempt:
     chosen_ns: int
     """When it ended [ns]."""
     tool_travelled_m: float
-    """What the tools had travelled by then [m]."""
+    """Distance that the tools had travelled by then [m]."""
     planning_time_s: float
-    """What the choice took, on the machine's clock [s]."""
+    """Duration of the choice on the machine's clock [s]."""
     controlled: bool = False
     """Whether control follows the action."""
     control_end: str = ""
-    """As in its record."""
+    """Why control ended or did not begin, as in `ActionRecord`."""
     grasp_ok: bool = False
     pushed: bool = False
     """Whether closed fingers have pushed the DLO."""
     ended_by: str = ""
-    """What ended the action before its planned end, as in its record; the first cause holds."""
+    """What ended the action before its planned end, as in `ActionRecord`; the first cause is kept."""
     corrections: list[Correction] = field(default_factory=list[Correction])
     corrections_seen: list[CorrectionRecord] = field(default_factory=list[CorrectionRecord])
     deadlock: bool = False
@@ -59,7 +59,7 @@ class ActionAttempt:
 
     @property
     def expected_world(self) -> Float64Array:
-        """The shape (M, 3) [m] to expect after it: predicted, or the one before it."""
+        """The shape (M, 3) [m] to expect after the action: the predicted one, or the one before it."""
         predicted = self.corrections[-1].predicted_world if self.corrections else self.action.predicted_nodes_world
         moved = self.pushed or (self.grasp_ok and not self.slipped)
         return predicted if moved and predicted is not None else self.before_world
@@ -75,9 +75,10 @@ def record_of(
     robot_time_s: float,
     path_m: float,
 ) -> ActionRecord:
-    """What is kept of an action: the shape after it, seen at `now_ns`, and its errors to the goal.
+    """The record of an action: the shape after it, seen at `now_ns`, and its errors to the goal.
 
-    `robot_time_s` is from its choice until the arms were out of the picture [s], `path_m` what the tools travelled [m].
+    `robot_time_s` is the time from its choice until the arms were out of the picture [s], `path_m` the distance that
+    the tools travelled [m].
     """
     action, predicted = attempt.action, attempt.action.predicted_nodes_world
     return ActionRecord(
@@ -103,7 +104,7 @@ def record_of(
 
 
 class MarkedGrasp(Value, frozen=True, kw_only=True, eq=False):
-    """A grasp that led to nothing from a shape."""
+    """A grasp that changed nothing, and the shape from which it was tried."""
 
     node: int
     nodes_world: Float64Array  # (M, 3) [m]
@@ -114,25 +115,25 @@ _SLIPS_ENOUGH = 2
 
 @dataclass(kw_only=True)
 class GraspMemory:
-    """Which nodes are not to be grasped: those that failed from a shape like the present one, and slippery ones."""
+    """Nodes that are not to be grasped: those that failed from a shape like the present one, and slippery ones."""
 
     marks: list[MarkedGrasp] = field(default_factory=list[MarkedGrasp])
     slips: dict[int, int] = field(default_factory=dict[int, int])
-    """Grasp node → how often the DLO slipped out there."""
+    """Grasp node → number of times that the DLO slipped out of the fingers there."""
 
     def mark(self, nodes: Sequence[int], nodes_world: Float64Array) -> None:
-        """Grasps at these nodes led to nothing from the shape (M, 3) [m]."""
+        """Mark grasps at these nodes that changed nothing from the shape (M, 3) [m]."""
         self.marks += [MarkedGrasp(node=node, nodes_world=nodes_world) for node in nodes]
 
     def clear(self, nodes_world: Float64Array, alike_m: float) -> None:
-        """Keep the marks whose shape is nearer than `alike_m` (RMSE) [m] to the present one (M, 3) [m]; with 0 none."""
+        """Keep the marks whose shape is nearer than `alike_m` (RMSE) [m] to the present one (M, 3) [m]; 0: none."""
         self.marks = [mark for mark in self.marks if rmse_m(mark.nodes_world, nodes_world) < alike_m]
 
     def slipped(self, node: int) -> None:
-        """The DLO slipped out of the fingers at that node."""
+        """Note that the DLO slipped out of the fingers at a node."""
         self.slips[node] = self.slips.get(node, 0) + 1
 
     def invalid(self) -> Marks:
-        """What is marked, and where the DLO slipped out again after it had done so once."""
+        """The marked nodes, and those at which the DLO slipped out twice."""
         slippery = {node for node, times in self.slips.items() if times >= _SLIPS_ENOUGH}
         return Marks(invalid_nodes=np.array(sorted({mark.node for mark in self.marks} | slippery), dtype=np.int64))

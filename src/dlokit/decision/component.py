@@ -1,4 +1,4 @@
-"""The decision component: runs flows, tells everybody where it is, obeys the operator."""
+"""The decision component: runs flows, publishes the current step, obeys the operator."""
 
 import asyncio
 import contextlib
@@ -34,7 +34,7 @@ from dlokit.types.system import StrategySpec
 
 
 def goal_request(goal: str | GoalRequest, dlo: BelievedDlo) -> GoalRequest:
-    """A built-in shape by its name, made for a DLO of that length and radius, or a curve as it is.
+    """A built-in shape by its name, made for the length and radius of `dlo`; a curve is returned unchanged.
 
     Raises `SkillRejected` ``unknown_shape`` or ``bad_shape``.
     """
@@ -75,10 +75,10 @@ log = logging.getLogger(__name__)
 
 
 class DecisionComponent(Component):
-    """The master: it alone calls the robot's skills."""
+    """Runs shape tasks; no other component calls the robot's skills."""
 
     name = "decision"
-    # The heartbeat is its process's, and comes from a thread of its own while the leases are held.
+    # A thread of its process publishes the heartbeat while the leases are held.
     publishes = (topics.FLOW, topics.GRIPPED, topics.HEARTBEAT)
     reads = (topics.STATE, topics.GOAL, topics.GOAL_FRAMES, topics.ROBOT_STATE, topics.COMMAND)
 
@@ -91,10 +91,10 @@ class DecisionComponent(Component):
         robots: tuple[str, ...] = (FIRST_ROBOT,),
         keep: Callable[[Journal], None] = lambda journal: None,
     ) -> None:
-        """`stopwatch` gives the machine's monotonic time [s]; it is used for timings alone.
+        """`stopwatch` returns the machine's monotonic time [s], for timings only.
 
-        Goals by name are made for `dlo`. `robots` are the names of the arms that it moves. `keep` is given the journal
-        of a task at each of its boxes.
+        Goals by name are made for `dlo`. `robots` are the names of the arms that it moves. `keep` receives the journal
+        of a task at each step.
         """
         self._keep = keep
         self._robots = robots
@@ -117,7 +117,7 @@ class DecisionComponent(Component):
         infeasible: Infeasible | None = None,
         planner: str | StrategySpec | None = None,
     ) -> ShapeResult:
-        """Bring the DLO into a shape, for whoever calls."""
+        """Bring the DLO into a shape: the skill of the decision layer."""
         request = goal_request(goal, self._dlo)
         config = adjusted(self._config, threshold_m, max_actions, infeasible)
         await self._set_planner(planner)
@@ -125,7 +125,7 @@ class DecisionComponent(Component):
         result = await self.shape(request, progress.recorded, progress.entered, config)
         task = asyncio.current_task()
         if task is not None and task.cancelling():
-            raise asyncio.CancelledError  # the caller's; the robot stands
+            raise asyncio.CancelledError  # by the caller; the robot is at rest
         if result.outcome is RunOutcome.FAILED:
             raise SkillFailure("task_failed", result.reason or "")
         return result
@@ -141,17 +141,17 @@ class DecisionComponent(Component):
     ) -> ShapeResult:
         """Bring the DLO into the requested shape (None: the operator's, from the viewer).
 
-        `recorded` is told of every action when its effect is known, `entered` of every box. `config` holds for this
-        task alone. `resumed` is the journal of a task that a crash has ended. Raises `SkillRejected` ``busy`` while
+        `recorded` is called with every action when its effect is known, `entered` at every step. `config` applies to
+        this task only. `resumed` is the journal of a task that a crash has ended. Raises `SkillRejected` ``busy`` while
         another task runs.
 
-        Cancelling it stops the robot and ends with outcome `cancelled`; a second cancellation gets through. `canceller`
-        then names who cancels it, for the result's reason; empty: its caller.
+        Cancelling it stops the robot and ends with outcome `cancelled`; a second cancellation is not
+        caught. `canceller` then names the origin of the cancellation, for the result's reason; empty: the caller.
         """
         if (wrong := self._is_idle("")) is not None:
             raise SkillRejected(api.IDLE.reason, wrong)
         self._shaping = True
-        self._running.set()  # a pause of before was that task's
+        self._running.set()  # a pause applies to the previous task only
         try:
             return await self._shape(request, recorded, entered, config or self._config, resumed, canceller)
         finally:
@@ -186,36 +186,36 @@ class DecisionComponent(Component):
         diary = Diary(task, self.gate, entered, self._keep)
         flow = asyncio.create_task(run_flow(chart, task, diary.entered, diary.faulted), name="shape_dlo")
         self._flow, self._stopped_by = flow, ""
-        besides = (
+        watchers = (
             asyncio.create_task(odometer.follow(self.port.stream(topics.ROBOT_STATE)), name="odometer"),
             asyncio.create_task(self._obey(), name="operator"),
         )
         try:
             outcome = await _outcome_of(flow, task, lambda: self._stopped_by or canceller() or "its caller")
         finally:
-            for task_besides in besides:
-                task_besides.cancel()
-            await asyncio.gather(*besides, return_exceptions=True)
+            for watcher in watchers:
+                watcher.cancel()
+            await asyncio.gather(*watchers, return_exceptions=True)
         if outcome in (RunOutcome.CANCELLED, RunOutcome.FAILED):
             await self._make_safe()
-        _log_mistake(flow)  # after the arm has braked: a log line may block
+        _log_error(flow)  # after the arm has braked: writing a log line may block
         diary.close(outcome)
         return _result(task, outcome, tuple(diary.timings))
 
     @implements(api.STOP_TASK)
     async def stop_task(self) -> bool:
-        """End the task, whoever asked for it."""
+        """End the running task, whichever caller started it."""
         return self._stop_flow("a call to end the task (dlokit stop)")
 
     def _stop_flow(self, by: str) -> bool:
-        """End the flow that runs; whether one ran. `by` is for the result's reason; the first to end the flow holds."""
+        """End the running flow; return whether one ran. `by` is for the result's reason; the first call is kept."""
         ending = self._flow is not None and self._flow.cancel()
         if ending:
             self._stopped_by = self._stopped_by or by
         return ending
 
     async def gate(self) -> None:
-        """Wait while the operator has paused, however long; STOP ends the wait with the flow."""
+        """Wait while the operator has paused, without a time limit; STOP ends the wait and the flow."""
         await self._running.wait()
 
     @holds(api.IDLE)
@@ -237,9 +237,9 @@ class DecisionComponent(Component):
                 raise SkillFailure("task_failed", f"planning.set_strategy: {chosen}")
 
     async def _make_safe(self) -> None:
-        """Brake, and stop looking. Another cancellation ends the wait, but neither the braking nor the record.
+        """Brake, and stop tracking. Another cancellation ends the wait, but neither the braking nor the record.
 
-        A person's stop is latched in the arms; the end of a task for another reason leaves them ready for the next.
+        A person's stop is latched in the arms; after any other end of a task they are ready for the next.
         """
         brake = robot.STOP if self._stopped_by else robot.HALT
 
@@ -265,7 +265,7 @@ class DecisionComponent(Component):
 
 
 async def _outcome_of(flow: "asyncio.Task[End]", task: ShapeTask, stopped_by: Callable[[], str]) -> RunOutcome:
-    """How the flow ends: by itself, cancelled, or by a mistake of ours; then the task's reason says so."""
+    """How the flow ends: at an end of its chart, cancelled, or by a programming error, named in the task's reason."""
     try:
         return (await flow).outcome
     except asyncio.CancelledError:
@@ -273,12 +273,12 @@ async def _outcome_of(flow: "asyncio.Task[End]", task: ShapeTask, stopped_by: Ca
         await asyncio.gather(flow, return_exceptions=True)
         task.reason = f"stopped by {stopped_by()}"
         return RunOutcome.CANCELLED
-    except Exception as error:  # it must not leave the arm moving, nor lose what was done so far
+    except Exception as error:  # the arm must not go on moving, and the actions so far must not be lost
         task.reason = f"{type(error).__name__}: {error}"
         return RunOutcome.FAILED
 
 
-def _log_mistake(flow: "asyncio.Task[End]") -> None:
+def _log_error(flow: "asyncio.Task[End]") -> None:
     if not flow.cancelled() and (error := flow.exception()) is not None:
         log.error("the flow raised", exc_info=error)
 

@@ -17,12 +17,12 @@ CHANGED_M = 0.0005
 
 
 def error_m(nodes_world: Float64Array, goal: GoalShape) -> float:
-    """RMSE of nodes (M, 3) [m] to the goal's, node by node [m]; in the nearer order where the goal allows both."""
+    """RMSE of nodes (M, 3) [m] to the goal's, node by node [m]; of both orders where its ends can be exchanged."""
     return rmse_m(nodes_world, goal.nodes_world, ends_interchangeable=goal.ends_interchangeable)
 
 
 class Progress(enum.Enum):
-    """What the errors so far say."""
+    """Status of a task by its errors and budgets."""
 
     CONVERGED = "converged"
     NOT_YET = "not_yet"
@@ -33,20 +33,20 @@ class Progress(enum.Enum):
 
 @dataclass(frozen=True, kw_only=True)
 class SoFar:
-    """What a task has brought and cost so far: what break conditions are judged by."""
+    """Errors, time and actions of a task so far: the input of the break conditions."""
 
     errors_m: Sequence[float]
     """RMSE before the first action and after each [m]."""
     elapsed_s: float = 0.0
     """On the cell's clock [s]."""
     history: Sequence[ActionRecord] = ()
-    """The actions of this run; of a run that it resumes only the errors are kept."""
+    """Actions of this run; of a resumed run only the errors are kept."""
     doubtful: bool = False
     """Whether the goal may not hold."""
 
 
 def progress(so_far: SoFar, config: TaskConfig) -> tuple[Progress, str | None]:
-    """Whether a task goes on, by the first condition that holds, and in one sentence why it does not.
+    """The first break condition that holds, and one sentence that says why the task ends.
 
     Stalled means: the last ``stall_actions`` actions brought no new best that differs by `PROGRESS_M`; for a goal
     that may not hold, the last ``watched_stall_actions``.
@@ -55,17 +55,17 @@ def progress(so_far: SoFar, config: TaskConfig) -> tuple[Progress, str | None]:
     if errors_m[-1] < config.threshold_m:
         return Progress.CONVERGED, None
     if len(errors_m) - 1 >= config.max_actions:
-        return Progress.OUT_OF_ACTIONS, f"{config.max_actions} actions are spent; {best}"
+        return Progress.OUT_OF_ACTIONS, f"{config.max_actions} actions are used; {best}"
     if so_far.elapsed_s >= config.max_time_s:
-        return Progress.OUT_OF_TIME, f"{config.max_time_s:g} s are spent; {best}"
+        return Progress.OUT_OF_TIME, f"{config.max_time_s:g} s are used; {best}"
     patience = min(config.stall_actions, config.watched_stall_actions) if so_far.doubtful else config.stall_actions
-    if in_vain(errors_m) >= patience:
+    if actions_without_progress(errors_m) >= patience:
         return Progress.STALLED, f"no better shape in {patience} actions; {best}"
     return Progress.NOT_YET, None
 
 
-def in_vain(errors_m: Sequence[float]) -> int:
-    """Number of actions since the last that brought a best RMSE, better by more than what an estimate may vary."""
+def actions_without_progress(errors_m: Sequence[float]) -> int:
+    """Number of actions since the last new best RMSE, better by more than an estimate varies."""
     best_m, last = errors_m[0], 0
     for action, error_m in enumerate(errors_m):
         if error_m < best_m - PROGRESS_M:
@@ -73,19 +73,19 @@ def in_vain(errors_m: Sequence[float]) -> int:
     return len(errors_m) - 1 - last
 
 
-def worth_it(errors_m: Sequence[float], promised_m: float | None, config: TaskConfig) -> bool:
-    """Whether an action that promises an RMSE of `promised_m` [m] is to be done.
+def worth_it(errors_m: Sequence[float], predicted_m: float | None, config: TaskConfig) -> bool:
+    """Whether to execute an action with a predicted RMSE of `predicted_m` [m].
 
-    It is, until ``hopeless_actions`` have been in vain; then it must promise a new best. None, a planner that does not
-    predict, is given the benefit of the doubt.
+    Always, until ``hopeless_actions`` actions brought no new best; then only with a prediction of a new best, or from a
+    planner that does not predict (None).
     """
-    if promised_m is None or in_vain(errors_m) < config.hopeless_actions:
+    if predicted_m is None or actions_without_progress(errors_m) < config.hopeless_actions:
         return True
-    return promised_m < min(errors_m) - PROGRESS_M
+    return predicted_m < min(errors_m) - PROGRESS_M
 
 
 def best_so_far(errors_m: Sequence[float]) -> str:
-    """The best RMSE, and after which action it was reached, in words."""
+    """The best RMSE, and the action after which it was reached, as text."""
     best_m = min(errors_m)
     return f"best RMSE {best_m * 1e3:.1f} mm after action {errors_m.index(best_m)}"
 

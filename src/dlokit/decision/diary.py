@@ -1,4 +1,4 @@
-"""Where a shape task is and was: told to everybody on the bus, and to whoever called."""
+"""The course of a shape task: published on the bus, and reported to the caller."""
 
 from collections.abc import Awaitable, Callable
 
@@ -12,32 +12,32 @@ from dlokit.decision.task import ShapeTask
 from dlokit.types.flow import FlowStatus, RunOutcome
 
 OPERATOR = "operator"
-"""In the timings: the flow waited for the operator, who sets the goal or has paused it."""
+"""Name in the timings of the time in which the flow waited for the operator: to set the goal, or paused."""
 
 
 class Diary:
-    """Publishes each box as it is entered, and measures how long it took."""
+    """Publishes each step as it begins, and measures its duration."""
 
     def __init__(
         self,
         task: ShapeTask,
         gate: Callable[[], Awaitable[None]],
-        told: Callable[[FlowStatus], None],
+        published: Callable[[FlowStatus], None],
         keep: Callable[[Journal], None],
     ) -> None:
-        """`gate` holds the flow up while the operator has paused; `told` hears what is published.
+        """`gate` waits while the operator has paused; `published` is called with each published status.
 
-        `keep` is given what another process would need to go on.
+        `keep` receives what another process needs to resume the task.
         """
         self._keep = keep
         self._gate = gate
         self._task = task
-        self._told = told
+        self._published = published
         self._since: tuple[str, int, float] | None = None
         self.timings: list[StepVisit] = []
 
     async def entered(self, step: str, last_outcome: str) -> None:
-        """The flow has come to a box."""
+        """Note that the flow has come to a step."""
         self._stop_timing()
         paused_ns = self._task.port.clock.now_ns()
         await self._gate()
@@ -48,14 +48,14 @@ class Diary:
         self._publish(step, last_outcome, None)
 
     def faulted(self, fault: StepFault) -> None:
-        """A box could not end as it should: why, should the task end here, and what ended an action under way."""
+        """Note the fault of a step as the task's reason, and as the end of the action under way."""
         self._task.reason = str(fault)
-        box = None if self._since is None else SHAPE_DLO.step(self._since[0])
-        if box is not None and box.mode is not None and self._task.attempt_under_way is not None:
+        step = None if self._since is None else SHAPE_DLO.step(self._since[0])
+        if step is not None and step.mode is not None and self._task.attempt_under_way is not None:
             self._task.attempt.ends_early(fault.reason)
 
     def close(self, outcome: RunOutcome) -> None:
-        """The task has ended."""
+        """Note that the task has ended."""
         self._stop_timing()
         self._publish(outcome.value, "", outcome)
 
@@ -64,7 +64,7 @@ class Diary:
             return
         step, since_ns, since_s = self._since
         now_ns, machine_s = self._task.port.clock.now_ns(), self._task.stopwatch() - since_s
-        # A task for which the operator sets the goal starts within a step: until then nothing was computed.
+        # A task whose goal the operator sets starts within a step: until then nothing was computed.
         waited_ns = max(self._task.spent.started_ns - since_ns, 0)
         self._waited(waited_ns)
         cell_s, waited_s = (now_ns - since_ns - waited_ns) / 1e9, waited_ns / 1e9
@@ -72,12 +72,12 @@ class Diary:
         self._since = None
 
     def _waited(self, waited_ns: int) -> None:
-        """The flow waited for the operator: a visit of its own, without computing."""
+        """Add the time in which the flow waited for the operator, as a visit of its own without computing."""
         if waited_ns > 0:
             self.timings.append(StepVisit(step=OPERATOR, cell_s=waited_ns / 1e9, machine_s=0.0))
 
     def _publish(self, step: str, last_outcome: str, outcome: RunOutcome | None) -> None:
-        task, box = self._task, SHAPE_DLO.step(step)
+        task, entered = self._task, SHAPE_DLO.step(step)
         status = FlowStatus(
             stamp_ns=self._task.port.clock.now_ns(),
             flow=SHAPE_DLO.name,
@@ -87,26 +87,26 @@ class Diary:
             rmse_m=task.errors_m[-1] if task.errors_m else None,
             text=task.reason or "",
             outcome=outcome,
-            mode=None if box is None else box.mode,
+            mode=None if entered is None else entered.mode,
         )
         self._task.port.publish(topics.FLOW, status)
-        self._told(status)
+        self._published(status)
 
 
 class TaskDiary:
-    """What the caller of a task is told."""
+    """Reports the progress of a task to its caller."""
 
     def __init__(self, report: Callable[[api.ShapeProgress], None]) -> None:
         self._report = report
         self._step = ""
 
     def entered(self, status: FlowStatus) -> None:
-        """The flow has come to a box."""
+        """Report that the flow has come to a step."""
         self._step = status.step
         self._report(
             api.ShapeProgress(step=status.step, actions=status.actions, rmse_m=status.rmse_m, text=status.text)
         )
 
     def recorded(self, record: ActionRecord) -> None:
-        """An action has ended."""
+        """Report an action that has ended."""
         self._report(api.ShapeProgress(step=self._step, actions=record.action, rmse_m=record.rmse_m, action=record))

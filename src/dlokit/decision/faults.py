@@ -1,4 +1,4 @@
-"""Why a skill call did not succeed, and which arrow of the chart that is: decided here, once."""
+"""Maps the outcome of a skill call that did not succeed to an arrow of the chart; no other module does."""
 
 from typing import Any, TypeVar
 
@@ -20,7 +20,7 @@ _KINDS = {
 }
 
 RESTORABLE = (perception.LOOK.component, observer.INITIALISE.component, model.SET_GOAL.component)
-"""What they know can be told again, or seen: their processes may die in a task. An arm's may not."""
+"""Components whose state can be sent again or observed: their processes may die in a task. That of an arm may not."""
 
 
 def result_of(skill: Skill[..., R], outcome: Outcome[R]) -> R:
@@ -37,12 +37,12 @@ def _fault(skill: Skill[..., Any], outcome: Outcome[Any]) -> FaultKind:
 
 
 def reason_of(outcome: Outcome[Any]) -> str:
-    """The skill's own name of why a call did not succeed; empty where it did, or none answered."""
+    """The failure's name in the skill's api; empty where the call succeeded or no component answered."""
     return outcome.reason if isinstance(outcome, Failed | Rejected) else ""
 
 
 def explain(outcome: Outcome[Any]) -> str:
-    """One line of why a call did not succeed."""
+    """One line that says why a call did not succeed."""
     match outcome:
         case Failed(reason=RobotReason.STOPPED, detail=detail):
             return f"stopped by {robot.STOP.key}: {detail}"

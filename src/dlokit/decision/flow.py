@@ -1,6 +1,6 @@
 """Flow charts as data: a table of steps and outcome → next step (paper, Fig. 6).
 
-The same table is run, logged, drawn by the viewer with the current step lit, and printed as Mermaid.
+The same table is run, logged, drawn by the viewer with the active step highlighted, and printed as Mermaid.
 """
 
 import enum
@@ -16,26 +16,26 @@ O = TypeVar("O", bound=enum.Enum)  # noqa: E741  the outcome of a step, as in th
 
 
 class FlowError(DlokitError):
-    """A flow chart that is not complete: an outcome without an arrow, an arrow to nowhere, a box before its time."""
+    """An incomplete flow chart: an outcome without an arrow, an arrow to nowhere, a step that runs too early."""
 
 
 class FaultKind(enum.Enum):
-    """How a box ends when a skill that it called did not succeed."""
+    """How a step ends when a skill that it called did not succeed."""
 
     REFUSED = "refused"
-    """The robot does not do the motion, or broke it off: another grasp may do."""
+    """The robot refused or aborted the motion: another grasp may succeed."""
     INTERRUPTED = "interrupted"
-    """An arm braked by itself though nothing is broken."""
+    """An arm braked on its own, without a defect."""
     LOST = "lost"
-    """A component that is needed to see is gone; it is started again."""
+    """A component of perception or of the model is gone; its process is restarted."""
     FAILED = "failed"
 
 
 class StepFault(DlokitError):
-    """Raised in a box that cannot end as it should; the interpreter follows the arrow of its fault."""
+    """Raised in a step that cannot reach one of its outcomes; the interpreter follows the arrow of the fault."""
 
     def __init__(self, kind: FaultKind, why: str, *, skill: str = "", reason: str = "") -> None:
-        """`why` is for people; `reason` is the `skill`'s name of the failure, empty where none answered."""
+        """`why` is for people; `reason` is the failure's name in the `skill`'s api, empty without an answer."""
         super().__init__(f"{skill} {why}" if skill else why)
         self.kind = kind
         self.why = why
@@ -44,21 +44,21 @@ class StepFault(DlokitError):
 
 @dataclass(frozen=True)
 class Step(Generic[Task, O]):
-    """One box of a flow chart."""
+    """One step of a flow chart."""
 
     name: str
     run: Callable[[Task], Awaitable[O]]
     """Does the work; the outcome is one of an enum."""
     then: Mapping[O | FaultKind, str]
     """Outcome or fault → name of the next step, or of an end. A fault without an arrow of its own takes that of FAILED;
-    a box without any calls no skill."""
+    a step without fault arrows calls no skill."""
     doc: str = ""
-    """What the box says, for people."""
+    """What the step does, for people."""
     mode: Mode | None = None
-    """How the box changes the shape, if it does."""
+    """How the step changes the shape, if it does."""
 
     def expected(self) -> list[enum.Enum]:
-        """What must have an arrow: every outcome, and FAILED where any fault has one."""
+        """The outcomes that must have an arrow: all of them, and FAILED where any fault has one."""
         kinds: set[type[enum.Enum]] = {type(outcome) for outcome in self.then}
         faults: list[enum.Enum] = [FaultKind.FAILED] if FaultKind in kinds else []
         return [outcome for kind in kinds - {FaultKind} for outcome in kind] + faults
@@ -66,7 +66,7 @@ class Step(Generic[Task, O]):
 
 @dataclass(frozen=True)
 class End:
-    """Where a flow stops, and what that means."""
+    """An end of a flow, and the outcome that it stands for."""
 
     name: str
     outcome: RunOutcome
@@ -84,10 +84,10 @@ class Flow(Generic[Task]):
     def __post_init__(self) -> None:
         names = [step.name for step in self.steps] + [end.name for end in self.ends]
         if len(set(names)) != len(names):
-            raise FlowError(f"flow {self.name!r} has two boxes of one name: {sorted(names)}")
+            raise FlowError(f"flow {self.name!r} has two steps of one name: {sorted(names)}")
         for name in (self.start, *(target for _, _, target in self.edges())):
             if name not in names:
-                raise FlowError(f"flow {self.name!r} has an arrow to {name!r}; its boxes are {names}")
+                raise FlowError(f"flow {self.name!r} has an arrow to {name!r}; its steps are {names}")
         for step in self.steps:
             missing = [outcome for outcome in step.expected() if outcome not in step.then]
             if missing:
@@ -114,9 +114,9 @@ async def run_flow(
 ) -> End:
     """Run a flow to one of its ends.
 
-    `entered(step, last_outcome)` is awaited at each box, before it runs, the end included; it may hold the flow up
-    (pause). `faulted` is told of each `StepFault` before its arrow is followed; in a box without an arrow for faults it
-    is a mistake in the chart, and is raised.
+    `entered(step, last_outcome)` is awaited at each step before it runs, and at the end; it may delay the flow (pause).
+    `faulted` is called with each `StepFault` before its arrow is followed; in a step without an arrow for faults the
+    fault is an error of the chart, and is raised.
     """
     name, last = flow.start, ""
     while (step := flow.step(name)) is not None:
@@ -134,7 +134,7 @@ async def run_flow(
 
 
 def mermaid(flow: Flow[Any], current: str | None = None) -> str:
-    """The flow as a Mermaid chart, the current step lit."""
+    """The flow as a Mermaid chart, the current step highlighted."""
     lines = ["flowchart TD"]
     lines += [f'    {step.name}["{step.name.replace("_", " ")}"]' for step in flow.steps]
     lines += [f'    {end.name}(["{end.name.replace("_", " ")}"])' for end in flow.ends]

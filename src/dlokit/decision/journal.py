@@ -1,4 +1,4 @@
-"""What a shape task must know to go on in another process: written at each box, read after a crash."""
+"""The state from which another process can resume a shape task: written at each step, read after a crash."""
 
 from dlokit.decision.attempt import GraspMemory, MarkedGrasp
 from dlokit.decision.records import GoalRequest
@@ -7,28 +7,28 @@ from dlokit.types.message import Value
 
 
 class Journal(Value, frozen=True, kw_only=True, eq=False):
-    """A shape task between two boxes of its flow chart."""
+    """A shape task between two steps of its flow chart."""
 
     request: GoalRequest
-    """The goal as it was asked for; what the operator dragged, as a curve."""
+    """The requested goal; one that the operator dragged, as a curve."""
     errors_m: tuple[float, ...]
     """RMSE before the first action and after each [m]; empty before the first look."""
     marks: tuple[MarkedGrasp, ...]
     slips: tuple[tuple[int, int], ...]
-    """Grasp node, and how often the DLO slipped out there."""
+    """Grasp node, and number of times that the DLO slipped out of the fingers there."""
     elapsed_s: float
-    """What is spent of the time budget, on the cell's clock [s]."""
+    """Used part of the time budget, on the cell's clock [s]."""
     planning_time_s: float
     """On the machine's clock [s]."""
 
     @property
     def actions(self) -> int:
-        """How many have ended, and are spent of the budget."""
+        """Number of actions that have ended, and count to the budget."""
         return max(len(self.errors_m) - 1, 0)
 
 
 def journal_of(task: ShapeTask) -> Journal | None:
-    """What is to be kept of a task now; None before it has a goal."""
+    """The journal of a task at this moment; None before it has a goal."""
     request = task.request
     if request is None:
         if task.goal_set is None:
@@ -48,9 +48,9 @@ def journal_of(task: ShapeTask) -> Journal | None:
 
 
 def take_up(task: ShapeTask, journal: Journal) -> None:
-    """Bring a new task to where the journal's one was: the DLO is looked at anew, what is spent stays spent.
+    """Put a new task into the state of the journal's task, with its budgets as used there; the DLO is observed again.
 
-    The last error is left out: it is measured again. An action that was under way does not count.
+    The last error is omitted: it is measured again. An action that was under way does not count.
     """
     task.errors_m = list(journal.errors_m[:-1])
     task.grasps = GraspMemory(marks=list(journal.marks), slips=dict(journal.slips))

@@ -33,14 +33,14 @@ _RESET_M = 0.01
 """A model state farther than this from the nodes found again (RMS over nodes) [m] is replaced by them: too far for the
 tracking controller to drag the model there."""
 _ALIVE_EVERY_S = 0.5
-"""How often it is looked whether they are there, while a state is waited for [s]."""
+"""Period of checking whether observer and model are alive while a state is awaited [s]."""
 
 
 async def state_after(task: ShapeTask, stamp_ns: int) -> DloState:
-    """The first model state that knows the cloud of `stamp_ns`. Raises `StepFault` when it does not come.
+    """The first model state that includes the cloud of `stamp_ns`. Raises `StepFault` when it does not arrive.
 
-    It is not waited for while observer or model is gone, or the observer is another than the one that was told where
-    the DLO lies: the cloud is lost with them.
+    The wait ends when observer or model is gone, or the observer is not the process that was initialised with the DLO:
+    the cloud is lost with it.
     """
     state = await _state_within(task, stamp_ns, LOOK_TIMEOUT_S)
     if state is None:
@@ -62,33 +62,33 @@ def _missed(task: ShapeTask, stamp_ns: int) -> StepFault:
     return StepFault(
         FaultKind.LOST,
         f"no model state within {LOOK_TIMEOUT_S:g} s of the look at {stamp_ns / 1e9:.3f} s: "
-        "observer or model does not answer, is gone, or was started anew",
+        "observer or model does not answer, is gone, or was restarted",
     )
 
 
 def _is_tracked(task: ShapeTask) -> bool:
-    """Whether who makes states is there, and knows of the DLO."""
+    """Whether observer and model are alive, and the observer is the process that was initialised."""
     name = observer.INITIALISE.component
     tracking = task.port.alive(name)
-    told = tracking.alive and tracking.server == task.servers.get(name, "")
-    return told and task.port.alive(model.SET_GOAL.component).alive
+    initialised = tracking.alive and tracking.server == task.servers.get(name, "")
+    return initialised and task.port.alive(model.SET_GOAL.component).alive
 
 
-async def tell_observer(
+async def initialise_observer(
     task: ShapeTask, stamp_ns: int = 0, expected_world: Float64Array | None = None
 ) -> Outcome[TargetPoints]:
     """Let the observer order the cloud of `stamp_ns` (0: the newest) into nodes, and track the DLO from there."""
     name = observer.INITIALISE.component
     server = task.port.alive(name).server
-    told = await task.port.call(observer.INITIALISE, stamp_ns, expected_world)
-    if isinstance(told, Succeeded):
+    outcome = await task.port.call(observer.INITIALISE, stamp_ns, expected_world)
+    if isinstance(outcome, Succeeded):
         task.servers[name] = server
-    return told
+    return outcome
 
 
 async def find(task: ShapeTask, stamp_ns: int = 0, expected_world: Float64Array | None = None) -> None:
-    """As `tell_observer`, and wait for the model's state of it. Raises `StepFault` where the DLO is not found."""
-    found = result_of(observer.INITIALISE, await tell_observer(task, stamp_ns, expected_world))
+    """As `initialise_observer`, and wait for the model's state of it. Raises `StepFault` where the DLO is not found."""
+    found = result_of(observer.INITIALISE, await initialise_observer(task, stamp_ns, expected_world))
     task.state = await state_after(task, found.stamp_ns)
 
 
@@ -102,7 +102,7 @@ async def _state_of(task: ShapeTask, stamp_ns: int) -> DloState:
 async def look(task: ShapeTask) -> DloState:
     """Look once: pictures → cloud → target points → model. Raises `StepFault` when the DLO is not seen.
 
-    Again, where nothing comes of it though all are there: a message on the way was dropped.
+    The look is repeated where no state arrives though all components are alive: a message was dropped.
     """
     loop = asyncio.get_running_loop()
     end_s, first_ns = loop.time() + LOOK_TIMEOUT_S, None
@@ -110,7 +110,7 @@ async def look(task: ShapeTask) -> DloState:
         seen = await task.ask(perception.LOOK)
         first_ns = seen.stamp_ns if first_ns is None else first_ns
         left_s = end_s - loop.time()
-        # That of an earlier look will do: on a busy machine it may be late, and not lost.
+        # The state of an earlier look will do: on a busy machine it may be late, and not lost.
         state = await _state_within(task, first_ns, min(LOOK_AGAIN_S, left_s))
         if state is not None:
             return state
@@ -119,15 +119,15 @@ async def look(task: ShapeTask) -> DloState:
         log.warning("no model state within %g s of a look; looking again", LOOK_AGAIN_S)
 
 
-async def look_anew(task: ShapeTask, expected_world: Float64Array) -> None:
+async def look_and_reinitialise(task: ShapeTask, expected_world: Float64Array) -> None:
     """Order the cloud from scratch, in the direction that is nearer to `expected_world` (M, 3) [m].
 
-    What was tracked behind the arm may be wrong, even the other way round. Where the cloud cannot be ordered the
-    tracked state stays. Raises `StepFault` when nothing is seen, or nobody answers.
+    The shape tracked behind the arm may be wrong, even reversed. Where the cloud cannot be ordered the tracked state is
+    kept. Raises `StepFault` when nothing is seen, or a component does not answer.
     """
     await task.port.clock.sleep(LOOK_INTERVAL_S)
     task.state = await look(task)
-    found = await tell_observer(task, task.state.observed_stamp_ns, expected_world)
+    found = await initialise_observer(task, task.state.observed_stamp_ns, expected_world)
     if not isinstance(found, Succeeded):
         return
     task.state = await state_after(task, found.result.stamp_ns)
@@ -136,10 +136,10 @@ async def look_anew(task: ShapeTask, expected_world: Float64Array) -> None:
 
 
 async def settle(task: ShapeTask) -> None:
-    """Look until two states in a row agree, or looks are spent. Raises `StepFault` when the DLO is not seen."""
+    """Look until two successive states agree, or all looks are used. Raises `StepFault` when the DLO is not seen."""
     before: DloState | None = None
     for _ in range(_MOST_LOOKS):
-        # First, too: a second look in the same instant would bring nothing new, and the observer ignores it.
+        # Also before the first: the observer ignores a second look at the same moment.
         await task.port.clock.sleep(LOOK_INTERVAL_S)
         state = task.state = await look(task)
         if before is not None and _rms_m(before.nodes_world, state.nodes_world) < _SETTLED_M:

@@ -1,4 +1,4 @@
-"""The flow chart of shape manipulation (paper, Fig. 6), with the ends that the paper lacks."""
+"""The flow chart of shape manipulation (paper, Fig. 6), with the ends that are missing in the paper."""
 
 from dataclasses import replace
 
@@ -34,7 +34,7 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
                 Checked.OFF: "find_dlo",
                 FaultKind.FAILED: "failed",
             },
-            "Look at the robot's own hand, whose place is known: how far is the camera off its calibration?",
+            "Look at the robot's own hand, whose pose is known: how far is the camera off its calibration?",
         ),
         Step(
             "find_dlo",
@@ -45,7 +45,7 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
                 FaultKind.LOST: "restore",
                 FaultKind.FAILED: "failed",
             },
-            "Drive out of the picture, look, and order the cloud into the first shape.",
+            "Move the arms out of the picture, look, and order the cloud into the first shape.",
         ),
         Step(
             "set_goal",
@@ -55,7 +55,7 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
                 FaultKind.LOST: "restore",
                 FaultKind.FAILED: "failed",
             },
-            "The operator's goal, in the model, so that it obeys the rod.",
+            "Send the goal to the model; the operator's goal is a shape that the rod can take.",
         ),
         Step(
             "judge_goal",
@@ -69,7 +69,7 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
                 GoalJudged.ASKED_AGAIN: "set_goal",
                 FaultKind.FAILED: "failed",
             },
-            "Released in the goal, in the model: does the rod stay? Does the arm get there?",
+            "Does the rod stay in the goal when it is released there, in the model? Can the arm reach it?",
         ),
         Step(
             "track_model",
@@ -103,7 +103,7 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
                 Found.NO_GAIN: "stalled",
                 FaultKind.FAILED: "failed",
             },
-            "What the planner finds best of the grasps that are not marked.",
+            "The planner's best action among the grasps that are not marked.",
             mode=Mode.PLANNING,
         ),
         Step(
@@ -115,7 +115,7 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
                 FaultKind.INTERRUPTED: "recover",
                 FaultKind.FAILED: "failed",
             },
-            "Joint-space move above the grasp point.",
+            "Move above the grasp point in joint space.",
             mode=Mode.PLANNING,
         ),
         Step(
@@ -129,7 +129,7 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
                 FaultKind.INTERRUPTED: "recover",
                 FaultKind.FAILED: "failed",
             },
-            "Straight down, close, and feel whether something is held; fingers that push come down closed.",
+            "Move straight down, close, and feel whether the DLO is held; fingers that push are closed already.",
             mode=Mode.PLANNING,
         ),
         Step(
@@ -143,7 +143,7 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
                 FaultKind.INTERRUPTED: "recover",
                 FaultKind.FAILED: "failed",
             },
-            "Lift, carry and lower along the planned path, tracking the model and watching the fingers meanwhile.",
+            "Lift, carry and lower along the planned path, while the model is tracked and the fingers are watched.",
             mode=Mode.PLANNING,
         ),
         Step(
@@ -156,7 +156,7 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
                 FaultKind.INTERRUPTED: "recover",
                 FaultKind.FAILED: "failed",
             },
-            "Still held: look, and correct what is left by a small motion of the tool; or say why not.",
+            "Look at the held DLO, and correct the remaining error by a small motion of the tool.",
             mode=Mode.CONTROL,
         ),
         Step(
@@ -168,7 +168,7 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
                 FaultKind.INTERRUPTED: "recover",
                 FaultKind.FAILED: "failed",
             },
-            "Move the closed fingers across the table, the rod before them.",
+            "Move the closed fingers across the table, pushing the rod.",
             mode=Mode.PLANNING,
         ),
         Step(
@@ -179,7 +179,7 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
                 FaultKind.INTERRUPTED: "recover",
                 FaultKind.FAILED: "failed",
             },
-            "Open, retreat straight up, drive out of the picture.",
+            "Open, move straight up and out of the picture.",
         ),
         Step(
             "recover",
@@ -189,7 +189,7 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
                 Recovered.TOO_OFTEN: "failed",
                 FaultKind.FAILED: "failed",
             },
-            "The arm braked by itself: clear the fault, let go, and look again.",
+            "The arm braked on its own: clear the fault, release, and look again.",
         ),
         Step(
             "restore",
@@ -201,7 +201,7 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
                 Restored.TOO_OFTEN: "failed",
                 FaultKind.FAILED: "failed",
             },
-            "A component is gone: wait until its process is started again, and tell it what it must know.",
+            "A component is gone: wait until its process is restarted, and send it what it must know.",
         ),
         Step(
             "track_again",
@@ -223,7 +223,7 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
             "clear_marks",
             act.clear_marks,
             {Done.DONE: "compare"},
-            "Grasp points are valid again, but for those that failed from a shape like this one.",
+            "All grasp points are valid again, except those that failed from a shape like this one.",
         ),
         Step(
             "mark_invalid",
@@ -252,9 +252,9 @@ RESUME_DLO: Flow[ShapeTask] = replace(
                 Done.DONE: SHAPE_DLO.start,
                 FaultKind.FAILED: "failed",
             },
-            "After a crash: clear faults, let go where the arm stands, and go straight up.",
+            "After a crash: clear faults, open the fingers where the arm is, and move straight up.",
         ),
         *SHAPE_DLO.steps,
     ),
 )
-"""The same chart with a box before it, for a task that another process had begun."""
+"""The same chart with one step before it, for a task that another process had begun."""

@@ -1,4 +1,4 @@
-"""What a shape task knows while it runs."""
+"""The state of a shape task while it runs."""
 
 from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass, field
@@ -25,20 +25,20 @@ R = TypeVar("R")
 
 
 class Odometer:
-    """Adds up the way of every robot's tool centre point, sample by sample."""
+    """Adds up the distance travelled by every robot's tool centre point, sample by sample."""
 
     def __init__(self) -> None:
         self._last: dict[str, Float64Array] = {}
         self.travelled_m = 0.0
-        """Of all tools together [m]; what is shorter than a sample apart is cut, a few millimetres in a metre."""
+        """Sum over all tools [m]; the path is cut short between samples, by a few millimetres per metre."""
 
     async def follow(self, states: AsyncIterator[RobotState]) -> None:
-        """Count for as long as there are states."""
+        """Count until the states end."""
         async for state in states:
             self.put(state)
 
     def put(self, state: RobotState) -> None:
-        """Count the way from the robot's last state to this one."""
+        """Add the distance from the robot's previous state to this one."""
         here = state.T_world_tcp.position_m
         last = self._last.get(state.robot)
         if last is not None:
@@ -51,15 +51,15 @@ class TaskGoal:
     """The goal of a task."""
 
     shape: GoalShape
-    """What is shaped to."""
+    """The shape that the task aims at."""
     verdict: GoalVerdict | None = None
-    """On the goal that was asked for; None before it is judged."""
+    """Verdict on the requested goal; None before it is judged."""
     asked: GoalShape | None = None
-    """The goal that was asked for, when another one that holds took its place."""
+    """The requested goal, where the nearest shape that holds has replaced it."""
 
     @property
     def doubtful(self) -> bool:
-        """Whether the goal may not hold, so that the task must not go on for long without progress."""
+        """Whether the goal may not hold, so that the task ends sooner without progress."""
         if self.verdict is None or self.asked is not None:
             return False
         return self.verdict.standing is not Standing.HOLDS
@@ -67,28 +67,28 @@ class TaskGoal:
 
 @dataclass(kw_only=True)
 class Spent:
-    """What a task has used of its budgets, that of the run which it resumes included."""
+    """What a task has used of its budgets, including the run that it resumes."""
 
     started_ns: int
-    """When it began on the cell's clock [ns]: earlier by what the run before had taken."""
+    """When it began on the cell's clock [ns]; earlier by the duration of the resumed run."""
     actions: int = 0
-    """Actions of the run before."""
+    """Actions of the resumed run."""
     planning_time_s: float = 0.0
     """On the machine's clock [s]."""
     recoveries: int = 0
-    """How often an arm that braked by itself was cleared."""
+    """Number of times that the fault of an arm which braked on its own was cleared."""
     restorations: int = 0
-    """How often a component was lost and waited for."""
+    """Number of times that a lost component was waited for."""
     start_accepted: bool = False
-    """Whether the run before had begun from its start: an arm that then let go may have dropped the DLO across
+    """Whether the resumed run had accepted its start: an arm that then opened may have dropped the DLO across
     itself."""
 
 
 @dataclass(kw_only=True)
 class ShapeTask:
-    """The state of a running task; the boxes of the flow read and write it, nobody else.
+    """The state of a running task; only the steps of the flow read and write it.
 
-    What a box before has found is read by `shape`, `goal` and `attempt`; they raise `FlowError` where none has.
+    `shape`, `goal` and `attempt` return what an earlier step has found; they raise `FlowError` where none has.
     """
 
     port: Port
@@ -101,7 +101,7 @@ class ShapeTask:
     states: AsyncIterator[DloState]
     commands: AsyncIterator[OperatorCommand]
     recorded: Callable[[ActionRecord], None]
-    """Told of every action when its effect is known."""
+    """Called with every action when its effect is known."""
     request: GoalRequest | None
     """None: the operator sets the goal in the viewer."""
     spent: Spent
@@ -116,11 +116,11 @@ class ShapeTask:
     """The last action that was chosen."""
     history: list[ActionRecord] = field(default_factory=list[ActionRecord])
     servers: dict[str, str] = field(default_factory=dict[str, str])
-    """Component → the process of it that was told what it must know: where the DLO lies, or the camera stands. One that
-    was started since knows nothing of it."""
+    """Component → its process that received what it must know: where the DLO lies, or the camera's pose. A process that
+    was started later has not received it."""
     camera: CameraReport | None = None
     reason: str | None = None
-    """Why it ends, should it end here; one line for people."""
+    """Why the task ends, if it ends here; one line for people."""
 
     @property
     def shape(self) -> DloState:
@@ -129,7 +129,7 @@ class ShapeTask:
 
     @property
     def goal(self) -> GoalShape:
-        """What is shaped to."""
+        """The shape that the task aims at."""
         return _known(self.goal_set, "the goal").shape
 
     @property
@@ -139,15 +139,15 @@ class ShapeTask:
 
     @property
     def actions(self) -> int:
-        """How many have ended, those of a run that this one resumes among them."""
+        """Number of actions that have ended, including those of the resumed run."""
         return self.spent.actions + len(self.history)
 
     async def ask(self, skill: Skill[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
-        """Call a skill; its result. Raises `StepFault` where it did not succeed."""
+        """Call a skill and return its result. Raises `StepFault` where it did not succeed."""
         return result_of(skill, await self.port.call(skill, *args, **kwargs))
 
 
 def _known(value: T | None, what: str) -> T:
     if value is None:
-        raise FlowError(f"a box needs {what} before another has found it: the chart is wrong")
+        raise FlowError(f"a step needs {what} before another step has found it: the chart is wrong")
     return value

@@ -4,10 +4,13 @@ They are deliberately not those of the simulated cell: in a lab nobody knows the
 """
 
 import math
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
+from typing import Annotated
+
+from msgspec import Meta
 
 from dlokit.description.dlo import GRAVITY_M_S2
-from dlokit.errors import ConfigError
+from dlokit.ranges import Fraction, NotNegative, Positive, check_ranges
 from dlokit.types.dlo import DloBelief, LogNormal
 
 POISSON = 0.3
@@ -20,64 +23,48 @@ DAMPING_S = 0.05
 class BeliefConfig:
     """How sure the figures of the model are: standard deviations of their logarithms, 0.1 is about 10 %."""
 
-    length_log_sd: float = 0.01
+    length_log_sd: NotNegative = 0.01
     """Of the length. Larger: it is less sure."""
-    radius_log_sd: float = 0.05
+    radius_log_sd: NotNegative = 0.05
     """Of the radius. Larger: it is less sure."""
-    stiffness_log_sd: float = 0.35
+    stiffness_log_sd: NotNegative = 0.35
     """Of the bending stiffness. Larger: goals are judged, and finalists tried, for softer and stiffer DLOs."""
-    weight_log_sd: float = 0.15
+    weight_log_sd: NotNegative = 0.15
     """Of the mass per length. Larger: more goals are doubted."""
-    friction_log_sd: float = 0.25
+    friction_log_sd: NotNegative = 0.25
     """Of the friction. Larger: goals are judged, and finalists tried, for smoother and rougher tables."""
-    takes_set: float = 0.2
+    takes_set: Fraction = 0.2
     """Chance, 0 to 1, that the DLO keeps bends, though no curvature is told beyond which it does. Above 0.05 no goal is
     called infeasible for springing back; say 0 of a DLO that is known to spring back always."""
 
     def __post_init__(self) -> None:
-        if not self.takes_set <= 1.0:
-            raise ConfigError(f"--model.belief.takes-set is {self.takes_set}; it must be a number from 0 to 1.")
-        for field_ in fields(self):
-            value: float = getattr(self, field_.name)
-            if not (math.isfinite(value) and value >= 0.0):
-                name = field_.name.replace("_", "-")
-                raise ConfigError(f"--model.belief.{name} is {value}; it must be a number, 0 or more.")
+        check_ranges(self, "model.belief")
 
 
 @dataclass(frozen=True, kw_only=True)
 class BelievedDlo:
     """The DLO as the system believes it to be: the one description that every component gets."""
 
-    nodes: int = 31
+    nodes: Annotated[int, Meta(ge=3)] = 31
     """Number of nodes M; the paper splits its DLO in 30 segments. Larger: finer shapes, more computation."""
-    length_m: float = 0.5
+    length_m: Positive = 0.5
     """Length of the DLO [m]."""
-    radius_m: float = 0.004
+    radius_m: Positive = 0.004
     """Radius of the DLO [m]."""
-    bending_stiffness_n_m2: float = 1.3e-5
+    bending_stiffness_n_m2: Positive = 1.3e-5
     """Bending stiffness EI [N·m²]. Larger: it springs back more when released."""
-    mass_kg_m: float = 0.035
+    mass_kg_m: Positive = 0.035
     """Mass per length [kg/m]. Larger: friction holds it more firmly."""
-    friction: float = 0.6
+    friction: Positive = 0.6
     """Sliding friction coefficient between the DLO and the table. Larger: tighter bends hold."""
-    yield_curvature_1_m: float | None = None
+    yield_curvature_1_m: Positive | None = None
     """Curvature beyond which the DLO keeps a bend [1/m], 1 for a copper wire; without it the DLO is taken to spring
     back always, but for the chance in `--model.belief.takes-set`."""
     belief: BeliefConfig = field(default_factory=BeliefConfig)
     """How sure these figures are."""
 
     def __post_init__(self) -> None:
-        if self.nodes < 3:
-            raise ConfigError(f"--model.nodes is {self.nodes}; it must be 3 or more.")
-        if self.yield_curvature_1_m is not None and not self.yield_curvature_1_m > 0.0:
-            raise ConfigError(
-                f"--model.yield-curvature-1-m is {self.yield_curvature_1_m}; it must be a number above 0, or left away "
-                f"for a DLO that takes no set."
-            )
-        for name in ("length_m", "radius_m", "bending_stiffness_n_m2", "mass_kg_m", "friction"):
-            value: float = getattr(self, name)
-            if not (math.isfinite(value) and value > 0.0):
-                raise ConfigError(f"--model.{name.replace('_', '-')} is {value}; it must be a number above 0.")
+        check_ranges(self, "model")
 
 
 def as_configured(config: BelievedDlo, stamp_ns: int) -> DloBelief:

@@ -8,9 +8,9 @@ from dlokit.decision.convergence import (
     PROGRESS_M,
     Progress,
     SoFar,
+    actions_without_progress,
     best_so_far,
     has_changed,
-    in_vain,
     progress,
     worth_it,
 )
@@ -53,8 +53,8 @@ def test_a_larger_error_is_also_a_change() -> None:
 
 
 def test_a_new_best_within_the_noise_of_the_estimate_is_no_progress() -> None:
-    assert in_vain([0.02, 0.02 - 0.9 * PROGRESS_M]) == 1
-    assert in_vain([0.02, 0.02 - 1.1 * PROGRESS_M]) == 0
+    assert actions_without_progress([0.02, 0.02 - 0.9 * PROGRESS_M]) == 1
+    assert actions_without_progress([0.02, 0.02 - 1.1 * PROGRESS_M]) == 0
 
 
 IN_VAIN = [0.05, 0.02, 0.03, 0.025, 0.021]
@@ -62,7 +62,7 @@ IN_VAIN = [0.05, 0.02, 0.03, 0.025, 0.021]
 
 
 @pytest.mark.parametrize(
-    ("errors_m", "promised_m", "expected"),
+    ("errors_m", "predicted_m", "expected"),
     [
         (IN_VAIN, 0.019, False),  # an improvement within the noise of the estimate
         (IN_VAIN, 0.018, True),
@@ -71,9 +71,9 @@ IN_VAIN = [0.05, 0.02, 0.03, 0.025, 0.021]
     ],
 )
 def test_after_actions_without_progress_only_a_predicted_new_best_justifies_another(
-    errors_m: list[float], promised_m: float | None, expected: bool
+    errors_m: list[float], predicted_m: float | None, expected: bool
 ) -> None:
-    assert worth_it(errors_m, promised_m, CONFIG) is expected
+    assert worth_it(errors_m, predicted_m, CONFIG) is expected
 
 
 def test_the_best_so_far_names_its_action() -> None:

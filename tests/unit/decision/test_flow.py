@@ -65,7 +65,7 @@ def test_an_outcome_without_an_arrow_is_refused_when_the_flow_is_made() -> None:
 
 
 def test_two_steps_with_one_name_are_refused() -> None:
-    with pytest.raises(FlowError, match="two boxes"):
+    with pytest.raises(FlowError, match="two steps"):
         Flow(
             name="toss",
             start="first",

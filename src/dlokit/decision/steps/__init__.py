@@ -1,1 +1,1 @@
-"""What the boxes of the shape flow do: skill calls and nothing else."""
+"""The steps of the shape flow: skill calls and nothing else."""

@@ -1,4 +1,4 @@
-"""The boxes that choose, grasp, move, release and mark."""
+"""The steps that choose, grasp, move, release and mark."""
 
 import math
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ from dlokit.types.action import Action, Push, kind_of
 from dlokit.types.outcome import Succeeded
 
 NOT_WORTH_IT = "not_worth_it"
-"""The word of an action that control does not follow."""
+"""`control_end` of an action that control does not follow."""
 _TRACKING_HZ = 2.0
 """Rate of looks while the DLO is carried [Hz]."""
 _ALIKE_M = 0.002
@@ -51,20 +51,20 @@ async def choose_grasp(task: ShapeTask) -> Found:
         controlled=controlled,
         control_end=NOT_WORTH_IT if task.config.control and not controlled else "",
     )
-    return _weigh(task, action)
+    return _if_worth_it(task, action)
 
 
 async def _to_be_controlled(task: ShapeTask, action: Action) -> bool:
     """Whether control follows the action that was proposed for the present shape."""
-    missed = missed_m(task.history, kind_of(action))
+    missed = prediction_error_m(task.history, kind_of(action))
     asked = await task.port.call(planning.FORESEE_CONTROL, task.shape, task.goal, action, missed)
     return isinstance(asked, Succeeded) and asked.result.follows
 
 
-def missed_m(history: Sequence[ActionRecord], kind: str) -> float:
-    """How far actions of a kind ended from what was predicted (RMS) [m]; 0 before the first.
+def prediction_error_m(history: Sequence[ActionRecord], kind: str) -> float:
+    """Prediction error of the executed actions of a kind (RMS) [m]; 0 before the first.
 
-    Those that missed the DLO, lost it, ended early, or were corrected on the way tell nothing.
+    Actions that missed the DLO, lost it, ended early, or were corrected do not count.
     """
     squares = [
         rmse_m(done.nodes_world, done.expected_world) ** 2
@@ -78,13 +78,13 @@ def _as_planned(done: ActionRecord) -> bool:
     return done.grasp_ok and not done.slipped and not done.ended_by and not done.corrections
 
 
-def _weigh(task: ShapeTask, action: Action) -> Found:
-    """Whether the action is worth doing, after others that brought no progress."""
+def _if_worth_it(task: ShapeTask, action: Action) -> Found:
+    """Whether the action is worth executing, after others without progress."""
     predicted = action.predicted_nodes_world
-    promised_m = None if predicted is None else error_m(predicted, task.goal)
-    if worth_it(task.errors_m, promised_m, task.config):
+    predicted_m = None if predicted is None else error_m(predicted, task.goal)
+    if worth_it(task.errors_m, predicted_m, task.config):
         return Found.FOUND
-    task.reason = f"no action is expected to bring the shape nearer; {best_so_far(task.errors_m)}"
+    task.reason = f"no action is predicted to reduce the error; {best_so_far(task.errors_m)}"
     return Found.NO_GAIN
 
 
@@ -95,23 +95,23 @@ async def approach(task: ShapeTask) -> Done:
         await hands.go_above(task)
     except StepFault as fault:
         if fault.kind is FaultKind.REFUSED and task.attempt.action.partner is not None:
-            await _make_way(task)
+            await _send_home(task)
         raise
     return Done.DONE
 
 
-async def _make_way(task: ShapeTask) -> None:
-    """Of a pair, one may stand above its grasp already, in the way of what is chosen next: both go home."""
+async def _send_home(task: ShapeTask) -> None:
+    """Move both arms of a pair home: one may already be above its grasp, where it blocks the next action."""
     try:
         await hands.go_home(task)
     except StepFault as fault:
-        if fault.kind is FaultKind.REFUSED:  # nobody comes out of the way: another grasp would not do either
+        if fault.kind is FaultKind.REFUSED:  # neither arm can move away: another grasp would fail too
             raise StepFault(FaultKind.FAILED, str(fault), reason=fault.reason) from None
         raise
 
 
 async def grasp(task: ShapeTask) -> Grasped:
-    """Straight down and close; to push, the fingers are closed already and have nothing to feel."""
+    """Move straight down and close the fingers; to push, they are closed already and hold nothing."""
     await hands.go_down(task)
     if isinstance(task.attempt.action, Push):
         return Grasped.BESIDE
@@ -121,7 +121,7 @@ async def grasp(task: ShapeTask) -> Grasped:
 
 async def move_to_goal(task: ShapeTask) -> Carried:
     """Carry the node along the path while perception, observer and model follow the rod."""
-    hands.say_gripped(task, held=True)
+    hands.publish_gripped(task, held=True)
     await task.port.call(perception.SET_TRACKING, _TRACKING_HZ)
     try:
         held = await hands.follow_while_held(task)
@@ -133,17 +133,17 @@ async def move_to_goal(task: ShapeTask) -> Carried:
 
 
 async def push(task: ShapeTask) -> Done:
-    """Move the closed fingers along the path; what became of the rod is seen afterwards."""
+    """Move the closed fingers along the path; the next look shows the effect on the rod."""
     await hands.follow_paths(task)
     task.attempt.pushed = True
     return Done.DONE
 
 
 async def release(task: ShapeTask) -> Done:
-    """Open, go straight up, and leave the picture."""
+    """Open the fingers, move straight up, and leave the picture."""
     await hands.open_fingers(task)
     task.attempt.release_stamp_ns = task.port.clock.now_ns()
-    hands.say_gripped(task, held=False)
+    hands.publish_gripped(task, held=False)
     try:
         await hands.go_up(task)
     except StepFault as fault:
@@ -162,7 +162,7 @@ async def has_error_changed(task: ShapeTask) -> Change:
 
 
 async def clear_marks(task: ShapeTask) -> Done:
-    """Grasp points may be tried again, but for those that failed from a shape like the present one."""
+    """Clear the marks of grasp points, except those that failed from a shape like the present one."""
     task.grasps.clear(task.shape.nodes_world, _ALIKE_M)
     if task.attempt.deadlock:
         await mark_invalid(task)
@@ -170,7 +170,7 @@ async def clear_marks(task: ShapeTask) -> Done:
 
 
 async def mark_invalid(task: ShapeTask) -> Done:
-    """This grasp point led to nothing from this shape."""
+    """Mark the grasp points of the action: from this shape they changed nothing."""
     nodes = [hand.grasp.node for hand in hands.hands_of(task.attempt.action)]
     task.grasps.mark(nodes, task.shape.nodes_world)
     return Done.DONE

@@ -1,4 +1,4 @@
-"""The box that controls: the error that is left while the DLO is held, reduced in closed loop."""
+"""The step `control`: reduces the remaining error in closed loop while the DLO is held."""
 
 import msgspec
 
@@ -19,12 +19,12 @@ MOST_CORRECTIONS = 4
 
 
 async def control(task: ShapeTask) -> Controlled:
-    """Look at the DLO while it is held, and do one correction, or say why there is none to do."""
+    """Look at the held DLO, and make one correction or note why there is none."""
     attempt = task.attempt
     advice = await _advice(task)
     if isinstance(advice, str):
         return _ends(task, Controlled.SETTLED, advice)
-    if attempt.corrections_seen:  # what became of the correction before, now that the camera has seen it
+    if attempt.corrections_seen:  # the effect of the previous correction, now that the camera has seen it
         attempt.corrections_seen[-1] = msgspec.structs.replace(attempt.corrections_seen[-1], seen_m=advice.rmse_m)
     if advice.verdict is ControlVerdict.DEADLOCK:
         return _ends(task, Controlled.DEADLOCK, advice.reason)
@@ -52,7 +52,7 @@ async def control(task: ShapeTask) -> Controlled:
 
 
 async def _advice(task: ShapeTask) -> ControlAdvice | str:
-    """The controller's word on what is seen now; or why control ends, where it has none."""
+    """The controller's advice for the observed shape; or why control ends, where there is none."""
     try:
         await settle(task)
     except StepFault as fault:
@@ -63,11 +63,11 @@ async def _advice(task: ShapeTask) -> ControlAdvice | str:
         return "not_held"
     grip = GraspedNode(node=task.attempt.action.grasp.node, T_world_tcp=arm.T_world_tcp)
     began_s = task.stopwatch()
-    said = await task.port.call(
+    advice = await task.port.call(
         planning.CORRECT, task.shape, task.goal, grip, tuple(task.attempt.corrections), task.config.threshold_m
     )
     task.spent.planning_time_s += task.stopwatch() - began_s
-    return said.result if isinstance(said, Succeeded) else explain(said)
+    return advice.result if isinstance(advice, Succeeded) else explain(advice)
 
 
 def _ends(task: ShapeTask, outcome: Controlled, why: str) -> Controlled:

@@ -1,4 +1,4 @@
-"""The boxes that set the goal, and judge it before the robot moves: does it hold, is it worth trying, or what else?"""
+"""The steps that set the goal, and judge before the robot moves whether it holds and can be reached."""
 
 from dlokit.communication import topics
 from dlokit.decision.flow import FaultKind, StepFault
@@ -14,7 +14,7 @@ from dlokit.types.flow import Command
 
 
 async def set_goal(task: ShapeTask) -> Done:
-    """Put the goal into the model; the operator's from the viewer when none was given."""
+    """Send the goal to the model; without a requested goal, take the operator's from the viewer."""
     request = task.request
     if request is None:
         await _operator_starts(task)
@@ -33,23 +33,23 @@ async def _operator_starts(task: ShapeTask) -> None:
 
 
 async def _operators_goal(task: ShapeTask) -> GoalShape:
-    """The goal that the frames pull the rod into, once it rests; without frames, the one that is set."""
-    task.spent.started_ns = task.port.clock.now_ns()  # the time that the operator took is not the task's
+    """The shape at rest into which the operator's frames pull the rod; without frames, the goal that is set."""
+    task.spent.started_ns = task.port.clock.now_ns()  # the operator's time does not count to the task's budget
     frames = task.port.latest(topics.GOAL_FRAMES).value
     if frames is not None:
         return await task.ask(model.BUILD_GOAL, frames.frames)
     goal = task.port.latest(topics.GOAL).value
     if goal is None:
-        raise StepFault(FaultKind.FAILED, "no_goal: no goal was set; drag a frame, then press Shape it")
+        raise StepFault(FaultKind.FAILED, "no_goal: no goal is set; drag a frame, then press Shape it")
     return goal
 
 
 async def _label_ends(task: ShapeTask) -> None:
-    """Call that end node 0 which is nearer to the goal's node 0, once and for all.
+    """Number the nodes from the end that is nearer to the goal's node 0, for the whole task.
 
-    A camera cannot tell the ends of a rod apart, so which is first is ours to say; the order that is nearer to
-    the goal spares turning the rod round. From here on the order is kept, and a goal that would fit the other
-    way round does not count unless its ends are interchangeable.
+    A camera cannot distinguish the ends of a rod, so the order is free; the one nearer to the goal avoids turning the
+    rod around. From here on the order is kept, and a reversed goal does not count as reached unless its ends are
+    interchangeable.
     """
     nodes, goal = task.shape.nodes_world, task.goal.nodes_world
     if rmse_m(nodes, goal) > rmse_m(nodes[::-1], goal):
@@ -58,7 +58,7 @@ async def _label_ends(task: ShapeTask) -> None:
 
 
 async def judge_goal(task: ShapeTask) -> GoalJudged:
-    """Ask for the verdict on the goal, and do with an infeasible one what the configuration says."""
+    """Get the verdict on the goal, and treat an infeasible one as configured."""
     verdict = await task.ask(planning.JUDGE_GOAL, task.goal, task.config.threshold_m)
     task.goal_set = TaskGoal(shape=task.goal, verdict=verdict)
     task.reason = None if verdict.standing is Standing.HOLDS else f"goal {verdict.reason}: {verdict.text}"
@@ -75,7 +75,7 @@ async def _infeasible(task: ShapeTask, asked: GoalShape, verdict: GoalVerdict) -
     if task.config.infeasible == "try":
         return GoalJudged.TRIED
     if task.config.infeasible == "project" and verdict.nearest_world is not None:
-        # The goal that was asked for is kept for the record.
+        # The requested goal is kept for the record.
         nearest = await task.ask(
             model.SET_GOAL, verdict.nearest_world, f"nearest to {asked.name}", asked.ends_interchangeable
         )

@@ -1,4 +1,4 @@
-"""What each hand of an action does, one arm's or those of both arms of a pair; and noticing that the DLO slipped."""
+"""Motions of the hands of an action, of one arm or of both arms of a pair; and detection of a slip."""
 
 import asyncio
 from collections.abc import Callable, Coroutine
@@ -36,7 +36,7 @@ R = TypeVar("R")
 
 @dataclass(frozen=True)
 class Hand:
-    """What one arm does of an action."""
+    """The part of an action that one arm executes."""
 
     robot: str
     grasp: Grasp
@@ -45,12 +45,12 @@ class Hand:
 
     @property
     def instance(self) -> str:
-        """For `Skill.at` and `Topic.at`."""
+        """Name of the arm's component, for `Skill.at` and `Topic.at`."""
         return instance_of(self.robot)
 
 
 def hands_of(action: Action) -> tuple[Hand, ...]:
-    """The hands that an action needs, the first arm's first."""
+    """The hands that an action needs, that of the first arm first."""
     own = Hand(action.robot, action.grasp, action.path, action.velocity)
     other = action.partner
     if other is None:
@@ -59,7 +59,7 @@ def hands_of(action: Action) -> tuple[Hand, ...]:
 
 
 async def open_fingers(task: ShapeTask) -> None:
-    """As far as each grasp asks for, all at once. Raises `StepFault`, as all of these do."""
+    """Open all hands at once, each to the width of its grasp. Raises `StepFault`, as all functions here do."""
     opened = await _all_at_once(
         task, lambda hand: task.port.call(robot.RELEASE.at(hand.instance), hand.grasp.opening_m)
     )
@@ -67,7 +67,7 @@ async def open_fingers(task: ShapeTask) -> None:
 
 
 async def go_above(task: ShapeTask) -> None:
-    """Joint-space moves above the grasps."""
+    """Move above the grasps in joint space."""
     height_m = APPROACH_HEIGHT_M
     moved = await _one_by_one(
         task,
@@ -77,7 +77,7 @@ async def go_above(task: ShapeTask) -> None:
 
 
 async def go_down(task: ShapeTask) -> None:
-    """Straight down to the grasps."""
+    """Move straight down to the grasps."""
     moved = await together(
         task,
         lambda hand: task.port.call(robot.MOVE_LINEAR.at(hand.instance), hand.grasp.T_world_tcp, hand.velocity),
@@ -86,7 +86,7 @@ async def go_down(task: ShapeTask) -> None:
 
 
 async def close_fingers(task: ShapeTask) -> GripResult:
-    """Close all; what a hand feels that holds nothing, where there is one."""
+    """Close all hands; return the result of a hand that holds nothing, where there is one."""
     force_n = task.config.grasp_force_n
     gripped = await asyncio.gather(
         *(task.port.call(robot.GRASP.at(hand.instance), force_n) for hand in hands_of(task.attempt.action))
@@ -96,7 +96,7 @@ async def close_fingers(task: ShapeTask) -> GripResult:
 
 
 async def follow_paths(task: ShapeTask) -> None:
-    """The paths of the action, at the same time."""
+    """Follow the paths of the action, all arms at once."""
     result_of(robot.FOLLOW_PATH, await _follow(task))
 
 
@@ -107,7 +107,7 @@ async def _follow(task: ShapeTask) -> Outcome[MotionResult]:
 
 
 async def go_up(task: ShapeTask) -> None:
-    """Straight up, from wherever the hands are."""
+    """Move straight up from the present poses."""
 
     def up(hand: Hand) -> Coroutine[Any, Any, Outcome[MotionResult]]:
         state = task.port.latest(topics.ROBOT_STATE.at(hand.instance)).value
@@ -119,40 +119,40 @@ async def go_up(task: ShapeTask) -> None:
 
 
 async def go_home(task: ShapeTask) -> None:
-    """Out of the picture."""
+    """Move home, out of the picture."""
     home = await _one_by_one(task, lambda hand: task.port.call(robot.HOME.at(hand.instance)))
     result_of(robot.HOME, home)
 
 
 async def clear_faults(task: ShapeTask) -> None:
-    """Make arms that braked by themselves ready again."""
+    """Clear the faults of arms that braked on their own."""
     cleared = await _one_by_one(task, lambda hand: task.port.call(robot.RECOVER.at(hand.instance)))
     result_of(robot.RECOVER, cleared)
 
 
-_STANDS_S = 0.3
-"""Wait after an arm has braked by itself: it stands then, and a sign of life has come that was late [s]."""
+_BRAKED_S = 0.3
+"""Wait after an arm has braked on its own [s]: by then it is at rest, and the late heartbeat has arrived."""
 
 
 async def until_done(task: ShapeTask, skill: Skill[P, R], *args: P.args, **kwargs: P.kwargs) -> Outcome[R]:
-    """Tell an arm that holds nothing to move, and again after it braked by itself; not for ever.
+    """Move an arm that holds nothing; repeat the motion after the arm braked on its own, a bounded number of times.
 
-    Beside the flow's box `recover`, which must choose anew because a DLO may be held: here the same motion will do.
-    Every time counts to the task's `MOST_RECOVERIES`; the outcome of the last one is returned.
+    The flow's step `recover` must choose a new action because a DLO may be held; here the same motion is repeated.
+    Each repetition counts to `MOST_RECOVERIES` of the task. Returns the outcome of the last call.
     """
     while True:
         moved = await task.port.call(skill, *args, **kwargs)
         if remedy_of(reason_of(moved)) is not Remedy.RECOVER or task.spent.recoveries >= MOST_RECOVERIES:
             return moved
         task.spent.recoveries += 1
-        await task.port.clock.sleep(_STANDS_S)
+        await task.port.clock.sleep(_BRAKED_S)
         recovered = await task.port.call(robot.RECOVER.at(skill.component.partition(".")[2]))
         if not isinstance(recovered, Succeeded):
             return recovered
 
 
 async def together(task: ShapeTask, call: Callable[[Hand], Coroutine[Any, Any, Outcome[R]]]) -> Outcome[R]:
-    """A motion of all hands at once; when one does not succeed the others are stopped, and its outcome is told."""
+    """Move all hands at once; when one does not succeed, stop the others and return its outcome."""
     hands = hands_of(task.attempt.action)
     running = [asyncio.ensure_future(call(hand)) for hand in hands]
     failed: Outcome[R] | None = None
@@ -162,7 +162,7 @@ async def together(task: ShapeTask, call: Callable[[Hand], Coroutine[Any, Any, O
             _, waiting = await asyncio.wait(waiting, return_when=asyncio.FIRST_COMPLETED)
             if failed is not None:
                 continue
-            # In the order of the hands, not of the set, so that runs repeat.
+            # In the order of the hands, not of the set, so that runs are repeatable.
             ended = [one.result() for one in running if one not in waiting]
             failed = next((outcome for outcome in ended if not isinstance(outcome, Succeeded)), None)
             if failed is not None:
@@ -175,15 +175,15 @@ async def together(task: ShapeTask, call: Callable[[Hand], Coroutine[Any, Any, O
 
 
 async def stop(task: ShapeTask, hands: list[Hand] | None = None) -> None:
-    """Brake these hands' arms, or all of the action's."""
+    """Brake the arms of these hands, or of all hands of the action."""
     for hand in hands_of(task.attempt.action) if hands is None else hands:
         await task.port.call(robot.HALT.at(hand.instance))
 
 
 async def _one_by_one(task: ShapeTask, call: Callable[[Hand], Coroutine[Any, Any, Outcome[R]]]) -> Outcome[R]:
-    """One hand after the other, so that each finds where the others stand; whom another is in the way of goes later.
+    """Move one hand after the other, so that each plans with the others at rest; a blocked hand is tried again later.
 
-    Ends with the first that fails for another reason, or when nobody can move for the others.
+    Returns at the first failure for another reason, or when all remaining hands block one another.
     """
     waiting = hands_of(task.attempt.action)
     while True:
@@ -205,13 +205,13 @@ async def _one_by_one(task: ShapeTask, call: Callable[[Hand], Coroutine[Any, Any
 
 
 async def _all_at_once(task: ShapeTask, call: Callable[[Hand], Coroutine[Any, Any, Outcome[R]]]) -> Outcome[R]:
-    """All hands, whatever becomes of the others; the first outcome that is no success is told."""
+    """Call for all hands at once, regardless of failures; return the first outcome that is not a success."""
     outcomes = await asyncio.gather(*(call(hand) for hand in hands_of(task.attempt.action)))
     return next((outcome for outcome in outcomes if not isinstance(outcome, Succeeded)), outcomes[0])
 
 
-def say_gripped(task: ShapeTask, *, held: bool) -> None:
-    """Tell everybody which nodes are held and where in the fingers, or that none is."""
+def publish_gripped(task: ShapeTask, *, held: bool) -> None:
+    """Publish which nodes are held and where between the fingers, or that none is."""
     for hand in hands_of(task.attempt.action):
         tool = task.port.latest(topics.ROBOT_STATE.at(hand.instance)).value
         node, place = hand.grasp.node if held else None, None
@@ -222,23 +222,23 @@ def say_gripped(task: ShapeTask, *, held: bool) -> None:
 
 
 def place_in_tool(node_world: Float64Array, T_world_tcp: Pose) -> Float64Array:
-    """Where a grasped node (3,) [m] is in the tool's frame: closed fingers have brought it to the middle between them.
+    """Position of a grasped node (3,) [m] in the tool's frame: the closed fingers have centred it between them.
 
-    Along the fingers and along the rod it stays where it was; a grasp need not be at a node.
+    Along the fingers and along the rod it keeps its position; a grasp need not be at a node.
     """
     place = transform(inverse(T_world_tcp), node_world[None, :])[0]
     place[1] = 0.0
     return place
 
 
-_STILL_M = 0.008  # a DLO no node of which moved by more than this has not moved, as far as a camera can tell
-_MOVED_M = 0.03  # a tool that came to rest nearer than this to the grasp need not have moved the DLO visibly
+_STILL_M = 0.008  # a DLO whose nodes all moved by less than this counts as not moved: the accuracy of the camera
+_MOVED_M = 0.03  # a carry shorter than this need not move the DLO visibly
 
 
 async def follow_while_held(task: ShapeTask) -> bool:
-    """Follow the paths of the action; whether the DLO was held to their end.
+    """Follow the paths of the action; return whether the DLO was held to their end.
 
-    Where a hand's fingers close on nothing all are stopped and the slip noted.
+    Where the fingers of a hand close on nothing, stop all arms and note the slip.
     """
     follow = asyncio.ensure_future(_follow(task))
     watches = {
@@ -264,29 +264,29 @@ async def follow_while_held(task: ShapeTask) -> bool:
 
 
 async def _fingers_close(task: ShapeTask, hand: Hand) -> None:
-    """Return when fingers that held something hold nothing; a robot that does not feel it is not waited for."""
+    """Return when fingers that held something hold nothing; never, for a robot without that sensor."""
     held = False
     async for state in task.port.stream(topics.ROBOT_STATE.at(hand.instance)):
         if held and not state.holding:
             return
         held = held or state.holding
-    await asyncio.Event().wait()  # the stream has ended: nothing more will be felt
+    await asyncio.Event().wait()  # the stream has ended: no slip can be detected any more
 
 
 def note_slip(task: ShapeTask, node: int) -> None:
-    """The action under way has lost the DLO at that node; one that lost it twice is not grasped again."""
+    """Note that the action under way has lost the DLO at a node; after two slips the node is not grasped again."""
     task.attempt.ends_early(SLIPPED)
     task.grasps.slipped(node)
 
 
 def stayed_behind(attempt: ActionAttempt, after_world: Float64Array) -> bool:
-    """Whether the tool went away and the DLO, now lying as `after_world` (M, 3) [m], did not come with it.
+    """Whether the tool moved away and the DLO, now at `after_world` (M, 3) [m], did not follow it.
 
-    Of a carry that ended before its planned end it is not known how far the tool went: that one says nothing.
+    False for a carry that ended before its planned end: it is not known how far the tool moved.
     """
     if not attempt.grasp_ok or attempt.ended_by:
         return False
     action = attempt.action
-    way_m = np.linalg.norm(action.path[-1].position_m[:2] - action.grasp.T_world_tcp.position_m[:2])
+    carry_m = np.linalg.norm(action.path[-1].position_m[:2] - action.grasp.T_world_tcp.position_m[:2])
     moved_m = np.linalg.norm((after_world - attempt.before_world)[:, :2], axis=1).max()
-    return bool(way_m > _MOVED_M and moved_m < _STILL_M)
+    return bool(carry_m > _MOVED_M and moved_m < _STILL_M)

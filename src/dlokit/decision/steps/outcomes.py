@@ -1,16 +1,16 @@
-"""How the boxes of the shape flow end when the skills that they call succeed."""
+"""Outcomes of the steps of the shape flow when the skills that they call succeed."""
 
 import enum
 
 
 class Done(enum.Enum):
-    """Of a box that has one way to end."""
+    """Of a step with a single outcome."""
 
     DONE = "done"
 
 
 class Checked(enum.Enum):
-    """What became of the check of the camera's place; kept: it stays as calibrated, off: it was not asked for."""
+    """Result of the camera check; kept: the calibration stays as it is, off: no check was configured."""
 
     CORRECTED = "corrected"
     KEPT = "kept"
@@ -18,14 +18,14 @@ class Checked(enum.Enum):
 
 
 class Sight(enum.Enum):
-    """Whether the task can work with what was seen."""
+    """Whether the observed shape can be used."""
 
     SEEN = "seen"
     UNUSABLE = "unusable"
 
 
 class GoalJudged(enum.Enum):
-    """What the model says of the goal, and what is done with one that does not hold."""
+    """The verdict on the goal, and what is done with one that does not hold."""
 
     HOLDS = "holds"
     DOUBTFUL = "doubtful"
@@ -44,7 +44,7 @@ class Found(enum.Enum):
 
 
 class Grasped(enum.Enum):
-    """What the fingers felt; beside: they were to hold nothing, and push."""
+    """What the fingers felt; beside: they are closed beside the DLO, to push it."""
 
     HELD = "held"
     BESIDE = "beside"
@@ -52,7 +52,7 @@ class Grasped(enum.Enum):
 
 
 class Carried(enum.Enum):
-    """What became of the carry, and whether control takes over."""
+    """How the carry ended, and whether control follows."""
 
     DONE = "done"
     SLIPPED = "slipped"
@@ -60,7 +60,7 @@ class Carried(enum.Enum):
 
 
 class Controlled(enum.Enum):
-    """What control says of the DLO that is held."""
+    """Result of one round of control on the held DLO."""
 
     CORRECTED = "corrected"
     SETTLED = "settled"
@@ -75,14 +75,14 @@ class Change(enum.Enum):
 
 
 class Recovered(enum.Enum):
-    """Whether an arm that braked by itself may go on."""
+    """Whether an arm that braked on its own may go on."""
 
     DONE = "done"
     TOO_OFTEN = "too_often"
 
 
 class Restored(enum.Enum):
-    """Whether a component that was lost is there again, and where to go on."""
+    """Whether a lost component is alive again, and where the flow goes on."""
 
     BEGIN = "begin"
     LOOK_AGAIN = "look_again"

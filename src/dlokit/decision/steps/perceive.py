@@ -1,4 +1,4 @@
-"""The boxes that check the camera, look, and compare."""
+"""The steps that check the camera, look, and compare."""
 
 import asyncio
 import logging
@@ -10,7 +10,7 @@ from dlokit.decision.attempt import record_of
 from dlokit.decision.convergence import Progress, SoFar, error_m, progress
 from dlokit.decision.faults import explain, result_of
 from dlokit.decision.flow import FaultKind, StepFault
-from dlokit.decision.looking import find, look_anew, settle
+from dlokit.decision.looking import find, look_and_reinitialise, settle
 from dlokit.decision.records import CameraReport
 from dlokit.decision.steps.hands import hands_of, note_slip, stayed_behind, until_done
 from dlokit.decision.steps.outcomes import Checked, Done, Sight
@@ -24,13 +24,13 @@ from dlokit.skills.robot import api as robot
 from dlokit.types.outcome import Succeeded
 
 UNUSABLE = frozenset({"no_points", "out_of_view", "crossing", "fragmented"})
-"""Reasons for which a first look gives no shape to work with, though everything works."""
+"""Reasons for which the first look gives no usable shape, without any fault."""
 
 
 async def find_dlo(task: ShapeTask) -> Sight:
     """First look: the shape is unknown, so the observer orders the cloud into nodes."""
-    task.reason = None  # what was said of the camera
-    await robots_out_of_the_way(task)
+    task.reason = None  # the result of the camera check
+    await send_robots_home(task)
     try:
         seen = await task.ask(perception.LOOK)
         await find(task, seen.stamp_ns)
@@ -42,16 +42,16 @@ async def find_dlo(task: ShapeTask) -> Sight:
     return Sight.SEEN
 
 
-async def robots_out_of_the_way(task: ShapeTask) -> None:
-    """Bring all arms home. Raises `StepFault` where one is not there, or does not come home."""
+async def send_robots_home(task: ShapeTask) -> None:
+    """Move all arms home. Raises `StepFault` where one does not answer, or cannot move home."""
     for name in task.robots:
-        await _robot_speaks(task, name)
+        await _await_robot_state(task, name)
     for name in task.robots:
         home = robot.HOME.at(instance_of(name))
         result_of(home, await until_done(task, home))
 
 
-async def _robot_speaks(task: ShapeTask, name: str) -> None:
+async def _await_robot_state(task: ShapeTask, name: str) -> None:
     waited_s = _ROBOT_TIMEOUT_S
     try:
         async with asyncio.timeout(waited_s):
@@ -63,10 +63,10 @@ async def _robot_speaks(task: ShapeTask, name: str) -> None:
 
 
 async def track_model(task: ShapeTask) -> Sight:
-    """The shape before the first action; may the task start from it?"""
+    """Estimate the shape before the first action, and check whether the task may start from it."""
     await settle(task)
     verdict = await task.ask(planning.CHECK_START, task.shape)
-    # What a task that is resumed had done to the DLO is gone on from, as after any action.
+    # A resumed task goes on from whatever shape its actions left, as after any action.
     if not verdict.feasible and not task.spent.start_accepted:
         problems = ", ".join(finding.problem.value for finding in verdict.findings)
         task.reason = f"start {problems}: {verdict.text}"
@@ -77,7 +77,7 @@ async def track_model(task: ShapeTask) -> Sight:
 
 
 async def compare(task: ShapeTask) -> Progress:
-    """RMSE against the threshold, then the break conditions."""
+    """Compare the RMSE with the threshold, then check the break conditions."""
     so_far = SoFar(
         errors_m=task.errors_m,
         elapsed_s=(task.port.clock.now_ns() - task.spent.started_ns) / 1e9,
@@ -89,12 +89,12 @@ async def compare(task: ShapeTask) -> Progress:
 
 
 async def track_again(task: ShapeTask) -> Done:
-    """The shape after an action; writes its record."""
+    """Estimate the shape after an action, and write the action's record."""
     attempt = task.attempt
     robot_time_s = (task.port.clock.now_ns() - attempt.chosen_ns) / 1e9
     path_m = task.odometer.travelled_m - attempt.tool_travelled_m
     await task.port.clock.sleep(_SETTLE_S)
-    await look_anew(task, attempt.expected_world)
+    await look_and_reinitialise(task, attempt.expected_world)
     await settle(task)
     if stayed_behind(attempt, task.shape.nodes_world):
         for hand in hands_of(attempt.action):
@@ -111,7 +111,7 @@ async def track_again(task: ShapeTask) -> Done:
 
 
 async def _learn(task: ShapeTask) -> None:
-    """Let the model learn from the action what it can; where nothing is learnt, that stops nothing."""
+    """Let the model learn from the action; a failure to learn does not end the task."""
     attempt = task.attempt
     if task.config.learn and attempt.grasp_ok and not attempt.ended_by:
         await task.port.call(model.LEARN, attempt.before_world, task.shape.nodes_world)
@@ -126,22 +126,22 @@ _ROBOT_TIMEOUT_S = 10.0
 _CHECK_HEIGHT_M = 0.15
 """Height of the tool centre point over the table while the camera looks at the hand [m]: clear of the DLO."""
 _PLACES = ((0.50, 0.14, np.pi / 2), (0.50, -0.14, -np.pi / 2))
-"""Where the first arm's hand is looked at: x, y [m] and yaw [rad]. Half a turn lies between the looks, so that errors
-of the hand's model cancel; the farther apart, the better is the camera's turn told."""
+"""Poses at which the camera looks at the first arm's hand: x, y [m] and yaw [rad]. The yaws differ by half a turn, so
+that errors of the hand's model cancel; the larger the distance, the more precise is the camera's rotation."""
 _REST_S = 0.1
-"""Wait for the arm to stand still before the pictures [s]."""
+"""Wait before the pictures, for the arm to come to rest [s]."""
 
 
 async def check_camera(task: ShapeTask) -> Checked:
-    """Correct by the first arm's hand how far the camera is off along the table, or leave it and say why."""
+    """Correct the camera's position along the table by a look at the first arm's hand, or keep it and note why."""
     if not task.config.check_camera:
         return Checked.OFF
-    await robots_out_of_the_way(task)
+    await send_robots_home(task)
     name = perception.CHECK_CAMERA.component
     server = task.port.alive(name).server
     task.camera = await _report(task)
     task.servers[name] = "" if task.camera.check is None else server
-    task.reason = task.camera.text  # told with the next box
+    task.reason = task.camera.text  # published with the next step
     if task.camera.check is None:
         log.warning("%s", task.camera.text)
         return Checked.KEPT
@@ -150,7 +150,7 @@ async def check_camera(task: ShapeTask) -> Checked:
 
 
 async def check_camera_unless_known(task: ShapeTask) -> None:
-    """The same where perception is another process than the one that was told where the camera stands."""
+    """The same, where perception is not the process that received the camera's correction."""
     name = perception.CHECK_CAMERA.component
     server = task.port.alive(name).server
     if not server or server != task.servers.get(name, ""):
@@ -158,8 +158,8 @@ async def check_camera_unless_known(task: ShapeTask) -> None:
 
 
 async def _report(task: ShapeTask) -> CameraReport:
-    """What the hand says of the camera."""
-    why = await _shown(task)
+    """The result of the camera check."""
+    why = await _take_pictures(task)
     if why is None:
         checked = await task.port.call(perception.CHECK_CAMERA)
         if isinstance(checked, Succeeded):
@@ -168,11 +168,11 @@ async def _report(task: ShapeTask) -> CameraReport:
             text = f"the camera was {off_mm:.1f} mm and {turn_deg:.2f}° off its calibration along the table; corrected"
             return CameraReport(text=text, check=checked.result)
         why = f"perception.check_camera {explain(checked)}"
-    return CameraReport(text=f"the look at the hand failed, so the camera's place stays as calibrated: {why}")
+    return CameraReport(text=f"the camera check failed, so the camera's position stays as calibrated: {why}")
 
 
-async def _shown(task: ShapeTask) -> str | None:
-    """Pictures without the hand, then of the hand at each place; why not, where that did not succeed."""
+async def _take_pictures(task: ShapeTask) -> str | None:
+    """Take pictures without the hand, then of the hand at each pose; the reason where that failed, else None."""
     name = task.robots[0]
     begun = await task.port.call(perception.NOTE_BACKGROUND)
     if not isinstance(begun, Succeeded):

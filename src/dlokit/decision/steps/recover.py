@@ -1,4 +1,4 @@
-"""The boxes that go on after an arm braked, or a component or the decision process itself was lost."""
+"""The steps after an arm braked, or a component or the decision process itself was lost."""
 
 import asyncio
 
@@ -23,46 +23,46 @@ _MOST_RESTORATIONS = 4
 _RESTART_TIMEOUT_S = 180.0
 """Longest wait for a process to be started again [s of the machine's clock]; it may have kernels to compile."""
 _NOTICED_S = 1.0
-"""By then everybody knows that a process is gone, and it is not taken for alive."""
+"""Time after which every process has noticed that another one is gone [s]."""
 _ASKED_EVERY_S = 0.2
 
 
 async def recover(task: ShapeTask) -> Recovered:
-    """Clear the fault of an arm that braked by itself; not for ever."""
+    """Clear the fault of an arm that braked on its own, a bounded number of times."""
     task.spent.recoveries += 1
     if task.spent.recoveries > hands.MOST_RECOVERIES:
-        task.reason = f"the arm braked by itself {task.spent.recoveries} times; the last time: {task.reason}"
+        task.reason = f"the arm braked on its own {task.spent.recoveries} times; the last time: {task.reason}"
         return Recovered.TOO_OFTEN
     await hands.clear_faults(task)
     return Recovered.DONE
 
 
 async def restore(task: ShapeTask) -> Restored:
-    """Wait until whoever was lost is there again; then find the DLO anew, and go on with what was under way."""
+    """Wait until the lost components are alive again; then find the DLO, and resume the interrupted step."""
     task.spent.restorations += 1
     if task.spent.restorations > _MOST_RESTORATIONS:
         task.reason = f"components were lost {task.spent.restorations} times; the last time: {task.reason}"
         return Restored.TOO_OFTEN
-    await _all_there(task)
+    await _all_alive(task)
     if task.attempt_under_way is None:
         _keep_goal(task)
         return Restored.BEGIN
     try:
-        await _tell(task)
-    except StepFault as fault:  # so soon after a start anything may fail; it is tried again as after another loss
+        await _send_again(task)
+    except StepFault as fault:  # soon after a start any call may fail; it is repeated as after another loss
         raise StepFault(FaultKind.LOST, str(fault), reason=fault.reason) from None
     return Restored.LOOK_AGAIN
 
 
-async def _all_there(task: ShapeTask) -> None:
+async def _all_alive(task: ShapeTask) -> None:
     try:
         async with asyncio.timeout(_RESTART_TIMEOUT_S):
-            await asyncio.sleep(_NOTICED_S * task.spent.restorations)  # the longer, the more often it was in vain
-            while _missing(task):  # noqa: ASYNC110  a liveness is looked at, and wakes nobody
+            await asyncio.sleep(_NOTICED_S * task.spent.restorations)  # longer after each failed restoration
+            while _missing(task):  # noqa: ASYNC110  liveness has no event to wait for
                 await asyncio.sleep(_ASKED_EVERY_S)
     except TimeoutError:
         missing = ", ".join(_missing(task))
-        waited = f"{missing} not there again within {_RESTART_TIMEOUT_S:g} s; {task.reason}"
+        waited = f"{missing} not restarted within {_RESTART_TIMEOUT_S:g} s; {task.reason}"
         raise StepFault(FaultKind.FAILED, waited) from None
 
 
@@ -71,7 +71,7 @@ def _missing(task: ShapeTask) -> list[str]:
 
 
 def _keep_goal(task: ShapeTask) -> None:
-    """The task begins anew, but the operator, who has set the goal, is not asked again."""
+    """Keep the operator's goal as the request: the task restarts without asking the operator again."""
     if task.request is None and task.goal_set is not None:
         task.request = GoalRequest(
             nodes_world=task.goal.nodes_world,
@@ -80,26 +80,26 @@ def _keep_goal(task: ShapeTask) -> None:
         )
 
 
-async def _tell(task: ShapeTask) -> None:
-    """The goal to the model; the camera's place to perception; the DLO, found anew, to observer and model."""
+async def _send_again(task: ShapeTask) -> None:
+    """Send the goal to the model and the camera's pose to perception; initialise observer and model with the DLO."""
     goal = task.goal
     await task.ask(model.SET_GOAL, goal.nodes_world, goal.name, goal.ends_interchangeable)
     await task.port.call(perception.SET_TRACKING, 0.0)
     await check_camera_unless_known(task)
     seen = await task.ask(perception.LOOK)
-    # In the direction that it lay in: a camera cannot tell the ends apart.
+    # In the previous direction: a camera cannot distinguish the ends.
     await find(task, seen.stamp_ns, task.attempt.expected_world)
 
 
 async def take_over(task: ShapeTask) -> Done:
-    """Clear faults, open the fingers where the arm stands, and go straight up; one arm after the other."""
+    """Clear faults, open the fingers where the arm is, and move straight up; one arm after the other."""
     for name in task.robots:
         instance = instance_of(name)
         await task.ask(robot.RECOVER.at(instance))
         await task.ask(robot.RELEASE.at(instance))
         state = task.port.latest(topics.ROBOT_STATE.at(instance)).value
         if state is None:
-            continue  # the next box waits for it
+            continue  # the next step waits for its state
         up = lifted(state.T_world_tcp, hands.RETREAT_HEIGHT_M)
         try:
             await task.ask(robot.MOVE_LINEAR.at(instance), up, VelocityProfile())

@@ -1,4 +1,4 @@
-"""The cell as a component: it lets its time pass in ticks, tells it, and answers the drivers."""
+"""The cell as a component: it advances its time in ticks, publishes its clock, and serves the drivers."""
 
 import asyncio
 from dataclasses import dataclass, field
@@ -22,12 +22,12 @@ from dlokit.types.image import StereoImages
 from dlokit.types.robot import FIRST_ROBOT, GripResult, JointTrajectory, MotionResult, RobotMode, RobotReason
 from dlokit.types.system import ClockTick
 
-_SLIP_NS = 100_000_000  # the cell falls that far behind before it gives up catching up
-_MEMORY = 0.98  # of the running mean of the pace, a tick
+_SLIP_NS = 100_000_000  # a cell that is further behind than this does not catch up
+_MEMORY = 0.98  # weight of the past in the running mean of the pace, per tick
 
 
 class Pace:
-    """Ticks at real time or slower: a cell that cannot keep up falls back instead of racing afterwards."""
+    """Ticks at real time or slower: a cell that cannot keep up runs late instead of catching up at a higher pace."""
 
     def __init__(self, real_time_factor: float, now_ns: int) -> None:
         self._period_ns = round(TICK_S * 1e9 / real_time_factor)
@@ -37,11 +37,11 @@ class Pace:
 
     @property
     def real_time_factor(self) -> float:
-        """Cell seconds a second of the host's clock, lately."""
+        """Recent mean of cell seconds per second of the host's clock."""
         return TICK_S * 1e9 / self._mean_ns
 
     def next_ns(self, now_ns: int) -> int:
-        """When the next tick is due; call once a tick."""
+        """When the next tick is due; call once per tick."""
         self._mean_ns = _MEMORY * self._mean_ns + (1.0 - _MEMORY) * (now_ns - self._last_ns)
         self._last_ns = now_ns
         self._due_ns = max(self._due_ns + self._period_ns, now_ns - _SLIP_NS)
@@ -51,8 +51,8 @@ class Pace:
 class Watchdog:
     """Measures silence on the machine's clock, so that a slow cell does not look like a lost commander.
 
-    Time in which the cell itself was busy, rendering say, and could not listen does not count: of the time between
-    two looks, at most `longest_tick_s` does.
+    Time in which the cell itself was busy, e.g. rendering, does not count: of the time between two checks, at most
+    `longest_tick_s` does.
     """
 
     def __init__(self, longest_tick_s: float) -> None:
@@ -62,15 +62,15 @@ class Watchdog:
         self._looked_s: float | None = None
 
     def arm(self, lease_s: float) -> None:
-        """Begin to listen."""
+        """Start measuring silence."""
         self._lease_s, self._silence_s, self._looked_s = lease_s, 0.0, None
 
     def disarm(self) -> None:
-        """End listening."""
+        """Stop measuring silence."""
         self._lease_s = None
 
     def renew(self) -> None:
-        """The commander is there."""
+        """Note a heartbeat of the commander."""
         self._silence_s = 0.0
 
     def expired(self, now_s: float) -> bool:
@@ -88,23 +88,23 @@ _IN_MOTION = (RobotMode.MOVING, RobotMode.BRAKING)
 
 
 @dataclass
-class _Line:
-    """What is kept of one arm."""
+class _ArmLink:
+    """The state of the link to one arm."""
 
     arm: CellArm
     instance: str
-    """Whose topics its states go to."""
+    """Instance of the arm's topics."""
     watchdog: Watchdog = field(default_factory=lambda: Watchdog(longest_tick_s=2 * TICK_S))
-    """Of the arm's motion."""
+    """For the arm's motion."""
     finger_watchdog: Watchdog = field(default_factory=lambda: Watchdog(longest_tick_s=2 * TICK_S))
     interrupted: str = ""
-    """Why the motion that runs was ended early."""
+    """Why the running motion was ended early."""
     grip_interrupted: str = ""
     """Why the motion of the fingers was ended early."""
 
 
 class CellComponent(Component):
-    """Reality. In lockstep it keeps to the clock of its host; live it is the clock that the others follow."""
+    """The simulated reality. In lockstep it follows its host's clock; live, all components follow its clock."""
 
     name = "cell"
     publishes = (topics.CLOCK, topics.ARM_STATE)
@@ -123,8 +123,8 @@ class CellComponent(Component):
         """Build the cell with the DLO at rest along `start_world` (K, 2) or (K, 3) [m].
 
         `truth_folder` receives `truth.npz`. `real_time_factor` is the fastest pace of the cell's clock against the
-        host's; in lockstep it must be 1. `urgency` is asked for while an arm moves: a real one has a control box of its
-        own, which brakes however busy this machine is. Raises `ShapeError` when the DLO cannot lie there.
+        host's; in lockstep it must be 1. `urgency` raises the priority while an arm moves: a real arm has its own
+        controller, which brakes however busy this machine is. Raises `ShapeError` when the DLO cannot lie there.
         """
         super().__init__()
         self._cell = Cell(config, seed=seed, arms=arms)
@@ -134,34 +134,36 @@ class CellComponent(Component):
         self._urgency = urgency
         self._ticks = 0
         self._waiting: list[asyncio.Future[None]] = []
-        self._lines = {mount.robot: _Line(arm=self._cell.arms[mount.robot], instance=mount.instance) for mount in arms}
+        self._links = {
+            mount.robot: _ArmLink(arm=self._cell.arms[mount.robot], instance=mount.instance) for mount in arms
+        }
 
     async def run(self) -> None:
-        """Let time pass until cancelled."""
+        """Advance time until cancelled."""
         pace = Pace(self._factor, self.port.clock.now_ns())
         self._cell.begin_at(self.port.clock.now_ns())
         try:
             while True:
-                self._tell(pace)
-                self._urgency(any(line.arm.mode in _IN_MOTION for line in self._lines.values()))
+                self._publish_tick(pace)
+                self._urgency(any(link.arm.mode in _IN_MOTION for link in self._links.values()))
                 await self.port.clock.sleep_until(pace.next_ns(self.port.clock.now_ns()))
-                self._guard()
+                self._brake_without_commander()
                 self._cell.step(TICK_S)
                 self._ticks += 1
-                self._wake()
+                self._resolve_waiters()
         finally:
             if self._truth is not None:
                 self._truth.write()
             self._cell.close()
 
     def true_nodes_world(self) -> Float64Array:
-        """Where the DLO truly is, (Mc, 3) [m]. For the bench's oracle and for tests: no skill tells it."""
+        """True nodes (Mc, 3) [m]. For the bench's oracle and for tests: no skill returns them."""
         return self._cell.true_nodes_world()
 
     @implements(api.CAPTURE)
     async def capture(self) -> StereoImages:
         """Expose both cameras."""
-        self._urgency(False)  # drawing takes long; the next tick asks anew
+        self._urgency(False)  # rendering takes long; the next tick sets it again
         try:
             return self._cell.capture()
         except MachineError as error:
@@ -170,21 +172,21 @@ class CellComponent(Component):
     @implements(api.FOLLOW)
     async def follow(self, trajectory: JointTrajectory, lease_s: float, robot: str = FIRST_ROBOT) -> MotionResult:
         """Move along a trajectory, under a lease."""
-        line = self._idle(robot)
-        arm = line.arm
+        link = self._idle(robot)
+        arm = link.arm
         check_trajectory(trajectory, arm.setpoint(self._cell.time_s), arm.limits)
         start_s = self._cell.time_s
-        line.interrupted = ""
-        line.watchdog.arm(lease_s)
+        link.interrupted = ""
+        link.watchdog.arm(lease_s)
         self._cell.start_follow(trajectory, robot)
         try:
-            await self._standing(arm)
+            await self._wait_until_at_rest(arm)
         finally:
-            line.watchdog.disarm()
+            link.watchdog.disarm()
             if arm.mode == RobotMode.MOVING:
                 self._cell.brake(robot)
-        if line.interrupted:
-            raise SkillFailure(line.interrupted, "the arm braked before the end of the trajectory")
+        if link.interrupted:
+            raise SkillFailure(link.interrupted, "the arm braked before the end of the trajectory")
         state = self._cell.arm_state(robot)
         return MotionResult(
             q_rad=state.q_rad,
@@ -195,105 +197,105 @@ class CellComponent(Component):
 
     @implements(api.RENEW)
     async def renew(self, robot: str = FIRST_ROBOT) -> None:
-        """Renew the lease of the motions that run."""
-        line = self._line(robot)
-        line.watchdog.renew()
-        line.finger_watchdog.renew()
+        """Renew the leases of the running motions."""
+        link = self._link(robot)
+        link.watchdog.renew()
+        link.finger_watchdog.renew()
 
     @implements(api.GRIP)
     async def grip(self, width_m: float, force_n: float, lease_s: float, robot: str = FIRST_ROBOT) -> GripResult:
         """Move the fingers, under a lease."""
         check_grip(width_m, force_n)
-        line = self._enabled(robot)
-        fingers = line.arm.fingers
-        line.grip_interrupted = ""
-        line.finger_watchdog.arm(lease_s)
+        link = self._enabled(robot)
+        fingers = link.arm.fingers
+        link.grip_interrupted = ""
+        link.finger_watchdog.arm(lease_s)
         self._cell.set_grip(width_m, force_n, robot)
         try:
             while not fingers.at_rest:
                 await self._next_tick()
         finally:
-            line.finger_watchdog.disarm()
+            link.finger_watchdog.disarm()
             fingers.hold()
-        if line.grip_interrupted:
-            raise SkillFailure(line.grip_interrupted, "the fingers were held before they came to rest")
+        if link.grip_interrupted:
+            raise SkillFailure(link.grip_interrupted, "the fingers were held before they came to rest")
         return fingers.result()
 
     @implements(api.BRAKE)
     async def brake(self, robot: str = FIRST_ROBOT) -> None:
         """Brake."""
-        line = self._line(robot)
-        if line.arm.mode == RobotMode.MOVING:
-            line.interrupted = RobotReason.STOPPED
+        link = self._link(robot)
+        if link.arm.mode == RobotMode.MOVING:
+            link.interrupted = RobotReason.STOPPED
             self._cell.brake(robot)
-        await self._standing(line.arm)
+        await self._wait_until_at_rest(link.arm)
 
     @implements(api.STOP)
     async def stop(self, robot: str = FIRST_ROBOT) -> None:
         """Brake, hold the fingers, and refuse to move."""
-        line = self._line(robot)
-        if not line.arm.fingers.at_rest:
-            line.grip_interrupted = RobotReason.STOPPED
-        if line.arm.mode == RobotMode.MOVING:
-            line.interrupted = RobotReason.STOPPED
+        link = self._link(robot)
+        if not link.arm.fingers.at_rest:
+            link.grip_interrupted = RobotReason.STOPPED
+        if link.arm.mode == RobotMode.MOVING:
+            link.interrupted = RobotReason.STOPPED
         self._cell.stop(robot)
-        await self._standing(line.arm)
+        await self._wait_until_at_rest(link.arm)
 
     @implements(api.ENABLE)
     async def enable(self, robot: str = FIRST_ROBOT) -> None:
         """Clear a stop."""
-        self._line(robot).arm.enable()
+        self._link(robot).arm.enable()
 
     @implements(api.RECOVER)
     async def recover(self, robot: str = FIRST_ROBOT) -> None:
         """Clear a fault."""
-        arm = self._line(robot).arm
-        await self._standing(arm)
+        arm = self._link(robot).arm
+        await self._wait_until_at_rest(arm)
         arm.recover()
 
-    def _line(self, robot: str) -> "_Line":
-        if robot not in self._lines:
-            raise SkillRejected("no_such_robot", f"{robot}; the cell has {', '.join(self._lines)}")
-        return self._lines[robot]
+    def _link(self, robot: str) -> "_ArmLink":
+        if robot not in self._links:
+            raise SkillRejected("no_such_robot", f"{robot}; the cell has {', '.join(self._links)}")
+        return self._links[robot]
 
-    def _enabled(self, robot: str) -> "_Line":
-        line = self._line(robot)
-        if line.arm.stop_latched:
+    def _enabled(self, robot: str) -> "_ArmLink":
+        link = self._link(robot)
+        if link.arm.stop_latched:
             raise SkillRejected(
                 RobotReason.STOP_LATCHED, "a person has stopped the arm; a person must enable it: dlokit enable"
             )
-        return line
+        return link
 
-    def _idle(self, robot: str) -> "_Line":
-        line = self._enabled(robot)
-        mode = line.arm.mode
+    def _idle(self, robot: str) -> "_ArmLink":
+        link = self._enabled(robot)
+        mode = link.arm.mode
         if mode == RobotMode.FAULT:
-            raise SkillRejected(RobotReason.FAULT, "the arm stopped itself; call recover first")
+            raise SkillRejected(RobotReason.FAULT, "the arm braked on its own; call recover first")
         if mode != RobotMode.IDLE:
             raise SkillRejected("busy", f"the arm is {mode.value}; wait, or call stop")
-        return line
+        return link
 
-    def _guard(self) -> None:
-        """Brake an arm when the commander of its motion has fallen silent."""
+    def _brake_without_commander(self) -> None:
+        """Brake an arm when the commander of its motion is silent."""
         now_s = asyncio.get_running_loop().time()
-        for robot, line in self._lines.items():
-            if line.watchdog.expired(now_s) and line.arm.mode == RobotMode.MOVING:
-                line.interrupted = RobotReason.LOST_COMMANDER
+        for robot, link in self._links.items():
+            if link.watchdog.expired(now_s) and link.arm.mode == RobotMode.MOVING:
+                link.interrupted = RobotReason.LOST_COMMANDER
                 self._cell.brake(robot, fault=True)
-            if line.finger_watchdog.expired(now_s) and not line.arm.fingers.at_rest:
-                line.grip_interrupted = RobotReason.LOST_COMMANDER
-                line.arm.fingers.hold()
+            if link.finger_watchdog.expired(now_s) and not link.arm.fingers.at_rest:
+                link.grip_interrupted = RobotReason.LOST_COMMANDER
+                link.arm.fingers.hold()
 
-    def _tell(self, pace: Pace) -> None:
+    def _publish_tick(self, pace: Pace) -> None:
         stamp_ns = self._cell.time_ns
         self.port.publish(topics.CLOCK, ClockTick(stamp_ns=stamp_ns, real_time_factor=pace.real_time_factor))
         if self._ticks % _TICKS_PER_STATE == 0:
-            for robot, line in self._lines.items():
-                self.port.publish(topics.ARM_STATE.at(line.instance), self._cell.arm_state(robot))
+            for robot, link in self._links.items():
+                self.port.publish(topics.ARM_STATE.at(link.instance), self._cell.arm_state(robot))
         if self._truth is not None:
             self._truth.note(self._cell)
 
-    async def _standing(self, arm: CellArm) -> None:
+    async def _wait_until_at_rest(self, arm: CellArm) -> None:
         while arm.mode in _IN_MOTION:
             await self._next_tick()
 
@@ -302,7 +304,7 @@ class CellComponent(Component):
         self._waiting.append(waiter)
         await waiter
 
-    def _wake(self) -> None:
+    def _resolve_waiters(self) -> None:
         waiting, self._waiting = self._waiting, []
         for waiter in waiting:
             if not waiter.done():

@@ -1,7 +1,7 @@
-"""What was drawn for one run, and the cell that follows from it.
+"""The random properties of the cell in one run.
 
-Each factor has a random stream of its own, so that switching one off leaves the others as they were. What was drawn is
-truth: it goes to the result of a run and on no bus.
+Each factor has its own random stream, so that omitting one leaves the others unchanged. The drawn values are part of
+the truth: they are in the result of a run, and never on the bus.
 """
 
 from dataclasses import dataclass, replace
@@ -10,7 +10,7 @@ import numpy as np
 
 from dlokit.functional.cell.config import CellConfig, Factor
 
-_STREAM = 0xE9  # keeps these draws apart from all others of the same seed
+_STREAM = 0xE9  # separates these draws from all others of the same seed
 _FRICTION, _REGIONS, _STIFFNESS, _WEIGHT, _CURL, _HAND_EYE, _TILT, _LIGHT, _COLOR = range(9)
 
 FRICTION = 0.25
@@ -36,7 +36,7 @@ COLOR = 0.1
 
 @dataclass(frozen=True, kw_only=True)
 class Episode:
-    """The values of one run; None and 1 leave what the configuration says."""
+    """The drawn values of one run; None and 1 keep the configured value."""
 
     friction_factor: float = 1.0
     friction_regions: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)

@@ -1,4 +1,4 @@
-"""The cell's stereo camera: pictures of the scene, their noise, and what its owner believes of its pose."""
+"""The cell's stereo camera: pictures of the scene, their noise, and the believed pose."""
 
 import sys
 import threading
@@ -45,7 +45,7 @@ class StereoRig:
         return StereoImages(stamp_ns=stamp_ns, frame="camera", left=left, right=right, calibration=self.calibration)
 
     def close(self) -> None:
-        """Give the OpenGL context back."""
+        """Release the OpenGL context."""
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
@@ -88,7 +88,7 @@ def add_cameras(spec: Any, calibration: CameraCalibration, *, shadows: bool, lig
 
 
 def _disturbed(true: CameraCalibration, config: CellConfig, rng: np.random.Generator) -> CameraCalibration:
-    """What the owner believes: off by exactly the configured distance and angle, in random directions."""
+    """The believed calibration: off by exactly the configured distance and angle, in random directions."""
     shift, axis = rng.normal(size=3), rng.normal(size=3)
     error = np.eye(4)
     turn_rad = np.radians(config.camera_error_deg)

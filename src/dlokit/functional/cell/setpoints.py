@@ -1,4 +1,4 @@
-"""What the arm is told to do over time, hold, follow a trajectory, brake, and what its control box refuses."""
+"""Set-points of the arm over time: hold, follow a trajectory, brake; and the checks of its controller."""
 
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -15,7 +15,7 @@ from dlokit.types.robot import JointLimits, JointTrajectory, RobotReason
 
 @dataclass(frozen=True)
 class Setpoint:
-    """Where the joints should be now."""
+    """Commanded angles, velocities and accelerations of the joints."""
 
     q_rad: Float64Array  # (7,)
     dq_rad_s: Float64Array  # (7,)
@@ -26,7 +26,7 @@ class Program(Protocol):
     """A motion of the joints in time."""
 
     end_s: float
-    """When it is over, on the cell's clock [s]."""
+    """Its end on the cell's clock [s]."""
 
     def at(self, time_s: float) -> Setpoint:
         """The set-point at a time on the cell's clock."""
@@ -34,7 +34,7 @@ class Program(Protocol):
 
 
 class HoldStill:
-    """Stay."""
+    """Hold the joints at their angles."""
 
     def __init__(self, q_rad: Float64Array) -> None:
         self.end_s = -np.inf
@@ -48,7 +48,7 @@ class HoldStill:
 class Follow:
     """Sample a trajectory: cubic Hermite in position, so that position and velocity agree between samples.
 
-    Where the arm was commanded to be a little beside the first sample, as after a brake, that offset fades out.
+    Where the commanded angles differ a little from the first sample, as after a brake, that offset fades out.
     """
 
     def __init__(self, trajectory: JointTrajectory, start_s: float, fade: "Fade | None" = None) -> None:
@@ -74,12 +74,12 @@ class Follow:
 
 
 class Fade:
-    """An offset of the joints that goes to nothing by a minimum-jerk profile, with a hundredth of their limits."""
+    """An offset of the joints that decays to zero by a minimum-jerk profile, with a hundredth of their limits."""
 
     _USED = 0.01
 
     def __init__(self, offset_rad: Float64Array, limits: JointLimits) -> None:
-        """`offset_rad` (7,) is where the arm is commanded to be less where its next motion begins."""
+        """`offset_rad` (7,) is the commanded angles minus the first angles of the next motion."""
         size = np.abs(offset_rad)
         # Largest speed, acceleration and jerk of a minimum-jerk profile of one unit in one second.
         seconds = (
@@ -91,7 +91,7 @@ class Fade:
         self.duration_s = float(np.max(seconds))
 
     def added(self, point: Setpoint, passed_s: float) -> Setpoint:
-        """The set-point with what is left of the offset after a time."""
+        """The set-point plus the offset that remains after a time."""
         T = self.duration_s
         u = min(max(passed_s / T, 0.0), 1.0)
         left = 1.0 - u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
@@ -104,7 +104,7 @@ class Fade:
 
 
 class Brake:
-    """Come to rest as fast as acceleration and jerk limits allow, each joint for itself."""
+    """Come to rest as fast as acceleration and jerk limits allow, each joint on its own."""
 
     def __init__(self, start: Setpoint, limits: JointLimits, now_s: float) -> None:
         joints = len(start.q_rad)
@@ -133,9 +133,9 @@ class Brake:
 
 
 START_RAD = 0.02
-"""A motion may start this far from what was last commanded [rad]."""
+"""Largest distance of a motion's start from the last commanded angles [rad]."""
 MARGIN = 1.02
-"""Limits are kept to this factor: samples of a trajectory at its limits are rounded."""
+"""Factor on the limits: samples of a trajectory at its limits are rounded."""
 
 
 def check_trajectory(trajectory: JointTrajectory, now: Setpoint, limits: JointLimits) -> None:
@@ -152,7 +152,7 @@ def check_trajectory(trajectory: JointTrajectory, now: Setpoint, limits: JointLi
 
 
 def check_grip(width_m: float, force_n: float) -> None:
-    """Raise `SkillRejected` on what the hand cannot do."""
+    """Raise `SkillRejected` on a width or force beyond the hand's limits."""
     if not 0.0 <= width_m <= PANDA_OPEN_WIDTH_M:
         raise SkillRejected(
             RobotReason.BAD_WIDTH, f"{width_m} m; the fingers open between 0 and {PANDA_OPEN_WIDTH_M} m"

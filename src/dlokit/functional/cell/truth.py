@@ -1,4 +1,4 @@
-"""The record of truth: where the DLO really was. A file of its own in the run's folder, never on the bus."""
+"""The record of truth: the true nodes of the DLO, in a separate file of the run's folder, never on the bus."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,7 +18,7 @@ class TruthRecorder:
 
     PERIOD_NS = 100_000_000
     WRITE_NS = 30_000_000_000
-    """The file is renewed this often, so that a killed cell leaves most of it."""
+    """Period of rewriting the file [ns], so that a killed cell leaves most of it."""
 
     def __init__(self, folder: Path) -> None:
         self._path = folder / TRUTH_FILE
@@ -27,7 +27,7 @@ class TruthRecorder:
         self._written_ns = 0
 
     def note(self, cell: "Cell") -> None:
-        """Note the nodes now, unless the last note is too recent. Call once a tick."""
+        """Note the nodes now, unless the last note is too recent. Call once per tick."""
         if self._stamps_ns and cell.time_ns - self._stamps_ns[-1] < self.PERIOD_NS:
             return
         self._stamps_ns.append(cell.time_ns)
@@ -36,7 +36,7 @@ class TruthRecorder:
             self.write()
 
     def write(self) -> None:
-        """Write what was noted; a file half written never replaces a good one."""
+        """Write the notes; an incomplete file never replaces a complete one."""
         if not self._stamps_ns:
             return
         self._path.parent.mkdir(parents=True, exist_ok=True)

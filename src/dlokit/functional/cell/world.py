@@ -36,10 +36,10 @@ TRUE_TABLE = Table()
 
 
 class TableFriction:
-    """Gives the DLO at each node the friction of the quarter of the table where it lies."""
+    """Sets the friction of each node of the DLO to that of the table's quarter below it."""
 
     def __init__(self, model: Any, dlo: DloBody, dlo_friction: float, episode: Episode) -> None:
-        """The quarters meet in the middle of where shapes lie."""
+        """The quarters meet at the centre of the shapes' area."""
         self._dlo = dlo
         self._differs = set(episode.friction_regions) != {1.0}
         # Of two surfaces that touch the larger friction counts: the table's own must not hide that of the nodes.
@@ -49,7 +49,7 @@ class TableFriction:
             model.geom_friction[model.geom("table_top").id, 0] = 0.0
 
     def update(self) -> None:
-        """Follow the DLO; call at least every few millimetres that it moves. Kinematics must be up to date."""
+        """Update the nodes' friction; call after every few millimetres of motion. Kinematics must be up to date."""
         if self._differs:
             self._dlo.set_friction(self.at(self._dlo.nodes_world[:, :2]))
 
@@ -63,7 +63,7 @@ _DIVERGED = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL,
 
 
 class Cell:
-    """Reality, simulated. Its time starts at 0 and goes on by `step` alone."""
+    """The simulated reality. Its time starts at 0 and advances by `step` only."""
 
     def __init__(
         self,
@@ -108,7 +108,7 @@ class Cell:
         return self._steps * TIMESTEP_S
 
     def begin_at(self, stamp_ns: int) -> None:
-        """Count stamps from `stamp_ns` on. Before the first step."""
+        """Count stamps from `stamp_ns` on. Call before the first step."""
         self._start_ns = stamp_ns
 
     def place_dlo(self, curve_world: ArrayLike, *, settle: bool = True) -> None:
@@ -126,7 +126,7 @@ class Cell:
             self._refresh()
 
     def step(self, duration_s: float) -> None:
-        """Let time pass: a whole number of physics steps."""
+        """Advance time by a whole number of physics steps."""
         for _ in range(round(duration_s / TIMESTEP_S)):
             self._steps += 1
             self._before_step()
@@ -151,19 +151,19 @@ class Cell:
         self.arms[robot].fingers.start_grip(width_m, force_n)
 
     def arm_state(self, robot: str = FIRST_ROBOT) -> RobotState:
-        """What an arm's sensors say now."""
+        """The present state of an arm's sensors."""
         return self.arms[robot].state(self.time_s, self.time_ns)
 
     def capture(self) -> StereoImages:
-        """Expose both cameras now. Raises `MachineError` without OpenGL. One thread must make all calls."""
+        """Expose both cameras now. Raises `MachineError` without OpenGL. All calls must come from one thread."""
         return self.rig.capture(self._model, self._data, self.time_ns)
 
     def true_nodes_world(self) -> Float64Array:
-        """Where the DLO truly is, (Mc, 3) [m]. For the record of truth and for tests: never for the bus."""
+        """True nodes (Mc, 3) [m]. For the record of truth and for tests, never for the bus."""
         return self._dlo.nodes_world
 
     def close(self) -> None:
-        """Give the OpenGL context back."""
+        """Release the OpenGL context."""
         self.rig.close()
 
     def _before_step(self) -> None:
@@ -171,7 +171,7 @@ class Cell:
             arm.before_step(self.time_s)
 
     def _require_sane(self) -> None:
-        """MuJoCo starts a diverged state anew and only counts it; nobody would notice."""
+        """Raise where the physics diverged: MuJoCo resets the state and only counts it."""
         if any(self._data.warning[kind].number for kind in _DIVERGED):
             raise DlokitError(
                 f"The cell's physics diverged at {self.time_s:.2f} s: it cannot simulate this. Use a softer or "

@@ -1,4 +1,4 @@
-"""What every robot driver is: the narrow waist between the robot skills and an arm."""
+"""The protocol of a robot driver, between the robot skills and an arm."""
 
 from types import TracebackType
 from typing import Protocol, Self
@@ -7,7 +7,7 @@ from dlokit.types.robot import GripResult, JointLimits, JointTrajectory, Lease, 
 
 
 class Robot(Protocol):
-    """One arm with its gripper. Use as an asynchronous context manager: connected inside, at rest after it.
+    """One arm with its gripper. Use as an asynchronous context manager: connected inside it, at rest afterwards.
 
     Failures are `SkillFailure` with a named reason; a device that is gone is ``robot_lost``.
     """
@@ -28,50 +28,50 @@ class Robot(Protocol):
         ...
 
     def state(self) -> RobotState:
-        """The newest state, at once. Raises `HardwareError` when the arm has not been heard of."""
+        """The newest state, at once. Raises `HardwareError` before the arm's first state."""
         ...
 
     def now_ns(self) -> int:
-        """The time now on the clock of the stamps of its states [ns]; from any thread."""
+        """The present time on the clock of the states' stamps [ns]; from any thread."""
         ...
 
     def newest_ns(self) -> int:
-        """Stamp of the newest feedback that has come, however busy this process is [ns]; from any thread."""
+        """Stamp of the newest received feedback, also while this process is busy [ns]; from any thread."""
         ...
 
     async def follow(self, trajectory: JointTrajectory, lease: Lease) -> MotionResult:
         """Run a trajectory that starts at rest where the arm is; cancelling it brakes the arm.
 
-        The arm also brakes when this driver dies: it hears from it more often than every ``lease.duration_s``.
+        The driver sends heartbeats more often than every ``lease.duration_s``; without them the arm brakes.
         """
         ...
 
     async def grip(self, width_m: float, force_n: float, lease: Lease) -> GripResult:
         """Bring the fingers to a width, pressing with at most `force_n` on what is between them.
 
-        Cancelling it holds the fingers where they are, and so does the death of this driver.
+        Cancelling the call holds the fingers where they are, and so does the death of this driver.
         """
         ...
 
     async def halt(self) -> None:
-        """Brake within the limits; returns when the arm stands. The next motion may begin at once."""
+        """Brake within the limits; returns when the arm is at rest. The next motion may begin at once."""
         ...
 
     async def stop(self) -> None:
-        """Brake, hold the fingers, and refuse whatever moves until `enable`; returns when the arm stands.
+        """Brake, hold the fingers, and refuse motions until `enable`; returns when the arm is at rest.
 
-        The device keeps this, not the driver: ``state().stop_latched`` says so, to whoever connects later as well.
+        The device keeps this state, not the driver: ``state().stop_latched`` is also set for a later connection.
         """
         ...
 
     async def enable(self) -> None:
-        """Clear a `stop`; called only because a person asked for it."""
+        """Clear a `stop`; called only at a person's request."""
         ...
 
     def brake(self) -> None:
         """Order the arm to brake within the limits, and return at once.
 
-        From any thread, whether the event loop comes round or not; again and again does no harm.
+        From any thread, also while the event loop hangs; repeated calls do no harm.
         """
         ...
 

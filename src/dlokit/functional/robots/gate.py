@@ -1,4 +1,4 @@
-"""The last check before any driver: a motion that cannot be right does not reach the arm, whoever planned it."""
+"""The last check before any driver: an invalid motion does not reach the arm, whichever component planned it."""
 
 import asyncio
 import math
@@ -30,7 +30,7 @@ SLOWEST_SCALE = 0.05
 
 @dataclass(frozen=True, kw_only=True)
 class GateConfig:
-    """What every motion must keep before it reaches an arm, whatever skill asks for it."""
+    """Limits that every motion must keep before it reaches an arm, whichever skill requests it."""
 
     workspace_lower_m: tuple[float, float, float] = (-0.3, -0.9, 0.0)
     """Corner of the box that the tool centre point never leaves, with the smallest x, y and z in the world [m]."""
@@ -52,18 +52,18 @@ class GateConfig:
 
 FEEDBACK_AGE_S = 0.1
 """Largest age of the arm's feedback [s], five periods of its state. A motion does not begin before newer feedback has
-come, by the machine's clock; on its way it is braked by the arm's own clock, which stands while a simulated cell draws
-a picture (decision 17)."""
+come, by the machine's clock; on its way it is braked by the arm's own clock, which pauses while a simulated cell
+renders a picture (decision 17)."""
 _REST_RAD_S = 0.05
-"""An arm whose joints are measured slower than this stands [rad/s]; a standing arm of the cell is measured at 0.01."""
+"""An arm whose joints are measured slower than this is at rest [rad/s]; the cell's arm at rest measures 0.01."""
 _LONGEST_WAIT_S = 1.0
-"""Time on the gate's clock [s] for new feedback: a simulated cell that draws a picture says nothing for 0.3 s."""
+"""Longest wait for new feedback [s of the gate's clock]: a cell that renders a picture publishes nothing for 0.3 s."""
 _LOOK_S = 0.01
 """Time between two looks for new feedback [s], half a period of the arm's state."""
 
 
 class GatedRobot:
-    """A robot whose motions pass the gate first; all else is the driver's own."""
+    """A robot whose motions pass the gate first; all other methods are the driver's own."""
 
     def __init__(
         self,
@@ -77,8 +77,8 @@ class GatedRobot:
     ) -> None:
         """`now_ns` is the machine's clock, by which feedback ages before a motion; virtual time in lockstep.
 
-        `may_move` says whether the holder of that name has the right to move now; by default any holder with a name.
-        `watch` looks whether feedback stays fresh while the arm moves, by default on the event loop.
+        `may_move` returns whether a holder of that name may move now; by default any holder with a name may. `watch`
+        checks that feedback stays fresh while the arm moves, by default on the event loop.
         """
         self._robot = robot
         self._config = config
@@ -90,7 +90,7 @@ class GatedRobot:
 
     @property
     def limits(self) -> JointLimits:
-        """The driver's."""
+        """The driver's limits."""
         return self._robot.limits
 
     async def __aenter__(self) -> Self:
@@ -112,15 +112,15 @@ class GatedRobot:
         return state
 
     def now_ns(self) -> int:
-        """The driver's."""
+        """The driver's clock."""
         return self._robot.now_ns()
 
     def newest_ns(self) -> int:
-        """The driver's."""
+        """Stamp of the driver's newest feedback."""
         return self._robot.newest_ns()
 
     async def standing(self) -> RobotState:
-        """A fresh state of the arm at rest; waited for where feedback is too old, or the arm still moves.
+        """A fresh state of the arm at rest; waits while feedback is too old, or the arm still moves.
 
         Raises `SkillFailure` stale_feedback or wrong_start after 1 s.
         """
@@ -128,7 +128,7 @@ class GatedRobot:
         while True:
             state = self._robot.state()
             age_s = self._feedback.age_s(state.stamp_ns, self._now_ns())
-            # By feedback of some age an arm may still move that has come to rest since, braking within its limits.
+            # Since feedback of some age an arm may have slowed down by its acceleration limit.
             still = np.abs(state.dq_rad_s) <= _REST_RAD_S + age_s * self.limits.acceleration_rad_s2
             if age_s <= allowed_s and still.all():
                 return state
@@ -138,11 +138,11 @@ class GatedRobot:
             await asyncio.sleep(_LOOK_S)
 
     async def follow(self, trajectory: JointTrajectory, lease: Lease) -> MotionResult:
-        """Run a trajectory at the pace of `speed_scale`, when it passes; brake where feedback fails on the way.
+        """Run a trajectory at the pace of `speed_scale`, when it passes; brake where feedback fails during the motion.
 
         Raises `SkillFailure` joint_limit, velocity_limit, acceleration_limit, jerk_limit, bad_trajectory, too_slow,
-        outside_workspace, tool_speed, stale_feedback, wrong_start or lease_lost before the driver hears of it, and
-        stale_feedback after the arm was braked on its way.
+        outside_workspace, tool_speed, stale_feedback, wrong_start or lease_lost before the driver is called, and
+        stale_feedback after the arm was braked during the motion.
         """
         paced = scaled(trajectory, self._config.speed_scale)
         broken = limit_violation(paced, self.limits)
@@ -156,7 +156,7 @@ class GatedRobot:
     async def grip(self, width_m: float, force_n: float, lease: Lease) -> GripResult:
         """Bring the fingers to a width.
 
-        Raises `SkillFailure` bad_width or bad_force on what the hand cannot do, and lease_lost.
+        Raises `SkillFailure` bad_width or bad_force beyond the hand's limits, and lease_lost.
         """
         if not 0.0 <= width_m <= PANDA_OPEN_WIDTH_M:
             raise SkillFailure(
@@ -170,11 +170,11 @@ class GatedRobot:
         return await self._robot.grip(width_m, force_n, lease)
 
     async def halt(self) -> None:
-        """Brake; never held up by the gate."""
+        """Brake; never delayed by the gate."""
         await self._robot.halt()
 
     async def stop(self) -> None:
-        """Brake and latch; never held up by the gate."""
+        """Brake and latch; never delayed by the gate."""
         await self._robot.stop()
 
     async def enable(self) -> None:
@@ -182,7 +182,7 @@ class GatedRobot:
         await self._robot.enable()
 
     def brake(self) -> None:
-        """Order the arm to brake; never held up by the gate."""
+        """Order the arm to brake; never delayed by the gate."""
         self._robot.brake()
 
     async def recover(self) -> None:
@@ -190,7 +190,7 @@ class GatedRobot:
         await self._robot.recover()
 
     def _check_tool(self, trajectory: JointTrajectory) -> None:
-        """Hold the tool centre point inside the box and below its speed, by its places at the samples."""
+        """Require the tool centre point inside the box and below its speed, by its positions at the samples."""
         places = tcp_matrices(trajectory.q_rad)[:, :3, 3]
         if self._T_world_base is not None:
             places = geometry.transform(self._T_world_base, places)
@@ -203,7 +203,7 @@ class GatedRobot:
             raise SkillFailure(
                 RobotReason.TOOL_SPEED,
                 f"the tool would move at {fastest:.3f} m/s, allowed are {allowed} (--gate.largest-tool-speed-m-s); "
-                "move slower, or go by way of another posture",
+                "move slower, or through another posture",
             )
 
     def _outside(self, places_world: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -219,18 +219,18 @@ class GatedRobot:
         )
 
     async def _check_start(self, trajectory: JointTrajectory) -> None:
-        """Hold the first sample to where the arm stands by fresh feedback."""
+        """Require the first sample to agree with the arm's pose by fresh feedback."""
         state = await self.standing()
         off_rad = float(np.abs(trajectory.q_rad[0] - state.q_rad).max())
         if not off_rad <= START_RAD:  # NaN too
             raise SkillFailure(
                 RobotReason.WRONG_START,
-                f"it starts {off_rad:.3f} rad from where the arm is measured, allowed are {START_RAD} rad; plan from "
+                f"it starts {off_rad:.3f} rad from the measured angles, allowed are {START_RAD} rad; plan from "
                 "the present state",
             )
 
     async def _watched(self, motion: Awaitable[MotionResult]) -> MotionResult:
-        """Run a motion; it is braked, and has failed, when the arm's feedback grows too old."""
+        """Run a motion; brake and fail when the arm's feedback becomes too old."""
         fresh = _FreshFeedback(self._robot, FEEDBACK_AGE_S)
         self._watch.begin(fresh, fresh.brake)
         try:
@@ -241,7 +241,7 @@ class GatedRobot:
             raise
         finally:
             self._watch.end(fresh)
-        if fresh.lost:  # the order to brake came to an arm that had arrived, as far as anybody knows
+        if fresh.lost:  # the arm may have arrived before the order to brake
             raise self._stale()
         return result
 
@@ -254,9 +254,10 @@ class GatedRobot:
 
     def _check_lease(self, lease: Lease) -> None:
         if not (0.0 < lease.duration_s < math.inf and self._may_move(lease.holder)):
+            caller = lease.holder or "a caller without a name"
             raise SkillFailure(
                 RobotReason.LEASE_LOST,
-                f"{lease.holder or 'nobody'} with a lease of {lease.duration_s} s does not hold this arm; take its "
+                f"{caller} does not hold this arm's lease, or not for a finite time ({lease.duration_s} s); take the "
                 "lease for a finite time, and renew it",
             )
 
@@ -270,7 +271,7 @@ def _not_standing(state: RobotState, age_s: float, allowed_s: float, waited_s: f
         )
     return SkillFailure(
         RobotReason.WRONG_START,
-        f"the arm moves at {np.abs(state.dq_rad_s).max():.3f} rad/s where a motion starts, and did so for "
+        f"the arm moves at {np.abs(state.dq_rad_s).max():.3f} rad/s where a motion starts, and has moved for "
         f"{waited_s:.1f} s; stop it first",
     )
 
@@ -285,31 +286,31 @@ class _FreshFeedback:
 
     @property
     def left_s(self) -> float:
-        """As `Deadline`."""
+        """Time until the feedback is too old [s], as `Deadline`."""
         return self._allowed_s - (self._robot.now_ns() - self._robot.newest_ns()) / 1e9
 
     def brake(self) -> None:
-        """Order the arm to brake, and note why; called when the deadline has expired."""
+        """Order the arm to brake, and note that feedback was lost; called when the deadline has expired."""
         self.lost = True
         self._robot.brake()
 
 
 class _Feedback:
-    """How old an arm's state may be, by when a new one was first seen: its stamp is of a clock that can stand still."""
+    """Age of an arm's state by the time at which it was first seen: the clock of its stamp can pause."""
 
     def __init__(self) -> None:
-        self._lock = threading.Lock()  # a lease's watch looks from its own thread
+        self._lock = threading.Lock()  # the lease's watch runs in its own thread
         self._stamp_ns = -1
         self._looked_ns = -math.inf
         self._newer_than_ns = -math.inf
 
     def begin(self, now_ns: int) -> None:
-        """Feedback that is found from now on is no older than this: the driver connects now."""
+        """Note that the driver connects now: feedback found later is no older."""
         with self._lock:
             self._looked_ns = now_ns
 
     def age_s(self, stamp_ns: int, now_ns: int) -> float:
-        """Largest age of the state of that stamp [s]: it came after the last look that found another."""
+        """Largest age of the state with that stamp [s]: it arrived after the last check that found another stamp."""
         with self._lock:
             if stamp_ns != self._stamp_ns:
                 self._stamp_ns, self._newer_than_ns = stamp_ns, self._looked_ns

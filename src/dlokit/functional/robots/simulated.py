@@ -1,4 +1,4 @@
-"""A Panda of the simulated cell: every verb is a call to the cell's socket."""
+"""A Panda of the simulated cell: every method is a call to the cell's socket."""
 
 import asyncio
 from functools import partial
@@ -19,7 +19,7 @@ from dlokit.types.system import ClockTick
 R = TypeVar("R")
 
 _RENEWALS = 5
-"""Signs of life in the time after which the arm would brake."""
+"""Heartbeats per lease: the arm brakes after as many are missing."""
 _CONNECT_S = 10.0
 
 
@@ -27,7 +27,7 @@ class SimulatedRobot:
     """Drives an arm of the cell through a port."""
 
     def __init__(self, port: Port, mount: ArmMount = ARMS[0], pulse: Pulse = loop_pulse) -> None:
-        """`pulse` gives the signs of life of a motion."""
+        """`pulse` sends the heartbeats during a motion."""
         self._port = port
         self._pulse = pulse
         self._robot = mount.robot
@@ -43,11 +43,11 @@ class SimulatedRobot:
         return PANDA_LIMITS
 
     async def __aenter__(self) -> Self:
-        """Wait until the cell speaks. Raises `HardwareError` after 10 s of the machine's clock."""
+        """Wait for the arm's first state. Raises `HardwareError` after 10 s of the machine's clock."""
         self._reader = asyncio.create_task(self._read_states(), name="arm states")
-        # Past the loop as well: how old feedback is must not depend on how busy this process is.
-        self._port.tap(topics.CLOCK, self._hear_tick)
-        self._port.tap(self._states, self._hear_state)
+        # Received outside the loop: the age of feedback must not depend on how busy this process is.
+        self._port.tap(topics.CLOCK, self._receive_tick)
+        self._port.tap(self._states, self._receive_state)
         try:
             async with asyncio.timeout(_CONNECT_S):
                 await self._heard.wait()
@@ -61,7 +61,7 @@ class SimulatedRobot:
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Brake, whatever happened; an absent cell has nothing to brake."""
+        """Brake in any case; without a cell there is nothing to brake."""
         await self._port.call(api.BRAKE, self._robot)
         if self._reader is not None:
             self._reader.cancel()
@@ -71,34 +71,34 @@ class SimulatedRobot:
             self._state = state
             self._heard.set()
 
-    def _hear_tick(self, tick: ClockTick) -> None:
+    def _receive_tick(self, tick: ClockTick) -> None:
         self._now_ns = tick.stamp_ns
 
-    def _hear_state(self, state: RobotState) -> None:
+    def _receive_state(self, state: RobotState) -> None:
         self._newest_ns = state.stamp_ns
 
     def state(self) -> RobotState:
-        """What the cell said last."""
+        """The newest state from the cell."""
         if self._state is None:
-            raise HardwareError("the arm has not been heard of yet; start the cell, and wait for its first state")
+            raise HardwareError("no state of the arm has arrived yet; start the cell, and wait for its first state")
         return self._state
 
     def now_ns(self) -> int:
-        """The cell's clock, which stands while the cell draws a picture, and the arm with it."""
+        """The cell's clock; clock and arm pause while the cell renders a picture."""
         return self._now_ns
 
     def newest_ns(self) -> int:
-        """Stamp of what the cell said last, also before the first tap: states that waited for a late joiner count."""
+        """Stamp of the newest state from the cell, including states published before this process joined."""
         return max(self._newest_ns, self.state().stamp_ns)
 
     async def follow(self, trajectory: JointTrajectory, lease: Lease) -> MotionResult:
-        """Run a trajectory, renewing the right to move all the while; a cancelled call brakes the arm."""
+        """Run a trajectory, and renew the lease meanwhile; a cancelled call brakes the arm."""
         renew = partial(self._port.send, api.RENEW, self._robot)
         async with self._pulse(renew, lease.duration_s / _RENEWALS):
             return _result(await self._port.call(api.FOLLOW, trajectory, lease.duration_s, self._robot))
 
     async def grip(self, width_m: float, force_n: float, lease: Lease) -> GripResult:
-        """Bring the fingers to a width, renewing the right to move them all the while."""
+        """Bring the fingers to a width, and renew the lease meanwhile."""
         renew = partial(self._port.send, api.RENEW, self._robot)
         async with self._pulse(renew, lease.duration_s / _RENEWALS):
             return _result(await self._port.call(api.GRIP, width_m, force_n, lease.duration_s, self._robot))
@@ -108,7 +108,7 @@ class SimulatedRobot:
         _result(await self._port.call(api.BRAKE, self._robot))
 
     async def stop(self) -> None:
-        """Press the stop of the arm."""
+        """Stop the arm, and latch."""
         _result(await self._port.call(api.STOP, self._robot))
 
     async def enable(self) -> None:
@@ -125,7 +125,7 @@ class SimulatedRobot:
 
 
 def _result(outcome: Outcome[R]) -> R:
-    """The result of a call to the cell; anything else as a `SkillFailure`."""
+    """The result of a call to the cell. Raises `SkillFailure` for any other outcome."""
     match outcome:
         case Succeeded(result=result):
             return result

@@ -1,10 +1,13 @@
 """Settings that every action strategy shares: how to grasp, how to carry, what is feasible."""
 
 from dataclasses import dataclass, field
+from typing import Annotated
+
+from msgspec import Meta
 
 from dlokit.description.arm.panda import PANDA_GRASP_HEIGHT_M
 from dlokit.description.table import TABLE_X_M, TABLE_Y_M
-from dlokit.errors import ConfigError
+from dlokit.ranges import NotNegative, Positive, check_ranges
 from dlokit.types.action import VelocityProfile
 
 _TABLE_SLACK_M = 0.03  # a shape may lie a little outside of where the built-in ones do
@@ -15,24 +18,30 @@ _PACE = VelocityProfile()
 class GraspConfig:
     """Where the gripper takes hold."""
 
-    height_m: float = PANDA_GRASP_HEIGHT_M
+    height_m: NotNegative = PANDA_GRASP_HEIGHT_M
     """Height of the tool centre point over the table at grasp and release [m]. Larger: the fingertips stay farther from
     the table, and hold less of a thin DLO."""
+
+    def __post_init__(self) -> None:
+        check_ranges(self, "planning.actions.grasp")
 
 
 @dataclass(frozen=True, kw_only=True)
 class PathConfig:
     """How the grasped node is carried to its goal."""
 
-    lift_m: float = 0.04
+    lift_m: NotNegative = 0.04
     """Height of the carry above the grasp [m]. Larger: less of the DLO drags over the table. `rollout` begins with it
     and tries others."""
-    speed_m_s: float = _PACE.speed_m_s
+    speed_m_s: Positive = _PACE.speed_m_s
     """Speed of the tool on the carry [m/s]. Larger: shorter actions. `rollout` begins with it and tries others."""
-    acceleration_m_s2: float = _PACE.acceleration_m_s2
+    acceleration_m_s2: Positive = _PACE.acceleration_m_s2
     """Largest acceleration of the tool on the carry [m/s²]. Larger: shorter actions, and a DLO that swings more."""
-    jerk_m_s3: float = _PACE.jerk_m_s3
+    jerk_m_s3: Positive = _PACE.jerk_m_s3
     """Largest jerk of the tool on the carry [m/s³]. Larger: the acceleration sets in more abruptly."""
+
+    def __post_init__(self) -> None:
+        check_ranges(self, "planning.actions.path")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,15 +52,14 @@ class FeasibilityConfig:
     """Usable table along x, from and to [m]: shapes that reach beyond are refused, actions that lead there avoided."""
     table_y_m: tuple[float, float] = (TABLE_Y_M[0] - _TABLE_SLACK_M, TABLE_Y_M[1] + _TABLE_SLACK_M)
     """Usable table along y, from and to [m]."""
-    min_bend_radius_m: float = 0.008
+    min_bend_radius_m: NotNegative = 0.008
     """Radius of the tightest bend that a goal may have [m]. Larger: more goals are doubted."""
-    hold_share: float = 0.5
+    hold_share: Annotated[float, Meta(gt=0.0, le=1.0)] = 0.5
     """A goal holds when the DLO, released there, springs back by no more than this share of the threshold, above 0 and
     at most 1. Larger: fewer goals are doubted."""
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.hold_share <= 1.0:
-            raise ConfigError(f"--planning.feasibility.hold-share is {self.hold_share}; it must be above 0, at most 1.")
+        check_ranges(self, "planning.feasibility")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,11 +1,11 @@
-"""What the robot can be asked to do.
+"""The skills of the robot.
 
-Every motion is checked before it runs. Besides those named at each skill, a motion fails with: joint_limit,
-velocity_limit, acceleration_limit, jerk_limit, table_collision, self_collision, arms_too_near (also on the way),
-neighbour_silent, stopped, lease_lost, robot_lost, lost_commander, fault (call recover); at the gate before the driver
-with: bad_trajectory, outside_workspace, tool_speed, stale_feedback, wrong_start; and is rejected with: busy (another
-motion runs), not_commander (another holds the lease), lease_lost (the lease taken has run out), stop_latched (a person
-has stopped the arm, and none has enabled it since). Cancelling a motion brakes the arm.
+Every motion is checked before it runs. In addition to the failures named at each skill, a motion fails with:
+joint_limit, velocity_limit, acceleration_limit, jerk_limit, table_collision, self_collision, arms_too_near (also
+during the motion), neighbour_silent, stopped, lease_lost, robot_lost, lost_commander, fault (call recover); at the
+gate before the driver with: bad_trajectory, outside_workspace, tool_speed, stale_feedback, wrong_start; and is
+rejected with: busy (another motion runs), not_commander (another holds the lease), lease_lost (the lease has expired),
+stop_latched (a person has stopped the arm, and none has enabled it since). Cancelling a motion brakes the arm.
 """
 
 import math
@@ -25,12 +25,12 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 LONGEST_LEASE_S = 60.0
-"""Longest time that a lease may last without renewal [s]: the arm moves for as long after its commander is lost."""
+"""Longest time that a lease may last without renewal [s]: the arm may move for as long after its commander is lost."""
 
 GRASP_FORCE_N = 20.0
-"""Force with which the fingers move, unless told otherwise [N]."""
+"""Default force of the fingers [N]."""
 RELEASE_WIDTH_M = 0.04
-"""Width to which the fingers open, unless told otherwise [m]."""
+"""Default width to which the fingers open [m]."""
 
 
 def _move_joints(q_rad: Float64Array) -> MotionResult:
@@ -39,7 +39,7 @@ def _move_joints(q_rad: Float64Array) -> MotionResult:
 
 
 def _move_to(target: Pose, either_way: bool = True) -> MotionResult:
-    """Move in joint space to a tool pose ``T_world_tcp``, as fast as the limits allow; the way there is not straight.
+    """Move in joint space to a tool pose ``T_world_tcp``, as fast as the limits allow; the tool's path is not straight.
 
     The gripper is symmetric: with `either_way` it ends turned by half a turn about its own z axis where the arm does
     not reach the pose as given. Fails with: unreachable.
@@ -50,8 +50,8 @@ def _move_to(target: Pose, either_way: bool = True) -> MotionResult:
 def _move_linear(target: Pose, velocity: VelocityProfile) -> MotionResult:
     """Move the tool on a straight line to a pose ``T_world_tcp``, or to the same turned by half a turn if nearer.
 
-    Slower than `velocity` where the joints ask for it. Fails with: unreachable (some pose on the way), too_slow (a
-    profile with which it would take longer than the skill may).
+    Slower than `velocity` where the joints require it. Fails with: unreachable (a pose on the line), too_slow (the
+    motion would take longer than the skill may).
     """
     ...
 
@@ -59,9 +59,8 @@ def _move_linear(target: Pose, velocity: VelocityProfile) -> MotionResult:
 def _follow_path(path: tuple[Pose, ...], velocity: VelocityProfile) -> MotionResult:
     """Move the tool on straight lines through poses ``T_world_tcp``, rounding corners by up to 5 cm before and after.
 
-    It stops at the last pose, and where the path turns back. All poses are turned by half a turn when that brings the
-    first nearer. Fails with: unreachable (some pose on the way), too_slow (a profile or a path with which it would take
-    longer than 120 s).
+    The tool stops at the last pose, and where the path turns back. All poses are turned by half a turn when that brings
+    the first nearer. Fails with: unreachable (a pose on the path), too_slow (the motion would take longer than 120 s).
     """
     ...
 
@@ -80,23 +79,23 @@ def _release(width_m: float = RELEASE_WIDTH_M) -> GripResult:
 
 
 def _halt() -> None:
-    """Brake now, whatever runs; the motion that ran fails with ``stopped``, and the next may begin at once."""
+    """Brake now; the running motion fails with ``stopped``, and the next may begin at once."""
     ...
 
 
 def _stop() -> None:
-    """Brake now and hold the fingers; the motion that ran fails with ``stopped``, and nothing moves until `enable`.
+    """Brake now and hold the fingers; the running motion fails with ``stopped``, and nothing moves until `enable`.
 
-    A person's stop, for everybody to call. It returns when the arm stands, and outlasts task, lease and commander.
-    Fails with: not_confirmed (the arm's feedback does not say that it stands and that the stop is latched).
+    A person's stop; any caller may use it. It returns when the arm is at rest, and outlasts task, lease and commander.
+    Fails with: not_confirmed (no feedback confirms that the arm is at rest and the stop is latched).
     """
     ...
 
 
 def _enable() -> None:
-    """Clear a person's stop. A person asks for this, who has seen that the arm may move; no program does on its own.
+    """Clear a person's stop, at the request of a person who has checked that the arm may move.
 
-    Fails with: not_confirmed (the arm's feedback does not say that the stop is cleared).
+    Fails with: not_confirmed (no feedback confirms that the stop is cleared).
     """
     ...
 
@@ -107,12 +106,12 @@ def _recover() -> None:
 
 
 def _home() -> MotionResult:
-    """Move in joint space to where the arm hides nothing of the table from the camera."""
+    """Move in joint space to the pose in which the arm occludes no part of the table."""
     ...
 
 
 def _renew_lease(holder: str, duration_s: float = LEASE_S) -> None:
-    """Take the right to move the robot, or keep it: from now on the arm brakes when no renewal comes in time.
+    """Take or renew the lease on the robot: from now on the arm brakes when no renewal arrives in time.
 
     `duration_s` counts on the machine's monotonic clock. Rejected with: leased (another holds it), bad_lease.
     """
@@ -120,13 +119,13 @@ def _renew_lease(holder: str, duration_s: float = LEASE_S) -> None:
 
 
 def _release_lease(holder: str) -> None:
-    """Give the right back; the arm no longer waits for renewals. Rejected with: leased (another holds it)."""
+    """Return the lease; the arm no longer expects renewals. Rejected with: leased (another holds it)."""
     ...
 
 
-COMMANDER = Condition("the caller holds the lease, or nobody does", RobotReason.NOT_COMMANDER)
-LEASE = Condition("a lease that was taken has not run out", RobotReason.LEASE_LOST)
-ENABLED = Condition("no person has stopped the arm since one enabled it", RobotReason.STOP_LATCHED)
+COMMANDER = Condition("the caller holds the lease, or there is no holder", RobotReason.NOT_COMMANDER)
+LEASE = Condition("the lease has not expired, if there is one", RobotReason.LEASE_LOST)
+ENABLED = Condition("no person has stopped the arm since it was last enabled", RobotReason.STOP_LATCHED)
 _SEVEN = Condition("q_rad is seven finite angles", "bad_arguments", lambda q_rad: _is_seven(q_rad))
 _WIDTH = Condition(
     f"width_m is 0 to {PANDA_OPEN_WIDTH_M}", RobotReason.BAD_WIDTH, lambda width_m: 0.0 <= width_m <= PANDA_OPEN_WIDTH_M
@@ -157,17 +156,17 @@ def _motion(name: str, signature: Callable[P, R], timeout_s: float, ensures: str
     )
 
 
-# Longer than the gate lets a motion take. A joint motion takes 50 s at most, at the smallest speed scale (0.05).
-MOVE_JOINTS = _motion("move_joints", _move_joints, 60.0, "the arm stands at the angles", _SEVEN)
-MOVE_TO = _motion("move_to", _move_to, 60.0, "the arm stands with the tool at the pose")
-MOVE_LINEAR = _motion("move_linear", _move_linear, 240.0, "the arm stands with the tool at the pose")
-FOLLOW_PATH = _motion("follow_path", _follow_path, 240.0, "the arm stands with the tool at the last pose")
+# Longer than any motion that the gate accepts. A joint motion takes 50 s at most, at the smallest speed scale (0.05).
+MOVE_JOINTS = _motion("move_joints", _move_joints, 60.0, "the arm is at rest at the angles", _SEVEN)
+MOVE_TO = _motion("move_to", _move_to, 60.0, "the arm is at rest with the tool at the pose")
+MOVE_LINEAR = _motion("move_linear", _move_linear, 240.0, "the arm is at rest with the tool at the pose")
+FOLLOW_PATH = _motion("follow_path", _follow_path, 240.0, "the arm is at rest with the tool at the last pose")
 GRASP = _motion("grasp", _grasp, 10.0, "the fingers are at rest", _FORCE)
 RELEASE = _motion("release", _release, 10.0, "the fingers are open and at rest", _WIDTH)
-HALT = Skill("robot", "halt", _halt, 5.0, "", "the arm stands")
-STOP = Skill("robot", "stop", _stop, 5.0, "", "arm and fingers stand, and nothing moves them before enable")
+HALT = Skill("robot", "halt", _halt, 5.0, "", "the arm is at rest")
+STOP = Skill("robot", "stop", _stop, 5.0, "", "arm and fingers are at rest, and nothing moves them before enable")
 ENABLE = Skill("robot", "enable", _enable, 5.0, "", "the arm may be moved")
 RECOVER = Skill("robot", "recover", _recover, 5.0, (ENABLED, COMMANDER), "the arm is idle")
-HOME = _motion("home", _home, 60.0, "the arm stands at home")
+HOME = _motion("home", _home, 60.0, "the arm is at rest at home")
 RENEW_LEASE = Skill("robot", "renew_lease", _renew_lease, 1.0, (_DURATION,), "the arm brakes without a further renewal")
 RELEASE_LEASE = Skill("robot", "release_lease", _release_lease, 1.0, "", "no renewals are expected")

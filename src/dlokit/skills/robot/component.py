@@ -49,29 +49,29 @@ STATE_RATE_HZ = 50.0
 """Rate at which the robot's state is published [Hz]."""
 _CONFIRMED_S = 0.8
 """Longest wait for the feedback that confirms a stop [s]: an arm brakes within 0.3 s from its largest speed."""
-_STANDS_RAD_S = 0.02
-"""Joints slower than this stand [rad/s]; a held DLO that swings moves them by less."""
+_AT_REST_RAD_S = 0.02
+"""Joints slower than this are at rest [rad/s]; a swinging DLO in the gripper moves them by less."""
 
 
 StopButton = Callable[
     [Callable[[], Awaitable[None]], Callable[[], Awaitable[None]]], contextlib.AbstractAsyncContextManager[None]
 ]
-"""Lets a person stop and enable the arm meanwhile, by the two functions that it is given."""
+"""A context in which a person can stop and enable the arm, by the two functions that it receives."""
 
 
 def no_button(
     stop: Callable[[], Awaitable[None]], enable: Callable[[], Awaitable[None]]
 ) -> contextlib.AbstractAsyncContextManager[None]:
-    """There is none: in lockstep nobody could press it in time."""
+    """Without a button: in lockstep a person could not press it in time."""
     return contextlib.nullcontext()
 
 
 def _is_stopped(state: RobotState) -> bool:
-    return state.stop_latched and bool(np.max(np.abs(state.dq_rad_s)) < _STANDS_RAD_S)
+    return state.stop_latched and bool(np.max(np.abs(state.dq_rad_s)) < _AT_REST_RAD_S)
 
 
 def loaded() -> None:
-    """Nothing more: where it could be called, all that plans and checks a motion has been imported."""
+    """Do nothing: importing this module has loaded all libraries that plan and check a motion."""
 
 
 class RobotComponent(Component):
@@ -79,7 +79,7 @@ class RobotComponent(Component):
 
     name = "robot"
     publishes = (topics.ROBOT_STATE,)
-    # The signs of life of its commander, and where the other arms are.
+    # The heartbeats of its commander, and the states of the other arms.
     reads = (topics.HEARTBEAT, topics.ROBOT_STATE)
 
     def __init__(
@@ -95,12 +95,12 @@ class RobotComponent(Component):
         lease: LeaseKeeper | None = None,
         standing: Callable[[], Awaitable[RobotState]] | None = None,
     ) -> None:
-        """`monotonic_ns` is the machine's clock, for leases; it stands apart from the clock of the port.
+        """`monotonic_ns` is the machine's clock, for leases; it differs from the clock of the port.
 
-        `instance` says which arm it is, where there is more than one, and `neighbours` which others there are; `watch`
-        looks after the lease and after what is heard of the others, by default on the event loop. `button` is how a
-        person stops the arm without the bus. `lease` is shared with the robot's gate. `standing` gives a
-        fresh state of the arm at rest, from which motions are planned; by default the newest one.
+        `instance` names the arm, where there is more than one, and `neighbours` the others; `watch` checks the
+        deadlines of the lease and of the other arms' states, by default on the event loop. `button` lets a person stop
+        the arm without the bus. `lease` is shared with the robot's gate. `standing` returns a fresh state of the arm at
+        rest, from which motions are planned; by default the newest one.
         """
         super().__init__()
         self.instance = instance
@@ -131,7 +131,7 @@ class RobotComponent(Component):
         return loaded
 
     async def run(self) -> None:
-        """Publish the robot's state, each once: when the arm falls silent, so does the topic, and its age tells."""
+        """Publish each new state of the robot once: when the arm is silent, the topic is silent too."""
         published_ns = -1
         self._loop = asyncio.get_running_loop()
         self.port.tap(topics.HEARTBEAT, lambda heartbeat: self._lease.hear(heartbeat.holder))
@@ -148,7 +148,7 @@ class RobotComponent(Component):
             self._watch.close()
 
     def _keep_apart(self, state: RobotState) -> None:
-        """Brake where another arm comes too near on the way."""
+        """Brake where another arm comes too near during a motion."""
         if self._neighbours is None or self._motion is None or self._braked_because:
             return
         why = self._neighbours.too_near(state)
@@ -210,11 +210,11 @@ class RobotComponent(Component):
         """Brake now, hold the fingers, and latch."""
         self._latched = True
         self._braked_because = RobotReason.STOPPED
-        self._robot.brake()  # at once; what follows may have to wait for the driver
+        self._robot.brake()  # at once; the calls below may have to wait for the driver
         self._end_motion()
         await self._robot.stop()
         await self._confirmed(
-            _is_stopped, "the arm stands and the stop is latched; press the emergency stop of the arm"
+            _is_stopped, "the arm is at rest and the stop is latched; press the emergency stop of the arm"
         )
 
     @implements(api.ENABLE)
@@ -233,17 +233,17 @@ class RobotComponent(Component):
     async def renew_lease(self, holder: str, duration_s: float = LEASE_S) -> None:
         """Take or keep the right to move."""
         self._lease.renew(holder, duration_s)
-        self._watch.begin(self._lease, self._ran_out)
+        self._watch.begin(self._lease, self._lease_expired)
 
     @implements(api.RELEASE_LEASE)
     async def release_lease(self, holder: str) -> None:
-        """Give the right to move back."""
+        """Return the right to move."""
         self._lease.release(holder)
 
-    def _ran_out(self) -> None:
-        """Brake, from the thread of the watch: neither a busy loop nor an order that was lost keeps the arm moving.
+    def _lease_expired(self) -> None:
+        """Brake, from the thread of the watch: neither a busy loop nor a lost order keeps the arm moving.
 
-        An arm that stands is not ordered again: such an order could come late, and stop the next commander's motion.
+        An arm at rest gets no further order: it could arrive late, and stop the next commander's motion.
         """
         if self._braked_because == api.LEASE.reason and not self._in_motion():
             return
@@ -252,8 +252,8 @@ class RobotComponent(Component):
     def _brake_at_once(self, reason: str) -> None:
         self._braked_because = reason
         self._robot.brake()
-        assert self._loop is not None, "a component whose skills are called runs"
-        with contextlib.suppress(RuntimeError):  # the loop has ended, and with it every motion
+        assert self._loop is not None, "run() has set the loop before any skill is called"
+        with contextlib.suppress(RuntimeError):  # the loop has ended, and all motions with it
             self._loop.call_soon_threadsafe(self._end_motion)
 
     def _in_motion(self) -> bool:
@@ -264,47 +264,49 @@ class RobotComponent(Component):
             self._motion.cancel()
 
     async def _brake(self, reason: str) -> None:
-        self._braked_because = reason  # holds for a motion that is still being planned as well
+        self._braked_because = reason  # also ends a motion that is still being planned
         self._end_motion()
         await self._robot.halt()
 
     async def _confirmed(self, is_so: Callable[[RobotState], bool], what: str) -> None:
-        """Wait for feedback, newer than now, that shows it; `what` says what, and what to do where it does not."""
+        """Wait for new feedback that fulfils `is_so`; `what` names the missing confirmation and what to do."""
         now_ns = self._robot.state().stamp_ns
         give_up_ns = self.port.clock.now_ns() + round(_CONFIRMED_S * 1e9)
         while (state := self._robot.state()).stamp_ns <= now_ns or not is_so(state):
             if self.port.clock.now_ns() >= give_up_ns:
-                raise SkillFailure(RobotReason.NOT_CONFIRMED, f"no feedback said within {_CONFIRMED_S:g} s that {what}")
+                raise SkillFailure(
+                    RobotReason.NOT_CONFIRMED, f"no feedback confirmed within {_CONFIRMED_S:g} s that {what}"
+                )
             await self.port.clock.sleep(1.0 / STATE_RATE_HZ)
 
     @holds(api.ENABLED)
     def _is_enabled(self, caller: str) -> str | None:
-        """Nothing moves after a person's stop, whoever asks."""
+        """Refuse motions after a person's stop, from any caller."""
         try:
             latched = self._latched or self._robot.state().stop_latched
         except HardwareError:  # not connected yet: the motion itself fails as robot_lost
             latched = self._latched
         if not latched:
             return None
-        return "a person has stopped this arm; a person enables it, by dlokit enable or the viewer's button"
+        return "a person has stopped this arm; a person must enable it, by dlokit enable or the viewer's button"
 
     @holds(api.COMMANDER)
     def _is_commander(self, caller: str) -> str | None:
-        """Whoever holds the lease commands; without one, anybody."""
+        """Only the holder of the lease may command; without a holder, any caller."""
         if self._lease.holder in ("", caller):
             return None
-        return "another process holds this robot's lease; robot.stop is for everybody"
+        return "another process holds this robot's lease; only robot.stop is open to all"
 
     @holds(api.LEASE)
     def _lease_runs(self, caller: str) -> str | None:
-        """No motion for a commander who is lost."""
+        """Refuse motions while the commander is lost."""
         if not self._lease.lost:
             return None
         return f"{self._lease.holder} has not renewed its lease; renew or release it"
 
     @asynccontextmanager
     async def _moving(self) -> AsyncGenerator[None, None]:
-        """What every motion begins with, and how it fails when the arm is gone."""
+        """The frame of every motion: it fails as ``robot_lost`` when the arm is gone."""
         self._braked_because = ""
         try:
             yield
@@ -315,9 +317,9 @@ class RobotComponent(Component):
         return self._robot.state()
 
     async def _start(self) -> NDArray[np.float64]:
-        """Where the next trajectory starts: the angles last commanded, or the measured ones when those differ.
+        """Start (7,) [rad] of the next trajectory: the last commanded angles, or the measured ones where those differ.
 
-        By fresh feedback of an arm at rest: after it was braked for old feedback, the old one does not say where it is.
+        Measured by fresh feedback of the arm at rest: after braking for old feedback, the old state is not valid.
         """
         measured = (await self._standing()).q_rad
         if self._commanded is not None and np.max(np.abs(self._commanded - measured)) < START_RAD:
@@ -341,14 +343,14 @@ class RobotComponent(Component):
             clearance_m = self._config.arm_clearance_m
             check_apart(trajectory, self._kinematics.T_world_base, others, clearance_m, COLLISION_STEP_RAD)
         self._commanded = None
-        with self._others_heard():
+        with self._neighbours_watched():
             result = await self._interruptible(self._robot.follow(trajectory, self._driver_lease()))
         self._commanded = trajectory.q_rad[-1].copy()
         return result
 
     @contextmanager
-    def _others_heard(self) -> Generator[None]:
-        """Brake, meanwhile, when another arm is not heard of: it may be anywhere."""
+    def _neighbours_watched(self) -> Generator[None]:
+        """A context in which the arm brakes when another arm is silent: it may be anywhere."""
         if self._neighbours is None:
             yield
             return
@@ -364,7 +366,7 @@ class RobotComponent(Component):
         return Lease(holder=self._lease.holder or self.address, duration_s=self._config.driver_lease_s)
 
     async def _interruptible(self, motion: Coroutine[Any, Any, R]) -> R:
-        """Run a motion so that `_brake` can end it, and so that a cancelled caller leaves the arm standing."""
+        """Run a motion so that `_brake` can end it, and so that the arm is at rest after a cancelled call."""
         if self._braked_because or self._lease.lost:
             motion.close()
             raise SkillFailure(self._braked_because or api.LEASE.reason, "the arm was braked before the motion began")
@@ -373,14 +375,14 @@ class RobotComponent(Component):
             return await self._motion
         except asyncio.CancelledError:
             if self._braked_because:
-                if self._braked_because != RobotReason.STOPPED:  # by whoever waits until the arm stands
-                    with contextlib.suppress(SkillFailure):  # an arm that is gone: that it was braked says more
+                if self._braked_because != RobotReason.STOPPED:  # `_brake` waits until the arm is at rest
+                    with contextlib.suppress(SkillFailure):  # the arm is gone: the reason of the brake is more useful
                         await self._robot.halt()  # the next motion must find it at rest
                 raise SkillFailure(self._braked_because, "the arm was braked before the end of the motion") from None
             await self._robot.halt()
             raise
         except SkillFailure as error:
-            if self._braked_because:  # from another thread: the arm said so before the motion could be ended
+            if self._braked_because:  # from another thread: the driver failed before the motion was cancelled
                 raise SkillFailure(self._braked_because, error.detail) from error
             raise
         finally:

@@ -1,4 +1,4 @@
-"""Who may move the robot, and until when. Pure: the machine's monotonic clock is handed in."""
+"""The lease on a robot: its holder and its end. Pure: the machine's monotonic clock is an argument."""
 
 import math
 import threading
@@ -9,7 +9,7 @@ from dlokit.types.robot import RobotReason
 
 
 class LeaseKeeper:
-    """The one lease on a robot. Any thread may ask and renew."""
+    """The lease on a robot. Any thread may read and renew it."""
 
     def __init__(self, monotonic_ns: Callable[[], int]) -> None:
         self._monotonic_ns = monotonic_ns
@@ -20,27 +20,27 @@ class LeaseKeeper:
 
     @property
     def taken(self) -> bool:
-        """Whether somebody has taken the lease and not given it back, in time or not."""
+        """Whether a holder has taken the lease and not returned it, expired or not."""
         return self._holder != ""
 
     @property
     def lost(self) -> bool:
-        """Whether the lease was taken and has run out."""
+        """Whether the lease was taken and has expired."""
         return self.left_s <= 0.0
 
     @property
     def left_s(self) -> float:
-        """Time until it runs out [s]; inf while nobody has it."""
+        """Time until it expires [s]; inf without a holder."""
         with self._lock:
             return (self._ends_ns - self._monotonic_ns()) / 1e9 if self._holder else math.inf
 
     @property
     def holder(self) -> str:
-        """Who has it; empty when nobody."""
+        """Name of the holder; empty without one."""
         return self._holder
 
     def allows(self, holder: str) -> bool:
-        """Whether a motion of that holder may begin: it has the lease and it runs, or nobody has it."""
+        """Whether a motion of that holder may begin: its lease has not expired, or there is no holder."""
         return not self.lost and self._holder in ("", holder)
 
     def renew(self, holder: str, duration_s: float) -> None:
@@ -52,13 +52,13 @@ class LeaseKeeper:
             self._ends_ns = self._monotonic_ns() + self._duration_ns
 
     def hear(self, holder: str) -> None:
-        """A sign of life keeps the lease for its duration from now on; one of anybody but its holder does nothing."""
+        """Extend the lease from now on by its duration, if the heartbeat is its holder's; others have no effect."""
         with self._lock:
             if holder and holder == self._holder:
                 self._ends_ns = self._monotonic_ns() + self._duration_ns
 
     def release(self, holder: str) -> None:
-        """Give the lease back. Raises `SkillRejected` ``leased`` while another holds it."""
+        """Return the lease. Raises `SkillRejected` ``leased`` while another holds it."""
         with self._lock:
             self._refuse_others(holder)
             self._holder = ""
@@ -67,5 +67,5 @@ class LeaseKeeper:
         if self._holder not in ("", holder) and self._monotonic_ns() < self._ends_ns:
             raise SkillRejected(
                 RobotReason.LEASED,
-                f"{self._holder} moves this robot; {holder} may take it once {self._holder} gives it back",
+                f"{self._holder} holds the lease of this robot; {holder} may take it after {self._holder} returns it",
             )

@@ -1,4 +1,4 @@
-"""The other arms of a cell: where they are, as far as they were heard of, and whether they are too near."""
+"""The other arms of a cell: their last known states, and whether they are too near."""
 
 import math
 from collections.abc import Callable
@@ -14,35 +14,35 @@ from dlokit.types.arrays import Float64Array
 from dlokit.types.robot import RobotReason, RobotState
 
 SILENT_S = 0.2
-"""An arm that was not heard of for so long may be anywhere [s of the arm's own clock]; ten of its states."""
+"""An arm without a new state for this long may be anywhere [s of the arm's own clock]; ten periods of its state."""
 _WAIT_S = 2.0
-"""How long a motion waits for another arm to be heard of, when both have just started [s]."""
+"""Longest wait of a motion for another arm's first state, when both have just started [s]."""
 _POLL_S = 0.02
-_STANDS_RAD = 0.005
-"""An arm all of whose joints are within this of where they were has not moved: fingers that close shake it less, and it
-moves no part of an arm by half of what arms keep apart."""
+_AT_REST_RAD = 0.005
+"""An arm whose joints all changed by less than this [rad] has not moved: closing fingers shake it less, and no part of
+the arm moves by half of the clearance."""
 
 
 class Neighbours:
-    """The other arms, by the instances of their robot components; a `Deadline`: over when one is silent."""
+    """The other arms, by the instances of their robot components; a `Deadline` that expires when one is silent."""
 
     def __init__(self, port: Port, instances: tuple[str, ...], clearance_m: float, now_ns: Callable[[], int]) -> None:
         """`clearance_m` is the least distance to keep [m]; `now_ns` is the clock of this arm's own states."""
         self._port = port
         self._instances = instances
         self._now_ns = now_ns
-        self._heard: dict[str, tuple[RobotState, int]] = {}
-        """Of each that was heard of, its newest state and when that came [ns]."""
+        self._received: dict[str, tuple[RobotState, int]] = {}
+        """Instance → its newest state, and when it arrived [ns]."""
         for instance in instances:
-            port.tap(topics.ROBOT_STATE.at(instance), partial(self._hear, instance))
+            port.tap(topics.ROBOT_STATE.at(instance), partial(self._receive, instance))
         self._clearance_m = clearance_m
         self._met: dict[str, Float64Array] = {}
-        """Joint angles (7,) [rad] of the others when the motion was held against them, by robot."""
+        """Robot → joint angles (7,) [rad] when the motion was checked against it."""
 
     async def now(self) -> list[RobotState]:
-        """Where they are, for a motion to be held against; what they do later is watched on the way.
+        """Their present states, to check a motion against; later states are watched during the motion.
 
-        Raises `SkillFailure` ``neighbour_silent`` when one is not heard of within 2 s.
+        Raises `SkillFailure` ``neighbour_silent`` when one publishes none within 2 s.
         """
         clock = self._port.clock
         give_up_ns = clock.now_ns() + round(_WAIT_S * 1e9)
@@ -50,7 +50,7 @@ class Neighbours:
             if clock.now_ns() >= give_up_ns:
                 raise SkillFailure(
                     RobotReason.NEIGHBOUR_SILENT,
-                    f"nothing was heard of the arm {silent!r} for {_WAIT_S:g} s, so it may be in the way; see whether "
+                    f"no state of the arm {silent!r} arrived for {_WAIT_S:g} s, so it may be in the way; check that "
                     "its robot process runs",
                 )
             await clock.sleep(_POLL_S)
@@ -59,39 +59,39 @@ class Neighbours:
         return known
 
     def too_near(self, mine: RobotState) -> str:
-        """Why an arm that moves must brake now for another that is heard of; empty when it need not.
+        """Why a moving arm must brake now for another one; empty when it need not.
 
-        It must where both, braking now, would come nearer than they may and than they are: to part is allowed. Another
-        that stands where it stood when the motion was held against it is in nobody's way: the motion, which ends near
-        it as slowly as an arm can brake, would else be broken off.
+        It must where both arms, braking now, would come nearer than the clearance and than they are; moving apart is
+        allowed. An arm that has not moved since the motion was checked against it is ignored: a motion that ends near
+        it would otherwise be aborted.
         """
         for other in self._known():
             met = self._met.get(other.robot)
-            if met is not None and np.max(np.abs(other.q_rad - met)) < _STANDS_RAD:
+            if met is not None and np.max(np.abs(other.q_rad - met)) < _AT_REST_RAD:
                 continue
             stopping_m = stopping_gap_m(mine, other)
             if stopping_m < self._clearance_m and stopping_m < gap_m(mine, other) - AS_FAR_M:
-                return f"{other.robot} is {1e3 * gap_m(mine, other):.0f} mm away and both are under way"
+                return f"{other.robot} is {1e3 * gap_m(mine, other):.0f} mm away and both move"
         return ""
 
     @property
     def left_s(self) -> float:
-        """As `Deadline`: until one has been silent for too long [s]."""
+        """Time until one of them has been silent for too long [s], as `Deadline`."""
         return SILENT_S - max(map(self._age_s, self._instances))
 
-    def _hear(self, instance: str, state: RobotState) -> None:
-        """On a thread of the network's: past a loop that is busy. An arm whose feedback is frozen says nothing new."""
-        heard = self._heard.get(instance)
-        if heard is None or state.stamp_ns != heard[0].stamp_ns:
-            self._heard[instance] = state, self._now_ns()
+    def _receive(self, instance: str, state: RobotState) -> None:
+        """Keep a state; called on the network's thread, also while the loop is busy. A repeated stamp is not new."""
+        received = self._received.get(instance)
+        if received is None or state.stamp_ns != received[0].stamp_ns:
+            self._received[instance] = state, self._now_ns()
 
     def _age_s(self, instance: str) -> float:
-        heard = self._heard.get(instance)
-        return math.inf if heard is None else (self._now_ns() - heard[1]) / 1e9
+        received = self._received.get(instance)
+        return math.inf if received is None else (self._now_ns() - received[1]) / 1e9
 
     def _silent(self) -> str:
-        """An arm that is not heard of, or empty."""
+        """An arm that is silent, or empty."""
         return next((instance or "first" for instance in self._instances if self._age_s(instance) > SILENT_S), "")
 
     def _known(self) -> list[RobotState]:
-        return [self._heard[instance][0] for instance in self._instances if instance in self._heard]
+        return [self._received[instance][0] for instance in self._instances if instance in self._received]

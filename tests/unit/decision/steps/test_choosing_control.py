@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dlokit.decision.records import ActionRecord, CorrectionRecord
-from dlokit.decision.steps.act import missed_m
+from dlokit.decision.steps.act import prediction_error_m
 
 LINE = np.column_stack((np.linspace(0.0, 0.5, 31), np.zeros(31), np.zeros(31)))
 CORRECTION = CorrectionRecord(displacement=np.zeros(4), before_m=0.01, predicted_m=0.005, seen_m=None)
@@ -40,5 +40,5 @@ def test_prediction_errors_come_only_from_completed_actions_of_the_same_kind() -
         done("drag", 0.2, corrections=(CORRECTION,)),
         done("drag", 0.2, expected_world=None),
     )
-    assert missed_m(history, "drag") == pytest.approx(np.sqrt((0.03**2 + 0.04**2) / 2))
-    assert missed_m(history, "push") == 0.0
+    assert prediction_error_m(history, "drag") == pytest.approx(np.sqrt((0.03**2 + 0.04**2) / 2))
+    assert prediction_error_m(history, "push") == 0.0

@@ -80,7 +80,7 @@ def test_every_kind_keeps_its_type_over_the_bus() -> None:
 
 
 def test_invalid_settings_are_refused() -> None:
-    with pytest.raises(ConfigError, match="too short"):
+    with pytest.raises(ConfigError, match="it must be 80 or greater"):
         SearchConfig(rollouts=30)
     for seconds in (0.0, -1.0, math.nan):
         with pytest.raises(ConfigError, match="seconds"):

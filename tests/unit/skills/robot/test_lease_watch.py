@@ -46,7 +46,7 @@ def test_a_heartbeat_of_another_caller_renews_nothing() -> None:
     machine.now_s = 0.25
     assert keeper.lost
     keeper.renew("another system", 0.2)  # an expired lease may be taken
-    with pytest.raises(SkillRejected, match="another system moves this robot"):
+    with pytest.raises(SkillRejected, match="another system holds the lease"):
         keeper.renew("the decision process", 0.2)
 
 

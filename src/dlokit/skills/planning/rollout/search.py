@@ -6,12 +6,14 @@ import os
 from collections.abc import Awaitable, Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import TypeVar
+from typing import Annotated, TypeVar
 
 import numpy as np
+from msgspec import Meta
 
 from dlokit.communication.port import Compute
 from dlokit.errors import ConfigError
+from dlokit.ranges import Count, Positive, check_ranges
 from dlokit.rod.believed import BeliefConfig, BelievedDlo
 from dlokit.rod.rollout import Motion, Played, QuickRod, play
 from dlokit.skills.planning.rollout.candidates import Candidate, Family
@@ -30,31 +32,25 @@ _OTHER_RODS = 8  # that each finalist is tried on, as `doubtful_rods` makes them
 class SearchConfig:
     """How many actions are played through for a decision."""
 
-    rollouts: int = 480
+    rollouts: Count = 480
     """Motions played through for one decision, at most. Larger: better actions, and longer decisions."""
-    seconds: float = 2.0
+    seconds: Positive = 2.0
     """Time for one decision when live [s]: the search ends with what it has then. Larger: better actions on a slow
     machine. Where not a quarter of the rollouts fits, it takes longer, up to three times. Not looked at in lockstep."""
-    generations: int = 8
+    generations: Annotated[int, Meta(ge=0)] = 8
     """Rounds in which the best candidates are refined. Larger: more refinement, of fewer candidates each."""
-    finalists: int = 8
+    finalists: Count = 8
     """Best candidates that are tried again on eight rods, stiffer, softer, rougher and smoother than believed. Larger:
     actions that depend less on what is believed of the DLO, and fewer candidates."""
 
     def __post_init__(self) -> None:
-        if self.finalists < 1 or self.generations < 0:
-            raise ConfigError(
-                f"a search has finalists {self.finalists}, generations {self.generations}; at least 1 and 0 are "
-                f"allowed."
-            )
+        check_ranges(self, "planning.strategy.search")
         finals = self.finalists * _OTHER_RODS
         if self.rollouts < _LEAST + finals:
             raise ConfigError(
-                f"a search of {self.rollouts} rollouts is too short: {self.finalists} finalists take {finals}, and "
-                f"{_LEAST} more are needed; allow more rollouts."
+                f"--planning.strategy.search.rollouts is {self.rollouts}; it must be {_LEAST + finals} or greater: "
+                f"{self.finalists} finalists take {finals}, and {_LEAST} more are needed."
             )
-        if not self.seconds > 0.0:
-            raise ConfigError(f"a search has seconds {self.seconds}; it must be a number above 0.")
 
 
 _LARGEST_BATCH = 8  # rollouts a core between two looks at the time

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dlokit import geometry
+from dlokit.ranges import Fraction, Positive, check_ranges
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.planning.base import Reachable
 from dlokit.skills.planning.servoing.jacobian import (
@@ -42,11 +43,14 @@ _HIDDEN = 3.0  # times the standard deviation of a node that is seen, measured b
 class ServoConfig:
     """When the DLO is seen well enough for corrections while it is held."""
 
-    sight_m: float = 0.003
+    sight_m: Positive = 0.003
     """How exactly a held DLO is seen, where the observer does not say, and before it is held: standard deviation of
     each node along each axis [m]. Larger: fewer corrections, of larger errors."""
-    least_health: float = 0.9
+    least_health: Fraction = 0.9
     """Least health of the observation, 0 (lost) to 1, at which a correction is made. Larger: fewer corrections."""
+
+    def __post_init__(self) -> None:
+        check_ranges(self, "planning.servo")
 
 
 @dataclass(frozen=True)
