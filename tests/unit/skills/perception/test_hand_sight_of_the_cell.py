@@ -54,7 +54,7 @@ def test_the_hand_brings_the_camera_of_a_drawn_cell_from_millimetres_to_below_on
     cell.close()
     believed, true = background.calibration.T_world_camera, cell.rig.true_calibration
     assert table_error_m(believed, true) > 0.005  # or there would be nothing to show
-    check = camera_from_hand(background, looks, CONFIG.hand_sight)
+    check = camera_from_hand(background, looks)
     corrected = corrected_by(believed, check)
     # What is left is the tilt of the table, told by the hand to 0.05 deg, and the grid of pixels at the arm's edge.
     assert table_error_m(corrected, true) < 0.001
