@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import Annotated
@@ -94,7 +94,7 @@ class TrackArgs:
     """Corner of the box filter with the smallest coordinates [m]; by default there is no box."""
     box_upper: Corner | None = None
     """Corner of the box filter with the largest coordinates [m]."""
-    voxel_m: float = 0.004
+    voxel_m: float = CloudConfig.voxel_m
     """Side of the cubes that clouds are thinned to [m]; 0 keeps all points."""
 
 
@@ -125,7 +125,7 @@ class TrackSettings:
     nodes: int = BelievedDlo.nodes
     length_m: float | None = None
     box: BoxConfig | None = None
-    cloud: CloudConfig = field(default_factory=CloudConfig)
+    voxel_m: float = CloudConfig.voxel_m
 
 
 def run(args: TrackArgs) -> int:
@@ -206,8 +206,8 @@ def _result(
 def filter_cloud(points: Float64Array, settings: TrackSettings, name: str) -> Float64Array:
     """Perception's filters that apply to a cloud alone: box, thinning, lonely points. Raises `InputError`."""
     inside = points if settings.box is None else points[inside_box(points, settings.box)]
-    thinned = thin(inside, settings.cloud.voxel_m)
-    kept = thinned[~lonely(thinned, settings.cloud)]
+    thinned = thin(inside, settings.voxel_m)
+    kept = thinned[~lonely(thinned)]
     if len(kept) < 2:
         raise InputError(
             f"{name}: of {len(points)} points {len(inside)} lie in the box and {len(kept)} are left by the filters; "
@@ -258,7 +258,7 @@ def _settings(args: TrackArgs) -> TrackSettings:
         nodes=args.nodes,
         length_m=args.length_m,
         box=box,
-        cloud=CloudConfig(voxel_m=args.voxel_m),
+        voxel_m=args.voxel_m,
     )
 
 

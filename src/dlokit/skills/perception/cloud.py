@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from dlokit.geometry.camera import back_project, baseline_m, project
-from dlokit.skills.perception.config import BoxConfig, CloudConfig
+from dlokit.skills.perception.config import BoxConfig
 from dlokit.skills.perception.stereo import Disparity
 from dlokit.types.arrays import BoolArray, Float64Array
 from dlokit.types.image import CameraCalibration
@@ -60,18 +60,26 @@ def to_centre_line(
     return eye + (centred - eye) * scale[:, None]
 
 
-def clean(points_world: Float64Array, config: CloudConfig) -> Float64Array:
-    """Points (N, 3) [m] without outliers, thinned: what an observer wants of any cloud, recorded ones too."""
-    return thin(points_world[~lonely(points_world, config)], config.voxel_m)
+OUTLIER_RADIUS_M = 0.012
+OUTLIER_NEIGHBOURS = 4
+"""Points with fewer than this many others within `OUTLIER_RADIUS_M` [m] are outliers."""
 
 
-def lonely(points_world: Float64Array, config: CloudConfig) -> BoolArray:
+def clean(points_world: Float64Array, voxel_m: float) -> Float64Array:
+    """Points (N, 3) [m] without outliers, thinned to cubes of side `voxel_m` [m].
+
+    Recorded clouds are cleaned in the same way before an observer gets them.
+    """
+    return thin(points_world[~lonely(points_world)], voxel_m)
+
+
+def lonely(points_world: Float64Array) -> BoolArray:
     """Whether each point (N, 3) [m] has too few neighbours, (N,)."""
-    if len(points_world) == 0 or config.outlier_neighbours <= 0:
+    if len(points_world) == 0:
         return np.zeros(len(points_world), dtype=np.bool_)
     tree = KDTree(points_world)
-    counts = np.asarray(tree.query_ball_point(points_world, config.outlier_radius_m, return_length=True))
-    return counts <= config.outlier_neighbours  # each point counts itself
+    counts = np.asarray(tree.query_ball_point(points_world, OUTLIER_RADIUS_M, return_length=True))
+    return counts <= OUTLIER_NEIGHBOURS  # each point counts itself
 
 
 def thin(points_world: Float64Array, voxel_m: float) -> Float64Array:

@@ -34,6 +34,10 @@ _STATE_WAIT_S = 0.02
 _STATE_WAITS = 50
 
 
+_TABLE_EVERY_LOOKS = 50
+"""The table is searched in the first look, and again after this many."""
+
+
 class PerceptionComponent(Component):
     """Turns the camera's pictures into the DLO's points in the world."""
 
@@ -92,7 +96,7 @@ class PerceptionComponent(Component):
         self._background, self._hand_looks, self._camera_check = None, [], None
         if background is None or not looks:
             raise SkillRejected("no_pictures", "call note_background, then see_hand once or more, then check_camera")
-        self._camera_check = await self.port.compute(camera_from_hand, background, looks, self._config.hand_sight)
+        self._camera_check = await self.port.compute(camera_from_hand, background, looks)
         return self._camera_check
 
     @implements(api.SET_BOX)
@@ -190,8 +194,7 @@ class PerceptionComponent(Component):
 
     async def _by_the_table(self, images: StereoImages) -> StereoImages:
         """The pair with the camera pose corrected by the table, which is looked for now and then."""
-        table = self._config.table
-        if table.correct_pose and self._looks % table.every_looks == 0:
+        if self._config.table.correct_pose and self._looks % _TABLE_EVERY_LOOKS == 0:
             robots = tuple(self._robots.values())
             found = await self.port.compute(corrected_camera_pose, images, robots, self._config, self._segmentation)
             if found is None:

@@ -17,6 +17,9 @@ from dlokit.skills.perception.cloud import box_outline, clean, inside_box, repro
 from dlokit.skills.perception.config import PerceptionConfig
 from dlokit.skills.perception.rectification import grey, rectified
 from dlokit.skills.perception.self_filter import (
+    OCCLUSION_SCALE,
+    PICTURE_MARGIN_M,
+    SPACE_MARGIN_M,
     Capsules,
     occlusion_map,
     panda_capsules,
@@ -71,15 +74,15 @@ def perceive(
     )
     surface = np.zeros((0, 3)) if disparity is None else reproject(disparity, camera)
     keep = inside_box(surface, config.box)
-    keep[keep] = robot_distance_m(surface[keep], capsules) > config.self_filter.space_margin_m
+    keep[keep] = robot_distance_m(surface[keep], capsules) > SPACE_MARGIN_M
     floor_m = TABLE_TOP_M if config.table.supports else None
-    points = clean(to_centre_line(surface[keep], camera, dlo_radius_m, floor_m), config.cloud)
+    points = clean(to_centre_line(surface[keep], camera, dlo_radius_m, floor_m), config.cloud.voxel_m)
     return Look(
         observation=Observation(
             stamp_ns=images.stamp_ns,
             points_world=points.astype(np.float32),
             calibration=camera,
-            occlusion=occlusion_map(capsules, camera, config.self_filter.occlusion_scale),
+            occlusion=occlusion_map(capsules, camera, OCCLUSION_SCALE),
             pins=pins,
         ),
         rectified=pair,
@@ -110,9 +113,9 @@ def corrected_camera_pose(
     """T_world_camera of `images`, corrected by the table's plane; None when it cannot be."""
     pair = rectified(images)
     capsules = panda_capsules(robots)
-    robot = robot_outline(capsules, pair.calibration, config.self_filter.picture_margin_m)
+    robot = robot_outline(capsules, pair.calibration, PICTURE_MARGIN_M)
     hidden = robot | _segmented(pair.left, segmentation.build())
-    return camera_pose_from_table(pair, hidden, config.box, config.table)
+    return camera_pose_from_table(pair, hidden, config.box)
 
 
 def _segmented(picture: UInt8Array, strategy: Segmentation) -> BoolArray:
@@ -120,7 +123,7 @@ def _segmented(picture: UInt8Array, strategy: Segmentation) -> BoolArray:
 
 
 def _where_dlo_may_be(capsules: Capsules, camera: CameraCalibration, config: PerceptionConfig) -> BoolArray:
-    robot = robot_outline(capsules, camera, config.self_filter.picture_margin_m)
+    robot = robot_outline(capsules, camera, PICTURE_MARGIN_M)
     return box_outline(config.box, camera) & ~robot
 
 

@@ -15,6 +15,13 @@ from dlokit.types.image import CameraCalibration
 from dlokit.types.observation import Occlusion
 from dlokit.types.robot import RobotState
 
+PICTURE_MARGIN_M = 0.006
+"""The robot is taken to be this much wider than its capsules in the picture [m]."""
+SPACE_MARGIN_M = 0.006
+"""Points nearer to the robot's capsules than this are the robot's [m]."""
+OCCLUSION_SCALE = 8
+"""Camera pixels per cell of the published occlusion map, along each side."""
+
 
 def panda_capsules(robots: Sequence[RobotState]) -> Capsules:
     """What is known of the robots' shape, C capsules, from their joint angles and finger widths."""

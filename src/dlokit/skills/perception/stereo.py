@@ -41,6 +41,23 @@ class Disparity:
     pixels: Float32Array  # (height, width of the window) [px]; NaN where unknown
 
 
+_PENALTY_SMALL, _PENALTY_LARGE = 8.0, 32.0
+"""P1 for a disparity step of one, and P2 for larger steps, per pixel of the block."""
+_UNIQUENESS_PERCENT = 0
+"""How much better than the second best a match must be [%]. A plain DLO along the rows is ambiguous by nature."""
+_LEFT_RIGHT_PX = 2
+"""Largest difference between matching left to right and right to left [px]."""
+_LOWEST_M = -0.02
+"""Lowest height above the table that is searched [m]."""
+SMOOTHING_PX = 9
+"""Side of the window in which disparities of the mask are averaged [px], odd."""
+_SURROUNDINGS = 0.25
+"""Fraction of the brightness, from 0 to 1, that everything but the DLO keeps. The table's texture would draw a lifted
+DLO that runs along the rows down to the table; without any of it, nothing holds a DLO that lies there."""
+_LARGEST_SPREAD_PX = 1.0
+"""Pixels in whose window the disparities spread more than this (standard deviation) are at an edge [px]."""
+
+
 class StereoMatcher:
     """Finds the disparity of masked pixels, over the table."""
 
@@ -65,15 +82,15 @@ class StereoMatcher:
             return None
         plane = plane_disparity(camera, TABLE_TOP_M)
         raw = self._raw(
-            _dimmed(left, mask, window, self._config.surroundings),
-            _dimmed(right, mask_right, window, self._config.surroundings),
+            _dimmed(left, mask, window, _SURROUNDINGS),
+            _dimmed(right, mask_right, window, _SURROUNDINGS),
             window,
             plane,
             lowest,
             count,
         )
         inside = mask[window.top : window.bottom, window.left : window.right]
-        smooth = _smoothed(np.where(inside, raw, np.float32(np.nan)), self._config)
+        smooth = _smoothed(np.where(inside, raw, np.float32(np.nan)))
         return Disparity(window=window, pixels=_with_plane(smooth, window, plane))
 
     def _raw(
@@ -90,10 +107,10 @@ class StereoMatcher:
             minDisparity=lowest,
             numDisparities=count,
             blockSize=self._config.block_px,
-            P1=round(self._config.penalty_small * self._config.block_px**2),
-            P2=round(self._config.penalty_large * self._config.block_px**2),
-            disp12MaxDiff=self._config.left_right_px,
-            uniquenessRatio=self._config.uniqueness_percent,
+            P1=round(_PENALTY_SMALL * self._config.block_px**2),
+            P2=round(_PENALTY_LARGE * self._config.block_px**2),
+            disp12MaxDiff=_LEFT_RIGHT_PX,
+            uniquenessRatio=_UNIQUENESS_PERCENT,
             mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY,
         )
         crop = np.ascontiguousarray(left[window.top : window.bottom, window.left : window.right])
@@ -110,7 +127,7 @@ class StereoMatcher:
         spans = [
             plane_disparity(camera, TABLE_TOP_M + height).at(corners[:, 0], corners[:, 1])
             - table.at(corners[:, 0], corners[:, 1])
-            for height in (self._config.lowest_m, self._config.highest_m)
+            for height in (_LOWEST_M, self._config.highest_m)
         ]
         # Two pixels more on each side: the believed camera pose is a little off, and a match at the very end of
         # the range has no neighbour to interpolate with.
@@ -172,17 +189,15 @@ def _with_plane(relative: Float32Array, window: Window, plane: PlaneDisparity) -
     return (relative * (1.0 - plane.per_u) + plane.at(u, v)).astype(np.float32)
 
 
-def _smoothed(disparity: Float32Array, config: StereoConfig) -> Float32Array:
+def _smoothed(disparity: Float32Array) -> Float32Array:
     """Means over the known pixels of a window about each known pixel; NaN where they do not agree."""
-    if config.smoothing_px <= 1:
-        return disparity
     known = np.isfinite(disparity)
     values = np.where(known, disparity, np.float32(0.0))
-    count = _box_sum(known.astype(np.float32), config.smoothing_px)
+    count = _box_sum(known.astype(np.float32), SMOOTHING_PX)
     safe = np.maximum(count, np.float32(1.0))
-    mean = _box_sum(values, config.smoothing_px) / safe
-    variance = _box_sum(values * values, config.smoothing_px) / safe - mean * mean
-    good = known & (variance <= config.largest_spread_px**2)
+    mean = _box_sum(values, SMOOTHING_PX) / safe
+    variance = _box_sum(values * values, SMOOTHING_PX) / safe - mean * mean
+    good = known & (variance <= _LARGEST_SPREAD_PX**2)
     return np.where(good, mean, np.float32(np.nan)).astype(np.float32)
 
 

@@ -3,10 +3,8 @@ from stereo_scene import calibration
 
 from dlokit.geometry.camera import plane_disparity
 from dlokit.skills.perception.cloud import lonely, reproject, thin, to_centre_line
-from dlokit.skills.perception.config import CloudConfig
 from dlokit.skills.perception.stereo import Disparity, Window
 
-CONFIG = CloudConfig()
 RNG = np.random.default_rng(0)
 
 
@@ -41,13 +39,13 @@ def test_no_voxel_keeps_all_points():
 
 def test_an_isolated_point_is_an_outlier_and_a_cluster_is_not():
     cluster = RNG.normal(0.0, 0.002, (20, 3))
-    flags = lonely(np.vstack([cluster, [[0.1, 0.0, 0.0]]]), CONFIG)
+    flags = lonely(np.vstack([cluster, [[0.1, 0.0, 0.0]]]))
     assert flags.tolist() == [False] * 20 + [True]
 
 
 def test_an_empty_cloud_stays_empty():
     empty = np.zeros((0, 3))
-    assert len(thin(empty, 0.01)) == len(lonely(empty, CONFIG)) == 0
+    assert len(thin(empty, 0.01)) == len(lonely(empty)) == 0
 
 
 def test_lifted_points_move_one_radius_away_from_the_camera():

@@ -54,7 +54,7 @@ def test_the_hand_reduces_the_camera_error_of_a_random_cell_below_a_millimetre(s
     cell.close()
     believed, true = background.calibration.T_world_camera, cell.rig.true_calibration
     assert table_error_m(believed, true) > 0.005  # otherwise the test would show nothing
-    check = camera_from_hand(background, looks, CONFIG.hand_sight)
+    check = camera_from_hand(background, looks)
     corrected = corrected_by(believed, check)
     # The rest is the table's tilt, known from the hand to 0.05 deg, and the pixel grid at the arm's edge.
     assert table_error_m(corrected, true) < 0.001

@@ -1,15 +1,14 @@
-import dataclasses
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from stereo_scene import HEIGHT_PX, WIDTH_PX, Scene, calibration
 
 from dlokit.geometry.camera import back_project, baseline_m, plane_disparity
+from dlokit.skills.perception import stereo
 from dlokit.skills.perception.brightness import BrightnessConfig
 from dlokit.skills.perception.config import StereoConfig
 from dlokit.skills.perception.rectification import grey
-from dlokit.skills.perception.stereo import StereoMatcher
+from dlokit.skills.perception.stereo import Disparity, StereoMatcher
 from dlokit.types.image import Image
 
 CAMERA = calibration()
@@ -69,14 +68,14 @@ def test_an_empty_mask_needs_no_matching():
     assert StereoMatcher(StereoConfig()).match(left, right, nothing, nothing, CAMERA) is None
 
 
-def test_smoothing_lowers_the_noise_and_leaves_the_mean(s_scene: Scene):
+def test_smoothing_lowers_the_noise_and_leaves_the_mean(s_scene: Scene, monkeypatch: pytest.MonkeyPatch):
     left, right = grey(s_scene.images.left), grey(s_scene.images.right)
     mask = BrightnessConfig().build().mask(Image(stamp_ns=0, pixels=left)).pixels
     mask[:, 500:] = False
-    found = [
-        StereoMatcher(dataclasses.replace(StereoConfig(), smoothing_px=px)).match(left, right, mask, mask, CAMERA)
-        for px in (1, 9)
-    ]
+    found: list[Disparity | None] = []
+    for px in (1, 9):
+        monkeypatch.setattr(stereo, "SMOOTHING_PX", px)
+        found.append(StereoMatcher(StereoConfig()).match(left, right, mask, mask, CAMERA))
     assert found[0] is not None
     assert found[1] is not None
     w = found[0].window

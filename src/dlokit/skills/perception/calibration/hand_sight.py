@@ -24,7 +24,6 @@ from dlokit.errors import SkillFailure
 from dlokit.geometry import rotation
 from dlokit.geometry.camera import baseline_m, in_camera
 from dlokit.skills.perception.calibration.arm_outline import Outline, arm_outline
-from dlokit.skills.perception.config import HandSightConfig
 from dlokit.types.arrays import BoolArray, Float32Array, Float64Array, UInt8Array
 from dlokit.types.image import CameraCalibration, CameraCheck, StereoImages
 from dlokit.types.pose import Pose
@@ -83,6 +82,20 @@ _NOISE_PX = 1.6
 """Standard deviation of a point of the outline; neighbours err alike, so that it is larger than their scatter [px]."""
 _OUTLIER = 3.0
 _LEAST_SCALE_PX = 0.1
+LARGEST_OFFSET_M = 0.02
+"""A larger correction along the table is not believed [m]."""
+LARGEST_YAW_RAD = 0.02
+"""A larger turn about the vertical is not believed [rad]."""
+_LEAST_POINTS = 300
+"""Points of the arm's outline, over all pictures, that are needed."""
+_LARGEST_SCATTER_M = 0.0005
+"""Above this the pictures disagree too much after the correction (root mean square) [m]."""
+_TILT_SIGMA_RAD = 0.0026
+"""Standard deviation of the table's tilt about each axis [rad]."""
+_HEIGHT_SIGMA_M = 0.0015
+"""Standard deviation of the camera's height over the table [m]."""
+_HAND_SIGMA_M = 0.001
+"""Standard deviation of the hand from its model, along each axis [m]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,7 +126,7 @@ class _Fit:
     picture: NDArray[np.int64]  # (N,) which one it is in
 
 
-def camera_from_hand(background: StereoImages, looks: Sequence[HandLook], config: HandSightConfig) -> CameraCheck:
+def camera_from_hand(background: StereoImages, looks: Sequence[HandLook]) -> CameraCheck:
     """How far the camera of `background` is off its believed pose, told on the table's plane at height 0.
 
     `background` is a rectified pair without the arm over the table, its pose corrected by the table. Raises
@@ -121,9 +134,9 @@ def camera_from_hand(background: StereoImages, looks: Sequence[HandLook], config
     """
     center = np.append(np.mean([look.robot.T_world_tcp.position_m[:2] for look in looks], axis=0), 0.0)
     nothing = np.zeros(9)
-    rough = _fit(_pictures(background, looks, nothing, center), nothing, _FAR_PX, config)
+    rough = _fit(_pictures(background, looks, nothing, center), nothing, _FAR_PX)
     known = np.where(_OF_CAMERA, rough.unknowns, 0.0)
-    fit = _fit(_pictures(background, looks, known, center), known, _NEAR_PX, config)
+    fit = _fit(_pictures(background, looks, known, center), known, _NEAR_PX)
     camera = known + fit.unknowns
     check = CameraCheck(
         offset_m=camera[:2],
@@ -132,7 +145,7 @@ def camera_from_hand(background: StereoImages, looks: Sequence[HandLook], config
         scatter_m=_scatter_m(fit),
         points=int(np.count_nonzero(fit.weights)),
     )
-    _hold(check, config)
+    _hold(check)
     return check
 
 
@@ -197,9 +210,7 @@ def _slopes(outline: Outline, robot: RobotState, camera: CameraCalibration, cent
     return np.column_stack([camera_columns, hand_columns, np.ones(len(x))])
 
 
-def _fit(
-    pictures: Sequence[_Picture], known: Float64Array, reaches_px: Sequence[float], config: HandSightConfig
-) -> _Fit:
+def _fit(pictures: Sequence[_Picture], known: Float64Array, reaches_px: Sequence[float]) -> _Fit:
     """Look for the outlines, fit, and look again from there, nearer. Raises `SkillFailure` few_points."""
     fit = _Fit(
         unknowns=np.zeros(9),
@@ -210,13 +221,13 @@ def _fit(
     )
     for reach_px in reaches_px:
         offsets_px, slopes, picture = _search(pictures, fit.unknowns, reach_px)
-        if len(offsets_px) < config.least_points:
+        if len(offsets_px) < _LEAST_POINTS:
             raise SkillFailure(
                 FEW_POINTS,
-                f"{len(offsets_px)} points of the arm's outline were found, at least {config.least_points} are "
+                f"{len(offsets_px)} points of the arm's outline were found, at least {_LEAST_POINTS} are "
                 "needed; is the hand in the picture, and does it differ from the table?",
             )
-        fit = _fitted(offsets_px, slopes, picture, known, config)
+        fit = _fitted(offsets_px, slopes, picture, known)
     return fit
 
 
@@ -240,16 +251,14 @@ def _search(
     return np.concatenate(offsets), np.concatenate(slopes), numbers
 
 
-def _fitted(
-    b: Float64Array, A: Float64Array, picture: NDArray[np.int64], known: Float64Array, config: HandSightConfig
-) -> _Fit:
+def _fitted(b: Float64Array, A: Float64Array, picture: NDArray[np.int64], known: Float64Array) -> _Fit:
     """The unknowns from offsets `b` (N,) and slopes `A` (N, 9): least squares with Tukey's weights, and priors.
 
     `scipy.optimize.least_squares(loss=...)` would apply its loss to the priors as well, and keep one scale: here each
     round takes the scale from the spread of what is left over.
     """
-    tilt, hand = config.tilt_sigma_rad, config.hand_sigma_m
-    prior = np.array([np.inf, np.inf, np.inf, config.height_sigma_m, tilt, tilt, hand, hand, np.inf]) ** -2.0
+    tilt, hand = _TILT_SIGMA_RAD, _HAND_SIGMA_M
+    prior = np.array([np.inf, np.inf, np.inf, _HEIGHT_SIGMA_M, tilt, tilt, hand, hand, np.inf]) ** -2.0
     unknowns, error, weights = np.zeros(9), b, np.ones(len(b))
     for _ in range(_REWEIGHTINGS):
         weighted = (A * weights[:, None]).T / _NOISE_PX**2
@@ -273,19 +282,19 @@ def _scatter_m(fit: _Fit) -> float:
     return float(np.sqrt(np.mean(np.sum(np.square(left), axis=1))))
 
 
-def _hold(check: CameraCheck, config: HandSightConfig) -> None:
+def _hold(check: CameraCheck) -> None:
     """Raise `SkillFailure` for what cannot be believed."""
-    if check.scatter_m > config.largest_scatter_m:
+    if check.scatter_m > _LARGEST_SCATTER_M:
         raise SkillFailure(
             SCATTERED,
-            f"the pictures disagree by {1e3 * check.scatter_m:.1f} mm, at most {1e3 * config.largest_scatter_m:.1f} mm "
+            f"the pictures disagree by {1e3 * check.scatter_m:.1f} mm, at most {1e3 * _LARGEST_SCATTER_M:.1f} mm "
             "are believed; did something else move between them?",
         )
     offset_m = float(np.linalg.norm(check.offset_m))
-    if offset_m > config.largest_offset_m or abs(check.yaw_rad) > config.largest_yaw_rad:
+    if offset_m > LARGEST_OFFSET_M or abs(check.yaw_rad) > LARGEST_YAW_RAD:
         raise SkillFailure(
             TOO_FAR,
             f"the camera would be off by {1e3 * offset_m:.1f} mm and {np.degrees(check.yaw_rad):.2f} degrees, believed "
-            f"are up to {1e3 * config.largest_offset_m:.0f} mm and {np.degrees(config.largest_yaw_rad):.2f} degrees; "
+            f"are up to {1e3 * LARGEST_OFFSET_M:.0f} mm and {np.degrees(LARGEST_YAW_RAD):.2f} degrees; "
             "calibrate it anew",
         )

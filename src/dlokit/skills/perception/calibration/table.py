@@ -12,7 +12,7 @@ from dlokit.description.table import TABLE_TOP_M
 from dlokit.geometry import rotation
 from dlokit.geometry.camera import PlaneDisparity, baseline_m, plane_disparity
 from dlokit.skills.perception.cloud import box_outline
-from dlokit.skills.perception.config import BoxConfig, TableConfig
+from dlokit.skills.perception.config import BoxConfig
 from dlokit.skills.perception.rectification import grey
 from dlokit.types.arrays import BoolArray, Float32Array, Float64Array, UInt8Array
 from dlokit.types.image import CameraCalibration, StereoImages
@@ -24,9 +24,17 @@ _ITERATIONS = 6
 _STRIDE = 5
 """One in so many pixels is enough for three parameters."""
 _LEAST_PIXELS = 1000
+_LARGEST_ANGLE_RAD = 0.02
+"""A larger correction is not believed [rad]; the pose then stays as calibrated."""
+_LARGEST_HEIGHT_M = 0.03
+"""A larger correction of the camera's height is not believed [m]."""
+_LEAST_AGREEING = 0.5
+"""Fraction of the table's pixels that must agree in both pictures."""
+_LEAST_TEXTURE = 2.0
+"""Standard deviation of the table's brightness, 0 to 255, below which it has too little texture."""
 
 
-def camera_pose_from_table(images: StereoImages, hidden: BoolArray, box: BoxConfig, config: TableConfig) -> Pose | None:
+def camera_pose_from_table(images: StereoImages, hidden: BoolArray, box: BoxConfig) -> Pose | None:
     """The corrected T_world_camera of a rectified pair; None when no plane near the believed one is found.
 
     `hidden` (height, width) are pixels that do not show the table: the DLO's and the robot's. The table is
@@ -38,13 +46,11 @@ def camera_pose_from_table(images: StereoImages, hidden: BoolArray, box: BoxConf
         upper_world=(box.upper_world[0], box.upper_world[1], TABLE_TOP_M + 0.001),
     )
     shown = box_outline(footprint, camera) & ~hidden
-    plane = _aligned(grey(images.left), grey(images.right), shown, plane_disparity(camera, TABLE_TOP_M), config)
-    return None if plane is None else _corrected(camera, plane, config)
+    plane = _aligned(grey(images.left), grey(images.right), shown, plane_disparity(camera, TABLE_TOP_M))
+    return None if plane is None else _corrected(camera, plane)
 
 
-def _aligned(
-    left: UInt8Array, right: UInt8Array, shown: BoolArray, believed: PlaneDisparity, config: TableConfig
-) -> PlaneDisparity | None:
+def _aligned(left: UInt8Array, right: UInt8Array, shown: BoolArray, believed: PlaneDisparity) -> PlaneDisparity | None:
     """The plane whose shear brings the right picture onto the left one, from the believed one.
 
     Lucas and Kanade's method with three parameters: least squares of the difference of the pictures, which is
@@ -71,7 +77,7 @@ def _aligned(
         H, g = np.einsum("ki,kj->ij", J, J), np.einsum("ki,k->i", J, residual[good])
         p -= np.linalg.lstsq(H, g, rcond=None)[0]
         agreeing = np.count_nonzero(good)
-    if agreeing < config.least_share * len(u) or float(np.std(wanted)) < config.least_texture:
+    if agreeing < _LEAST_AGREEING * len(u) or float(np.std(wanted)) < _LEAST_TEXTURE:
         return None
     return PlaneDisparity(per_u=float(p[0]), per_v=float(p[1]), constant=float(p[2]))
 
@@ -85,7 +91,7 @@ def _sheared(picture: Float32Array, p: Float64Array) -> Float32Array:
     )
 
 
-def _corrected(camera: CameraCalibration, plane: PlaneDisparity, config: TableConfig) -> Pose | None:
+def _corrected(camera: CameraCalibration, plane: PlaneDisparity) -> Pose | None:
     """The believed pose, turned and lifted the shortest way so that the plane is level and at its height."""
     fB = camera.fx_px * baseline_m(camera)
     # 1 / Z = n · r / -h, with r = ((u - cx) / fx, (v - cy) / fy, 1); so -n / h can be read off the coefficients.
@@ -96,7 +102,7 @@ def _corrected(camera: CameraCalibration, plane: PlaneDisparity, config: TableCo
     R = rotation(camera.T_world_camera)
     turn = Rotation.align_vectors(R[2][None, :], normal_camera[None, :])[0]
     lift = height_m + TABLE_TOP_M - float(camera.T_world_camera.position_m[2])
-    if turn.magnitude() > config.largest_angle_rad or abs(lift) > config.largest_height_m:
+    if turn.magnitude() > _LARGEST_ANGLE_RAD or abs(lift) > _LARGEST_HEIGHT_M:
         return None
     position = camera.T_world_camera.position_m + np.array([0.0, 0.0, lift])
     wxyz = Rotation.from_matrix(R @ turn.as_matrix()).as_quat(scalar_first=True, canonical=True)

@@ -14,13 +14,12 @@ from dlokit.errors import SkillFailure
 from dlokit.geometry.camera import project
 from dlokit.motion.inverse_kinematics import PandaKinematics
 from dlokit.skills.perception.calibration import arm_outline as arm_outline_module
+from dlokit.skills.perception.calibration import hand_sight
 from dlokit.skills.perception.calibration.arm_outline import arm_outline
 from dlokit.skills.perception.calibration.hand_sight import HandLook, camera_from_hand, corrected_by, difference
-from dlokit.skills.perception.config import HandSightConfig
 from dlokit.types.image import StereoImages
 from dlokit.types.pose import Pose
 
-CONFIG = HandSightConfig()
 PLACES = ((0.50, 0.14, np.pi / 2), (0.50, -0.14, -np.pi / 2))
 
 
@@ -68,7 +67,7 @@ def test_a_shift_and_a_turn_of_the_camera_are_found_to_a_millimetre(
     s_scene: Scene, hand_looks: list[HandLook], offset_m: tuple[float, float], yaw_deg: float, lift_m: float
 ):
     background = believed(s_scene.images, offset_m, yaw_deg, lift_m)
-    check = camera_from_hand(background, hand_looks, CONFIG)
+    check = camera_from_hand(background, hand_looks)
     assert abs(np.degrees(check.yaw_rad) + yaw_deg) < 0.1
     assert table_error_m(corrected_by(background.calibration.T_world_camera, check)) < 0.001
     assert check.scatter_m < 0.0003
@@ -88,14 +87,14 @@ def test_half_a_turn_between_two_observations_cancels_an_offset_of_the_hand(
         return frames
 
     monkeypatch.setattr(arm_outline_module, "link_transforms", wrong)
-    check = camera_from_hand(s_scene.images, hand_looks, CONFIG)
+    check = camera_from_hand(s_scene.images, hand_looks)
     assert table_error_m(corrected_by(camera_pose(), check)) < 0.001
 
 
 def test_pictures_without_the_hand_are_refused(s_scene: Scene, hand_looks: list[HandLook]):
     empty = [HandLook(images=s_scene.images, robot=look.robot) for look in hand_looks]
     with pytest.raises(SkillFailure, match="few_points"):
-        camera_from_hand(s_scene.images, empty, CONFIG)
+        camera_from_hand(s_scene.images, empty)
 
 
 def test_inconsistent_images_are_refused(s_scene: Scene, hand_looks: list[HandLook]):
@@ -105,16 +104,20 @@ def test_inconsistent_images_are_refused(s_scene: Scene, hand_looks: list[HandLo
     )
     bent = HandLook(images=images, robot=second.robot)
     with pytest.raises(SkillFailure, match="scattered"):
-        camera_from_hand(s_scene.images, [first, bent], CONFIG)
+        camera_from_hand(s_scene.images, [first, bent])
 
 
-def test_an_implausibly_large_correction_is_refused(s_scene: Scene, hand_looks: list[HandLook]):
+def test_an_implausibly_large_correction_is_refused(
+    s_scene: Scene, hand_looks: list[HandLook], monkeypatch: pytest.MonkeyPatch
+):
     background = believed(s_scene.images, (0.006, 0.0), 0.0)
+    monkeypatch.setattr(hand_sight, "LARGEST_OFFSET_M", 0.005)
     with pytest.raises(SkillFailure, match="too_far"):
-        camera_from_hand(background, hand_looks, dataclasses.replace(CONFIG, largest_offset_m=0.005))
+        camera_from_hand(background, hand_looks)
+    monkeypatch.setattr(hand_sight, "LARGEST_YAW_RAD", 0.003)
     turned = believed(s_scene.images, (0.0, 0.0), 0.4)
     with pytest.raises(SkillFailure, match="too_far"):
-        camera_from_hand(turned, hand_looks, dataclasses.replace(CONFIG, largest_yaw_rad=0.003))
+        camera_from_hand(turned, hand_looks)
 
 
 def test_the_outline_surrounds_the_arm_with_outward_normals(s_scene: Scene, hand_looks: list[HandLook]):
