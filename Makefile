@@ -1,4 +1,4 @@
-# Everything runs in .venv, which `make setup` makes and every other target renews when the lock file has changed.
+# All targets use .venv. `make setup` creates it; the other targets update it when the lock file has changed.
 
 PYTHON ?= python3.11
 BIN := .venv/bin
@@ -9,36 +9,36 @@ SYSTEM_PACKAGES := libegl1 libgl1-mesa-dri chromium
 .DEFAULT_GOAL := help
 
 help:
-	@echo "make demo     the whole loop in a simulated cell, with the browser viewer"
-	@echo "make test     the tests that guard behaviour"
-	@echo "make test-all the long ones as well"
-	@echo "make check    style, strict types, layers"
-	@echo "make setup    .venv and the system packages, for all of the above"
-	@echo "make references  the recorded runs of tests/replay anew, after a change that is meant"
-	@echo "make lock     requirements.lock anew, from pyproject.toml"
-	@echo "make clean    everything that can be made again"
+	@echo "make demo     run the whole loop in a simulated cell, with the browser viewer"
+	@echo "make test     run the tests that guard behaviour"
+	@echo "make test-all run the long tests as well"
+	@echo "make check    check style, strict types and layers"
+	@echo "make setup    create .venv and install the system packages"
+	@echo "make references  record the runs of tests/replay again, after an intended change"
+	@echo "make lock     update requirements.lock from pyproject.toml"
+	@echo "make clean    delete all generated files"
 
 setup: .venv/.ready
 
 .venv/.ready: requirements.lock pyproject.toml | system-packages
-	@echo "step 2 of 4: the virtual environment .venv"
+	@echo "step 2 of 4: creating the virtual environment .venv"
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv
-	@echo "step 3 of 4: the Python packages of requirements.lock, some minutes"
+	@echo "step 3 of 4: installing the Python packages of requirements.lock (some minutes)"
 	@.ci/python-packages $(BIN)/python requirements.lock
-	@echo "step 4 of 4: dlokit itself"
+	@echo "step 4 of 4: installing dlokit"
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps -e .
-	# Where Python is told to write no bytecode, as in many images, every process would compile dlokit anew.
+	# Compile now: many container images disable bytecode files, and each process would otherwise compile dlokit again.
 	$(BIN)/python -m compileall -q src
 	touch $@
 
 system-packages:
-	@test -e .venv/.ready || echo "step 1 of 4: the system packages that are missing"
+	@test -e .venv/.ready || echo "step 1 of 4: installing the missing system packages"
 	@PYTHON=$(PYTHON) .ci/system-packages $(SYSTEM_PACKAGES)
 
 demo: setup
 	$(BIN)/dlokit demo
 
-# Those of live systems run one at a time (`tests/conftest.py`), the others beside them.
+# Tests of live systems run one at a time (`tests/conftest.py`), in parallel with the other tests.
 PYTEST := $(BIN)/pytest --numprocesses auto --maxprocesses 4 --dist loadgroup
 
 test: setup

@@ -28,7 +28,7 @@ from dlokit.evaluation.statistics import median
 from dlokit.functional.cell.config import TICK_S
 from dlokit.functional.cell.dlo_physics import PHYSICS
 from dlokit.functional.cell.world import Cell
-from dlokit.skills.model.tracking import Tracker
+from dlokit.skills.model.tracking import PdTracker
 from dlokit.skills.observer.anchored import chain
 from dlokit.skills.observer.following import follow
 from dlokit.skills.observer.initialise.first_shape import initial_targets
@@ -132,7 +132,7 @@ def _parts(cell: Cell, config: RunConfig) -> list[Part]:
         topology=chain(config.model.nodes, config.model.length_m),
     )
     strategy = config.observer.strategy.build(config.model)
-    tracker = Tracker(config.model)
+    tracker = PdTracker(config.model)
     tracker.place(targets.nodes_world)
     return [
         ("cell: stereo pair rendered", "look", cell.capture),

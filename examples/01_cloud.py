@@ -1,4 +1,4 @@
-"""Fig. 5a: the whole cloud that the stereo camera sees, before anything is cut out."""
+"""Fig. 5a: the complete cloud of the stereo camera, before segmentation."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Fig. 5b: the DLO's points, by brightness and box; and the filters changed while running."""
+"""Fig. 5b: the DLO's points after segmentation and box filter, and a change of the filters during a run."""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from dlokit.system.lockstep import LockstepSystem
 
 async def example(system: LockstepSystem, picture: Path) -> None:
     whole = result_of(await system.transport.call(perception.LOOK))
-    # A smaller box, set by a skill call: the next look obeys it.
+    # A skill call sets a smaller box; the next look uses it.
     lower, upper = np.array([0.3, 0.0, -0.01]), np.array([0.75, 0.4, 0.1])
     result_of(await system.transport.call(perception.SET_BOX, lower, upper))
     await system.clock.sleep(0.1)

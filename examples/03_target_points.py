@@ -1,4 +1,4 @@
-"""Fig. 5c: the observer orders the first cloud into nodes, with no prior, and gives target points."""
+"""Fig. 5c: the observer orders the first cloud into nodes, without a prior, and returns target points."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Fig. 5d: the model is dragged to the target points by a PD controller, and becomes the state everybody uses."""
+"""Fig. 5d: a PD controller drags the model to the target points; its shape is the state."""
 
 import asyncio
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Fig. 5e: three frames drag a rod under forces, so that the goal obeys the DLO."""
+"""Fig. 5e: three frames pull a simulated rod, so that the goal respects the mechanics of the DLO."""
 
 import math
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Fig. 5f: the grasp point is the valid node farthest from its goal; marked nodes are left out."""
+"""Fig. 5f: the grasp point is the valid node farthest from its goal; marked nodes are omitted."""
 
 from pathlib import Path
 

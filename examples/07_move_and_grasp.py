@@ -1,4 +1,4 @@
-"""Fig. 5g: joint-space move above the grasp point, straight down, close, and feel whether something is held."""
+"""Fig. 5g: move above the grasp point in joint space, descend, close the fingers, and check that the DLO is held."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""A larger task: a flow whose steps are calls of `shape_dlo`: from I to S, and back to I."""
+"""A larger task whose flow calls `shape_dlo` twice: from I to S, and back to I."""
 
 import enum
 from collections.abc import Awaitable, Callable
@@ -17,7 +17,7 @@ from dlokit.types.outcome import Succeeded
 
 
 class Shaped(enum.Enum):
-    """Whether the rope has the shape."""
+    """Outcome of a shape task: whether the rope has the goal shape."""
 
     YES = "yes"
     NO = "no"
@@ -25,14 +25,14 @@ class Shaped(enum.Enum):
 
 @dataclass
 class ThereAndBack:
-    """What the larger task knows: the system that it runs on, and what became of each part."""
+    """State of the larger task: the system and the result of each part."""
 
     system: LockstepSystem
     results: dict[str, ShapeResult] = field(default_factory=dict[str, ShapeResult])
 
 
 def shape_to(goal: str) -> Callable[[ThereAndBack], Awaitable[Shaped]]:
-    """A step that is a whole shape task."""
+    """A step that runs a whole shape task."""
 
     async def step(task: ThereAndBack) -> Shaped:
         outcome = await task.system.transport.call_reported(SHAPE_DLO, tell, goal)

@@ -1,4 +1,4 @@
-"""What the numbered examples share: a simulated cell in lockstep, and a place for the picture."""
+"""Common parts of the numbered examples: a simulated cell in lockstep and a folder for the picture."""
 
 import tempfile
 from collections.abc import Awaitable, Callable
@@ -35,13 +35,13 @@ class ExampleArgs:
     out: Path = Path("runs/examples")
     """Folder for the picture."""
     start: str = "S"
-    """Shape in which the rope lies."""
+    """Start shape of the rope."""
     seed: int = 0
     """Seed of the camera's noise and error."""
 
 
 def run_example(picture: str, example: Callable[[LockstepSystem, Path], Awaitable[None]], start: str = "S") -> None:
-    """Start the cell and all components on virtual time, run the example, and say where its picture is."""
+    """Start the cell and all components on virtual time, run the example, and print the path of its picture."""
     args = tyro.cli(ExampleArgs, default=ExampleArgs(start=start))
     args.out.mkdir(parents=True, exist_ok=True)
     config = RunConfig(
@@ -52,7 +52,7 @@ def run_example(picture: str, example: Callable[[LockstepSystem, Path], Awaitabl
         with tempfile.TemporaryDirectory() as folder:
             job = job_from_config(config)
             async with lockstep_system(config, job.start_nodes_world, Path(folder)) as system:
-                await system.clock.sleep(0.1)  # the robot has told where it is
+                await system.clock.sleep(0.1)  # until the robot has published its state
                 await example(system, args.out / picture)
 
     virtual_time.run(main())
@@ -60,14 +60,14 @@ def run_example(picture: str, example: Callable[[LockstepSystem, Path], Awaitabl
 
 
 def result_of(outcome: Outcome[R]) -> R:
-    """The result of a skill call, or the end of the example with what became of it."""
+    """Return the result of a skill call, or end the example with the outcome."""
     if not isinstance(outcome, Succeeded):
         raise SystemExit(f"the skill did not succeed: {outcome}")
     return outcome.result
 
 
 def draw_table(axes: Axes, title: str) -> None:
-    """The table from above, in metres, as the operator stands behind the robot."""
+    """Draw the table from above, in metres, as seen from behind the robot."""
     axes.set_title(title)
     axes.set_xlabel("y [m]")
     axes.set_ylabel("x [m]")
@@ -78,10 +78,10 @@ def draw_table(axes: Axes, title: str) -> None:
 
 
 def draw_nodes(axes: Axes, nodes_world: Float64Array, style: str, label: str) -> None:
-    """A rod (M, 3) [m] from above."""
+    """Draw a rod (M, 3) [m] from above."""
     axes.plot(nodes_world[:, 1], nodes_world[:, 0], style, label=label)
 
 
 def draw_points(axes: Axes, points_world: Float32Array, label: str) -> None:
-    """A cloud (N, 3) [m] from above."""
+    """Draw a cloud (N, 3) [m] from above."""
     axes.scatter(points_world[:, 1], points_world[:, 0], s=2, c="0.6", label=label)

@@ -1,4 +1,4 @@
-"""Steps that the later examples have in common."""
+"""Common steps of the later examples."""
 
 import asyncio
 
@@ -17,7 +17,7 @@ from dlokit.types.dlo import DloState, GoalShape
 
 
 async def tracked_state(system: LockstepSystem, goal: GoalShape) -> DloState:
-    """Look once and give the model's state, its nodes counted from the end that is nearer to the goal's node 0."""
+    """Look once and return the model's state, its nodes numbered from the end that is nearer to the goal's node 0."""
     states = system.transport.stream(topics.STATE)
     seen = result_of(await system.transport.call(perception.LOOK))
     result_of(await system.transport.call(observer.INITIALISE, seen.stamp_ns, goal.nodes_world))
@@ -26,10 +26,10 @@ async def tracked_state(system: LockstepSystem, goal: GoalShape) -> DloState:
 
 
 async def goal_named(system: LockstepSystem, name: str) -> GoalShape:
-    """One of the built-in shapes as the goal."""
+    """Set one of the built-in shapes as the goal."""
     return result_of(await system.transport.call(model.SET_GOAL, builtin_shape(name, 0.5, 101), name))
 
 
 async def proposed(system: LockstepSystem, state: DloState, goal: GoalShape, marked: Int64Array) -> Action:
-    """The planner's best action, grasps at `marked` nodes left out."""
+    """Return the planner's best action, without grasps at `marked` nodes."""
     return result_of(await system.transport.call(planning.PROPOSE, state, goal, Marks(invalid_nodes=marked)))

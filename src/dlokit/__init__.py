@@ -1,10 +1,43 @@
-"""dlokit: bring cables, ropes and wires into the shape you want with a robot and a camera."""
+"""dlokit: bring cables, ropes and wires into the shape you want with a robot and a camera.
+
+    run = dlokit.shape(start="I", goal="S")          # one task in the simulated cell
+    tracker = dlokit.Tracker(length_m=0.5)           # nodes of a DLO in your own point clouds
+    recording = dlokit.open_run("runs/…")            # what a run recorded, as arrays
+
+The names in `__all__` are the public Python API, under semantic versioning; everything else may change.
+"""
+
+from importlib import import_module
+from typing import Any
+
+_HOMES = {
+    "DlokitError": "dlokit.errors",
+    "InputError": "dlokit.errors",
+    "Identified": "dlokit.app.data.identify",
+    "Nodes": "dlokit.app.library.tracker",
+    "Recording": "dlokit.app.library.recording",
+    "Run": "dlokit.app.library.run",
+    "Tracker": "dlokit.app.library.tracker",
+    "identify": "dlokit.app.data.identify",
+    "judge": "dlokit.app.library.judging",
+    "open_run": "dlokit.app.library.recording",
+    "shape": "dlokit.app.library.shape",
+}
+"""Modules of the public names, imported at first use: `import dlokit` loads nothing. `__init__.pyi` has their types."""
+
+__all__ = ["__version__", *_HOMES]  # pyright: ignore[reportUnsupportedDunderAll]
 
 
-def __getattr__(name: str) -> str:
+def __getattr__(name: str) -> Any:
     if name == "__version__":
         # Looked up on access: the import takes as long as NumPy's, and every process would wait for it.
         from importlib.metadata import version
 
         return version("dlokit")
+    if name in _HOMES:
+        return getattr(import_module(_HOMES[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -16,6 +16,7 @@ QUICK = {
     "gate_values": ("--values", "20", "--calls", "1"),
     "hops": (),
     "simulation": ("--repeats", "1"),
+    "tracker_overhead": ("--clouds", "3"),
     "tuning": ("cpd", "--budget", "1", "--frames", "3"),
     "verdict_rounding": ("--goals", "1"),
 }

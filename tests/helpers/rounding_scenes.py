@@ -23,7 +23,7 @@ from dlokit.rod.believed import BelievedDlo, as_configured
 from dlokit.rod.equilibrium import nearest_held
 from dlokit.rod.nodes import topology
 from dlokit.skills.model.carry import Carry
-from dlokit.skills.model.tracking import Tracker
+from dlokit.skills.model.tracking import PdTracker
 from dlokit.skills.observer.config import ObserverConfig
 from dlokit.skills.observer.following import follow
 from dlokit.skills.observer.strategies import OURS
@@ -79,7 +79,7 @@ def _looks() -> list[tuple[Observation, DloState]]:
 
 def tracked(rounded: Rounded) -> Outcome:
     """The model dragged to the target points of a recorded run, of which some are hidden."""
-    tracker, found, before_ns = Tracker(MODEL), Outcome(), -1
+    tracker, found, before_ns = PdTracker(MODEL), Outcome(), -1
     for number, one in enumerate(read_recording(RECORDING, {topics.TARGETS.name})):
         seen = one.message
         assert isinstance(seen, TargetPoints)

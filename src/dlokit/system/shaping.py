@@ -71,6 +71,9 @@ LINGER_S = 2.2
 class Watcher:
     """Whoever shows a run while it goes on, e.g. the terminal; of itself it shows nothing."""
 
+    def started(self, cancel: Callable[[], object]) -> None:
+        """The task runs. `cancel` ends it with outcome `cancelled`, as Ctrl-C does, and may be called on any thread."""
+
     def page(self, url: str) -> None:
         """The viewer's page is served, at this address; again when the viewer was started again."""
 
@@ -121,6 +124,10 @@ async def shape(
     watch: Watcher,
 ) -> RunRecord:
     """Run the task to its end and let the cell run on until its last shape can be judged."""
+    task, loop = asyncio.current_task(), asyncio.get_running_loop()
+    assert task is not None
+    cancel = task.cancel
+    watch.started(lambda: loop.call_soon_threadsafe(cancel))
     album = _Album(transport.stream(topics.STEREO_IMAGES))
     helpers = [asyncio.create_task(waiting) for waiting in (album.fill(), *_told(transport, watch))]
     began_s, began_ns = time.perf_counter(), clock.now_ns()

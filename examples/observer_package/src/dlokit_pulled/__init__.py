@@ -1,1 +1,1 @@
-"""An observer for dlokit, in a package of its own."""
+"""An observer for dlokit, in a separate package."""

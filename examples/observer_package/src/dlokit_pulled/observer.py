@@ -1,4 +1,4 @@
-"""The rod is pulled onto the cloud, step by step, and keeps its length.
+"""An observer that pulls the rod onto the cloud step by step and keeps its length.
 
 In each step every point pulls the place of the rod that is nearest to it, less the farther it is (a Cauchy weight whose
 scale shrinks from step to step); neighbours share the pull; then every edge is put back to its rest length, as in
@@ -22,29 +22,29 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class PulledConfig:
-    """Points pull the rod, which keeps its length."""
+    """Settings of the observer that pulls the rod onto the cloud."""
 
     name: ClassVar[str] = "pulled"
 
     steps: int = 15
     """Steps from the prior to the targets."""
     first_scale_m: float = 0.04
-    """Points farther than this hardly pull in the first step [m]; about the largest motion between two clouds."""
+    """Range of the pull in the first step [m]; choose the largest motion between two clouds."""
     last_scale_m: float = 0.005
-    """The same in the last step [m]; about twice the noise of the cloud."""
+    """Range of the pull in the last step [m]; choose twice the noise of the cloud."""
     stiffness: float = 1.0
-    """How much neighbours share the pull, in points of a cloud; 0: each node for itself."""
+    """Coupling of neighbouring nodes, in points of a cloud; 0 moves each node independently."""
     length_rounds: int = 10
-    """How often the edges are put back to their length in a step."""
+    """Rounds of length correction per step."""
     max_points: int = 500
-    """Larger clouds are thinned, evenly over their index, to about so many points."""
+    """Approximate maximum number of points; larger clouds are thinned evenly over their index."""
 
     def __post_init__(self) -> None:
         if self.steps < 1 or not 0.0 < self.last_scale_m <= self.first_scale_m:
             raise ValueError("steps must be at least 1, and 0 < last_scale_m <= first_scale_m")
 
     def build(self, dlo: BelievedDlo) -> "Pulled":
-        """The observer with these settings; the prior's topology tells it all that it needs of the DLO."""
+        """Build the observer; the prior's topology contains all that it needs about the DLO."""
         return Pulled(self)
 
 
@@ -55,7 +55,7 @@ class Pulled:
         self._config = config
 
     def estimate(self, seen: Observation, prior: DloState) -> TargetPoints:
-        """Target points in the order of the prior; health is the share of the cloud that lies on the rod."""
+        """Target points in the order of the prior; health is the fraction of points on the rod."""
         config, topology = self._config, prior.topology
         points = np.asarray(seen.points_world, dtype=np.float64)
         if len(points) == 0:
@@ -65,7 +65,7 @@ class Pulled:
         joined = _laplacian(topology, len(nodes)) * config.stiffness * len(pulling) / len(nodes)
         for scale_m in np.geomspace(config.first_scale_m, config.last_scale_m, config.steps):
             weight, pull = _pulls(pulling, nodes, topology, float(scale_m))
-            # A trace of weight for each node, so that a rod far from all points stays where it is.
+            # A small weight for each node keeps a rod far from all points in place.
             nodes = nodes + np.linalg.solve(np.diag(weight + 1e-6) + joined, pull)
             nodes = _with_rest_lengths(nodes, topology, config.length_rounds)
         return TargetPoints(
@@ -95,7 +95,7 @@ def _pulls(points: Array, nodes: Array, topology: Topology, scale_m: float) -> t
 
 
 def _laplacian(topology: Topology, count: int) -> Array:
-    """The graph Laplacian (M, M): what it multiplies is the displacements' difference to their neighbours'."""
+    """The graph Laplacian (M, M); it maps displacements to their differences from the neighbours' mean."""
     L = np.zeros((count, count))
     for i, j in topology.edges:
         L[[i, j], [i, j]] += 1.0
@@ -104,7 +104,7 @@ def _laplacian(topology: Topology, count: int) -> Array:
 
 
 def _with_rest_lengths(nodes: Array, topology: Topology, rounds: int) -> Array:
-    """The nodes (M, 3) [m] with every edge nearer to its rest length, both ends moved alike."""
+    """The nodes (M, 3) [m] with every edge closer to its rest length; both ends move equally."""
     a, b = topology.edges[:, 0], topology.edges[:, 1]
     degree = np.bincount(topology.edges.reshape(-1), minlength=len(nodes))[:, None]
     for _ in range(rounds):

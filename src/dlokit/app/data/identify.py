@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from os import PathLike
 from pathlib import Path
 from typing import Annotated
 
@@ -94,31 +95,70 @@ def run(args: IdentifyArgs) -> int:
     """Read, learn, print and write."""
     if not args.runs:
         raise InputError("no run is named; give the folders of one or more runs, e.g. dlokit identify runs/<run>.")
-    config = read_toml(args.runs[-1] / CONFIG_FILE, RunConfig)
-    size = measure(read_recording(args.runs[-1] / FILE_NAME), config.perception, config.model)
-    model = config.model if size is None else _with_size(config.model, size)
-    seen = [lesson for folder in args.runs for lesson in experiences(read_recording(folder / FILE_NAME))]
-    found = lessons(model, seen)
-    if not found and size is None:
-        raise InputError(
-            f"{', '.join(map(str, args.runs))}: the DLO is in no picture, and no action held and moved it; "
-            f"give a run that saw it."
-        )
+    found = identify(args.runs)
     out = args.out or args.runs[-1]
     out.mkdir(parents=True, exist_ok=True)
-    belief = found[-1].belief if found else as_configured(model, stamp_ns=0)
-    learnt = replace(config, model=as_believed(model, belief))
-    (out / LEARNT_FILE).write_text(to_toml(learnt), encoding="utf-8")
+    (out / LEARNT_FILE).write_text(to_toml(found.config), encoding="utf-8")
     console = Console()
     console = Console(width=max(console.width, TABLE_WIDTH))
     written = [out / LEARNT_FILE]
-    if found:
-        console.print(_actions(found))
-        write_picture(out / PICTURE_FILE, found)
+    if found.lessons:
+        console.print(_actions(found.lessons))
+        write_picture(out / PICTURE_FILE, found.lessons)
         written.append(out / PICTURE_FILE)
-    console.print(_figures(belief, config, size))
+    console.print(_figures(found))
     console.print(f"written: {', '.join(map(str, written))}", highlight=False, markup=False, soft_wrap=True)
     return 0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Identified:
+    """What the runs of one DLO show of it."""
+
+    belief: DloBelief
+    """Length, radius, stiffness and friction, each with its uncertainty."""
+    configured: RunConfig
+    """The configuration of the last run."""
+    config: RunConfig
+    """The same with the figures found: a run with it knows the DLO."""
+    lessons: tuple[Lesson, ...] = ()
+    """What each action showed."""
+    size: Measures | None = None
+    """Length and radius as measured in the pictures; None where the DLO is in no picture."""
+
+    @property
+    def settings(self) -> dict[str, object]:
+        """The figures found, as the argument `settings` of `dlokit.shape` and `dlokit.judge`."""
+        return {"model": self.config.model}
+
+
+def identify(runs: Sequence[Path | str | PathLike[str]]) -> Identified:
+    """Estimate length, radius, stiffness and friction of a DLO from its runs, in their order.
+
+    `runs` are their folders, or what `dlokit.shape` and `dlokit.open_run` return. Raises `InputError` where one is no
+    recorded run, or where the runs show nothing of the DLO.
+    """
+    folders = [Path(one) for one in runs]
+    if not folders:
+        raise InputError("no run is named; give the folders of one or more runs of one DLO.")
+    configured = read_toml(folders[-1] / CONFIG_FILE, RunConfig)
+    size = measure(read_recording(folders[-1] / FILE_NAME), configured.perception, configured.model)
+    model = configured.model if size is None else _with_size(configured.model, size)
+    seen = [lesson for folder in folders for lesson in experiences(read_recording(folder / FILE_NAME))]
+    found = tuple(lessons(model, seen))
+    if not found and size is None:
+        raise InputError(
+            f"{', '.join(map(str, folders))}: the DLO is in no picture, and no action held and moved it; "
+            f"give a run that saw it."
+        )
+    belief = found[-1].belief if found else as_configured(model, stamp_ns=0)
+    return Identified(
+        belief=belief,
+        configured=configured,
+        config=replace(configured, model=as_believed(model, belief)),
+        lessons=found,
+        size=size,
+    )
 
 
 def _with_size(model: BelievedDlo, size: Measures) -> BelievedDlo:
@@ -128,7 +168,7 @@ def _with_size(model: BelievedDlo, size: Measures) -> BelievedDlo:
     return replace(model, length_m=length.value, radius_m=radius.value, belief=sure)
 
 
-def _actions(found: list[Lesson]) -> Table:
+def _actions(found: Sequence[Lesson]) -> Table:
     table = Table(title="actions", caption="prediction error: of all nodes, RMSE; as learnt: from the actions before")
     for heading in ("action", "moved, mm", "as configured, mm", "as learnt, mm", "EI/(μ w), cm³", "takes a set"):
         table.add_column(heading, justify="right", no_wrap=True)
@@ -146,11 +186,12 @@ def _actions(found: list[Lesson]) -> Table:
     return table
 
 
-def _figures(belief: DloBelief, config: RunConfig, size: Measures | None) -> Table:
+def _figures(found: Identified) -> Table:
+    belief, size = found.belief, found.size
     table = Table(title=f"the DLO, from {0 if size is None else size.looks} looks and {belief.actions} actions")
     for heading in ("", "configured", "found", "95 % within"):
         table.add_column(heading, justify="left" if not heading else "right", no_wrap=True)
-    model = config.model
+    model = found.configured.model
     rows: tuple[tuple[str, float, LogNormal], ...] = (
         ("length, m", model.length_m, belief.length_m),
         ("radius, m", model.radius_m, belief.radius_m),

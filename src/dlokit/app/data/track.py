@@ -17,23 +17,18 @@ from rich.table import Table
 
 from dlokit.app.commands import CliCommand, flag
 from dlokit.app.data.cloud_files import read_cloud, read_nodes
-from dlokit.errors import InputError, SkillFailure
+from dlokit.app.library.tracker import Nodes, Tracker
+from dlokit.errors import InputError
 from dlokit.rod.believed import BelievedDlo
-from dlokit.skills.observer.anchored import chain_lengths
 from dlokit.skills.observer.base import ObserverStrategyConfig
 from dlokit.skills.observer.config import ObserverConfig
-from dlokit.skills.observer.following import follow
-from dlokit.skills.observer.initialise.first_shape import initial_targets
-from dlokit.skills.observer.initialise.skeleton import spanning_tree
-from dlokit.skills.observer.kernels import warm
 from dlokit.skills.observer.strategies import strategies
 from dlokit.skills.observer.visibility import distance_to_dlo_m
 from dlokit.skills.perception.cloud import inside_box, lonely, thin
 from dlokit.skills.perception.config import BoxConfig, CloudConfig
 from dlokit.system.results.run_folder import claim_run_folder, new_run_folder
 from dlokit.types.arrays import Float64Array
-from dlokit.types.dlo import DloState, TargetPoints, Topology
-from dlokit.types.observation import Observation
+from dlokit.types.dlo import Topology
 
 MOST_PANELS = 12
 
@@ -166,43 +161,40 @@ def track_clouds(
     """
     if not clouds:
         raise InputError("no cloud was given: name at least one .pcd, .ply, .npy or .csv file")
-    config = ObserverConfig()
-    strategy = settings.observer.build(BelievedDlo(nodes=settings.nodes))
-    warm((settings.observer,))  # or the second cloud would wait for compiled code
-    found: list[TargetPoints] = []
+    tracker = Tracker(
+        length_m=settings.length_m,
+        nodes=settings.nodes,
+        observer=settings.observer,
+        initial_nodes_world=initial,
+    )
+    found: list[Nodes] = []
     filtered: list[Float64Array] = []
     seconds: list[float] = []
-    topology = None if initial is None else topology_of(initial)
-    for number, (cloud, name) in enumerate(zip(clouds, names, strict=True)):
+    for cloud, name in zip(clouds, names, strict=True):
         begin = time.perf_counter()
         points = filter_cloud(cloud, settings, name)
-        seen = Observation(stamp_ns=number, points_world=points.astype(np.float32))
-        if topology is None:
-            targets = _first(seen, settings, config, name)
-            topology = chain_lengths(targets.nodes_world)
-        else:
-            nodes = found[-1].nodes_world if found else initial
-            assert nodes is not None
-            prior = DloState(stamp_ns=number, nodes_world=nodes, topology=topology)
-            targets = follow(strategy, seen, prior, config)
+        try:
+            found.append(tracker.update(points))
+        except InputError as error:
+            raise InputError(f"{name}: {error} (--initial)") from error
         seconds.append(time.perf_counter() - begin)
-        found.append(targets)
         filtered.append(points)
+    topology = tracker.topology
     assert topology is not None
     return _result(found, filtered, np.array(seconds), topology)
 
 
 def _result(
-    found: Sequence[TargetPoints], clouds: Sequence[Float64Array], seconds: Float64Array, topology: Topology
+    found: Sequence[Nodes], clouds: Sequence[Float64Array], seconds: Float64Array, topology: Topology
 ) -> TrackResult:
     return TrackResult(
-        nodes_world=np.stack([targets.nodes_world for targets in found]),
-        visible=np.stack([targets.visible for targets in found]),
-        health=np.array([targets.health for targets in found]),
+        nodes_world=np.stack([nodes.positions_world for nodes in found]),
+        visible=np.stack([nodes.visible for nodes in found]),
+        health=np.array([nodes.health for nodes in found]),
         distance_m=np.array(
             [
-                float(np.sqrt(np.mean(distance_to_dlo_m(points, targets.nodes_world, topology) ** 2)))
-                for points, targets in zip(clouds, found, strict=True)
+                float(np.sqrt(np.mean(distance_to_dlo_m(points, nodes.positions_world, topology) ** 2)))
+                for points, nodes in zip(clouds, found, strict=True)
             ]
         ),
         seconds=seconds,
@@ -224,20 +216,6 @@ def filter_cloud(points: Float64Array, settings: TrackSettings, name: str) -> Fl
     return kept
 
 
-def topology_of(nodes: Float64Array) -> Topology:
-    """How nodes (M, 3) [m] of unknown topology hang together: their minimum spanning tree.
-
-    Edges run from the smaller index to the larger, sorted, so that nodes in order along a rod give its chain.
-    """
-    tree = spanning_tree(nodes, float(np.linalg.norm(np.ptp(nodes, axis=0))) + 1e-9).tocoo()
-    edges = np.sort(np.column_stack([tree.row, tree.col]).astype(np.int64), axis=1)
-    edges = edges[np.lexsort((edges[:, 1], edges[:, 0]))]
-    if len(edges) != len(nodes) - 1:
-        raise InputError("two of the initial nodes lie at the same place; give each node once")
-    lengths = np.linalg.norm(nodes[edges[:, 0]] - nodes[edges[:, 1]], axis=1)
-    return Topology(edges=edges, rest_lengths_m=lengths)
-
-
 def write_result(result: TrackResult, clouds: Sequence[Path], out: Path) -> None:
     """Write nodes.npy (F, M, 3), nodes.csv, edges.csv and track.png to a folder."""
     np.save(out / "nodes.npy", result.nodes_world)
@@ -255,15 +233,6 @@ def write_result(result: TrackResult, clouds: Sequence[Path], out: Path) -> None
         [path.name for path in clouds],
         out / "track.png",
     )
-
-
-def _first(seen: Observation, settings: TrackSettings, config: ObserverConfig, name: str) -> TargetPoints:
-    try:
-        return initial_targets(seen, settings.nodes, settings.length_m)
-    except SkillFailure as failure:
-        raise InputError(
-            f"{name}: {failure.reason}: {failure.detail}; or give the nodes at the first cloud with --initial"
-        ) from failure
 
 
 def _settings(args: TrackArgs) -> TrackSettings:

@@ -4,7 +4,7 @@ They are read before the rest, so that the other arguments change them and `--he
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -29,30 +29,57 @@ from dlokit.types.arrays import Float64Array
 C = TypeVar("C", bound=NamedConfig)
 
 
+@dataclass(frozen=True, kw_only=True)
+class NamedChoices:
+    """What a user chooses by name; None leaves what is configured."""
+
+    dlo: str | None = None
+    physics: str | None = None
+    randomised: bool = False
+    observer: str | None = None
+    segmentation: str | None = None
+    planner: str | None = None
+
+
 def chosen_settings(arguments: Sequence[str], config_file: Path | None) -> RunConfig:
     """What holds where the other arguments say nothing. Raises `ConfigError`."""
     run = RunConfig() if config_file is None else read_toml(config_file, RunConfig)
-    if (name := value_of(arguments, "--dlo")) is not None:
-        run = with_dlo(run, preset(name))
-    if (name := value_of(arguments, "--physics")) is not None:
-        run = _with_physics(run, name)
-    if "--randomised" in arguments:
+    choices = NamedChoices(
+        dlo=value_of(arguments, "--dlo"),
+        physics=value_of(arguments, "--physics"),
+        randomised="--randomised" in arguments,
+        observer=value_of(arguments, "--observer"),
+        segmentation=value_of(arguments, "--segmentation"),
+        planner=value_of(arguments, "--planner"),
+    )
+    return with_choices(run, choices, "--")
+
+
+def with_choices(run: RunConfig, choices: NamedChoices, prefix: str = "") -> RunConfig:
+    """The configuration with what was chosen by name. Raises `ConfigError`, which names `prefix` and the choice."""
+    if choices.dlo is not None:
+        run = with_dlo(run, preset(choices.dlo))
+    if choices.physics is not None:
+        run = _with_physics(run, choices.physics, f"{prefix}physics")
+    if choices.randomised:
         run = replace(run, cell=replace(run.cell, randomised=EVERY_FACTOR))
-    if (name := value_of(arguments, "--observer")) is not None:
-        observer = _chosen(OBSERVERS, "--observer", name, run.observer.strategy)
+    if choices.observer is not None:
+        observer = _chosen(OBSERVERS, f"{prefix}observer", choices.observer, run.observer.strategy)
         run = replace(run, observer=replace(run.observer, strategy=observer))
-    if (name := value_of(arguments, "--segmentation")) is not None:
-        segmentation = _chosen(SEGMENTATIONS, "--segmentation", name, run.perception.segmentation)
+    if choices.segmentation is not None:
+        segmentation = _chosen(
+            SEGMENTATIONS, f"{prefix}segmentation", choices.segmentation, run.perception.segmentation
+        )
         run = replace(run, perception=replace(run.perception, segmentation=segmentation))
-    if (name := value_of(arguments, "--planner")) is not None:
-        planner = _chosen(PLANNERS, "--planner", name, run.planning.strategy)
+    if choices.planner is not None:
+        planner = _chosen(PLANNERS, f"{prefix}planner", choices.planner, run.planning.strategy)
         run = replace(run, planning=replace(run.planning, strategy=planner))
     return run
 
 
-def _with_physics(run: RunConfig, name: str) -> RunConfig:
+def _with_physics(run: RunConfig, name: str, flag: str) -> RunConfig:
     if name not in PHYSICS:
-        raise ConfigError(f"--physics {name!r} is not known; choose one of {', '.join(PHYSICS)}.")
+        raise ConfigError(f"{flag} {name!r} is not known; choose one of {', '.join(PHYSICS)}.")
     return replace(run, cell=replace(run.cell, physics=PHYSICS[name]()))
 
 

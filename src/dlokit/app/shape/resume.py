@@ -12,7 +12,7 @@ from rich.console import Console
 
 from dlokit.app.commands import CliCommand, flag
 from dlokit.app.shape.preflight import check_before_start, prepare
-from dlokit.app.shape.shape import RUNS, run_and_report
+from dlokit.app.shape.shape import RUNS, display_of, exit_code, run_and_report
 from dlokit.errors import InputError
 from dlokit.evaluation.evaluator import left_nodes_world
 from dlokit.evaluation.judged_run import CONFIG_FILE
@@ -64,7 +64,9 @@ def run(args: ResumeArgs) -> int:
         highlight=False,
         soft_wrap=True,
     )
-    return run_and_report(config, job, folder, console, shlex.join(["dlokit", "resume", str(args.run.absolute())]))
+    again = shlex.join(["dlokit", "resume", str(args.run.absolute())])
+    record, _ = run_and_report(config, job, folder, display_of(config, job, console), again)
+    return exit_code(record)
 
 
 def _wait_for_end(run_dir: Path) -> None:

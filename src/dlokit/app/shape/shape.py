@@ -22,7 +22,7 @@ from dlokit.skills.perception.segmentations import SEGMENTATIONS
 from dlokit.skills.planning.strategies import PLANNERS
 from dlokit.system.config import CONFIG_FILE, INTERACTIVE, RunConfig
 from dlokit.system.results.run_folder import claim_run_folder, new_run_folder
-from dlokit.system.results.run_record import machine_facts
+from dlokit.system.results.run_record import RunRecord, machine_facts
 from dlokit.system.results.run_result import NEAREST_FILE_NAME
 from dlokit.system.shaping import ShapeJob
 from dlokit.types.flow import RunOutcome
@@ -103,15 +103,37 @@ def run(args: ShapeArgs) -> int:
     folder = claim_run_folder(out) if out else new_run_folder(RUNS, job.name, datetime.now())
     console = Console()
     prepare(console, config)
-    # Not what was typed: its --out has been used, and its files may be named from another folder.
-    again = shlex.join(["dlokit", "shape", "--config", str((folder / CONFIG_FILE).absolute())])
-    return run_and_report(config, job, folder, console, again)
+    record, _ = run_and_report(config, job, folder, display_of(config, job, console), again_by_config(folder))
+    return exit_code(record)
 
 
-def run_and_report(config: RunConfig, job: ShapeJob, folder: Path, console: Console, again: str) -> int:
-    """Run a task, write what it leaves, and say how it ended; `again` is the command that repeats it."""
-    threshold_m, invitation = config.task.threshold_m, _DRAG if config.goal == INTERACTIVE else ""
-    with RunDisplay(console, title=job.name, threshold_m=threshold_m, invitation=invitation) as display:
+def again_by_config(folder: Path) -> str:
+    """The command that repeats a run by its configuration.
+
+    Not what was typed: its --out has been used, and its files may be named from another folder.
+    """
+    return shlex.join(["dlokit", "shape", "--config", str((folder / CONFIG_FILE).absolute())])
+
+
+def exit_code(record: RunRecord) -> int:
+    """0 where the run converged."""
+    return 0 if record.result.outcome is RunOutcome.CONVERGED else EXIT_OTHERWISE
+
+
+def display_of(config: RunConfig, job: ShapeJob, console: Console) -> RunDisplay:
+    """The display of a run in a terminal."""
+    invitation = _DRAG if config.goal == INTERACTIVE else ""
+    return RunDisplay(console, title=job.name, threshold_m=config.task.threshold_m, invitation=invitation)
+
+
+def run_and_report(
+    config: RunConfig, job: ShapeJob, folder: Path, display: RunDisplay, again: str
+) -> tuple[RunRecord, Path]:
+    """Run a task, write what it leaves, and say how it ended; `again` is the command that repeats it.
+
+    Returns what the runtime remembers of the run, and the path of its report.
+    """
+    with display:
         record = judged_run(config, job, folder, display)
     record = replace(record, command=again, machine=machine_facts())
     from dlokit.app.report.page import write_report  # draws with matplotlib, which nobody waits for before the run
@@ -119,7 +141,7 @@ def run_and_report(config: RunConfig, job: ShapeJob, folder: Path, console: Cons
     report = write_report(folder, record)
     nearest = folder / NEAREST_FILE_NAME
     display.finish(record.result, report, nearest if nearest.exists() else None)
-    return 0 if record.result.outcome is RunOutcome.CONVERGED else EXIT_OTHERWISE
+    return record, report
 
 
 def _defaults(arguments: Sequence[str]) -> ShapeArgs:

@@ -73,7 +73,7 @@ def _to(process: str, number: signal.Signals, *, worker: bool = False) -> Callab
 
 # fmt: off
 FAULTS: tuple[Fault, ...] = (
-    Fault(name="none",              what="nothing: the control", injury=Nothing),
+    Fault(name="none",              what="nothing (control)", injury=Nothing),
     Fault(name="kill-decision",     what="SIGKILL to the decision process", injury=_to("decision", KILL),
           when=(MOVING, ANY, HOLDING), resumed=True, brakes=True),
     Fault(name="freeze-decision",   what="SIGSTOP to the decision process, for 5 s", injury=_to("decision", STOP),

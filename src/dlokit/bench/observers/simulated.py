@@ -56,7 +56,7 @@ Script = Callable[[Float64Array], Phase]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Recording:
+class SimulatedMotion:
     """What the stage showed."""
 
     nodes_world: Float64Array  # (T, K, 3) [m]
@@ -88,7 +88,7 @@ class RodStage:
         for _ in range(round(duration_s / TIMESTEP_S)):
             self._step(grips, 0.0)
 
-    def record(self, script: Script, *, frames: int, rate_hz: float, pace: float) -> Recording:
+    def record(self, script: Script, *, frames: int, rate_hz: float, pace: float) -> SimulatedMotion:
         """Play a script at `pace` times its speed, and record `frames` frames from now on."""
         every = round(1.0 / (rate_hz * TIMESTEP_S))
         nodes = np.empty((frames, len(self._rest), 3))
@@ -105,7 +105,7 @@ class RodStage:
         pin_nodes = tuple(sorted({node for at in held for node in at}))
         nowhere = np.full(3, np.nan)
         pins = np.array([[at.get(node, nowhere) for node in pin_nodes] for at in held]).reshape(frames, -1, 3)
-        return Recording(nodes_world=nodes, pin_nodes=pin_nodes, pins_world=pins)
+        return SimulatedMotion(nodes_world=nodes, pin_nodes=pin_nodes, pins_world=pins)
 
     def _next(self, script: Script) -> "tuple[Phase, list[_Grip], float]":
         phase = script(self.nodes_world)

@@ -23,7 +23,7 @@ from dlokit.skills.model import api
 from dlokit.skills.model.carry import Carry
 from dlokit.skills.model.experiences import Grips
 from dlokit.skills.model.goal import GoalRod
-from dlokit.skills.model.tracking import Tracker
+from dlokit.skills.model.tracking import PdTracker
 from dlokit.types.action import Action
 from dlokit.types.arrays import BoolArray, Float64Array
 from dlokit.types.dlo import DloBelief, DloState, GoalShape, TargetPoints
@@ -49,7 +49,7 @@ class ModelComponent(Component):
         super().__init__()
         self._config = config
         self._topology = topology(config)
-        self._tracker = Tracker(config)
+        self._tracker = PdTracker(config)
         self._goal_rod = GoalRod(config)
         self._carry = Carry(config)
         self._state: DloState | None = None

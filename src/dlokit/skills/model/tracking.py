@@ -45,7 +45,7 @@ class Tracked:
     """Root mean square distance of the visible nodes to their targets [m]; 0 when none is visible."""
 
 
-class Tracker:
+class PdTracker:
     """A rod that follows target points."""
 
     def __init__(self, config: BelievedDlo) -> None:

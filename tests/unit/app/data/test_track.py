@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
-from dlokit.app.data import track as tracking
-from dlokit.app.data.track import TrackArgs, TrackSettings, run, topology_of, track
+from dlokit.app.data.track import TrackArgs, TrackSettings, run, track
+from dlokit.app.library.tracker import topology_of
 from dlokit.errors import InputError
 from dlokit.geometry import resample, rmse_m
 from dlokit.skills.observer.anchored import AnchoredConfig, is_chain
@@ -35,19 +35,6 @@ def record(folder: Path, shifts_m: list[float]) -> list[Path]:
         paths.append(folder / f"cloud_{len(paths)}.npy")
         np.save(paths[-1], dense + rng.normal(0.0, 0.002, dense.shape))
     return paths
-
-
-def test_compiled_code_is_loaded_before_the_first_cloud(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    class Loading(Exception):
-        pass
-
-    def loading(_: object) -> None:
-        raise Loading
-
-    monkeypatch.setattr(tracking, "warm", loading)
-    monkeypatch.setattr(tracking, "filter_cloud", None)
-    with pytest.raises(Loading):
-        track(record(tmp_path, [0.0]), None, tmp_path / "out")
 
 
 def test_a_rod_is_followed_through_clouds_without_initial_nodes(tmp_path: Path) -> None:

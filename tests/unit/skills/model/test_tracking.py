@@ -12,7 +12,7 @@ from dlokit.geometry import arc_lengths, rmse_m
 from dlokit.rod.believed import BelievedDlo
 from dlokit.rod.nodes import fit_length
 from dlokit.rod.tracking_rod import RodModel
-from dlokit.skills.model.tracking import Pin, Tracker
+from dlokit.skills.model.tracking import PdTracker, Pin
 from dlokit.types.arrays import Float64Array
 
 CONFIG = BelievedDlo()
@@ -23,8 +23,8 @@ def shape(name: str) -> Float64Array:
     return builtin_shape(name, CONFIG.length_m, CONFIG.nodes)
 
 
-def tracker_at(nodes: Float64Array) -> Tracker:
-    tracker = Tracker(CONFIG)
+def tracker_at(nodes: Float64Array) -> PdTracker:
+    tracker = PdTracker(CONFIG)
     tracker.place(nodes)
     return tracker
 
@@ -60,7 +60,7 @@ def test_a_stiff_dlo_is_followed_into_a_kink_where_it_keeps_bends(
     kinked = np.zeros((wire.nodes, 3))
     kinked[1:, :2] = edge_m * np.cumsum(np.column_stack((np.cos(heading), np.sin(heading))), axis=0)
     kinked[:, 2] = wire.radius_m
-    tracker = Tracker(wire)
+    tracker = PdTracker(wire)
     tracker.place(shape("I"))
     tracked = tracker.track(kinked, ALL)
     # An elastic rod of that stiffness resists by more than targets may pull, and would be judged straighter than it is.

@@ -1,0 +1,1 @@
+"""The Python API: what `import dlokit` gives, one module a subject."""

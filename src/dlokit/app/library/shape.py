@@ -1,0 +1,103 @@
+"""`dlokit.shape`: one task from a start to a goal, in a call."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from numpy.typing import ArrayLike
+from rich.console import Console
+
+from dlokit.app.library.loops import outside_any_loop
+from dlokit.app.library.run import Run
+from dlokit.app.library.settings import named_or_saved, with_settings
+from dlokit.app.shape.job import NamedChoices, job_from_config, with_absolute_files, with_choices
+from dlokit.app.shape.preflight import check_before_start, prepare
+from dlokit.app.shape.shape import RUNS, again_by_config, run_and_report
+from dlokit.app.shape.terminal import RunDisplay
+from dlokit.system.config import RunConfig, Runtime
+from dlokit.system.results.run_folder import claim_run_folder, new_run_folder
+from dlokit.system.toml_config import read_toml
+
+
+def shape(
+    start: str | Path | ArrayLike = "I",
+    goal: str | Path | ArrayLike = "S",
+    *,
+    seed: int = 0,
+    dlo: str | None = None,
+    physics: str | None = None,
+    randomised: bool = False,
+    observer: str | None = None,
+    segmentation: str | None = None,
+    planner: str | None = None,
+    runtime: Runtime = "lockstep",
+    viewer: bool = False,
+    settings: Mapping[str, Any] | None = None,
+    config: Path | str | None = None,
+    out: Path | str | None = None,
+    progress: bool = True,
+) -> Run:
+    """Bring the DLO of the simulated cell from a start to a goal by looking at it with the stereo camera.
+
+    `start` and `goal` are ``"I"``, ``"S"``, ``"random"``, a .npy or .csv file, or points (K, 2) or (K, 3) [m] in the
+    world frame along the curve, in the order of the rod. `seed` determines everything random; equal arguments give
+    equal runs, to the bit. `dlo`, `physics`, `randomised`, `observer`, `segmentation` and `planner` are names, as
+    `dlokit shape --help` lists them. `settings` are further settings by their path in `config.toml`, e.g.
+    ``{"task.threshold_m": 0.008, "arms": 2}``; `config` is the config.toml of an earlier run, over which the other
+    arguments take precedence. `runtime` ``"live"`` runs all processes in real time; `viewer` serves the page in the
+    browser. `out` is an empty folder for what the run writes, by default ``runs/<time>-<name>/``. With `progress`
+    the steps and actions are printed while it runs.
+
+    Works in a script, in a notebook, and inside a running event loop, which it blocks. Ctrl-C ends the run with
+    outcome ``cancelled``. Raises `InputError` where an argument cannot work, before anything starts.
+    """
+    choices = NamedChoices(
+        dlo=dlo,
+        physics=physics,
+        randomised=randomised,
+        observer=observer,
+        segmentation=segmentation,
+        planner=planner,
+    )
+    run = with_choices(RunConfig() if config is None else read_toml(Path(config), RunConfig), choices)
+    run = with_settings(replace(run, seed=seed, runtime=runtime, headless=not viewer), settings or {})
+    console = Console(quiet=not progress)
+    name = f"{_name(start)} to {_name(goal)}"
+    folder = new_run_folder(RUNS, name, datetime.now()) if out is None else claim_run_folder(Path(out))
+    run = replace(run, start=named_or_saved(start, "start", folder), goal=named_or_saved(goal, "goal", folder))
+    run = with_absolute_files(run)
+    job = replace(job_from_config(run), name=name)
+    check_before_start(run)
+    display = _Display(console, title=name, threshold_m=run.task.threshold_m)
+
+    def whole() -> Run:
+        prepare(console, run)
+        record, report = run_and_report(run, job, folder, display, again_by_config(folder))
+        return Run(record=record, folder=folder, report=report)
+
+    return outside_any_loop(whole, display.cancel)
+
+
+class _Display(RunDisplay):
+    """The display of the terminal, which can end the run that it shows."""
+
+    _cancel: Callable[[], object] | None = None
+    _cancelled = False
+
+    def started(self, cancel: Callable[[], object]) -> None:
+        """The task runs; one that was cancelled while the system started ends at once."""
+        self._cancel = cancel
+        if self._cancelled:
+            cancel()
+
+    def cancel(self) -> None:
+        """End the task, or, where it does not run yet, as soon as it does."""
+        self._cancelled = True
+        if self._cancel is not None:
+            self._cancel()
+
+
+def _name(shape_or_points: str | Path | ArrayLike) -> str:
+    return Path(shape_or_points).name if isinstance(shape_or_points, str | Path) else "curve"

@@ -1,0 +1,166 @@
+"""`dlokit.shape`, `dlokit.open_run` and what works on a run: one run in lockstep, used as a script would."""
+
+import asyncio
+import os
+import signal
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import dlokit
+from dlokit.app.library.loops import outside_any_loop
+from dlokit.geometry import rmse_m
+from dlokit.types.dlo import DloState
+from dlokit.types.feasibility import Standing
+
+GOAL = np.column_stack([np.full(20, 0.52), np.linspace(0.24, -0.24, 20)])
+"""Nearly the start: two looks and a judgement, and no action."""
+SHORT = {"task.max_actions": 1, "task.threshold_m": 0.03, "fit_length": True}
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> dlokit.Run:
+    return dlokit.shape("I", GOAL, settings=SHORT, out=tmp_path_factory.mktemp("run"), progress=False)
+
+
+def test_a_run_says_how_it_ended_and_leaves_its_files(run: dlokit.Run, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run.converged
+    assert run.actions == run.result.history
+    assert run.nodes_world is not None
+    assert rmse_m(run.nodes_world, run.goal_nodes_world) < 0.03
+    assert run.picture_before is not None
+    assert run.picture_before.ndim == 3
+    assert run.report.is_file()
+    assert (run.folder / "config.toml").is_file()
+    assert "converged" in repr(run)
+    assert capsys.readouterr().out == ""  # progress=False
+
+
+def test_a_recording_gives_arrays_over_time(run: dlokit.Run) -> None:
+    recording = dlokit.open_run(run)
+    state, robot, clouds = recording.state, recording.robot, recording.clouds
+    assert state.nodes_world.shape == (len(state.stamp_ns), 31, 3)
+    assert np.all(np.diff(state.stamp_ns) >= 0)
+    assert recording.targets.visible.shape == (len(recording.targets.stamp_ns), 31)
+    assert robot.q_rad.shape == (len(robot.stamp_ns), 7)
+    np.testing.assert_allclose(np.linalg.norm(robot.tool_wxyz, axis=1), 1.0, atol=1e-6)
+    assert len(clouds.points_world) == len(clouds.stamp_ns) > 0
+    assert recording.pictures.left.shape == recording.pictures.right.shape
+    assert recording.goal is not None
+    assert recording.result == run.result
+    assert sum(1 for _ in recording) == sum(recording.topics.values())
+    last = recording.messages("model/state")[-1].message
+    assert isinstance(last, DloState)
+    np.testing.assert_array_equal(state.nodes_world[-1], last.nodes_world)
+
+
+def test_plots_are_drawn_and_saved(run: dlokit.Run, tmp_path: Path) -> None:
+    assert run.plot(tmp_path / "run.png").axes
+    assert len(dlokit.open_run(run).plot(tmp_path / "recording.png").axes) == 2
+    assert (tmp_path / "run.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize("name", ["nowhere", "empty"])
+def test_a_folder_without_a_recording_is_refused(tmp_path: Path, name: str) -> None:
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(dlokit.InputError, match=f"{name}.*give the folder of a run"):
+        dlokit.open_run(tmp_path / name)
+
+
+def test_an_unknown_topic_is_refused_with_those_there_are(run: dlokit.Run) -> None:
+    with pytest.raises(dlokit.InputError, match=r"model/stat'.*model/state"):
+        dlokit.open_run(run).messages("model/stat")
+
+
+def test_the_dlo_is_identified_from_a_run_and_the_figures_are_settings_of_the_next(run: dlokit.Run) -> None:
+    found = dlokit.identify([run])
+    assert found.size is not None
+    assert abs(found.belief.length_m.value - 0.5) < 0.01
+    verdict = dlokit.judge(GOAL, settings={"fit_length": True, **found.settings})
+    assert verdict.standing is Standing.HOLDS
+
+
+def test_a_goal_with_tight_bends_does_not_hold() -> None:
+    t = np.linspace(0.0, 1.0, 60)
+    zigzag = np.column_stack([0.52 + 0.03 * np.sin(20.0 * t), 0.4 * t - 0.2])
+    verdict = dlokit.judge(zigzag, settings={"fit_length": True})
+    assert verdict.standing is not Standing.HOLDS
+    assert "springs back" in verdict.text
+
+
+def test_everything_works_inside_a_running_event_loop() -> None:
+    async def notebook() -> Standing:
+        return dlokit.judge("S").standing
+
+    assert asyncio.run(notebook()) is Standing.HOLDS
+
+
+def test_ctrl_c_inside_a_running_loop_cancels_the_call_and_waits_for_its_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    cancelled = asyncio.Event()
+
+    def function() -> str:
+        asyncio.run(asyncio.sleep(0.05))
+        if not cancelled.is_set():
+            raise AssertionError("it was not cancelled")
+        return "ended"
+
+    async def notebook() -> str:
+        from concurrent.futures import Future
+
+        result, interrupts = Future[str].result, [KeyboardInterrupt]
+
+        def interrupted(self: "Future[str]", timeout: float | None = None) -> str:
+            if interrupts:
+                raise interrupts.pop()
+            return result(self, timeout)
+
+        monkeypatch.setattr(Future, "result", interrupted)
+        return outside_any_loop(function, cancelled.set)
+
+    assert asyncio.run(notebook()) == "ended"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"goal": "Q"}, "Q"),
+        ({"goal": [[0.5, 0.0, 0.0]]}, "goal.npy"),
+        ({"planner": "best"}, "planner 'best'.*rollout"),
+        ({"dlo": "spaghetti"}, "spaghetti.*soft_rope"),
+        ({"settings": {"task.treshold_m": 0.1}}, "treshold_m"),
+        ({"settings": {"tusk.threshold_m": 0.1}}, "tusk"),
+        ({"settings": {"task.threshold_m": "small"}}, "threshold_m"),
+        ({"seed": -1}, "seed is -1"),
+    ],
+)
+def test_bad_arguments_are_refused_before_anything_starts(
+    arguments: dict[str, object], message: str, tmp_path: Path
+) -> None:
+    with pytest.raises(dlokit.InputError, match=message):
+        dlokit.shape(**arguments, out=tmp_path / "run")  # pyright: ignore[reportArgumentType]
+    assert not (tmp_path / "run").exists() or not list((tmp_path / "run").glob("result.json"))
+
+
+def test_ctrl_c_in_a_notebook_ends_the_run_as_cancelled(tmp_path: Path) -> None:
+    out = tmp_path / "run"
+
+    def interrupt_when_it_runs() -> None:
+        end_s = time.monotonic() + 60.0
+        while not (out / "recording.mcap").exists() and time.monotonic() < end_s:
+            time.sleep(0.05)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    async def notebook() -> dlokit.Run:
+        return dlokit.shape("random", "S", out=out, progress=False)
+
+    loop = asyncio.new_event_loop()  # without asyncio.run's own handler, as in a notebook
+    try:
+        threading.Thread(target=interrupt_when_it_runs, daemon=True).start()
+        run = loop.run_until_complete(notebook())
+    finally:
+        loop.close()
+    assert run.outcome.value == "cancelled"
+    assert run.report.is_file()
