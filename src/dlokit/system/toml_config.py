@@ -127,7 +127,7 @@ def _dataclass_from(table: dict[str, Any], wanted: type[Any], where: str) -> Any
     values = {name: from_plain(value, hints[name], f"{where}: {name}") for name, value in table.items()}
     try:
         return wanted(**values)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, ConfigError) as error:
         raise ConfigError(f"{where}: {error}") from error
 
 

@@ -108,3 +108,8 @@ def test_a_file_of_another_version_is_refused_with_all_removed_settings() -> Non
     text = "[shape]\nkind = 'Round'\nsides = 4\n[nested]\ncolour = 'red'\n[lid]\nopen = true\n"
     with pytest.raises(ConfigError, match=r"shape\.sides, nested\.colour, lid"):
         from_toml(text, Tree, "test")
+
+
+def test_a_value_out_of_its_range_names_the_file_and_the_setting() -> None:
+    with pytest.raises(ConfigError, match=r"old\.toml.*--task\.max-time-s is -1\.0; it must be above 0"):
+        from_toml("[task]\nmax_time_s = -1.0\n", RunConfig, "old.toml")

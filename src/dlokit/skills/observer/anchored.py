@@ -11,6 +11,7 @@ import numpy as np
 import scipy
 
 from dlokit.geometry import arc_lengths
+from dlokit.ranges import Fraction, NotNegative, check_ranges
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.base import ObserverStrategy, nothing_seen
 from dlokit.skills.observer.cpd import PLIABLE, register
@@ -29,10 +30,13 @@ class AnchoredConfig:
 
     name: ClassVar[str] = "anchored"
 
-    length_tolerance: float = 0.06
+    length_tolerance: Fraction = 0.06
     """Both tips count as seen when the seen curve is shorter or longer than the rod by at most this share."""
-    tip_snap_m: float = 0.03
+    tip_snap_m: NotNegative = 0.03
     """An end of a curve that is too short counts as a tip when registration puts it so near to one [m]."""
+
+    def __post_init__(self) -> None:
+        check_ranges(self, "observer.strategy")
 
     def build(self, dlo: BelievedDlo) -> ObserverStrategy:
         """The strategy with these settings."""

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 
+from dlokit.ranges import Fraction, NotNegative, Positive, check_ranges
 from dlokit.skills.observer.map.observer import MapConfig
 from dlokit.skills.observer.strategies import Observer
 
@@ -12,12 +13,15 @@ class ObserverConfig:
 
     strategy: Observer = field(default_factory=MapConfig)
     """Strategy that finds the nodes in a cloud, given where they were."""
-    lost_health: float = 0.75
+    lost_health: Fraction = 0.75
     """Health below which the rod counts as lost; the cloud is then ordered again without a prior. Larger: a doubtful
     estimate is replaced earlier."""
-    reach_m: float = 1.0
+    reach_m: Positive = 1.0
     """Points farther from the last shape than this are not used [m]; a cloud of which most are is refused."""
-    drift_m_s: float = 0.2
+    drift_m_s: NotNegative = 0.2
     """Speed at which a rod that is not seen may move [m/s]: the standard deviation of its nodes grows by it."""
-    cloud_timeout_s: float = 5.0
+    cloud_timeout_s: Positive = 5.0
     """Longest wait for a first cloud [s]."""
+
+    def __post_init__(self) -> None:
+        check_ranges(self, "observer")

@@ -20,9 +20,10 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from dlokit.ranges import NotNegative, Positive
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.base import ObserverStrategy, nothing_seen
-from dlokit.skills.observer.mixture import MixtureConfig, Registration, Weights, fit_mixture, thinned
+from dlokit.skills.observer.mixture import MixtureConfig, OutlierWeight, Registration, Weights, fit_mixture, thinned
 from dlokit.skills.observer.visibility import explained_share, visible_nodes
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, TargetPoints
@@ -38,13 +39,13 @@ class SprConfig(MixtureConfig):
 
     name: ClassVar[str] = "spr"
 
-    beta_m: float = 0.94
+    beta_m: Positive = 0.94
     """Width of the Gaussian kernel [m]: nodes nearer than this move alike."""
-    lambda_per_m2: float = 2000.0
+    lambda_per_m2: Positive = 2000.0
     """Weight of the smoothness of the motion against the fit at the first iteration [1/m²]."""
-    outlier_weight: float = 0.032
+    outlier_weight: OutlierWeight = 0.032
     """w, the share of points expected to belong to nothing, from 0 to below 1."""
-    initial_sigma_m: float = 0.043
+    initial_sigma_m: NotNegative = 0.043
     """Standard deviation of the Gaussians at the start [m]; 0 takes the paper's, the mean distance of all pairs."""
     tau_per_m2: float = 4e5
     """tau, weight of the local structure against the fit at the first iteration [1/m²]; 0 leaves it out."""

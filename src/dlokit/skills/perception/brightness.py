@@ -1,12 +1,17 @@
 """The paper's filter, with its settings: what is bright is DLO."""
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
+from msgspec import Meta
 
+from dlokit.errors import ConfigError
+from dlokit.ranges import check_ranges
 from dlokit.skills.perception.base import Segmentation
 from dlokit.types.image import Image, Mask
+
+GreyLevel = Annotated[int, Meta(ge=0, le=255)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -15,15 +20,16 @@ class BrightnessConfig:
 
     name: ClassVar[str] = "brightness"
 
-    lowest: int = 120
+    lowest: GreyLevel = 120
     """Least brightness of the DLO, 0 to 255."""
-    highest: int = 255
+    highest: GreyLevel = 255
     """Greatest brightness of the DLO, 0 to 255."""
 
     def __post_init__(self) -> None:
-        if not 0 <= self.lowest <= self.highest <= 255:
-            raise ValueError(
-                f"brightness from {self.lowest} to {self.highest}: 0 <= lowest <= highest <= 255 is allowed"
+        check_ranges(self, "perception.segmentation")
+        if self.lowest > self.highest:
+            raise ConfigError(
+                f"--perception.segmentation.lowest is {self.lowest}; it must be at most highest ({self.highest})."
             )
 
     def build(self) -> Segmentation:

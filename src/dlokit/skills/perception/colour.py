@@ -1,12 +1,17 @@
 """Segmentation by colour, with its settings: what has the DLO's hue is DLO."""
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
+from msgspec import Meta
 
+from dlokit.ranges import check_ranges
 from dlokit.skills.perception.base import Segmentation
 from dlokit.types.image import Image, Mask
+
+Hue = Annotated[float, Meta(ge=0.0, le=360.0)]
+GreyLevel = Annotated[int, Meta(ge=0, le=255)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -15,21 +20,17 @@ class ColourConfig:
 
     name: ClassVar[str] = "colour"
 
-    lowest_hue_deg: float = 30.0
+    lowest_hue_deg: Hue = 30.0
     """Where the range of hues begins [deg], 0 to 360: 0 red, 60 yellow, 120 green, 240 blue."""
-    highest_hue_deg: float = 75.0
+    highest_hue_deg: Hue = 75.0
     """Where the range of hues ends [deg]; below the begin, it passes through red."""
-    least_saturation: int = 80
+    least_saturation: GreyLevel = 80
     """0 (grey) to 255 (pure colour)."""
-    least_value: int = 80
+    least_value: GreyLevel = 80
     """0 (black) to 255."""
 
     def __post_init__(self) -> None:
-        hues = (self.lowest_hue_deg, self.highest_hue_deg)
-        if not all(0.0 <= hue <= 360.0 for hue in hues):
-            raise ValueError(f"hues {hues[0]:g} to {hues[1]:g} deg: each must lie between 0 and 360 deg")
-        if not all(0 <= least <= 255 for least in (self.least_saturation, self.least_value)):
-            raise ValueError("least_saturation and least_value must lie between 0 and 255")
+        check_ranges(self, "perception.segmentation")
 
     def build(self) -> Segmentation:
         """The filter with these settings."""

@@ -12,7 +12,7 @@ KEY_BYTES = 24
 EVERY_ADDRESS = ("0.0.0.0", "::")
 """Hosts that stand for all addresses of the machine."""
 HTTP_PORT = 80
-"""The port that browsers leave out of an address."""
+"""The port that browsers omit from an address."""
 
 
 def new_key() -> str:
@@ -21,7 +21,7 @@ def new_key() -> str:
 
 
 def watch_key(key: str) -> str:
-    """The key of pages that may look and not operate; `key`, which may do both, cannot be found from it."""
+    """The key of pages that may look and not operate; `key`, which may do both, cannot be derived from it."""
     digest = hmac.digest(key.encode(), b"watch", hashlib.sha256)
     return base64.urlsafe_b64encode(digest[:KEY_BYTES]).decode()
 
@@ -47,7 +47,7 @@ def check_port(host: str, port: int) -> None:
             f"allowed are 127.0.0.1 and this machine's own addresses. Choose one with --viewer.host."
         ) from error
     with socket.socket(family, kind, protocol) as probe:
-        # As the server does it: a port that a server has just left may be taken at once.
+        # As the server does: a port that another server has just released may be taken at once.
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             probe.bind(address)

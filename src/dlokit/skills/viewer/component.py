@@ -1,4 +1,4 @@
-"""The viewer: shows everything that is published, and lets the operator shape a goal and start the task."""
+"""The viewer: shows the published messages, and lets the operator shape a goal and start the task."""
 
 import asyncio
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ from dlokit.skills.viewer.frames import GoalFramesView, GoalHandles
 from dlokit.skills.viewer.page import LoopGate, close_page, open_page
 from dlokit.skills.viewer.panel import Operator, Panel
 from dlokit.skills.viewer.scene import PICTURE_WIDTH_PX, ViewerScene, thumbnail
-from dlokit.skills.viewer.state import ErrorHistory, Fresh, LitStep, RunState, after_command, after_status
+from dlokit.skills.viewer.state import ActiveStep, ErrorHistory, Newest, RunState, after_command, after_status
 from dlokit.types.action import Action, Candidates
 from dlokit.types.dlo import DloState, GoalShape, TargetPoints
 from dlokit.types.feasibility import GoalVerdict
@@ -36,7 +36,7 @@ _DRAW_PERIOD_S = 1.0 / 15.0
 
 @dataclass(frozen=True, kw_only=True)
 class RodOutline:
-    """What the viewer must know of the rod before it has seen one."""
+    """Nodes and size of the rod, for drawing before the first state arrives."""
 
     nodes: int
     """Nodes of the model."""
@@ -46,14 +46,14 @@ class RodOutline:
 
 @dataclass(frozen=True, kw_only=True)
 class ArmButtons:
-    """What stops and enables one arm. It is called without the decision process, which may be frozen."""
+    """The skills that stop and enable one arm, called directly: the decision process may be frozen."""
 
     stop: Skill[[], None]
     enable: Skill[[], None]
 
 
 class ViewerComponent(Component):
-    """Serves the page while it runs. Handlers keep the newest of each topic; `run` draws what is new."""
+    """Serves the page while it runs. Handlers keep the newest message of each topic; `run` draws new ones."""
 
     name = "viewer"
     publishes = (topics.COMMAND, topics.GOAL_FRAMES, topics.VIEWER_PAGE)
@@ -72,8 +72,8 @@ class ViewerComponent(Component):
     ) -> None:
         """`flow` is the flow chart's table: (step, outcome, next) of every arrow; `table` is the believed one.
 
-        Without `operated` the page has neither buttons nor frames to drag: nobody would hear of them in a replay.
-        Whoever has `key` may open the page and operate; None: a new one.
+        Without `operated` the page has neither buttons nor frames to drag: in a replay they would have no effect.
+        Every owner of `key` may open the page and operate; None: a new key.
         """
         super().__init__()
         self._config = config
@@ -90,30 +90,30 @@ class ViewerComponent(Component):
         """Set while the page is served."""
         self._run_state = RunState.WAITING
         self._history = ErrorHistory()
-        self._lit = LitStep(self._flow)
+        self._active_step = ActiveStep(self._flow)
         self._handles = GoalHandles(
             builtin_shape("I", rod.length_m, rod.nodes, radius_m=rod.radius_m), TABLE_X_M, TABLE_Y_M
         )
-        self._images = Fresh[StereoImages]()
-        self._cloud = Fresh[Observation]()
-        self._targets = Fresh[TargetPoints]()
-        self._event = Fresh[ObserverEvent]()
-        self._state = Fresh[DloState]()
-        self._goal = Fresh[GoalShape]()
-        self._robots: dict[str, Fresh[RobotState]] = {}
-        self._action = Fresh[Action]()
-        self._candidates = Fresh[Candidates]()
-        self._verdict = Fresh[GoalVerdict]()
-        self._status = Fresh[FlowStatus]()
+        self._images = Newest[StereoImages]()
+        self._cloud = Newest[Observation]()
+        self._targets = Newest[TargetPoints]()
+        self._event = Newest[ObserverEvent]()
+        self._state = Newest[DloState]()
+        self._goal = Newest[GoalShape]()
+        self._robots: dict[str, Newest[RobotState]] = {}
+        self._action = Newest[Action]()
+        self._candidates = Newest[Candidates]()
+        self._verdict = Newest[GoalVerdict]()
+        self._status = Newest[FlowStatus]()
 
     @property
     def url(self) -> str:
-        """Where the page is, or will be, with its key; with port 0 it is known once `opened` is set."""
+        """Address of the page with its key; with port 0 it is known once `opened` is set."""
         return page_url(self._config.host, self._port, self._key)
 
     @property
     def watch_url(self) -> str:
-        """Where the same page is for people who may look and not operate."""
+        """Address of the same page for people who may look and not operate."""
         return page_url(self._config.host, self._port, watch_key(self._key))
 
     async def run(self) -> None:
@@ -143,70 +143,70 @@ class ViewerComponent(Component):
 
     @on(topics.ROBOT_STATE)
     async def on_robot_state(self, state: RobotState) -> None:
-        """Keep the newest of each robot."""
-        self._robots.setdefault(state.robot, Fresh()).put(state)
+        """Keep the newest state of each robot."""
+        self._robots.setdefault(state.robot, Newest()).put(state)
 
     @on(topics.STEREO_IMAGES)
     async def on_images(self, images: StereoImages) -> None:
-        """Keep the newest."""
+        """Keep the newest message."""
         self._images.put(images)
 
     @on(topics.OBSERVATION)
     async def on_observation(self, seen: Observation) -> None:
-        """Keep the newest."""
+        """Keep the newest message."""
         self._cloud.put(seen)
 
     @on(topics.TARGETS)
     async def on_targets(self, targets: TargetPoints) -> None:
-        """Keep the newest."""
+        """Keep the newest message."""
         self._targets.put(targets)
 
     @on(topics.OBSERVER_EVENT)
     async def on_observer_event(self, event: ObserverEvent) -> None:
-        """Keep the newest."""
+        """Keep the newest message."""
         self._event.put(event)
 
     @on(topics.STATE)
     async def on_state(self, state: DloState) -> None:
-        """Keep the newest."""
+        """Keep the newest message."""
         self._state.put(state)
 
     @on(topics.GOAL)
     async def on_goal(self, goal: GoalShape) -> None:
-        """Keep the newest; the frames lie on it until the operator drags one."""
+        """Keep the newest goal; the frames follow it until the operator drags one."""
         self._goal.put(goal)
         self._handles.follow(goal.nodes_world)
 
     @on(topics.GOAL_VERDICT)
     async def on_goal_verdict(self, verdict: GoalVerdict) -> None:
-        """Keep the newest."""
+        """Keep the newest message."""
         self._verdict.put(verdict)
 
     @on(topics.CANDIDATES)
     async def on_candidates(self, candidates: Candidates) -> None:
-        """Keep the newest."""
+        """Keep the newest message."""
         self._candidates.put(candidates)
 
     @on(topics.ACTION)
     async def on_action(self, action: Action) -> None:
-        """Keep the newest."""
+        """Keep the newest message."""
         self._action.put(action)
 
     @on(topics.FLOW)
     async def on_flow(self, status: FlowStatus) -> None:
-        """Keep the newest, and the error of every one."""
+        """Keep the newest status, and the error of each."""
         self._run_state = after_status(self._run_state, status)
         self._history.record(status)
-        self._lit.record(status)
+        self._active_step.record(status)
         self._status.put(status)
 
     async def _draw_for_ever(
         self, server: viser.ViserServer, scene: ViewerScene, frames: GoalFramesView | None, panel: Panel
     ) -> None:
-        # The page lives by this process's clock: it must answer while the cell's stands still.
+        # The page runs on this process's clock: it must answer while the cell's clock pauses.
         clock = LoopClock()
         while True:
-            # What is new stays so while nobody looks, and is drawn for the first who comes.
+            # New messages are kept without a client, and drawn for the first one.
             if server.get_clients():
                 with server.atomic():
                     self._draw_scene(scene, frames)
@@ -238,7 +238,7 @@ class ViewerComponent(Component):
             scene.hide_candidates(0)
         self._verdict.take(panel.draw_verdict)
         panel.draw_stop(any(robot.value is not None and robot.value.stop_latched for robot in self._robots.values()))
-        self._status.take(lambda status: panel.draw_status(self._run_state, status, self._lit, self._history))
+        self._status.take(lambda status: panel.draw_status(self._run_state, status, self._active_step, self._history))
 
     def _operator(self, frames: GoalFramesView) -> Operator:
         return Operator(
@@ -265,7 +265,7 @@ class ViewerComponent(Component):
             call.add_done_callback(self._calls.discard)
 
     def _shape_it(self) -> None:
-        # The frames once more, before the start: whoever missed the drag gets the goal that the operator sees.
+        # Publish the frames again before the start: a component that missed the drag gets the operator's goal.
         self._publish_frames()
         self._publish_command(Command.START)
 

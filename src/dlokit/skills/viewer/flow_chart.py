@@ -1,6 +1,6 @@
-"""The flow chart as a drawing (SVG), the current step lit: one column of boxes, arrows in lanes beside it.
+"""The flow chart as a drawing (SVG), the active step highlighted: one column of boxes, arrows in lanes beside it.
 
-It is drawn from the flow's own table, so that whatever is run is what is shown.
+It is drawn from the flow's own table, so that chart and flow agree.
 """
 
 from collections.abc import Sequence
@@ -24,15 +24,15 @@ class _Box:
     y: float
     height: float
     aside: tuple[Edge, ...]
-    """Arrows that leave to the right, a row each."""
+    """Arrows that leave to the right, one per row."""
     below: str | None
     """Outcome of the arrow to the next box, if there is one."""
 
 
 def flow_chart_svg(edges: Sequence[Edge], step: str = "", last_outcome: str = "") -> str:
-    """The chart of `edges`, with the box `step` lit; `last_outcome` is the arrow that led there.
+    """The chart of `edges`, with the step `step` highlighted; `last_outcome` is the arrow that led there.
 
-    Boxes stand in the order in which they first leave an arrow; below them the ends, which leave none.
+    Boxes are in the order of their first outgoing arrow; below them are the ends, which have none.
     """
     boxes = _boxes(edges)
     lanes, lane_count = _lanes(boxes)
@@ -70,7 +70,7 @@ def _boxes(edges: Sequence[Edge]) -> list[_Box]:
 
 
 def _lanes(boxes: Sequence[_Box]) -> tuple[dict[str, int], int]:
-    """A lane for each box that arrows lead to from aside; boxes whose arrows do not overlap share one."""
+    """A lane for each box with arrows from the side; boxes whose arrows do not overlap share one."""
     spans: dict[str, tuple[float, float]] = {}
     by_name = {box.name: box for box in boxes}
     for box in boxes:
@@ -108,19 +108,19 @@ def _arrow(box: _Box, boxes: Sequence[_Box], lanes: dict[str, int]) -> str:
     return "".join(parts)
 
 
-def _draw(box: _Box, lit: bool) -> str:
-    fill = palette.LIT if lit else palette.PAPER
+def _draw(box: _Box, active: bool) -> str:
+    fill = palette.ACTIVE if active else palette.PAPER
     radius = box.height / 2 if box.is_end else 5
     return (
         f'<rect x="{_BOX_X}" y="{box.y}" width="{_BOX_WIDTH}" height="{box.height}" rx="{radius}" fill="{fill}"'
-        f' stroke="{palette.INK if lit else palette.FAINT}" stroke-width="{1.6 if lit else 1}"/>'
+        f' stroke="{palette.INK if active else palette.FAINT}" stroke-width="{1.6 if active else 1}"/>'
         + _text(_BOX_X + _BOX_WIDTH / 2, box.y + box.height / 2 + 4, box.name, 11.5, palette.INK, centred=True)
     )
 
 
 def _text(x: float, y: float, name: str, size: float, color: str, *, centred: bool = False) -> str:
     anchor = ' text-anchor="middle"' if centred else ""
-    # A white rim keeps words readable where a lane passes behind them.
+    # A white outline keeps text readable where a lane passes behind it.
     return (
         f'<text x="{x}" y="{y}" font-size="{size}" fill="{color}"{anchor} paint-order="stroke" stroke="{palette.PAPER}"'
         f' stroke-width="{0 if centred else 2.5}">{_words(name)}</text>'

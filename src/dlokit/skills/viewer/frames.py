@@ -1,4 +1,4 @@
-"""The paper's three movable frames: which nodes they pull, where to, and the gizmos on the page."""
+"""The paper's three movable frames: the nodes that they pull, their poses, and the gizmos on the page."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -14,7 +14,7 @@ from dlokit.types.arrays import Float64Array
 from dlokit.types.flow import GoalFrame, GoalFrames
 
 TURNED_RAD = 0.02
-"""A frame turned by less than this (1.1°) is not meant to be turned: its direction stays free."""
+"""A frame turned by less than this (1.1°) counts as not turned: its direction stays free."""
 
 
 @dataclass(frozen=True)
@@ -27,13 +27,13 @@ class Handle:
     yaw_rad: float
     """How the frame is drawn."""
     turned: bool = False
-    """Whether the operator turned it; then its direction is imposed on the rod."""
+    """Whether the operator has turned it; then its direction is imposed on the rod."""
 
 
 class GoalHandles:
     """Three frames, at the first, the middle and the last node of the goal rod.
 
-    They lie on the goal, whoever made it, until the operator drags one; from then on they are the operator's.
+    They follow the goal until the operator drags one; from then on only the operator moves them.
     """
 
     def __init__(self, goal_nodes_world: Float64Array, x_m: tuple[float, float], y_m: tuple[float, float]) -> None:
@@ -43,7 +43,7 @@ class GoalHandles:
         self.handles = self._on(goal_nodes_world)
 
     def follow(self, goal_nodes_world: Float64Array) -> bool:
-        """A new goal (M, 3) [m]: lie on it, unless the operator has dragged; whether the frames moved."""
+        """Follow a new goal (M, 3) [m], unless the operator has dragged; return whether the frames moved."""
         self._goal = goal_nodes_world
         if self.dragged:
             return False
@@ -51,19 +51,19 @@ class GoalHandles:
         return True
 
     def release(self) -> None:
-        """Lie on the goal as it is now, with free directions, and follow it again."""
+        """Return to the present goal, with free directions, and follow it again."""
         self.dragged = False
         self.handles = self._on(self._goal)
 
     def drag(self, index: int, x_m: float, y_m: float, yaw_rad: float) -> Handle:
-        """The operator moved frame `index`; it stays within the table. Returns where it is now."""
+        """Move frame `index` as the operator dragged it, within the table. Returns its pose."""
         old = self.handles[index]
         turn = (yaw_rad - old.yaw_rad + np.pi) % (2.0 * np.pi) - np.pi
         new = replace(
             old,
             x_m=float(np.clip(x_m, *self._x_m)),
             y_m=float(np.clip(y_m, *self._y_m)),
-            # While it is free, the drawn yaw is kept, so that many small turns add up to a meant one.
+            # While it is free, the drawn yaw is kept, so that many small turns add up.
             yaw_rad=yaw_rad if old.turned or abs(turn) > TURNED_RAD else old.yaw_rad,
             turned=old.turned or abs(turn) > TURNED_RAD,
         )
@@ -72,7 +72,7 @@ class GoalHandles:
         return new
 
     def message(self, stamp_ns: int) -> GoalFrames:
-        """What the model needs to know."""
+        """The frames as the model receives them."""
         return GoalFrames(
             stamp_ns=stamp_ns,
             frames=tuple(
@@ -96,7 +96,7 @@ class GoalHandles:
 
 
 HEIGHT_M = 0.012
-"""The gizmos float above the rod that they pull."""
+"""Height of the gizmos above the rod that they pull [m]."""
 SCALE_M = 0.09
 
 
@@ -129,7 +129,7 @@ class GoalFramesView:
             server.scene.add_icosphere(f"/goal_frames/{index}/knob", radius=0.009, color=palette.GOAL.color)
         )
 
-        # A coroutine, though it waits for nothing: such callbacks come in the order of the drag.
+        # A coroutine without awaiting: viser calls coroutines in the order of the drag.
         async def moved(event: viser.TransformControlsEvent) -> None:
             position, wxyz = event.target.position, event.target.wxyz
             yaw_rad = float(Rotation.from_quat(wxyz, scalar_first=True).as_euler("ZYX")[0])
@@ -141,7 +141,7 @@ class GoalFramesView:
     def _drag(self, index: int, x_m: float, y_m: float, yaw_rad: float, ended: bool) -> None:
         self._handles.drag(index, x_m, y_m, yaw_rad)
         if ended:
-            # Moving it under the operator's hand would fight the mouse: it returns to the table at the end.
+            # Moved only at the end of the drag: before, it would move away from the mouse.
             self._place(index)
         self._dragged()
 

@@ -1,4 +1,4 @@
-"""The server of the page: admits only browsers that have its key, and hands what they do to the event loop.
+"""The server of the page: admits only browsers that have its key, and passes their callbacks to the event loop.
 
 The client of viser connects its websocket to the address of its page, path included: a key in the path of the page
 is in the path of the websocket's handshake. viser has no hook there, so its call of `websockets.asyncio.server.serve`
@@ -34,7 +34,7 @@ P = ParamSpec("P")
 
 
 class LoopGate:
-    """Lets other threads run functions on one event loop. What comes after it was shut is dropped."""
+    """Lets other threads run functions on one event loop. Calls after `shut` are dropped."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         self._loop = loop
@@ -47,11 +47,11 @@ class LoopGate:
         try:
             self._loop.call_soon_threadsafe(self._run, lambda: function(*args, **kwargs))
         except RuntimeError:
-            # The loop was closed between the question and the call: there is nobody to hear it any more.
+            # The loop was closed between the check and the call.
             self._open = False
 
     def shut(self) -> None:
-        """Run nothing more; also what is posted already."""
+        """Run nothing more, including calls that are already posted."""
         self._open = False
 
     def _run(self, function: Callable[[], object]) -> None:
@@ -65,7 +65,7 @@ ServePage = Callable[[ServerConnection, Request], Awaitable[Response | None] | R
 SHARE_MESSAGES = ("ShareUrlRequest", "ShareUrlDisconnect")
 """Messages by which a browser has viser publish the page on the internet."""
 WATCHER_MESSAGES = frozenset({"ViewerCameraMessage"})
-"""All that is heard of a page that only looks: viser draws nothing for a client before it knows its camera."""
+"""Messages accepted from a page without operation: viser draws nothing for a client before it knows its camera."""
 
 _SERVE = "serve"
 _starting = threading.Lock()
@@ -101,11 +101,11 @@ class PageGate:
         self._watch_key = watch_key(key)
         self._hosts = ("localhost", "127.0.0.1", "::1", socket.gethostname() if host in EVERY_ADDRESS else host)
         self.in_place = False
-        """Whether a server asks it."""
+        """Whether a server uses this gate."""
 
     @contextmanager
     def guarding(self) -> Generator[None]:
-        """Have every server that is started meanwhile ask this gate."""
+        """A context in which every started server uses this gate."""
         with _starting:
             module, serve = websockets.asyncio.server, websockets.asyncio.server.serve
             setattr(module, _SERVE, self._gated(serve))
@@ -115,7 +115,7 @@ class PageGate:
                 setattr(module, _SERVE, serve)
 
     def refusal(self, request: Request, local: tuple[str, int]) -> str | None:
-        """Why a request that arrived at the address `local` is refused; None: it is not."""
+        """Why a request that arrived at the address `local` is refused; None where it is accepted."""
         allowed = [authority(host, local[1]) for host in (*self._hosts, local[0])]
         hosts = [host.lower() for host in request.headers.get_all("Host")]
         if len(hosts) != 1 or hosts[0] not in allowed:
@@ -157,7 +157,7 @@ _VISERS_TITLE, _TITLE = b"<title>Viser</title>", b"<title>dlokit</title>"
 
 
 def titled(answer: Response) -> Response:
-    """The answer with our title for the browser's tab, where it is a page with viser's."""
+    """The answer with dlokit's title for the browser's tab, where it is a page with viser's title."""
     if not answer.headers.get("Content-Type", "").startswith("text/html"):
         return answer
     packed = answer.headers.get("Content-Encoding") == "gzip"
@@ -182,7 +182,7 @@ def _is_in(request: Request, key: str) -> bool:
 
 
 def check_viser() -> None:
-    """Raise `MachineError` when the installed viser does not start its server in the way that is guarded."""
+    """Raise `MachineError` when the installed viser starts its server in a way that the gate cannot guard."""
     try:
         starts = importlib.import_module("viser.infra._infra")
         messages = importlib.import_module("viser._messages")
@@ -196,7 +196,7 @@ def check_viser() -> None:
 
 
 def remove_sharing(server: viser.ViserServer) -> None:
-    """Have `server` hear no request to publish the page. Raises `MachineError` when it does not hear them already."""
+    """Remove the server's handlers of requests to publish the page. Raises `MachineError` where it has none."""
     inner = vars(server).get("_websock_server")
     if not isinstance(inner, viser.infra.WebsockServer):
         raise _unknown_viser("its server is not where it was")
@@ -209,7 +209,7 @@ def remove_sharing(server: viser.ViserServer) -> None:
 
 
 def check_guarded(gate: PageGate) -> None:
-    """Raise `MachineError` when a server that was started does not ask `gate`."""
+    """Raise `MachineError` when a started server does not use `gate`."""
     if not gate.in_place:
         raise _unknown_viser("its server was started without the check of the key")
 
@@ -227,10 +227,10 @@ def open_page(host: str, port: int, key: str) -> viser.ViserServer:
     Raises `MachineError` as `check_port` does, and with a viser whose page cannot be protected.
     """
     check_viser()
-    # The server would quietly take the next port, and wait for ever on an address that there is not.
+    # The server would silently take the next port, and wait without end on an unknown address.
     check_port(host, port)
     gate = PageGate(host, key)
-    # It prints a banner; the command line prints the address.
+    # Viser prints a banner; the command line prints the address.
     with gate.guarding(), contextlib.redirect_stdout(io.StringIO()):
         server = viser.ViserServer(host=host, port=port, label="dlokit", verbose=False)
     try:
@@ -248,5 +248,5 @@ def open_page(host: str, port: int, key: str) -> viser.ViserServer:
 
 def close_page(server: viser.ViserServer) -> None:
     """End the server and its threads."""
-    with contextlib.redirect_stdout(io.StringIO()):  # it prints a farewell
+    with contextlib.redirect_stdout(io.StringIO()):  # viser prints a message at its end
         server.stop()

@@ -14,7 +14,7 @@ class Layer:
     """One kind of data in the scene, that can be shown and hidden."""
 
     title: str
-    """What the legend calls it."""
+    """Its name in the legend."""
     color: Rgb
 
     @property
@@ -41,17 +41,17 @@ VERDICTS: Mapping[Standing, Rgb] = {
     Standing.DOUBTFUL: (217, 119, 6),
     Standing.INFEASIBLE: (220, 38, 38),
 }
-"""What is to be expected of a goal."""
+"""Colours of the verdict on a goal."""
 
 MODES: Mapping[Mode, Rgb] = {Mode.PLANNING: ACTION.color, Mode.CONTROL: (194, 65, 12)}
-"""How the shape is being changed."""
+"""Colours of the modes in which the shape is changed."""
 
 TABLE_RGB: Rgb = (168, 156, 138)
 TABLE_AREA_RGB: Rgb = (120, 108, 92)
 GRIPPER_RGB: Rgb = (64, 68, 76)
 INK = "#1e293b"
 FAINT = "#94a3b8"
-LIT = "#fb923c"
+ACTIVE = "#fb923c"
 PAPER = "#ffffff"
 
 

@@ -15,7 +15,7 @@ from dlokit.skills.viewer.error_plot import ErrorPlot
 from dlokit.skills.viewer.flow_chart import Edge, flow_chart_svg
 from dlokit.skills.viewer.page import LoopGate
 from dlokit.skills.viewer.palette import Layer
-from dlokit.skills.viewer.state import ErrorHistory, LitStep, RunState
+from dlokit.skills.viewer.state import ActiveStep, ErrorHistory, RunState
 from dlokit.types.action import Candidates
 from dlokit.types.arrays import UInt8Array
 from dlokit.types.feasibility import GoalVerdict
@@ -28,7 +28,7 @@ _RUN = {"Start": Command.START, "Pause": Command.PAUSE, "Resume": Command.RESUME
 
 @dataclass(frozen=True, kw_only=True)
 class Operator:
-    """Who hears what the operator does, on the loop."""
+    """Callbacks for the operator's actions, called on the loop."""
 
     command: Callable[[Command], None]
     shape_it: Callable[[], None]
@@ -37,7 +37,7 @@ class Operator:
 
 
 class Panel:
-    """Read-outs, and buttons where there is somebody to hear of them."""
+    """Read-outs, and buttons where there is an operator."""
 
     def __init__(
         self,
@@ -79,27 +79,27 @@ class Panel:
                 np.full((3, 4, 3), 230, dtype=np.uint8), label="Left camera", format="jpeg", visible=False
             )
 
-    def draw_status(self, state: RunState, status: FlowStatus, lit: LitStep, history: ErrorHistory) -> None:
-        """Show where the task stands."""
+    def draw_status(self, state: RunState, status: FlowStatus, active: ActiveStep, history: ErrorHistory) -> None:
+        """Show the status of the task."""
         self._status.content = status_html(state, status, self._threshold_m)
-        self._chart.content = flow_chart_svg(self._flow, lit.step, lit.last_outcome)
+        self._chart.content = flow_chart_svg(self._flow, active.step, active.last_outcome)
         self._plot.draw(history)
 
     def draw_observer_event(self, event: ObserverEvent) -> None:
-        """Show that the observer lost the DLO, until it has found it again."""
+        """Show that the observer has lost the DLO, until it has found it again."""
         self._observer.content = observer_html(event)
         self._observer.visible = event.kind is not ObserverEventKind.FOUND_AGAIN
 
     def draw_verdict(self, verdict: GoalVerdict) -> None:
-        """Show what was said of the goal."""
+        """Show the verdict on the goal."""
         self._verdict.content = verdict_html(verdict)
 
     def draw_candidates(self, candidates: Candidates) -> None:
-        """Show how far a decision is, and the best of it."""
+        """Show the progress of a decision, and its best candidates."""
         self._candidates.content = candidates_html(candidates)
 
     def draw_picture(self, picture: UInt8Array) -> None:
-        """Show what the left camera saw, (height, width, 3) RGB."""
+        """Show the left camera's picture (height, width, 3), RGB."""
         self._picture.image = picture
         self._picture.visible = True
 
@@ -159,7 +159,7 @@ class Panel:
 
 
 def status_html(state: RunState, status: FlowStatus | None, threshold_m: float) -> str:
-    """One line in large type, one in small, of where the task stands."""
+    """Status of the task: one line in large type, one in small."""
     title, detail, mode = state.value, "Nothing has run yet.", ""
     if status is not None:
         if status.outcome is not None:
@@ -180,7 +180,7 @@ def status_html(state: RunState, status: FlowStatus | None, threshold_m: float) 
 
 
 def _badge(mode: Mode) -> str:
-    """Whether an action is planned or corrected, beside the name of the step."""
+    """Label beside the name of the step: planning or control."""
     return (
         f'<span data-mode="{mode.value}" style="margin-left:0.6em;padding:0.1em 0.6em;border-radius:1em;'
         f"font-size:0.6em;vertical-align:middle;color:{palette.PAPER};"
@@ -189,15 +189,15 @@ def _badge(mode: Mode) -> str:
 
 
 def observer_html(event: ObserverEvent) -> str:
-    """One line of what the observer tells."""
+    """One line about the observer's event."""
     reason = "" if event.reason is None else f": {event.reason.value.replace('_', ' ')}"
-    # What is carried is half hidden by the fingers: low health alone is a doubt, and people take "lost" for a failure.
+    # The fingers hide half of a carried DLO: low health alone is only uncertain, and people read "lost" as a failure.
     what = "in doubt" if event.reason is DistrustReason.LOW_HEALTH else event.kind.value.replace("_", " ")
     return _note(f"Observer, {what}{reason} (health {event.health:.2f})")
 
 
 def verdict_html(verdict: GoalVerdict) -> str:
-    """What was said of the goal: the verdict, and why."""
+    """The verdict on the goal, and its reason."""
     return (
         f'<div data-verdict="{verdict.standing.value}" style="margin:0.2em 0.8em;padding:0.3em 0.6em;font-size:0.85em;'
         f"color:{palette.INK};border-left:0.3em solid {palette.css(palette.VERDICTS[verdict.standing])}"
@@ -206,7 +206,7 @@ def verdict_html(verdict: GoalVerdict) -> str:
 
 
 def candidates_html(candidates: Candidates) -> str:
-    """How far a decision is, and the best candidates with their scores."""
+    """The progress of a decision, and the best candidates with their scores."""
     rows = "".join(
         f"<tr><td>{escape(one.kind)}</td><td>node {one.node}</td>"
         f'<td style="text-align:right">{one.score_m * 1000.0:.1f} mm</td></tr>'
@@ -220,7 +220,7 @@ def candidates_html(candidates: Candidates) -> str:
 
 
 def legend_html(layers: Sequence[Layer]) -> str:
-    """The colours of the scene and what they stand for."""
+    """The colours of the scene and their meaning."""
     rows = "".join(
         f'<span style="white-space:nowrap;margin-right:1em"><span style="display:inline-block;width:0.8em;'
         f"height:0.8em;border-radius:50%;border:1px solid {palette.FAINT};margin-right:0.35em;"

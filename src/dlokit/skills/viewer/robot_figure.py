@@ -114,7 +114,7 @@ class GripperGhost:
         self._gripper = Gripper(scene, f"{name}/hand", meshes, color, 0.16)
 
     def show(self, T_world_tcp: Pose, opening_m: float) -> None:
-        """Stand at a tool pose with the fingertips `opening_m` apart."""
+        """Move to a tool pose with the fingertips `opening_m` apart."""
         place(self._tcp, T_world_tcp)
         self._gripper.open(opening_m)
         self._tcp.visible = True

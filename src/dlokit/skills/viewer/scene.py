@@ -1,4 +1,4 @@
-"""The scene: table, robot, camera and everything that is known of the DLO, each layer in its colour."""
+"""The scene: table, robot, camera and the estimates of the DLO, each layer in its colour."""
 
 import math
 
@@ -21,7 +21,7 @@ from dlokit.types.robot import RobotState
 
 
 def tube_vertices(nodes: Float64Array, radius_m: float, sides: int) -> Float32Array:
-    """Vertices (K * sides + 2, 3) [m] of a tube around the polyline `nodes` (K, 3) [m]: a ring a node, then both ends.
+    """Vertices (K * sides + 2, 3) [m] of a tube around the polyline `nodes` (K, 3) [m]: rings, then both ends.
 
     The rings are turned as little as possible from one node to the next, so that the tube is not twisted.
     """
@@ -66,7 +66,7 @@ def _any_normal(direction: Float64Array) -> Float64Array:
 
 
 VISITOR_POSITION_M = (1.62, -0.70, 1.04)
-"""Where whoever opens the page stands at first, in the world [m]."""
+"""Initial viewpoint of the page in the world [m]."""
 VISITOR_LOOK_AT_M = (0.36, 0.02, 0.20)
 VISITOR_FOV_RAD = math.radians(45.0)
 """Angle of view from the top to the bottom of the picture."""
@@ -76,7 +76,7 @@ PICTURE_WIDTH_PX = 320
 
 
 class ViewerScene:
-    """What the page shows in three dimensions. Layers appear with their first message."""
+    """The three-dimensional part of the page. Layers appear with their first message."""
 
     def __init__(self, server: viser.ViserServer, table: Table, dlo_radius_m: float) -> None:
         self._scene = server.scene
@@ -104,7 +104,7 @@ class ViewerScene:
         self._robots[state.robot].show(state.q_rad, state.finger_width_m)
 
     def show_pictures(self, images: StereoImages) -> None:
-        """The left picture in the frustum of the camera that took it."""
+        """Show the left picture in the frustum of its camera."""
         picture = thumbnail(images.left, PICTURE_WIDTH_PX)
         calibration = images.calibration
         if self._frustum is None:
@@ -123,23 +123,23 @@ class ViewerScene:
         place(self._frustum, calibration.T_world_camera)
 
     def show_cloud(self, seen: Observation) -> None:
-        """The DLO's points of the last look."""
+        """Show the DLO's points of the last look."""
         self._points(palette.CLOUD, seen.points_world, 0.002)
 
     def show_targets(self, targets: TargetPoints) -> None:
-        """The observer's target points; hidden ones are left out."""
+        """Show the observer's target points, without hidden ones."""
         self._points(palette.TARGETS, targets.nodes_world[targets.visible].astype(np.float32), 0.006)
 
     def show_state(self, state: DloState) -> None:
-        """The model's rod."""
+        """Show the model's rod."""
         self._tube(palette.STATE, "rod", state.nodes_world, None)
 
     def show_goal(self, goal: GoalShape) -> None:
-        """The rod as it is wanted."""
+        """Show the goal."""
         self._tube(palette.GOAL, "rod", goal.nodes_world, 0.7)
 
     def show_verdict(self, verdict: GoalVerdict) -> None:
-        """The nearest shape that holds, as a ghost beside a goal that does not; nothing beside one that does."""
+        """Show the nearest shape that holds, as a ghost, beside a goal that does not hold."""
         if verdict.nearest_world is None:
             name = f"{self._roots[palette.NEAREST].name}/rod"
             if self._tubes.pop(name, None) is not None:
@@ -148,7 +148,7 @@ class ViewerScene:
         self._tube(palette.NEAREST, "rod", verdict.nearest_world, 0.4)
 
     def show_action(self, action: Action) -> None:
-        """The chosen action in place of the candidates: gripper at grasp and release, path, expected shape."""
+        """Show the chosen action in place of the candidates: gripper at grasp and release, path, predicted shape."""
         self.hide_candidates(0)
         root = self._roots[palette.ACTION].name
         color = palette.ACTION.color
@@ -168,21 +168,21 @@ class ViewerScene:
             self._tube(palette.ACTION, "predicted", action.predicted_nodes_world, 0.6)
 
     def show_candidates(self, candidates: Candidates) -> None:
-        """The shapes expected of the best candidates so far, in place of the last action; the best least faint."""
+        """Show the predicted shapes of the best candidates, in place of the last action; the best most clearly."""
         self.hide_action()
         for rank, candidate in enumerate(candidates.best):
             self._tube(palette.CANDIDATES, f"{rank}", candidate.nodes_world, 0.35 / (1 + rank))
         self.hide_candidates(len(candidates.best))
 
     def hide_candidates(self, first: int) -> None:
-        """Nothing is considered any more from the candidate `first` on."""
+        """Hide the candidates from number `first` on."""
         root = f"{self._roots[palette.CANDIDATES].name}/"
         for name in [name for name in self._tubes if name.startswith(root) and int(name[len(root) :]) >= first]:
             del self._tubes[name]
             self._scene.remove_by_name(name)
 
     def hide_action(self) -> None:
-        """No action is proposed: a task has ended, or another has begun."""
+        """Hide the action: a task has ended, or another has begun."""
         if self._ghosts is not None:
             self._ghosts = None
             self._tubes.pop(f"{self._roots[palette.ACTION].name}/predicted", None)
@@ -223,11 +223,11 @@ class ViewerScene:
 
 
 def _set_stage(server: viser.ViserServer, table: Table) -> None:
-    """Light, table, the part of it where a goal may lie, and where a visitor stands at first."""
+    """Set up light, table, the area in which a goal may lie, and the initial viewpoint."""
     scene = server.scene
     scene.world_axes.visible = False
     scene.configure_environment_map("studio", environment_intensity=0.15)
-    # From a cool grey above to nearly white below: white meshes stand out from it.
+    # From a cool grey above to nearly white below: white meshes are visible on it.
     scene.set_background_image(np.linspace((205, 213, 222), (244, 246, 248), 64)[:, None].repeat(4, 1).astype(np.uint8))
     scene.add_box(
         "/table/top",
@@ -237,7 +237,7 @@ def _set_stage(server: viser.ViserServer, table: Table) -> None:
         cast_shadow=False,
     )
     (x0, x1), (y0, y1) = TABLE_X_M, TABLE_Y_M
-    z = 0.0005  # a hair above the table, or the two would flicker
+    z = 0.0005  # slightly above the table, against flicker
     corners = np.array([(x0, y0, z), (x1, y0, z), (x1, y1, z), (x0, y1, z)], dtype=np.float32)
     scene.add_line_segments(
         "/table/area",

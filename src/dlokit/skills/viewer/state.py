@@ -1,4 +1,4 @@
-"""What the viewer knows of the run: newest messages, the lit box, the errors after each action."""
+"""The viewer's state of the run: newest messages, the active step, the errors after each action."""
 
 import enum
 from collections.abc import Callable, Sequence
@@ -13,23 +13,23 @@ from dlokit.types.flow import Command, FlowStatus
 T = TypeVar("T")
 
 
-class Fresh(Generic[T]):
-    """Keeps one value until a newer one comes; hands each out once."""
+class Newest(Generic[T]):
+    """Keeps the newest value; `take` uses each value once."""
 
     def __init__(self) -> None:
         self.value: T | None = None
         self.fresh = False
 
     def put(self, value: T) -> None:
-        """A newer value."""
+        """Replace the value by a newer one."""
         self.value, self.fresh = value, True
 
     def again(self) -> None:
-        """Hand the value out once more."""
+        """Mark the value as new again."""
         self.fresh = self.value is not None
 
     def take(self, use: Callable[[T], object]) -> bool:
-        """Call `use` with the value when it is new; whether it was."""
+        """Call `use` with the value if it is new; return whether it was."""
         if not self.fresh or self.value is None:
             return False
         self.fresh = False
@@ -38,7 +38,7 @@ class Fresh(Generic[T]):
 
 
 class RunState(enum.Enum):
-    """What the buttons stand for now."""
+    """State of the task, which the buttons show."""
 
     WAITING = "waiting"
     RUNNING = "running"
@@ -47,14 +47,14 @@ class RunState(enum.Enum):
 
 
 def after_status(state: RunState, status: FlowStatus) -> RunState:
-    """What a report of the flow says: an outcome is the end; a step runs, unless the operator paused it."""
+    """The state after a status of the flow: ended with an outcome, else running, unless the operator paused it."""
     if status.outcome is not None:
         return RunState.ENDED
     return RunState.PAUSED if state is RunState.PAUSED else RunState.RUNNING
 
 
 def after_command(state: RunState, command: Command) -> RunState:
-    """What a button does to a running or pausing task; it starts and ends when the flow says so."""
+    """The state after a button of a running or paused task; start and end come from the flow's status."""
     if command is Command.PAUSE and state is RunState.RUNNING:
         return RunState.PAUSED
     if command in (Command.RESUME, Command.STOP) and state is RunState.PAUSED:
@@ -62,29 +62,29 @@ def after_command(state: RunState, command: Command) -> RunState:
     return state
 
 
-class LitStep:
-    """The box that was entered last. Reports that name no box of the chart, as the closing one, leave it lit."""
+class ActiveStep:
+    """The step that began last. A status without a step of the chart, as the last one, does not change it."""
 
     def __init__(self, edges: Sequence[Edge]) -> None:
-        self._boxes = {name for source, _, target in edges for name in (source, target)}
+        self._names = {name for source, _, target in edges for name in (source, target)}
         self.step = ""
         self.last_outcome = ""
 
     def record(self, status: FlowStatus) -> None:
-        """Take in a report of the flow."""
-        if status.step in self._boxes:
+        """Note a status of the flow."""
+        if status.step in self._names:
             self.step, self.last_outcome = status.step, status.last_outcome
 
 
 class ErrorHistory:
-    """RMSE against the number of actions. A new run, whose actions begin again, clears it."""
+    """RMSE against the number of actions; cleared by a new run, whose actions begin again."""
 
     def __init__(self) -> None:
         self._rmse_m: dict[int, float] = {}
         self._actions = 0
 
     def record(self, status: FlowStatus) -> bool:
-        """Take in a report; whether anything changed. The last error known of each action counts."""
+        """Note a status; return whether the history changed. The last error of each action is kept."""
         before = dict(self._rmse_m)
         if status.actions < self._actions:
             self._rmse_m.clear()

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from synthetic_clouds import cloud, shape, state
 
+from dlokit.errors import ConfigError
 from dlokit.skills.observer.cpd import Cpd, CpdConfig, register
 from dlokit.skills.observer.mixture import initial_sigma2, kernel
 
@@ -55,7 +56,7 @@ def test_the_variance_starts_as_the_mean_over_all_pairs_and_falls() -> None:
 
 @pytest.mark.parametrize("bad", [{"lambda_per_m2": 0.0}, {"beta_m": 0.0}, {"outlier_weight": 1.0}])
 def test_settings_without_a_solution_are_refused(bad: dict[str, float]) -> None:
-    with pytest.raises(ValueError, match=next(iter(bad))):
+    with pytest.raises(ConfigError, match=next(iter(bad)).replace("_", "-")):
         replace(CpdConfig(), **bad)
 
 

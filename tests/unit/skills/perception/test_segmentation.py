@@ -54,7 +54,7 @@ def test_settings_omitted_in_a_spec_have_their_defaults():
     [
         (StrategySpec(name="magic"), "brightness, colour"),
         (StrategySpec(name="brightness", settings=b'{"lowset": 3}'), "lowset.*it has .*lowest.*highest"),
-        (StrategySpec(name="brightness", settings=b'{"lowest": 300}'), "0 <= lowest"),
+        (StrategySpec(name="brightness", settings=b'{"lowest": 300}'), "<= 255"),
         (StrategySpec(name="brightness", settings=b'{"lowest": "x"}'), "int"),
         (StrategySpec(name="brightness", settings=b"not json"), "settings"),
     ],

@@ -23,7 +23,7 @@ def _lit(html: str) -> list[str]:
     root = _parse(html)
     boxes = list(root.iter(f"{SVG}rect"))
     names = [element.text or "" for element in root.iter(f"{SVG}text") if element.get("text-anchor") == "middle"]
-    return [name for box, name in zip(boxes, names, strict=True) if box.get("fill") == palette.LIT]
+    return [name for box, name in zip(boxes, names, strict=True) if box.get("fill") == palette.ACTIVE]
 
 
 def test_every_step_and_every_outcome_of_the_table_is_drawn_once() -> None:

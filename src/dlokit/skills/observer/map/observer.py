@@ -14,6 +14,7 @@ from typing import ClassVar
 import numpy as np
 import scipy
 
+from dlokit.ranges import Count, Positive, check_ranges
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.anchored import is_chain
 from dlokit.skills.observer.base import ObserverStrategy, nothing_seen
@@ -30,13 +31,16 @@ class MapConfig:
 
     name: ClassVar[str] = "map"
 
-    noise_m: float = 0.002
+    noise_m: Positive = 0.002
     """Standard deviation of the cloud's points from the rod [m]. Larger: smoother shapes, fewer points are outliers."""
-    widest_m: float = 0.05
+    widest_m: Positive = 0.05
     """Largest motion of the rod between two clouds [m]. Larger: faster motion is followed, and a fold of the rod onto
     itself becomes more likely."""
-    max_points: int = 1000
+    max_points: Count = 1000
     """Most points of a cloud that are used; larger clouds are thinned. Larger: more accurate and slower."""
+
+    def __post_init__(self) -> None:
+        check_ranges(self, "observer.strategy")
 
     def build(self, dlo: BelievedDlo) -> ObserverStrategy:
         """The strategy with these settings."""

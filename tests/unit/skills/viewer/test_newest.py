@@ -1,8 +1,8 @@
-from dlokit.skills.viewer.state import Fresh
+from dlokit.skills.viewer.state import Newest
 
 
 def test_each_value_is_returned_once_and_only_the_newest() -> None:
-    fresh, seen = Fresh[int](), list[int]()
+    fresh, seen = Newest[int](), list[int]()
     assert not fresh.take(seen.append)
     fresh.put(1)
     fresh.put(2)
@@ -12,7 +12,7 @@ def test_each_value_is_returned_once_and_only_the_newest() -> None:
 
 
 def test_a_value_can_be_returned_again() -> None:
-    fresh, seen = Fresh[int](), list[int]()
+    fresh, seen = Newest[int](), list[int]()
     fresh.again()
     assert not fresh.take(seen.append)
     fresh.put(3)
