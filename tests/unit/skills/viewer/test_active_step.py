@@ -2,7 +2,7 @@ from dlokit.skills.viewer.state import ActiveStep
 from dlokit.types.flow import FlowStatus, RunOutcome
 
 
-def test_the_box_entered_last_is_lit_and_stays_so_when_the_flow_closes() -> None:
+def test_the_last_step_stays_highlighted_when_the_flow_ends() -> None:
     active = ActiveStep((("look", "seen", "compare"), ("compare", "out_of_actions", "budget_spent")))
     assert active.step == ""
     active.record(FlowStatus(stamp_ns=1, flow="shape", step="budget_spent", last_outcome="out_of_actions"))
