@@ -27,7 +27,7 @@ from dlokit.errors import MachineError, ProcessFailure, SkillFailure
 from dlokit.skills.robot import api
 from dlokit.skills.robot.config import RobotConfig
 from dlokit.skills.robot.lease import LeaseKeeper
-from dlokit.system.hosts.agent import free_meeting_point, serve_host
+from dlokit.system.hosts.agent import free_loopback_endpoint, serve_host
 from dlokit.system.hosts.config import HostsConfig
 from dlokit.system.hosts.doors import NAMESPACE, other_door
 from dlokit.system.live import LiveSystem, spread_system
@@ -199,7 +199,7 @@ async def other_host(name: str, hosts: HostsConfig, folder: Path) -> None:
 
 
 async def desk_host(hosts: HostsConfig, folder: Path) -> None:
-    transport = ZenohTransport(other_door(hosts, DESK, MAIN, free_meeting_point()))
+    transport = ZenohTransport(other_door(hosts, DESK, MAIN, free_loopback_endpoint()))
     assert await transport.wait_for("robot", 60.0)
     say("ready")
     await obey(orders_for(transport, DESK))

@@ -1,6 +1,6 @@
-"""The help of a command, page by page: what people use first, then a page for each group of settings.
+"""The help pages of a command: the most used options first, then one page for each group of settings.
 
-A run has some three hundred settings. tyro lists all of them; whoever asks for help the first time needs a dozen.
+A run has many settings and tyro lists all of them; a first-time user needs a dozen.
 """
 
 import contextlib
@@ -23,31 +23,31 @@ T = TypeVar("T")
 HELP = ("-h", "--help")
 ALL = "all"
 _FEW_BOXES = 4
-"""Help of so many boxes is shown whole."""
+"""Help text with at most this many boxes is shown completely."""
 _COLORS = re.compile(r"\x1b\[[0-9;]*m")
 _TOP = re.compile(r"^╭─ (?P<title>\S+(?: \S+)*) ─+╮$")
 _FLAG = re.compile(r"^│ (?P<flag>-\S+)")
 _SENTENCE_END = re.compile(r"(?<!e\.g)[.;](?=\s)")
 _NO_VALUES = ("", "None", "False", "True")
 _OPTION_WIDTH = 25
-"""Of the first page's column of options [characters]: the longest option and its value."""
+"""Width of the column of options on the first page [characters]: the longest option and its value."""
 _FIRST_PARAGRAPHS = 3
-"""On the first page: how it is used, what it does, what to try."""
+"""Paragraphs on the first page: usage, purpose, examples."""
 _NARROWEST = 80
 _WIDEST = 110
-"""Of the first page [characters]: longer lines are hard to read."""
+"""Maximum width of the first page [characters]: longer lines are hard to read."""
 
 
 @dataclass(frozen=True)
 class _Box:
-    """A box of tyro's, line by line."""
+    """A box of tyro's help text, line by line."""
 
     title: str
-    """Of the settings in it, `cell.dlo`; empty: the command's own."""
+    """The group of settings, e.g. `cell.dlo`; empty: the command's own options."""
     about: tuple[str, ...]
-    """What stands above its flags, with the borders."""
+    """Lines above the flags, including the borders."""
     flags: tuple[tuple[str, tuple[str, ...]], ...]
-    """Each with its lines."""
+    """Each flag with its lines."""
     bottom: str
 
     @property
@@ -56,7 +56,7 @@ class _Box:
 
     @property
     def summary(self) -> str:
-        """What the settings are for, in one line."""
+        """The purpose of the settings in one line."""
         lines = (_COLORS.sub("", line).strip("│ ") for line in self.about[1:])
         return " ".join(line for line in lines if line.strip("─"))
 
@@ -64,7 +64,7 @@ class _Box:
         return _Box(self.title, self.about, tuple(each for each in self.flags if wanted(each[0])), self.bottom)
 
     def briefs(self) -> Iterator[tuple[str, str]]:
-        """Each flag with its value as one string, and the first sentence of what it does."""
+        """Each flag with its value as one string, and the first sentence of its description."""
         for _, lines in self.flags:
             first, *others = (_COLORS.sub("", line).strip("│").strip() for line in lines)
             option, gap, text = first.partition("  ")
@@ -79,10 +79,10 @@ class _Box:
 
 
 class _Page(io.StringIO):
-    """Takes what is printed, with the colors and lines that the terminal would have."""
+    """Captures printed text, with the colors and the width of the terminal."""
 
     @property
-    def encoding(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]  # one that is only read
+    def encoding(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]  # read-only here
         return getattr(sys.__stdout__, "encoding", None) or "ascii"
 
     def isatty(self) -> bool:
@@ -90,9 +90,9 @@ class _Page(io.StringIO):
 
 
 def paged(words: str, arguments: Sequence[str], parse: Callable[[list[str]], T]) -> T:
-    """What `parse` makes of the arguments of the command `words`; where they ask for help, the page that they name.
+    """Return the parsed arguments of the command `words`; if they request help, print that help page instead.
 
-    Raises `ConfigError` for a page that there is none of; `SystemExit` after a page, and where `parse` does.
+    Raises `ConfigError` for an unknown help page; `SystemExit` after a page, and where `parse` does.
     """
     rest, page = _asked(arguments)
     if page is None:
@@ -102,13 +102,13 @@ def paged(words: str, arguments: Sequence[str], parse: Callable[[list[str]], T])
         with contextlib.redirect_stdout(caught):
             return parse(rest)
     except SystemExit:
-        if caught.getvalue():  # else what was typed beside --help was wrong, and has been told
+        if caught.getvalue():  # otherwise another argument was wrong, and the error has been printed
             _print(caught.getvalue(), words, page)
         raise
 
 
 def _asked(arguments: Sequence[str]) -> tuple[list[str], str | None]:
-    """The arguments without the page that they ask for; its name, empty for the first; None when they ask for none."""
+    """The arguments without the help request, and the page: empty for the first page, None without a request."""
     rest, at = list(arguments), next((k for k, word in enumerate(arguments) if word in HELP), None)
     if at is None:
         return rest, None
@@ -123,7 +123,7 @@ def _print(text: str, words: str, page: str) -> None:
     groups = {box.group: None for box in boxes if box.group}
     if page not in ("", ALL, *groups):
         raise ConfigError(
-            f"there is no help on {page!r}; {words} --help takes {', '.join((*groups, ALL))}, or nothing."
+            f"there is no help page {page!r}; {words} --help takes {', '.join((*groups, ALL))}, or nothing."
         )
     if page == ALL or len(boxes) <= _FEW_BOXES:
         print(text, end="")
@@ -140,7 +140,7 @@ def _print_boxes(boxes: Sequence[_Box]) -> None:
 
 
 def _print_first_page(words: str, head: Sequence[str], boxes: Sequence[_Box]) -> None:
-    """What people use first, an option a line or two, and which other pages there are: two screens of a terminal."""
+    """Print the most used options and the list of other pages; fits two screens of a terminal."""
     width = Console().width
     console = Console(width=min(max(width, _NARROWEST), _WIDEST))
     paragraphs = "\n".join(head).split("\n\n")
@@ -159,9 +159,9 @@ def _print_first_page(words: str, head: Sequence[str], boxes: Sequence[_Box]) ->
 
 
 def _short_option(text: str, about: str) -> str:
-    """The first name of an option and its value; NAME where its choices take too much room.
+    """The first name of an option and its value; NAME if its choices are too long.
 
-    What is on unless it is switched off becomes `--[no-]name`.
+    A flag that is on by default becomes `--[no-]name`.
     """
     short = text.partition(", -")[0]
     name, _, value = short.partition(" ")
@@ -172,7 +172,7 @@ def _short_option(text: str, about: str) -> str:
 
 
 def _first_sentence(text: str) -> str:
-    """The first sentence of a help text, with its default where that is a value."""
+    """The first sentence of a help text, with the default if it is a value."""
     about, _, default = text.partition("(default: ")
     sentence = _SENTENCE_END.split(about.strip(), maxsplit=1)[0].rstrip(".")
     default = default.rstrip(") ")
@@ -180,7 +180,7 @@ def _first_sentence(text: str) -> str:
 
 
 def _read(text: str) -> tuple[list[str], list[_Box]]:
-    """What stands before the boxes, and the boxes."""
+    """The lines before the boxes, and the boxes."""
     head, boxes, lines = list[str](), list[_Box](), iter(text.splitlines())
     for line in lines:
         top = _TOP.match(_COLORS.sub("", line))
@@ -202,4 +202,4 @@ def _box(title: str, top: str, lines: Iterator[str]) -> _Box:
             flags.append((flag["flag"], [line]))
         else:
             (flags[-1][1] if flags else about).append(line)
-    raise AssertionError(f"the box {title} of the help has no end")
+    raise AssertionError(f"the box {title} of the help text has no end")

@@ -22,18 +22,18 @@ from dlokit.errors import ProcessFailure
 from dlokit.skills.planning.strategies import load
 from dlokit.system.build import Wiring, build_component, instances_of_run
 from dlokit.system.config import CONFIG_FILE, RunConfig
-from dlokit.system.hosts.agent import free_meeting_point
+from dlokit.system.hosts.agent import free_loopback_endpoint
 from dlokit.system.hosts.config import HostsConfig
-from dlokit.system.hosts.doors import NAMESPACE, impatient_links, main_door, through_door
+from dlokit.system.hosts.doors import NAMESPACE, limited_links, main_door, local_endpoint_config
 from dlokit.system.hosts.placement import placed
-from dlokit.system.hosts.shares import RemoteShares
+from dlokit.system.hosts.shares import RemoteProcesses
 from dlokit.system.processes.bus import join_bus
 from dlokit.system.processes.lease_keeper import leases_held
 from dlokit.system.processes.running import announced
 from dlokit.system.processes.supervisor import PROCESS, Launch, Supervisor
 from dlokit.system.processes.workers import worker_pool
 from dlokit.system.results.recording import calls_published, live_recorder
-from dlokit.system.results.run_folder import NOBODYS_BUSINESS, write_start
+from dlokit.system.results.run_folder import HIDDEN_START, write_start
 from dlokit.system.results.run_record import RunRecord
 from dlokit.system.shaping import ShapeJob, Watcher, shape
 from dlokit.system.table import DECISION, ProcessRow, processes_of_run
@@ -63,7 +63,7 @@ class LiveSystem:
     supervisor: Supervisor
     bus: ZenohConfig
     """How another process of this machine joins it."""
-    shares: RemoteShares | None = None
+    shares: RemoteProcesses | None = None
     """What of it runs on other hosts."""
 
     async def run(self, main: Coroutine[Any, Any, T], when_failed: Callable[[T, ProcessFailure], T]) -> T:
@@ -154,12 +154,12 @@ async def live_system(
     while they start. Raises `ProcessFailure` when one does not start; `MachineError` when no port is free.
     """
     own, *others = rows
-    meeting_point = (free_meeting_point(),)
-    own_bus = ZenohConfig(namespace=launch.namespace, listen=meeting_point)
-    others_bus = ZenohConfig(namespace=launch.namespace, connect=meeting_point)
+    local_endpoint = (free_loopback_endpoint(),)
+    own_bus = ZenohConfig(namespace=launch.namespace, listen=local_endpoint)
+    others_bus = ZenohConfig(namespace=launch.namespace, connect=local_endpoint)
     # Announced before the first process starts, so that a person can stop a system that still starts.
     with (
-        announced(launch.run_dir, launch.namespace, meeting_point[0]) as ready,
+        announced(launch.run_dir, launch.namespace, local_endpoint[0]) as ready,
         worker_pool() as compute,
     ):
         async with (
@@ -188,21 +188,21 @@ async def spread_system(
     when a host is missing, or its share does not start.
     """
     placement = placed(hosts, rows)
-    meeting_point = free_meeting_point()
-    inside = through_door(meeting_point)
+    local_endpoint = free_loopback_endpoint()
+    inside = local_endpoint_config(local_endpoint)
     own, *local = placement.own
     with (
-        announced(launch.run_dir, NAMESPACE, meeting_point, client=True) as ready,
+        announced(launch.run_dir, NAMESPACE, local_endpoint, client=True) as ready,
         worker_pool() as compute,
     ):
         async with (
-            join_bus(main_door(hosts, placement, meeting_point), own.time_base) as bus,
-            impatient_links(hosts.endpoint),
+            join_bus(main_door(hosts, placement, local_endpoint), own.time_base) as bus,
+            limited_links(hosts.endpoint),
             _beginning(compute, meanwhile),
             Supervisor(tuple(local), launch, inside) as supervisor,
         ):
             await supervisor.guard(bus.first_tick(FIRST_TICK_S))
-            shares = RemoteShares(bus.transport, placement.others, config_toml, hosts.wait_s, say)
+            shares = RemoteProcesses(bus.transport, placement.others, config_toml, hosts.wait_s, say)
             await supervisor.guard(shares.start())
             try:
                 components = [name for row in rows[1:] for name in row.components]
@@ -277,7 +277,7 @@ def _failed(record: RunRecord, failure: ProcessFailure) -> RunRecord:
 
 
 async def _decide(live: LiveSystem, config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher) -> RunRecord:
-    wiring = Wiring(transport=live.transport, clock=live.clock, folder=folder, start_nodes_world=NOBODYS_BUSINESS)
+    wiring = Wiring(transport=live.transport, clock=live.clock, folder=folder, start_nodes_world=HIDDEN_START)
     host = Container(live.transport, live.clock, live.compute, instances_of_run(config))
     components = {name: build_component(name, config, wiring) for name in DECISION.components}
     for component in components.values():

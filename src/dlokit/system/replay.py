@@ -23,7 +23,7 @@ from dlokit.skills.viewer.component import ViewerComponent
 from dlokit.system.build import Wiring, build_component, build_viewer, instances_of_run
 from dlokit.system.config import RunConfig
 from dlokit.system.results.recording import what_rounds
-from dlokit.system.results.run_folder import NOBODYS_BUSINESS
+from dlokit.system.results.run_folder import HIDDEN_START
 from dlokit.system.table import COMPONENTS
 from dlokit.system.toml_config import from_plain, known_part
 from dlokit.types.image import StereoImages
@@ -120,7 +120,7 @@ def _build(name: str, config: RunConfig, camera: PlayedCamera | None) -> Compone
     if camera is not None:
         return PerceptionComponent(config.perception, camera, config.model)
     # Nothing may depend on how fast this machine is; and no component but the cell and the drivers uses the wiring.
-    wiring = Wiring(transport=MemoryTransport(), clock=LoopClock(), folder=Path(), start_nodes_world=NOBODYS_BUSINESS)
+    wiring = Wiring(transport=MemoryTransport(), clock=LoopClock(), folder=Path(), start_nodes_world=HIDDEN_START)
     return build_component(name, replace(config, runtime="lockstep"), wiring)
 
 

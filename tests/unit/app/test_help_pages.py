@@ -71,7 +71,7 @@ def test_all_pages_together_are_the_whole_help(capsys: pytest.CaptureFixture[str
 
 
 def test_a_page_that_there_is_none_of_is_refused_with_those_that_there_are() -> None:
-    with pytest.raises(ConfigError, match=r"no help on 'grippers'.*planning.*all"):
+    with pytest.raises(ConfigError, match=r"no help page 'grippers'.*planning.*all"):
         parse(["shape", "--help", "grippers"])
 
 

@@ -49,7 +49,7 @@ class RunFinding(msgspec.Struct, frozen=True, kw_only=True):
     """From the fault until the arm is heard to brake [s]; None: it did not, or need not."""
     stands: bool | None = None
     """Whether the arm stood when it was heard last; None: it is gone with its cell."""
-    mended_s: float | None = None
+    recovered_after_s: float | None = None
     """From the fault until the flow goes on [s]; 0 where it never stopped; None: it did not go on."""
     restarts: dict[str, int] = {}
     readable: bool = False
@@ -60,7 +60,7 @@ class RunFinding(msgspec.Struct, frozen=True, kw_only=True):
     """What a recording lacks before the fault that ended it [s of the run's clock]; None: it was not ended so."""
     lost_messages: int | None = None
     """Messages that a whole recording lacks, by their numbers."""
-    left_behind: tuple[str, ...] = ()
+    remaining_processes: tuple[str, ...] = ()
     """Processes that were there long after the run's end."""
     wall_s: float = 0.0
 
@@ -77,8 +77,8 @@ def faults_of(finding: RunFinding, fault: Fault) -> tuple[str, ...]:
         wrong.append("the arm did not brake")
     if finding.stands is False:
         wrong.append("the arm did not stand at the end")
-    if finding.left_behind:
-        wrong.append(f"{len(finding.left_behind)} processes were left behind")
+    if finding.remaining_processes:
+        wrong.append(f"{len(finding.remaining_processes)} processes were left behind")
     if falsely_converged(finding):
         wrong.append("it converged falsely")
     if not finding.readable:
@@ -161,7 +161,7 @@ def all_right(results: Sequence[tuple[Fault, RunFinding]]) -> bool:
 
 def recovered_s(finding: RunFinding) -> float | None:
     """From the fault until the flow went on [s], of a run that reached its goal."""
-    return finding.mended_s if finding.outcome is RunOutcome.CONVERGED else None
+    return finding.recovered_after_s if finding.outcome is RunOutcome.CONVERGED else None
 
 
 VALUES: tuple[tuple[str, Callable[[RunFinding], float | None], str], ...] = (
@@ -185,7 +185,7 @@ def _figures(row: FaultRow) -> Iterator[BenchFigure]:
     yield _figure(row, "ended as it should", success_rate(row.right, n), "1")
     converged = sum(finding.outcome is RunOutcome.CONVERGED for finding in row.findings)
     yield _figure(row, "converged", success_rate(converged, n), "1")
-    left = float(sum(len(finding.left_behind) for finding in row.findings))
+    left = float(sum(len(finding.remaining_processes) for finding in row.findings))
     yield _figure(row, "processes left behind", without_interval(left, n), "1")
     for name, value, unit in VALUES:
         values = row.values(value)

@@ -78,7 +78,7 @@ class FlowLog:
         self._loop.call_soon_threadsafe(self._changed.set)
 
 
-def mended_after_s(boxes: list[tuple[float, str]], struck_s: float) -> float:
+def recovery_time_s(boxes: list[tuple[float, str]], struck_s: float) -> float:
     """From a fault until the flow has left the last box in which it mended something [s]; 0 where it never had to.
 
     `boxes` are the times of the machine's clock [s] at which the flow came to each box. A flow that ended in such a
@@ -149,7 +149,7 @@ class StartedCommand:
         """Every process of it that is still there, itself included, wherever it hangs in the tree."""
         return [process for process in psutil.process_iter() if _labelled(process, self.label)]
 
-    async def left_behind(self, within_s: float) -> tuple[str, ...]:
+    async def remaining_processes(self, within_s: float) -> tuple[str, ...]:
         """The command lines of the processes that are still there `within_s` after its end."""
         end_s = time.monotonic() + within_s
         # Whoever ends wakes nobody.

@@ -15,7 +15,7 @@ import numpy as np
 from dlokit.bench.faults.disturbance import FILE_NAME as DISTURBANCE
 from dlokit.bench.faults.injuries import Injury
 from dlokit.bench.faults.judging import RunFinding
-from dlokit.bench.faults.live_run import LiveRun, StartedCommand, live_run, mended_after_s
+from dlokit.bench.faults.live_run import LiveRun, StartedCommand, live_run, recovery_time_s
 from dlokit.bench.faults.moments import Moment, comes, ends_first
 from dlokit.bench.faults.table import Fault
 from dlokit.errors import InputError, ProcessFailure
@@ -114,13 +114,13 @@ class _Trial:
         async with live_run(program, run_dir) as run:
             if not await comes(self._case.moment, run, self._rng):
                 return finding
-            finding = await self._struck(run, finding)
-            left = await program.left_behind(GONE_WITHIN_S)
+            finding = await self._faulted(run, finding)
+            left = await program.remaining_processes(GONE_WITHIN_S)
         killed_ns = finding.struck_ns if self._fault.resumed else None
-        finding = msgspec.structs.replace(finding, left_behind=left, **_recording(run_dir, killed_ns))
+        finding = msgspec.structs.replace(finding, remaining_processes=left, **_recording(run_dir, killed_ns))
         return await self._resumed(run_dir, finding) if self._fault.resumed else _with_result(run_dir, finding)
 
-    async def _struck(self, run: LiveRun, finding: RunFinding) -> RunFinding:
+    async def _faulted(self, run: LiveRun, finding: RunFinding) -> RunFinding:
         """Let the fault come, and follow the run to its end."""
         moved, step = run.arm.mode is RobotMode.MOVING, run.flow.step
         struck_ns, struck_s = run.bus.clock.now_ns(), time.monotonic()
@@ -132,7 +132,7 @@ class _Trial:
         await asyncio.gather(healing, return_exceptions=True)
         if self._fault.resumed:
             await run.arm.until_mode(*AT_REST, after_s=struck_s, within_s=BRAKES_WITHIN_S)
-        mended_s = mended_after_s([(at_s, status.step) for at_s, status in run.flow.boxes], struck_s)
+        recovered_after_s = recovery_time_s([(at_s, status.step) for at_s, status in run.flow.boxes], struck_s)
         return msgspec.structs.replace(
             finding,
             struck=True,
@@ -141,7 +141,7 @@ class _Trial:
             moved=moved,
             braked_s=braked_s,
             stands=None if self._fault.takes_arm else run.arm.mode in AT_REST,
-            mended_s=mended_s if np.isfinite(mended_s) else None,
+            recovered_after_s=recovered_after_s if np.isfinite(recovered_after_s) else None,
             restarts=dict(run.restarts()),
             struck_ns=struck_ns,
         )
@@ -175,14 +175,14 @@ class _Trial:
                 await ends_first(run, run.flow.begun())
                 goes_on_s = time.monotonic() - began_s
                 ended = await program.ends_within(ENDS_WITHIN_S)
-                left = await program.left_behind(GONE_WITHIN_S)
+                left = await program.remaining_processes(GONE_WITHIN_S)
         except ProcessFailure:  # what cannot be resumed is the run's failure, not the bench's
             return msgspec.structs.replace(finding, exit_code=program.exit_code)
         finding = msgspec.structs.replace(
             finding,
             exit_code=program.exit_code if ended else None,
-            mended_s=goes_on_s,
-            left_behind=(*finding.left_behind, *left),
+            recovered_after_s=goes_on_s,
+            remaining_processes=(*finding.remaining_processes, *left),
         )
         return _with_result(resumed_dir, finding)
 

@@ -290,7 +290,7 @@ def _work(plan: BenchPlan, tasks: Any, said: Any) -> None:
     task: Task
     for task in iter(tasks.get, None):
         try:
-            for trial in run_task(task, sequences.of(task), plan.methods, _teller(task, said)):
+            for trial in run_task(task, sequences.of(task), plan.methods, _reporter_of(task, said)):
                 said.put(trial)
         except DlokitError as error:
             said.put(error)
@@ -298,7 +298,7 @@ def _work(plan: BenchPlan, tasks: Any, said: Any) -> None:
             said.put(RuntimeError(traceback.format_exc()))
 
 
-def _teller(task: Task, said: Any) -> Any:
+def _reporter_of(task: Task, said: Any) -> Any:
     last_s = time.monotonic()
 
     def tell(method: str, frame: int, frames: int) -> None:

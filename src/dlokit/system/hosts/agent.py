@@ -13,7 +13,7 @@ from dlokit.communication.container import Container
 from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.errors import InputError, MachineError, ProcessFailure, SkillFailure, SkillRejected
 from dlokit.system.hosts.api import HELLO, RUN_SHARE, HostFacts, ShareReady
-from dlokit.system.hosts.doors import NAMESPACE, impatient_links, through_door
+from dlokit.system.hosts.doors import NAMESPACE, limited_links, local_endpoint_config
 from dlokit.system.hosts.placement import AGENT
 from dlokit.system.processes.bus import join_bus
 from dlokit.system.processes.running import announced
@@ -36,15 +36,15 @@ class HostAgent(Component):
         name: str,
         rows: Mapping[str, ProcessRow],
         prepare: Prepare,
-        meeting_point: str,
+        local_endpoint: str,
         say: Callable[[str], None],
     ) -> None:
-        """`rows` are the processes that there are; the host's own reach its door at `meeting_point`."""
+        """`rows` are the processes that there are; the host's own reach its door at `local_endpoint`."""
         super().__init__()
         self.instance = name
         self._rows = rows
         self._prepare = prepare
-        self._meeting_point = meeting_point
+        self._meeting_point = local_endpoint
         self._say = say
 
     @implements(HELLO)
@@ -65,7 +65,7 @@ class HostAgent(Component):
             raise SkillRejected("bad_configuration", str(error)) from error
         self._say(f"starting {', '.join(processes)}; logs in {launch.run_dir / 'logs'}")
         try:
-            async with Supervisor(rows, launch, through_door(self._meeting_point)) as supervisor:
+            async with Supervisor(rows, launch, local_endpoint_config(self._meeting_point)) as supervisor:
                 with announced(launch.run_dir, NAMESPACE, self._meeting_point, client=True):
                     self._say("ready")
                     report(ShareReady(host=self.instance))
@@ -89,11 +89,11 @@ async def host_served(
     say: Callable[[str], None],
 ) -> AsyncGenerator[None]:
     """Open this host's door and answer for it meanwhile. Raises `MachineError` when no port is free."""
-    meeting_point = free_meeting_point()
-    config = door(meeting_point)
-    async with join_bus(config, TimeBase.MACHINE) as bus, impatient_links(config.connect[0]):
+    local_endpoint = free_loopback_endpoint()
+    config = door(local_endpoint)
+    async with join_bus(config, TimeBase.MACHINE) as bus, limited_links(config.connect[0]):
         host = Container(bus.transport, bus.clock)
-        host.add(HostAgent(name, rows, prepare, meeting_point, say))
+        host.add(HostAgent(name, rows, prepare, local_endpoint, say))
         async with host:
             yield
 
@@ -110,7 +110,7 @@ async def serve_host(
         await asyncio.Event().wait()
 
 
-def free_meeting_point() -> str:
+def free_loopback_endpoint() -> str:
     """An endpoint of the loopback interface that nobody uses. Raises `MachineError` when there is none."""
     with socket.socket() as probe:
         try:

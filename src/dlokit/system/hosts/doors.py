@@ -29,7 +29,7 @@ LOOK_EVERY_S = 1.0
 
 
 @asynccontextmanager
-async def impatient_links(endpoint: str) -> AsyncGenerator[None]:
+async def limited_links(endpoint: str) -> AsyncGenerator[None]:
     """Limit all links of this process to or from a port meanwhile: that of the endpoint where hosts meet."""
     port = int(endpoint.rpartition(":")[2])
     looking = asyncio.create_task(_look(port), name="limit links")
@@ -67,31 +67,31 @@ def check_hosts(hosts: HostsConfig, rows: tuple[ProcessRow, ...]) -> None:
         host_files(hosts.folder, placement.main)
 
 
-def main_door(hosts: HostsConfig, placement: Placement, meeting_point: str) -> ZenohConfig:
+def main_door(hosts: HostsConfig, placement: Placement, local_endpoint: str) -> ZenohConfig:
     """The door at which the other hosts' doors connect. Raises `ConfigError` when a certificate is missing."""
     secured = kind_of(hosts.endpoint) == "tls"
     return ZenohConfig(
         namespace=NAMESPACE,
         role="router",
-        listen=(meeting_point, hosts.endpoint),
+        listen=(local_endpoint, hosts.endpoint),
         tls=host_files(hosts.folder, placement.main) if secured else None,
         others=rights_at_main(placement) if secured else None,
     )
 
 
-def other_door(hosts: HostsConfig, name: str, main: str, meeting_point: str) -> ZenohConfig:
+def other_door(hosts: HostsConfig, name: str, main: str, local_endpoint: str) -> ZenohConfig:
     """The door of the host `name`, which connects to the one of the host `main`. Raises `ConfigError`."""
     secured = kind_of(hosts.endpoint) == "tls"
     return ZenohConfig(
         namespace=NAMESPACE,
         role="router",
-        listen=(meeting_point,),
+        listen=(local_endpoint,),
         connect=(hosts.endpoint,),
         tls=host_files(hosts.folder, name) if secured else None,
         others=rights_elsewhere(main) if secured else None,
     )
 
 
-def through_door(meeting_point: str) -> ZenohConfig:
+def local_endpoint_config(local_endpoint: str) -> ZenohConfig:
     """How a process of a host joins the bus."""
-    return ZenohConfig(namespace=NAMESPACE, role="client", listen=(), connect=(meeting_point,))
+    return ZenohConfig(namespace=NAMESPACE, role="client", listen=(), connect=(local_endpoint,))

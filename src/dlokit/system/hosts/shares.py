@@ -28,7 +28,7 @@ AGAIN_S = 1.0
 """Before a share is started again: its host may still be ending the one of before."""
 
 
-class RemoteShares:
+class RemoteProcesses:
     """Owner of what runs on other hosts."""
 
     def __init__(

@@ -30,7 +30,7 @@ from dlokit.system.processes.child_process import (
     decode_spec,
 )
 from dlokit.system.processes.workers import worker_pool
-from dlokit.system.results.run_folder import NOBODYS_BUSINESS, read_start
+from dlokit.system.results.run_folder import HIDDEN_START, read_start
 from dlokit.system.toml_config import read_toml
 
 
@@ -40,7 +40,7 @@ def component_of_run(name: str, spec: ChildSpec, bus: JoinedBus) -> Component:
         transport=bus.transport,
         clock=bus.clock,
         folder=Path(spec.run_dir),
-        start_nodes_world=read_start(Path(spec.run_dir)) if name == "cell" else NOBODYS_BUSINESS,
+        start_nodes_world=read_start(Path(spec.run_dir)) if name == "cell" else HIDDEN_START,
         page_key=spec.page_key,
     )
     return build_component(name, read_toml(Path(spec.config_file), RunConfig), wiring)
@@ -77,13 +77,13 @@ async def _serve(spec: ChildSpec, build: Build, open_session: OpenSession) -> No
             for name in spec.components:
                 host.add(build(name, spec, bus))
             # The first look of a loaded machine would else wait for a worker to start, and time out.
-            await asyncio.gather(host.prepare(), _others_there(spec, bus))
+            await asyncio.gather(host.prepare(), _dependencies_present(spec, bus))
             async with garbage_frozen(), host:
                 await _until_stopped(stop, host, spec.beat_fd)
     log.info("%s has ended", spec.process)
 
 
-async def _others_there(spec: ChildSpec, bus: JoinedBus) -> None:
+async def _dependencies_present(spec: ChildSpec, bus: JoinedBus) -> None:
     """Wait for whom this process comes after; meanwhile it loads what it needs. Raises `ProcessFailure`."""
     for component in spec.after:
         if not await bus.transport.wait_for(component, spec.others_within_s):

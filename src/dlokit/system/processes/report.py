@@ -41,7 +41,7 @@ class ProcessReport(msgspec.Struct, frozen=True, kw_only=True):
 class SystemReport(msgspec.Struct, frozen=True, kw_only=True):
     """All processes that a supervisor has started."""
 
-    told_s: float
+    written_s: float
     """When this was written, on the machine's monotonic clock [s]."""
     processes: tuple[ProcessReport, ...]
 
@@ -56,7 +56,7 @@ def write_report(run_dir: Path, report: SystemReport) -> None:
         log.warning("the report on the processes cannot be written: %s", error)
 
 
-def still_there(run_dir: Path) -> list[str]:
+def unended_processes(run_dir: Path) -> list[str]:
     """The processes of a run that have not ended, by name: those of a killed run end by themselves within seconds."""
     report = read_report(run_dir)
     return [] if report is None else [process.name for process in report.processes if _runs(process)]

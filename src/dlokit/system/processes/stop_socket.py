@@ -18,7 +18,7 @@ from dlokit.errors import DlokitError, MachineError
 from dlokit.system.processes.running import notes_folder
 
 STOP, ENABLE = b"stop\n", b"enable\n"
-STANDS = "stands, and is stopped until dlokit enable"
+CONFIRMED_STOP = "stands, and is stopped until dlokit enable"
 """What a robot's process says of a stop that feedback has confirmed."""
 _LONGEST_PATH = 107  # bytes that the address of a socket may have on Linux
 _ORDER_WITHIN_S = 1.0  # for a caller to say what it wants
@@ -44,7 +44,7 @@ def stop_socket(run_dir: Path, robot: str, notes: Path | None = None) -> Path:
     return path
 
 
-def left_stop(socket: Path) -> Path:
+def stop_at_start_file(socket: Path) -> Path:
     """The file that tells a robot process which has not begun yet to begin stopped."""
     return socket.with_suffix(".stopped")
 
@@ -76,7 +76,7 @@ async def stop_button(
     finally:
         server.close()
         _remove(socket)
-        _remove(left_stop(socket))
+        _remove(stop_at_start_file(socket))
 
 
 def _remove(path: Path) -> None:
@@ -84,7 +84,7 @@ def _remove(path: Path) -> None:
 
 
 def _is_left(socket: Path) -> bool:
-    return left_stop(socket).exists()
+    return stop_at_start_file(socket).exists()
 
 
 async def _answer(
@@ -93,9 +93,9 @@ async def _answer(
     try:
         if order == STOP:
             await stop()
-            return Answer(confirmed=True, text=STANDS)
+            return Answer(confirmed=True, text=CONFIRMED_STOP)
         if order == ENABLE:
-            _remove(left_stop(socket))
+            _remove(stop_at_start_file(socket))
             await enable()
             return Answer(confirmed=True, text="is enabled")
     except DlokitError as error:

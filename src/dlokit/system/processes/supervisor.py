@@ -167,15 +167,15 @@ class Supervisor:
     def report(self) -> SystemReport:
         """How every process stands."""
         return SystemReport(
-            told_s=asyncio.get_running_loop().time(),
+            written_s=asyncio.get_running_loop().time(),
             processes=tuple(_report(watched) for watched in self._watched.values()),
         )
 
     async def _watch(self) -> None:
-        told_s = -math.inf
+        written_s = -math.inf
         while True:
-            if asyncio.get_running_loop().time() - told_s >= TOLD_EVERY_S:
-                told_s = asyncio.get_running_loop().time()
+            if asyncio.get_running_loop().time() - written_s >= TOLD_EVERY_S:
+                written_s = asyncio.get_running_loop().time()
                 write_report(self._launch.run_dir, self.report())
             await asyncio.sleep(WATCH_PERIOD_S)
             for watched in self._watched.values():
@@ -188,13 +188,13 @@ class Supervisor:
             if now_s >= watched.restart_at_s:
                 self._start_again(watched, now_s)
         elif child.exit_code is not None:
-            self._bury(watched, now_s, _cause_of_death(child))
+            self._handle_death(watched, now_s, _cause_of_death(child))
         elif child.ready.is_set() and child.silent_s() > row.silent_for_s:
             detail = f"no heartbeat for {child.silent_s():.0f} s; see {child.log_file}\n{child.tail()}"
-            self._bury(watched, now_s, ProcessFailure(f"process_frozen: {row.name}", detail))
+            self._handle_death(watched, now_s, ProcessFailure(f"process_frozen: {row.name}", detail))
         elif not child.ready.is_set() and now_s - watched.started_s[-1] > row.ready_within_s:
             detail = f"not ready within {row.ready_within_s:g} s; see {child.log_file}\n{child.tail()}"
-            self._bury(watched, now_s, ProcessFailure(f"process_not_ready: {row.name}", detail))
+            self._handle_death(watched, now_s, ProcessFailure(f"process_not_ready: {row.name}", detail))
 
     def _start_again(self, watched: _Watched, now_s: float) -> None:
         watched.restart_at_s = None
@@ -206,7 +206,7 @@ class Supervisor:
         else:
             _log_start(watched.child)
 
-    def _bury(self, watched: _Watched, now_s: float, cause: DlokitError) -> None:
+    def _handle_death(self, watched: _Watched, now_s: float, cause: DlokitError) -> None:
         watched.child.release()
         self._settle(watched, now_s, cause)
 

@@ -62,7 +62,7 @@ def _slug(name: str) -> str:
 
 NAME = "start.npy"
 
-NOBODYS_BUSINESS: Float64Array = np.empty((0, 3))
+HIDDEN_START: Float64Array = np.empty((0, 3))
 """What every component but the cell is given in its place."""
 
 

@@ -24,13 +24,13 @@ def _args(*arguments: str) -> ShapingArgs:
     [
         (("--seeds", "0"), "--seeds 0"),
         (("--jobs", "0"), "--jobs 0"),
-        (("--first-seed", "9999", "--seeds", "2"), "seeds below 10000"),
-        (("--oracle", "--observer", "map"), "--observer map away"),
-        (("--randomised", "--cell.randomisation.light", "0.1"), "leave it away"),
+        (("--first-seed", "9999", "--seeds", "2"), "below 10000"),
+        (("--oracle", "--observer", "map"), "omit --observer map"),
+        (("--randomised", "--cell.randomisation.light", "0.1"), "omit it"),
         (("--planner", "crystal_ball"), "farthest"),
         (("--suite", "ropes"), "paper, goals, stiffness, wires"),
         (("--suite", "goals"), "needs a file"),
-        (("--suite", "goals", "a.npy", "b.npy"), "one file at most"),
+        (("--suite", "goals", "a.npy", "b.npy"), "at most one file"),
         (("--cluster", "localhost"), "no address"),
     ],
 )
@@ -46,7 +46,7 @@ def test_what_makes_no_sense_is_one_clear_error_and_leaves_no_folder(
 
 
 def test_a_json_file_in_no_folder_is_told_before_hours_of_work(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="there is no folder"):
+    with pytest.raises(InputError, match="does not exist"):
         run_shaping(_args("--json", str(tmp_path / "missing" / "figures.json"), "--out", str(tmp_path / "sweep")))
 
     assert not (tmp_path / "sweep").exists()

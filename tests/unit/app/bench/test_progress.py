@@ -42,7 +42,7 @@ def test_an_interrupted_sweep_prints_what_is_finished_and_how_to_go_on() -> None
     assert isinstance(console.file, io.StringIO)
     assert console.file.getvalue().splitlines()[-2:] == [
         "all: [1, 2]",
-        "2 of 3 runs are finished; the same command with --out sweep goes on.",
+        "2 of 3 runs are finished; the same command with --out sweep continues.",
     ]
 
 

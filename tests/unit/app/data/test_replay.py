@@ -35,7 +35,7 @@ def test_a_component_that_does_what_it_did_ends_with_0_and_every_field_has_its_r
     # How much it differs, and what is allowed, depend on the processor that made the reference.
     assert "│ observer/targets │ nodes_world │ 11 │ " in printed
     assert "│ observer.initialise │ result.health │" in printed
-    assert "observer does what it did: every field is within its tolerance." in printed
+    assert "observer reproduces the recording: every field is within its tolerance." in printed
 
 
 def test_a_component_that_does_otherwise_ends_with_1_and_the_field_is_named(
@@ -47,15 +47,15 @@ def test_a_component_that_does_otherwise_ends_with_1_and_the_field_is_named(
         file.write('[observer.strategy]\nkind = "spr"\n')
     assert execute(["replay", str(REFERENCE), "--into", "observer", "--config", str(config)]) == 1
     printed = " ".join(capsys.readouterr().out.split())
-    assert "beyond its tolerance: observer/targets nodes_world: " in printed
+    assert "outside its tolerance: observer/targets nodes_world: " in printed
     assert re.search(r"observer/targets nodes_world: 0\.\d+, allowed 1e-0\d \(recorded with ", printed)
 
 
 @pytest.mark.parametrize(
     ("flags", "match"),
     [
-        (["--into", "model", "--rate", "2"], "--rate is for watching: leave it away"),
-        (["--rate", "0"], "--rate is 0; it must be above 0"),
+        (["--into", "model", "--rate", "2"], "--rate applies to watching only"),
+        (["--rate", "0"], "--rate is 0; it must be greater than 0"),
         (["--into", "planning"], "holds nothing of planning"),
     ],
 )

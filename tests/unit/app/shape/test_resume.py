@@ -71,7 +71,7 @@ def test_only_a_run_that_came_to_an_end_of_its_own_is_refused(run_dir: Path, out
 
 
 def test_a_run_that_still_runs_is_refused(run_dir: Path) -> None:
-    with announced(run_dir, "dlokit/x", "tcp/127.0.0.1:1"), pytest.raises(InputError, match="still runs"):
+    with announced(run_dir, "dlokit/x", "tcp/127.0.0.1:1"), pytest.raises(InputError, match="still running"):
         resumed_job(run_dir)
 
 
@@ -86,5 +86,5 @@ def test_what_is_missing_is_told_with_a_way_to_start_anew(run_dir: Path, missing
 
 
 def test_a_folder_that_is_none_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="is no folder"):
+    with pytest.raises(InputError, match="is not a folder"):
         resumed_job(tmp_path / "nowhere")

@@ -18,9 +18,9 @@ from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.errors import ProcessFailure, SkillFailure, SkillRejected
 from dlokit.system.hosts import shares as shares_module
-from dlokit.system.hosts.agent import free_meeting_point
+from dlokit.system.hosts.agent import free_loopback_endpoint
 from dlokit.system.hosts.api import HELLO, RUN_SHARE, HostFacts, ShareReady
-from dlokit.system.hosts.shares import CLOCK_OFF_S, RemoteShares
+from dlokit.system.hosts.shares import CLOCK_OFF_S, RemoteProcesses
 from dlokit.system.table import ROBOT, ProcessRow
 
 NAMESPACE = "dlokit_test_shares"
@@ -69,15 +69,15 @@ class OddHost(Component):
 @asynccontextmanager
 async def shares_with(
     manner: Manner | None, row: ProcessRow = ROBOT, wait_s: float = 30.0
-) -> AsyncGenerator[tuple[RemoteShares, OddHost]]:
+) -> AsyncGenerator[tuple[RemoteProcesses, OddHost]]:
     """Shares of a run whose other host behaves so; with None it is not there."""
-    endpoint = free_meeting_point()
+    endpoint = free_loopback_endpoint()
     here = ZenohTransport(ZenohConfig(namespace=NAMESPACE, listen=(endpoint,)))
     there = ZenohTransport(ZenohConfig(namespace=NAMESPACE, connect=(endpoint,)))
     odd = OddHost(manner or Manner())
     odd.endpoint, odd.main = endpoint, here
     host = Container(there, LoopClock())
-    shares = RemoteShares(here, {"arm": (row,), "desk": ()}, "seed = 3", wait_s, lambda said: None)
+    shares = RemoteProcesses(here, {"arm": (row,), "desk": ()}, "seed = 3", wait_s, lambda said: None)
     try:
         if manner is not None:
             host.add(odd)
