@@ -16,8 +16,8 @@ from dlokit.system.build import instances_of_run
 from dlokit.system.config import CONFIG_FILE, RunConfig
 from dlokit.system.hosts.agent import serve_host
 from dlokit.system.hosts.config import HostsConfig
-from dlokit.system.hosts.doors import NAMESPACE, other_door
 from dlokit.system.hosts.placement import main_host
+from dlokit.system.hosts.routers import NAMESPACE, host_router_config
 from dlokit.system.processes.supervisor import Launch
 from dlokit.system.results.run_folder import new_run_folder
 from dlokit.system.table import PROCESSES
@@ -57,7 +57,7 @@ def run(args: HostArgs) -> int:
         raise ConfigError(f"{main} is the host of the decision process: start the run there, with dlokit shape.")
     rows = {row.name: row for row in PROCESSES}
     _say(f"host {args.name}: {main} is at {hosts.endpoint}; Ctrl-C ends this")
-    door = partial(other_door, hosts, args.name, main)
+    door = partial(host_router_config, hosts, args.name, main)
     asyncio.run(serve_host(args.name, door, rows, partial(_prepare, args.name), _say))
     return 0
 

@@ -18,7 +18,7 @@ from dlokit.skills.robot import api as robot
 from dlokit.system.config import CONFIG_FILE, RunConfig
 from dlokit.system.processes.bus import JoinedBus, join_bus
 from dlokit.system.processes.running import RunningSystem, running_systems, the_running_system
-from dlokit.system.processes.stop_socket import STOP, Answer, stop_at_start_file, press, stop_socket
+from dlokit.system.processes.stop_socket import STOP, Answer, press, stop_at_start_file, stop_socket
 from dlokit.system.results.recording import calls_published
 from dlokit.system.table import TimeBase
 from dlokit.system.toml_config import read_toml

@@ -20,7 +20,7 @@ def check_before_start(config: RunConfig) -> None:
     from dlokit.functional.cell.rendering import check_opengl
 
     if config.hosts is not None and config.runtime == "live":
-        from dlokit.system.hosts.doors import check_hosts
+        from dlokit.system.hosts.routers import check_hosts
 
         check_hosts(config.hosts, processes_of_run(simulated=True, watched=not config.headless, arms=config.arms))
     if not config.headless and _viewer_is_here(config):

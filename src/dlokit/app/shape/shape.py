@@ -57,16 +57,15 @@ class ShapeChoices:
     """DLO on the table: soft_rope, silicone_hose, wire_a, wire_b, wire_c, thin_wire or stiff_wire. The system's own
     model gets only its length and radius, which can be measured with a ruler."""
     physics: Annotated[str | None, flag("NAME", "chain for wires, else rod")] = None
-    """Simulation of the DLO in the cell: a rod is elastic, a chain deforms plastically. The system's own model is
-    always a rod."""
+    """Simulated DLO: a rod (elastic) or a chain (plastic). The system's own model is always a rod."""
     randomised: bool = False
-    """Draw friction, stiffness, light and other parameters of the cell from the seed; also weight, curl, hand-eye
+    """Draw friction, stiffness, light and more of the cell from the seed; also weight, curl, hand-eye
     error, table tilt and colour. `--cell.randomisation.…` changes or disables each of them."""
     observer: Annotated[str | None, _one_of(OBSERVERS, AS_SHIPPED.observer.strategy)] = None
-    """How nodes are estimated from a cloud: map, anchored, cpd, spr or som. The last three are the paper's;
+    """How nodes are estimated: map, anchored, cpd, spr or som. The last three are the paper's;
     an installed package may add others. `--observer cpd --help observer` shows the settings of cpd."""
     segmentation: Annotated[str | None, _one_of(SEGMENTATIONS, AS_SHIPPED.perception.segmentation)] = None
-    """How the DLO's pixels are found: brightness (the paper's) or colour; an installed package may add
+    """How DLO pixels are found: brightness (the paper's) or colour; an installed package may add
     others."""
     planner: Annotated[str | None, _one_of(PLANNERS, AS_SHIPPED.planning.strategy)] = None
     """How actions are chosen: rollout, farthest (the paper's), farthest-tangent; an installed package may add

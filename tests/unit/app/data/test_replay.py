@@ -56,7 +56,7 @@ def test_a_component_that_does_otherwise_ends_with_1_and_the_field_is_named(
     [
         (["--into", "model", "--rate", "2"], "--rate applies to watching only"),
         (["--rate", "0"], "--rate is 0; it must be greater than 0"),
-        (["--into", "planning"], "holds nothing of planning"),
+        (["--into", "planning"], "has no data of planning"),
     ],
 )
 def test_what_cannot_be_replayed_is_refused_with_what_to_do(run: Path, flags: list[str], match: str) -> None:
@@ -68,12 +68,12 @@ def test_a_recording_that_does_not_say_how_its_run_was_configured_is_refused(tmp
     writer = RecordingWriter(tmp_path / "a.mcap", {})
     writer.add(topics.CLOCK, 0, ClockTick(stamp_ns=0, seq=1))
     writer.close()
-    with pytest.raises(InputError, match=r"does not say how its run was configured; give the recording\.mcap"):
+    with pytest.raises(InputError, match=r"has no configuration of its run; give the recording\.mcap"):
         execute(["replay", str(tmp_path / "a.mcap"), "--into", "model"])
 
 
 def test_a_recording_without_a_message_is_refused(tmp_path: Path) -> None:
     metadata = {"configuration": {"config.toml": to_toml(RunConfig())}}
     RecordingWriter(tmp_path / "a.mcap", metadata).close()
-    with pytest.raises(InputError, match="holds nothing of observer"):
+    with pytest.raises(InputError, match="has no data of observer"):
         execute(["replay", str(tmp_path / "a.mcap"), "--into", "observer"])

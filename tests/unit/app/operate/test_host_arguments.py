@@ -42,7 +42,7 @@ def test_a_host_without_a_place_to_connect_or_that_the_file_does_not_know_is_ref
         hosts_of(args("arm"))
     with pytest.raises(ConfigError, match="has no host 'army'; it has brain, arm"):
         hosts_of(args("army", "--config", file))
-    with pytest.raises(ConfigError, match="names no folder `certificates`"):
+    with pytest.raises(ConfigError, match="has no folder `certificates`"):
         hosts_of(args("arm", "--connect", "tls/10.0.0.2:1"))
     with pytest.raises(ConfigError, match="brain is the host of the decision process"):
         execute(("host", "brain", "--config", file))
@@ -54,7 +54,7 @@ def test_a_host_without_a_place_to_connect_or_that_the_file_does_not_know_is_ref
 
 
 def test_a_plain_connection_is_asked_for_in_so_many_words(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="whoever reaches the port could command the robot"):
+    with pytest.raises(ConfigError, match="anyone who reaches the port could command the robot"):
         hosts_of(args("arm", "--connect", "tcp/10.0.0.2:1"))
     hosts = HostsConfig(endpoint="tcp/10.0.0.1:7447", plain_tcp=True, runs=RUNS)
     (tmp_path / "plain.toml").write_text(to_toml(RunConfig(hosts=hosts)), encoding="utf-8")

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from dlokit.app.operate.skills import all_skills, arguments_of, type_text, renewed, skill_named
+from dlokit.app.operate.skills import all_skills, arguments_of, renewed, skill_named, type_text
 from dlokit.decision.api import SHAPE_DLO
 from dlokit.errors import InputError
 from dlokit.skills.robot import api as robot

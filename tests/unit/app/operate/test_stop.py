@@ -23,7 +23,7 @@ from dlokit.errors import InputError, SkillFailure
 from dlokit.skills.robot import api as robot
 from dlokit.system.config import CONFIG_FILE, RunConfig
 from dlokit.system.processes.running import RunningSystem
-from dlokit.system.processes.stop_socket import ENABLE, STOP, stop_at_start_file, press, stop_button, stop_socket
+from dlokit.system.processes.stop_socket import ENABLE, STOP, press, stop_at_start_file, stop_button, stop_socket
 from dlokit.system.toml_config import to_toml
 
 PATIENCE_S = 30.0  # it takes milliseconds; a test that waits in vain fails

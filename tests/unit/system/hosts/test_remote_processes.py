@@ -17,10 +17,10 @@ from dlokit.communication.timing.clock import LoopClock
 from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.errors import ProcessFailure, SkillFailure, SkillRejected
-from dlokit.system.hosts import shares as shares_module
+from dlokit.system.hosts import remote_processes as remote_module
 from dlokit.system.hosts.agent import free_loopback_endpoint
 from dlokit.system.hosts.api import HELLO, RUN_SHARE, HostFacts, ShareReady
-from dlokit.system.hosts.shares import CLOCK_OFF_S, RemoteProcesses
+from dlokit.system.hosts.remote_processes import CLOCK_OFF_S, RemoteProcesses
 from dlokit.system.table import ROBOT, ProcessRow
 
 NAMESPACE = "dlokit_test_shares"
@@ -132,7 +132,7 @@ def test_a_host_whose_time_of_day_is_off_is_named(
         async with shares_with(Manner(ahead_s=ahead_s)) as (shares, _):
             await shares.start()
 
-    with caplog.at_level(logging.WARNING, "dlokit.system.hosts.shares"):
+    with caplog.at_level(logging.WARNING, "dlokit.system.hosts.remote_processes"):
         asyncio.run(body())
     warned = [record.getMessage() for record in caplog.records if "clocks_differ" in record.getMessage()]
     assert [said in text for text in warned if said is not None] == ([] if said is None else [True])
@@ -153,9 +153,9 @@ def test_a_host_whose_processes_are_not_needed_ends_no_run_but_its_start(caplog:
             with pytest.raises(ProcessFailure, match="process_died: viewer"):
                 await shares.start()
 
-    with caplog.at_level(logging.WARNING, "dlokit.system.hosts.shares"):
+    with caplog.at_level(logging.WARNING, "dlokit.system.hosts.remote_processes"):
         asyncio.run(body())
-    assert "the run goes on without host arm: process_died: viewer" in caplog.text
+    assert "the run continues without host arm: process_died: viewer" in caplog.text
 
 
 async def until_two_serve(main: ZenohTransport | None) -> None:
@@ -168,7 +168,7 @@ async def until_two_serve(main: ZenohTransport | None) -> None:
 
 
 def test_a_host_that_runs_twice_is_named_and_neither_runs_the_share(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(shares_module, "GONE_WITHIN_S", 0.0)
+    monkeypatch.setattr(remote_module, "GONE_WITHIN_S", 0.0)
 
     async def body() -> None:
         async with shares_with(Manner()) as (shares, odd):
