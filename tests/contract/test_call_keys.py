@@ -8,7 +8,7 @@ from dlokit.communication.wire import codec
 from dlokit.communication.zenoh.session import ZenohConfig, open_session
 from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.skills.robot import api
-from dlokit.system.hosts.agent import free_meeting_point
+from dlokit.system.hosts.agent import free_loopback_endpoint
 from dlokit.types.outcome import Cancelled, Outcome, Rejected, Succeeded
 
 NAMESPACE = "dlokit_test_call_keys"
@@ -22,7 +22,7 @@ async def answer(key: str, cancelled: str = "") -> Outcome[None]:
         ran.append(request)
         return codec.encode(Succeeded(result=None))
 
-    endpoint = free_meeting_point()
+    endpoint = free_loopback_endpoint()
     called = ZenohTransport(ZenohConfig(namespace=NAMESPACE, listen=(endpoint,)))
     caller = ZenohTransport(ZenohConfig(namespace=NAMESPACE, connect=(endpoint,)))
     session = open_session(ZenohConfig(namespace=NAMESPACE, role="client", listen=(), connect=(endpoint,)))

@@ -27,9 +27,9 @@ from dlokit.errors import MachineError, ProcessFailure, SkillFailure
 from dlokit.skills.robot import api
 from dlokit.skills.robot.config import RobotConfig
 from dlokit.skills.robot.lease import LeaseKeeper
-from dlokit.system.hosts.agent import free_meeting_point, serve_host
+from dlokit.system.hosts.agent import free_loopback_endpoint, serve_host
 from dlokit.system.hosts.config import HostsConfig
-from dlokit.system.hosts.doors import NAMESPACE, other_door
+from dlokit.system.hosts.routers import NAMESPACE, host_router_config
 from dlokit.system.live import LiveSystem, spread_system
 from dlokit.system.processes.bus import JoinedBus
 from dlokit.system.processes.child import run_child
@@ -195,11 +195,11 @@ async def obeyed(live: LiveSystem) -> None:
 
 async def other_host(name: str, hosts: HostsConfig, folder: Path) -> None:
     rows = {row.name: row for row in (CELL, ROBOT, OBSERVER)}
-    await serve_host(name, partial(other_door, hosts, name, MAIN), rows, lambda _: launch_in(folder), say)
+    await serve_host(name, partial(host_router_config, hosts, name, MAIN), rows, lambda _: launch_in(folder), say)
 
 
 async def desk_host(hosts: HostsConfig, folder: Path) -> None:
-    transport = ZenohTransport(other_door(hosts, DESK, MAIN, free_meeting_point()))
+    transport = ZenohTransport(host_router_config(hosts, DESK, MAIN, free_loopback_endpoint()))
     assert await transport.wait_for("robot", 60.0)
     say("ready")
     await obey(orders_for(transport, DESK))

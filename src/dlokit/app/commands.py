@@ -1,6 +1,6 @@
-"""The commands of `dlokit`: each is a module with a COMMAND, which is imported when it is asked for.
+"""The commands of `dlokit`. Each is a module with a COMMAND; it is imported when the command is called.
 
-A command must not wait for the libraries of another, `dlokit stop` least of all.
+No command waits for the libraries of another; `dlokit stop` in particular must start fast.
 """
 
 import sys
@@ -22,18 +22,18 @@ A = TypeVar("A")
 
 @dataclass(frozen=True)
 class CliCommand(Generic[A]):
-    """One command; each has a module of its own, where it is called COMMAND."""
+    """One command; its module defines it as COMMAND."""
 
     arguments: type[A]
-    """A dataclass: its fields are the flags, its docstring is the help."""
+    """A dataclass: its fields are the flags, its docstring is the help text."""
     run: Callable[[A], int]
-    """Does it, and gives the exit code."""
+    """Executes the command and returns its exit code."""
     defaults: Callable[[Sequence[str]], A] | None = None
-    """What holds where the command line says nothing, where that depends on the command line (`--config FILE`)."""
+    """Computes the defaults of the arguments, if they depend on the command line (`--config FILE`)."""
 
 
 def flag(metavar: str, default: str = "") -> Any:
-    """A flag that is not set unless it is given; `default` says in words what holds then."""
+    """A flag that is unset by default; `default` describes the value that is then used."""
     return tyro.conf.arg(metavar=metavar, help_behavior_hint=f"(default: {default})" if default else "")
 
 
@@ -42,7 +42,7 @@ DESCRIPTION = """Bring cables, ropes and wires into the shape you want with a ro
 `dlokit COMMAND --help` explains a command, `dlokit --version` prints the version."""
 
 OPTIONS = (tyro.conf.AvoidSubcommands,)
-"""A strategy is chosen by its flag (`--observer cpd`); its settings are flags like all others."""
+"""A flag chooses a strategy (`--observer cpd`); the strategy's settings are flags like all others."""
 
 
 @dataclass(frozen=True)
@@ -50,24 +50,22 @@ class CommandRow:
     """A row of the table of commands."""
 
     module: str
-    """Below `dlokit.app`; it has the command as COMMAND."""
+    """Module below `dlokit.app` that defines the command."""
     summary: str
-    """The first sentence of the command's own help: here, so that the list of all needs none of the modules."""
+    """First sentence of the command's help text, repeated here so that listing the commands imports none of them."""
 
 
 COMMANDS: Mapping[str, CommandRow] = {
-    "shape": CommandRow(
-        "shape.shape", "Bring the DLO from a start to a goal shape by looking at it with the stereo camera."
-    ),
+    "shape": CommandRow("shape.shape", "Move the DLO from a start shape to a goal shape, guided by the stereo camera."),
     "demo": CommandRow(
-        "shape.demo", "Watch a simulated arm bring a rope from I to S by looking at it with a stereo camera."
+        "shape.demo", "Watch a simulated arm move a rope from shape I to shape S, guided by a stereo camera."
     ),
     "track": CommandRow(
-        "data.track", "Find the nodes of a DLO in recorded clouds, one after the other, and write them with a picture."
+        "data.track", "Track the nodes of a DLO through recorded point clouds, and write them with a plot."
     ),
     "bench shaping": CommandRow(
         "bench.shaping",
-        "Compare planners and observers on the same starts, goals and cells, in lockstep, judged by the hidden truth.",
+        "Compare planners and observers on the same starts, goals and cells, in lockstep, judged by the ground truth.",
     ),
     "bench observers": CommandRow(
         "bench.observers", "Compare observers on simulated and recorded sequences whose nodes are known."
@@ -79,74 +77,78 @@ COMMANDS: Mapping[str, CommandRow] = {
     ),
     "bench faults": CommandRow(
         "bench.faults",
-        "Let something go wrong in live runs, at random times: do they still end as they should, with the arm stopped?",
+        "Inject faults into live runs at random times, and check that the runs end correctly with the arm stopped.",
     ),
     "info": CommandRow(
         "data.info",
-        "Say what is in a recording: its run, versions, settings, topics with counts and rates, calls with outcomes.",
+        "Summarise a recording: its run, versions, settings, topics with counts and rates, calls with outcomes.",
     ),
     "export": CommandRow(
         "data.export",
-        "Hand recorded runs to people who learn from them: states, targets, goals, robot, actions, calls, pictures.",
+        "Export recorded runs as data sets for learning: states, targets, goals, robot, actions, calls, pictures.",
     ),
     "record": CommandRow(
-        "data.record", "Record a live system that runs, until Ctrl-C or until it ends: all topics, and all skill calls."
+        "data.record", "Record a running live system until Ctrl-C or until it ends: all topics and all skill calls."
     ),
     "replay": CommandRow(
         "data.replay",
-        "Feed one component what it received in a recorded run, and compare what it says now with what it said then.",
+        "Replay the recorded inputs of one component, and compare its outputs with the recorded ones.",
     ),
     "identify": CommandRow(
         "data.identify",
-        "Say what the runs of one DLO tell of it: length, radius, stiffness, friction, and whether it takes a set.",
+        "Estimate length, radius, stiffness, friction and plasticity of a DLO from its recorded runs.",
     ),
-    "call": CommandRow("operate.call", "Call one skill on a running system, and print what became of it."),
+    "call": CommandRow("operate.call", "Call one skill of a running system, and print its outcome."),
     "stop": CommandRow(
-        "operate.stop", "Brake the arms of every running system of yours, now, keep them stopped, and end their tasks."
+        "operate.stop", "Brake the arms of all your running systems now, keep them stopped, and end their tasks."
     ),
-    "enable": CommandRow("operate.enable", "Let the arms of a running system move again that a person has stopped."),
+    "enable": CommandRow(
+        "operate.enable", "Allow the arms of a running system to move again after an operator's stop."
+    ),
     "resume": CommandRow(
         "shape.resume",
-        "Go on with a live run that was killed, failed or was cancelled: same goal, what is left of the budget.",
+        "Resume a live run that was killed, failed or was cancelled, with the same goal and the remaining budget.",
     ),
     "ps": CommandRow(
         "operate.ps", "List the processes of your running systems: state, restarts, heartbeat, processor and memory."
     ),
     "certs": CommandRow(
-        "operate.certs", "Make the certificates with which the hosts of a run on several machines know one another."
+        "operate.certs", "Create the certificates with which the hosts of a multi-machine run authenticate one another."
     ),
     "host": CommandRow(
-        "operate.host", "Run this machine's share of runs on several machines, one run after the other, until Ctrl-C."
+        "operate.host", "Run the processes assigned to this machine in multi-machine runs, until Ctrl-C."
     ),
     "skills": CommandRow(
         "operate.skills", "List the skills of all components: arguments with types and units, time limit, and contract."
     ),
-    "graph": CommandRow("operate.graph", "Print the system as Mermaid charts, drawn from the tables that run it."),
-    "doctor": CommandRow("doctor.doctor", "Tell what this machine has, what it lacks, and the command that mends it."),
+    "graph": CommandRow("operate.graph", "Print the system as Mermaid charts, generated from its tables."),
+    "doctor": CommandRow(
+        "doctor.doctor", "Check this machine for what dlokit needs, and print the commands that fix what is missing."
+    ),
     "completion": CommandRow(
         "completion", "Print a script with which TAB completes commands, options and choices in your shell."
     ),
 }
-"""The commands, by the words that call them."""
+"""The commands by name."""
 
 GROUPS: Mapping[str, str] = {"bench": "Compare and measure; every bench prints a table and writes JSON with --json."}
-"""The first words that need a second one."""
+"""The command groups; their names are followed by a second word."""
 
 
 def execute(arguments: Sequence[str]) -> int:
-    """Run one command and give its exit code."""
+    """Run one command and return its exit code."""
     command, rest = _command(arguments)
     return command.run(_parsed(command, arguments, rest))
 
 
 def parse(arguments: Sequence[str]) -> Any:
-    """Arguments to the argument class of the command that they call; exits with 2 and a hint on a mistake."""
+    """Parse the command line into the argument class of its command; exits with 2 and a hint on a mistake."""
     command, rest = _command(arguments)
     return _parsed(command, arguments, rest)
 
 
 def _command(arguments: Sequence[str]) -> tuple[CliCommand[Any], Sequence[str]]:
-    """The command that the first words call, and the other words."""
+    """The command that the first words name, and the remaining words."""
     for words in (2, 1):
         name = " ".join(arguments[:words])
         if name in COMMANDS:
@@ -180,9 +182,9 @@ def _default(command: CliCommand[A], given: Sequence[str]) -> A | None:
 
 
 def _list(arguments: Sequence[str]) -> NoReturn:
-    """List the commands, or those of a group; ends the process.
+    """List all commands or those of a group, and end the process.
 
-    Raises `InputError` for a word that is no command.
+    Raises `InputError` for an unknown command.
     """
     if arguments and arguments[0] in GROUPS:
         group = arguments[0]
@@ -193,16 +195,16 @@ def _list(arguments: Sequence[str]) -> NoReturn:
         words, description = "dlokit", DESCRIPTION
     if arguments and arguments[0] not in (*offered, *HELP):
         raise InputError(_no_such_command(words, arguments[0], offered))
-    nothings = (_does_nothing(name, summary) for name, summary in offered.items())
+    nothings = (_list_entry(name, summary) for name, summary in offered.items())
     tyro.cli(reduce(or_, nothings), args=list(arguments), prog=words, description=description)
-    raise AssertionError("a list of commands runs none")
+    raise AssertionError("the list of commands does not run a command")
 
 
 def _no_such_command(words: str, typed: str, offered: Iterable[str]) -> str:
     similar = get_close_matches(typed, offered, n=1)
     hint = f" Did you mean {similar[0]!r}?" if similar else ""
-    return f"There is no command {typed!r} of {words}.{hint} {words} --help lists those that there are."
+    return f"There is no command {typed!r} of {words}.{hint} {words} --help lists the commands."
 
 
-def _does_nothing(name: str, summary: str) -> Any:
+def _list_entry(name: str, summary: str) -> Any:
     return Annotated[make_dataclass(name, ()), tyro.conf.subcommand(name, description=summary)]

@@ -26,13 +26,13 @@ class CompletionArgs:
 
 
 def run(args: CompletionArgs) -> NoReturn:
-    """Print the script; ends the process."""
+    """Print the script and end the process."""
     tyro.cli(_every_command(), args=["--tyro-print-completion", args.shell], prog="dlokit", config=OPTIONS)
-    raise AssertionError("tyro ends the process when it has printed the script")
+    raise AssertionError("tyro ends the process after printing the script")
 
 
 def _every_command() -> Any:
-    """The type of all commands at once; unlike the list of them, it imports the module of each."""
+    """The union type of all commands; unlike the list of commands, it imports all modules."""
     plain = [_subcommand(name, name) for name in COMMANDS if " " not in name]
     return reduce(or_, [*plain, *(_group(group) for group in GROUPS)])
 

@@ -1,6 +1,6 @@
-"""The help of a command with many settings: what people use first, then a page for each group of settings.
+"""The help pages of a command: the most used options first, then one page for each group of settings.
 
-Whoever asks for help the first time needs a dozen of a run's settings. Other commands have tyro's own help.
+A run has many settings and a first-time user needs a dozen. Other commands use tyro's own help.
 """
 
 import inspect
@@ -20,19 +20,19 @@ from dlokit.errors import ConfigError
 HELP = ("-h", "--help")
 ALL = "all"
 FEW_GROUPS = 3
-"""Help of so many groups is shown whole, by tyro."""
+"""Help text with at most this many groups is shown completely, by tyro."""
 _SENTENCE_END = re.compile(r"(?<!e\.g)[.;](?=\s)")
 _OPTION_WIDTH = 25
-"""Of the first page's column of options [characters]: the longest option and its value."""
+"""Width of the column of options on the first page [characters]: the longest option and its value."""
 _FIRST_PARAGRAPHS = 2
-"""On the first page: what the command does, what to try."""
+"""Paragraphs on the first page: what the command does, examples."""
 _NARROWEST = 80
 _WIDEST = 110
-"""Of the first page [characters]: longer lines are hard to read."""
+"""Maximum width of the first page [characters]: longer lines are hard to read."""
 
 
 def asked_page(arguments: Sequence[str]) -> tuple[list[str], str | None]:
-    """The arguments without the page that they ask for; its name, empty for the first; None when they ask for none."""
+    """The arguments without the help request, and the page: empty for the first page, None without a request."""
     rest, at = list(arguments), next((k for k, word in enumerate(arguments) if word in HELP), None)
     if at is None:
         return rest, None
@@ -43,7 +43,7 @@ def asked_page(arguments: Sequence[str]) -> tuple[list[str], str | None]:
 
 
 def printed(words: str, arguments: Any, page: str) -> bool:
-    """Print a page of the help of the command `words` with these arguments; False where tyro's own help will do.
+    """Print a help page of the command `words` with these arguments; False where tyro's own help is enough.
 
     `page` is a group, `all`, or empty for the first page. Raises `ConfigError` for any other.
     """
@@ -118,7 +118,7 @@ def _short(option: Option) -> str:
 
 
 def _first_sentence(option: Option) -> str:
-    """The first sentence of what it does, with its default."""
+    """The first sentence of a help text, with the default."""
     sentence = _SENTENCE_END.split(option.about, maxsplit=1)[0].rstrip(".")
     default = option.default.removeprefix("(default: ").removesuffix(")")
     return f"{sentence} [{default}]" if default else sentence

@@ -22,10 +22,10 @@ EXIT_UNREAD = 141  # as a shell reports SIGPIPE
 
 
 def main() -> None:
-    """One clear line for bad input, a traceback for nothing but our own mistakes; SIGTERM is a Ctrl-C."""
+    """Print one line for bad input, and a traceback only for errors in dlokit; SIGTERM acts like Ctrl-C."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="replace")  # a terminal that knows no box or µ shows a question mark
+            stream.reconfigure(errors="replace")  # a terminal without box characters or µ shows a question mark
     if sys.argv[1:] == ["--version"]:
         print(f"dlokit {dlokit.__version__}")
         return
@@ -33,7 +33,7 @@ def main() -> None:
     logging.basicConfig(
         level=logging.WARNING, format="%(message)s", handlers=[RichHandler(console=errors, show_path=False)]
     )
-    # A shell lets what runs in the background of a script ignore SIGINT: it must be stoppable all the same.
+    # A shell makes background jobs of a script ignore SIGINT, but Ctrl-C must still stop them.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT))
     try:
@@ -48,14 +48,14 @@ def main() -> None:
         _say(errors, "stopped")
         code = EXIT_INTERRUPTED
     except BrokenPipeError:
-        # Whoever read our output has seen enough (`dlokit graph | head`); the interpreter must not flush into it.
+        # The reader has closed the pipe (`dlokit graph | head`); the interpreter must not flush into it.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         code = EXIT_UNREAD
     sys.exit(code)
 
 
 def _say(console: Console, message: str) -> None:
-    # As text, not as markup: messages quote what the user typed, brackets and all.
+    # As text, not as markup: messages quote user input, including brackets.
     console.print(Text.assemble(("dlokit: ", "bold red"), message), highlight=False, soft_wrap=True)
 
 

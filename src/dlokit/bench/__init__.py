@@ -1,1 +1,1 @@
-"""The comparisons, and the evaluator, who alone reads the truth."""
+"""The benches, which compare methods and judge runs from outside."""

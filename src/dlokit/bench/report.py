@@ -1,4 +1,4 @@
-"""Figures of a bench: an overview for people, rows of JSON for programs."""
+"""Figures of a bench, as JSON rows and as text."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -44,7 +44,7 @@ def figure(case: str, method: str, metric: str, interval: Interval, unit: str) -
 def bench_json(
     bench: str, rows: Sequence[BenchFigure], machine: Mapping[str, str], config: RunConfig | Mapping[str, Any]
 ) -> bytes:
-    """The file that ``--json`` writes; `config` is that of a run, or whatever else the figures depend on."""
+    """The content of the ``--json`` file; `config` is that of a run, or any other settings of the figures."""
     content = {
         "bench": bench,
         "version": __version__,

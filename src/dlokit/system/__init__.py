@@ -1,1 +1,1 @@
-"""The configuration tree, the process table, the runtimes, and what a run leaves behind."""
+"""The configuration tree, the process table, the runtimes, and the files of a run."""

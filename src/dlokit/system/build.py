@@ -1,7 +1,7 @@
-"""The one place that knows which class stands behind a component's name, and which driver behind a protocol.
+"""Builds each component by its name, with its drivers.
 
-Every builder imports what it builds: a process loads its own components and no others, which is most of the time that
-it takes to start, and to be there again after a crash.
+Every builder imports only what it builds: a process loads its own components and no others, because imports take most
+of the time of a start or of a restart after a crash.
 """
 
 import time
@@ -29,21 +29,21 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Wiring:
-    """What a process has to build components with."""
+    """What a process needs to build components."""
 
     transport: Transport
     clock: Clock
     folder: Path
-    """The run's folder."""
-    start_nodes_world: Float64Array  # (K, 3) [m] where the cell lays its DLO; nobody else may look at it
+    """Folder of the run."""
+    start_nodes_world: Float64Array  # (K, 3) [m] initial shape in the cell; no other component may read it
     page_key: str = field(default_factory=new_key, repr=False)
-    """Key of the viewer's page."""
+    """Access key of the viewer's page."""
 
 
 def build_component(name: str, config: RunConfig, wiring: Wiring) -> Component:
-    """The component of that name, one of `COMPONENTS`, with its drivers.
+    """Build the component `name`, one of `COMPONENTS`, with its drivers.
 
-    One without a builder of its own is built with its settings alone, as its row in the table says.
+    A component without a builder of its own is built from its settings alone, as its row in the table says.
     """
     if (build := _BUILDERS.get(name)) is not None:
         return build(config, wiring)
@@ -53,13 +53,13 @@ def build_component(name: str, config: RunConfig, wiring: Wiring) -> Component:
 
 
 def _load(*modules: str) -> None:
-    """Load parts of SciPy now, which otherwise load at their first use: during a look, or while an arm moves."""
+    """Import parts of SciPy now, which would otherwise be imported during a look or a motion of the arm."""
     for name in modules:
         import_module(name)
 
 
 def _driver_port(wiring: Wiring, owner: str) -> Port:
-    # A driver's line to its device: it may call the device's socket and publishes nothing.
+    # The transport through which a driver calls its device; it publishes nothing.
     compute: Compute = InlineCompute()
     return Port(wiring.transport, wiring.clock, compute, owner=owner, publishes=())
 
@@ -136,7 +136,7 @@ def _planning(config: RunConfig, wiring: Wiring) -> Component:
     from dlokit.motion.inverse_kinematics import PandaKinematics
     from dlokit.skills.planning.component import PlanningComponent
 
-    # In lockstep nothing may depend on how fast the machine is.
+    # In lockstep no result may depend on the speed of the machine.
     stopwatch = time.perf_counter if config.runtime == "live" else None
     return PlanningComponent(config.planning, PandaKinematics().reachable, config.model, stopwatch, _second_arm(config))
 
@@ -169,15 +169,15 @@ def _decision(config: RunConfig, wiring: Wiring) -> Component:
         time.perf_counter,
         dlo=config.model,
         robots=tuple(mount.robot for mount in ARMS[: config.arms]),
-        # A lockstep run is repeated to the bit instead.
+        # A lockstep run can instead be repeated bit by bit.
         keep=JournalFile(wiring.folder).keep if config.runtime == "live" else lambda journal: None,
     )
 
 
 def build_viewer(config: RunConfig, *, operated: bool, key: str | None = None) -> "ViewerComponent":
-    """The viewer of a run; not `operated` where nobody would hear of what an operator does.
+    """The viewer of a run; not `operated` if no component receives the operator's commands.
 
-    `key` is that of its page; None: a new one.
+    `key` is the access key of its page; None: a new one.
     """
     from dlokit.decision.shape_flow import SHAPE_DLO
     from dlokit.skills.robot import api as robot
@@ -217,11 +217,11 @@ _BUILDERS: dict[str, _Builder] = {
 }
 
 Build = Callable[[str, RunConfig, Wiring], Component]
-"""Gives the component of a name, as `build_component` does."""
+"""Builds a component by its name, as `build_component` does."""
 
 
 def components_of_run(config: RunConfig) -> tuple[str, ...]:
-    """The names in `COMPONENTS` that a run needs."""
+    """The names of the components that a run needs."""
     absent = {f"robot.{mount.instance}" for mount in ARMS[config.arms :]}
     if config.headless:
         absent.add("viewer")
@@ -229,6 +229,6 @@ def components_of_run(config: RunConfig) -> tuple[str, ...]:
 
 
 def instances_of_run(config: RunConfig) -> dict[str, tuple[str, ...]]:
-    """What there is more than one of in a run: the instances besides the first, by component."""
+    """Additional instances in a run, besides the first, by component."""
     others = tuple(mount.instance for mount in ARMS[1 : config.arms])
     return {"robot": others} if others else {}

@@ -1,4 +1,4 @@
-"""The live runtime: every process of the table at its own rate, over zenoh; the task runs in this one."""
+"""The live runtime: each process of the table runs at its own rate, over zenoh; the task runs in this process."""
 
 import asyncio
 import logging
@@ -22,18 +22,18 @@ from dlokit.errors import ProcessFailure
 from dlokit.skills.planning.strategies import load
 from dlokit.system.build import Wiring, build_component, instances_of_run
 from dlokit.system.config import CONFIG_FILE, RunConfig
-from dlokit.system.hosts.agent import free_meeting_point
+from dlokit.system.hosts.agent import free_loopback_endpoint
 from dlokit.system.hosts.config import HostsConfig
-from dlokit.system.hosts.doors import NAMESPACE, impatient_links, main_door, through_door
 from dlokit.system.hosts.placement import placed
-from dlokit.system.hosts.shares import RemoteShares
+from dlokit.system.hosts.remote_processes import RemoteProcesses
+from dlokit.system.hosts.routers import NAMESPACE, limited_links, local_endpoint_config, main_router_config
 from dlokit.system.processes.bus import join_bus
 from dlokit.system.processes.lease_keeper import leases_held
 from dlokit.system.processes.running import announced
 from dlokit.system.processes.supervisor import PROCESS, Launch, Supervisor
 from dlokit.system.processes.workers import worker_pool
 from dlokit.system.results.recording import calls_published, live_recorder
-from dlokit.system.results.run_folder import NOBODYS_BUSINESS, write_start
+from dlokit.system.results.run_folder import HIDDEN_START, write_start
 from dlokit.system.results.run_record import RunRecord
 from dlokit.system.shaping import ShapeJob, Watcher, shape
 from dlokit.system.table import DECISION, ProcessRow, processes_of_run
@@ -44,34 +44,34 @@ T = TypeVar("T")
 
 FIRST_TICK_S = 30.0
 NOTICE_S = 4.0
-"""A task whose call was not answered knows already, and makes the arm safe: it is not disturbed at once."""
+"""Delay before a task is cancelled [s]: its unanswered call has already failed, and the task makes the arm safe."""
 WIND_UP_S = 10.0
-"""Time for a task to end and to say what became of it, once a process has died."""
+"""Time for a task to end and report its result after a process has died [s]."""
 TICK_S = 0.02
 SEEN_WITHIN_S = 10.0
-"""Ready processes are on the bus; seeing them there takes milliseconds."""
+"""Time to find ready processes on the bus, which takes milliseconds [s]."""
 
 
 @dataclass(frozen=True)
 class LiveSystem:
-    """A running system, as its decision process sees it."""
+    """A running system, as seen by its decision process."""
 
     transport: ZenohTransport
     clock: Clock
-    """The cell's time, or the machine's with hardware."""
+    """The cell's time, or the machine's time with hardware."""
     compute: Compute
     supervisor: Supervisor
     bus: ZenohConfig
-    """How another process of this machine joins it."""
-    shares: RemoteShares | None = None
-    """What of it runs on other hosts."""
+    """How another process of this machine joins the bus."""
+    shares: RemoteProcesses | None = None
+    """The processes on other hosts."""
 
     async def run(self, main: Coroutine[Any, Any, T], when_failed: Callable[[T, ProcessFailure], T]) -> T:
-        """Result of `main`, which is cancelled when an essential process dies, or when the caller is (Ctrl-C).
+        """Run `main` and return its result; cancel it when an essential process dies, or on Ctrl-C.
 
-        A `main` that ends with a result though it was cancelled has that result returned; after a dead process
-        `when_failed` says what it means. Raises `ProcessFailure` where there is no result, and `InputError` when a
-        process could not work on this machine or with this configuration.
+        If `main` returns a result despite the cancellation, that result is returned; after the death of a process
+        `when_failed` adds the cause. Raises `ProcessFailure` if there is no result, and `InputError` when a process
+        could not work on this machine or with this configuration.
         """
         task = asyncio.create_task(main, name="main")
         watch = asyncio.create_task(self._wait_failed(), name="watch")
@@ -87,7 +87,7 @@ class LiveSystem:
             await end_tasks(task, watch)
 
     async def _wait_failed(self) -> None:
-        """Return never, but raise when an essential process is dead for good, or another host's share has ended."""
+        """Never return, but raise when an essential process or the processes of another host have ended."""
         if self.shares is None:
             return await self.supervisor.wait_failed()
         own = asyncio.create_task(self.supervisor.wait_failed(), name="watch this host")
@@ -102,7 +102,7 @@ class LiveSystem:
         self, task: "asyncio.Task[T]", watch: "asyncio.Task[None]", when_failed: Callable[[T, ProcessFailure], T]
     ) -> T:
         failure = watch.exception()
-        assert failure is not None, "the watch ends only with what it has seen"
+        assert failure is not None, "the watch ends only with a failure"
         going_on = asyncio.create_task(_let_time_go_on(self.clock), name="time goes on")
         try:
             await asyncio.wait({task}, timeout=NOTICE_S)
@@ -121,7 +121,7 @@ class LiveSystem:
 
 
 async def _let_time_go_on(clock: Clock) -> None:
-    """Whoever waits on a clock whose cell has died would wait for ever; so it goes on at the machine's pace."""
+    """Advance the clock at the machine's rate, because components would wait forever on the clock of a dead cell."""
     while isinstance(clock, FollowedClock):
         await asyncio.sleep(TICK_S)
         clock.tick(clock.now_ns() + round(TICK_S * 1e9))
@@ -133,7 +133,7 @@ def _nothing() -> None:
 
 @asynccontextmanager
 async def _beginning(compute: Compute, work: Callable[[], object]) -> AsyncGenerator[None]:
-    """Begin `work`, which nobody waits for: who needs what it loads loads it, or waits for the rest of it."""
+    """Start `work` in the background; a component that needs its results earlier loads them itself or waits."""
     working = asyncio.create_task(compute(work), name="meanwhile")
     try:
         yield
@@ -148,18 +148,18 @@ async def live_system(
     open_session: OpenSession = open_session,
     meanwhile: Callable[[], object] = _nothing,
 ) -> AsyncGenerator[LiveSystem]:
-    """Start every process but the first row's, which is this one; stop them in reverse order at the end.
+    """Start all processes except the first row, which is this process; stop them in reverse order at the end.
 
-    This process takes a free port of the loopback interface, and the others meet there. Its own worker does `meanwhile`
-    while they start. Raises `ProcessFailure` when one does not start; `MachineError` when no port is free.
+    The processes connect to a free port of the loopback interface that this process takes. Its worker does `meanwhile`
+    during the start. Raises `ProcessFailure` when one does not start; `MachineError` when no port is free.
     """
     own, *others = rows
-    meeting_point = (free_meeting_point(),)
-    own_bus = ZenohConfig(namespace=launch.namespace, listen=meeting_point)
-    others_bus = ZenohConfig(namespace=launch.namespace, connect=meeting_point)
-    # Announced before the first process starts, so that a person can stop a system that still starts.
+    local_endpoint = (free_loopback_endpoint(),)
+    own_bus = ZenohConfig(namespace=launch.namespace, listen=local_endpoint)
+    others_bus = ZenohConfig(namespace=launch.namespace, connect=local_endpoint)
+    # Announced before the first process starts, so that `dlokit stop` also works during the start.
     with (
-        announced(launch.run_dir, launch.namespace, meeting_point[0]) as ready,
+        announced(launch.run_dir, launch.namespace, local_endpoint[0]) as ready,
         worker_pool() as compute,
     ):
         async with (
@@ -182,27 +182,27 @@ async def spread_system(
     say: Callable[[str], None],
     meanwhile: Callable[[], object] = _nothing,
 ) -> AsyncGenerator[LiveSystem]:
-    """As `live_system`, on several hosts: this one's processes are started here, the others' by `dlokit host` there.
+    """As `live_system`, on several hosts; `dlokit host` starts the processes of the others.
 
-    `config_toml` is what all of them run with. Raises `ConfigError` for what `hosts` gets wrong, and `ProcessFailure`
-    when a host is missing, or its share does not start.
+    `config_toml` is the configuration of all of them. Raises `ConfigError` for invalid `hosts`, and `ProcessFailure`
+    when a host is missing, or its processes do not start.
     """
     placement = placed(hosts, rows)
-    meeting_point = free_meeting_point()
-    inside = through_door(meeting_point)
+    local_endpoint = free_loopback_endpoint()
+    inside = local_endpoint_config(local_endpoint)
     own, *local = placement.own
     with (
-        announced(launch.run_dir, NAMESPACE, meeting_point, client=True) as ready,
+        announced(launch.run_dir, NAMESPACE, local_endpoint, client=True) as ready,
         worker_pool() as compute,
     ):
         async with (
-            join_bus(main_door(hosts, placement, meeting_point), own.time_base) as bus,
-            impatient_links(hosts.endpoint),
+            join_bus(main_router_config(hosts, placement, local_endpoint), own.time_base) as bus,
+            limited_links(hosts.endpoint),
             _beginning(compute, meanwhile),
             Supervisor(tuple(local), launch, inside) as supervisor,
         ):
             await supervisor.guard(bus.first_tick(FIRST_TICK_S))
-            shares = RemoteShares(bus.transport, placement.others, config_toml, hosts.wait_s, say)
+            shares = RemoteProcesses(bus.transport, placement.others, config_toml, hosts.wait_s, say)
             await supervisor.guard(shares.start())
             try:
                 components = [name for row in rows[1:] for name in row.components]
@@ -216,11 +216,13 @@ async def spread_system(
 async def _all_seen(transport: ZenohTransport, components: list[str]) -> None:
     for component in components:
         if not await transport.wait_for(component, SEEN_WITHIN_S):
-            raise ProcessFailure(f"component_missing: {component}", "its process runs, but nobody serves it on the bus")
+            raise ProcessFailure(
+                f"component_missing: {component}", "its process runs, but does not serve it on the bus"
+            )
 
 
 def namespace_of(run_dir: Path) -> str:
-    """A name on the bus that belongs to one run folder."""
+    """The namespace of one run folder on the bus."""
     return "dlokit/" + run_dir.resolve().as_posix().strip("/").replace("/", "_").replace("*", "_")
 
 
@@ -229,12 +231,12 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, kw_only=True)
 class Starting:
-    """What a live run is made of; a bench may put something of its own in between."""
+    """How the processes of a live run are started; a bench may inject its own."""
 
     command: tuple[str, ...] = PROCESS
-    """Of every process but this one."""
+    """Command of every process except this one."""
     open_session: OpenSession = open_session
-    """On the bus, of this one."""
+    """Opens the bus session of this process."""
 
 
 AS_SHIPPED = Starting()
@@ -270,14 +272,14 @@ async def _run(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher, s
 
 
 def _failed(record: RunRecord, failure: ProcessFailure) -> RunRecord:
-    """The record of a task that a dead process ended."""
+    """The record of a task that was ended by the death of a process."""
     log.error("%s", failure)
     result = msgspec.structs.replace(record.result, outcome=RunOutcome.FAILED, reason=failure.reason)
     return replace(record, result=result)
 
 
 async def _decide(live: LiveSystem, config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher) -> RunRecord:
-    wiring = Wiring(transport=live.transport, clock=live.clock, folder=folder, start_nodes_world=NOBODYS_BUSINESS)
+    wiring = Wiring(transport=live.transport, clock=live.clock, folder=folder, start_nodes_world=HIDDEN_START)
     host = Container(live.transport, live.clock, live.compute, instances_of_run(config))
     components = {name: build_component(name, config, wiring) for name in DECISION.components}
     for component in components.values():

@@ -1,4 +1,4 @@
-"""Lockstep: every component in one process on virtual time, repeatable to the bit for one seed."""
+"""Lockstep: all components in one process on virtual time, repeatable to the bit for one seed."""
 
 import asyncio
 from collections.abc import AsyncGenerator
@@ -40,10 +40,10 @@ async def lockstep_system(
     recorder: Recorder | None = None,
     build: Build = build_component,
 ) -> AsyncGenerator[LockstepSystem, None]:
-    """Every component, started; for use under `virtual_time.run`.
+    """Start all components; for use under `virtual_time.run`.
 
-    The cell lays its DLO along `start_nodes_world` (K, 3) [m] and leaves its truth in `folder`. `recorder` is told of
-    every message and call. `build` gives each component by its name, the cell first.
+    The cell places its DLO along `start_nodes_world` (K, 3) [m] and writes its ground truth to `folder`. `recorder`
+    receives every message and call. `build` creates each component by its name, the cell first.
     """
     clock = LoopClock()
     transport = MemoryTransport() if recorder is None else MemoryTransport(recorder.put, call_log_of(recorder, clock))

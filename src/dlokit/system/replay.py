@@ -1,4 +1,4 @@
-"""A recorded run once more: through one component, compared with the recording, or onto the viewer's page."""
+"""Replays a recorded run into one component and compares the outputs, or onto the viewer's page."""
 
 import asyncio
 import logging
@@ -23,7 +23,7 @@ from dlokit.skills.viewer.component import ViewerComponent
 from dlokit.system.build import Wiring, build_component, build_viewer, instances_of_run
 from dlokit.system.config import RunConfig
 from dlokit.system.results.recording import what_rounds
-from dlokit.system.results.run_folder import NOBODYS_BUSINESS
+from dlokit.system.results.run_folder import HIDDEN_START
 from dlokit.system.table import COMPONENTS
 from dlokit.system.toml_config import from_plain, known_part
 from dlokit.types.image import StereoImages
@@ -33,24 +33,24 @@ log = logging.getLogger(__name__)
 PERCEPTION = "perception"
 PICTURES = topics.STEREO_IMAGES.name
 REPLAYABLE = {row.name: row.replays for row in COMPONENTS.values() if row.replays}
-"""By name, with the parts of the configuration that each is built from."""
+"""Components by name, with the sections of the configuration that each is built from."""
 
 RUN_KEYS = ("runtime", "arms")
-"""Of the configuration, what says which processes and arms there were."""
+"""Sections of the configuration that determine the processes and arms of a run."""
 
 UNCOMPARED_LIVE = ("planning/candidates", "planning/action", "planning.propose")
-"""Live, a decision ends by the machine's clock: how much is thought through differs from time to time."""
+"""Outputs of live decisions, which end by wall time, so that the amount of search varies."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Replay:
-    """A replay that has ended."""
+    """The result of a replay."""
 
     rows: list[FieldRow]
     left_out: int
     """Looks that were not compared, because their pictures are not in the recording."""
     unknown_calls: int
-    """Calls that were not made again, because the recording does not hold all of their arguments."""
+    """Calls that were not repeated, because the recording lacks some of their arguments."""
     uncompared: tuple[str, ...]
     """Topics and skills that cannot be compared."""
 
@@ -61,12 +61,12 @@ def recorded_toml(path: Path) -> str:
     next(iter(raw), None)  # the metadata is written first
     text = raw.metadata.get("configuration", {}).get("config.toml")
     if text is None:
-        raise InputError(f"{path} does not say how its run was configured; give the recording.mcap of a run's folder.")
+        raise InputError(f"{path} has no configuration of its run; give the recording.mcap of a run's folder.")
     return text
 
 
 def rounded_as_here(path: Path) -> bool:
-    """Whether a recording was made by the processor and the versions that this process uses."""
+    """Whether a recording was made with the processor and the versions that this process uses."""
     raw = RawRecording(path=path)
     next(iter(raw), None)  # the metadata is written first
     recorded = raw.metadata.get("versions", {})
@@ -74,9 +74,9 @@ def rounded_as_here(path: Path) -> bool:
 
 
 def recorded_config(path: Path, parts: Collection[str]) -> RunConfig:
-    """The configuration of the run that left a recording: its `parts`, and what there was of processes and arms.
+    """The recorded configuration: its `parts`, and those that determine processes and arms.
 
-    What else it was configured with may be of another version, and settings that this one has not are left out with a
+    The other parts may be of another version. Settings unknown to this version are omitted with a
     warning. Raises `InputError`.
     """
     text = recorded_toml(path)
@@ -88,21 +88,21 @@ def recorded_config(path: Path, parts: Collection[str]) -> RunConfig:
     wanted = {name: value for name, value in plain.items() if name in (*RUN_KEYS, *parts)}
     known, unknown = known_part(wanted, RunConfig)
     if unknown:
-        log.warning("%s has settings that this version has not; they are left out: %s", source, ", ".join(unknown))
+        log.warning("%s has settings unknown to this version; they are omitted: %s", source, ", ".join(unknown))
     return from_plain(known, RunConfig, source)
 
 
 def replay(path: Path, name: str, config: RunConfig) -> Replay:
     """Feed the component `name`, one of `REPLAYABLE`, and compare. Raises `InputError`."""
     kind = COMPONENTS[name].load()
-    # Pictures are what the camera gave, not what perception made of them.
+    # Pictures are inputs of perception; they come from the camera.
     said = tuple(topic for topic in kind.publishes if topic is not topics.STEREO_IMAGES)
     line = read_timeline(path, kind, said)
     if not line.published and not line.events:
-        raise InputError(f"{path} holds nothing of {name}: no message that it reads or publishes, and no call of it.")
+        raise InputError(f"{path} has no data of {name}: no message that it reads or publishes, and no call of it.")
     camera = PlayedCamera(_pairs(path), _looks(path, line)) if name == PERCEPTION else None
     if camera is not None and camera.empty:
-        raise InputError(f"{path} holds no pictures: perception has nothing to look at; replay into another component.")
+        raise InputError(f"{path} has no pictures, which perception needs; replay into another component.")
     replayed = feed(_build(name, config, camera), line, said, instances_of_run(config))
     left_out = set[int]() if camera is None else camera.left_out
     live = config.runtime == "live"
@@ -119,8 +119,8 @@ def replay(path: Path, name: str, config: RunConfig) -> Replay:
 def _build(name: str, config: RunConfig, camera: PlayedCamera | None) -> Component:
     if camera is not None:
         return PerceptionComponent(config.perception, camera, config.model)
-    # Nothing may depend on how fast this machine is; and no component but the cell and the drivers uses the wiring.
-    wiring = Wiring(transport=MemoryTransport(), clock=LoopClock(), folder=Path(), start_nodes_world=NOBODYS_BUSINESS)
+    # No result may depend on the speed of the machine; only the cell and the drivers use the wiring.
+    wiring = Wiring(transport=MemoryTransport(), clock=LoopClock(), folder=Path(), start_nodes_world=HIDDEN_START)
     return build_component(name, replace(config, runtime="lockstep"), wiring)
 
 
@@ -131,21 +131,21 @@ def _pairs(path: Path) -> Iterator[RecordedPair]:
 
 
 def _looks(path: Path, line: Timeline) -> list[tuple[int, int]]:
-    """Stamps of all pictures that were taken, and when: some gave a cloud, some were kept, most both."""
+    """Stamps of all pictures, and their times; a picture may have a cloud, a recorded image, or both."""
     kept = {record.publish_time: record.log_time for channel, record in RawRecording(path=path) if channel == PICTURES}
     clouds = {one.message.stamp_ns: one.log_ns for one in line.published}
     return sorted((clouds | kept).items())
 
 
 WATCHED_PARTS = ("viewer", "model", "task")
-"""Of the configuration, what the viewer is built from."""
+"""Sections of the configuration that the viewer is built from."""
 
 
 def watch(path: Path, config: RunConfig, rate: float, port: int | None, say: Callable[[str], None]) -> None:
-    """Serve the page, play the recording `rate` times as fast as it was, and stay until Ctrl-C.
+    """Serve the page, play the recording at `rate` times its speed, and wait for Ctrl-C.
 
-    `port` takes the place of the configured one. Raises `InputError` when the file is no recording, `MachineError`
-    when the port cannot be had.
+    `port` overrides the configured one. Raises `InputError` when the file is not a recording, `MachineError`
+    when the port is not available.
     """
     if port is not None:
         config = replace(config, viewer=replace(config.viewer, port=port))
@@ -156,7 +156,7 @@ def watch(path: Path, config: RunConfig, rate: float, port: int | None, say: Cal
 
 
 async def show(path: Path, config: RunConfig, rate: float, say: Callable[[str], None]) -> None:
-    """As `watch`, until it is cancelled."""
+    """As `watch`, until cancelled."""
     transport, clock = MemoryTransport(), LoopClock()
     host = Container(transport, clock, instances=instances_of_run(config))
     viewer = build_viewer(config, operated=False)
@@ -174,7 +174,7 @@ async def show(path: Path, config: RunConfig, rate: float, say: Callable[[str], 
 
 
 class _Read:
-    """The topics that the viewer reads, whosever they are."""
+    """The topics that the viewer reads, of every component instance."""
 
     def __init__(self) -> None:
         self._rows = {topic.name for topic in ViewerComponent.subscribes()}
@@ -199,6 +199,6 @@ async def _play(
         first_ns = one.log_ns if first_ns is None else first_ns
         await clock.sleep_until(began_ns + round((one.log_ns - first_ns) / rate))
         topic = topic_of(one.topic)
-        assert topic is not None, f"{one.topic} was read, so it is known"
+        assert topic is not None, f"{one.topic} is one of the topics read"
         transport.publish(topic, one.message)
-    say("The recording is at its end; Ctrl-C closes the page.")
+    say("The recording has ended; Ctrl-C closes the page.")

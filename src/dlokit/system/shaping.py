@@ -1,4 +1,4 @@
-"""One shape task on a running system: what both runtimes do once the components are there."""
+"""One shape task on a running system, common to both runtimes."""
 
 import asyncio
 import contextlib
@@ -41,10 +41,10 @@ NAMES = {signal.SIGINT: "SIGINT (Ctrl-C)", signal.SIGTERM: "SIGTERM"}
 
 @contextmanager
 def signals_noted() -> Generator[Callable[[], str]]:
-    """Note which of SIGINT and SIGTERM comes first meanwhile, and pass each on to the handler that was set before.
+    """Record which of SIGINT and SIGTERM arrives first, and pass each on to the previous handler.
 
-    Gives a function that names it; empty where none came. None is noted on another thread than the main one, which
-    alone gets signals, nor one that has no handler in Python.
+    Yields a function that returns its name, empty if none arrived. Signals are recorded only on the main thread, which
+    alone receives them, and only those with a handler in Python.
     """
     came: list[str] = []
 
@@ -65,23 +65,23 @@ def signals_noted() -> Generator[Callable[[], str]]:
 
 
 LINGER_S = 2.2
-"""The cell runs on this long after the last release [s]: the evaluator judges 2 s after it."""
+"""Time for which the cell continues after the last release [s]: the evaluator judges 2 s after it."""
 
 
 class Watcher:
-    """Whoever shows a run while it goes on, e.g. the terminal; of itself it shows nothing."""
+    """Interface that displays a running task, e.g. in the terminal; this base class displays nothing."""
 
     def started(self, cancel: Callable[[], object]) -> None:
         """The task runs. `cancel` ends it with outcome `cancelled`, as Ctrl-C does, and may be called on any thread."""
 
     def page(self, url: str) -> None:
-        """The viewer's page is served, at this address; again when the viewer was started again."""
+        """The viewer's page is available at this address; called again after a restart of the viewer."""
 
     def step(self, status: FlowStatus) -> None:
-        """The flow has come to another step."""
+        """The flow has entered another step."""
 
     def considered(self, candidates: Candidates) -> None:
-        """A decision has come further."""
+        """A decision has progressed."""
 
     def action(self, row: ActionResult) -> None:
         """An action has ended, and its effect is known."""
@@ -89,15 +89,15 @@ class Watcher:
 
 @dataclass(frozen=True, kw_only=True)
 class ShapeJob:
-    """What to do, resolved to points."""
+    """The task, with start and goal resolved to points."""
 
     name: str
-    """For people, e.g. ``"I to S"``."""
-    start_nodes_world: Float64Array  # (K, 3) [m] the cell's secret
+    """Display name, e.g. ``"I to S"``."""
+    start_nodes_world: Float64Array  # (K, 3) [m] known only to the cell
     request: GoalRequest | None
     """None: the operator sets the goal in the viewer."""
     resumed: Journal | None = None
-    """Of the run that this one goes on with."""
+    """Journal of the run that this one resumes."""
 
 
 class _Album:
@@ -123,7 +123,7 @@ async def shape(
     job: ShapeJob,
     watch: Watcher,
 ) -> RunRecord:
-    """Run the task to its end and let the cell run on until its last shape can be judged."""
+    """Run the task to its end, and continue the cell until its last shape can be evaluated."""
     task, loop = asyncio.current_task(), asyncio.get_running_loop()
     assert task is not None
     cancel = task.cancel
@@ -140,7 +140,7 @@ async def shape(
                 canceller=canceller,
             )
         last_ns = result.history[-1].release_stamp_ns if result.history else None
-        # Whoever ends the run now still gets the result: it stands.
+        # The result is final; an interrupt from now on does not discard it.
         with contextlib.suppress(asyncio.CancelledError):
             await clock.sleep_until((clock.now_ns() if last_ns is None else last_ns) + round(LINGER_S * 1e9))
     finally:
@@ -158,7 +158,7 @@ async def shape(
 
 
 def _told(transport: Transport, watch: Watcher) -> tuple[Coroutine[None, None, None], ...]:
-    """Tasks that tell who watches."""
+    """Coroutines that notify the watcher."""
     return (
         _tell_page(transport, watch),
         _tell_step(transport, watch),

@@ -1,7 +1,7 @@
-"""The table of the system: a row a component, and a row a process in which components run when the system is live.
+"""The tables of the system: one row per component, and one row per process that runs components in a live system.
 
-The decision process is the one that the user started. It starts the others, which are ready from the top of the table
-to the bottom, and stops them the other way round. Looking something up here imports no component.
+The user starts the decision process. It starts the others, which become ready in the order of the table, and stops them
+in reverse order. Reading the table imports no component.
 """
 
 import enum
@@ -20,28 +20,28 @@ class ComponentRow:
     """One row of the table of components."""
 
     name: str
-    """A second instance has a name of its own: `robot.opposite`."""
+    """Name of the component; a second instance has its own, e.g. `robot.opposite`."""
     kind: str
     """Its class as `module:Class` below `dlokit`, imported only where it runs."""
     api: str = ""
-    """The module below `dlokit` that declares what it can be asked to do; empty: nothing."""
+    """The module below `dlokit` that declares its skills; empty: it has none."""
     settings: str
-    """Its part of the configuration."""
+    """Its section of the configuration."""
     process: str
-    """The process that runs it when the system is live."""
+    """The process that runs it in a live system."""
     replays: tuple[str, ...] = ()
-    """Parts of the configuration that it is built from where `dlokit replay` feeds it a recorded run. Empty: what it
-    says does not follow from recorded messages and calls. What drivers ask of the cell is on no recording, of what the
-    decision layer is answered not all is, and the viewer says what an operator does."""
+    """Sections of the configuration that it is built from when `dlokit replay` feeds it a recorded run. Empty: its
+    outputs do not follow from recorded messages and calls, because a recording lacks the calls of drivers to the cell,
+    some answers to the decision layer, and the inputs of an operator."""
 
     def skills(self) -> tuple[Skill[..., Any], ...]:
-        """What it can be asked to do."""
+        """Its skills."""
         if not self.api:
             return ()
         return tuple(value for value in vars(import_module(f"dlokit.{self.api}")).values() if isinstance(value, Skill))
 
     def load(self) -> "type[Component]":
-        """Its class, with all that it imports."""
+        """Import and return its class."""
         module, _, name = self.kind.partition(":")
         loaded: type[Component] = getattr(import_module(f"dlokit.{module}"), name)
         return loaded
@@ -69,11 +69,11 @@ COMPONENTS: dict[str, ComponentRow] = {row.name: row for row in (
                  settings="task",       process="decision"),
 )}
 # fmt: on
-"""Every component by its name: the paper's Fig. 3, and the cell that stands in for its hardware."""
+"""All components by name: those of the paper's Fig. 3, and the cell that simulates its hardware."""
 
 
 class Needed(enum.Enum):
-    """When a process is part of the system."""
+    """Condition under which a process is part of the system."""
 
     ALWAYS = "always"
     SIMULATED = "when there is no hardware"
@@ -82,7 +82,7 @@ class Needed(enum.Enum):
 
 
 class TimeBase(enum.Enum):
-    """The clock that a process's components wait on."""
+    """The clock of a process's components."""
 
     CELL = "the cell's ticks"
     MACHINE = "the machine's monotonic clock"
@@ -90,12 +90,12 @@ class TimeBase(enum.Enum):
 
 @dataclass(frozen=True, kw_only=True)
 class Restart:
-    """How often a process that has died is started again within a window."""
+    """Restart policy: the maximum number of restarts within a window."""
 
     times: int
     window_s: float
     wait_s: float
-    """Before the first time; each further one within the window waits twice as long."""
+    """Delay before the first restart [s]; it doubles with each further restart within the window."""
 
 
 NEVER = Restart(times=0, window_s=1.0, wait_s=0.0)
@@ -108,21 +108,21 @@ class ProcessRow:
 
     name: str
     components: tuple[str, ...]
-    """Names of the components that it runs."""
+    """Names of its components."""
     after: tuple[str, ...] = ()
-    """Processes that must be ready before it is, where they are part of the system."""
+    """Processes that must be ready first, if they are part of the system."""
     needed: Needed = Needed.ALWAYS
     essential: bool = True
-    """Whether the run fails when it is dead for good."""
+    """Whether the run fails when it has failed permanently."""
     restart: Restart = NEVER
-    """Only where what its components remember can be told or seen again."""
+    """A restart is allowed only if the state of its components can be restored from messages or observations."""
     time_base: TimeBase = TimeBase.CELL
     ready_within_s: float = 120.0
-    """From its start; on a loaded machine imports alone take up to a minute."""
+    """Time limit for its start [s]; on a loaded machine imports alone take up to a minute."""
     outlives_s: float = 0.0
-    """How long it goes on when the process that has started it is gone without a word [s]."""
+    """Time for which it continues after its parent process has died [s]."""
     silent_for_s: float = 15.0
-    """A process whose event loop gives no heartbeat for so long counts as frozen [s of the machine's clock]."""
+    """A process whose event loop sends no heartbeat for this long counts as frozen, in wall time [s]."""
 
 
 def _in(process: str) -> tuple[str, ...]:
@@ -132,7 +132,7 @@ def _in(process: str) -> tuple[str, ...]:
 # fmt: off
 DECISION   = ProcessRow(name="decision",   components=_in("decision"))
 CELL       = ProcessRow(name="cell",       components=_in("cell"), needed=Needed.SIMULATED, time_base=TimeBase.MACHINE,
-                        outlives_s=2.0)  # the arm, which is in it, brakes in that time
+                        outlives_s=2.0)  # its arm brakes within that time
 SIMULATION = ProcessRow(name="simulation", components=_in("simulation"), restart=AGAIN)
 OBSERVER   = ProcessRow(name="observer",   components=_in("observer"), restart=AGAIN)
 ROBOT      = ProcessRow(name="robot",      components=_in("robot"), after=("cell",))

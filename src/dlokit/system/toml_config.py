@@ -1,6 +1,6 @@
-"""Configuration dataclasses to TOML and back, with errors that name the key, the value and what is allowed.
+"""Converts configuration dataclasses to TOML and back; errors name the key, the value and the allowed values.
 
-A strategy is a table with ``kind = "<its name>"``, whichever package it comes from; any other union of dataclasses one
+A strategy is a table with ``kind = "<its name>"``, in every package; any other union of dataclasses is a table
 with ``kind = "<class name>"``. None is an absent key.
 """
 
@@ -52,7 +52,7 @@ def read_toml(path: Path, wanted: type[C]) -> C:
 
 
 def to_plain(value: Any, wanted: Any = None) -> Any:
-    """Dataclasses to dictionaries, with their kind where the type that is `wanted` leaves a choice."""
+    """Convert dataclasses to dictionaries, with their kind if the type `wanted` is ambiguous."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         hints = get_type_hints(type(value), include_extras=True)
         plain: dict[str, Any] = {}
@@ -60,7 +60,7 @@ def to_plain(value: Any, wanted: Any = None) -> Any:
             plain[KIND] = next((name for name, member in _members(wanted).items() if member is type(value)), None)
             if plain[KIND] is None:
                 raise ConfigError(
-                    f"{type(value).__name__} is none of {', '.join(_members(wanted))}: a file could not name it; "
+                    f"{type(value).__name__} is none of {', '.join(_members(wanted))}, so a file cannot name it; "
                     f"install its package with an entry point"
                 )
         for field in dataclasses.fields(value):
@@ -95,7 +95,7 @@ def from_plain(plain: Any, wanted: Any, where: str) -> Any:
 
 
 def known_part(plain: Any, wanted: Any, where: str = "") -> tuple[Any, list[str]]:
-    """What of `plain` this version has settings for, and the names of what it has not: of another version's file."""
+    """The settings in `plain` that this version has, and the names of the others, for files of another version."""
     members = _members(wanted)
     if not members or not isinstance(plain, dict):
         return plain, []
@@ -132,12 +132,12 @@ def _dataclass_from(table: dict[str, Any], wanted: type[Any], where: str) -> Any
 
 
 def _bare(wanted: Any) -> Any:
-    """The type without what is noted beside it."""
+    """The type without its annotations."""
     return get_args(wanted)[0] if get_origin(wanted) is Annotated else wanted
 
 
 def _strategy_kind(wanted: Any) -> StrategyKind[Any] | None:
-    """The kind of strategy that a field marks itself with."""
+    """The kind of strategy declared in the annotation of a field."""
     notes = get_args(wanted)[1:] if get_origin(wanted) is Annotated else ()
     return next((note for note in notes if isinstance(note, StrategyKind)), None)
 
@@ -147,7 +147,7 @@ def _is_choice(wanted: Any) -> bool:
 
 
 def _members(wanted: Any) -> dict[str, type[Any]]:
-    """The dataclasses that `wanted` is, or is a choice of, by their kind; empty for scalars and tuples."""
+    """The dataclasses that `wanted` allows, by their kind; empty for scalars and tuples."""
     if (strategies := _strategy_kind(wanted)) is not None:
         return strategies.installed()
     bare = _bare(wanted)

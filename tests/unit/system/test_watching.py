@@ -20,7 +20,7 @@ def test_a_recording_is_played_to_its_end_on_a_page_that_stays() -> None:
 
         def say(text: str) -> None:
             said.append(text)
-            if "at its end" in text:
+            if "has ended" in text:
                 ended.set()
 
         showing = asyncio.create_task(show(REFERENCE, config, 1e6, say))

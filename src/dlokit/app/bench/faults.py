@@ -1,4 +1,4 @@
-"""`dlokit bench faults`: live runs that something goes wrong in, and how they end."""
+"""`dlokit bench faults`: inject faults into live runs and judge how the runs end."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -36,14 +36,14 @@ from dlokit.types.flow import RunOutcome
 
 
 def line_of(case: FaultCase, finding: RunFinding) -> str:
-    """One run in one line."""
+    """One line about one run."""
     head = f"{case.folder_name}: "
     if finding.skipped:
         return f"{head}skipped: {finding.skipped}"
     if finding.broken:
         return f"{head}BROKEN: {finding.broken.splitlines()[0]}"
     if not finding.struck:
-        return f"{head}the task was done before the fault came, each time"
+        return f"{head}the task ended before the fault was injected, each time"
     wrong = faults_of(finding, case.fault)
     ended = "no result" if finding.outcome is None else finding.outcome.value
     said = [f"in {finding.step}", ended]
@@ -53,18 +53,18 @@ def line_of(case: FaultCase, finding: RunFinding) -> str:
         said.append(f"true {finding.true_rmse_m * 1e3:.1f} mm")
     if finding.braked_s is not None:
         said.append(f"braked after {finding.braked_s * 1e3:.0f} ms")
-    if finding.mended_s and recovered_s(finding) is not None:
-        said.append(f"went on after {finding.mended_s:.0f} s")
+    if finding.recovered_after_s and recovered_s(finding) is not None:
+        said.append(f"recovered after {finding.recovered_after_s:.0f} s")
     if finding.lost_s is not None:
         said.append(f"recording lacks {finding.lost_s:.2f} s")
-    verdict = "as it should" if not wrong else f"WRONG: {'; '.join(wrong)}"
+    verdict = "as required" if not wrong else f"WRONG: {'; '.join(wrong)}"
     return f"{head}{', '.join(said)} ({finding.wall_s:.0f} s) {verdict}"
 
 
 def faults_table(rows: Sequence[FaultRow]) -> Table:
-    """One row a fault."""
+    """The table of results, one row for each fault."""
     caption = f"braking must begin within {BRAKES_WITHIN_S * 1e3:.0f} ms; times: median, max"
-    # Without lines between the columns it fits into a terminal of 80.
+    # Without lines between the columns the table fits into a terminal of 80 columns.
     table = Table(title="faults", caption=caption, box=None, padding=(0, 1, 0, 0))
     headings = ("fault", "runs", "right", "at\nleast", "con-\nverged", "recovers\ns", "brakes\nms", "lost\ns", "left")
     for heading in headings:
@@ -87,7 +87,7 @@ def _cells(row: FaultRow) -> tuple[str, ...]:
         _spread(row.values(recovered_s), 1.0, 1),
         _spread(row.values(lambda finding: finding.braked_s), 1e3, 0),
         _spread(row.values(lambda finding: finding.lost_s), 1.0, 2),
-        str(sum(len(finding.left_behind) for finding in row.findings)),
+        str(sum(len(finding.remaining_processes) for finding in row.findings)),
     )
 
 
@@ -99,7 +99,7 @@ def _spread(values: Sequence[float], factor: float, digits: int) -> str:
 
 FULL_RUNS = 8
 QUICK = ("kill-decision", "freeze-camera", "kill-simulation", "slip-grasp", "fill-disk")
-"""One of each kind."""
+"""One fault of each family."""
 
 
 def _headless() -> RunConfig:
@@ -108,46 +108,46 @@ def _headless() -> RunConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class FaultsArgs:
-    """Let something go wrong in live runs, at random times: do they still end as they should, with the arm stopped?
+    """Inject faults into live runs at random times, and check that the runs end correctly with the arm stopped.
 
     Try
       dlokit bench faults --quick
       dlokit bench faults --faults kill-decision,freeze-camera --runs 3
       dlokit bench faults --out runs/faults --json faults.json
 
-    Each run is a `dlokit shape` in processes of its own, of one or two actions. What happens to it is a row of a table
-    (docs/reference/bench-faults.md), when it does is drawn from the seed. It is judged from outside: its result and
-    exit code, the arm's own sensors, the hidden truth, the recording, and the machine's table of processes.
-    Ctrl-C keeps what is finished; the same command with the same --out goes on from there.
+    Each run is a `dlokit shape` of one or two actions in its own processes. The faults are listed in
+    docs/reference/bench-faults.md; the seed determines when a fault is injected. Each run is judged from outside: by
+    its result and exit code, the sensors of the arm, the ground truth, the recording, and the process table of the
+    machine. Ctrl-C keeps the finished runs; the same command with the same --out continues the sweep.
 
-    Exit code 0: every run ended as it should; 3: not so.
+    Exit code 0: every run ended as required; 3: at least one did not.
     """
 
     faults: Annotated[str, flag("NAMES", "all")] = ""
-    """Only these, e.g. kill-decision,drop-camera."""
+    """Only these faults, e.g. kill-decision,drop-camera."""
     runs: Annotated[
         int | None,
-        flag("INT", "8, which makes more than 150; 1 with --quick"),
+        flag("INT", "8, more than 150 runs in all; 1 with --quick"),
     ] = None
     """Runs of each fault."""
     quick: bool = False
-    """One run of each of five faults: about five minutes."""
+    """One run of each of five faults; takes about five minutes."""
     json: Annotated[Path | None, flag("FILE")] = None
-    """Also write every figure to this file."""
+    """Also write all figures to this JSON file."""
     out: Annotated[Path | None, flag("DIR", "runs/<time>-bench-faults/")] = None
-    """Folder for the runs; that of an interrupted sweep is continued."""
+    """Folder for the runs; the folder of an interrupted sweep is continued."""
     run: Annotated[RunConfig, tyro.conf.arg(name="")] = field(default_factory=_headless)
-    """Settings of every run; start, goal and runtime are the bench's, --seed that of the first run of a fault."""
+    """Settings of every run. The bench sets start, goal and runtime; --seed is the seed of the first run of a fault."""
 
 
 def run_faults_bench(args: FaultsArgs) -> int:
-    """Run what is not finished yet, and print."""
+    """Execute the runs that are not finished yet, and print the results."""
     chosen = _chosen(args)
     runs = args.runs if args.runs is not None else (1 if args.quick else FULL_RUNS)
     if runs < 1:
         raise ConfigError(f"--runs is {runs}; it must be 1 or more.")
     if args.json is not None and not args.json.resolve().parent.is_dir():
-        raise InputError(f"--json {args.json}: there is no folder {args.json.resolve().parent}; create it first.")
+        raise InputError(f"--json {args.json}: folder {args.json.resolve().parent} does not exist; create it first.")
     check_before_start(args.run)
     folder = args.out or new_run_folder(Path("runs"), "bench-faults", datetime.now())
     claim_faults_folder(folder, args.run)
@@ -179,7 +179,7 @@ def _faults_of(runs: list[tuple[FaultCase, RunFinding]]) -> list[tuple[Fault, Ru
 def _chosen(args: FaultsArgs) -> tuple[Fault, ...]:
     names = tuple(dict.fromkeys(name.strip() for name in args.faults.split(",") if name.strip()))
     if unknown := [name for name in names if name not in BY_NAME]:
-        raise ConfigError(f"--faults {unknown[0]!r} is not known; choose of {', '.join(BY_NAME)}.")
+        raise ConfigError(f"--faults {unknown[0]!r} is unknown; choose from {', '.join(BY_NAME)}.")
     if not names and args.quick:
         names = QUICK
     return tuple(fault for fault in FAULTS if not names or fault.name in names)

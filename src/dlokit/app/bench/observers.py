@@ -1,4 +1,4 @@
-"""`dlokit bench observers`: every observer and the published peers on the same clouds."""
+"""`dlokit bench observers`: compare all observers and published methods on the same clouds."""
 
 import itertools
 import time
@@ -34,7 +34,7 @@ _METRIC = {metric.name: metric for metric in METRICS}
 
 
 def print_figures(rows: Sequence[BenchFigure], console: Console, *, comparable: bool) -> None:
-    """Node errors of every case, every metric of the first one, and what health is worth over all."""
+    """Print the node errors of every case, all metrics of the first case, and how well health predicts the error."""
     methods = methods_of(rows)
     first = rows[0].case
     tables = [
@@ -42,19 +42,19 @@ def print_figures(rows: Sequence[BenchFigure], console: Console, *, comparable: 
         _table(f"case {first!r}, every metric", "metric", methods, list(metric_table(rows, first))),
     ]
     if over_all := list(metric_table(rows, ALL_CASES)):
-        tables.append(_table("all cases, what health is worth", "metric", methods, over_all))
-    # A table that folds its figures cannot be read: a narrow or unknown width is overruled.
+        tables.append(_table("all cases, health as a predictor of the error", "metric", methods, over_all))
+    # Figures that wrap cannot be read, so the width of a narrow or unknown terminal is ignored.
     wide = Console(width=max(console.width, 34 + 24 * len(methods)))
     for table in tables:
         wide.print(table)
-    times = "times are processor time a frame, one thread"
+    times = "times are processor time per frame, one thread"
     if not comparable:
-        times += "; NOT comparable, because processes ran side by side"
+        times += "; NOT comparable, because processes ran in parallel"
     console.print(f"default observer: {default_name()}; {times}", highlight=False)
 
 
 def print_summary(rows: Sequence[BenchFigure], compared: Sequence[Compared], plan: BenchPlan, console: Console) -> None:
-    """The default observer, without pins, against the best peer and against the bars."""
+    """Compare the default observer, without pins, with the best published method and with the bars."""
     wide = Console(width=max(console.width, 100))
     if compared:
         table = Table(title=f"{default_name()} against the best peer, node error", caption=f"bar: at most {HALF}")
@@ -106,33 +106,34 @@ _LOG_EVERY_S = 30.0
 class ObserversArgs:
     """Compare observers on simulated and recorded sequences whose nodes are known.
 
-    From a base case (30 % hidden in the middle, 2 mm noise, 5 % outliers, full speed) one factor is changed at a
-    time. Prints tables with 95 % intervals over sequences and draws one picture a metric. Ctrl-C keeps what is done.
+    The base case has 30 % of the DLO hidden in the middle, 2 mm noise, 5 % outliers and full speed; each other case
+    changes one factor. Prints tables with 95 % intervals over sequences, and draws one plot per metric. Ctrl-C keeps
+    the finished trials.
     """
 
     quick: bool = False
-    """Fewer seeds and shorter sequences: some minutes, for a first look."""
+    """Fewer seeds and shorter sequences; takes a few minutes."""
     seeds: Annotated[int | None, flag("INT", "10; 2 with --quick")] = None
-    """Seeds 0 to K-1 of each case."""
+    """Use seeds 0 to K-1 for each case."""
     frames: Annotated[
         int | None,
         flag("INT", "100, which are 4 s; 50 with --quick; all of a --sequence"),
     ] = None
-    """Frames of each sequence at most."""
+    """Maximum number of frames of each sequence."""
     sequence: tyro.conf.UseAppendAction[tuple[tuple[Path, ...], ...]] = ()
-    """External sequences (.npz) in place of the simulated ones; one or more, and again."""
+    """External sequences (.npz) instead of the simulated ones; takes one or more files and can be repeated."""
     methods: Annotated[str, flag("NAMES", "all that are installed")] = ""
-    """Observers and peers to run, e.g. anchored,cpd,pycpd."""
+    """Observers and published methods to run, e.g. anchored,cpd,pycpd."""
     jobs: int = 1
-    """Cases side by side, a process each. With more than one, times are not comparable."""
+    """Number of cases to run in parallel, each in its own process. With more than one, times are not comparable."""
     json: Annotated[Path | None, flag("FILE")] = None
-    """Also write every figure to this file."""
+    """Also write all figures to this JSON file."""
     out: Annotated[Path | None, flag("DIR", "runs/<time>-bench-observers/")] = None
-    """Folder for the pictures."""
+    """Folder for the plots."""
 
 
 def run_observers(args: ObserversArgs) -> int:
-    """Run the comparison; exit code 0 also when it was ended early, with what was done."""
+    """Run the comparison; the exit code is 0 even after Ctrl-C, and the finished trials are reported."""
     plan, left_out = _plan(args)
     _check_writable(args.json)
     console = Console()
@@ -142,7 +143,7 @@ def run_observers(args: ObserversArgs) -> int:
     times = _iterations(args)
     trials, whole = _trials(plan, args.jobs, console)
     if not trials:
-        console.print("ended before anything was done")
+        console.print("interrupted before any trial was finished")
         return 0 if whole else 1
     rows, apart = figures(trials), iterations.figures(times)
     compared = list(compare(trials, plan.cases))
@@ -161,7 +162,7 @@ def run_observers(args: ObserversArgs) -> int:
 
 
 def _iterations(args: ObserversArgs) -> list[iterations.IterationTimes]:
-    """One iteration of CPD, ours and the packages', where all methods are compared."""
+    """Time one iteration of CPD, ours and that of the packages, when all methods are compared."""
     if args.sequence or args.methods:
         return []
     return in_a_worker(iterations.measure)
@@ -172,11 +173,11 @@ def _plan(args: ObserversArgs) -> tuple[BenchPlan, tuple[str, ...]]:
     frames = args.frames if args.frames is not None else (QUICK_FRAMES if args.quick else FULL_FRAMES)
     if not 1 <= seeds <= TUNING_SEED or frames < 2:
         raise ConfigError(
-            f"--seeds {seeds} and --frames {frames}: needed are 1 to {TUNING_SEED} seeds (those above are for tuning) "
-            "and at least 2 frames."
+            f"--seeds {seeds} and --frames {frames}: 1 to {TUNING_SEED} seeds (higher ones are reserved for tuning) "
+            "and at least 2 frames are needed."
         )
     if args.jobs < 1:
-        raise ConfigError(f"--jobs {args.jobs}: at least 1 is needed.")
+        raise ConfigError(f"--jobs is {args.jobs}; it must be 1 or greater.")
     choice = choose(tuple(name.strip() for name in args.methods.split(",") if name.strip()))
     if args.sequence:
         whole = args.frames is None and not args.quick
@@ -193,17 +194,17 @@ def _plan(args: ObserversArgs) -> tuple[BenchPlan, tuple[str, ...]]:
 
 
 def _too_short(case: ObserverCase, frames: int) -> str:
-    return f"the case {case.name!r}: {frames} frames are too few for what comes before and after; use more --frames"
+    return f"case {case.name!r}: {frames} frames are too few before and after the event; increase --frames"
 
 
 def _check_writable(path: Path | None) -> None:
-    """An hour's work must not end at a folder that does not exist."""
+    """Check the output folder first, so that an hour's results are not lost."""
     if path is not None and not path.resolve().parent.is_dir():
-        raise InputError(f"--json {path}: there is no folder {path.resolve().parent}; create it or name another.")
+        raise InputError(f"--json {path}: folder {path.resolve().parent} does not exist; create it or name another.")
 
 
 def _trials(plan: BenchPlan, jobs: int, console: Console) -> tuple[list[Trial], bool]:
-    """What was done, and whether nothing broke."""
+    """Return the finished trials, and whether all workers ended without an error."""
     trials: list[Trial] = []
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with (
@@ -218,13 +219,15 @@ def _trials(plan: BenchPlan, jobs: int, console: Console) -> tuple[list[Trial], 
                     trials.append(item)
                 progress.update(bar, completed=len(trials), description=_where(item))
                 if not console.is_terminal and time.monotonic() - logged_s > _LOG_EVERY_S:
-                    # Nothing moves in a log: a line now and then shows that it goes on.
+                    # A log shows no progress bar, so a line is printed from time to time.
                     logged_s = time.monotonic()
                     console.print(f"{len(trials)} of {plan.trials}: {_where(item)}", highlight=False, soft_wrap=True)
         except KeyboardInterrupt:
-            console.print(f"ended early: {len(trials)} of {plan.trials} trials are done; figures are of these")
+            console.print(f"interrupted: {len(trials)} of {plan.trials} trials are finished; the figures are of these")
         except MachineError as error:
-            console.print(f"{error} Figures are of the {len(trials)} of {plan.trials} trials done.", soft_wrap=True)
+            console.print(
+                f"{error} The figures are of the {len(trials)} of {plan.trials} finished trials.", soft_wrap=True
+            )
             return trials, False
     return trials, True
 

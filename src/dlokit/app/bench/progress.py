@@ -1,4 +1,4 @@
-"""What a person sees of many runs, one after the other or side by side."""
+"""Terminal output of many runs, executed one after the other or in parallel."""
 
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -20,9 +20,9 @@ def followed(
     line_of: Callable[[T], str],
     print_all: Callable[[list[T]], None],
 ) -> list[T]:
-    """All `runs`; a line each as it is done, a bar on a terminal, and at the end all of them once more, in a table.
+    """Collect all `runs`; print a line as each ends, a progress bar on a terminal, and a table of all at the end.
 
-    Ctrl-C prints the table of what is finished, says how to go on, and is raised.
+    On Ctrl-C it prints the table of the finished runs and how to continue, and raises the interrupt again.
     """
     done: list[T] = []
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
@@ -38,7 +38,7 @@ def followed(
             if done:
                 print_all(done)
             console.print(
-                f"{len(done)} of {total} runs are finished; the same command with --out {folder} goes on.",
+                f"{len(done)} of {total} runs are finished; the same command with --out {folder} continues.",
                 highlight=False,
                 soft_wrap=True,
             )

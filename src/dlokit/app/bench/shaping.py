@@ -1,4 +1,4 @@
-"""`dlokit bench shaping`: planners and observers on the same starts and goals, judged by the hidden truth."""
+"""`dlokit bench shaping`: compare planners and observers on the same starts and goals, judged by the ground truth."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -42,12 +42,12 @@ from dlokit.types.feasibility import Standing
 
 TABLE_WIDTH = 190
 MOST_EXPERIMENTS = 15
-"""A suite of more experiments has a table of its groups; all figures are in the JSON file."""
+"""With more experiments than this, the table shows groups; the JSON file has all figures."""
 _LEFT = 2
 
 
 def line_of(done: CaseResult) -> str:
-    """A case in one line."""
+    """One line about one case."""
     case, result = done.case, done.result
     rmse = "-" if result.rmse_m is None else f"{result.rmse_m * 1e3:.1f} mm"
     true = "-" if result.true_rmse_m is None else f"{result.true_rmse_m * 1e3:.1f} mm"
@@ -62,8 +62,8 @@ def line_of(done: CaseResult) -> str:
 
 
 def print_results(results: Sequence[CaseResult], console: Console) -> None:
-    """The tables, how runs ended, and verdicts against what happened."""
-    # A table that folds its figures cannot be read: a narrow or unknown width is overruled.
+    """Print the tables, how the runs ended, and the goal verdicts compared with the outcomes."""
+    # Figures that wrap cannot be read, so the width of a narrow or unknown terminal is ignored.
     wide = Console(file=console.file, width=max(console.width, TABLE_WIDTH))
     wide.print(_table(results))
     for heading, lines in (("how runs ended", outcomes(results)), ("verdicts", verdict_lines(results))):
@@ -73,16 +73,18 @@ def print_results(results: Sequence[CaseResult], console: Console) -> None:
     for done in results:
         if done.fault:
             where = f"{done.case.experiment.name}, seed {done.case.seed}, {done.case.method.name}"
-            console.print(f"broke down, run again by the same command: {where}: {done.fault}", markup=False)
+            console.print(f"failed, repeat it with the same command: {where}: {done.fault}", markup=False)
 
 
 def _table(results: Sequence[CaseResult]) -> Table:
-    table = Table(caption="median (largest) over runs; by kind: all runs together; false: reported below, truly above")
+    table = Table(
+        caption="median (largest) over runs; by kind: all runs; false: only the estimate is below the threshold"
+    )
     for at, heading in enumerate(COLUMNS):
         table.add_column(heading, justify="left" if at < _LEFT else "right", no_wrap=True)
     few = len({done.case.experiment.name for done in results}) <= MOST_EXPERIMENTS
     rows = chain(experiment_rows(results), group_rows(results)) if few else group_rows(results)
-    # Where all goals have the same verdict, its row says what the last one says.
+    # When all goals have the same verdict, the row equals the last one and is omitted.
     repeated = {verdict_row(said) for said in Standing if all(standing(done.result) is said for done in results)}
     for row in overview(row for row in rows if row.name not in repeated):
         table.add_row(*row)
@@ -95,15 +97,15 @@ QUICK_JOBS = 2
 
 
 def shaping_defaults(config_file: Path | None = None) -> RunConfig:
-    """The settings of every run where nothing else is said: as shipped, or those of a file. Raises `ConfigError`."""
+    """The default settings of every run: those of dlokit, or of a file. Raises `ConfigError`."""
     run = RunConfig() if config_file is None else read_toml(config_file, RunConfig)
-    # A verdict is compared with what happens: a goal that is said not to hold is tried all the same.
+    # The bench compares the verdict with the outcome, so it also tries goals judged infeasible.
     return replace(run, record=False, task=replace(run.task, infeasible="try"))
 
 
 @dataclass(frozen=True, kw_only=True)
 class ShapingArgs:
-    """Compare planners and observers on the same starts, goals and cells, in lockstep, judged by the hidden truth.
+    """Compare planners and observers on the same starts, goals and cells, in lockstep, judged by the ground truth.
 
     Try
       dlokit bench shaping --quick --planner farthest,rollout
@@ -111,44 +113,44 @@ class ShapingArgs:
       dlokit bench shaping --suite stiffness --oracle
       dlokit bench shaping --suite wires --randomised --config examples/configurations/wire.toml
 
-    Prints tables with 95 % intervals, draws start, goal and end of every case, and leaves every run's files in its own
-    folder. Ctrl-C keeps what is finished; the same command with the same --out goes on from there.
+    Prints tables with 95 % intervals, draws start, goal and end of every case, and stores the files of each run in its
+    own folder. Ctrl-C keeps the finished runs; the same command with the same --out continues the sweep.
     """
 
     suite: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME [FILE]")] = ("paper",)
-    """paper: its five experiments. goals FILE: curves of a .npy file (G, K, 3). stiffness: an S for rods of rising
-    stiffness. wires: the paper's with published wires, which take a set."""
+    """paper: the five experiments of the paper. goals FILE: curves of a .npy file (G, K, 3). stiffness: an S for rods
+    of increasing stiffness. wires: the paper's experiments with published wires, which deform plastically."""
     seeds: Annotated[int | None, flag("INT", "5; 1 to 3 with --quick")] = None
-    """Seeds 0 to K-1 of each experiment."""
+    """Use seeds 0 to K-1 for each experiment."""
     first_seed: int = 0
-    """Seeds F to F+K-1 in place of 0 to K-1; what was tuned on some (1000 and more) is reported on others."""
+    """Use seeds F to F+K-1 instead of 0 to K-1, to report on other seeds than those used for tuning (1000 and more)."""
     planner: Annotated[str, flag("NAMES", "the configuration's")] = ""
     """Planners to compare on the same starts, e.g. farthest,rollout."""
     observer: Annotated[str, flag("NAMES", "the configuration's")] = ""
-    """Observers to compare, each with every planner, e.g. map,cpd."""
+    """Observers to compare, each combined with every planner, e.g. map,cpd."""
     randomised: bool = False
-    """Draw friction, stiffness, weight, curl, hand-eye error, tilt of the table, light and colour from each seed."""
+    """Draw friction, stiffness, weight, curl, hand-eye error, table tilt, light and colour from each seed."""
     oracle: bool = False
-    """Take the state from the cell's truth instead of from the camera: what planning is worth without seeing."""
+    """Use the ground truth of the cell as the state instead of the camera, to evaluate planning without perception."""
     quick: bool = False
-    """Fewer seeds and experiments, two at a time: within 15 minutes on two cores."""
+    """Fewer seeds and experiments, two runs in parallel; at most 15 minutes on two cores."""
     jobs: Annotated[int | None, flag("INT", "1; 2 with --quick")] = None
-    """Runs side by side, a process each."""
+    """Number of runs in parallel, each in its own process."""
     cluster: str = ""
     """Address of a cluster whose workers run the cases: tcp://HOST:PORT (Dask) or ray://HOST:PORT."""
     json: Annotated[Path | None, flag("FILE")] = None
-    """Also write every figure to this file."""
+    """Also write all figures to this JSON file."""
     out: Annotated[Path | None, flag("DIR", "runs/<time>-bench-shaping/")] = None
-    """Folder for the runs; that of an interrupted sweep is continued."""
+    """Folder for the runs; the folder of an interrupted sweep is continued."""
     config: Annotated[Path | None, flag("FILE")] = None
-    """A configuration: its settings hold where this command line says nothing else."""
+    """Configuration file; flags of this command line override its settings."""
     run: Annotated[RunConfig, tyro.conf.arg(name="")] = field(default_factory=shaping_defaults)
-    """Settings of every run; start, goal, seed and runtime are the bench's. Goals that may not hold are tried, and runs
-    recorded only with `--record`."""
+    """Settings of every run; the bench sets start, goal, seed and runtime. The bench also tries goals judged
+    infeasible, and records runs only with `--record`."""
 
 
 def run_shaping(args: ShapingArgs) -> int:
-    """Run the suite; exit code 0 when every run ended, converged or not, 1 when one broke down."""
+    """Run the suite; exit code 0 when every run ended, converged or not, 1 when at least one failed with an error."""
     suite, experiments = _suite(args)
     config, methods, todo, workers = _plan(args, suite, experiments)
     _check_writable(args.json)
@@ -184,23 +186,23 @@ def run_shaping(args: ShapingArgs) -> int:
 def _suite(args: ShapingArgs) -> tuple[str, tuple[Experiment, ...]]:
     name, *files = args.suite or ("",)
     if len(files) > 1:
-        raise ConfigError(f"--suite {' '.join(args.suite)}: a suite takes one file at most ({', '.join(SUITE_NAMES)}).")
+        raise ConfigError(f"--suite {' '.join(args.suite)}: a suite takes at most one file ({', '.join(SUITE_NAMES)}).")
     return name, suite_of(name, Path(files[0]) if files else None, quick=args.quick)
 
 
 def _plan(
     args: ShapingArgs, suite: str, experiments: Sequence[Experiment]
 ) -> tuple[RunConfig, tuple[ShapingMethod, ...], list[ShapingCase], Workers]:
-    """What is to be run; whatever is wrong with it is told before anything runs."""
+    """Determine the runs; raise an error for invalid arguments before any run starts."""
     seeds = args.seeds if args.seeds is not None else (QUICK_SEEDS[suite] if args.quick else FULL_SEEDS)
     jobs = args.jobs if args.jobs is not None else (QUICK_JOBS if args.quick else 1)
     if seeds < 1 or jobs < 1 or args.first_seed < 0 or args.first_seed + seeds > SEEDS_APART:
         raise ConfigError(
-            f"--seeds {seeds}, --jobs {jobs}, --first-seed {args.first_seed}: at least 1, 1 and 0 are needed, and "
-            f"seeds below {SEEDS_APART}."
+            f"--seeds {seeds}, --jobs {jobs}, --first-seed {args.first_seed}: they must be at least 1, 1 and 0, and "
+            f"seeds must be below {SEEDS_APART}."
         )
     if args.oracle and args.observer:
-        raise ConfigError(f"--oracle takes the place of an observer: leave --observer {args.observer} away.")
+        raise ConfigError(f"--oracle replaces the observer: omit --observer {args.observer}.")
     observers = (IDEAL,) if args.oracle else _names(args.observer)
     config = _randomised(args)
     methods = methods_of(config, observers, _names(args.planner))
@@ -216,7 +218,7 @@ def _randomised(args: ShapingArgs) -> RunConfig:
     if not args.randomised:
         return args.run
     if cell.randomised:
-        raise ConfigError("--randomised draws every property; omit it, or --cell.randomised with its own choice.")
+        raise ConfigError("--randomised draws all parameters: omit it to choose them with --cell.randomised.")
     return replace(args.run, cell=replace(cell, randomised=EVERY_FACTOR))
 
 
@@ -225,14 +227,14 @@ def _names(listed: str) -> tuple[str, ...]:
 
 
 def _check_writable(path: Path | None) -> None:
-    """Hours of work must not end at a folder that does not exist."""
+    """Check the output folder first, so that hours of results are not lost."""
     if path is not None and not path.resolve().parent.is_dir():
-        raise InputError(f"--json {path}: there is no folder {path.resolve().parent}; create it or name another.")
+        raise InputError(f"--json {path}: folder {path.resolve().parent} does not exist; create it or name another.")
 
 
 def _headline(args: ShapingArgs, suite: str, config: RunConfig, todo: Sequence[ShapingCase]) -> str:
     drawn = "a randomised cell for each seed" if config.cell.randomised else "one cell for all"
-    seen = "state from the truth (oracle)" if args.oracle else "perception in the loop"
+    seen = "state from the ground truth (oracle)" if args.oracle else "perception in the loop"
     threshold_mm = config.task.threshold_m * 1e3
     return f"suite {suite}: {len(todo)} runs, {drawn}, {seen}, threshold {threshold_mm:g} mm"
 

@@ -1,4 +1,4 @@
-"""`dlokit bench stop`: how soon the arm brakes when its commander is lost, and whether a person's stop holds."""
+"""`dlokit bench stop`: how soon the arm brakes when its commander fails, and whether an operator's stop holds."""
 
 import asyncio
 import math
@@ -25,9 +25,9 @@ from dlokit.system.processes.running import RunningSystem
 from dlokit.system.results.run_record import machine_facts
 
 BAR_S = 0.25
-"""Braking begins within this, for 99 of 100 faults."""
+"""Limit on the time until braking begins, for 99 of 100 faults [s]."""
 CONFIRMED_WITHIN_S = 1.0
-"""A person's stop is confirmed within this, for 99 of 100."""
+"""Limit on the time until an operator's stop is confirmed, for 99 of 100 stops [s]."""
 NOT_MEASURED = StopFigures()
 
 
@@ -35,43 +35,45 @@ NOT_MEASURED = StopFigures()
 class StopBenchArgs:
     """Kill and freeze the commander of a moving arm at random times on a busy machine, cut its feedback, press stop.
 
-    Cell, robot and commander are processes of this machine. Times are by its monotonic clock, from the fault until the
-    arm is heard to brake; it tells 50 times a second. Then how often the arm brakes though nothing is done to anybody.
+    Cell, robot and commander are processes of this machine. Times are measured on its monotonic clock, from the fault
+    until the arm reports that it brakes, at 50 Hz. The bench then counts how often the arm brakes without any fault.
 
-    A person's stop is pressed at random moments of seven cases: the system starts, the commander is frozen, it is
-    killed, `robot.recover` runs, between two motions, the fingers close, the DLO is carried. For each: time until
-    feedback confirms the stop, and how far joints and fingers move afterwards, while the commander tries to move, grip
-    and recover. Then the arm is enabled and must move.
+    An operator's stop is pressed at random moments of seven cases: the system starts, the commander is frozen, it is
+    killed, `robot.recover` runs, between two motions, the fingers close, the DLO is carried. For each case the bench
+    measures the time until feedback confirms the stop, and how far joints and fingers move afterwards, while the
+    commander tries to move, grip and recover. Then the arm is enabled and must move.
 
-    Exit code 0: braking begins within 0.25 s (p99) and never for nothing; a stop is confirmed within 1 s (p99), nothing
-    moves after it (0.02 rad, 0.5 mm) and everything is refused. 3: not so.
+    Exit code 0: braking begins within 0.25 s (p99) and never without a fault; a stop is confirmed within 1 s (p99),
+    nothing moves after it (0.02 rad, 0.5 mm) and every command is rejected. 3: otherwise.
     """
 
     kills: int = 100
-    """Commanders killed (SIGKILL)."""
+    """Number of times the commander is killed (SIGKILL)."""
     freezes: int = 100
-    """Commanders frozen (SIGSTOP), and thawed afterwards."""
+    """Number of times the commander is frozen (SIGSTOP); it is resumed afterwards."""
     feedback_losses: int = 100
-    """Times that an arm's feedback is withheld from its driver, and that another arm in the cell falls silent."""
+    """Number of times the driver gets no feedback of its arm, and of times another arm in the cell falls silent."""
     quiet_s: float = 600.0
-    """Time in which nothing is done to the commander in motion [s]."""
+    """Duration of motion without any fault [s]."""
     presses: int = 20
-    """Stops by a person in each of the seven cases; 0: none."""
+    """Number of stops by an operator in each of the seven cases; 0 omits them."""
     busy: int = 4
-    """Processes that keep the machine busy meanwhile."""
+    """Number of processes that load the machine during the measurements."""
     json: Annotated[Path | None, flag("FILE")] = None
-    """Also write every figure to this file."""
+    """Also write all figures to this JSON file."""
     run: Annotated[RunConfig, tyro.conf.arg(name="")] = field(default_factory=RunConfig)
-    """Settings of the system, e.g. --robot.commander-lease-s; --seed gives the times at which faults come."""
+    """Settings of the system, e.g. --robot.commander-lease-s; --seed determines the times of the faults."""
 
 
 def run_stop_bench(args: StopBenchArgs) -> int:
     """Measure and print."""
     counts = (args.kills, args.freezes, args.feedback_losses, args.presses, args.busy)
     if min(counts) < 0 or not 0.0 <= args.quiet_s < math.inf:
-        raise ConfigError("--kills, --freezes, --feedback-losses, --presses, --busy and --quiet-s must be 0 or more.")
+        raise ConfigError(
+            "--kills, --freezes, --feedback-losses, --presses, --busy and --quiet-s must be 0 or greater."
+        )
     if args.json is not None and not args.json.resolve().parent.is_dir():
-        raise InputError(f"--json {args.json}: there is no folder {args.json.resolve().parent}; create it first.")
+        raise InputError(f"--json {args.json}: folder {args.json.resolve().parent} does not exist; create it first.")
     console = Console()
     with console.status("starting") as status:
         said = status.update if console.is_terminal else console.print
@@ -104,7 +106,7 @@ async def _measure(args: StopBenchArgs, said: Callable[[str], None]) -> tuple[St
         figures = await measure_stops(plan, said)
     if args.presses:
         presses = PressPlan(run=run, presses=args.presses, busy_processes=args.busy, seed=args.run.seed)
-        async with garbage_frozen():  # looking for garbage of the bench's own would count as the arm's delay
+        async with garbage_frozen():  # garbage collection in the bench would count as latency of the arm
             rows = await measure_presses(presses, PERSON, said)
     return figures, rows
 
@@ -118,24 +120,24 @@ async def _enable(system: RunningSystem) -> int:
 
 
 PERSON = Person(stop=_stop, enable=_enable)
-"""Whose commands the bench measures: those of `dlokit stop` and `dlokit enable`."""
+"""The commands that the bench measures: `dlokit stop` and `dlokit enable`."""
 
 
 def holds_the_bar(figures: StopFigures) -> bool:
-    """Whether braking begins in time, and never for nothing."""
+    """Whether braking begins in time, and never without a fault."""
     in_time = all(percentile_s(stops, 99.0) <= BAR_S for stops in figures.by_fault.values())
     return in_time and figures.false_stops == 0
 
 
 def stops_hold(rows: Sequence[PressRow]) -> bool:
-    """Whether each of a person's stops is confirmed in time, and nothing moves after it until it is enabled."""
+    """Whether each of the operator's stops is confirmed in time, and nothing moves until the arm is enabled."""
     return all(confirmed_percentile_s(row.presses, 99.0) <= CONFIRMED_WITHIN_S and row.wrong == 0 for row in rows)
 
 
 def presses_table(rows: Sequence[PressRow], busy: int) -> Table:
-    """One row a case of a person's stop."""
+    """The table of an operator's stops, one row per case."""
     table = Table(
-        title=f"ms until a person's stop is confirmed, {busy} busy processes beside the system",
+        title=f"ms until an operator's stop is confirmed, {busy} busy processes beside the system",
         caption="moved, fingers: largest movement after the confirmation; wrong: stops that did not hold",
     )
     headings = ("stop while", "n", "p50", "p99", "max", "moved rad", "fingers mm", "wrong")
@@ -149,12 +151,12 @@ def presses_table(rows: Sequence[PressRow], busy: int) -> Table:
 
 
 def stops_table(figures: StopFigures, busy: int) -> Table:
-    """One row a fault."""
+    """The table of braking times, one row per fault."""
     table = Table(
         title=f"ms until braking begins, {busy} busy processes beside the system",
         caption=f"false stops: {figures.false_stops} in {figures.watched_s:.0f} s of motion",
     )
-    for heading in ("the fault", "n", "p50", "p99", "max", "stands after, max"):
+    for heading in ("the fault", "n", "p50", "p99", "max", "at rest after, max"):
         table.add_column(heading, justify="left" if heading.startswith("the") else "right")
     for name, stops in figures.by_fault.items():
         stood = [stop.stood_s for stop in stops]

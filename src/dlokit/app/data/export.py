@@ -1,4 +1,4 @@
-"""`dlokit export`: recorded runs for people who learn from them, as files of numbers or as a dataset."""
+"""`dlokit export`: export recorded runs for learning, as arrays, tables or a data set."""
 
 import csv
 from collections import defaultdict
@@ -22,12 +22,12 @@ from dlokit.recording.reader import RawRecording, Recorded, picture_file, read_r
 from dlokit.system.results.run_folder import claim_run_folder
 
 MOST_COLUMNS = 512
-"""Fields of more numbers a message are left out of `.csv` files: covariances and depth."""
+"""Fields with more numbers per message are omitted from `.csv` files: covariances and depth."""
 PICTURES = {"view/left": "left", "view/right": "right"}
 
 
 def write_npz(path: Path, folder: Path) -> list[str]:
-    """Write `<topic>.npz` for each topic, and the pictures; returns what is left out: nothing."""
+    """Write `<topic>.npz` for each topic, and the pictures; returns the omitted fields, which are none."""
     for name, found in _tables(path):
         arrays: dict[str, NDArray[Any]] = {}
         for column in found:
@@ -40,7 +40,8 @@ def write_npz(path: Path, folder: Path) -> list[str]:
 
 
 def write_csv(path: Path, folder: Path) -> list[str]:
-    """Write `<topic>.csv` for each topic, and the pictures; returns the fields that are too long for a line."""
+    """Write `<topic>.csv` for each topic, and the pictures; returns the omitted fields, which are too long for a
+    line."""
     left_out: list[str] = []
     for name, found in _tables(path):
         kept = [column for column in found if column.first is None and _width(column) <= MOST_COLUMNS]
@@ -62,7 +63,7 @@ def _tables(path: Path) -> Iterable[tuple[str, list[Column]]]:
 
 
 class _WithoutPictures:
-    """Every topic that holds no pictures: those are files of their own."""
+    """The topics without pictures; pictures are written as separate files."""
 
     def __contains__(self, channel: object) -> bool:
         topic = topic_of(str(channel))
@@ -101,36 +102,36 @@ Form = Literal["npz", "csv", "lerobot"]
 
 @dataclass(frozen=True, kw_only=True)
 class ExportArgs:
-    """Hand recorded runs to people who learn from them: states, targets, goals, robot, actions, calls, pictures.
+    """Export recorded runs as data sets for learning: states, targets, goals, robot, actions, calls, pictures.
 
     Try
-      dlokit export runs/<run> --to npz --out data              a file a topic, for numpy.load
+      dlokit export runs/<run> --to npz --out data              one file per topic, for numpy.load
       dlokit export runs/<run> --to csv --out data              the same as tables
-      dlokit export runs/* --to lerobot --out data --fps 10     a LeRobot dataset (v2.1), an episode a run
+      dlokit export runs/* --to lerobot --out data --fps 10     a LeRobot data set (v2.1), one episode per run
 
-    Pictures are written as they were recorded (JPEG). `--to lerobot` needs pyarrow: pip install 'dlokit[export]'.
-    Exit code: 0; 2 bad input.
+    Pictures are written as recorded (JPEG). `--to lerobot` needs pyarrow: pip install 'dlokit[export]'.
+    Exit code: 0 written; 2 bad input.
     """
 
     files: Annotated[tuple[Path, ...], tyro.conf.Positional]
-    """The recording.mcap of one or more runs, or the runs' folders."""
+    """The recording.mcap of one or more runs, or the folders of the runs."""
     to: Form
-    """npz: arrays, a file a topic. csv: tables, a file a topic; clouds and covariances do not fit. lerobot: frames at a
-    steady rate, for imitation learning."""
+    """npz: arrays, one file per topic. csv: tables, one file per topic, without clouds and covariances. lerobot: frames
+    at a constant rate, for imitation learning."""
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
-    """Folder for what is written; must be empty or not exist yet."""
+    """Output folder; it must be empty or not exist yet."""
     fps: int = 10
-    """Frames a second of the run's clock, for lerobot."""
+    """Frames per second of the run's clock, for lerobot."""
     images: bool = True
-    """Whether pictures are a part of the frames, for lerobot."""
+    """Include the pictures in the frames, for lerobot."""
 
 
 def run(args: ExportArgs) -> int:
-    """Read, convert, write, and say what was written."""
+    """Read, convert and write the recordings, and print what was written."""
     if not args.files:
-        raise InputError("no recording is named; give one or more, e.g. dlokit export runs/<run> --to npz --out data.")
+        raise InputError("no recording is given; give one or more, e.g. dlokit export runs/<run> --to npz --out data.")
     if not 1 <= args.fps <= 100:
-        raise InputError(f"--fps is {args.fps}; it must be 1 to 100 frames a second.")
+        raise InputError(f"--fps is {args.fps}; it must be 1 to 100 frames per second.")
     paths = [file / FILE_NAME if file.is_dir() else file for file in args.files]
     out = claim_run_folder(args.out)
     console = Console()
@@ -140,7 +141,7 @@ def run(args: ExportArgs) -> int:
 
     if args.to == "lerobot":
         frames = write_lerobot(paths, out, args.fps, images=args.images)
-        say(f"{out}: {len(paths)} episodes, {frames} frames at {args.fps} a second")
+        say(f"{out}: {len(paths)} episodes, {frames} frames at {args.fps} per second")
         return 0
     for number, path in enumerate(paths):
         folder = out if len(paths) == 1 else out / f"{number:03d}"
@@ -149,7 +150,7 @@ def run(args: ExportArgs) -> int:
         say(f"{folder}: {sum(1 for file in folder.rglob('*') if file.is_file())} files of {path}")
         if left_out:
             named = ", ".join(left_out[:MOST_NAMED]) + (", …" if len(left_out) > MOST_NAMED else "")
-            say(f"not in the tables, as they are too long for a line (--to npz has them): {named}")
+            say(f"not in the tables, because they are too long for a line (--to npz includes them): {named}")
     return 0
 
 

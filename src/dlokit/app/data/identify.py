@@ -1,4 +1,4 @@
-"""`dlokit identify`: what the actions of recorded runs say of the DLO."""
+"""`dlokit identify`: estimate the parameters of a DLO from the actions of recorded runs."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -28,7 +28,7 @@ from dlokit.types.dlo import DloBelief, LogNormal
 
 
 def write_picture(path: Path, lessons: Sequence[Lesson]) -> None:
-    """Write a PNG with both plots."""
+    """Plot the prediction errors and the belief to a PNG file."""
     figure = Drawing(figsize=(9.0, 3.6), layout="constrained")
     FigureCanvasAgg(figure)
     left, right = figure.subplots(1, 2)
@@ -40,10 +40,10 @@ def write_picture(path: Path, lessons: Sequence[Lesson]) -> None:
 def _errors(axes: Axes, lessons: Sequence[Lesson]) -> None:
     numbers = range(1, len(lessons) + 1)
     axes.plot(numbers, [lesson.configured_m * 1e3 for lesson in lessons], "o--", color="0.55", label="as configured")
-    axes.plot(numbers, [lesson.learnt_m * 1e3 for lesson in lessons], "o-", color="C0", label="as learnt before it")
+    axes.plot(numbers, [lesson.learnt_m * 1e3 for lesson in lessons], "o-", color="C0", label="as learnt so far")
     axes.set_ylim(bottom=0.0)
     axes.set_xlabel("action")
-    axes.set_ylabel("error of the prediction, mm")
+    axes.set_ylabel("prediction error, mm")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.legend(frameon=False)
 
@@ -58,7 +58,7 @@ def _belief(axes: Axes, lessons: Sequence[Lesson]) -> None:
         if lesson.belief.yield_curvature_1_m is not None:
             axes.annotate("set", (number, lesson.belief.elastic_m3.value), xytext=(0, 6), textcoords="offset points")
     axes.set_yscale("log")
-    axes.set_xlabel("actions learnt from")
+    axes.set_xlabel("number of actions learnt from")
     axes.set_ylabel("EI / (μ w), m³")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.legend(frameon=False)
@@ -71,30 +71,30 @@ TABLE_WIDTH = 100
 
 @dataclass(frozen=True, kw_only=True)
 class IdentifyArgs:
-    """Say what the runs of one DLO tell of it: length, radius, stiffness, friction, and whether it takes a set.
+    """Estimate length, radius, stiffness, friction and plasticity of a DLO from its recorded runs.
 
-    Length and radius are measured in the pictures. Each action is played again in the rod of planning, for many rods,
-    and compared with what the camera saw.
+    Length and radius are measured in the pictures. Each action is simulated with the planning rod for many values of
+    the parameters, and compared with what the camera observed.
 
     Try
       dlokit identify runs/<run>
       dlokit identify runs/<run> runs/<other run of the same DLO>
-      dlokit shape --config runs/<run>/identified.toml --goal S      a run that knows the DLO
+      dlokit shape --config runs/<run>/identified.toml --goal S      a run with the estimated parameters
 
-    Written are identified.toml, the configuration of the last run with the figures found, and identified.png.
-    Exit code: 0; 2 when a folder holds no recorded run, or one that says nothing.
+    Writes identified.toml, the configuration of the last run with the estimated parameters, and identified.png.
+    Exit code: 0; 2 when a folder has no recorded run, or the runs contain no information.
     """
 
     runs: Annotated[tuple[Path, ...], tyro.conf.Positional]
-    """Folders of runs of one DLO, in their order."""
+    """Folders of runs of one DLO, in chronological order."""
     out: Annotated[Path | None, flag("DIR", "the last run's folder")] = None
-    """Folder for what is written."""
+    """Output folder."""
 
 
 def run(args: IdentifyArgs) -> int:
-    """Read, learn, print and write."""
+    """Read the runs, estimate the parameters, print and write them."""
     if not args.runs:
-        raise InputError("no run is named; give the folders of one or more runs, e.g. dlokit identify runs/<run>.")
+        raise InputError("no run is given; give the folders of one or more runs, e.g. dlokit identify runs/<run>.")
     found = identify(args.runs)
     out = args.out or args.runs[-1]
     out.mkdir(parents=True, exist_ok=True)
@@ -169,8 +169,8 @@ def _with_size(model: BelievedDlo, size: Measures) -> BelievedDlo:
 
 
 def _actions(found: Sequence[Lesson]) -> Table:
-    table = Table(title="actions", caption="prediction error: of all nodes, RMSE; as learnt: from the actions before")
-    for heading in ("action", "moved, mm", "as configured, mm", "as learnt, mm", "EI/(μ w), cm³", "takes a set"):
+    table = Table(title="actions", caption="prediction error: RMSE of all nodes; as learnt: from the previous actions")
+    for heading in ("action", "moved, mm", "as configured, mm", "as learnt, mm", "EI/(μ w), cm³", "plastic"):
         table.add_column(heading, justify="right", no_wrap=True)
     for lesson in found:
         low, high = lesson.belief.elastic_m3.interval()
@@ -181,14 +181,14 @@ def _actions(found: Sequence[Lesson]) -> Table:
             f"{lesson.configured_m * 1e3:.1f}",
             f"{lesson.learnt_m * 1e3:.1f}",
             f"{lesson.belief.elastic_m3.value * 1e6:.0f} ({low * 1e6:.0f} to {high * 1e6:.0f})",
-            "no" if bend is None else f"beyond {bend:g} /m",
+            "no" if bend is None else f"above {bend:g} /m",
         )
     return table
 
 
 def _figures(found: Identified) -> Table:
     belief, size = found.belief, found.size
-    table = Table(title=f"the DLO, from {0 if size is None else size.looks} looks and {belief.actions} actions")
+    table = Table(title=f"the DLO, from {0 if size is None else size.looks} pictures and {belief.actions} actions")
     for heading in ("", "configured", "found", "95 % within"):
         table.add_column(heading, justify="left" if not heading else "right", no_wrap=True)
     model = found.configured.model
@@ -209,7 +209,7 @@ def _figures(found: Identified) -> Table:
     bend = belief.yield_curvature_1_m
     told = model.yield_curvature_1_m
     table.add_row(
-        "keeps a bend beyond, 1/m",
+        "plastic above curvature, 1/m",
         "never" if told is None else f"{told:g}",
         "never" if bend is None else f"{bend:g}",
         "",

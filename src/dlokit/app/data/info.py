@@ -1,4 +1,4 @@
-"""`dlokit info`: what is in a recording."""
+"""`dlokit info`: summarise a recording."""
 
 import tomllib
 from collections.abc import Iterator, Mapping
@@ -18,39 +18,39 @@ from dlokit.system.config import RunConfig
 from dlokit.system.toml_config import to_plain
 
 TABLE_WIDTH = 100
-WHOLE = "The file is whole."
-CUT_OFF = "The file was cut off: its writer was killed. What came before is whole, and all that is shown here."
+WHOLE = "The file is complete."
+CUT_OFF = "The file is truncated: its writer was killed. All data before that point are intact and shown here."
 
 
 @dataclass(frozen=True, kw_only=True)
 class InfoArgs:
-    """Say what is in a recording: its run, versions, settings, topics with counts and rates, calls with outcomes.
+    """Summarise a recording: its run, versions, settings, topics with counts and rates, calls with outcomes.
 
-    Every `dlokit shape` and `dlokit demo` leaves one, unless told not to by `--no-record`.
+    Every `dlokit shape` and `dlokit demo` writes a recording, unless `--no-record` is given.
 
     Try
       dlokit info runs/<run>/recording.mcap
       dlokit info runs/<run>                                   the same
       dlokit info runs/<run> --configuration > again.toml      all settings; dlokit shape --config again.toml
 
-    The file opens in Foxglove and in Rerun as well. Exit code: 0, also when the file was cut off; 2 when it is none.
+    Foxglove and Rerun open the file as well. Exit code: 0, also when the file is truncated; 2 when it is no recording.
     """
 
     file: Annotated[Path, tyro.conf.Positional]
-    """The recording.mcap of a run, or the run's folder."""
+    """The recording.mcap of a run, or the folder of the run."""
     configuration: bool = False
-    """Print the run's whole config.toml, and nothing else."""
+    """Print only the complete config.toml of the run."""
 
 
 def run(args: InfoArgs) -> int:
-    """Read the file through and print."""
+    """Read the file and print the summary."""
     path = args.file / FILE_NAME if args.file.is_dir() else args.file
     summary = summarise(path)
     if args.configuration:
         print(_toml(path, summary), end="")
         return 0
     console = Console()
-    # A table that folds its figures cannot be read: a narrow or unknown width is overruled.
+    # Figures that wrap cannot be read, so the width of a narrow or unknown terminal is ignored.
     console = Console(width=max(console.width, TABLE_WIDTH))
     for line in _head(path, summary):
         console.print(line, highlight=False, markup=False, soft_wrap=True)
@@ -66,13 +66,16 @@ def _head(path: Path, summary: RecordingSummary) -> list[str]:
         f"run: {_pairs(about)}",
         f"versions: {_pairs(summary.metadata.get('versions', {}))}",
         f"pictures: {_pairs(summary.metadata.get('pictures', {}))}",
-        f"settings, other than as shipped: {_changed_settings(summary)}",
+        f"settings that differ from the defaults: {_changed_settings(summary)}",
     ]
     last = summary.last_step
     if last is not None:
         ended = "it had not ended" if last.outcome is None else f"outcome {last.outcome.value}"
         lines.append(f"last step: {last.step}, after {last.actions} actions; {ended}")
-    for name, what in (("lost", "not recorded, because the disk was slow"), ("thinned", "left out, as the rate says")):
+    for name, what in (
+        ("lost", "not recorded, because the disk was slow"),
+        ("thinned", "omitted, given the rate"),
+    ):
         if entries := {topic: number for topic, number in summary.metadata.get(name, {}).items() if number != "0"}:
             lines.append(f"{what}: {_pairs(entries)}")
     if summary.running:
@@ -83,12 +86,12 @@ def _head(path: Path, summary: RecordingSummary) -> list[str]:
 def _toml(path: Path, summary: RecordingSummary) -> str:
     text = summary.metadata.get("configuration", {}).get("config.toml")
     if text is None:
-        raise InputError(f"{path} does not say how its run was configured; give the recording.mcap of a run's folder.")
+        raise InputError(f"{path} has no configuration of its run; give the recording.mcap of a run's folder.")
     return text
 
 
 def _changed_settings(summary: RecordingSummary) -> str:
-    """What of the configuration is not as this version ships it."""
+    """The settings that differ from the defaults of this version."""
     try:
         settings = tomllib.loads(summary.metadata.get("configuration", {}).get("config.toml", ""))
     except tomllib.TOMLDecodeError:

@@ -1,7 +1,7 @@
-"""Recorded runs as a LeRobot dataset, version 2.1: an episode a run, frames at a steady rate.
+"""Recorded runs as a LeRobot data set, version 2.1: one episode per run, frames at a constant rate.
 
 meta/info.json  meta/tasks.jsonl  meta/episodes.jsonl  meta/episodes_stats.jsonl
-data/chunk-000/episode_000000.parquet …        pictures are within, as files
+data/chunk-000/episode_000000.parquet …        with the pictures inside
 """
 
 import importlib
@@ -30,60 +30,60 @@ SHAPES = {
     topics.TARGETS.name: "observation.targets",
     topics.GOAL.name: "observation.goal",
 }
-"""Feature by topic: all nodes (M, 3), one behind the other."""
+"""Feature name by topic; the coordinates of all nodes (M, 3) are concatenated."""
 IMAGES = {"view/left": "observation.images.left", "view/right": "observation.images.right"}
 _TOOL = ("x", "y", "z", "qw", "qx", "qy", "qz", "finger_width")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Feature:
-    """One thing over all frames."""
+    """One quantity over all frames."""
 
     names: list[str]
-    """Of each of its numbers."""
+    """Names of its components."""
     values: Float32Array  # (T, n) lengths [m], angles [rad]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Frames:
-    """One run."""
+    """The frames of one run."""
 
     task: str
-    """What was to be done, in words."""
+    """Description of the task in words."""
     robots: tuple[str, ...]
     features: dict[str, Feature]
     images: dict[str, list[bytes]]
-    """By feature, T files: the last that was taken by then."""
+    """T files by feature: for each frame the latest picture taken until then."""
 
 
 @dataclass
 class _Series:
-    """What was told of one thing, and when."""
+    """The published values of one quantity, with their times."""
 
     log_ns: list[int] = field(default_factory=list[int])
     values: list[Any] = field(default_factory=list[Any])
 
     def at(self, times_ns: Int64Array) -> list[Any]:
-        """The last value told by each time."""
+        """The latest value published until each time."""
         places = np.searchsorted(self.log_ns, times_ns, side="right") - 1
         return [self.values[place] for place in places]
 
 
 def read_frames(path: Path, fps: int, *, images: bool) -> Frames:
-    """Sample a recording `fps` times a second of its clock, from when everything was known to its end.
+    """Sample a recording at `fps` frames per second of its clock, from when all quantities are known to its end.
 
-    Each value is the last one that was told by then. The action of a frame is where the tools are, and how wide their
-    fingers, one frame later. Raises `InputError` when robot, shape, goal or pictures are not in the recording.
+    Each value is the latest published until then. The action of a frame is the poses of the tools and the widths of
+    their fingers one frame later. Raises `InputError` when robot, shape, goal or pictures are not in the recording.
     """
     told = _told(path)
     raw = RawRecording(path=path)
-    pictures = _pictures(raw)  # read through in any case: the metadata is filled meanwhile
+    pictures = _pictures(raw)  # always read: reading also fills the metadata
     robots = sorted(channel for channel in told if channel.startswith(topics.ROBOT_STATE.name))
     needed = (topics.ROBOT_STATE.name, *SHAPES, *(IMAGES if images else ()))
     if missing := [name for name in needed if name not in told and name not in pictures]:
         raise InputError(
-            f"{path} holds nothing of {', '.join(missing)}; give the recording of a run that saw the DLO"
-            + (", or leave pictures away with --no-images." if images else ".")
+            f"{path} contains no {', '.join(missing)}; give the recording of a run that observed the DLO"
+            + (", or omit the pictures with --no-images." if images else ".")
         )
     series = told | (pictures if images else {})
     times_ns = _times_ns(path, fps, series.values())
@@ -97,7 +97,7 @@ def read_frames(path: Path, fps: int, *, images: bool) -> Frames:
 
 
 class _Wanted:
-    """The topics that frames are made of, whosever they are."""
+    """The topics that frames are made of, of every component instance."""
 
     def __contains__(self, channel: object) -> bool:
         topic = topic_of(str(channel))
@@ -126,12 +126,14 @@ def _times_ns(path: Path, fps: int, series: Iterable[_Series]) -> Int64Array:
     first, last = max(begin for begin, _ in spans), max(end for _, end in spans)
     count = (last - first) * fps // 1_000_000_000 + 1
     if count < 2:
-        raise InputError(f"{path} is shorter than two frames at {fps} a second; give a longer run, or a higher --fps.")
+        raise InputError(
+            f"{path} is shorter than two frames at {fps} per second; give a longer run, or a higher --fps."
+        )
     return first + np.arange(count) * 1_000_000_000 // fps
 
 
 def _robot_features(states: list[list[RobotState]]) -> dict[str, Feature]:
-    """Of each robot's states (T,): joints and tool now; tool one frame later."""
+    """Features of the states (T,) of each robot: joints and tool now, and the tool one frame later."""
     tools = [np.array([_tool(state) for state in one]) for one in states]
     joints = [np.array([state.q_rad for state in one]) for one in states]
     now = [part for both in zip(joints, tools, strict=True) for part in both]
@@ -157,11 +159,11 @@ def _nodes(series: _Series, times_ns: Int64Array) -> Feature:
 
 VERSION = "v2.1"
 CHUNK = 1000
-"""Episodes a folder."""
+"""Number of episodes per folder."""
 PICTURES_OF_STATS = 20
-"""Pictures of an episode that its statistics are taken from, at most."""
+"""Maximum number of pictures per episode that its statistics are computed from."""
 PIXELS_OF_STATS = 4
-"""Every so many pixels along each side count for them."""
+"""The statistics use every n-th pixel along each side."""
 _COUNTERS = {
     "timestamp": "float32",
     "frame_index": "int64",
@@ -172,9 +174,9 @@ _COUNTERS = {
 
 
 def write_lerobot(paths: Sequence[Path], folder: Path, fps: int, *, images: bool) -> int:
-    """Write the dataset into an empty folder; the number of its frames.
+    """Write the data set into an empty folder; returns the number of its frames.
 
-    Raises `MachineError` when pyarrow is not installed, and `InputError` when the runs cannot be one dataset.
+    Raises `MachineError` when pyarrow is not installed, and `InputError` when the runs do not fit into one data set.
     """
     arrow = _pyarrow()
     (folder / "meta").mkdir()
@@ -196,7 +198,7 @@ def write_lerobot(paths: Sequence[Path], folder: Path, fps: int, *, images: bool
         episodes.append({"episode_index": number, "tasks": [frames.task], "length": length})
         stats.append({"episode_index": number, "stats": _stats(frames, counters)})
         total += length
-    assert first is not None, "the command line asks for one file at least"
+    assert first is not None, "the command line requires at least one file"
     meta = folder / "meta"
     _write_lines(meta / "tasks.jsonl", [{"task_index": index, "task": task} for task, index in tasks.items()])
     _write_lines(meta / "episodes.jsonl", episodes)
@@ -212,8 +214,8 @@ def _pyarrow() -> Any:
         return importlib.import_module("pyarrow")
     except ImportError as error:
         raise MachineError(
-            "--to lerobot writes parquet files, for which pyarrow is needed: pip install 'dlokit[export]'. "
-            "--to npz and --to csv need nothing."
+            "--to lerobot writes parquet files, which needs pyarrow: pip install 'dlokit[export]'. "
+            "--to npz and --to csv do not need it."
         ) from error
 
 
@@ -222,7 +224,9 @@ def _require_alike(first: Frames, other: Frames, first_path: Path, path: Path) -
         name: of.names for name, of in other.features.items()
     }
     if not same or first.robots != other.robots:
-        raise InputError(f"{path} has other robots or another number of nodes than {first_path}: export them apart.")
+        raise InputError(
+            f"{path} has other robots or another number of nodes than {first_path}: export them separately."
+        )
 
 
 def _counters(length: int, fps: int, episode: int, before: int, task: int) -> dict[str, NDArray[Any]]:
@@ -242,7 +246,7 @@ def _table(arrow: Any, frames: Frames, counters: Mapping[str, NDArray[Any]]) -> 
         arrays[name] = arrow.array(entries, type=picture)
     arrays |= {name: arrow.array(of) for name, of in counters.items()}
     table = arrow.table(arrays)
-    # Without it, readers would take a picture for a pair of bytes and text.
+    # Without it, readers would treat a picture as a pair of bytes and text.
     return table.replace_schema_metadata({"huggingface": json.dumps({"info": {"features": _hf_features(frames)}})})
 
 
@@ -269,7 +273,7 @@ def _stats(frames: Frames, counters: Mapping[str, NDArray[Any]]) -> dict[str, di
 
 
 def _stats_of(values: NDArray[Any], axes: tuple[int, ...]) -> dict[str, Any]:
-    keep = len(axes) > 1  # of pictures: (channels, 1, 1)
+    keep = len(axes) > 1  # for pictures: (channels, 1, 1)
     parts = {"min": values.min, "max": values.max, "mean": values.mean, "std": values.std}
     found = {name: of(axis=axes, keepdims=keep) for name, of in parts.items()}
     return {name: (of[0] if keep else of).tolist() for name, of in found.items()} | {"count": [len(values)]}
@@ -282,7 +286,7 @@ def _info(frames: Frames, fps: int, episodes: int, total: int, tasks: int) -> di
     }
     for name, files in frames.images.items():
         picture = cv2.imdecode(np.frombuffer(files[0], dtype=np.uint8), cv2.IMREAD_COLOR)
-        assert picture is not None, "pictures are read when they are counted"
+        assert picture is not None, "pictures were read when they were counted"
         features[name] = {"dtype": "image", "shape": list(picture.shape), "names": ["height", "width", "channels"]}
     features |= {name: {"dtype": kind, "shape": [1], "names": None} for name, kind in _COUNTERS.items()}
     return {

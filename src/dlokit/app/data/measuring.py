@@ -1,4 +1,4 @@
-"""Length and radius of a DLO from the pictures of a run: those in which it lies free and the arm is out of the way."""
+"""Measure length and radius of a DLO in the pictures of a run in which it lies free and the arm does not cover it."""
 
 import math
 from collections.abc import Iterable, Iterator
@@ -23,10 +23,10 @@ from dlokit.types.robot import RobotState
 
 
 def radius_m(look: Look, nodes_world: Float64Array) -> float | None:
-    """Radius [m] of a DLO whose centre line is `nodes_world` (M, 3) [m], tip to tip; None where nothing is seen.
+    """Radius [m] of a DLO whose centre line is `nodes_world` (M, 3) [m], tip to tip; None when no pixel shows it.
 
-    A thin round rod that runs at an angle a to the line of sight shows 2 r sin(a) of area for each metre; a pixel
-    at the distance Z shows (Z / f)². The mask must show the whole DLO.
+    A thin round rod at an angle a to the line of sight covers an area of 2 r sin(a) per metre; a pixel
+    at depth Z covers (Z / f)². The mask must show the whole DLO.
     """
     camera = look.observation.calibration
     if camera is None or not look.mask.any():
@@ -36,7 +36,7 @@ def radius_m(look: Look, nodes_world: Float64Array) -> float | None:
     distance_m = np.linalg.norm(view, axis=1)
     across_m = np.linalg.norm(np.cross(edges, view), axis=1) / distance_m
     focal_px = float(np.sqrt(camera.fx_px * camera.fy_px))
-    # The width in pixels is taken to be the same everywhere: the distance differs by a few percent along the DLO.
+    # The width in pixels is assumed constant: the depth varies by a few percent along the DLO.
     width_px = float(look.mask.sum()) / float((across_m * focal_px / distance_m).sum())
     return 0.5 * width_px * float(np.average(distance_m, weights=across_m)) / focal_px
 
@@ -44,14 +44,14 @@ def radius_m(look: Look, nodes_world: Float64Array) -> float | None:
 _FREE = frozenset({"find_dlo", "track_model", "track_again"})  # steps of the flow in which the DLO lies free
 _MOST_LOOKS = 6
 _NODES = 61
-# What all looks have in common, seen over lengths of 0.4 to 0.65 m and radii of 2 to 6 mm (standard deviations).
+# Errors common to all pictures, measured over lengths of 0.4 to 0.65 m and radii of 2 to 6 mm (standard deviations).
 _LENGTH_LOG_SD = 0.012
 _RADIUS_LOG_SD = 0.035
 
 
 @dataclass(frozen=True, kw_only=True)
 class Measures:
-    """What the camera tells of the DLO's size."""
+    """The size of the DLO as measured by the camera."""
 
     length_m: LogNormal
     radius_m: LogNormal
@@ -59,9 +59,9 @@ class Measures:
 
 
 def measure(messages: Iterable[Recorded], config: PerceptionConfig, dlo: BelievedDlo) -> Measures | None:
-    """Measure in the first pictures in which the DLO lies free and whole; None when there are none.
+    """Measure in the first pictures that show the whole DLO lying free; None when there are none.
 
-    `dlo` is what was believed of it before.
+    `dlo` is the prior belief.
     """
     lengths: list[float] = []
     radii: list[float] = []
@@ -96,7 +96,7 @@ def _free_pictures(messages: Iterable[Recorded]) -> Iterator[tuple[StereoImages,
 def _size(
     images: StereoImages, robot: RobotState, config: PerceptionConfig, dlo: BelievedDlo
 ) -> tuple[float, float] | None:
-    """Length and radius [m] in one pair of pictures; None where the DLO is not seen whole."""
+    """Length and radius [m] in one pair of pictures; None when the DLO is not completely visible."""
     if config.table.correct_pose:
         pose = corrected_camera_pose(images, (robot,), config, config.segmentation)
         if pose is not None:

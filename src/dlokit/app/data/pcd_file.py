@@ -1,7 +1,7 @@
 """Point Cloud Library files (.pcd, version 0.7): ascii, binary and binary_compressed.
 
-The format is small; the packages that read it bring a compiler or a data frame library along. Only x, y and
-z are read. Nothing is allocated beyond what the file itself holds, or its header honestly promises of it.
+Existing packages for this small format depend on a compiler or a data frame library. Only x, y and
+z are read. Memory use is bounded by the size of the file and by what its header plausibly declares.
 """
 
 from dataclasses import dataclass
@@ -21,16 +21,16 @@ _KEYS = ("VERSION", "FIELDS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT", "VIEWP
 @dataclass(frozen=True, kw_only=True)
 class _Header:
     names: tuple[str, ...]
-    """Columns of a point, one for each count of a field; x, y, z among them."""
+    """Column names of a point, one per count of a field; x, y, z are among them."""
     dtype: np.dtype[np.void]
-    """One point of the binary form."""
+    """One point in the binary format."""
     points: int
     data: str
     body: bytes
 
 
 def read_pcd(path: Path) -> Float64Array:
-    """The points (N, 3) of a .pcd file, those of unknown depth (NaN) among them. Raises `InputError`."""
+    """The points (N, 3) of a .pcd file, including those of unknown depth (NaN). Raises `InputError`."""
     header = _read_header(path)
     if header.data == "ascii":
         return _ascii(header, path)
@@ -46,7 +46,7 @@ def _read_header(path: Path) -> _Header:
     while "DATA" not in entries:
         end = content.find(b"\n", at, LARGEST_HEADER_BYTES)
         if end < 0:
-            raise InputError(f"{path} is no .pcd file: its header has no DATA line; record or convert it again")
+            raise InputError(f"{path} is not a .pcd file: its header has no DATA line; record or convert it again")
         words = content[at:end].decode("ascii", errors="replace").split()
         at = end + 1
         if words and not words[0].startswith("#") and words[0] in _KEYS:
@@ -59,13 +59,13 @@ def _read_header(path: Path) -> _Header:
         points = int(entries["POINTS"][0]) if "POINTS" in entries else width * height
         data = entries["DATA"][0]
     except (KeyError, ValueError, IndexError) as error:
-        raise InputError(f"{path} is no .pcd file: its header lacks or garbles {error}; convert it again") from error
+        raise InputError(f"{path} is not a .pcd file: its header has no valid {error}; convert it again") from error
     if not {"x", "y", "z"} <= set(fields) or not len(fields) == len(kinds) == len(sizes) == len(counts):
         raise InputError(f"{path}: its fields are {' '.join(fields)}; x, y and z are needed, each with SIZE and TYPE")
     if not 0 <= points <= LARGEST_POINTS:
-        raise InputError(f"{path} promises {points} points; allowed are up to {LARGEST_POINTS}")
+        raise InputError(f"{path} declares {points} points; the limit is {LARGEST_POINTS}")
     if data not in ("ascii", "binary", "binary_compressed"):
-        raise InputError(f"{path}: DATA {data} is unknown; allowed: ascii, binary, binary_compressed")
+        raise InputError(f"{path}: DATA {data} is unknown; it must be ascii, binary or binary_compressed")
     names, formats = _layout(fields, kinds, sizes, counts, path)
     dtype = np.dtype({"names": list(names), "formats": formats})
     return _Header(names=names, dtype=dtype, points=points, data=data, body=content[at:])
@@ -97,29 +97,31 @@ def _ascii(header: _Header, path: Path) -> Float64Array:
         try:
             rows.append([float(words[column]) for column in columns])
         except (ValueError, IndexError):
-            raise InputError(f"{path}: point {len(rows) + 1} reads {line[:60]!r}, not numbers for each field") from None
+            raise InputError(f"{path}: point {len(rows) + 1} is {line[:60]!r}, not a number for each field") from None
     if len(rows) < header.points:
-        raise InputError(f"{path} promises {header.points} points and holds {len(rows)}; it is cut, record it again")
+        raise InputError(
+            f"{path} declares {header.points} points and has {len(rows)}; it is truncated, record it again"
+        )
     return np.array(rows[: header.points], dtype=np.float64).reshape(-1, 3)
 
 
 def _records(data: bytes, header: _Header, path: Path) -> NDArray[np.void]:
     wanted = header.points * header.dtype.itemsize
     if len(data) < wanted:
-        raise InputError(f"{path} promises {wanted} bytes of points and holds {len(data)}; it is cut, record it again")
+        raise InputError(f"{path} needs {wanted} bytes of points and has {len(data)}; it is truncated, record it again")
     return np.frombuffer(data, dtype=header.dtype, count=header.points)
 
 
 def _compressed(header: _Header, path: Path) -> NDArray[np.void]:
-    """binary_compressed: two sizes, then all values of the first field, of the second, and so on, by LZF."""
+    """binary_compressed: two sizes, then the values of the first field, of the second, and so on, in LZF."""
     if len(header.body) < 8:
-        raise InputError(f"{path} is cut behind its header; record it again")
+        raise InputError(f"{path} ends after its header; record it again")
     packed, full = (int(size) for size in np.frombuffer(header.body, dtype="<u4", count=2))
     wanted = header.points * header.dtype.itemsize
     if full != wanted or packed > len(header.body) - 8:
         raise InputError(
-            f"{path}: {packed} packed bytes for {full} unpacked ones do not fit its {header.points} points; "
-            f"it is cut or garbled, record it again"
+            f"{path}: {packed} packed bytes for {full} unpacked ones do not match its {header.points} points; "
+            f"it is truncated or corrupt, record it again"
         )
     data = _lzf(header.body[8 : 8 + packed], full, path)
     records = np.empty(header.points, dtype=header.dtype)
@@ -132,7 +134,7 @@ def _compressed(header: _Header, path: Path) -> NDArray[np.void]:
 
 
 def _lzf(packed: bytes, size: int, path: Path) -> bytes:
-    """LZF, unpacked to exactly `size` bytes: literal runs, and references to what was unpacked before."""
+    """Decompress LZF to exactly `size` bytes: literal runs, and references to previous output."""
     out = bytearray()
     at = 0
     try:
@@ -151,12 +153,12 @@ def _lzf(packed: bytes, size: int, path: Path) -> bytes:
             at += 1
             if start < 0:
                 raise IndexError
-            for index in range(start, start + length + 2):  # may read what it has just written
+            for index in range(start, start + length + 2):  # may read the bytes just written
                 out.append(out[index])
     except IndexError:
-        raise InputError(f"{path}: its compressed points are garbled; record it again") from None
+        raise InputError(f"{path}: its compressed points are corrupt; record it again") from None
     if len(out) != size:
-        raise InputError(f"{path} unpacks to {len(out)} bytes instead of {size}; it is garbled, record it again")
+        raise InputError(f"{path} unpacks to {len(out)} bytes instead of {size}; it is corrupt, record it again")
     return bytes(out)
 
 

@@ -1,4 +1,4 @@
-"""`dlokit record`: a running live system, recorded from another shell."""
+"""`dlokit record`: record a running live system from another shell."""
 
 import asyncio
 from dataclasses import dataclass
@@ -17,31 +17,31 @@ from dlokit.system.results.recording import record_until_ended
 
 @dataclass(frozen=True, kw_only=True)
 class RecordArgs:
-    """Record a live system that runs, until Ctrl-C or until it ends: all topics, and all skill calls.
+    """Record a running live system until Ctrl-C or until it ends: all topics and all skill calls.
 
-    A live run records itself, unless told not to by `--no-record`; this is for what was not, or for a part of it.
+    A live run records itself unless `--no-record` is given; use this command for such runs, or for a part of a run.
 
     Try
       dlokit shape --runtime live --no-record        in one shell
       dlokit record --out grasp.mcap                 in another; Ctrl-C
       dlokit info grasp.mcap
 
-    Exit code: 0 the file is whole; 2 no system runs, or the file exists.
+    Exit code: 0 the file is complete; 2 no system runs, or the file exists.
     """
 
     out: Annotated[Path | None, flag("FILE", "<time>.mcap")] = None
-    """Where to; an existing file is never overwritten."""
+    """Output file; an existing file is never overwritten."""
     run: Annotated[Path | None, flag("DIR")] = None
-    """The run's folder, where more than one system runs."""
+    """Folder of the run, needed when several systems run."""
 
 
 def run(args: RecordArgs) -> int:
-    """Attach, record, and say what was recorded."""
+    """Attach to the system, record, and print a summary."""
     console = Console()
     system = the_running_system(args.run)
     path = args.out or Path(f"{datetime.now():%Y%m%d-%H%M%S}.mcap")
     if path.exists():
-        raise InputError(f"{path} exists: recordings are never overwritten; name another file with --out.")
+        raise InputError(f"{path} exists; recordings are never overwritten: name another file with --out.")
     path.parent.mkdir(parents=True, exist_ok=True)
 
     def say(text: str) -> None:
@@ -56,7 +56,7 @@ def run(args: RecordArgs) -> int:
     messages = sum(channel.count for name, channel in summary.channels.items() if not name.startswith("view/"))
     calls = sum(sum(of.outcomes.values()) for of in summary.calls.values())
     say(
-        f"{path}: {messages} messages, of these {calls} skill calls, in {summary.duration_s:.1f} s of the run's clock, "
+        f"{path}: {messages} messages, including {calls} skill calls, in {summary.duration_s:.1f} s of the run's time, "
         f"{summary.size_bytes / 1e6:.1f} MB"
     )
     return 0

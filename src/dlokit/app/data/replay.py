@@ -1,4 +1,4 @@
-"""`dlokit replay`: a recorded run once more, into one component or onto the viewer's page."""
+"""`dlokit replay`: replay a recorded run into one component or onto the viewer's page."""
 
 import math
 from dataclasses import dataclass
@@ -24,47 +24,46 @@ Fed = Literal["perception", "observer", "model", "planning"]
 
 @dataclass(frozen=True, kw_only=True)
 class ReplayArgs:
-    """Feed one component what it received in a recorded run, and compare what it says now with what it said then.
+    """Replay the recorded inputs of one component, and compare its outputs with the recorded ones.
 
     Try
       dlokit replay runs/<run>/recording.mcap --into observer     each field, its largest deviation, its tolerance
-      dlokit replay runs/<run> --into observer --config other.toml   what another observer would have said
-      dlokit replay runs/<run> --rate 2                            watch the run in the browser, twice as fast
+      dlokit replay runs/<run> --into observer --config other.toml   the outputs of another observer
+      dlokit replay runs/<run> --rate 2                            watch the run in the browser at double speed
 
-    Without --into the run is shown on the viewer's page. Exit code: 0 within the tolerances, 1 beyond one (which is
-    named), 2 bad input.
+    Without --into the viewer's page shows the run. Exit code: 0 all fields within their tolerances, 1 a field outside
+    (it is named), 2 bad input.
     """
 
     file: Annotated[Path, tyro.conf.Positional]
-    """The recording.mcap of a run, or the run's folder."""
+    """The recording.mcap of a run, or the folder of the run."""
     into: Fed | None = None
-    """Which component is fed. The recorded calls of its skills are made again, with the same arguments at the same
+    """The component to feed. The recorded calls of its skills are repeated with the same arguments at the same
     times."""
     rate: Annotated[float | None, flag("X")] = None
-    """How many times as fast as it was the run is shown; as fast as it was if nothing is said. A component is fed as
-    fast as it works."""
+    """Speed of the display relative to the recorded run; 1 if not given. A component is fed as fast as it computes."""
     config: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """Another configuration than the recorded run's."""
+    """A configuration to use instead of the recorded run's."""
     port: int | None = None
-    """TCP port of the viewer's page; 0 takes any free one. Without it, the configuration's."""
+    """TCP port of the viewer's page; 0 takes any free one. Default: the port of the configuration."""
 
 
 def run(args: ReplayArgs) -> int:
-    """Feed and compare, or show."""
+    """Feed the component and compare, or show the run."""
     path = args.file / FILE_NAME if args.file.is_dir() else args.file
     parts = WATCHED_PARTS if args.into is None else REPLAYABLE[args.into]
     config = recorded_config(path, parts) if args.config is None else read_toml(args.config, RunConfig)
     if args.into is None:
         return _show(path, config, args)
     if args.rate is not None:
-        raise InputError("--rate is for watching: leave it away, a component is fed as fast as it works.")
+        raise InputError("--rate applies to watching only: omit it, because a component is fed as fast as it computes.")
     return _fed(path, args.into, replay(path, args.into, config))
 
 
 def _show(path: Path, config: RunConfig, args: ReplayArgs) -> int:
     rate = 1.0 if args.rate is None else args.rate
     if not (math.isfinite(rate) and rate > 0.0):
-        raise InputError(f"--rate is {rate:g}; it must be above 0, e.g. 2 for twice as fast.")
+        raise InputError(f"--rate is {rate:g}; it must be greater than 0, e.g. 2 for double speed.")
     console = Console()
     watch(path, config, rate, args.port, lambda text: console.print(text, markup=False, soft_wrap=True))
     return 0
@@ -79,25 +78,25 @@ def _fed(path: Path, name: str, done: Replay) -> int:
     beyond = [row for row in done.rows if not row.within]
     for row in beyond:
         console.print(
-            f"beyond its tolerance: {row.what} {row.field}: {_number(row.largest)}, allowed {_number(row.allowed)} "
+            f"outside its tolerance: {row.what} {row.field}: {_number(row.largest)}, allowed {_number(row.allowed)} "
             f"({row.tolerance.why}); at {row.at_ns / 1e9:.3f} s",
             highlight=False,
             markup=False,
             soft_wrap=True,
         )
     if not beyond:
-        console.print(f"{name} does what it did: every field is within its tolerance.", highlight=False)
+        console.print(f"{name} reproduces the recording: every field is within its tolerance.", highlight=False)
     return EXIT_FAULT if beyond else 0
 
 
 def _notes(done: Replay) -> list[str]:
     notes: list[str] = []
     if done.left_out:
-        notes.append(f"{done.left_out} looks are not compared: their pictures were left out, as the rate says.")
+        notes.append(f"{done.left_out} looks are not compared: the recording rate omitted their pictures.")
     if done.unknown_calls:
-        notes.append(f"{done.unknown_calls} calls were not made again: the recording does not hold all of them.")
+        notes.append(f"{done.unknown_calls} calls were not repeated: the recording does not contain all of their data.")
     if done.uncompared:
-        notes.append(f"not compared, as a live decision ends by the clock: {', '.join(done.uncompared)}.")
+        notes.append(f"not compared, because a live decision ends by wall time: {', '.join(done.uncompared)}.")
     return notes
 
 

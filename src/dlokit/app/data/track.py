@@ -1,4 +1,4 @@
-"""`dlokit track`: perception's filters and the observer over recorded clouds."""
+"""`dlokit track`: apply perception's filters and the observer to recorded clouds."""
 
 import time
 from collections.abc import Sequence
@@ -41,9 +41,9 @@ def draw_tracks(
     names: Sequence[str],
     path: Path,
 ) -> None:
-    """Draw F clouds (N, 3) [m] with nodes (F, M, 3) [m], seen along the axis in which they extend least.
+    """Plot F clouds (N, 3) [m] with nodes (F, M, 3) [m], projected along the axis of their smallest extent.
 
-    More than 12 clouds are shown by 12 of them, evenly spaced.
+    Of more than 12 clouds, 12 evenly spaced ones are shown.
     """
     shown = np.unique(np.linspace(0, len(clouds) - 1, min(len(clouds), MOST_PANELS)).astype(np.int64))
     columns = min(len(shown), 3)
@@ -75,32 +75,32 @@ Corner = tuple[float, float, float]
 
 @dataclass(frozen=True, kw_only=True)
 class TrackArgs:
-    """Find the nodes of a DLO in recorded clouds, one after the other, and write them with a picture."""
+    """Track the nodes of a DLO through recorded point clouds, and write them with a plot."""
 
     clouds: Annotated[tuple[Path, ...], tyro.conf.Positional]
-    """Clouds in the order of recording: .pcd, .ply, .npy or .csv files of points [m]."""
+    """Clouds in chronological order: .pcd, .ply, .npy or .csv files of points [m]."""
     initial: Annotated[Path | None, flag("FILE")] = None
-    """Nodes (M, 3) [m] at the first cloud, .npy or .csv; the DLO may be branched. Without, the first cloud is
-    ordered into one chain."""
+    """Nodes (M, 3) [m] at the first cloud, .npy or .csv; the DLO may be branched. Without this file the points of the
+    first cloud are ordered into one chain."""
     out: Path | None = None
-    """Folder for nodes.npy, nodes.csv, edges.csv and track.png; by default runs/<time>-track."""
+    """Folder for nodes.npy, nodes.csv, edges.csv and track.png; default: runs/<time>-track."""
     nodes: int = BelievedDlo.nodes
-    """Number of nodes M, where no initial ones are given."""
+    """Number of nodes M, if --initial is not given."""
     length_m: float | None = None
-    """Length of the DLO [m], where no initial nodes are given; by default what the first cloud shows."""
+    """Length of the DLO [m], if --initial is not given; default: the length of the first cloud."""
     observer: str = "map"
-    """Strategy: map, anchored, cpd, spr, som, or another that is installed."""
+    """Observer strategy: map, anchored, cpd, spr, som, or another installed one."""
     box_lower: Corner | None = None
-    """Corner of the box filter with the smallest coordinates [m]; by default there is no box."""
+    """Corner of the box filter with the smallest coordinates [m]; without it, no box is applied."""
     box_upper: Corner | None = None
     """Corner of the box filter with the largest coordinates [m]."""
     voxel_m: float = CloudConfig.voxel_m
-    """Side of the cubes that clouds are thinned to [m]; 0 keeps all points."""
+    """Voxel size to which clouds are thinned [m]; 0 keeps all points."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrackResult:
-    """What was found in F clouds."""
+    """The results of tracking F clouds."""
 
     nodes_world: Float64Array
     """(F, M, 3) [m]."""
@@ -119,7 +119,7 @@ class TrackResult:
 
 @dataclass(frozen=True, kw_only=True)
 class TrackSettings:
-    """How clouds are filtered and followed."""
+    """How clouds are filtered and tracked."""
 
     observer: ObserverStrategyConfig
     nodes: int = BelievedDlo.nodes
@@ -129,7 +129,7 @@ class TrackSettings:
 
 
 def run(args: TrackArgs) -> int:
-    """The command: 0, or `InputError`."""
+    """Execute the command; returns 0 or raises `InputError`."""
     settings = _settings(args)
     clouds = [read_cloud(path) for path in args.clouds]
     initial = None if args.initial is None else read_nodes(args.initial)
@@ -143,7 +143,7 @@ def run(args: TrackArgs) -> int:
 def track(
     clouds: Sequence[Path], initial: Path | None, out: Path, settings: TrackSettings | None = None
 ) -> TrackResult:
-    """Read clouds, follow the DLO through them, and write what was found to a folder. Raises `InputError`."""
+    """Read clouds, track the DLO through them, and write the results to a folder. Raises `InputError`."""
     points = [read_cloud(path) for path in clouds]
     nodes = None if initial is None else read_nodes(initial)
     settings = settings or TrackSettings(observer=ObserverConfig().strategy)
@@ -155,12 +155,12 @@ def track(
 def track_clouds(
     clouds: Sequence[Float64Array], initial: Float64Array | None, settings: TrackSettings, *, names: Sequence[str]
 ) -> TrackResult:
-    """Follow a DLO through clouds (N, 3) [m], from `initial` nodes (M, 3) [m] or the order of the first cloud.
+    """Track a DLO through clouds (N, 3) [m], from `initial` nodes (M, 3) [m] or the order of the first cloud.
 
-    Each cloud's prior is what was found in the one before. `names` are for errors. Raises `InputError`.
+    The result of each cloud is the prior of the next one. Errors use `names`. Raises `InputError`.
     """
     if not clouds:
-        raise InputError("no cloud was given: name at least one .pcd, .ply, .npy or .csv file")
+        raise InputError("no cloud is given: name at least one .pcd, .ply, .npy or .csv file")
     tracker = Tracker(
         length_m=settings.length_m,
         nodes=settings.nodes,
@@ -204,13 +204,13 @@ def _result(
 
 
 def filter_cloud(points: Float64Array, settings: TrackSettings, name: str) -> Float64Array:
-    """Perception's filters that apply to a cloud alone: box, thinning, lonely points. Raises `InputError`."""
+    """Apply perception's filters for single clouds: box, thinning, isolated points. Raises `InputError`."""
     inside = points if settings.box is None else points[inside_box(points, settings.box)]
     thinned = thin(inside, settings.voxel_m)
     kept = thinned[~lonely(thinned)]
     if len(kept) < 2:
         raise InputError(
-            f"{name}: of {len(points)} points {len(inside)} lie in the box and {len(kept)} are left by the filters; "
+            f"{name}: of {len(points)} points {len(inside)} are in the box and {len(kept)} remain after filtering; "
             f"at least 2 are needed: widen the box, or check that the cloud is in metres"
         )
     return kept
@@ -238,13 +238,13 @@ def write_result(result: TrackResult, clouds: Sequence[Path], out: Path) -> None
 def _settings(args: TrackArgs) -> TrackSettings:
     known = strategies()
     if args.observer not in known:
-        raise InputError(f"--observer {args.observer} is unknown; there are {', '.join(known)}")
+        raise InputError(f"--observer {args.observer} is unknown; it must be one of {', '.join(known)}")
     if args.nodes < 3:
-        raise InputError(f"--nodes {args.nodes}: at least 3 are needed, {BelievedDlo.nodes} are usual")
+        raise InputError(f"--nodes is {args.nodes}; it must be 3 or greater; {BelievedDlo.nodes} is usual")
     if args.length_m is not None and not 0.01 <= args.length_m <= 100.0:
-        raise InputError(f"--length-m {args.length_m}: the length is given in metres, from 0.01 to 100")
+        raise InputError(f"--length-m is {args.length_m}; it must be 0.01 to 100 metres")
     if args.voxel_m < 0.0:
-        raise InputError(f"--voxel-m {args.voxel_m}: cubes have a side of 0 (keep all points) or more metres")
+        raise InputError(f"--voxel-m is {args.voxel_m}; it must be 0 (keep all points) or greater, in metres")
     if (args.box_lower is None) != (args.box_upper is None):
         raise InputError("--box-lower and --box-upper go together: give both corners, or neither")
     box = None

@@ -1,1 +1,1 @@
-"""`dlokit doctor`: what this machine has, what it lacks, and the command that mends it."""
+"""`dlokit doctor`: check this machine for what dlokit needs."""

@@ -1,4 +1,4 @@
-"""`dlokit doctor`: what this machine has, what it lacks, and the command that mends it."""
+"""`dlokit doctor`: check this machine for what dlokit needs."""
 
 import shutil
 import sys
@@ -32,18 +32,18 @@ from dlokit.errors import EXIT_BAD_INPUT
 
 @dataclass(frozen=True, kw_only=True)
 class DoctorArgs:
-    """Tell what this machine has, what it lacks, and the command that mends it."""
+    """Check this machine for what dlokit needs, and print the commands that fix what is missing."""
 
     viewer_host: str = "127.0.0.1"
-    """Address that the viewer would listen on."""
+    """Address on which the viewer would listen."""
     port: int = 8080
-    """Port that the viewer would listen on."""
+    """Port on which the viewer would listen."""
     opengl_timeout_s: float = 60.0
-    """Time to wait for one tiny picture [s]."""
+    """Time limit for rendering one small picture [s]."""
 
 
 def run(args: DoctorArgs) -> int:
-    """Print what was found. Returns 0 when everything needed is there, else 2."""
+    """Print the findings. Returns 0 when everything required is present, else 2."""
     findings = examine(args)
     console = Console()
     console.print(findings_table(findings))
@@ -56,7 +56,7 @@ def run(args: DoctorArgs) -> int:
 
 
 def examine(args: DoctorArgs) -> tuple[DoctorRow, ...]:
-    """Look at everything, in the order of the table."""
+    """Check everything, in the order of the table."""
     return (
         python_finding(sys.version_info[:3]),
         opengl_finding(probe_opengl(args.opengl_timeout_s)),
@@ -72,7 +72,7 @@ def examine(args: DoctorArgs) -> tuple[DoctorRow, ...]:
 
 
 def findings_table(findings: Sequence[DoctorRow]) -> Table:
-    """The findings as a table; commands stay in one piece, so that they can be copied."""
+    """The findings as a table; commands are not wrapped, so that they can be copied."""
     styles = {
         Severity.READY: "green",
         Severity.LACKING: "bold red",
@@ -83,10 +83,10 @@ def findings_table(findings: Sequence[DoctorRow]) -> Table:
     table.add_column("what", no_wrap=True)
     table.add_column("", no_wrap=True)
     table.add_column("found", overflow="fold")
-    table.add_column("to mend it", overflow="fold")
+    table.add_column("to fix it", overflow="fold")
     for finding in findings:
         standing = Text(finding.standing.value, style=styles[finding.standing])
-        table.add_row(finding.what, standing, Text(finding.found), Text(finding.mend, style="cyan"))
+        table.add_row(finding.what, standing, Text(finding.found), Text(finding.fix, style="cyan"))
     return table
 
 

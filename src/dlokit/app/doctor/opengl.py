@@ -1,6 +1,6 @@
-"""Whether pictures can be rendered here: one tiny MuJoCo picture, in a process of its own.
+"""Check rendering with one small MuJoCo picture in a separate process.
 
-A broken OpenGL does not always raise, it may end the process; so the process is another one. Running this module
+A broken OpenGL may end the process instead of raising an error, hence the separate process. Running this module
 renders the picture and prints the renderer's name.
 """
 
@@ -26,7 +26,7 @@ _ERROR_LINE = re.compile(r"^[\w.]*(Error|Exception)\b")
 
 @dataclass(frozen=True, kw_only=True)
 class OpenGLReport:
-    """What came of the picture."""
+    """The result of rendering the picture."""
 
     works: bool
     text: str
@@ -34,7 +34,7 @@ class OpenGLReport:
 
 
 def probe_opengl(timeout_s: float = 60.0) -> OpenGLReport:
-    """Render one tiny picture in a child process; it never raises."""
+    """Render one small picture in a child process; never raises."""
     environment = dict(os.environ)
     if sys.platform.startswith("linux"):
         environment["MUJOCO_GL"] = "egl"
@@ -48,14 +48,14 @@ def probe_opengl(timeout_s: float = 60.0) -> OpenGLReport:
             check=False,
         )
     except subprocess.TimeoutExpired:
-        return OpenGLReport(works=False, text=f"rendering one picture did not end within {timeout_s:.0f} s")
+        return OpenGLReport(works=False, text=f"rendering one picture did not finish within {timeout_s:.0f} s")
     if child.returncode == 0:
         return OpenGLReport(works=True, text=child.stdout.strip().splitlines()[-1])
     return OpenGLReport(works=False, text=f"{_cause(child.stderr)} (exit code {child.returncode})")
 
 
 def _cause(stderr: str) -> str:
-    """The error in what the child said; destructors of a half-made context may complain after it."""
+    """Extract the error from the child's output; destructors of a partly created context may print after it."""
     lines = [line for line in stderr.splitlines() if line.strip()]
     for number, line in enumerate(lines):
         if _ERROR_LINE.match(line):
@@ -65,8 +65,8 @@ def _cause(stderr: str) -> str:
 
 
 def _render() -> str:
-    """Render the picture and return the renderer's name. Raises when nothing was drawn."""
-    import mujoco  # Here, because MuJoCo picks its OpenGL back end on import.
+    """Render the picture and return the renderer's name. Raises an error when the picture is empty."""
+    import mujoco  # Imported here, because MuJoCo selects its OpenGL back end on import.
     from OpenGL import GL
 
     model = mujoco.MjModel.from_xml_string(_SCENE)

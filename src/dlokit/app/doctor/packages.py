@@ -1,4 +1,4 @@
-"""What `dlokit doctor` finds of packages: those that dlokit requires, and those that one kind of hardware needs."""
+"""Checks of packages by `dlokit doctor`: required ones, and optional ones for hardware."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,12 +11,12 @@ from dlokit.app.doctor.machine import DoctorRow, Severity
 
 
 def dependency_findings(distribution: str = "dlokit") -> tuple[DoctorRow, ...]:
-    """The packages that dlokit requires, with their versions. Extras are not asked for."""
+    """Check the packages that dlokit requires, with their versions. Extras are not checked."""
     try:
         required = [Requirement(line) for line in metadata.requires(distribution) or []]
     except metadata.PackageNotFoundError:
-        mend = f"pip install {distribution}"
-        return (DoctorRow(what=distribution, standing=Severity.LACKING, found="not installed as a package", mend=mend),)
+        fix = f"pip install {distribution}"
+        return (DoctorRow(what=distribution, standing=Severity.LACKING, found="not installed as a package", fix=fix),)
     own = DoctorRow(what=distribution, standing=Severity.READY, found=metadata.version(distribution))
     return (
         own,
@@ -29,44 +29,44 @@ def dependency_findings(distribution: str = "dlokit") -> tuple[DoctorRow, ...]:
 
 
 def package_finding(required: Requirement, version_of: Callable[[str], str | None]) -> DoctorRow:
-    """One required package."""
-    mend = f"pip install '{required.name}{required.specifier}'"
+    """Check one required package."""
+    fix = f"pip install '{required.name}{required.specifier}'"
     version = version_of(required.name)
     if version is None:
-        return DoctorRow(what=required.name, standing=Severity.LACKING, found="not installed", mend=mend)
+        return DoctorRow(what=required.name, standing=Severity.LACKING, found="not installed", fix=fix)
     if not required.specifier.contains(version, prereleases=True):
         found = f"{version}; {required.specifier} is needed"
-        return DoctorRow(what=required.name, standing=Severity.LACKING, found=found, mend=mend)
+        return DoctorRow(what=required.name, standing=Severity.LACKING, found=found, fix=fix)
     return DoctorRow(what=required.name, standing=Severity.READY, found=version)
 
 
 @dataclass(frozen=True, kw_only=True)
 class HardwarePackage:
-    """A package that only one kind of hardware needs."""
+    """An optional package that only one kind of hardware needs."""
 
     name: str
     module: str
     purpose: str
-    mend: str
+    fix: str
 
 
 HARDWARE = (
-    HardwarePackage(name="franky-control", module="franky", purpose="the FR3 arm", mend="pip install franky-control"),
-    HardwarePackage(name="panda-python", module="panda_py", purpose="the Panda arm", mend="pip install panda-python"),
+    HardwarePackage(name="franky-control", module="franky", purpose="the FR3 arm", fix="pip install franky-control"),
+    HardwarePackage(name="panda-python", module="panda_py", purpose="the Panda arm", fix="pip install panda-python"),
     HardwarePackage(
-        name="pyrealsense2", module="pyrealsense2", purpose="RealSense cameras", mend="pip install pyrealsense2"
+        name="pyrealsense2", module="pyrealsense2", purpose="RealSense cameras", fix="pip install pyrealsense2"
     ),
     HardwarePackage(
         name="visiontransfer",
         module="visiontransfer",
         purpose="SceneScan stereo cameras",
-        mend="install it from the camera's maker: https://nerian.com/support/software/",
+        fix="install it from the camera's maker: https://nerian.com/support/software/",
     ),
     HardwarePackage(
         name="aravis",
         module="gi",
         purpose="GenICam cameras",
-        mend="sudo apt install gir1.2-aravis-0.8 python3-gi",
+        fix="sudo apt install gir1.2-aravis-0.8 python3-gi",
     ),
 )
 
@@ -74,15 +74,15 @@ HARDWARE = (
 
 
 def hardware_finding(package: HardwarePackage, importable: Callable[[str], bool]) -> DoctorRow:
-    """One optional package."""
+    """Check one optional package."""
     if importable(package.module):
         return DoctorRow(what=package.name, standing=Severity.READY, found=f"for {package.purpose}")
     found = f"only needed for {package.purpose}"
-    return DoctorRow(what=package.name, standing=Severity.OPTIONAL, found=found, mend=package.mend)
+    return DoctorRow(what=package.name, standing=Severity.OPTIONAL, found=found, fix=package.fix)
 
 
 def importable(module: str) -> bool:
-    """Whether a module is there, without running it: drivers may reach for their device on import."""
+    """Whether a module is installed, without running it: drivers may access their device on import."""
     if module == "gi":
         return _aravis_there()
     return find_spec(module) is not None
@@ -92,7 +92,7 @@ def _aravis_there() -> bool:
     """Whether GObject introspection finds aravis."""
     if find_spec("gi") is None:
         return False
-    gi = import_module("gi")  # optional, and not on every system
+    gi = import_module("gi")  # optional; not present on every system
     try:
         gi.require_version("Aravis", "0.8")
     except ValueError:

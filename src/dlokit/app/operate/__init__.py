@@ -1,1 +1,1 @@
-"""Commands for a system that runs: `call`, `skills`, `ps`, `stop`, `enable`, `host`, `certs`, `graph`."""
+"""Commands for a running system: `call`, `skills`, `ps`, `stop`, `enable`, `host`, `certs`, `graph`."""

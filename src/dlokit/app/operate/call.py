@@ -1,4 +1,4 @@
-"""`dlokit call`: one skill of a running system, from any shell."""
+"""`dlokit call`: call one skill of a running system from any shell."""
 
 import asyncio
 import json
@@ -27,59 +27,60 @@ FIRST_TICK_S = 10.0
 
 @dataclass(frozen=True, kw_only=True)
 class CallArgs:
-    """Call one skill on a running system, and print what became of it.
+    """Call one skill of a running system, and print its outcome.
 
     Try
       dlokit call perception.look
       dlokit call decision.shape_dlo goal=S threshold_m=0.01
       dlokit call planning.set_strategy '{"spec": {"name": "rollout"}}'
 
-    `dlokit skills` lists them. A robot that a task commands rejects motions from here as not_commander, and another
-    task is rejected as busy. Ctrl-C cancels the skill. Exit code: 0 succeeded, 3 ended otherwise, 2 bad input.
+    `dlokit skills` lists all skills. While a task commands a robot, motions called from here are rejected as
+    not_commander, and another task is rejected as busy. Ctrl-C cancels the skill. Exit code: 0 succeeded, 3 ended
+    otherwise, 2 bad input.
     """
 
     skill: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="COMPONENT.SKILL")]
-    """Which skill, of which component."""
+    """The skill, with its component."""
     arguments: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="NAME=VALUE")] = ()
-    """Its arguments: NAME=VALUE, the value as JSON or plain text; or all of them as one JSON object."""
+    """Arguments of the skill: NAME=VALUE, the value as JSON or plain text; or one JSON object with all of them."""
     run: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
-    """The run's folder, where more than one system runs."""
+    """Folder of the run, needed when several systems run."""
     timeout: Annotated[float | None, flag("SECONDS")] = None
-    """Cancel the skill after so many seconds; it has a time limit of its own."""
+    """Cancel the skill after this time; the skill also has a time limit of its own."""
 
 
 def run_call(args: CallArgs) -> int:
-    """Find the system, call, print."""
+    """Find the system, call the skill, print the outcome."""
     skill = skill_named(args.skill)
     given = arguments_from(skill, args.arguments)
     system = the_running_system(args.run)
     outcome = asyncio.run(_call(system, skill, given, args.timeout, Console(stderr=True)))
-    print(in_words(outcome))
+    print(outcome_line(outcome))
     return 0 if isinstance(outcome, Succeeded) else EXIT_OTHERWISE
 
 
 def arguments_from(skill: Skill[..., Any], texts: tuple[str, ...]) -> dict[str, Any]:
-    """What was typed, as the skill's types. Raises `InputError`."""
+    """Convert the typed arguments to the types of the skill. Raises `InputError`."""
     plain: dict[str, Any] = {}
     for text in texts:
         name, equals, value = text.partition("=")
         if text.startswith("{"):
             whole = _json_or_text(text)
             if not isinstance(whole, dict):
-                raise InputError(f'{text} is no JSON object: write {{"name": value}}, or name=value.')
+                raise InputError(f'{text} is not a JSON object: write {{"name": value}}, or name=value.')
             plain.update(whole)
         elif equals:
             plain[name] = _json_or_text(value)
         else:
-            raise InputError(f"{text!r} is no argument: write name=value, or one JSON object with all of them.")
+            raise InputError(f"{text!r} is not an argument: write name=value, or one JSON object with all of them.")
     try:
         return skill.plain_arguments(plain)
     except CommunicationError as error:
         raise InputError(str(error)) from error
 
 
-def in_words(outcome: Outcome[Any]) -> str:
-    """An outcome as one line; a result as JSON."""
+def outcome_line(outcome: Outcome[Any]) -> str:
+    """An outcome as one line of text; the result as JSON."""
     match outcome:
         case Succeeded(result=result):
             return "succeeded" if result is None else f"succeeded {to_json(result).decode()}"
@@ -109,7 +110,7 @@ async def _call(
                 with calls_published(bus.transport, bus.clock):
                     return await _called(bus.transport, skill, given, console)
         except TimeoutError:
-            return Failed(reason="cancelled", detail=f"it had not ended after {limit_s:g} s, as --timeout asks")
+            return Failed(reason="cancelled", detail=f"it had not ended after {limit_s:g} s, the limit of --timeout")
 
 
 async def _called(

@@ -1,4 +1,4 @@
-"""`dlokit enable`: arms that a person has stopped may move again."""
+"""`dlokit enable`: allow arms to move again after an operator's stop."""
 
 import asyncio
 from collections.abc import Sequence
@@ -19,14 +19,14 @@ from dlokit.system.processes.stop_socket import ENABLE, Answer, press, stop_sock
 
 @dataclass(frozen=True, kw_only=True)
 class EnableArgs:
-    """Let the arms of a running system move again that a person has stopped.
+    """Allow the arms of a running system to move again after an operator's stop.
 
-    Look first: is nobody within the arms' reach, and is the DLO free? Nothing moves by this alone; the next task, or
-    the next motion that somebody asks for, does. Exit code: 0 every arm is enabled, 3 one is not, 2 no system runs.
+    Check first that no person is within reach of the arms, and that the DLO is free. Nothing moves immediately; the
+    arms move with the next task or motion command. Exit code: 0 every arm is enabled, 3 one is not, 2 no system runs.
     """
 
     run: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
-    """The system of this run's folder, where several run."""
+    """Folder of the run, needed when several systems run."""
 
 
 def run_enable(args: EnableArgs) -> int:
@@ -40,12 +40,12 @@ def run_enable(args: EnableArgs) -> int:
 
 
 def exit_code(answers: Sequence[Answer]) -> int:
-    """0 where each arm is enabled, 3 where one is not."""
+    """0 when every arm is enabled, 3 otherwise."""
     return 0 if all(answer.confirmed for answer in answers) else EXIT_OTHERWISE
 
 
 async def enable_all(system: RunningSystem, arms: Sequence[ArmMount]) -> list[Answer]:
-    """Enable the arms of one system, one after the other; what each of them answers."""
+    """Enable the arms of one system, one after the other, and return their answers."""
     return [await _enable(system, mount) for mount in arms]
 
 
@@ -53,7 +53,7 @@ async def _enable(system: RunningSystem, mount: ArmMount) -> Answer:
     answer = await press(stop_socket(Path(system.folder), mount.robot), ENABLE, FOUND_WITHIN_S)
     if answer is not None:
         return answer
-    unreachable = "is unreachable: does its process run? dlokit ps says so"
+    unreachable = "is unreachable: check with dlokit ps that its process runs"
     return await ask_on_bus(system, robot.ENABLE.at(mount.instance), FOUND_WITHIN_S, unreachable)
 
 

@@ -1,4 +1,4 @@
-"""`dlokit graph`: the system drawn from its own tables."""
+"""`dlokit graph`: draw the system from its own tables."""
 
 import re
 from dataclasses import dataclass
@@ -20,23 +20,23 @@ Drawing = Literal["flow", "topics", "processes", "all"]
 
 @dataclass(frozen=True, kw_only=True)
 class GraphArgs:
-    """Print the system as Mermaid charts, drawn from the tables that run it.
+    """Print the system as Mermaid charts, generated from its tables.
 
     Paste the output into any Mermaid viewer, or into Markdown between ```mermaid fences.
     """
 
     what: Annotated[Drawing, tyro.conf.Positional] = "all"
-    """flow: the chart of the shape task (the paper's Fig. 6). topics: who publishes and who reads (Fig. 3).
-    processes: what runs where when live."""
+    """flow: the steps of the shape task (the paper's Fig. 6). topics: publishers and subscribers (Fig. 3).
+    processes: which process runs which components in a live system."""
     write: Annotated[Path | None, flag("FILE")] = None
-    """Instead of printing, renew the charts in this Markdown file: what stands between
-    `<!-- dlokit graph flow -->` and `<!-- end -->`, for each chart that the file has a place for."""
+    """Instead of printing, update the charts in this Markdown file: the text between
+    `<!-- dlokit graph flow -->` and `<!-- end -->`, for each chart that the file has marks for."""
 
 
 def topics_mermaid() -> str:
-    """Components as boxes, topics as arrows from their publisher to each reader."""
+    """Components as nodes, topics as arrows from their publisher to each subscriber."""
     lines = ["flowchart LR"]
-    # Those that there is more than one of are drawn once: each has the same topics.
+    # Components with several instances are drawn once, because each instance has the same topics.
     kinds = {component.name: component for component in (row.load() for row in COMPONENTS.values())}
     lines += [f"    {name}[{name}]" for name in sorted(kinds)]
     for topic in TOPICS:
@@ -52,7 +52,7 @@ def _type_name(topic: Topic[Any]) -> str:
 
 
 def processes_mermaid() -> str:
-    """Processes as boxes around the components that they host, in start order."""
+    """Processes as frames around their components, in start order."""
     lines = ["flowchart TB"]
     for row in PROCESSES:
         lines.append(f"    subgraph {row.name}")
@@ -72,14 +72,14 @@ _PLACE = re.compile(r"(<!-- dlokit graph (\w+) -->\n).*?(<!-- end -->)", re.DOTA
 
 
 def with_charts(page: str) -> str:
-    """A Markdown page with every chart that it has a place for as the tables are now.
+    """Return a Markdown page with all its charts updated from the tables.
 
-    Raises `InputError` when it has no place, or one for a chart that there is not.
+    Raises `InputError` when the page has no marks, or marks for an unknown chart.
     """
     names = [place.group(2) for place in _PLACE.finditer(page)]
     if not names or not set(names) <= set(DRAWINGS):
         raise InputError(
-            f"the page has places for the charts {names}; write at least one of "
+            f"the page has marks for the charts {names}; it must have marks for at least one of "
             + ", ".join(f"`<!-- dlokit graph {name} -->`" for name in DRAWINGS)
             + ", each with `<!-- end -->` on a later line."
         )
@@ -89,7 +89,7 @@ def with_charts(page: str) -> str:
 
 
 def run(args: GraphArgs) -> int:
-    """Print the charts, or write them into a page."""
+    """Print the charts, or update them in a page."""
     if args.write is not None:
         _write(args.write)
         return 0
@@ -106,7 +106,7 @@ def _write(path: Path) -> None:
         page = path.read_text(encoding="utf-8")
         path.write_text(with_charts(page), encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"--write {path}: {error}; name a Markdown file that may be changed.") from error
+        raise InputError(f"--write {path}: {error}; name a Markdown file that you may write to.") from error
 
 
 COMMAND = CliCommand(GraphArgs, run)

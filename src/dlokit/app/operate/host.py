@@ -1,4 +1,4 @@
-"""`dlokit host`: this machine's share of runs on several machines."""
+"""`dlokit host`: run the processes assigned to this machine in multi-machine runs."""
 
 import asyncio
 from dataclasses import dataclass
@@ -16,8 +16,8 @@ from dlokit.system.build import instances_of_run
 from dlokit.system.config import CONFIG_FILE, RunConfig
 from dlokit.system.hosts.agent import serve_host
 from dlokit.system.hosts.config import HostsConfig
-from dlokit.system.hosts.doors import NAMESPACE, other_door
 from dlokit.system.hosts.placement import main_host
+from dlokit.system.hosts.routers import NAMESPACE, host_router_config
 from dlokit.system.processes.supervisor import Launch
 from dlokit.system.results.run_folder import new_run_folder
 from dlokit.system.table import PROCESSES
@@ -28,36 +28,36 @@ MAIN = "decision"
 
 @dataclass(frozen=True, kw_only=True)
 class HostArgs:
-    """Run this machine's share of runs on several machines, one run after the other, until Ctrl-C.
+    """Run the processes assigned to this machine in multi-machine runs, until Ctrl-C.
 
     Try
       dlokit host robot --connect tls/10.0.0.1:7447 --certificates lab
       dlokit host robot --config lab.toml
 
-    Which processes run here, and with what configuration, says the run: `dlokit shape --runtime live --config lab.toml`
-    on the host of the decision process. Exit code: 2 bad input, 130 Ctrl-C.
+    The host of the decision process starts the run with `dlokit shape --runtime live --config lab.toml`, which
+    determines the processes that run here and their configuration. Exit code: 2 bad input, 130 Ctrl-C.
     """
 
     name: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="NAME")]
-    """Of this host, as its certificate has it."""
+    """Name of this host, as in its certificate."""
     config: Annotated[Path | None, flag("FILE")] = None
-    """A configuration with a part [hosts]; the following change what it says."""
+    """A configuration with a section [hosts]; the following flags override it."""
     connect: Annotated[str | None, flag("ENDPOINT")] = None
-    """Where the host of the decision process listens: tls/ADDRESS:PORT."""
+    """Endpoint on which the host of the decision process listens: tls/ADDRESS:PORT."""
     certificates: Annotated[Path | None, flag("FOLDER")] = None
-    """Where ca.pem, NAME.pem and NAME.key lie."""
+    """Folder with ca.pem, NAME.pem and NAME.key."""
     main: Annotated[str | None, tyro.conf.arg(metavar="NAME", help_behavior_hint=f"(default: {MAIN})")] = None
     """Name of the host that may command this one."""
 
 
 def run(args: HostArgs) -> int:
-    """Connect, and serve until Ctrl-C."""
+    """Connect, and serve runs until Ctrl-C."""
     hosts, main = hosts_of(args)
     if args.name == main:
         raise ConfigError(f"{main} is the host of the decision process: start the run there, with dlokit shape.")
     rows = {row.name: row for row in PROCESSES}
     _say(f"host {args.name}: {main} is at {hosts.endpoint}; Ctrl-C ends this")
-    door = partial(other_door, hosts, args.name, main)
+    door = partial(host_router_config, hosts, args.name, main)
     asyncio.run(serve_host(args.name, door, rows, partial(_prepare, args.name), _say))
     return 0
 
@@ -68,14 +68,14 @@ def hosts_of(args: HostArgs) -> tuple[HostsConfig, str]:
     if args.config is not None:
         written = read_toml(args.config, RunConfig).hosts
         if written is None:
-            raise ConfigError(f"{args.config} has no part [hosts]: name one that has, or use --connect.")
+            raise ConfigError(f"{args.config} has no section [hosts]: name a file that has one, or use --connect.")
         if args.name not in written.runs:
             raise ConfigError(
-                f"[hosts.runs] in {args.config} knows no host {args.name!r}; there are {', '.join(written.runs)}."
+                f"[hosts.runs] in {args.config} has no host {args.name!r}; it has {', '.join(written.runs)}."
             )
     endpoint = args.connect or (written.endpoint if written else None)
     if endpoint is None:
-        raise ConfigError("say where to connect: --connect tls/ADDRESS:PORT, or --config FILE with a part [hosts].")
+        raise ConfigError("the endpoint is missing: give --connect tls/ADDRESS:PORT, or --config FILE with [hosts].")
     folder = str(args.certificates) if args.certificates else (written.certificates if written else "")
     plain = written is not None and written.plain_tcp
     hosts = HostsConfig(endpoint=endpoint, certificates=folder, plain_tcp=plain)
@@ -83,7 +83,7 @@ def hosts_of(args: HostArgs) -> tuple[HostsConfig, str]:
 
 
 def _prepare(name: str, config_toml: str) -> Launch:
-    """A run's folder on this host, with the configuration that came."""
+    """Create the folder of a run on this host, with the received configuration."""
     config = from_toml(config_toml, RunConfig, "the configuration of the run")
     folder = new_run_folder(RUNS, f"host {name}", datetime.now())
     (folder / CONFIG_FILE).write_text(config_toml, encoding="utf-8")

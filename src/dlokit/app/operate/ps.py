@@ -1,4 +1,4 @@
-"""`dlokit ps`: the processes of the running systems, as their supervisors see them, and what they use."""
+"""`dlokit ps`: list the processes of the running systems, their state and their resource usage."""
 
 import os
 import time
@@ -21,9 +21,9 @@ from dlokit.system.processes.running import RunningSystem, running_systems, the_
 from dlokit.system.table import DECISION
 
 MEASURED_S = 0.5
-"""Processor use is measured over this time [s]."""
+"""Duration over which processor usage is measured [s]."""
 STALE_S = 5.0
-"""A supervisor that has not told anything for so long is said to be silent."""
+"""A supervisor that has not written a report for this long is shown as silent [s]."""
 
 _STYLES = {
     ProcessState.RUNNING: "green",
@@ -37,25 +37,25 @@ _STYLES = {
 class PsArgs:
     """List the processes of your running systems: state, restarts, heartbeat, processor and memory.
 
-    `beat s` is the time since a process last gave a sign of life.
+    `beat s` is the time since the last heartbeat of a process.
     """
 
     run: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """Only the system of this run's folder."""
     watch: bool = False
-    """Go on until Ctrl-C."""
+    """Repeat until Ctrl-C."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Use:
-    """What a process and its workers use."""
+    """Resource usage of a process and its workers."""
 
     cores: float
     memory_bytes: int
 
 
 def run(args: PsArgs) -> int:
-    """Print once, or again and again; exit code 0, 2 when no system runs."""
+    """Print the table once or repeatedly; exit code 0, or 2 when no system runs."""
     console = Console()
     if not args.watch:
         console.print(_tables(_systems(args.run)))
@@ -68,7 +68,7 @@ def run(args: PsArgs) -> int:
 def _systems(folder: Path | None) -> list[RunningSystem]:
     systems = running_systems() if folder is None else [the_running_system(folder)]
     if not systems:
-        raise InputError("no system of yours runs: start one, e.g. dlokit shape --runtime live.")
+        raise InputError("you have no running system: start one, e.g. dlokit shape --runtime live.")
     return systems
 
 
@@ -82,9 +82,9 @@ def _tables(systems: Sequence[RunningSystem]) -> Group:
 
 def process_table(system: RunningSystem, report: SystemReport | None, used: Mapping[int, Use], now_s: float) -> Table:
     """The processes of one system, the decision process first; `now_s` is on the machine's monotonic clock."""
-    silent_s = 0.0 if report is None else now_s - report.told_s
-    caption = f"[red]the supervisor has said nothing for {silent_s:.0f} s[/]" if silent_s > STALE_S else None
-    # Without lines between the columns it fits into a terminal of 80.
+    silent_s = 0.0 if report is None else now_s - report.written_s
+    caption = f"[red]the supervisor has written no report for {silent_s:.0f} s[/]" if silent_s > STALE_S else None
+    # Without lines between the columns the table fits into a terminal of 80 columns.
     table = Table(title=system.folder, title_justify="left", caption=caption, box=None, padding=(0, 2, 0, 0))
     for heading in ("process", "components", "pid", "state", "up s", "restarts", "beat s", "cores", "MB"):
         table.add_column(heading, justify="left" if heading in ("process", "components", "state") else "right")
@@ -113,7 +113,7 @@ def _used(use: Use | None) -> tuple[str, str]:
 
 
 def measure(pids: Iterable[int], duration_s: float) -> dict[int, Use]:
-    """What processes use with all that they have started, over the next `duration_s`; dead ones are left out."""
+    """Measure the resource usage of processes and their workers over `duration_s`; dead processes are omitted."""
     families = {pid: family for pid in pids if (family := _family(pid))}
     before = {pid: sum(map(_busy_s, family)) for pid, family in families.items()}
     time.sleep(duration_s)
@@ -127,7 +127,7 @@ def measure(pids: Iterable[int], duration_s: float) -> dict[int, Use]:
 
 
 def _family(pid: int) -> list[psutil.Process]:
-    """A process and its workers; those that lead a group of their own are processes of the table."""
+    """A process and its workers; children with their own process group are separate rows of the table."""
     try:
         process = psutil.Process(pid)
         return [process, *(child for child in process.children(recursive=True) if _group(child) == _group(process))]

@@ -1,4 +1,4 @@
-"""`dlokit skills`: what every component can be asked to do, with arguments, units, contract and reasons."""
+"""`dlokit skills`: list the skills of every component, with arguments, units, contract and reasons of failure."""
 
 import inspect
 import types
@@ -32,7 +32,7 @@ _UNITS = (
     ("_m", "m"),
     ("_world", "m, in the world"),
 )
-"""What the end of an argument's name says of its unit; the longer ends first."""
+"""Unit by the suffix of an argument's name; longer suffixes first."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,11 +41,11 @@ class ArgumentRow:
 
     name: str
     kind: str
-    """Its type, in short."""
+    """Short form of its type."""
     unit: str
-    """By the end of its name; empty: it has none, or its type says it."""
+    """Unit given by the suffix of its name; empty: it has none, or its type gives it."""
     default: str
-    """Empty: it must be given."""
+    """Empty: the argument is required."""
 
 
 def all_skills() -> dict[str, Skill[..., Any]]:
@@ -54,7 +54,7 @@ def all_skills() -> dict[str, Skill[..., Any]]:
 
 
 def skill_named(key: str) -> Skill[..., Any]:
-    """The skill ``component.skill``, or ``component.instance.skill``. Raises `InputError` with those there are."""
+    """The skill ``component.skill`` or ``component.instance.skill``. Raises `InputError` that lists the known ones."""
     component, _, name = key.rpartition(".")
     kind, _, instance = component.partition(".")
     found = all_skills().get(f"{kind}.{name}")
@@ -63,7 +63,7 @@ def skill_named(key: str) -> Skill[..., Any]:
     if kind in COMPONENTS:
         names = ", ".join(sorted(skill.key for skill in COMPONENTS[kind].skills()))
         raise InputError(f"There is no skill {key!r}; {kind} has {names}.")
-    raise InputError(f"There is no skill {key!r}: say COMPONENT.SKILL, with one of {', '.join(COMPONENTS)}.")
+    raise InputError(f"There is no skill {key!r}: give COMPONENT.SKILL, with one of {', '.join(COMPONENTS)}.")
 
 
 def arguments_of(skill: Skill[..., Any]) -> tuple[ArgumentRow, ...]:
@@ -72,7 +72,7 @@ def arguments_of(skill: Skill[..., Any]) -> tuple[ArgumentRow, ...]:
     return tuple(
         ArgumentRow(
             name=name,
-            kind=in_short(hints[name]),
+            kind=type_text(hints[name]),
             unit=next((unit for end, unit in _UNITS if name.endswith(end)), ""),
             default="" if parameter.default is inspect.Parameter.empty else repr(parameter.default),
         )
@@ -80,25 +80,25 @@ def arguments_of(skill: Skill[..., Any]) -> tuple[ArgumentRow, ...]:
     )
 
 
-def in_short(hint: Any) -> str:
-    """A type as people write it."""
+def type_text(hint: Any) -> str:
+    """A type in plain words."""
     if hint is type(None):
         return "None"
     origin, parts = get_origin(hint), get_args(hint)
     if origin in (Union, types.UnionType):
-        return " or ".join(in_short(part) for part in parts)
+        return " or ".join(type_text(part) for part in parts)
     name = str(getattr(hint, "__name__", hint))
     if name == "ndarray":
         return f"array of {get_args(parts[1])[0].__name__}"
     if name == "Literal":
         return " or ".join(str(part) for part in parts)
     if origin is tuple:
-        return f"several {in_short(parts[0])}"
+        return f"several {type_text(parts[0])}"
     return name
 
 
 def markdown() -> str:
-    """The table of skills, a section a component."""
+    """The list of skills, one section per component."""
     sections = [
         "\n".join((f"## {name}", "", *(entry(skill) for skill in component.skills())))
         for name, component in COMPONENTS.items()
@@ -108,13 +108,13 @@ def markdown() -> str:
 
 
 def entry(skill: Skill[..., Any]) -> str:
-    """All of one skill, as Markdown."""
-    result = in_short(get_type_hints(skill.signature)["return"])
+    """The description of one skill, as Markdown."""
+    result = type_text(get_type_hints(skill.signature)["return"])
     lines = [f"### {skill.key}", "", skill.doc, ""]
     lines += [f"- `{row.name}`: {_about(row)}" for row in arguments_of(skill)]
-    lines.append(f"- gives: {result}; within {skill.timeout_s:g} s")
+    lines.append(f"- returns: {result}; within {skill.timeout_s:g} s")
     if isinstance(skill, ReportingSkill):
-        lines.append(f"- reports: {in_short(skill.reports)}")
+        lines.append(f"- reports: {type_text(skill.reports)}")
     for what, conditions in (
         ("requires", skill.preconditions),
         ("keeps", skill.keeps),
@@ -123,7 +123,7 @@ def entry(skill: Skill[..., Any]) -> str:
         if conditions:
             lines.append(f"- {what}: {_all_of(conditions)}")
     if skill.exclusive:
-        lines.append(f"- one at a time with all that take the {skill.exclusive}; else rejected as `busy`")
+        lines.append(f"- exclusive with all skills that use the {skill.exclusive}; otherwise rejected as `busy`")
     return "\n".join((*lines, ""))
 
 
@@ -146,18 +146,18 @@ class SkillsArgs:
     """List the skills of all components: arguments with types and units, time limit, and contract.
 
     Try
-      dlokit skills                      one line a skill
-      dlokit skills robot.move_linear    all of one
+      dlokit skills                      one line per skill
+      dlokit skills robot.move_linear    the full description of one skill
     """
 
     skill: Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="COMPONENT.SKILL")] = None
-    """One of them."""
+    """Describe only this skill."""
     write: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """Renew the list in a Markdown file, between its two marks."""
+    """Update the list in a Markdown file, between its two marks."""
 
 
 def run(args: SkillsArgs) -> int:
-    """Print, or renew a page."""
+    """Print the list, or update a page."""
     console = Console()
     if args.write is not None:
         args.write.write_text(renewed(args.write.read_text(encoding="utf-8"), str(args.write)), encoding="utf-8")
@@ -169,11 +169,11 @@ def run(args: SkillsArgs) -> int:
 
 
 def renewed(page: str, name: str) -> str:
-    """The page with the list as it is now. Raises `InputError` when it lacks the marks."""
+    """The page with the current list. Raises `InputError` when it lacks the marks."""
     head, begin, rest = page.partition(BEGIN)
     _, end, tail = rest.partition(END)
     if not (begin and end):
-        raise InputError(f"{name} has no lines {BEGIN} and {END}: write them where the list shall stand.")
+        raise InputError(f"{name} has no lines {BEGIN} and {END}: add them where the list belongs.")
     return f"{head}{BEGIN}\n{markdown()}{END}{tail}"
 
 

@@ -1,4 +1,4 @@
-"""`dlokit stop`: the arms of running systems brake and stay stopped, and their tasks end, whatever else is wrong."""
+"""`dlokit stop`: brake the arms of running systems, keep them stopped and end their tasks, despite other faults."""
 
 import asyncio
 from collections.abc import Callable, Sequence
@@ -9,7 +9,7 @@ from typing import Annotated
 import tyro
 
 from dlokit.app.commands import CliCommand
-from dlokit.app.operate.call import in_words
+from dlokit.app.operate.call import outcome_line
 from dlokit.communication.skill import Skill
 from dlokit.decision.api import STOP_TASK
 from dlokit.description.arm.mounts import ARMS, ArmMount
@@ -18,7 +18,7 @@ from dlokit.skills.robot import api as robot
 from dlokit.system.config import CONFIG_FILE, RunConfig
 from dlokit.system.processes.bus import JoinedBus, join_bus
 from dlokit.system.processes.running import RunningSystem, running_systems, the_running_system
-from dlokit.system.processes.stop_socket import STOP, Answer, left_stop, press, stop_socket
+from dlokit.system.processes.stop_socket import STOP, Answer, press, stop_at_start_file, stop_socket
 from dlokit.system.results.recording import calls_published
 from dlokit.system.table import TimeBase
 from dlokit.system.toml_config import read_toml
@@ -26,43 +26,44 @@ from dlokit.types.outcome import Succeeded
 
 FOUND_WITHIN_S = 2.0
 STOPPED_WITHIN_S = 15.0
-"""A system is waited for so long in all; an arm brakes in a fraction of a second."""
+"""Time limit for a whole system [s]; an arm brakes in a fraction of a second."""
 STARTS_WITHIN_S = 10.0
-"""A robot process that has not begun yet is waited for so long; then it will begin stopped all the same."""
+"""Time to wait for a robot process that is still starting [s]; after that it starts in the stopped state."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class StopArgs:
-    """Brake the arms of every running system of yours, now, keep them stopped, and end their tasks.
+    """Brake the arms of all your running systems now, keep them stopped, and end their tasks.
 
-    An arm stays where it is and its fingers hold what they hold, until `dlokit enable`. It works while the system
-    starts, and while its decision process is frozen or gone. All systems are stopped at once. Exit code: 0 feedback of
-    every arm shows that it stands and the task is ending, 3 something was not confirmed, 2 no system runs.
+    An arm stays at its position and its gripper keeps its grip until `dlokit enable`. The command also works while the
+    system starts, and while its decision process is frozen or dead. All systems are stopped in parallel. Exit code: 0
+    feedback of every arm shows that it is at rest and the task is ending, 3 something was not confirmed, 2 no system
+    runs.
     """
 
     run: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
-    """Only the system of this run's folder."""
+    """Stop only the system of this run folder."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Stopped:
-    """What became of one system."""
+    """The result for one system."""
 
     stands: bool
-    """Whether feedback confirmed that each of its arms stands, and its task ends or there is none."""
+    """Whether feedback confirmed that each arm is at rest, and that the task is ending or there is none."""
     text: str
 
 
 def run_stop(args: StopArgs) -> int:
-    """Brake first, ask afterwards."""
+    """Brake the arms first; end the tasks in parallel."""
     systems = running_systems(starting=True) if args.run is None else [the_running_system(args.run, starting=True)]
     if not systems:
-        raise InputError("no system of yours runs: there is nothing to stop.")
+        raise InputError("you have no running system: there is nothing to stop.")
     return exit_code(asyncio.run(stop_all(systems, say=print)))
 
 
 def exit_code(said: Sequence[Stopped]) -> int:
-    """0 where each system confirmed everything, 3 where one did not."""
+    """0 when every system confirmed everything, 3 otherwise."""
     return 0 if all(stopped.stands for stopped in said) else EXIT_OTHERWISE
 
 
@@ -72,7 +73,7 @@ async def stop_all(
     stopped_within_s: float = STOPPED_WITHIN_S,
     say: Callable[[str], None] = lambda line: None,
 ) -> list[Stopped]:
-    """Stop all of them at once; none waits for another, and what is wrong with one is said in its lines."""
+    """Stop all systems in parallel; none waits for another, and an error of one is reported in its lines."""
 
     async def stopped(system: RunningSystem) -> Stopped:
         lines = list[str]()
@@ -87,18 +88,19 @@ async def stop_all(
         except TimeoutError:
             stands = False
             note(f"it did not answer within {stopped_within_s:g} s")
-        except Exception as error:  # whatever is wrong with one system, the arms of the others must brake
+        except Exception as error:  # whatever fails in one system, the arms of the others must brake
             stands = False
-            note(f"it could not be asked: {error}")
+            note(f"the request failed: {error}")
         return Stopped(stands=stands, text="; ".join(lines))
 
     return await asyncio.gather(*(stopped(system) for system in systems))
 
 
 async def _stop(system: RunningSystem, found_within_s: float, note: Callable[[str], None]) -> bool:
-    """Each arm by the socket of its own process, and only where there is none over the bus; then the task.
+    """Stop each arm over the socket of its own process, or over the bus if there is no socket; then end the task.
 
-    Whether all of it was confirmed. Arms are noted as they answer: a frozen decision process is waited for.
+    Returns whether everything was confirmed. Answers of arms are reported at once, because a frozen decision process
+    delays its own.
     """
 
     async def brake(mount: ArmMount) -> bool:
@@ -119,36 +121,36 @@ async def _stop(system: RunningSystem, found_within_s: float, note: Callable[[st
 async def _brake(system: RunningSystem, mount: ArmMount, found_within_s: float) -> Answer:
     socket = stop_socket(Path(system.folder), mount.robot)
     if system.starting:
-        left_stop(socket).touch(mode=0o600)
+        stop_at_start_file(socket).touch(mode=0o600)
     within_s = STARTS_WITHIN_S if system.starting else found_within_s
     answer = await press(socket, STOP, within_s, starts=system.starting)
     if answer is not None:
         return answer
     if system.starting:
-        return Answer(confirmed=False, text="has not begun yet, and will begin stopped")
+        return Answer(confirmed=False, text="has not started yet, and will start stopped")
     unreachable = "is unreachable: press the emergency stop of the arm"
     return await ask_on_bus(system, robot.STOP.at(mount.instance), found_within_s, unreachable)
 
 
 async def ask_on_bus(system: RunningSystem, skill: Skill[[], None], found_within_s: float, unreachable: str) -> Answer:
-    """Call a skill of a robot without a socket on this machine: its process is on another host."""
+    """Call a skill of a robot without a socket on this machine, whose process runs on another host."""
     async with join_bus(system.bus, TimeBase.MACHINE) as bus:
         if not await bus.transport.wait_for(skill.component, found_within_s):
             return Answer(confirmed=False, text=unreachable)
         with calls_published(bus.transport, bus.clock):
             outcome = await bus.transport.call(skill)
-        return Answer(confirmed=isinstance(outcome, Succeeded), text=in_words(outcome))
+        return Answer(confirmed=isinstance(outcome, Succeeded), text=outcome_line(outcome))
 
 
 async def _end_task(system: RunningSystem, found_within_s: float) -> Answer:
-    """The task would go on as far as it can without an arm, so it ends as well."""
+    """End the task too, because it would continue as far as possible without an arm."""
     if system.starting:
         return Answer(confirmed=True, text="it has no task yet")
     async with join_bus(system.bus, TimeBase.MACHINE) as bus:
-        return await _told_to_end(bus, found_within_s)
+        return await _request_task_end(bus, found_within_s)
 
 
-async def _told_to_end(bus: JoinedBus, found_within_s: float) -> Answer:
+async def _request_task_end(bus: JoinedBus, found_within_s: float) -> Answer:
     if not await bus.transport.wait_for(STOP_TASK.component, found_within_s):
         return Answer(confirmed=False, text="its decision process does not answer, so its task was not ended")
     with calls_published(bus.transport, bus.clock):
@@ -157,11 +159,11 @@ async def _told_to_end(bus: JoinedBus, found_within_s: float) -> Answer:
         case Succeeded(result=ran):
             return Answer(confirmed=True, text="its task is ending" if ran else "it has no task to end")
         case outcome:
-            return Answer(confirmed=False, text=f"its task could not be ended: {in_words(outcome)}")
+            return Answer(confirmed=False, text=f"its task could not be ended: {outcome_line(outcome)}")
 
 
 def arms_of(folder: Path) -> tuple[ArmMount, ...]:
-    """The arms of a run, by its configuration; all that there may be where that cannot be read."""
+    """The arms of a run according to its configuration; all possible arms if it cannot be read."""
     try:
         return ARMS[: read_toml(folder / CONFIG_FILE, RunConfig).arms]
     except InputError:

@@ -1,4 +1,4 @@
-"""The figures of a report that set what was expected of each action against what became of it, as inline SVG."""
+"""Figures of a report that compare the expected with the achieved result of each action, as inline SVG."""
 
 import math
 from collections.abc import Sequence
@@ -30,16 +30,16 @@ from dlokit.types.arrays import Float64Array
 
 _MOST_VIEWS = 12
 _WIDTH_IN = 7.4
-_TALLER = 1.5  # height of a view of the table against its width
+_TALLER = 1.5  # ratio of the height of a table view to its width
 
 
 def expected_shapes(record: RunRecord) -> str:
-    """One small view of the table an action: what was expected, what became of it, the goal and the tool's path."""
+    """One small table view per action: expected and achieved shape, the goal and the path of the tool."""
     shown = record.actions[-_MOST_VIEWS:]
     rows = record.result.history[-len(shown) :]
     across = views_across(len(shown))
     down = math.ceil(len(shown) / across)
-    # One view alone would be taller than what stands beside it.
+    # A single view would be taller than the figure beside it.
     height_in = 0.5 + down * min(5.7, 0.3 + _TALLER * _WIDTH_IN / across)
     figure = Figure(figsize=(_WIDTH_IN, height_in), layout="constrained")
     FigureCanvasSVG(figure)
@@ -55,14 +55,14 @@ def expected_shapes(record: RunRecord) -> str:
 
 
 def views_across(count: int) -> int:
-    """Views in a row: few are large, many must not make a page of their own."""
+    """Number of views in a row: a few large ones, or many small ones that fit the page."""
     if count <= 3:
         return max(1, count)
     return 3 if count <= 6 else 4
 
 
 def _view(axes: Axes, goal_world: Float64Array, action: ActionRecord, row: ActionResult) -> None:
-    """One action: shapes and path on the table."""
+    """Draw one action: shapes and path on the table."""
     clear(axes)
     draw_table(axes)
     axes.plot(
@@ -75,14 +75,14 @@ def _view(axes: Axes, goal_world: Float64Array, action: ActionRecord, row: Actio
     draw_rope(axes, action.nodes_world, FINAL, 2.0, "achieved")
     axes.set_xlabel("")
     axes.set_ylabel("")
-    # Where things lie on the table is told by the large view above.
+    # The large view above has the axis labels.
     axes.tick_params(labelbottom=False, labelleft=False, length=0)
     axes.spines[:].set_visible(False)
     axes.set_title(f"{row.action}: {row.kind}", color=INK, fontsize=FONT_PT)
 
 
 def _named_once(views: Sequence[Axes]) -> tuple[list[Artist], list[str]]:
-    """What is drawn in any of the views, each name once."""
+    """The legend entries of all views, without duplicates."""
     named: dict[str, Artist] = {}
     for view in views:
         for handle, label in zip(*view.get_legend_handles_labels(), strict=True):
@@ -91,7 +91,7 @@ def _named_once(views: Sequence[Axes]) -> tuple[list[Artist], list[str]]:
 
 
 def expected_errors(record: RunRecord) -> str:
-    """The RMSE that was expected of each action against the one that was reached, as SVG."""
+    """Expected versus achieved RMSE of each action, as SVG."""
     figure, axes = new_figure(_WIDTH_IN, 6.2)
     pairs = [
         (row.predicted_rmse_m * 1000.0, row.rmse_m * 1000.0, str(row.action))
@@ -119,7 +119,7 @@ def expected_errors(record: RunRecord) -> str:
 
 
 def control_errors(record: RunRecord) -> str:
-    """The RMSE after each correction, as predicted and as seen, action by action, as SVG."""
+    """The RMSE after each correction, predicted and observed, for each action, as SVG."""
     figure, axes = new_figure(_WIDTH_IN, 4.0)
     threshold_mm = record.result.threshold_m * 1000.0
     axes.axhline(threshold_mm, color=GOAL, linewidth=1.5, linestyle=(0, (5, 3)), label="threshold")
@@ -148,8 +148,8 @@ def control_errors(record: RunRecord) -> str:
     axes.margins(x=0.08, y=0.15)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.tick_params(axis="x", labelbottom=False, length=0)
-    axes.set_xlabel("looks while held, one a correction", color=MUTED, fontsize=FONT_PT - 1)
-    axes.set_ylabel("RMSE if let go [mm]", color=MUTED, fontsize=FONT_PT - 1)
+    axes.set_xlabel("observations while held, one per correction", color=MUTED, fontsize=FONT_PT - 1)
+    axes.set_ylabel("RMSE if released [mm]", color=MUTED, fontsize=FONT_PT - 1)
     axes.grid(axis="y", color=GRID, linewidth=0.8)
     figure.legend(loc="outside upper center", ncols=3, frameon=False, labelcolor=INK, fontsize=FONT_PT - 1)
-    return as_svg(figure, "Error expected of letting go, before and after each correction")
+    return as_svg(figure, "Error expected after a release, before and after each correction")

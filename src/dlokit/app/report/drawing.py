@@ -1,4 +1,4 @@
-"""What the figures of a report have in common: the page's colours, the table from above, and inline SVG."""
+"""Common parts of the report's figures: the page's colours, the top view of the table, and inline SVG."""
 
 import io
 import re
@@ -12,7 +12,7 @@ from matplotlib.patches import Rectangle
 from dlokit.description.table import TABLE_X_M, TABLE_Y_M
 from dlokit.types.arrays import Float64Array
 
-# Stand-ins that are written into the SVG and replaced there by the page's own colour variables.
+# Placeholders in the SVG that are replaced by the page's own colour variables.
 _VARIABLES = {
     "#010101": "var(--ink)",
     "#020202": "var(--muted)",
@@ -29,7 +29,7 @@ FONT_PT = 12
 
 
 def new_figure(width_in: float, height_in: float) -> tuple[Figure, Axes]:
-    """An empty figure without pyplot, which keeps global state and is not made for threads."""
+    """An empty figure without pyplot, which has global state and is not thread-safe."""
     figure = Figure(figsize=(width_in, height_in), layout="constrained")
     FigureCanvasSVG(figure)
     figure.patch.set_alpha(0.0)
@@ -48,7 +48,7 @@ def clear(axes: Axes) -> None:
 
 
 def draw_table(axes: Axes) -> None:
-    """The table from above, turned as the camera's pictures are: the robot on the right, far from the camera on top."""
+    """Draw the table from above, oriented as the camera's pictures: robot on the right, far side on top."""
     (x0, x1), (y0, y1) = TABLE_X_M, TABLE_Y_M
     axes.add_patch(Rectangle((x0, y0), x1 - x0, y1 - y0, facecolor=TABLE, edgecolor=GRID, linewidth=1.0))
     margin_m = 0.015
@@ -62,7 +62,7 @@ def draw_table(axes: Axes) -> None:
 
 
 def draw_rope(axes: Axes, nodes: Float64Array, color: str, width: float, label: str, *, dashed: bool = False) -> None:
-    """A shape (M, 3) [m], with a dot at node 0."""
+    """Draw a shape (M, 3) [m], with a dot at node 0."""
     style = (0, (4, 2)) if dashed else "-"
     axes.plot(
         nodes[:, 0], nodes[:, 1], color=color, linewidth=width, linestyle=style, solid_capstyle="round", label=label
@@ -73,7 +73,7 @@ def draw_rope(axes: Axes, nodes: Float64Array, color: str, width: float, label: 
 def as_svg(figure: Figure, title: str) -> str:
     """A figure as an SVG element that scales with the page and takes its colours from it."""
     buffer = io.StringIO()
-    # Text stays text, in the page's own font; the salt makes equal runs give equal files.
+    # Text stays text in the page's font; a fixed salt makes equal runs give equal files.
     with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "dlokit"}):
         figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
     text = buffer.getvalue()
@@ -82,7 +82,7 @@ def as_svg(figure: Figure, title: str) -> str:
         text = text.replace(stand_in, variable)
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
     text = re.sub(r"font: (\d[\w.]*) [^;\"]*", r"font-size: \1", text)
-    # A page holds several figures: their ids must not meet.
+    # A page holds several figures, so their ids must differ.
     prefix = re.sub(r"\W+", "-", title.lower())[:24]
     text = re.sub(r'id="([^"]+)"', rf'id="{prefix}-\1"', text)
     text = re.sub(r'(href="#|url\(#)', rf"\1{prefix}-", text)

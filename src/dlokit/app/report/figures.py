@@ -27,7 +27,7 @@ from dlokit.types.arrays import UInt8Array
 from dlokit.types.feasibility import GoalVerdict
 
 QUICK_S = 0.02
-"""Steps that took less than this over the whole run [s] are named rather than drawn."""
+"""Steps that took less time than this over the whole run [s] are listed, not drawn."""
 
 
 def overlay(record: RunRecord) -> str:
@@ -59,19 +59,19 @@ def overlay(record: RunRecord) -> str:
 
 
 def spring_back(verdict: GoalVerdict) -> str:
-    """A goal, where the DLO comes to rest when it is released there, and the nearest shape that holds, as SVG."""
+    """A goal, the shape after a release there, and the nearest feasible shape, as SVG."""
     figure, axes = new_figure(7.4, 6.4)
     draw_table(axes)
     goal = verdict.goal_world
     axes.plot(goal[:, 0], goal[:, 1], color=GOAL, linewidth=9, alpha=0.35, solid_capstyle="round", label="goal")
     for number, release in enumerate(verdict.releases):
-        nodes, label = release.nodes_world, ("released there", "in doubt", "_nolegend_")[min(number, 2)]
+        nodes, label = release.nodes_world, ("after release", "within uncertainty", "_nolegend_")[min(number, 2)]
         color, width = (TRUTH, 2.2) if number == 0 else (MUTED, 1.0)
         axes.plot(nodes[:, 0], nodes[:, 1], color=color, linewidth=width, label=label)
     if verdict.nearest_world is not None:
-        draw_rope(axes, verdict.nearest_world, FINAL, 2.0, "nearest that holds", dashed=True)
+        draw_rope(axes, verdict.nearest_world, FINAL, 2.0, "nearest feasible shape", dashed=True)
     axes.legend(loc="upper left", bbox_to_anchor=(1.02, 1.0), frameon=False, labelcolor=INK, fontsize=FONT_PT)
-    return as_svg(figure, "Top view of the table: the goal, and where the DLO springs back to")
+    return as_svg(figure, "Top view of the table: the goal, and the shape to which the DLO springs back")
 
 
 def error_curve(record: RunRecord) -> str:
@@ -117,7 +117,7 @@ def error_curve(record: RunRecord) -> str:
 
 
 def timing_bars(timings: Mapping[str, StepTiming]) -> str:
-    """Time on the cell's clock and computing time of each step of the flow, as SVG. Quick steps are left out."""
+    """Time on the cell's clock and computing time of each step of the flow, as SVG. Short steps are omitted."""
     shown = [name for name, timing in timings.items() if timing.sim_time_s + timing.wall_time_s >= QUICK_S]
     names = sorted(shown, key=lambda name: timings[name].sim_time_s + timings[name].wall_time_s)
     figure, axes = new_figure(13.0, 0.9 + 0.5 * len(names))
@@ -138,7 +138,7 @@ def timing_bars(timings: Mapping[str, StepTiming]) -> str:
 
 
 def picture_jpeg(image: UInt8Array) -> bytes:
-    """A picture (height, width, 3) RGB as JPEG: the camera's noise would make a PNG seven times as large."""
+    """Encode a picture (height, width, 3) RGB as JPEG; camera noise would make a PNG seven times as large."""
     done, encoded = cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, 90])
     if not done:
         raise ValueError(f"a picture of shape {image.shape} and type {image.dtype} cannot be written as JPEG")
@@ -146,7 +146,7 @@ def picture_jpeg(image: UInt8Array) -> bytes:
 
 
 def _moves(axes: Axes, record: RunRecord) -> None:
-    """An arrow an action, numbered: from where the grasped node lay to where it came to lie."""
+    """Draw one numbered arrow per action, from the old to the new position of the grasped node."""
     before = record.start_nodes_world
     for row, action in zip(record.result.history, record.actions, strict=True):
         if before is not None:

@@ -1,6 +1,6 @@
-"""`report.html`: a run on one page that needs nothing else, for people who were not there.
+"""`report.html`: a self-contained page about one run.
 
-The page is `templates/report.html`; here is what it shows.
+The template is `templates/report.html`; this module prepares its content.
 """
 
 import base64
@@ -13,8 +13,8 @@ import jinja2
 from markupsafe import Markup
 
 from dlokit.app.report import action_figures, figures
-from dlokit.app.shape.outcome_words import outcome_in_words
-from dlokit.app.shape.terminal import grip_in_words
+from dlokit.app.shape.outcome_text import explain_outcome
+from dlokit.app.shape.terminal import grip_text
 from dlokit.decision.steps.act import NOT_WORTH_IT
 from dlokit.system.results.run_record import RunRecord
 from dlokit.system.results.run_result import CorrectionResult
@@ -33,13 +33,13 @@ def write_report(folder: Path, record: RunRecord) -> Path:
 
 
 def report_html(record: RunRecord) -> str:
-    """The page: styles, figures and pictures are inside it, and there is no script."""
+    """The page as HTML, with styles, figures and pictures embedded and without scripts."""
     result = record.result
     return _page().render(
         record=record,
         result=result,
         converged=result.outcome is RunOutcome.CONVERGED,
-        outcome=outcome_in_words(result),
+        outcome=explain_outcome(result),
         pace=result.sim_time_s / result.wall_time_s if result.wall_time_s > 0.0 else 0.0,
         projected_mm=_projected(record),
         figures=_figures(record),
@@ -69,7 +69,7 @@ def _page() -> jinja2.Template:
     )
     filters: dict[str, Callable[..., object]] = {
         "mm": _millimetres,
-        "grip": grip_in_words,
+        "grip": grip_text,
         "moved_m": _moved_m,
         "degrees": math.degrees,
         "words": _words,
@@ -79,7 +79,7 @@ def _page() -> jinja2.Template:
 
 
 def _figures(record: RunRecord) -> dict[str, Markup | None]:
-    """The figures as SVG, by name; None for those that this run has nothing for."""
+    """The figures as SVG, by name; None for figures that do not apply to this run."""
     history, verdict = record.result.history, record.verdict
     predicted = any(action.expected_world is not None for action in record.actions)
     springs = verdict is not None and verdict.standing is not Standing.HOLDS
@@ -93,12 +93,12 @@ def _figures(record: RunRecord) -> dict[str, Markup | None]:
         "control_errors": action_figures.control_errors(record) if corrected else None,
         "timing_bars": figures.timing_bars(record.timings) if record.timings else None,
     }
-    # Markup is not escaped: Matplotlib has escaped the texts of its SVG.
+    # Markup is not escaped, because Matplotlib has escaped the texts of its SVG.
     return {name: None if svg is None else Markup(svg) for name, svg in drawn.items()}
 
 
 def _projected(record: RunRecord) -> str | None:
-    """How far from the goal that was asked for a run ended that went for the nearest shape that holds."""
+    """Error to the requested goal at the end of a run that pursued the nearest feasible shape instead."""
     result = record.result.goal_verdict
     if record.verdict is None or result is None or not result.projected or result.asked_rmse_m is None:
         return None

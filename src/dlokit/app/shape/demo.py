@@ -1,4 +1,4 @@
-"""`dlokit demo`: the main job, live, with the viewer."""
+"""`dlokit demo`: a complete live run with the viewer."""
 
 import shutil
 import sys
@@ -15,44 +15,44 @@ from dlokit.system.config import RunConfig
 
 @dataclass(frozen=True, kw_only=True)
 class DemoArgs:
-    """Watch a simulated arm bring a rope from I to S by looking at it with a stereo camera.
+    """Watch a simulated arm move a rope from shape I to shape S, guided by a stereo camera.
 
-    Starts the simulated cell and every process, opens the viewer (the address is printed), and leaves a report.
+    Starts the simulated cell and all processes, opens the viewer (its address is printed), and writes a report.
     """
 
     seed: int = 0
-    """Another seed, another camera error and noise."""
+    """Random seed of the camera's pose error and noise."""
     port: int = 8080
     """TCP port of the viewer's page."""
     headless: bool = False
-    """Without the viewer."""
+    """Run without the viewer."""
     out: Annotated[Path | None, flag("DIR", "runs/<time>-I-to-S/")] = None
-    """Folder for what the run leaves."""
+    """Folder for the files of the run."""
 
 
 NEXT = {
     "dlokit shape --runtime live --goal interactive": "drag the goal in the browser",
     "dlokit shape --start random --goal S --seed 3": "another start, faster than real time",
-    "dlokit shape --goal FILE.csv --fit-length": "a curve of your own, points in metres",
+    "dlokit shape --goal FILE.csv --fit-length": "your own curve, points in metres",
 }
-"""What to try after it, each with what it does."""
+"""Suggested next commands, each with its purpose."""
 
 
 def run(args: DemoArgs) -> int:
-    """Run it, and say what to try next; the exit code is that of `dlokit shape`."""
+    """Run the demo and suggest next commands; the exit code is that of `dlokit shape`."""
     config = RunConfig(runtime="live", seed=args.seed, headless=args.headless)
     config = replace(config, viewer=replace(config.viewer, port=args.port))
     code = shape.run(shape.ShapeArgs(run=config, choices=shape.ShapeChoices(out=args.out)))
     console = Console()
     console.print("\nTry next:")
     for command, does in NEXT.items():
-        # A command must stay in one piece, or it cannot be copied.
+        # Commands are not wrapped, so that they can be copied.
         console.print(f"  {_here(command):<60}  {does}", markup=False, highlight=False, soft_wrap=True)
     return code
 
 
 def _here(command: str) -> str:
-    """The command as this shell takes it: with its folder where `dlokit` is not on the path, as after `make demo`."""
+    """The command for this shell: with its folder if `dlokit` is not on the path, as after `make demo`."""
     script = Path(sys.argv[0])
     known = shutil.which("dlokit") is not None or not script.is_file() or script.name != "dlokit"
     return command if known else command.replace("dlokit", str(script), 1)

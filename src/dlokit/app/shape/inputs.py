@@ -1,4 +1,4 @@
-"""Start and goal shapes as the command line takes them: ``I``, ``S``, ``random``, a file, ``FILE:3``."""
+"""Read start and goal shapes of the command line: ``I``, ``S``, ``random``, a file, ``FILE:3``."""
 
 import re
 from pathlib import Path
@@ -14,8 +14,8 @@ from dlokit.types.arrays import Float64Array
 
 RANDOM = "random"
 MAX_LIFT_M = 0.05
-"""A shape that rises higher above the table than this is not one that lies on it [m]."""
-_MILLIMETRES_OVER_M = 5.0  # a rope longer than this on a table of 0.7 m was not given in metres
+"""Maximum height above the table of a shape that lies on it [m]."""
+_MILLIMETRES_OVER_M = 5.0  # on a table of 0.7 m, a rope longer than this was not given in metres
 _SAMPLES = ("I, S, random", "a .npy or .csv file with (K, 3) or (K, 2) points in metres")
 _SUFFIXES = frozenset({".npy", ".csv"})
 _INDEXED = re.compile(r"^(?P<path>.+\.npy):(?P<index>-?\w*)$", re.IGNORECASE)
@@ -32,11 +32,11 @@ def shape_from_text(
     middle_m: tuple[float, float] | None = None,
     on_table: bool = True,
 ) -> Float64Array:
-    """The shape that a user names, for a rope of `length_m` and `radius_m`.
+    """The shape that the user names, for a rope of `length_m` and `radius_m`.
 
-    Without `on_table` it may lie anywhere. `middle_m` is where on the table (x, y) [m] the middle of the shape's extent
-    is moved to, if anywhere. `rng` draws ``random`` shapes and nothing else. Returns nodes (count, 3) [m] in the world
-    frame, equally spaced by arc length, of exactly the rope's length. Raises `ShapeError`.
+    Without `on_table` it may be anywhere. `middle_m` is the position on the table (x, y) [m] to which the centre of the
+    shape's extent is moved, if given. `rng` is used only for ``random`` shapes. Returns nodes (count, 3) [m] in the
+    world frame, equally spaced by arc length, with exactly the length of the rope. Raises `ShapeError`.
     """
     name = text.strip()
     if name in shapes.BUILTIN_SHAPES:
@@ -55,13 +55,13 @@ def shape_from_text(
 
 
 def is_file_name(text: str) -> bool:
-    """Whether a shape's name is that of a file, there or not, with or without an index behind it."""
+    """Whether the name of a shape is a file name, with or without an index, existing or not."""
     indexed = _INDEXED.match(text)
     return Path(indexed["path"] if indexed else text).suffix.lower() in _SUFFIXES
 
 
 def read_points(text: str) -> Float64Array:
-    """The points of ``FILE`` or ``FILE:3`` as they are, (K, 3) or (K, 2) [m], K ≥ 2. Raises `ShapeError`."""
+    """The unmodified points of ``FILE`` or ``FILE:3``, (K, 3) or (K, 2) [m], K ≥ 2. Raises `ShapeError`."""
     indexed = _INDEXED.match(text)
     path = Path(indexed["path"] if indexed else text).expanduser()
     if path.suffix.lower() not in _SUFFIXES:
@@ -126,7 +126,7 @@ def _read_csv(path: Path) -> Float64Array:
 
 
 def _pick(array: Float64Array, path: Path, index: str | None) -> Float64Array:
-    """The one shape (K, d) of a file that may hold several (G, K, d)."""
+    """Select the shape (K, d) from a file that may contain several (G, K, d)."""
     if array.ndim == 3:
         last = len(array) - 1
         if index is None:
@@ -135,7 +135,7 @@ def _pick(array: Float64Array, path: Path, index: str | None) -> Float64Array:
             raise ShapeError(f"There is no shape {index!r} in {path}: allowed are {path}:0 to {path}:{last}.")
         return array[int(index)]
     if index is not None:
-        raise ShapeError(f"Shape file {path} holds a single shape of {array.shape}: leave ':{index}' away.")
+        raise ShapeError(f"Shape file {path} holds a single shape of {array.shape}: omit ':{index}'.")
     return array
 
 
@@ -164,7 +164,7 @@ def _check_points(points: Float64Array, text: str) -> Float64Array:
 
 
 def _on_rope_height(points: Float64Array, text: str, radius_m: float) -> Float64Array:
-    """Points (K, 2) or (K, 3) as (K, 3); those of the plane get the height of a rope on the table."""
+    """Points (K, 2) or (K, 3) as (K, 3); planar points get the height of a rope on the table."""
     if points.shape[1] == 2:
         return np.column_stack([points, np.full(len(points), radius_m)])
     if points[:, 2].min() < -MAX_LIFT_M or points[:, 2].max() > MAX_LIFT_M:
@@ -172,19 +172,19 @@ def _on_rope_height(points: Float64Array, text: str, radius_m: float) -> Float64
             f"Shape {text} has heights z from {points[:, 2].min():.3f} to {points[:, 2].max():.3f} m; the rope lies "
             f"on the table at z = {radius_m} m and {MAX_LIFT_M} m is allowed. Correct z, or give (K, 2) points."
         )
-    # A rope on the table has one height; what a file says within the tolerance is its own measuring error.
+    # A rope on the table has one height; deviations within the tolerance are measurement errors of the file.
     return np.column_stack([points[:, :2], np.full(len(points), radius_m)])
 
 
 def _of_rope_length(points: Float64Array, text: str, length_m: float, count: int, *, fit_length: bool) -> Float64Array:
-    """Points (K, 3) as nodes (count, 3) of the rope's length."""
+    """Resample points (K, 3) to nodes (count, 3) with the length of the rope."""
     arc_m = shapes.length(points)
     if arc_m == 0.0:
-        raise ShapeError(f"Shape {text} has zero length in the table plane: its points lie above one another.")
+        raise ShapeError(f"Shape {text} has zero length in the table plane: its points are above one another.")
     if abs(arc_m - length_m) > LENGTH_TOLERANCE * length_m and not fit_length:
         raise ShapeError(
-            f"Shape {text} is {arc_m:.3f} m long, the rope {length_m:.3f} m; {LENGTH_TOLERANCE:.0%} more or less is "
-            "allowed. Give a curve of the rope's length, or let it be scaled with --fit-length."
+            f"Shape {text} is {arc_m:.3f} m long, the rope {length_m:.3f} m; a difference of {LENGTH_TOLERANCE:.0%} is "
+            "allowed. Give a curve of the rope's length, or scale it with --fit-length."
         )
     return geometry.resample(shapes.fit_length(points, length_m), count)
 
@@ -194,7 +194,7 @@ def _require_on_table(nodes: Float64Array, text: str) -> None:
     x, y = nodes[:, 0], nodes[:, 1]
     if x.min() < x0 or x.max() > x1 or y.min() < y0 or y.max() > y1:
         raise ShapeError(
-            f"Shape {text} lies off the table: it spans x {x.min():.3f} to {x.max():.3f} m and y {y.min():.3f} to "
+            f"Shape {text} is outside the table: it spans x {x.min():.3f} to {x.max():.3f} m and y {y.min():.3f} to "
             f"{y.max():.3f} m (world frame, at the robot's base); allowed are x {x0} to {x1} m and y {y0} to {y1} m. "
             "Move it there; a goal is moved by --goal-at-m 0.52 0, or to the nearest place by --infeasible project."
         )

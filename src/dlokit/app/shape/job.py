@@ -1,6 +1,6 @@
-"""From what the user typed to what a run does: the settings that flags choose by name, start, goal and task.
+"""From the command line to a run: settings of the strategies chosen by name, start, goal and task.
 
-They are read before the rest, so that the other arguments change them and `--help` shows them.
+Flags that choose by name are read first, so that other arguments change the settings and `--help` shows them.
 """
 
 from collections.abc import Sequence
@@ -42,7 +42,7 @@ class NamedChoices:
 
 
 def chosen_settings(arguments: Sequence[str], config_file: Path | None) -> RunConfig:
-    """What holds where the other arguments say nothing. Raises `ConfigError`."""
+    """The defaults of all other arguments. Raises `ConfigError`."""
     run = RunConfig() if config_file is None else read_toml(config_file, RunConfig)
     choices = NamedChoices(
         dlo=value_of(arguments, "--dlo"),
@@ -79,7 +79,7 @@ def with_choices(run: RunConfig, choices: NamedChoices, prefix: str = "") -> Run
 
 def _with_physics(run: RunConfig, name: str, flag: str) -> RunConfig:
     if name not in PHYSICS:
-        raise ConfigError(f"{flag} {name!r} is not known; choose one of {', '.join(PHYSICS)}.")
+        raise ConfigError(f"{flag} {name!r} is unknown; choose one of {', '.join(PHYSICS)}.")
     return replace(run, cell=replace(run.cell, physics=PHYSICS[name]()))
 
 
@@ -90,12 +90,12 @@ def config_file_of(arguments: Sequence[str]) -> Path | None:
 
 
 def value_of(arguments: Sequence[str], flag: str) -> str | None:
-    """The last value of a flag, as argument parsers have it."""
+    """The last value of a flag, as argument parsers interpret it."""
     value: str | None = None
     for index, argument in enumerate(arguments):
         if argument == flag:
             if index + 1 == len(arguments):
-                raise ConfigError(f"{flag} lacks its value; --help says what it takes.")
+                raise ConfigError(f"{flag} has no value; --help lists the allowed values.")
             value = arguments[index + 1]
         elif argument.startswith(f"{flag}="):
             value = argument.removeprefix(f"{flag}=")
@@ -103,15 +103,15 @@ def value_of(arguments: Sequence[str], flag: str) -> str | None:
 
 
 def _chosen(kind: StrategyKind[C], flag: str, name: str, before: C) -> C:
-    """The strategy of that name with its defaults; where it is the one of `before`, with its settings."""
+    """The strategy `name` with its defaults; if `before` is the same strategy, with the settings of `before`."""
     wanted = kind.named(name, flag)
     return before if type(before) is wanted else wanted()
 
 
 def job_from_config(config: RunConfig) -> ShapeJob:
-    """Read, draw or look up start and goal. Raises `ShapeError`.
+    """Read, draw or look up start and goal shapes. Raises `ShapeError`.
 
-    The start is as long as the cell's DLO, the goal as long as the system believes it to be.
+    The start has the length of the cell's DLO, the goal the length that the system believes.
     """
     start = _shape(config, config.start, config.cell.dlo.length_m, config.cell.dlo.radius_m, stream=0)
     name = f"{Path(config.start).name} to {Path(config.goal).name}"
@@ -125,7 +125,7 @@ def job_from_config(config: RunConfig) -> ShapeJob:
         model.radius_m,
         stream=1,
         middle_m=config.goal_at_m,
-        # A goal off the table is refused at once, unless it shall be moved, or tried where it is.
+        # A goal outside the table is rejected at once, unless it is to be moved or tried there.
         on_table=config.task.infeasible == "reject",
     )
     request = GoalRequest(nodes_world=goal, name=config.goal, ends_interchangeable=config.ends_interchangeable)
@@ -133,7 +133,7 @@ def job_from_config(config: RunConfig) -> ShapeJob:
 
 
 def with_absolute_files(config: RunConfig) -> RunConfig:
-    """Files by their absolute paths, so that the configuration of the run holds in every folder."""
+    """Replace file names by absolute paths, so that the configuration is valid in every folder."""
     hosts = config.hosts
     if hosts is not None and hosts.certificates:
         hosts = replace(hosts, certificates=str(hosts.folder.absolute()))
@@ -154,7 +154,7 @@ def _shape(
     middle_m: tuple[float, float] | None = None,
     on_table: bool = True,
 ) -> Float64Array:
-    # Start and goal draw from streams of their own, so that one does not change the other.
+    # Start and goal use separate random streams, so that one does not change the other.
     rng = np.random.default_rng([config.seed, stream])
     return shape_from_text(
         text,

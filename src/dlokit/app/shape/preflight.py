@@ -1,4 +1,4 @@
-"""What is checked and loaded before anything starts; imported then, so that `--help` need not wait for it."""
+"""Checks and preparations before a run starts; imported late, so that `--help` is fast."""
 
 from collections.abc import Generator
 from contextlib import contextmanager
@@ -13,14 +13,14 @@ from dlokit.system.table import VIEWER, processes_of_run
 
 
 def check_before_start(config: RunConfig) -> None:
-    """Raise `MachineError` or `ConfigError` for what would end the run anyway. Shapes are not judged here.
+    """Raise `MachineError` or `ConfigError` for problems that would end the run later. Shapes are not checked here.
 
-    Where the DLO lies is for the system to see, and the goal is judged by the task itself, in the model.
+    The system observes where the DLO lies, and the task judges the goal with the model.
     """
     from dlokit.functional.cell.rendering import check_opengl
 
     if config.hosts is not None and config.runtime == "live":
-        from dlokit.system.hosts.doors import check_hosts
+        from dlokit.system.hosts.routers import check_hosts
 
         check_hosts(config.hosts, processes_of_run(simulated=True, watched=not config.headless, arms=config.arms))
     if not config.headless and _viewer_is_here(config):
@@ -35,19 +35,19 @@ def _viewer_is_here(config: RunConfig) -> bool:
 
 
 def prepare(console: Console, config: RunConfig) -> None:
-    """Compile and load what the observer and the planner of a run need, and say so meanwhile."""
+    """Compile and load the observer and the planner of a run, and show the progress."""
     from dlokit.skills.observer.kernels import warm
     from dlokit.skills.planning.strategies import load
 
-    with told_of_compiling(console, "the observer (1 of 2)"):
+    with compile_progress(console, "the observer (1 of 2)"):
         warm((config.observer.strategy,))
-    with told_of_compiling(console, "the planner (2 of 2)"):
+    with compile_progress(console, "the planner (2 of 2)"):
         load(config.planning.strategy)
 
 
 @contextmanager
-def told_of_compiling(console: Console, what: str) -> Generator[None]:
-    """Say that `what` is prepared, and, where Numba compiles meanwhile, so, with the functions that are done."""
+def compile_progress(console: Console, what: str) -> Generator[None]:
+    """Show that `what` is prepared and, if Numba compiles, how many functions are finished."""
     from numba.core import event
 
     begun = done = 0
@@ -57,13 +57,13 @@ def told_of_compiling(console: Console, what: str) -> Generator[None]:
             def on_start(self, event: Any) -> None:
                 nonlocal begun
                 begun += 1
-                if begun == 1:  # a kernel's compilation begins those of the functions that it calls
-                    console.print(f"compiling the kernels of {what}: once on this machine, about 20 s", highlight=False)
+                if begun == 1:  # compiling a kernel also compiles the functions that it calls
+                    console.print(f"compiling the kernels of {what}: once per machine, about 20 s", highlight=False)
 
             def on_end(self, event: Any) -> None:
                 nonlocal done
                 done += 1
-                status.update(f"compiling the kernels of {what}: {done} functions done")
+                status.update(f"compiling the kernels of {what}: {done} functions finished")
 
         with event.install_listener("numba:compile", Told()):
             yield

@@ -1,4 +1,4 @@
-"""`dlokit resume`: a live run whose decision process has crashed goes on in a new one."""
+"""`dlokit resume`: continue a live run whose decision process has crashed."""
 
 import shlex
 import time
@@ -17,7 +17,7 @@ from dlokit.errors import InputError
 from dlokit.evaluation.evaluator import left_nodes_world
 from dlokit.evaluation.judged_run import CONFIG_FILE
 from dlokit.system.config import RunConfig
-from dlokit.system.processes.report import still_there
+from dlokit.system.processes.report import unended_processes
 from dlokit.system.processes.running import running_systems
 from dlokit.system.results.journal_file import read_journal
 from dlokit.system.results.run_folder import claim_run_folder, new_run_folder
@@ -27,32 +27,31 @@ from dlokit.system.toml_config import read_toml
 from dlokit.types.flow import RunOutcome
 
 RESUMABLE = (RunOutcome.FAILED, RunOutcome.CANCELLED)
-"""Tasks that came to an end of their own have nothing left to do."""
+"""Outcomes of completed tasks, which cannot be resumed."""
 
 
 ENDS_WITHIN_S = 15.0
-"""The processes of a killed run end by themselves within seven seconds."""
+"""Time within which the processes of a killed run end on their own [s], plus a margin."""
 LOOK_EVERY_S = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
 class ResumeArgs:
-    """Go on with a live run that was killed, failed or was cancelled: same goal, what is left of the budget.
+    """Resume a live run that was killed, failed or was cancelled, with the same goal and the remaining budget.
 
-    The arm lets go of what it holds where it stands, goes up, and the DLO is looked for anew. What was learnt of grasps
-    that led to nothing is kept. The run goes on in a folder of its own. A simulated cell lays its DLO where it lay
-    last.
-    Exit code as of `dlokit shape`.
+    The arm opens its gripper where it is and moves up, and the observer searches for the DLO again. The record of
+    failed grasps is kept. The resumed run gets its own folder. A simulated cell places its DLO at its last position.
+    The exit codes are those of `dlokit shape`.
     """
 
     run: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")]
-    """The folder of the run to go on with."""
+    """Folder of the run to resume."""
     out: Annotated[Path | None, flag("DIR", "runs/<time>-<name>/")] = None
-    """Folder for the files of the new run; must be empty or not exist yet."""
+    """Folder for the files of the new run; it must be empty or not exist yet."""
 
 
 def run(args: ResumeArgs) -> int:
-    """Read what the run has left, and go on."""
+    """Read the journal of the run, and continue the task."""
     config, job = resumed_job(args.run)
     check_before_start(config)
     folder = claim_run_folder(args.out) if args.out else new_run_folder(RUNS, job.name, datetime.now())
@@ -60,7 +59,7 @@ def run(args: ResumeArgs) -> int:
     prepare(console, config)
     assert job.resumed is not None
     console.print(
-        f"{args.run}: {job.resumed.actions} actions done, {job.resumed.elapsed_s:.0f} s spent; going on in {folder}",
+        f"{args.run}: {job.resumed.actions} actions done, {job.resumed.elapsed_s:.0f} s spent; continuing in {folder}",
         highlight=False,
         soft_wrap=True,
     )
@@ -70,23 +69,23 @@ def run(args: ResumeArgs) -> int:
 
 
 def _wait_for_end(run_dir: Path) -> None:
-    """The arm of a killed run may still brake, and its cell has not said yet how it leaves the DLO."""
+    """Wait, because the arm of a killed run may still brake, and its cell may not have saved the state of the DLO."""
     end_s = time.monotonic() + ENDS_WITHIN_S
-    while left := still_there(run_dir):
+    while left := unended_processes(run_dir):
         if time.monotonic() > end_s:
-            raise InputError(f"{', '.join(left)} of {run_dir} do not end: kill them, then resume.")
+            raise InputError(f"{', '.join(left)} of {run_dir} did not end: kill them, then resume.")
         time.sleep(LOOK_EVERY_S)
 
 
 def resumed_job(run_dir: Path) -> tuple[RunConfig, ShapeJob]:
-    """Configuration and task of a run that can go on. Raises `InputError` where there is none."""
+    """Configuration and task of a run that can be resumed. Raises `InputError` if it cannot."""
     if not run_dir.is_dir():
-        raise InputError(f"{run_dir} is no folder: give the folder of a live run.")
+        raise InputError(f"{run_dir} is not a folder: give the folder of a live run.")
     if any(system.folder == str(run_dir.resolve()) for system in running_systems(starting=True)):
-        raise InputError(f"{run_dir} still runs: dlokit ps shows it, dlokit stop ends it.")
+        raise InputError(f"{run_dir} is still running: dlokit ps lists it, dlokit stop ends its task.")
     _wait_for_end(run_dir)
     if (run_dir / FILE_NAME).exists() and (outcome := read_result(run_dir).outcome) not in RESUMABLE:
-        raise InputError(f"{run_dir} has ended as {outcome.value}: there is nothing to go on with.")
+        raise InputError(f"{run_dir} has ended as {outcome.value}: there is nothing to resume.")
     journal = read_journal(run_dir)
     config = read_toml(run_dir / CONFIG_FILE, RunConfig)
     job = ShapeJob(

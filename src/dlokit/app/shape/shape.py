@@ -1,4 +1,4 @@
-"""`dlokit shape`: one task, from a start to a goal."""
+"""`dlokit shape`: run one task, from a start to a goal shape."""
 
 import shlex
 from collections.abc import Sequence
@@ -37,7 +37,7 @@ AS_SHIPPED = RunConfig()
 
 
 def _one_of(kind: StrategyKind[C], default: C) -> Any:
-    """A flag that takes the name of an installed strategy, looked up when the command line is built."""
+    """A flag that takes the name of an installed strategy; names are looked up when the command line is built."""
     return tyro.conf.arg(
         constructor_factory=kind.names,
         help_behavior_hint=f"(default: {default.name})",
@@ -46,26 +46,26 @@ def _one_of(kind: StrategyKind[C], default: C) -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class ShapeChoices:
-    """What `dlokit shape` takes beside the configuration itself."""
+    """Options of `dlokit shape` that are not part of the configuration."""
 
     out: Annotated[Path | None, flag("DIR", "runs/<time>-<name>/")] = None
-    """Folder for the run's files, empty or not there yet; gets result.json, config.toml, report.html and truth.npz."""
+    """Folder for the run's files, empty or new; gets result.json, config.toml, report.html and truth.npz."""
     config: Annotated[Path | None, flag("FILE")] = None
-    """Take the settings of an earlier run's config.toml; this command line goes before it."""
+    """Read the settings from the config.toml of an earlier run; flags of this command line override them."""
     dlo: Annotated[str | None, flag("PRESET", "soft_rope")] = None
-    """What lies on the table: soft_rope, silicone_hose, wire_a, wire_b, wire_c, thin_wire or stiff_wire. The system's
-    own model is told its length and radius, which a ruler tells, and nothing else."""
+    """DLO on the table: soft_rope, silicone_hose, wire_a, wire_b, wire_c, thin_wire or stiff_wire. The system's own
+    model gets only its length and radius, which can be measured with a ruler."""
     physics: Annotated[str | None, flag("NAME", "chain for wires, else rod")] = None
-    """How the DLO in the cell behaves: a rod springs back, a chain takes a set. The system's own model is a rod in any
-    case."""
+    """Simulated DLO: a rod (elastic) or a chain (plastic). The system's own model is always a rod."""
     randomised: bool = False
-    """Draw friction, stiffness, light and more of the cell from the seed; also weight, curl, hand-eye error, tilt of
-    the table, colour. `--cell.randomised friction light` draws these alone."""
+    """Draw friction, stiffness, light and more of the cell from the seed; also weight, curl, hand-eye error, table tilt
+    and colour. `--cell.randomised friction light` draws these alone."""
     observer: Annotated[str | None, _one_of(OBSERVERS, AS_SHIPPED.observer.strategy)] = None
-    """How nodes are found in a cloud: map, anchored, cpd, spr or som. The last three are the paper's; an installed
-    package may add others. `--observer cpd --help observer` shows the settings of cpd."""
+    """How nodes are estimated: map, anchored, cpd, spr or som. The last three are the paper's;
+    an installed package may add others. `--observer cpd --help observer` shows the settings of cpd."""
     segmentation: Annotated[str | None, _one_of(SEGMENTATIONS, AS_SHIPPED.perception.segmentation)] = None
-    """Which pixels are DLO: by brightness (the paper's) or colour; an installed package may add others."""
+    """How DLO pixels are found: brightness (the paper's) or colour; an installed package may add
+    others."""
     planner: Annotated[str | None, _one_of(PLANNERS, AS_SHIPPED.planning.strategy)] = None
     """How actions are chosen: rollout, farthest (the paper's), farthest-tangent; an installed package may add
     others."""
@@ -73,29 +73,29 @@ class ShapeChoices:
 
 @dataclass(frozen=True, kw_only=True)
 class ShapeArgs:
-    """Bring the DLO from a start to a goal shape by looking at it with the stereo camera.
+    """Move the DLO from a start shape to a goal shape, guided by the stereo camera.
 
     Try
       dlokit shape                                     from I to S, in lockstep
       dlokit shape --start random --seed 3             from a random start
-      dlokit shape --goal curve.csv --fit-length       to a curve of your own
-      dlokit shape --goal curve.csv --infeasible project   or to the nearest shape that holds
+      dlokit shape --goal curve.csv --fit-length       to your own curve
+      dlokit shape --goal curve.csv --infeasible project   or to the nearest feasible shape
       dlokit shape --runtime live --goal interactive   drag the goal in the browser
 
-    Before the arm moves the goal is tried in the model: does the rope stay there when it is released? `--infeasible`
-    says what to do with a goal that does not hold.
+    Before the arm moves, the model predicts whether the DLO keeps the goal shape after a release. `--infeasible`
+    determines what to do with an infeasible goal.
 
-    Exit code: 0 converged, 3 ended otherwise (the outcome says how), 2 bad input.
+    Exit code: 0 converged, 3 ended otherwise (see the outcome), 2 bad input.
     """
 
     run: Annotated[RunConfig, tyro.conf.arg(name="")] = field(default_factory=RunConfig)
-    """The run."""
+    """Configuration of the run."""
     choices: Annotated[ShapeChoices, tyro.conf.arg(name="")] = field(default_factory=ShapeChoices)
-    """Files, and choices by name."""
+    """Files, and strategies chosen by name."""
 
 
 def run(args: ShapeArgs) -> int:
-    """Run the task, write what it leaves, and say how it ended."""
+    """Run the task, write its files, and print how it ended."""
     config = with_absolute_files(args.run)
     job = job_from_config(config)
     check_before_start(config)
@@ -108,15 +108,15 @@ def run(args: ShapeArgs) -> int:
 
 
 def again_by_config(folder: Path) -> str:
-    """The command that repeats a run by its configuration.
+    """The command that repeats a run from its configuration.
 
-    Not what was typed: its --out has been used, and its files may be named from another folder.
+    Not the typed command: its --out is now taken, and its file names may be relative to another folder.
     """
     return shlex.join(["dlokit", "shape", "--config", str((folder / CONFIG_FILE).absolute())])
 
 
 def exit_code(record: RunRecord) -> int:
-    """0 where the run converged."""
+    """0 when the run converged."""
     return 0 if record.result.outcome is RunOutcome.CONVERGED else EXIT_OTHERWISE
 
 
@@ -129,14 +129,14 @@ def display_of(config: RunConfig, job: ShapeJob, console: Console) -> RunDisplay
 def run_and_report(
     config: RunConfig, job: ShapeJob, folder: Path, display: RunDisplay, again: str
 ) -> tuple[RunRecord, Path]:
-    """Run a task, write what it leaves, and say how it ended; `again` is the command that repeats it.
+    """Run a task, write its files, and print how it ended; `again` is the command that repeats it.
 
-    Returns what the runtime remembers of the run, and the path of its report.
+    Returns the record of the run and the path of its report.
     """
     with display:
         record = judged_run(config, job, folder, display)
     record = replace(record, command=again, machine=machine_facts())
-    from dlokit.app.report.page import write_report  # draws with matplotlib, which nobody waits for before the run
+    from dlokit.app.report.page import write_report  # imports matplotlib, which the run does not need
 
     report = write_report(folder, record)
     nearest = folder / NEAREST_FILE_NAME

@@ -1,6 +1,6 @@
-"""What a run shows in the terminal: a live table of actions, the present step, and the summary at the end.
+"""Terminal output of a run: a live table of actions, the current step, and the summary at the end.
 
-Where the output is no terminal (a log file, a pipe), one plain line an action is written instead.
+If the output is not a terminal (a log file, a pipe), one plain line per action is written instead.
 """
 
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
-from dlokit.app.shape.outcome_words import outcome_in_words
+from dlokit.app.shape.outcome_text import explain_outcome
 from dlokit.system.results.run_result import ActionResult, RunResult
 from dlokit.system.shaping import Watcher
 from dlokit.types.action import Candidates, Push
@@ -25,16 +25,16 @@ _STARTING = Text.assemble(("▸ ", "cyan"), ("starting", "bold cyan"))
 PUSH = str(Push.__struct_config__.tag)
 
 _WARNS = frozenset({"find_dlo", "set_goal", "track_model"})
-"""Boxes before which something may have been said of the camera, or of the goal, that the operator should read."""
+"""Steps at which messages about the camera or the goal are printed for the operator."""
 
 
 class RunDisplay(Watcher):
-    """Shows one run while it goes on. Use it as a context manager around the run."""
+    """Shows one run in the terminal. Use it as a context manager around the run."""
 
     def __init__(self, console: Console, *, title: str, threshold_m: float, invitation: str = "") -> None:
         """Show a run named `title` on `console`; errors below `threshold_m` are marked.
 
-        `invitation` says what to do in the viewer, once it can be opened.
+        `invitation` says what to do in the viewer, once it is available.
         """
         self._console = console
         self._invitation = invitation
@@ -44,8 +44,8 @@ class RunDisplay(Watcher):
         self._status: FlowStatus | None = None
         self._ended = False
         self._candidates: Candidates | None = None
-        # Refreshed when something happens rather than by a thread: a run owns its process. It makes room for the
-        # table at the end, which has the evaluator's column.
+        # Refreshed on events instead of by a thread, because a run owns its process. The table at the end, which has
+        # the evaluator's column, replaces it.
         self._live = Live(console=console, auto_refresh=False, transient=True) if console.is_terminal else None
 
     def __enter__(self) -> Self:
@@ -65,32 +65,32 @@ class RunDisplay(Watcher):
             self._live.stop()
 
     def page(self, url: str) -> None:
-        """The viewer can be opened."""
+        """Print the viewer's address."""
         self._console.print(f"viewer: {url}", markup=False, highlight=False, soft_wrap=True)
         if self._invitation:
             self._console.print(self._invitation, markup=False, highlight=False)
 
     def step(self, status: FlowStatus) -> None:
-        """The flow has come to another step."""
+        """Show the new step of the flow."""
         if self._live is None and status.step in _WARNS and status.text:
             self._console.print(status.text, markup=False, highlight=False, soft_wrap=True)
         self._status, self._candidates = status, None
         self._refresh()
 
     def considered(self, candidates: Candidates) -> None:
-        """A decision has come further."""
+        """Show the progress of a decision."""
         self._candidates = candidates
         self._refresh()
 
     def action(self, row: ActionResult) -> None:
-        """An action has ended."""
+        """Add an ended action."""
         self._rows.append(row)
         if self._live is None:
             self._console.print(_plain(row), markup=False, highlight=False)
         self._refresh()
 
     def finish(self, result: RunResult, report: Path | None = None, nearest: Path | None = None) -> None:
-        """The run has ended: the table, the outcome in words, where the report lies, and the nearest goal that holds.
+        """Print the table, the outcome, the path of the report, and the nearest feasible goal.
 
         Call it after the `with` block.
         """
@@ -98,11 +98,11 @@ class RunDisplay(Watcher):
             self._console.print(self._table(result.history))
         color = "green" if result.outcome is RunOutcome.CONVERGED else "red"
         self._console.print(
-            f"[bold {color}]{result.outcome.value}[/]  {escape(outcome_in_words(result))}", highlight=False
+            f"[bold {color}]{result.outcome.value}[/]  {escape(explain_outcome(result))}", highlight=False
         )
         if result.true_rmse_m is not None:
             self._console.print(f"true error {_mm(result.true_rmse_m)}, 2 s after the last release", highlight=False)
-        if result.camera is not None and self._live is not None:  # else it was written when it was known
+        if result.camera is not None and self._live is not None:  # otherwise it has been printed before
             self._console.print(escape(result.camera.text), highlight=False)
         pace = result.sim_time_s / result.wall_time_s if result.wall_time_s > 0.0 else 0.0
         self._console.print(
@@ -113,9 +113,9 @@ class RunDisplay(Watcher):
         if verdict is not None and verdict.standing is not Standing.HOLDS:
             self._console.print(f"[bold yellow]goal[/]  {escape(verdict.text)}", highlight=False)
         if nearest is not None:
-            self._console.print(f"nearest goal that holds: {nearest}", markup=False, highlight=False, soft_wrap=True)
+            self._console.print(f"nearest feasible goal: {nearest}", markup=False, highlight=False, soft_wrap=True)
         if report is not None:
-            # A path must stay in one piece, or it can neither be clicked nor copied.
+            # Paths are not wrapped, so that they can be clicked and copied.
             self._console.print(f"report: {report}", markup=False, highlight=False, soft_wrap=True)
 
     def _table(self, rows: Sequence[ActionResult]) -> Table:
@@ -134,7 +134,7 @@ class RunDisplay(Watcher):
 
 
 FRAMED_WIDTH = 76
-"""Of the table of actions with its frame [characters]; a narrower terminal gets it without, in 60."""
+"""Width of the table of actions with its frame [characters]; a narrower terminal gets it unframed, in 60."""
 
 
 def action_table(rows: Sequence[ActionResult], *, threshold_m: float, title: str = "", framed: bool = True) -> Table:
@@ -147,14 +147,14 @@ def action_table(rows: Sequence[ActionResult], *, threshold_m: float, title: str
     table.add_column("kind", min_width=len("pick-and-place"))
     table.add_column("node", justify="right")
     table.add_column("grasp")
-    # In two lines: the whole table must fit into 80 columns.
+    # In two lines, so that the whole table fits into 80 columns.
     table.add_column(f"RMSE\n< {_mm(threshold_m)}", justify="right")
     if with_truth:
         table.add_column("true\nRMSE", justify="right")
     table.add_column("duration" if framed else "time", justify="right")
     for row in rows:
         rmse = Text(_mm(row.rmse_m), style="green" if row.rmse_m < threshold_m else "")
-        grip = grip_in_words(row)
+        grip = grip_text(row)
         held = Text(grip, style="" if grip in ("held", "pushed") else "red")
         true = [Text("–" if row.true_rmse_m is None else _mm(row.true_rmse_m))] if with_truth else []
         table.add_row(str(row.action), row.kind, str(row.grasp_node), held, rmse, *true, f"{row.duration_s:.1f} s")
@@ -175,8 +175,8 @@ def _progress(status: FlowStatus, candidates: Candidates | None) -> Text:
     return text
 
 
-def grip_in_words(row: ActionResult) -> str:
-    """What became of the grip of an action: held, not held, pushed, or what ended the action early, e.g. slipped."""
+def grip_text(row: ActionResult) -> str:
+    """The result of an action's grasp: held, not held, pushed, or the cause of an early end, e.g. slipped."""
     if row.ended_by is not None:
         return row.ended_by.replace("_", " ")
     if row.kind == PUSH:
@@ -187,7 +187,7 @@ def grip_in_words(row: ActionResult) -> str:
 
 
 def _plain(row: ActionResult) -> str:
-    done = f"{row.kind}, node {row.grasp_node} {grip_in_words(row)}"
+    done = f"{row.kind}, node {row.grasp_node} {grip_text(row)}"
     return f"action {row.action}: {done}, RMSE {_mm(row.rmse_m)}, {row.duration_s:.1f} s"
 
 

@@ -1,1 +1,1 @@
-"""What becomes of a running system when something of it fails."""
+"""Fault injection into running systems."""

@@ -1,7 +1,7 @@
-"""A bus that is disturbed: messages come late, or not at all. Between zenoh and transport, in a bench.
+"""A bus with injected faults: delayed or lost messages, between zenoh and the transport.
 
-Whether it is, and how, stands in a file that the bench writes while a run goes on: so all its processes are disturbed
-at the same time, also those that are started meanwhile.
+A file, written by the bench during a run, selects the fault. So all processes of the run are disturbed at the same
+time, including those started later.
 """
 
 import enum
@@ -24,20 +24,20 @@ FILE_NAME = "disturbance"
 LATE_S = 0.5
 LOOK_EVERY_S = 0.01
 FEEDBACK = tuple(f"topic/{topic.name}" for topic in (topics.ARM_STATE, topics.ROBOT_STATE))
-"""How the keys begin of what arms tell."""
+"""Key prefixes of the feedback that arms publish."""
 
 
 class Disturbance(enum.Enum):
-    """How the bus is disturbed."""
+    """The kinds of disturbance."""
 
     NONE = ""
     LATE = "late"
     NO_FEEDBACK = "no_feedback"
-    """No arm's feedback reaches its driver, nor an arm's published state another arm; all else arrives."""
+    """The feedback of an arm does not reach its driver, nor its published state another arm; all else arrives."""
 
 
 class Line:
-    """What one process sends, in order: at once, or late while the bus is disturbed so."""
+    """The outgoing messages of one process, in order: sent at once, or delayed while the disturbance is active."""
 
     def __init__(self, file: Path) -> None:
         self._file = file
@@ -49,10 +49,10 @@ class Line:
         threading.Thread(target=self._deliver, name="late messages", daemon=True).start()
 
     def send(self, how: Callable[[], object]) -> None:
-        """Send now, or later; from any thread."""
+        """Send now, or later; callable from any thread."""
         with self._lock:
             late_s = LATE_S if self._now() is Disturbance.LATE else 0.0
-            if late_s > 0.0 or self._under_way > 0:  # none overtakes those that are still under way
+            if late_s > 0.0 or self._under_way > 0:  # keeps the order of messages that are still delayed
                 self._under_way += 1
                 self._late.put((time.monotonic() + late_s, how))
                 return
@@ -76,21 +76,21 @@ class Line:
             time.sleep(max(0.0, due_s - time.monotonic()))
             try:
                 how()
-            except zenoh.ZError as error:  # its session has been closed meanwhile
-                log.debug("a late message could not be sent: %s", error)
+            except zenoh.ZError as error:  # its session may have been closed
+                log.debug("a delayed message could not be sent: %s", error)
             with self._lock:
                 self._under_way -= 1
 
 
 def disturb(folder: Path, kind: Disturbance) -> None:
-    """Disturb the bus of the run that is started for it in `folder`, from now on."""
+    """Disturb the bus of the run in `folder`, from now on; the run must have been started for it."""
     part = folder / f"{FILE_NAME}.part"
     part.write_text(kind.value, encoding="ascii")
     part.replace(folder / FILE_NAME)
 
 
 def kind_in(file: Path) -> Disturbance:
-    """How the bus is disturbed now."""
+    """The current kind of disturbance."""
     try:
         return Disturbance(file.read_text(encoding="ascii"))
     except (OSError, ValueError):
@@ -98,7 +98,7 @@ def kind_in(file: Path) -> Disturbance:
 
 
 def disturbed_by(file: Path) -> Callable[[ZenohConfig], zenoh.Session]:
-    """What opens sessions that are disturbed as the file says."""
+    """A function that opens sessions that are disturbed as the file specifies."""
 
     def open_disturbed(config: ZenohConfig) -> zenoh.Session:
         session = _Session(open_session(config), Line(file))
@@ -108,7 +108,7 @@ def disturbed_by(file: Path) -> Callable[[ZenohConfig], zenoh.Session]:
 
 
 class _Session:
-    """A session of which all that is sent goes over the line."""
+    """A session that sends all messages over the line."""
 
     def __init__(self, session: zenoh.Session, line: Line) -> None:
         self._session = session
@@ -152,7 +152,7 @@ class _Publisher:
 
 
 class _Subscriber:
-    """A subscriber with a ring of samples: its `handler` hands out those alone that are not dropped."""
+    """A subscriber with a ring of samples: its `handler` returns only those that are not dropped."""
 
     def __init__(self, subscriber: Any, line: Line) -> None:
         self._subscriber = subscriber

@@ -1,4 +1,4 @@
-"""Entry point of a started process whose bus is disturbed; its first argument names the file that says how."""
+"""Entry point of a process with a disturbed bus; its first argument is the file that selects the disturbance."""
 
 if __name__ == "__main__":
     # Here, because the workers of a process import its entry point anew, and need none of this.

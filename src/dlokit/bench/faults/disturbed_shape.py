@@ -1,4 +1,4 @@
-"""A live run all of whose processes have a bus that is disturbed: `disturbed_shape CONFIG FOLDER FILE`."""
+"""A live run in which the bus of all processes is disturbed: `disturbed_shape CONFIG FOLDER FILE`."""
 
 import sys
 from functools import partial

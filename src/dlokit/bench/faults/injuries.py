@@ -1,4 +1,4 @@
-"""What is done to a run: each a small object that does harm, and ends it."""
+"""The faults that can be injected into a run; each class begins and ends one kind of fault."""
 
 import os
 import resource
@@ -15,27 +15,27 @@ from dlokit.functional.cell import api as cell
 from dlokit.recording.channels import FILE_NAME
 from dlokit.types.outcome import Succeeded
 
-_LEASE_S = 10.0  # of fingers that a bench moves past their driver; nobody renews it
+_LEASE_S = 10.0  # of the fingers that the bench moves without their driver; it is not renewed
 
 
 class Injury(Protocol):
-    """Something that goes wrong."""
+    """A fault that can be injected."""
 
     def unable(self) -> str:
-        """Why it cannot be done on this machine; empty where it can."""
+        """The reason why this machine cannot inject it; empty if it can."""
         ...
 
     async def inject(self, run: LiveRun) -> None:
-        """Do it. Raises `ProcessFailure` when there is nothing to do it to."""
+        """Begin the fault. Raises `ProcessFailure` when its target does not exist."""
         ...
 
     async def heal(self, run: LiveRun) -> None:
-        """Let it be over, as far as it is not for good."""
+        """End the fault, if it can be reversed."""
         ...
 
 
 class Nothing:
-    """The control: a run that nothing happens to."""
+    """The control: a run without a fault."""
 
     def unable(self) -> str:
         """Always possible."""
@@ -50,7 +50,7 @@ class Nothing:
 
 @dataclass
 class Signalled:
-    """A process of the table, or the worker it has for heavy work, gets a signal: SIGKILL or SIGSTOP."""
+    """A process of the table, or its worker, receives a signal: SIGKILL or SIGSTOP."""
 
     process: str
     number: signal.Signals
@@ -58,52 +58,52 @@ class Signalled:
     _victim: psutil.Process | None = None
 
     def unable(self) -> str:
-        """One's own processes may always be signalled."""
+        """A user may always signal their own processes."""
         return ""
 
     async def inject(self, run: LiveRun) -> None:
-        """Send it."""
+        """Send the signal."""
         self._victim = psutil.Process(run.worker_of(self.process) if self.worker else run.pid_of(self.process))
         self._victim.send_signal(self.number)
 
     async def heal(self, run: LiveRun) -> None:
-        """A process that was stopped and is still there goes on."""
+        """Resume a process that was stopped and still exists."""
         if self.number is signal.SIGSTOP and self._victim is not None and self._victim.is_running():
             self._victim.send_signal(signal.SIGCONT)
 
 
 @dataclass(frozen=True)
 class SlippedGrasp:
-    """The fingers open behind the system's back and close again: the DLO falls out of them."""
+    """The fingers open and close again without the system's knowledge, so that the DLO falls."""
 
     open_m: float = 0.03
     for_s: float = 0.3
-    """On the cell's clock."""
+    """Duration on the cell's clock [s]."""
     force_n: float = 20.0
 
     def unable(self) -> str:
-        """The simulated cell can always be asked."""
+        """The simulated cell is always available."""
         return ""
 
     async def inject(self, run: LiveRun) -> None:
-        """Past the robot, over its driver's cable to the cell."""
+        """Command the cell as the robot's driver does, without the robot component."""
         opened = await run.bus.transport.call(cell.GRIP, self.open_m, self.force_n, _LEASE_S)
         assert isinstance(opened, Succeeded), opened
         await run.bus.clock.sleep(self.for_s)
         await run.bus.transport.call(cell.GRIP, 0.0, self.force_n, _LEASE_S)
 
     async def heal(self, run: LiveRun) -> None:
-        """It is over."""
+        """Nothing to do: the fault has ended."""
 
 
 @dataclass(frozen=True)
 class Disturbed:
-    """All messages and calls of a run come late, or feedback does not arrive; the run must be started for it."""
+    """All messages and calls of a run are delayed, or feedback does not arrive; the run must be started for it."""
 
     kind: Disturbance
 
     def unable(self) -> str:
-        """It is done in the run's own processes."""
+        """Always possible: the run's own processes do it."""
         return ""
 
     async def inject(self, run: LiveRun) -> None:
@@ -117,25 +117,25 @@ class Disturbed:
 
 @dataclass
 class FullDisk:
-    """The operating system takes no more of the recording: its file may not grow any more (RLIMIT_FSIZE, EFBIG).
+    """The recording cannot grow any more: the operating system limits its file size (RLIMIT_FSIZE, EFBIG).
 
-    A full disk says so by another number (ENOSPC); the recorder treats both alike. No rights are needed for it.
+    A full disk gives another error (ENOSPC); the recorder treats both in the same way. No special rights are needed.
     """
 
     _before: tuple[int, int] | None = None
 
     def unable(self) -> str:
-        """Linux alone limits another process."""
+        """Only Linux can limit another process."""
         return "" if hasattr(resource, "prlimit") else "this system cannot limit the files of another process"
 
     async def inject(self, run: LiveRun) -> None:
-        """From the size on that the recording has."""
+        """Set the limit to the current size of the recording."""
         size = _size(run.folder / FILE_NAME)
         self._before = resource.prlimit(run.program.pid, resource.RLIMIT_FSIZE)
         resource.prlimit(run.program.pid, resource.RLIMIT_FSIZE, (size, self._before[1]))
 
     async def heal(self, run: LiveRun) -> None:
-        """There is room again."""
+        """Remove the limit."""
         if self._before is not None and run.program.exit_code is None:
             resource.prlimit(run.program.pid, resource.RLIMIT_FSIZE, self._before)
 

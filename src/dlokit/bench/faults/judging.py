@@ -1,4 +1,4 @@
-"""What was found out about runs that something happened to, whether it was right, and figures of a sweep of them."""
+"""Findings about runs with a fault, their verdicts, and the figures of a sweep."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -12,61 +12,61 @@ from dlokit.evaluation.statistics import Interval, median, success_rate, without
 from dlokit.types.flow import RunOutcome
 
 BRAKES_WITHIN_S = 0.25
-"""An arm whose commander is lost begins to brake within this."""
+"""Limit on the time until an arm that has lost its commander begins to brake [s]."""
 LOST_S = 1.0
-"""A recording whose writer was killed lacks at most the last of this."""
+"""Limit on the loss at the end of a recording whose writer was killed [s]."""
 
 
 class RunFinding(msgspec.Struct, frozen=True, kw_only=True):
-    """One run, as found from outside: its files, its exit code, the bus, the table of processes."""
+    """One run as observed from outside: by its files, its exit code, the bus, and the process table."""
 
     fault: str
     number: int
-    """Of the fault's runs, from 0."""
+    """Number among the runs of the fault, from 0."""
     struck: bool = False
-    """Whether the fault came before the run had ended."""
+    """Whether the fault was injected before the run had ended."""
     skipped: str = ""
-    """Why this machine cannot do such a fault; such a run is neither right nor wrong."""
+    """Why this machine cannot inject the fault; such a run is not judged."""
     broken: str = ""
-    """What went wrong with the bench itself, e.g. a run that never started."""
+    """An error of the bench itself, e.g. a run that never started."""
     moment: str = ""
     step: str = ""
-    """Box of the flow in which it came."""
+    """Step of the flow in which the fault was injected."""
     struck_ns: int | None = None
-    """When it came, on the run's clock [ns]."""
+    """Time of the fault, on the run's clock [ns]."""
     exit_code: int | None = None
-    """Of the run's process; None: it did not end, and was killed by the bench."""
+    """Exit code of the run's process; None: it did not end, and the bench killed it."""
     outcome: RunOutcome | None = None
-    """As in `result.json`, of the run that goes on where one does; None: there is none."""
+    """As in `result.json`, of the resumed run if there is one; None: there is no result."""
     reason: str = ""
     actions: int | None = None
     rmse_m: float | None = None
     true_rmse_m: float | None = None
     threshold_m: float | None = None
     moved: bool = False
-    """Whether the arm moved when the fault came, and did not come to the end of its motion by itself."""
+    """Whether the arm was moving at the fault, and did not complete its motion."""
     braked_s: float | None = None
-    """From the fault until the arm is heard to brake [s]; None: it did not, or need not."""
+    """Time from the fault until the arm reports that it brakes [s]; None: it did not, or need not."""
     stands: bool | None = None
-    """Whether the arm stood when it was heard last; None: it is gone with its cell."""
-    mended_s: float | None = None
-    """From the fault until the flow goes on [s]; 0 where it never stopped; None: it did not go on."""
+    """Whether the arm was at rest in its last report; None: it has died with its cell."""
+    recovered_after_s: float | None = None
+    """Time from the fault until the flow continues [s]; 0 if it never stopped; None: it did not continue."""
     restarts: dict[str, int] = {}
     readable: bool = False
     """Whether the recording can be read."""
     whole: bool = False
-    """Whether it was written to its end."""
+    """Whether the recording is complete."""
     lost_s: float | None = None
-    """What a recording lacks before the fault that ended it [s of the run's clock]; None: it was not ended so."""
+    """Loss of a recording before the fault that ended it [s of the run's clock]; None: no fault ended it."""
     lost_messages: int | None = None
-    """Messages that a whole recording lacks, by their numbers."""
-    left_behind: tuple[str, ...] = ()
-    """Processes that were there long after the run's end."""
+    """Number of messages missing in a complete recording, by their sequence numbers."""
+    remaining_processes: tuple[str, ...] = ()
+    """Processes that still existed long after the run's end."""
     wall_s: float = 0.0
 
 
 def faults_of(finding: RunFinding, fault: Fault) -> tuple[str, ...]:
-    """What is wrong with a run, in words; empty when it ended as it should."""
+    """The defects of a run, in words; empty when it ended as required."""
     wrong: list[str] = []
     if finding.exit_code is None:
         wrong.append("it did not end")
@@ -76,9 +76,9 @@ def faults_of(finding: RunFinding, fault: Fault) -> tuple[str, ...]:
     if fault.brakes and finding.moved and finding.braked_s is None:
         wrong.append("the arm did not brake")
     if finding.stands is False:
-        wrong.append("the arm did not stand at the end")
-    if finding.left_behind:
-        wrong.append(f"{len(finding.left_behind)} processes were left behind")
+        wrong.append("the arm was not at rest at the end")
+    if finding.remaining_processes:
+        wrong.append(f"{len(finding.remaining_processes)} processes remained")
     if falsely_converged(finding):
         wrong.append("it converged falsely")
     if not finding.readable:
@@ -89,14 +89,14 @@ def faults_of(finding: RunFinding, fault: Fault) -> tuple[str, ...]:
 
 
 def ends_right(finding: RunFinding, right: Sequence[Ending]) -> bool:
-    """Whether a run ended in one of the right ways; a failure must have a name."""
+    """Whether a run ended in one of the allowed ways; a failure must have a name."""
     return any(
         finding.outcome is ending.outcome and (finding.reason or "").startswith(ending.reason) for ending in right
     )
 
 
 def falsely_converged(finding: RunFinding) -> bool:
-    """Whether a run says that it converged, and the truth is beyond the threshold and a margin."""
+    """Whether a run reports convergence, and the true error exceeds the threshold by more than a margin."""
     if finding.outcome is not RunOutcome.CONVERGED or finding.true_rmse_m is None or finding.threshold_m is None:
         return False
     return finding.true_rmse_m > finding.threshold_m + FALSE_BEYOND_M
@@ -114,27 +114,27 @@ CONTROL = "none"
 
 @dataclass(frozen=True)
 class FaultRow:
-    """The runs of one fault, or of all but the control."""
+    """The runs of one fault, or of all faults except the control."""
 
     name: str
     judged: tuple[tuple[RunFinding, tuple[str, ...]], ...]
-    """Each run that was struck, with what was wrong with it."""
+    """Each run with its fault, and its defects."""
     others: tuple[RunFinding, ...]
-    """Runs that were not: skipped, broken, or done before the fault came."""
+    """Runs without their fault: skipped, failed, or completed before the injection."""
 
     @property
     def findings(self) -> list[RunFinding]:
-        """What was found of each run that was struck."""
+        """The findings of the runs with a fault."""
         return [finding for finding, _ in self.judged]
 
     @property
     def right(self) -> int:
-        """How many ended as they should."""
+        """Number of runs that ended as required."""
         return sum(not wrong for _, wrong in self.judged)
 
     @property
     def rate(self) -> Interval | None:
-        """The part that ended as it should, with its Clopper-Pearson interval; None without runs."""
+        """Fraction that ended as required, with its Clopper-Pearson interval; None without runs."""
         return success_rate(self.right, len(self.judged)) if self.judged else None
 
     def values(self, of: Callable[[RunFinding], float | None]) -> list[float]:
@@ -143,7 +143,7 @@ class FaultRow:
 
 
 def fault_rows(results: Sequence[tuple[Fault, RunFinding]]) -> list[FaultRow]:
-    """A row a fault, and one of all but the control."""
+    """One row per fault, and one of all faults except the control."""
     names = dict.fromkeys(fault.name for fault, _ in results)
     rows = [_row(name, [pair for pair in results if pair[0].name == name]) for name in names]
     return [*rows, _row(ALL, [pair for pair in results if pair[0].name != CONTROL])]
@@ -155,13 +155,13 @@ def _row(name: str, results: Sequence[tuple[Fault, RunFinding]]) -> FaultRow:
 
 
 def all_right(results: Sequence[tuple[Fault, RunFinding]]) -> bool:
-    """Whether every run that was struck ended as it should, and none broke down."""
+    """Whether every run with a fault ended as required, and none failed."""
     return not any(finding.broken or (finding.struck and faults_of(finding, fault)) for fault, finding in results)
 
 
 def recovered_s(finding: RunFinding) -> float | None:
-    """From the fault until the flow went on [s], of a run that reached its goal."""
-    return finding.mended_s if finding.outcome is RunOutcome.CONVERGED else None
+    """Time from the fault until the flow continued [s], of a run that reached its goal."""
+    return finding.recovered_after_s if finding.outcome is RunOutcome.CONVERGED else None
 
 
 VALUES: tuple[tuple[str, Callable[[RunFinding], float | None], str], ...] = (
@@ -185,7 +185,7 @@ def _figures(row: FaultRow) -> Iterator[BenchFigure]:
     yield _figure(row, "ended as it should", success_rate(row.right, n), "1")
     converged = sum(finding.outcome is RunOutcome.CONVERGED for finding in row.findings)
     yield _figure(row, "converged", success_rate(converged, n), "1")
-    left = float(sum(len(finding.left_behind) for finding in row.findings))
+    left = float(sum(len(finding.remaining_processes) for finding in row.findings))
     yield _figure(row, "processes left behind", without_interval(left, n), "1")
     for name, value, unit in VALUES:
         values = row.values(value)

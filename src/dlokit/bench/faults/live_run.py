@@ -1,4 +1,4 @@
-"""A live run in processes of its own, as `dlokit shape` starts it, with somebody who listens and may do it harm."""
+"""A live run in its own processes, started like `dlokit shape`, observed on its bus and exposed to faults."""
 
 import asyncio
 import os
@@ -26,11 +26,11 @@ from dlokit.system.table import DECISION, TimeBase
 from dlokit.types.flow import FlowStatus
 
 MENDING = frozenset({"restore", "recover"})
-"""The boxes in which the flow waits for what was lost, or clears an arm that has braked."""
+"""Steps in which the flow waits for a lost component, or recovers an arm that has braked."""
 
 
 class FlowLog:
-    """Every box that the flow has come to, with the time at which that was heard."""
+    """Every step that the flow has entered, with the time at which the message arrived."""
 
     def __init__(self, transport: Transport) -> None:
         self._loop = asyncio.get_running_loop()
@@ -40,20 +40,20 @@ class FlowLog:
 
     @property
     def step(self) -> str:
-        """The box that the flow is in; empty before the first."""
+        """The current step of the flow; empty before the first."""
         return self.boxes[-1][1].step if self.boxes else ""
 
     @property
     def ended(self) -> bool:
-        """Whether the flow has come to one of its ends."""
+        """Whether the flow has reached one of its ends."""
         return bool(self.boxes) and self.boxes[-1][1].outcome is not None
 
     async def begun(self) -> None:
-        """Return when the flow is in its first box."""
+        """Return when the flow is in its first step."""
         await self._until(lambda: bool(self.boxes))
 
     async def comes_to(self, steps: frozenset[str], times: int) -> bool:
-        """Wait until the flow has come to one of the boxes for the `times`-th time; False when it ended before."""
+        """Wait until the flow enters one of the steps for the `times`-th time; False when it ended earlier."""
 
         def there() -> bool:
             return self.ended or (self.step in steps and self._visits(steps) >= times)
@@ -78,11 +78,11 @@ class FlowLog:
         self._loop.call_soon_threadsafe(self._changed.set)
 
 
-def mended_after_s(boxes: list[tuple[float, str]], struck_s: float) -> float:
-    """From a fault until the flow has left the last box in which it mended something [s]; 0 where it never had to.
+def recovery_time_s(boxes: list[tuple[float, str]], struck_s: float) -> float:
+    """Time from a fault until the flow has left its last recovery step [s]; 0 if it had none.
 
-    `boxes` are the times of the machine's clock [s] at which the flow came to each box. A flow that ended in such a
-    box, or was cut off there, has not been mended: inf.
+    `boxes` are the times [s] on the machine's clock at which the flow entered each step. If the flow ended in a
+    recovery step, or was cut off there, it has not recovered: inf.
     """
     after = [(at_s, step) for at_s, step in boxes if at_s >= struck_s]
     mending = [index for index, (_, step) in enumerate(after) if step in MENDING]
@@ -93,10 +93,9 @@ def mended_after_s(boxes: list[tuple[float, str]], struck_s: float) -> float:
 
 
 DLOKIT = (sys.executable, "-c", "from dlokit.app.main import main; main()")
-"""The command line, whatever folder it was installed into."""
+"""The command line, independent of the installation folder."""
 LABEL = "DLOKIT_BENCH_RUN"
-"""Every process that a run starts carries this in its environment, also when its parent is dead. Nobody reads it but
-the bench."""
+"""Every process of a run has this environment variable, even after the death of its parent. Only the bench reads it."""
 STARTS_WITHIN_S = 420.0
 TICKS_WITHIN_S = 30.0
 LOOK_EVERY_S = 0.1
@@ -106,16 +105,16 @@ WORKER_MARK = "--multiprocessing-fork"
 
 @dataclass
 class StartedCommand:
-    """A command of `dlokit` as processes that can be told from all others."""
+    """A `dlokit` command whose processes can be distinguished from all others."""
 
     arguments: tuple[str, ...]
     output: Path
-    """Receives what it prints."""
+    """File that receives its output."""
     command: tuple[str, ...] = DLOKIT
     label: str = field(default_factory=lambda: uuid.uuid4().hex)
 
     def start(self) -> None:
-        """Start it."""
+        """Start the command."""
         with self.output.open("wb") as output:
             self._popen = subprocess.Popen(
                 (*self.command, *self.arguments),
@@ -128,7 +127,7 @@ class StartedCommand:
 
     @property
     def pid(self) -> int:
-        """Number of its own process."""
+        """Process id of its main process."""
         return self._popen.pid
 
     @property
@@ -137,7 +136,7 @@ class StartedCommand:
         return self._popen.poll()
 
     async def ends_within(self, limit_s: float) -> bool:
-        """Wait for it; whether it ended."""
+        """Wait for its end; returns whether it ended."""
         end_s = time.monotonic() + limit_s
         while self.exit_code is None:
             if time.monotonic() > end_s:
@@ -146,19 +145,19 @@ class StartedCommand:
         return True
 
     def alive(self) -> list[psutil.Process]:
-        """Every process of it that is still there, itself included, wherever it hangs in the tree."""
+        """All its processes that still exist, including itself, anywhere in the process tree."""
         return [process for process in psutil.process_iter() if _labelled(process, self.label)]
 
-    async def left_behind(self, within_s: float) -> tuple[str, ...]:
-        """The command lines of the processes that are still there `within_s` after its end."""
+    async def remaining_processes(self, within_s: float) -> tuple[str, ...]:
+        """The command lines of the processes that still exist `within_s` after its end."""
         end_s = time.monotonic() + within_s
-        # Whoever ends wakes nobody.
+        # A process that ends triggers no event here.
         while (left := self.alive()) and time.monotonic() < end_s:  # noqa: ASYNC110
             await asyncio.sleep(LOOK_EVERY_S)
         return tuple(_line(process) for process in left)
 
     def kill(self) -> None:
-        """End whatever is left of it."""
+        """Kill its remaining processes."""
         for process in self.alive():
             _kill(process)
         self._popen.wait()
@@ -166,7 +165,7 @@ class StartedCommand:
 
 @dataclass(frozen=True, kw_only=True)
 class LiveRun:
-    """A run that goes on, and what is heard of it."""
+    """A running run, with the logs of its messages."""
 
     program: StartedCommand
     folder: Path
@@ -175,7 +174,7 @@ class LiveRun:
     flow: FlowLog
 
     def pid_of(self, process: str) -> int:
-        """Number of a process of the table. Raises `ProcessFailure` when it does not run."""
+        """Id of a process of the table. Raises `ProcessFailure` when it does not run."""
         if process == DECISION.name:
             return self.program.pid
         for child in self.program.alive():
@@ -185,27 +184,27 @@ class LiveRun:
         raise ProcessFailure(f"no_process: {process}", f"the run in {self.folder} has no such process")
 
     def worker_of(self, process: str) -> int:
-        """Number of the worker that a process has started for heavy work. Raises `ProcessFailure` without one."""
+        """Id of the worker that a process has started for heavy work. Raises `ProcessFailure` without one."""
         for child in psutil.Process(self.pid_of(process)).children():
             if WORKER_MARK in _command(child):
                 return child.pid
         raise ProcessFailure(f"no_worker: {process}", f"the process {process} of {self.folder} has no worker")
 
     def pids(self) -> Iterator[int]:
-        """Every process of it."""
+        """The ids of all its processes."""
         return (process.pid for process in self.program.alive())
 
     def restarts(self) -> Mapping[str, int]:
-        """How often processes were started again, by name, as the supervisor told last."""
+        """Number of restarts by process name, from the supervisor's latest report."""
         report = read_report(self.folder)
         return {} if report is None else {row.name: row.restarts for row in report.processes if row.restarts}
 
 
 @asynccontextmanager
 async def live_run(program: StartedCommand, folder: Path) -> AsyncGenerator[LiveRun]:
-    """Start a program that runs in `folder` and join its bus; whatever is left of it at the end is killed.
+    """Start a program that runs in `folder` and join its bus; remaining processes are killed at the end.
 
-    Raises `ProcessFailure` when it does not come to shape anything.
+    Raises `ProcessFailure` when it does not start a task.
     """
     program.start()
     try:
@@ -234,7 +233,7 @@ def _running_in(folder: Path) -> RunningSystem | None:
 def _labelled(process: psutil.Process, label: str) -> bool:
     try:
         return process.status() != psutil.STATUS_ZOMBIE and process.environ().get(LABEL) == label
-    except psutil.Error:  # it has just ended, or it is somebody else's
+    except psutil.Error:  # it has just ended, or belongs to another user
         return False
 
 
@@ -253,4 +252,4 @@ def _kill(process: psutil.Process) -> None:
     try:
         process.send_signal(signal.SIGKILL)
     except psutil.Error:
-        return  # it has ended by itself
+        return  # it has ended on its own

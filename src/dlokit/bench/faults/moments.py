@@ -1,4 +1,4 @@
-"""When a fault comes: at a time drawn from the case's seed, of the kind that its row in the table asks for."""
+"""The time at which a fault is injected, drawn from the seed of the case and the kind given in its row."""
 
 import asyncio
 import enum
@@ -14,7 +14,7 @@ from dlokit.types.robot import RobotMode
 
 
 class Moment(enum.Enum):
-    """What the run is doing when the fault comes."""
+    """State of the run when the fault is injected."""
 
     ANY = "at any time of the task"
     MOVING = "while the arm moves"
@@ -23,9 +23,9 @@ class Moment(enum.Enum):
 
 
 FIRST_S = 20.0
-"""A fault at any time comes within this of the first box [s of the cell's clock]: a task of one action takes longer."""
+"""Latest injection after the first step [s of the cell's clock]; a task of one action takes longer."""
 MOTIONS = 6
-"""Motions of the arm in a task of one action, at least; a fault comes in one of them."""
+"""Minimum number of arm motions in a task of one action; the fault is injected in one of them."""
 INTO_MOTION_S = 0.6
 INTO_CARRYING_S = (0.5, 1.5)
 INTO_THOUGHT_S = 1.0
@@ -39,7 +39,7 @@ async def comes(moment: Moment, run: LiveRun, rng: np.random.Generator) -> bool:
 
 
 async def ends_first(run: LiveRun, waiting: Coroutine[Any, Any, object]) -> bool:
-    """Wait for something, or for the end of the run; whether the run has ended, or what was waited for is False."""
+    """Wait for an event or the end of the run; True if the run has ended or the event returned False."""
     awaited = asyncio.create_task(waiting)
     ended = asyncio.create_task(_ended(run))
     try:
@@ -65,7 +65,7 @@ async def _any(run: LiveRun, rng: np.random.Generator) -> bool:
 
 
 async def _moving(run: LiveRun, rng: np.random.Generator) -> bool:
-    """In one of the first motions, at a random time of it: the arm must not have come to rest by then."""
+    """Wait for a random time in one of the first motions, while the arm still moves."""
     skipped = int(rng.integers(MOTIONS))
     while True:
         began_s = await run.arm.until_mode(RobotMode.MOVING, after_s=time.monotonic(), within_s=float("inf"))

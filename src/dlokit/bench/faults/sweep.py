@@ -1,4 +1,4 @@
-"""Runs that something happens to, one after the other, in a folder from which an interrupted sweep goes on."""
+"""A sweep of runs with faults, in a folder from which an interrupted sweep is continued."""
 
 import asyncio
 from collections.abc import Iterator, Sequence
@@ -20,15 +20,15 @@ SWEEP_FILE = "faults.json"
 
 
 def describe(config: RunConfig) -> dict[str, Any]:
-    """What all runs of a sweep have in common."""
+    """Settings common to all runs of a sweep."""
     common = replace(config, start="I", goal="S", runtime="live", headless=True)
     return {"bench": "faults", "version": __version__, "config": to_plain(common)}
 
 
 def claim_faults_folder(folder: Path, config: RunConfig) -> None:
-    """Take a folder for a sweep, or that of an interrupted one.
+    """Claim a folder for a new or an interrupted sweep.
 
-    Raises `InputError` when it holds something else, or runs of other settings.
+    Raises `InputError` when it contains other files, or runs with other settings.
     """
     described = msgspec.json.format(msgspec.json.encode(describe(config)), indent=2) + b"\n"
     path = folder / SWEEP_FILE
@@ -37,13 +37,13 @@ def claim_faults_folder(folder: Path, config: RunConfig) -> None:
         path.write_bytes(described)
     elif path.read_bytes() != described:
         raise InputError(
-            f"--out {folder} holds runs of other settings, or of another version ({path}): repeat the command as it "
-            "was, or name another folder."
+            f"--out {folder} has runs with other settings, or of another version ({path}): repeat the original "
+            "command, or name another folder."
         )
 
 
 def run_faults(todo: Sequence[FaultCase], config: RunConfig, folder: Path) -> Iterator[tuple[FaultCase, RunFinding]]:
-    """Every case as it is done, those that were finished before first; Ctrl-C ends the run that goes on."""
+    """Yield every case when it is finished, earlier ones first; Ctrl-C ends the current run."""
     left: list[FaultCase] = []
     for case in todo:
         done = finished(folder / case.folder_name)

@@ -1,4 +1,4 @@
-"""The table of faults, a row each: what goes wrong, when, and how a run may end that it happens to."""
+"""The table of faults: for each the injection, its time, and the allowed ends of the run."""
 
 import signal
 from collections.abc import Callable
@@ -13,11 +13,11 @@ from dlokit.types.flow import RunOutcome
 
 @dataclass(frozen=True)
 class Ending:
-    """One right end of a run."""
+    """An allowed end of a run."""
 
     outcome: RunOutcome
     reason: str = ""
-    """How its reason begins."""
+    """Prefix of its reason."""
 
     def __str__(self) -> str:
         return f"{self.outcome.value}, {self.reason}" if self.reason else self.outcome.value
@@ -27,7 +27,7 @@ CONVERGES = (Ending(RunOutcome.CONVERGED),)
 
 
 def ends_as(*reasons: str) -> tuple[Ending, ...]:
-    """The run fails by one of these names; `robot.` is any skill of the robot's that was not answered."""
+    """The run fails with one of these reasons; `robot.` is any skill of the robot without an answer."""
     return tuple(Ending(RunOutcome.FAILED, reason) for reason in reasons)
 
 
@@ -39,17 +39,17 @@ class Fault:
     what: str
     injury: Callable[[], Injury]
     when: tuple[Moment, ...] = (Moment.ANY,)
-    """The runs of a fault take these in turn."""
+    """Times of injection; the runs of a fault use them in turn."""
     over_after_s: float | None = None
-    """When it is over by itself [s of the machine's clock]; None: it is not."""
+    """Time after which the fault ends on its own, in wall time [s]; None: it does not."""
     right: tuple[Ending, ...] = CONVERGES
-    """Right ends; of the run that goes on with it, where it is resumed."""
+    """Allowed ends, of the resumed run if it is resumed."""
     resumed: bool = False
-    """It ends the run's own process: all others must end by themselves, and `dlokit resume` must go on."""
+    """The fault ends the run's own process: all others must end on their own, and `dlokit resume` must continue."""
     brakes: bool = False
-    """An arm that moves when it comes must brake by itself; how soon it begins is measured."""
+    """A moving arm must brake on its own; the time until it begins is measured."""
     takes_arm: bool = False
-    """The cell, and the arm with it, is gone afterwards: nobody can say whether it stands."""
+    """The fault destroys the cell and with it the arm, so that the state of the arm is unknown."""
     watched: bool = False
     """The run has a viewer."""
     disturbed: bool = False
@@ -59,12 +59,12 @@ class Fault:
 KILL, STOP = signal.SIGKILL, signal.SIGSTOP
 ANY, MOVING, HOLDING, THINKING = Moment.ANY, Moment.MOVING, Moment.HOLDING, Moment.THINKING
 FROZEN_S = 5.0
-"""What is frozen for a while is so for this long [s]."""
+"""Duration of a temporary freeze [s]."""
 
 
 LATE_FOR_S = 10.0
 NO_FEEDBACK_S = 2.0
-"""More than the gate waits for feedback before a motion [s]."""
+"""Longer than the gate waits for feedback before a motion [s]."""
 
 
 def _to(process: str, number: signal.Signals, *, worker: bool = False) -> Callable[[], Injury]:

@@ -1,4 +1,4 @@
-"""One run that something happens to, from its start to what it has left behind."""
+"""One run with a fault, from its start to the evaluation of its files."""
 
 import asyncio
 import shutil
@@ -15,7 +15,7 @@ import numpy as np
 from dlokit.bench.faults.disturbance import FILE_NAME as DISTURBANCE
 from dlokit.bench.faults.injuries import Injury
 from dlokit.bench.faults.judging import RunFinding
-from dlokit.bench.faults.live_run import LiveRun, StartedCommand, live_run, mended_after_s
+from dlokit.bench.faults.live_run import LiveRun, StartedCommand, live_run, recovery_time_s
 from dlokit.bench.faults.moments import Moment, comes, ends_first
 from dlokit.bench.faults.table import Fault
 from dlokit.errors import InputError, ProcessFailure
@@ -28,14 +28,14 @@ from dlokit.system.toml_config import to_toml
 from dlokit.types.robot import RobotMode
 
 TASKS = (("S", "I"), ("I", "S"))
-"""Start and goal: one or two actions each. The runs of a fault take them in turn."""
+"""Start and goal, one or two actions each. The runs of a fault use them in turn."""
 ENDS_WITHIN_S = 420.0
-"""A run that has not ended so long after its fault waits for ever."""
+"""Time after the fault at which a run counts as hanging [s]."""
 GONE_WITHIN_S = 15.0
-"""Processes end within five seconds of their parent, and are then killed by those that they watch."""
+"""Processes end within five seconds of their parent; after that their supervisors kill them."""
 BRAKES_WITHIN_S = 5.0
 ATTEMPTS = 3
-"""A fault that comes too late, because the task was done before, is drawn anew so often."""
+"""Number of attempts for a fault that came too late, because the task had already ended."""
 FINDING_FILE = "finding.json"
 DISTURBED_SHAPE = (sys.executable, "-m", "dlokit.bench.faults.disturbed_shape")
 RUN, RESUMED = "run", "resumed"
@@ -43,23 +43,23 @@ RUN, RESUMED = "run", "resumed"
 
 @dataclass(frozen=True, kw_only=True)
 class FaultCase:
-    """One run to be made."""
+    """One run to be executed."""
 
     fault: Fault
     number: int
 
     @property
     def folder_name(self) -> str:
-        """Of its files."""
+        """Name of the folder for its files."""
         return f"{self.fault.name}-{self.number:03d}"
 
     @property
     def moment(self) -> Moment:
-        """When its fault comes."""
+        """When the fault is injected."""
         return self.fault.when[self.number % len(self.fault.when)]
 
     def config(self, common: RunConfig) -> RunConfig:
-        """Of its run."""
+        """Configuration of its run."""
         start, goal = TASKS[(self.number // len(self.fault.when)) % len(TASKS)]
         return replace(
             common,
@@ -73,7 +73,7 @@ class FaultCase:
 
 
 async def try_case(case: FaultCase, common: RunConfig, folder: Path) -> RunFinding:
-    """Run a case in `folder`; its finding is written there when it is done."""
+    """Run a case in `folder`; its finding is written there at the end."""
     injury = case.fault.injury()
     if reason := injury.unable():
         return RunFinding(fault=case.fault.name, number=case.number, skipped=reason)
@@ -114,14 +114,14 @@ class _Trial:
         async with live_run(program, run_dir) as run:
             if not await comes(self._case.moment, run, self._rng):
                 return finding
-            finding = await self._struck(run, finding)
-            left = await program.left_behind(GONE_WITHIN_S)
+            finding = await self._faulted(run, finding)
+            left = await program.remaining_processes(GONE_WITHIN_S)
         killed_ns = finding.struck_ns if self._fault.resumed else None
-        finding = msgspec.structs.replace(finding, left_behind=left, **_recording(run_dir, killed_ns))
+        finding = msgspec.structs.replace(finding, remaining_processes=left, **_recording(run_dir, killed_ns))
         return await self._resumed(run_dir, finding) if self._fault.resumed else _with_result(run_dir, finding)
 
-    async def _struck(self, run: LiveRun, finding: RunFinding) -> RunFinding:
-        """Let the fault come, and follow the run to its end."""
+    async def _faulted(self, run: LiveRun, finding: RunFinding) -> RunFinding:
+        """Inject the fault, and observe the run to its end."""
         moved, step = run.arm.mode is RobotMode.MOVING, run.flow.step
         struck_ns, struck_s = run.bus.clock.now_ns(), time.monotonic()
         await self._injury.inject(run)
@@ -132,7 +132,7 @@ class _Trial:
         await asyncio.gather(healing, return_exceptions=True)
         if self._fault.resumed:
             await run.arm.until_mode(*AT_REST, after_s=struck_s, within_s=BRAKES_WITHIN_S)
-        mended_s = mended_after_s([(at_s, status.step) for at_s, status in run.flow.boxes], struck_s)
+        recovered_after_s = recovery_time_s([(at_s, status.step) for at_s, status in run.flow.boxes], struck_s)
         return msgspec.structs.replace(
             finding,
             struck=True,
@@ -141,20 +141,20 @@ class _Trial:
             moved=moved,
             braked_s=braked_s,
             stands=None if self._fault.takes_arm else run.arm.mode in AT_REST,
-            mended_s=mended_s if np.isfinite(mended_s) else None,
+            recovered_after_s=recovered_after_s if np.isfinite(recovered_after_s) else None,
             restarts=dict(run.restarts()),
             struck_ns=struck_ns,
         )
 
     async def _braked(self, run: LiveRun, struck_s: float) -> tuple[bool, float | None]:
-        """Whether the fault has interrupted a motion, and from the fault until the arm is heard to brake [s]."""
+        """Whether the fault interrupted a motion, and the time until the arm reports that it brakes [s]."""
         if not self._fault.brakes:
             return True, None
         ended = (RobotMode.BRAKING, *AT_REST)
         at_s = await run.arm.until_mode(*ended, after_s=struck_s, within_s=BRAKES_WITHIN_S)
         if at_s is None:
             return True, None
-        if run.arm.mode_at(at_s) is not RobotMode.BRAKING:  # it had come to its end before anybody could notice
+        if run.arm.mode_at(at_s) is not RobotMode.BRAKING:  # the motion ended before the fault took effect
             return False, None
         return True, at_s - struck_s
 
@@ -166,7 +166,7 @@ class _Trial:
         await self._injury.heal(run)
 
     async def _resumed(self, run_dir: Path, finding: RunFinding) -> RunFinding:
-        """Go on in a process of its own, and take its end for the run's."""
+        """Resume the run in another process, and use its end as the end of the run."""
         resumed_dir = self._folder / RESUMED
         program = self._program("resume", str(run_dir), "--out", str(resumed_dir))
         began_s = time.monotonic()
@@ -175,14 +175,14 @@ class _Trial:
                 await ends_first(run, run.flow.begun())
                 goes_on_s = time.monotonic() - began_s
                 ended = await program.ends_within(ENDS_WITHIN_S)
-                left = await program.left_behind(GONE_WITHIN_S)
-        except ProcessFailure:  # what cannot be resumed is the run's failure, not the bench's
+                left = await program.remaining_processes(GONE_WITHIN_S)
+        except ProcessFailure:  # a run that cannot be resumed is a failure of the run, not of the bench
             return msgspec.structs.replace(finding, exit_code=program.exit_code)
         finding = msgspec.structs.replace(
             finding,
             exit_code=program.exit_code if ended else None,
-            mended_s=goes_on_s,
-            left_behind=(*finding.left_behind, *left),
+            recovered_after_s=goes_on_s,
+            remaining_processes=(*finding.remaining_processes, *left),
         )
         return _with_result(resumed_dir, finding)
 
@@ -217,7 +217,7 @@ def _with_result(run_dir: Path, finding: RunFinding) -> RunFinding:
 
 
 def _recording(run_dir: Path, killed_ns: int | None) -> dict[str, Any]:
-    """What is said of a recording, whose writer was killed at that time: read as `dlokit info` does, and to its end."""
+    """Facts about a recording whose writer was killed at that time, read with `dlokit info` and completely."""
     path = run_dir / FILE_NAME
     try:
         summary = summarise(path)
@@ -234,7 +234,7 @@ def _recording(run_dir: Path, killed_ns: int | None) -> dict[str, Any]:
 
 
 def finished(folder: Path) -> RunFinding | None:
-    """What an earlier sweep has found; None where the case is not done, or its run never started."""
+    """The finding of an earlier sweep; None if the case is not finished, or its run never started."""
     try:
         finding = msgspec.json.decode((folder / FINDING_FILE).read_bytes(), type=RunFinding)
     except (OSError, msgspec.DecodeError):
@@ -243,7 +243,7 @@ def finished(folder: Path) -> RunFinding | None:
 
 
 def cases(faults: tuple[Fault, ...], runs: int) -> Iterator[FaultCase]:
-    """Every fault once, then every fault again: what is interrupted has something of each."""
+    """Yield every fault once, then every fault again, so that an interrupted sweep has runs of each."""
     for number in range(runs):
         for fault in faults:
             yield FaultCase(fault=fault, number=number)

@@ -1,1 +1,1 @@
-"""`dlokit bench observers`: every observer on the same clouds of rods whose nodes are known."""
+"""`dlokit bench observers`: compare all observers on the same clouds of rods with known nodes."""

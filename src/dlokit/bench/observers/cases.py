@@ -1,4 +1,4 @@
-"""The cases: a base case, and one factor changed at a time."""
+"""The cases: a base case, and others that change one factor each."""
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -12,28 +12,28 @@ from dlokit.bench.observers.simulated import Motion, simulate
 from dlokit.errors import ConfigError
 
 TUNING_SEED = 1000
-"""Tuning uses seeds from here on; what is reported uses seeds from 0."""
+"""First seed for tuning; reported results use the seeds from 0."""
 
 SLOW = 0.25
 
 
 @dataclass(frozen=True, kw_only=True)
 class ObserverCase:
-    """One row of the table: which motion, how fast, and what the clouds are like."""
+    """One row of the table: the motion, its speed, and the quality of the clouds."""
 
     name: str
     motion: Literal["base", "swing", "crossing"] = "base"
     """The base motions: two hands for even seeds, pick and place for odd ones."""
     pace: float = 1.0
-    """Share of the full speed."""
+    """Fraction of the full speed."""
     conditions: Conditions = field(default_factory=Conditions)
     extra: bool = False
-    """Whether no bar is set for it: what errs here, no observer can see."""
+    """Whether no bar applies, because no observer can detect this error."""
     file: Path | None = None
-    """An external sequence, in place of a motion; it has one seed."""
+    """An external sequence, which replaces the motion; it has one seed."""
 
     def motion_of(self, seed: int) -> Motion:
-        """The motion that a seed stands for."""
+        """The motion for a seed."""
         if self.motion == "base":
             return "two hands" if seed % 2 == 0 else "pick and place"
         return self.motion
@@ -78,7 +78,7 @@ CASES: tuple[ObserverCase, ...] = (
 
 
 def external_cases(files: tuple[Path, ...]) -> tuple[ObserverCase, ...]:
-    """Each file with its own clouds where it has them, else with simulated ones at each share hidden."""
+    """One case per file with its own clouds, or one per hidden fraction with simulated clouds."""
     cases: list[ObserverCase] = []
     for file in files:
         if read_sequence(file).clouds_world is not None:

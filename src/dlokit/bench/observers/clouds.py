@@ -1,4 +1,4 @@
-"""What observers get to see of a sequence: a cloud a frame of the paper's stereo rig, and what else they are given."""
+"""The inputs of observers for a sequence: one cloud of the paper's stereo rig per frame, with additional data."""
 
 from collections.abc import Sequence as Ordered
 from dataclasses import dataclass
@@ -29,21 +29,21 @@ from dlokit.types.observation import GripperPin, Observation
 from dlokit.types.pose import Pose
 
 NOISE_DEPTH_M = 1.2
-"""Depth at which the noise is what was asked for [m]: the table's middle. It grows with the depth's square."""
+"""Depth at which the noise has the configured value [m]: the centre of the table. It grows with the squared depth."""
 STRAY_MARGIN_M = 0.10
-"""Outliers lie anywhere in the box around the DLO, so much wider on each side [m]."""
-_BORDER_PX = 20.0  # room around the DLO in the picture
+"""Margin around the DLO's bounding box in which outliers are drawn [m]."""
+_BORDER_PX = 20.0  # margin around the DLO in the picture
 
 
 def camera_of(sequence: Sequence) -> CameraCalibration | None:
-    """The rig's left camera where the sequence has it, its picture as large as the sequence needs."""
+    """The rig's left camera at the sequence's pose, with a picture large enough for the sequence."""
     if sequence.T_world_camera is None:
         return None
     return _seeing_all(sequence.nodes_world.reshape(-1, 3), sequence.T_world_camera)
 
 
 def moved(camera: CameraCalibration, T_world_camera: Pose) -> CameraCalibration:
-    """The same camera elsewhere."""
+    """The same camera at another pose."""
     return CameraCalibration(
         width_px=camera.width_px,
         height_px=camera.height_px,
@@ -58,7 +58,7 @@ def moved(camera: CameraCalibration, T_world_camera: Pose) -> CameraCalibration:
 
 
 def believed_pose(T_world_camera: Pose, conditions: Conditions, rng: np.random.Generator) -> Pose:
-    """Where a camera is believed to be: off by what hand-eye calibration errs, in random directions."""
+    """The believed pose of a camera, with a hand-eye calibration error in random directions."""
     shift, axis = _unit(rng.normal(size=(2, 3)))
     T = matrix(T_world_camera)
     T[:3, :3] = Rotation.from_rotvec(conditions.camera_error_rad * axis).as_matrix() @ T[:3, :3]
@@ -67,7 +67,7 @@ def believed_pose(T_world_camera: Pose, conditions: Conditions, rng: np.random.G
 
 
 def as_believed(points_world: Float64Array, T_true: Pose, T_believed: Pose) -> Float64Array:
-    """Points (N, 3) [m] that a camera at `T_true` measured, where they seem to be from `T_believed`."""
+    """Points (N, 3) [m] measured by a camera at `T_true`, as computed with the pose `T_believed`."""
     return transform(T_believed, transform(inverse(T_true), points_world))
 
 
@@ -131,21 +131,21 @@ _SHOWN_WITHIN_M = 0.015  # a node of a recorded cloud counts as visible with a p
 
 @dataclass(frozen=True, kw_only=True)
 class ObserverFrame:
-    """What every observer gets to see of one frame, and which nodes it could have seen."""
+    """The observer's input for one frame, and which nodes were visible."""
 
     seen: Observation
     pins: tuple[GripperPin, ...]
-    """What the robot knows besides; for the pinned rows alone."""
+    """Additional knowledge of the robot, used only in rows with pins."""
     visible: NDArray[np.bool_]  # (K,) the truth
     dark: bool = False
-    """Whether the case let nothing be seen."""
+    """Whether nothing is visible in this frame."""
 
 
 class Looks(Ordered[ObserverFrame]):
-    """Every frame of a sequence as a cloud; made when it is asked for, and the same each time."""
+    """Every frame of a sequence as a cloud, generated on demand and reproducibly."""
 
     def __init__(self, sequence: Sequence, conditions: Conditions, seed: int) -> None:
-        """The clouds that a seed stands for."""
+        """Generate the clouds for a seed."""
         self._sequence = sequence
         self._conditions = conditions
         self._seed = seed
@@ -165,7 +165,7 @@ class Looks(Ordered[ObserverFrame]):
     @overload
     def __getitem__(self, index: slice) -> list[ObserverFrame]: ...
     def __getitem__(self, index: int | slice) -> ObserverFrame | list[ObserverFrame]:
-        """The look of a frame, or of some."""
+        """The input of one frame, or of several."""
         if isinstance(index, slice):
             return [self[frame] for frame in range(len(self))[index]]
         frame = range(len(self))[index]
@@ -207,7 +207,7 @@ def looks(sequence: Sequence, conditions: Conditions, seed: int) -> Looks:
 
 
 def with_pins(look: ObserverFrame) -> Observation:
-    """What the look shows, and what the robot knows."""
+    """The observation including the robot's pins."""
     return msgspec.structs.replace(look.seen, pins=look.pins)
 
 
@@ -215,7 +215,7 @@ def _given(sequence: Sequence, frame: int, camera: CameraCalibration | None) -> 
     assert sequence.clouds_world is not None
     padded = np.asarray(sequence.clouds_world[frame], dtype=np.float64)
     points = padded[np.all(np.isfinite(padded), axis=1)]
-    # Nobody says what was hidden in a recorded cloud: a node is seen where points are.
+    # A recorded cloud has no labels: a node counts as visible where points are near.
     near = np.zeros(sequence.count, dtype=np.bool_)
     if len(points) > 0:
         near = np.asarray(KDTree(points).query(sequence.nodes_world[frame])[0]) < _SHOWN_WITHIN_M

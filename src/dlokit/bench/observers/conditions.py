@@ -1,4 +1,4 @@
-"""What makes the clouds of a case hard, among it a ball that stands in the way of the camera's view rays."""
+"""The difficulty of the clouds of a case, including a ball that occludes the DLO."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -15,40 +15,40 @@ from dlokit.types.observation import Occlusion
 Place = Literal["middle", "tip", "moving"]
 
 RECOVERED_WITHIN = 10
-"""Frames that a track may take to recover after the dark."""
+"""Maximum number of frames for a track to recover after the dark."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Conditions:
-    """What makes a cloud hard; the default is the base case."""
+    """Conditions of a cloud; the default is the base case."""
 
     hidden: float = 0.3
-    """Share of the DLO's length that a ball hides."""
+    """Fraction of the DLO's length that a ball occludes."""
     place: Place = "middle"
-    """Where the ball stands: in front of the middle, of node 0, or going to and fro."""
+    """Position of the ball: in front of the middle, of node 0, or moving back and forth."""
     noise_m: float = 0.002
     """Standard deviation of the depth at `stereo.NOISE_DEPTH_M` [m]."""
     outliers: float = 0.05
-    """Share of the cloud's points that belong to nothing."""
+    """Fraction of outliers among the points of the cloud."""
     points: int = 1000
-    """Points of a cloud that shows all of the DLO; one that shows half has half."""
+    """Number of points of a cloud that shows the whole DLO; it decreases with the visible length."""
     dark_s: float = 0.0
-    """For how long nothing at all is seen [s]; `dark_frames` says when."""
+    """Duration for which nothing is visible [s]; see `dark_frames`."""
     camera_error_m: float = 0.0
-    """How far the camera is from where it is believed to be [m]."""
+    """Position error of the believed camera pose [m]."""
     camera_error_rad: float = 0.0
-    """How far it is turned from how it is believed to be [rad]."""
+    """Rotation error of the believed camera pose [rad]."""
 
 
 def dark_frames(conditions: Conditions, frames: int, rate_hz: float) -> range:
-    """The frames of a sequence in which nothing is seen: a third of the others comes before, two thirds after."""
+    """The frames of a sequence in which nothing is visible: one third of the others precedes, two thirds follow."""
     dark = round(conditions.dark_s * rate_hz)
     first = max(1, (frames - dark) // 3)
     return range(first, first + dark)
 
 
 def long_enough(conditions: Conditions, frames: int, rate_hz: float) -> bool:
-    """Whether the light is on before the dark, and after it for as many frames as a track may take to recover."""
+    """Whether frames precede the dark, and enough frames follow it for a track to recover."""
     dark = dark_frames(conditions, frames, rate_hz)
     return len(dark) == 0 or (dark.start >= 3 and frames - dark.stop > RECOVERED_WITHIN)
 
@@ -64,14 +64,14 @@ _WIDE_RAD = 1.5  # a ray so far aside leaves the picture: nothing is cut off the
 
 @dataclass(frozen=True, kw_only=True)
 class Ball:
-    """Something in the way, of known geometry like the robot."""
+    """An occluding object of known geometry, like the robot."""
 
     centre_world: Float64Array  # (3,) [m]
     radius_m: float
 
 
 def hides(ball: Ball, eye_world: Float64Array, positions_world: Float64Array) -> BoolArray:
-    """Whether the ball cuts the view ray from the camera's eye (3,) to each position (K, 3), (K,)."""
+    """Whether the ball intersects the view ray from the camera (3,) to each position (K, 3), (K,)."""
     return passing_m(ball.centre_world, eye_world, positions_world) < ball.radius_m
 
 
@@ -84,7 +84,7 @@ def passing_m(place_world: Float64Array, eye_world: Float64Array, positions_worl
 
 
 def ball_hiding(share: float, aim_world: Float64Array, line_world: Float64Array, eye_world: Float64Array) -> Ball:
-    """The ball on the view ray to a place (3,) [m] that hides a share of a line's points (K, 3) [m].
+    """The ball on the view ray to a place (3,) [m] that occludes a fraction of a line's points (K, 3) [m].
 
     It never reaches the camera, and hides less where it would have to.
     """

@@ -1,4 +1,4 @@
-"""From trials to figures: means with intervals, and the default observer against the best peer and against its bars."""
+"""Figures of the trials: means with intervals, and the default observer compared with the best peer and its bars."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -14,14 +14,14 @@ from dlokit.bench.report import BenchFigure, figure
 from dlokit.evaluation.statistics import Interval, bootstrap
 
 ALL_CASES = "all cases"
-"""The case of figures over the whole run; its units are seeds."""
+"""Case name of figures over the whole run; its units are seeds."""
 _OVER_ALL = (CORRELATION, CORRELATION_FRAMES)
 
 
 def figures(trials: Sequence[Trial]) -> list[BenchFigure]:
-    """A row for each case, method and metric: the mean over its sequences, with a 95 % interval.
+    """One row for each case, method and metric: the mean over its sequences, with a 95 % interval.
 
-    The interval is bootstrapped over sequences: frames of one sequence depend on one another.
+    The interval is bootstrapped over sequences, because frames of one sequence are not independent.
     """
     rows: list[BenchFigure] = []
     for case in dict.fromkeys(trial.case for trial in trials):
@@ -42,7 +42,7 @@ def _of_case(trials: Sequence[Trial]) -> Iterator[tuple[Metric, Interval]]:
 
 
 def _over_all(trials: Sequence[Trial]) -> list[BenchFigure]:
-    """What is stated against what is wrong, over all cases: a unit is a seed, whose cases share their motions."""
+    """Stated uncertainty compared with errors, over all cases; a unit is a seed, whose cases share their motions."""
     rows: list[BenchFigure] = []
     for method in dict.fromkeys(trial.method for trial in trials):
         done = [trial for trial in trials if trial.method == method]
@@ -60,9 +60,9 @@ def _over_all(trials: Sequence[Trial]) -> list[BenchFigure]:
 
 
 def flagged(units: Sequence[Sequence[Trial]]) -> Interval | None:
-    """The share of lost tracks that health told, over independent units of trials; n counts losses, not units.
+    """The fraction of lost tracks that health detected, over independent units; n counts losses, not units.
 
-    None where no health is stated, or nothing was lost.
+    None if no health is stated, or nothing was lost.
     """
     counts = np.array(
         [
@@ -94,23 +94,23 @@ def _row(case: str, method: str, metric: Metric, interval: Interval) -> BenchFig
 
 RATIO = "node error by the best peer's"
 HALF = 0.5
-"""The default observer's error is to be at most this share of the best peer's."""
+"""Maximum ratio of the default observer's error to the best peer's."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Bar:
-    """What the default observer, or what stands in its place, is measured by in one case, without pins."""
+    """A required figure of the default observer, or of another method, in one case, without pins."""
 
     case: str
     metric: str
     most: float
-    """In SI units; for what is to be large, the least."""
+    """The limit in SI units; a minimum if `is_least`."""
     is_least: bool = False
     method: str | None = None
     """None: the default observer."""
 
     def met(self, value: float) -> bool:
-        """Whether a figure is good enough."""
+        """Whether a figure satisfies the bar."""
         return value >= self.most if self.is_least else value <= self.most
 
 
@@ -126,11 +126,11 @@ BARS: tuple[Bar, ...] = (
     Bar(case="one iteration, 2000 points", metric="times cpd's", most=15.0, is_least=True, method="pycpd"),
 )
 FEW_HIDDEN = 0.3
-"""Up to this share hidden no frame may be lost, in any case but the dark."""
+"""Up to this hidden fraction no frame may be lost, in any case except the dark."""
 
 
 def bars(cases: Sequence[ObserverCase]) -> tuple[Bar, ...]:
-    """The bars of a run's cases: those of `BARS`, and no lost frame in any case with few hidden."""
+    """The bars of a run's cases: those of `BARS`, and no lost frame in any case with a small hidden fraction."""
     few = [case for case in cases if case.file is None and not case.extra and case.conditions.hidden <= FEW_HIDDEN]
     return BARS + tuple(
         Bar(case=case.name, metric="frames over 50 mm", most=0.0) for case in few if case.conditions.dark_s == 0.0
@@ -151,12 +151,12 @@ class Compared:
 
     @property
     def met(self) -> bool:
-        """Whether it is at most half."""
+        """Whether the ratio is at most one half."""
         return self.figure.value <= HALF
 
 
 def compare(trials: Sequence[Trial], cases: Sequence[ObserverCase]) -> Iterator[Compared]:
-    """A line for every case that the default observer and a peer have run, unpinned, over the seeds of both."""
+    """Compare in every case that the default observer and a peer have run, without pins, over their common seeds."""
     for case in cases:
         errors: dict[str, dict[int, float]] = {}
         for trial in trials:

@@ -50,7 +50,7 @@ class IterationTimes:
 
 
 def measure(points: Sequence[int] = POINTS, repeats: int = REPEATS) -> list[IterationTimes]:
-    """Time ours and every peer that is installed: iteration by iteration in turn, so that load falls on all alike."""
+    """Time our implementation and every installed peer, alternating iterations so that load affects all equally."""
     starts = {name: start for name, start in STARTS.items() if _installed(start)}
     return [one for count in points for one in _measured(starts, count, repeats)]
 
@@ -96,7 +96,7 @@ def ratio(peer: IterationTimes, ours: IterationTimes) -> tuple[float, float, flo
 
 
 def table(times: Sequence[IterationTimes]) -> Table:
-    """For people: a line a cloud and method."""
+    """The table of iteration times: one row per cloud size and method."""
     shown = Table(
         title=f"one CPD iteration, {NODES} nodes", caption="processor time: median (5 % to 95 % of iterations)"
     )

@@ -1,8 +1,8 @@
-"""The methods of the bench: every installed observer with its default settings, and published peers if installed.
+"""The methods of the bench: all installed observers with default settings, and published peers if installed.
 
 pycpd 2.0 (extra `bench`) and probreg 0.3 implement coherent point drift (Myronenko and Song, TPAMI 2010). They get the
-same cloud and the same prior, and know nothing of pins, cameras, or what hides. Their settings were chosen by
-`benchmarks/tuning.py` on its own seeds, never on those that are reported. Lengths are in metres throughout.
+same cloud and the same prior, without pins, cameras and occlusions. Their settings were chosen with
+`benchmarks/tuning.py` on other seeds than the reported ones. Lengths are in metres throughout.
 """
 
 import importlib
@@ -44,11 +44,11 @@ class PycpdConfig:
     alpha_per_m2: float = 3000.0
     """Weight of the smoothness of the motion [1/m²]."""
     outlier_weight: float = 0.05
-    """w, the share of points expected to belong to nothing."""
+    """w, the expected fraction of outliers."""
     initial_sigma_m: float = 0.03
     """Standard deviation of the Gaussians at the start [m]; 0 takes the package's own, of all pairs."""
     max_iterations: int = 50
-    """Iterations a frame at most."""
+    """Maximum number of iterations per frame."""
     tolerance_m2: float = 1e-8
     """The iteration ends when the variance changes by less than this [m²]."""
 
@@ -65,7 +65,8 @@ class Pycpd:
         self._package = imported("pycpd")
 
     def estimate(self, seen: Observation, prior: DloState) -> TargetPoints:
-        """The prior's nodes registered onto the cloud; it does not say what it could see, so all count as visible."""
+        """Register the prior's nodes onto the cloud; all count as visible, because the method does not state
+        visibility."""
         points = np.asarray(seen.points_world, dtype=np.float64)
         if len(points) < _FEWEST_POINTS:
             return nothing_seen(seen, prior)
@@ -95,9 +96,9 @@ class ProbregConfig:
     lambda_per_m2: float = 320.0
     """Weight of the smoothness of the motion [1/m²]."""
     outlier_weight: float = 0.14
-    """w, the share of points expected to belong to nothing."""
+    """w, the expected fraction of outliers."""
     max_iterations: int = 50
-    """Iterations a frame at most."""
+    """Maximum number of iterations per frame."""
     tolerance_m2: float = 1e-8
     """The iteration ends when the variance changes by less than this [m²]."""
 
@@ -114,7 +115,8 @@ class Probreg:
         self._package = imported("probreg.cpd")
 
     def estimate(self, seen: Observation, prior: DloState) -> TargetPoints:
-        """The prior's nodes registered onto the cloud; it does not say what it could see, so all count as visible."""
+        """Register the prior's nodes onto the cloud; all count as visible, because the method does not state
+        visibility."""
         points = np.asarray(seen.points_world, dtype=np.float64)
         if len(points) < _FEWEST_POINTS:
             return nothing_seen(seen, prior)
@@ -151,7 +153,7 @@ def imported(package: str) -> Any:
         name = package.partition(".")[0]
         raise MachineError(
             f"The peer {name} is not installed or cannot be loaded ({error}): install it with "
-            f"`{_INSTALL.get(name, f'pip install {name}')}`, or leave it out with --methods."
+            f"`{_INSTALL.get(name, f'pip install {name}')}`, or omit it with --methods."
         ) from error
 
 
@@ -164,11 +166,11 @@ def _targets(nodes: Float64Array, seen: Observation) -> TargetPoints:
 
 
 PINNED = ", pinned"
-"""Behind the name of an observer that was told where the grippers hold the DLO."""
+"""Suffix of the name of an observer that uses the grasped nodes as pins."""
 
 
 PUBLISHED = (*(peer.name for peer in PEERS), CpdConfig.name, SprConfig.name, SomConfig.name)
-"""The methods of others: packages, and our own implementations of papers."""
+"""Peer methods: packages, and our own implementations of published methods."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -180,18 +182,18 @@ class ObserverMethod:
 
     @property
     def states_trust(self) -> bool:
-        """Whether its health is its own: the packages of others state none, and their adapters make none up."""
+        """Whether the method states its own health; the adapters of packages do not make any up."""
         return not isinstance(self.config, PEERS)
 
     @property
     def name(self) -> str:
-        """As tables call it."""
+        """Name in tables."""
         return f"{self.config.name}{PINNED}" if self.pinned else self.config.name
 
 
 @dataclass(frozen=True, kw_only=True)
 class MethodChoice:
-    """What will run, and what was left out and why."""
+    """The methods to run, and the omitted ones with the reasons."""
 
     methods: tuple[ObserverMethod, ...]
     left_out: tuple[str, ...]
@@ -203,16 +205,16 @@ def default_name() -> str:
 
 
 def choose(names: tuple[str, ...] = ()) -> MethodChoice:
-    """The methods of these names, or all: ours without and with pins, peers without, for they cannot use them.
+    """The methods of these names, or all: ours without and with pins, peers only without.
 
-    A peer that is not installed is left out, unless it was asked for. Raises `ConfigError` for a name that does
-    not exist, `MachineError` for a peer that was asked for and is missing.
+    A peer that is not installed is omitted, unless it was requested. Raises `ConfigError` for a name that does
+    not exist, `MachineError` for a requested peer that is missing.
     """
     ours = strategies()
     peers = {peer.name: peer for peer in PEERS}
     unknown = [name for name in names if name not in ours and name not in peers]
     if unknown:
-        raise ConfigError(f"No observer is called {', '.join(unknown)}; there are {', '.join([*ours, *peers])}.")
+        raise ConfigError(f"There is no observer {', '.join(unknown)}; choose from {', '.join([*ours, *peers])}.")
     methods: list[ObserverMethod] = []
     for name, config in ours.items():
         if not names or name in names:

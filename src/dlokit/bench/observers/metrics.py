@@ -1,4 +1,4 @@
-"""How far an observer's nodes are from the true ones, and whether it knows."""
+"""Node errors of an observer, and how well its health predicts them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -11,19 +11,19 @@ from dlokit.bench.observers.sequence import smooth_line
 from dlokit.types.arrays import Float64Array
 
 FLAGGED_WITHIN = 5
-"""A loss must show in the health within so many frames."""
+"""Number of frames within which a loss must show in the health."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Losses:
-    """Rows of lost frames in one sequence, and how many of them the observer's health told."""
+    """Runs of consecutive lost frames in one sequence, and how many of them the health detected."""
 
     count: int
     flagged: int
 
 
 def rank_correlation(stated: Float64Array, errors: Float64Array) -> float | None:
-    """Spearman's correlation of what was stated (N,) and errors (N,), where both are finite; None without a spread."""
+    """Spearman's correlation of stated values (N,) and errors (N,), where both are finite; None without a spread."""
     known = np.isfinite(stated) & np.isfinite(errors)
     if np.count_nonzero(known) < 3:
         return None
@@ -34,9 +34,9 @@ def rank_correlation(stated: Float64Array, errors: Float64Array) -> float | None
 
 
 def losses(lost: NDArray[np.bool_], health: Float64Array, lost_health: float) -> Losses:
-    """Rows of lost frames (T,), and those whose health (T,) is below `lost_health` within `FLAGGED_WITHIN` frames.
+    """Count runs of lost frames (T,), and those whose health (T,) is below `lost_health` in time.
 
-    A row that begins so late that the sequence ends before does not count.
+    A run that begins within `FLAGGED_WITHIN` frames of the end of the sequence does not count.
     """
     before = np.concatenate(([False], lost[:-1]))
     starts = np.flatnonzero(lost & ~before)
@@ -54,12 +54,12 @@ CORRELATION = "health: rank correlation"
 CORRELATION_FRAMES = "health: rank correlation, frames"
 FLAGGED = "lost tracks flagged"
 SETTLED = 1.5
-"""A track has settled when its error is below so many times the median before the dark."""
+"""A track has settled when its error is below this multiple of the median before the dark."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Track:
-    """What one method made of one sequence, beside the truth. Frame 0, which was given, is left out."""
+    """The estimates of one method for one sequence, with the ground truth. Frame 0, which was given, is omitted."""
 
     nodes_world: Float64Array  # (T, K, 3) [m]
     true_world: Float64Array  # (T, K, 3) [m]
@@ -84,7 +84,7 @@ class Track:
 
 @dataclass(frozen=True, kw_only=True)
 class Metric:
-    """A figure, with how people want to read it."""
+    """A metric with its display format."""
 
     name: str
     unit: str

@@ -1,6 +1,6 @@
-"""Every method over every case: the same clouds for all, one frame after another, timed, in processes of their own.
+"""Runs every method on every case: the same clouds for all, frame by frame, timed, in separate processes.
 
-The linear algebra of each process has one thread.
+The linear algebra of each process uses one thread.
 """
 
 import multiprocessing
@@ -35,12 +35,12 @@ from dlokit.types.observation import Observation
 WARM_UP_FRAMES = 3
 
 Told = Callable[[str, int, int], None]
-"""Told how far a long trial is: its method, frames done, frames in all."""
+"""Reports the progress of a long trial: its method, finished frames, all frames."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Trial:
-    """What one method did in one case with one seed."""
+    """The result of one method in one case with one seed."""
 
     case: str
     seed: int
@@ -72,7 +72,7 @@ class BenchPlan:
 
     @property
     def tasks(self) -> tuple[Task, ...]:
-        """Seed by seed, so that what is done before an end by Ctrl-C has all cases in it; a file has one seed."""
+        """Tasks seed by seed, so that an interrupted run covers all cases; a file has one seed."""
         return tuple(
             Task(case=case, seed=seed)
             for seed in range(self.first_seed, self.first_seed + self.seeds)
@@ -82,7 +82,7 @@ class BenchPlan:
 
     @property
     def trials(self) -> int:
-        """How many trials there will be."""
+        """Total number of trials."""
         return len(self.methods) * len(self.tasks)
 
 
@@ -182,7 +182,7 @@ def _followed_s(strategy: ObserverStrategy, seen: Observation, state: DloState) 
 
 
 def _warm_up(method: ObserverMethod, dlo: BelievedDlo, seen: list[ObserverFrame], state: DloState) -> None:
-    """What first calls load or compile is not the time of a frame."""
+    """Run the first calls untimed, because they load or compile code."""
     strategy = method.config.build(dlo)
     for look in seen:
         _timed(strategy, _given(method, look), state)
@@ -222,7 +222,7 @@ _LOOKED_AFTER_EVERY_S = 1.0
 
 @dataclass(frozen=True, kw_only=True)
 class TrialStage:
-    """How far a trial is that is still under way."""
+    """Progress of a running trial."""
 
     case: str
     seed: int
@@ -236,7 +236,7 @@ Result = TypeVar("Result")
 
 
 def run_in_workers(plan: BenchPlan, jobs: int) -> Generator[Said]:
-    """Every trial, `jobs` cases at once; and how far those are that take long.
+    """Run all trials, `jobs` cases in parallel, and report the progress of long ones.
 
     Closing the iterator ends the processes. Raises what a trial raised, `MachineError` when a process died.
     """
@@ -265,7 +265,7 @@ def run_in_workers(plan: BenchPlan, jobs: int) -> Generator[Said]:
 
 
 def in_a_worker(work: Callable[[], Result]) -> Result:
-    """What a function of a module gives in a process whose linear algebra has one thread."""
+    """Call a function of a module in a process whose linear algebra uses one thread."""
     with one_thread(), ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
         return pool.submit(work).result()
 
@@ -278,7 +278,7 @@ def _next(said: Any, workers: list[SpawnProcess]) -> Any:
             codes = [worker.exitcode for worker in workers if worker.exitcode]
             if codes:
                 raise MachineError(
-                    f"A process of the bench ended with code {codes[0]}, perhaps for want of memory: "
+                    f"A process of the bench ended with code {codes[0]}, perhaps because of too little memory: "
                     "use fewer --jobs or shorter sequences (--frames)."
                 ) from None
 
@@ -290,7 +290,7 @@ def _work(plan: BenchPlan, tasks: Any, said: Any) -> None:
     task: Task
     for task in iter(tasks.get, None):
         try:
-            for trial in run_task(task, sequences.of(task), plan.methods, _teller(task, said)):
+            for trial in run_task(task, sequences.of(task), plan.methods, _reporter_of(task, said)):
                 said.put(trial)
         except DlokitError as error:
             said.put(error)
@@ -298,7 +298,7 @@ def _work(plan: BenchPlan, tasks: Any, said: Any) -> None:
             said.put(RuntimeError(traceback.format_exc()))
 
 
-def _teller(task: Task, said: Any) -> Any:
+def _reporter_of(task: Task, said: Any) -> Any:
     last_s = time.monotonic()
 
     def tell(method: str, frame: int, frames: int) -> None:

@@ -119,7 +119,7 @@ _OPTIONAL = ("clouds", "pins", "T_world_camera", "radius_m")
 
 
 def read_sequence(path: Path, frames: int | None = None) -> Sequence:
-    """A sequence from a file, its first `frames` frames.
+    """Read a sequence from a file, limited to its first `frames` frames.
 
     Arrays: `nodes` (T, K, 3) [m], `rate_hz`; optionally `clouds` (T, N, 3) [m] with NaN rows as padding, `pins`
     (T, 2, 3) [m] of the first and the last node, `T_world_camera` (4, 4), `radius_m`. Others are not read. Raises
@@ -149,7 +149,7 @@ def read_sequence(path: Path, frames: int | None = None) -> Sequence:
 
 
 def unread_arrays(path: Path) -> tuple[str, ...]:
-    """The arrays of a file that are none of a sequence's: perhaps a name that was misspelt."""
+    """Names of arrays in a file that are not part of a sequence, perhaps misspelt."""
     try:
         with np.load(path, allow_pickle=False) as file:
             return tuple(name for name in file.files if name not in (*_NEEDED, *_OPTIONAL))
@@ -162,14 +162,14 @@ def _load(path: Path) -> dict[str, np.ndarray]:
         with np.load(path, allow_pickle=False) as file:
             arrays = {name: np.asarray(file[name]) for name in (*_NEEDED, *_OPTIONAL) if name in file.files}
     except FileNotFoundError:
-        raise InputError(f"There is no file {path}; --sequence takes .npz files.") from None
+        raise InputError(f"File {path} does not exist; --sequence takes .npz files.") from None
     except _UNREADABLE as error:
-        raise InputError(f"{path} is no .npz file of plain arrays ({error}): write it with numpy.savez.") from error
+        raise InputError(f"{path} is not a .npz file of plain arrays ({error}): write it with numpy.savez.") from error
     missing = [name for name in _NEEDED if name not in arrays]
     if missing:
         raise InputError(
-            f"{path} lacks {' and '.join(missing)}: needed are nodes and rate_hz, "
-            f"allowed besides are {', '.join(_OPTIONAL)}."
+            f"{path} lacks {' and '.join(missing)}: nodes and rate_hz are required, "
+            f"{', '.join(_OPTIONAL)} are optional."
         )
     for name, array in arrays.items():
         if array.dtype.kind not in "fiu":

@@ -1,1 +1,1 @@
-"""The bench of shaping: suites, sweeps that resume, figures and pictures."""
+"""The bench of shaping: suites, resumable sweeps, figures and pictures."""

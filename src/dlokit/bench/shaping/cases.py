@@ -1,4 +1,4 @@
-"""Cases: an experiment with one seed, by one method that sees and chooses; and what came of them."""
+"""Cases: an experiment with one seed and one method; and their results."""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -12,29 +12,29 @@ from dlokit.system.results.run_result import RunResult
 from dlokit.types.arrays import Float64Array
 
 IDEAL = "ideal"
-"""The observer's place in a run whose state is taken from the cell's truth."""
+"""Stands for the observer in a run whose state is the cell's ground truth."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ShapingMethod:
-    """Who sees and who chooses, by the names of the strategies."""
+    """A combination of observer and planner, by the names of the strategies."""
 
     observer: str
     planner: str
 
     @property
     def name(self) -> str:
-        """As tables call it."""
+        """Name in tables."""
         return f"{self.planner}, {self.observer}"
 
     @property
     def sees_truth(self) -> bool:
-        """Whether the state is the cell's truth."""
+        """Whether the state is the cell's ground truth."""
         return self.observer == IDEAL
 
 
 def methods_of(config: RunConfig, observers: Sequence[str], planners: Sequence[str]) -> tuple[ShapingMethod, ...]:
-    """Every planner with every observer; where none is named, the configuration's."""
+    """Every planner with every observer; by default those of the configuration."""
     return tuple(
         ShapingMethod(observer=observer, planner=planner)
         for planner in planners or (config.planning.strategy.name,)
@@ -43,7 +43,7 @@ def methods_of(config: RunConfig, observers: Sequence[str], planners: Sequence[s
 
 
 def with_method(config: RunConfig, method: ShapingMethod) -> RunConfig:
-    """The configuration with a method's strategies, those that it had with their settings, others with their defaults.
+    """The configuration with a method's strategies; unchanged strategies keep their settings, others get defaults.
 
     Raises `ConfigError` for a name that is not known.
     """
@@ -52,7 +52,7 @@ def with_method(config: RunConfig, method: ShapingMethod) -> RunConfig:
         observer = replace(observer, strategy=OBSERVERS.named(method.observer, "--observer")())
     if method.planner != planning.strategy.name:
         planning = replace(planning, strategy=PLANNERS.named(method.planner, "--planner")())
-    # The truth needs no camera, whose place could be checked.
+    # The ground truth needs no camera, so its pose is not checked.
     task = replace(config.task, check_camera=config.task.check_camera and not method.sees_truth)
     return replace(config, observer=observer, planning=planning, task=task)
 
@@ -67,19 +67,19 @@ class ShapingCase:
 
     @property
     def run_seed(self) -> int:
-        """The seed of the run itself: the same for every method."""
+        """The seed of the run itself, the same for every method."""
         return self.seed + self.experiment.seed_offset
 
     @property
     def folder_name(self) -> str:
-        """Where its files lie, in the folder of the sweep."""
+        """Name of its folder in the folder of the sweep."""
         parts = (self.experiment.name, str(self.seed), self.method.planner, self.method.observer)
         return "-".join(re.sub(r"[^A-Za-z0-9._]+", "-", part).strip("-.") for part in parts)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CaseShapes:
-    """What a picture of a case shows, all in the world frame [m]."""
+    """The shapes in a picture of a case, all in the world frame [m]."""
 
     start_world: Float64Array  # (Mc, 3) the truth before the first action
     goal_world: Float64Array  # (M, 3) what was aimed at
@@ -88,22 +88,22 @@ class CaseShapes:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CaseResult:
-    """What became of it."""
+    """The result of a case."""
 
     case: ShapingCase
     result: RunResult
     shapes: CaseShapes | None = None
-    """None where the run broke down."""
+    """None if the run failed with an error."""
     fault: str | None = None
-    """What broke the run down; it is run again when the sweep is resumed."""
+    """The error of a failed run, which is repeated when the sweep is resumed."""
 
 
 def cases(
     experiments: Sequence[Experiment], seeds: int, methods: Sequence[ShapingMethod], *, first_seed: int = 0
 ) -> Iterator[ShapingCase]:
-    """Every experiment with every seed, from the same start by every method.
+    """Every experiment with every seed, with the same start for every method.
 
-    Seed by seed, so that what is done before an end by Ctrl-C has every experiment in it.
+    Ordered by seed, so that an interrupted sweep covers every experiment.
     """
     for seed in range(first_seed, first_seed + seeds):
         for experiment in experiments:

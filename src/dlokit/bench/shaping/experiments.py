@@ -1,4 +1,4 @@
-"""One experiment of a suite: what lies on the table, how it starts, and the curve where it shall go."""
+"""One experiment of a suite: the DLO, its start, and the goal curve."""
 
 from dataclasses import dataclass, replace
 
@@ -34,7 +34,7 @@ class BuiltInGoal:
 
 @dataclass(frozen=True, kw_only=True)
 class CurveGoal:
-    """A curve of a file: scaled to the rod, the middle of its extent in the middle of the table."""
+    """A curve of a file, scaled to the rod and centred on the table."""
 
     points_m: tuple[tuple[float, float], ...]
     """(x, y) [m], in order along the rod, of any length and anywhere."""
@@ -50,7 +50,7 @@ class CurveGoal:
 
 @dataclass(frozen=True, kw_only=True)
 class BentGoal:
-    """An S of two opposite arcs of one radius, with straight ends as long as there is rod left."""
+    """An S of two opposite arcs of equal radius, with straight ends of the remaining length."""
 
     turn_rad: float
     """Angle that each arc turns by."""
@@ -74,8 +74,8 @@ GoalCurve = BuiltInGoal | CurveGoal | BentGoal
 
 RANDOM = "random"
 TOLD_STIFFER, TOLD_HEAVIER, TOLD_SMOOTHER = 1.3, 1.17, 0.75
-"""What a lab tells the system of a rod whose stiffness it has measured, over what is so: as far off as the shipped
-beliefs are for the shipped rope."""
+"""Uncertainty of a stiffness measured in a lab, as a ratio: equal to that of the default beliefs for the default
+rope."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,12 +87,12 @@ class Experiment:
     """I, S, or random: drawn from the seed."""
     goal: GoalCurve
     groups: tuple[str, ...] = ()
-    """Rows of the table that its runs count in as well."""
+    """Table rows in which its runs are also counted."""
     dlo: DloPreset | None = None
-    """What lies on the table; None: what the configuration says."""
+    """DLO on the table; None: that of the configuration."""
     told: bool = False
-    """Whether the system is told stiffness, weight and friction as well, as far as a lab knows them; else it knows
-    length and radius alone."""
+    """Whether the system's model gets measured stiffness, weight and friction; otherwise it gets only
+    length and radius."""
     seed_offset: int = 0
     """Added to the seed of each of its runs, so that experiments draw different starts and cells."""
 
@@ -108,13 +108,13 @@ class Experiment:
             bending_stiffness_n_m2=TOLD_STIFFER * self.dlo.bending_stiffness_n_m2,
             mass_kg_m=TOLD_HEAVIER * self.dlo.mass_per_length_kg_m,
             friction=TOLD_SMOOTHER * self.dlo.friction,
-            # As sure as of the shipped figures, and a lab knows of a rope that it springs back.
+            # The same certainty as for the default figures; a lab knows that a rope is elastic.
             belief=BeliefConfig(takes_set=0.0),
         )
         return replace(run, model=model)
 
     def start_world(self, dlo: DloPreset, run_seed: int) -> Float64Array:
-        """Where the cell's DLO lies first, (CURVE_POINTS, 3) [m].
+        """Initial shape of the cell's DLO, (CURVE_POINTS, 3) [m].
 
         A random start bends no tighter than friction can hold for that DLO; for the rope it is the one of
         ``dlokit shape --start random --seed K``.

@@ -75,9 +75,9 @@ def confusion(results: Sequence[CaseResult]) -> dict[Standing, tuple[int, int]]:
 
 
 def goals_refuted(results: Sequence[CaseResult]) -> tuple[int, int]:
-    """Goals that were called infeasible in a cell where a run reached them, by whatever method; and all such goals.
+    """The number of goals called infeasible that a run of any method reached in that cell, and of all such goals.
 
-    A goal in the cell of another seed is another goal: what holds depends on friction and stiffness.
+    A goal in the cell of another seed counts as another goal: feasibility depends on friction and stiffness.
     """
     infeasible = {_goal(done) for done in results if standing(done.result) is Standing.INFEASIBLE}
     reached_goals = {_goal(done) for done in results if reached(done.result)}
@@ -85,7 +85,7 @@ def goals_refuted(results: Sequence[CaseResult]) -> tuple[int, int]:
 
 
 def kept(results: Sequence[CaseResult]) -> dict[Standing, tuple[int, int]]:
-    """Experiments by what is said of their goal in the first run of each, of all experiments that were judged."""
+    """Experiments by the verdict on their goal in the first run of each, of all experiments that were judged."""
     first: dict[str, Standing] = {}
     for done in results:
         said = standing(done.result)
@@ -95,7 +95,7 @@ def kept(results: Sequence[CaseResult]) -> dict[Standing, tuple[int, int]]:
 
 
 def verdict_figures(results: Sequence[CaseResult]) -> Iterator[BenchFigure]:
-    """How often a goal that is said to hold is reached; how many goals are kept; what was wrongly refused."""
+    """Rates: feasible goals reached, goals by verdict, and goals wrongly rejected."""
     for method in dict.fromkeys(done.case.method.name for done in results):
         of_method = [done for done in results if done.case.method.name == method]
         for verdict, (wins, runs) in confusion(of_method).items():
@@ -150,19 +150,21 @@ def overview(rows: Iterator[FigureRow]) -> Iterator[tuple[str, ...]]:
 
 
 def outcomes(results: Sequence[CaseResult]) -> Iterator[str]:
-    """A line a method: how its runs ended, and what became of the hopeless ones."""
+    """One line per method: how its runs ended, and the results of runs without expected progress."""
     for method in dict.fromkeys(done.case.method.name for done in results):
         runs = [done.result for done in results if done.case.method.name == method]
         counted = Counter(run.outcome.value for run in runs).most_common()
         line = f"{method}: " + ", ".join(f"{count} {outcome}" for outcome, count in counted)
         if hopeless := [run for run in runs if metrics.is_hopeless(run)]:
             late = sum(metrics.idle_actions(run) > metrics.HOPELESS_ACTIONS for run in hopeless)
-            line += f"; {len(hopeless)} hopeless, {late} of them went on for over {metrics.HOPELESS_ACTIONS} in vain"
+            line += (
+                f"; {len(hopeless)} without expected progress, {late} of them over {metrics.HOPELESS_ACTIONS} actions"
+            )
         yield line
 
 
 def verdict_lines(results: Sequence[CaseResult]) -> Iterator[str]:
-    """What was said of goals, against what happened."""
+    """Verdicts on goals compared with the outcomes."""
     for method in dict.fromkeys(done.case.method.name for done in results):
         said = confusion([done for done in results if done.case.method.name == method])
         parts = [f"{verdict.value}: {wins} of {runs} reached" for verdict, (wins, runs) in said.items() if runs]
@@ -198,7 +200,7 @@ _PER_RUN: tuple[tuple[str, str, Value], ...] = (
 
 
 def figures(results: Sequence[CaseResult]) -> list[BenchFigure]:
-    """Figures of each experiment, of the groups, and of the verdicts against what happened."""
+    """Figures of each experiment, of the groups, and of the verdicts compared with the outcomes."""
     rows = chain(experiment_rows(results), group_rows(results))
     return [*chain.from_iterable(_row_figures(row) for row in rows), *verdict_figures(results)]
 

@@ -1,4 +1,4 @@
-"""What is measured of one run, beside what its result says already."""
+"""Metrics of one run that its result does not contain."""
 
 from collections.abc import Sequence
 
@@ -8,52 +8,52 @@ from dlokit.types.feasibility import Standing
 from dlokit.types.flow import RunOutcome
 
 FALSE_BEYOND_M = 0.002
-"""A run that reports convergence is wrong when the truth is beyond its threshold by more than this [m]."""
+"""Margin above the threshold from which a reported convergence is wrong by the ground truth [m]."""
 HOPELESS_ACTIONS = 3
-"""A hopeless run must not go on for more actions than this without progress."""
+"""Maximum number of actions without progress of a run with no progress expected."""
 
 
 def converged(run: RunResult) -> bool:
-    """Whether it ended by reaching the goal that was asked for, by its own estimate."""
+    """Whether the run ended by reaching the requested goal, by its own estimate."""
     verdict = run.goal_verdict
     return run.outcome is RunOutcome.CONVERGED and not (verdict is not None and verdict.projected)
 
 
 def falsely_converged(run: RunResult) -> bool:
-    """Whether it reports an error below the threshold, and the truth is beyond the threshold and a margin."""
+    """Whether it reports an error below the threshold, and the true error exceeds the threshold by a margin."""
     if run.outcome is not RunOutcome.CONVERGED or run.true_rmse_m is None:
         return False
     return run.true_rmse_m > run.threshold_m + FALSE_BEYOND_M
 
 
 def reached(run: RunResult) -> bool:
-    """Whether the goal that was asked for was reached in truth."""
+    """Whether the requested goal was truly reached."""
     return converged(run) and not falsely_converged(run)
 
 
 def standing(run: RunResult) -> Standing | None:
-    """What was said of the goal; None when the run ended before it was judged."""
+    """The verdict on the goal; None when the run ended before it was judged."""
     return None if run.goal_verdict is None else run.goal_verdict.standing
 
 
 def robot_time_s(run: RunResult) -> float:
-    """Time that the robot was at work [s], on the cell's clock."""
+    """Working time of the robot, on the cell's clock [s]."""
     return sum(action.robot_time_s for action in run.history)
 
 
 def path_length_m(run: RunResult) -> float:
-    """What the tool travelled [m]."""
+    """Distance travelled by the tool [m]."""
     return sum(action.path_length_m for action in run.history)
 
 
 def is_hopeless(run: RunResult) -> bool:
-    """Whether it was tried though the goal may not hold, and did not get there."""
+    """Whether the run tried a possibly infeasible goal and did not reach it."""
     said = standing(run)
     return said is not None and said is not Standing.HOLDS and run.outcome is not RunOutcome.CONVERGED
 
 
 def idle_actions(run: RunResult) -> int:
-    """Actions at its end that brought no new best error, better by what the task takes for a change."""
+    """Number of final actions without a new best error, better by at least the task's threshold of change."""
     errors = [row.rmse_m for row in run.history]
     if run.start_rmse_m is not None:
         errors.insert(0, run.start_rmse_m)

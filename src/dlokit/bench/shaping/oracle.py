@@ -1,7 +1,7 @@
-"""`--oracle`: the state is taken from the cell's truth, in place of camera, perception and observer.
+"""`--oracle`: the cell's ground truth replaces camera, perception and observer as the source of the state.
 
-It shows what planning and control are worth without what seeing costs. The truth goes over the bus as targets, in this
-process alone; nothing but this bench builds such a system.
+It evaluates planning and control without the errors of perception. The ground truth is published as targets within
+this process; only this bench builds such a system.
 """
 
 import asyncio
@@ -25,18 +25,18 @@ from dlokit.types.observation import Observation
 from dlokit.types.system import StrategySpec
 
 Truth = Callable[[], Float64Array]
-"""Where the DLO is now, (Mc, 3) [m]."""
+"""Current shape of the DLO, (Mc, 3) [m]."""
 _POINTS = 600
 
 
 class OracleBuild:
-    """Builds a system like any other, but for perception and observer, who are told the truth."""
+    """Builds the components of a system, with perception and observer replaced by the ground truth."""
 
     def __init__(self) -> None:
         self._cell: CellComponent | None = None
 
     def __call__(self, name: str, config: RunConfig, wiring: Wiring) -> Component:
-        """The component of that name; the cell comes first."""
+        """Build the component `name`; the cell comes first."""
         match name:
             case "perception":
                 return OraclePerception(self._truth)
@@ -49,12 +49,12 @@ class OracleBuild:
                 return component
 
     def _truth(self) -> Float64Array:
-        assert self._cell is not None, "the cell is built before anybody looks"
+        assert self._cell is not None, "the cell is built before the first look"
         return self._cell.true_nodes_world()
 
 
 class OraclePerception(Component):
-    """Sees the middle line of the DLO, all of it, at any time."""
+    """Perception that sees the complete centre line of the DLO at any time."""
 
     name = "perception"
     publishes = (topics.OBSERVATION,)
@@ -83,7 +83,7 @@ class OraclePerception(Component):
 
     @implements(perception.SET_BOX)
     async def set_box(self, lower_world: Float64Array, upper_world: Float64Array) -> None:
-        """Nothing is left out."""
+        """Ignored: nothing is filtered."""
 
     @implements(perception.SET_SEGMENTATION)
     async def set_segmentation(self, spec: StrategySpec) -> None:
@@ -98,11 +98,11 @@ class OraclePerception(Component):
                 await self.port.clock.sleep(1.0 / self._rate_hz)
             else:
                 self._rate_changed.clear()
-                await self._rate_changed.wait()  # until somebody asks, or the component ends
+                await self._rate_changed.wait()  # until a rate is set, or the component ends
 
 
 class OracleObserver(Component):
-    """Gives the true nodes as targets, in an order of its own choice, as an observer has to."""
+    """Observer that returns the true nodes as targets, in an order chosen at its initialisation."""
 
     name = "observer"
     publishes = (topics.TARGETS,)
@@ -115,13 +115,13 @@ class OracleObserver(Component):
 
     @on(topics.OBSERVATION)
     async def on_observation(self, seen: Observation) -> None:
-        """Follow, once initialised."""
+        """Publish targets, once initialised."""
         if self._last is not None and seen.stamp_ns > self._last.stamp_ns:
             self._publish(self._last.nodes_world)
 
     @implements(observer.INITIALISE)
     async def initialise(self, after_stamp_ns: int = 0, towards_world: Float64Array | None = None) -> TargetPoints:
-        """Choose the order: the nearer to a curve, or to the shape before, else the left end first."""
+        """Choose the order: the nearer to a curve, or to the previous shape, else the left end first."""
         if towards_world is not None:
             return self._publish(geometry.resample(towards_world, self._count))
         if self._last is not None:
@@ -131,7 +131,7 @@ class OracleObserver(Component):
 
     @implements(observer.SET_STRATEGY)
     async def set_strategy(self, spec: StrategySpec) -> None:
-        """There is nothing to choose."""
+        """Rejected: there is no strategy to choose."""
         raise SkillRejected("unknown_strategy", "an oracle needs no strategy")
 
     @implements(observer.RESET)

@@ -1,4 +1,4 @@
-"""Small multiples: start, goal and end of every case, some dozens a page."""
+"""Small multiples: start, goal and end of every case, several dozen per page."""
 
 import re
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ _MARGIN_M = 0.03
 
 
 def draw(results: Sequence[CaseResult], folder: Path) -> list[Path]:
-    """Pages of panels, a method after another; what broke down has no panel."""
+    """Draw pages of panels, one method after the other; failed cases have no panel."""
     paths: list[Path] = []
     rank = {name: at for at, name in enumerate(dict.fromkeys(done.case.experiment.name for done in results))}
     for method in dict.fromkeys(done.case.method.name for done in results):

@@ -1,4 +1,4 @@
-"""One case: run in lockstep, judged by the hidden truth, its files left in a folder of its own."""
+"""Runs one case in lockstep, judged by the ground truth, with its files in its own folder."""
 
 import logging
 import shutil
@@ -37,22 +37,22 @@ START_FILE, GOAL_FILE = "start.npy", "goal.npy"
 
 
 def attempt_case(case: ShapingCase, config: RunConfig, folder: Path) -> CaseResult:
-    """Run one case; one that breaks down is told of, and does not end the others.
+    """Run one case; an error is reported in its result and does not end the other cases.
 
-    What an attempt before left in `folder` is removed.
+    Files of a previous attempt in `folder` are removed.
     """
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     try:
         return run_case(case, config, folder)
-    except Exception as error:  # a sweep of hours keeps its other cases, whatever is wrong with this one
+    except Exception as error:  # a sweep of hours keeps its other cases, whatever fails in this one
         (folder / FAULT_FILE).write_text(traceback.format_exc(), encoding="utf-8")
         fault = f"{type(error).__name__}: {error}"
         return CaseResult(case=case, result=_broken(case, config, fault), fault=fault)
 
 
 def run_case(case: ShapingCase, config: RunConfig, folder: Path) -> CaseResult:
-    """Run one case in lockstep; its files are left in `folder`, the one that says that it is done at last."""
+    """Run one case in lockstep; the file that marks it as finished is written last."""
     config = case_config(case, config, folder)
     job = job_of(case, config)
     _load(config)
@@ -77,7 +77,7 @@ def run_case(case: ShapingCase, config: RunConfig, folder: Path) -> CaseResult:
 
 
 def finished_case(case: ShapingCase, folder: Path) -> CaseResult | None:
-    """What an earlier sweep made of a case; None where it is not finished."""
+    """The result of a case in an earlier sweep; None if it is not finished."""
     if not (folder / SHAPES_FILE).is_file():
         return None
     try:
@@ -119,7 +119,7 @@ def job_of(case: ShapingCase, config: RunConfig) -> ShapeJob:
 
 
 def _load(config: RunConfig) -> None:
-    """Load what is compiled, which a fresh process would else do in the first decision, and in its time."""
+    """Load compiled code, which a fresh process would otherwise load, and time, in its first decision."""
     warm((config.observer.strategy,))
     if isinstance(config.planning.strategy, Loaded):
         config.planning.strategy.load()

@@ -24,7 +24,7 @@ from dlokit.skills.robot import api as robot
 from dlokit.system.config import RunConfig
 from dlokit.system.live import LiveSystem
 from dlokit.system.processes.running import RunningSystem, the_running_system
-from dlokit.system.processes.stop_socket import STANDS, stop_socket
+from dlokit.system.processes.stop_socket import CONFIRMED_STOP, stop_socket
 from dlokit.types.robot import RobotMode, RobotState
 
 ACTS_WITHIN_S = 90.0
@@ -90,7 +90,7 @@ class PressScene:
 
         def hear(line: str) -> None:
             lines.append(line)
-            if STANDS in line:
+            if CONFIRMED_STOP in line:
                 confirmed_at_s.append(time.monotonic())
 
         listens = asyncio.create_task(_listens(stop_socket(folder, ARMS[0].robot)), name="listens")

@@ -140,7 +140,7 @@ class _Trials:
         """What becomes of the arm when nothing is done to its commander, when it is frozen, and when it is killed."""
         false_stops, watched_s = await self._watch()
         frozen = await self._repeated("frozen", self._plan.freezes, self._freeze, self._thaw)
-        killed = await self._repeated("killed", self._plan.kills, self._kill, self._start_anew)
+        killed = await self._repeated("killed", self._plan.kills, self._kill, self._restart_commander)
         return StopFigures(killed=killed, frozen=frozen, watched_s=watched_s, false_stops=false_stops)
 
     async def feedback_withheld(self) -> tuple[Stop, ...]:
@@ -171,7 +171,7 @@ class _Trials:
     ) -> tuple[Stop, ...]:
         stops: list[Stop] = []
         while len(stops) < times:
-            stop = await self._struck(fault)
+            stop = await self._faulted(fault)
             mend()
             if stop is not None:
                 stops.append(stop)
@@ -197,11 +197,11 @@ class _Trials:
     def _kill(self) -> None:
         os.kill(pid_of(self._commander), signal.SIGKILL)
 
-    def _start_anew(self) -> None:
+    def _restart_commander(self) -> None:
         self._commander.join()
         self._commander = start_commander(self._order)
 
-    async def _struck(self, fault: Callable[[], None]) -> Stop | None:
+    async def _faulted(self, fault: Callable[[], None]) -> Stop | None:
         """At a random moment of a motion; None when the motion came to its end before anybody had to notice."""
         while True:
             await self._moving(after_s=time.monotonic())

@@ -1,1 +1,1 @@
-"""A live system on several machines."""
+"""Live systems on several machines."""

@@ -1,4 +1,4 @@
-"""One host's part in a run on several: it starts its processes when the decision's host asks, and watches them."""
+"""The agent of one host in a multi-machine run: it starts and watches its processes on request of the main host."""
 
 import asyncio
 import logging
@@ -13,8 +13,8 @@ from dlokit.communication.container import Container
 from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.errors import InputError, MachineError, ProcessFailure, SkillFailure, SkillRejected
 from dlokit.system.hosts.api import HELLO, RUN_SHARE, HostFacts, ShareReady
-from dlokit.system.hosts.doors import NAMESPACE, impatient_links, through_door
 from dlokit.system.hosts.placement import AGENT
+from dlokit.system.hosts.routers import NAMESPACE, limited_links, local_endpoint_config
 from dlokit.system.processes.bus import join_bus
 from dlokit.system.processes.running import announced
 from dlokit.system.processes.supervisor import Launch, Supervisor
@@ -23,11 +23,11 @@ from dlokit.system.table import ProcessRow, TimeBase
 log = logging.getLogger(__name__)
 
 Prepare = Callable[[str], Launch]
-"""From the configuration of a run to how its processes are started here. Raises `InputError`."""
+"""Prepares the start of processes here from the configuration of a run. Raises `InputError`."""
 
 
 class HostAgent(Component):
-    """Answers for one host; one share at a time."""
+    """Serves one host; it runs one set of processes at a time."""
 
     name = AGENT
 
@@ -36,36 +36,36 @@ class HostAgent(Component):
         name: str,
         rows: Mapping[str, ProcessRow],
         prepare: Prepare,
-        meeting_point: str,
+        local_endpoint: str,
         say: Callable[[str], None],
     ) -> None:
-        """`rows` are the processes that there are; the host's own reach its door at `meeting_point`."""
+        """`rows` are all known processes; those of this host connect to its router at `local_endpoint`."""
         super().__init__()
         self.instance = name
         self._rows = rows
         self._prepare = prepare
-        self._meeting_point = meeting_point
+        self._meeting_point = local_endpoint
         self._say = say
 
     @implements(HELLO)
     async def hello(self) -> HostFacts:
-        """Version and time of day."""
+        """Return the version and the time of day."""
         return HostFacts(version=__version__, wall_ns=time.time_ns())
 
     @implements_reporting(RUN_SHARE)
     async def run_share(
         self, report: Callable[[ShareReady], None], config_toml: str, processes: tuple[str, ...]
     ) -> None:
-        """Run a share until the caller has had enough, or is gone."""
+        """Run the processes until the caller cancels the call or disconnects."""
         try:
             launch = self._prepare(config_toml)
             rows = tuple(self._rows[name] for name in processes)
         except (InputError, KeyError) as error:
-            self._say(f"a run is refused: {error}")
+            self._say(f"a run is rejected: {error}")
             raise SkillRejected("bad_configuration", str(error)) from error
         self._say(f"starting {', '.join(processes)}; logs in {launch.run_dir / 'logs'}")
         try:
-            async with Supervisor(rows, launch, through_door(self._meeting_point)) as supervisor:
+            async with Supervisor(rows, launch, local_endpoint_config(self._meeting_point)) as supervisor:
                 with announced(launch.run_dir, NAMESPACE, self._meeting_point, client=True):
                     self._say("ready")
                     report(ShareReady(host=self.instance))
@@ -77,7 +77,7 @@ class HostAgent(Component):
             self._say(str(error))
             raise SkillFailure("process_could_not_work", str(error)) from error
         finally:
-            self._say("the share has ended; waiting for the next run")
+            self._say("the processes have ended; waiting for the next run")
 
 
 @asynccontextmanager
@@ -88,12 +88,12 @@ async def host_served(
     prepare: Prepare,
     say: Callable[[str], None],
 ) -> AsyncGenerator[None]:
-    """Open this host's door and answer for it meanwhile. Raises `MachineError` when no port is free."""
-    meeting_point = free_meeting_point()
-    config = door(meeting_point)
-    async with join_bus(config, TimeBase.MACHINE) as bus, impatient_links(config.connect[0]):
+    """Open this host's router and serve requests. Raises `MachineError` when no port is free."""
+    local_endpoint = free_loopback_endpoint()
+    config = door(local_endpoint)
+    async with join_bus(config, TimeBase.MACHINE) as bus, limited_links(config.connect[0]):
         host = Container(bus.transport, bus.clock)
-        host.add(HostAgent(name, rows, prepare, meeting_point, say))
+        host.add(HostAgent(name, rows, prepare, local_endpoint, say))
         async with host:
             yield
 
@@ -105,13 +105,13 @@ async def serve_host(
     prepare: Prepare,
     say: Callable[[str], None],
 ) -> None:
-    """As `host_served`, until it is cancelled."""
+    """As `host_served`, until cancelled."""
     async with host_served(name, door, rows, prepare, say):
         await asyncio.Event().wait()
 
 
-def free_meeting_point() -> str:
-    """An endpoint of the loopback interface that nobody uses. Raises `MachineError` when there is none."""
+def free_loopback_endpoint() -> str:
+    """A free endpoint of the loopback interface. Raises `MachineError` when there is none."""
     with socket.socket() as probe:
         try:
             probe.bind(("127.0.0.1", 0))

@@ -1,4 +1,4 @@
-"""What a host of a run on several machines can be asked to do, by the decision's host."""
+"""Skills of a host in a multi-machine run, called by the main host, which runs the decision process."""
 
 from dlokit.communication.skill import ReportingSkill, Skill
 from dlokit.types.message import Value
@@ -7,22 +7,22 @@ A_DAY_S = 86_000.0
 
 
 class HostFacts(Value, frozen=True, kw_only=True, eq=False):
-    """What a host says of itself."""
+    """Facts that a host reports about itself."""
 
     version: str
-    """Of dlokit."""
+    """Version of dlokit."""
     wall_ns: int
-    """Time of day there [ns since 1970]."""
+    """Its time of day [ns since 1970]."""
 
 
 class ShareReady(Value, frozen=True, kw_only=True, eq=False):
-    """All processes of a host's share are ready."""
+    """All processes on a host are ready."""
 
     host: str
 
 
 def _hello() -> HostFacts:
-    """Say which version runs here, and what time it is."""
+    """Report the version of dlokit and the time of day."""
     ...
 
 

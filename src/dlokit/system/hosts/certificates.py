@@ -1,7 +1,7 @@
 """A lab's certificate authority, and a key with a certificate for each of its hosts.
 
-A host proves with its certificate who it is; the certificate's common name is the host's name, by which other hosts
-know what it may do. Elliptic keys (P-256), for both ends of TLS 1.3.
+A host authenticates with its certificate, whose common name is the host's name; other hosts grant rights by that
+name. Elliptic keys (P-256), for both ends of TLS 1.3.
 """
 
 import ipaddress
@@ -22,15 +22,15 @@ from dlokit.system.hosts.config import AUTHORITY, LabHost, is_ip
 AUTHORITY_DAYS = 3650
 HOST_DAYS = 825
 RENEWED_DAYS = 30
-"""A certificate with less time left is written anew."""
+"""A certificate with less remaining validity is renewed."""
 EARLY = timedelta(days=1)
-"""Certificates hold from a day before they were made, for hosts whose clock is behind."""
+"""Certificates are valid from one day before their creation, for hosts whose clock is behind."""
 
 PrivateKey = ec.EllipticCurvePrivateKey
 
 
 def hosts_from_words(words: tuple[str, ...]) -> list[LabHost]:
-    """Hosts as they are typed: ``decision=10.0.0.1,lab-pc viewer robot``, or ``viewer,robot``. Raises `InputError`."""
+    """Parse hosts as typed: ``decision=10.0.0.1,lab-pc viewer robot``, or ``viewer,robot``. Raises `InputError`."""
     hosts: list[LabHost] = []
     for word in words:
         name, equals, addresses = word.partition("=")
@@ -45,10 +45,10 @@ def hosts_from_words(words: tuple[str, ...]) -> list[LabHost]:
 
 
 def make_certificates(folder: Path, hosts: list[LabHost]) -> list[str]:
-    """Write what is missing: the authority, and each host's key and certificate; what was done, a line each.
+    """Write the missing files: the authority, and each host's key and certificate; returns one line per action.
 
-    A key that is there is never written again. A certificate is, when its host has got other addresses, or when it
-    ends within a month. Raises `InputError` where the folder cannot be used.
+    Existing keys are never overwritten. A certificate is renewed when the addresses of its host change, or within a
+    month of its end. Raises `InputError` if the folder cannot be used.
     """
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -61,13 +61,13 @@ def make_certificates(folder: Path, hosts: list[LabHost]) -> list[str]:
 
 
 def host_files(folder: Path, host: str) -> TlsFiles:
-    """A host's files in the folder of its lab. Raises `ConfigError` when one is missing or does not belong there."""
+    """The files of a host in the folder of its lab. Raises `ConfigError` when one is missing or invalid."""
     authority, certificate, key = folder / f"{AUTHORITY}.pem", folder / f"{host}.pem", folder / f"{host}.key"
     for path in (authority, certificate, key):
         if not os.access(path, os.R_OK):
             raise ConfigError(
-                f"the certificate file {path} of host {host!r} is missing or cannot be read: make it with "
-                f"`dlokit certs {folder} --hosts {host}`, where the lab's {AUTHORITY}.key lies, and copy it here."
+                f"the certificate file {path} of host {host!r} is missing or unreadable: create it with "
+                f"`dlokit certs {folder} --hosts {host}` in the folder that has {AUTHORITY}.key, and copy it here."
             )
     _check(certificate, authority, host)
     return TlsFiles(
@@ -90,9 +90,9 @@ def _check(path: Path, authority: Path, host: str) -> None:
     now = datetime.now(UTC)
     if not certificate.not_valid_before_utc <= now <= certificate.not_valid_after_utc:
         raise ConfigError(
-            f"{path} holds from {certificate.not_valid_before_utc:%Y-%m-%d} to "
+            f"{path} is valid from {certificate.not_valid_before_utc:%Y-%m-%d} to "
             f"{certificate.not_valid_after_utc:%Y-%m-%d}, and today is {now:%Y-%m-%d}: set this machine's clock, or "
-            f"write the certificate anew with `dlokit certs`."
+            f"renew the certificate with `dlokit certs`."
         )
 
 
@@ -102,7 +102,7 @@ def _authority(folder: Path) -> tuple[PrivateKey, x509.Certificate, list[str]]:
         return _read_key(key_path), _read_certificate(path), []
     if path.exists():
         raise InputError(
-            f"{folder} holds {path.name} but not {key_path.name}: add hosts in the folder where the lab was made."
+            f"{folder} has {path.name} but not {key_path.name}: add hosts in the folder where the lab was created."
         )
     key = _key(key_path)
     name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "dlokit lab")])
@@ -194,7 +194,7 @@ def _addresses_of(certificate: x509.Certificate) -> set[str]:
 
 
 def _key(path: Path) -> PrivateKey:
-    """The key in a file, which is made when it is not there: readable for its owner alone from the first byte on."""
+    """Read or create the key in a file; a new file is readable only for its owner from the first byte on."""
     if path.exists():
         return _read_key(path)
     key = ec.generate_private_key(ec.SECP256R1())
@@ -210,7 +210,7 @@ def _read_key(path: Path) -> PrivateKey:
     try:
         key = serialization.load_pem_private_key(path.read_bytes(), password=None)
     except (ValueError, TypeError) as error:
-        raise ConfigError(f"{path} is no key: {error}; move it away, and make certificates anew.") from error
+        raise ConfigError(f"{path} is not a key: {error}; move it away, and create new certificates.") from error
     if not isinstance(key, ec.EllipticCurvePrivateKey):
         raise ConfigError(f"{path} is a key of another kind: keys of `dlokit certs` are elliptic (P-256).")
     return key
@@ -220,7 +220,7 @@ def _read_certificate(path: Path) -> x509.Certificate:
     try:
         return x509.load_pem_x509_certificate(path.read_bytes())
     except ValueError as error:
-        raise ConfigError(f"{path} is no certificate: {error}; move it away, and make certificates anew.") from error
+        raise ConfigError(f"{path} is not a certificate: {error}; move it away, and create a new one.") from error
 
 
 def _write_certificate(path: Path, certificate: x509.Certificate) -> None:

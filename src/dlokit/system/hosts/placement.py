@@ -1,4 +1,4 @@
-"""Which process of the table runs on which host, and what each host may do on the others."""
+"""Placement of the processes on hosts, and the rights of each host on the others."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,25 +15,25 @@ from dlokit.system.hosts.config import HostsConfig
 from dlokit.system.table import CAMERA, CELL, DECISION, OPPOSITE, PROCESSES, ROBOT, ProcessRow
 
 AGENT = "host"
-"""Component by which the decision's host asks another one for its share: `host.NAME`."""
+"""Component through which the main host starts processes on another host: `host.NAME`."""
 DRIVERS = frozenset({ROBOT.name, OPPOSITE.name, CAMERA.name})
-"""Processes that speak to the cell as they would to their device."""
+"""Processes that communicate with the cell as with their device."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Placement:
-    """The rows of a run by host."""
+    """The process rows of a run by host."""
 
     main: str
-    """The host of the decision process, where the others connect."""
+    """Host of the decision process, to which the others connect."""
     own: tuple[ProcessRow, ...]
     """Its rows, the decision process first."""
     others: Mapping[str, tuple[ProcessRow, ...]]
-    """Those of each other host; none where a host only looks on."""
+    """Rows of each other host; empty for a host that only observes."""
 
 
 def placed(hosts: HostsConfig, rows: tuple[ProcessRow, ...]) -> Placement:
-    """Where the rows of a run go, the first of which is the decision process. Raises `ConfigError`."""
+    """Assign the rows of a run, of which the first is the decision process. Raises `ConfigError`."""
     where = _host_by_process(hosts)
     nowhere = [row.name for row in rows if row.name not in where]
     if nowhere:
@@ -42,7 +42,7 @@ def placed(hosts: HostsConfig, rows: tuple[ProcessRow, ...]) -> Placement:
     if where.get(CELL.name, main) != main:
         raise ConfigError(
             f"[hosts.runs] places the simulated cell on {where[CELL.name]}: it must run on {main}, where "
-            f"{DECISION.name} does and its truth is judged after the run."
+            f"{DECISION.name} runs and its ground truth is evaluated after the run."
         )
     return Placement(
         main=main,
@@ -52,7 +52,7 @@ def placed(hosts: HostsConfig, rows: tuple[ProcessRow, ...]) -> Placement:
 
 
 def main_host(hosts: HostsConfig) -> str:
-    """The host of the decision process. Raises `ConfigError` when none has it."""
+    """The host of the decision process. Raises `ConfigError` when no host has it."""
     where = _host_by_process(hosts)
     if DECISION.name not in where:
         raise ConfigError(f"[hosts.runs] places {DECISION.name} on no host: add it to the list of one host.")
@@ -66,7 +66,7 @@ def _host_by_process(hosts: HostsConfig) -> dict[str, str]:
         for name in names:
             if name not in known:
                 raise ConfigError(
-                    f"[hosts.runs] places {name!r} on {host}, which is no process; there are {', '.join(known)}."
+                    f"[hosts.runs] places {name!r} on {host}, which is not a process; use {', '.join(known)}."
                 )
             if name in where:
                 raise ConfigError(f"[hosts.runs] places {name} on {where[name]} and on {host}: name it once.")
@@ -75,10 +75,10 @@ def _host_by_process(hosts: HostsConfig) -> dict[str, str]:
 
 
 def rights_at_main(placement: Placement) -> tuple[HostRights, ...]:
-    """What each other host may do: speak for its components, stop arm and task, and drive the cell if that is its work.
+    """Rights of each other host: publish for its components, stop arm and task, and drive the cell if required.
 
-    Calls to anything else come from the main host alone, motions of the robot above all, and so do the heartbeats
-    that keep its lease.
+    Only the main host may call anything else, in particular motions of the robot, and only it may send the heartbeats
+    that keep the robot's lease.
     """
     stops = tuple(
         f"{skill.component}/{skill.name}" for skill in (*(robot.STOP.at(arm.instance) for arm in ARMS), STOP_TASK)
@@ -95,7 +95,7 @@ def rights_at_main(placement: Placement) -> tuple[HostRights, ...]:
 
 
 def rights_elsewhere(main: str) -> tuple[HostRights, ...]:
-    """What other hosts may do on one that is not the main host: only that one connects, and has looked at the rest."""
+    """Rights of other hosts on one that is not the main host; only the main host connects, and it checks the rest."""
     return (HostRights(host=main, trusted=True),)
 
 

@@ -1,1 +1,1 @@
-"""The processes of a live system: started, watched, given work, stopped, and found from any shell."""
+"""The processes of a live system: start, supervision, compute workers, stop, and discovery from any shell."""

@@ -1,4 +1,4 @@
-"""A process's place on the bus, with the clock that its components wait on."""
+"""The bus connection of a process, with the clock of its components."""
 
 import asyncio
 from collections.abc import AsyncGenerator
@@ -22,7 +22,7 @@ class JoinedBus:
     clock: Clock
 
     async def first_tick(self, timeout_s: float) -> None:
-        """Wait until the clock shows something. Raises `ProcessFailure` after `timeout_s` of the machine's time."""
+        """Wait for the first time of the clock. Raises `ProcessFailure` after `timeout_s` of wall time."""
         if not isinstance(self.clock, FollowedClock):
             return
         try:
@@ -38,7 +38,7 @@ class JoinedBus:
 async def join_bus(
     config: ZenohConfig, time_base: TimeBase, open_session: OpenSession = open_session
 ) -> AsyncGenerator[JoinedBus]:
-    """Open the transport; follow the cell's ticks where that is the time base."""
+    """Open the transport; follow the cell's ticks if they are the time base."""
     clock = FollowedClock() if time_base is TimeBase.CELL else LoopClock()
     transport = ZenohTransport(config, clock, open_session)
     following: asyncio.Task[None] | None = None

@@ -1,4 +1,4 @@
-"""What every started process does around its components: bus, clock, heartbeat, and an end in any case."""
+"""The frame of every started process around its components: bus, clock, heartbeat, and a reliable end."""
 
 import asyncio
 import contextlib
@@ -29,17 +29,17 @@ from dlokit.system.processes.child_process import (
     decode_spec,
 )
 from dlokit.system.processes.workers import worker_pool
-from dlokit.system.results.run_folder import NOBODYS_BUSINESS, read_start
+from dlokit.system.results.run_folder import HIDDEN_START, read_start
 from dlokit.system.toml_config import read_toml
 
 
 def component_of_run(name: str, spec: ChildSpec, bus: JoinedBus) -> Component:
-    """The component of that name from the run's configuration file."""
+    """Build the component `name` from the run's configuration file."""
     wiring = Wiring(
         transport=bus.transport,
         clock=bus.clock,
         folder=Path(spec.run_dir),
-        start_nodes_world=read_start(Path(spec.run_dir)) if name == "cell" else NOBODYS_BUSINESS,
+        start_nodes_world=read_start(Path(spec.run_dir)) if name == "cell" else HIDDEN_START,
         page_key=spec.page_key,
     )
     return build_component(name, read_toml(Path(spec.config_file), RunConfig), wiring)
@@ -48,15 +48,15 @@ def component_of_run(name: str, spec: ChildSpec, bus: JoinedBus) -> Component:
 log = logging.getLogger(__name__)
 
 Build = Callable[[str, ChildSpec, JoinedBus], Component]
-"""Makes the component of a name."""
+"""Builds a component by its name."""
 
 
 def run_child(build: Build, open_session: OpenSession = open_session) -> None:
-    """Serve the components that standard input asks for, until standard input ends or SIGTERM comes."""
+    """Serve the components given on standard input, until standard input ends or SIGTERM arrives."""
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
     spec = decode_spec(sys.stdin.buffer.readline())
     if not may_be_urgent():
-        log.info("no real-time priority is allowed here; dlokit doctor says what that means")
+        log.info("real-time priority is not allowed here; dlokit doctor explains the consequences")
     try:
         asyncio.run(_serve(spec, build, open_session))
     except InputError as error:
@@ -68,22 +68,22 @@ async def _serve(spec: ChildSpec, build: Build, open_session: OpenSession) -> No
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
     loop.add_signal_handler(signal.SIGTERM, stop.set)
-    # A daemon, because nothing can wake it but the end of the pipe.
+    # A daemon thread, because only the end of the pipe can wake it.
     threading.Thread(target=_end_with_parent, args=(loop, stop, spec.outlives_s), daemon=True).start()
     with worker_pool() as compute:
         async with join_bus(spec.bus, spec.time_base, open_session) as bus:
             host = Container(bus.transport, bus.clock, compute, spec.instances)
             for name in spec.components:
                 host.add(build(name, spec, bus))
-            # The first look of a loaded machine would else wait for a worker to start, and time out.
-            await asyncio.gather(host.prepare(), _others_there(spec, bus))
+            # Otherwise the first look on a loaded machine would wait for the start of a worker, and time out.
+            await asyncio.gather(host.prepare(), _dependencies_present(spec, bus))
             async with garbage_frozen(), host:
                 await _until_stopped(stop, host, spec.beat_fd)
     log.info("%s has ended", spec.process)
 
 
-async def _others_there(spec: ChildSpec, bus: JoinedBus) -> None:
-    """Wait for whom this process comes after; meanwhile it loads what it needs. Raises `ProcessFailure`."""
+async def _dependencies_present(spec: ChildSpec, bus: JoinedBus) -> None:
+    """Wait for the components that this process depends on, while it loads libraries. Raises `ProcessFailure`."""
     for component in spec.after:
         if not await bus.transport.wait_for(component, spec.others_within_s):
             raise ProcessFailure(
@@ -93,7 +93,7 @@ async def _others_there(spec: ChildSpec, bus: JoinedBus) -> None:
 
 
 async def _until_stopped(stop: asyncio.Event, host: Container, beat_fd: int) -> None:
-    """Beat until `stop` is set; raises what a component's own loop raises."""
+    """Send heartbeats until `stop` is set; raises the errors of a component's own loop."""
     tasks: set[asyncio.Task[Any]] = {
         asyncio.create_task(stop.wait(), name="stop"),
         asyncio.create_task(host.wait_failed(), name="failed"),
@@ -108,11 +108,11 @@ async def _until_stopped(stop: asyncio.Event, host: Container, beat_fd: int) -> 
 
 
 async def _beat(beat_fd: int) -> None:
-    """On the loop that serves the components, so that the heart stops when the loop does."""
+    """Send heartbeats from the loop that serves the components, so that they stop when the loop hangs."""
     os.set_blocking(beat_fd, False)
     mark = READY
     while True:
-        # The pipe is full: the supervisor sleeps, not we. Or it is gone, which standard input tells.
+        # The pipe is full because the supervisor is not reading, or it is closed, which also ends standard input.
         with contextlib.suppress(BlockingIOError, BrokenPipeError):
             os.write(beat_fd, mark)
         mark = BEAT
@@ -120,12 +120,12 @@ async def _beat(beat_fd: int) -> None:
 
 
 def _end_with_parent(loop: asyncio.AbstractEventLoop, stop: asyncio.Event, outlives_s: float) -> None:
-    """Wait for the end of standard input, which is the end of the process that started this one."""
+    """Wait for the end of standard input, which marks the end of the parent process."""
     while os.read(sys.stdin.fileno(), 1024):
         pass
     time.sleep(outlives_s)
     with contextlib.suppress(RuntimeError):  # the loop has ended already
         loop.call_soon_threadsafe(stop.set)
-    # A loop that hangs is not asked twice; the group holds this process and its own workers.
+    # A loop that hangs gets no second request; the group contains this process and its own workers.
     threading.Event().wait(STOP_GRACE_S)
     os.killpg(0, signal.SIGKILL)

@@ -1,4 +1,4 @@
-"""One started process as its supervisor sees it: what it is told, its pulse, its end, and the tail of its log."""
+"""One started process as seen by its supervisor: its specification, heartbeat, end, and the tail of its log."""
 
 import asyncio
 import math
@@ -14,7 +14,7 @@ from dlokit.system.table import TimeBase
 
 
 class ChildSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """All that differs from one process to another."""
+    """Everything that differs between processes."""
 
     process: str
     components: tuple[str, ...]
@@ -24,57 +24,57 @@ class ChildSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     """Path of the run's configuration."""
     run_dir: str
     instances: dict[str, tuple[str, ...]] = {}
-    """What there is more than one of, besides the first, by component."""
+    """Additional instances, besides the first, by component."""
     page_key: str
-    """Key of the viewer's page; it is given here because lists of processes show arguments to everybody."""
+    """Access key of the viewer's page; not an argument, because process lists show arguments to all users."""
     beat_fd: int
-    """Inherited pipe: `READY` once, then `BEAT` again and again."""
+    """Inherited pipe: `READY` once, then `BEAT` repeatedly."""
     outlives_s: float = 0.0
-    """It goes on for so long when its standard input ends [s]."""
+    """Time for which it continues after its standard input has ended [s]."""
     after: tuple[str, ...] = ()
-    """Components that must be on the bus before this process says that it is ready."""
+    """Components that must be on the bus before this process reports that it is ready."""
     others_within_s: float = 60.0
-    """It waits so long for them, and for the first tick of the cell's clock where it follows that [s]."""
+    """Time limit for these components, and for the first tick of the cell's clock if it follows that clock [s]."""
 
 
 READY = b"r"
 BEAT = b"."
 
 BEAT_PERIOD_S = 0.5
-"""Heartbeat period, on the machine's clock."""
+"""Heartbeat period, in wall time [s]."""
 
 
 STOP_GRACE_S = 5.0
-"""A process that is asked to end gets this long before it is killed: the arm brakes, files are closed."""
+"""Time between the request to end and the kill [s]: the arm brakes, files are closed."""
 
 
 def encode_spec(spec: ChildSpec) -> bytes:
-    """One line."""
+    """The specification as one line."""
     return msgspec.json.encode(spec) + b"\n"
 
 
 def decode_spec(line: bytes) -> ChildSpec:
-    """The spec in a line."""
+    """The specification from one line."""
     return msgspec.json.decode(line, type=ChildSpec)
 
 
 TAIL_LINES = 12
 TAIL_BYTES = 8192
 POLL_S = 0.02
-"""How often a process that is ending is asked whether it has."""
+"""Period of checks whether a process has ended [s]."""
 
 
 class ChildProcess:
-    """A process with two pipes: its standard input, whose end tells it to end, and one for its heartbeat.
+    """A process with two pipes: its standard input, whose end is the request to end, and one for its heartbeat.
 
-    It leads a process group of its own: Ctrl-C reaches only the process that started it, which stops the others
-    in order; and what it has started itself can be swept up with it. A session of its own would do that too, but Linux
-    shares the processors out among sessions, and on a busy machine the commander, who must be heard within the lease of
-    its arm, got no more than any other.
+    It leads its own process group: Ctrl-C reaches only the parent process, which stops the others in order; and its own
+    children can be killed together with it. A separate session would do so too, but Linux divides the processors
+    among sessions, and on a busy machine the commander, whose heartbeats must arrive within the lease of its arm, got
+    no larger fraction than other sessions.
     """
 
     def __init__(self, command: tuple[str, ...], spec: ChildSpec, log_file: Path) -> None:
-        """Start `command`, which appends its output to `log_file`. Raises `OSError` when the machine does not."""
+        """Start `command`, which appends its output to `log_file`. Raises `OSError` when the start fails."""
         self._loop = asyncio.get_running_loop()
         self.name = spec.process
         self.log_file = log_file
@@ -86,7 +86,7 @@ class ChildProcess:
             log_file.parent.mkdir(parents=True, exist_ok=True)
             with log_file.open("ab") as log:
                 self._popen = subprocess.Popen(
-                    (*command, spec.process),  # the name is for people who list processes
+                    (*command, spec.process),  # the name is shown in process lists
                     stdin=subprocess.PIPE,
                     stdout=log,
                     stderr=log,
@@ -103,7 +103,7 @@ class ChildProcess:
 
     @property
     def pid(self) -> int:
-        """Process number."""
+        """Process id."""
         return self._popen.pid
 
     @property
@@ -112,11 +112,11 @@ class ChildProcess:
         return self._popen.poll()
 
     def silent_s(self) -> float:
-        """Time since its last heartbeat on the machine's clock [s]."""
+        """Time since its last heartbeat, in wall time [s]."""
         return self._loop.time() - self.last_beat_s
 
     def tail(self) -> str:
-        """The last lines of its log; where that cannot be read, one line that says why."""
+        """The last lines of its log; if the log cannot be read, one line with the cause."""
         try:
             with self.log_file.open("rb") as log:
                 log.seek(max(0, os.fstat(log.fileno()).st_size - TAIL_BYTES))
@@ -130,7 +130,7 @@ class ChildProcess:
         return self.tail().rpartition("\n")[2]
 
     async def stop(self) -> None:
-        """Ask it to end, wait, kill; and sweep up what it left behind."""
+        """Request the end of the process, wait, kill it, and kill its remaining children."""
         if self._popen.poll() is None:
             self._signal(signal.SIGTERM)
             if not await self._ended_within(STOP_GRACE_S):
@@ -139,8 +139,8 @@ class ChildProcess:
         self.release()
 
     def release(self) -> None:
-        """Kill what is left of its group, and close the pipes."""
-        # Its own workers are in its group; a frozen process among them would stay for ever.
+        """Kill the remaining processes of its group, and close the pipes."""
+        # Its workers are in its group; a frozen one would remain forever.
         self._signal(signal.SIGKILL)
         if self._beats >= 0:
             self._loop.remove_reader(self._beats)
@@ -159,13 +159,13 @@ class ChildProcess:
             self._popen.stdin.write(line)
             self._popen.stdin.flush()
         except BrokenPipeError:
-            return  # it died at once: its exit code says so
+            return  # it died immediately: see its exit code
 
     def _signal(self, number: signal.Signals) -> None:
         try:
             os.killpg(self._popen.pid, number)
         except (ProcessLookupError, PermissionError):
-            return  # nobody is left
+            return  # the group is empty
 
     async def _ended_within(self, limit_s: float) -> bool:
         for _ in range(math.ceil(limit_s / POLL_S)):
@@ -176,7 +176,7 @@ class ChildProcess:
 
     def _on_beat(self) -> None:
         beats = os.read(self._beats, 4096)
-        if not beats:  # it has closed the pipe: it is ending
+        if not beats:  # it has closed the pipe because it is ending
             self._loop.remove_reader(self._beats)
             return
         self.last_beat_s = self._loop.time()

@@ -1,4 +1,4 @@
-"""The decision process holds the robots' leases: while it lives, it says so; when it is gone, the arms brake."""
+"""Heartbeats of the decision process that keep the robots' leases; the arms brake when they stop."""
 
 import itertools
 import time
@@ -18,20 +18,20 @@ from dlokit.types.outcome import Succeeded
 from dlokit.types.system import Heartbeat
 
 HEARTBEATS_A_LEASE = 5
-"""One that comes late, or is lost, stops no arm."""
+"""Heartbeat period, such that a late or lost heartbeat stops no arm [s]."""
 
 
 @asynccontextmanager
 async def leases_held(
     transport: Transport, clock: Clock, config: RobotConfig, arms: tuple[ArmMount, ...] = FIRST_ALONE
 ) -> AsyncGenerator[None]:
-    """Hold the lease of every arm meanwhile, by heartbeats that come from a thread of their own.
+    """Hold the lease of every arm with heartbeats from a separate thread.
 
-    `clock` is the run's, for their stamps. Raises `ProcessFailure` when an arm does not give its lease.
+    `clock` is the run's, for their stamps. Raises `ProcessFailure` when an arm does not grant its lease.
     """
     give = heartbeats(transport, clock)
     pulse = ThreadPulse()
-    # It beats before the first lease is taken: taking the second one may take longer than the first one lasts.
+    # Heartbeats start before the first lease is taken: taking the second may take longer than the first lasts.
     async with garbage_frozen(), pulse(give, config.commander_lease_s / HEARTBEATS_A_LEASE):
         for mount in arms:
             taken = await transport.call(
@@ -47,8 +47,8 @@ async def leases_held(
 
 
 def heartbeats(transport: Transport, clock: Clock) -> Callable[[], None]:
-    """What gives one heartbeat of this process, on whichever thread it is called."""
-    # The loop's clock can be read on its own thread alone; with hardware it is the machine's.
+    """A function that sends one heartbeat of this process, callable on any thread."""
+    # The loop's clock can be read only on its own thread; with hardware it is the machine's clock.
     now_ns = clock.now_ns if isinstance(clock, FollowedClock) else time.monotonic_ns
     numbers = itertools.count(1)
 

@@ -1,7 +1,7 @@
-"""Entry point of every started process: which components it runs comes on its standard input."""
+"""Entry point of every started process; its components are given on standard input."""
 
 if __name__ == "__main__":
-    # Here, because the workers of a process import its entry point anew, and need none of this.
+    # Imported here, because the workers of a process import its entry point again, and do not need this.
     from dlokit.system.processes.child import component_of_run, run_child
 
     run_child(component_of_run)

@@ -1,4 +1,4 @@
-"""What the supervisor knows of its processes, in a file of the run's folder: any shell may read it, whatever hangs."""
+"""The supervisor's report on its processes, in a file of the run's folder that any shell can read."""
 
 import enum
 import logging
@@ -14,13 +14,13 @@ log = logging.getLogger(__name__)
 
 
 class ProcessState(enum.Enum):
-    """How a process stands."""
+    """State of a process."""
 
     STARTING = "starting"
     RUNNING = "running"
     WAITING = "waiting to start again"
     GONE = "gone"
-    """Dead for good: it was started again too often, or may not be."""
+    """Dead and not restarted: the restart limit was reached, or its policy allows none."""
 
 
 class ProcessReport(msgspec.Struct, frozen=True, kw_only=True):
@@ -31,23 +31,23 @@ class ProcessReport(msgspec.Struct, frozen=True, kw_only=True):
     pid: int
     state: ProcessState
     started_s: float
-    """When it was started last, on the machine's monotonic clock [s]."""
+    """Time of the last start, on the machine's monotonic clock [s]."""
     restarts: int
-    """How often it was started again."""
+    """Number of restarts."""
     beat_s: float
-    """When its event loop gave its last heartbeat, on the same clock [s]."""
+    """Time of the last heartbeat of its event loop, on the same clock [s]."""
 
 
 class SystemReport(msgspec.Struct, frozen=True, kw_only=True):
-    """All processes that a supervisor has started."""
+    """All processes started by a supervisor."""
 
-    told_s: float
-    """When this was written, on the machine's monotonic clock [s]."""
+    written_s: float
+    """Time of this report, on the machine's monotonic clock [s]."""
     processes: tuple[ProcessReport, ...]
 
 
 def write_report(run_dir: Path, report: SystemReport) -> None:
-    """Replace the file; a disk that is full stops nobody."""
+    """Replace the report file; a full disk is logged and otherwise ignored."""
     part = run_dir / f"{NAME}.part"
     try:
         part.write_bytes(msgspec.json.encode(report))
@@ -56,8 +56,8 @@ def write_report(run_dir: Path, report: SystemReport) -> None:
         log.warning("the report on the processes cannot be written: %s", error)
 
 
-def still_there(run_dir: Path) -> list[str]:
-    """The processes of a run that have not ended, by name: those of a killed run end by themselves within seconds."""
+def unended_processes(run_dir: Path) -> list[str]:
+    """Names of the processes of a run that have not ended; those of a killed run end on their own within seconds."""
     report = read_report(run_dir)
     return [] if report is None else [process.name for process in report.processes if _runs(process)]
 
@@ -65,14 +65,14 @@ def still_there(run_dir: Path) -> list[str]:
 def _runs(process: ProcessReport) -> bool:
     try:
         found = psutil.Process(process.pid)
-        # Numbers are used again; the name is the last word of the command.
+        # Process ids are reused, so the name, the last word of the command, is compared too.
         return found.status() != psutil.STATUS_ZOMBIE and found.cmdline()[-1:] == [process.name]
     except psutil.Error:
         return False
 
 
 def read_report(run_dir: Path) -> SystemReport | None:
-    """What was written last; None where nothing was, e.g. while the system starts."""
+    """The latest report; None if there is none, e.g. while the system starts."""
     try:
         return msgspec.json.decode((run_dir / NAME).read_bytes(), type=SystemReport)
     except (OSError, msgspec.DecodeError):

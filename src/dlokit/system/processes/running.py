@@ -1,7 +1,7 @@
-"""Which systems run on this machine: each leaves a note while it does, so that any shell finds it.
+"""The systems that run on this machine: each keeps a locked note file, so that any shell finds it.
 
-A system holds a lock on its note, which the operating system takes back when its process ends, however it ends. Neither
-a number of a process that is used again nor a clock that is set hides a system from whoever wants to stop it.
+The operating system releases the lock when the process ends, however it ends. So neither a reused process id nor a
+changed clock hides a system from `dlokit stop`.
 """
 
 import fcntl
@@ -19,35 +19,35 @@ from dlokit.errors import InputError, MachineError
 
 
 class RunningSystem(msgspec.Struct, frozen=True, kw_only=True):
-    """How to reach one running system."""
+    """Connection data of one running system."""
 
     pid: int
-    """Of its decision process."""
+    """Process id of its decision process."""
     began_s: float
-    """When that began, by the machine's clock [s since 1970]."""
+    """Start time of that process, on the wall clock [s since 1970]."""
     folder: str
-    """Of the run."""
+    """Folder of the run."""
     namespace: str
     endpoint: str
     client: bool = False
-    """Whether whoever joins goes through the endpoint alone: it is a host's door, in a run on several."""
+    """Whether other processes connect only through the endpoint: the router of a host in a multi-machine run."""
     starting: bool = False
-    """Whether its processes have not all begun yet: it can be stopped, and not be asked for anything else."""
+    """Whether some processes have not started yet: the system can be stopped, but serves no other request."""
 
     @property
     def bus(self) -> ZenohConfig:
-        """How to join its bus from another process of this machine."""
+        """Configuration with which another process of this machine joins the bus."""
         if self.client:
             return ZenohConfig(namespace=self.namespace, role="client", listen=(), connect=(self.endpoint,))
         return ZenohConfig(namespace=self.namespace, connect=(self.endpoint,))
 
 
 def notes_folder() -> Path:
-    """Where this user's systems leave their notes. Raises `MachineError` when it is somebody else's."""
+    """Folder of the notes of this user's systems. Raises `MachineError` when another user owns it."""
     folder = Path(tempfile.gettempdir()) / f"dlokit-{os.getuid()}"
     folder.mkdir(mode=0o700, exist_ok=True)
     if folder.stat().st_uid != os.getuid():
-        raise MachineError(f"{folder} belongs to somebody else: remove it, or set another TMPDIR.")
+        raise MachineError(f"{folder} belongs to another user: remove it, or set another TMPDIR.")
     return folder
 
 
@@ -55,9 +55,9 @@ def notes_folder() -> Path:
 def announced(
     run_dir: Path, namespace: str, endpoint: str, notes: Path | None = None, *, client: bool = False
 ) -> Generator[Callable[[], None]]:
-    """Leave a note of this process's system meanwhile; `client` says that the endpoint is a host's door.
+    """Keep a note of this process's system; `client` says that the endpoint is a host's router.
 
-    It is noted as starting until the given function is called.
+    The note says that the system is starting until the yielded function is called.
     """
     system = RunningSystem(
         pid=os.getpid(),
@@ -76,17 +76,17 @@ def announced(
 
 
 def _write(note: Path, system: RunningSystem, held: ExitStack) -> None:
-    """Put a note in the place of the one before; its lock is held until `held` ends."""
+    """Replace the note; its lock is held until `held` ends."""
     part = note.with_suffix(".part")
     file = held.enter_context(part.open("wb"))
     file.write(msgspec.json.encode(system))
     file.flush()
-    fcntl.flock(file, fcntl.LOCK_EX)  # before anybody can see the note
+    fcntl.flock(file, fcntl.LOCK_EX)  # before another process can see the note
     part.replace(note)
 
 
 def running_systems(notes: Path | None = None, *, starting: bool = False) -> list[RunningSystem]:
-    """Those that run, and with `starting` those that still start; notes of systems that were killed are removed."""
+    """The running systems, with `starting` also those that still start; notes of killed systems are removed."""
     found: list[RunningSystem] = []
     for note in sorted((notes or notes_folder()).glob("*.json")):
         try:
@@ -101,9 +101,9 @@ def running_systems(notes: Path | None = None, *, starting: bool = False) -> lis
 
 
 def the_running_system(run: Path | None, notes: Path | None = None, *, starting: bool = False) -> RunningSystem:
-    """The only one, or that of the folder `run`. Raises `InputError` when there is none, or no telling which.
+    """The only running system, or the one of folder `run`. Raises `InputError` if there is none or several.
 
-    With `starting` one that still starts counts.
+    With `starting`, a system that still starts counts too.
     """
     systems = running_systems(notes, starting=starting)
     if run is not None:
@@ -113,14 +113,14 @@ def the_running_system(run: Path | None, notes: Path | None = None, *, starting:
     if not systems:
         if run is not None:
             raise InputError(
-                f"no system runs in {run}: it has ended, or is still starting; dlokit ps lists those that run."
+                f"no system runs in {run}: it has ended, or is still starting; dlokit ps lists the running systems."
             )
         raise InputError("no system runs: start one, e.g. dlokit shape --runtime live.")
-    raise InputError("several systems run; say which with --run: " + ", ".join(system.folder for system in systems))
+    raise InputError("several systems run; choose one with --run: " + ", ".join(system.folder for system in systems))
 
 
 def still_runs(system: RunningSystem, notes: Path | None = None) -> bool:
-    """Whether its decision process is there."""
+    """Whether its decision process still runs."""
     return _is_held(_note_of(system.pid, notes))
 
 

@@ -1,8 +1,8 @@
-"""The stop of a robot's process: a socket of its own, with no other process in between.
+"""The stop socket of a robot's process, which involves no other process.
 
-All processes meet on the bus at the decision process. A person's stop must reach the arm while that one is frozen or
-gone, so each robot process listens on a socket in the user's runtime folder (mode 0700). A stop of a system that still
-starts is left as a file beside the socket, and the robot process finds it when it begins.
+The bus of a system runs through the decision process. An operator's stop must reach the arm even when that process is
+frozen or dead, so each robot process listens on a socket in the user's runtime folder (mode 0700). While a system
+starts, a stop is stored as a file beside the socket, which the robot process reads when it starts.
 """
 
 import asyncio
@@ -18,34 +18,34 @@ from dlokit.errors import DlokitError, MachineError
 from dlokit.system.processes.running import notes_folder
 
 STOP, ENABLE = b"stop\n", b"enable\n"
-STANDS = "stands, and is stopped until dlokit enable"
-"""What a robot's process says of a stop that feedback has confirmed."""
-_LONGEST_PATH = 107  # bytes that the address of a socket may have on Linux
-_ORDER_WITHIN_S = 1.0  # for a caller to say what it wants
+CONFIRMED_STOP = "stands, and is stopped until dlokit enable"
+"""Answer of a robot's process to a stop that feedback has confirmed."""
+_LONGEST_PATH = 107  # maximum length of a socket address on Linux [bytes]
+_ORDER_WITHIN_S = 1.0  # time for a caller to send its order
 _RETRY_S = 0.05
 
 
 class Answer(msgspec.Struct, frozen=True, kw_only=True):
-    """What a robot's process says of an order."""
+    """Answer of a robot's process to an order."""
 
     confirmed: bool
-    """Whether feedback of the arm shows that it was carried out."""
+    """Whether feedback of the arm confirms that the order was executed."""
     text: str
 
 
 def stop_socket(run_dir: Path, robot: str) -> Path:
-    """Where the process of a robot of a run listens. Raises `MachineError` where no socket can have that path."""
+    """Socket path of a robot of a run. Raises `MachineError` when the path is too long for a socket."""
     digest = hashlib.sha256(str(run_dir.resolve()).encode()).hexdigest()[:16]
     path = notes_folder() / f"{digest}-{robot}.stop"
     if len(str(path).encode()) > _LONGEST_PATH:
         raise MachineError(
-            f"{path} is longer than the {_LONGEST_PATH} bytes that a socket may have: set TMPDIR to a shorter folder."
+            f"{path} is longer than the {_LONGEST_PATH} bytes allowed for a socket: set TMPDIR to a shorter folder."
         )
     return path
 
 
-def left_stop(socket: Path) -> Path:
-    """The file that tells a robot process which has not begun yet to begin stopped."""
+def stop_at_start_file(socket: Path) -> Path:
+    """The file that makes a robot process which has not started yet start in the stopped state."""
     return socket.with_suffix(".stopped")
 
 
@@ -53,9 +53,9 @@ def left_stop(socket: Path) -> Path:
 async def stop_button(
     socket: Path, stop: Callable[[], Awaitable[None]], enable: Callable[[], Awaitable[None]]
 ) -> AsyncGenerator[None]:
-    """Listen meanwhile; each order is answered when it was carried out, or with why not.
+    """Serve the socket; each order is answered after its execution, or with the cause of its failure.
 
-    `stop` and `enable` raise `DlokitError` where feedback does not confirm them.
+    `stop` and `enable` raise `DlokitError` if feedback does not confirm them.
     """
 
     async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -67,7 +67,7 @@ async def stop_button(
             await writer.drain()
         writer.close()
 
-    _remove(socket)  # of a process that was killed
+    _remove(socket)  # left by a killed process
     server = await asyncio.start_unix_server(serve, socket)
     try:
         if _is_left(socket):
@@ -76,7 +76,7 @@ async def stop_button(
     finally:
         server.close()
         _remove(socket)
-        _remove(left_stop(socket))
+        _remove(stop_at_start_file(socket))
 
 
 def _remove(path: Path) -> None:
@@ -84,7 +84,7 @@ def _remove(path: Path) -> None:
 
 
 def _is_left(socket: Path) -> bool:
-    return left_stop(socket).exists()
+    return stop_at_start_file(socket).exists()
 
 
 async def _answer(
@@ -93,18 +93,18 @@ async def _answer(
     try:
         if order == STOP:
             await stop()
-            return Answer(confirmed=True, text=STANDS)
+            return Answer(confirmed=True, text=CONFIRMED_STOP)
         if order == ENABLE:
-            _remove(left_stop(socket))
+            _remove(stop_at_start_file(socket))
             await enable()
             return Answer(confirmed=True, text="is enabled")
     except DlokitError as error:
         return Answer(confirmed=False, text=str(error))
-    return Answer(confirmed=False, text=f"{order!r} is no order; {STOP!r} and {ENABLE!r} are")
+    return Answer(confirmed=False, text=f"{order!r} is not an order; use {STOP!r} or {ENABLE!r}")
 
 
 async def press(socket: Path, order: bytes, within_s: float, *, starts: bool = False) -> Answer | None:
-    """Give an order to a robot's process; None where none listens, and one that `starts` not within `within_s` [s]."""
+    """Send an order to a robot's process; None if none listens, for one that `starts` within `within_s` [s]."""
     try:
         async with asyncio.timeout(within_s):
             while True:

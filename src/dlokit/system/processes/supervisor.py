@@ -1,6 +1,6 @@
-"""Starts the processes of a run, watches them, and stops them: none is left behind.
+"""Starts the processes of a run, watches them, and stops all of them.
 
-Time here is the machine's monotonic clock, whatever the cell's clock does.
+Time here is the machine's monotonic clock, independent of the cell's clock.
 """
 
 import asyncio
@@ -29,7 +29,7 @@ WATCH_PERIOD_S = 0.1
 
 
 PROCESS = (sys.executable, "-m", "dlokit.system.processes.main")
-"""The command of every process that is started."""
+"""The command of every started process."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,16 +37,16 @@ class Launch:
     """How the processes of a run are started."""
 
     namespace: str
-    """Of the run, on the bus."""
+    """Namespace of the run on the bus."""
     config_file: Path
     run_dir: Path
-    """Logs go to `logs/` in it."""
+    """Folder of the run; logs are written to its `logs/`."""
     instances: Mapping[str, tuple[str, ...]] = field(default_factory=dict[str, tuple[str, ...]])
-    """What there is more than one of, besides the first, by component."""
+    """Additional instances, besides the first, by component."""
     command: tuple[str, ...] = PROCESS
-    """What is run; it finds its `ChildSpec` on its standard input."""
+    """Command to run; it reads its `ChildSpec` from standard input."""
     page_key: str = field(default_factory=new_key, repr=False)
-    """Key of the viewer's page: a viewer that was started again has the old one, and open pages find it."""
+    """Access key of the viewer's page; a restarted viewer keeps it, so that open pages reconnect."""
 
 
 @dataclass
@@ -55,12 +55,12 @@ class _Watched:
     child: ChildProcess
     started_s: list[float] = field(default_factory=list[float])
     restart_at_s: float | None = None
-    """When a dead process is started again; None: it is not dead."""
+    """Time at which a dead process is restarted; None: it is not dead."""
     given_up: bool = False
 
 
 class Supervisor:
-    """Owner of the processes of one run. Use as an async context manager, on the main thread's loop."""
+    """Manages the processes of one run. Use as an async context manager, on the main thread's loop."""
 
     def __init__(self, rows: tuple[ProcessRow, ...], launch: Launch, bus: ZenohConfig) -> None:
         self._rows = rows
@@ -73,14 +73,14 @@ class Supervisor:
 
     @property
     def pids(self) -> dict[str, int]:
-        """Process numbers by name."""
+        """Process ids by name."""
         return {name: watched.child.pid for name, watched in self._watched.items()}
 
     async def __aenter__(self) -> "Supervisor":
         self._failed = asyncio.get_running_loop().create_future()
         try:
             await self._start_all()
-        except BaseException:  # Ctrl-C as well: none of the processes is left behind
+        except BaseException:  # including Ctrl-C: no process may remain
             await self._stop_all()
             raise
         self._watching = asyncio.create_task(self._watch(), name="watch processes")
@@ -96,10 +96,10 @@ class Supervisor:
             self._failed.exception()  # retrieved, so that the loop does not complain
 
     async def wait_failed(self) -> None:
-        """Return never, but raise when an essential process is dead for good, or the watch over the processes ends.
+        """Never return, but raise when an essential process has failed permanently, or the supervision itself ends.
 
-        `ProcessFailure` names it (``supervisor_failed`` is the end of the watch); `InputError` says what of the
-        configuration or the machine a process could not work with.
+        `ProcessFailure` names the process (``supervisor_failed``: the supervision has ended); `InputError` names the
+        part of the configuration or of the machine that a process could not work with.
         """
         assert self._failed is not None, "the supervisor is not started"
         await asyncio.shield(self._failed)
@@ -118,7 +118,7 @@ class Supervisor:
 
     async def _start_all(self) -> None:
         waves = start_waves(self._rows)
-        # All at once, because loading libraries is most of it; whoever comes after others waits for them by itself.
+        # In parallel, because loading libraries takes most of the time; dependent processes wait on their own.
         for wave in waves:
             for row in wave:
                 child = self._spawn(row)
@@ -129,7 +129,7 @@ class Supervisor:
                 await self._until_ready(self._watched[row.name])
 
     def _spawn(self, row: ProcessRow) -> ChildProcess:
-        """Start a process. Raises `ProcessFailure` when the machine does not start it or cannot open its log file."""
+        """Start a process. Raises `ProcessFailure` when the start fails or its log file cannot be opened."""
         spec = ChildSpec(
             process=row.name,
             components=row.components,
@@ -147,7 +147,7 @@ class Supervisor:
         try:
             return ChildProcess(self._launch.command, spec, log_file)
         except OSError as error:
-            detail = f"{error}; its log file is {log_file}. Free what the machine lacks, then start the run again."
+            detail = f"{error}; its log file is {log_file}. Free the missing resource, then start the run again."
             raise ProcessFailure(f"process_not_started: {row.name}", detail) from error
 
     async def _until_ready(self, watched: _Watched) -> None:
@@ -165,17 +165,17 @@ class Supervisor:
                 await asyncio.wait_for(child.ready.wait(), min(WATCH_PERIOD_S, left_s))
 
     def report(self) -> SystemReport:
-        """How every process stands."""
+        """The state of every process."""
         return SystemReport(
-            told_s=asyncio.get_running_loop().time(),
+            written_s=asyncio.get_running_loop().time(),
             processes=tuple(_report(watched) for watched in self._watched.values()),
         )
 
     async def _watch(self) -> None:
-        told_s = -math.inf
+        written_s = -math.inf
         while True:
-            if asyncio.get_running_loop().time() - told_s >= TOLD_EVERY_S:
-                told_s = asyncio.get_running_loop().time()
+            if asyncio.get_running_loop().time() - written_s >= TOLD_EVERY_S:
+                written_s = asyncio.get_running_loop().time()
                 write_report(self._launch.run_dir, self.report())
             await asyncio.sleep(WATCH_PERIOD_S)
             for watched in self._watched.values():
@@ -188,13 +188,13 @@ class Supervisor:
             if now_s >= watched.restart_at_s:
                 self._start_again(watched, now_s)
         elif child.exit_code is not None:
-            self._bury(watched, now_s, _cause_of_death(child))
+            self._handle_death(watched, now_s, _cause_of_death(child))
         elif child.ready.is_set() and child.silent_s() > row.silent_for_s:
             detail = f"no heartbeat for {child.silent_s():.0f} s; see {child.log_file}\n{child.tail()}"
-            self._bury(watched, now_s, ProcessFailure(f"process_frozen: {row.name}", detail))
+            self._handle_death(watched, now_s, ProcessFailure(f"process_frozen: {row.name}", detail))
         elif not child.ready.is_set() and now_s - watched.started_s[-1] > row.ready_within_s:
             detail = f"not ready within {row.ready_within_s:g} s; see {child.log_file}\n{child.tail()}"
-            self._bury(watched, now_s, ProcessFailure(f"process_not_ready: {row.name}", detail))
+            self._handle_death(watched, now_s, ProcessFailure(f"process_not_ready: {row.name}", detail))
 
     def _start_again(self, watched: _Watched, now_s: float) -> None:
         watched.restart_at_s = None
@@ -206,18 +206,18 @@ class Supervisor:
         else:
             _log_start(watched.child)
 
-    def _bury(self, watched: _Watched, now_s: float, cause: DlokitError) -> None:
+    def _handle_death(self, watched: _Watched, now_s: float, cause: DlokitError) -> None:
         watched.child.release()
         self._settle(watched, now_s, cause)
 
     def _settle(self, watched: _Watched, now_s: float, cause: DlokitError) -> None:
-        """Decide whether a process that does not run is started again; what is decided holds before it is logged."""
+        """Decide whether a dead process is restarted; the decision is stored before it is logged."""
         if may_restart(watched.row.restart, watched.started_s, now_s):
-            # Longer each time: what dies at once would else be started as often as the machine can.
+            # The delay grows, so that a process which dies immediately is not restarted as fast as possible.
             watched.restart_at_s = now_s + watched.row.restart.wait_s * 2 ** recent_restarts(
                 watched.row.restart, watched.started_s, now_s
             )
-            log.warning("%s; it is started again", cause)
+            log.warning("%s; the process is restarted", cause)
             return
         watched.given_up = True
         if watched.row.essential:
@@ -225,17 +225,17 @@ class Supervisor:
         log.error("%s", cause)
 
     def _fail(self, cause: DlokitError) -> None:
-        """Tell the task that waits in `wait_failed`; the first cause holds."""
+        """Raise the failure in `wait_failed`; only the first one counts."""
         if self._failed is not None and not self._failed.done():
             self._failed.set_exception(cause)
 
     def _watch_ended(self, watch: "asyncio.Task[None]") -> None:
-        """Fail the run when the watch has ended though the processes are not being stopped: nothing notices a death."""
+        """Fail the run when the supervision ends early, because no death of a process would be noticed any more."""
         if self._stopping:
             return
         error = None if watch.cancelled() else watch.exception()
         why = "cancelled" if error is None else type(error).__name__
-        failure = ProcessFailure(f"supervisor_failed: {why}", f"the processes are not watched any more: {error or why}")
+        failure = ProcessFailure(f"supervisor_failed: {why}", f"the processes are no longer watched: {error or why}")
         self._fail(failure)
         log.error("%s", failure, exc_info=error)
 
@@ -245,7 +245,7 @@ class Supervisor:
                 started = [self._watched[row.name] for row in wave if row.name in self._watched]
                 await asyncio.gather(*(watched.child.stop() for watched in started))
         finally:
-            # Also when the stopping itself is cancelled: none is left behind.
+            # Also when the stopping itself is cancelled: no process may remain.
             for watched in self._watched.values():
                 watched.child.release()
 
@@ -273,9 +273,9 @@ def _report(watched: _Watched) -> ProcessReport:
 
 
 def start_waves(rows: tuple[ProcessRow, ...]) -> list[list[ProcessRow]]:
-    """Rows that may be started together, in the order in which to start; stopping goes the other way.
+    """Groups of rows that may be started together, in start order; stopping uses the reverse order.
 
-    Raises `ProcessFailure` when processes wait for one another.
+    Raises `ProcessFailure` when processes depend on one another in a cycle.
     """
     names = {row.name for row in rows}
     waves: list[list[ProcessRow]] = []
@@ -290,12 +290,12 @@ def start_waves(rows: tuple[ProcessRow, ...]) -> list[list[ProcessRow]]:
 
 
 def may_restart(policy: Restart, started_s: list[float], now_s: float) -> bool:
-    """Whether a process that was started at these times may be started once more; the first start is free."""
+    """Whether a process with these start times may be restarted; the first start does not count."""
     return recent_restarts(policy, started_s, now_s) < policy.times
 
 
 def recent_restarts(policy: Restart, started_s: list[float], now_s: float) -> int:
-    """How often a process that was started at these times was started again within the window."""
+    """Number of restarts within the window, given the start times."""
     return sum(now_s - start <= policy.window_s for start in started_s[1:])
 
 

@@ -1,4 +1,4 @@
-"""The compute port of a live process: a worker process for heavy, pure work, killed and replaced when it is frozen."""
+"""The compute port of a live process: a worker process for heavy pure functions, replaced when it is frozen."""
 
 import asyncio
 import ctypes
@@ -25,20 +25,20 @@ R = TypeVar("R")
 
 BEAT_EVERY_S = 0.25
 SILENT_S = 10.0
-"""A worker whose thread gives no sign of life for so long is frozen; one that works hard still gives them."""
+"""A worker without a heartbeat for this long is frozen [s]; a busy worker still sends heartbeats."""
 LOOK_EVERY_S = 0.5
 
 
 class Worker:
-    """A process that does one task after the other. It starts with the first, and ends with its owner."""
+    """A process that executes one task after the other. It starts with the first, and ends with its owner."""
 
     def __init__(self) -> None:
         spawn = multiprocessing.get_context("spawn")
-        # Memory that both see: a pipe would fill up while its reader is busy.
+        # Shared memory: a pipe would fill up while its reader is busy.
         pid: Any = spawn.RawValue(ctypes.c_longlong, 0)
         beat_s: Any = spawn.RawValue(ctypes.c_double, 0.0)
         self._pool = ProcessPoolExecutor(1, mp_context=spawn, initializer=_begin, initargs=(pid, beat_s))
-        # A daemon: while the interpreter ends it waits for the worker, and this one still watches.
+        # A daemon thread: at its exit the interpreter waits for the worker, which this thread must still watch.
         self._no_more = threading.Event()
         watched = (pid, beat_s, self._no_more)
         threading.Thread(target=_watch, args=watched, name="watches the worker", daemon=True).start()
@@ -48,21 +48,21 @@ class Worker:
         return await asyncio.wrap_future(self._pool.submit(function, *args, **kwargs))
 
     def shut_down(self, *, drop: bool = False) -> None:
-        """Take no more tasks; what runs is finished, and what waits as well unless it is to be dropped."""
+        """Accept no more tasks; the running one is finished, and waiting ones too unless `drop` is set."""
         self._no_more.set()
         self._pool.shutdown(wait=False, cancel_futures=drop)
 
 
 def _watch(pid: Any, beat_s: Any, no_more: threading.Event) -> None:
-    """Kill the worker when it is frozen; its pool then says that it is broken."""
-    while pid.value == 0:  # it starts with the first task
+    """Kill a frozen worker; its pool then reports that it is broken."""
+    while pid.value == 0:  # the worker starts with the first task
         time.sleep(LOOK_EVERY_S)
     try:
         worker = psutil.Process(int(pid.value))
         while time.monotonic() - beat_s.value < SILENT_S:
             time.sleep(LOOK_EVERY_S)
-        if worker.is_running():  # and did not end as it should
-            if not no_more.is_set():  # else it may be about to end, and does its work no more
+        if worker.is_running():  # and has not ended correctly
+            if not no_more.is_set():  # otherwise it may be ending and has no more tasks
                 log.warning("the worker, process %d, is frozen; it is killed", worker.pid)
             worker.kill()
     except psutil.NoSuchProcess:
@@ -70,10 +70,10 @@ def _watch(pid: Any, beat_s: Any, no_more: threading.Event) -> None:
 
 
 def end_with_parent() -> None:
-    """In a process of `multiprocessing`: end when the one that started it has ended, however it did."""
+    """In a process of `multiprocessing`: end when the parent process has ended, however it ended."""
     parent = multiprocessing.parent_process()
     assert parent is not None, "only a worker is initialised by this"
-    # The queue that a worker waits on has no end when its owner is killed; the owner's sentinel has.
+    # The queue of a worker does not end when its owner is killed; the owner's sentinel does.
     threading.Thread(target=_exit_after, args=(parent.sentinel,), daemon=True).start()
 
 
@@ -96,7 +96,7 @@ def _exit_after(sentinel: int) -> None:
 
 
 class WorkerCompute:
-    """A compute port whose worker starts with the first task; most components have none."""
+    """A compute port that starts its worker with the first task; most components need none."""
 
     def __init__(self) -> None:
         self._worker: Worker | None = None
@@ -104,21 +104,21 @@ class WorkerCompute:
     async def __call__(self, function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
         """Result of ``function(*args, **kwargs)``, computed in the worker.
 
-        A worker that dies or freezes meanwhile is replaced, and the work, which is pure, done once more. Raises
-        `SkillFailure` ``worker_died`` when the second one dies of it too.
+        A worker that dies or freezes is replaced, and the task, a pure function, is repeated once. Raises
+        `SkillFailure` ``worker_died`` when the second worker dies too.
         """
         worker = self._present()
         try:
             return await worker.do(function, *args, **kwargs)
         except BrokenProcessPool:
-            log.warning("the worker has died; another one does its work once more")
+            log.warning("the worker has died; a new worker repeats its task")
         self._forget(worker)
         worker = self._present()
         try:
             return await worker.do(function, *args, **kwargs)
         except BrokenProcessPool as error:
             self._forget(worker)
-            raise SkillFailure("worker_died", "two worker processes have died of this work") from error
+            raise SkillFailure("worker_died", "two worker processes died while executing this task") from error
 
     def _present(self) -> Worker:
         if self._worker is None:
@@ -131,14 +131,14 @@ class WorkerCompute:
             self._worker = None
 
     def close(self) -> None:
-        """Take no more tasks; what runs is finished, what waits is dropped."""
+        """Accept no more tasks; the running one is finished, waiting ones are dropped."""
         if self._worker is not None:
             self._worker.shut_down(drop=True)
 
 
 @contextmanager
 def worker_pool() -> Generator[WorkerCompute]:
-    """A compute port whose worker ends with the process that owns it, however that ends."""
+    """A compute port whose worker ends with its owner process, however that ends."""
     compute = WorkerCompute()
     try:
         yield compute

@@ -1,4 +1,4 @@
-"""The journal of a run's task, in its folder."""
+"""The journal of a run's task, stored in the run's folder."""
 
 import logging
 from pathlib import Path
@@ -13,13 +13,13 @@ log = logging.getLogger(__name__)
 
 
 class JournalFile:
-    """Keeps the newest journal of a run; a crash leaves it whole."""
+    """Stores the latest journal of a run; a crash leaves the file intact."""
 
     def __init__(self, run_dir: Path) -> None:
         self._path = run_dir / NAME
 
     def keep(self, journal: Journal) -> None:
-        """Replace the file. A disk that is full does not end the task; it only cannot be resumed from here."""
+        """Replace the file. A full disk does not end the task, which then cannot be resumed from here."""
         part = self._path.with_suffix(".part")
         try:
             part.write_bytes(codec.encode(journal))
@@ -29,16 +29,14 @@ class JournalFile:
 
 
 def read_journal(run_dir: Path) -> Journal:
-    """What was kept last. Raises `InputError` when there is nothing, or nothing that this version understands."""
+    """The latest journal. Raises `InputError` when there is none, or none that this version can read."""
     path = run_dir / NAME
     try:
         return codec.decode(path.read_bytes(), Journal)
     except OSError:
         raise InputError(
-            f"{run_dir} holds no {NAME}: it is no live run, or its goal was not set yet; start it anew with "
+            f"{run_dir} has no {NAME}: it is not a live run, or its goal was not set yet; start it again with "
             f"dlokit shape --config {run_dir / 'config.toml'}"
         ) from None
     except CommunicationError as error:
-        raise InputError(
-            f"{path} cannot be understood ({error}): it is another version's; start the run anew."
-        ) from error
+        raise InputError(f"{path} cannot be read ({error}): it is of another version; start the run again.") from error

@@ -1,4 +1,4 @@
-"""The recording of a run, also of one that runs already: which file, on which clock, what it says of the run itself."""
+"""The recording of a run, including one that is already running: file, clock and metadata."""
 
 import asyncio
 import os
@@ -39,15 +39,15 @@ from dlokit.types.message import Message
 LIBRARIES = ("mcap", "mujoco", "numpy", "scipy", "numba", "daqp", "eclipse-zenoh", "msgspec")
 
 CABLES = frozenset({"cell"})
-"""What drivers ask of the cell goes over a cable in a laboratory, and is not recorded."""
+"""Calls of drivers to the cell, which use a cable in a laboratory and are not recorded."""
 
 
 def what_rounds() -> dict[str, str]:
-    """What decides how calculations round: versions, and which instructions compiled kernels and NumPy use.
+    """Everything that affects rounding: versions, and the instruction sets of compiled kernels and NumPy.
 
-    A run repeats to the bit where all of these are the same.
+    A run is repeatable to the bit where all of these are equal.
     """
-    from llvmlite.binding import get_host_cpu_name  # here: most processes that load this module compile nothing
+    from llvmlite.binding import get_host_cpu_name  # imported here: most processes compile nothing
 
     extensions: Any = numpy.show_config(mode="dicts")
     instructions = (
@@ -63,7 +63,7 @@ def what_rounds() -> dict[str, str]:
 
 
 def run_metadata(config: RunConfig, name: str) -> dict[str, dict[str, str]]:
-    """What the file says of the run: its name, its versions, its configuration."""
+    """Metadata of the file: name, versions and configuration of the run."""
     toml = to_toml(config)
     return {
         "run": {
@@ -80,7 +80,7 @@ def run_metadata(config: RunConfig, name: str) -> dict[str, dict[str, str]]:
 
 @contextmanager
 def lockstep_recorder(config: RunConfig, name: str, folder: Path, clock: Clock) -> Generator[Recorder | None]:
-    """The recorder of a lockstep run, which waits for it; None when the configuration wants no recording."""
+    """The recorder of a lockstep run, which waits for it; None when the configuration disables it."""
     if not config.record:
         yield None
         return
@@ -92,7 +92,7 @@ def lockstep_recorder(config: RunConfig, name: str, folder: Path, clock: Clock) 
 def live_recorder(
     config: RunConfig, name: str, folder: Path, clock: Clock, transport: ZenohTransport
 ) -> Generator[None]:
-    """Record a live run, every topic and every call; nothing when the configuration wants no recording."""
+    """Record all topics and calls of a live run; does nothing when the configuration disables it."""
     if not config.record:
         yield
         return
@@ -104,8 +104,8 @@ def live_recorder(
 def bus_recorder(
     path: Path, metadata: Mapping[str, Mapping[str, str]], config: RunConfig, clock: Clock, transport: ZenohTransport
 ) -> Generator[Recorder]:
-    """Record what goes over the bus of a live system that is configured so, from now on."""
-    # The network's threads have no running loop to ask.
+    """Record the bus of a live system with this configuration from now on."""
+    # The network threads have no running loop.
     now_ns = clock.now_ns if isinstance(clock, FollowedClock) else time.monotonic_ns
     with Recorder(path, now_ns, metadata, waits=False) as recorder:
         for topic in topics_of_run(config):
@@ -114,20 +114,20 @@ def bus_recorder(
 
 
 def topics_of_run(config: RunConfig) -> list[Topic[Any]]:
-    """Every topic that is recorded, whosever it is."""
+    """All recorded topics, of every component instance."""
     others = instances_of_run(config)
     rows = (*TOPICS, *CALLS)
     return [topic for row in rows for topic in (row, *(row.at(one) for one in others.get(row.publisher, ())))]
 
 
 def call_log_of(recorder: Recorder, clock: Clock) -> CallLog:
-    """Notes in the recording each skill call of a lockstep run."""
+    """Records each skill call of a lockstep run."""
     return CallLog(clock.now_ns, recorder.put, unlogged=CABLES)
 
 
 @contextmanager
 def calls_published(transport: ZenohTransport, clock: Clock) -> Generator[None]:
-    """Publish each skill call that this process makes meanwhile, for the process that records."""
+    """Publish the skill calls of this process, for the process that records."""
 
     def publish(topic: Topic[Any], message: Message | Callable[[], Message]) -> None:
         transport.publish(topic, message if isinstance(message, Message) else message())
@@ -141,15 +141,15 @@ def calls_published(transport: ZenohTransport, clock: Clock) -> Generator[None]:
 
 FIRST_TICK_S = 10.0
 LAST_WITHIN_S = 1.0
-"""A writer answers for its last message within a millisecond."""
+"""Time for a publisher to answer with its last message, normally within a millisecond [s]."""
 LOOK_EVERY_S = 0.5
-"""How often it is looked whether the system still runs."""
+"""Period of checks whether the system still runs [s]."""
 
 
 async def record_until_ended(system: RunningSystem, path: Path, say: Callable[[str], None]) -> None:
-    """Record every topic and call of a running system into a file, until it ends or this is cancelled.
+    """Record every topic and call of a running system into a file, until the system ends or this is cancelled.
 
-    What was said last before comes first. Raises `ProcessFailure` when the system's clock does not tick.
+    The file begins with the last message of each topic. Raises `ProcessFailure` when the system's clock stands still.
     """
     config = read_toml(Path(system.folder) / "config.toml", RunConfig)
     async with join_bus(system.bus, TimeBase.CELL) as bus:
@@ -162,7 +162,7 @@ async def record_until_ended(system: RunningSystem, path: Path, say: Callable[[s
 
 
 async def _record(system: RunningSystem, config: RunConfig, bus: JoinedBus, recorder: Recorder) -> None:
-    # What comes at a rate comes again soon.
+    # Periodic topics repeat soon.
     lasting = [topic for topic in topics_of_run(config) if topic.rate_hz is None]
     await asyncio.gather(*(_put_last(bus.transport, topic, recorder) for topic in lasting))
     while True:
@@ -172,7 +172,7 @@ async def _record(system: RunningSystem, config: RunConfig, bus: JoinedBus, reco
 
 
 async def _put_last(transport: ZenohTransport, topic: Topic[Any], recorder: Recorder) -> None:
-    """Record the last message of before, unless there was none or a newer one has come meanwhile."""
+    """Record the previous message of a topic, unless there is none or a newer one has arrived."""
     try:
         async with asyncio.timeout(LAST_WITHIN_S):
             last = await anext(transport.stream(topic, with_last=True))

@@ -1,4 +1,4 @@
-"""The folder of a run: never used twice, with a file that tells the cell's process alone how its DLO lies."""
+"""The folder of a run, which is never reused, with a file that gives only the cell's process the initial shape."""
 
 import re
 from datetime import datetime
@@ -9,11 +9,11 @@ import numpy as np
 from dlokit.errors import InputError
 from dlokit.types.arrays import Float64Array
 
-_NAME_LIMIT = 80  # file systems allow 255 bytes; a path of many folders has less
+_NAME_LIMIT = 80  # file systems allow 255 bytes; nested folders leave less
 
 
 def new_run_folder(root: Path, name: str, started: datetime) -> Path:
-    """Create `root/<time>-<name>/`, or with a number behind it where that exists already.
+    """Create `root/<time>-<name>/`, with a number appended if it exists already.
 
     Raises `InputError` when the folder cannot be created.
     """
@@ -22,7 +22,7 @@ def new_run_folder(root: Path, name: str, started: datetime) -> Path:
     while True:
         path = root / (stem if number == 1 else f"{stem}-{number}")
         try:
-            # Creating is the test: two runs that start side by side cannot both get the folder.
+            # Creating the folder is the test, so that two runs started together cannot share it.
             path.mkdir(parents=True, exist_ok=False)
         except FileExistsError:
             if not path.is_dir():
@@ -35,7 +35,7 @@ def new_run_folder(root: Path, name: str, started: datetime) -> Path:
 
 
 def claim_run_folder(path: Path) -> Path:
-    """Take the folder that the user named, creating it. Raises `InputError` when it holds anything already."""
+    """Claim and create the folder given by the user. Raises `InputError` when it is not empty."""
     try:
         path.mkdir(parents=True, exist_ok=True)
         occupied = next(path.iterdir(), None)
@@ -62,17 +62,17 @@ def _slug(name: str) -> str:
 
 NAME = "start.npy"
 
-NOBODYS_BUSINESS: Float64Array = np.empty((0, 3))
-"""What every component but the cell is given in its place."""
+HIDDEN_START: Float64Array = np.empty((0, 3))
+"""Given to every component except the cell instead of the initial shape."""
 
 
 def write_start(run_dir: Path, nodes_world: Float64Array) -> None:
-    """Leave the shape (K, 3) [m] in the run's folder."""
+    """Write the initial shape (K, 3) [m] to the run's folder."""
     np.save(run_dir / NAME, nodes_world, allow_pickle=False)
 
 
 def read_start(run_dir: Path) -> Float64Array:
-    """The shape (K, 3) [m]. Raises `InputError` when it is not there."""
+    """The initial shape (K, 3) [m]. Raises `InputError` when the file is missing."""
     try:
         return np.load(run_dir / NAME, allow_pickle=False)
     except (OSError, ValueError) as error:

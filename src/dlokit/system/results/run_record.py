@@ -1,4 +1,4 @@
-"""What a runtime remembers of a run, for the evaluator and for the report."""
+"""The record of a run in memory, for the evaluator and for the report."""
 
 import os
 import platform
@@ -14,33 +14,33 @@ from dlokit.types.feasibility import GoalVerdict
 
 @dataclass(frozen=True, kw_only=True)
 class StepTiming:
-    """How long one step of the flow took, over the whole run."""
+    """Duration of one step of the flow, summed over the run."""
 
     calls: int
     sim_time_s: float
-    """On the cell's clock [s]."""
+    """Time on the cell's clock [s]."""
     wall_time_s: float
-    """Computing, on the machine's clock [s]."""
+    """Wall time of the computation [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunRecord:
-    """A run, as the system itself saw it. The truth is no part of it."""
+    """A run as the system itself observed it, without the ground truth."""
 
     name: str
-    """For people, e.g. ``"I to S"``."""
+    """Display name, e.g. ``"I to S"``."""
     result: RunResult
     goal_nodes_world: Float64Array  # (M, 3) [m]
     ends_interchangeable: bool = False
-    """Whether the goal is met the other way round as well."""
+    """Whether the reversed goal counts as reached too."""
     verdict: GoalVerdict | None = None
-    """What was said of the goal before the robot moved; None when the run ended before that."""
+    """Verdict on the goal before the robot moved; None when the run ended earlier."""
     start_nodes_world: Float64Array | None = None  # (M, 3) [m]
-    """The first estimate; None when the DLO was never seen."""
+    """The first estimate; None when the DLO was never observed."""
     start_stamp_ns: int = 0
     """Stamp of the pictures of the first estimate [ns]."""
     actions: tuple[ActionRecord, ...] = ()
-    """With their shapes, in the order of the result's history."""
+    """Actions with their shapes, in the order of the result's history."""
     timings: Mapping[str, StepTiming] = field(default_factory=dict[str, StepTiming])
     """By step of the flow."""
     image_before: UInt8Array | None = None  # (height, width, 3) RGB
@@ -49,7 +49,7 @@ class RunRecord:
     command: str = ""
     """The command line that repeats the run."""
     machine: Mapping[str, str] = field(default_factory=dict[str, str])
-    """What it ran on and with which versions, e.g. ``{"mujoco": "4.0.0"}``."""
+    """Machine and versions, e.g. ``{"mujoco": "4.0.0"}``."""
 
 
 PACKAGES = ("dlokit", "mujoco", "numpy", "opencv-python-headless", "mink", "ruckig", "eclipse-zenoh")

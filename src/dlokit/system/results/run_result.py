@@ -1,4 +1,4 @@
-"""`result.json`: what became of a run, in figures."""
+"""`result.json`: the result of a run in figures."""
 
 import hashlib
 import math
@@ -18,35 +18,35 @@ NEAREST_FILE_NAME = "nearest_goal.csv"
 
 
 class FindingResult(msgspec.Struct, frozen=True, kw_only=True):
-    """One thing that stands against a goal."""
+    """One reason why a goal may be infeasible."""
 
     problem: Problem
     node: int
-    """Where it is worst."""
+    """Node where the problem is largest."""
     amount: float
     limit: float
     unit: str
-    """Of amount and limit."""
+    """Unit of amount and limit."""
 
 
 class VerdictResult(msgspec.Struct, frozen=True, kw_only=True):
-    """What was said of the goal before the robot moved."""
+    """Verdict on the goal before the robot moved."""
 
     standing: Standing
     text: str
     findings: tuple[FindingResult, ...] = ()
     springs_back_m: float | None = None
-    """RMSE to the goal after a release in it, in the worst trial [m]; None without trials."""
+    """RMSE to the goal after a release there, in the worst simulated trial [m]; None without trials."""
     nearest_rmse_m: float | None = None
-    """How far the nearest shape found that holds is from the goal [m]; None when there is none, or no need of one."""
+    """RMSE from the goal to the nearest feasible shape [m]; None when there is none, or none was needed."""
     projected: bool = False
-    """Whether the run went for that shape instead; the result's `rmse_m` and `true_rmse_m` are to it, then."""
+    """Whether the run pursued that shape instead; then `rmse_m` and `true_rmse_m` of the result refer to it."""
     asked_rmse_m: float | None = None
-    """The last estimate of the error to the goal that was asked for [m], when the run went for another."""
+    """The last estimated error to the requested goal [m], when the run pursued another."""
 
 
 def verdict_result(verdict: GoalVerdict, *, projected: bool, asked_rmse_m: float | None) -> VerdictResult:
-    """A verdict in figures."""
+    """The figures of a verdict."""
     worst = verdict.springs_back
     return VerdictResult(
         standing=verdict.standing,
@@ -69,7 +69,7 @@ def verdict_result(verdict: GoalVerdict, *, projected: bool, asked_rmse_m: float
 
 
 def write_nearest(folder: Path, verdict: GoalVerdict) -> Path | None:
-    """Write the nearest shape that holds into a run's folder, as `--goal` takes it; None when there is none."""
+    """Write the nearest feasible shape into a run's folder, in the format of `--goal`; None when there is none."""
     if verdict.nearest_world is None:
         return None
     path = folder / NEAREST_FILE_NAME
@@ -81,20 +81,20 @@ FILE_NAME = "result.json"
 
 
 class CorrectionResult(msgspec.Struct, frozen=True, kw_only=True):
-    """One small motion of the tool while it held the DLO."""
+    """One small corrective motion of the tool while it held the DLO."""
 
     x_m: float
-    """What the tool moved, in the world [m]."""
+    """Translation of the tool, in the world frame [m]."""
     y_m: float
     z_m: float
     yaw_rad: float
-    """What it turned about the vertical [rad]."""
+    """Rotation about the vertical [rad]."""
     before_m: float
-    """The error that was to be expected had the DLO been let go before it [m]."""
+    """Expected error after a release before this correction [m]."""
     predicted_m: float
-    """The error that was promised of it [m]."""
+    """Predicted error after this correction [m]."""
     seen_m: float | None = None
-    """The error to be expected of letting go after it, by what was seen then [m]; None where nothing was seen."""
+    """Expected error after a release, from the observation after the correction [m]; None without an observation."""
 
 
 class ActionResult(msgspec.Struct, frozen=True, kw_only=True):
@@ -103,66 +103,66 @@ class ActionResult(msgspec.Struct, frozen=True, kw_only=True):
     action: int
     """Number of the action, from 1."""
     kind: str
-    """What the action did, in words: pick-and-place, drag, lay-down, …"""
+    """Kind of action: pick-and-place, drag, lay-down, …"""
     grasp_node: int
     grasp_ok: bool
     """Whether the gripper held the DLO."""
     slipped: bool = False
-    """Whether the DLO slipped out of the gripper on the way."""
+    """Whether the DLO slipped out of the gripper during the motion."""
     rmse_m: float
-    """Our own estimate of the error to the goal after the action [m]."""
+    """Estimated error to the goal after the action [m]."""
     predicted_rmse_m: float | None = None
-    """What was expected of it when it was chosen [m]; None where the planner predicts nothing."""
+    """Expected error when the action was chosen [m]; None if the planner makes no prediction."""
     missed_m: float | None = None
-    """RMS distance of the shape after it to the one that was predicted [m]; None where nothing was."""
+    """Prediction error: RMS distance between the shape after the action and the predicted one [m]; None without one."""
     true_rmse_m: float | None = None
-    """The evaluator's, 2 s after the release [m]; None where there is no truth."""
+    """True error 2 s after the release, by the evaluator [m]; None without ground truth."""
     duration_s: float
-    """From the choice of the grasp to the look after the release [s], on the cell's clock."""
+    """Time from the choice of the grasp to the look after the release, on the cell's clock [s]."""
     robot_time_s: float
-    """From the choice of the grasp until the arm is out of the picture again [s], on the cell's clock."""
+    """Time from the choice of the grasp until the arm has left the view, on the cell's clock [s]."""
     path_length_m: float
-    """What the tool travelled in that time [m]."""
+    """Distance travelled by the tool in that time [m]."""
     planning_time_s: float
     """Wall time spent choosing it [s]."""
     corrections: tuple[CorrectionResult, ...] = ()
-    """What control did before the release."""
+    """Corrections by closed-loop control before the release."""
     control_end: str | None = None
-    """Why control ended, by name; not_worth_it where it was not chosen; None where it was not asked for."""
+    """Why control ended, by name; not_worth_it if it was not chosen; None if it was not requested."""
     ended_by: str | None = None
-    """What ended the action before its planned end: slipped, or the robot's reason (lease_lost, lost_commander,
-    arms_too_near, …); None where nothing did."""
+    """Cause of an early end of the action: slipped, or the robot's reason (lease_lost, lost_commander, arms_too_near,
+    …); None for a normal end."""
 
 
 class CameraResult(msgspec.Struct, frozen=True, kw_only=True):
-    """What the look at the robot's own hand said of the camera's place."""
+    """Result of the check of the camera's pose, by observing the robot's hand."""
 
     text: str
-    """For people."""
+    """Summary in words."""
     offset_x_m: float | None = None
-    """How far the camera was off its calibration along the table [m], and was corrected; None where it was not."""
+    """Corrected offset of the camera from its calibration along the table [m]; None without a correction."""
     offset_y_m: float | None = None
     yaw_rad: float | None = None
-    """How far it was turned about the vertical [rad]."""
+    """Corrected rotation about the vertical [rad]."""
     scatter_m: float | None = None
-    """How far the pictures disagreed after the correction (root mean square) [m]."""
+    """Disagreement of the pictures after the correction (root mean square) [m]."""
 
 
 class RunResult(msgspec.Struct, frozen=True, kw_only=True):
-    """A run. The fields and their order are those of the file."""
+    """The result of a run. The fields and their order are those of the file."""
 
     outcome: RunOutcome
     reason: str | None = None
-    """What stood in the way, or who stopped the run; None when converged."""
+    """Why the run did not converge, or which signal stopped it; None when converged."""
     actions: int
     rmse_m: float | None
-    """The last estimate of the error [m]; None only when the DLO was never seen."""
+    """The last estimate of the error [m]; None only when the DLO was never observed."""
     start_rmse_m: float | None = None
     """The first estimate, before any action [m]; None when the run ended before it."""
     true_rmse_m: float | None = None
-    """The evaluator's, 2 s after the last release [m]; None where there is no truth."""
+    """True error 2 s after the last release, by the evaluator [m]; None without ground truth."""
     true_largest_m: float | None = None
-    """Distance of the node that is farthest from its goal then [m]; None where there is no truth."""
+    """Largest true distance of a node from its goal at that time [m]; None without ground truth."""
     threshold_m: float
     seed: int
     sim_time_s: float
@@ -174,11 +174,11 @@ class RunResult(msgspec.Struct, frozen=True, kw_only=True):
     config_hash: str
     version: str
     episode: Episode | None = None
-    """What was drawn for the cell, which the system was not told; None when nothing is randomised."""
+    """Parameters drawn for the cell, unknown to the system; None when nothing is randomised."""
     goal_verdict: VerdictResult | None = None
-    """What was said of the goal; None when the run ended before it was judged."""
+    """Verdict on the goal; None when the run ended before it was judged."""
     camera: CameraResult | None = None
-    """What was said of the camera's place; None when it was not checked."""
+    """Result of the check of the camera's pose; None when it was not checked."""
 
 
 def write_result(folder: Path, result: RunResult) -> Path:
@@ -192,23 +192,23 @@ def write_result(folder: Path, result: RunResult) -> Path:
 
 
 def read_result(folder: Path) -> RunResult:
-    """The result in a run's folder. Raises `InputError` when it is missing or is no result."""
+    """Read the result in a run's folder. Raises `InputError` when it is missing or invalid."""
     path = folder / FILE_NAME
     try:
         return msgspec.json.decode(path.read_bytes(), type=RunResult)
     except FileNotFoundError:
-        raise InputError(f"{folder} holds no {FILE_NAME}: give the folder of a run that has ended.") from None
+        raise InputError(f"{folder} has no {FILE_NAME}: give the folder of a run that has ended.") from None
     except msgspec.DecodeError as error:
-        raise InputError(f"{path} is not the result of a run ({error}): run it again.") from error
+        raise InputError(f"{path} is not a valid result of a run ({error}): run it again.") from error
 
 
 def config_hash(config_toml: str) -> str:
-    """Twelve hexadecimal digits that name a configuration: two runs with the same ones were set up alike."""
+    """Twelve hexadecimal digits that identify a configuration: equal configurations have equal hashes."""
     return hashlib.sha256(config_toml.encode()).hexdigest()[:12]
 
 
 def _refuse_non_finite(result: RunResult) -> None:
-    """JSON has no NaN; written as null it would look like a figure that was not asked for."""
+    """JSON has no NaN; null would look like a figure that does not apply."""
     verdict = result.goal_verdict
     verdicts = () if verdict is None else (verdict, *verdict.findings)
     corrections = [done for row in result.history for done in row.corrections]
@@ -257,7 +257,7 @@ def _correction(done: CorrectionRecord) -> CorrectionResult:
 
 
 def camera_result(report: CameraReport) -> CameraResult:
-    """The figures of a check of the camera's place."""
+    """The figures of a check of the camera's pose."""
     check = report.check
     if check is None:
         return CameraResult(text=report.text)

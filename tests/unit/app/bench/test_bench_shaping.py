@@ -24,13 +24,13 @@ def _args(*arguments: str) -> ShapingArgs:
     [
         (("--seeds", "0"), "--seeds 0"),
         (("--jobs", "0"), "--jobs 0"),
-        (("--first-seed", "9999", "--seeds", "2"), "seeds below 10000"),
-        (("--oracle", "--observer", "map"), "--observer map away"),
+        (("--first-seed", "9999", "--seeds", "2"), "below 10000"),
+        (("--oracle", "--observer", "map"), "omit --observer map"),
         (("--randomised", "--cell.randomised", "light"), "omit it"),
         (("--planner", "crystal_ball"), "farthest"),
         (("--suite", "ropes"), "paper, goals, stiffness, wires"),
         (("--suite", "goals"), "needs a file"),
-        (("--suite", "goals", "a.npy", "b.npy"), "one file at most"),
+        (("--suite", "goals", "a.npy", "b.npy"), "at most one file"),
         (("--cluster", "localhost"), "no address"),
     ],
 )
@@ -46,7 +46,7 @@ def test_invalid_arguments_are_one_clear_error_and_leave_no_folder(
 
 
 def test_a_json_file_in_a_missing_folder_is_refused_before_the_run(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="there is no folder"):
+    with pytest.raises(InputError, match="does not exist"):
         run_shaping(_args("--json", str(tmp_path / "missing" / "figures.json"), "--out", str(tmp_path / "sweep")))
 
     assert not (tmp_path / "sweep").exists()

@@ -42,7 +42,7 @@ def test_an_interrupted_sweep_prints_finished_runs_and_the_command_to_continue()
     assert isinstance(console.file, io.StringIO)
     assert console.file.getvalue().splitlines()[-2:] == [
         "all: [1, 2]",
-        "2 of 3 runs are finished; the same command with --out sweep goes on.",
+        "2 of 3 runs are finished; the same command with --out sweep continues.",
     ]
 
 

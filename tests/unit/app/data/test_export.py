@@ -144,7 +144,7 @@ def test_without_pyarrow_the_error_names_the_package_to_install(
 @pytest.mark.parametrize(
     ("flags", "match"),
     [
-        ([str(OTHER), "--to", "lerobot"], "holds nothing of view/left, view/right; .*--no-images"),
+        ([str(OTHER), "--to", "lerobot"], "contains no view/left, view/right; .*--no-images"),
         ([str(RUN), str(OTHER), "--to", "lerobot", "--fps", "0"], "--fps is 0; it must be 1 to 100"),
         ([str(RUN.with_name("none.mcap")), "--to", "npz"], "cannot be read"),
     ],

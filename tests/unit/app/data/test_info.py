@@ -54,16 +54,16 @@ def test_info_prints_duration_run_versions_topics_and_outcomes(
         "run: name I to S",
         "versions: dlokit 0.1.0",
         "pictures: not known",
-        "settings, other than as shipped: seed 3",
+        "settings that differ from the defaults: seed 3",
         "calls that had not ended: robot.move_to",
-        "The file is whole.",
+        "The file is complete.",
         "last step: grasp, after 2 actions; it had not ended",
         "not recorded, because the disk was slow: robot/state 4",
         "│ cell/clock │ dlokit.ClockTick │ 201 │ 100.0 │ 13 │",
         "│ robot.grasp │ 1.00 │ 1.50 │ 1 succeeded, 1 failed slipped │",
     ):
         assert expected in printed
-    assert "cut off" not in printed
+    assert "truncated" not in printed
 
 
 def test_info_prints_the_whole_configuration_for_another_run(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -75,7 +75,7 @@ def test_info_reports_that_a_file_was_cut_off(folder: Path, capsys: pytest.Captu
     path = folder / "cut.mcap"
     path.write_bytes((folder / FILE_NAME).read_bytes()[:-10])
     assert execute(["info", str(path)]) == 0
-    assert "The file was cut off" in capsys.readouterr().out
+    assert "The file is truncated" in capsys.readouterr().out
 
 
 def test_a_folder_without_a_recording_is_refused(tmp_path: Path) -> None:

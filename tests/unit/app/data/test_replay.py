@@ -35,7 +35,7 @@ def test_an_equal_replay_exits_with_0_and_has_a_row_for_every_field(
     # Deviations and tolerances depend on the processor that made the reference.
     assert "│ observer/targets │ nodes_world │ 11 │ " in printed
     assert "│ observer.initialise │ result.health │" in printed
-    assert "observer does what it did: every field is within its tolerance." in printed
+    assert "observer reproduces the recording: every field is within its tolerance." in printed
 
 
 def test_a_different_replay_exits_with_1_and_names_the_field(
@@ -47,16 +47,16 @@ def test_a_different_replay_exits_with_1_and_names_the_field(
         file.write('[observer.strategy]\nkind = "spr"\n')
     assert execute(["replay", str(REFERENCE), "--into", "observer", "--config", str(config)]) == 1
     printed = " ".join(capsys.readouterr().out.split())
-    assert "beyond its tolerance: observer/targets nodes_world: " in printed
+    assert "outside its tolerance: observer/targets nodes_world: " in printed
     assert re.search(r"observer/targets nodes_world: 0\.\d+, allowed 1e-0\d \(recorded with ", printed)
 
 
 @pytest.mark.parametrize(
     ("flags", "match"),
     [
-        (["--into", "model", "--rate", "2"], "--rate is for watching: leave it away"),
-        (["--rate", "0"], "--rate is 0; it must be above 0"),
-        (["--into", "planning"], "holds nothing of planning"),
+        (["--into", "model", "--rate", "2"], "--rate applies to watching only"),
+        (["--rate", "0"], "--rate is 0; it must be greater than 0"),
+        (["--into", "planning"], "has no data of planning"),
     ],
 )
 def test_an_impossible_replay_is_refused_with_a_remedy(run: Path, flags: list[str], match: str) -> None:
@@ -68,12 +68,12 @@ def test_a_recording_without_a_configuration_is_refused(tmp_path: Path) -> None:
     writer = RecordingWriter(tmp_path / "a.mcap", {})
     writer.add(topics.CLOCK, 0, ClockTick(stamp_ns=0, seq=1))
     writer.close()
-    with pytest.raises(InputError, match=r"does not say how its run was configured; give the recording\.mcap"):
+    with pytest.raises(InputError, match=r"has no configuration of its run; give the recording\.mcap"):
         execute(["replay", str(tmp_path / "a.mcap"), "--into", "model"])
 
 
 def test_a_recording_without_a_message_is_refused(tmp_path: Path) -> None:
     metadata = {"configuration": {"config.toml": to_toml(RunConfig())}}
     RecordingWriter(tmp_path / "a.mcap", metadata).close()
-    with pytest.raises(InputError, match="holds nothing of observer"):
+    with pytest.raises(InputError, match="has no data of observer"):
         execute(["replay", str(tmp_path / "a.mcap"), "--into", "observer"])

@@ -111,7 +111,7 @@ def test_edges_follow_the_nodes_of_a_rod_and_branch_where_they_branch() -> None:
     edges = topology_of(np.vstack([rod, branch])).edges
     assert [15, 31] in edges.tolist()
     assert not is_chain(topology_of(np.vstack([rod, branch])))
-    with pytest.raises(InputError, match="same place"):
+    with pytest.raises(InputError, match="same position"):
         topology_of(np.vstack([rod, rod[3]]))
 
 

@@ -35,14 +35,14 @@ def test_a_broken_opengl_is_reported_with_its_error(monkeypatch: pytest.MonkeyPa
     assert "Error" in report.text
     assert "\n" not in report.text
     assert finding.standing is Severity.LACKING
-    assert "apt install" in finding.mend
+    assert "apt install" in finding.fix
 
 
 def test_a_rendering_that_takes_too_long_is_a_finding_and_does_not_block() -> None:
     report = probe_opengl(timeout_s=0.001)
 
     assert not report.works
-    assert "did not end" in report.text
+    assert "did not finish" in report.text
 
 
 @pytest.mark.parametrize(
@@ -68,14 +68,14 @@ def test_a_rendering_that_takes_too_long_is_a_finding_and_does_not_block() -> No
 )
 def test_each_finding_has_its_status_and_the_command_that_fixes_it(finding: DoctorRow, standing: Severity) -> None:
     assert finding.standing is standing
-    assert bool(finding.mend) is (standing is not Severity.READY)
+    assert bool(finding.fix) is (standing is not Severity.READY)
 
 
 def test_a_wrong_version_names_the_one_that_is_needed() -> None:
     finding = packages.package_finding(Requirement("mujoco>=4.0"), {"mujoco": "3.3.0"}.get)
 
     assert finding.found == "3.3.0; >=4.0 is needed"
-    assert finding.mend == "pip install 'mujoco>=4.0'"
+    assert finding.fix == "pip install 'mujoco>=4.0'"
 
 
 def test_every_dependency_is_checked_but_no_extra() -> None:
@@ -101,7 +101,7 @@ def test_a_port_in_use_is_reported_with_a_remedy() -> None:
 
     assert finding.standing is Severity.ADVICE
     assert str(port) in finding.what
-    assert "--port" in finding.mend
+    assert "--port" in finding.fix
     assert machine.port_finding("127.0.0.1", port).standing is Severity.READY
 
 
@@ -112,10 +112,8 @@ def test_the_kernels_of_observers_and_planners_are_compiled_and_timed() -> None:
     assert re.search(r"loaded in \d+\.\d s", finding.found)
 
 
-LACKING = DoctorRow(what="OpenGL (EGL)", standing=Severity.LACKING, found="no EGL", mend="sudo apt install libegl1")
-OPTIONAL = DoctorRow(
-    what="aravis", standing=Severity.OPTIONAL, found="only for cameras", mend="sudo apt install aravis"
-)
+LACKING = DoctorRow(what="OpenGL (EGL)", standing=Severity.LACKING, found="no EGL", fix="sudo apt install libegl1")
+OPTIONAL = DoctorRow(what="aravis", standing=Severity.OPTIONAL, found="only for cameras", fix="sudo apt install aravis")
 READY = DoctorRow(what="Python", standing=Severity.READY, found="3.11.2")
 
 

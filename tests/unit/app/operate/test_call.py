@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dlokit.app.operate.call import arguments_from, in_words
+from dlokit.app.operate.call import arguments_from, outcome_line
 from dlokit.decision.api import SHAPE_DLO
 from dlokit.decision.records import GoalRequest
 from dlokit.errors import InputError
@@ -34,8 +34,8 @@ def test_arrays_and_structures_come_from_json() -> None:
     [
         (("width_m=wide",), "Expected `float`"),
         (("wide=0.1",), "unexpected keyword argument"),
-        (("0.1",), "is no argument"),
-        (("{width_m",), "is no JSON object"),
+        (("0.1",), "is not an argument"),
+        (("{width_m",), "is not a JSON object"),
     ],
 )
 def test_invalid_arguments_are_refused_with_the_valid_ones(typed: tuple[str, ...], said: str) -> None:
@@ -44,8 +44,8 @@ def test_invalid_arguments_are_refused_with_the_valid_ones(typed: tuple[str, ...
 
 
 def test_each_outcome_is_printed_in_one_line() -> None:
-    assert in_words(Succeeded(result=None)) == "succeeded"
-    assert in_words(Succeeded(result=1.5)) == "succeeded 1.5"
-    assert in_words(Failed(reason="stopped", detail="by hand")) == "failed stopped: by hand"
-    assert in_words(Rejected(reason="not_commander", detail="x")) == "rejected not_commander: x"
-    assert in_words(Unreachable(component="robot")).startswith("unreachable")
+    assert outcome_line(Succeeded(result=None)) == "succeeded"
+    assert outcome_line(Succeeded(result=1.5)) == "succeeded 1.5"
+    assert outcome_line(Failed(reason="stopped", detail="by hand")) == "failed stopped: by hand"
+    assert outcome_line(Rejected(reason="not_commander", detail="x")) == "rejected not_commander: x"
+    assert outcome_line(Unreachable(component="robot")).startswith("unreachable")

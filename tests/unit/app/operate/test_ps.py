@@ -33,13 +33,13 @@ def text_of(report: SystemReport | None, used: dict[int, Use], now_s: float) -> 
 
 
 def test_every_process_is_listed_with_state_restarts_and_resource_use() -> None:
-    report = SystemReport(told_s=110.0, processes=(CAMERA,))
+    report = SystemReport(written_s=110.0, processes=(CAMERA,))
     text = text_of(report, {42: Use(cores=0.25, memory_bytes=300_000_000)}, now_s=110.0)
     camera = next(line for line in text.splitlines() if "camera" in line)
     for cell in ("perception", "42", "waiting to start again", " 10 ", " 2 ", " 2.5 ", "0.25", "300"):
         assert cell in camera
     assert any("decision" in line and "41" in line for line in text.splitlines())
-    assert "said nothing" not in text
+    assert "written no report" not in text
 
 
 def test_a_healthy_system_fits_into_80_columns() -> None:
@@ -49,19 +49,19 @@ def test_a_healthy_system_fits_into_80_columns() -> None:
     used = {41: Use(cores=0.25, memory_bytes=300_000_000), 4_194_304: Use(cores=1.25, memory_bytes=1_300_000_000)}
     system = msgspec.structs.replace(SYSTEM, began_s=time.time() - 3600.0)
     console = Console(width=80, record=True, file=io.StringIO())
-    console.print(process_table(system, SystemReport(told_s=3600.0, processes=processes), used, 3600.0))
+    console.print(process_table(system, SystemReport(written_s=3600.0, processes=processes), used, 3600.0))
     text = console.export_text()
     for whole in (*(cell for row in rows for cell in row), "components", "4194304", "running", "restarts", "1300"):
         assert whole in text
 
 
 def test_a_silent_supervisor_is_reported() -> None:
-    assert "said nothing for 30 s" in text_of(SystemReport(told_s=110.0, processes=()), {}, now_s=140.0)
+    assert "written no report for 30 s" in text_of(SystemReport(written_s=110.0, processes=()), {}, now_s=140.0)
     assert "decision" in text_of(None, {}, now_s=140.0)
 
 
 def test_the_report_is_read_as_written_and_a_full_disk_stops_no_process(tmp_path: Path) -> None:
-    report = SystemReport(told_s=110.0, processes=(CAMERA,))
+    report = SystemReport(written_s=110.0, processes=(CAMERA,))
     assert read_report(tmp_path) is None
     write_report(tmp_path, report)
     assert read_report(tmp_path) == report

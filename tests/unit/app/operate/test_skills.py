@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from dlokit.app.operate.skills import all_skills, arguments_of, in_short, renewed, skill_named
+from dlokit.app.operate.skills import all_skills, arguments_of, renewed, skill_named, type_text
 from dlokit.decision.api import SHAPE_DLO
 from dlokit.errors import InputError
 from dlokit.skills.robot import api as robot
@@ -27,7 +27,7 @@ def test_arguments_have_types_units_and_defaults() -> None:
     goal, threshold = arguments_of(SHAPE_DLO)[:2]
     assert goal.kind == "str or GoalRequest"
     assert (threshold.kind, threshold.unit, threshold.default) == ("float or None", "m", "None")
-    assert in_short(Float64Array) == "array of float64"
+    assert type_text(Float64Array) == "array of float64"
 
 
 def test_a_skill_is_found_by_its_key_and_by_that_of_an_instance() -> None:

@@ -23,7 +23,7 @@ from dlokit.errors import InputError, SkillFailure
 from dlokit.skills.robot import api as robot
 from dlokit.system.config import CONFIG_FILE, RunConfig
 from dlokit.system.processes.running import RunningSystem
-from dlokit.system.processes.stop_socket import ENABLE, STOP, left_stop, press, stop_button, stop_socket
+from dlokit.system.processes.stop_socket import ENABLE, STOP, press, stop_at_start_file, stop_button, stop_socket
 from dlokit.system.toml_config import to_toml
 
 PATIENCE_S = 30.0  # it takes milliseconds; only a failing test waits this long
@@ -127,7 +127,7 @@ def test_a_system_that_cannot_be_reached_is_reported(tmp_path: Path) -> None:
         broken = RunningSystem(pid=1, began_s=0.0, folder=str(tmp_path), namespace="a//b", endpoint="nowhere")
         [said] = await stopped([broken])
         assert not said.stands
-        assert said.text.startswith("it could not be asked: ")
+        assert said.text.startswith("the request failed: ")
 
     asyncio.run(body())
 
@@ -222,6 +222,6 @@ def test_a_system_that_is_still_starting_starts_stopped(tmp_path: Path) -> None:
             )
             await press(socket, ENABLE, PATIENCE_S)
         assert stops[-1] == "enable"
-        assert not left_stop(socket).exists()
+        assert not stop_at_start_file(socket).exists()
 
     asyncio.run(body())

@@ -10,14 +10,14 @@ from rich.console import Console
 
 from dlokit.app.commands import parse
 from dlokit.app.shape.demo import NEXT
-from dlokit.app.shape.preflight import told_of_compiling
+from dlokit.app.shape.preflight import compile_progress
 
 COMPILE: Any = numba.njit  # the type stub has only decorators
 
 
 def said_while(work: Callable[[], object]) -> list[str]:
     printed = io.StringIO()
-    with told_of_compiling(Console(file=printed, width=200), "the observer"):
+    with compile_progress(Console(file=printed, width=200), "the observer"):
         work()
     return printed.getvalue().splitlines()
 

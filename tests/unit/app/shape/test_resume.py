@@ -71,7 +71,7 @@ def test_only_a_run_that_ended_normally_is_refused(run_dir: Path, outcome: RunOu
 
 
 def test_a_run_that_still_runs_is_refused(run_dir: Path) -> None:
-    with announced(run_dir, "dlokit/x", "tcp/127.0.0.1:1"), pytest.raises(InputError, match="still runs"):
+    with announced(run_dir, "dlokit/x", "tcp/127.0.0.1:1"), pytest.raises(InputError, match="still running"):
         resumed_job(run_dir)
 
 
@@ -86,5 +86,5 @@ def test_missing_files_are_named_with_the_command_for_a_new_run(run_dir: Path, m
 
 
 def test_a_missing_folder_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="is no folder"):
+    with pytest.raises(InputError, match="is not a folder"):
         resumed_job(tmp_path / "nowhere")

@@ -8,8 +8,8 @@ import pytest
 from made_results import made_action, made_run
 from rich.console import Console
 
-from dlokit.app.shape.outcome_words import MEANINGS, outcome_in_words
-from dlokit.app.shape.terminal import RunDisplay, action_table, grip_in_words
+from dlokit.app.shape.outcome_text import MEANINGS, explain_outcome
+from dlokit.app.shape.terminal import RunDisplay, action_table, grip_text
 from dlokit.system.results.run_result import CameraResult
 from dlokit.types.action import Candidates, ScoredCandidate
 from dlokit.types.flow import FlowStatus, RunOutcome
@@ -167,7 +167,7 @@ def test_a_run_that_raises_leaves_the_terminal_usable() -> None:
 
 @pytest.mark.parametrize("outcome", RunOutcome)
 def test_every_outcome_has_a_text(outcome: RunOutcome) -> None:
-    words = outcome_in_words(msgspec.structs.replace(RESULT, outcome=outcome, reason="out_of_view"))
+    words = explain_outcome(msgspec.structs.replace(RESULT, outcome=outcome, reason="out_of_view"))
 
     assert words.startswith(MEANINGS[outcome])
     assert "Reason: out of view." in words
@@ -175,16 +175,16 @@ def test_every_outcome_has_a_text(outcome: RunOutcome) -> None:
 
 
 def test_the_text_states_whether_the_threshold_was_met() -> None:
-    assert "below the threshold of 12 mm" in outcome_in_words(RESULT)
-    assert "above the threshold" in outcome_in_words(msgspec.structs.replace(RESULT, rmse_m=0.02))
-    assert "never seen" in outcome_in_words(msgspec.structs.replace(RESULT, rmse_m=None, outcome=RunOutcome.FAILED))
+    assert "below the threshold of 12 mm" in explain_outcome(RESULT)
+    assert "above the threshold" in explain_outcome(msgspec.structs.replace(RESULT, rmse_m=0.02))
+    assert "never observed" in explain_outcome(msgspec.structs.replace(RESULT, rmse_m=None, outcome=RunOutcome.FAILED))
 
 
 def test_a_run_with_large_prediction_errors_names_the_commands_that_learn_the_dlo() -> None:
     rows = tuple(msgspec.structs.replace(ROWS[0], action=number, missed_m=0.05) for number in (1, 2, 3))
     stalled = msgspec.structs.replace(RESULT, outcome=RunOutcome.STALLED, history=rows)
-    words = outcome_in_words(stalled)
-    assert "50 mm (median) from what was predicted" in words
+    words = explain_outcome(stalled)
+    assert "50 mm (median) from their predictions" in words
     assert "--learn" in words
     assert "dlokit identify" in words
     slipped = tuple(msgspec.structs.replace(row, slipped=True) for row in rows)
@@ -196,7 +196,7 @@ def test_a_run_with_large_prediction_errors_names_the_commands_that_learn_the_dl
         msgspec.structs.replace(stalled, history=braked),
         msgspec.structs.replace(stalled, history=ROWS),
     ):
-        assert "predicted" not in outcome_in_words(said)
+        assert "predicted" not in explain_outcome(said)
 
 
 @pytest.mark.parametrize("terminal", [True, False])
@@ -226,11 +226,11 @@ def test_the_result_of_the_camera_check_is_written_once(terminal: bool) -> None:
     ],
 )
 def test_the_end_of_an_action_is_named_by_its_cause(changes: dict[str, Any], words: str) -> None:
-    assert grip_in_words(msgspec.structs.replace(made_action(1), **changes)) == words
+    assert grip_text(msgspec.structs.replace(made_action(1), **changes)) == words
 
 
 def test_who_stopped_a_run_is_named() -> None:
     stopped = msgspec.structs.replace(RESULT, outcome=RunOutcome.CANCELLED, reason="stopped by SIGTERM")
-    words = outcome_in_words(stopped)
+    words = explain_outcome(stopped)
     assert "Reason: stopped by SIGTERM." in words
     assert "operator" not in words

@@ -20,7 +20,7 @@ def finding(fault: str, **changed: object) -> tuple[Fault, RunFinding]:
         threshold_m=0.012,
         stands=True,
         readable=True,
-        mended_s=4.0,
+        recovered_after_s=4.0,
     )
     return BY_NAME[fault], msgspec.structs.replace(right, **changed)
 

@@ -34,7 +34,7 @@ def test_a_run_that_converges_with_the_arm_at_rest_and_no_process_left_is_correc
         ({"outcome": RunOutcome.FAILED, "reason": "no_dlo"}, "it ended as failed, no_dlo instead of converged"),
         ({"outcome": None, "exit_code": 1}, "it ended as exit code 1 without a result instead of converged"),
         ({"stands": False}, "the arm did not stand at the end"),
-        ({"left_behind": ("python -m dlokit…",)}, "1 processes were left behind"),
+        ({"remaining_processes": ("python -m dlokit…",)}, "1 processes were left behind"),
         ({"true_rmse_m": 0.0145}, "it converged falsely"),
         ({"readable": False}, "its recording cannot be read"),
         ({"lost_s": 1.2}, "its recording lacks 1.2 s"),

@@ -53,7 +53,7 @@ def test_a_host_with_a_new_address_gets_a_certificate_for_its_existing_key(tmp_p
 def test_a_folder_without_the_authoritys_key_makes_no_hosts(tmp_path: Path) -> None:
     make_certificates(tmp_path, [LabHost(name="robot")])
     (tmp_path / "ca.key").unlink()
-    with pytest.raises(InputError, match=r"holds ca\.pem but not ca\.key"):
+    with pytest.raises(InputError, match=r"has ca\.pem but not ca\.key"):
         make_certificates(tmp_path, [LabHost(name="viewer")])
 
 

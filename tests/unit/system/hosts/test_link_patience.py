@@ -5,7 +5,7 @@ from contextlib import ExitStack
 
 import pytest
 
-from dlokit.system.hosts.doors import limit_links
+from dlokit.system.hosts.routers import limit_links
 
 OPTION = getattr(socket, "TCP_USER_TIMEOUT", None)
 

@@ -52,9 +52,9 @@ def test_a_process_that_a_run_does_not_need_may_be_placed() -> None:
     [
         ({"desk": ()}, "places viewer on no host"),
         ({"desk": ("viewer", "camera")}, "places camera on eye and on desk"),
-        ({"desk": ("viewer", "brewer")}, "'brewer' on desk, which is no process; there are decision, cell"),
+        ({"desk": ("viewer", "brewer")}, "'brewer' on desk, which is not a process; use decision, cell"),
         ({"brain": RUNS["brain"][:1] + RUNS["brain"][2:], "eye": ("camera", "cell")}, "the simulated cell on eye"),
-        ({"Desk 1": ()}, "'Desk 1' cannot name a host"),
+        ({"Desk 1": ()}, "'Desk 1' is not a valid host name"),
     ],
 )
 def test_an_invalid_placement_is_named(change: dict[str, tuple[str, ...]], said: str) -> None:
@@ -65,9 +65,9 @@ def test_an_invalid_placement_is_named(change: dict[str, tuple[str, ...]], said:
 @pytest.mark.parametrize(
     ("configured", "said"),
     [
-        (partial(HostsConfig, endpoint="10.0.0.1"), "no place where hosts can meet"),
-        (partial(HostsConfig, endpoint="tls/10.0.0.1:7447"), "names no folder `certificates`"),
-        (partial(HostsConfig, endpoint="tcp/10.0.0.1:7447"), "whoever reaches the port could command the robot"),
+        (partial(HostsConfig, endpoint="10.0.0.1"), "not a valid endpoint"),
+        (partial(HostsConfig, endpoint="tls/10.0.0.1:7447"), "has no folder `certificates`"),
+        (partial(HostsConfig, endpoint="tcp/10.0.0.1:7447"), "anyone who reaches the port could command the robot"),
         (partial(HostsConfig, endpoint="tcp/10.0.0.1:7447", plain_tcp=True, wait_s=0.0), "wait_s"),
     ],
 )

@@ -4,7 +4,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from dlokit.system.processes.report import ProcessReport, ProcessState, SystemReport, still_there, write_report
+from dlokit.system.processes.report import ProcessReport, ProcessState, SystemReport, unended_processes, write_report
 
 
 def process(name: str, pid: int) -> ProcessReport:
@@ -14,11 +14,11 @@ def process(name: str, pid: int) -> ProcessReport:
 
 
 def test_a_process_counts_as_running_until_its_end_even_if_its_id_is_reused(tmp_path: Path) -> None:
-    assert still_there(tmp_path) == []
+    assert unended_processes(tmp_path) == []
     waits = (sys.executable, "-c", "import sys; sys.stdin.read()", "cell")
     with subprocess.Popen(waits, stdin=subprocess.PIPE) as cell:
         write_report(
-            tmp_path, SystemReport(told_s=0.0, processes=(process("cell", cell.pid), process("robot", cell.pid)))
+            tmp_path, SystemReport(written_s=0.0, processes=(process("cell", cell.pid), process("robot", cell.pid)))
         )
-        assert still_there(tmp_path) == ["cell"]
-    assert still_there(tmp_path) == []
+        assert unended_processes(tmp_path) == ["cell"]
+    assert unended_processes(tmp_path) == []

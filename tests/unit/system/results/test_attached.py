@@ -107,6 +107,6 @@ def test_last_states_new_messages_and_calls_are_recorded_in_a_complete_file(
 def test_a_file_that_exists_is_not_overwritten(system: RunningSystem, tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     path.write_text("mine")
-    with pytest.raises(InputError, match=r"a\.mcap exists: recordings are never overwritten"):
+    with pytest.raises(InputError, match=r"a\.mcap exists; recordings are never overwritten"):
         run(RecordArgs(out=path, run=Path(system.folder)))
     assert path.read_text() == "mine"

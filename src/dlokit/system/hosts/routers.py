@@ -1,10 +1,10 @@
-"""The bus of a run on several hosts: each host has one door, and its processes go through it.
+"""The bus of a multi-machine run: each host has one router, and its processes connect through it.
 
-The main host's door is the only one that listens to the network. Processes of a host reach their door over the loopback
+Only the router of the main host listens to the network. The processes of a host reach their router over the loopback
 interface, and open no port.
 
-A cable that is pulled closes no connection. The system would send again for a quarter of an hour, and a door whose
-buffer is full meanwhile could not even close the link; so each connection gets a limit (``TCP_USER_TIMEOUT``), which
+A pulled cable closes no connection. The operating system would retransmit for a quarter of an hour, and a router with
+a full buffer could not close the link either; so each connection gets a limit (``TCP_USER_TIMEOUT``), which
 zenoh cannot set.
 """
 
@@ -25,12 +25,12 @@ from dlokit.system.hosts.placement import Placement, placed, rights_at_main, rig
 from dlokit.system.table import ProcessRow
 
 LOOK_EVERY_S = 1.0
-"""A link that is new since then has the system's own patience until the next look."""
+"""Period of the search for new links; until then a new link has the system's own limit."""
 
 
 @asynccontextmanager
-async def impatient_links(endpoint: str) -> AsyncGenerator[None]:
-    """Limit all links of this process to or from a port meanwhile: that of the endpoint where hosts meet."""
+async def limited_links(endpoint: str) -> AsyncGenerator[None]:
+    """Limit the retransmission time of all links of this process to or from the port of the endpoint."""
     port = int(endpoint.rpartition(":")[2])
     looking = asyncio.create_task(_look(port), name="limit links")
     try:
@@ -46,52 +46,53 @@ async def _look(port: int) -> None:
 
 
 def limit_links(port: int, limit_ms: int) -> None:
-    """Limit those that there are, where the system knows such a limit (Linux)."""
+    """Limit the existing links, where the operating system supports it (Linux)."""
     option = getattr(socket, "TCP_USER_TIMEOUT", None)
     if option is None:
         return
     for connection in psutil.Process().net_connections(kind="tcp"):
         if connection.raddr and port in (connection.laddr.port, connection.raddr.port):
-            with contextlib.suppress(OSError), socket.socket(fileno=os.dup(connection.fd)) as link:  # it may just end
+            # The connection may end meanwhile.
+            with contextlib.suppress(OSError), socket.socket(fileno=os.dup(connection.fd)) as link:
                 link.setsockopt(socket.IPPROTO_TCP, option, limit_ms)
 
 
 NAMESPACE = "dlokit/hosts"
-"""Of all runs on several hosts: at one endpoint there is one at a time."""
+"""Namespace of all multi-machine runs; an endpoint serves one at a time."""
 
 
 def check_hosts(hosts: HostsConfig, rows: tuple[ProcessRow, ...]) -> None:
-    """Raise `ConfigError` for what is placed wrongly, or for a certificate of the main host that is missing."""
+    """Raise `ConfigError` for a wrong placement, or for a missing certificate of the main host."""
     placement = placed(hosts, rows)
     if kind_of(hosts.endpoint) == "tls":
         host_files(hosts.folder, placement.main)
 
 
-def main_door(hosts: HostsConfig, placement: Placement, meeting_point: str) -> ZenohConfig:
-    """The door at which the other hosts' doors connect. Raises `ConfigError` when a certificate is missing."""
+def main_router_config(hosts: HostsConfig, placement: Placement, local_endpoint: str) -> ZenohConfig:
+    """The router to which the other hosts' routers connect. Raises `ConfigError` when a certificate is missing."""
     secured = kind_of(hosts.endpoint) == "tls"
     return ZenohConfig(
         namespace=NAMESPACE,
         role="router",
-        listen=(meeting_point, hosts.endpoint),
+        listen=(local_endpoint, hosts.endpoint),
         tls=host_files(hosts.folder, placement.main) if secured else None,
         others=rights_at_main(placement) if secured else None,
     )
 
 
-def other_door(hosts: HostsConfig, name: str, main: str, meeting_point: str) -> ZenohConfig:
-    """The door of the host `name`, which connects to the one of the host `main`. Raises `ConfigError`."""
+def host_router_config(hosts: HostsConfig, name: str, main: str, local_endpoint: str) -> ZenohConfig:
+    """The router of the host `name`, which connects to that of the host `main`. Raises `ConfigError`."""
     secured = kind_of(hosts.endpoint) == "tls"
     return ZenohConfig(
         namespace=NAMESPACE,
         role="router",
-        listen=(meeting_point,),
+        listen=(local_endpoint,),
         connect=(hosts.endpoint,),
         tls=host_files(hosts.folder, name) if secured else None,
         others=rights_elsewhere(main) if secured else None,
     )
 
 
-def through_door(meeting_point: str) -> ZenohConfig:
-    """How a process of a host joins the bus."""
-    return ZenohConfig(namespace=NAMESPACE, role="client", listen=(), connect=(meeting_point,))
+def local_endpoint_config(local_endpoint: str) -> ZenohConfig:
+    """How a process of a host joins the bus through its router."""
+    return ZenohConfig(namespace=NAMESPACE, role="client", listen=(), connect=(local_endpoint,))

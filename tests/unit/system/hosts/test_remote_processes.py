@@ -17,10 +17,10 @@ from dlokit.communication.timing.clock import LoopClock
 from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.errors import ProcessFailure, SkillFailure, SkillRejected
-from dlokit.system.hosts import shares as shares_module
-from dlokit.system.hosts.agent import free_meeting_point
+from dlokit.system.hosts import remote_processes as remote_module
+from dlokit.system.hosts.agent import free_loopback_endpoint
 from dlokit.system.hosts.api import HELLO, RUN_SHARE, HostFacts, ShareReady
-from dlokit.system.hosts.shares import CLOCK_OFF_S, RemoteShares
+from dlokit.system.hosts.remote_processes import CLOCK_OFF_S, RemoteProcesses
 from dlokit.system.table import ROBOT, ProcessRow
 
 NAMESPACE = "dlokit_test_shares"
@@ -69,15 +69,15 @@ class OddHost(Component):
 @asynccontextmanager
 async def shares_with(
     manner: Manner | None, row: ProcessRow = ROBOT, wait_s: float = 30.0
-) -> AsyncGenerator[tuple[RemoteShares, OddHost]]:
+) -> AsyncGenerator[tuple[RemoteProcesses, OddHost]]:
     """The processes of a run on a host with this behaviour; None: the host is missing."""
-    endpoint = free_meeting_point()
+    endpoint = free_loopback_endpoint()
     here = ZenohTransport(ZenohConfig(namespace=NAMESPACE, listen=(endpoint,)))
     there = ZenohTransport(ZenohConfig(namespace=NAMESPACE, connect=(endpoint,)))
     odd = OddHost(manner or Manner())
     odd.endpoint, odd.main = endpoint, here
     host = Container(there, LoopClock())
-    shares = RemoteShares(here, {"arm": (row,), "desk": ()}, "seed = 3", wait_s, lambda said: None)
+    shares = RemoteProcesses(here, {"arm": (row,), "desk": ()}, "seed = 3", wait_s, lambda said: None)
     try:
         if manner is not None:
             host.add(odd)
@@ -130,7 +130,7 @@ def test_a_host_whose_clock_is_off_is_named(ahead_s: float, said: str | None, ca
         async with shares_with(Manner(ahead_s=ahead_s)) as (shares, _):
             await shares.start()
 
-    with caplog.at_level(logging.WARNING, "dlokit.system.hosts.shares"):
+    with caplog.at_level(logging.WARNING, "dlokit.system.hosts.remote_processes"):
         asyncio.run(body())
     warned = [record.getMessage() for record in caplog.records if "clocks_differ" in record.getMessage()]
     assert [said in text for text in warned if said is not None] == ([] if said is None else [True])
@@ -151,9 +151,9 @@ def test_a_host_of_optional_processes_can_only_end_the_start_of_a_run(caplog: py
             with pytest.raises(ProcessFailure, match="process_died: viewer"):
                 await shares.start()
 
-    with caplog.at_level(logging.WARNING, "dlokit.system.hosts.shares"):
+    with caplog.at_level(logging.WARNING, "dlokit.system.hosts.remote_processes"):
         asyncio.run(body())
-    assert "the run goes on without host arm: process_died: viewer" in caplog.text
+    assert "the run continues without host arm: process_died: viewer" in caplog.text
 
 
 async def until_two_serve(main: ZenohTransport | None) -> None:
@@ -166,7 +166,7 @@ async def until_two_serve(main: ZenohTransport | None) -> None:
 
 
 def test_a_duplicate_host_is_named_and_neither_runs_its_processes(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(shares_module, "GONE_WITHIN_S", 0.0)
+    monkeypatch.setattr(remote_module, "GONE_WITHIN_S", 0.0)
 
     async def body() -> None:
         async with shares_with(Manner()) as (shares, odd):

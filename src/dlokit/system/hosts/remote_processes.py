@@ -1,4 +1,4 @@
-"""The other hosts' shares of a run, as the decision's host sees them: they are waited for, started, watched, ended."""
+"""Processes on other hosts as seen by the main host: it waits for them, starts, watches and ends them."""
 
 import asyncio
 import logging
@@ -18,18 +18,18 @@ from dlokit.types.outcome import Failed, Outcome, Rejected, Succeeded, Unreachab
 log = logging.getLogger(__name__)
 
 CLOCK_OFF_S = 0.5
-"""Hosts whose clocks differ by more than this are named: certificates and logs go by the time of day."""
+"""A larger clock difference between hosts is reported, because certificates and logs use the time of day [s]."""
 AT_ONCE_S = 1.0
-"""A host that is there is found by then; of others people are told."""
+"""Time after which the user is informed about missing hosts; running hosts are found earlier [s]."""
 TOLD_EVERY_S = 5.0
 GONE_WITHIN_S = 10.0
-"""A host that was killed while its link was cut is known to be gone by then."""
+"""Time after which a host that was killed while its link was cut is known to be gone [s]."""
 AGAIN_S = 1.0
-"""Before a share is started again: its host may still be ending the one of before."""
+"""Delay before processes are started again: their host may still be ending the previous ones [s]."""
 
 
-class RemoteShares:
-    """Owner of what runs on other hosts."""
+class RemoteProcesses:
+    """Manages the processes on other hosts."""
 
     def __init__(
         self,
@@ -39,7 +39,7 @@ class RemoteShares:
         wait_s: float,
         say: Callable[[str], None],
     ) -> None:
-        """`wait_s` is how long each host is waited for; `say` tells people meanwhile."""
+        """Each host is awaited for `wait_s`; `say` informs the user about the progress."""
         self._transport = transport
         self._shares = {host: share for host, share in shares.items() if share}
         self._onlookers = [host for host, share in shares.items() if not share]
@@ -50,7 +50,7 @@ class RemoteShares:
         self._ready: dict[str, asyncio.Event] = {host: asyncio.Event() for host in self._shares}
 
     async def start(self) -> None:
-        """Start all of them. Raises `ProcessFailure`: host_missing, host_version, or why a share did not start."""
+        """Start all of them. Raises `ProcessFailure`: host_missing, host_version, or the cause of a failed start."""
         try:
             await self._find_all()
             for host, share in self._shares.items():
@@ -58,7 +58,7 @@ class RemoteShares:
             await self._all_ready()
             for host in self._onlookers:
                 self._running[host] = asyncio.create_task(self._run(host, ()), name=f"share of {host}")
-        except BaseException:  # Ctrl-C as well: none of the processes is left behind
+        except BaseException:  # including Ctrl-C: no process may remain
             await self.end()
             raise
 
@@ -67,7 +67,7 @@ class RemoteShares:
         await end_tasks(*self._running.values())
 
     async def wait_failed(self) -> None:
-        """Return never, but raise `ProcessFailure` when a share has ended, or its host is gone."""
+        """Never return, but raise `ProcessFailure` when processes of a host have ended, or the host is gone."""
         if not self._running:
             await asyncio.Event().wait()
         done, _ = await asyncio.wait(self._running.values(), return_when=asyncio.FIRST_COMPLETED)
@@ -86,8 +86,8 @@ class RemoteShares:
             if missing and time.monotonic() >= end_s:
                 raise ProcessFailure(
                     f"host_missing: {', '.join(missing)}",
-                    f"not there within {self._wait_s:g} s; run `dlokit host {missing[0]}` there, and look at its "
-                    "output and at the firewall's port",
+                    f"not found within {self._wait_s:g} s; run `dlokit host {missing[0]}` there, and check its "
+                    "output and the firewall's port",
                 )
             if missing:
                 self._say(f"waiting for the host{'s' * (len(missing) > 1)} {', '.join(missing)}")
@@ -115,16 +115,16 @@ class RemoteShares:
             )
 
     async def _run(self, host: str, share: tuple[ProcessRow, ...]) -> Outcome[None]:
-        """Run a share; again when its host was gone and is back, where its processes may be started again."""
+        """Run the processes of a host; restart them when the host was lost and is back, if they may be restarted."""
         while True:
             outcome = await self._run_once(host, tuple(row.name for row in share))
             if not _for_a_while(outcome) or not all(row.restart.times for row in share):
                 if any(row.essential for row in share) or (share and not self._ready[host].is_set()):
                     return outcome
-                log.warning("the run goes on without host %s: %s", host, _why(host, outcome))
+                log.warning("the run continues without host %s: %s", host, _why(host, outcome))
                 await asyncio.Event().wait()
             if share and isinstance(outcome, Unreachable):
-                log.warning("host_lost: %s; its share is started again when it is back", host)
+                log.warning("host_lost: %s; its processes are started again when it is back", host)
             if not await self._back(host, share):
                 return outcome
 
@@ -141,7 +141,7 @@ class RemoteShares:
         return await self._transport.call_reported(RUN_SHARE.at(host), told, self._config_toml, names)
 
     async def _alone(self, host: str) -> bool:
-        """Whether one host has the name: two would both run its share. One that was killed is gone soon."""
+        """Whether only one host has the name: two would both run the processes. A killed one disappears soon."""
         end_s = time.monotonic() + GONE_WITHIN_S
         while self._transport.serving(f"{AGENT}.{host}") > 1:
             if time.monotonic() > end_s:
@@ -150,7 +150,7 @@ class RemoteShares:
         return True
 
     async def _back(self, host: str, share: tuple[ProcessRow, ...]) -> bool:
-        """Wait for a host that is gone, or still ends the share of before: in vain where its processes are needed."""
+        """Wait for a lost host, or for one that still ends its previous processes; False if these are essential."""
         await asyncio.sleep(AGAIN_S)
         needed = any(row.essential for row in share)
         while not await self._transport.wait_for(f"{AGENT}.{host}", self._wait_s):
@@ -178,7 +178,7 @@ class RemoteShares:
 
 
 def _for_a_while(outcome: Outcome[Any]) -> bool:
-    """Whether the same may succeed later: the host is gone, or is not done with what it ran."""
+    """Whether the request may succeed later: the host is gone, or is still ending its previous processes."""
     return isinstance(outcome, Unreachable) or (isinstance(outcome, Rejected) and outcome.reason == "busy")
 
 
@@ -187,6 +187,6 @@ def _why(host: str, outcome: Outcome[Any]) -> ProcessFailure:
         case Failed(reason=reason, detail=detail) | Rejected(reason=reason, detail=detail):
             return ProcessFailure(reason, f"on host {host}: {detail}")
         case Unreachable():
-            return ProcessFailure(f"host_lost: {host}", "it, or the way to it, is gone")
+            return ProcessFailure(f"host_lost: {host}", "the host or the connection to it is lost")
         case _:
-            return ProcessFailure(f"host_ended: {host}", f"its share has ended: {outcome}")
+            return ProcessFailure(f"host_ended: {host}", f"its processes have ended: {outcome}")
