@@ -115,5 +115,5 @@ def test_the_file_contains_the_last_journal(cut_off: Run, tmp_path: Path) -> Non
     assert [mark.node for mark in read.marks] == [mark.node for mark in last.marks]
     JournalFile(tmp_path / "gone").keep(last)  # a disk error does not end the task
     (tmp_path / NAME).write_bytes(b"\x00")
-    with pytest.raises(InputError, match="cannot be understood"):
+    with pytest.raises(InputError, match="cannot be read"):
         read_journal(tmp_path)

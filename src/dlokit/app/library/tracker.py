@@ -215,7 +215,7 @@ def topology_of(nodes: Float64Array) -> Topology:
     edges = np.sort(np.column_stack([tree.row, tree.col]).astype(np.int64), axis=1)
     edges = edges[np.lexsort((edges[:, 1], edges[:, 0]))]
     if len(edges) != len(nodes) - 1:
-        raise InputError("two of the initial nodes are at the same place; give each node once")
+        raise InputError("two of the initial nodes have the same position; give each node once")
     lengths = np.linalg.norm(nodes[edges[:, 0]] - nodes[edges[:, 1]], axis=1)
     return Topology(edges=edges, rest_lengths_m=lengths)
 

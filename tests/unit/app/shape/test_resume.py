@@ -76,7 +76,7 @@ def test_a_run_that_still_runs_is_refused(run_dir: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("missing", "said"), [("journal.msgpack", "holds no journal.msgpack"), ("truth.npz", "how the cell left its DLO")]
+    ("missing", "said"), [("journal.msgpack", "has no journal.msgpack"), ("truth.npz", "how the cell left its DLO")]
 )
 def test_missing_files_are_named_with_the_command_for_a_new_run(run_dir: Path, missing: str, said: str) -> None:
     os.remove(run_dir / missing)

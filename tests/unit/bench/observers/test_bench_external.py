@@ -105,7 +105,7 @@ def test_inconsistent_arrays_are_named(tmp_path: Path, changed: dict[str, Any], 
 
 
 def test_a_missing_or_foreign_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no file"):
+    with pytest.raises(InputError, match="does not exist"):
         read_sequence(tmp_path / "none.npz")
     text = tmp_path / "text.npz"
     text.write_text("nodes")

@@ -92,7 +92,7 @@ def test_the_table_has_a_cell_for_every_heading() -> None:
     assert rows[0][HEADINGS.index("by kind")] == "drag 7"
     assert rows[0][HEADINGS.index("false")] == "1"
     assert list(outcomes(results)) == [
-        "farthest, map: 2 converged, 1 stalled; 1 hopeless, 0 of them went on for over 3 in vain"
+        "farthest, map: 2 converged, 1 stalled; 1 without expected progress, 0 of them over 3 actions"
     ]
     assert list(verdict_lines(results)) == ["farthest, map: holds: 1 of 2 reached, doubtful: 0 of 1 reached"]
 
