@@ -5,6 +5,7 @@ import logging
 import queue
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,8 +17,10 @@ from dlokit.communication.topics import STEREO_IMAGES
 from dlokit.communication.wire import codec
 from dlokit.errors import CommunicationError
 from dlokit.recording.channels import IMAGES_PER_S
+from dlokit.recording.rest_thinning import RestThinning
 from dlokit.recording.writer import RecordingWriter
 from dlokit.types.message import Message
+from dlokit.types.robot import RobotState
 
 log = logging.getLogger(__name__)
 
@@ -59,7 +62,8 @@ class Recorder:
         self._ending = threading.Event()
         self._lock = threading.Lock()
         self._last_pair_ns: int | None = None
-        self._skipped_pairs = 0
+        self._skipped = Counter[str]()
+        self._resting = RestThinning()
         self._topics = set[str]()
         self._closed = False
         self._thread = threading.Thread(target=self._write_all, name="recorder", daemon=True)
@@ -101,7 +105,7 @@ class Recorder:
         with self._lock:
             last = self._last_pair_ns
             if last is not None and 0 <= log_ns - last < 1e9 / IMAGES_PER_S:
-                self._skipped_pairs += 1
+                self._skipped[STEREO_IMAGES.name] += 1
                 return True
             self._last_pair_ns = log_ns
             return False
@@ -114,11 +118,9 @@ class Recorder:
             return
         try:
             self._write_until_end(writer)
-            lost = dict(writer.lost)
-            if self._skipped_pairs:
-                lost[STEREO_IMAGES.name] = max(0, lost.get(STEREO_IMAGES.name, 0) - self._skipped_pairs)
-            writer.add_metadata("thinned", {STEREO_IMAGES.name: str(self._skipped_pairs)})
-            writer.add_metadata("lost", {name: str(number) for name, number in lost.items() if number})
+            lost = Counter(writer.lost) - self._skipped
+            writer.add_metadata("thinned", {name: str(number) for name, number in self._skipped.items()})
+            writer.add_metadata("lost", {name: str(number) for name, number in lost.items()})
             writer.close()
         except Exception as error:  # any error ends the recording only; the run continues
             writer.abandon()
@@ -139,8 +141,7 @@ class Recorder:
                 writer.flush()
                 flush_at_s = time.monotonic() + FLUSH_EVERY_S
 
-    @staticmethod
-    def _write(writer: RecordingWriter, item: _Item) -> None:
+    def _write(self, writer: RecordingWriter, item: _Item) -> None:
         message = item.message
         try:
             if isinstance(message, bytes):
@@ -149,6 +150,9 @@ class Recorder:
                 message = message()
         except CommunicationError as error:
             log.warning("message on %s not recorded: %s", item.topic.name, error)
+            return
+        if isinstance(message, RobotState) and not self._resting.keeps(item.topic.name, item.log_ns, message):
+            self._skipped[item.topic.name] += 1
             return
         writer.add(item.topic, item.log_ns, message)
 

@@ -84,7 +84,7 @@ class RunConfig:
         check_ranges(self)
         if self.goal == INTERACTIVE and self.headless:
             raise ConfigError(
-                "--goal interactive needs the viewer, where the goal is dragged; leave --headless away, or name a goal."
+                "--goal interactive needs the viewer, where the goal is dragged; omit --headless, or name a goal."
             )
 
 

@@ -3,6 +3,8 @@
 import logging
 from pathlib import Path
 
+import msgspec
+import numpy as np
 import pytest
 from example_messages import EXAMPLES
 
@@ -13,6 +15,7 @@ from dlokit.recording.reader import RawRecording, read_recording
 from dlokit.recording.recorder import Recorder
 from dlokit.recording.summary import summarise
 from dlokit.recording.writer import RecordingWriter
+from dlokit.types.robot import RobotState
 from dlokit.types.system import ClockTick
 
 
@@ -61,6 +64,20 @@ def test_skipped_images_are_counted_and_not_reported_as_lost(tmp_path: Path) -> 
     summary = summarise(tmp_path / "a.mcap")
     assert summary.channels[topics.STEREO_IMAGES.name].count == 4
     assert summary.metadata["thinned"] == {topics.STEREO_IMAGES.name: "16"}
+    assert summary.metadata["lost"] == {}
+
+
+def test_states_of_an_arm_at_rest_are_counted_and_not_reported_as_lost(tmp_path: Path) -> None:
+    now, example = Now(), EXAMPLES[topics.ROBOT_STATE.name]
+    assert isinstance(example, RobotState)
+    with Recorder(tmp_path / "a.mcap", now, {}, waits=True) as recorder:
+        for seq in range(1, 301):  # 50 Hz for 6 s
+            now.ns = seq * 20_000_000
+            recorder.put(topics.ROBOT_STATE, msgspec.structs.replace(example, seq=seq, dq_rad_s=np.zeros(7)))
+    summary = summarise(tmp_path / "a.mcap")
+    recorded = summary.channels[topics.ROBOT_STATE.name].count
+    assert recorded < 150
+    assert summary.metadata["thinned"] == {topics.ROBOT_STATE.name: str(300 - recorded)}
     assert summary.metadata["lost"] == {}
 
 

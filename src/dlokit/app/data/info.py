@@ -74,7 +74,7 @@ def _head(path: Path, summary: RecordingSummary) -> list[str]:
         lines.append(f"last step: {last.step}, after {last.actions} actions; {ended}")
     for name, what in (
         ("lost", "not recorded, because the disk was slow"),
-        ("thinned", "omitted, given the rate"),
+        ("thinned", "omitted on purpose (picture rate, arm at rest)"),
     ):
         if entries := {topic: number for topic, number in summary.metadata.get(name, {}).items() if number != "0"}:
             lines.append(f"{what}: {_pairs(entries)}")
