@@ -4,6 +4,7 @@ import json
 import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Generator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -34,12 +35,13 @@ class Program:
         self._popen.stdin.flush()
 
     def until(self, wanted: str) -> str:
-        """The next line with this beginning; earlier lines are skipped."""
+        """The rest of the next line with this beginning; earlier lines are skipped."""
         assert self._popen.stdout is not None
-        for line in self._popen.stdout:
-            if line.startswith(wanted):
-                return line.strip().removeprefix(wanted).strip()
-        raise AssertionError(f"the program has ended, and never said {wanted!r}")
+        with killed_after(self._popen):
+            for line in self._popen.stdout:
+                if line.startswith(wanted):
+                    return line.strip().removeprefix(wanted).strip()
+        raise AssertionError(f"the program ended, or printed nothing for {WAIT_S} s, without {wanted!r}")
 
     def end(self) -> None:
         self._popen.send_signal(signal.SIGTERM)
@@ -199,10 +201,10 @@ def test_restartable_processes_are_restarted_when_their_host_returns(system: Sys
     lab = system.lab
     lab.network.cut("eye")
     try:
-        await_line(lab.folder / "main" / "errors.log", "host_lost: eye; its share is started again when it is back")
+        await_line(lab.folder / "main" / "errors.log", "host_lost: eye; its processes are started again")
     finally:
         lab.network.heal("eye")
-    system.eye.until("the share has ended")
+    system.eye.until("the processes have ended")
     system.eye.until("ready")
     system.main.tell("echo")
     assert system.main.until("echo: ") == "Succeeded(result='here')"
@@ -215,7 +217,7 @@ def test_a_lost_host_of_the_arm_ends_the_run_by_name_and_serves_the_next_one(sys
         assert system.main.until("ended by") == "host_lost: arm"
     finally:
         lab.network.heal("arm")
-    system.arm.until("the share has ended")
+    system.arm.until("the processes have ended")
     with lab.runs("main") as main:
         main.until("ready")
         main.tell("states")
@@ -227,8 +229,21 @@ def await_line(path: Path, text: str) -> None:
     with subprocess.Popen(("tail", "-F", "-n", "+1", str(path)), stdout=subprocess.PIPE, text=True) as tail:
         assert tail.stdout is not None
         try:
-            for line in tail.stdout:
-                if text in line:
-                    return
+            with killed_after(tail):
+                for line in tail.stdout:
+                    if text in line:
+                        return
         finally:
             tail.kill()
+    raise AssertionError(f"{path} has no line with {text!r} after {WAIT_S} s")
+
+
+@contextmanager
+def killed_after(popen: "subprocess.Popen[str]") -> Generator[None]:
+    """Kill a program that is waited for, so that a missing line fails the test instead of blocking it."""
+    timer = threading.Timer(WAIT_S, popen.kill)
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
