@@ -26,7 +26,7 @@ from dlokit.evaluation.statistics import success_rate, without_interval
 from dlokit.motion.inverse_kinematics import PandaKinematics
 from dlokit.rod.believed import BelievedDlo, as_configured
 from dlokit.skills.planning.config import PlanningConfig
-from dlokit.skills.planning.verdict import holding
+from dlokit.skills.planning.verdict import friction_hold
 from dlokit.skills.planning.verdict.feasibility import Workplace
 from dlokit.skills.planning.verdict.goal_verdict import HOPELESS_FACTOR, judge
 from dlokit.types.arrays import Float64Array
@@ -66,11 +66,11 @@ def _problems(judged: Judged) -> list[str]:
 
 def judged(goal_world: Float64Array, model: BelievedDlo) -> Judged:
     """The verdict on a goal (M, 3) [m] for the rod of `model`, as configured."""
-    holds = list[holding.HoldVerdict]()
+    holds = list[friction_hold.HoldVerdict]()
 
-    async def try_goal(nodes_world: Float64Array) -> holding.HoldVerdict:
+    async def try_goal(nodes_world: Float64Array) -> friction_hold.HoldVerdict:
         belief = as_configured(model, 0)
-        holds.append(holding.try_goal(model, belief, nodes_world, THRESHOLD_M, PLANNING.feasibility))
+        holds.append(friction_hold.try_goal(model, belief, nodes_world, THRESHOLD_M, PLANNING.feasibility))
         return holds[-1]
 
     place = Workplace(

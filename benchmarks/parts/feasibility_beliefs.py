@@ -10,7 +10,7 @@ import numpy as np
 from dlokit.bench.shaping.experiments import TOLD_HEAVIER, TOLD_SMOOTHER, TOLD_STIFFER
 from dlokit.description.dlo import GRAVITY_M_S2, SOFT_ROPE, DloPreset
 from dlokit.functional.cell.world import TABLE_FRICTION, Cell
-from dlokit.rod.believed import BeliefConfig, BelievedDlo, as_believed, as_configured
+from dlokit.rod.believed import BeliefConfig, BelievedDlo, as_configured, with_belief
 from dlokit.system.config import RunConfig, with_dlo
 from dlokit.types.dlo import DloBelief, LogNormal
 
@@ -89,4 +89,4 @@ def _learnt(model: BelievedDlo, cell: Cell, rng: np.random.Generator) -> KnownDl
         yield_curvature_1_m=None if bend_1_m is None else bend_1_m * bend_factor,
         actions=1,
     )
-    return KnownDlo(as_believed(model, belief), belief)
+    return KnownDlo(with_belief(model, belief), belief)

@@ -10,7 +10,7 @@ from dlokit import geometry
 from dlokit.description import shapes
 from dlokit.evaluation.evaluator import SETTLE_S
 from dlokit.functional.cell.world import Cell
-from dlokit.rod.equilibrium import nearest_held
+from dlokit.rod.equilibrium import nearest_static
 from dlokit.skills.planning.verdict.feasibility import overlaps
 from dlokit.types.arrays import Float64Array
 from parts.feasibility_beliefs import true_elastic_m3
@@ -74,7 +74,7 @@ def _attempts(cell: Cell, goal: Float64Array, rested: Float64Array) -> Iterator[
     if cell.config.dlo.yield_curvature_1_m is not None:
         return
     for share in _FRICTION_SHARES:
-        held = nearest_held(goal, true_elastic_m3(cell) / share).nodes_world
+        held = nearest_static(goal, true_elastic_m3(cell) / share).nodes_world
         if not overlaps(held, radius_m):
             yield _rest(cell, held, len(goal))
 

@@ -20,7 +20,7 @@ from dlokit.description.shapes import builtin_shape, moved, random_shape
 from dlokit.motion.inverse_kinematics import PandaKinematics
 from dlokit.recording.reader import read_recording
 from dlokit.rod.believed import BelievedDlo, as_configured
-from dlokit.rod.equilibrium import nearest_held
+from dlokit.rod.equilibrium import nearest_static
 from dlokit.rod.nodes import topology
 from dlokit.skills.model.carry import Carry
 from dlokit.skills.model.tracking import PdTracker
@@ -32,7 +32,7 @@ from dlokit.skills.planning.base import PlanningTools
 from dlokit.skills.planning.config import PlanningConfig
 from dlokit.skills.planning.rollout.search import SearchConfig
 from dlokit.skills.planning.rollout.strategy import RolloutConfig
-from dlokit.skills.planning.verdict import holding
+from dlokit.skills.planning.verdict import friction_hold
 from dlokit.skills.planning.verdict.feasibility import Workplace
 from dlokit.skills.planning.verdict.goal_verdict import judge
 from dlokit.types.action import Action, Marks, kind_of
@@ -116,7 +116,7 @@ def held(rounded: Rounded) -> Outcome:
     curves = [GOALS["S"], *(random_shape(np.random.default_rng(k), 0.5, 31, min_bend_radius_m=0.03) for k in range(10))]
     weight_n_m = MODEL.friction * 9.81 * MODEL.mass_kg_m
     return {
-        f"curve {k} EI {stiff}": nearest_held(rounded(curve), stiff / weight_n_m / 0.75).nodes_world
+        f"curve {k} EI {stiff}": nearest_static(rounded(curve), stiff / weight_n_m / 0.75).nodes_world
         for k, curve in enumerate(curves)
         for stiff in STIFF_N_M2
     }
@@ -142,8 +142,8 @@ async def _verdict(goal_world: Float64Array) -> GoalVerdict:
         MODEL, planning.feasibility, planning.actions.grasp, PandaKinematics().reachable, default_calibration()
     )
 
-    async def try_goal(nodes_world: Float64Array) -> holding.HoldVerdict:
-        return holding.try_goal(MODEL, as_configured(MODEL, 0), nodes_world, threshold_m, planning.feasibility)
+    async def try_goal(nodes_world: Float64Array) -> friction_hold.HoldVerdict:
+        return friction_hold.try_goal(MODEL, as_configured(MODEL, 0), nodes_world, threshold_m, planning.feasibility)
 
     goal = GoalShape(stamp_ns=0, nodes_world=goal_world)
     return await judge(goal, threshold_m, place=place, try_goal=try_goal)

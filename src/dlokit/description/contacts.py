@@ -8,7 +8,7 @@ LINK_BIT = 4
 """Links of a chain meet one another and the robot; on the table they stand on feet."""
 
 CONTACT_SOLREF = (0.004, 1.0)
-"""Time constant [s] and damping ratio of contacts that do not creep; table, rod and pads share it."""
+"""Time constant [s] and damping ratio of contacts that do not creep, common to table, rod and pads."""
 CONTACT_SOLIMP = (0.99, 0.999, 0.001, 0.5, 2.0)
 """Impedance of contacts that do not creep: static friction creeps with ``1 - solimp[0]``."""
 ROLLING_M = 0.001

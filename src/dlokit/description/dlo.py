@@ -10,7 +10,7 @@ from dlokit.errors import ConfigError
 from dlokit.ranges import Fraction, NotNegative, Positive, check_ranges
 
 GRAVITY_M_S2 = 9.81
-"""Of the cell as of the model [m/s²]: nobody needs a ruler for it."""
+"""Gravity in the cell and in the model [m/s²]."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -92,8 +92,8 @@ def add_table(
         contype=0,
         conaffinity=0,
     )
-    # A rod on a box has two contacts an edge, which share the load in a way that never comes to rest: a plane has
-    # one. It has no edge to fall over; whoever judges shapes looks at the table's size.
+    # A rod on a box has two contacts per edge, between which the load keeps changing: a plane has
+    # one. It has no edge to fall over; the checks of shapes use the table's size.
     spec.worldbody.add_geom(
         name="table_top",
         type=mujoco.mjtGeom.mjGEOM_PLANE,

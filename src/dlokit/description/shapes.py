@@ -33,8 +33,8 @@ NEIGHBOUR_M = 0.10
 CURVE_POINTS = 101
 """Starts and goals are kept finer than either rod, and resampled by each."""
 LENGTH_TOLERANCE = 0.02
-"""A shape may be this share longer or shorter than the rod: what a hand-drawn or measured curve is off by. 2 % of 0.5 m
-puts the ends 5 mm off if everything else fits, less than half of the paper's threshold."""
+"""Allowed relative difference between the lengths of a shape and the rod, for hand-drawn or measured curves. 2 % of
+0.5 m moves the ends by 5 mm if everything else fits, less than half of the paper's threshold."""
 RAMP_M = 0.025
 """Length over which the curvature of a bend rises from zero [m]: a jump would take a shear force that friction cannot
 give."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from dlokit.ranges import Positive, check_ranges
 
 TABLE_X_M = (0.30, 0.75)
-"""Part of the table that arm and camera share, along x [m]."""
+"""Part of the table within reach of the arm and in view of the camera, along x [m]."""
 TABLE_Y_M = (-0.35, 0.35)
 """The same along y [m]."""
 TABLE_TOP_M = 0.0
@@ -16,7 +16,7 @@ TABLE_THICKNESS_M = 0.05
 
 @dataclass(frozen=True, kw_only=True)
 class Table:
-    """A table, by what a ruler tells of it; its top is at z = 0 of the world."""
+    """Dimensions of the table; its top is at z = 0 of the world."""
 
     centre_m: tuple[float, float] = (0.45, 0.0)
     """Middle of its top (x, y) in the world [m]."""

@@ -165,7 +165,7 @@ def _covered(truth: Truth, stamp_ns: int) -> Float64Array:
 
 
 def left_nodes_world(folder: Path) -> Float64Array:
-    """Where the DLO of the cell that ran in `folder` lay last, (Mc, 3) [m]; nobody but the next cell may be told.
+    """Where the DLO of the cell that ran in `folder` was last, (Mc, 3) [m]; only the next cell may read it.
 
     Raises `InputError` where no cell has left anything.
     """

@@ -34,7 +34,7 @@ Runner = Callable[[RunConfig, ShapeJob, Path, Watcher], RunRecord]
 def judged_run(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher, runner: Runner = run) -> RunRecord:
     """Run a task with `runner`, then compare it with the cell's hidden truth; writes `config.toml` and `result.json`.
 
-    What a randomised cell drew is truth as well, and is told in the result.
+    The drawn properties of a randomised cell are truth as well, and are in the result.
     Where the goal does not hold and a shape near it does, that is written as `nearest_goal.csv`.
     """
     (folder / CONFIG_FILE).write_text(to_toml(config), encoding="utf-8")

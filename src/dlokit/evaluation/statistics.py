@@ -72,5 +72,5 @@ def median(values: Sequence[float]) -> Interval:
 
 
 def without_interval(value: float, n: int) -> Interval:
-    """A figure of `n` units of which no interval can be told: a largest value, or units that are not independent."""
+    """A figure of `n` units without an interval: a largest value, or units that are not independent."""
     return Interval(value=value, low=None, high=None, n=n)

@@ -20,7 +20,7 @@ from dlokit.types.robot import JointTrajectory, RobotReason, RobotState
 _REACTION_S = 0.08  # two periods of the state, and the way of a message
 _LINE_STEP_RAD = 0.06
 AS_FAR_M = 0.002  # arms may come nearer by so much and count as no nearer: a motion seldom starts away from the other
-_BRAKING = np.array([0.0, 0.5, 1.0])  # shares of the way to a stand at which arms are compared
+_BRAKING = np.array([0.0, 0.5, 1.0])  # fractions of the braking path at which arms are compared
 
 
 class Apart:
@@ -119,7 +119,7 @@ def _braking_rad(state: RobotState) -> Float64Array:
 def _least_gap_m(first: tuple[Float64Array, Float64Array], second: tuple[Float64Array, Float64Array]) -> float:
     """Least distance [m] of the surfaces of capsules (K, C, 3) and (L, C, 3), each configuration against each.
 
-    The spheres around the capsules tell from which pairs it can come; few are left to be measured.
+    The spheres around the capsules exclude most pairs; only a few are measured exactly.
     """
     (a0, a1), (b0, b1) = ((start.reshape(-1, 3), end.reshape(-1, 3)) for start, end in (first, second))
     ra, rb = (np.tile(RADII_M, len(start) // len(RADII_M)) for start in (a0, b0))

@@ -32,7 +32,7 @@ def segment_distances(a0: Float64Array, a1: Float64Array, b0: Float64Array, b1: 
     uu, vv, uv = _dot(u, u), _dot(v, v), _dot(u, v)
     uw, vw = _dot(u, w), _dot(v, w)
     determinant = uu * vv - uv**2
-    # Parallel segments: any point of the first will do, the clamps below mend the rest.
+    # Parallel segments: any point of the first is valid, the clamps below correct the other.
     s = np.where(determinant > 1e-12, (uv * vw - vv * uw) / np.maximum(determinant, 1e-12), 0.0).clip(0.0, 1.0)
     t = ((uv * s + vw) / vv).clip(0.0, 1.0)
     s = ((uv * t - uw) / uu).clip(0.0, 1.0)

@@ -66,7 +66,7 @@ class PandaKinematics:
         )[0].tolist()
 
     def __reduce__(self) -> tuple[object, ...]:
-        """Pickles as where it stands: the solver is built anew where it is needed."""
+        """Pickles its base pose only: the solver is built again when it is needed."""
         return (PandaKinematics, (self.T_world_base,))
 
     def forward(self, q_rad: ArrayLike) -> Pose:

@@ -31,7 +31,7 @@ MOST_STOPS = 100
 """Most stops of a tool path, where it turns back; each takes 5 ms to plan."""
 _PATH_STEP_M = 0.005
 _LARGEST_STEP_RAD = 0.5  # between path samples; more is a jump to another posture
-# Share of a joint's acceleration that the bend of the path may use, and that speeding up along it may use.
+# Fractions of a joint's acceleration for the curvature of the path and for the acceleration along it.
 _BEND_SHARE, _SPEEDUP_SHARE = 0.6, 0.4
 _MARGIN = 0.98  # of each limit, for what happens between samples
 

@@ -16,7 +16,7 @@ from dlokit.types.dlo import DloBelief, LogNormal
 POISSON = 0.3
 """Poisson's ratio taken for any DLO: it sets the stiffness against twist, which no picture shows."""
 DAMPING_S = 0.05
-"""Viscous bending moment taken for any DLO, as a share of the elastic one [s]: what rests does not tell it."""
+"""Viscous bending moment of any DLO, as a fraction of the elastic one [s]: a resting DLO does not reveal it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,7 +34,7 @@ class BeliefConfig:
     friction_log_sd: NotNegative = 0.25
     """Of the friction. Larger: goals are judged, and finalists tried, for smoother and rougher tables."""
     takes_set: Fraction = 0.2
-    """Chance, 0 to 1, that the DLO keeps bends, though no curvature is told beyond which it does. Above 0.05 no goal is
+    """Probability, 0 to 1, that the DLO is plastic when no yield curvature is configured. Above 0.05 no goal is
     called infeasible for springing back; say 0 of a DLO that is known to spring back always."""
 
     def __post_init__(self) -> None:
@@ -87,7 +87,7 @@ def as_configured(config: BelievedDlo, stamp_ns: int) -> DloBelief:
     )
 
 
-def as_believed(config: BelievedDlo, belief: DloBelief) -> BelievedDlo:
+def with_belief(config: BelievedDlo, belief: DloBelief) -> BelievedDlo:
     """The model with all that is believed of the DLO: the figures, and how sure they are."""
     return replace(
         config,

@@ -88,7 +88,7 @@ def set_rod_nodes(model: Any, data: Any, nodes_world: ArrayLike) -> None:
         joint = _twist_joint(model, edge, len(bodies) - 1)
         data.qpos[model.jnt_qposadr[joint]] = 0.0
         data.qvel[model.jnt_dofadr[joint]] = 0.0
-    # Zero frames make the engine start them anew from the current tangents, free of twist.
+    # Zero frames make the engine compute them from the current tangents, free of twist.
     data.plastic[:] = 0.0
     data.qacc_warmstart[:] = 0.0
 

@@ -25,7 +25,7 @@ _SCALE_M = 1e-3  # RMSE that counts as much as 1 in what is minimised
 _ITERATIONS = 16
 _TURN_RAD = 0.3  # trust region at first
 _WIDEST_RAD, _NARROWEST_RAD = 0.6, 1e-3
-_ENOUGH = 1e-3  # of a share less to minimise is no more progress
+_ENOUGH = 1e-3  # a smaller relative decrease counts as no progress
 _UNBOUNDED = 1e30
 # Curvature added to what is minimised along each kind of variable, so that each step has one clear minimum. With less
 # (the slack has none of its own) rounding decided which constraints the solver took, and often that it gave up.
@@ -35,24 +35,24 @@ _PROXIMAL_LACKING = 1.0
 
 
 @dataclass(frozen=True)
-class HeldShape:
+class StaticShape:
     """A shape that friction holds, near a goal."""
 
     nodes_world: Float64Array  # (M, 3) [m]
     rmse_m: float
     """How far from the goal it is [m]."""
     lacking: float
-    """Friction that lacks at the worst node, as a share of what there is (or radians that it bends too tightly there);
+    """Missing friction at the worst node, as a fraction of the available friction (or excess bend there in radians);
     well below 0.1: it holds."""
 
 
-def nearest_held(
+def nearest_static(
     goal_world: Float64Array,
     elastic_m3: float,
     *,
     min_radius_m: float = 0.0,
     yield_curvature_1_m: float = np.inf,
-) -> HeldShape:
+) -> StaticShape:
     """The shape nearest to a goal (M, 3) [m] that a rod of ``EI / (μ w)`` = `elastic_m3` [m³] can keep on a table.
 
     It need not be what a release in the goal leads to: someone who lays the rod down there can do so with any tension.
@@ -76,7 +76,7 @@ def nearest_held(
             break
     nodes = goal_world.copy()
     nodes[:, :2] = now.nodes + goal_world[:, :2].mean(axis=0)
-    return HeldShape(nodes_world=nodes, rmse_m=geometry.rmse_m(nodes, goal_world), lacking=now.lacking)
+    return StaticShape(nodes_world=nodes, rmse_m=geometry.rmse_m(nodes, goal_world), lacking=now.lacking)
 
 
 @dataclass(frozen=True)
@@ -150,7 +150,7 @@ class _Problem:
         quadratic[:edges, :edges] += self._weight * jacobian.T @ jacobian
         linear = np.concatenate((self._weight * jacobian.T @ off, -_PROXIMAL_TENSION * point.tension, [_PENALTY]))
         by_theta, by_tension = self._force_jacobians(point)
-        # Forces to first order, with all of T anew.
+        # Forces to first order, with T recomputed.
         fixed = point.force - by_tension @ point.tension  # (2, M)
         rows = np.tensordot(self._sides, np.concatenate((by_theta, by_tension), axis=2), axes=1)  # (K, M, 2 E)
         rows = rows.reshape(-1, 2 * edges)

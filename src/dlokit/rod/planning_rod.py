@@ -96,7 +96,7 @@ GRIP_N_M = 2000.0
 _TABLE_N_M = 40.0  # of the table under a node
 _CREEP_M_S = 2e-4  # slower than this, friction is viscous
 _NEIGHBOURS_M = 0.06  # parts nearer than this along the rod are one strand
-_UPRIGHT = 0.3  # share of its length that an edge is long from above, below which its bend is not one in the plane
+_UPRIGHT = 0.3  # fraction of an edge's length seen from above, below which its bend does not count as one in the plane
 _LOOK_EVERY = 5  # steps between two looks at how near the strands are
 
 
@@ -227,7 +227,7 @@ def _set(x: Float64Array, rod: Float64Array, rest: Float64Array, bend: Float64Ar
 def _elasticity(
     x: Float64Array, rod: Float64Array, bend: Float64Array, h: float, band: Float64Array, right: Float64Array
 ) -> None:
-    """Bending away from what it rests in, and twist, with damping as a share of the stiffness."""
+    """Bending relative to the rest shape, and twist, with damping as a fraction of the stiffness."""
     bending, twist, implicit = rod[2], rod[3], h * h + h * rod[4]
     for i in range(len(x) - 1):
         row, force, gain = 4 * i + 3, h * twist * (x[i + 1, 3] - x[i, 3]), implicit * twist

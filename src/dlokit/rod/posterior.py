@@ -14,7 +14,7 @@ from scipy.interpolate import RectBivariateSpline
 
 from dlokit import geometry
 from dlokit.rod.believed import BeliefConfig, BelievedDlo, as_configured
-from dlokit.rod.rollout import Motion, QuickRod, play
+from dlokit.rod.rollout import Motion, PlanningRod, play
 from dlokit.types.action import VelocityProfile
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloBelief, LogNormal
@@ -33,7 +33,7 @@ class Experience:
     tool: Float64Array  # (T, 4) x, y, z [m] and yaw [rad] of the tool from the grasp to the release
 
     def motion(self, timestep_s: float) -> Motion:
-        """The same for the quick rod: where the tool was at every time step."""
+        """The same for the planning rod: where the tool was at every time step."""
         steps = max(2, round((self.times_s[-1] - self.times_s[0]) / timestep_s) + 1)
         times_s = np.linspace(self.times_s[0], self.times_s[-1], steps)
         track = np.column_stack([np.interp(times_s, self.times_s, column) for column in self.tool.T])
@@ -62,12 +62,14 @@ YIELDS_1_M = (math.inf, 3.0, 1.0)
 _TIMESTEP_S = 0.005
 _REST_S = 1.0  # after the release; longer than in planning, as it is compared with what the camera saw
 _SEEN_M = 0.004  # the state's own error
-_MODEL_SHARE = 0.08  # error of the rod of planning, as a share of how far a node was moved
+_MODEL_SHARE = 0.08  # error of the planning rod, as a fraction of a node's displacement
 _LOW_LIFT_M = 0.05
-_LIFT_SHARE = 0.1  # error, as a share of a higher lift: out of the plane sets and turns in the pads are not modelled
+_LIFT_SHARE = (
+    0.1  # error, as a fraction of the lift: plastic bends out of the plane and turns in the pads are not modelled
+)
 _FREEDOM = 3.0  # of Student's t: a mistake of the observer does not decide alone
 _INDEPENDENT = 5.0  # nodes err together: so many independent ones say as much
-_LEAST_MOVED_M = 0.01  # an action that moved less tells of noise alone
+_LEAST_MOVED_M = 0.01  # an action that moved less contains only noise
 
 
 @dataclass(frozen=True)
@@ -79,11 +81,11 @@ class Evidence:
 
 
 def evidence(config: BelievedDlo, seen: Experience) -> Evidence | None:
-    """Play an action through on every rod of the grid; None when it moved the DLO too little to tell anything."""
+    """Simulate an action on every rod of the grid; None when it moved the DLO too little to contain information."""
     if seen.moved_m.max() < _LEAST_MOVED_M:
         return None
     rods = tuple(
-        QuickRod(friction_share=math.exp(a), stiffness_share=math.exp(b), yield_curvature_1_m=bend)
+        PlanningRod(friction_share=math.exp(a), stiffness_share=math.exp(b), yield_curvature_1_m=bend)
         for bend in YIELDS_1_M
         for a in FRICTION_LOG
         for b in STIFFNESS_LOG
@@ -106,10 +108,10 @@ def evidence(config: BelievedDlo, seen: Experience) -> Evidence | None:
 _ANOTHER = 0.2  # chance of a DLO that is not what was configured
 _ANOTHER_STIFFNESS_LOG_SD = 2.5
 _ANOTHER_FRICTION_LOG_SD = 0.4
-_OTHER_YIELD = 0.2  # chance that a DLO that is told to take a set does so at another curvature, or never
-_NO_CHANCE = 1e-12  # of what is told to be impossible
+_OTHER_YIELD = 0.2  # prior probability that a DLO declared plastic yields at another curvature, or never
+_NO_CHANCE = 1e-12  # of what is configured as impossible
 _MODEL_LOG_SD = 0.1  # the rod of planning is not the DLO, however often it was seen
-_SET_MODEL_LOG_SD = 0.3  # less so where it takes a set: how much is strained before an action nobody sees
+_SET_MODEL_LOG_SD = 0.3  # larger uncertainty of a plastic DLO: its strain before an action is not observed
 _FINER = 8  # points of the fine grid in one cell of the coarse one
 
 
@@ -161,7 +163,7 @@ def believed(config: BelievedDlo, of: Posterior, actions: int, stamp_ns: int) ->
     floor = _MODEL_LOG_SD if math.isinf(bend) else _SET_MODEL_LOG_SD
     return msgspec.structs.replace(
         before,
-        # All that a rod on a table shows is EI / w and μ: the doubt of the weight stays in EI alone.
+        # A rod on a table shows only EI / w and μ: the uncertainty of the weight remains in EI.
         bending_stiffness_n_m2=_scaled(
             before.bending_stiffness_n_m2, stiffness, math.hypot(floor, config.belief.weight_log_sd)
         ),
@@ -224,7 +226,7 @@ class Lesson:
 
 
 def lessons(config: BelievedDlo, seen: Iterable[tuple[int, Experience]]) -> list[Lesson]:
-    """Learn from experiences in their order; those that tell nothing are left out."""
+    """Learn from experiences in their order; those without information are omitted."""
     heard: list[Evidence] = []
     found: list[Lesson] = []
     known = posterior(config, heard)

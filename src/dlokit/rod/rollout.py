@@ -26,7 +26,7 @@ from dlokit.types.arrays import Float64Array
 _PAD_M = 0.02  # length of the pads along the rod
 _EDGE_M = 0.0125  # longest edge: a hanging rod bends too easily where longer ones meet the pads and the table
 SINK_M = 2e-4
-"""How deep a resting node lies in the table of the quick rod [m]."""
+"""How deep a resting node lies in the table of the planning rod [m]."""
 FINGERS = np.array([0.0085, 0.009, PANDA_FINGERTIP_BELOW_TCP_M])
 """The Panda's fingers, closed: half the length of the middle line across the tool, radius around it, and how far the
 tips are below the tool [m]."""
@@ -37,7 +37,7 @@ REST_S = 0.4
 
 
 @dataclass(frozen=True, kw_only=True)
-class QuickRod:
+class PlanningRod:
     """What a rod may be like, if it is not quite as the model has it."""
 
     friction_share: float = 1.0
@@ -87,7 +87,7 @@ class Motion:
 
 
 @dataclass(frozen=True)
-class Played:
+class RolloutResult:
     """What motions did to rods: R rods, C motions."""
 
     nodes_world: Float64Array  # (R, C, M, 3) [m] where each rod came to lie
@@ -97,13 +97,13 @@ class Played:
 def play(
     config: BelievedDlo,
     nodes_world: Float64Array,
-    rods: tuple[QuickRod, ...],
+    rods: tuple[PlanningRod, ...],
     motions: tuple[Motion, ...],
     timestep_s: float,
     threads: int = 0,
     *,
     rest_s: float = REST_S,
-) -> Played:
+) -> RolloutResult:
     """Play every motion through on every rod, all of them lying as `nodes_world` (K, 3) [m].
 
     A rod has `rest_s` [s] to come to rest after its release. `threads` 0: as many as there are cores; the result is the
@@ -133,7 +133,7 @@ def play(
         for _ in pool.map(one, range(len(motions))):
             pass
     ends[..., 2] = np.maximum(ends[..., 2], config.radius_m)
-    return Played(nodes_world=ends, nearest_m=nearest)
+    return RolloutResult(nodes_world=ends, nearest_m=nearest)
 
 
 def _track(motion: Motion, timestep_s: float) -> Float64Array:
@@ -162,7 +162,9 @@ _PREDICT_STEP_S = 0.01
 
 def predict(config: BelievedDlo, nodes_world: Float64Array, action: Action) -> Float64Array:
     """The shape (M, 3) [m] that `action` leaves of a rod at `nodes_world` (K, 3) [m]."""
-    return play(config, nodes_world, (QuickRod(),), (motion_of(action),), _PREDICT_STEP_S, threads=1).nodes_world[0, 0]
+    return play(config, nodes_world, (PlanningRod(),), (motion_of(action),), _PREDICT_STEP_S, threads=1).nodes_world[
+        0, 0
+    ]
 
 
 def motion_of(action: Action) -> Motion:
@@ -204,7 +206,7 @@ _WARMING_STEP_S = 0.02
 _SMALL = BelievedDlo(nodes=5, length_m=0.08)
 
 
-def warm() -> float:
+def load_kernels() -> float:
     """Play one short motion on a small rod; the seconds that took.
 
     At the first call after an installation Numba compiles, which takes some twenty seconds, and keeps what it made
@@ -214,17 +216,17 @@ def warm() -> float:
     lying = np.column_stack((np.linspace(0.0, _SMALL.length_m, _SMALL.nodes), np.zeros((_SMALL.nodes, 2))))
     there_and_up = np.array([[0.04, 0.0, 0.011, 1.5], [0.04, 0.0, 0.03, 1.5], [0.06, 0.0, 0.03, 1.6]])
     motion = Motion(node=2, waypoints=there_and_up, velocity=VelocityProfile())
-    play(_SMALL, lying, (QuickRod(),), (motion,), _WARMING_STEP_S, threads=1)
+    play(_SMALL, lying, (PlanningRod(),), (motion,), _WARMING_STEP_S, threads=1)
     return time.perf_counter() - began
 
 
-_AS_MODELLED = QuickRod()
+_AS_MODELLED = PlanningRod()
 _NO_TOOL, _NO_PADS = np.zeros((0, 4)), np.zeros((0, 3))
 _SETTLE_S = 2.0  # longest time that a rod laid down is given: as long as the evaluator waits
 _SETTLE_STEP_S = 0.005  # half of planning's: a goal is tried a few times, not hundreds
 
 
-def settle(config: BelievedDlo, nodes_world: Float64Array, rod: QuickRod = _AS_MODELLED) -> Float64Array:
+def settle(config: BelievedDlo, nodes_world: Float64Array, rod: PlanningRod = _AS_MODELLED) -> Float64Array:
     """Where a rod laid down as `nodes_world` (K, 3) [m] and let go comes to rest, (M, 3) [m].
 
     It is taken to have been straight before it was laid down, and does not collide with itself.

@@ -11,7 +11,7 @@ import pytest
 from dlokit import geometry
 from dlokit.description.shapes import builtin_shape
 from dlokit.motion.tool_track import tool_track
-from dlokit.rod.believed import BelievedDlo, as_believed, as_configured
+from dlokit.rod.believed import BelievedDlo, as_configured, with_belief
 from dlokit.rod.posterior import (
     FRICTION_LOG,
     STIFFNESS_LOG,
@@ -24,8 +24,8 @@ from dlokit.rod.posterior import (
     lessons,
     posterior,
 )
-from dlokit.rod.rollout import Motion, QuickRod, play
-from dlokit.skills.model.experiences import Grips
+from dlokit.rod.rollout import Motion, PlanningRod, play
+from dlokit.skills.model.experiences import GraspLog
 from dlokit.types.action import VelocityProfile
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import LogNormal
@@ -39,7 +39,7 @@ STEP_S = 0.005
 PACE = VelocityProfile()
 
 
-def acted(rod: QuickRod, before: Float64Array, node: int, by_m: tuple[float, float], turn_rad: float) -> Experience:
+def acted(rod: PlanningRod, before: Float64Array, node: int, by_m: tuple[float, float], turn_rad: float) -> Experience:
     """A rod is grasped at a node, lifted, moved, turned and released."""
     ahead = (before[min(node + 1, 30)] - before[max(node - 1, 0)])[:2]
     grasp = np.array([*before[node, :2], 0.011, math.atan2(ahead[1], ahead[0])])
@@ -60,7 +60,7 @@ def acted(rod: QuickRod, before: Float64Array, node: int, by_m: tuple[float, flo
 ACTIONS = ((7, (0.06, 0.02), 0.6), (30, (-0.05, -0.05), 0.9), (16, (-0.07, 0.0), 0.0))
 
 
-def history(rod: QuickRod) -> list[tuple[int, Experience]]:
+def history(rod: PlanningRod) -> list[tuple[int, Experience]]:
     shape, found = I_SHAPE, []
     for number, (node, by_m, turn_rad) in enumerate(ACTIONS, start=1):
         found.append((number, acted(rod, shape, node, by_m, turn_rad)))
@@ -71,12 +71,12 @@ def history(rod: QuickRod) -> list[tuple[int, Experience]]:
 @cache
 def wire() -> tuple[Lesson, ...]:
     """The belief learned about a stiff rod with permanent deformation."""
-    return tuple(lessons(MODEL, history(QuickRod(stiffness_share=70.0, yield_curvature_1_m=1.0))))
+    return tuple(lessons(MODEL, history(PlanningRod(stiffness_share=70.0, yield_curvature_1_m=1.0))))
 
 
 @pytest.mark.parametrize("stiffness", [1.0, 24.0])
 def test_the_elastic_ratio_is_learned_within_its_stated_uncertainty(stiffness: float) -> None:
-    rod = QuickRod(friction_share=1.2, stiffness_share=stiffness)
+    rod = PlanningRod(friction_share=1.2, stiffness_share=stiffness)
     belief = lessons(MODEL, history(rod))[-1].belief
     true = MODEL.bending_stiffness_n_m2 * stiffness / (MODEL.friction * 1.2 * 9.81 * MODEL.mass_kg_m)
     assert belief.yield_curvature_1_m is None
@@ -136,7 +136,7 @@ def test_the_model_of_a_belief_has_all_its_parameters() -> None:
             value=1.2 * learnt.bending_stiffness_n_m2.value, log_sd=learnt.bending_stiffness_n_m2.log_sd
         ),
     )
-    again = as_configured(as_believed(MODEL, belief), stamp_ns=belief.stamp_ns)
+    again = as_configured(with_belief(MODEL, belief), stamp_ns=belief.stamp_ns)
     for name in ("length_m", "radius_m", "bending_stiffness_n_m2", "weight_n_m", "friction"):
         found, told = getattr(again, name), getattr(belief, name)
         assert (found.value, found.log_sd) == (pytest.approx(told.value), told.log_sd)
@@ -147,7 +147,7 @@ def test_the_model_of_a_belief_has_all_its_parameters() -> None:
 
 def test_the_model_has_the_learned_probability_of_permanent_bends() -> None:
     belief = msgspec.structs.replace(as_configured(MODEL, 0), takes_set=0.07)
-    assert as_believed(MODEL, belief).belief.takes_set == 0.07
+    assert with_belief(MODEL, belief).belief.takes_set == 0.07
 
 
 def arm(stamp_ns: int, x_m: float, width_m: float = 0.008, holding: bool = True, name: str = "panda") -> RobotState:
@@ -170,7 +170,7 @@ def grip(node: int | None, name: str = "panda") -> GraspState:
 
 
 def test_a_grasp_lasts_until_the_fingers_open() -> None:
-    grips = Grips()
+    grips = GraspLog()
     grips.gripped(grip(5))
     for state in (arm(1, 0.4), arm(2, 0.5), arm(3, 0.6, width_m=0.012, holding=False), arm(4, 0.7, 0.04, False)):
         grips.moved(state)
@@ -185,13 +185,13 @@ def test_a_grasp_lasts_until_the_fingers_open() -> None:
 
 
 def test_a_grasp_that_lost_the_dlo_or_shared_it_gives_no_information() -> None:
-    lost = Grips()
+    lost = GraspLog()
     lost.gripped(grip(5))
     for state in (arm(1, 0.4), arm(2, 0.5), arm(3, 0.6, width_m=0.0, holding=False)):
         lost.moved(state)
     lost.gripped(grip(None))
     assert lost.take() is None
-    shared = Grips()
+    shared = GraspLog()
     shared.gripped(grip(5))
     shared.moved(arm(1, 0.4))
     shared.moved(arm(2, 0.5))

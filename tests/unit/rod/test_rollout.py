@@ -9,7 +9,7 @@ from dlokit import geometry
 from dlokit.description.shapes import builtin_shape, random_shape
 from dlokit.motion.tool_track import tool_track
 from dlokit.rod.believed import BelievedDlo
-from dlokit.rod.rollout import Motion, QuickRod, play
+from dlokit.rod.rollout import Motion, PlanningRod, play
 from dlokit.types.action import VelocityProfile
 from dlokit.types.arrays import Float64Array
 
@@ -26,8 +26,8 @@ def carried(node: int, *by_m: tuple[float, float, float], pace: VelocityProfile 
     return Motion(node=node, waypoints=waypoints, velocity=pace)
 
 
-def played(motion: Motion, rod: QuickRod | None = None, config: BelievedDlo = MODEL) -> Float64Array:
-    return play(config, I_SHAPE, (rod or QuickRod(),), (motion,), STEP_S).nodes_world[0, 0]
+def played(motion: Motion, rod: PlanningRod | None = None, config: BelievedDlo = MODEL) -> Float64Array:
+    return play(config, I_SHAPE, (rod or PlanningRod(),), (motion,), STEP_S).nodes_world[0, 0]
 
 
 def test_a_pulled_rod_follows_its_end_and_keeps_its_length() -> None:
@@ -46,7 +46,7 @@ def test_a_curve_that_friction_holds_stays_and_one_that_it_does_not_springs_back
     curve = random_shape(np.random.default_rng(3), MODEL.length_m, MODEL.nodes)
     away = Motion(node=0, waypoints=np.array([[*curve[0, :2], 0.011, 0.0]] * 2), velocity=PACE)
     for stiffness, least_m, most_m in ((1.0, 0.0, 0.002), (40.0, 0.004, 1.0)):
-        end = play(MODEL, curve, (QuickRod(stiffness_share=stiffness),), (away,), STEP_S).nodes_world[0, 0]
+        end = play(MODEL, curve, (PlanningRod(stiffness_share=stiffness),), (away,), STEP_S).nodes_world[0, 0]
         assert least_m <= geometry.rmse_m(end, curve) < most_m
 
 
@@ -58,14 +58,14 @@ def test_a_model_with_twice_the_nodes_predicts_the_same_lay_down() -> None:
     for nodes in (31, 61):
         start, motion = builtin_shape("I", MODEL.length_m, nodes), carried(30, (0.0, 0.0, lift_m), *path)
         rod = replace(MODEL, nodes=nodes)
-        end = play(rod, start, (QuickRod(),), (replace(motion, node=nodes - 1),), STEP_S).nodes_world[0, 0]
+        end = play(rod, start, (PlanningRod(),), (replace(motion, node=nodes - 1),), STEP_S).nodes_world[0, 0]
         ends.append(geometry.resample(end, 31))
     assert geometry.rmse_m(*ends) < 0.003
 
 
 def test_the_result_is_the_same_for_any_number_of_threads() -> None:
     motions = tuple(carried(node, (0.0, 0.0, 0.04), (0.05, 0.0, 0.04), (0.05, 0.0, 0.0)) for node in (0, 10, 20, 30))
-    rods = (QuickRod(), QuickRod(friction_share=0.7))
+    rods = (PlanningRod(), PlanningRod(friction_share=0.7))
     one, three = (play(MODEL, I_SHAPE, rods, motions, STEP_S, threads) for threads in (1, 3))
     assert np.array_equal(one.nodes_world, three.nodes_world)
     assert np.array_equal(one.nearest_m, three.nearest_m)
@@ -79,7 +79,7 @@ def test_the_smallest_distance_between_strands_is_returned() -> None:
 
 
 def played_nearest(motion: Motion) -> float:
-    return float(play(MODEL, I_SHAPE, (QuickRod(),), (motion,), STEP_S).nearest_m[0, 0])
+    return float(play(MODEL, I_SHAPE, (PlanningRod(),), (motion,), STEP_S).nearest_m[0, 0])
 
 
 def test_the_tool_starts_and_ends_at_rest_rounds_corners_and_keeps_its_speed() -> None:
@@ -103,7 +103,7 @@ def test_a_rod_bent_above_yield_keeps_its_bends() -> None:
     curve = builtin_shape("S", MODEL.length_m, MODEL.nodes)
     away = Motion(node=0, waypoints=np.array([[*curve[0, :2], 0.011, 0.0]] * 2), velocity=PACE)
     stiff = 100.0  # elastic, it would spring far back
-    rods = tuple(QuickRod(stiffness_share=stiff, yield_curvature_1_m=bend) for bend in (1.0, 3.0, 1e6, np.inf))
+    rods = tuple(PlanningRod(stiffness_share=stiff, yield_curvature_1_m=bend) for bend in (1.0, 3.0, 1e6, np.inf))
     ends = play(MODEL, curve, rods, (away,), STEP_S).nodes_world[:, 0]
     kept_m = [geometry.rmse_m(end, curve) for end in ends]
     assert kept_m[0] < kept_m[1] < kept_m[2]

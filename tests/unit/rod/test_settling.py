@@ -11,7 +11,7 @@ from dlokit.description.shapes import builtin_shape
 from dlokit.rod.believed import BelievedDlo
 from dlokit.rod.chain import Chain, add_chain
 from dlokit.rod.elastic import add_ground, set_rod_physics
-from dlokit.rod.rollout import QuickRod, settle
+from dlokit.rod.rollout import PlanningRod, settle
 
 MODEL = BelievedDlo(bending_stiffness_n_m2=1e-4)
 S_SHAPE = builtin_shape("S", 0.5, 31)
@@ -19,7 +19,7 @@ S_SHAPE = builtin_shape("S", 0.5, 31)
 
 def test_a_rod_whose_every_bend_is_kept_stays_however_stiff() -> None:
     stiff = replace(MODEL, bending_stiffness_n_m2=1e-3)
-    assert geometry.rmse_m(settle(stiff, S_SHAPE, QuickRod(yield_curvature_1_m=1e-6)), S_SHAPE) < 1e-3
+    assert geometry.rmse_m(settle(stiff, S_SHAPE, PlanningRod(yield_curvature_1_m=1e-6)), S_SHAPE) < 1e-3
     assert geometry.rmse_m(settle(stiff, S_SHAPE), S_SHAPE) > 0.04
 
 
@@ -41,7 +41,7 @@ def test_it_springs_back_as_far_as_the_chain_that_yields() -> None:
         mass_kg_m=wire.mass_per_length_kg_m,
         friction=wire.friction,
     )
-    quick_m = geometry.rmse_m(settle(model, S_SHAPE, QuickRod(yield_curvature_1_m=3.0)), S_SHAPE)
+    quick_m = geometry.rmse_m(settle(model, S_SHAPE, PlanningRod(yield_curvature_1_m=3.0)), S_SHAPE)
     # Two different models: a fraction of the spring-back of an elastic wire, 54 mm.
     assert quick_m == pytest.approx(chain_m, abs=0.004)
     assert chain_m > 0.008

@@ -19,7 +19,7 @@ from dlokit.app.data.measuring import Measures, measure
 from dlokit.errors import InputError
 from dlokit.recording.channels import FILE_NAME
 from dlokit.recording.reader import read_recording
-from dlokit.rod.believed import BelievedDlo, as_believed, as_configured
+from dlokit.rod.believed import BelievedDlo, as_configured, with_belief
 from dlokit.rod.posterior import Lesson, lessons
 from dlokit.skills.model.experiences import experiences
 from dlokit.system.config import CONFIG_FILE, RunConfig
@@ -155,7 +155,7 @@ def identify(runs: Sequence[Path | str | PathLike[str]]) -> Identified:
     return Identified(
         belief=belief,
         configured=configured,
-        config=replace(configured, model=as_believed(model, belief)),
+        config=replace(configured, model=with_belief(model, belief)),
         lessons=found,
         size=size,
     )

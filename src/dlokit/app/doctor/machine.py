@@ -120,11 +120,11 @@ def kernels_finding() -> DoctorRow:
     what = "compiled kernels"
     try:
         # Imported here, because the doctor must be able to report a missing package of the kernels.
-        from dlokit.rod.rollout import warm as warm_planning
-        from dlokit.skills.observer.kernels import warm
+        from dlokit.rod.rollout import load_kernels as load_planning_kernels
+        from dlokit.skills.observer.kernels import load_kernels
     except ImportError as error:
         return DoctorRow(what=what, standing=Severity.ADVICE, found=str(error), fix="pip install dlokit")
-    loaded_s = warm() + warm_planning()
+    loaded_s = load_kernels() + load_planning_kernels()
     return DoctorRow(what=what, standing=Severity.READY, found=f"compiled, kept on disk, loaded in {loaded_s:.1f} s")
 
 

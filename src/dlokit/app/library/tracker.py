@@ -15,7 +15,7 @@ from dlokit.skills.observer.config import ObserverConfig
 from dlokit.skills.observer.following import cleaned, followed
 from dlokit.skills.observer.initialise.first_shape import initial_targets
 from dlokit.skills.observer.initialise.skeleton import spanning_tree
-from dlokit.skills.observer.kernels import warm
+from dlokit.skills.observer.kernels import load_kernels
 from dlokit.skills.observer.strategies import OBSERVERS
 from dlokit.types.arrays import BoolArray, Float32Array, Float64Array
 from dlokit.types.dlo import DloState, TargetPoints, Topology
@@ -143,7 +143,7 @@ class Tracker:
         if hasattr(observer, "estimate"):
             return cast(ObserverStrategy, observer)
         config = cast(ObserverStrategyConfig, observer)
-        warm((config,))  # or the first clouds would wait for compiled code
+        load_kernels((config,))  # or the first clouds would wait for compiled code
         return config.build(self._dlo)
 
     def _first(self, seen: Observation) -> Nodes:

@@ -36,11 +36,11 @@ def _viewer_is_here(config: RunConfig) -> bool:
 
 def prepare(console: Console, config: RunConfig) -> None:
     """Compile and load the observer and the planner of a run, and show the progress."""
-    from dlokit.skills.observer.kernels import warm
+    from dlokit.skills.observer.kernels import load_kernels
     from dlokit.skills.planning.strategies import load
 
     with compile_progress(console, "the observer (1 of 2)"):
-        warm((config.observer.strategy,))
+        load_kernels((config.observer.strategy,))
     with compile_progress(console, "the planner (2 of 2)"):
         load(config.planning.strategy)
 

@@ -66,7 +66,7 @@ def believed_pose(T_world_camera: Pose, conditions: Conditions, rng: np.random.G
     return pose_from_matrix(T)
 
 
-def as_believed(points_world: Float64Array, T_true: Pose, T_believed: Pose) -> Float64Array:
+def in_assumed_frame(points_world: Float64Array, T_true: Pose, T_believed: Pose) -> Float64Array:
     """Points (N, 3) [m] measured by a camera at `T_true`, as computed with the pose `T_believed`."""
     return transform(T_believed, transform(inverse(T_true), points_world))
 
@@ -191,7 +191,7 @@ class Looks(Ordered[ObserverFrame]):
             shown &= ~hides(ball, eye, line.points_world)
         points = stereo_cloud(line.points_world, shown, sequence.radius_m, conditions, camera, rng)
         if believed is not camera:
-            points = as_believed(points, camera.T_world_camera, believed.T_world_camera)
+            points = in_assumed_frame(points, camera.T_world_camera, believed.T_world_camera)
         seen = Observation(
             stamp_ns=_stamp_ns(sequence, frame),
             points_world=points.astype(np.float32),

@@ -18,7 +18,7 @@ from dlokit.decision.records import GoalRequest
 from dlokit.errors import InputError
 from dlokit.evaluation.evaluator import read_truth
 from dlokit.evaluation.judged_run import judged_run
-from dlokit.skills.observer.kernels import warm
+from dlokit.skills.observer.kernels import load_kernels
 from dlokit.skills.planning.base import Loaded
 from dlokit.system.build import build_component
 from dlokit.system.config import RunConfig
@@ -120,7 +120,7 @@ def job_of(case: ShapingCase, config: RunConfig) -> ShapeJob:
 
 def _load(config: RunConfig) -> None:
     """Load compiled code, which a fresh process would otherwise load, and time, in its first decision."""
-    warm((config.observer.strategy,))
+    load_kernels((config.observer.strategy,))
     if isinstance(config.planning.strategy, Loaded):
         config.planning.strategy.load()
 

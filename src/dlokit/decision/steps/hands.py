@@ -35,7 +35,7 @@ R = TypeVar("R")
 
 
 @dataclass(frozen=True)
-class Hand:
+class ArmAction:
     """The part of an action that one arm executes."""
 
     robot: str
@@ -49,13 +49,13 @@ class Hand:
         return instance_of(self.robot)
 
 
-def hands_of(action: Action) -> tuple[Hand, ...]:
+def arm_actions_of(action: Action) -> tuple[ArmAction, ...]:
     """The hands that an action needs, that of the first arm first."""
-    own = Hand(action.robot, action.grasp, action.path, action.velocity)
+    own = ArmAction(action.robot, action.grasp, action.path, action.velocity)
     other = action.partner
     if other is None:
         return (own,)
-    return (own, Hand(other.robot, other.grasp, other.path, other.velocity))
+    return (own, ArmAction(other.robot, other.grasp, other.path, other.velocity))
 
 
 async def open_fingers(task: ShapeTask) -> None:
@@ -89,7 +89,7 @@ async def close_fingers(task: ShapeTask) -> GripResult:
     """Close all hands; return the result of a hand that holds nothing, where there is one."""
     force_n = task.config.grasp_force_n
     gripped = await asyncio.gather(
-        *(task.port.call(robot.GRASP.at(hand.instance), force_n) for hand in hands_of(task.attempt.action))
+        *(task.port.call(robot.GRASP.at(hand.instance), force_n) for hand in arm_actions_of(task.attempt.action))
     )
     worst = next((one for one in gripped if not (isinstance(one, Succeeded) and one.result.held)), gripped[0])
     return result_of(robot.GRASP, worst)
@@ -109,7 +109,7 @@ async def _follow(task: ShapeTask) -> Outcome[MotionResult]:
 async def go_up(task: ShapeTask) -> None:
     """Move straight up from the present poses."""
 
-    def up(hand: Hand) -> Coroutine[Any, Any, Outcome[MotionResult]]:
+    def up(hand: ArmAction) -> Coroutine[Any, Any, Outcome[MotionResult]]:
         state = task.port.latest(topics.ROBOT_STATE.at(hand.instance)).value
         start = hand.path[-1] if state is None else state.T_world_tcp
         target = lifted(start, RETREAT_HEIGHT_M)
@@ -151,9 +151,9 @@ async def until_done(task: ShapeTask, skill: Skill[P, R], *args: P.args, **kwarg
             return recovered
 
 
-async def together(task: ShapeTask, call: Callable[[Hand], Coroutine[Any, Any, Outcome[R]]]) -> Outcome[R]:
+async def together(task: ShapeTask, call: Callable[[ArmAction], Coroutine[Any, Any, Outcome[R]]]) -> Outcome[R]:
     """Move all hands at once; when one does not succeed, stop the others and return its outcome."""
-    hands = hands_of(task.attempt.action)
+    hands = arm_actions_of(task.attempt.action)
     running = [asyncio.ensure_future(call(hand)) for hand in hands]
     failed: Outcome[R] | None = None
     waiting = set(running)
@@ -174,20 +174,20 @@ async def together(task: ShapeTask, call: Callable[[Hand], Coroutine[Any, Any, O
         await asyncio.gather(*running, return_exceptions=True)
 
 
-async def stop(task: ShapeTask, hands: list[Hand] | None = None) -> None:
+async def stop(task: ShapeTask, hands: list[ArmAction] | None = None) -> None:
     """Brake the arms of these hands, or of all hands of the action."""
-    for hand in hands_of(task.attempt.action) if hands is None else hands:
+    for hand in arm_actions_of(task.attempt.action) if hands is None else hands:
         await task.port.call(robot.HALT.at(hand.instance))
 
 
-async def _one_by_one(task: ShapeTask, call: Callable[[Hand], Coroutine[Any, Any, Outcome[R]]]) -> Outcome[R]:
+async def _one_by_one(task: ShapeTask, call: Callable[[ArmAction], Coroutine[Any, Any, Outcome[R]]]) -> Outcome[R]:
     """Move one hand after the other, so that each plans with the others at rest; a blocked hand is tried again later.
 
     Returns at the first failure for another reason, or when all remaining hands block one another.
     """
-    waiting = hands_of(task.attempt.action)
+    waiting = arm_actions_of(task.attempt.action)
     while True:
-        blocked: list[Hand] = []
+        blocked: list[ArmAction] = []
         outcomes: list[Outcome[R]] = []
         for hand in waiting:
             outcome = await call(hand)
@@ -204,15 +204,15 @@ async def _one_by_one(task: ShapeTask, call: Callable[[Hand], Coroutine[Any, Any
         waiting = tuple(blocked)
 
 
-async def _all_at_once(task: ShapeTask, call: Callable[[Hand], Coroutine[Any, Any, Outcome[R]]]) -> Outcome[R]:
+async def _all_at_once(task: ShapeTask, call: Callable[[ArmAction], Coroutine[Any, Any, Outcome[R]]]) -> Outcome[R]:
     """Call for all hands at once, regardless of failures; return the first outcome that is not a success."""
-    outcomes = await asyncio.gather(*(call(hand) for hand in hands_of(task.attempt.action)))
+    outcomes = await asyncio.gather(*(call(hand) for hand in arm_actions_of(task.attempt.action)))
     return next((outcome for outcome in outcomes if not isinstance(outcome, Succeeded)), outcomes[0])
 
 
 def publish_gripped(task: ShapeTask, *, held: bool) -> None:
     """Publish which nodes are held and where between the fingers, or that none is."""
-    for hand in hands_of(task.attempt.action):
+    for hand in arm_actions_of(task.attempt.action):
         tool = task.port.latest(topics.ROBOT_STATE.at(hand.instance)).value
         node, place = hand.grasp.node if held else None, None
         if held and tool is not None and task.state is not None:
@@ -243,7 +243,7 @@ async def follow_while_held(task: ShapeTask) -> bool:
     follow = asyncio.ensure_future(_follow(task))
     watches = {
         asyncio.create_task(_fingers_close(task, hand), name=f"slip {hand.robot}"): hand
-        for hand in hands_of(task.attempt.action)
+        for hand in arm_actions_of(task.attempt.action)
     }
     try:
         await asyncio.wait((follow, *watches), return_when=asyncio.FIRST_COMPLETED)
@@ -263,7 +263,7 @@ async def follow_while_held(task: ShapeTask) -> bool:
     return True
 
 
-async def _fingers_close(task: ShapeTask, hand: Hand) -> None:
+async def _fingers_close(task: ShapeTask, hand: ArmAction) -> None:
     """Return when fingers that held something hold nothing; never, for a robot without that sensor."""
     held = False
     async for state in task.port.stream(topics.ROBOT_STATE.at(hand.instance)):

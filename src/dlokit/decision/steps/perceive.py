@@ -12,7 +12,7 @@ from dlokit.decision.faults import explain, result_of
 from dlokit.decision.flow import FaultKind, StepFault
 from dlokit.decision.looking import find, look_and_reinitialise, settle
 from dlokit.decision.records import CameraReport
-from dlokit.decision.steps.hands import hands_of, note_slip, stayed_behind, until_done
+from dlokit.decision.steps.hands import arm_actions_of, note_slip, stayed_behind, until_done
 from dlokit.decision.steps.outcomes import Checked, Done, Sight
 from dlokit.decision.task import ShapeTask
 from dlokit.description.arm.mounts import instance_of
@@ -97,7 +97,7 @@ async def track_again(task: ShapeTask) -> Done:
     await look_and_reinitialise(task, attempt.expected_world)
     await settle(task)
     if stayed_behind(attempt, task.shape.nodes_world):
-        for hand in hands_of(attempt.action):
+        for hand in arm_actions_of(attempt.action):
             note_slip(task, hand.grasp.node)
     now_ns = task.port.clock.now_ns()
     record = record_of(

@@ -62,7 +62,7 @@ class CellArm:
         return self._program.at(time_s)
 
     def start_follow(self, trajectory: JointTrajectory, time_s: float) -> None:
-        """Begin a trajectory now; whoever calls has checked it."""
+        """Begin a trajectory now; the caller has checked it."""
         offset_rad = self._program.at(time_s).q_rad - trajectory.q_rad[0]
         fade = Fade(offset_rad, self.limits) if np.any(offset_rad) else None
         self._begin(Follow(trajectory, time_s, fade), RobotMode.MOVING)

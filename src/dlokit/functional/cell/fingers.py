@@ -16,7 +16,7 @@ _BLOCKED_M = 0.0005
 """A finger that rests that far from its target is blocked [m]."""
 _FIRST_FORCE_N = 20.0
 _THINNEST_M = 0.001
-"""What is thinner than this between the fingers cannot be told from nothing [m]."""
+"""Smallest thickness that the fingers can detect [m]."""
 
 
 class Fingers:

@@ -13,7 +13,7 @@ import numpy as np
 from dlokit import geometry
 from dlokit.rod.believed import BelievedDlo
 from dlokit.rod.planning_rod import advance
-from dlokit.rod.rollout import NO_FINGERS, REST_S, SINK_M, QuickRod, between_pads, fine_rod
+from dlokit.rod.rollout import NO_FINGERS, REST_S, SINK_M, PlanningRod, between_pads, fine_rod
 from dlokit.skills.model.tracking import Pin
 from dlokit.types.arrays import Float64Array
 from dlokit.types.robot import RobotState
@@ -68,7 +68,7 @@ class Carry:
         nodes = fine_rod(self._config, nodes_world)
         # A node at rest lies as deep in the table as its weight presses it.
         nodes[:, 2] = np.maximum(nodes[:, 2], self._config.radius_m) - SINK_M
-        self._rod = QuickRod().numbers(self._config, len(nodes))
+        self._rod = PlanningRod().numbers(self._config, len(nodes))
         self._x = np.column_stack((nodes, np.zeros(len(nodes))))
         self._v, self._rest = np.zeros_like(self._x), np.zeros(len(nodes))
 

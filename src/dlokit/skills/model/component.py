@@ -21,7 +21,7 @@ from dlokit.rod.posterior import Evidence, believed, evidence, posterior
 from dlokit.rod.rollout import predict
 from dlokit.skills.model import api
 from dlokit.skills.model.carry import Carry
-from dlokit.skills.model.experiences import Grips
+from dlokit.skills.model.experiences import GraspLog
 from dlokit.skills.model.goal import GoalRod
 from dlokit.skills.model.tracking import PdTracker
 from dlokit.types.action import Action
@@ -55,7 +55,7 @@ class ModelComponent(Component):
         self._state: DloState | None = None
         self._goal: GoalShape | None = None
         self._tools: dict[str, RobotState] = {}
-        self._grips = Grips()
+        self._grips = GraspLog()
         self._heard: list[Evidence] = []
 
     async def run(self) -> None:
@@ -137,7 +137,7 @@ class ModelComponent(Component):
         _require_curve(nodes_world)
         nodes = geometry.resample(nodes_world, self._config.nodes)
         self._goal_rod.place(nodes)
-        self._tell_belief()  # a task begins: whoever has joined since the start hears it now
+        self._tell_belief()  # a task begins: components that joined after the start receive it now
         return self._publish_goal(nodes, name, ends_interchangeable)
 
     @implements(api.BUILD_GOAL)

@@ -18,7 +18,7 @@ _LOST_SHARE = 0.7  # of the width before: fingers that hold nothing any more and
 
 
 @dataclass(frozen=True, kw_only=True)
-class EndedGrip:
+class FinishedGrasp:
     """A node that was held all the way from a grasp to a release, by one robot alone."""
 
     node: int
@@ -32,14 +32,14 @@ class EndedGrip:
         )
 
 
-class Grips:
+class GraspLog:
     """Follows messages; keeps the last grip that has ended."""
 
     def __init__(self) -> None:
         self._open: GraspState | None = None
         self._states: list[RobotState] = []
         self._opening = False
-        self._ended: EndedGrip | None = None
+        self._ended: FinishedGrasp | None = None
 
     def gripped(self, message: GraspState) -> None:
         """A node is held, or let go."""
@@ -49,7 +49,7 @@ class Grips:
             self._open, self._states, self._opening = message, [], False
         elif held is not None and held.node is not None and message.node is None and message.robot == held.robot:
             # Two robots at once are another matter: of those nothing is learnt.
-            self._ended = EndedGrip(node=held.node, states=tuple(self._states))
+            self._ended = FinishedGrasp(node=held.node, states=tuple(self._states))
 
     def moved(self, state: RobotState) -> None:
         """A tool is somewhere. Fingers that open let go; fingers that close have lost what they held."""
@@ -63,7 +63,7 @@ class Grips:
         elif last is None or state.stamp_ns > last.stamp_ns:
             self._states.append(state)
 
-    def take(self) -> EndedGrip | None:
+    def take(self) -> FinishedGrasp | None:
         """The last grip that has ended, once; None when there is none of any length."""
         ended, self._ended = self._ended, None
         return ended if ended is not None and len(ended.states) > 1 else None
@@ -74,7 +74,7 @@ _CHOSEN, _SEEN_AGAIN = "choose_grasp", "has_error_changed"
 
 def experiences(messages: Iterable[Recorded]) -> Iterator[tuple[int, Experience]]:
     """Number of the action, from 1, and what it did; actions in which nothing was held are left out."""
-    grips, state, before, action = Grips(), None, None, 0
+    grips, state, before, action = GraspLog(), None, None, 0
     for recorded in messages:
         match recorded.message:
             case DloState() as message if recorded.topic == topics.STATE.name:

@@ -31,7 +31,7 @@ class AnchoredConfig:
     name: ClassVar[str] = "anchored"
 
     length_tolerance: Fraction = 0.06
-    """Both tips count as seen when the seen curve is shorter or longer than the rod by at most this share."""
+    """Both tips count as seen when the seen curve is shorter or longer than the rod by at most this fraction."""
     tip_snap_m: NotNegative = 0.03
     """An end of a curve that is too short counts as a tip when registration puts it so near to one [m]."""
 
@@ -99,7 +99,7 @@ class Anchored:
     def estimate(self, seen: Observation, prior: DloState) -> TargetPoints:
         """Target points in order along the rod.
 
-        A DLO that is not one chain is registered without anchors. Health is the share of the cloud that
+        A DLO that is not one chain is registered without anchors. Health is the fraction of the cloud that
         lies on the curve, lowered when the curve is longer than the rod can be.
         """
         points = np.asarray(seen.points_world, dtype=np.float64)
@@ -241,7 +241,7 @@ def _pinned(nodes: Float64Array, seen: Observation) -> Float64Array:
 
 
 def _health(curve: FittedCurve, length_m: float, config: AnchoredConfig) -> float:
-    """The share of the cloud on the curve, times how well the curve's length fits the rod (at most 1)."""
+    """The fraction of the cloud on the curve, times how well the curve's length fits the rod (at most 1)."""
     share = float(np.mean(curve.used))
     excess = max(arc_span(curve) / length_m - 1.0 - config.length_tolerance, 0.0)
     return share * max(1.0 - 4.0 * excess, 0.0)

@@ -24,7 +24,7 @@ def _set_strategy(spec: StrategySpec) -> None:
 
 
 def _reset() -> None:
-    """Forget the rod: clouds are ignored until the next `INITIALISE`, which chooses the order anew."""
+    """Forget the rod: clouds are ignored until the next `INITIALISE`, which chooses the order again."""
     ...
 
 

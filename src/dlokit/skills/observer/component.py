@@ -14,7 +14,7 @@ from dlokit.skills.observer.base import ObserverStrategy, prior_from
 from dlokit.skills.observer.config import ObserverConfig
 from dlokit.skills.observer.following import cleaned, followed
 from dlokit.skills.observer.initialise.first_shape import initial_targets
-from dlokit.skills.observer.kernels import warm
+from dlokit.skills.observer.kernels import load_kernels
 from dlokit.skills.observer.strategies import from_spec
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, TargetPoints
@@ -49,7 +49,7 @@ class ObserverComponent(Component):
 
     def preparation(self) -> Callable[[], object]:
         """Load the compiled code of the strategy."""
-        return partial(warm, (self._config.strategy,))
+        return partial(load_kernels, (self._config.strategy,))
 
     @on(topics.OBSERVATION)
     async def on_observation(self, seen: Observation) -> None:

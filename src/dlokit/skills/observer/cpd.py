@@ -49,7 +49,7 @@ class Cpd:
         self._config = config or CpdConfig()
 
     def estimate(self, seen: Observation, prior: DloState) -> TargetPoints:
-        """The prior's nodes, drifted coherently onto the cloud. Health is the share of points near them."""
+        """The prior's nodes, drifted coherently onto the cloud. Health is the fraction of points near them."""
         points = np.asarray(seen.points_world, dtype=np.float64)
         if len(points) == 0:
             return nothing_seen(seen, prior)

@@ -78,7 +78,7 @@ def follow(strategy: ObserverStrategy, seen: Observation, prior: DloState, confi
 
 
 def followed(strategy: ObserverStrategy, seen: Observation, prior: DloState, config: ObserverConfig) -> Followed:
-    """The strategy's targets; where they lost the DLO and the cloud shows all of it, the cloud ordered anew.
+    """The strategy's targets; where they lost the DLO and the cloud shows all of it, the cloud is ordered again.
 
     A cloud that cannot be used, or shows nothing of the DLO, leaves the prior as it is: not visible, health 0, with a
     covariance that grows with the time.
@@ -147,9 +147,9 @@ def _rod_beside(targets: TargetPoints, seen: Observation, topology: Topology) ->
 def _elsewhere(
     targets: TargetPoints, seen: Observation, prior: DloState, config: ObserverConfig
 ) -> TargetPoints | None:
-    """The cloud ordered without a prior, when targets in doubt are not where it shows the DLO.
+    """The cloud ordered without a prior, when uncertain targets disagree with the cloud.
 
-    Targets are in doubt when their health is low, or when nodes are hidden although the cloud may show the whole rod
+    Targets are uncertain when their health is low, or when nodes are hidden although the cloud may show the whole rod
     without a gap (`_may_be_elsewhere`): a fold of the registration looks like a rod of which a part is hidden. If a
     rod of full length is found elsewhere than the targets, it is right. The order is the one nearer to the prior's,
     and health at most `FOUND_AGAIN_HEALTH`.

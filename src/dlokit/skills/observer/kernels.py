@@ -21,7 +21,7 @@ _NODES, _POINTS = 31, 600
 _LENGTH_M = 0.3
 
 
-def warm(observers: Sequence[ObserverStrategyConfig] | None = None) -> float:
+def load_kernels(observers: Sequence[ObserverStrategyConfig] | None = None) -> float:
     """Let these observers, or all that ship with dlokit, look at a small cloud once; the seconds that took.
 
     At the first call after an installation Numba compiles, which takes some ten seconds, and keeps what it made
@@ -32,7 +32,7 @@ def warm(observers: Sequence[ObserverStrategyConfig] | None = None) -> float:
     for config in observers if observers is not None else [ours() for ours in OURS]:
         try:
             config.build(BelievedDlo(nodes=_NODES, length_m=_LENGTH_M)).estimate(seen, prior)
-        except Exception:  # a strategy may be anybody's; what it cannot take is told when it matters
+        except Exception:  # a strategy may be external; its errors are reported when it is used
             log.exception("the observer %s did not take the cloud that warms it", config.name)
     return time.perf_counter() - began
 

@@ -37,7 +37,7 @@ class MixtureConfig:
     lambda_per_m2: Positive = 2300.0
     """Weight of the smoothness of the motion against the fit [1/m²]."""
     outlier_weight: OutlierWeight = 0.023
-    """w, the share of points expected to belong to nothing, from 0 to below 1."""
+    """w, the fraction of points expected to belong to nothing, from 0 to below 1."""
     initial_sigma_m: NotNegative = 0.036
     """Standard deviation of the Gaussians at the start [m]; about the largest motion between two clouds.
     0 takes the paper's, the mean distance of all pairs, for a registration from far."""

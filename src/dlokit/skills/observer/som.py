@@ -40,17 +40,17 @@ class SomConfig:
     iterations: int = 40
     """How often the neurons are updated while r shrinks by a constant factor."""
     misfit_share: float = 0.95
-    """r is at most the distance that this share of the points is nearer to their neuron than, in mean edges."""
+    """Quantile of the distances between points and their neurons that limits r, in mean edges."""
     gate_m: float = 0.021
     """Points farther from all neurons than this and r edges draw none [m]; several times the noise. The edges,
     at their mean length at rest, are by how much a neighbourhood pulls in the tips, and the motion at first."""
     shrunk: float = 0.74
-    """Nodes may be hidden where the map's edges are in all shorter than this share of their length at rest."""
+    """Nodes may be hidden where the total length of the map's edges is below this fraction of the rest length."""
     torn: float = 2.8
     """Nodes may be hidden where an edge of the map is longer than so many times its length at rest,
     or, if that is more, the mean length of all edges."""
     empty: float = 0.32
-    """Where nodes may be hidden, those are that at the prior win fewer points than this share of the median."""
+    """A node may be hidden if at the prior it wins less than this fraction of the median number of points."""
     max_points: int = 700
     """Larger clouds are thinned, evenly over their index, to so many points."""
 
@@ -122,7 +122,7 @@ def organise(X: Float64Array, Y: Float64Array, d: Float64Array, edge_m: float, c
 
 
 def _at_share(values: Float64Array, share: float) -> float:
-    """The value that this share of the values does not exceed."""
+    """The value that this fraction of the values does not exceed."""
     last = round(share * (len(values) - 1))
     return float(np.partition(values, last)[last])
 
@@ -149,7 +149,7 @@ class Som:
         self._config = config or SomConfig()
 
     def estimate(self, seen: Observation, prior: DloState) -> TargetPoints:
-        """The prior's nodes, organised on the cloud. Health is the share of points near them."""
+        """The prior's nodes, organised on the cloud. Health is the fraction of points near them."""
         points = np.asarray(seen.points_world, dtype=np.float64)
         if len(points) == 0:
             return nothing_seen(seen, prior)

@@ -44,7 +44,7 @@ class SprConfig(MixtureConfig):
     lambda_per_m2: Positive = 2000.0
     """Weight of the smoothness of the motion against the fit at the first iteration [1/m²]."""
     outlier_weight: OutlierWeight = 0.032
-    """w, the share of points expected to belong to nothing, from 0 to below 1."""
+    """w, the fraction of points expected to belong to nothing, from 0 to below 1."""
     initial_sigma_m: NotNegative = 0.043
     """Standard deviation of the Gaussians at the start [m]; 0 takes the paper's, the mean distance of all pairs."""
     tau_per_m2: float = 4e5
@@ -52,7 +52,7 @@ class SprConfig(MixtureConfig):
     neighbours: int = 3
     """K, how many nearest nodes a node is put together from."""
     regularisation: float = 1e-3
-    """What is added to the diagonal of the local Gram matrices, as a share of their trace."""
+    """Regularisation on the diagonal of the local Gram matrices, as a fraction of their trace."""
     tau_annealing: float = 0.88
     """In iteration k, from 0, tau counts `tau_annealing` to the power of k; above 0, at most 1 (constant)."""
     lambda_annealing: float = 0.99
@@ -129,7 +129,7 @@ class Spr:
         self._config = config or SprConfig()
 
     def estimate(self, seen: Observation, prior: DloState) -> TargetPoints:
-        """The prior's nodes, registered on the cloud. Health is the share of points near them."""
+        """The prior's nodes, registered on the cloud. Health is the fraction of points near them."""
         points = np.asarray(seen.points_world, dtype=np.float64)
         if len(points) == 0:
             return nothing_seen(seen, prior)

@@ -73,9 +73,9 @@ def distance_to_dlo_m(points_world: Float64Array, nodes_world: Float64Array, top
 
 
 def explained_share(points_world: Float64Array, nodes_world: Float64Array, topology: Topology) -> float:
-    """The share of the points (N, 3) [m], N >= 1, that lie within the support radius of the DLO.
+    """The fraction of the points (N, 3) [m], N >= 1, that lie within the support radius of the DLO.
 
-    A mixture's own inlier probabilities do not tell this: its variance grows until they fit.
+    A mixture's own inlier probabilities are not a measure of fit: its variance grows until they fit.
     """
     return float(np.mean(distance_to_dlo_m(points_world, nodes_world, topology) < SUPPORT_RADIUS_M))
 

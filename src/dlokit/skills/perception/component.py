@@ -147,7 +147,7 @@ class PerceptionComponent(Component):
                     await self._track()
                 else:
                     self._rate_changed.clear()
-                    await self._rate_changed.wait()  # until somebody asks, or the component ends
+                    await self._rate_changed.wait()  # until a rate is set, or the component ends
 
     async def _track(self) -> None:
         """One look and the wait for the next; looks that are due while another is under way are left out."""
@@ -208,7 +208,7 @@ class PerceptionComponent(Component):
         return images if check is None else _seen_from(images, corrected_by(images.calibration.T_world_camera, check))
 
     async def _robot_at(self, robot: str, stamp_ns: int) -> RobotState:
-        """The first state of a robot at a time or after it; it tells them many times a second."""
+        """The first state of a robot at or after a time; states arrive many times per second."""
         for _ in range(_STATE_WAITS):
             state = self._robots.get(robot)
             if state is not None and state.stamp_ns >= stamp_ns:

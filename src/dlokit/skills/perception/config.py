@@ -50,7 +50,7 @@ class CloudConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class TableConfig:
-    """What the table tells: the camera's pose, and that nothing is below its top."""
+    """Use of the table: it corrects the camera's pose, and nothing is below its top."""
 
     supports: bool = True
     """Whether the DLO cannot be below the table's top; turn it off for a DLO that may hang over the edge."""
@@ -71,7 +71,7 @@ class PerceptionConfig:
     cloud: CloudConfig = field(default_factory=CloudConfig)
     """From disparities to the cloud."""
     table: TableConfig = field(default_factory=TableConfig)
-    """What the table tells."""
+    """Use of the table."""
     smallest_patch_px: int = 20
     """Smallest patch of DLO pixels that is used [px]; smaller ones are noise. Larger: less noise, and short visible
     pieces vanish."""

@@ -48,7 +48,7 @@ class Look:
 
 def loaded() -> None:
     """Compile what a look needs; where it could be called, all of it has been imported."""
-    arm_outline.warm()
+    arm_outline.load_kernels()
 
 
 def perceive(

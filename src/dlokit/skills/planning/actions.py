@@ -1,4 +1,4 @@
-"""Settings that every action strategy shares: how to grasp, how to carry, what is feasible."""
+"""Settings common to all action strategies: grasping, carrying, feasibility."""
 
 from dataclasses import dataclass, field
 from typing import Annotated
@@ -55,8 +55,8 @@ class FeasibilityConfig:
     min_bend_radius_m: NotNegative = 0.008
     """Radius of the tightest bend that a goal may have [m]. Larger: more goals are doubted."""
     hold_share: Annotated[float, Meta(gt=0.0, le=1.0)] = 0.5
-    """A goal holds when the DLO, released there, springs back by no more than this share of the threshold, above 0 and
-    at most 1. Larger: fewer goals are doubted."""
+    """A goal holds when the released DLO springs back by no more than this fraction of the threshold, above 0 and
+    at most 1. Larger: fewer goals are doubtful."""
 
     def __post_init__(self) -> None:
         check_ranges(self, "planning.feasibility")

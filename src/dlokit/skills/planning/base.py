@@ -16,7 +16,7 @@ Reachable = Callable[[Pose], bool]
 
 
 async def _tell_nobody(_: Candidates) -> None:
-    """Nobody watches."""
+    """Ignores everything."""
 
 
 class ActionStrategy(Protocol):
@@ -33,7 +33,7 @@ class ActionStrategy(Protocol):
 
 @dataclass(frozen=True)
 class SecondArm:
-    """An arm besides the first, as far as planning goes."""
+    """A further arm, with what planning needs to know of it."""
 
     robot: str
     reachable: Reachable
@@ -50,7 +50,7 @@ class PlanningTools:
     reachable: Reachable
     actions: ActionConfig
     model: BelievedDlo = field(default_factory=BelievedDlo)
-    """The rod that actions are played through with."""
+    """The rod with which actions are simulated."""
     table: FeasibilityConfig = field(default_factory=FeasibilityConfig)
     """Where the rod may lie."""
     compute: Compute = field(default_factory=InlineCompute)

@@ -10,19 +10,19 @@ from dlokit.communication import topics
 from dlokit.communication.component import Component, implements
 from dlokit.errors import SkillFailure, SkillRejected
 from dlokit.rod import rollout
-from dlokit.rod.believed import BelievedDlo, as_believed, as_configured
+from dlokit.rod.believed import BelievedDlo, as_configured, with_belief
 from dlokit.skills.planning import api
 from dlokit.skills.planning.base import ActionStrategy, PlanningTools, Reachable, SecondArm, StrategyConfig
 from dlokit.skills.planning.config import PlanningConfig
 from dlokit.skills.planning.foresight import untangled
 from dlokit.skills.planning.pick_place import goal_in_order
-from dlokit.skills.planning.servoing.controller import Held, advise
+from dlokit.skills.planning.servoing.controller import HeldRod, advise
 from dlokit.skills.planning.servoing.forecast import foresee
 from dlokit.skills.planning.strategies import from_spec, load
-from dlokit.skills.planning.verdict import holding
+from dlokit.skills.planning.verdict import friction_hold
 from dlokit.skills.planning.verdict.feasibility import Workplace, check_start
+from dlokit.skills.planning.verdict.friction_hold import HoldVerdict
 from dlokit.skills.planning.verdict.goal_verdict import judge
-from dlokit.skills.planning.verdict.holding import HoldVerdict
 from dlokit.types.action import Action, Candidates, ControlAdvice, ControlForecast, Correction, GraspedNode, Marks
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloBelief, DloState, GoalShape
@@ -34,7 +34,7 @@ R = TypeVar("R")
 
 
 class PlanningComponent(Component):
-    """Planning as a component. It is told whether the arm reaches a pose; all else is on the bus."""
+    """Planning as a component. It receives the arm's kinematics as a function, everything else over the bus."""
 
     name = "planning"
     publishes = (topics.CANDIDATES, topics.ACTION, topics.GOAL_VERDICT)
@@ -48,7 +48,7 @@ class PlanningComponent(Component):
         stopwatch: Callable[[], float] | None = None,
         second: SecondArm | None = None,
     ) -> None:
-        """`reachable` is the arm's kinematics; `model` the rod that actions are played through with.
+        """`reachable` is the arm's kinematics; `model` the rod with which actions are simulated.
 
         `stopwatch` gives the machine's time [s] when live; without it budgets are counted alone. `second` is
         the other arm, where there are two.
@@ -76,7 +76,7 @@ class PlanningComponent(Component):
         belief = self.port.latest(topics.BELIEF).value
         if belief is not None and belief.actions > self._learnt_from:
             self._learnt_from = belief.actions
-            self._model = as_believed(self._model, belief)
+            self._model = with_belief(self._model, belief)
             self._tools = replace(self._tools, model=self._model)
             self._strategy = self._settings.build(self._tools)
 
@@ -112,7 +112,9 @@ class PlanningComponent(Component):
 
     async def _tell(self, candidates: Candidates) -> None:
         self.port.publish(topics.CANDIDATES, candidates)
-        await self.port.clock.sleep(0.0)  # in lockstep a decision is one long turn: whoever watches gets one now
+        await self.port.clock.sleep(
+            0.0
+        )  # in lockstep a decision is one long turn of the loop: this lets other components run before it
 
     async def _compute(self, function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
         # Strategies are built before there is a port.
@@ -133,7 +135,7 @@ class PlanningComponent(Component):
 
         async def try_goal(nodes_world: Float64Array) -> HoldVerdict:
             return await self.port.compute(
-                holding.try_goal, self._model, self._belief(), nodes_world, threshold_m, self._config.feasibility
+                friction_hold.try_goal, self._model, self._belief(), nodes_world, threshold_m, self._config.feasibility
             )
 
         verdict = await judge(goal, threshold_m, place=self._workplace(), try_goal=try_goal)
@@ -174,7 +176,7 @@ class PlanningComponent(Component):
                 f"node {grip.node} of {len(shape.nodes_world)} is held; the model has {self._model.nodes} nodes",
             )
         goal_world = goal_in_order(shape.nodes_world, goal.nodes_world, ends_interchangeable=goal.ends_interchangeable)
-        held = Held(shape=shape, goal_world=goal_world, grip=grip, others=others, done=done)
+        held = HeldRod(shape=shape, goal_world=goal_world, grip=grip, others=others, done=done)
         return await self.port.compute(advise, held, threshold_m, self._model, self._reachable, self._config.servo)
 
     @implements(api.SET_STRATEGY)

@@ -37,7 +37,7 @@ class RodPoint:
 
 
 def rod_point(nodes_world: Float64Array, share: float) -> RodPoint:
-    """The point of a rod (M, 3) [m] at a `share` of its length, 0 to 1."""
+    """The point of a rod (M, 3) [m] at the fraction `share` of its length, 0 to 1."""
     s = geometry.arc_lengths(nodes_world)
     at = share * s[-1]
     tangents = geometry.tangents(nodes_world)
@@ -47,7 +47,7 @@ def rod_point(nodes_world: Float64Array, share: float) -> RodPoint:
 
 
 def grasp_share(nodes_world: Float64Array, node: int) -> float:
-    """Where to grasp for `node` of (M, 3) [m], as a share of the rod's length: there, but never too near an end."""
+    """Grasp position for `node` of (M, 3) [m], as a fraction of the rod's length, not too near an end."""
     s = geometry.arc_lengths(nodes_world)
     inset = min(END_INSET_M / s[-1], 0.5)
     return float(np.clip(s[node] / s[-1], inset, 1.0 - inset))

@@ -22,7 +22,7 @@ from dlokit.types.dlo import DloState
 from dlokit.types.pose import Pose
 
 _POSE_EVERY_M = 0.03  # poses of a carry are no further apart
-_POSE_EVERY_RAD = 0.3  # nor turned further, so that nobody turns the short way round where the long one is meant
+_POSE_EVERY_RAD = 0.3  # nor turned further, so that the interpolation follows the intended direction of rotation
 _LARGEST_TURN_RAD = 1.6  # of the gripper on one carry; where the goal asks for more, it turns so far
 
 

@@ -27,7 +27,7 @@ from_spec = PLANNERS.from_spec
 
 
 def load(strategy: StrategyConfig) -> None:
-    """Compile or load the rod that goals are judged with, and what a strategy has to load besides."""
-    rollout.warm()
+    """Compile or load the rod for goal verdicts, and the code of the strategy."""
+    rollout.load_kernels()
     if isinstance(strategy, Loaded):
         strategy.load()

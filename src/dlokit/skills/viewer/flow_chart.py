@@ -70,7 +70,7 @@ def _boxes(edges: Sequence[Edge]) -> list[_Box]:
 
 
 def _lanes(boxes: Sequence[_Box]) -> tuple[dict[str, int], int]:
-    """A lane for each box with arrows from the side; boxes whose arrows do not overlap share one."""
+    """A lane for each step with arrows from the side; steps whose arrows do not overlap have a common lane."""
     spans: dict[str, tuple[float, float]] = {}
     by_name = {box.name: box for box in boxes}
     for box in boxes:

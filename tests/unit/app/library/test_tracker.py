@@ -147,7 +147,7 @@ def test_settings_of_an_observer_may_be_given() -> None:
 
 def test_compiled_code_is_loaded_before_the_first_cloud(monkeypatch: pytest.MonkeyPatch) -> None:
     loaded: list[object] = []
-    monkeypatch.setattr(tracking, "warm", loaded.extend)
+    monkeypatch.setattr(tracking, "load_kernels", loaded.extend)
     Tracker(observer="cpd")
     assert len(loaded) == 1
 

@@ -8,7 +8,7 @@ from synthetic_clouds import cloud, shape, state
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer import mixture_kernels, som_kernels
 from dlokit.skills.observer.base import ObserverStrategyConfig
-from dlokit.skills.observer.kernels import warm
+from dlokit.skills.observer.kernels import load_kernels
 from dlokit.skills.observer.map import terms, view
 from dlokit.skills.observer.strategies import OURS
 
@@ -25,7 +25,7 @@ def compiled() -> dict[str, int]:
 
 @pytest.mark.parametrize("config", OURS, ids=[config.name for config in OURS])
 def test_after_loading_no_observer_compiles_anything(config: type[ObserverStrategyConfig]) -> None:
-    warm()
+    load_kernels()
     before = compiled()
     assert before["dlokit.skills.observer.mixture_kernels.expectation"] == 1
     config().build(BelievedDlo()).estimate(cloud(shape("S")), state(shape("S")))
@@ -44,5 +44,5 @@ def test_after_loading_no_observer_compiles_anything(config: type[ObserverStrate
     ids=lambda kernel: kernel.__name__,
 )
 def test_loading_also_compiles_for_hidden_parts_tips_and_pins(kernel: Any) -> None:
-    warm()
+    load_kernels()
     assert kernel.signatures

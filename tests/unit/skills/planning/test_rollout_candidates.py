@@ -5,7 +5,7 @@ import pytest
 from rollout_bench import I_SHAPE, MODEL, S_SHAPE, scene, tools
 
 from dlokit import geometry
-from dlokit.rod.rollout import QuickRod, play
+from dlokit.rod.rollout import PlanningRod, play
 from dlokit.skills.planning.rollout.candidates import Candidate, PlanningScene
 from dlokit.skills.planning.rollout.carrying import Carrying
 from dlokit.skills.planning.rollout.laying import Laying
@@ -30,7 +30,7 @@ def test_a_lay_down_is_corrected_by_its_prediction_error() -> None:
     for _ in range(4):
         candidate = family.make(numbers)
         assert candidate is not None
-        nodes = play(MODEL, I_SHAPE, (QuickRod(),), (candidate.motion,), 0.01).nodes_world[0, 0]
+        nodes = play(MODEL, I_SHAPE, (PlanningRod(),), (candidate.motion,), 0.01).nodes_world[0, 0]
         errors_m.append(geometry.rmse_m(nodes, S_SHAPE))
         numbers = family.aimed(candidate.numbers, nodes)
     assert errors_m[-1] < 0.35 * errors_m[0]
@@ -69,7 +69,7 @@ def push_of(direction_rad: float, length_m: float = 0.05, marked: tuple[int, ...
 def test_a_push_moves_the_middle_by_its_length_in_its_direction(direction_rad: float) -> None:
     candidate = push_of(direction_rad)
     assert candidate is not None
-    end = play(MODEL, I_SHAPE, (QuickRod(),), (candidate.motion,), 0.005).nodes_world[0, 0]
+    end = play(MODEL, I_SHAPE, (PlanningRod(),), (candidate.motion,), 0.005).nodes_world[0, 0]
     along = geometry.tangents(I_SHAPE)[15, :2]
     way = np.cos(direction_rad) * np.array([-along[1], along[0]])
     # The fingers' compliance is a millimetre, and that of the bend which they leave another.

@@ -8,7 +8,7 @@ from rollout_bench import MODEL, S_SHAPE
 
 from dlokit import geometry
 from dlokit.description.dlo import SILICONE_HOSE, SOFT_ROPE, WIRE_B
-from dlokit.rod.rollout import Played
+from dlokit.rod.rollout import RolloutResult
 from dlokit.skills.planning.actions import FeasibilityConfig
 from dlokit.skills.planning.rollout.score import (
     LAY_DOWN_MISS_M,
@@ -21,11 +21,11 @@ from dlokit.types.action import Drag, LayDown, PickPlace
 from dlokit.types.arrays import Float64Array
 
 
-def lying(*shapes: Float64Array, nearest_m: float = 0.1) -> Played:
-    return Played(nodes_world=np.stack(shapes)[None], nearest_m=np.full((1, len(shapes)), nearest_m))
+def lying(*shapes: Float64Array, nearest_m: float = 0.1) -> RolloutResult:
+    return RolloutResult(nodes_world=np.stack(shapes)[None], nearest_m=np.full((1, len(shapes)), nearest_m))
 
 
-def scored(played: Played, goal: Float64Array = S_SHAPE) -> Float64Array:
+def scored(played: RolloutResult, goal: Float64Array = S_SHAPE) -> Float64Array:
     miss_m = np.zeros(played.nearest_m.shape[1])
     return remaining_m(played, miss_m, goal, MODEL.radius_m, FeasibilityConfig())[0]
 

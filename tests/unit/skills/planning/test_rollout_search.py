@@ -12,7 +12,7 @@ from rollout_bench import I_SHAPE, MODEL, S_SHAPE, SHORT, scene, tools
 
 from dlokit.communication.port import InlineCompute
 from dlokit.rod.believed import BeliefConfig
-from dlokit.rod.rollout import Played
+from dlokit.rod.rollout import RolloutResult
 from dlokit.skills.planning.actions import FeasibilityConfig
 from dlokit.skills.planning.rollout.candidates import PlanningScene
 from dlokit.skills.planning.rollout.carrying import Carrying
@@ -37,7 +37,7 @@ class TimedCompute(InlineCompute):
 
     async def __call__(self, function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
         played = await super().__call__(function, *args, **kwargs)
-        assert isinstance(played, Played)
+        assert isinstance(played, RolloutResult)
         self.now_s += self._each_s * played.nearest_m.size
         return played
 
@@ -49,7 +49,7 @@ def expected(scores_m: Float64Array) -> Float64Array:
 def test_finalists_are_of_more_than_one_kind_where_there_are_others() -> None:
     asked: list[Sequence[type[Action]]] = []
 
-    def score(played: Played, kinds: Sequence[type[Action]]) -> Float64Array:
+    def score(played: RolloutResult, kinds: Sequence[type[Action]]) -> Float64Array:
         asked.append(kinds)
         return np.array([[0.02 if kind is Drag else 0.01 for kind in kinds]] * len(played.nearest_m))
 
@@ -63,7 +63,7 @@ def test_the_search_keeps_its_budget_and_refinement_helps() -> None:
     def run(generations: int, rollouts: int) -> tuple[int, float]:
         config = SearchConfig(rollouts=rollouts, finalists=2, generations=generations)
 
-        def score(played: Played, kinds: Sequence[type[Action]]) -> Float64Array:
+        def score(played: RolloutResult, kinds: Sequence[type[Action]]) -> Float64Array:
             miss_m = np.zeros(len(kinds))
             return remaining_m(played, miss_m, S_SHAPE, MODEL.radius_m, FeasibilityConfig())
 
@@ -87,7 +87,7 @@ def test_a_slow_machine_tries_every_family_and_ends_in_time() -> None:
 
     tried: set[type[Action]] = set()
 
-    def score(played: Played, kinds: Sequence[type[Action]]) -> Float64Array:
+    def score(played: RolloutResult, kinds: Sequence[type[Action]]) -> Float64Array:
         tried.update(kinds)
         return np.ones_like(played.nearest_m)
 
@@ -107,7 +107,7 @@ def test_the_most_promising_kind_is_tried_first_and_others_only_if_time_allows(
 ) -> None:
     tried: list[type[Action]] = []
 
-    def score(played: Played, kinds: Sequence[type[Action]]) -> Float64Array:
+    def score(played: RolloutResult, kinds: Sequence[type[Action]]) -> Float64Array:
         tried.extend(kinds)
         return np.full_like(played.nearest_m, 0.02)
 
@@ -128,7 +128,7 @@ def test_progress_has_the_best_of_each_kind_and_node_best_first() -> None:
     async def tell(rollouts: int, best: Sequence[Choice]) -> None:
         told.append(list(best))
 
-    def score(played: Played, kinds: Sequence[type[Action]]) -> Float64Array:
+    def score(played: RolloutResult, kinds: Sequence[type[Action]]) -> Float64Array:
         return np.linalg.norm(played.nodes_world[:, :, 0] - S_SHAPE[0], axis=-1)
 
     config = SearchConfig(rollouts=100)

@@ -9,7 +9,7 @@ import pytest
 from dlokit.geometry import downward, rmse_m
 from dlokit.rod.believed import BelievedDlo
 from dlokit.rod.nodes import topology
-from dlokit.skills.planning.servoing.controller import Held, ServoConfig, advise, gain
+from dlokit.skills.planning.servoing.controller import HeldRod, ServoConfig, advise, gain
 from dlokit.skills.planning.servoing.forecast import foresee
 from dlokit.skills.planning.servoing.jacobian import (
     LARGEST_M,
@@ -40,11 +40,11 @@ def everywhere(pose: Pose) -> bool:
     return True
 
 
-def held(goal: np.ndarray, **changes: object) -> Held:
+def held(goal: np.ndarray, **changes: object) -> HeldRod:
     shape = DloState(stamp_ns=0, nodes_world=NODES, topology=topology(MODEL))
     node = GraspedNode(node=HELD, T_world_tcp=downward(TOOL[:3], float(TOOL[3])))
-    base = Held(shape=shape, goal_world=goal, grip=node, others=(), done=())
-    return Held(**{**base.__dict__, **changes})  # pyright: ignore[reportArgumentType]
+    base = HeldRod(shape=shape, goal_world=goal, grip=node, others=(), done=())
+    return HeldRod(**{**base.__dict__, **changes})  # pyright: ignore[reportArgumentType]
 
 
 def dragged(by: list[float]) -> np.ndarray:

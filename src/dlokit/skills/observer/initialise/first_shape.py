@@ -28,7 +28,7 @@ _MOST_PIECES = 24
 _BRANCH_M = 0.03
 """Pieces that no order of the rod has room for may together be this long [m]; longer ones are no outliers."""
 _AMBIGUITY = 6.0
-"""Two orders whose costs differ by less than this cannot be told apart [1/m]; see `ordering`."""
+"""Two orders whose costs differ by less than this are indistinguishable [1/m]; see `ordering`."""
 _SAME_ORDER_M = 0.01
 """Two orders whose curves differ by less than this are the same [m], root mean square."""
 LENGTH_TOLERANCE = 0.06

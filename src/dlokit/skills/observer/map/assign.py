@@ -8,7 +8,7 @@ from numba import njit
 from dlokit.types.arrays import Float64Array, Int64Array
 
 MOST_POINTS = 20.0
-"""More points than this on a segment say no more than this many: they share the error of the model."""
+"""The points of a segment count at most as this many, because they have the model's error in common."""
 _NEARER = 1.0 - 1e-6
 """A point leaves its segment only where the squared distance to the next is less than this times its own. Outside
 of a bend the node between two segments is the nearest place on both, and rounding would decide."""
@@ -21,7 +21,7 @@ class Assignment:
     segment: Int64Array
     """(N,) j, between nodes j and j + 1."""
     t: Float64Array
-    """(N,) share of the segment from node j, in [0, 1]; past the chain's ends it goes on, below 0 and above 1."""
+    """(N,) fraction of the segment from node j, in [0, 1]; below 0 or above 1 beyond the chain's ends."""
     distance2: Float64Array
     """(N,) squared distance to that place [m²]; past an end, to the line on from it."""
 
@@ -117,7 +117,7 @@ def _assign(
 
 @njit(cache=True)
 def _projected(point: Float64Array, nodes: Float64Array, at: int, last: int) -> tuple[float, float, float]:
-    """Share along the line of a segment, the same kept to the chain, and squared distance to that place."""
+    """Fraction along the line of a segment, the same clipped to the chain, and squared distance to that point."""
     e0, e1, e2 = nodes[at + 1, 0] - nodes[at, 0], nodes[at + 1, 1] - nodes[at, 1], nodes[at + 1, 2] - nodes[at, 2]
     o0, o1, o2 = point[0] - nodes[at, 0], point[1] - nodes[at, 1], point[2] - nodes[at, 2]
     raw = (e0 * o0 + e1 * o1 + e2 * o2) / max(e0 * e0 + e1 * e1 + e2 * e2, 1e-18)

@@ -39,7 +39,7 @@ class MapProblem:
     """One cloud and what was known before; positions about `origin`."""
 
     view: View | None
-    """The camera; None where nobody knows it."""
+    """The camera; None if unknown."""
     noise_m: float
     """Standard deviation of the cloud's points from the rod [m]."""
     radius_m: float
@@ -51,7 +51,7 @@ class MapProblem:
     before: Float64Array
     """The nodes before (M, 3) [m]."""
     variance_before: Float64Array
-    """How unsure the nodes before were, in all directions together (M,) [m²]; inf where nobody knows."""
+    """Total variance of the previous nodes (M,) [m²]; inf if unknown."""
     rod_m: Float64Array
     """Arc length of the nodes on the rod (M,) [m]."""
     rest_m: Float64Array
@@ -129,7 +129,7 @@ def _floor_m(points: Float64Array, before: Float64Array, table_m: float) -> floa
 
 
 def _variance(prior: DloState) -> Float64Array:
-    """How unsure the prior's nodes are, in all directions together (M,) [m²]; inf where nobody knows.
+    """Total variance of the prior's nodes (M,) [m²]; inf if unknown.
 
     An observer without covariance is taken to know the nodes that it saw to `SURE_M`.
     """

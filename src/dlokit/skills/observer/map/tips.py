@@ -40,7 +40,7 @@ class Tips:
 
 
 def extent(s: Float64Array, length_m: float) -> Extent | None:
-    """What points at arc lengths s (n,) [m] cover; None when they are too few to tell."""
+    """The interval covered by points at arc lengths s (n,) [m]; None when there are too few points."""
     bins = int(np.ceil((length_m + 2 * _REACH_M) / _BIN_M))
     start, end, low, high = _extent(s, -_REACH_M, _BIN_M, bins)
     if np.isnan(start):

@@ -10,7 +10,7 @@ from dlokit.types.arrays import Float64Array
 
 # Set on sequences with known truth.
 _INDEPENDENT_POINTS = 1.0
-"""The points of a segment say as much as this many independent ones: they share the error of the model."""
+"""The points of a segment count as this many independent ones, because they have the model's error in common."""
 _REMEMBERED = 0.9
 """Fraction of a node's previous variance that remains, as long as the cloud does not show the node."""
 _FORGOTTEN_M = 0.5
@@ -78,9 +78,9 @@ def _shape_covariances(problem: MapProblem, before: Float64Array, fitted: Fitted
 def astray_m(problem: MapProblem, fitted: Fitted) -> float:
     """How much of the rod fits nowhere [m]: a rod that lies where it is said to be has its length where it is seen.
 
-    The length of the nodes in open view without points, where the picture tells that nothing hides them, and half
+    The length of the nodes in open view without points, where the picture shows that nothing hides them, and half
     of what the way from tip to tip over the cloud differs from the rod's length: the nodes between slid by as much.
-    At most `_HALF_M`, for what is missing may also be hidden by something that nobody knows.
+    At most `_HALF_M`, because an unknown object may hide the missing points.
     """
     length_m = float(problem.rod_m[-1])
     first, last = fitted.tips.first_m, fitted.tips.last_m
@@ -90,11 +90,11 @@ def astray_m(problem: MapProblem, fitted: Fitted) -> float:
 
 
 def health(problem: MapProblem, fitted: Fitted, covariance: Float64Array) -> float:
-    """Trust in the whole, 0 to 1: a product of four shares. `covariance` (M, 3, 3) [m²].
+    """Health, 0 to 1: a product of four factors. `covariance` (M, 3, 3) [m²].
 
-    Points that lie within 5 standard deviations of the rod, by the share that is usual; 1 / (1 + rms² / half²) with the
-    root mean square of the nodes' standard deviations; 1 less the share of missing nodes, times `_MISSING` but not
-    below `_PRESENT_LEAST` where the picture tells that nothing hides them; and `_TIP` for each tip that is
+    Fraction of points within 5 standard deviations of the rod, relative to the usual fraction; 1 / (1 + rms² / half²)
+    with the root mean square of the nodes' standard deviations; 1 less the fraction of missing nodes, times `_MISSING`
+    but not below `_PRESENT_LEAST` where the picture shows that nothing hides them; and `_TIP` for each tip that is
     neither seen nor held nor known to be hidden.
     """
     mean_square = float(np.einsum("nii->", covariance)) / len(covariance)
@@ -109,12 +109,12 @@ def health(problem: MapProblem, fitted: Fitted, covariance: Float64Array) -> flo
 
 
 def explained(problem: MapProblem, fitted: Fitted) -> float:
-    """Share of the points that lie within 5 standard deviations of the rod."""
+    """Fraction of the points within 5 standard deviations of the rod."""
     return float(np.mean(fitted.placed.distance2 < (5.0 * problem.noise_m) ** 2))
 
 
 def missing(problem: MapProblem, fitted: Fitted) -> float:
-    """Share of the nodes that should have points and have none; less where nothing tells what hides them."""
+    """Fraction of the nodes that should have points and have none; less where the occlusion is unknown."""
     return float(np.mean(~fitted.supported & ~fitted.shaded)) * (1.0 if _tells(problem) else _UNKNOWN)
 
 

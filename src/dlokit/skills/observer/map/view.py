@@ -108,7 +108,7 @@ class View:
 
 
 def view_of(seen: Observation, origin: Float64Array) -> View | None:
-    """The view of a cloud, seen from `origin` (3,) [m] in the world; None where nobody knows the camera."""
+    """The view of a cloud from `origin` (3,) [m] in the world; None if the camera is unknown."""
     camera = seen.calibration
     if camera is None:
         return None

@@ -73,7 +73,7 @@ def arm_outline(state: RobotState, camera: CameraCalibration) -> Outline:
     )
 
 
-def warm() -> None:
+def load_kernels() -> None:
     """Let the compiler do its work before the first look needs it."""
     _draw(np.zeros((1, 3, 3)), 1, np.zeros((2, 2), dtype=np.uint8), np.zeros((2, 2), dtype=np.float32))
 

@@ -32,7 +32,7 @@ from dlokit.types.robot import RobotState
 _BLUR_PX = 0.7
 _STEP_PX = 0.5
 _EDGE_SHARE = 0.15
-"""Share of the difference within the arm at which its edge lies: low, as rounded parts are dim at their edges."""
+"""Fraction of the difference within the arm that defines its edge: low, as rounded parts are dim at their edges."""
 _LEAST_EDGE = 10.0
 """Differences below this are noise [grey levels]."""
 _LEAST_DIFFERENCE = 25.0
@@ -73,7 +73,7 @@ def find_edges(changed: Float32Array, pixels: Float64Array, normals: Float64Arra
 FEW_POINTS, SCATTERED, TOO_FAR = "few_points", "scattered", "too_far"
 
 _FAR_PX, _NEAR_PX = (12.0, 8.0), (6.0,)
-"""How far from where it is believed the outline is looked for [px]; and, drawn anew for where the camera was found,
+"""Search distances from the predicted outline [px]; and, drawn again for the corrected camera pose,
 from where it shows another outline, how far from there."""
 _OF_CAMERA = np.array([True] * 6 + [False] * 3)
 """Which of the unknowns a drawing can take in."""
@@ -127,7 +127,7 @@ class _Fit:
 
 
 def camera_from_hand(background: StereoImages, looks: Sequence[HandLook]) -> CameraCheck:
-    """How far the camera of `background` is off its believed pose, told on the table's plane at height 0.
+    """Error of the assumed pose of the camera of `background`, in the table's plane at height 0.
 
     `background` is a rectified pair without the arm over the table, its pose corrected by the table. Raises
     `SkillFailure` few_points, scattered or too_far, where what is seen does not suffice or cannot be right.

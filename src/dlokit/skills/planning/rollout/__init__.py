@@ -1,1 +1,1 @@
-"""The strategy `rollout`: actions played through on the planning rod."""
+"""The strategy `rollout`: candidate actions are simulated with the planning rod."""

@@ -25,7 +25,9 @@ from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
 
 _LARGEST_TURN_RAD = 2.6  # beyond, the wrist seldom has room
-_POSE_EVERY_RAD = 0.3  # poses of a path are no further apart, so that nobody turns the short way round
+_POSE_EVERY_RAD = (
+    0.3  # largest rotation between poses of a path, so that the interpolation follows the intended direction
+)
 
 
 @dataclass(frozen=True, kw_only=True)

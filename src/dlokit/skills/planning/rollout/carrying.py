@@ -11,15 +11,15 @@ _HIGHEST_LIFT_M = 0.25
 _DRAG_LIFT_M = 0.004
 _SPEED_M_S = (0.1, 0.5)
 _OVERSHOOTS = (0.0, 0.12, 0.25)
-_AIM = 0.5  # share of a correction that is made at once
+_AIM = 0.5  # fraction of a correction that is applied at once
 _FAR_M = 0.05  # an error as large as this is corrected with the whole spread
 
 
 class Carrying:
     """Numbers: node, release beside the goal (x, y) [m], turn beyond the goal's tangent [rad], lift [m], bow, speed.
 
-    The bow is how far the path leaves the straight line in its middle, as a share of its length. A drag keeps the rod
-    on the table.
+    The bow is the distance of the path's middle from the straight line, as a fraction of its length. A drag keeps the
+    rod on the table.
     """
 
     def __init__(self, scene: PlanningScene, *, dragging: bool) -> None:

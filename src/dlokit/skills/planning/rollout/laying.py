@@ -8,19 +8,19 @@ from dlokit.types.action import Action, LayDown, VelocityProfile
 from dlokit.types.arrays import Float64Array
 
 _PIECES = 8  # straight pieces of the path along the goal
-_LIFT = (0.1, 0.88)  # shares of the length: an end that hangs free swings, one that drags behind does not
+_LIFT = (0.1, 0.88)  # fractions of the length: a free-hanging end swings, a dragged end does not
 _EXPONENT = (0.5, 2.0)
 _SPEED_M_S = (0.15, 0.32)
 _USUAL = np.array([0.86, 1.0, 0.02, 0.0, 0.22])
 _SPREAD = np.array([0.06, 0.12, 0.015, 0.4, 0.04])
 _SHIFT_M = 0.004  # spread of the shifts
-_AIM = 0.7  # share of an error by which the path is shifted; more overshoots where the rod slides
+_AIM = 0.7  # fraction of an error by which the path is shifted; more overshoots where the rod slides
 _INNER_NODES = 4  # where the end cannot be grasped, one of the next may be
 _PLAIN = len(_USUAL)
 
 
 class Laying:
-    """Numbers: lift as a share of the length, how the height falls (exponent), lead of the tool along the goal [m],
+    """Parameters: lift (fraction of the length), exponent of the descent, lead of the tool along the goal [m],
     turn beyond the goal's tangent [rad], speed [m/s]; then the shift of each corner of the path beside it (x, y) [m].
     """
 

@@ -108,7 +108,7 @@ class Pairing:
         return np.stack((first, first + up, 0.5 * (first + last) + up, last + up, last))
 
     def _pace(self, speed_m_s: float, share: float) -> VelocityProfile:
-        """The pace of a tool whose way is a share of the longer one: all scaled, so that both arrive together."""
+        """The velocity profile of the tool with the shorter path, scaled so that both arrive together."""
         path = self._scene.tools.actions.path
         return VelocityProfile(
             speed_m_s=share * min(max(speed_m_s, _SPEED_M_S[0]), _SPEED_M_S[1]),

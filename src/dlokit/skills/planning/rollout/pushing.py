@@ -26,11 +26,11 @@ _USUAL_SPEED_M_S = 0.15
 
 
 class Pushing:
-    """Numbers: where on the rod (share of its length), direction (from straight across it to its left) [rad], offset of
+    """Parameters: position on the rod (fraction of its length), direction (from its left normal) [rad], offset of
     the fingers before they touch [m], length of the push [m], yaw of the fingers from the direction [rad], bow, speed.
 
     A direction beyond a quarter turn pushes to the right. The bow is how far the path leaves the straight line in its
-    middle, as a share of its length.
+    middle, as a fraction of its length.
     """
 
     kind: type[Action] = Push

@@ -9,7 +9,7 @@ from dlokit import geometry
 from dlokit.description.dlo import GRAVITY_M_S2
 from dlokit.description.shapes import self_clearance_m
 from dlokit.rod.believed import BelievedDlo
-from dlokit.rod.rollout import Played
+from dlokit.rod.rollout import RolloutResult
 from dlokit.skills.planning.actions import FeasibilityConfig
 from dlokit.skills.planning.foresight import required_clearance_m
 from dlokit.types.action import Action, Drag, LayDown, Push
@@ -90,7 +90,7 @@ _TOUCHING_DIAMETERS = 1.3  # strands whose nodes came nearer than this may have 
 
 
 def remaining_m(
-    played: Played,
+    played: RolloutResult,
     miss_m: Float64Array,
     goal_world: Float64Array,
     radius_m: float,

@@ -15,14 +15,14 @@ from dlokit.communication.port import Compute
 from dlokit.errors import ConfigError
 from dlokit.ranges import Count, Positive, check_ranges
 from dlokit.rod.believed import BeliefConfig, BelievedDlo
-from dlokit.rod.rollout import Motion, Played, QuickRod, play
+from dlokit.rod.rollout import Motion, PlanningRod, RolloutResult, play
 from dlokit.skills.planning.rollout.candidates import Candidate, Family
 from dlokit.types.action import Action
 from dlokit.types.arrays import Float64Array
 
 T = TypeVar("T")
 
-_LEAST = 16  # rollouts besides those of the finalists
+_LEAST = 16  # rollouts in addition to those of the finalists
 
 
 _OTHER_RODS = 8  # that each finalist is tried on, as `doubtful_rods` makes them
@@ -30,10 +30,10 @@ _OTHER_RODS = 8  # that each finalist is tried on, as `doubtful_rods` makes them
 
 @dataclass(frozen=True, kw_only=True)
 class SearchConfig:
-    """How many actions are played through for a decision."""
+    """Number of simulated actions per decision."""
 
     rollouts: Count = 480
-    """Motions played through for one decision, at most. Larger: better actions, and longer decisions."""
+    """Largest number of simulated motions per decision. Larger: better actions, and longer decisions."""
     seconds: Positive = 2.0
     """Time for one decision when live [s]: the search ends with what it has then. Larger: better actions on a slow
     machine. Where not a quarter of the rollouts fits, it takes longer, up to three times. Not looked at in lockstep."""
@@ -74,19 +74,19 @@ class Timer:
         self._cores = cores or len(os.sched_getaffinity(0))
         self._began_s = stopwatch() if stopwatch is not None else 0.0
         self._played, self._playing_s = 0, 0.0
-        self._until = 1.0  # share of the time
+        self._until = 1.0  # fraction of the time
         self._kept_s = 0.0
 
     @contextmanager
     def playing(self, rollouts: int) -> Generator[None]:
-        """So many rollouts are played in the block."""
+        """Note the number of rollouts that the block simulates."""
         began_s = self._passed_s()
         yield
         self._played += rollouts
         self._playing_s += self._passed_s() - began_s
 
     def allow(self, share: float, finalists: int, each: int) -> None:
-        """From now on, up to that share of the time, less what finalists of `each` rollouts will take at this pace.
+        """From now on, allow this fraction of the time, less the time that finalists of `each` rollouts will take.
 
         Where not even a part of the finals would end in its share of the time, none is kept for them.
         """
@@ -100,7 +100,7 @@ class Timer:
 
     @property
     def over(self) -> bool:
-        """Whether the allowed time has passed. Something must be played, or there is nothing to do."""
+        """Whether the allowed time has passed; at least one block is always simulated."""
         return (
             self._stopwatch is not None
             and self._played > 0
@@ -146,27 +146,27 @@ _ELITE = 6  # candidates of a family that are refined
 _WORTH_IT = 1.6  # a family is refined while its best is no worse than this times the best of all
 _AT_ONCE = 2  # families refined in one generation
 _NARROWER = 0.75  # spread of a generation against the one before
-_SHOWN = 6  # candidates that are told of
-_TIMESTEP_S = 0.01  # of the quick rod
+_SHOWN = 6  # reported candidates
+_TIMESTEP_S = 0.01  # of the planning rod
 _DOUBT = 1.4  # factor by which friction and stiffness may be other than the model's, at least
 _ASTRAY_M = 0.003  # by which the DLO may lie beside where it is seen
 _LEAST_SHARE = 0.25  # of the rollouts, that a live decision waits for though its time has passed
 
 
-def doubtful_rods(sure: BeliefConfig) -> tuple[QuickRod, ...]:
-    """What the DLO may be like besides what the model says, which is as `sure` of it.
+def doubtful_rods(sure: BeliefConfig) -> tuple[PlanningRod, ...]:
+    """Alternative parameters of the DLO beside the model's, which have the probability `sure`.
 
     Each pair of friction and stiffness, up and down, on either side of where it is seen.
     """
     friction_by, stiffness_by = (
         max(_DOUBT, math.exp(log_sd)) for log_sd in (sure.friction_log_sd, sure.stiffness_log_sd)
     )
-    rods = list[QuickRod]()
+    rods = list[PlanningRod]()
     both = itertools.product((1.0 / friction_by, friction_by), (1.0 / stiffness_by, stiffness_by))
     for k, (friction, stiffness) in enumerate(both):
         x, y = _ASTRAY_M * math.cos(k * math.pi / 4.0), _ASTRAY_M * math.sin(k * math.pi / 4.0)
         for shift_m in ((x, y), (-x, -y)):
-            rods.append(QuickRod(friction_share=friction, stiffness_share=stiffness, shift_m=shift_m))
+            rods.append(PlanningRod(friction_share=friction, stiffness_share=stiffness, shift_m=shift_m))
     return tuple(rods)
 
 
@@ -183,7 +183,7 @@ class Choice:
 class Scoring:
     """What candidates are compared by; less is better."""
 
-    score: Callable[[Played, Sequence[type[Action]]], Float64Array]
+    score: Callable[[RolloutResult, Sequence[type[Action]]], Float64Array]
     """(R, C) [m] of what C motions of these kinds did to R rods."""
     judge: Callable[[Float64Array], Float64Array]
     """(C,) [m] of that."""
@@ -192,15 +192,15 @@ class Scoring:
 
 
 async def _tell_nobody(rollouts: int, best: Sequence[Choice]) -> None:
-    """Nobody watches."""
+    """Ignores everything."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SearchWatch:
-    """Who is told of a search, and by what clock it ends."""
+    """The observer of a search, and the clock that ends it."""
 
     tell: Callable[[int, Sequence[Choice]], Awaitable[None]] = _tell_nobody
-    """Told of the rollouts spent and the best choices, every generation."""
+    """Called in every generation with the number of rollouts and the best choices."""
     stopwatch: Callable[[], float] | None = None
     """The machine's time [s]; None: rollouts alone are counted."""
 
@@ -253,7 +253,7 @@ class Search:
         found_m = math.inf
         for k, pool in enumerate(pools):
             if self._timer.too_short_for(config.rollouts) and least_m(pool.family.kind) >= found_m:
-                budget -= share * (len(pools) - k)  # more of what is played already would only find what flatters it
+                budget -= share * (len(pools) - k)  # more rollouts of the same candidates would only favour lucky ones
                 break
             self._timer.allow(0.5 * (k + 1) / len(pools), config.finalists, each)
             await self._try(pool, pool.family.first(_TRIES * share, rng), share)
@@ -285,7 +285,7 @@ class Search:
     async def _try(self, pool: _Pool, numbers: Sequence[Float64Array], count: int) -> None:
         """Play the first `count` of these numbers that make a candidate, or as many as time allows."""
         rest, left = iter(numbers), count
-        # What is not played is not made either: the arm's reach takes as long to find out as a short rollout.
+        # Candidates are made only when simulated: checking the arm's reach takes as long as a short rollout.
         while left > 0 and not self._timer.over:
             made = _made(pool.family, rest, self._timer.batch(left))
             if not made:
@@ -295,7 +295,7 @@ class Search:
 
     async def _play_once(self, pool: _Pool, made: Sequence[Candidate]) -> None:
         """Play candidates on the rod that the model has."""
-        played = await self._play(made, (QuickRod(),))
+        played = await self._play(made, (PlanningRod(),))
         for candidate, score, nodes in zip(
             made, self._scoring.score(played, [pool.family.kind] * len(made))[0], played.nodes_world[0], strict=True
         ):
@@ -321,7 +321,7 @@ class Search:
             judged += self._scoring.judge(np.concatenate((expected, self._scoring.score(played, kinds)))).tolist()
         return [*(finalists[k] for k in np.argsort(judged, kind="stable")), *finalists[len(judged) :]]
 
-    async def _play(self, candidates: Sequence[Candidate], rods: tuple[QuickRod, ...]) -> Played:
+    async def _play(self, candidates: Sequence[Candidate], rods: tuple[PlanningRod, ...]) -> RolloutResult:
         motions: tuple[Motion, ...] = tuple(candidate.motion for candidate in candidates)
         self.spent += len(motions) * len(rods)
         with self._timer.playing(len(motions) * len(rods)):

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from dlokit.rod.rollout import Played, warm
+from dlokit.rod.rollout import RolloutResult, load_kernels
 from dlokit.skills.planning.base import ActionStrategy, PlanningTools
 from dlokit.skills.planning.pick_place import goal_in_order
 from dlokit.skills.planning.rollout.candidates import Family, PlanningScene, to_action
@@ -25,12 +25,12 @@ _SEED = 0  # of the candidates, with the stamp of the shape: the same question h
 
 @dataclass(frozen=True, kw_only=True)
 class RolloutConfig:
-    """Candidates of every kind are played through in the model; the one that leaves least to be done is taken."""
+    """Simulates candidates of every kind in the model and selects the one with the smallest remaining error."""
 
     name: ClassVar[str] = "rollout"
 
     search: SearchConfig = field(default_factory=SearchConfig)
-    """How many actions are played through for a decision."""
+    """Number of simulated actions per decision."""
     pick_place: bool = True
     """Consider lifting the rod at a node, carrying it and putting it down."""
     drag: bool = True
@@ -47,12 +47,12 @@ class RolloutConfig:
         return Rollout(self, tools)
 
     def load(self) -> float:
-        """Compile and load the rod that candidates are played with; the seconds that took."""
-        return warm()
+        """Compile and load the planning rod; returns the time that it took [s]."""
+        return load_kernels()
 
 
 class Rollout:
-    """Candidates, played through and refined; see docs/explanations/planning.md."""
+    """Simulates and refines candidates; see docs/explanations/planning.md."""
 
     def __init__(self, config: RolloutConfig, tools: PlanningTools) -> None:
         self._config, self._tools = config, tools
@@ -66,7 +66,7 @@ class Rollout:
         self._misses.compare(shape)
         scene = PlanningScene(shape.nodes_world, goal_world, marked, tools)
 
-        def score(played: Played, kinds: Sequence[type[Action]]) -> Float64Array:
+        def score(played: RolloutResult, kinds: Sequence[type[Action]]) -> Float64Array:
             miss_m = np.array([self._misses.of(kind) for kind in kinds])
             return remaining_m(played, miss_m, goal_world, tools.model.radius_m, tools.table)
 

@@ -35,7 +35,7 @@ DOUBTS = 1.0
 """A correction gains more than so many standard deviations of what the shape's covariance lets it seem to gain."""
 _GOOD_SHARE = 0.5  # of the threshold: good enough, as what the camera sees behind the arm is not exact
 _WINDOW = 2  # corrections in a row that may go by without progress; then control is in a deadlock
-_SLACK_SHARE = 0.02  # two held nodes stay nearer than the DLO between them by this share: more would overstretch it
+_SLACK_SHARE = 0.02  # relative slack of the DLO between two held nodes, so that a correction never stretches it
 _HIDDEN = 3.0  # times the standard deviation of a node that is seen, measured behind the hand
 
 
@@ -93,7 +93,7 @@ _SHARES = (1.0, 0.5, 0.25)  # of the step: a rod that slips answers to less of i
 
 
 @dataclass(frozen=True, kw_only=True)
-class Held:
+class HeldRod:
     """What is held, and what was done with it."""
 
     shape: DloState
@@ -106,7 +106,7 @@ class Held:
 
 
 def advise(
-    held: Held, threshold_m: float, model: BelievedDlo, reachable: Reachable, config: ServoConfig
+    held: HeldRod, threshold_m: float, model: BelievedDlo, reachable: Reachable, config: ServoConfig
 ) -> ControlAdvice:
     """The next correction, or the verdict that ends control."""
     grip = Grip(held.grip.node, _tool(held.grip.T_world_tcp))
@@ -156,8 +156,8 @@ def _badly_seen(shape: DloState, config: ServoConfig) -> bool:
     return shape.health < config.least_health
 
 
-def _gain(held: Held, now: Float64Array, then: Float64Array, config: ServoConfig) -> Gain:
-    """What a correction from one released shape (M, 3) [m] to another gains, and how far that can be told."""
+def _gain(held: HeldRod, now: Float64Array, then: Float64Array, config: ServoConfig) -> Gain:
+    """Gain of a correction from one released shape (M, 3) [m] to another, with its uncertainty."""
     shape = held.shape
     if shape.covariance is not None:
         covariance = shape.covariance[:, :2, :2]
@@ -166,7 +166,7 @@ def _gain(held: Held, now: Float64Array, then: Float64Array, config: ServoConfig
     return gain((held.goal_world - now)[:, :2], (then - now)[:, :2], covariance)
 
 
-def _no_progress(held: Held, rmse_m: float) -> bool:
+def _no_progress(held: HeldRod, rmse_m: float) -> bool:
     """Whether the last `_WINDOW` corrections brought no new best error."""
     if len(held.done) < _WINDOW:
         return False
@@ -174,7 +174,7 @@ def _no_progress(held: Held, rmse_m: float) -> bool:
     return min(errors[-_WINDOW:]) > min(errors[:-_WINDOW]) - LEAST_GAIN_M
 
 
-def _overstretches(held: Held, grip: Grip, by: Float64Array, model: BelievedDlo) -> bool:
+def _overstretches(held: HeldRod, grip: Grip, by: Float64Array, model: BelievedDlo) -> bool:
     """Whether the tool would come farther from another held node than the DLO between them is long."""
     edge_m = model.length_m / (model.nodes - 1)
     there = grip.tool + by

@@ -1,4 +1,4 @@
-"""Planning alone, or control after it: what control could mend of an action, asked before the arm moves.
+"""Predicts, before the arm moves, the error that servoing could remove from the result of an action.
 
 The action is played on rods that the DLO may be. Where each comes to lie, the grasp can mend some of what is left: what
 the Jacobian at the expected shape reaches. Control follows where that is more, on average, than a correction costs, and
@@ -8,7 +8,7 @@ more than the eye could feign.
 import numpy as np
 
 from dlokit.rod.believed import BelievedDlo
-from dlokit.rod.rollout import QuickRod, motion_of, play
+from dlokit.rod.rollout import PlanningRod, motion_of, play
 from dlokit.skills.planning.servoing.controller import DOUBTS, LEAST_GAIN_M, ServoConfig, gain, usual
 from dlokit.skills.planning.servoing.jacobian import TIMESTEP_S, Grip, damped_step, jacobian, probes, released, scaled
 from dlokit.types.action import Action, ControlForecast, Push
@@ -32,7 +32,7 @@ def foresee(
     if isinstance(action, Push) or action.partner is not None:
         return ControlForecast(follows=False, gain_m=0.0)
     motion = motion_of(action)
-    shapes = play(model, nodes_world, (QuickRod(), *_doubtful()), (motion,), TIMESTEP_S).nodes_world[:, 0]
+    shapes = play(model, nodes_world, (PlanningRod(), *_doubtful()), (motion,), TIMESTEP_S).nodes_world[:, 0]
     expected, others = shapes[0], shapes[1:]
     astray_m = float(np.sqrt(np.mean(np.sum((others - expected) ** 2, axis=-1))))
     others = expected + max(1.0, missed_m / max(astray_m, 1e-6)) * (others - expected)
@@ -44,13 +44,13 @@ def foresee(
 
 
 def _mendable_m(matrix: Float64Array, error: Float64Array, sight_m: float) -> float:
-    """RMSE [m] that a correction would mend of an error (M, 2) [m], seen to `sight_m` [m]; 0 where it is not made."""
+    """RMSE [m] that a correction would remove from an error (M, 2) [m] seen to within `sight_m` [m]; 0 if none."""
     by = (matrix @ scaled(damped_step(matrix, error))).reshape(-1, 2)
     mended = gain(error, by, usual(sight_m, np.ones(len(error), dtype=np.bool_)))
     return mended.rmse_m if mended.exceeds(DOUBTS, LEAST_GAIN_M) else 0.0
 
 
-def _doubtful() -> tuple[QuickRod, ...]:
+def _doubtful() -> tuple[PlanningRod, ...]:
     """Rods that the DLO may be."""
     shares = (1.0 / _DOUBT, _DOUBT)
-    return tuple(QuickRod(friction_share=friction, stiffness_share=stiff) for friction in shares for stiff in shares)
+    return tuple(PlanningRod(friction_share=friction, stiffness_share=stiff) for friction in shares for stiff in shares)

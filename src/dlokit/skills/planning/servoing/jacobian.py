@@ -1,7 +1,7 @@
-"""How the shape after a release answers to small motions of the tool before it.
+"""Sensitivity of the shape after a release to small motions of the tool before it.
 
-The model's answer is a matrix of finite differences, played through in the quick rod: the rod is dragged, let go, and
-comes to rest. What the camera saw of earlier corrections goes into it as rank-one updates (Broyden's).
+The Jacobian is computed by finite differences with the planning rod, which is dragged, released, and comes to rest.
+Broyden's rank-one updates add the effects of earlier corrections that the camera has observed.
 """
 
 from collections.abc import Sequence
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dlokit.rod.believed import BelievedDlo
-from dlokit.rod.rollout import Motion, QuickRod, play
+from dlokit.rod.rollout import Motion, PlanningRod, play
 from dlokit.types.action import Correction, VelocityProfile
 from dlokit.types.arrays import Float64Array
 
@@ -25,7 +25,7 @@ TRUST = 0.5
 """How much of what the last corrections did otherwise than predicted goes into the Jacobian, against the prediction;
 more is cut off."""
 TIMESTEP_S = 0.005
-"""Step of the quick rod [s]."""
+"""Step of the planning rod [s]."""
 _PROBE_M = 0.008  # displacement of the tool that the Jacobian is taken with: enough to break friction
 _PROBE_RAD = 0.15  # turn of the tool that it is taken with
 _DAMPING_M = 0.003  # a direction that moves the nodes by less than this (RMS) per `_PROBE_M` is hardly used
@@ -50,7 +50,7 @@ def released(
         Motion(node=grip.node, waypoints=np.stack((grip.tool, grip.tool + by)), velocity=VELOCITY)
         for by in displacements
     )
-    return play(model, nodes_world, (QuickRod(),), motions, TIMESTEP_S).nodes_world[0]
+    return play(model, nodes_world, (PlanningRod(),), motions, TIMESTEP_S).nodes_world[0]
 
 
 def probes() -> list[Float64Array]:

@@ -74,7 +74,7 @@ _FINER = 4  # points a node spacing at which strands are measured against each o
 
 @dataclass(frozen=True)
 class Workplace:
-    """What a shape must keep to, and who can tell."""
+    """The limits of a shape, and the functions that check them."""
 
     dlo: BelievedDlo
     config: FeasibilityConfig
@@ -92,7 +92,7 @@ def check_start(nodes_world: Float64Array, place: Workplace) -> Verdict:
 
 
 def out_of_bounds(nodes_world: Float64Array, place: Workplace) -> tuple[Finding, ...]:
-    """What a goal (M, 3) [m] breaks that moving it might mend: table, reach, view."""
+    """The limits that a goal (M, 3) [m] violates and that a translation may satisfy: table, reach, view."""
     return _those(
         _on_table(nodes_world, place.config),
         _in_reach(nodes_world, place, handled_from_m=HANDLED_FROM_M),

@@ -17,8 +17,8 @@ from dlokit.skills.planning.verdict.feasibility import (
     parting_rmse_m,
     place_of,
 )
-from dlokit.skills.planning.verdict.holding import HoldVerdict
-from dlokit.skills.planning.verdict.within_reach import beyond_rmse_m, moved_inside
+from dlokit.skills.planning.verdict.friction_hold import HoldVerdict
+from dlokit.skills.planning.verdict.within_reach import moved_inside, unreachable_rmse_m
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import GoalShape
 from dlokit.types.feasibility import Finding, GoalVerdict, Problem, Standing
@@ -27,7 +27,7 @@ TryGoal = Callable[[Float64Array], Awaitable[HoldVerdict]]
 """Releases the rod in a goal (M, 3) [m]; costs what a few seconds of physics cost."""
 
 HOPELESS_FACTOR = 1.1
-"""A goal is hopeless when even at best no shape holds that is within this many thresholds of it: more than 1, as the
+"""A goal is infeasible when even at best no shape within this many thresholds of it holds: more than 1, as the
 shape that is looked for is a local optimum."""
 
 
@@ -56,7 +56,7 @@ async def judge(goal: GoalShape, threshold_m: float, *, place: Workplace, try_go
     hopeless = (
         hold is None
         or hold.attainable_rmse_m > HOPELESS_FACTOR * threshold_m
-        or (bool(beyond) and beyond_rmse_m(nodes, place) > threshold_m)
+        or (bool(beyond) and unreachable_rmse_m(nodes, place) > threshold_m)
     )
     nearest = None if hold is None or not findings else _nearest(hold, place)
     return GoalVerdict(
@@ -72,7 +72,7 @@ async def judge(goal: GoalShape, threshold_m: float, *, place: Workplace, try_go
 
 
 def _of_goal(across: Finding, apart_m: float, threshold_m: float) -> Finding:
-    """What lies across itself is refused where no open shape is within the threshold, else it is a doubt: say which."""
+    """Refuse a self-crossing goal if no open shape is within the threshold; otherwise it is doubtful."""
     near = apart_m <= threshold_m
     text = (
         f"The goal lies across or upon itself at node {across.node}; the DLO can only be laid open. The nearest "

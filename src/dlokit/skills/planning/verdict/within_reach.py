@@ -23,7 +23,7 @@ Inequalities = tuple[Float64Array, Float64Array]
 """(C, 2) and (C,) of ``A x ≤ b``."""
 
 
-def beyond_rmse_m(nodes_world: Float64Array, place: Workplace) -> float:
+def unreachable_rmse_m(nodes_world: Float64Array, place: Workplace) -> float:
     """The least RMSE [m] between a goal (M, 3) [m] and any shape that keeps to table, view and reach.
 
     It may be too low, never too high. Infinite where nothing of the table is seen.

@@ -13,7 +13,7 @@ from dlokit.motion.inverse_kinematics import PandaKinematics
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.planning.actions import FeasibilityConfig, GraspConfig
 from dlokit.skills.planning.verdict.feasibility import HANDLED_FROM_M, Workplace, out_of_bounds
-from dlokit.skills.planning.verdict.within_reach import beyond_rmse_m
+from dlokit.skills.planning.verdict.within_reach import unreachable_rmse_m
 from dlokit.types.image import CameraCalibration
 from dlokit.types.pose import Pose
 
@@ -39,21 +39,23 @@ def workplace(
 
 def test_a_goal_inside_has_distance_zero() -> None:
     place = workplace(FeasibilityConfig(), PandaKinematics().reachable, default_calibration())
-    assert beyond_rmse_m(I_SHAPE, place) == 0.0
+    assert unreachable_rmse_m(I_SHAPE, place) == 0.0
 
 
 def test_off_the_table_it_is_the_distance_of_the_nodes_to_the_table() -> None:
     table = FeasibilityConfig(table_x_m=(0.0, 1.0), table_y_m=(-0.3, 0.3))
-    assert beyond_rmse_m(moved(I_SHAPE, (0.6, 0.0)), workplace(table)) == pytest.approx(0.12)  # all of it, from 1.12 m
+    assert unreachable_rmse_m(moved(I_SHAPE, (0.6, 0.0)), workplace(table)) == pytest.approx(
+        0.12
+    )  # all of it, from 1.12 m
     at_corner = np.full((31, 3), (1.03, 0.34, 0.004))
-    assert beyond_rmse_m(at_corner, workplace(table)) == pytest.approx(0.05)
+    assert unreachable_rmse_m(at_corner, workplace(table)) == pytest.approx(0.05)
 
 
 def test_out_of_view_it_is_the_distance_to_the_image_margin() -> None:
     place = workplace(camera=default_calibration())
     spot = np.full((31, 3), (0.52, 0.0, 0.004))
     far = moved(spot, (0.0, 0.8))
-    away_m = beyond_rmse_m(far, place)
+    away_m = unreachable_rmse_m(far, place)
     assert away_m > 0.0
     assert out_of_bounds(moved(far, (0.0, -0.99 * away_m)), place) != ()  # not even straight back, by less than that
     # The image border is nearly along x there: straight back is hardly farther.
@@ -65,7 +67,7 @@ def test_out_of_reach_it_is_slightly_less_than_the_distance_back() -> None:
     place = workplace(reachable=within_70_cm)
     truly_m = 0.9 - 0.7 - HANDLED_FROM_M
     # Accurate to two half diagonals of a lattice of 2 cm, and one step of it.
-    assert truly_m - 0.049 < beyond_rmse_m(spot, place) <= truly_m
+    assert truly_m - 0.049 < unreachable_rmse_m(spot, place) <= truly_m
 
 
 def test_it_is_never_more_than_the_distance_to_a_valid_shape() -> None:
@@ -76,6 +78,6 @@ def test_it_is_never_more_than_the_distance_to_a_valid_shape() -> None:
         kept = random_shape(rng, 0.5, 31)
         assert out_of_bounds(kept, place) == ()
         goal = moved(kept, rng.uniform(-0.25, 0.25, size=2), float(rng.uniform(-math.pi, math.pi)))
-        bounds.append(beyond_rmse_m(goal, place))
+        bounds.append(unreachable_rmse_m(goal, place))
         assert bounds[-1] <= geometry.rmse_m(goal, kept)
     assert max(bounds) > 0.012  # some of them are far outside

@@ -1,7 +1,7 @@
-"""Whether friction holds a goal: released there, how far does the rod spring back, and which shape near it holds?
+"""Predicts whether friction holds a goal: how far the rod springs back after its release, and which near shape holds.
 
-What the rod is, is a belief. Each goal is tried on the rods that it may be, from as stiff on as smooth a table to as
-soft on as rough a one as may be. The budget is counted in trials, not in seconds.
+The rod's parameters are uncertain. Each goal is simulated with rods from the stiffest on the smoothest table to the
+softest on the roughest. The budget is counted in trials, not in seconds.
 """
 
 import math
@@ -11,9 +11,9 @@ import numpy as np
 
 from dlokit import geometry
 from dlokit.rod.believed import BelievedDlo
-from dlokit.rod.equilibrium import nearest_held
+from dlokit.rod.equilibrium import nearest_static
 from dlokit.rod.nodes import fit_length
-from dlokit.rod.rollout import QuickRod, settle
+from dlokit.rod.rollout import PlanningRod, settle
 from dlokit.skills.planning.actions import FeasibilityConfig
 from dlokit.skills.planning.verdict.feasibility import bends
 from dlokit.types.arrays import Float64Array
@@ -21,23 +21,24 @@ from dlokit.types.dlo import DloBelief
 from dlokit.types.feasibility import Release
 
 SET_DOUBT = 0.05
-"""A goal can be hopeless for springing back where the chance that the DLO keeps bends is no more than this."""
-_DOUBT_SDS = 2.0  # standard deviations of what is believed of EI / (μ w), by which the DLO may be other, to either side
-_YIELD_DOUBT = 1.5  # factor by which the curvature where the DLO yields may be other than believed
-_NEAREST_SHARES = (0.75, 0.5, 0.35)  # of friction, with which the nearest shape is sought until one holds in all trials
-_SPREAD = (0.0, 1.0, -1.0, 0.5, -0.5)  # of the doubt: believed, stiffest, softest, between
+"""A goal can be infeasible because of spring-back only if the probability of a plastic DLO is at most this."""
+_DOUBT_SDS = 2.0  # standard deviations of EI / (μ w) that the trials cover on either side
+_YIELD_DOUBT = 1.5  # uncertainty of the yield curvature, as a factor
+_NEAREST_SHARES = (0.75, 0.5, 0.35)
+"""Fractions of friction for the search of the nearest shape, tried until one holds in all trials."""
+_SPREAD = (0.0, 1.0, -1.0, 0.5, -0.5)  # of the uncertainty: assumed, stiffest, softest, between
 
 
 @dataclass(frozen=True)
 class HoldVerdict:
-    """What the trials say of a goal."""
+    """Result of the trials of a goal."""
 
     releases: tuple[Release, ...]
-    """As believed, stiffest, softest, between."""
+    """With the assumed parameters, the stiffest, the softest, and between."""
     attainable_rmse_m: float
-    """How near to the goal some shape holds, if the rod is as soft and the table as rough as may be [m]."""
+    """RMSE of the nearest shape that holds with the softest rod on the roughest table [m]."""
     nearest_world: Float64Array | None  # (M, 3) [m]
-    """The nearest shape found that holds whatever of the doubts is right, wherever on the table: the goal itself, at
+    """The nearest shape found that holds for all assumed parameters, anywhere on the table: the goal itself, at
     the rod's length, where that does. None: none was found."""
 
 
@@ -51,10 +52,12 @@ class Plausible:
     """Curvature beyond which it keeps a bend [1/m]; infinite: it always springs back."""
 
     @property
-    def quick(self) -> QuickRod:
+    def quick(self) -> PlanningRod:
         """The same against the model: half of it stiffness, half friction."""
         share = math.sqrt(self.elastic_factor)
-        return QuickRod(stiffness_share=share, friction_share=1.0 / share, yield_curvature_1_m=self.yield_curvature_1_m)
+        return PlanningRod(
+            stiffness_share=share, friction_share=1.0 / share, yield_curvature_1_m=self.yield_curvature_1_m
+        )
 
 
 def try_goal(
@@ -81,7 +84,7 @@ def attainable_rmse_m(belief: DloBelief, goal_world: Float64Array, config: Feasi
     # What keeps a bend can be bent further and comes back to any shape: friction need not hold it.
     springs_back = belief.yield_curvature_1_m is None and belief.takes_set <= SET_DOUBT
     elastic_m3 = softest if springs_back else 0.0
-    return nearest_held(goal_world, elastic_m3, min_radius_m=config.min_bend_radius_m).rmse_m
+    return nearest_static(goal_world, elastic_m3, min_radius_m=config.min_bend_radius_m).rmse_m
 
 
 def plausible(belief: DloBelief) -> tuple[Plausible, ...]:
@@ -112,7 +115,7 @@ def release(model: BelievedDlo, goal_world: Float64Array, rod: Plausible) -> Rel
 def _nearest(
     model: BelievedDlo, belief: DloBelief, goal_world: Float64Array, allowed_m: float, config: FeasibilityConfig
 ) -> Float64Array | None:
-    """The nearest shape found (M, 3) [m] that holds whatever of the doubts is right.
+    """The nearest shape found (M, 3) [m] that holds for all assumed parameters.
 
     It is sought for the stiffest rod with ever less of the friction, for a rod rolls more easily than it slides.
     """
@@ -120,7 +123,7 @@ def _nearest(
     stiffest = max(may_be, key=lambda one: one.elastic_factor)
     elastic_m3 = stiffest.elastic_factor * belief.elastic_m3.value
     for share in _NEAREST_SHARES:
-        held = nearest_held(
+        held = nearest_static(
             goal_world,
             elastic_m3 / share,
             min_radius_m=config.min_bend_radius_m,
