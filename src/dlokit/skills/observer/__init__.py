@@ -1,1 +1,1 @@
-"""The observer: from a cloud and the old state to target points (Fig. 3)."""
+"""The observer: estimates target points from a cloud and the previous state (Fig. 3)."""

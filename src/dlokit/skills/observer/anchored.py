@@ -1,7 +1,7 @@
-"""Coherent point drift, then nodes put back to their places along the rod; hidden ones follow their neighbours.
+"""Coherent point drift, followed by a correction of the nodes' arc lengths; hidden nodes follow their neighbours.
 
-A mixture fits the curve but leaves its nodes free to slide along it by centimetres. What fixes them is the
-rod's own length: where a tip is seen, node i lies at arc length i / (M - 1) of the rod's length from it.
+A mixture fits the curve, but its nodes can slide along it by centimetres. The rod's length determines
+their positions: where a tip is seen, node i lies at arc length i / (M - 1) of the rod's length from it.
 """
 
 from dataclasses import dataclass
@@ -33,7 +33,7 @@ class AnchoredConfig:
     length_tolerance: Fraction = 0.06
     """Both tips count as seen when the seen curve is shorter or longer than the rod by at most this fraction."""
     tip_snap_m: NotNegative = 0.03
-    """An end of a curve that is too short counts as a tip when registration puts it so near to one [m]."""
+    """An end of a curve that is too short counts as a tip within this distance of a registered tip [m]."""
 
     def __post_init__(self) -> None:
         check_ranges(self, "observer.strategy")
@@ -82,7 +82,7 @@ def _carried(part: Float64Array, before: Float64Array, after: Float64Array) -> F
 
 @dataclass(frozen=True, kw_only=True)
 class Anchor:
-    """A place on the fitted curve whose place on the rod is known."""
+    """A point of the fitted curve with a known arc length on the rod."""
 
     s_m: float
     """Arc length on the fitted curve [m]."""
@@ -132,7 +132,7 @@ def is_chain(topology: Topology) -> bool:
 def node_places(
     curve: FittedCurve, drifted: Float64Array, rod_m: Float64Array, seen: Observation, config: AnchoredConfig
 ) -> tuple[Float64Array, BoolArray]:
-    """Where on the curve each node lies (M,) [m], and whether that place is within what was seen (M,).
+    """Arc length of each node on the curve (M,) [m], and whether that point was seen (M,).
 
     `rod_m` (M,) are the nodes' arc lengths on the rod. Every seen stretch of the curve maps to the rod by
     its own anchors; one without takes its offset from the anchors nearest to it, or from the registration.
@@ -162,8 +162,8 @@ def _tips(
 ) -> list[Anchor]:
     """The ends of the seen curve that are ends of the rod.
 
-    Both, when the curve is as long as the rod; where it leads across a gap, whose way is uncertain, a coarser
-    agreement will do if nothing is known to hide what follows the ends. Otherwise an end is a tip when nothing
+    Both, when the curve is as long as the rod; if it crosses a gap of uncertain path, a coarser agreement is
+    enough, provided that nothing is known to hide what follows the ends. Otherwise an end is a tip when nothing
     hides what would follow it and the registration puts it near to one; of an unbroken curve that is too
     short only the better.
     """
@@ -193,7 +193,7 @@ def _pin_anchors(curve: FittedCurve, rod_m: Float64Array, seen: Observation) -> 
     if not seen.pins:
         return []
     s, distance = project(np.array([pin.position_world for pin in seen.pins], dtype=np.float64), curve.points)
-    near = 0.03  # a rod in the fingers runs through the tool centre point; farther off, the curve missed it
+    near = 0.03  # a held rod passes through the tool centre point; a larger distance means that the curve misses it
     return [
         Anchor(s_m=float(at), rod_m=float(rod_m[pin.node]))
         for pin, at, off in zip(seen.pins, s, distance, strict=True)
@@ -202,14 +202,14 @@ def _pin_anchors(curve: FittedCurve, rod_m: Float64Array, seen: Observation) -> 
 
 
 def _registered_offset(curve: FittedCurve, drifted: Float64Array, rod_m: Float64Array) -> float:
-    """Rod coordinate minus curve coordinate, as the registration has it: the median over its nodes [m]."""
+    """Rod coordinate minus curve coordinate by the registration: the median over its nodes [m]."""
     s, _ = project(drifted, curve.points)
     return float(np.median(rod_m - s))
 
 
 def _on_rod(s: Float64Array, segment: Segment, anchors: list[Anchor], offset: float) -> Float64Array:
     """The rod coordinates of the two ends `s` of a seen stretch [m]."""
-    slack = 0.01  # a pin sits in the shadow of its fingers, just outside the stretch
+    slack = 0.01  # the fingers hide a pin, so that it is just outside the stretch
     inside = [a for a in anchors if segment.start_m - slack <= a.s_m <= segment.end_m + slack]
     if len(inside) >= 2:
         known_s = np.array([a.s_m for a in inside])

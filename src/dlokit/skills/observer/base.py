@@ -1,4 +1,4 @@
-"""What an observer strategy is: it turns a cloud and the old state into target points (Fig. 3)."""
+"""The protocol of observer strategies: they estimate target points from a cloud and the previous state (Fig. 3)."""
 
 from typing import ClassVar, Protocol
 
@@ -10,7 +10,7 @@ from dlokit.types.observation import Observation
 
 
 class ObserverStrategy(Protocol):
-    """One way to find the nodes of a DLO in a cloud, given where they were."""
+    """A method that estimates the nodes of a DLO from a cloud and the previous nodes."""
 
     def estimate(self, seen: Observation, prior: DloState) -> TargetPoints:
         """The nodes (M, 3) [m] in the world, in the order of `prior`, with the stamp of `seen`.
@@ -23,21 +23,21 @@ class ObserverStrategy(Protocol):
 
 
 class ObserverStrategyConfig(Protocol):
-    """The settings of a strategy: a frozen dataclass, all fields with defaults, that knows how to build it.
+    """Settings and factory of a strategy: a frozen dataclass whose fields all have defaults.
 
-    Every process loads it, and the strategy's module with it. That imports no large library: compiled functions have
+    Every process imports it, and the strategy's module with it. That imports no large library: compiled functions have
     modules of their own, imported where they are called, and `import scipy` loads what is used when it is used.
     """
 
     name: ClassVar[str]
 
     def build(self, dlo: BelievedDlo) -> ObserverStrategy:
-        """The strategy with these settings, for the DLO as the system believes it to be."""
+        """Build the strategy with these settings for the configured DLO."""
         ...
 
 
 def nothing_seen(seen: Observation, prior: DloState) -> TargetPoints:
-    """The prior's nodes, none visible: what every strategy answers to an empty cloud."""
+    """The prior's nodes, none visible: the result of every strategy for an empty cloud."""
     return TargetPoints(
         stamp_ns=seen.stamp_ns,
         nodes_world=prior.nodes_world.copy(),
@@ -47,7 +47,7 @@ def nothing_seen(seen: Observation, prior: DloState) -> TargetPoints:
 
 
 def prior_from(targets: TargetPoints, topology: Topology) -> DloState:
-    """The prior for the next cloud where no model follows the targets: the targets themselves."""
+    """The prior for the next cloud if no model follows the targets: the targets themselves."""
     return DloState(
         stamp_ns=targets.stamp_ns,
         nodes_world=targets.nodes_world,

@@ -1,4 +1,4 @@
-"""The observer component: every cloud and the model's state give target points."""
+"""The observer component: publishes target points for every cloud."""
 
 import asyncio
 from collections.abc import Callable
@@ -22,12 +22,12 @@ from dlokit.types.observation import DistrustReason, Observation, ObserverEvent,
 from dlokit.types.system import StrategySpec
 
 FOUND_MARGIN = 0.05
-"""A lost rod counts as found again at a health this far above the limit, so that a wavering one is not notified again
+"""Hysteresis of the health at which a lost rod counts as found, so that a varying health does not cause events again
 and again."""
 
 
 class ObserverComponent(Component):
-    """Orders the first cloud into nodes; then follows them from cloud to cloud."""
+    """Orders the first cloud into nodes, then tracks them from cloud to cloud."""
 
     name = "observer"
     publishes = (topics.TARGETS, topics.OBSERVER_EVENT)

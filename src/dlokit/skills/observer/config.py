@@ -12,14 +12,14 @@ class ObserverConfig:
     """From points to target points."""
 
     strategy: Observer = field(default_factory=MapConfig)
-    """Strategy that finds the nodes in a cloud, given where they were."""
+    """Strategy that estimates the nodes from a cloud and the previous nodes."""
     lost_health: Fraction = 0.75
     """Health below which the rod counts as lost; the cloud is then ordered again without a prior. Larger: a doubtful
     estimate is replaced earlier."""
     reach_m: Positive = 1.0
-    """Points farther from the last shape than this are not used [m]; a cloud of which most are is refused."""
+    """Points farther from the last shape than this are not used [m]; a cloud with mostly such points is rejected."""
     drift_m_s: NotNegative = 0.2
-    """Speed at which a rod that is not seen may move [m/s]: the standard deviation of its nodes grows by it."""
+    """Assumed speed of an unseen rod [m/s]: the standard deviation of its nodes grows at this rate."""
     cloud_timeout_s: Positive = 5.0
     """Longest wait for a first cloud [s]."""
 

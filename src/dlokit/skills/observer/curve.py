@@ -8,7 +8,7 @@ import scipy
 from dlokit.geometry import arc_lengths
 from dlokit.types.arrays import BoolArray, Float64Array
 
-STEP_M = 0.002  # spacing of the fitted polyline: a tenth of the tightest bend in use
+STEP_M = 0.002  # spacing of the fitted polyline: a tenth of the smallest bend radius in use
 
 
 REACH_M = 0.02
@@ -16,13 +16,13 @@ REACH_M = 0.02
 _SPREAD_M = 0.008
 """Points farther from the fitted curve than this are outliers [m]: radius and three times the noise."""
 _SMOOTHING_M = 0.012
-"""Bends shorter than this are taken for noise [m]."""
+"""Bends shorter than this count as noise [m]."""
 _BIN_M = 0.005
 """Length of curve over which points are averaged [m]."""
 _GAP_M = 0.02
 """A stretch without points is a gap when it is longer than this [m]."""
 ITERATIONS = 3
-"""How often the curve becomes the next guide."""
+"""Number of iterations in which the curve becomes the next guide."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -159,7 +159,7 @@ def _segments(s: Float64Array, length_m: float) -> tuple[Segment, ...]:
         return ()
     width = _BIN_M
     counts = np.bincount(np.clip((s / width).astype(np.int64), 0, None), minlength=int(np.ceil(length_m / width)))
-    # A stray point does not cover a bin: that takes a fifth of what is usual.
+    # A stray point does not cover a bin: that takes a fifth of the usual number.
     covered = np.flatnonzero(counts > 0.2 * np.median(counts[counts > 0]))
     breaks = np.flatnonzero(np.diff(covered) > _GAP_M / width) + 1
     found: list[Segment] = []
@@ -172,7 +172,7 @@ def _segments(s: Float64Array, length_m: float) -> tuple[Segment, ...]:
 
 
 def _edge(s: Float64Array) -> float:
-    """Where a stretch of points with arc lengths s (n,) ends at its upper side [m].
+    """Upper end of a stretch of points with arc lengths s (n,) [m].
 
     Noise blurs the end, symmetrically: behind a place s0 well inside, the stretch goes on for as long as
     its density needs to hold the points that lie there, s0 + n(s > s0) / density.

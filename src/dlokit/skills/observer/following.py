@@ -1,4 +1,4 @@
-"""One cloud after another, whatever it holds: cleaned, given to the strategy, its answer judged. Pure."""
+"""Tracking from cloud to cloud: cleans the cloud, calls the strategy, checks its result. Pure."""
 
 import logging
 import math
@@ -32,7 +32,7 @@ UNUSABLE_HEALTH = 0.25
 
 
 def cleaned(seen: Observation, most_points: int = MOST_POINTS) -> Observation:
-    """The observation without points that are no numbers, and at most `most_points` of the others, drawn evenly."""
+    """The observation without points that are not finite, and with at most `most_points` others, drawn evenly."""
     points = seen.points_world
     usable = np.flatnonzero(np.isfinite(points).all(axis=1))
     if len(usable) > most_points:
@@ -50,7 +50,7 @@ def near(seen: Observation, prior: DloState, reach_m: float) -> Observation:
 
 
 def doubt_of(seen: Observation, near_ones: Observation, prior: DloState) -> DistrustReason | None:
-    """Why a cleaned cloud, of which `near_ones` lie near the prior, cannot be used; None when it can."""
+    """Reason why a cleaned cloud with `near_ones` near the prior cannot be used, or None."""
     if prior.observed_stamp_ns > 0 and seen.stamp_ns <= prior.observed_stamp_ns:
         return DistrustReason.OLD_STAMP
     if len(seen.points_world) < _LEAST_POINTS:
@@ -69,7 +69,7 @@ class Followed:
 
     targets: TargetPoints
     doubt: DistrustReason | None
-    """Why they are not to be trusted; None when they are."""
+    """Reason why the targets are not used, or None."""
 
 
 def follow(strategy: ObserverStrategy, seen: Observation, prior: DloState, config: ObserverConfig) -> TargetPoints:
@@ -100,10 +100,10 @@ def followed(strategy: ObserverStrategy, seen: Observation, prior: DloState, con
 
 
 def _estimated(strategy: ObserverStrategy, seen: Observation, prior: DloState) -> TargetPoints | None:
-    """The strategy's targets; None when it fails or they are no targets."""
+    """The strategy's targets; None when it fails or returns invalid targets."""
     try:
         targets = strategy.estimate(seen, prior)
-    except Exception:  # a strategy may be anybody's, and one cloud it cannot take must not end the run
+    except Exception:  # a strategy may be external, and its failure on one cloud must not end the run
         log.exception("the strategy failed; the last state is kept")
         return None
     sound = targets.nodes_world.shape == prior.nodes_world.shape and bool(np.isfinite(targets.nodes_world).all())
@@ -111,7 +111,7 @@ def _estimated(strategy: ObserverStrategy, seen: Observation, prior: DloState) -
 
 
 _COUNTED_POINTS = 200
-"""Points drawn evenly from a cloud to learn how densely points lie on the DLO."""
+"""Number of evenly drawn points from which the point density on the DLO is estimated."""
 _DENSE_FRACTION = 0.25
 """A point with fewer than this fraction of the usual number of neighbours is an outlier, as in the first order."""
 
@@ -119,8 +119,8 @@ _DENSE_FRACTION = 0.25
 def _may_be_elsewhere(targets: TargetPoints, seen: Observation, topology: Topology) -> bool:
     """Whether the first order of the cloud can find a whole rod elsewhere than targets of which nodes are hidden.
 
-    It costs ten times what a strategy does. It can where the cloud shows something beside the targets, or where a tip
-    of the targets is beyond the cloud and what is hidden is within the tolerance of the rod's length: they slid.
+    It costs ten times as much as a strategy. It can if the cloud has points beside the targets, or if a tip of the
+    targets is outside the cloud and the hidden part is within the tolerance of the rod's length: the targets slid.
     """
     hidden = ~targets.visible
     few = np.count_nonzero(hidden) <= math.ceil(LENGTH_TOLERANCE * len(topology.edges)) + 1
@@ -131,7 +131,7 @@ def _may_be_elsewhere(targets: TargetPoints, seen: Observation, topology: Topolo
 def _rod_beside(targets: TargetPoints, seen: Observation, topology: Topology) -> bool:
     """Whether points that lie as densely as on the DLO are farther than `_ELSEWHERE_M` from the targets' line.
 
-    The first order of a cloud leaves out lone points as well.
+    The first order of a cloud also omits isolated points.
     """
     points = seen.points_world.astype(np.float64)
     beside = points[distance_to_dlo_m(points, targets.nodes_world, topology) > _ELSEWHERE_M]

@@ -1,4 +1,4 @@
-"""Compiled code of the observers: made once on a machine, kept on disk, and loaded before the first frame needs it."""
+"""Compiled code of the observers: compiled once per machine, cached on disk, and loaded before the first frame."""
 
 import logging
 import time
@@ -22,10 +22,10 @@ _LENGTH_M = 0.3
 
 
 def load_kernels(observers: Sequence[ObserverStrategyConfig] | None = None) -> float:
-    """Let these observers, or all that ship with dlokit, look at a small cloud once; the seconds that took.
+    """Run these observers, or all of dlokit, once on a small cloud; returns the time that it took [s].
 
-    At the first call after an installation Numba compiles, which takes some ten seconds, and keeps what it made
-    beside the modules, or in the user's cache folder where it may not write there. Later it loads that.
+    At the first call after an installation Numba compiles, which takes some ten seconds, and caches the code beside
+    the modules, or in the user's cache folder if it cannot write there. Later calls load it.
     """
     began = time.perf_counter()
     seen, prior = _scene()
@@ -40,7 +40,7 @@ def load_kernels(observers: Sequence[ObserverStrategyConfig] | None = None) -> f
 def _scene() -> tuple[Observation, DloState]:
     """A rod with a part that the cloud does not show, seen by a camera from above with something in the picture.
 
-    Whatever an observer asks of a cloud, it asks here.
+    It exercises everything that an observer uses of a cloud.
     """
     t = np.linspace(0.0, 1.0, _POINTS)
     curve = np.column_stack([_LENGTH_M * t, 0.02 * np.sin(3.0 * t), 0.0 * t])

@@ -10,7 +10,7 @@ from dlokit.description.table import TABLE_X_M, TABLE_Y_M
 from dlokit.ranges import NotNegative, Positive, check_ranges
 from dlokit.types.action import VelocityProfile
 
-_TABLE_SLACK_M = 0.03  # a shape may lie a little outside of where the built-in ones do
+_TABLE_SLACK_M = 0.03  # margin around the area of the built-in shapes
 _PACE = VelocityProfile()
 
 
@@ -28,7 +28,7 @@ class GraspConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class PathConfig:
-    """How the grasped node is carried to its goal."""
+    """Carrying the grasped node to its goal."""
 
     lift_m: NotNegative = 0.04
     """Height of the carry above the grasp [m]. Larger: less of the DLO drags over the table. `rollout` begins with it
@@ -46,14 +46,14 @@ class PathConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class FeasibilityConfig:
-    """What a start or goal shape must keep to."""
+    """Limits of start and goal shapes."""
 
     table_x_m: tuple[float, float] = (TABLE_X_M[0] - _TABLE_SLACK_M, TABLE_X_M[1] + _TABLE_SLACK_M)
-    """Usable table along x, from and to [m]: shapes that reach beyond are refused, actions that lead there avoided."""
+    """Usable table along x, from and to [m]: shapes outside are rejected, actions that lead there avoided."""
     table_y_m: tuple[float, float] = (TABLE_Y_M[0] - _TABLE_SLACK_M, TABLE_Y_M[1] + _TABLE_SLACK_M)
     """Usable table along y, from and to [m]."""
     min_bend_radius_m: NotNegative = 0.008
-    """Radius of the tightest bend that a goal may have [m]. Larger: more goals are doubted."""
+    """Radius of the tightest bend that a goal may have [m]. Larger: more goals are doubtful."""
     hold_share: Annotated[float, Meta(gt=0.0, le=1.0)] = 0.5
     """A goal holds when the released DLO springs back by no more than this fraction of the threshold, above 0 and
     at most 1. Larger: fewer goals are doubtful."""

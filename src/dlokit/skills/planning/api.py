@@ -8,12 +8,12 @@ from dlokit.types.system import StrategySpec
 
 
 def _propose(shape: DloState, goal: GoalShape, marks: Marks, skip: int = 0) -> Action:
-    """The best valid action, or the next best after `skip` others; published as well. Fails with: no_valid_grasp."""
+    """Return and publish the best valid action, after `skip` others. Fails with: no_valid_grasp."""
     ...
 
 
 def _judge_goal(goal: GoalShape, threshold_m: float) -> GoalVerdict:
-    """Whether a goal, to be met to `threshold_m` (RMSE) [m], can be reached and would hold; published as well.
+    """Judge whether a goal can be reached to `threshold_m` (RMSE) [m] and would hold; also publishes the verdict.
 
     Table, reach, view, self-collision, bends, room for the fingers, and what friction holds, tried in the model.
     Rejects: bad_shape, bad_threshold.
@@ -22,14 +22,14 @@ def _judge_goal(goal: GoalShape, threshold_m: float) -> GoalVerdict:
 
 
 def _check_start(shape: DloState) -> Verdict:
-    """Whether the DLO lies on the table, in reach and view, and not across itself."""
+    """Check that the DLO is on the table, in reach and view, and does not cross itself."""
     ...
 
 
 def _foresee_control(shape: DloState, goal: GoalShape, action: Action, missed_m: float = 0.0) -> ControlForecast:
-    """Shape servoing or planning alone: whether control shall follow an action, before it is done.
+    """Decide, before an action, whether shape servoing should follow it.
 
-    `missed_m` is what such actions missed their predictions by in this task [m]. Rejects: shapes_differ.
+    `missed_m` is the prediction error of such actions in this task [m]. Rejects: shapes_differ.
     """
     ...
 
@@ -42,15 +42,15 @@ def _correct(
     threshold_m: float,
     others: tuple[GraspedNode, ...] = (),
 ) -> ControlAdvice:
-    """Shape servoing: the next correction of a DLO that is held and lies on the table, or the word that it ends here.
+    """Shape servoing: the next correction of a held DLO on the table, or the end of control.
 
-    `done` are the corrections since the grasp, `others` nodes that other robots hold. Rejects: shapes_differ, bad_grip.
+    `done` are the corrections since the grasp, `others` nodes held by other robots. Rejects: shapes_differ, bad_grip.
     """
     ...
 
 
 def _set_strategy(spec: StrategySpec) -> None:
-    """Choose actions by another strategy from now on. Rejects: unknown_strategy, bad_settings."""
+    """Select the strategy that chooses actions. Rejects: unknown_strategy, bad_settings."""
     ...
 
 

@@ -20,12 +20,12 @@ async def _tell_nobody(_: Candidates) -> None:
 
 
 class ActionStrategy(Protocol):
-    """Chooses what to do to bring a shape to a goal."""
+    """Chooses actions that bring a shape to a goal."""
 
     def propose(self, shape: DloState, goal: GoalShape, marks: Marks) -> AsyncIterator[Action]:
         """Valid actions, best first, so that Fig. 6 can take the next best; may end without any.
 
-        Both shapes have M nodes; nodes in `marks` were tried in vain and are left out. Every action says its
+        Both shapes have M nodes; nodes in `marks` were tried without effect and are omitted. Every action has its
         velocity profile.
         """
         ...
@@ -40,7 +40,7 @@ class SecondArm:
     place_m: tuple[float, float]
     """Where its base stands (x, y) [m]."""
     apart_m: Callable[[Sequence[Pose], Sequence[Pose]], float]
-    """How near the arms come [m] from home to home, the first along its tool poses and the second along its own."""
+    """Smallest distance of the arms [m] from home to home, each along its own tool poses."""
 
 
 @dataclass(frozen=True)
@@ -56,17 +56,17 @@ class PlanningTools:
     compute: Compute = field(default_factory=InlineCompute)
     """Where heavy work goes."""
     tell: Callable[[Candidates], Awaitable[None]] = _tell_nobody
-    """Shows what is considered, and lets others have their turn."""
+    """Publishes the considered candidates, and lets other components run."""
     stopwatch: Callable[[], float] | None = None
-    """The machine's time [s], where a decision must end in time; None: work is counted, and runs repeat."""
+    """The machine's time [s], if decisions have a time limit; None: only rollouts are limited, and runs repeat."""
     second: SecondArm | None = None
     """None: there is one arm."""
 
 
 class StrategyConfig(Protocol):
-    """The settings of a strategy, which know how to build it. Frozen dataclasses, one a strategy.
+    """Settings and factory of a strategy: a frozen dataclass for each strategy.
 
-    Every process loads them, with the module in which they stand: large libraries and what is compiled are imported
+    Every process imports their module: large libraries and compiled code are imported
     where they are called.
     """
 
@@ -79,8 +79,8 @@ class StrategyConfig(Protocol):
 
 @runtime_checkable
 class Loaded(Protocol):
-    """The settings of a strategy whose first decision would wait for a compiler."""
+    """Settings of a strategy that has code to compile."""
 
     def load(self) -> object:
-        """Compile what the strategy needs, or load it where that was done before."""
+        """Compile the strategy's code, or load it from the cache."""
         ...

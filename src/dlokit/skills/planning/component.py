@@ -1,4 +1,4 @@
-"""Planning: which node to grasp, and on which path to take it to its goal."""
+"""Planning: selects the node to grasp and its path to the goal."""
 
 import math
 from collections.abc import AsyncIterator, Callable
@@ -50,7 +50,7 @@ class PlanningComponent(Component):
     ) -> None:
         """`reachable` is the arm's kinematics; `model` the rod with which actions are simulated.
 
-        `stopwatch` gives the machine's time [s] when live; without it budgets are counted alone. `second` is
+        `stopwatch` returns the machine's time [s] in a live run; without it only rollouts are limited. `second` is
         the other arm, where there are two.
         """
         super().__init__()
@@ -81,7 +81,7 @@ class PlanningComponent(Component):
             self._strategy = self._settings.build(self._tools)
 
     def preparation(self) -> Callable[[], object] | None:
-        """Load the compiled code of the rod that goals are judged with, and of the strategy, where it has any."""
+        """Load the compiled code of the rod for goal verdicts, and of the strategy."""
         return partial(load, self._config.strategy)
 
     @implements(api.PROPOSE)
@@ -117,7 +117,7 @@ class PlanningComponent(Component):
         )  # in lockstep a decision is one long turn of the loop: this lets other components run before it
 
     async def _compute(self, function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
-        # Strategies are built before there is a port.
+        # Strategies are built before the port exists.
         return await self.port.compute(function, *args, **kwargs)
 
     @implements(api.JUDGE_GOAL)
@@ -144,7 +144,7 @@ class PlanningComponent(Component):
 
     @implements(api.CHECK_START)
     async def check_start(self, shape: DloState) -> Verdict:
-        """Whether the DLO lies where it can be worked with."""
+        """Check that the DLO can be manipulated where it is."""
         return check_start(shape.nodes_world, self._workplace())
 
     @implements(api.FORESEE_CONTROL)
@@ -167,7 +167,7 @@ class PlanningComponent(Component):
         threshold_m: float,
         others: tuple[GraspedNode, ...] = (),
     ) -> ControlAdvice:
-        """The next correction of a DLO that is held, or the word that control ends here."""
+        """The next correction of a held DLO, or the end of control."""
         self._learn()
         _require_same_nodes(shape, goal)
         if not 0 <= grip.node < self._model.nodes or len(shape.nodes_world) != self._model.nodes:

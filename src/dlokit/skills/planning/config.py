@@ -10,11 +10,11 @@ from dlokit.skills.planning.strategies import Planner
 
 @dataclass(frozen=True, kw_only=True)
 class ForesightConfig:
-    """Whether actions that would bring strands of the rod together are passed over."""
+    """Avoidance of actions that would tangle the rod."""
 
     enabled: bool = True
-    """Pass over actions after which the model expects strands of the DLO closer than 4 cm. False, as in the paper: the
-    first action that the strategy proposes is taken, whatever becomes of the rest of the DLO."""
+    """Skip actions after which the model predicts strands of the DLO closer than 4 cm. False, as in the paper: take
+    the first action that the strategy proposes."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,10 +24,10 @@ class PlanningConfig:
     strategy: Planner = field(default_factory=RolloutConfig)
     """Which action strategy."""
     actions: ActionConfig = field(default_factory=ActionConfig)
-    """How to grasp and carry, whatever the strategy."""
+    """Grasping and carrying, for all strategies."""
     foresight: ForesightConfig = field(default_factory=ForesightConfig)
-    """Actions that would tangle the rod are passed over."""
+    """Avoidance of tangles."""
     feasibility: FeasibilityConfig = field(default_factory=FeasibilityConfig)
     """What start and goal must keep to."""
     servo: ServoConfig = field(default_factory=ServoConfig)
-    """How the error that is left is reduced while the DLO is held."""
+    """Shape servoing: reduction of the remaining error while the DLO is held."""

@@ -1,6 +1,6 @@
-"""The paper's strategy: grasp the node that is farthest from its goal and take it there.
+"""The paper's strategy: grasp the node that is farthest from its goal and carry it there.
 
-It has hardly any settings: they say whether a node is taken that the gripper cannot turn all the way.
+Its only setting is whether it uses nodes that the gripper cannot turn completely to the goal's tangent.
 """
 
 from collections.abc import AsyncIterator
@@ -17,7 +17,7 @@ from dlokit.types.dlo import DloState, GoalShape
 
 @dataclass(frozen=True, kw_only=True)
 class FarthestConfig:
-    """The paper's strategy: the node farthest from its goal is taken to it."""
+    """The paper's strategy: carry the node farthest from its goal to it."""
 
     name: ClassVar[str] = "farthest"
 
@@ -28,7 +28,7 @@ class FarthestConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class FarthestTangentConfig:
-    """As farthest, but only with nodes that the gripper can turn all the way to the goal's tangent."""
+    """As `farthest`, but only with nodes that the gripper can turn completely to the goal's tangent."""
 
     name: ClassVar[str] = "farthest-tangent"
 
@@ -38,7 +38,7 @@ class FarthestTangentConfig:
 
 
 class Farthest:
-    """Nodes in the order of their distance to the goal, the farthest first; invalid ones are passed over (Fig. 6)."""
+    """Nodes in the order of their distance to the goal, the farthest first; invalid nodes are skipped (Fig. 6)."""
 
     def __init__(self, tools: PlanningTools, *, whole_turn: bool = False) -> None:
         self._tools, self._whole_turn = tools, whole_turn
@@ -48,7 +48,7 @@ class Farthest:
         goal_world = goal_in_order(shape.nodes_world, goal.nodes_world, ends_interchangeable=goal.ends_interchangeable)
         distance_m = np.linalg.norm(shape.nodes_world - goal_world, axis=1)
         marked = {int(node) for node in marks.invalid_nodes}
-        # A stable sort, so that equal distances are taken in the order of the rod on every machine.
+        # A stable sort, so that nodes of equal distance keep the order of the rod on every machine.
         for node in np.argsort(-distance_m, kind="stable"):
             if int(node) in marked:
                 continue

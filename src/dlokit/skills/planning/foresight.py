@@ -1,8 +1,8 @@
-"""Look before you leap: an action that would leave the rod in a tangle is passed over for the next best.
+"""Skips actions for which the model predicts a tangle.
 
-The farthest-point rule moves one node and drags the rest behind it; every so often the rest comes to lie across
-the rod. A rod across itself cannot be told apart from a picture, grasped, or undone by the same rule, so it is
-cheaper to see it coming: the model plays the action through before the robot does.
+The farthest-point rule moves one node and drags the rest behind it; sometimes the rest comes to lie across the rod.
+A self-crossing rod cannot be resolved in a picture, grasped, or untangled by the same rule, so the model simulates
+the action before the robot executes it.
 """
 
 from collections.abc import AsyncIterator, Awaitable, Callable
@@ -14,17 +14,17 @@ from dlokit.types.action import Action
 from dlokit.types.arrays import Float64Array
 
 Predict = Callable[[Action], Awaitable[Float64Array]]
-"""The shape (M, 3) [m] that the model expects of an action."""
+"""Predicts the shape (M, 3) [m] after an action."""
 
 CLEARANCE_M = 0.04
-"""Strands that are no neighbours on the rod are to stay this far apart after an action, as predicted [m]."""
-_GOAL_SHARE = 0.7  # of its own clearance, that a goal whose strands are closer asks for at most
-_NODE_STRIDE = 3  # after a tangle the next node tried is at least this far from it: neighbours fare alike
+"""Required distance between strands after an action, as predicted [m]; neighbours along the rod do not count."""
+_GOAL_SHARE = 0.7  # factor on the clearance of a goal whose own strands are closer
+_NODE_STRIDE = 3  # after a tangle the next node tried is at least this far from it: neighbours give the same result
 _MOST_PREDICTIONS = 8  # of 0.1 to 0.3 s each
 
 
 def required_clearance_m(goal_world: Float64Array) -> float:
-    """How far strands are to stay apart after an action on the way to a goal (M, 3) [m]."""
+    """Required distance between strands after an action towards a goal (M, 3) [m]."""
     return min(CLEARANCE_M, _GOAL_SHARE * self_clearance_m(goal_world))
 
 
@@ -33,7 +33,7 @@ async def untangled(
 ) -> Action | None:
     """The first of `actions` that keeps the strands apart, with its predicted shape; None when there are none.
 
-    `goal_world` (M, 3) [m]. Where none of the `most` that are predicted does, it is the action that keeps them farthest
+    `goal_world` (M, 3) [m]. If none of the `most` predicted actions does, it is the action that keeps them farthest
     apart.
     """
     required_m = required_clearance_m(goal_world)

@@ -1,4 +1,4 @@
-"""The grasp: straight down, turned across the rod's tangent, where the fingers land on nothing."""
+"""Grasps: vertical, perpendicular to the rod's tangent, with free space for both fingers."""
 
 from dataclasses import dataclass
 
@@ -11,15 +11,15 @@ from dlokit.types.pose import Pose
 SAMPLE_M = 0.002
 """Distance of the points at which the rod is checked against the fingers [m]."""
 END_INSET_M = 0.012
-"""A grasp stays this far inside the ends of the rod [m], so that there is rod between the pads."""
+"""Distance of a grasp from the rod's ends [m], so that the pads are filled."""
 OPENINGS_M = (0.05, 0.04, 0.03, 0.02)
-"""Openings of the Panda's fingers that are tried [m]: a wide one forgives more, a narrow one fits beside strands."""
+"""Openings of the Panda's fingers [m] in this order: wide ones tolerate errors, narrow ones fit between strands."""
 FINGER_THICKNESS_M = 0.012
 """Extent of a finger across the rod, outwards from its pad [m]."""
 CLEARANCE_M = 0.002
 """Free space between a finger and the rod's surface [m]."""
 COMFORTABLE_YAW_RAD = 0.785
-"""Yaw of the tool, against the bearing of its place from the robot's base, that leaves the wrist most room [rad]; the
+"""Yaw of the tool relative to its bearing from the robot's base at which the wrist has the most room [rad]; the
 Panda's hand is mounted 45° off the middle of joint 7."""
 _FINGER_WIDTH_M = 0.02  # extent of a finger along the rod
 _ADJACENT_M = 0.04  # parts of the rod nearer than this along it belong to the grasped strand
@@ -59,9 +59,9 @@ def wrapped(angle_rad: float) -> float:
 
 
 def grasp_yaw(point: RodPoint, turn_rad: float, place_m: tuple[float, float] = (0.0, 0.0)) -> float:
-    """Yaw of the tool at `point`: of the two across the rod, the one that leaves the wrist more room [rad].
+    """Yaw of the tool at `point`: of the two perpendicular to the rod, the one with more room for the wrist [rad].
 
-    `turn_rad` is what the tool turns afterwards; the worse of both ends counts. The arm stands at `place_m`.
+    `turn_rad` is the tool's later turn; the worse of both ends counts. The arm's base is at `place_m`.
     """
     x, y = point.position_world[:2] - np.array(place_m)
     middle = float(np.arctan2(y, x)) + COMFORTABLE_YAW_RAD
@@ -71,12 +71,12 @@ def grasp_yaw(point: RodPoint, turn_rad: float, place_m: tuple[float, float] = (
 
 
 def grasp_pose(point: RodPoint, yaw_rad: float, height_m: float) -> Pose:
-    """Tool pose that takes the rod at `point`, `height_m` over the table [m]."""
+    """Tool pose for a grasp at `point`, `height_m` over the table [m]."""
     return geometry.downward((*point.position_world[:2], height_m), yaw_rad)
 
 
 def fitting_opening_m(nodes_world: Float64Array, point: RodPoint, radius_m: float) -> float | None:
-    """The first finger opening at which the gripper fits around the rod (M, 3) [m] at `point`; None: none does.
+    """The first finger opening at which the gripper fits around the rod (M, 3) [m] at `point`, or None.
 
     `radius_m` is the rod's [m].
     """
@@ -87,7 +87,7 @@ def fitting_opening_m(nodes_world: Float64Array, point: RodPoint, radius_m: floa
 
 
 def gripper_fits(nodes_world: Float64Array, point: RodPoint, opening_m: float, radius_m: float) -> bool:
-    """Whether both fingers come down beside the rod (M, 3) [m], on no part of it, and around one strand only."""
+    """Whether both fingers descend beside the rod (M, 3) [m], touch no other part, and enclose one strand only."""
     length = geometry.arc_lengths(nodes_world)[-1]
     count = int(length / SAMPLE_M) + 2
     points = geometry.resample(nodes_world, count)

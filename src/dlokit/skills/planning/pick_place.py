@@ -1,4 +1,4 @@
-"""One valid pick-and-place: a node taken to its place in the goal, on which path, or the reason why not."""
+"""A pick-and-place of one node to its position in the goal, with its path, or the reason why it is invalid."""
 
 import enum
 import math
@@ -21,9 +21,9 @@ from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState
 from dlokit.types.pose import Pose
 
-_POSE_EVERY_M = 0.03  # poses of a carry are no further apart
+_POSE_EVERY_M = 0.03  # largest distance between poses of a carry
 _POSE_EVERY_RAD = 0.3  # nor turned further, so that the interpolation follows the intended direction of rotation
-_LARGEST_TURN_RAD = 1.6  # of the gripper on one carry; where the goal asks for more, it turns so far
+_LARGEST_TURN_RAD = 1.6  # largest turn of the gripper during one carry
 
 
 def carry_path(
@@ -60,9 +60,9 @@ class Invalid(enum.Enum):
 def take_to_goal(
     shape: DloState, goal_world: Float64Array, node: int, tools: PlanningTools, *, whole_turn: bool = False
 ) -> PickPlace | Invalid:
-    """The action that takes `node` of `shape` to its place in `goal_world` (M, 3) [m], if the gripper can.
+    """The action that carries `node` of `shape` to its position in `goal_world` (M, 3) [m], if it is valid.
 
-    With `whole_turn` the gripper turns the rod all the way to the goal's tangent, or the action is invalid.
+    With `whole_turn` the gripper must turn the rod completely to the goal's tangent, otherwise the action is invalid.
     """
     grasp, path = tools.actions.grasp, tools.actions.path
     nodes = shape.nodes_world
@@ -73,7 +73,7 @@ def take_to_goal(
         return Invalid.GRIPPER_DOES_NOT_FIT
     whole = wrapped(there.yaw_rad - here.yaw_rad)
     part = float(np.clip(whole, -_LARGEST_TURN_RAD, _LARGEST_TURN_RAD))
-    # A carry with a turn may be out of reach where one without is not.
+    # A carry with a turn may be out of reach although one without a turn is not.
     for turn_rad in (whole,) if whole_turn else dict.fromkeys((part, 0.0)):
         yaw = grasp_yaw(here, turn_rad)
         T_world_tcp = grasp_pose(here, yaw, grasp.height_m)

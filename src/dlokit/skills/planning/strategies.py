@@ -1,6 +1,6 @@
-"""The action strategies there are: ours, and third parties' through the entry points ``dlokit.planners``.
+"""The action strategies: those of dlokit, and external ones through the entry points ``dlokit.planners``.
 
-Every process loads them for their settings; what they compile is loaded before planning is first asked.
+Every process imports them for their settings; compiled code is loaded before the first decision.
 """
 
 from typing import Annotated

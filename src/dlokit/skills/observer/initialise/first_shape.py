@@ -1,7 +1,7 @@
 """The first shape: a cloud of unknown order becomes nodes, with no prior.
 
-Draw the cloud together to a skeleton, cut it where it branches, put the pieces in the order of the way that bends
-least and has the rod's length (`ordering`), and let the smooth centre line along that way be the rod. Node 0 is the
+Contract the cloud to a skeleton, cut it where it branches, order the pieces along the path with the least bending
+and the rod's length (`ordering`), and fit a smooth centre line along that path. Node 0 is the
 end farther to the robot's left (larger y in the world); of two ends within 2 cm in y, the one nearer to the
 robot's base (smaller x).
 """
@@ -24,9 +24,9 @@ _LEAST_POINTS = 60
 LONE_RADIUS_M = 0.01
 """A point with less than a quarter of the usual number of points in this radius is an outlier [m]."""
 _MOST_PIECES = 24
-"""A skeleton of more pieces than this is no rod, but an area or many things."""
+"""A skeleton of more pieces than this is not a rod but an area or several objects."""
 _BRANCH_M = 0.03
-"""Pieces that no order of the rod has room for may together be this long [m]; longer ones are no outliers."""
+"""Largest total length of pieces outside the rod [m]; longer ones are not outliers."""
 _AMBIGUITY = 6.0
 """Two orders whose costs differ by less than this are indistinguishable [1/m]; see `ordering`."""
 _SAME_ORDER_M = 0.01

@@ -1,8 +1,8 @@
-"""Pieces of line in the order of one rod: the way that bends least, crosses gaps least, and has the rod's length.
+"""Orders pieces of line along one rod: the path with the least bending, the smallest gaps, and the rod's length.
 
-Where a rod lies across itself it goes straight on; where it is not seen it goes on in its direction. Every way that
-joins the pieces' ends costs: for each link its bending energy and what of it no point supports, for the whole what it
-leaves out and how far its length is from the rod's. A depth-first search with a bound finds the cheapest.
+At a self-crossing a rod continues straight; where it is not seen it keeps its direction. The cost of a path through
+the pieces is the bending energy and the unsupported length of each link, plus the omitted length and the difference
+from the rod's length. A depth-first search with a bound finds the cheapest path.
 """
 
 from dataclasses import dataclass
@@ -13,29 +13,29 @@ import scipy
 from dlokit.geometry import arc_lengths
 from dlokit.types.arrays import Float64Array
 
-# What an order of pieces costs. The unit is that of bending energy, ∫ κ² ds [1/m].
+# Costs of an order of pieces, in the unit of bending energy, ∫ κ² ds [1/m].
 _TANGENT_M = 0.02
 """The direction of an end is that of its last piece of this length [m]."""
 _BEND_M = 0.04
 """The curvature of an end is that of its last piece of this length [m]."""
 _INERTIA = 0.7
-"""How much a rod keeps its curvature across a link: 0 weighs the bend of the link, 1 its change of curvature."""
+"""Weight of curvature continuity across a link: 0 penalises its bend, 1 its change of curvature."""
 _SUPPORT_M = 0.006
-"""A place on a link with a point this near is seen [m]."""
+"""A point of a link counts as seen with a cloud point this near [m]."""
 _UNSEEN_PER_M = 300.0
-"""Cost of a link for each metre that is not seen [1/m²]."""
+"""Cost of each unseen metre of a link [1/m²]."""
 _LEFT_OUT_PER_M = 1200.0
-"""Cost of each metre of pieces that are not part of the way [1/m²]."""
+"""Cost of each metre of pieces outside the path [1/m²]."""
 _LENGTH_COST = 16.0
 """Cost of a length that is off by `_LENGTH_SIGMA`; it grows with the square [1/m]."""
 _LENGTH_SIGMA = 0.03
-"""Standard deviation of the length of a way, as a fraction of it."""
+"""Relative standard deviation of the length of a path."""
 _LARGEST_TURN_RAD = 2.1
 """A link may turn by at most this at one of its ends [rad]."""
 _FACING_M = 0.025
-"""Two tips that point at each other from within this distance may be no tips [m]: a ring could be cut anywhere."""
+"""Two tips that point at each other within this distance may be part of a closed ring [m]."""
 _MOST_STEPS = 20_000
-"""The search ends after this many steps, with the best way so far."""
+"""Steps after which the search ends with the best path so far."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,7 +55,7 @@ class Way:
 
 @dataclass(frozen=True, kw_only=True)
 class Links:
-    """All ways from end to end; E = 2 x number of pieces."""
+    """All links from end to end; E = 2 x number of pieces."""
 
     cost: Float64Array
     """(E, E), infinite where there is none."""
@@ -156,7 +156,7 @@ def hermite(start: Float64Array, leaving: Float64Array, end: Float64Array, arriv
 
 
 def ways(pieces: list[Float64Array], joined: Links, length_m: float | None, margin: float) -> list[Way]:
-    """The cheapest way through the pieces (K, 3) [m] and all that cost up to `margin` more, cheapest first."""
+    """The cheapest path through the pieces (K, 3) [m] and all that cost up to `margin` more, cheapest first."""
     search = _Search(pieces, joined, length_m, margin)
     search.run()
     best = min((way.cost for way in search.found), default=np.inf)
@@ -164,7 +164,7 @@ def ways(pieces: list[Float64Array], joined: Links, length_m: float | None, marg
 
 
 class _Search:
-    """Depth first from every end; what costs more than the best way so far and the margin is cut off."""
+    """Depth-first search from every end; branches that cost more than the best path plus the margin are pruned."""
 
     def __init__(self, pieces: list[Float64Array], joined: Links, length_m: float | None, margin: float) -> None:
         self._lengths = [float(arc_lengths(piece)[-1]) for piece in pieces]
@@ -202,7 +202,7 @@ class _Search:
 
     def _keep(self, entered: list[int], used: set[int], cost: float, length_m: float) -> None:
         if entered[0] > (entered[-1] ^ 1):
-            return  # the same way from its other end is kept instead
+            return  # the same path from its other end is kept instead
         left_out = sum(length for piece, length in enumerate(self._lengths) if piece not in used)
         total = cost + _LEFT_OUT_PER_M * left_out
         if self._length_m is not None:
@@ -214,7 +214,7 @@ class _Search:
 
 
 def polyline(way: Way, pieces: list[Float64Array], joined: Links) -> Float64Array:
-    """The pieces (K_i, 3) [m] of a way and the links between them as one line (K, 3) [m]."""
+    """The pieces (K_i, 3) [m] of a path and the links between them as one line (K, 3) [m]."""
     parts: list[Float64Array] = []
     for place, end in enumerate(way.ends):
         if place > 0:

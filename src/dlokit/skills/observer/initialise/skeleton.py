@@ -1,4 +1,4 @@
-"""The skeleton of a cloud: its points drawn together to a line, and the unbranched pieces of that line."""
+"""The skeleton of a cloud: its points contracted to a line, and the unbranched pieces of that line."""
 
 import numpy as np
 import scipy
@@ -9,7 +9,7 @@ from dlokit.types.arrays import BoolArray, Float64Array, Int64Array
 _VOXEL_M = 0.004
 """Points are first averaged over cubes of this edge [m]."""
 _RADIUS_M = 0.011
-"""Points within this distance draw one another to their common line [m]."""
+"""Radius within which points are contracted to their common line [m]."""
 _ROUNDS = 3
 """Number of times that they do."""
 _LEAST_DENSITY = 0.2
@@ -25,7 +25,7 @@ _JUNCTION_M = 0.006
 _CORNER_M = 0.012
 """The bend at a point is measured over this length to both sides [m]."""
 _CORNER_TURN_RAD = 1.4
-"""A line that turns by more than this at a point [rad] is taken for two lines that meet."""
+"""A line that turns by more than this at a point [rad] is split into two lines."""
 _AHEAD_M = 0.03
 """A piece is split where the end of another points at it from within this distance [m]: one rod may cross there."""
 _MEET_M = 0.006
@@ -129,7 +129,7 @@ def _neighbours(tree: "scipy.sparse.csr_matrix", count: int) -> Neighbours:
 
 
 def _spur(joined: Neighbours, leaf: int) -> tuple[float, list[int], int]:
-    """The way from a leaf to the first branching: its length [m], its points, the branching; infinite without one."""
+    """The path from a leaf to the first branching: its length [m], its points, the branching; infinite without one."""
     way, length = [leaf], 0.0
     while True:
         onward = [point for point in joined[way[-1]] if len(way) < 2 or point != way[-2]]
@@ -142,7 +142,7 @@ def _spur(joined: Neighbours, leaf: int) -> tuple[float, list[int], int]:
 
 
 def _prune(joined: Neighbours, spur_m: float) -> None:
-    """Take side branches shorter than `spur_m` away, at each branching the shortest first."""
+    """Remove side branches shorter than `spur_m`, at each branching the shortest first."""
     while True:
         leaves = [index for index, near in enumerate(joined) if len(near) == 1]
         spurs = sorted(spur for spur in (_spur(joined, leaf) for leaf in leaves) if spur[0] < spur_m)
@@ -179,7 +179,7 @@ def _chains(joined: Neighbours) -> list[list[int]]:
 
 
 def _corners(chain: Float64Array, reach_m: float, sharpest: float) -> list[int]:
-    """Where a way (K, 3) [m] turns by more than `sharpest` [rad] within `reach_m` to both sides."""
+    """Points where a path (K, 3) [m] turns by more than `sharpest` [rad] within `reach_m` to both sides."""
     s = arc_lengths(chain)
     found: list[tuple[float, int]] = []
     for index in range(1, len(chain) - 1):

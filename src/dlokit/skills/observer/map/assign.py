@@ -1,4 +1,4 @@
-"""Which point belongs where on the rod: softly and coarsely first, then to segments within a window."""
+"""Assignment of points to the rod: soft and coarse first, then to segments within a window."""
 
 from dataclasses import dataclass
 
@@ -30,7 +30,7 @@ class Assignment:
 def soft_places(
     points: Float64Array, nodes: Float64Array, sigma_m: float, outlier_ratio: float
 ) -> tuple[Float64Array, Float64Array]:
-    """What the points say of the nodes: weights (M,) and weighted sums of points (M, 3) [m].
+    """Evidence of the points for the nodes: weights (M,) and weighted sums of points (M, 3) [m].
 
     p_mn = g(|p_n - x_m|) / (sum_k g(|p_n - x_k|) + outlier_ratio): a mixture with an outlier class of uniform
     density, `outlier_ratio` times the peak of a node's bell. g(d) = (1 - d² / 32 sigma²)^16, and 0 beyond, is a
@@ -83,7 +83,7 @@ def nearest_segment(points: Float64Array, nodes: Float64Array) -> Int64Array:
 
 
 def assign(points: Float64Array, nodes: Float64Array, around: Int64Array, first: Int64Array, window: int) -> Assignment:
-    """The nearest place of each point, walking along the chain from `around` (N,), not beyond `window` of `first` (N,).
+    """The nearest position on the chain of each point, searched from `around` (N,), not beyond `window` of `first` (N,).
 
     The window is in segments, so in arc length: where the rod crosses itself, a point does not jump to the
     other strand however near that comes.
@@ -151,7 +151,7 @@ def moments(
     limit: float,
     most: float,
 ) -> Float64Array:
-    """What the points say of each segment, (segments, 9): sums of w, w t, w t², w p and w t p.
+    """Evidence of the points for each segment, (segments, 9): sums of w, w t, w t², w p and w t p.
 
     w = inlier probability / sigma², scaled down where the segment would have more than `most` inliers. Points
     farther than a segment's length past an end of the chain count nothing.

@@ -1,4 +1,4 @@
-"""The coarse stage: from the nodes before, moved rigidly first, to the basin of the right answer."""
+"""The coarse stage: moves the previous nodes rigidly, then to the basin of the right solution."""
 
 import numpy as np
 from numba import njit
@@ -55,7 +55,7 @@ def moved_rigidly(before: Float64Array, after: Float64Array, weights: Float64Arr
 def coarse(problem: MapProblem) -> tuple[Float64Array, Float64Array]:
     """Nodes near the cloud, and the nodes before moved rigidly to them; both (M, 3) [m].
 
-    Points belong to nodes softly, with a Gaussian that narrows from the way since the last cloud to about a
+    Points belong to nodes softly, with a Gaussian that narrows from the distance travelled since the last cloud to a
     node spacing. Rest lengths stiffen with it: a chain that could not stretch at all would not get round bends.
     """
     points = thinned(problem.points, COARSE_POINTS)

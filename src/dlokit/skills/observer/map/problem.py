@@ -1,4 +1,4 @@
-"""The problem that one cloud poses, and what does not depend on which point belongs where."""
+"""The estimation problem of one cloud, and everything that does not depend on the assignment of points."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""What a rod is held to, term by term: each adds its Gauss-Newton part to the normal equations H x = b.
+"""The terms of the objective: each adds its Gauss-Newton part to the normal equations H x = b.
 
 Symbols: x_i the nodes, y_i the nodes before, moved rigidly (`align`), d_i = x_i - y_i, l_j the rest length of
 edge j, h the mean edge, u_j the unit vector along edge j, I the identity. A residual r with standard deviation

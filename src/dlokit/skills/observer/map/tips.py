@@ -1,4 +1,4 @@
-"""Where a cloud ends along the rod, and which of these ends are tips of the rod."""
+"""Ends of a cloud along the rod, and which of these ends are tips of the rod."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""One problem answered: the coarse stage, the fine stage, and how sure they are."""
+"""Solves one problem: coarse stage, fine stage, covariance and health."""
 
 from dataclasses import dataclass
 

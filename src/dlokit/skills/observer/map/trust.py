@@ -1,4 +1,4 @@
-"""How sure the MAP observer is: a covariance for each node and a health for all."""
+"""Uncertainty of the MAP observer: a covariance for each node and one health."""
 
 import numpy as np
 from numba import njit

@@ -1,4 +1,4 @@
-"""Where the camera could not have seen a node: out of the picture, behind the robot, or behind the DLO itself."""
+"""Nodes that the camera cannot see: out of the picture, behind the robot, or behind the DLO itself."""
 
 from dataclasses import dataclass
 

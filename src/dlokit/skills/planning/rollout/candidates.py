@@ -1,4 +1,4 @@
-"""Candidates: numbers that describe an action, made into a motion of the tool that the gripper and the arm can do."""
+"""Candidates: parameter vectors, converted to motions of the tool that gripper and arm can execute."""
 
 import itertools
 import math
@@ -24,7 +24,7 @@ from dlokit.types.action import Action, Grasp, PairPlace, Partner, Push, Velocit
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
 
-_LARGEST_TURN_RAD = 2.6  # beyond, the wrist seldom has room
+_LARGEST_TURN_RAD = 2.6  # above it, the wrist rarely has room
 _POSE_EVERY_RAD = (
     0.3  # largest rotation between poses of a path, so that the interpolation follows the intended direction
 )
@@ -41,35 +41,35 @@ class Candidate:
     opening_m: float
     """Finger opening at which the gripper fits around the rod [m]."""
     partner_opening_m: float = 0.0
-    """The same of the partner's, where there is one [m]."""
+    """The same for the partner's, if there is one [m]."""
 
 
 class Family(Protocol):
-    """Candidates that differ in some numbers (D,), the meaning and units of which each family states."""
+    """A kind of candidates with parameters (D,), whose meaning and units each family defines."""
 
     kind: type[Action]
 
     def first(self, count: int, rng: np.random.Generator) -> list[Float64Array]:
-        """Numbers of `count` candidates to begin with."""
+        """Parameters of `count` initial candidates."""
         ...
 
     @property
     def spread(self) -> Float64Array:
-        """How far the numbers of a first refinement lie around those of a good candidate."""
+        """Spread of the parameters in the first refinement of a good candidate."""
         ...
 
     def aimed(self, numbers: Float64Array, nodes_world: Float64Array) -> Float64Array:
-        """The numbers, corrected by where they brought the rod (M, 3) [m] instead of to the goal."""
+        """The parameters, corrected for the difference between the reached shape (M, 3) [m] and the goal."""
         ...
 
     def make(self, numbers: Float64Array) -> Candidate | None:
-        """The candidate of these numbers; None when the gripper does not fit or the arm does not reach."""
+        """The candidate with these parameters; None when the gripper does not fit or the arm does not reach."""
         ...
 
 
 @dataclass(frozen=True)
 class NodeToGoal:
-    """A node that can be grasped, and where it is to be in the goal."""
+    """A node that can be grasped, with its position in the goal."""
 
     node: int
     here: RodPoint
@@ -81,7 +81,7 @@ _FOLLOW_M = 0.08  # neighbours this far along the rod follow a carried node by a
 
 
 class PlanningScene:
-    """A shape, its goal, and what the gripper can do there."""
+    """A shape, its goal, and the grasps that are possible."""
 
     def __init__(
         self, nodes_world: Float64Array, goal_world: Float64Array, marked: frozenset[int], tools: PlanningTools
@@ -107,9 +107,9 @@ class PlanningScene:
 
     @cached_property
     def nodes_to_move(self) -> tuple[int, ...]:
-        """Every other node, the farthest from its goal first; then what is far from its goal and from those before it.
+        """Every other node, the farthest from its goal first; then those far from their goal and from earlier nodes.
 
-        So any beginning of the list covers the rod, and a search that is short of time has tried all parts of it.
+        Any beginning of the list covers the rod, so that a short search has tried all parts of it.
         """
         left = np.argsort(-self.error_m, kind="stable")[::2].tolist()
         order = [left.pop(0)]
@@ -119,9 +119,9 @@ class PlanningScene:
         return tuple(order)
 
     def helpful(self, node: float, error_m: Float64Array, share: float) -> Float64Array:
-        """A `share` of the move (2,) [m] of a node that helps it and its neighbours most against `error_m` (M, 2) [m].
+        """The fraction `share` of the displacement (2,) [m] of a node that best reduces `error_m` (M, 2) [m] around it.
 
-        Neighbours follow a carried node as they usually do.
+        Neighbours are assumed to follow a carried node by their usual fraction.
         """
         away = np.abs(np.arange(self.count) - node) * self.length_m / (self.count - 1)
         follow = np.exp(-((away / _FOLLOW_M) ** 2))
@@ -129,7 +129,7 @@ class PlanningScene:
         return move
 
     def hold(self, node: int) -> NodeToGoal | None:
-        """How to grasp a node; None when it is marked or the gripper does not fit."""
+        """The grasp of a node; None when it is marked or the gripper does not fit."""
         if node not in self._holds:
             self._holds[node] = self._find(node)
         return self._holds[node]
@@ -167,7 +167,7 @@ class PlanningScene:
 
 
 def to_action(candidate: Candidate, stamp_ns: int, predicted_nodes_world: Float64Array, tools: PlanningTools) -> Action:
-    """The action that a candidate stands for, with the shape (M, 3) [m] expected after it."""
+    """The action of a candidate, with the predicted shape (M, 3) [m]."""
     kind, motion = candidate.kind, candidate.motion
     grasp, path = _handled(motion, candidate.opening_m, tools)
     if issubclass(kind, PairPlace):
@@ -207,6 +207,6 @@ def _handled(motion: Motion, opening_m: float, tools: PlanningTools) -> tuple[Gr
 
 def tool_pose(point: Float64Array) -> Pose:
     """The pose of a tool (4,) that points down: x, y, z [m], yaw [rad]."""
-    # `geometry.downward`, written out: this is asked for every waypoint of every candidate.
+    # `geometry.downward`, inlined, because it is called for every waypoint of every candidate.
     half = 0.5 * point[3]
     return Pose(position_m=point[:3].copy(), wxyz=np.array([0.0, np.cos(half), np.sin(half), 0.0]))

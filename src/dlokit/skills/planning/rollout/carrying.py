@@ -1,4 +1,4 @@
-"""Pick-and-place and drag: one node goes to its place in the goal, or a little beside it."""
+"""Pick-and-place and drag: move one node to its position in the goal, or slightly beside it."""
 
 import numpy as np
 
@@ -12,11 +12,11 @@ _DRAG_LIFT_M = 0.004
 _SPEED_M_S = (0.1, 0.5)
 _OVERSHOOTS = (0.0, 0.12, 0.25)
 _AIM = 0.5  # fraction of a correction that is applied at once
-_FAR_M = 0.05  # an error as large as this is corrected with the whole spread
+_FAR_M = 0.05  # error from which the full spread is used
 
 
 class Carrying:
-    """Numbers: node, release beside the goal (x, y) [m], turn beyond the goal's tangent [rad], lift [m], bow, speed.
+    """Parameters: node, offset of the release (x, y) [m], turn beyond the goal's tangent [rad], lift [m], bow, speed.
 
     The bow is the distance of the path's middle from the straight line, as a fraction of its length. A drag keeps the
     rod on the table.
@@ -30,12 +30,12 @@ class Carrying:
 
     @property
     def spread(self) -> Float64Array:
-        """Spread of the numbers; smaller where the shape is near the goal already."""
+        """Spread of the parameters; smaller where the shape is already near the goal."""
         beside = 0.015 * self._scale
         return np.array([1.5, beside, beside, 0.25 * self._scale, 0.015, 0.1, 0.04])
 
     def first(self, count: int, rng: np.random.Generator) -> list[Float64Array]:
-        """Nodes all over the rod taken to their goals; then the same beyond them."""
+        """Nodes along the whole rod moved to their goals; then the same with an overshoot."""
         scene, path = self._scene, self._scene.tools.actions.path
         way = (scene.goal_world - scene.nodes_world)[:, :2]
         found = [
@@ -46,7 +46,7 @@ class Carrying:
         return found[:count]
 
     def aimed(self, numbers: Float64Array, nodes_world: Float64Array) -> Float64Array:
-        """The release shifted by what helps the node and its neighbours most, if they follow it as they usually do."""
+        """The release shifted by the displacement that best corrects the node and its neighbours."""
         scene = self._scene
         error = (scene.goal_world - nodes_world)[:, :2]
         corrected = numbers.copy()

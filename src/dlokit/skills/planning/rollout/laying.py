@@ -15,7 +15,7 @@ _USUAL = np.array([0.86, 1.0, 0.02, 0.0, 0.22])
 _SPREAD = np.array([0.06, 0.12, 0.015, 0.4, 0.04])
 _SHIFT_M = 0.004  # spread of the shifts
 _AIM = 0.7  # fraction of an error by which the path is shifted; more overshoots where the rod slides
-_INNER_NODES = 4  # where the end cannot be grasped, one of the next may be
+_INNER_NODES = 4  # nodes next to an end that may be grasped in its place
 _PLAIN = len(_USUAL)
 
 
@@ -25,7 +25,7 @@ class Laying:
     """
 
     def __init__(self, scene: PlanningScene, *, from_last: bool) -> None:
-        """The end that is held is the last node or the first."""
+        """Whether the held end is the last node or the first."""
         self.kind: type[Action] = LayDown
         self._scene, self._from_last = scene, from_last
         nodes = range(scene.count - 1, scene.count - 1 - _INNER_NODES, -1) if from_last else range(_INNER_NODES)
@@ -37,16 +37,16 @@ class Laying:
         return np.concatenate((0.5 * _SPREAD, np.full(2 * (_PIECES + 1), _SHIFT_M)))
 
     def first(self, count: int, rng: np.random.Generator) -> list[Float64Array]:
-        """The usual lay-down, and others around it, none of them shifted."""
+        """The default lay-down and variations of it, without shifts."""
         if self._hold is None:
             return []
         plain = [_USUAL, *(_USUAL + _SPREAD * rng.standard_normal((count - 1, _PLAIN)))]
         return [np.concatenate((numbers, np.zeros(2 * (_PIECES + 1)))) for numbers in plain]
 
     def aimed(self, numbers: Float64Array, nodes_world: Float64Array) -> Float64Array:
-        """The path shifted against the error of each node, where the tool was when the node was laid.
+        """The path shifted against the error of each node, at the tool position at which the node was laid.
 
-        `nodes_world` (M, 3) [m] is what became of the rod.
+        `nodes_world` (M, 3) [m] is the resulting shape.
         """
         error = (self._scene.goal_world - nodes_world)[:, :2]
         error = error if self._from_last else error[::-1]  # the far end is laid first
@@ -72,12 +72,12 @@ class Laying:
         tool[2:, :2] = self._along_goal(share, lead) + clean[_PLAIN:].reshape(-1, 2)
         tool[2:, 2] = first[2] + lift_m * (1.0 - share) ** exponent
         tool[2:, 3] = first[3] + turn * share
-        # Gently, so that the joints can follow and a hanging rod does not swing: the rollout knows of no joints.
+        # Low acceleration, so that the joints can follow and a hanging rod does not swing: the rollout has no joints.
         velocity = VelocityProfile(speed_m_s=speed, acceleration_m_s2=0.6, jerk_m_s3=6.0)
         return scene.candidate(self.kind, clean, hold, tool, velocity)
 
     def _along_goal(self, share: Float64Array, lead_m: float) -> Float64Array:
-        """Places of the tool (K, 2) [m]: the goal curve, from its far end on, led."""
+        """Positions of the tool (K, 2) [m]: the goal curve from its far end, with the lead."""
         assert self._hold is not None
         scene = self._scene
         goal = scene.goal_world[:, :2] if self._from_last else scene.goal_world[::-1, :2]

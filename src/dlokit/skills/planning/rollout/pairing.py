@@ -1,4 +1,4 @@
-"""Pairs of grasps: two arms take a node each to its place in the goal, at the same time."""
+"""Pairs of grasps: two arms each move a node to its position in the goal at the same time."""
 
 from dataclasses import replace
 
@@ -11,7 +11,7 @@ from dlokit.skills.planning.rollout.candidates import Candidate, NodeToGoal, Pla
 from dlokit.types.action import Action, PairPlace, VelocityProfile
 from dlokit.types.arrays import Float64Array
 
-_LEAST_BETWEEN_M = 0.16  # grippers side by side need as much room
+_LEAST_BETWEEN_M = 0.16  # distance that two grippers side by side need
 _LEAST_APART_M = 0.03  # of the arms, by their capsules
 _LIFT_M = (0.02, 0.2)
 _SPEED_M_S = (0.1, 0.4)
@@ -21,8 +21,8 @@ _AIM = 0.7
 
 
 class Pairing:
-    """Numbers: of both grasps the node, release beside the goal (x, y) [m] and turn beyond its tangent [rad]; then the
-    lift [m] and the speed of the tool with the longer way [m/s]."""
+    """Parameters: for both grasps the node, offset of the release (x, y) [m] and turn beyond the tangent [rad]; then
+    the lift [m] and the speed of the tool with the longer path [m/s]."""
 
     def __init__(self, scene: PlanningScene, second: SecondArm) -> None:
         self.kind: type[Action] = PairPlace
@@ -35,7 +35,7 @@ class Pairing:
         return np.array([*one, *one, 0.015, 0.04])
 
     def first(self, count: int, rng: np.random.Generator) -> list[Float64Array]:
-        """Nodes far apart, each taken to its place and beyond; then others around these."""
+        """Nodes far apart, each moved to its position and with an overshoot; then variations of these."""
         scene, path = self._scene, self._scene.tools.actions.path
         way = (scene.goal_world - scene.nodes_world)[:, :2]
         found: list[Float64Array] = []
@@ -50,7 +50,7 @@ class Pairing:
         return found[:count]
 
     def aimed(self, numbers: Float64Array, nodes_world: Float64Array) -> Float64Array:
-        """Both releases shifted by what helps the nodes and their neighbours most."""
+        """Both releases shifted by the displacements that best correct the nodes and their neighbours."""
         scene = self._scene
         error = (scene.goal_world - nodes_world)[:, :2]
         corrected = numbers.copy()
@@ -59,7 +59,7 @@ class Pairing:
         return corrected
 
     def make(self, numbers: Float64Array) -> Candidate | None:
-        """The candidate of these numbers, by the arms that do not cross; None when neither way round will do."""
+        """The candidate with these parameters and arms that do not cross; None when neither assignment is valid."""
         scene = self._scene
         nodes = [int(min(max(round(float(numbers[at])), 0), scene.count - 1)) for at in (0, 4)]
         if abs(nodes[0] - nodes[1]) * scene.length_m / (scene.count - 1) < _LEAST_BETWEEN_M:
@@ -79,7 +79,7 @@ class Pairing:
     def _by(
         self, own: tuple[NodeToGoal, Float64Array], other: tuple[NodeToGoal, Float64Array], numbers: Float64Array
     ) -> Candidate | None:
-        """The first arm takes `own`, the second `other`; None when they do not reach, or come too near one another."""
+        """The first arm moves `own`, the second `other`; None when they do not reach or come too near each other."""
         lift_m = min(max(float(numbers[8]), _LIFT_M[0]), _LIFT_M[1])
         first, second = self._tool(*own, lift_m, (0.0, 0.0)), self._tool(*other, lift_m, self._second.place_m)
         poses = [tool_pose(point) for point in first], [tool_pose(point) for point in second]

@@ -150,13 +150,13 @@ _SHOWN = 6  # reported candidates
 _TIMESTEP_S = 0.01  # of the planning rod
 _DOUBT = 1.4  # factor by which friction and stiffness may be other than the model's, at least
 _ASTRAY_M = 0.003  # by which the DLO may lie beside where it is seen
-_LEAST_SHARE = 0.25  # of the rollouts, that a live decision waits for though its time has passed
+_LEAST_SHARE = 0.25  # minimum fraction of the rollouts in a live decision, even after its time limit
 
 
 def doubtful_rods(sure: BeliefConfig) -> tuple[PlanningRod, ...]:
     """Alternative parameters of the DLO beside the model's, which have the probability `sure`.
 
-    Each pair of friction and stiffness, up and down, on either side of where it is seen.
+    All combinations of higher and lower friction and stiffness, with the shape displaced to either side.
     """
     friction_by, stiffness_by = (
         max(_DOUBT, math.exp(log_sd)) for log_sd in (sure.friction_log_sd, sure.stiffness_log_sd)
@@ -181,14 +181,14 @@ class Choice:
 
 @dataclass(frozen=True, kw_only=True)
 class Scoring:
-    """What candidates are compared by; less is better."""
+    """The score of candidates; smaller is better."""
 
     score: Callable[[RolloutResult, Sequence[type[Action]]], Float64Array]
-    """(R, C) [m] of what C motions of these kinds did to R rods."""
+    """Scores (R, C) [m] of the results of C motions of these kinds on R rods."""
     judge: Callable[[Float64Array], Float64Array]
     """(C,) [m] of that."""
     least_m: Callable[[type[Action]], float] = lambda kind: 0.0
-    """What no action of the kind can score below [m], however well it is aimed."""
+    """Lower bound on the score of any action of the kind [m]."""
 
 
 async def _tell_nobody(rollouts: int, best: Sequence[Choice]) -> None:
@@ -202,7 +202,7 @@ class SearchWatch:
     tell: Callable[[int, Sequence[Choice]], Awaitable[None]] = _tell_nobody
     """Called in every generation with the number of rollouts and the best choices."""
     stopwatch: Callable[[], float] | None = None
-    """The machine's time [s]; None: rollouts alone are counted."""
+    """The machine's time [s]; None: only rollouts are limited."""
 
 
 @dataclass
@@ -217,7 +217,7 @@ class _Pool:
 
 
 class Search:
-    """One decision: rollouts are spent generation by generation."""
+    """One decision: distributes the rollouts over generations."""
 
     def __init__(
         self,
@@ -229,7 +229,7 @@ class Search:
         watch: SearchWatch | None = None,
         threads: int = 0,
     ) -> None:
-        """`threads` play at once; 0: as many as there are cores. The result is the same."""
+        """Uses `threads` threads, 0: one per core. The result does not depend on it."""
         self._nodes, self._model, self._config = nodes_world, model, config
         self._scoring, self._compute = scoring, compute
         self._rods = doubtful_rods(model.belief)
@@ -242,8 +242,8 @@ class Search:
     async def run(self, families: Sequence[Family], rng: np.random.Generator) -> list[Choice]:
         """Choices, the best first.
 
-        The kind that can score best is played first; where time is short, one that cannot score as well as what was
-        found is not played, and its share of the rollouts is saved.
+        The kind with the lowest bound is simulated first; under a time limit, a kind whose bound is above the best
+        score so far is skipped, and its rollouts are saved.
         """
         config, least_m = self._config, self._scoring.least_m
         each = len(self._rods)
@@ -283,7 +283,7 @@ class Search:
         ]
 
     async def _try(self, pool: _Pool, numbers: Sequence[Float64Array], count: int) -> None:
-        """Play the first `count` of these numbers that make a candidate, or as many as time allows."""
+        """Simulate the first `count` of these parameters that give a candidate, or as many as time allows."""
         rest, left = iter(numbers), count
         # Candidates are made only when simulated: checking the arm's reach takes as long as a short rollout.
         while left > 0 and not self._timer.over:
@@ -294,7 +294,7 @@ class Search:
             left -= len(made)
 
     async def _play_once(self, pool: _Pool, made: Sequence[Candidate]) -> None:
-        """Play candidates on the rod that the model has."""
+        """Simulate candidates with the model's rod."""
         played = await self._play(made, (PlanningRod(),))
         for candidate, score, nodes in zip(
             made, self._scoring.score(played, [pool.family.kind] * len(made))[0], played.nodes_world[0], strict=True
@@ -302,14 +302,14 @@ class Search:
             pool.choices.append(Choice(candidate=candidate, score_m=float(score), nodes_world=nodes))
 
     async def _tell(self, pools: list[_Pool]) -> None:
-        """The best of each kind and node: all of one refined differ by less than anybody can see."""
+        """The best of each kind and node: refinements of one candidate differ too little to be distinguished."""
         best = dict[tuple[type[Action], int], Choice]()
         for choice in sorted((choice for pool in pools for choice in pool.choices), key=_score):
             best.setdefault((choice.candidate.kind, choice.candidate.motion.node), choice)
         await self._watch.tell(self.spent, tuple(best.values())[:_SHOWN])
 
     async def _finals(self, finalists: list[Choice]) -> list[Choice]:
-        """The finalists in the order of their score on every rod that the DLO may be; last those left out for time."""
+        """The finalists in the order of their score on all rods; those omitted for lack of time are last."""
         rods = self._rods
         if not finalists or not rods:
             return finalists
@@ -329,13 +329,13 @@ class Search:
 
 
 def _made(family: Family, numbers: Iterator[Float64Array], count: int) -> list[Candidate]:
-    """The next `count` candidates; fewer when the numbers are used up."""
+    """The next `count` candidates; fewer when the parameters are exhausted."""
     candidates = (candidate for candidate in map(family.make, numbers) if candidate is not None)
     return list(itertools.islice(candidates, count))
 
 
 def _mixed(pools: list[_Pool], count: int) -> tuple[list[Choice], list[Choice]]:
-    """The best `count` of all, no more than half from one pool where there are others, since siblings fail together;
+    """The best `count` of all, at most half from one pool if there are others, as similar candidates fail together;
     and the rest, the best first."""
     half = max(1, count // 2) if len(pools) > 1 else count
     seeded = [choice for pool in pools for choice in pool.best(half)]
@@ -350,7 +350,7 @@ def _score(choice: Choice) -> float:
 
 
 def _around(pool: _Pool, spread: Float64Array, count: int, rng: np.random.Generator) -> list[Float64Array]:
-    """Numbers of `count` children: the aim of each parent corrected; then the same with others around it."""
+    """Parameters of `count` children: each parent corrected; then variations of it."""
     parents = pool.best(_ELITE)
     aimed = [pool.family.aimed(parent.candidate.numbers, parent.nodes_world) for parent in parents]
     more = (rng.integers(len(aimed), size=max(0, count - len(aimed)))).tolist()

@@ -1,4 +1,4 @@
-"""The strategy `rollout`: play candidates through in the model, take the one that leaves least to be done."""
+"""The strategy `rollout`: simulates candidates and selects the one with the smallest remaining error."""
 
 from collections.abc import AsyncIterator, Sequence
 from dataclasses import dataclass, field
@@ -20,7 +20,7 @@ from dlokit.types.action import Action, Candidates, Marks, ScoredCandidate
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, GoalShape
 
-_SEED = 0  # of the candidates, with the stamp of the shape: the same question has the same answer
+_SEED = 0  # seed of the candidates, with the stamp of the shape: equal inputs give equal decisions
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,9 +38,9 @@ class RolloutConfig:
     lay_down: bool = True
     """Consider laying the whole rod down along the goal."""
     push: bool = False
-    """Consider pushing the rod sideways with closed fingers. Off, as where the rod goes then is less well predicted."""
+    """Consider pushing the rod sideways with closed fingers. Off, because a push is harder to predict."""
     pair: bool = True
-    """Consider pairs of grasps, where there are two arms."""
+    """Consider pairs of grasps, if there are two arms."""
 
     def build(self, tools: PlanningTools) -> ActionStrategy:
         """The strategy with these settings."""
@@ -59,7 +59,7 @@ class Rollout:
         self._misses = Misses(tools.model)
 
     async def propose(self, shape: DloState, goal: GoalShape, marks: Marks) -> AsyncIterator[Action]:
-        """Actions of any kind, the one that leaves least to be done first; each with its predicted shape."""
+        """Actions of all kinds, ordered by remaining error; each with its predicted shape."""
         config, tools = self._config, self._tools
         goal_world = goal_in_order(shape.nodes_world, goal.nodes_world, ends_interchangeable=goal.ends_interchangeable)
         marked = frozenset(int(node) for node in marks.invalid_nodes)
@@ -71,7 +71,7 @@ class Rollout:
             return remaining_m(played, miss_m, goal_world, tools.model.radius_m, tools.table)
 
         def least_m(kind: type[Action]) -> float:
-            # Of what is usual: one action that went wrong must not keep its whole kind from being tried.
+            # The usual error: one failed action must not exclude its whole kind.
             return least_remaining_m(usual_miss_m(kind, tools.model))
 
         async def tell(rollouts: int, best: Sequence[Choice]) -> None:
@@ -83,7 +83,7 @@ class Rollout:
         watch = SearchWatch(tell=tell, stopwatch=tools.stopwatch)
         scoring = Scoring(score=score, judge=cautious_m, least_m=least_m)
         search = Search(shape.nodes_world, tools.model, config.search, scoring, tools.compute, watch)
-        # Other candidates at another time: what did not do as predicted is not tried again in just the same way.
+        # Candidates depend on the stamp: an action that failed is not repeated unchanged.
         rng = np.random.default_rng([_SEED, shape.stamp_ns])
         for choice in await search.run(self._families(scene), rng):
             action = to_action(choice.candidate, shape.stamp_ns, choice.nodes_world, tools)

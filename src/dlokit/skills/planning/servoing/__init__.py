@@ -1,1 +1,1 @@
-"""Shape servoing: the error that is left while the DLO is held, reduced in closed loop."""
+"""Shape servoing: reduces the remaining error in closed loop while the DLO is held."""

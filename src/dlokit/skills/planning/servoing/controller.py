@@ -1,7 +1,7 @@
-"""The controller: one correction, or why control ends here (McConachie et al., IJRR 2020).
+"""The controller: computes one correction, or ends control with a reason (McConachie et al., IJRR 2020).
 
-Each word is given anew from what the camera sees: the Jacobian at the present shape, what earlier corrections did, and
-the correction that leaves least error after the release, played through before it is advised.
+Each call uses the latest observation: the Jacobian at the current shape, the effects of earlier corrections, and the
+correction with the smallest predicted error after the release, which is simulated first.
 
 A correction moves node i by d_i; the error left at it is e_i, seen with covariance P_i. Its gain in mean square is
 (1/M) Σ (2 e_i · d_i - |d_i|²), in which only the first term is seen. Neighbours err alike, so the standard deviations
@@ -30,22 +30,22 @@ from dlokit.types.dlo import DloState
 from dlokit.types.pose import Pose
 
 LEAST_GAIN_M = 0.001
-"""A correction that is expected to gain less than this RMSE [m] is not worth its time."""
+"""Smallest expected gain of a correction [m RMSE]."""
 DOUBTS = 1.0
-"""A correction gains more than so many standard deviations of what the shape's covariance lets it seem to gain."""
-_GOOD_SHARE = 0.5  # of the threshold: good enough, as what the camera sees behind the arm is not exact
-_WINDOW = 2  # corrections in a row that may go by without progress; then control is in a deadlock
+"""Smallest expected gain of a correction, in standard deviations of the gain by the shape's covariance."""
+_GOOD_SHARE = 0.5  # fraction of the threshold at which control ends: the view behind the arm is not exact
+_WINDOW = 2  # corrections without progress after which control is in a deadlock
 _SLACK_SHARE = 0.02  # relative slack of the DLO between two held nodes, so that a correction never stretches it
-_HIDDEN = 3.0  # times the standard deviation of a node that is seen, measured behind the hand
+_HIDDEN = 3.0  # factor on the standard deviation of a hidden node, measured behind the hand
 
 
 @dataclass(frozen=True, kw_only=True)
 class ServoConfig:
-    """When the DLO is seen well enough for corrections while it is held."""
+    """Required quality of the observation for corrections while the DLO is held."""
 
     sight_m: Positive = 0.003
-    """How exactly a held DLO is seen, where the observer does not say, and before it is held: standard deviation of
-    each node along each axis [m]. Larger: fewer corrections, of larger errors."""
+    """Accuracy of the observation of a held DLO, if the observer gives none: standard deviation of each node along
+    each axis [m]. Larger: fewer corrections, of larger errors."""
     least_health: Fraction = 0.9
     """Least health of the observation, 0 (lost) to 1, at which a correction is made. Larger: fewer corrections."""
 
@@ -65,12 +65,12 @@ class Gain:
     """Standard deviation of that [m²]."""
 
     def exceeds(self, doubts: float, least_m: float) -> bool:
-        """Whether it is `least_m` of RMSE [m] or more, and more than so many standard deviations."""
+        """Whether the gain is at least `least_m` (RMSE) [m], and significant."""
         return self.rmse_m >= least_m and self.square_m2 > doubts * self.doubt_m2
 
 
 def gain(error: Float64Array, by: Float64Array, covariance: Float64Array) -> Gain:
-    """The gain of moving nodes `by` (M, 2) [m] that are off by `error` (M, 2) [m], with `covariance` (M, 2, 2) [m²]."""
+    """Gain of moving nodes with `error` (M, 2) [m] and `covariance` (M, 2, 2) [m²] by `by` (M, 2) [m]."""
     before, after = _mean_square(error), _mean_square(error - by)
     variance = np.einsum("ni,nij,nj->n", by, covariance, by)
     return Gain(
@@ -81,7 +81,7 @@ def gain(error: Float64Array, by: Float64Array, covariance: Float64Array) -> Gai
 
 
 def usual(sd_m: float, visible: BoolArray) -> Float64Array:
-    """The covariance (M, 2, 2) [m²] of nodes that are seen to `sd_m` [m] along each axis, those not `visible` worse."""
+    """Covariance (M, 2, 2) [m²] of nodes with `sd_m` [m] along each axis, larger for nodes that are not `visible`."""
     return (np.where(visible, sd_m, _HIDDEN * sd_m) ** 2)[:, None, None] * np.eye(2)
 
 
@@ -89,12 +89,12 @@ def _mean_square(error: Float64Array) -> float:
     return float(np.mean(np.sum(error**2, axis=1)))
 
 
-_SHARES = (1.0, 0.5, 0.25)  # of the step: a rod that slips answers to less of it, or more
+_SHARES = (1.0, 0.5, 0.25)  # fractions of the step that are tried: the response of a slipping rod is nonlinear
 
 
 @dataclass(frozen=True, kw_only=True)
 class HeldRod:
-    """What is held, and what was done with it."""
+    """The held rod, its goal, and the corrections so far."""
 
     shape: DloState
     goal_world: Float64Array  # (M, 3) [m] in the order of the rod
@@ -175,7 +175,7 @@ def _no_progress(held: HeldRod, rmse_m: float) -> bool:
 
 
 def _overstretches(held: HeldRod, grip: Grip, by: Float64Array, model: BelievedDlo) -> bool:
-    """Whether the tool would come farther from another held node than the DLO between them is long."""
+    """Whether the tool would be farther from another held node than the length of DLO between them."""
     edge_m = model.length_m / (model.nodes - 1)
     there = grip.tool + by
     return any(

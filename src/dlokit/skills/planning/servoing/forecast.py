@@ -1,7 +1,7 @@
 """Predicts, before the arm moves, the error that servoing could remove from the result of an action.
 
-The action is played on rods that the DLO may be. Where each comes to lie, the grasp can mend some of what is left: what
-the Jacobian at the expected shape reaches. Control follows where that is more, on average, than a correction costs, and
+The action is simulated on several plausible rods. In each result the grasp can remove the part of the error that the
+Jacobian at the predicted shape reaches. Control follows if that exceeds, on average, the cost of a correction, and
 more than the eye could feign.
 """
 
@@ -14,7 +14,7 @@ from dlokit.skills.planning.servoing.jacobian import TIMESTEP_S, Grip, damped_st
 from dlokit.types.action import Action, ControlForecast, Push
 from dlokit.types.arrays import Float64Array
 
-_DOUBT = 1.4  # factor by which friction and stiffness of the DLO may be other than believed, up or down
+_DOUBT = 1.4  # uncertainty of friction and stiffness of the DLO, as a factor
 
 
 def foresee(
@@ -25,9 +25,9 @@ def foresee(
     missed_m: float,
     config: ServoConfig,
 ) -> ControlForecast:
-    """Whether control shall follow `action`, done to a rod at `nodes_world` (M, 3) [m] that is to lie at `goal_world`.
+    """Whether control should follow `action` on a rod at `nodes_world` (M, 3) [m] with the goal `goal_world`.
 
-    `missed_m` is what earlier actions missed their predictions by (RMS) [m]: doubts are taken to be no less.
+    `missed_m` is the prediction error of earlier actions (RMS) [m], a lower bound of the uncertainty.
     """
     if isinstance(action, Push) or action.partner is not None:
         return ControlForecast(follows=False, gain_m=0.0)

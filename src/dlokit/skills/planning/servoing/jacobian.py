@@ -16,18 +16,18 @@ from dlokit.types.arrays import Float64Array
 
 STILL = np.zeros(4)
 VELOCITY = VelocityProfile(speed_m_s=0.1, acceleration_m_s2=1.0, jerk_m_s3=10.0)
-"""How the tool moves on a correction: slowly, as the rod is dragged."""
+"""Velocity of the tool during a correction: slow, because the rod is dragged."""
 LARGEST_M = 0.03
-"""Longest correction [m]: the Jacobian holds near the present shape."""
+"""Longest correction [m]: the Jacobian is valid near the current shape."""
 LARGEST_RAD = 0.5
 """Largest turn of one correction [rad]."""
 TRUST = 0.5
-"""How much of what the last corrections did otherwise than predicted goes into the Jacobian, against the prediction;
+"""Largest part of the last corrections' prediction error that updates the Jacobian, relative to the prediction;
 more is cut off."""
 TIMESTEP_S = 0.005
 """Step of the planning rod [s]."""
-_PROBE_M = 0.008  # displacement of the tool that the Jacobian is taken with: enough to break friction
-_PROBE_RAD = 0.15  # turn of the tool that it is taken with
+_PROBE_M = 0.008  # displacement of the tool for finite differences: enough to overcome friction
+_PROBE_RAD = 0.15  # turn of the tool for finite differences
 _DAMPING_M = 0.003  # a direction that moves the nodes by less than this (RMS) per `_PROBE_M` is hardly used
 
 
@@ -45,7 +45,7 @@ def released(
     grip: Grip,
     displacements: Sequence[Float64Array],
 ) -> Float64Array:
-    """The shapes (C, M, 3) [m] in which a held rod (M, 3) would come to rest, let go after each displacement (4,)."""
+    """The shapes (C, M, 3) [m] of a held rod (M, 3) at rest, released after each displacement (4,)."""
     motions = tuple(
         Motion(node=grip.node, waypoints=np.stack((grip.tool, grip.tool + by)), velocity=VELOCITY)
         for by in displacements
@@ -54,7 +54,7 @@ def released(
 
 
 def probes() -> list[Float64Array]:
-    """The displacements that the Jacobian needs: none, then both ways along x, y and about z."""
+    """The displacements for the Jacobian: none, then in both directions along x, y and about z."""
     steps = np.diag([_PROBE_M, _PROBE_M, 0.0, _PROBE_RAD])
     return [STILL, *(sign * steps[axis] for axis in (0, 1, 3) for sign in (1.0, -1.0))]
 
@@ -69,19 +69,19 @@ def jacobian(shapes: Float64Array) -> Float64Array:
 
 
 def scaled(displacement: Float64Array) -> Float64Array:
-    """The numbers (3,) [m] that the Jacobian takes for a displacement (4,)."""
+    """The Jacobian's coordinates (3,) [m] of a displacement (4,)."""
     return np.array([displacement[0], displacement[1], displacement[3] * _PROBE_M / _PROBE_RAD])
 
 
 def unscaled(numbers: Float64Array) -> Float64Array:
-    """The displacement (4,) that numbers (3,) [m] stand for."""
+    """The displacement (4,) with the Jacobian's coordinates (3,) [m]."""
     return np.array([numbers[0], numbers[1], 0.0, numbers[2] * _PROBE_RAD / _PROBE_M])
 
 
 def corrected(model_jacobian: Float64Array, done: Sequence[Correction], now_world: Float64Array) -> Float64Array:
-    """The Jacobian (2 M, 3) with what earlier corrections did, seen by the camera, put in.
+    """The Jacobian (2 M, 3), updated with the observed effects of earlier corrections.
 
-    `now_world` (M, 3) [m] is the shape expected if the DLO were let go now. After a correction u that was to change
+    `now_world` (M, 3) [m] is the predicted shape if the DLO were released now. After a correction u that was to change
     the shape by p and changed it by q, the update is (q - p) uᵀ / uᵀu; of q - p no more than `TRUST` of p counts.
     """
     matrix = model_jacobian.copy()

@@ -1,1 +1,1 @@
-"""Whether a start or goal can be worked with, and the nearest shape that can."""
+"""Verdicts on start and goal shapes, and the nearest feasible shape."""

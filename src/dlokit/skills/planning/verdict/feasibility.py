@@ -1,4 +1,4 @@
-"""Whether a start or goal shape can be worked with: named findings that say what is wrong and where."""
+"""Checks of start and goal shapes: named findings with the cause and the place."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -21,11 +21,11 @@ Crossing = tuple[int, int]
 
 
 def parting_rmse_m(nodes_world: Float64Array, crossings: list[Crossing], radius_m: float) -> float:
-    """About the least RMSE [m] by which a rod (M, 3) [m] must move to lie clear of itself.
+    """Approximate smallest RMSE [m] between a rod (M, 3) [m] and a shape that does not cross itself.
 
-    Two strands that cross once part when the tail beyond is drawn back over the other strand, or that over the tail's
-    end; two that cross twice when what lies between is pushed back. Either may move half of the way. The crossing that
-    costs most counts; strands that only touch part by their radii.
+    Two strands that cross once are separated by drawing the tail back over the other strand, or that strand over the
+    tail's end; two that cross twice by pushing the part between back. Either may move half of the distance. The most
+    expensive crossing counts; strands that only touch are separated by their radii.
     """
     count = len(nodes_world)
     points = nodes_world[:, :2]
@@ -34,14 +34,14 @@ def parting_rmse_m(nodes_world: Float64Array, crossings: list[Crossing], radius_
 
 
 def _tail(points: Float64Array, crossing: Crossing) -> float:
-    """Sum of squares [m²] of the shorter tail's way back over the strand that it crosses."""
+    """Sum of squares [m²] of the shorter tail's distances to the strand that it crosses."""
     first, second = crossing
     middle = (first + second) // 2 + 1
     return min(_sum(points[: first + 1], points[middle:]), _sum(points[second + 1 :], points[:middle]))
 
 
 def _between(points: Float64Array, one: Crossing, other: Crossing) -> float:
-    """The same of what lies between two crossings of the same two strands; infinite where there are not two."""
+    """The same for the part between two crossings of the same two strands; infinite if there is only one crossing."""
     (a, c), (b, d) = sorted((one, other))
     if one == other or b >= min(c, d):
         return np.inf
@@ -67,9 +67,9 @@ def _touching(points: Float64Array, radius_m: float) -> float:
 VIEW_MARGIN_PX = 4.0
 """A node must be this far inside the picture [px]."""
 HANDLED_FROM_M = 0.05
-"""A node of a goal that cannot be grasped is no harm when one this near along the rod can be [m]."""
+"""A goal node that cannot be grasped is accepted when a node within this arc length can be grasped [m]."""
 
-_FINER = 4  # points a node spacing at which strands are measured against each other
+_FINER = 4  # points per node spacing for distances between strands
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ class Workplace:
 
 
 def check_start(nodes_world: Float64Array, place: Workplace) -> Verdict:
-    """Whether a rod lying as `nodes_world` (M, 3) [m] can be shaped at all."""
+    """Findings about a rod at `nodes_world` (M, 3) [m] that prevent any shaping."""
     found = _on_table(nodes_world, place.config), _in_reach(nodes_world, place, handled_from_m=0.0)
     seen = _in_view(nodes_world, place.calibration)
     return Verdict(findings=_those(*found, seen, _crossing(nodes_world)))
@@ -101,7 +101,7 @@ def out_of_bounds(nodes_world: Float64Array, place: Workplace) -> tuple[Finding,
 
 
 def is_inside(nodes_world: Float64Array, place: Workplace) -> bool:
-    """Whether `out_of_bounds` finds nothing for (K, 3) [m]; stops at the first, and looks at the cheap ones first."""
+    """Whether `out_of_bounds` finds nothing for (K, 3) [m]; stops at the first finding, cheap checks first."""
     return not (
         _on_table(nodes_world, place.config)
         or _in_view(nodes_world, place.calibration)
@@ -110,18 +110,18 @@ def is_inside(nodes_world: Float64Array, place: Workplace) -> bool:
 
 
 def overlaps(nodes_world: Float64Array, radius_m: float) -> tuple[Finding, ...]:
-    """Where a rod (M, 3) [m] of `radius_m` would lie across or upon itself."""
+    """Findings where a rod (M, 3) [m] of `radius_m` crosses or touches itself."""
     crossing = _crossing(nodes_world)
     return _those(crossing if crossing is not None else _touches_itself(nodes_world, radius_m))
 
 
 def bends(nodes_world: Float64Array, config: FeasibilityConfig) -> tuple[Finding, ...]:
-    """Where a goal (M, 3) [m] bends more tightly than the DLO may be bent."""
+    """Findings where a goal (M, 3) [m] bends more tightly than allowed."""
     return _those(_bend(nodes_world, config))
 
 
 def misfits(nodes_world: Float64Array, length_m: float) -> tuple[Finding, ...]:
-    """By how much a goal (M, 3) [m] is longer or shorter than a rod of `length_m`."""
+    """Finding if a goal (M, 3) [m] is longer or shorter than a rod of `length_m`."""
     excess_m = float(geometry.arc_lengths(nodes_world)[-1]) - length_m
     allowed_m = LENGTH_TOLERANCE * length_m
     if abs(excess_m) <= allowed_m:
@@ -140,7 +140,7 @@ def misfits(nodes_world: Float64Array, length_m: float) -> tuple[Finding, ...]:
 
 
 def crowded(nodes_world: Float64Array, place: Workplace) -> tuple[Finding, ...]:
-    """Where a rod (M, 3) [m] lies so close to itself that the fingers could neither grasp nor release it."""
+    """Findings where a rod (M, 3) [m] is too close to itself for the fingers."""
     fits = [
         fitting_opening_m(nodes_world, rod_point(nodes_world, share), place.dlo.radius_m) is not None
         for share in np.linspace(0.0, 1.0, len(nodes_world))
@@ -176,7 +176,7 @@ def _farthest_from(nodes_world: Float64Array, good: BoolArray) -> tuple[int, flo
 
 
 def place_of(nodes_world: Float64Array, node: int) -> str:
-    """Which node of (M, 3) [m], and where it is, for people."""
+    """A node of (M, 3) [m] and its position, as text."""
     x, y = nodes_world[node, :2]
     return f"node {node} at ({x:.3f}, {y:.3f}) m"
 
@@ -200,7 +200,7 @@ def _on_table(nodes_world: Float64Array, config: FeasibilityConfig) -> Finding |
 
 
 def _in_reach(nodes_world: Float64Array, place: Workplace, *, handled_from_m: float) -> Finding | None:
-    """A node out of reach is no harm when one that is `handled_from_m` along the rod can be grasped instead."""
+    """A node out of reach is accepted when a node within the arc length `handled_from_m` can be grasped."""
     last = len(nodes_world) - 1
     reached = np.array([_can_grasp(nodes_world, node / last, place) for node in range(last + 1)])
     node, gap_m = _farthest_from(nodes_world, reached)
@@ -221,7 +221,7 @@ def _in_reach(nodes_world: Float64Array, place: Workplace, *, handled_from_m: fl
 def _can_grasp(nodes_world: Float64Array, share: float, place: Workplace) -> bool:
     point = rod_point(nodes_world, share)
     yaw = grasp_yaw(point, 0.0)
-    # A grasp may take the rod from either side; one that the arm reaches is enough.
+    # The gripper may have either of two yaws; one within the arm's reach is enough.
     return any(place.reachable(grasp_pose(point, yaw + turn, place.grasp.height_m)) for turn in (0.0, np.pi, -np.pi))
 
 

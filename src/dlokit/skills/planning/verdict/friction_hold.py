@@ -49,11 +49,11 @@ class Plausible:
     elastic_factor: float
     """Its EI / (μ w) over the believed one."""
     yield_curvature_1_m: float
-    """Curvature beyond which it keeps a bend [1/m]; infinite: it always springs back."""
+    """Yield curvature [1/m]; infinite: elastic."""
 
     @property
     def quick(self) -> PlanningRod:
-        """The same against the model: half of it stiffness, half friction."""
+        """The same relative to the model: half of it stiffness, half friction."""
         share = math.sqrt(self.elastic_factor)
         return PlanningRod(
             stiffness_share=share, friction_share=1.0 / share, yield_curvature_1_m=self.yield_curvature_1_m
@@ -63,9 +63,9 @@ class Plausible:
 def try_goal(
     model: BelievedDlo, belief: DloBelief, goal_world: Float64Array, threshold_m: float, config: FeasibilityConfig
 ) -> HoldVerdict:
-    """Release the rod in a goal (M, 3) [m], and where that does not hold look for the nearest shape that does.
+    """Release the rod in a goal (M, 3) [m]; if it does not hold, search for the nearest shape that does.
 
-    `model` is the rod of `belief`: the one that actions are planned with.
+    `model` is the rod of `belief`, with which actions are planned.
     """
     may_be, allowed_m = plausible(belief), config.hold_share * threshold_m
     releases = tuple(release(model, goal_world, one) for one in may_be)
@@ -79,16 +79,16 @@ def try_goal(
 
 
 def attainable_rmse_m(belief: DloBelief, goal_world: Float64Array, config: FeasibilityConfig) -> float:
-    """How near to a goal (M, 3) [m] some shape holds that bends no tighter than allowed, at best [m]."""
+    """Smallest RMSE [m] between a goal (M, 3) [m] and a shape that holds and bends no tighter than allowed."""
     softest = min(one.elastic_factor for one in plausible(belief)) * belief.elastic_m3.value
-    # What keeps a bend can be bent further and comes back to any shape: friction need not hold it.
+    # A plastic DLO can be overbent and springs back to any shape: friction need not hold it.
     springs_back = belief.yield_curvature_1_m is None and belief.takes_set <= SET_DOUBT
     elastic_m3 = softest if springs_back else 0.0
     return nearest_static(goal_world, elastic_m3, min_radius_m=config.min_bend_radius_m).rmse_m
 
 
 def plausible(belief: DloBelief) -> tuple[Plausible, ...]:
-    """The rods that the DLO may be: as believed first, then stiffest, softest, and between."""
+    """The rods of the trials: with the assumed parameters first, then stiffest, softest, and between."""
     return tuple(
         Plausible(
             elastic_factor=math.exp(share * _DOUBT_SDS * belief.elastic_m3.log_sd),
@@ -99,7 +99,7 @@ def plausible(belief: DloBelief) -> tuple[Plausible, ...]:
 
 
 def release(model: BelievedDlo, goal_world: Float64Array, rod: Plausible) -> Release:
-    """Lay the rod down as a goal (M, 3) [m], let go, and measure how far it springs back."""
+    """Place the rod in a goal (M, 3) [m], release it, and measure how far it springs back."""
     nodes = settle(model, goal_world, rod.quick)
     moved_m = np.linalg.norm(nodes - goal_world, axis=1)
     node = int(moved_m.argmax())
@@ -117,7 +117,7 @@ def _nearest(
 ) -> Float64Array | None:
     """The nearest shape found (M, 3) [m] that holds for all assumed parameters.
 
-    It is sought for the stiffest rod with ever less of the friction, for a rod rolls more easily than it slides.
+    The search uses the stiffest rod with decreasing friction, because a rod rolls more easily than it slides.
     """
     may_be = plausible(belief)
     stiffest = max(may_be, key=lambda one: one.elastic_factor)
@@ -129,7 +129,7 @@ def _nearest(
             min_radius_m=config.min_bend_radius_m,
             yield_curvature_1_m=stiffest.yield_curvature_1_m,
         )
-        # The worst comes first: mostly it decides alone.
+        # The worst case comes first, because it usually decides.
         if all(release(model, held.nodes_world, one).rmse_m <= allowed_m for one in (stiffest, *may_be)):
             return held.nodes_world
     return None

@@ -24,7 +24,7 @@ from dlokit.types.dlo import GoalShape
 from dlokit.types.feasibility import Finding, GoalVerdict, Problem, Standing
 
 TryGoal = Callable[[Float64Array], Awaitable[HoldVerdict]]
-"""Releases the rod in a goal (M, 3) [m]; costs what a few seconds of physics cost."""
+"""Releases the rod in a goal (M, 3) [m]; costs as much as a few simulated seconds."""
 
 HOPELESS_FACTOR = 1.1
 """A goal is infeasible when even at best no shape within this many thresholds of it holds: more than 1, as the
@@ -34,7 +34,7 @@ shape that is looked for is a local optimum."""
 async def judge(goal: GoalShape, threshold_m: float, *, place: Workplace, try_goal: TryGoal) -> GoalVerdict:
     """Judge a goal for the DLO of `place`, to be met to an RMSE of `threshold_m` [m].
 
-    It holds when nothing stands against it. It is infeasible when no shape within the threshold would do, even if the
+    It holds when there is no finding. It is infeasible when no shape within the threshold would do, even if the
     rod is as soft and the table as rough as may be; else it is doubtful. A goal across itself is tried as if strands
     could pass: what counts is whether an open shape is near.
     """
