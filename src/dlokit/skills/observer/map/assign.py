@@ -83,7 +83,7 @@ def nearest_segment(points: Float64Array, nodes: Float64Array) -> Int64Array:
 
 
 def assign(points: Float64Array, nodes: Float64Array, around: Int64Array, first: Int64Array, window: int) -> Assignment:
-    """The nearest position on the chain of each point, searched from `around` (N,), not beyond `window` of `first` (N,).
+    """The nearest position on the chain of each point, searched from `around` (N,), within `window` of `first` (N,).
 
     The window is in segments, so in arc length: where the rod crosses itself, a point does not jump to the
     other strand however near that comes.
