@@ -54,9 +54,9 @@ class RunConfig:
     """Move the middle of the goal to this place on the table, x and y [m]; e.g. 0.52 0 for a file whose curves lie
     elsewhere. Without it a goal stays where it is."""
     fit_length: bool = False
-    """Scale a goal or start that has not the rope's length; without it that is refused."""
+    """Scale a goal or start to the rope's length; without it, a shape of another length is rejected."""
     ends_interchangeable: bool = False
-    """Whether the rod lying the other way round is as good."""
+    """Accept the goal with its ends exchanged."""
     task: TaskConfig = field(default_factory=TaskConfig)
     """When a task ends, and what it does beside carrying the DLO."""
     cell: CellConfig = field(default_factory=CellConfig)
