@@ -1,0 +1,75 @@
+"""What a user installs: the source distribution, the wheel made of it, and the wheel in an empty environment."""
+
+import subprocess
+import sys
+import tarfile
+import venv
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+SOURCES = {
+    str(path.relative_to(ROOT / "src"))
+    for path in (ROOT / "src").rglob("*")
+    if path.is_file() and "__pycache__" not in path.parts
+}
+
+TRACK = """
+import numpy as np
+import dlokit
+
+s = np.linspace(0.0, 0.5, 500)
+cloud = np.column_stack([0.4 + 0.0 * s, s - 0.25, np.full(500, 0.005)])
+nodes = dlokit.Tracker(length_m=0.5, radius_m=0.004).update(cloud, stamp_ns=0)
+assert nodes.health > 0.5, nodes.health
+"""
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The wheel that is built from the source distribution, not from the working tree."""
+    folder = tmp_path_factory.mktemp("dist")
+    run(sys.executable, "-m", "hatchling", "build", "-t", "sdist", "-d", str(folder), cwd=ROOT)
+    (source,) = folder.glob("dlokit-*.tar.gz")
+    with tarfile.open(source) as archive:
+        archive.extractall(folder, filter="data")
+    tree = folder / source.name.removesuffix(".tar.gz")
+    run(sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder), cwd=tree)
+    (wheel,) = folder.glob("dlokit-*.whl")
+    assert version_of(wheel) == source.name.removeprefix("dlokit-").removesuffix(".tar.gz")
+    return wheel
+
+
+def test_the_wheel_has_all_sources_and_the_licence_and_no_tests(wheel: Path) -> None:
+    names = set(zipfile.ZipFile(wheel).namelist())
+    packed = {name for name in names if name.startswith("dlokit/")}
+    assert packed == SOURCES
+    metadata = f"dlokit-{version_of(wheel)}.dist-info"
+    assert f"{metadata}/licenses/LICENSE" in names
+    assert {name.split("/")[0] for name in names} == {"dlokit", metadata}
+
+
+@pytest.mark.long
+def test_the_wheel_works_in_an_empty_environment(wheel: Path, tmp_path: Path) -> None:
+    venv.create(tmp_path / "env", with_pip=True)
+    python = str(tmp_path / "env" / "bin" / "python")
+    run(python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", str(wheel), cwd=tmp_path)
+    command = str(tmp_path / "env" / "bin" / "dlokit")
+    assert run(command, "--version", cwd=tmp_path).split() == ["dlokit", version_of(wheel)]
+    assert "decision" in run(command, "skills", cwd=tmp_path)
+    run(python, "-c", TRACK, cwd=tmp_path)
+    run(command, "shape", "--headless", "--goal", "S", "--max-actions", "1", "--out", "run", cwd=tmp_path, codes=(0, 3))
+    assert (tmp_path / "run" / "report.html").is_file()
+
+
+def version_of(wheel: Path) -> str:
+    return wheel.name.split("-")[1]
+
+
+def run(*command: str, cwd: Path, codes: tuple[int, ...] = (0,)) -> str:
+    """Run a command in a folder; returns what it printed."""
+    done = subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=1200)
+    assert done.returncode in codes, done.stdout + done.stderr
+    return done.stdout
