@@ -72,7 +72,7 @@ def test_an_interrupted_sweep_names_the_command_that_continues_it(tmp_path: Path
         sweep.send_signal(signal.SIGINT)
         said, _ = sweep.communicate(timeout=LIMIT_S)
     assert sweep.returncode == 130, said
-    assert f"--out {folder} goes on" in " ".join(said.split())
+    assert f"--out {folder} continues" in " ".join(said.split())
     first = next(folder.glob(f"I-to-S-*/{SHAPES_FILE}")).stat().st_mtime_ns
     assert not list(folder.glob(f"S-to-I-*/{SHAPES_FILE}"))
 

@@ -13,7 +13,7 @@ from dlokit.communication.strategies import StrategyKind
 from dlokit.system.toml_config import KIND, from_toml, to_toml
 from dlokit.testing.checks import Check
 
-NOBODYS_GROUP = "dlokit.testing"
+NO_ENTRY_POINTS = "dlokit.testing"
 """A group without entry points, so that a strategy is checked before it is installed."""
 
 
@@ -26,7 +26,7 @@ def settings_checks(purpose: str, taken: dict[str, type[Any]]) -> tuple[Check[ty
             yield f"the name {config.name!r} is taken by {owner.__module__}:{owner.__qualname__}"
 
     def travels(config: type[Any]) -> Iterator[str]:
-        kind: StrategyKind[Any] = StrategyKind(purpose, NOBODYS_GROUP, (config,))
+        kind: StrategyKind[Any] = StrategyKind(purpose, NO_ENTRY_POINTS, (config,))
         settings = config()
         if kind.from_spec(kind.to_spec(settings)) != settings:
             yield "settings that were sent are not those that arrive"
