@@ -1,6 +1,6 @@
-"""The rod as the system believes it to be: its figures, and how sure they are.
+"""The DLO as the system assumes it: its physical parameters and their uncertainty.
 
-They are deliberately not those of the simulated cell: in a lab nobody knows the DLO exactly either.
+They deliberately differ from those of the simulated cell: in a lab the exact parameters are unknown, too.
 """
 
 import math
@@ -14,28 +14,28 @@ from dlokit.ranges import Fraction, NotNegative, Positive, check_ranges
 from dlokit.types.dlo import DloBelief, LogNormal
 
 POISSON = 0.3
-"""Poisson's ratio taken for any DLO: it sets the stiffness against twist, which no picture shows."""
+"""Poisson's ratio assumed for every DLO: it sets the torsional stiffness, which no picture shows."""
 DAMPING_S = 0.05
-"""Viscous bending moment of any DLO, as a fraction of the elastic one [s]: a resting DLO does not reveal it."""
+"""Damping assumed for every DLO: ratio of viscous to elastic bending moment [s]; a resting DLO does not show it."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class BeliefConfig:
-    """How sure the figures of the model are: standard deviations of their logarithms, 0.1 is about 10 %."""
+    """Uncertainty of the model's parameters: standard deviations of their logarithms, 0.1 is about 10 %."""
 
     length_log_sd: NotNegative = 0.01
-    """Of the length. Larger: it is less sure."""
+    """Uncertainty of the length. Larger: less certain."""
     radius_log_sd: NotNegative = 0.05
-    """Of the radius. Larger: it is less sure."""
+    """Uncertainty of the radius. Larger: less certain."""
     stiffness_log_sd: NotNegative = 0.35
-    """Of the bending stiffness. Larger: goals are judged, and finalists tried, for softer and stiffer DLOs."""
+    """Uncertainty of the bending stiffness. Larger: goals and finalists are tested with softer and stiffer DLOs."""
     weight_log_sd: NotNegative = 0.15
-    """Of the mass per length. Larger: more goals are doubted."""
+    """Uncertainty of the mass per length. Larger: more goals are judged doubtful."""
     friction_log_sd: NotNegative = 0.25
-    """Of the friction. Larger: goals are judged, and finalists tried, for smoother and rougher tables."""
+    """Uncertainty of the friction. Larger: goals and finalists are tested with smoother and rougher tables."""
     takes_set: Fraction = 0.2
     """Probability, 0 to 1, that the DLO is plastic when no yield curvature is configured. Above 0.05 no goal is
-    called infeasible for springing back; say 0 of a DLO that is known to spring back always."""
+    called infeasible for springing back; set 0 for a DLO that is known to be elastic."""
 
     def __post_init__(self) -> None:
         check_ranges(self, "model.belief")
@@ -43,10 +43,10 @@ class BeliefConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class BelievedDlo:
-    """The DLO as the system believes it to be: the one description that every component gets."""
+    """The DLO as the system assumes it: the one description that all components use."""
 
     nodes: Annotated[int, Meta(ge=3)] = 31
-    """Number of nodes M; the paper splits its DLO in 30 segments. Larger: finer shapes, more computation."""
+    """Number of nodes M; the paper divides its DLO into 30 segments. Larger: finer shapes, more computation."""
     length_m: Positive = 0.5
     """Length of the DLO [m]."""
     radius_m: Positive = 0.004
@@ -58,17 +58,17 @@ class BelievedDlo:
     friction: Positive = 0.6
     """Sliding friction coefficient between the DLO and the table. Larger: tighter bends hold."""
     yield_curvature_1_m: Positive | None = None
-    """Curvature beyond which the DLO keeps a bend [1/m], 1 for a copper wire; without it the DLO is taken to spring
-    back always, but for the chance in `--model.belief.takes-set`."""
+    """Curvature beyond which the DLO keeps a bend [1/m], 1 for a copper wire; without it the DLO is assumed to spring
+    back always, except with the probability in `--model.belief.takes-set`."""
     belief: BeliefConfig = field(default_factory=BeliefConfig)
-    """How sure these figures are."""
+    """Uncertainty of these parameters."""
 
     def __post_init__(self) -> None:
         check_ranges(self, "model")
 
 
 def as_configured(config: BelievedDlo, stamp_ns: int) -> DloBelief:
-    """The belief before anything was learnt."""
+    """The belief before the first action: the configured parameters."""
     sure = config.belief
     weight_n_m = GRAVITY_M_S2 * config.mass_kg_m
     return DloBelief(
@@ -88,7 +88,7 @@ def as_configured(config: BelievedDlo, stamp_ns: int) -> DloBelief:
 
 
 def with_belief(config: BelievedDlo, belief: DloBelief) -> BelievedDlo:
-    """The model with all that is believed of the DLO: the figures, and how sure they are."""
+    """The model with the parameters and the uncertainty of a belief."""
     return replace(
         config,
         length_m=belief.length_m.value,

@@ -1,8 +1,8 @@
 """A DLO in MuJoCo as a chain: stiff capsules on ball joints with bending stiffness, damping and yield.
 
-Unlike the discrete elastic rod in `rod`, it takes a set: a joint that is bent beyond its yield angle keeps the rest
-(ideal elastoplasticity; MuJoCo's ``springyield``). A joint's stiffness is ``EI / ds`` about every axis, so that it
-twists as stiffly as it bends; its damping is the same share of it as in the rod. Links cannot stretch. The root is
+Unlike the discrete elastic rod in `rod`, it takes a set: a joint that is bent beyond its yield angle keeps the
+excess (ideal elastoplasticity; MuJoCo's ``springyield``). A joint's stiffness is ``EI / ds`` about every axis, also in
+torsion; its damping is the same fraction of the stiffness as in the rod. Links cannot stretch. The root is
 in the middle: two short branches cost half of one long one. Add it to a model with `rod.set_rod_physics`.
 """
 
@@ -22,11 +22,11 @@ from dlokit.rod.elastic import check_spacing
 from dlokit.types.arrays import Float64Array, Int64Array
 
 _HIDDEN_GROUP = 3
-_PREFIX = "chain/"  # of the names of its parts
+_PREFIX = "chain/"  # prefix of the names of its parts
 
 
 def add_chain(spec: Any, preset: DloPreset, nodes: int) -> None:
-    """Add a straight chain of `nodes` nodes, one link fewer, to `spec` (MjSpec), its middle link at the origin.
+    """Add a straight chain of `nodes` nodes and `nodes` - 1 links to `spec` (MjSpec), its middle link at the origin.
 
     Its bodies are ``chain/link_0`` and following. Raises ConfigError when the nodes lie too close together.
     """
@@ -62,7 +62,7 @@ def _add_joint(body: Any, preset: DloPreset, link_m: float, index: int) -> None:
 def _add_link(
     body: Any, preset: DloPreset, links: int, *, ends_m: tuple[float, float], feet_m: Sequence[float]
 ) -> None:
-    """Give a link its capsule between two ends [m], and invisible feet that touch the table."""
+    """Add to a link its capsule between two ends [m], and invisible feet that touch the table."""
     friction = [preset.friction, ROLLING_M, ROLLING_M]
     capsule = body.add_geom(type=mujoco.mjtGeom.mjGEOM_CAPSULE, fromto=[ends_m[0], 0.0, 0.0, ends_m[1], 0.0, 0.0])
     capsule.size = [preset.radius_m, 0.0, 0.0]
@@ -70,8 +70,9 @@ def _add_link(
     capsule.rgba = [*preset.color_rgb, 1.0]
     capsule.contype, capsule.conaffinity = LINK_BIT, LINK_BIT | ROBOT_BIT
     feet = [
-        # A capsule has two contacts with a plane, and two links meet at a node: contacts that share a load in many
-        # ways come to rest late and cost the solver ten times its time. A sphere at each node touches as well.
+        # A capsule has two contacts with a plane, and two links meet at a node: a load that many contacts can share
+        # in different ways takes long to settle and costs the solver ten times the time. A sphere at each node touches
+        # as well.
         body.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, pos=[foot_m, 0.0, 0.0], size=[preset.radius_m, 0.0, 0.0])
         for foot_m in feet_m
     ]
@@ -85,10 +86,10 @@ def _add_link(
 
 
 class Chain:
-    """A chain in a compiled model: where its nodes are, and how to lay it down."""
+    """A chain in a compiled model: reads its nodes and places it."""
 
     def __init__(self, model: Any, data: Any, curl_1_m: float) -> None:
-        """Take over the chain and give it its intrinsic curl about the vertical [1/m]."""
+        """Find the chain in `model` and set its intrinsic curvature about the vertical [1/m]."""
         self._model, self._data = model, data
         self._links = _bodies(model)  # (L,)
         self._root = len(self._links) // 2
@@ -117,10 +118,10 @@ class Chain:
         self._model.geom_friction[self._feet, 0] = friction
 
     def place(self, nodes_world: ArrayLike) -> None:
-        """Bend the chain, relaxed before, along `nodes_world` (L + 1, 3) [m], at rest and without twist.
+        """Bend the chain, first relaxed, along `nodes_world` (L + 1, 3) [m], at rest and without twist.
 
-        Links keep their length, so that nodes away from the middle come to lie where the links reach. Call
-        mj_forward before derived quantities are read.
+        Links keep their length, so nodes away from the middle can deviate from `nodes_world`. Call mj_forward before
+        reading derived quantities.
         """
         nodes = np.asarray(nodes_world, dtype=np.float64)
         count = len(self._links) + 1
@@ -157,9 +158,9 @@ class Chain:
 
 
 def link_frames(nodes_world: Float64Array) -> Rotation:
-    """Frames (L) of the links between nodes (L + 1, 3) [m]: x along the link, carried on without twist.
+    """Frames (L) of the links between nodes (L + 1, 3) [m]: x along the link, without twist from link to link.
 
-    The first one's z points up as far as it can, so that curves on a table have it up everywhere.
+    The z axis of the first frame points as far up as possible, so on a table all z axes point up.
     """
     along = np.diff(nodes_world, axis=0)
     along /= np.linalg.norm(along, axis=1, keepdims=True)

@@ -1,7 +1,7 @@
 """A DLO in MuJoCo: a 1D flex, which is a discrete elastic rod (Bergou et al., SIGGRAPH 2008).
 
-Every node is a body with three slides, every edge a hinge that twists. The rod bends and twists by
-elasticity; edge equalities keep its length. The model it is added to must use the ``discrete`` integrator.
+Every node is a body with three slide joints, every edge has a hinge for twist. Bending and torsion are
+elastic; edge equalities keep the length. The model it is added to must use the ``discrete`` integrator.
 """
 
 from collections.abc import Iterable
@@ -17,11 +17,11 @@ from dlokit.errors import ConfigError
 from dlokit.types.arrays import Float64Array, Int64Array
 
 IMPRATIO = 100.0
-"""Ratio of frictional to normal impedance; with elliptic cones, what keeps a bent rod from sliding for ever."""
+"""Ratio of frictional to normal impedance; with elliptic cones, it keeps a bent rod from creeping."""
 
 
 def set_rod_physics(spec: Any, timestep_s: float) -> None:
-    """Set the options of `spec` (MjSpec) under which a rod is stable and its friction holds."""
+    """Set the options of `spec` (MjSpec) that keep a rod stable and prevent creep under friction."""
     spec.option.timestep = timestep_s
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_DISCRETE
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
@@ -60,13 +60,13 @@ def rod_bodies(model: Any) -> Int64Array:
 
 
 def rod_nodes(model: Any, data: Any) -> Float64Array:
-    """Where the nodes of the rod are now, (M, 3) [m], in the world frame."""
+    """Current nodes of the rod (M, 3) [m], in the world frame."""
     bodies = rod_bodies(model)
     return np.asarray(data.qpos[_slide_addresses(model, bodies)] + model.body_pos[bodies], dtype=np.float64)
 
 
 def set_rod_friction(model: Any, friction: float) -> None:
-    """Set the coefficient of sliding friction of the rod, everywhere alike."""
+    """Set the coefficient of sliding friction of the whole rod."""
     model.flex_friction[_flex(model), 0] = friction
 
 
@@ -99,7 +99,7 @@ def _slide_addresses(model: Any, bodies: Int64Array) -> NDArray[np.int64]:
 
 
 def _flex(model: Any) -> int:
-    """Id of the rod's flex; below 0 where there is none."""
+    """Id of the rod's flex; negative if there is none."""
     return int(mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_FLEX, "rod/flex"))
 
 
@@ -125,7 +125,7 @@ def _mjcf(preset: DloPreset, nodes: int) -> str:
 
 
 def _vertices(preset: DloPreset, nodes: int) -> str:
-    """The rod's shape without load: straight along x, or with its curl, in the xy plane."""
+    """The rod's unloaded shape: straight along x, or curved, in the xy plane."""
     if preset.curl_1_m == 0.0:
         return f'type="grid" count="{nodes} 1 1" spacing="{preset.length_m / (nodes - 1):.12g} 1 1"'
     turns = preset.curl_1_m * np.linspace(-preset.length_m / 2.0, preset.length_m / 2.0, nodes)
@@ -142,7 +142,7 @@ def _numbers(values: Iterable[float]) -> str:
 
 
 def add_ground(spec: mujoco.MjSpec, friction: float) -> None:
-    """Add an endless ground at z = 0 whose contacts hold a rod without creeping; `friction` is that of sliding."""
+    """Add an infinite ground plane at z = 0 on which a rod does not creep; `friction` is the sliding coefficient."""
     spec.worldbody.add_geom(
         type=mujoco.mjtGeom.mjGEOM_PLANE,
         size=[3.0, 3.0, 0.1],
@@ -154,7 +154,7 @@ def add_ground(spec: mujoco.MjSpec, friction: float) -> None:
 
 
 class RodBody:
-    """The flex `rod` in a compiled model, as a cell handles its DLO."""
+    """The flex `rod` in a compiled model, behind the interface of the cell's DLO."""
 
     def __init__(self, model: Any, data: Any) -> None:
         self._model, self._data = model, data
@@ -170,5 +170,5 @@ class RodBody:
 
     def set_friction(self, friction: ArrayLike) -> None:
         """Set the friction on the table to the mean of those at each node, (M,)."""
-        # A rod has one coefficient: it feels the mean of the places where it lies.
+        # A flex has one coefficient, so it gets the mean over its nodes.
         set_rod_friction(self._model, float(np.asarray(friction, dtype=np.float64).mean()))

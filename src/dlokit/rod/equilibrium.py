@@ -1,13 +1,13 @@
 """The shape nearest to a goal that friction can hold: statics of a bent rod on a level table.
 
-A rod lies still when at every node friction can balance its elastic force. With headings θ of its edges, curvature κ,
+A rod rests when friction can balance the elastic force at every node. With headings θ of its edges, curvature κ,
 and the shear Q = -EI κ' and tension T of each edge, the force on the node between edges i - 1 and i is
 
     f_i = (T_i t_i + Q_i n_i) - (T_{i-1} t_{i-1} + Q_{i-1} n_{i-1}),    |f_i| ≤ μ w l,
 
-with t, n along and across an edge of length l, and w the weight per length. T is whatever suits: the rod does not
-stretch. Divided by μ w l, a rod enters with EI / (μ w) alone. The nearest shape solves min |x(θ) - goal|² under these
-bounds, by sequential quadratic programming with a trust region (Nocedal and Wright, *Numerical
+with t, n along and across an edge of length l, and w the weight per length. T is free, because the rod does not
+stretch. Divided by μ w l, the problem depends on the rod only through EI / (μ w). The nearest shape solves min |x(θ) -
+goal|² under these bounds, by sequential quadratic programming with a trust region (Nocedal and Wright, *Numerical
 Optimization*, 2006, section 18.5).
 """
 
@@ -20,15 +20,15 @@ from dlokit import geometry
 from dlokit.types.arrays import Float64Array
 
 _SIDES = 8  # of the polygon around the circle of friction
-_PENALTY = 2e4  # of friction that lacks, in the unit of squared RMSE over its scale
-_SCALE_M = 1e-3  # RMSE that counts as much as 1 in what is minimised
+_PENALTY = 2e4  # penalty on missing friction, in units of squared RMSE over its scale
+_SCALE_M = 1e-3  # RMSE that contributes 1 to the objective
 _ITERATIONS = 16
-_TURN_RAD = 0.3  # trust region at first
+_TURN_RAD = 0.3  # initial trust region
 _WIDEST_RAD, _NARROWEST_RAD = 0.6, 1e-3
 _ENOUGH = 1e-3  # a smaller relative decrease counts as no progress
 _UNBOUNDED = 1e30
-# Curvature added to what is minimised along each kind of variable, so that each step has one clear minimum. With less
-# (the slack has none of its own) rounding decided which constraints the solver took, and often that it gave up.
+# Curvature added to the objective for each kind of variable, so that each step has a unique minimum. With less (the
+# slack has none of its own) rounding decided which constraints the solver activated, and it often failed.
 _PROXIMAL_TURN = 1e-3
 _PROXIMAL_TENSION = 1e-4
 _PROXIMAL_LACKING = 1.0
@@ -40,10 +40,10 @@ class StaticShape:
 
     nodes_world: Float64Array  # (M, 3) [m]
     rmse_m: float
-    """How far from the goal it is [m]."""
+    """RMSE to the goal [m]."""
     lacking: float
     """Missing friction at the worst node, as a fraction of the available friction (or excess bend there in radians);
-    well below 0.1: it holds."""
+    far below 0.1, the shape holds."""
 
 
 def nearest_static(
@@ -55,9 +55,9 @@ def nearest_static(
 ) -> StaticShape:
     """The shape nearest to a goal (M, 3) [m] that a rod of ``EI / (μ w)`` = `elastic_m3` [m³] can keep on a table.
 
-    It need not be what a release in the goal leads to: someone who lays the rod down there can do so with any tension.
-    No bend is tighter than `min_radius_m`. A rod that yields, at a curvature [1/m], is taken to be straight before, and
-    to keep what it is bent beyond. The minimum is a local one, found from the goal; the circle of friction is taken as
+    A release in the goal can lead to another shape, because a rod can be laid down there with any tension. No bend is
+    tighter than `min_radius_m`. A rod that yields, at a curvature [1/m], is assumed to be straight at first and to keep
+    the curvature in excess of that. The minimum is a local one, found from the goal; the circle of friction is taken as
     an octagon around it, so that no shape is left out.
     """
     problem = _Problem(goal_world, elastic_m3, min_radius_m, yield_curvature_1_m)
@@ -81,7 +81,7 @@ def nearest_static(
 
 @dataclass(frozen=True)
 class _Point:
-    """Headings and tensions, and what follows from them."""
+    """Headings and tensions, and the quantities derived from them."""
 
     theta: Float64Array  # (E,) [rad]
     tension: Float64Array  # (E,) of μ w l
@@ -121,7 +121,7 @@ class _Problem:
         return np.unwrap(np.arctan2(along[:, 1], along[:, 0]))
 
     def at(self, theta: Float64Array, tension: Float64Array) -> _Point:
-        """What follows from headings (E,) [rad] and tensions (E,)."""
+        """The shear, forces and nodes for headings (E,) [rad] and tensions (E,)."""
         turn = self._bend @ theta
         shear = self._differ @ np.clip(turn, -self._yield_rad, self._yield_rad)
         cosine, sine = np.cos(turn), np.sin(turn)
@@ -138,9 +138,9 @@ class _Problem:
         return _Point(theta, tension, shear, force, nodes, lacking, off / 2.0 + _PENALTY * lacking)
 
     def step(self, point: _Point, within_rad: float) -> tuple[Float64Array, Float64Array] | None:
-        """Change of the headings (E,) and new tensions (E,) that are best to first order; None: the solver failed.
+        """Optimal first-order change of the headings (E,) and new tensions (E,); None if the solver failed.
 
-        Variables are the change of θ, T, and the friction that lacks.
+        Variables are the change of θ, T, and the missing friction (slack).
         """
         edges = self.edges
         jacobian = np.vstack((self._reach * -np.sin(point.theta), self._reach * np.cos(point.theta)))  # (2 M, E)
@@ -159,7 +159,7 @@ class _Problem:
             turn, none = self._bend @ point.theta, np.zeros_like(self._bend)
             rows = np.vstack((rows, np.hstack((self._bend, none)), np.hstack((-self._bend, none))))
             room += [self._most_rad - turn, self._most_rad + turn]
-        rows = np.column_stack((rows, np.full(len(rows), -1.0)))  # less what may lack
+        rows = np.column_stack((rows, np.full(len(rows), -1.0)))  # minus the slack
         upper = np.concatenate((np.full(edges, within_rad), np.full(edges + 1, _UNBOUNDED), *room))
         lower = np.full(len(upper), -_UNBOUNDED)
         lower[:edges], lower[2 * edges] = -within_rad, 0.0

@@ -1,4 +1,4 @@
-"""The nodes of a rod that is believed to have so many and such a length: its edges, and any curve as its nodes."""
+"""The configured rod's edges, and the resampling of a curve to its nodes and length."""
 
 import numpy as np
 
@@ -19,7 +19,7 @@ def fit_length(config: BelievedDlo, nodes_world: Float64Array) -> Float64Array:
     """A curve (K, 3) [m] as the rod's nodes (M, 3): its ends cut or prolonged equally to the rod's length."""
     s = geometry.arc_lengths(nodes_world)
     if len(nodes_world) == config.nodes and abs(s[-1] - config.length_m) < 0.005 * config.length_m:
-        # A rod already. Moving nodes along it would cut its corners a little every time.
+        # Already a rod of this length. Resampling would cut its corners a little each time.
         return nodes_world.copy()
     excess = (s[-1] - config.length_m) / 2.0
     wanted = np.linspace(excess, s[-1] - excess, config.nodes)

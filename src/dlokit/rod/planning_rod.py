@@ -1,4 +1,4 @@
-"""The planning rod: fast enough to roll out hundreds of actions, and insensitive to rounding. Fingers may push it.
+"""The planning rod: fast enough for hundreds of rollouts, and insensitive to rounding. Closed fingers can push it.
 
 Node i has a position x_i and a roll u_i (its angle times the radius). One implicit Euler step of length h solves
 
@@ -6,15 +6,16 @@ Node i has a position x_i and a roll u_i (its angle times the radius). One impli
 
 with the linear bending energy EI / (2 l³) Σ |x_{i-1} - 2 x_i + x_{i+1}|² (Bergou et al., *A Quadratic Bending Model
 for Inextensible Surfaces*, SGP 2006), twist GJ / (2 l) Σ (φ_{i+1} - φ_i)², stiff edges, Rayleigh damping, a stiff
-table, and Coulomb friction with rolling, in which the speed that divides is that of the step before. A round rod rolls:
-sideways it meets the resistance to rolling, along itself that to sliding. The matrix has a band of eight, so a step is
-one Cholesky sweep over the nodes. The rod does not collide with itself; how near its strands came is told instead.
+table, and Coulomb friction with rolling, regularised by the speed of the previous step. A round rod rolls: sideways
+motion meets the rolling resistance, motion along the rod the sliding friction. The matrix has a band of eight, so a
+step is one Cholesky sweep over the nodes. The rod does not collide with itself; the smallest distance of its strands is
+returned instead.
 
 A rod that takes a set has a rest curvature κ0 about the vertical: where its curvature differs from that by more than
-the yield curvature, κ0 follows (ideal plasticity). It is counted as a force of the step before. Bends out of the
+the yield curvature, κ0 follows (ideal plasticity). It acts as a force computed in the previous step. Bends out of the
 plane of the table are elastic.
 
-Closed fingers are a wall with round ends that stands on the table and moves. Where a point of the rod is nearer to the
+Closed fingers are a moving wall with round ends on the table. Where a point of the rod is nearer to the
 middle line of the wall than both radii together, a stiff one-sided spring pushes it out, implicit in the step of the
 rod and so stable. Along the wall the rod slides freely: that fits what closed fingers do to the rod of the simulated
 cell, where friction of any size fits worse.
@@ -28,8 +29,8 @@ from numba import njit
 from dlokit.description.dlo import GRAVITY_M_S2
 from dlokit.types.arrays import Float64Array
 
-_PUSH_N_M = 800.0  # of the spring at one point of the rod
-_POINTS = 4  # of an edge at which the rod is looked at
+_PUSH_N_M = 800.0  # stiffness of the spring at one point of the rod
+_POINTS = 4  # points per edge that are tested for contact
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -62,7 +63,7 @@ def push(
             along = min(max(px * ax + py * ay, -fingers[0]), fingers[0])
             mx, my = px - along * ax, py - along * ay
             distance = math.sqrt(mx * mx + my * my)
-            # A rod below the tips is not touched, and one exactly in the middle has no side to go to.
+            # A rod below the tips is not touched; at a point exactly in the middle the direction is undefined.
             if distance < reach and distance > 1e-6 and pz + 0.5 * radius > tool[2] - fingers[2]:
                 _add(i, share, mx / distance, my / distance, reach - distance, h, band, right)
 
@@ -93,11 +94,11 @@ STRETCH_N_M = 2000.0
 """Stiffness of an edge [N/m]."""
 GRIP_N_M = 2000.0
 """Stiffness of the pads under each of their points [N/m]."""
-_TABLE_N_M = 40.0  # of the table under a node
-_CREEP_M_S = 2e-4  # slower than this, friction is viscous
+_TABLE_N_M = 40.0  # stiffness of the table under a node
+_CREEP_M_S = 2e-4  # speed below which friction is viscous
 _NEIGHBOURS_M = 0.06  # parts nearer than this along the rod are one strand
-_UPRIGHT = 0.3  # fraction of an edge's length seen from above, below which its bend does not count as one in the plane
-_LOOK_EVERY = 5  # steps between two looks at how near the strands are
+_UPRIGHT = 0.3  # fraction of an edge's length, seen from above, below which its bend does not count as in-plane
+_LOOK_EVERY = 5  # steps between two checks of the distance of the strands
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -111,15 +112,15 @@ def play_motion(
     fingers: Float64Array,
     end: Float64Array,
 ) -> float:
-    """Play one motion of the tool on a rod lying as `nodes` (M, 3) [m] and write where it ends to `end` (M, 3).
+    """Simulate one motion of the tool on a rod at `nodes` (M, 3) [m] and write its final nodes to `end` (M, 3).
 
     `rod` (9,): length of an edge [m], mass of a node [kg], bending EI / l³ and twist GJ / (l r²) [N/m], damping [s],
     friction, rolling resistance over radius, radius [m], yield curvature [1/m] (infinite: it always springs back).
     `tool` (T, 4 K): x, y, z [m] and yaw [rad] of K tools at every step; then the rod is free for `rest_steps`. `pads`
     (n, 4): points of the rod between the pads, as a number of nodes from the first, where they are from their tool
     (along, up) [m], and which tool that is.
-    `fingers` (3,): as `rollout.FINGERS` where they are closed and push, zeros where they hold. Returns how near two
-    strands came [m].
+    `fingers` (3,): as `rollout.FINGERS` where they are closed and push, zeros where they hold. Returns the smallest
+    distance of two strands [m].
     """
     count = len(nodes)
     x, v = np.zeros((count, 4)), np.zeros((count, 4))
@@ -208,7 +209,7 @@ def _inertia_and_table(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _set(x: Float64Array, rod: Float64Array, rest: Float64Array, bend: Float64Array) -> None:
-    """Let the rest curvature `rest` (M,) [1/m] follow what is beyond yield; `bend` (M, 3) [m] is x'' l² of it now."""
+    """Move the rest curvature `rest` (M,) [1/m] by the excess over yield; `bend` (M, 3) [m] is the current x'' l²."""
     square = rod[0] * rod[0]
     for i in range(1, len(x) - 1):
         tx, ty = x[i + 1, 0] - x[i - 1, 0], x[i + 1, 1] - x[i - 1, 1]
@@ -254,7 +255,7 @@ def _elasticity(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _edges(x: Float64Array, length: float, h: float, band: Float64Array, right: Float64Array) -> None:
-    """Stiff edges; their geometric stiffness only where it is positive, so that the matrix stays so."""
+    """Stiff edges, with geometric stiffness only where it is positive, so that the matrix stays positive definite."""
     t = np.zeros(3)
     for i in range(len(x) - 1):
         for a in range(3):
@@ -281,7 +282,7 @@ def _edges(x: Float64Array, length: float, h: float, band: Float64Array, right: 
 def _grip(
     x: Float64Array, tool: Float64Array, pads: Float64Array, h: float, band: Float64Array, right: Float64Array
 ) -> None:
-    """Springs from each tool to the points between its pads, which keep the rod from turning as well."""
+    """Springs from each tool to the points between its pads, which also keep the rod from rotating."""
     target = np.zeros(4)
     for k in range(len(pads)):
         at = 4 * int(pads[k, 3])

@@ -1,7 +1,7 @@
-"""From what actions did to what is believed: Bayes' rule on a grid of friction, stiffness and yield.
+"""Learns the DLO's parameters from actions: Bayes' rule on a grid of friction, stiffness and yield.
 
-The prior is what was configured, or, with some chance, quite another DLO: a model may have been set up for a rope when
-a wire lies on the table.
+The prior is a mixture: the configured DLO or, with a small probability, a very different one, e.g. a wire where a rope
+is configured.
 """
 
 import math
@@ -33,7 +33,7 @@ class Experience:
     tool: Float64Array  # (T, 4) x, y, z [m] and yaw [rad] of the tool from the grasp to the release
 
     def motion(self, timestep_s: float) -> Motion:
-        """The same for the planning rod: where the tool was at every time step."""
+        """The tool's motion for the planning rod, sampled at every time step."""
         steps = max(2, round((self.times_s[-1] - self.times_s[0]) / timestep_s) + 1)
         times_s = np.linspace(self.times_s[0], self.times_s[-1], steps)
         track = np.column_stack([np.interp(times_s, self.times_s, column) for column in self.tool.T])
@@ -41,12 +41,12 @@ class Experience:
 
     @property
     def moved_m(self) -> Float64Array:
-        """How far each node came to lie from where it was (M,) [m]."""
+        """Displacement of each node (M,) [m]."""
         return np.linalg.norm((self.after_world - self.before_world)[:, :2], axis=1)
 
 
 def tool_of(states: Sequence[RobotState]) -> tuple[Float64Array, Float64Array]:
-    """Times (T,) [s] and places (T, 4) of a tool that points down: x, y, z [m], yaw [rad]. Stamps rise."""
+    """Times (T,) [s] and poses (T, 4) of a tool that points down: x, y, z [m], yaw [rad]. Stamps rise."""
     turns = [geometry.rotation(state.T_world_tcp) for state in states]
     yaw = np.unwrap([np.arctan2(turn[1, 0], turn[0, 0]) for turn in turns])
     places = np.array([state.T_world_tcp.position_m for state in states])
@@ -54,30 +54,30 @@ def tool_of(states: Sequence[RobotState]) -> tuple[Float64Array, Float64Array]:
 
 
 FRICTION_LOG = np.log(2.0) * np.linspace(-1.0, 1.0, 5)
-"""Logarithms of the friction that are tried, over the model's: half to twice of it."""
+"""Grid of friction: logarithms of its ratio to the model's, 0.5 to 2."""
 STIFFNESS_LOG = np.log(2.0) * np.arange(-2.0, 10.0)
-"""Logarithms of the bending stiffness that are tried, over the model's: a quarter to 512 times of it."""
+"""Grid of bending stiffness: logarithms of its ratio to the model's, 0.25 to 512."""
 YIELDS_1_M = (math.inf, 3.0, 1.0)
-"""Yield curvatures that are tried [1/m]: a DLO that springs back always, and two that take a set."""
+"""Grid of yield curvatures [1/m]: a DLO that always springs back, and two that take a set."""
 _TIMESTEP_S = 0.005
-_REST_S = 1.0  # after the release; longer than in planning, as it is compared with what the camera saw
-_SEEN_M = 0.004  # the state's own error
+_REST_S = 1.0  # after the release; longer than in planning, because the camera sees the DLO at rest
+_SEEN_M = 0.004  # error of the observed state
 _MODEL_SHARE = 0.08  # error of the planning rod, as a fraction of a node's displacement
 _LOW_LIFT_M = 0.05
 _LIFT_SHARE = (
     0.1  # error, as a fraction of the lift: plastic bends out of the plane and turns in the pads are not modelled
 )
-_FREEDOM = 3.0  # of Student's t: a mistake of the observer does not decide alone
-_INDEPENDENT = 5.0  # nodes err together: so many independent ones say as much
+_FREEDOM = 3.0  # degrees of freedom of Student's t: one error of the observer does not decide alone
+_INDEPENDENT = 5.0  # number of independent nodes with the same information, because the nodes' errors are correlated
 _LEAST_MOVED_M = 0.01  # an action that moved less contains only noise
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """What one action says of the rods of the grid."""
+    """Evidence of one action for each rod of the grid."""
 
     log_likelihood: Float64Array  # (Y, F, S) by yield, friction and stiffness
-    rmse_m: Float64Array  # (Y, F, S) [m] of what each rod predicts to what was seen
+    rmse_m: Float64Array  # (Y, F, S) [m] prediction error of each rod
 
 
 def evidence(config: BelievedDlo, seen: Experience) -> Evidence | None:
@@ -95,7 +95,7 @@ def evidence(config: BelievedDlo, seen: Experience) -> Evidence | None:
     residual = np.linalg.norm((played.nodes_world[:, 0] - seen.after_world)[..., :2], axis=-1)  # (R, M)
     rmse_m = np.sqrt(np.mean(residual**2, axis=1))
     beyond_m = max(float(np.ptp(seen.tool[:, 2])) - _LOW_LIFT_M, 0.0)
-    # What no rod of the grid explains is the fault of all of them: it must not choose between them.
+    # An error that no rod of the grid explains is common to all of them: it must not choose between them.
     unexplained_m = math.hypot(_SEEN_M, _LIFT_SHARE * beyond_m, float(rmse_m.min()))
     sigma = np.hypot(unexplained_m, _MODEL_SHARE * seen.moved_m)
     square = (residual / sigma) ** 2
@@ -105,23 +105,23 @@ def evidence(config: BelievedDlo, seen: Experience) -> Evidence | None:
     return Evidence(log_likelihood=log_likelihood.reshape(grid), rmse_m=rmse_m.reshape(grid))
 
 
-_ANOTHER = 0.2  # chance of a DLO that is not what was configured
+_ANOTHER = 0.2  # prior probability that the DLO is not the configured one
 _ANOTHER_STIFFNESS_LOG_SD = 2.5
 _ANOTHER_FRICTION_LOG_SD = 0.4
 _OTHER_YIELD = 0.2  # prior probability that a DLO declared plastic yields at another curvature, or never
-_NO_CHANCE = 1e-12  # of what is configured as impossible
-_MODEL_LOG_SD = 0.1  # the rod of planning is not the DLO, however often it was seen
+_NO_CHANCE = 1e-12  # probability of a case that is configured as impossible
+_MODEL_LOG_SD = 0.1  # the planning rod's model error, which no number of actions removes
 _SET_MODEL_LOG_SD = 0.3  # larger uncertainty of a plastic DLO: its strain before an action is not observed
 _FINER = 8  # points of the fine grid in one cell of the coarse one
 
 
 @dataclass(frozen=True)
 class Posterior:
-    """How probable each rod is: yields Y, frictions F and stiffnesses S on a fine grid."""
+    """Probability of each rod: yields Y, frictions F and stiffnesses S on a fine grid."""
 
     probability: Float64Array  # (Y, F, S), its sum is 1
-    friction_log: Float64Array  # (F,) over the model's
-    stiffness_log: Float64Array  # (S,) over the model's
+    friction_log: Float64Array  # (F,) logarithm of the ratio to the model's
+    stiffness_log: Float64Array  # (S,) logarithm of the ratio to the model's
 
     @property
     def best_yield(self) -> int:
@@ -130,13 +130,13 @@ class Posterior:
 
     @property
     def takes_set(self) -> float:
-        """How probable it is that the DLO keeps bends at all."""
+        """Probability that the DLO takes a set."""
         finite = np.isfinite(np.array(YIELDS_1_M))
         return min(1.0, float(self.probability[finite].sum()))
 
 
 def posterior(config: BelievedDlo, heard: Sequence[Evidence]) -> Posterior:
-    """Bayes' rule over everything that was heard."""
+    """The posterior given the evidence of all actions."""
     fine_friction, fine_stiffness = _fine(FRICTION_LOG), _fine(STIFFNESS_LOG)
     total = np.zeros((len(YIELDS_1_M), len(FRICTION_LOG), len(STIFFNESS_LOG)))
     for one in heard:
@@ -153,7 +153,7 @@ def posterior(config: BelievedDlo, heard: Sequence[Evidence]) -> Posterior:
 
 
 def believed(config: BelievedDlo, of: Posterior, actions: int, stamp_ns: int) -> DloBelief:
-    """The belief that a posterior stands for: the most probable yield, and mean and spread of the rest under it."""
+    """Summarise a posterior as a belief: the most probable yield, and mean and spread of the rest given it."""
     layer = of.probability[of.best_yield]
     layer = layer / layer.sum()
     friction, stiffness = _moments(layer, of.friction_log[:, None]), _moments(layer, of.stiffness_log[None, :])
@@ -180,18 +180,18 @@ def _fine(coarse: Float64Array) -> Float64Array:
 
 
 def _log_prior(config: BelievedDlo, friction_log: Float64Array, stiffness_log: Float64Array) -> Float64Array:
-    """Of every rod (Y, F, S), up to a constant."""
+    """Logarithm of the prior of every rod (Y, F, S), up to a constant."""
     sure: BeliefConfig = config.belief
     a, b = friction_log[:, None], stiffness_log[None, :]
     same = (1.0 - _ANOTHER) * _normal(a, sure.friction_log_sd) * _normal(b, sure.stiffness_log_sd)
     other = _ANOTHER * _normal(a, _ANOTHER_FRICTION_LOG_SD) * _normal(b, _ANOTHER_STIFFNESS_LOG_SD)
     plane = np.log(same + other)
-    told = config.yield_curvature_1_m
-    other_yield = sure.takes_set if told is None else _OTHER_YIELD
-    shares = [max(other_yield, _NO_CHANCE) / (len(YIELDS_1_M) - 1)] * len(YIELDS_1_M)
-    nearest = 0 if told is None else int(np.argmin([abs(math.log(bend / told)) for bend in YIELDS_1_M]))
-    shares[nearest] = max(1.0 - other_yield, _NO_CHANCE)
-    return np.log(np.array(shares))[:, None, None] + plane
+    configured = config.yield_curvature_1_m
+    other_yield = sure.takes_set if configured is None else _OTHER_YIELD
+    prior = [max(other_yield, _NO_CHANCE) / (len(YIELDS_1_M) - 1)] * len(YIELDS_1_M)
+    nearest = 0 if configured is None else int(np.argmin([abs(math.log(bend / configured)) for bend in YIELDS_1_M]))
+    prior[nearest] = max(1.0 - other_yield, _NO_CHANCE)
+    return np.log(np.array(prior))[:, None, None] + plane
 
 
 def _normal(log: Float64Array, sd: float) -> Float64Array:
@@ -211,16 +211,16 @@ def _scaled(before: LogNormal, log: tuple[float, float], doubt_log_sd: float) ->
 
 @dataclass(frozen=True, kw_only=True)
 class Lesson:
-    """One action that said something."""
+    """What one informative action changed."""
 
     action: int
     """Number of the action in its run, from 1."""
     moved_m: float
-    """How far it moved the node that it moved most [m]."""
+    """Largest displacement of a node [m]."""
     configured_m: float
-    """How far the rod as configured predicts the nodes from where they came to lie (RMSE) [m]."""
+    """Prediction error of the rod as configured (RMSE) [m]."""
     learnt_m: float
-    """The same for the rod as learnt from the actions before [m]."""
+    """Prediction error of the rod as learnt from the previous actions [m]."""
     belief: DloBelief
     """After it."""
 
@@ -251,7 +251,7 @@ def lessons(config: BelievedDlo, seen: Iterable[tuple[int, Experience]]) -> list
 
 
 def _nearest_rod(of: Posterior) -> tuple[int, int, int]:
-    """The rod of the grid that is nearest to a belief."""
+    """Indices of the rod of the grid that is nearest to a belief."""
     layer = of.probability[of.best_yield]
     layer = layer / layer.sum()
     friction = float((layer.sum(axis=1) * of.friction_log).sum())

@@ -1,9 +1,9 @@
-"""Many motions of a tool on many planning rods at once, and where a rod that is laid down and let go comes to rest.
+"""Rolls out many motions of a tool on many planning rods in parallel, and settles a released rod.
 
-A rod on a level table is held where friction balances its elastic forces, which depends on one figure alone, EI / (μ w)
-with w the weight per length. A rod that yields has kept, where it lies, what it was bent beyond its yield curvature.
+A rod rests on a level table where friction balances its elastic forces, which depends on one parameter, EI / (μ w) with
+w the weight per length. A rod that yields keeps the curvature in excess of its yield curvature.
 
-Every process loads this module for the settings of planning, so what is compiled is imported where it is called.
+Every process loads this module for the settings of planning, so compiled code is imported where it is called.
 """
 
 import math
@@ -31,27 +31,27 @@ FINGERS = np.array([0.0085, 0.009, PANDA_FINGERTIP_BELOW_TCP_M])
 """The Panda's fingers, closed: half the length of the middle line across the tool, radius around it, and how far the
 tips are below the tool [m]."""
 NO_FINGERS = np.zeros(3)
-"""For a motion that holds the rod."""
+"""Value of `fingers` for a motion that holds the rod."""
 REST_S = 0.4
-"""Time that a rod is given to come to rest after a release [s]: short, as a decision plays hundreds."""
+"""Simulated time after a release [s]: short, because a decision simulates hundreds of actions."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlanningRod:
-    """What a rod may be like, if it is not quite as the model has it."""
+    """One variant of the model's rod, within its uncertainty."""
 
     friction_share: float = 1.0
-    """Friction and rolling resistance, against the model's."""
+    """Ratio of friction and rolling resistance to the model's."""
     stiffness_share: float = 1.0
-    """Stiffness against bending and twist, against the model's."""
+    """Ratio of bending and torsional stiffness to the model's."""
     shift_m: tuple[float, float] = (0.0, 0.0)
-    """Where it lies against where it is believed to lie (x, y) [m]: the tool takes it a little beside."""
+    """Offset from the estimated position (x, y) [m]: the tool grasps the rod off its centre."""
 
     yield_curvature_1_m: float | None = None
     """Curvature beyond which it keeps a bend [1/m]; infinite: it always springs back; None: the model's."""
 
     def numbers(self, config: BelievedDlo, nodes: int) -> Float64Array:
-        """The nine numbers (9,) that `play_motion` takes, in SI units, for a rod of so many nodes."""
+        """The nine numbers (9,) that `play_motion` takes, in SI units, for a rod of `nodes` nodes."""
         edge_m = config.length_m / (nodes - 1)
         taken_for = self.yield_curvature_1_m or config.yield_curvature_1_m or math.inf
         bending = self.stiffness_share * config.bending_stiffness_n_m2
@@ -72,26 +72,26 @@ class PlanningRod:
 
 @dataclass(frozen=True, kw_only=True)
 class Motion:
-    """A tool that takes hold of a rod, moves, and lets go; or one whose closed fingers push."""
+    """Motion of a tool that grasps a rod, moves and releases it, or pushes it with closed fingers."""
 
     node: int
     waypoints: Float64Array
     """(W, 4): x, y, z [m], yaw [rad] of the tool, which points down; the first is the grasp."""
     velocity: VelocityProfile
     track: Float64Array | None = None
-    """(T, 4): where the tool was at every time step, when that is known; the waypoints are not looked at then."""
+    """(T, 4): the tool at every time step, if known; the waypoints are then ignored."""
     holds: bool = True
     """False: the fingers are closed, and the first waypoint is beside the node."""
     partner: "Motion | None" = None
-    """What a second tool does at the same time; both let go when the slower has arrived."""
+    """Simultaneous motion of a second tool; both release when the slower one has arrived."""
 
 
 @dataclass(frozen=True)
 class RolloutResult:
-    """What motions did to rods: R rods, C motions."""
+    """Results of all motions on all rods: R rods, C motions."""
 
-    nodes_world: Float64Array  # (R, C, M, 3) [m] where each rod came to lie
-    nearest_m: Float64Array  # (R, C) how near two strands came on the way [m]
+    nodes_world: Float64Array  # (R, C, M, 3) [m] final nodes of each rod
+    nearest_m: Float64Array  # (R, C) smallest distance of two strands [m]
 
 
 def play(
@@ -104,10 +104,10 @@ def play(
     *,
     rest_s: float = REST_S,
 ) -> RolloutResult:
-    """Play every motion through on every rod, all of them lying as `nodes_world` (K, 3) [m].
+    """Simulate every motion on every rod, each starting at `nodes_world` (K, 3) [m].
 
-    A rod has `rest_s` [s] to come to rest after its release. `threads` 0: as many as there are cores; the result is the
-    same for any number.
+    The simulation goes on for `rest_s` [s] after the release. `threads` 0: one per core; the result does not depend on
+    the number.
     """
     from dlokit.rod.planning_rod import play_motion
 
@@ -151,7 +151,7 @@ def _track(motion: Motion, timestep_s: float) -> Float64Array:
 
 
 def _all_pads(nodes_world: Float64Array, motion: Motion, count: int) -> Float64Array:
-    """What is between the pads of a motion's tool, and of its partner's, as `play_motion` takes it."""
+    """Points between the pads of a motion's tool and of its partner's, as `play_motion` takes them."""
     held = (motion,) if motion.partner is None else (motion, motion.partner)
     at = [round(one.node * (len(nodes_world) - 1) / (count - 1)) for one in held]
     return np.concatenate([between_pads(nodes_world, at[arm], one.waypoints[0], arm) for arm, one in enumerate(held)])
@@ -161,14 +161,14 @@ _PREDICT_STEP_S = 0.01
 
 
 def predict(config: BelievedDlo, nodes_world: Float64Array, action: Action) -> Float64Array:
-    """The shape (M, 3) [m] that `action` leaves of a rod at `nodes_world` (K, 3) [m]."""
+    """Predict the shape (M, 3) [m] of a rod at `nodes_world` (K, 3) [m] after `action`."""
     return play(config, nodes_world, (PlanningRod(),), (motion_of(action),), _PREDICT_STEP_S, threads=1).nodes_world[
         0, 0
     ]
 
 
 def motion_of(action: Action) -> Motion:
-    """What the first arm's tool does in an action."""
+    """Motion of the first arm's tool in an action."""
     tools = [geometry.matrix(pose) for pose in (action.grasp.T_world_tcp, *action.path)]
     yaws = np.unwrap([math.atan2(T[1, 0], T[0, 0]) for T in tools])
     waypoints = np.column_stack(([T[:3, 3] for T in tools], yaws))
@@ -207,10 +207,10 @@ _SMALL = BelievedDlo(nodes=5, length_m=0.08)
 
 
 def load_kernels() -> float:
-    """Play one short motion on a small rod; the seconds that took.
+    """Compile or load the planning rod by simulating one short motion; returns the time that it took [s].
 
-    At the first call after an installation Numba compiles, which takes some twenty seconds, and keeps what it made
-    beside the modules, or in the user's cache folder where it may not write there. Later it loads that.
+    At the first call after an installation Numba compiles, which takes some twenty seconds, and caches the code beside
+    the modules, or in the user's cache folder if it cannot write there. Later calls load it.
     """
     began = time.perf_counter()
     lying = np.column_stack((np.linspace(0.0, _SMALL.length_m, _SMALL.nodes), np.zeros((_SMALL.nodes, 2))))
@@ -222,14 +222,14 @@ def load_kernels() -> float:
 
 _AS_MODELLED = PlanningRod()
 _NO_TOOL, _NO_PADS = np.zeros((0, 4)), np.zeros((0, 3))
-_SETTLE_S = 2.0  # longest time that a rod laid down is given: as long as the evaluator waits
+_SETTLE_S = 2.0  # longest settling time: as long as the evaluator waits
 _SETTLE_STEP_S = 0.005  # half of planning's: a goal is tried a few times, not hundreds
 
 
 def settle(config: BelievedDlo, nodes_world: Float64Array, rod: PlanningRod = _AS_MODELLED) -> Float64Array:
-    """Where a rod laid down as `nodes_world` (K, 3) [m] and let go comes to rest, (M, 3) [m].
+    """Simulate the release of a rod at `nodes_world` (K, 3) [m] until it rests; returns its nodes (M, 3) [m].
 
-    It is taken to have been straight before it was laid down, and does not collide with itself.
+    The rod is assumed to have been straight before, and does not collide with itself.
     """
     from dlokit.rod.planning_rod import play_motion
 

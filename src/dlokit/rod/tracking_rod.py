@@ -1,4 +1,4 @@
-"""The DLO as a discrete elastic rod of its own, in MuJoCo.
+"""The tracking rod: the DLO as a discrete elastic rod without weight or contacts, in MuJoCo.
 
 Bending and twist follow Bergou et al., Discrete Elastic Rods, SIGGRAPH 2008 (MuJoCo's 1D flex); the length of
 every edge is held by a constraint. Forces of the form ``F = Kp (target - x) - Kd v`` are joint springs, which the
@@ -26,7 +26,7 @@ class RodModel:
         """Build the rod straight along x.
 
         `damping_n_s_m` acts on every node's velocity against the world. Raises `ConfigError` on a rod that
-        cannot be built, e.g. one with more nodes than its radius leaves room for.
+        cannot be built, e.g. one whose radius is too large for its number of nodes.
         """
         self.config = config
         self.topology = topology(config)
@@ -51,7 +51,7 @@ class RodModel:
         return float(np.abs(self._data.qvel[self._dofs]).max())
 
     def place(self, nodes_world: Float64Array) -> None:
-        """Set the nodes (M, 3) [m] at rest, without twist, and let go of all targets."""
+        """Set the nodes (M, 3) [m] at rest, without twist, and remove all target forces."""
         mujoco.mj_resetData(self._model, self._data)
         self._data.qpos[self._qpos] = nodes_world - self._rest
         self.let_go()
@@ -62,7 +62,7 @@ class RodModel:
         self._model.jnt_stiffness[self._joints] = stiffness_n_m
 
     def let_go(self) -> None:
-        """Take all target forces away."""
+        """Remove all target forces."""
         self._model.jnt_stiffness[self._joints] = 0.0
 
     def step(self, count: int) -> None:
