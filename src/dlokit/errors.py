@@ -17,6 +17,8 @@
 An error message says what was wrong, what is allowed, and what to do.
 """
 
+from importlib.util import find_spec
+
 EXIT_FAULT = 1
 """Exit code of a command: something went wrong, or a comparison failed."""
 EXIT_BAD_INPUT = 2
@@ -52,6 +54,29 @@ class BadValue(InputError, ValueError):
 
 class MachineError(InputError):
     """This machine lacks something: OpenGL, a free port, a package."""
+
+
+CELL_MODULES = frozenset(
+    ("cryptography", "cv2", "mink", "mujoco", "rtbdata", "ruckig", "trimesh", "viser", "websockets", "zenoh")
+)
+"""Modules of the extra `cell`, without which dlokit tracks clouds and reads recordings."""
+
+
+def missing_extra(error: ModuleNotFoundError, asked_by: str) -> MachineError | None:
+    """The error for a plain installation that was asked for more; None where another module is missing."""
+    name = (error.name or "").partition(".")[0]
+    return _missing(name, asked_by) if name in CELL_MODULES else None
+
+
+def require_cell(asked_by: str) -> None:
+    """Raise `MachineError` where the extra `cell` is not installed."""
+    for name in sorted(CELL_MODULES):
+        if find_spec(name) is None:
+            raise _missing(name, asked_by)
+
+
+def _missing(name: str, asked_by: str) -> MachineError:
+    return MachineError(f"{asked_by} needs {name}, which is not installed: pip install 'dlokit[all]'")
 
 
 class SkillFailure(DlokitError):

@@ -7,6 +7,7 @@ import venv
 import zipfile
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 ROOT = Path(__file__).parents[2]
@@ -55,13 +56,38 @@ def test_the_wheel_has_all_sources_and_the_licence_and_no_tests(wheel: Path) -> 
 def test_the_wheel_works_in_an_empty_environment(wheel: Path, tmp_path: Path) -> None:
     venv.create(tmp_path / "env", with_pip=True)
     python = str(tmp_path / "env" / "bin" / "python")
-    run(python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", str(wheel), cwd=tmp_path)
     command = str(tmp_path / "env" / "bin" / "dlokit")
+    install = (python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check")
+
+    run(*install, str(wheel), cwd=tmp_path)
+    plain_mb = size_mb(tmp_path / "env")
     assert run(command, "--version", cwd=tmp_path).split() == ["dlokit", version_of(wheel)]
     assert "decision" in run(command, "skills", cwd=tmp_path)
     run(python, "-c", TRACK, cwd=tmp_path)
+    run(command, "track", *clouds(tmp_path), "--out", "tracked", cwd=tmp_path)
+    assert (tmp_path / "tracked").is_dir()
+    for asked in ((command, "shape", "--goal", "S"), (python, "-c", "import dlokit; dlokit.shape()")):
+        lacking = subprocess.run(asked, cwd=tmp_path, capture_output=True, text=True, timeout=60)
+        assert lacking.returncode != 0
+        assert "pip install 'dlokit[all]'" in lacking.stderr
+
+    run(*install, f"dlokit[all] @ {wheel.as_uri()}", cwd=tmp_path)
+    assert plain_mb < 0.6 * size_mb(tmp_path / "env")
     run(command, "shape", "--headless", "--goal", "S", "--max-actions", "1", "--out", "run", cwd=tmp_path, codes=(0, 3))
     assert (tmp_path / "run" / "report.html").is_file()
+
+
+def clouds(folder: Path) -> list[str]:
+    """Files with two clouds of a rod that moves."""
+    s = np.linspace(0.0, 0.5, 800)
+    names = ["cloud_0.npy", "cloud_1.npy"]
+    for shift_m, name in zip((0.0, 0.01), names, strict=True):
+        np.save(folder / name, np.column_stack([0.4 + shift_m + 0.02 * np.sin(12 * s), s - 0.25, np.full(800, 0.005)]))
+    return names
+
+
+def size_mb(folder: Path) -> float:
+    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file()) / 1e6
 
 
 def version_of(wheel: Path) -> str:

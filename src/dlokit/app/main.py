@@ -16,7 +16,14 @@ from rich.text import Text  # noqa: E402
 
 import dlokit  # noqa: E402
 from dlokit.app.commands import execute  # noqa: E402
-from dlokit.errors import EXIT_BAD_INPUT, EXIT_FAULT, EXIT_INTERRUPTED, DlokitError, InputError  # noqa: E402
+from dlokit.errors import (  # noqa: E402
+    EXIT_BAD_INPUT,
+    EXIT_FAULT,
+    EXIT_INTERRUPTED,
+    DlokitError,
+    InputError,
+    missing_extra,
+)
 
 EXIT_UNREAD = 141  # as a shell reports SIGPIPE
 
@@ -40,6 +47,12 @@ def main() -> None:
         code = execute(sys.argv[1:])
     except InputError as error:
         _say(errors, str(error))
+        code = EXIT_BAD_INPUT
+    except ModuleNotFoundError as error:
+        lacking = missing_extra(error, "this command")
+        if lacking is None:
+            raise
+        _say(errors, str(lacking))
         code = EXIT_BAD_INPUT
     except DlokitError as error:
         _say(errors, f"{type(error).__name__}: {error}")

@@ -51,7 +51,12 @@ def run(args: DoctorArgs) -> int:
     if lacking:
         console.print(f"[bold red]dlokit cannot run here yet:[/] {', '.join(lacking)}.", highlight=False)
         return EXIT_BAD_INPUT
-    console.print("[bold green]dlokit can run here.[/] Try: dlokit demo", highlight=False)
+    if importable("mujoco"):
+        console.print("[bold green]dlokit can run here.[/] Try: dlokit demo", highlight=False)
+    else:
+        console.print(
+            "[bold green]dlokit can track here.[/] To shape as well: pip install 'dlokit\\[all]'", highlight=False
+        )
     return 0
 
 
@@ -59,7 +64,7 @@ def examine(args: DoctorArgs) -> tuple[DoctorRow, ...]:
     """Check everything, in the order of the table."""
     return (
         python_finding(sys.version_info[:3]),
-        opengl_finding(probe_opengl(args.opengl_timeout_s)),
+        opengl_finding(probe_opengl(args.opengl_timeout_s) if importable("mujoco") else None),
         cores_finding(usable_cores()),
         urgency_finding(may_be_urgent()),
         memory_finding(psutil.virtual_memory().available / 2**30),

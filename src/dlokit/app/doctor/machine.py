@@ -53,8 +53,11 @@ def python_finding(version: Sequence[int]) -> DoctorRow:
     )
 
 
-def opengl_finding(report: OpenGLReport) -> DoctorRow:
-    """Check rendering, which the simulated cell needs for its cameras."""
+def opengl_finding(report: OpenGLReport | None) -> DoctorRow:
+    """Check rendering, which the simulated cell needs for its cameras; None: it was not tried, without MuJoCo."""
+    if report is None:
+        found, fix = "not tried: MuJoCo is not installed", "pip install 'dlokit[all]'"
+        return DoctorRow(what="OpenGL (EGL)", standing=Severity.OPTIONAL, found=found, fix=fix)
     if report.works:
         return DoctorRow(what="OpenGL (EGL)", standing=Severity.READY, found=report.text)
     return DoctorRow(

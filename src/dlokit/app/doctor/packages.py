@@ -11,7 +11,7 @@ from dlokit.app.doctor.machine import DoctorRow, Severity
 
 
 def dependency_findings(distribution: str = "dlokit") -> tuple[DoctorRow, ...]:
-    """Check the packages that dlokit requires, with their versions. Extras are not checked."""
+    """Check the packages that dlokit requires, with their versions, and those of the extra `cell`."""
     try:
         required = [Requirement(line) for line in metadata.requires(distribution) or []]
     except metadata.PackageNotFoundError:
@@ -20,18 +20,26 @@ def dependency_findings(distribution: str = "dlokit") -> tuple[DoctorRow, ...]:
     own = DoctorRow(what=distribution, standing=Severity.READY, found=metadata.version(distribution))
     return (
         own,
+        *(package_finding(one, _version) for one in required if _is_of(one, "")),
         *(
-            package_finding(one, _version)
+            package_finding(one, _version, only_for="shaping")
             for one in required
-            if one.marker is None or one.marker.evaluate({"extra": ""})
+            if _is_of(one, "cell") and not _is_of(one, "")
         ),
     )
 
 
-def package_finding(required: Requirement, version_of: Callable[[str], str | None]) -> DoctorRow:
-    """Check one required package."""
+def _is_of(required: Requirement, extra: str) -> bool:
+    return required.marker is None or required.marker.evaluate({"extra": extra})
+
+
+def package_finding(required: Requirement, version_of: Callable[[str], str | None], only_for: str = "") -> DoctorRow:
+    """Check one required package; one that is needed `only_for` something may be missing."""
     fix = f"pip install '{required.name}{required.specifier}'"
     version = version_of(required.name)
+    if version is None and only_for:
+        found = f"only needed for {only_for}, not for tracking"
+        return DoctorRow(what=required.name, standing=Severity.OPTIONAL, found=found, fix="pip install 'dlokit[all]'")
     if version is None:
         return DoctorRow(what=required.name, standing=Severity.LACKING, found="not installed", fix=fix)
     if not required.specifier.contains(version, prereleases=True):

@@ -16,7 +16,7 @@ from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
-from dlokit.errors import DlokitError
+from dlokit.errors import DlokitError, require_cell
 from dlokit.geometry import resample
 from dlokit.skills.planning import api as planning
 from dlokit.system.build import Wiring, build_component, instances_of_run
@@ -42,6 +42,7 @@ def judge(
 
     Raises `InputError` where the goal or a setting cannot work.
     """
+    require_cell("dlokit.judge")
     with tempfile.TemporaryDirectory() as folder:
         config = with_settings(with_choices(RunConfig(seed=seed), NamedChoices(dlo=dlo)), settings or {})
         config = replace(config, goal=named_or_saved(goal, "goal", Path(folder)), headless=True)

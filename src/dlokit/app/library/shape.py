@@ -16,6 +16,7 @@ from dlokit.app.shape.job import NamedChoices, job_from_config, with_absolute_fi
 from dlokit.app.shape.preflight import check_before_start, prepare
 from dlokit.app.shape.shape import RUNS, again_by_config, run_and_report
 from dlokit.app.shape.terminal import RunDisplay
+from dlokit.errors import require_cell
 from dlokit.system.config import RunConfig, Runtime
 from dlokit.system.results.run_folder import claim_run_folder, new_run_folder
 from dlokit.system.toml_config import read_toml
@@ -53,6 +54,7 @@ def shape(
     Works in a script, in a notebook, and inside a running event loop, which it blocks. Ctrl-C ends the run with
     outcome ``cancelled``. Raises `InputError` where an argument cannot work, before anything starts.
     """
+    require_cell("dlokit.shape")
     choices = NamedChoices(
         dlo=dlo,
         physics=physics,

@@ -13,9 +13,10 @@ from dlokit.description.table import TABLE_TOP_M
 from dlokit.skills.perception.base import Segmentation, SegmentationConfig
 from dlokit.skills.perception.calibration import arm_outline
 from dlokit.skills.perception.calibration.table import camera_pose_from_table
-from dlokit.skills.perception.cloud import box_outline, clean, inside_box, reproject, to_centre_line
+from dlokit.skills.perception.cloud import clean, inside_box, to_centre_line
 from dlokit.skills.perception.config import PerceptionConfig
 from dlokit.skills.perception.rectification import grey, rectified
+from dlokit.skills.perception.reprojection import box_outline, reproject
 from dlokit.skills.perception.self_filter import (
     OCCLUSION_SCALE,
     PICTURE_MARGIN_M,

@@ -2,7 +2,8 @@ import numpy as np
 from stereo_scene import calibration
 
 from dlokit.geometry.camera import plane_disparity
-from dlokit.skills.perception.cloud import lonely, reproject, thin, to_centre_line
+from dlokit.skills.perception.cloud import lonely, thin, to_centre_line
+from dlokit.skills.perception.reprojection import reproject
 from dlokit.skills.perception.stereo import Disparity, Window
 
 RNG = np.random.default_rng(0)
