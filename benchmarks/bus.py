@@ -20,7 +20,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from dlokit.bench.report import BenchFigure, figure
+from dlokit.benches.report import BenchFigure, figure
 from dlokit.errors import ConfigError
 from dlokit.evaluation.statistics import median
 from parts.bus_load import SIZES_BYTES, Delay

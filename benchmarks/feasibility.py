@@ -24,7 +24,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from dlokit.bench.report import BenchFigure, figure
+from dlokit.benches.report import BenchFigure, figure
 from dlokit.errors import ConfigError, ShapeError
 from dlokit.evaluation.statistics import success_rate, without_interval
 from dlokit.types.arrays import Float64Array

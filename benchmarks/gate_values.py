@@ -34,7 +34,7 @@ from adversarial import MUTATIONS, executed_breach, honest, honest_pose, remade,
 from adversarial_calls import Batch, CallResult
 from robot_bench import KINEMATICS, PerfectArm
 
-from dlokit.bench.report import BenchFigure, figure
+from dlokit.benches.report import BenchFigure, figure
 from dlokit.communication.timing import virtual_time
 from dlokit.description.arm.panda import PANDA_LIMITS
 from dlokit.errors import BadValue, CommunicationError, SkillFailure

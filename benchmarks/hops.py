@@ -48,7 +48,7 @@ from rich.table import Table
 
 import dlokit
 from dlokit.app.shape.job import job_from_config
-from dlokit.bench.report import BenchFigure, figure
+from dlokit.benches.report import BenchFigure, figure
 from dlokit.communication import topics
 from dlokit.communication.component import Component, implements
 from dlokit.communication.container import Container

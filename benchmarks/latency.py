@@ -20,8 +20,8 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from dlokit.bench.faults.live_run import StartedCommand, live_run
-from dlokit.bench.report import BenchFigure, figure
+from dlokit.benches.faults.live_run import StartedCommand, live_run
+from dlokit.benches.report import BenchFigure, figure
 from dlokit.communication import topics
 from dlokit.communication.container import end_tasks
 from dlokit.communication.topic import Topic

@@ -18,9 +18,9 @@ from pathlib import Path
 from playwright.async_api import Browser, async_playwright
 from rich.console import Console
 
-from dlokit.bench.faults.live_run import LiveRun, StartedCommand, live_run
-from dlokit.bench.report import figure
-from dlokit.bench.stop.small_system import burden
+from dlokit.benches.faults.live_run import LiveRun, StartedCommand, live_run
+from dlokit.benches.report import figure
+from dlokit.benches.stop.small_system import burden
 from dlokit.communication import topics
 from dlokit.evaluation.statistics import without_interval
 from dlokit.recording.channels import FILE_NAME

@@ -21,7 +21,7 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from dlokit.bench.report import BenchFigure, figure, spread
+from dlokit.benches.report import BenchFigure, figure, spread
 from dlokit.description.shapes import builtin_shape
 from dlokit.errors import ConfigError
 from dlokit.evaluation.statistics import median

@@ -11,7 +11,7 @@ import numpy as np
 from rich.console import Console
 
 import dlokit
-from dlokit.bench.report import figure
+from dlokit.benches.report import figure
 from dlokit.errors import ConfigError
 from dlokit.evaluation.statistics import median
 from dlokit.rod.believed import BelievedDlo

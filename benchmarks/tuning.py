@@ -24,14 +24,14 @@ import tyro
 from rich.console import Console
 from scipy.stats import qmc
 
-from dlokit.bench.observers.cases import BASE, TUNING_SEED, ObserverCase
-from dlokit.bench.observers.clouds import Looks, looks
-from dlokit.bench.observers.conditions import Conditions
-from dlokit.bench.observers.methods import ObserverMethod, ProbregConfig, PycpdConfig
-from dlokit.bench.observers.metrics import score
-from dlokit.bench.observers.runner import follow
-from dlokit.bench.observers.sequence import Sequence as RodSequence
-from dlokit.bench.report import BenchFigure
+from dlokit.benches.observers.cases import BASE, TUNING_SEED, ObserverCase
+from dlokit.benches.observers.clouds import Looks, looks
+from dlokit.benches.observers.conditions import Conditions
+from dlokit.benches.observers.methods import ObserverMethod, ProbregConfig, PycpdConfig
+from dlokit.benches.observers.metrics import score
+from dlokit.benches.observers.runner import follow
+from dlokit.benches.observers.sequence import Sequence as RodSequence
+from dlokit.benches.report import BenchFigure
 from dlokit.errors import ConfigError
 from dlokit.skills.observer.base import ObserverStrategyConfig
 from dlokit.skills.observer.cpd import CpdConfig

@@ -19,7 +19,7 @@ from rich.console import Console
 from rich.progress import track
 
 from dlokit import geometry
-from dlokit.bench.report import figure
+from dlokit.benches.report import figure
 from dlokit.description.scene import default_calibration
 from dlokit.errors import ConfigError
 from dlokit.evaluation.statistics import success_rate, without_interval

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import msgspec
 import numpy as np
 
-from dlokit.bench.shaping.experiments import TOLD_HEAVIER, TOLD_SMOOTHER, TOLD_STIFFER
+from dlokit.benches.shaping.experiments import TOLD_HEAVIER, TOLD_SMOOTHER, TOLD_STIFFER
 from dlokit.description.dlo import GRAVITY_M_S2, SOFT_ROPE, DloPreset
 from dlokit.functional.cell.world import TABLE_FRICTION, Cell
 from dlokit.rod.believed import BeliefConfig, BelievedDlo, as_configured, with_belief

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from dlokit.bench.faults.judging import faults_of
-from dlokit.bench.faults.table import BY_NAME
-from dlokit.bench.faults.trial import FaultCase, try_case
+from dlokit.benches.faults.judging import faults_of
+from dlokit.benches.faults.table import BY_NAME
+from dlokit.benches.faults.trial import FaultCase, try_case
 from dlokit.system.config import RunConfig
 
 pytestmark = pytest.mark.live

@@ -5,7 +5,7 @@ import itertools
 
 import pytest
 
-from dlokit.bench.stop.stopping import StopPlan, measure_stops
+from dlokit.benches.stop.stopping import StopPlan, measure_stops
 from dlokit.system.config import RunConfig
 
 pytestmark = pytest.mark.live

@@ -5,7 +5,7 @@ import asyncio
 import pytest
 
 from dlokit.app.bench.stop import PERSON
-from dlokit.bench.stop.presses import ROWS, STARTING, PressPlan, measure_presses
+from dlokit.benches.stop.presses import ROWS, STARTING, PressPlan, measure_presses
 from dlokit.system.config import RunConfig
 
 pytestmark = pytest.mark.live

@@ -11,11 +11,11 @@ from typing import Any
 import msgspec
 import pytest
 
-from dlokit.bench.shaping import sweep
-from dlokit.bench.shaping.cases import IDEAL, CaseResult, ShapingCase, ShapingMethod, cases
-from dlokit.bench.shaping.runner import SHAPES_FILE
-from dlokit.bench.shaping.suites import paper_suite
-from dlokit.bench.shaping.sweep import Workers, run_sweep
+from dlokit.benches.shaping import sweep
+from dlokit.benches.shaping.cases import IDEAL, CaseResult, ShapingCase, ShapingMethod, cases
+from dlokit.benches.shaping.runner import SHAPES_FILE
+from dlokit.benches.shaping.suites import paper_suite
+from dlokit.benches.shaping.sweep import Workers, run_sweep
 from dlokit.errors import MachineError
 from dlokit.system.config import RunConfig
 from dlokit.system.results.run_result import RunResult

@@ -14,7 +14,7 @@ from rich.table import Table
 from dlokit.app.bench.progress import followed
 from dlokit.app.commands import CliCommand, flag
 from dlokit.app.shape.preflight import check_before_start, prepare
-from dlokit.bench.faults.judging import (
+from dlokit.benches.faults.judging import (
     BRAKES_WITHIN_S,
     FaultRow,
     RunFinding,
@@ -24,10 +24,10 @@ from dlokit.bench.faults.judging import (
     figures,
     recovered_s,
 )
-from dlokit.bench.faults.sweep import claim_faults_folder, describe, run_faults
-from dlokit.bench.faults.table import BY_NAME, FAULTS, Fault
-from dlokit.bench.faults.trial import FaultCase, cases
-from dlokit.bench.report import bench_json
+from dlokit.benches.faults.sweep import claim_faults_folder, describe, run_faults
+from dlokit.benches.faults.table import BY_NAME, FAULTS, Fault
+from dlokit.benches.faults.trial import FaultCase, cases
+from dlokit.benches.report import bench_json
 from dlokit.errors import EXIT_OTHERWISE, ConfigError, InputError
 from dlokit.system.config import RunConfig
 from dlokit.system.results.run_folder import new_run_folder

@@ -15,17 +15,17 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from dlokit.app.commands import CliCommand, flag
-from dlokit.bench.observers import iterations
-from dlokit.bench.observers.cases import CASES, TUNING_SEED, ObserverCase, external_cases
-from dlokit.bench.observers.conditions import long_enough
-from dlokit.bench.observers.figures import ALL_CASES, HALF, Bar, Compared, bars, compare, figures
-from dlokit.bench.observers.methods import choose, default_name
-from dlokit.bench.observers.metrics import METRICS, Metric
-from dlokit.bench.observers.report import by_key, case_table, draw, methods_of, metric_table, observers_json, shown
-from dlokit.bench.observers.runner import BenchPlan, Said, Trial, in_a_worker, run_in_workers
-from dlokit.bench.observers.sequence import unread_arrays
-from dlokit.bench.observers.simulated import RATE_HZ
-from dlokit.bench.report import BenchFigure
+from dlokit.benches.observers import iterations
+from dlokit.benches.observers.cases import CASES, TUNING_SEED, ObserverCase, external_cases
+from dlokit.benches.observers.conditions import long_enough
+from dlokit.benches.observers.figures import ALL_CASES, HALF, Bar, Compared, bars, compare, figures
+from dlokit.benches.observers.methods import choose, default_name
+from dlokit.benches.observers.metrics import METRICS, Metric
+from dlokit.benches.observers.report import by_key, case_table, draw, methods_of, metric_table, observers_json, shown
+from dlokit.benches.observers.runner import BenchPlan, Said, Trial, in_a_worker, run_in_workers
+from dlokit.benches.observers.sequence import unread_arrays
+from dlokit.benches.observers.simulated import RATE_HZ
+from dlokit.benches.report import BenchFigure
 from dlokit.errors import ConfigError, InputError, MachineError
 from dlokit.system.results.run_folder import claim_run_folder, new_run_folder
 from dlokit.system.results.run_record import machine_facts

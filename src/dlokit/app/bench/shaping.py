@@ -15,10 +15,10 @@ from dlokit.app.bench.progress import followed
 from dlokit.app.commands import CliCommand, flag
 from dlokit.app.shape.job import config_file_of
 from dlokit.app.shape.preflight import prepare
-from dlokit.bench.report import bench_json
-from dlokit.bench.shaping.cases import IDEAL, CaseResult, ShapingCase, ShapingMethod, cases, methods_of, with_method
-from dlokit.bench.shaping.experiments import Experiment
-from dlokit.bench.shaping.figures import (
+from dlokit.benches.report import bench_json
+from dlokit.benches.shaping.cases import IDEAL, CaseResult, ShapingCase, ShapingMethod, cases, methods_of, with_method
+from dlokit.benches.shaping.experiments import Experiment
+from dlokit.benches.shaping.figures import (
     COLUMNS,
     experiment_rows,
     figures,
@@ -28,10 +28,10 @@ from dlokit.bench.shaping.figures import (
     verdict_lines,
     verdict_row,
 )
-from dlokit.bench.shaping.metrics import falsely_converged, standing
-from dlokit.bench.shaping.pictures import draw
-from dlokit.bench.shaping.suites import SEEDS_APART, SUITE_NAMES, suite_of
-from dlokit.bench.shaping.sweep import Workers, check_address, claim_sweep_folder, describe, run_sweep
+from dlokit.benches.shaping.metrics import falsely_converged, standing
+from dlokit.benches.shaping.pictures import draw
+from dlokit.benches.shaping.suites import SEEDS_APART, SUITE_NAMES, suite_of
+from dlokit.benches.shaping.sweep import Workers, check_address, claim_sweep_folder, describe, run_sweep
 from dlokit.errors import EXIT_FAULT, ConfigError, InputError
 from dlokit.functional.cell.config import EVERY_FACTOR
 from dlokit.system.config import RunConfig

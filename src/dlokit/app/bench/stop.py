@@ -13,11 +13,11 @@ from rich.table import Table
 
 from dlokit.app.commands import CliCommand, flag
 from dlokit.app.operate import enable, stop
-from dlokit.bench.report import bench_json
-from dlokit.bench.stop.figures import confirmed_percentile_s, percentile_s, press_figures, stop_figures
-from dlokit.bench.stop.press_verdict import PressRow
-from dlokit.bench.stop.presses import Person, PressPlan, measure_presses
-from dlokit.bench.stop.stopping import StopFigures, StopPlan, measure_stops
+from dlokit.benches.report import bench_json
+from dlokit.benches.stop.figures import confirmed_percentile_s, percentile_s, press_figures, stop_figures
+from dlokit.benches.stop.press_verdict import PressRow
+from dlokit.benches.stop.presses import Person, PressPlan, measure_presses
+from dlokit.benches.stop.stopping import StopFigures, StopPlan, measure_stops
 from dlokit.communication.timing.urgency import garbage_frozen
 from dlokit.errors import EXIT_OTHERWISE, ConfigError, InputError
 from dlokit.system.config import RunConfig

@@ -6,7 +6,7 @@ import pytest
 
 from dlokit.app.bench.shaping import QUICK_SEEDS, ShapingArgs, run_shaping
 from dlokit.app.commands import parse
-from dlokit.bench.shaping.suites import SUITE_NAMES, suite_of
+from dlokit.benches.shaping.suites import SUITE_NAMES, suite_of
 from dlokit.errors import ConfigError, InputError
 from dlokit.system.config import RunConfig
 

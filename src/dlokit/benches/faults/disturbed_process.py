@@ -1,0 +1,11 @@
+"""Entry point of a process with a disturbed bus; its first argument is the file that selects the disturbance."""
+
+if __name__ == "__main__":
+    # Here, because the workers of a process import its entry point anew, and need none of this.
+    import sys
+    from pathlib import Path
+
+    from dlokit.benches.faults.disturbance import disturbed_by
+    from dlokit.system.processes.child import component_of_run, run_child
+
+    run_child(component_of_run, disturbed_by(Path(sys.argv[1])))

@@ -1,0 +1,112 @@
+"""The table of faults: for each the injection, its time, and the allowed ends of the run."""
+
+import signal
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+from dlokit.benches.faults.disturbance import Disturbance
+from dlokit.benches.faults.injuries import Disturbed, FullDisk, Injury, Nothing, Signalled, SlippedGrasp
+from dlokit.benches.faults.moments import Moment
+from dlokit.types.flow import RunOutcome
+
+
+@dataclass(frozen=True)
+class Ending:
+    """An allowed end of a run."""
+
+    outcome: RunOutcome
+    reason: str = ""
+    """Prefix of its reason."""
+
+    def __str__(self) -> str:
+        return f"{self.outcome.value}, {self.reason}" if self.reason else self.outcome.value
+
+
+CONVERGES = (Ending(RunOutcome.CONVERGED),)
+
+
+def ends_as(*reasons: str) -> tuple[Ending, ...]:
+    """The run fails with one of these reasons; `robot.` is any skill of the robot without an answer."""
+    return tuple(Ending(RunOutcome.FAILED, reason) for reason in reasons)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fault:
+    """One row."""
+
+    name: str
+    what: str
+    injury: Callable[[], Injury]
+    when: tuple[Moment, ...] = (Moment.ANY,)
+    """Times of injection; the runs of a fault use them in turn."""
+    over_after_s: float | None = None
+    """Time after which the fault ends on its own, in wall time [s]; None: it does not."""
+    right: tuple[Ending, ...] = CONVERGES
+    """Allowed ends, of the resumed run if it is resumed."""
+    resumed: bool = False
+    """The fault ends the run's own process: all others must end on their own, and `dlokit resume` must continue."""
+    brakes: bool = False
+    """A moving arm must brake on its own; the time until it begins is measured."""
+    takes_arm: bool = False
+    """The fault destroys the cell and with it the arm, so that the state of the arm is unknown."""
+    watched: bool = False
+    """The run has a viewer."""
+    disturbed: bool = False
+    """The run's processes are started with a bus that can be disturbed."""
+
+
+KILL, STOP = signal.SIGKILL, signal.SIGSTOP
+ANY, MOVING, HOLDING, THINKING = Moment.ANY, Moment.MOVING, Moment.HOLDING, Moment.THINKING
+FROZEN_S = 5.0
+"""Duration of a temporary freeze [s]."""
+
+
+LATE_FOR_S = 10.0
+NO_FEEDBACK_S = 2.0
+"""Longer than the gate waits for feedback before a motion [s]."""
+
+
+def _to(process: str, number: signal.Signals, *, worker: bool = False) -> Callable[[], Injury]:
+    return partial(Signalled, process, number, worker)
+
+
+# fmt: off
+FAULTS: tuple[Fault, ...] = (
+    Fault(name="none",              what="nothing (control)", injury=Nothing),
+    Fault(name="kill-decision",     what="SIGKILL to the decision process", injury=_to("decision", KILL),
+          when=(MOVING, ANY, HOLDING), resumed=True, brakes=True),
+    Fault(name="freeze-decision",   what="SIGSTOP to the decision process, for 5 s", injury=_to("decision", STOP),
+          when=(MOVING, ANY, HOLDING), over_after_s=FROZEN_S, brakes=True),
+    Fault(name="kill-robot",        what="SIGKILL to the robot's process", injury=_to("robot", KILL),
+          when=(MOVING, ANY), right=ends_as("process_died: robot"), brakes=True),
+    Fault(name="freeze-robot",      what="SIGSTOP to the robot's process", injury=_to("robot", STOP),
+          when=(MOVING, ANY), right=ends_as("process_frozen: robot", "robot."), brakes=True),
+    Fault(name="kill-cell",         what="SIGKILL to the cell's process", injury=_to("cell", KILL),
+          when=(MOVING, ANY), right=ends_as("process_died: cell"), takes_arm=True),
+    Fault(name="freeze-cell",       what="SIGSTOP to the cell's process", injury=_to("cell", STOP),
+          when=(MOVING, ANY), right=ends_as("process_frozen: cell", "robot."), takes_arm=True),
+    Fault(name="kill-camera",       what="SIGKILL to the camera's process", injury=_to("camera", KILL)),
+    Fault(name="freeze-camera",     what="SIGSTOP to the camera's process", injury=_to("camera", STOP)),
+    Fault(name="kill-observer",     what="SIGKILL to the observer's process", injury=_to("observer", KILL)),
+    Fault(name="freeze-observer",   what="SIGSTOP to the observer's process", injury=_to("observer", STOP)),
+    Fault(name="kill-simulation",   what="SIGKILL to the model's process", injury=_to("simulation", KILL)),
+    Fault(name="freeze-simulation", what="SIGSTOP to the model's process", injury=_to("simulation", STOP)),
+    Fault(name="kill-viewer",       what="SIGKILL to the viewer's process", injury=_to("viewer", KILL), watched=True),
+    Fault(name="freeze-viewer",     what="SIGSTOP to the viewer's process", injury=_to("viewer", STOP), watched=True),
+    Fault(name="kill-planner",      what="SIGKILL to the worker that plans",
+          injury=_to("decision", KILL, worker=True), when=(THINKING,)),
+    Fault(name="freeze-planner",    what="SIGSTOP to the worker that plans",
+          injury=_to("decision", STOP, worker=True), when=(THINKING,)),
+    Fault(name="drop-camera",       what="no pictures for 5 s", injury=_to("camera", STOP), over_after_s=FROZEN_S),
+    Fault(name="withhold-feedback", what="no feedback of the arm reaches its driver for 2 s",
+          injury=partial(Disturbed, Disturbance.NO_FEEDBACK), when=(MOVING,), over_after_s=NO_FEEDBACK_S,
+          disturbed=True, brakes=True),
+    Fault(name="slip-grasp",        what="the DLO falls out of the fingers", injury=SlippedGrasp, when=(HOLDING,)),
+    Fault(name="delay-messages",    what="all messages and calls come 500 ms late, for 10 s",
+          injury=partial(Disturbed, Disturbance.LATE), over_after_s=LATE_FOR_S, disturbed=True),
+    Fault(name="fill-disk",         what="the recording may not grow any more", injury=FullDisk),
+)
+# fmt: on
+
+BY_NAME = {fault.name: fault for fault in FAULTS}

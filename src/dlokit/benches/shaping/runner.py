@@ -1,0 +1,152 @@
+"""Runs one case in lockstep, judged by the ground truth, with its files in its own folder."""
+
+import logging
+import shutil
+import traceback
+import zipfile
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from dlokit import __version__
+from dlokit.benches.shaping.cases import CaseResult, CaseShapes, ShapingCase, with_method
+from dlokit.benches.shaping.experiments import RANDOM, BuiltInGoal
+from dlokit.benches.shaping.oracle import OracleBuild
+from dlokit.decision.records import GoalRequest
+from dlokit.errors import InputError
+from dlokit.evaluation.evaluator import read_truth
+from dlokit.evaluation.judged_run import judged_run
+from dlokit.skills.observer.kernels import load_kernels
+from dlokit.skills.planning.base import Loaded
+from dlokit.system.build import build_component
+from dlokit.system.config import RunConfig
+from dlokit.system.lockstep import run_lockstep
+from dlokit.system.results.run_record import RunRecord
+from dlokit.system.results.run_result import RunResult, read_result
+from dlokit.system.shaping import ShapeJob, Watcher
+from dlokit.types.arrays import Float64Array
+from dlokit.types.flow import RunOutcome
+
+log = logging.getLogger(__name__)
+
+SHAPES_FILE = "shapes.npz"
+FAULT_FILE = "fault.txt"
+START_FILE, GOAL_FILE = "start.npy", "goal.npy"
+
+
+def attempt_case(case: ShapingCase, config: RunConfig, folder: Path) -> CaseResult:
+    """Run one case; an error is reported in its result and does not end the other cases.
+
+    Files of a previous attempt in `folder` are removed.
+    """
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    try:
+        return run_case(case, config, folder)
+    except Exception as error:  # a sweep of hours keeps its other cases, whatever fails in this one
+        (folder / FAULT_FILE).write_text(traceback.format_exc(), encoding="utf-8")
+        fault = f"{type(error).__name__}: {error}"
+        return CaseResult(case=case, result=_broken(case, config, fault), fault=fault)
+
+
+def run_case(case: ShapingCase, config: RunConfig, folder: Path) -> CaseResult:
+    """Run one case in lockstep; the file that marks it as finished is written last."""
+    config = case_config(case, config, folder)
+    job = job_of(case, config)
+    _load(config)
+    for name, nodes in ((START_FILE, job.start_nodes_world), (GOAL_FILE, _goal(case, config))):
+        if str((folder / name).absolute()) in (config.start, config.goal):
+            np.save(folder / name, nodes)
+
+    def run(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher) -> RunRecord:
+        build = OracleBuild() if case.method.sees_truth else build_component
+        return run_lockstep(config, job, folder, watch, build)
+
+    record = judged_run(config, job, folder, Watcher(), run)
+    truth = read_truth(folder)
+    shapes = CaseShapes(
+        start_world=truth.nodes_world[0],
+        goal_world=record.goal_nodes_world,
+        final_world=truth.nodes_world[-1],
+    )
+    if record.result.outcome is not RunOutcome.CANCELLED:
+        _write_shapes(folder, shapes)
+    return CaseResult(case=case, result=record.result, shapes=shapes)
+
+
+def finished_case(case: ShapingCase, folder: Path) -> CaseResult | None:
+    """The result of a case in an earlier sweep; None if it is not finished."""
+    if not (folder / SHAPES_FILE).is_file():
+        return None
+    try:
+        result = read_result(folder)
+        with (folder / SHAPES_FILE).open("rb") as file, np.load(file) as arrays:
+            shapes = CaseShapes(**{name: np.asarray(arrays[name]) for name in CaseShapes.__dataclass_fields__})
+    except (InputError, OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
+        log.warning("%s is run again: %s", folder, error)
+        return None
+    return CaseResult(case=case, result=result, shapes=shapes)
+
+
+def case_config(case: ShapingCase, config: RunConfig, folder: Path) -> RunConfig:
+    """The configuration of a case's run; with `dlokit shape --config` it can be run again by hand."""
+    config = with_method(case.experiment.configured(config), case.method)
+    goal, start = case.experiment.goal, case.experiment.start
+    named_goal = isinstance(goal, BuiltInGoal) and not goal.is_moved
+    return replace(
+        config,
+        start=str((folder / START_FILE).absolute()) if start == RANDOM else start,
+        goal=goal.name if isinstance(goal, BuiltInGoal) and named_goal else str((folder / GOAL_FILE).absolute()),
+        seed=case.run_seed,
+        runtime="lockstep",
+        headless=True,
+    )
+
+
+def job_of(case: ShapingCase, config: RunConfig) -> ShapeJob:
+    """The curves of a case: the start for the cell's DLO, the goal for the system's model of it."""
+    return ShapeJob(
+        name=case.experiment.name,
+        start_nodes_world=case.experiment.start_world(config.cell.dlo, case.run_seed),
+        request=GoalRequest(
+            nodes_world=_goal(case, config),
+            name=case.experiment.name,
+            ends_interchangeable=config.ends_interchangeable,
+        ),
+    )
+
+
+def _load(config: RunConfig) -> None:
+    """Load compiled code, which a fresh process would otherwise load, and time, in its first decision."""
+    load_kernels((config.observer.strategy,))
+    if isinstance(config.planning.strategy, Loaded):
+        config.planning.strategy.load()
+
+
+def _goal(case: ShapingCase, config: RunConfig) -> Float64Array:
+    return case.experiment.goal.nodes_world(config.model.length_m, config.model.radius_m)
+
+
+def _write_shapes(folder: Path, shapes: CaseShapes) -> None:
+    part = folder / f"part-{SHAPES_FILE}"
+    arrays: Mapping[str, Float64Array] = {name: getattr(shapes, name) for name in CaseShapes.__dataclass_fields__}
+    np.savez(part, allow_pickle=False, **arrays)
+    part.replace(folder / SHAPES_FILE)
+
+
+def _broken(case: ShapingCase, config: RunConfig, fault: str) -> RunResult:
+    return RunResult(
+        outcome=RunOutcome.FAILED,
+        reason=fault,
+        actions=0,
+        rmse_m=None,
+        threshold_m=config.task.threshold_m,
+        seed=case.run_seed,
+        sim_time_s=0.0,
+        wall_time_s=0.0,
+        planning_time_s=0.0,
+        config_hash="",
+        version=__version__,
+    )
