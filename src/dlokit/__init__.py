@@ -25,7 +25,7 @@ _HOMES = {
 }
 """Modules of the public names, imported at first use: `import dlokit` loads nothing. `__init__.pyi` has their types."""
 
-__all__ = ["__version__", *_HOMES]  # pyright: ignore[reportUnsupportedDunderAll]
+__all__ = ["__version__", "bench", *_HOMES]  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def __getattr__(name: str) -> Any:
@@ -34,6 +34,8 @@ def __getattr__(name: str) -> Any:
         from importlib.metadata import version
 
         return version("dlokit")
+    if name == "bench":
+        return import_module("dlokit.bench")
     if name in _HOMES:
         return getattr(import_module(_HOMES[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,3 +1,4 @@
+from dlokit import bench as bench
 from dlokit.app.data.identify import Identified as Identified
 from dlokit.app.data.identify import identify as identify
 from dlokit.app.library.judging import judge as judge
@@ -19,6 +20,7 @@ __all__ = [
     "Run",
     "Tracker",
     "__version__",
+    "bench",
     "identify",
     "judge",
     "open_run",

@@ -57,7 +57,7 @@ class MachineError(InputError):
 
 
 CELL_MODULES = frozenset(
-    ("cryptography", "cv2", "mink", "mujoco", "rtbdata", "ruckig", "trimesh", "viser", "websockets", "zenoh")
+    ("cryptography", "cv2", "loky", "mink", "mujoco", "rtbdata", "ruckig", "trimesh", "viser", "websockets", "zenoh")
 )
 """Modules of the extra `cell`, without which dlokit tracks clouds and reads recordings."""
 

@@ -6,8 +6,9 @@ receiver looks up the type by the name, so decoding never executes code.
 
 import dataclasses
 import logging
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Generator, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from functools import cached_property
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any, ClassVar, Generic, Literal, Protocol, TypeVar, Union, get_type_hints
@@ -81,9 +82,32 @@ class StrategyKind(Generic[C]):
     """Group of entry points through which other packages add strategies; each names a configuration class."""
     builtin: tuple[type[C], ...]
     """Strategies that ship with dlokit, the default first."""
+    _given: dict[str, type[C]] = field(default_factory=dict[str, type[C]], init=False, compare=False, repr=False)
+
+    @contextmanager
+    def given(self, configs: Iterable[type[C]]) -> Generator[None]:
+        """Meanwhile this process also has these strategies, which no package installs.
+
+        Raises `ConfigError` when one has the name of an installed strategy.
+        """
+        before = dict(self._given)
+        self._given.clear()
+        installed = self.installed()
+        for config in configs:
+            if config.name in installed:
+                self._given.update(before)
+                raise ConfigError(
+                    f"{self.purpose} {config.name!r} is the name of a strategy that is installed; choose another name."
+                )
+            self._given[config.name] = config
+        try:
+            yield
+        finally:
+            self._given.clear()
+            self._given.update(before)
 
     def installed(self) -> dict[str, type[C]]:
-        """Configuration classes of all installed strategies by name, dlokit's own first.
+        """Configuration classes of all installed strategies by name, dlokit's own first, those of `given` last.
 
         An unusable one is skipped, with a warning the first time. Raises `ConfigError` when two have the same name.
         """
@@ -98,7 +122,7 @@ class StrategyKind(Generic[C]):
                 )
             found[config.name] = config
             origin[config.name] = source
-        return found
+        return found | self._given
 
     @cached_property
     def _external(self) -> tuple[tuple[type[C], str], ...]:

@@ -26,7 +26,7 @@ from dlokit.benches.observers.runner import BenchPlan, Said, Trial, in_a_worker,
 from dlokit.benches.observers.sequence import unread_arrays
 from dlokit.benches.observers.simulated import RATE_HZ
 from dlokit.benches.report import BenchFigure
-from dlokit.errors import ConfigError, InputError, MachineError
+from dlokit.errors import EXIT_FAULT, ConfigError, InputError, MachineError
 from dlokit.system.results.run_folder import claim_run_folder, new_run_folder
 from dlokit.system.results.run_record import machine_facts
 
@@ -44,7 +44,7 @@ def print_figures(rows: Sequence[BenchFigure], console: Console, *, comparable: 
     if over_all := list(metric_table(rows, ALL_CASES)):
         tables.append(_table("all cases, health as a predictor of the error", "metric", methods, over_all))
     # Figures that wrap cannot be read, so the width of a narrow or unknown terminal is ignored.
-    wide = Console(width=max(console.width, 34 + 24 * len(methods)))
+    wide = Console(width=max(console.width, 34 + 24 * len(methods)), file=console.file, quiet=console.quiet)
     for table in tables:
         wide.print(table)
     times = "times are processor time per frame, one thread"
@@ -55,7 +55,7 @@ def print_figures(rows: Sequence[BenchFigure], console: Console, *, comparable: 
 
 def print_summary(rows: Sequence[BenchFigure], compared: Sequence[Compared], plan: BenchPlan, console: Console) -> None:
     """Compare the default observer, without pins, with the best published method and with the bars."""
-    wide = Console(width=max(console.width, 100))
+    wide = Console(width=max(console.width, 100), file=console.file, quiet=console.quiet)
     if compared:
         table = Table(title=f"{default_name()} against the best peer, node error", caption=f"bar: at most {HALF}")
         for heading in ("case", f"{default_name()} mm", "best peer mm", "peer", "ratio (95 %)", ""):
@@ -134,9 +134,29 @@ class ObserversArgs:
 
 def run_observers(args: ObserversArgs) -> int:
     """Run the comparison; the exit code is 0 even after Ctrl-C, and the finished trials are reported."""
+    done = compare_observers(args, Console())
+    return 0 if done.whole else EXIT_FAULT
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ComparedObservers:
+    """The figures of a comparison, and its files."""
+
+    rows: tuple[BenchFigure, ...]
+    """Empty where it was interrupted before the first trial was finished."""
+    whole: bool
+    """Whether all processes ended without an error."""
+    folder: Path
+    pictures: tuple[Path, ...]
+
+
+def compare_observers(args: ObserversArgs, console: Console) -> ComparedObservers:
+    """Run the comparison and print its figures; after Ctrl-C of the finished trials.
+
+    Raises `InputError` before the first trial.
+    """
     plan, left_out = _plan(args)
     _check_writable(args.json)
-    console = Console()
     for reason in left_out:
         console.print(f"left out: {reason}", highlight=False, soft_wrap=True, markup=False)
     folder = claim_run_folder(args.out) if args.out else new_run_folder(Path("runs"), "bench-observers", datetime.now())
@@ -144,7 +164,7 @@ def run_observers(args: ObserversArgs) -> int:
     trials, whole = _trials(plan, args.jobs, console)
     if not trials:
         console.print("interrupted before any trial was finished")
-        return 0 if whole else 1
+        return ComparedObservers(rows=(), whole=whole, folder=folder, pictures=())
     rows, apart = figures(trials), iterations.figures(times)
     compared = list(compare(trials, plan.cases))
     if args.json is not None:
@@ -158,7 +178,7 @@ def run_observers(args: ObserversArgs) -> int:
     if args.json is not None:
         console.print(f"figures: {args.json}")
     console.print(f"pictures: {len(pictures)} in {folder}")
-    return 0 if whole else 1
+    return ComparedObservers(rows=tuple(rows), whole=whole, folder=folder, pictures=tuple(pictures))
 
 
 def _iterations(args: ObserversArgs) -> list[iterations.IterationTimes]:

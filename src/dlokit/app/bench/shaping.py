@@ -1,6 +1,6 @@
 """`dlokit bench shaping`: compare planners and observers on the same starts and goals, judged by the ground truth."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from itertools import chain
@@ -35,6 +35,7 @@ from dlokit.benches.shaping.sweep import Workers, check_address, claim_sweep_fol
 from dlokit.errors import EXIT_FAULT, ConfigError, InputError
 from dlokit.functional.cell.config import EVERY_FACTOR
 from dlokit.system.config import RunConfig
+from dlokit.system.own_strategies import NOTHING_OWN, OwnStrategies
 from dlokit.system.results.run_folder import new_run_folder
 from dlokit.system.results.run_record import machine_facts
 from dlokit.system.toml_config import read_toml
@@ -64,7 +65,7 @@ def line_of(done: CaseResult) -> str:
 def print_results(results: Sequence[CaseResult], console: Console) -> None:
     """Print the tables, how the runs ended, and the goal verdicts compared with the outcomes."""
     # Figures that wrap cannot be read, so the width of a narrow or unknown terminal is ignored.
-    wide = Console(file=console.file, width=max(console.width, TABLE_WIDTH))
+    wide = Console(file=console.file, width=max(console.width, TABLE_WIDTH), quiet=console.quiet)
     wide.print(_table(results))
     for heading, lines in (("how runs ended", outcomes(results)), ("verdicts", verdict_lines(results))):
         console.print(f"[bold]{heading}[/]", highlight=False)
@@ -151,19 +152,37 @@ class ShapingArgs:
 
 def run_shaping(args: ShapingArgs) -> int:
     """Run the suite; exit code 0 when every run ended, converged or not, 1 when at least one failed with an error."""
+    return EXIT_FAULT if any(done.fault for done in compare(args, Console()).results) else 0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FinishedSweep:
+    """The results of a sweep, and its files."""
+
+    results: tuple[CaseResult, ...]
+    folder: Path
+    pictures: tuple[Path, ...]
+
+
+def compare(
+    args: ShapingArgs, console: Console, own: OwnStrategies = NOTHING_OWN, interrupted: Callable[[], bool] | None = None
+) -> FinishedSweep:
+    """Run the suite and print its figures; `own` are strategies of this program, which knows them meanwhile.
+
+    Where `interrupted` says so, it ends after the current run as with Ctrl-C. Raises `InputError` before the first run.
+    """
     suite, experiments = _suite(args)
     config, methods, todo, workers = _plan(args, suite, experiments)
     _check_writable(args.json)
-    console = Console()
     folder = args.out or new_run_folder(Path("runs"), "bench-shaping", datetime.now())
     claim_sweep_folder(folder, config, suite, experiments, oracle=args.oracle)
     console.print(_headline(args, suite, config, todo), highlight=False, soft_wrap=True)
     if not args.cluster:
         for method in methods:
             prepare(console, with_method(config, method))
-    sweep = run_sweep(todo, config, folder, workers)
+    sweep = run_sweep(todo, config, folder, workers, own)
     results = followed(
-        sweep,
+        sweep if interrupted is None else _until(interrupted, sweep),
         len(todo),
         folder,
         console,
@@ -177,10 +196,18 @@ def run_shaping(args: ShapingArgs) -> int:
         facts = {**described, "seeds": sorted({case.seed for case in todo}), "jobs": workers.jobs}
         args.json.write_bytes(bench_json("shaping", figures(results), machine_facts(), facts))
         console.print(f"figures: {args.json}", soft_wrap=True)
-    for path in draw(results, folder):
+    pictures = draw(results, folder)
+    for path in pictures:
         console.print(f"pictures: {path}", soft_wrap=True)
     console.print(f"runs: {folder}", soft_wrap=True)
-    return EXIT_FAULT if any(done.fault for done in results) else 0
+    return FinishedSweep(results=tuple(results), folder=folder, pictures=tuple(pictures))
+
+
+def _until(interrupted: Callable[[], bool], sweep: Iterator[CaseResult]) -> Iterator[CaseResult]:
+    for done in sweep:
+        yield done
+        if interrupted():
+            raise KeyboardInterrupt
 
 
 def _suite(args: ShapingArgs) -> tuple[str, tuple[Experiment, ...]]:

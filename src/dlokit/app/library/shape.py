@@ -16,8 +16,13 @@ from dlokit.app.shape.job import NamedChoices, job_from_config, with_absolute_fi
 from dlokit.app.shape.preflight import check_before_start, prepare
 from dlokit.app.shape.shape import RUNS, again_by_config, run_and_report
 from dlokit.app.shape.terminal import RunDisplay
-from dlokit.errors import require_cell
+from dlokit.errors import ConfigError, require_cell
+from dlokit.skills.observer.base import ObserverStrategyConfig
+from dlokit.skills.observer.own import OwnObserver
+from dlokit.skills.planning.base import StrategyConfig
+from dlokit.skills.planning.own import OwnPlanner
 from dlokit.system.config import RunConfig, Runtime
+from dlokit.system.own_strategies import NOTHING_OWN, OwnStrategies
 from dlokit.system.results.run_folder import claim_run_folder, new_run_folder
 from dlokit.system.toml_config import read_toml
 
@@ -30,9 +35,9 @@ def shape(
     dlo: str | None = None,
     physics: str | None = None,
     randomised: bool = False,
-    observer: str | None = None,
+    observer: str | OwnObserver | ObserverStrategyConfig | None = None,
     segmentation: str | None = None,
-    planner: str | None = None,
+    planner: str | OwnPlanner | StrategyConfig | None = None,
     runtime: Runtime = "lockstep",
     viewer: bool = False,
     settings: Mapping[str, Any] | None = None,
@@ -45,7 +50,8 @@ def shape(
     `start` and `goal` are ``"I"``, ``"S"``, ``"random"``, a .npy or .csv file, or points (K, 2) or (K, 3) [m] in the
     world frame along the curve, in the order of the rod. `seed` determines everything random; equal arguments give
     equal runs, to the bit. `dlo`, `physics`, `randomised`, `observer`, `segmentation` and `planner` are names, as
-    `dlokit shape --help` lists them. `settings` are further settings by their path in `config.toml`, e.g.
+    `dlokit shape --help` lists them; `observer` and `planner` may also be objects of your own, as for
+    `dlokit.bench.shaping`. `settings` are further settings by their path in `config.toml`, e.g.
     ``{"task.threshold_m": 0.008, "arms": 2}``; `config` is the config.toml of an earlier run, over which the other
     arguments take precedence. `runtime` ``"live"`` runs all processes in real time; `viewer` serves the page in the
     browser. `out` is an empty folder for what the run writes, by default ``runs/<time>-<name>/``. With `progress`
@@ -55,31 +61,38 @@ def shape(
     outcome ``cancelled``. Raises `InputError` where an argument cannot work, before anything starts.
     """
     require_cell("dlokit.shape")
+    own = OwnStrategies(planners=_own(planner), observers=_own(observer))
+    if runtime == "live" and own != NOTHING_OWN:
+        raise ConfigError(
+            "a planner or observer of your own runs in lockstep; for runtime 'live', whose processes do not have it, "
+            "install it in a package with an entry point."
+        )
     choices = NamedChoices(
         dlo=dlo,
         physics=physics,
         randomised=randomised,
-        observer=observer,
+        observer=_name_of(observer),
         segmentation=segmentation,
-        planner=planner,
+        planner=_name_of(planner),
     )
-    run = with_choices(RunConfig() if config is None else read_toml(Path(config), RunConfig), choices)
-    run = with_settings(replace(run, seed=seed, runtime=runtime, headless=not viewer), settings or {})
-    console = Console(quiet=not progress)
-    name = f"{_name(start)} to {_name(goal)}"
-    folder = new_run_folder(RUNS, name, datetime.now()) if out is None else claim_run_folder(Path(out))
-    run = replace(run, start=named_or_saved(start, "start", folder), goal=named_or_saved(goal, "goal", folder))
-    run = with_absolute_files(run)
-    job = replace(job_from_config(run), name=name)
-    check_before_start(run)
-    display = _Display(console, title=name, threshold_m=run.task.threshold_m)
+    with own.known():
+        run = with_choices(RunConfig() if config is None else read_toml(Path(config), RunConfig), choices)
+        run = with_settings(replace(run, seed=seed, runtime=runtime, headless=not viewer), settings or {})
+        console = Console(quiet=not progress)
+        name = f"{_curve_name(start)} to {_curve_name(goal)}"
+        folder = new_run_folder(RUNS, name, datetime.now()) if out is None else claim_run_folder(Path(out))
+        run = replace(run, start=named_or_saved(start, "start", folder), goal=named_or_saved(goal, "goal", folder))
+        run = with_absolute_files(run)
+        job = replace(job_from_config(run), name=name)
+        check_before_start(run)
+        display = _Display(console, title=name, threshold_m=run.task.threshold_m)
 
-    def whole() -> Run:
-        prepare(console, run)
-        record, report = run_and_report(run, job, folder, display, again_by_config(folder))
-        return Run(record=record, folder=folder, report=report)
+        def whole() -> Run:
+            prepare(console, run)
+            record, report = run_and_report(run, job, folder, display, again_by_config(folder))
+            return Run(record=record, folder=folder, report=report)
 
-    return outside_any_loop(whole, display.cancel)
+        return outside_any_loop(whole, display.cancel)
 
 
 class _Display(RunDisplay):
@@ -101,5 +114,13 @@ class _Display(RunDisplay):
             self._cancel()
 
 
-def _name(shape_or_points: str | Path | ArrayLike) -> str:
+def _name_of(strategy: object) -> str | None:
+    return strategy if isinstance(strategy, str | None) else type(strategy).__name__
+
+
+def _own(strategy: object) -> dict[str, object]:
+    return {} if isinstance(strategy, str | None) else {type(strategy).__name__: strategy}
+
+
+def _curve_name(shape_or_points: str | Path | ArrayLike) -> str:
     return Path(shape_or_points).name if isinstance(shape_or_points, str | Path) else "curve"

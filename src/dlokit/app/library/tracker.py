@@ -16,6 +16,7 @@ from dlokit.skills.observer.following import cleaned, followed
 from dlokit.skills.observer.initialise.first_shape import initial_targets
 from dlokit.skills.observer.initialise.skeleton import spanning_tree
 from dlokit.skills.observer.kernels import load_kernels
+from dlokit.skills.observer.own import Adapted, OwnObserver
 from dlokit.skills.observer.strategies import OBSERVERS
 from dlokit.types.arrays import BoolArray, Float32Array, Float64Array
 from dlokit.types.dlo import DloState, TargetPoints, Topology
@@ -67,7 +68,7 @@ class Tracker:
         length_m: float | None = None,
         radius_m: float = BelievedDlo.radius_m,
         nodes: int = BelievedDlo.nodes,
-        observer: str | ObserverStrategyConfig | ObserverStrategy = "map",
+        observer: str | ObserverStrategyConfig | OwnObserver = "map",
         initial_nodes_world: ArrayLike | None = None,
         camera_matrix: ArrayLike | None = None,
     ) -> None:
@@ -75,7 +76,7 @@ class Tracker:
 
         `length_m` is the DLO's length [m]; without it, the length that the first cloud shows. `nodes` is their number
         M. `observer` is the name of an installed strategy (map, anchored, cpd, spr, som), the settings of one, or an
-        object with `estimate(seen, prior)`, which may keep a state of its own from cloud to cloud.
+        object with `estimate(seen, prior)`, as `OwnObserver` describes it, which may keep a state from cloud to cloud.
         `initial_nodes_world` (M, 3) [m] are the nodes before the first cloud, which is then not ordered without a
         prior; they may form a branched DLO. `camera_matrix` (3, 3) [px] is needed for depth images alone.
 
@@ -141,7 +142,7 @@ class Tracker:
         if isinstance(observer, str):
             observer = OBSERVERS.named(observer, "observer")()
         if hasattr(observer, "estimate"):
-            return cast(ObserverStrategy, observer)
+            return Adapted(cast(OwnObserver, observer))
         config = cast(ObserverStrategyConfig, observer)
         load_kernels((config,))  # or the first clouds would wait for compiled code
         return config.build(self._dlo)

@@ -3,7 +3,6 @@
 The linear algebra of each process uses one thread.
 """
 
-import multiprocessing
 import os
 import queue
 import signal
@@ -13,10 +12,10 @@ from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
-from multiprocessing.context import SpawnProcess
 from typing import Any, TypeVar
 
 import numpy as np
+from loky.backend import get_context
 
 from dlokit.benches.observers.cases import ObserverCase
 from dlokit.benches.observers.clouds import Looks, ObserverFrame, looks, with_pins
@@ -240,7 +239,7 @@ def run_in_workers(plan: BenchPlan, jobs: int) -> Generator[Said]:
 
     Closing the iterator ends the processes. Raises what a trial raised, `MachineError` when a process died.
     """
-    context = multiprocessing.get_context("spawn")  # a forked process would keep the threads' settings of this one
+    context = _fresh_processes()
     tasks: Any = context.Queue()
     said: Any = context.Queue()
     for task in (*plan.tasks, *([None] * jobs)):
@@ -266,11 +265,20 @@ def run_in_workers(plan: BenchPlan, jobs: int) -> Generator[Said]:
 
 def in_a_worker(work: Callable[[], Result]) -> Result:
     """Call a function of a module in a process whose linear algebra uses one thread."""
-    with one_thread(), ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
+    with one_thread(), ProcessPoolExecutor(1, mp_context=_fresh_processes()) as pool:
         return pool.submit(work).result()
 
 
-def _next(said: Any, workers: list[SpawnProcess]) -> Any:
+def _fresh_processes() -> Any:
+    """A context of fresh processes.
+
+    A forked one would keep the settings of this one's threads; one of `multiprocessing` would run the calling script
+    again, and does not get the classes that are defined in it.
+    """
+    return get_context("loky")
+
+
+def _next(said: Any, workers: list[Any]) -> Any:
     while True:
         try:
             return said.get(timeout=_LOOKED_AFTER_EVERY_S)

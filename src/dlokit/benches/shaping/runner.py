@@ -23,6 +23,7 @@ from dlokit.skills.planning.base import Loaded
 from dlokit.system.build import build_component
 from dlokit.system.config import RunConfig
 from dlokit.system.lockstep import run_lockstep
+from dlokit.system.own_strategies import NOTHING_OWN, OwnStrategies
 from dlokit.system.results.run_record import RunRecord
 from dlokit.system.results.run_result import RunResult, read_result
 from dlokit.system.shaping import ShapeJob, Watcher
@@ -36,15 +37,16 @@ FAULT_FILE = "fault.txt"
 START_FILE, GOAL_FILE = "start.npy", "goal.npy"
 
 
-def attempt_case(case: ShapingCase, config: RunConfig, folder: Path) -> CaseResult:
+def attempt_case(case: ShapingCase, config: RunConfig, folder: Path, own: OwnStrategies = NOTHING_OWN) -> CaseResult:
     """Run one case; an error is reported in its result and does not end the other cases.
 
-    Files of a previous attempt in `folder` are removed.
+    Files of a previous attempt in `folder` are removed. `own` are strategies of the calling program.
     """
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     try:
-        return run_case(case, config, folder)
+        with own.known():
+            return run_case(case, config, folder)
     except Exception as error:  # a sweep of hours keeps its other cases, whatever fails in this one
         (folder / FAULT_FILE).write_text(traceback.format_exc(), encoding="utf-8")
         fault = f"{type(error).__name__}: {error}"

@@ -18,6 +18,7 @@ from dlokit.benches.shaping.experiments import Experiment
 from dlokit.benches.shaping.runner import attempt_case, finished_case
 from dlokit.errors import ConfigError, InputError, MachineError
 from dlokit.system.config import RunConfig
+from dlokit.system.own_strategies import NOTHING_OWN, OwnStrategies
 from dlokit.system.results.run_folder import claim_run_folder
 from dlokit.system.toml_config import to_plain
 from dlokit.types.flow import RunOutcome
@@ -144,8 +145,14 @@ def describe(config: RunConfig, suite: str, experiments: Sequence[Experiment], *
     }
 
 
-def run_sweep(todo: Sequence[ShapingCase], config: RunConfig, folder: Path, workers: Workers) -> Iterator[CaseResult]:
-    """Every case as it is done, those that were finished before first.
+def run_sweep(
+    todo: Sequence[ShapingCase],
+    config: RunConfig,
+    folder: Path,
+    workers: Workers,
+    own: OwnStrategies = NOTHING_OWN,
+) -> Iterator[CaseResult]:
+    """Every case as it is done, those that were finished before first; `own` are strategies of this program.
 
     Ctrl-C, also in the middle of a case, ends it with `KeyboardInterrupt`; what is finished stays. Raises
     `MachineError` when a process of this machine died.
@@ -157,18 +164,20 @@ def run_sweep(todo: Sequence[ShapingCase], config: RunConfig, folder: Path, work
             left.append(case)
         else:
             yield done
-    for done in _run(left, config, folder.absolute(), workers):
+    for done in _run(left, config, folder.absolute(), workers, own):
         if done.result.outcome is RunOutcome.CANCELLED:
             raise KeyboardInterrupt
         yield done
 
 
-def _run(todo: Sequence[ShapingCase], config: RunConfig, folder: Path, workers: Workers) -> Iterator[CaseResult]:
+def _run(
+    todo: Sequence[ShapingCase], config: RunConfig, folder: Path, workers: Workers, own: OwnStrategies
+) -> Iterator[CaseResult]:
     if workers.jobs == 1 and not workers.cluster:
         for case in todo:
-            yield attempt_case(case, config, folder / case.folder_name)
+            yield attempt_case(case, config, folder / case.folder_name, own)
         return
-    calls = [delayed(attempt_case)(case, config, folder / case.folder_name) for case in todo]
+    calls = [delayed(attempt_case)(case, config, folder / case.folder_name, own) for case in todo]
     with cluster_backend(workers.cluster, workers.jobs) as jobs:
         parallel: Any = Parallel(n_jobs=jobs, return_as="generator_unordered")
         try:
