@@ -3,6 +3,8 @@
     run = dlokit.shape(start="I", goal="S")          # one task in the simulated cell
     tracker = dlokit.Tracker(length_m=0.5)           # nodes of a DLO in your own point clouds
     recording = dlokit.open_run("runs/…")            # what a run recorded, as arrays
+    with dlokit.live(start="I") as system:           # a live system, skill by skill
+        system.perception.look()
 
 The names in `__all__` are the public Python API, under semantic versioning; everything else may change.
 """
@@ -19,7 +21,11 @@ _HOMES = {
     "Run": "dlokit.app.library.run",
     "Tracker": "dlokit.app.library.tracker",
     "identify": "dlokit.app.data.identify",
+    "SkillFailure": "dlokit.errors",
+    "SkillRejected": "dlokit.errors",
+    "System": "dlokit.app.library.live",
     "judge": "dlokit.app.library.judging",
+    "live": "dlokit.app.library.live",
     "open_run": "dlokit.app.library.recording",
     "shape": "dlokit.app.library.shape",
 }

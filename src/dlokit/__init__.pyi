@@ -2,6 +2,8 @@ from dlokit import bench as bench
 from dlokit.app.data.identify import Identified as Identified
 from dlokit.app.data.identify import identify as identify
 from dlokit.app.library.judging import judge as judge
+from dlokit.app.library.live import System as System
+from dlokit.app.library.live import live as live
 from dlokit.app.library.recording import Recording as Recording
 from dlokit.app.library.recording import open_run as open_run
 from dlokit.app.library.run import Run as Run
@@ -10,6 +12,8 @@ from dlokit.app.library.tracker import Nodes as Nodes
 from dlokit.app.library.tracker import Tracker as Tracker
 from dlokit.errors import DlokitError as DlokitError
 from dlokit.errors import InputError as InputError
+from dlokit.errors import SkillFailure as SkillFailure
+from dlokit.errors import SkillRejected as SkillRejected
 
 __all__ = [
     "DlokitError",
@@ -18,11 +22,15 @@ __all__ = [
     "Nodes",
     "Recording",
     "Run",
+    "SkillFailure",
+    "SkillRejected",
+    "System",
     "Tracker",
     "__version__",
     "bench",
     "identify",
     "judge",
+    "live",
     "open_run",
     "shape",
 ]

@@ -18,6 +18,7 @@ from dlokit.benches.shaping.suites import paper_suite
 from dlokit.benches.shaping.sweep import Workers, run_sweep
 from dlokit.errors import MachineError
 from dlokit.system.config import RunConfig
+from dlokit.system.own_strategies import OwnStrategies
 from dlokit.system.results.run_result import RunResult
 
 DLOKIT = str(Path(sys.executable).with_name("dlokit"))
@@ -84,7 +85,7 @@ def test_an_interrupted_sweep_names_the_command_that_continues_it(tmp_path: Path
     assert list(folder.glob("cases-*.png"))
 
 
-def _die(case: ShapingCase, config: RunConfig, folder: Path) -> CaseResult:
+def _die(case: ShapingCase, config: RunConfig, folder: Path, own: OwnStrategies) -> CaseResult:
     os._exit(9)
 
 

@@ -38,6 +38,7 @@ from dlokit.system.results.run_record import RunRecord
 from dlokit.system.shaping import ShapeJob, Watcher, shape
 from dlokit.system.table import DECISION, ProcessRow, processes_of_run
 from dlokit.system.toml_config import to_toml
+from dlokit.types.arrays import Float64Array
 from dlokit.types.flow import RunOutcome
 
 T = TypeVar("T")
@@ -246,13 +247,27 @@ def run_live(
     config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher, starting: Starting = AS_SHIPPED
 ) -> RunRecord:
     """Run a task to its end; Ctrl-C ends it with outcome `cancelled`. Raises `ProcessFailure` when a process dies."""
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / CONFIG_FILE).write_text(to_toml(config), encoding="utf-8")
-    write_start(folder, job.start_nodes_world)
     return asyncio.run(_run(config, job, folder, watch, starting))
 
 
 async def _run(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher, starting: Starting) -> RunRecord:
+    async with started(config, job.name, job.start_nodes_world, folder, starting) as live:
+        return await live.run(_decide(live, config, job, folder, watch), _failed)
+
+
+@asynccontextmanager
+async def started(
+    config: RunConfig,
+    name: str,
+    start_nodes_world: Float64Array,
+    folder: Path,
+    starting: Starting = AS_SHIPPED,
+) -> AsyncGenerator[LiveSystem]:
+    """Start the processes of a run except this one, and record it in `folder`.
+
+    `name` is that of the recording, `start_nodes_world` (K, 3) [m] the hidden start. Raises `ProcessFailure`.
+    """
+    _write_inputs(config, start_nodes_world, folder)
     rows = processes_of_run(simulated=True, watched=not config.headless, arms=config.arms)
     launch = Launch(
         namespace=namespace_of(folder),
@@ -267,8 +282,15 @@ async def _run(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher, s
     else:
         system = spread_system(rows, launch, config.hosts, to_toml(config), log.warning, loads)
     async with system as live:
-        with live_recorder(config, job.name, folder, live.clock, live.transport):
-            return await live.run(_decide(live, config, job, folder, watch), _failed)
+        with live_recorder(config, name, folder, live.clock, live.transport):
+            yield live
+
+
+def _write_inputs(config: RunConfig, start_nodes_world: Float64Array, folder: Path) -> None:
+    """Write what the processes of a run read."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / CONFIG_FILE).write_text(to_toml(config), encoding="utf-8")
+    write_start(folder, start_nodes_world)
 
 
 def _failed(record: RunRecord, failure: ProcessFailure) -> RunRecord:
@@ -279,6 +301,13 @@ def _failed(record: RunRecord, failure: ProcessFailure) -> RunRecord:
 
 
 async def _decide(live: LiveSystem, config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher) -> RunRecord:
+    async with deciding(live, config, folder) as decision:
+        return await shape(decision, live.transport, live.clock, config, job, watch)
+
+
+@asynccontextmanager
+async def deciding(live: LiveSystem, config: RunConfig, folder: Path) -> AsyncGenerator[DecisionComponent]:
+    """The components of this process, which commands the arms meanwhile."""
     wiring = Wiring(transport=live.transport, clock=live.clock, folder=folder, start_nodes_world=HIDDEN_START)
     host = Container(live.transport, live.clock, live.compute, instances_of_run(config))
     components = {name: build_component(name, config, wiring) for name in DECISION.components}
@@ -289,4 +318,4 @@ async def _decide(live: LiveSystem, config: RunConfig, job: ShapeJob, folder: Pa
     await host.prepare()
     async with host, leases_held(live.transport, live.clock, config.robot, ARMS[: config.arms]):
         with calls_published(live.transport, live.clock):
-            return await shape(decision, live.transport, live.clock, config, job, watch)
+            yield decision

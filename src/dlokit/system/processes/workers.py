@@ -5,13 +5,15 @@ import ctypes
 import logging
 import multiprocessing
 import os
+import sys
 import threading
 import time
 from collections.abc import Callable, Generator
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from multiprocessing.connection import wait
+from types import ModuleType
 from typing import Any, ParamSpec, TypeVar
 
 import psutil
@@ -38,6 +40,7 @@ class Worker:
         pid: Any = spawn.RawValue(ctypes.c_longlong, 0)
         beat_s: Any = spawn.RawValue(ctypes.c_double, 0.0)
         self._pool = ProcessPoolExecutor(1, mp_context=spawn, initializer=_begin, initargs=(pid, beat_s))
+        self._started = False
         # A daemon thread: at its exit the interpreter waits for the worker, which this thread must still watch.
         self._no_more = threading.Event()
         watched = (pid, beat_s, self._no_more)
@@ -45,12 +48,30 @@ class Worker:
 
     async def do(self, function: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
         """Result of ``function(*args, **kwargs)``. Raises `BrokenProcessPool` when the worker dies, or is frozen."""
-        return await asyncio.wrap_future(self._pool.submit(function, *args, **kwargs))
+        with nullcontext() if self._started else _script_hidden():
+            self._started = True
+            future = self._pool.submit(function, *args, **kwargs)
+        return await asyncio.wrap_future(future)
 
     def shut_down(self, *, drop: bool = False) -> None:
         """Accept no more tasks; the running one is finished, and waiting ones too unless `drop` is set."""
         self._no_more.set()
         self._pool.shutdown(wait=False, cancel_futures=drop)
+
+
+@contextmanager
+def _script_hidden() -> Generator[None]:
+    """A process that starts meanwhile does not run the calling script first, as those of `multiprocessing` do.
+
+    Without ``if __name__ == "__main__"``, a script that starts a system would start another one there. The worker needs
+    nothing of the script: its tasks are functions of dlokit.
+    """
+    script = sys.modules["__main__"]
+    sys.modules["__main__"] = ModuleType("__main__")
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = script
 
 
 def _watch(pid: Any, beat_s: Any, no_more: threading.Event) -> None:

@@ -7,6 +7,8 @@ import pytest
 
 import dlokit
 
+pytestmark = pytest.mark.live  # one example is a live system
+
 PAGE = Path(__file__).parents[4] / "docs" / "reference" / "python-api.md"
 
 
@@ -27,5 +29,5 @@ def test_every_example_runs(
 
 def test_every_public_name_is_on_the_page() -> None:
     text = PAGE.read_text(encoding="utf-8")
-    types = {"Identified", "Nodes", "Recording", "Run", "__version__"}  # what the functions return
+    types = {"Identified", "Nodes", "Recording", "Run", "System", "__version__"}  # what the functions return
     assert [name for name in dlokit.__all__ if name not in types and f"dlokit.{name}" not in text] == []

@@ -1,0 +1,259 @@
+"""`dlokit.live`: a live system whose skills a script calls."""
+
+import asyncio
+import threading
+import time
+from collections.abc import Coroutine, Generator, Mapping
+from concurrent.futures import CancelledError
+from contextlib import contextmanager
+from dataclasses import replace
+from datetime import datetime
+from pathlib import Path
+from typing import Any, NoReturn, ParamSpec, TypeVar
+
+from numpy.typing import ArrayLike
+from rich.console import Console
+
+from dlokit.app.library.live_skills import (
+    DecisionSkills,
+    ModelSkills,
+    ObserverSkills,
+    PerceptionSkills,
+    PlanningSkills,
+    RobotSkills,
+    result_of,
+)
+from dlokit.app.library.recording import Recording, open_run
+from dlokit.app.library.settings import named_or_saved, with_settings
+from dlokit.app.shape.job import NamedChoices, job_from_config, with_absolute_files, with_choices
+from dlokit.app.shape.preflight import check_before_start, prepare
+from dlokit.app.shape.shape import RUNS
+from dlokit.communication import topics
+from dlokit.communication.skill import Skill
+from dlokit.communication.topic import Topic
+from dlokit.errors import DlokitError, ProcessFailure, SkillFailure, require_cell
+from dlokit.system.config import RunConfig
+from dlokit.system.live import LiveSystem, deciding, started
+from dlokit.system.results.run_folder import claim_run_folder, new_run_folder
+from dlokit.system.toml_config import read_toml
+from dlokit.types.arrays import Float64Array
+from dlokit.types.dlo import DloState, GoalShape
+from dlokit.types.message import Message
+from dlokit.types.robot import RobotState
+
+P = ParamSpec("P")
+R = TypeVar("R")
+M = TypeVar("M", bound=Message)
+
+_READ_FROM_THE_START: tuple[Topic[Any], ...] = (
+    topics.STATE,
+    topics.GOAL,
+    topics.ROBOT_STATE,
+    topics.OBSERVATION,
+    topics.VIEWER_PAGE,
+)
+"""Topics that are subscribed before the first skill is called, so that its effect is seen."""
+
+
+_DEATH_SEEN_S = 1.0
+"""Time after a failed skill within which the death of a process, which may be its cause, is noticed [s]."""
+
+
+class System:
+    """A running live system. Skills are methods of its components: `system.perception.look()`.
+
+    A call returns the skill's result when it has ended. It raises `SkillRejected` where the skill did not start, and
+    `SkillFailure` where it did not succeed; both have a `reason` by name. Ctrl-C during a call cancels the skill, which
+    leaves the arm safe.
+    """
+
+    def __init__(self, config: RunConfig, start_nodes_world: Float64Array, folder: Path) -> None:
+        """Not yet running; `live` starts it."""
+        self.folder = folder
+        """Folder with the recording."""
+        self.perception = PerceptionSkills(self.call)
+        self.observer = ObserverSkills(self.call)
+        self.model = ModelSkills(self.call)
+        self.planning = PlanningSkills(self.call)
+        self.robot = RobotSkills(self.call)
+        self.decision = DecisionSkills(self.call)
+        self._config, self._start = config, start_nodes_world
+        self._thread = threading.Thread(target=self._serve, name="dlokit live", daemon=True)
+        self._up, self._loop = threading.Event(), asyncio.new_event_loop()
+        self._closed = asyncio.Event()
+        self._live: LiveSystem | None = None
+        self._fault: Exception | None = None
+
+    @property
+    def fault(self) -> Exception | None:
+        """Why the system ended by itself, e.g. a process that died; None while it runs, and after a normal end."""
+        return self._fault
+
+    @property
+    def state(self) -> DloState | None:
+        """The estimated shape; None before the first look."""
+        return self.latest(topics.STATE)
+
+    @property
+    def goal(self) -> GoalShape | None:
+        """The goal; None where none was set."""
+        return self.latest(topics.GOAL)
+
+    @property
+    def robot_state(self) -> RobotState | None:
+        """Joints, tool pose and fingers of the first arm; None before its first message."""
+        return self.latest(topics.ROBOT_STATE)
+
+    @property
+    def page(self) -> str | None:
+        """Address of the viewer's page; None without ``viewer=True``."""
+        shown = self.latest(topics.VIEWER_PAGE)
+        return None if shown is None else shown.url
+
+    def latest(self, topic: Topic[M]) -> M | None:
+        """The newest message of a topic of `dlokit.communication.topics`; None before the first."""
+
+        async def read() -> M | None:
+            return self._running().transport.latest(topic).value
+
+        return self._wait(read())
+
+    def call(self, skill: Skill[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
+        """Call any skill, e.g. that of a component of your own; returns its result."""
+
+        async def called() -> R:
+            return result_of(skill, await self._running().transport.call(skill, *args, **kwargs))
+
+        return self._wait(called())
+
+    def recording(self) -> Recording:
+        """The recording; complete after the end of the system."""
+        return open_run(self.folder)
+
+    def start(self) -> None:
+        """Start the processes. Raises `ProcessFailure` where one does not start."""
+        self._thread.start()
+        try:
+            self._up.wait()  # bounded by the time-outs of the start
+        except KeyboardInterrupt:
+            self.close()
+            raise
+        if self._live is None:
+            self._thread.join()
+            self._raise()
+
+    def close(self) -> None:
+        """Stop the processes; the arms are braked, and held by their drivers."""
+        if not self._loop.is_closed():
+            self._loop.call_soon_threadsafe(self._closed.set)
+        self._thread.join()
+
+    def _wait(self, work: Coroutine[Any, Any, R]) -> R:
+        if self._live is None or self._loop.is_closed():
+            work.close()
+            self._raise()
+        future = asyncio.run_coroutine_threadsafe(work, self._loop)
+        try:
+            return future.result()  # bounded by the skill's time-out
+        except KeyboardInterrupt:
+            future.cancel()
+            raise
+        except CancelledError:
+            self._thread.join()
+            self._raise()
+
+    def _raise(self) -> NoReturn:
+        raise self._fault or DlokitError("the system has ended; use it inside the `with` block.")
+
+    def _running(self) -> LiveSystem:
+        assert self._live is not None
+        return self._live
+
+    def _serve(self) -> None:
+        with asyncio.Runner(loop_factory=lambda: self._loop) as runner:
+            try:
+                runner.run(self._main())
+            except Exception as error:  # raised by the caller's next call, on the caller's thread
+                self._fault = error
+        self._live = None
+        self._up.set()
+
+    async def _main(self) -> None:
+        async with started(self._config, self.folder.name, self._start, self.folder) as live:
+            await live.run(self._until_closed(live), _fault_of)
+
+    async def _until_closed(self, live: LiveSystem) -> None:
+        for topic in _READ_FROM_THE_START:
+            live.transport.latest(topic)
+        async with deciding(live, self._config, self.folder):
+            self._live = live
+            self._up.set()
+            await self._closed.wait()
+
+
+def _fault_of(_: None, failure: ProcessFailure) -> NoReturn:
+    raise failure
+
+
+@contextmanager
+def live(
+    start: str | Path | ArrayLike = "I",
+    *,
+    seed: int = 0,
+    dlo: str | None = None,
+    physics: str | None = None,
+    randomised: bool = False,
+    observer: str | None = None,
+    segmentation: str | None = None,
+    planner: str | None = None,
+    viewer: bool = False,
+    settings: Mapping[str, Any] | None = None,
+    config: Path | str | None = None,
+    out: Path | str | None = None,
+    progress: bool = True,
+) -> Generator[System]:
+    """Start a live system, all processes in real time, whose skills the block calls; stop it at the end.
+
+    The arguments are those of `dlokit.shape`; `start` is where the DLO lies, which the system does not know. There is
+    no task: the block calls ``system.decision.shape_dlo("S")`` for one, or single skills. This process commands the
+    arms; where it dies or hangs, they brake. `dlokit stop` and `dlokit ps` know the system.
+
+    Works in a running event loop, which each call blocks. Raises `InputError` where an argument cannot work, and
+    `ProcessFailure` where a process does not start, or dies.
+    """
+    require_cell("dlokit.live")
+    choices = NamedChoices(
+        dlo=dlo,
+        physics=physics,
+        randomised=randomised,
+        observer=observer,
+        segmentation=segmentation,
+        planner=planner,
+    )
+    run = with_choices(RunConfig() if config is None else read_toml(Path(config), RunConfig), choices)
+    run = with_settings(replace(run, seed=seed, runtime="live", headless=not viewer), settings or {})
+    console = Console(quiet=not progress)
+    folder = new_run_folder(RUNS, "live", datetime.now()) if out is None else claim_run_folder(Path(out))
+    run = replace(run, start=named_or_saved(start, "start", folder))
+    run = with_absolute_files(run)
+    job = job_from_config(run)
+    check_before_start(run)
+    prepare(console, run)
+    system = System(run, job.start_nodes_world, folder)
+    with console.status("starting the processes"):
+        system.start()
+    console.print(f"running; files: {folder}", highlight=False, soft_wrap=True)
+    if viewer and (page := system.page) is not None:
+        console.print(f"viewer: {page}", highlight=False, soft_wrap=True)
+    try:
+        yield system
+    except SkillFailure as error:
+        time.sleep(_DEATH_SEEN_S)
+        system.close()
+        if system.fault is not None:  # why the skill failed
+            raise system.fault from error
+        raise
+    finally:
+        system.close()
+    if system.fault is not None:
+        raise system.fault
