@@ -17,6 +17,8 @@ from dlokit.skills.observer.base import ObserverStrategyConfig
 from dlokit.skills.observer.strategies import OURS, to_spec
 from dlokit.skills.planning.actions import ActionConfig
 from dlokit.skills.planning.base import PlanningTools, StrategyConfig
+from dlokit.testing.checks import findings
+from dlokit.testing.segmentations import SEGMENTATION_CHECKS
 from dlokit.types.action import Marks
 from dlokit.types.dlo import DloState, GoalShape
 from dlokit.types.observation import Observation
@@ -25,7 +27,7 @@ ROOT = Path(__file__).parents[2]
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
 LINK = re.compile(r"\]\(([^)#]+?)(?:#[^)]*)?\)")
 CODE = re.compile(r"```.*?```", re.DOTALL)
-NEW_FILES = ("add-a-planner.md", "add-an-observer.md")
+NEW_FILES = ("add-a-planner.md", "add-an-observer.md", "add-a-segmentation.md")
 """Pages that name a file to be written."""
 SOURCE = re.compile(r"`((?:src|tests|examples)/[\w./-]+)`")
 
@@ -48,9 +50,7 @@ def test_every_link_has_a_target(page: Path) -> None:
     assert [link for link in links if not (page.parent / link).exists()] == []
 
 
-@pytest.mark.parametrize(
-    "page", [page for page in PAGES if not page.name.startswith(("add-a-planner", "add-an-observer"))], ids=page_id
-)
+@pytest.mark.parametrize("page", [page for page in PAGES if page.name not in NEW_FILES], ids=page_id)
 def test_every_source_file_that_a_page_names_exists(page: Path) -> None:
     named = [name for name in SOURCE.findall(page.read_text(encoding="utf-8")) if "<" not in name]
     assert [name for name in named if not (ROOT / name).exists()] == []
@@ -99,6 +99,13 @@ def test_the_observer_of_the_how_to_works_as_written(monkeypatch: pytest.MonkeyP
     # Each node has one point 2 cm beside it; its neighbours' points, 5 cm along, are outside the radius.
     np.testing.assert_allclose(targets.nodes_world, seen.points_world, atol=1e-6)
     assert targets.visible.all()
+
+
+def test_the_segmentation_of_the_how_to_keeps_to_its_protocol(monkeypatch: pytest.MonkeyPatch) -> None:
+    # The docstrings of its settings, which a check reads, need a file.
+    module = module_of("add-a-segmentation.md", "perception", monkeypatch)
+    failed = {finding.check for finding in findings(SEGMENTATION_CHECKS, lambda: module.OtsuConfig().build())}
+    assert failed == set()
 
 
 def test_the_map_of_the_paper_has_every_built_in_observer() -> None:

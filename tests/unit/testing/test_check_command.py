@@ -3,12 +3,22 @@
 import pytest
 
 from dlokit.errors import ConfigError
-from dlokit.testing.__main__ import ObserverCheckArgs, run
+from dlokit.testing.__main__ import CheckArgs, ObserverCheckArgs, PlannerCheckArgs, SegmentationCheckArgs, run
 
 
-def test_an_installed_observer_is_checked_by_its_name(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(ObserverCheckArgs(observer="cpd")) == 0
-    assert "cpd: 23 checks passed" in capsys.readouterr().out
+@pytest.mark.parametrize(
+    ("args", "told"),
+    [
+        (ObserverCheckArgs(observer="cpd"), "cpd: 23 checks passed"),
+        (PlannerCheckArgs(planner="farthest"), "farthest: 14 checks passed"),
+        (SegmentationCheckArgs(segmentation="colour"), "colour: 12 checks passed"),
+    ],
+)
+def test_an_installed_strategy_is_checked_by_its_name(
+    args: CheckArgs, told: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(args) == 0
+    assert told in capsys.readouterr().out
 
 
 def test_an_uninstalled_observer_is_checked_by_its_class(capsys: pytest.CaptureFixture[str]) -> None:
@@ -17,6 +27,8 @@ def test_an_uninstalled_observer_is_checked_by_its_class(capsys: pytest.CaptureF
 
 
 @pytest.mark.parametrize("name", ["crystal_ball", "no_module:C", "math:C"])
-def test_a_missing_observer_is_bad_input(name: str) -> None:
+@pytest.mark.parametrize("check", [ObserverCheckArgs, PlannerCheckArgs, SegmentationCheckArgs])
+def test_a_missing_strategy_is_bad_input(name: str, check: type[CheckArgs]) -> None:
+    (field,) = check.__dataclass_fields__
     with pytest.raises(ConfigError, match=r"choose one of|module:Class"):
-        run(ObserverCheckArgs(observer=name))
+        run(check(**{field: name}))
