@@ -30,7 +30,7 @@ from dlokit.benches.shaping.figures import (
 )
 from dlokit.benches.shaping.metrics import falsely_converged, standing
 from dlokit.benches.shaping.pictures import draw
-from dlokit.benches.shaping.suites import SEEDS_APART, SUITE_NAMES, suite_of
+from dlokit.benches.shaping.suites import SEEDS_APART, SUITE_NAMES, VERSION, suite_of
 from dlokit.benches.shaping.sweep import Workers, check_address, claim_sweep_folder, describe, run_sweep
 from dlokit.errors import EXIT_FAULT, ConfigError, InputError
 from dlokit.functional.cell.config import EVERY_FACTOR
@@ -263,7 +263,7 @@ def _headline(args: ShapingArgs, suite: str, config: RunConfig, todo: Sequence[S
     drawn = "a randomised cell for each seed" if config.cell.randomised else "one cell for all"
     seen = "state from the ground truth (oracle)" if args.oracle else "perception in the loop"
     threshold_mm = config.task.threshold_m * 1e3
-    return f"suite {suite}: {len(todo)} runs, {drawn}, {seen}, threshold {threshold_mm:g} mm"
+    return f"suite {suite}, version {VERSION}: {len(todo)} runs, {drawn}, {seen}, threshold {threshold_mm:g} mm"
 
 
 def _order(todo: Sequence[ShapingCase]) -> Callable[[CaseResult], int]:

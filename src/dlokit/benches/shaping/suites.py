@@ -1,6 +1,8 @@
 """The suites: lists of experiments, each with a page's worth of reasons in docs/reference/bench-shaping.md."""
 
-from collections.abc import Callable, Mapping
+import hashlib
+import re
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -26,6 +28,11 @@ HELD_UP_TO = 0.9
 
 SUITE_NAMES = ("paper", "goals", "stiffness", "wires")
 
+VERSION = 1
+"""Version of the suites and of the simulated cell's settings.
+
+It is raised when a start, a goal, a DLO or a setting of the cell changes: figures of one version are comparable."""
+
 
 def suite_of(name: str, goals: Path | None, *, quick: bool = False) -> tuple[Experiment, ...]:
     """The experiments of a suite, or of its quick part. Raises `ConfigError`, and `ShapeError` for a bad file."""
@@ -40,6 +47,12 @@ def suite_of(name: str, goals: Path | None, *, quick: bool = False) -> tuple[Exp
     if name not in _SUITES:
         raise ConfigError(f"There is no suite {name!r}; choose one of {', '.join(SUITE_NAMES)}.")
     return _SUITES[name](quick)
+
+
+def fingerprint(experiments: Sequence[Experiment]) -> str:
+    """Short hash of experiments: equal for equal starts, goals and DLOs, to nine digits."""
+    text = re.sub(r"\d+\.\d+(e-?\d+)?", lambda number: f"{float(number[0]):.9g}", repr(tuple(experiments)))
+    return hashlib.sha256(text.encode()).hexdigest()[:12]
 
 
 def paper_suite() -> tuple[Experiment, ...]:

@@ -1,6 +1,5 @@
 """A sweep: every case once, on this machine or a cluster, in a folder from which an interrupted one goes on."""
 
-import hashlib
 import importlib
 from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import BrokenExecutor
@@ -16,6 +15,7 @@ from dlokit import __version__
 from dlokit.benches.shaping.cases import CaseResult, ShapingCase
 from dlokit.benches.shaping.experiments import Experiment
 from dlokit.benches.shaping.runner import attempt_case, finished_case
+from dlokit.benches.shaping.suites import VERSION, fingerprint
 from dlokit.errors import ConfigError, InputError, MachineError
 from dlokit.system.config import RunConfig
 from dlokit.system.own_strategies import NOTHING_OWN, OwnStrategies
@@ -139,7 +139,8 @@ def describe(config: RunConfig, suite: str, experiments: Sequence[Experiment], *
         "bench": "shaping",
         "version": __version__,
         "suite": suite,
-        "experiments": hashlib.sha256(repr(tuple(experiments)).encode()).hexdigest()[:12],
+        "suite_version": VERSION,
+        "experiments": fingerprint(experiments),
         "oracle": oracle,
         "config": to_plain(common),
     }

@@ -1,15 +1,46 @@
+import hashlib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from dlokit.benches.shaping.experiments import BentGoal, CurveGoal
-from dlokit.benches.shaping.suites import goals_suite, paper_suite, stiffness_suite, suite_of, wires_suite
+from dlokit.benches.shaping.suites import (
+    VERSION,
+    fingerprint,
+    goals_suite,
+    paper_suite,
+    stiffness_suite,
+    suite_of,
+    wires_suite,
+)
 from dlokit.description import shapes
 from dlokit.description.table import TABLE_X_M, TABLE_Y_M
 from dlokit.errors import ConfigError, ShapeError
+from dlokit.functional.cell.config import EVERY_FACTOR
 from dlokit.functional.cell.dlo_physics import ElastoplasticChain
 from dlokit.system.config import RunConfig
+from dlokit.system.toml_config import to_toml
+
+FROZEN = {
+    "version": 1,
+    "paper": "9eb1bac11dbf",
+    "stiffness": "3db80ebd955c",
+    "wires": "3e9c7b03a1c7",
+    "cell": "58e3b2910713",
+}
+"""Fingerprints of the suites and of the randomised cell's settings."""
+
+
+def test_the_suites_are_those_of_their_version() -> None:
+    cell = to_toml(replace(RunConfig().cell, randomised=EVERY_FACTOR))
+    now = {
+        "version": VERSION,
+        **{name: fingerprint(suite_of(name, None)) for name in ("paper", "stiffness", "wires")},
+        "cell": hashlib.sha256(cell.encode()).hexdigest()[:12],
+    }
+    assert now == FROZEN, "reported figures are no longer comparable: raise VERSION, and record the fingerprints"
 
 
 def _on_table(nodes: np.ndarray) -> bool:
