@@ -5,7 +5,7 @@ BIN := .venv/bin
 # OpenGL without a screen for the cell's pictures; a browser for the tests of the viewer.
 SYSTEM_PACKAGES := libegl1 libgl1-mesa-dri chromium
 
-.PHONY: help setup system-packages demo test test-all check references lock clean
+.PHONY: help setup system-packages demo test test-all check docs references lock clean
 .DEFAULT_GOAL := help
 
 help:
@@ -14,6 +14,7 @@ help:
 	@echo "make test-all run the long tests as well"
 	@echo "make check    check style, strict types and layers"
 	@echo "make setup    create .venv and install the system packages"
+	@echo "make docs     build the documentation as a site, in site/"
 	@echo "make references  record the runs of tests/replay again, after an intended change"
 	@echo "make lock     update requirements.lock from pyproject.toml"
 	@echo "make clean    delete all generated files"
@@ -53,6 +54,9 @@ check: setup
 	$(BIN)/pyright
 	$(BIN)/lint-imports
 
+docs: setup
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build
+
 references: setup
 	$(BIN)/python tests/replay/renew_references.py
 
@@ -61,5 +65,5 @@ lock:
 	uv pip compile --universal --all-extras --no-header --no-annotate --no-emit-index-url -o requirements.lock pyproject.toml
 
 clean:
-	rm -rf .venv .pytest_cache .ruff_cache .import_linter_cache build dist
+	rm -rf .venv site .pytest_cache .ruff_cache .import_linter_cache build dist
 	find src tests examples -name __pycache__ -type d -prune -exec rm -rf {} + 2>/dev/null || true

@@ -7,11 +7,11 @@ import pytest
 
 import dlokit
 
-pytestmark = pytest.mark.live  # one example is a live system
-
 PAGE = Path(__file__).parents[4] / "docs" / "reference" / "python-api.md"
 
 
+@pytest.mark.long
+@pytest.mark.live  # one example is a live system
 def test_every_example_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -27,7 +27,13 @@ def test_every_example_runs(
     assert "converged" in capsys.readouterr().out
 
 
-def test_every_public_name_is_on_the_page() -> None:
-    text = PAGE.read_text(encoding="utf-8")
-    types = {"Identified", "Nodes", "Recording", "Run", "System", "__version__"}  # what the functions return
-    assert [name for name in dlokit.__all__ if name not in types and f"dlokit.{name}" not in text] == []
+def test_every_public_name_has_an_example() -> None:
+    examples = "".join(re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL))
+    assert [name for name in dlokit.__all__ if f"dlokit.{name}" not in examples] == []
+
+
+def test_every_public_name_has_its_signature_on_the_site() -> None:
+    page = (PAGE.parent / "api.md").read_text(encoding="utf-8")
+    names = [f"dlokit.{name}" for name in dlokit.__all__ if name not in ("__version__", "bench")]
+    names += [f"dlokit.bench.{name}" for name in dlokit.bench.__all__ if name != "Choice"]
+    assert sorted(re.findall(r"^::: (dlokit\.(?!testing)\S+)$", page, re.MULTILINE)) == sorted(names)
