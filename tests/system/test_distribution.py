@@ -1,5 +1,6 @@
 """What a user installs: the source distribution, the wheel made of it, and the wheel in an empty environment."""
 
+import re
 import subprocess
 import sys
 import tarfile
@@ -16,6 +17,10 @@ SOURCES = {
     for path in (ROOT / "src").rglob("*")
     if path.is_file() and "__pycache__" not in path.parts
 }
+
+TUTORIAL = ROOT / "docs" / "tutorials" / "python.md"
+HARNESS = ROOT.parent / "shared" / "data" / "harness"
+"""Recorded clouds, which lie beside the repository, not in it."""
 
 TRACK = """
 import numpy as np
@@ -66,6 +71,10 @@ def test_the_wheel_works_in_an_empty_environment(wheel: Path, tmp_path: Path) ->
     run(python, "-c", TRACK, cwd=tmp_path)
     run(command, "track", *clouds(tmp_path), "--out", "tracked", cwd=tmp_path)
     assert (tmp_path / "tracked").is_dir()
+    if HARNESS.is_dir():
+        seen = [str(HARNESS / name) for name in ("test_cloud.pcd", "test_cloud_occluded.pcd")]
+        initial = ("--initial", str(HARNESS / "Xinit.csv"), "--observer", "anchored")
+        run(command, "track", *seen, *initial, "--out", "harness", cwd=tmp_path)
     for asked in ((command, "shape", "--goal", "S"), (python, "-c", "import dlokit; dlokit.shape()")):
         lacking = subprocess.run(asked, cwd=tmp_path, capture_output=True, text=True, timeout=60)
         assert lacking.returncode != 0
@@ -73,8 +82,11 @@ def test_the_wheel_works_in_an_empty_environment(wheel: Path, tmp_path: Path) ->
 
     run(*install, f"dlokit[all] @ {wheel.as_uri()}", cwd=tmp_path)
     assert plain_mb < 0.6 * size_mb(tmp_path / "env")
-    run(command, "shape", "--headless", "--goal", "S", "--max-actions", "1", "--out", "run", cwd=tmp_path, codes=(0, 3))
+    run(command, "demo", "--headless", "--out", "run", cwd=tmp_path)
     assert (tmp_path / "run" / "report.html").is_file()
+    for script in re.findall(r"```python\n(.*?)```", TUTORIAL.read_text(encoding="utf-8"), re.DOTALL):
+        (tmp_path / "script.py").write_text(script, encoding="utf-8")
+        run(python, "script.py", cwd=tmp_path)
 
 
 def clouds(folder: Path) -> list[str]:

@@ -1,5 +1,6 @@
 """Every example of the page on the Python API runs as it stands, in their order."""
 
+import asyncio
 import re
 from pathlib import Path
 
@@ -12,14 +13,25 @@ PAGE = Path(__file__).parents[4] / "docs" / "reference" / "python-api.md"
 
 @pytest.mark.long
 @pytest.mark.live  # one example is a live system
+@pytest.mark.parametrize("where", ["script", "loop"])
 def test_every_example_runs(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    where: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
     blocks = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
     names: dict[str, object] = {}
-    for block in blocks:
-        exec(compile(block, str(PAGE), "exec"), names)
+
+    def run() -> None:
+        for block in blocks:
+            exec(compile(block, str(PAGE), "exec"), names)
+
+    async def inside_a_running_loop() -> None:
+        run()
+
+    if where == "loop":
+        asyncio.run(inside_a_running_loop())
+    else:
+        run()
     assert len(blocks) >= 6
     assert (tmp_path / "run.png").exists()
     assert (tmp_path / "recording.png").exists()
