@@ -15,6 +15,7 @@ QUICK = {
     "feasibility": ("--seeds", "1", "--dlos", "soft_rope"),
     "gate_values": ("--values", "20", "--calls", "1"),
     "hops": (),
+    "robot_at_exposure": ("--speed-m-s", "0.5"),
     "simulation": ("--repeats", "1"),
     "tracker_overhead": ("--clouds", "3"),
     "tuning": ("cpd", "--budget", "1", "--frames", "3"),

@@ -20,6 +20,7 @@ from dlokit.skills.perception.calibration.hand_sight import HandLook, camera_fro
 from dlokit.skills.perception.config import BoxConfig, PerceptionConfig
 from dlokit.skills.perception.pipeline import corrected_camera_pose, loaded, observe
 from dlokit.skills.perception.rectification import rectified
+from dlokit.skills.perception.robot_history import RobotHistory
 from dlokit.skills.perception.segmentations import from_spec
 from dlokit.types.arrays import Float64Array
 from dlokit.types.image import CameraCheck, StereoImages
@@ -32,6 +33,8 @@ log = logging.getLogger(__name__)
 
 _STATE_WAIT_S = 0.02
 _STATE_WAITS = 50
+_SHORT_WAITS = 5
+"""Waits for states in a look, which goes on without a robot that is silent."""
 
 
 _TABLE_EVERY_LOOKS = 50
@@ -52,7 +55,7 @@ class PerceptionComponent(Component):
         self._rate_hz = config.tracking_rate_hz
         self._rate_changed = asyncio.Event()
         self._looking = asyncio.Lock()
-        self._robots: dict[str, RobotState] = {}
+        self._robots = RobotHistory()
         self._gripped: dict[str, GraspState] = {}
         self._looks = 0
         self._T_world_camera: Pose | None = None
@@ -77,7 +80,8 @@ class PerceptionComponent(Component):
     async def note_background(self) -> None:
         """Begin a check of the camera's place: the scene without the hand."""
         async with self._looking:
-            images = await self._by_the_table(await self._capture())
+            images = await self._capture()
+            images = await self._by_the_table(images, await self._robots_at(images.stamp_ns))
         self._background = rectified(images)
         self._hand_looks = []
 
@@ -129,7 +133,7 @@ class PerceptionComponent(Component):
     @on(topics.ROBOT_STATE)
     async def on_robot_state(self, state: RobotState) -> None:
         """Remember where the robot is."""
-        self._robots[state.robot] = state
+        self._robots.add(state)
 
     @on(topics.GRIPPED)
     async def on_gripped(self, gripped: GraspState) -> None:
@@ -170,10 +174,10 @@ class PerceptionComponent(Component):
     async def _look_once(self) -> Observation:
         """Pictures and points of one look, published."""
         images = await self._capture()
-        images = self._by_the_hand(await self._by_the_table(images))
-        robots = tuple(self._robots.values())
+        robots = await self._robots_at(images.stamp_ns)
+        images = self._by_the_hand(await self._by_the_table(images, robots))
         observation = await self.port.compute(
-            observe, images, robots, self._config, self._segmentation, self._dlo.radius_m, self._pins()
+            observe, images, robots, self._config, self._segmentation, self._dlo.radius_m, self._pins(robots)
         )
         self._looks += 1
         self.port.publish(topics.OBSERVATION, observation)
@@ -192,10 +196,9 @@ class PerceptionComponent(Component):
         self.port.publish(topics.STEREO_IMAGES, images)
         return images
 
-    async def _by_the_table(self, images: StereoImages) -> StereoImages:
+    async def _by_the_table(self, images: StereoImages, robots: tuple[RobotState, ...]) -> StereoImages:
         """The pair with the camera pose corrected by the table, which is looked for now and then."""
         if self._config.table.correct_pose and self._looks % _TABLE_EVERY_LOOKS == 0:
-            robots = tuple(self._robots.values())
             found = await self.port.compute(corrected_camera_pose, images, robots, self._config, self._segmentation)
             if found is None:
                 log.warning("the table's plane was not found; the camera pose stays as it was")
@@ -208,19 +211,31 @@ class PerceptionComponent(Component):
         return images if check is None else _seen_from(images, corrected_by(images.calibration.T_world_camera, check))
 
     async def _robot_at(self, robot: str, stamp_ns: int) -> RobotState:
-        """The first state of a robot at or after a time; states arrive many times per second."""
-        for _ in range(_STATE_WAITS):
-            state = self._robots.get(robot)
-            if state is not None and state.stamp_ns >= stamp_ns:
+        """Where a robot was at a time; states arrive many times per second."""
+        state = await self._awaited(robot, stamp_ns, _STATE_WAITS)
+        if state is None:
+            raise SkillFailure("robot_lost", f"no state of the robot {robot} came after the pictures; is it running?")
+        return state
+
+    async def _robots_at(self, stamp_ns: int) -> tuple[RobotState, ...]:
+        """Where all robots were at a time; of one that does not send states, where it was last."""
+        states = [await self._awaited(robot, stamp_ns, _SHORT_WAITS) for robot in self._robots.robots]
+        last = [self._robots.newest(robot) for robot in self._robots.robots]
+        return tuple(state for pair in zip(states, last, strict=True) if (state := pair[0] or pair[1]) is not None)
+
+    async def _awaited(self, robot: str, stamp_ns: int, waits: int) -> RobotState | None:
+        for _ in range(waits):
+            if (state := self._robots.at(robot, stamp_ns)) is not None:
                 return state
             await self.port.clock.sleep(_STATE_WAIT_S)
-        raise SkillFailure("robot_lost", f"no state of the robot {robot} came after the pictures; is it running?")
+        return self._robots.at(robot, stamp_ns)
 
-    def _pins(self) -> tuple[GripperPin, ...]:
+    def _pins(self, robots: tuple[RobotState, ...]) -> tuple[GripperPin, ...]:
+        where = {state.robot: state.T_world_tcp for state in robots}
         return tuple(
-            _pin(self._robots[robot].T_world_tcp, gripped.node, gripped)
+            _pin(where[robot], gripped.node, gripped)
             for robot, gripped in self._gripped.items()
-            if robot in self._robots and gripped.node is not None
+            if robot in where and gripped.node is not None
         )
 
 

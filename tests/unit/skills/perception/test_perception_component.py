@@ -1,3 +1,4 @@
+import asyncio
 from collections.abc import Callable, Coroutine
 from dataclasses import replace
 from types import TracebackType
@@ -25,6 +26,7 @@ from dlokit.skills.perception.segmentations import to_spec
 from dlokit.types.image import CameraCalibration, StereoImages
 from dlokit.types.observation import GraspState
 from dlokit.types.outcome import Failed, Rejected, Succeeded
+from dlokit.types.robot import RobotState
 from dlokit.types.system import StrategySpec
 
 NO_CORRECTION = PerceptionConfig(table=TableConfig(correct_pose=False))
@@ -96,12 +98,20 @@ def with_perception(
         for component in (robot, decision, PerceptionComponent(config, camera, BelievedDlo(radius_m=radius_m))):
             host.add(component)
         async with host:
-            robot.port.publish(topics.ROBOT_STATE, scene.robot)
+            telling = asyncio.create_task(tell(robot, scene.robot, clock))
             await clock.sleep(0.001)
             await test(transport, camera)
+            telling.cancel()
 
     virtual_time.run(main())
     return camera
+
+
+async def tell(robot: Component, state: RobotState, clock: LoopClock) -> None:
+    """Publish the state of an arm at rest, as often as an arm does."""
+    while True:
+        robot.port.publish(topics.ROBOT_STATE, msgspec.structs.replace(state, stamp_ns=clock.now_ns()))
+        await clock.sleep(0.02)
 
 
 def test_the_camera_is_open_while_the_component_runs_and_closed_at_its_end(s_scene: Scene):
