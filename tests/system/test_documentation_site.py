@@ -8,6 +8,7 @@ import threading
 from collections.abc import Generator
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from urllib.parse import quote
 
 import pytest
 
@@ -87,9 +88,9 @@ def test_the_search_answers_questions(address: str) -> None:
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=arguments)
         page = browser.new_page()
         for question in QUESTIONS:
-            page.goto(address)
-            page.locator("input.md-search__input").fill(question)
-            page.locator("a.md-search-result__link").first.wait_for(timeout=20_000, state="attached")
+            # In the address, since the page may not listen yet to what is typed.
+            page.goto(f"{address}?q={quote(question)}")
+            page.locator("a.md-search-result__link").first.wait_for(timeout=120_000, state="attached")
             links = page.locator("li.md-search-result__item > a.md-search-result__link").all()
             found[question] = [(link.get_attribute("href") or "").partition("?")[0].partition("#")[0] for link in links]
         browser.close()

@@ -5,11 +5,12 @@ import threading
 import time
 from collections.abc import Coroutine, Generator, Mapping
 from concurrent.futures import CancelledError
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
-from typing import Any, NoReturn, ParamSpec, TypeVar
+from types import TracebackType
+from typing import Any, NoReturn, ParamSpec, Self, TypeVar
 
 from numpy.typing import ArrayLike
 from rich.console import Console
@@ -130,20 +131,30 @@ class System:
         """The recording; complete after the end of the system."""
         return open_run(self.folder)
 
-    def start(self) -> None:
+    def __enter__(self) -> Self:
         """Start the processes. Raises `ProcessFailure` where one does not start."""
         self._thread.start()
         try:
             self._up.wait()  # bounded by the time-outs of the start
         except KeyboardInterrupt:
-            self.close()
+            self._end()
             raise
         if self._live is None:
             self._thread.join()
             self._raise()
+        return self
 
-    def close(self) -> None:
-        """Stop the processes; the arms are braked, and held by their drivers."""
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Stop the processes; the arms are braked, and held by their drivers. Raises `fault` where there is one."""
+        if isinstance(error, SkillFailure):
+            time.sleep(_DEATH_SEEN_S)
+        self._end()
+        if self._fault is not None and (error is None or isinstance(error, SkillFailure)):
+            raise self._fault from error  # why the skill failed
+
+    def _end(self) -> None:
         if not self._loop.is_closed():
             self._loop.call_soon_threadsafe(self._closed.set)
         self._thread.join()
@@ -239,21 +250,10 @@ def live(
     job = job_from_config(run)
     check_before_start(run)
     prepare(console, run)
-    system = System(run, job.start_nodes_world, folder)
-    with console.status("starting the processes"):
-        system.start()
-    console.print(f"running; files: {folder}", highlight=False, soft_wrap=True)
-    if viewer and (page := system.page) is not None:
-        console.print(f"viewer: {page}", highlight=False, soft_wrap=True)
-    try:
+    with ExitStack() as stack:
+        with console.status("starting the processes"):
+            system = stack.enter_context(System(run, job.start_nodes_world, folder))
+        console.print(f"running; files: {folder}", highlight=False, soft_wrap=True)
+        if viewer and (page := system.page) is not None:
+            console.print(f"viewer: {page}", highlight=False, soft_wrap=True)
         yield system
-    except SkillFailure as error:
-        time.sleep(_DEATH_SEEN_S)
-        system.close()
-        if system.fault is not None:  # why the skill failed
-            raise system.fault from error
-        raise
-    finally:
-        system.close()
-    if system.fault is not None:
-        raise system.fault
