@@ -22,6 +22,7 @@ from dlokit.functional.cameras.recorded import RecordedCamera
 from dlokit.functional.cameras.simulated import SimulatedCamera
 from dlokit.functional.cell import api as cell
 from dlokit.geometry import pose
+from dlokit.testing import checked_camera
 from dlokit.types.image import CameraCalibration, StereoImages
 
 CALIBRATION = CameraCalibration(
@@ -69,7 +70,7 @@ async def simulated(_: Path) -> AsyncGenerator[Camera]:
 
 @asynccontextmanager
 async def recorded(folder: Path) -> AsyncGenerator[Camera]:
-    record(folder, pairs=3)
+    record(folder, pairs=5)
     yield RecordedCamera(folder)
 
 
@@ -96,6 +97,16 @@ def test_a_capture_gives_the_pictures_left_and_right_with_their_calibration(make
                 for known in (pair.calibration, camera.calibration):
                     assert known.fx_px == 10.0
                     np.testing.assert_allclose(known.T_world_camera.wxyz, CALIBRATION.T_world_camera.wxyz)
+
+    virtual_time.run(main())
+
+
+@every_camera
+def test_it_keeps_to_its_protocol(make: Maker, tmp_path: Path):
+    async def main() -> None:
+        async with make(tmp_path) as camera:
+            # Closing is tried at the end: three pairs, one for the time-out, one after opening again.
+            assert (await checked_camera(camera, captures=3)).captures == 3
 
     virtual_time.run(main())
 

@@ -1,16 +1,20 @@
-"""Conformance checks for people who add an observer, a planner or a segmentation, in dlokit or in a package."""
+"""Conformance checks for people who add an observer, planner, segmentation or camera, in dlokit or in a package."""
 
 from dlokit.errors import CheckFailed
+from dlokit.testing.cameras import CameraReport, check_camera, checked_camera
 from dlokit.testing.observers import ObserverReport, check_observer
 from dlokit.testing.planners import PlannerReport, check_planner
 from dlokit.testing.segmentations import SegmentationReport, check_segmentation
 
 __all__ = [
+    "CameraReport",
     "CheckFailed",
     "ObserverReport",
     "PlannerReport",
     "SegmentationReport",
+    "check_camera",
     "check_observer",
     "check_planner",
     "check_segmentation",
+    "checked_camera",
 ]

@@ -1,5 +1,7 @@
 """`python -m dlokit.testing observer NAME`: what it prints, and its exit codes."""
 
+from collections.abc import Callable
+
 import pytest
 
 from dlokit.errors import ConfigError
@@ -27,8 +29,14 @@ def test_an_uninstalled_observer_is_checked_by_its_class(capsys: pytest.CaptureF
 
 
 @pytest.mark.parametrize("name", ["crystal_ball", "no_module:C", "math:C"])
-@pytest.mark.parametrize("check", [ObserverCheckArgs, PlannerCheckArgs, SegmentationCheckArgs])
-def test_a_missing_strategy_is_bad_input(name: str, check: type[CheckArgs]) -> None:
-    (field,) = check.__dataclass_fields__
+@pytest.mark.parametrize(
+    "args_of",
+    [
+        lambda name: ObserverCheckArgs(observer=name),
+        lambda name: PlannerCheckArgs(planner=name),
+        lambda name: SegmentationCheckArgs(segmentation=name),
+    ],
+)
+def test_a_missing_strategy_is_bad_input(name: str, args_of: Callable[[str], CheckArgs]) -> None:
     with pytest.raises(ConfigError, match=r"choose one of|module:Class"):
-        run(check(**{field: name}))
+        run(args_of(name))
