@@ -1,13 +1,13 @@
 """Conformance checks for people who add an observer, planner, segmentation or camera, in dlokit or in a package."""
 
 from dlokit.errors import CheckFailed
-from dlokit.testing.cameras import CameraReport, check_camera, checked_camera
+from dlokit.testing.cameras import CameraCheckReport, check_camera, checked_camera
 from dlokit.testing.observers import ObserverReport, check_observer
 from dlokit.testing.planners import PlannerReport, check_planner
 from dlokit.testing.segmentations import SegmentationReport, check_segmentation
 
 __all__ = [
-    "CameraReport",
+    "CameraCheckReport",
     "CheckFailed",
     "ObserverReport",
     "PlannerReport",

@@ -41,7 +41,7 @@ WANTED = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class CameraReport:
+class CameraCheckReport:
     """What is known of a camera that passed every check; attach it to a report of a fault."""
 
     kind: str
@@ -86,7 +86,7 @@ class _Taken:
 
 def check_camera(
     camera: Camera, *, captures: int = 10, timeout_s: float = 2.0, clock_ns: Callable[[], int] | None = None
-) -> CameraReport:
+) -> CameraCheckReport:
     """Try every requirement of the camera protocol on a camera that is not open yet.
 
     Point it at something with contrast. `clock_ns` is the clock of its stamps, e.g. ``time.monotonic_ns`` for a real
@@ -97,7 +97,7 @@ def check_camera(
 
 async def checked_camera(
     camera: Camera, *, captures: int = 10, timeout_s: float = 2.0, clock_ns: Callable[[], int] | None = None
-) -> CameraReport:
+) -> CameraCheckReport:
     """As `check_camera`, for a camera that needs a running event loop."""
     taken = _Taken()
     await _open_and_capture(camera, taken, captures, timeout_s, clock_ns)
@@ -223,10 +223,10 @@ async def _check_closing(camera: Camera, taken: _Taken, timeout_s: float) -> Non
         taken.wrong("closes", f"opened again, it raises {type(error).__name__}: {error}")
 
 
-def _report(taken: _Taken) -> CameraReport:
+def _report(taken: _Taken) -> CameraCheckReport:
     last = taken.pictures[-1]
     stamps_s = np.array([pictures.stamp_ns for pictures in taken.pictures]) / 1e9
-    return CameraReport(
+    return CameraCheckReport(
         kind=type(last).__name__,
         serial=last.calibration.serial,
         size_px=(last.calibration.width_px, last.calibration.height_px),
