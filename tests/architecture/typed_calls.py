@@ -5,6 +5,7 @@ If pyright accepted a wrong call, its comment would be unnecessary, which is als
 
 # pyright: reportUnnecessaryTypeIgnoreComment=true
 
+from dlokit import System
 from dlokit.communication.component import Component, implements, implements_reporting
 from dlokit.communication.port import Port
 from dlokit.communication.transport import Transport
@@ -30,6 +31,16 @@ async def wrong_arguments(bus: Transport, pose: Pose) -> None:
     await bus.call(robot.MOVE_TO)  # pyright: ignore[reportCallIssue]
     await bus.call(robot.MOVE_TO, pose, either_weigh=True)  # pyright: ignore[reportCallIssue]
     await bus.call(robot.HOME.at("opposite"), 1.0)  # pyright: ignore[reportCallIssue]
+
+
+def right_from_a_script(system: System, pose: Pose) -> MotionResult:
+    return system.robot.at("opposite").move_to(pose, either_way=False)
+
+
+def wrong_from_a_script(system: System) -> ShapeResult:
+    system.robot.move_to("up")  # pyright: ignore[reportArgumentType]
+    system.perception.fly()  # pyright: ignore[reportAttributeAccessIssue]
+    return system.robot.home()  # pyright: ignore[reportReturnType]
 
 
 async def wrong_result(port: Port) -> Outcome[ShapeResult]:
