@@ -4,8 +4,8 @@ import asyncio
 import threading
 import time
 from collections.abc import Coroutine, Generator, Mapping
-from concurrent.futures import CancelledError
-from contextlib import ExitStack, contextmanager
+from concurrent.futures import CancelledError, wait
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
@@ -56,6 +56,8 @@ _READ_FROM_THE_START: tuple[Topic[Any], ...] = (
 """Topics that are subscribed before the first skill is called, so that its effect is seen."""
 
 
+_ALIVE_EVERY_S = 0.5
+"""Interval at which a waiting call looks whether the system still runs [s]."""
 _DEATH_SEEN_S = 1.0
 """Time after a failed skill within which the death of a process, which may be its cause, is noticed [s]."""
 
@@ -155,17 +157,23 @@ class System:
             raise self._fault from error  # why the skill failed
 
     def _end(self) -> None:
-        if not self._loop.is_closed():
+        with suppress(RuntimeError):  # it is closed already
             self._loop.call_soon_threadsafe(self._closed.set)
         self._thread.join()
 
     def _wait(self, work: Coroutine[Any, Any, R]) -> R:
-        if self._live is None or self._loop.is_closed():
+        try:
+            future = asyncio.run_coroutine_threadsafe(work, self._loop)
+        except RuntimeError:  # the loop is closed
             work.close()
             self._raise()
-        future = asyncio.run_coroutine_threadsafe(work, self._loop)
         try:
-            return future.result()  # bounded by the skill's time-out
+            # Bounded by the skill's time-out; a loop that is ending may take the call, and never begin it.
+            while not future.done() and self._thread.is_alive():
+                wait([future], timeout=_ALIVE_EVERY_S)
+            if not future.done():
+                self._raise()
+            return future.result()
         except KeyboardInterrupt:
             future.cancel()
             raise
@@ -177,8 +185,7 @@ class System:
         raise self._fault or DlokitError("the system has ended; use it inside the `with` block.")
 
     def _running(self) -> LiveSystem:
-        assert self._live is not None
-        return self._live
+        return self._live or self._raise()
 
     def _serve(self) -> None:
         with asyncio.Runner(loop_factory=lambda: self._loop) as runner:
