@@ -33,7 +33,10 @@ def _figures(folder: Path) -> dict[str, Any]:
 
 def test_two_concurrent_runs_and_one_from_the_configuration_give_equal_results(tmp_path: Path) -> None:
     folders = [tmp_path / name for name in ("one", "two", "again")]
-    both = [_start("--max-actions", "1", "--seed", "7", "--out", str(folder)) for folder in folders[:2]]
+    both = [
+        _start("--max-actions", "1", "--seed", "7", "--threshold-m", "0.002", "--out", str(folder))
+        for folder in folders[:2]
+    ]
     for run in both:
         output, _ = run.communicate(timeout=LIMIT_S)
         assert run.returncode == 3, output
