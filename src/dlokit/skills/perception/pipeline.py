@@ -22,8 +22,9 @@ from dlokit.skills.perception.self_filter import (
     PICTURE_MARGIN_M,
     SPACE_MARGIN_M,
     Capsules,
+    PosedArm,
     occlusion_map,
-    panda_capsules,
+    robot_capsules,
     robot_distance_m,
     robot_outline,
 )
@@ -32,7 +33,6 @@ from dlokit.types.arrays import BoolArray, UInt8Array
 from dlokit.types.image import CameraCalibration, Image, StereoImages
 from dlokit.types.observation import GripperPin, Observation
 from dlokit.types.pose import Pose
-from dlokit.types.robot import RobotState
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,7 +54,7 @@ def loaded() -> None:
 
 def perceive(
     images: StereoImages,
-    robots: Sequence[RobotState],
+    robots: Sequence[PosedArm],
     config: PerceptionConfig,
     segmentation: SegmentationConfig,
     dlo_radius_m: float,
@@ -67,7 +67,7 @@ def perceive(
     pair = rectified(images)
     camera = pair.calibration
     strategy = segmentation.build()
-    capsules = panda_capsules(robots)
+    capsules = robot_capsules(robots)
     segmented = _segmented(pair.left, strategy)
     mask = _cleaned(segmented & _where_dlo_may_be(capsules, camera, config), config.smallest_patch_px)
     disparity = StereoMatcher(config.stereo).match(
@@ -95,7 +95,7 @@ def perceive(
 
 def observe(
     images: StereoImages,
-    robots: Sequence[RobotState],
+    robots: Sequence[PosedArm],
     config: PerceptionConfig,
     segmentation: SegmentationConfig,
     dlo_radius_m: float,
@@ -107,13 +107,13 @@ def observe(
 
 def corrected_camera_pose(
     images: StereoImages,
-    robots: Sequence[RobotState],
+    robots: Sequence[PosedArm],
     config: PerceptionConfig,
     segmentation: SegmentationConfig,
 ) -> Pose | None:
     """T_world_camera of `images`, corrected by the table's plane; None when it cannot be."""
     pair = rectified(images)
-    capsules = panda_capsules(robots)
+    capsules = robot_capsules(robots)
     robot = robot_outline(capsules, pair.calibration, PICTURE_MARGIN_M)
     hidden = robot | _segmented(pair.left, segmentation.build())
     return camera_pose_from_table(pair, hidden, config.box)
