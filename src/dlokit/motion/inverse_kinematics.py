@@ -1,14 +1,16 @@
 """Inverse kinematics of an arm: from a tool pose to joint angles. Pure; usable without any component.
 
-Differential inverse kinematics (mink, quadratic programmes by daqp) solves any pose, from several seeds, nearest
-solution first. For an arm of Franka's kind a gripper that points straight down has a closed solution, with the elbow in
-the vertical plane through tool and base (q3 = q5 = 0), continuous over the whole table.
+Any pose is solved by steps from several seeds, the nearest first: by Newton's method for an arm of six joints, by
+differential inverse kinematics within the limits (mink, quadratic programmes by daqp) for one with more. For an arm of
+Franka's kind a gripper that points straight down has a closed solution, with the elbow in the vertical plane through
+tool and base (q3 = q5 = 0), continuous over the whole table.
 
 The gripper is the same turned by half a turn, so a pose stands for two; `Yaw` says which of them is meant.
 """
 
 import enum
 import math
+from collections.abc import Iterator
 from functools import cache, cached_property
 
 import mink
@@ -21,11 +23,13 @@ from dlokit.description.arm.model import ArmModel, FrankaDimensions
 from dlokit.description.arm.mujoco_model import add_arm
 from dlokit.errors import SkillFailure
 from dlokit.motion import forward_kinematics
+from dlokit.motion.newton import solve_pose
 from dlokit.motion.tool_path import half_turned, points_down
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
 from dlokit.types.robot import RobotReason
 
+_POSE_NUMBERS = 6  # of a tool: an arm with more joints can reach a pose in many postures
 _LIMIT_MARGIN_RAD = 0.01  # that solutions keep from the limits of position
 _ITERATIONS = 40  # Newton steps from one seed
 _POSITION_TOLERANCE_M = 1e-5
@@ -112,21 +116,38 @@ class ArmKinematics:
         return bool(np.all(q >= self.lower_rad) and np.all(q <= self.upper_rad))
 
     def _differential(self, T_base_tcp: Pose, near: Float64Array) -> Float64Array | None:
-        """The solution by mink that is nearest to `near`."""
+        """A solution within the limits, from the first seed that leads to one."""
+        if len(self.arm.joints) > _POSE_NUMBERS:
+            # A spare joint can keep the others within their limits, which mink's quadratic programmes see to.
+            for seed in self._seeds(T_base_tcp, near):
+                q = _solver(self.arm).solve(T_base_tcp, seed)
+                if q is not None and self._inside(q := self._unwound(q, near)):
+                    return q
+            return None
+        T = geometry.matrix(T_base_tcp)
         for seed in self._seeds(T_base_tcp, near):
-            q = _solver(self.arm).solve(T_base_tcp, seed)
-            if q is not None and self._inside(q := self._unwound(q, near)):
+            found, q = solve_pose(
+                self._T_parents, self.arm.T_last_tcp, T, seed, _POSITION_TOLERANCE_M, _ROTATION_TOLERANCE_RAD
+            )
+            if found and self._inside(q := self._unwound(q, near)):
                 return q
         return None
 
-    def _seeds(self, T_base_tcp: Pose, near: Float64Array) -> list[Float64Array]:
+    @cached_property
+    def _T_parents(self) -> Float64Array:
+        return np.array([joint.T_parent_link for joint in self.arm.joints])
+
+    def _seeds(self, T_base_tcp: Pose, near: Float64Array) -> Iterator[Float64Array]:
         """Joint angles from which to search: the given ones, home, and those turned towards the tool."""
         home = self.arm.home_q_rad
         if self._down is None:
-            return [near, self._faced(near, T_base_tcp), self._faced(home, T_base_tcp)]
+            yield self._faced(near, T_base_tcp)
+            yield near
+            yield self._faced(home, T_base_tcp)
+            return
         upright = geometry.downward(T_base_tcp.position_m, heading(T_base_tcp))
-        below = (self._down.solve(pose, near) for pose in (upright, half_turned(upright)))
-        return [near, home, *(q for q in below if q is not None)]
+        below = [self._down.solve(pose, near) for pose in (upright, half_turned(upright))]
+        yield from (near, home, *(q for q in below if q is not None))
 
     def _faced(self, q_rad: Float64Array, T_base_tcp: Pose) -> Float64Array:
         """A posture (J,) turned about the vertical towards the tool, and its last joint to the tool's heading [rad]."""

@@ -7,7 +7,7 @@ import tyro
 from msgspec import Meta
 
 from dlokit.decision.config import TaskConfig
-from dlokit.description.arm.choice import arm_model
+from dlokit.description.arm.choice import arm_model, check_arm_name
 from dlokit.description.arm.model import ArmModel
 from dlokit.description.arm.mounts import ArmMount, arms_of
 from dlokit.description.dlo import DloPreset
@@ -37,11 +37,10 @@ class RunConfig:
     """Everything that a run depends on; written to `config.toml`, read again with `--config`."""
 
     start: str = "I"
-    """Start shape in the simulated cell: I, S, random, or a .npy/.csv file of points [m]. The system is not told: it
-    looks."""
+    """Start shape in the cell: I, S, random, or a .npy/.csv file [m]. The system is not told: it looks."""
     goal: str = "S"
-    """Goal shape: I, S, random, a .npy/.csv file of points [m], FILE.npy:3 of a (G, K, 3) file, or `interactive`
-    (three frames in the viewer)."""
+    """Goal shape: I, S, random, a .npy/.csv file [m], or `interactive` (dragged in the viewer). FILE.npy:3 is curve 3
+    of a (G, K, 3) file."""
     runtime: Runtime = "lockstep"
     """lockstep: one process on virtual time, repeatable to the bit. live: all processes, each at its own rate."""
     seed: Annotated[int, Meta(ge=0)] = 0
@@ -50,7 +49,7 @@ class RunConfig:
     headless: bool = False
     """Run without the browser viewer."""
     arm: str = "panda"
-    """Arm with its gripper: panda or fr3."""
+    """Arm with its gripper: panda, fr3, ur5e, or a .toml file. docs/how-to/add-an-arm.md says what is in the file."""
     arms: Literal[1, 2] = 1
     """Arms of the cell; a second stands opposite the first, and planner `rollout` then considers pairs of grasps."""
     record: bool = True
@@ -87,7 +86,7 @@ class RunConfig:
 
     def __post_init__(self) -> None:
         check_ranges(self)
-        arm_model(self.arm)
+        check_arm_name(self.arm)
         if self.goal == INTERACTIVE and self.headless:
             raise ConfigError(
                 "--goal interactive needs the viewer, where the goal is dragged; omit --headless, or name a goal."

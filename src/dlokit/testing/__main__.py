@@ -1,4 +1,4 @@
-"""`python -m dlokit.testing observer NAME`: the checks of `dlokit.testing` on a strategy or a camera by its name."""
+"""`python -m dlokit.testing observer NAME`: the checks of `dlokit.testing` on a strategy, a camera or an arm."""
 
 import importlib
 import math
@@ -13,11 +13,13 @@ import tyro
 from rich.console import Console
 
 from dlokit.communication.strategies import StrategyKind
+from dlokit.description.arm.choice import arm_model
 from dlokit.errors import EXIT_BAD_INPUT, EXIT_FAULT, CheckFailed, ConfigError, InputError
 from dlokit.functional.cameras.recorded import RecordedCamera
 from dlokit.skills.observer.strategies import OBSERVERS
 from dlokit.skills.perception.segmentations import SEGMENTATIONS
 from dlokit.skills.planning.strategies import PLANNERS
+from dlokit.testing.arms import check_arm
 from dlokit.testing.cameras import check_camera
 from dlokit.testing.observers import check_observer
 from dlokit.testing.planners import check_planner
@@ -65,7 +67,15 @@ class CameraCheckArgs:
     """Check that stamps are on the host's monotonic clock, after the call; not for recorded pairs."""
 
 
-CheckArgs = ObserverCheckArgs | PlannerCheckArgs | SegmentationCheckArgs | CameraCheckArgs
+@dataclass(frozen=True, kw_only=True)
+class ArmCheckArgs:
+    """Check that an arm can be planned with, and print a report. Exit code: 0 it can, 1 it cannot, 2 bad input."""
+
+    arm: Annotated[str, tyro.conf.Positional]
+    """panda, fr3, ur5e, or the .toml file of another arm."""
+
+
+CheckArgs = ArmCheckArgs | ObserverCheckArgs | PlannerCheckArgs | SegmentationCheckArgs | CameraCheckArgs
 
 
 def run(args: CheckArgs) -> int:
@@ -89,6 +99,8 @@ def _report(args: CheckArgs) -> str:
             return _checked(name, SEGMENTATIONS, check_segmentation)
         case CameraCheckArgs():
             return _checked_camera(args)
+        case ArmCheckArgs(arm=name):
+            return str(check_arm(arm_model(name)))
 
 
 def _checked_camera(args: CameraCheckArgs) -> str:
@@ -124,6 +136,7 @@ def main() -> None:
         "planner": PlannerCheckArgs,
         "segmentation": SegmentationCheckArgs,
         "camera": CameraCheckArgs,
+        "arm": ArmCheckArgs,
     }
     args: CheckArgs = tyro.extras.subcommand_cli_from_dict(checks, prog="python -m dlokit.testing")
     try:

@@ -58,7 +58,7 @@ class ShapeChoices:
     physics: Annotated[str | None, flag("NAME", "chain for wires, else rod")] = None
     """Simulated DLO: a rod (elastic) or a chain (plastic). The system's own model is always a rod."""
     randomised: bool = False
-    """Draw friction, stiffness, light and more of the cell from the seed; also weight, curl, hand-eye error, table tilt
+    """Draw friction, light and more from the seed; also weight, curl, hand-eye error, table tilt
     and colour. `--cell.randomised friction light` draws these alone."""
     observer: Annotated[str | None, _one_of(OBSERVERS, AS_SHIPPED.observer.strategy)] = None
     """How nodes are estimated: map, anchored, cpd, spr or som. The last three are the paper's;

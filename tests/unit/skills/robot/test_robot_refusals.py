@@ -67,7 +67,8 @@ CALLS: list[tuple[str, Any, tuple[Any, ...]]] = [
     *(("renew_lease", api.RENEW_LEASE, ("another", duration)) for duration in (0.0, -1.0, 61.0, *SPOILT)),
 ]
 NAMED = {
-    *("bad_arguments", "bad_force", "bad_width", "bad_lease", "unreachable", "too_slow", "joint_limit"),
+    *("bad_arguments", "bad_trajectory", "bad_force", "bad_width", "bad_lease"),
+    *("unreachable", "too_slow", "joint_limit"),
 }
 
 

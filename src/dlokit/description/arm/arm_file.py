@@ -1,0 +1,394 @@
+"""An arm from files: a robot description (URDF or MJCF), and a small TOML for what no description says.
+
+MuJoCo reads the description. Of the links it takes frames, inertias and meshes; capsules are fitted to the meshes. The
+TOML names the description and adds home, limits of acceleration and jerk, and the gripper (`ur5e.toml` is an example).
+"""
+
+import importlib.util
+import re
+import tomllib
+import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import mujoco
+import numpy as np
+import trimesh
+from scipy.spatial.transform import Rotation
+
+from dlokit.description.arm.fitting import capsules_around
+from dlokit.description.arm.model import FINGER_LINKS, HAND, ArmModel, Capsule, Gripper, Inertia, Joint, Surface, Vector
+from dlokit.description.arm.mujoco_model import add_arm
+from dlokit.errors import ConfigError, MachineError
+from dlokit.types.arrays import Float64Array
+from dlokit.types.robot import JointLimits
+
+_STIFFNESS_1_RAD = 50.0
+"""Stiffness of a simulated joint over its largest torque [1/rad]: a joint at its largest torque gives way by 1.1°."""
+_APART = 3
+"""Links at least this many joints apart may meet; nearer ones overlap at their joints."""
+_BASE_KG = 1.0  # the base does not move
+_FAR_M = 1.0  # farther apart, links need not be measured
+_PIECE_M = 0.02  # longest edge of the triangles whose corners stand for a surface
+
+
+class _GripperPart(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
+    title: str
+    finger_m: float
+    tcp_m: float
+    tip_below_tcp_m: float
+    pad_half_length_m: float
+    pad_half_thickness_m: float
+    open_width_m: float
+    force_n: float
+    finger_speed_m_s: float
+    mass_kg: float
+    body: list[tuple[float, float, float, float, float, float, float]]
+    """Capsules around the body in the hand's frame: both ends and the radius [m]."""
+    finger: list[tuple[float, float, float, float, float, float, float]]
+    """Capsules around a finger in its own frame."""
+
+
+class _FlangePart(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
+    position_m: Vector = (0.0, 0.0, 0.0)
+    rpy_rad: Vector = (0.0, 0.0, 0.0)
+
+
+class _ArmPart(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
+    title: str
+    description: str
+    home_q_rad: list[float]
+    acceleration_rad_s2: list[float]
+    jerk_rad_s3: list[float]
+    gripper: _GripperPart
+    package: str = ""
+    wheel: str = ""
+    position_lower_rad: list[float] | None = None
+    position_upper_rad: list[float] | None = None
+    velocity_rad_s: list[float] | None = None
+    torque_nm: list[float] | None = None
+    flange: _FlangePart = msgspec.field(default_factory=_FlangePart)
+
+
+@dataclass(frozen=True)
+class _Link:
+    """A link of the description, its frame turned so that z is the joint's axis."""
+
+    name: str
+    body: int
+    T_body_link: Float64Array  # (4, 4)
+
+
+def read_arm(path: Path, name: str) -> ArmModel:
+    """The arm of a TOML file. Raises `ConfigError` on an invalid file, `MachineError` when a package is missing."""
+    part = _read_toml(path)
+    description = _description(part, path)
+    model = _compiled(description)
+    links = _links(model, path)
+    joints = len(links) - 1
+    limits = _limits(part, model, description, joints, path)
+    torque = _row(part.torque_nm, "torque_nm", joints, path) if part.torque_nm else _torques(model, joints, path)
+    T_last_hand = _matrix(part.flange.position_m, Rotation.from_euler("xyz", part.flange.rpy_rad))
+    arm = ArmModel(
+        name=name,
+        title=part.title,
+        base=links[0].name,
+        joints=tuple(
+            Joint(
+                link=link.name,
+                T_parent_link=np.linalg.inv(before.T_body_link) @ _T_parent_body(model, link.body) @ link.T_body_link,
+                torque_nm=float(most),
+                stiffness_nm_rad=_STIFFNESS_1_RAD * float(most),
+            )
+            for before, link, most in zip(links, links[1:], torque, strict=False)
+        ),
+        limits=limits,
+        home_q_rad=_row(part.home_q_rad, "home_q_rad", joints, path),
+        T_last_hand=np.linalg.inv(links[-1].T_body_link) @ T_last_hand,
+        gripper=_gripper(part.gripper),
+        inertias=_inertias(model, links, part.gripper),
+        capsules=(
+            *(capsule for link in links for capsule in capsules_around(link.name, _surface_points(model, link))),
+            *(_capsule(HAND, numbers) for numbers in part.gripper.body),
+            *(_capsule(finger, numbers) for finger in FINGER_LINKS for numbers in part.gripper.finger),
+        ),
+        may_meet=_apart(links),
+        above_table=frozenset((*(link.name for link in links[2:]), HAND, *FINGER_LINKS)),
+        roomiest_yaw_rad=0.0,
+        surfaces=_surfaces(model, links, description, part),
+    )
+    return _finished(arm)
+
+
+def _read_toml(path: Path) -> _ArmPart:
+    try:
+        return msgspec.toml.decode(path.read_bytes(), type=_ArmPart)
+    except (OSError, msgspec.MsgspecError, tomllib.TOMLDecodeError) as error:
+        raise ConfigError(
+            f"the arm in {path} cannot be read: {error}; docs/how-to/add-an-arm.md lists what such a file says."
+        ) from error
+
+
+def _description(part: _ArmPart, path: Path) -> Path:
+    """The URDF or MJCF file: in the package that carries it, else beside the TOML."""
+    folder = path.parent
+    if part.package:
+        package = importlib.util.find_spec(part.package)
+        if package is None or package.origin is None:
+            wheel = part.wheel or part.package
+            raise MachineError(
+                f"The description of the arm {part.title} is missing: it comes with the package {wheel}; run: "
+                f"pip install {wheel}"
+            )
+        folder = Path(package.origin).parent
+    description = folder / part.description
+    if not description.is_file():
+        raise ConfigError(f"the arm in {path} names {description} as its description, and there is no such file.")
+    return description
+
+
+def _compiled(description: Path) -> Any:
+    try:
+        return mujoco.MjModel.from_xml_path(str(description))
+    except ValueError as error:
+        raise ConfigError(f"{description} cannot be read as URDF or MJCF: {error}") from error
+
+
+def _links(model: Any, path: Path) -> list[_Link]:
+    """The base and the links of the joints, in a row. Raises `ConfigError` where they are not one row of hinges."""
+    bodies: list[int] = []
+    for joint in range(model.njnt):
+        body = int(model.jnt_bodyid[joint])
+        is_hinge = model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_HINGE and not np.any(model.jnt_pos[joint])
+        if not is_hinge or int(model.body_parentid[body]) != (bodies[-1] if bodies else int(model.body_parentid[body])):
+            raise ConfigError(
+                f"the arm in {path} must be one row of revolute joints through their links' origins, and joint "
+                f"{model.joint(joint).name!r} is not; take grippers and further joints out of its description."
+            )
+        bodies.append(body)
+    if not bodies:
+        raise ConfigError(f"the arm in {path} has no joints; name the description of an arm.")
+    base = int(model.body_parentid[bodies[0]])
+    return [
+        _Link(model.body(base).name if base else "base", base, np.eye(4)),
+        *(_Link(model.body(body).name, body, _axis_up(model.jnt_axis[joint])) for joint, body in enumerate(bodies)),
+    ]
+
+
+def _axis_up(axis: Float64Array) -> Float64Array:
+    """The transform (4, 4) to a frame whose z axis is `axis` (3,)."""
+    turn = Rotation.align_vectors(axis[None, :], np.array([[0.0, 0.0, 1.0]]))[0]
+    return np.eye(4) if np.allclose(axis, [0.0, 0.0, 1.0]) else _matrix((0.0, 0.0, 0.0), turn)
+
+
+def _matrix(position_m: Sequence[float], turn: Rotation) -> Float64Array:
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = turn.as_matrix(), position_m
+    return T
+
+
+def _T(position_m: Sequence[float], wxyz: Sequence[float]) -> Float64Array:
+    return _matrix(position_m, Rotation.from_quat(wxyz, scalar_first=True))
+
+
+def _T_parent_body(model: Any, body: int) -> Float64Array:
+    return _T(model.body_pos[body], model.body_quat[body])
+
+
+def _limits(part: _ArmPart, model: Any, description: Path, joints: int, path: Path) -> JointLimits:
+    lower, upper = model.jnt_range.T
+    if part.velocity_rad_s is None:
+        velocity = _velocities(description, [model.joint(joint).name for joint in range(joints)], path)
+    else:
+        velocity = _row(part.velocity_rad_s, "velocity_rad_s", joints, path)
+    limits = JointLimits(
+        position_lower_rad=_row(part.position_lower_rad or lower.tolist(), "position_lower_rad", joints, path),
+        position_upper_rad=_row(part.position_upper_rad or upper.tolist(), "position_upper_rad", joints, path),
+        velocity_rad_s=velocity,
+        acceleration_rad_s2=_row(part.acceleration_rad_s2, "acceleration_rad_s2", joints, path),
+        jerk_rad_s3=_row(part.jerk_rad_s3, "jerk_rad_s3", joints, path),
+    )
+    if not np.all(limits.position_lower_rad < limits.position_upper_rad):
+        raise ConfigError(
+            f"the joints of the arm in {path} have no range; set position_lower_rad and position_upper_rad."
+        )
+    return limits
+
+
+def _velocities(description: Path, names: list[str], path: Path) -> Float64Array:
+    """Velocity limits (J,) [rad/s] of a URDF; MuJoCo has none."""
+    # Descriptions often use prefixes that they do not declare, which is not XML.
+    text = re.sub(r"\s\w+:(\w+=)", r" \1", description.read_text(encoding="utf-8"))
+    found = {
+        joint.get("name"): limit.get("velocity")
+        for joint in ET.fromstring(text).iter("joint")
+        if (limit := joint.find("limit")) is not None
+    }
+    missing = [name for name in names if not found.get(name)]
+    if missing:
+        raise ConfigError(
+            f"{description} gives no velocity limit of {', '.join(missing)}; set velocity_rad_s in {path}."
+        )
+    return np.array([float(found[name] or 0.0) for name in names])
+
+
+def _torques(model: Any, joints: int, path: Path) -> Float64Array:
+    most = np.abs(model.jnt_actfrcrange[:joints]).max(axis=1)
+    if not np.all(most > 0.0):
+        raise ConfigError(f"the description of the arm in {path} gives no torque limits; set torque_nm.")
+    return most
+
+
+def _row(values: Sequence[float], name: str, joints: int, path: Path) -> Float64Array:
+    row = np.array(values, dtype=np.float64)
+    if row.shape != (joints,) or not np.all(np.isfinite(row)):
+        raise ConfigError(f"{name} in {path} has {len(row)} numbers; the arm has {joints} joints, give one of each.")
+    return row
+
+
+def _gripper(part: _GripperPart) -> Gripper:
+    return Gripper(
+        title=part.title,
+        finger_m=part.finger_m,
+        tcp_m=part.tcp_m,
+        tip_below_tcp_m=part.tip_below_tcp_m,
+        pad_half_length_m=part.pad_half_length_m,
+        pad_half_thickness_m=part.pad_half_thickness_m,
+        open_width_m=part.open_width_m,
+        force_n=part.force_n,
+        finger_speed_m_s=part.finger_speed_m_s,
+    )
+
+
+def _inertias(model: Any, links: list[_Link], gripper: _GripperPart) -> dict[str, Inertia]:
+    """Of every link; the gripper's are those of balls of its mass, as no data sheet gives more."""
+    found = {links[0].name: _ball(_BASE_KG, 0.1)}
+    for link in links[1:]:
+        T = np.linalg.inv(link.T_body_link) @ _T(model.body_ipos[link.body], model.body_iquat[link.body])
+        moment = T[:3, :3] @ np.diag(model.body_inertia[link.body]) @ T[:3, :3].T
+        x, y, z = (float(value) for value in T[:3, 3])
+        (xx, xy, xz), (_, yy, yz), (_, _, zz) = moment.tolist()
+        found[link.name] = Inertia(
+            mass_kg=float(model.body_mass[link.body]),
+            center_m=(x, y, z),
+            inertia_kg_m2=(xx, yy, zz, xy, xz, yz),
+        )
+    fingers = dict.fromkeys(FINGER_LINKS, _ball(0.02 * gripper.mass_kg, 0.01))
+    return {**found, HAND: _ball(0.96 * gripper.mass_kg, 0.04), **fingers}
+
+
+def _ball(mass_kg: float, radius_m: float) -> Inertia:
+    moment = 0.4 * mass_kg * radius_m**2
+    return Inertia(mass_kg=mass_kg, center_m=(0.0, 0.0, 0.0), inertia_kg_m2=(moment, moment, moment, 0.0, 0.0, 0.0))
+
+
+def _shapes(model: Any, link: _Link) -> list[int]:
+    """The geoms of a link that meet others, or all where none does."""
+    own = [geom for geom in range(model.ngeom) if int(model.geom_bodyid[geom]) == link.body]
+    solid = [geom for geom in own if model.geom_contype[geom] or model.geom_conaffinity[geom]]
+    return solid or own
+
+
+def _surface_points(model: Any, link: _Link) -> Float64Array:
+    """Points (N, 3) [m] on the surface of a link, in its frame."""
+    T_link_body = np.linalg.inv(link.T_body_link)
+    clouds = [np.zeros((0, 3))]
+    for geom in _shapes(model, link):
+        T = T_link_body @ _T(model.geom_pos[geom], model.geom_quat[geom])
+        clouds.append(trimesh.transform_points(_corners_of(model, geom), T))
+    return np.concatenate(clouds)
+
+
+def _corners_of(model: Any, geom: int) -> Float64Array:
+    """Points (N, 3) [m] on a geom's surface, in its own frame."""
+    kind, size = model.geom_type[geom], model.geom_size[geom]
+    match kind:
+        case mujoco.mjtGeom.mjGEOM_MESH:
+            mesh = int(model.geom_dataid[geom])
+            first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
+            face, faces = int(model.mesh_faceadr[mesh]), int(model.mesh_facenum[mesh])
+            shape = trimesh.Trimesh(
+                model.mesh_vert[first : first + count], model.mesh_face[face : face + faces], process=False
+            )
+        case mujoco.mjtGeom.mjGEOM_SPHERE:
+            shape = trimesh.creation.icosphere(radius=size[0])
+        case mujoco.mjtGeom.mjGEOM_CAPSULE:
+            shape = trimesh.creation.capsule(height=2.0 * size[1], radius=size[0])
+        case mujoco.mjtGeom.mjGEOM_CYLINDER:
+            shape = trimesh.creation.cylinder(radius=size[0], height=2.0 * size[1])
+        case _:
+            shape = trimesh.creation.box(extents=2.0 * size)
+    # Corners alone would leave the middle of a long tube out of its slab.
+    return np.asarray(trimesh.remesh.subdivide_to_size(shape.vertices, shape.faces, _PIECE_M)[0], dtype=np.float64)
+
+
+def _surfaces(model: Any, links: list[_Link], description: Path, part: _ArmPart) -> dict[str, tuple[Surface, ...]]:
+    """The meshes of each link that has any."""
+    folder = description.parent
+    found: dict[str, tuple[Surface, ...]] = {}
+    for link in links:
+        meshes: list[Surface] = []
+        for geom in _shapes(model, link):
+            mesh = int(model.geom_dataid[geom])
+            if model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_MESH or np.any(model.mesh_scale[mesh] != 1.0):
+                continue
+            # MuJoCo moves a mesh to its centre of mass; the file is as it was.
+            T_geom_file = np.linalg.inv(_T(model.mesh_pos[mesh], model.mesh_quat[mesh]))
+            T = np.linalg.inv(link.T_body_link) @ _T(model.geom_pos[geom], model.geom_quat[geom]) @ T_geom_file
+            meshes.append(Surface(file=str(folder / _mesh_file(model, mesh)), T_link_mesh=T))
+        if meshes:
+            found[link.name] = tuple(meshes)
+    return found
+
+
+def _mesh_file(model: Any, mesh: int) -> str:
+    start = int(model.mesh_pathadr[mesh])
+    return model.paths[start : model.paths.index(b"\0", start)].decode()
+
+
+def _capsule(link: str, numbers: Sequence[float]) -> Capsule:
+    x0, y0, z0, x1, y1, z1, radius_m = numbers
+    return Capsule(link=link, start_m=(x0, y0, z0), end_m=(x1, y1, z1), radius_m=radius_m)
+
+
+def _apart(links: list[_Link]) -> tuple[tuple[str, str], ...]:
+    names = [(index, link.name) for index, link in enumerate(links)]
+    every = [*names, *((len(links), name) for name in (HAND, *FINGER_LINKS))]
+    return tuple((a, b) for i, a in every for j, b in every if j - i >= _APART and i < len(links))
+
+
+def _finished(arm: ArmModel) -> ArmModel:
+    """The arm with what its home says of it: which links may meet, and where the wrist has the most room."""
+    spec = mujoco.MjSpec()
+    add_arm(spec, arm, visual=False)
+    model: Any = spec.compile()
+    data: Any = mujoco.MjData(model)
+    joints, last = len(arm.joints), -1
+    data.qpos[:joints] = arm.home_q_rad
+    data.qpos[joints:] = arm.gripper.open_width_m / 2.0
+    mujoco.mj_kinematics(model, data)
+    # Pairs that overlap at home are held apart by their joints, or their capsules are too wide.
+    free = tuple(pair for pair in arm.may_meet if _gap_m(model, data, pair) > 0.0)
+    data.qpos[joints + last] = 0.5 * (arm.limits.position_lower_rad[last] + arm.limits.position_upper_rad[last])
+    mujoco.mj_kinematics(model, data)
+    x_axis, place = data.site("arm/tcp").xmat[[0, 3]], data.site("arm/tcp").xpos
+    turn = np.arctan2(x_axis[1], x_axis[0]) - np.arctan2(place[1], place[0])
+    return replace(arm, may_meet=free, roomiest_yaw_rad=float(np.arctan2(np.sin(turn), np.cos(turn))))
+
+
+def _gap_m(model: Any, data: Any, pair: tuple[str, str]) -> float:
+    """Distance [m] of two links by their capsules; 0 where they overlap or have none."""
+    first, second = (
+        [
+            geom
+            for geom in range(model.ngeom)
+            if model.geom_bodyid[geom] == model.body(f"arm/{link}").id
+            and model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_CAPSULE
+        ]
+        for link in pair
+    )
+    gaps = [mujoco.mj_geomDistance(model, data, i, j, _FAR_M, None) for i in first for j in second]
+    return float(min(gaps, default=0.0))

@@ -1,0 +1,86 @@
+"""Capsules around a link: few, and close to its surface."""
+
+import itertools
+
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+
+from dlokit.description.arm.model import Capsule, Vector
+from dlokit.types.arrays import Float64Array
+
+_MOST = 3
+"""Most capsules of a link."""
+_WORTH = 0.8
+"""A further capsule must reduce the volume of all of them to less than this."""
+_LEAST_RADIUS_M = 0.005
+_LEAST_LENGTH_M = 0.001  # a capsule without a length has no direction
+_ROUNDS = 60  # of the search for the narrowest cylinder about an axis
+
+
+def capsules_around(link: str, points: Float64Array) -> tuple[Capsule, ...]:
+    """Capsules that hold all points (N, 3) [m] of a link's surface; none without points.
+
+    The link is cut into slabs of equal length along its longest direction, each with the smallest capsule whose axis is
+    one of the link's or of the slab's principal directions.
+    """
+    if len(points) == 0:
+        return ()
+    best = [_smallest(link, points)]
+    along = points @ _directions(points)[0]
+    for count in range(2, _MOST + 1):
+        edges = np.linspace(along.min(), along.max() + 1e-9, count + 1)
+        slabs = [points[(along >= low) & (along <= high)] for low, high in itertools.pairwise(edges)]
+        cut = [_smallest(link, slab) for slab in slabs if len(slab)]
+        if sum(map(_volume_m3, cut)) < _WORTH * sum(map(_volume_m3, best)):
+            best = cut
+    return tuple(best)
+
+
+def _smallest(link: str, points: Float64Array) -> Capsule:
+    """The smallest of the capsules about a few directions."""
+    corners = _corners(points)
+    return min((_about(link, corners, axis) for axis in (*np.eye(3), *_directions(points))), key=_volume_m3)
+
+
+def _corners(points: Float64Array) -> Float64Array:
+    """The points on the convex hull: a capsule is convex, so that it holds the others too."""
+    try:
+        return points[ConvexHull(points).vertices]
+    except (QhullError, ValueError):  # flat, or fewer than four
+        return points
+
+
+def _directions(points: Float64Array) -> Float64Array:
+    """Principal directions (3, 3) as rows, the longest first."""
+    return np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2]
+
+
+def _about(link: str, points: Float64Array, axis: Float64Array) -> Capsule:
+    """The capsule about an axis (3,): the narrowest cylinder around the points, cut as short as its caps allow."""
+    across = np.linalg.svd(axis[None, :])[2][1:]  # (2, 3)
+    flat = points @ across.T
+    center = 0.5 * (flat.min(axis=0) + flat.max(axis=0))
+    for step in range(1, _ROUNDS):  # Badoiu and Clarkson: move towards the farthest point, less each time
+        away = flat - center
+        center = center + away[np.argmax(np.einsum("ij,ij->i", away, away))] / (step + 1)
+    distance = np.linalg.norm(flat - center, axis=1)
+    radius_m = max(float(distance.max()), _LEAST_RADIUS_M)
+    along, cap = points @ axis, np.sqrt(np.maximum(radius_m**2 - distance**2, 0.0))
+    low, high = float(np.min(along + cap)), float(np.max(along - cap))
+    if high - low < _LEAST_LENGTH_M:  # a ball holds them
+        middle = 0.5 * (low + high)
+        low, high = middle - 0.5 * _LEAST_LENGTH_M, middle + 0.5 * _LEAST_LENGTH_M
+        beyond = np.maximum(np.abs(along - middle) - 0.5 * _LEAST_LENGTH_M, 0.0)
+        radius_m = float(np.max(np.hypot(distance, beyond)))
+    base = center @ across
+    return Capsule(link=link, start_m=_vector(base + low * axis), end_m=_vector(base + high * axis), radius_m=radius_m)
+
+
+def _volume_m3(capsule: Capsule) -> float:
+    length_m = float(np.linalg.norm(np.subtract(capsule.end_m, capsule.start_m)))
+    return np.pi * capsule.radius_m**2 * (length_m + 4.0 / 3.0 * capsule.radius_m)
+
+
+def _vector(values: Float64Array) -> Vector:
+    x, y, z = (float(value) for value in values)
+    return (x, y, z)
