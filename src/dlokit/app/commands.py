@@ -56,7 +56,7 @@ class CommandRow:
 
 
 COMMANDS: Mapping[str, CommandRow] = {
-    "shape": CommandRow("shape.shape", "Move the DLO from a start shape to a goal shape, guided by the stereo camera."),
+    "shape": CommandRow("shape.shape", "Move the DLO from a start shape to a goal shape, guided by a camera."),
     "demo": CommandRow(
         "shape.demo", "Watch a simulated arm move a rope from shape I to shape S, guided by a stereo camera."
     ),

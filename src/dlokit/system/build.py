@@ -119,10 +119,9 @@ def _robot(mount: ArmMount) -> "_Builder":
 
 
 def _perception(config: RunConfig, wiring: Wiring) -> Component:
-    from dlokit.functional.cameras.simulated import SimulatedCamera
     from dlokit.skills.perception.component import PerceptionComponent
 
-    return PerceptionComponent(config.perception, SimulatedCamera(wiring.transport), config.model)
+    return PerceptionComponent(config.perception, config.camera.build(wiring.transport), config.model)
 
 
 def _observer(config: RunConfig, wiring: Wiring) -> Component:

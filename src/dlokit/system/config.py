@@ -10,6 +10,8 @@ from dlokit.decision.config import TaskConfig
 from dlokit.description.dlo import DloPreset
 from dlokit.description.table import Table
 from dlokit.errors import ConfigError
+from dlokit.functional.cameras.simulated import SimulatedStereoConfig
+from dlokit.functional.cameras.strategies import AnyCamera
 from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.cell.dlo_physics import ElasticRod, ElastoplasticChain
 from dlokit.functional.robots.gate import GateConfig
@@ -63,6 +65,8 @@ class RunConfig:
     """The simulated cell, which stands in for reality."""
     table: Table = field(default_factory=Table)
     """The table as the system believes it to be."""
+    camera: AnyCamera = field(default_factory=SimulatedStereoConfig)
+    """The camera."""
     perception: PerceptionConfig = field(default_factory=PerceptionConfig)
     """From pictures to the DLO's points."""
     observer: ObserverConfig = field(default_factory=ObserverConfig)
