@@ -12,6 +12,7 @@ import pytest
 from dlokit.app.commands import parse
 from dlokit.functional.cameras.strategies import OURS as CAMERAS
 from dlokit.skills.observer.strategies import OURS as OBSERVERS
+from dlokit.skills.perception.segmentations import OURS as SEGMENTATIONS
 from dlokit.skills.planning.strategies import OURS as PLANNERS
 
 ROOT = Path(__file__).parents[2]
@@ -47,6 +48,7 @@ def known() -> set[str]:
     pages += [help_of("shape", "--observer", config.name) for config in OBSERVERS]
     pages += [help_of("shape", "--planner", config.name) for config in PLANNERS]
     pages += [help_of("shape", "--camera", config.name) for config in CAMERAS]
+    pages += [help_of("track", "--segmentation", config.name) for config in SEGMENTATIONS]
     return {option for page in pages for option in OPTION.findall(page)} | options_of_studies()
 
 

@@ -61,7 +61,8 @@ COMMANDS: Mapping[str, CommandRow] = {
         "shape.demo", "Watch a simulated arm move a rope from shape I to shape S, guided by a stereo camera."
     ),
     "track": CommandRow(
-        "data.track", "Track the nodes of a DLO through recorded point clouds, and write them with a plot."
+        "data.track",
+        "Track the nodes of a DLO through recorded point clouds, or live in the pictures of a camera, without a robot.",
     ),
     "bench shaping": CommandRow(
         "bench.shaping",

@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 
 from dlokit.communication.topics import DEPTH_IMAGES, STEREO_IMAGES
-from dlokit.errors import ConfigError, HardwareError, InputError
+from dlokit.errors import ConfigError, HardwareError, InputError, NoMorePictures
 from dlokit.functional.cameras.base import Caller, Camera
 from dlokit.functional.cameras.calibration_file import read_calibration
 from dlokit.recording.channels import FILE_NAME
@@ -49,7 +49,7 @@ class RecordedCamera:
             raise HardwareError("the recorded camera was closed; enter it again before capturing")
         pictures = next(self._pictures, None)
         if pictures is None:
-            raise HardwareError(f"all pictures of {self._path} have been played; set repeat to start over")
+            raise NoMorePictures(f"all pictures of {self._path} have been played; set repeat to start over")
         return pictures
 
     def __enter__(self) -> Self:

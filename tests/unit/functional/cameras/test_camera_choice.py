@@ -36,7 +36,7 @@ def test_the_command_line_names_the_camera_and_shows_its_settings(capsys: pytest
     with pytest.raises(SystemExit):
         parse(["shape", "--camera", "recorded", "--help", "camera"])
     assert "--camera.path" in capsys.readouterr().out
-    with pytest.raises(ConfigError, match=r"choose one of simulated, simulated-d435, recorded"):
+    with pytest.raises(ConfigError, match=r"choose one of simulated, simulated-d435, recorded, realsense"):
         parse(["shape", "--camera", "webcam"])
 
 
