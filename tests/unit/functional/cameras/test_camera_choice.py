@@ -3,12 +3,14 @@
 from pathlib import Path
 
 import pytest
+from installed_packages import install
 from rich.console import Console
 
 from dlokit.app.bench.shaping import ShapingArgs, compare
 from dlokit.app.commands import parse
 from dlokit.app.shape.preflight import check_before_start
 from dlokit.communication.memory import MemoryTransport
+from dlokit.communication.strategies import StrategyKind
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.errors import ConfigError
 from dlokit.functional.cameras.recorded import RecordedCameraConfig
@@ -56,5 +58,25 @@ def test_the_builder_of_perception_opens_what_the_configuration_says(tmp_path: P
         build_component("perception", RunConfig(camera=RecordedCameraConfig(path=str(tmp_path))), wiring)
 
 
-def test_other_packages_add_cameras_by_entry_point():
-    assert CAMERAS.entry_points == "dlokit.cameras"
+THEIRS = """
+from dataclasses import dataclass
+from typing import ClassVar
+
+@dataclass(frozen=True)
+class WebcamConfig:
+    name: ClassVar[str] = "webcam"
+    sees_cell: ClassVar[bool] = False
+    device: int = 0
+
+    def build(self, caller):
+        raise NotImplementedError
+"""
+
+
+def test_other_packages_add_cameras_by_entry_point(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    install(tmp_path, "webcams", "dlokit.cameras", {"webcam": "of_webcams:WebcamConfig"}, {"of_webcams": THEIRS})
+    # One that has not looked for packages before.
+    cameras = StrategyKind(CAMERAS.purpose, CAMERAS.entry_points, CAMERAS.builtin)
+    assert list(cameras.installed()) == ["simulated", "simulated-d435", "recorded", "realsense", "webcam"]
+    assert cameras.named("webcam", "--camera")().sees_cell is False
