@@ -200,6 +200,7 @@ async def follow(
     """
     clock = LoopClock()
     begin_ns = due_ns = reported_ns = clock.now_ns()
+    period_ns = round(1e9 / pace.rate_hz)
     with camera:
         while pace.duration_s is None or clock.now_ns() - begin_ns < pace.duration_s * 1e9:
             try:
@@ -218,7 +219,8 @@ async def follow(
             if clock.now_ns() - reported_ns >= _REPORT_S * 1e9 or summary.frames == 1:
                 reported_ns = clock.now_ns()
                 say(_line(summary, frame))
-            due_ns = max(due_ns + round(1e9 / pace.rate_hz), clock.now_ns())
+            # A late picture is made up for by the next one, and no more than one.
+            due_ns = max(due_ns + period_ns, clock.now_ns() - period_ns)
             await clock.sleep_until(due_ns)
 
 
