@@ -36,7 +36,7 @@ from robot_bench import KINEMATICS, PerfectArm
 
 from dlokit.benches.report import BenchFigure, figure
 from dlokit.communication.timing import virtual_time
-from dlokit.description.arm.panda import PANDA_LIMITS
+from dlokit.description.arm.franka import PANDA
 from dlokit.errors import BadValue, CommunicationError, SkillFailure
 from dlokit.evaluation.statistics import without_interval
 from dlokit.functional.robots.gate import GateConfig, GatedRobot
@@ -200,7 +200,7 @@ class AtGate:
         # The arm stands where the motion starts, so that it is not refused for that alone; most of the time.
         if made.q_rad.shape[1:] == (7,) and len(made.q_rad) and self._rng.random() < 0.95:
             first = made.q_rad[0]
-            self._arm.q = np.clip(first, PANDA_LIMITS.position_lower_rad, PANDA_LIMITS.position_upper_rad)
+            self._arm.q = np.clip(first, PANDA.limits.position_lower_rad, PANDA.limits.position_upper_rad)
         await self._robot.follow(made, LEASE)
 
     def _judge(self, kind: str, tally: Tally) -> None:
@@ -234,7 +234,7 @@ async def _poses(robot: GatedRobot, base: JointTrajectory, rng: Rng) -> None:
     pose = spoilt_pose(rng) if chance < 0.7 else honest_pose(rng)
     if chance > 0.85:
         pose.position_m[rng.integers(3)] += rng.normal() * 10 ** rng.uniform(-2.0, 3.0)
-    await robot.follow(joint_move(base.q_rad[0], KINEMATICS.inverse(remade(pose), base.q_rad[0])), LEASE)
+    await robot.follow(joint_move(base.q_rad[0], KINEMATICS.inverse(remade(pose), base.q_rad[0]), PANDA.limits), LEASE)
 
 
 async def _speeds(robot: GatedRobot, base: JointTrajectory, rng: Rng) -> None:

@@ -8,6 +8,8 @@ physics. Prints the median, smallest and largest time of each part. All settings
 """
 
 from dlokit.app.environment import prepare_environment
+from dlokit.description.arm.franka import PANDA
+from dlokit.skills.perception.self_filter import PosedArm
 
 prepare_environment()  # before anything below imports MuJoCo or NumPy's linear algebra
 
@@ -123,7 +125,7 @@ def _physics(cells: Mapping[str, Cell], config: RunConfig) -> list[Part]:
 
 def _parts(cell: Cell, config: RunConfig) -> list[Part]:
     """All else."""
-    images, arm = cell.capture(), (cell.arm_state(),)
+    images, arm = cell.capture(), (PosedArm(PANDA, cell.arm_state()),)
     look = perceive(images, arm, config.perception, config.perception.segmentation, config.model.radius_m).observation
     targets = initial_targets(look, config.model.nodes, config.model.length_m)
     prior = DloState(

@@ -20,10 +20,11 @@ from rich.progress import track
 
 from dlokit import geometry
 from dlokit.benches.report import figure
+from dlokit.description.arm.franka import PANDA
 from dlokit.description.scene import default_calibration
 from dlokit.errors import ConfigError
 from dlokit.evaluation.statistics import success_rate, without_interval
-from dlokit.motion.inverse_kinematics import PandaKinematics
+from dlokit.motion.inverse_kinematics import ArmKinematics
 from dlokit.rod.believed import BelievedDlo, as_configured
 from dlokit.skills.planning.config import PlanningConfig
 from dlokit.skills.planning.verdict import friction_hold
@@ -73,9 +74,7 @@ def judged(goal_world: Float64Array, model: BelievedDlo) -> Judged:
         holds.append(friction_hold.try_goal(model, belief, nodes_world, THRESHOLD_M, PLANNING.feasibility))
         return holds[-1]
 
-    place = Workplace(
-        model, PLANNING.feasibility, PLANNING.actions.grasp, PandaKinematics().reachable, default_calibration()
-    )
+    place = Workplace(model, PLANNING.feasibility, ArmKinematics(PANDA).reachable, default_calibration())
     verdict = asyncio.run(
         judge(GoalShape(stamp_ns=0, nodes_world=goal_world), THRESHOLD_M, place=place, try_goal=try_goal)
     )

@@ -10,12 +10,13 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from dlokit import geometry
+from dlokit.description.arm.franka import PANDA
 from dlokit.description.dlo import DloPreset, preset
 from dlokit.description.scene import default_calibration
 from dlokit.functional.cell.config import EVERY_FACTOR, CellConfig
 from dlokit.functional.cell.dlo_physics import ElasticRod, ElastoplasticChain
 from dlokit.functional.cell.world import Cell
-from dlokit.motion.inverse_kinematics import PandaKinematics
+from dlokit.motion.inverse_kinematics import ArmKinematics
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.planning.config import PlanningConfig
 from dlokit.skills.planning.strategies import load
@@ -134,8 +135,6 @@ async def _verdict(
     async def try_goal(nodes_world: Float64Array) -> friction_hold.HoldVerdict:
         return friction_hold.try_goal(model, knowledge.belief, nodes_world, threshold_m, planning.feasibility)
 
-    place = Workplace(
-        model, planning.feasibility, planning.actions.grasp, PandaKinematics().reachable, default_calibration()
-    )
+    place = Workplace(model, planning.feasibility, ArmKinematics(PANDA).reachable, default_calibration())
     goal = GoalShape(stamp_ns=0, nodes_world=goal_world)
     return await judge(goal, threshold_m, place=place, try_goal=try_goal)

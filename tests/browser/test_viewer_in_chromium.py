@@ -15,7 +15,7 @@ from dlokit.communication.component import Component, implements
 from dlokit.communication.container import Container
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing.clock import LoopClock
-from dlokit.description.arm.panda import PANDA_HOME_Q_RAD
+from dlokit.description.arm.franka import PANDA
 from dlokit.description.shapes import builtin_shape
 from dlokit.description.table import Table
 from dlokit.geometry import downward, pose, tangents
@@ -114,7 +114,7 @@ class Arm(Component):
         state = RobotState(
             stamp_ns=1,
             robot="panda",
-            q_rad=PANDA_HOME_Q_RAD,
+            q_rad=PANDA.home_q_rad,
             dq_rad_s=np.zeros(7),
             tau_nm=np.zeros(7),
             T_world_tcp=downward([0.5, 0.0, 0.3], 0.0),
@@ -142,9 +142,10 @@ async def _a_visit(*, operated: bool = True) -> AsyncGenerator[Visit]:
         flow=FLOW,
         rod=ROD,
         table=Table(),
+        arm=PANDA,
         threshold_m=0.012,
         operated=operated,
-        arms=(ArmButtons(stop=robot.STOP, enable=robot.ENABLE),),
+        buttons=(ArmButtons(stop=robot.STOP, enable=robot.ENABLE),),
     )
     host.add(viewer)
     arm = Arm()
@@ -289,7 +290,7 @@ def test_the_page_shows_the_robot_without_external_requests(runner: asyncio.Runn
             RobotState(
                 stamp_ns=1,
                 robot="panda",
-                q_rad=PANDA_HOME_Q_RAD,
+                q_rad=PANDA.home_q_rad,
                 dq_rad_s=np.zeros(7),
                 tau_nm=np.zeros(7),
                 T_world_tcp=pose((0.3, 0.0, 0.4)),

@@ -14,7 +14,7 @@ from dlokit.communication.port import InlineCompute, Port
 from dlokit.communication.skill import Skill
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
-from dlokit.description.arm.panda import PANDA_HOME_Q_RAD
+from dlokit.description.arm.franka import PANDA
 from dlokit.errors import HardwareError, SkillFailure
 from dlokit.functional.cell import api as cell_api
 from dlokit.functional.cell.component import CellComponent
@@ -23,14 +23,14 @@ from dlokit.functional.robots.base import Robot
 from dlokit.functional.robots.gate import GateConfig, GatedRobot
 from dlokit.functional.robots.simulated import SimulatedRobot
 from dlokit.geometry import downward, matrix
-from dlokit.motion.inverse_kinematics import PandaKinematics
+from dlokit.motion.inverse_kinematics import ArmKinematics
 from dlokit.motion.trajectories import joint_move, tool_move
 from dlokit.types.action import VelocityProfile
 from dlokit.types.robot import Lease, RobotMode
 
 P = ParamSpec("P")
 
-KINEMATICS = PandaKinematics()
+KINEMATICS = ArmKinematics(PANDA)
 LEASE = Lease(holder="test", duration_s=0.2)
 ROD_Y_M = np.linspace(-0.25, 0.25, 41)
 AWAY = KINEMATICS.inverse(downward([0.45, 0.2, 0.15], 0.4))
@@ -79,16 +79,16 @@ def test_it_knows_its_state_as_soon_as_it_is_connected(with_robot: WithRobot) ->
     async def scenario(robot: Robot) -> None:
         state = robot.state()
         assert state.mode is RobotMode.IDLE
-        np.testing.assert_allclose(state.q_rad, PANDA_HOME_Q_RAD, atol=1e-3)
+        np.testing.assert_allclose(state.q_rad, PANDA.home_q_rad, atol=1e-3)
         np.testing.assert_allclose(matrix(state.T_world_tcp), matrix(KINEMATICS.forward(state.q_rad)), atol=1e-3)
-        assert np.all(robot.limits.position_lower_rad < robot.limits.position_upper_rad)
+        assert np.all(robot.arm.limits.position_lower_rad < robot.arm.limits.position_upper_rad)
 
     with_robot(scenario)
 
 
 def test_it_follows_a_trajectory_closely_and_reports_the_error(with_robot: WithRobot) -> None:
     async def scenario(robot: Robot) -> None:
-        trajectory = joint_move(PANDA_HOME_Q_RAD, AWAY)
+        trajectory = joint_move(PANDA.home_q_rad, AWAY, PANDA.limits)
         result = await robot.follow(trajectory, LEASE)
         np.testing.assert_allclose(result.q_rad, AWAY, atol=2e-3)  # still oscillating by about a millimetre
         # Accelerating at the limit of 7.5 rad/s² bends the position controller by about 5 mrad.
@@ -100,7 +100,7 @@ def test_it_follows_a_trajectory_closely_and_reports_the_error(with_robot: WithR
 
 def test_a_cancelled_motion_brakes_and_leaves_the_arm_usable(with_robot: WithRobot) -> None:
     async def scenario(robot: Robot) -> None:
-        moving = asyncio.create_task(robot.follow(joint_move(PANDA_HOME_Q_RAD, AWAY), LEASE))
+        moving = asyncio.create_task(robot.follow(joint_move(PANDA.home_q_rad, AWAY, PANDA.limits), LEASE))
         await asyncio.sleep(0.3)
         moving.cancel()
         await asyncio.gather(moving, return_exceptions=True)
@@ -110,20 +110,20 @@ def test_a_cancelled_motion_brakes_and_leaves_the_arm_usable(with_robot: WithRob
         assert state.mode is RobotMode.IDLE
         assert np.max(np.abs(state.dq_rad_s)) < 0.01
         assert np.max(np.abs(state.q_rad - AWAY)) > 0.1
-        await robot.follow(joint_move(state.q_rad, PANDA_HOME_Q_RAD), LEASE)
+        await robot.follow(joint_move(state.q_rad, PANDA.home_q_rad, PANDA.limits), LEASE)
 
     with_robot(scenario)
 
 
 def test_halt_ends_a_motion_as_a_named_failure_and_the_next_may_begin(with_robot: WithRobot) -> None:
     async def scenario(robot: Robot) -> None:
-        moving = asyncio.create_task(robot.follow(joint_move(PANDA_HOME_Q_RAD, AWAY), LEASE))
+        moving = asyncio.create_task(robot.follow(joint_move(PANDA.home_q_rad, AWAY, PANDA.limits), LEASE))
         await asyncio.sleep(0.3)
         await robot.halt()
         with pytest.raises(SkillFailure) as failure:
             await moving
         assert failure.value.reason == "stopped"
-        await robot.follow(joint_move(robot.state().q_rad, PANDA_HOME_Q_RAD), LEASE)
+        await robot.follow(joint_move(robot.state().q_rad, PANDA.home_q_rad, PANDA.limits), LEASE)
 
     with_robot(scenario)
 
@@ -135,7 +135,7 @@ def test_after_a_stop_nothing_moves_until_it_is_enabled_and_recover_does_not_ena
         assert robot.state().stop_latched
         await robot.recover()
         stands, width_m = robot.state().q_rad, robot.state().finger_width_m
-        for motion in (robot.follow(joint_move(stands, AWAY), LEASE), robot.grip(0.02, 20.0, LEASE)):
+        for motion in (robot.follow(joint_move(stands, AWAY, PANDA.limits), LEASE), robot.grip(0.02, 20.0, LEASE)):
             with pytest.raises(SkillFailure) as failure:
                 await motion
             assert failure.value.reason == "stop_latched"
@@ -143,7 +143,7 @@ def test_after_a_stop_nothing_moves_until_it_is_enabled_and_recover_does_not_ena
         np.testing.assert_allclose(robot.state().q_rad, stands, atol=1e-3)
         assert robot.state().finger_width_m == pytest.approx(width_m, abs=1e-4)
         await robot.enable()
-        await robot.follow(joint_move(stands, AWAY), LEASE)
+        await robot.follow(joint_move(stands, AWAY, PANDA.limits), LEASE)
         assert not robot.state().stop_latched
 
     with_robot(scenario)
@@ -168,7 +168,7 @@ def test_fingers_that_close_stay_where_they_are_when_the_arm_is_stopped(with_rob
 
 def test_stop_ends_a_motion_as_a_named_failure(with_robot: WithRobot) -> None:
     async def scenario(robot: Robot) -> None:
-        moving = asyncio.create_task(robot.follow(joint_move(PANDA_HOME_Q_RAD, AWAY), LEASE))
+        moving = asyncio.create_task(robot.follow(joint_move(PANDA.home_q_rad, AWAY, PANDA.limits), LEASE))
         await asyncio.sleep(0.3)
         await robot.stop()
         with pytest.raises(SkillFailure) as failure:
@@ -181,9 +181,9 @@ def test_stop_ends_a_motion_as_a_named_failure(with_robot: WithRobot) -> None:
 def test_a_motion_is_refused_while_another_runs_or_when_it_starts_elsewhere(with_robot: WithRobot) -> None:
     async def scenario(robot: Robot) -> None:
         with pytest.raises(SkillFailure) as failure:
-            await robot.follow(joint_move(AWAY, PANDA_HOME_Q_RAD), LEASE)
+            await robot.follow(joint_move(AWAY, PANDA.home_q_rad, PANDA.limits), LEASE)
         assert failure.value.reason == "wrong_start"
-        trajectory = joint_move(PANDA_HOME_Q_RAD, AWAY)
+        trajectory = joint_move(PANDA.home_q_rad, AWAY, PANDA.limits)
         moving = asyncio.create_task(robot.follow(trajectory, LEASE))
         await asyncio.sleep(0.1)
         with pytest.raises(SkillFailure) as failure:
@@ -201,7 +201,7 @@ def test_it_grips_lifts_and_releases_a_rope_and_detects_an_empty_grip(with_robot
         await robot.grip(0.04, 20.0, LEASE)
         assert robot.state().finger_width_m == pytest.approx(0.04, abs=1e-3)
         above = KINEMATICS.inverse(downward([0.5, 0.1, 0.1], np.pi / 2))
-        await robot.follow(joint_move(PANDA_HOME_Q_RAD, above), LEASE)
+        await robot.follow(joint_move(PANDA.home_q_rad, above, PANDA.limits), LEASE)
         down = tool_move(KINEMATICS, above, (downward([0.5, 0.1, 0.011], np.pi / 2),), VelocityProfile())
         await robot.follow(down, LEASE)
         gripped = await robot.grip(0.0, 20.0, LEASE)
@@ -235,7 +235,7 @@ def test_the_arm_brakes_when_its_driver_dies_and_moves_again_once_recovered() ->
         port = _SilentPort(transport, clock, InlineCompute(), owner="driver", publishes=())
         async with host, SimulatedRobot(port) as robot:
             with pytest.raises(SkillFailure) as failure:
-                await robot.follow(joint_move(PANDA_HOME_Q_RAD, AWAY), LEASE)
+                await robot.follow(joint_move(PANDA.home_q_rad, AWAY, PANDA.limits), LEASE)
             assert failure.value.reason == "lost_commander"
             await asyncio.sleep(0.1)
             assert robot.state().mode is RobotMode.FAULT

@@ -16,14 +16,14 @@ import msgspec
 import numpy as np
 
 from dlokit.communication.wire import codec
-from dlokit.description.arm.panda import PANDA_HOME_Q_RAD, PANDA_LIMITS
+from dlokit.description.arm.franka import PANDA
 from dlokit.functional.cell.arm import CellArm
 from dlokit.functional.cell.setpoints import Follow
 from dlokit.functional.cell.world import Cell
 from dlokit.functional.robots.gate import GateConfig
 from dlokit.geometry import downward
 from dlokit.motion.forward_kinematics import tcp_matrices
-from dlokit.motion.inverse_kinematics import PandaKinematics
+from dlokit.motion.inverse_kinematics import ArmKinematics
 from dlokit.motion.limits import scaled
 from dlokit.motion.trajectories import joint_move, tool_move
 from dlokit.types.action import VelocityProfile
@@ -31,7 +31,7 @@ from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
 from dlokit.types.robot import JointTrajectory
 
-KINEMATICS = PandaKinematics()
+KINEMATICS = ArmKinematics(PANDA)
 PARTS = ("times_s", "q_rad", "dq_rad_s", "ddq_rad_s2")
 POISON = (np.nan, np.inf, -np.inf, 1e308, -1e308, 1e-308, 0.0, 1.0, -3.0)
 BETWEEN = 5.0 / 3.0
@@ -53,15 +53,15 @@ def executed_breach(trajectory: JointTrajectory, config: GateConfig, pieces: int
     q = np.array([program.at(float(t)).q_rad for t in fine])
     sampled = q[::pieces]
     velocity, acceleration, jerk = (
-        PANDA_LIMITS.velocity_rad_s,
-        PANDA_LIMITS.acceleration_rad_s2,
-        PANDA_LIMITS.jerk_rad_s3,
+        PANDA.limits.velocity_rad_s,
+        PANDA.limits.acceleration_rad_s2,
+        PANDA.limits.jerk_rad_s3,
     )
     # Higher differences amplify the rounding of the angles.
     rounding = 64.0 * np.finfo(np.float64).eps * np.abs(q).max() / np.diff(samples).min() ** 3
     checks = (
-        ("position", PANDA_LIMITS.position_lower_rad - q, 1e-6),
-        ("position", q - PANDA_LIMITS.position_upper_rad, 1e-6),
+        ("position", PANDA.limits.position_lower_rad - q, 1e-6),
+        ("position", q - PANDA.limits.position_upper_rad, 1e-6),
         ("velocity", divided(fine, q, 1), velocity * (1 + 1e-5)),
         ("acceleration", divided(samples, sampled, 2), acceleration * (1 + 1e-4)),
         ("acceleration between samples", divided(fine, q, 2), BETWEEN * acceleration * (1 + 1e-4) + 1e-2),
@@ -75,7 +75,7 @@ def executed_breach(trajectory: JointTrajectory, config: GateConfig, pieces: int
 
 def tool_breach(times_s: Float64Array, q_rad: Float64Array, config: GateConfig) -> str:
     """Whether the tool centre point leaves the box or its speed at times (K,) [s] and angles (K, 7) [rad]."""
-    places = tcp_matrices(q_rad)[:, :3, 3]
+    places = tcp_matrices(PANDA, q_rad)[:, :3, 3]
     if not np.all((places >= config.workspace_lower_m) & (places <= config.workspace_upper_m)):
         return "box"
     speeds = np.linalg.norm(np.diff(places, axis=0), axis=1) / np.diff(times_s)
@@ -96,9 +96,9 @@ def honest(seed: int) -> JointTrajectory:
     start = _angles(rng)
     kind = rng.integers(4)
     if kind == 0:
-        return joint_move(start, _angles(rng))
+        return joint_move(start, _angles(rng), PANDA.limits)
     if kind == 1:
-        return joint_move(start, start + rng.normal(size=7) * 10 ** rng.uniform(-6.0, -2.0))
+        return joint_move(start, start + rng.normal(size=7) * 10 ** rng.uniform(-6.0, -2.0), PANDA.limits)
     poses = tuple(KINEMATICS.forward(_angles(rng)) for _ in range(kind - 1))
     return tool_move(KINEMATICS, start, poses, VelocityProfile(speed_m_s=10 ** rng.uniform(-1.5, 0.3)))
 
@@ -199,12 +199,12 @@ def random_numbers(base: JointTrajectory, rng: np.random.Generator) -> JointTraj
     size, step_s = 10 ** rng.uniform(-9.0, 2.0), 10 ** rng.uniform(-6.0, 2.0)
     q, dq, ddq = size * rng.normal(size=(3, samples, 7)) * np.array([1.0, 10.0, 100.0])[:, None, None]
     times = np.concatenate(([0.0], np.cumsum(step_s * rng.uniform(0.1, 1.0, samples - 1))))
-    return JointTrajectory(times_s=times, q_rad=PANDA_HOME_Q_RAD + q - q[:1], dq_rad_s=dq, ddq_rad_s2=ddq)
+    return JointTrajectory(times_s=times, q_rad=PANDA.home_q_rad + q - q[:1], dq_rad_s=dq, ddq_rad_s2=ddq)
 
 
 def smooth(base: JointTrajectory, rng: np.random.Generator) -> JointTrajectory:
     """A minimum-jerk motion of random joints from anywhere in the range: too fast, outside the box, or neither."""
-    lower, upper = PANDA_LIMITS.position_lower_rad, PANDA_LIMITS.position_upper_rad
+    lower, upper = PANDA.limits.position_lower_rad, PANDA.limits.position_upper_rad
     start = np.where(rng.random() < 0.5, base.q_rad[0], rng.uniform(lower, upper))
     way = rng.normal(size=7) * 10 ** rng.uniform(-3.0, 0.5) * (rng.random(7) < 0.5)
     duration_s, count = 10 ** rng.uniform(-1.5, 1.0), int(rng.integers(5, 200))
@@ -335,7 +335,7 @@ class Executed:
         if len(self.times_s) < 20:
             return []
         times, q = np.array(self.times_s), np.array(self.commanded)
-        limits, measured = PANDA_LIMITS, np.array(self.measured)
+        limits, measured = PANDA.limits, np.array(self.measured)
         found: list[str] = []
         for what, values, allowed in (
             ("position", np.maximum(limits.position_lower_rad - q, q - limits.position_upper_rad), np.full(7, 1e-6)),

@@ -20,7 +20,7 @@ from dlokit.communication.skill import Skill, SkillCall
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.communication.transport import CallHandler
 from dlokit.communication.wire import codec
-from dlokit.description.arm.panda import PANDA_HOME_Q_RAD, PANDA_LIMITS
+from dlokit.description.arm.franka import PANDA
 from dlokit.description.shapes import builtin_shape
 from dlokit.errors import CommunicationError
 from dlokit.functional.cell.component import CellComponent
@@ -230,7 +230,7 @@ class Batch:
         width_m = self._driver.state().finger_width_m
         match skill.name:
             case "move_joints" | "home":
-                goal = decoded.get("q_rad", PANDA_HOME_Q_RAD)
+                goal = decoded.get("q_rad", PANDA.home_q_rad)
                 off_rad = max(float(np.abs(q - goal).max()) / by for q, by in ((commanded, 1e-3), (measured, 1.0)))
                 return [f"{off_rad} rad off"] if not off_rad <= AT_GOAL_RAD else []
             case "move_to":
@@ -344,10 +344,10 @@ def some_angles(rng: Rng) -> Any:
     if chance < 0.45:
         return KINEMATICS.inverse(honest_pose(rng))
     if chance < 0.6:
-        return rng.uniform(PANDA_LIMITS.position_lower_rad, PANDA_LIMITS.position_upper_rad)
+        return rng.uniform(PANDA.limits.position_lower_rad, PANDA.limits.position_upper_rad)
     if chance < 0.7:
-        return PANDA_HOME_Q_RAD + rng.normal(size=7) * 10 ** rng.uniform(-12.0, 1.0)
-    angles = PANDA_HOME_Q_RAD.copy()
+        return PANDA.home_q_rad + rng.normal(size=7) * 10 ** rng.uniform(-12.0, 1.0)
+    angles = PANDA.home_q_rad.copy()
     if chance < 0.85:
         angles[rng.integers(7)] = rng.choice([np.nan, np.inf, -np.inf, 1e308, 9.0, -3.0719])
         return angles

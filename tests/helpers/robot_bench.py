@@ -12,19 +12,19 @@ from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.port import Compute, InlineCompute, Port
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
-from dlokit.description.arm.panda import PANDA_HOME_Q_RAD, PANDA_LIMITS
+from dlokit.description.arm.franka import PANDA
+from dlokit.description.arm.model import ArmModel
 from dlokit.errors import HardwareError
 from dlokit.functional.robots.gate import GateConfig, GatedRobot
 from dlokit.geometry import downward
 from dlokit.motion.forward_kinematics import tcp_pose
-from dlokit.motion.inverse_kinematics import PandaKinematics
+from dlokit.motion.inverse_kinematics import ArmKinematics
 from dlokit.skills.robot.component import RobotComponent
 from dlokit.skills.robot.config import RobotConfig
 from dlokit.types.action import VelocityProfile
 from dlokit.types.outcome import Failed, Outcome, Rejected
 from dlokit.types.robot import (
     GripResult,
-    JointLimits,
     JointTrajectory,
     Lease,
     MotionResult,
@@ -39,10 +39,10 @@ R = TypeVar("R")
 class PerfectArm:
     """An ideal arm on the loop's clock, which records its commands."""
 
-    limits: JointLimits = PANDA_LIMITS
+    arm: ArmModel = PANDA
 
     def __init__(self) -> None:
-        self.q = PANDA_HOME_Q_RAD.copy()
+        self.q = PANDA.home_q_rad.copy()
         self.width_m = 0.08
         self.stops = 0
         self.latched = False
@@ -73,7 +73,7 @@ class PerfectArm:
             q_rad=self.q + self.sag_rad,
             dq_rad_s=np.zeros(7),
             tau_nm=np.zeros(7),
-            T_world_tcp=tcp_pose(self.q),
+            T_world_tcp=tcp_pose(PANDA, self.q),
             finger_width_m=self.width_m,
             mode=RobotMode.IDLE,
             stop_latched=self.latched,
@@ -93,7 +93,9 @@ class PerfectArm:
         finally:
             passed = asyncio.get_running_loop().time() - started
             self.q = np.array([np.interp(passed, trajectory.times_s, trajectory.q_rad[:, joint]) for joint in range(7)])
-        return MotionResult(q_rad=self.q, T_world_tcp=tcp_pose(self.q), duration_s=passed, largest_joint_error_rad=0.0)
+        return MotionResult(
+            q_rad=self.q, T_world_tcp=tcp_pose(PANDA, self.q), duration_s=passed, largest_joint_error_rad=0.0
+        )
 
     async def grip(self, width_m: float, force_n: float, lease: Lease) -> GripResult:
         await asyncio.sleep(0.5)
@@ -152,9 +154,9 @@ def on_bench(scenario: Callable[[Bench], Awaitable[None]], compute: Compute | No
 
 
 ABOVE = downward([0.5, 0.1, 0.1], 0.3)
-FAR = PANDA_HOME_Q_RAD + np.array([1.0, 0.2, 0.0, 0.3, 0.0, 0.0, 0.0])
+FAR = PANDA.home_q_rad + np.array([1.0, 0.2, 0.0, 0.3, 0.0, 0.0, 0.0])
 PROFILE = VelocityProfile()
-KINEMATICS = PandaKinematics()
+KINEMATICS = ArmKinematics(PANDA)
 
 
 def reason(outcome: Outcome[Any]) -> str:

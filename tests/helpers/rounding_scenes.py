@@ -15,9 +15,10 @@ import numpy as np
 from msgspec.structs import replace
 
 from dlokit.communication import topics
+from dlokit.description.arm.franka import PANDA
 from dlokit.description.scene import default_calibration
 from dlokit.description.shapes import builtin_shape, moved, random_shape
-from dlokit.motion.inverse_kinematics import PandaKinematics
+from dlokit.motion.inverse_kinematics import ArmKinematics
 from dlokit.recording.reader import read_recording
 from dlokit.rod.believed import BelievedDlo, as_configured
 from dlokit.rod.equilibrium import nearest_static
@@ -138,9 +139,7 @@ def verdicts(rounded: Rounded) -> Outcome:
 
 async def _verdict(goal_world: Float64Array) -> GoalVerdict:
     planning, threshold_m = PlanningConfig(), 0.012
-    place = Workplace(
-        MODEL, planning.feasibility, planning.actions.grasp, PandaKinematics().reachable, default_calibration()
-    )
+    place = Workplace(MODEL, planning.feasibility, ArmKinematics(PANDA).reachable, default_calibration())
 
     async def try_goal(nodes_world: Float64Array) -> friction_hold.HoldVerdict:
         return friction_hold.try_goal(MODEL, as_configured(MODEL, 0), nodes_world, threshold_m, planning.feasibility)

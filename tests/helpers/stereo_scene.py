@@ -7,7 +7,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from dlokit.description.arm.panda_model import PANDA_HOME_Q_RAD, add_panda
+from dlokit.description.arm.franka import PANDA
+from dlokit.description.arm.mujoco_model import add_arm
 from dlokit.geometry import compose, pose, pose_from_matrix
 from dlokit.types.arrays import Float64Array
 from dlokit.types.image import CameraCalibration, StereoImages
@@ -81,7 +82,7 @@ def render(
     stamp_ns: int = 1_000_000,
 ) -> Scene:
     """Pictures of a rope along `nodes_world` (K, 3) [m], with the Panda in `q_rad`."""
-    q = PANDA_HOME_Q_RAD if q_rad is None else q_rad
+    q = PANDA.home_q_rad if q_rad is None else q_rad
     model = _model(nodes_world)
     data = mujoco.MjData(model)
     data.qpos[:7] = q
@@ -120,7 +121,7 @@ def _model(nodes_world: Float64Array) -> mujoco.MjModel:
         type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.8, 0.8, 0.1], pos=[0.5, 0.0, 0.0], material="table"
     )
     spec.worldbody.add_light(pos=[0.5, 0.3, 2.0], dir=[0.0, -0.1, -1.0], castshadow=False)
-    add_panda(spec)
+    add_arm(spec, PANDA, name="panda")
     for a, b in itertools.pairwise(nodes_world):
         spec.worldbody.add_geom(
             type=mujoco.mjtGeom.mjGEOM_CAPSULE,

@@ -11,7 +11,7 @@ import pytest
 from dlokit.app.commands import execute
 from dlokit.communication import topics
 from dlokit.communication.transport import Transport
-from dlokit.description.arm.panda import PANDA_HOME_Q_RAD
+from dlokit.description.arm.franka import PANDA
 from dlokit.description.shapes import builtin_shape
 from dlokit.skills.robot import api as robot
 from dlokit.system.config import CONFIG_FILE, RunConfig
@@ -61,7 +61,7 @@ async def until_speed(transport: Transport, lowest_rad_s: float, highest_rad_s: 
 def test_an_arm_is_called_and_stopped_in_the_middle_of_a_motion(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    far_rad = np.array(PANDA_HOME_Q_RAD) + np.array([FAR_RAD, *[0.0] * 6])
+    far_rad = np.array(PANDA.home_q_rad) + np.array([FAR_RAD, *[0.0] * 6])
 
     async def body() -> None:
         async with asyncio.timeout(WAIT_S), arm_and_cell(tmp_path) as live:

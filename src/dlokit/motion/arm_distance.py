@@ -2,17 +2,18 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.distance import cdist
 
 from dlokit import geometry
-from dlokit.description.arm.panda import PANDA_HOME_Q_RAD, PANDA_LIMITS
+from dlokit.description.arm.model import ArmModel
 from dlokit.errors import SkillFailure
-from dlokit.motion.capsules import RADII_M, Capsules, capsule_distances
+from dlokit.motion.capsules import Capsules, capsule_distances
 from dlokit.motion.collisions import thinned
 from dlokit.motion.forward_kinematics import capsule_ends
-from dlokit.motion.inverse_kinematics import PandaKinematics, Yaw
+from dlokit.motion.inverse_kinematics import ArmKinematics, Yaw
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
 from dlokit.types.robot import JointTrajectory, RobotReason, RobotState
@@ -26,7 +27,7 @@ _BRAKING = np.array([0.0, 0.5, 1.0])  # fractions of the braking path at which a
 class Apart:
     """The distance of two arms."""
 
-    def __init__(self, first: PandaKinematics, second: PandaKinematics, *, lift_m: float = 0.06) -> None:
+    def __init__(self, first: ArmKinematics, second: ArmKinematics, *, lift_m: float = 0.06) -> None:
         """`lift_m` is the height above grasps and releases at which joint-space motions from and to home begin."""
         self._arms = first, second
         self._lift_m = lift_m
@@ -45,48 +46,53 @@ class Apart:
         carrying_m = self.at_joints_m(a, b)
         if carrying_m <= 0.0:
             return carrying_m
-        coming_m = self.at_joints_m(a[:1], _line(b[0]))
-        going_m = max(self.at_joints_m(_line(a[-1]), b[-1:]), self.at_joints_m(a[-1:], _line(b[-1])))
+        coming_m = self.at_joints_m(a[:1], _line_home(self._arms[1].arm, b[0]))
+        going_m = max(
+            self.at_joints_m(_line_home(self._arms[0].arm, a[-1]), b[-1:]),
+            self.at_joints_m(a[-1:], _line_home(self._arms[1].arm, b[-1])),
+        )
         return min(carrying_m, coming_m, going_m)
 
     def at_joints_m(self, first_rad: Float64Array, second_rad: Float64Array) -> float:
-        """The same for joint angles (K, 7) and (L, 7) [rad], all against all; negative where they overlap."""
-        first = _capsules(first_rad, self._arms[0].T_world_base)
-        second = _capsules(second_rad, self._arms[1].T_world_base)
-        return _least_gap_m(first, second)
+        """The same for joint angles (K, J) and (L, J) [rad], all against all; negative where they overlap."""
+        (first, second) = self._arms
+        return _least_gap_m(
+            _capsules(first.arm, first_rad, first.T_world_base), _capsules(second.arm, second_rad, second.T_world_base)
+        )
 
-    def _joints(self, arm: PandaKinematics, poses: Sequence[Pose]) -> Float64Array:
-        """Joint angles (K + 2, 7) [rad] at the poses, and lifted before the first and after the last of them."""
+    def _joints(self, arm: ArmKinematics, poses: Sequence[Pose]) -> Float64Array:
+        """Joint angles (K + 2, J) [rad] at the poses, and lifted before the first and after the last of them."""
         ways = (geometry.lifted(poses[0], self._lift_m), *poses, geometry.lifted(poses[-1], self._lift_m))
         return np.array([arm.inverse(pose, yaw=Yaw.EITHER) for pose in ways])
 
 
-def _line(q_rad: Float64Array) -> Float64Array:
-    """Joint angles (K, 7) [rad] from some to home."""
-    way = PANDA_HOME_Q_RAD - q_rad
+def _line_home(arm: ArmModel, q_rad: Float64Array) -> Float64Array:
+    """Joint angles (K, J) [rad] from `q_rad` (J,) to home."""
+    way = arm.home_q_rad - q_rad
     steps = int(np.ceil(np.max(np.abs(way)) / _LINE_STEP_RAD))
     return q_rad + np.linspace(0.0, 1.0, steps + 1)[:, None] * way
 
 
 def check_apart(
+    kinematics: ArmKinematics,
     trajectory: JointTrajectory,
-    T_world_base: Pose | None,
     others: Sequence[RobotState],
     clearance_m: float,
     step_rad: float,
 ) -> None:
-    """Hold a trajectory of an arm at `T_world_base` clear of the other arms where they are.
+    """Hold a trajectory of an arm clear of the other arms, of the same model, where they are.
 
     Configurations at most `step_rad` apart are compared. Arms that are nearer than they may already may part, but not
     come nearer. Raises `SkillFailure` ``arms_too_near``.
     """
+    arm, T_world_base = kinematics.arm, kinematics.T_world_base
     q_rad = thinned(trajectory.q_rad, step_rad)
     for other in others:
-        theirs = _capsules(other.q_rad[None, :], other.T_world_base)
-        nearest_m = _least_gap_m(_capsules(q_rad, T_world_base), theirs)
+        theirs = _capsules(arm, other.q_rad[None, :], other.T_world_base)
+        nearest_m = _least_gap_m(_capsules(arm, q_rad, T_world_base), theirs)
         if nearest_m >= clearance_m:
             continue
-        if nearest_m < _least_gap_m(_capsules(q_rad[:1], T_world_base), theirs) - AS_FAR_M:
+        if nearest_m < _least_gap_m(_capsules(arm, q_rad[:1], T_world_base), theirs) - AS_FAR_M:
             raise SkillFailure(
                 RobotReason.ARMS_TOO_NEAR,
                 f"the arm would come to {nearest_m * 1e3:.0f} mm from {other.robot}, at least "
@@ -94,41 +100,63 @@ def check_apart(
             )
 
 
-def stopping_gap_m(mine: RobotState, other: RobotState) -> float:
-    """Least distance [m] of two arms that both brake now, until they stand; negative where they overlap."""
+def stopping_gap_m(arm: ArmModel, mine: RobotState, other: RobotState) -> float:
+    """Least distance [m] of two arms of a model that both brake now, until they stand; negative where they overlap."""
     return min(
-        _least_gap_m(_capsules(own[None, :], mine.T_world_base), _capsules(its[None, :], other.T_world_base))
-        for own, its in zip(_braking_rad(mine), _braking_rad(other), strict=True)
+        _least_gap_m(_capsules(arm, own[None, :], mine.T_world_base), _capsules(arm, its[None, :], other.T_world_base))
+        for own, its in zip(_braking_rad(arm, mine), _braking_rad(arm, other), strict=True)
     )
 
 
-def gap_m(mine: RobotState, other: RobotState) -> float:
-    """Distance [m] of two arms as they are; negative where they overlap."""
+def gap_m(arm: ArmModel, mine: RobotState, other: RobotState) -> float:
+    """Distance [m] of two arms of a model as they are; negative where they overlap."""
     return _least_gap_m(
-        _capsules(mine.q_rad[None, :], mine.T_world_base), _capsules(other.q_rad[None, :], other.T_world_base)
+        _capsules(arm, mine.q_rad[None, :], mine.T_world_base), _capsules(arm, other.q_rad[None, :], other.T_world_base)
     )
 
 
-def _braking_rad(state: RobotState) -> Float64Array:
-    """Joint angles (3, 7) [rad] on the way to a stand: on for the reaction, then braked as hard as allowed."""
+def _braking_rad(arm: ArmModel, state: RobotState) -> Float64Array:
+    """Joint angles (3, J) [rad] on the way to a stand: on for the reaction, then braked as hard as allowed."""
     speed = state.dq_rad_s
-    way = speed * (_REACTION_S + np.abs(speed) / (2.0 * PANDA_LIMITS.acceleration_rad_s2))
+    way = speed * (_REACTION_S + np.abs(speed) / (2.0 * arm.limits.acceleration_rad_s2))
     return state.q_rad + _BRAKING[:, None] * way
 
 
-def _least_gap_m(first: tuple[Float64Array, Float64Array], second: tuple[Float64Array, Float64Array]) -> float:
-    """Least distance [m] of the surfaces of capsules (K, C, 3) and (L, C, 3), each configuration against each.
+@dataclass(frozen=True)
+class _Placed:
+    """The capsules of an arm in K configurations, in the world."""
+
+    starts_world: Float64Array  # (K, C, 3) [m]
+    ends_world: Float64Array  # (K, C, 3) [m]
+    radii_m: Float64Array  # (C,) [m]
+
+    def in_a_row(self) -> Capsules:
+        """All of them, configuration after configuration."""
+        count = len(self.starts_world)
+        return Capsules(self.starts_world.reshape(-1, 3), self.ends_world.reshape(-1, 3), np.tile(self.radii_m, count))
+
+
+def _least_gap_m(first: _Placed, second: _Placed) -> float:
+    """Least distance [m] of the surfaces of capsules, each configuration against each.
 
     The spheres around the capsules exclude most pairs; only a few are measured exactly.
     """
-    (a0, a1), (b0, b1) = ((start.reshape(-1, 3), end.reshape(-1, 3)) for start, end in (first, second))
-    ra, rb = (np.tile(RADII_M, len(start) // len(RADII_M)) for start in (a0, b0))
-    surfaces = cdist((a0 + a1) / 2, (b0 + b1) / 2) - ra[:, None] - rb[None, :]
-    reach = np.linalg.norm(a1 - a0, axis=1)[:, None] / 2 + np.linalg.norm(b1 - b0, axis=1)[None, :] / 2
+    a, b = first.in_a_row(), second.in_a_row()
+    centers = [(each.starts_world + each.ends_world) / 2 for each in (a, b)]
+    surfaces = cdist(centers[0], centers[1]) - a.radii_m[:, None] - b.radii_m[None, :]
+    halves = [np.linalg.norm(each.ends_world - each.starts_world, axis=1) for each in (a, b)]
+    reach = halves[0][:, None] / 2 + halves[1][None, :] / 2
     i, j = np.nonzero(surfaces - reach <= np.min(surfaces))
-    return float(np.min(capsule_distances(Capsules(a0[i], a1[i], ra[i]), Capsules(b0[j], b1[j], rb[j]))))
+    return float(
+        np.min(
+            capsule_distances(
+                Capsules(a.starts_world[i], a.ends_world[i], a.radii_m[i]),
+                Capsules(b.starts_world[j], b.ends_world[j], b.radii_m[j]),
+            )
+        )
+    )
 
 
-def _capsules(q_rad: Float64Array, T_world_base: Pose | None) -> tuple[Float64Array, Float64Array]:
-    """Ends of the capsules (K, C, 3) [m] in the world; the fingers wide open."""
-    return capsule_ends(q_rad, T_world_base=T_world_base)
+def _capsules(arm: ArmModel, q_rad: Float64Array, T_world_base: Pose | None) -> _Placed:
+    """The capsules of an arm at joint angles (K, J) [rad], the fingers wide open."""
+    return _Placed(*capsule_ends(arm, q_rad, T_world_base=T_world_base), arm.radii_m)

@@ -4,11 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dlokit.description.arm.panda import PANDA_COLLISION
 from dlokit.types.arrays import Float64Array
-
-RADII_M = np.array([capsule.radius_m for capsule in PANDA_COLLISION])
-"""Radii (C,) [m] of the capsules of an arm, in the order of `forward_kinematics.capsule_ends`."""
 
 
 @dataclass(frozen=True)

@@ -5,10 +5,10 @@ A failure is a `SkillFailure` with a `RobotReason`; it says what was wrong, what
 
 import numpy as np
 
-from dlokit.description.arm.panda import PANDA_COLLISION, PANDA_LIMITS
+from dlokit.description.arm.model import ArmModel
 from dlokit.description.table import TABLE_TOP_M
 from dlokit.errors import SkillFailure
-from dlokit.motion.capsules import RADII_M, Capsules, capsule_distances
+from dlokit.motion.capsules import Capsules, capsule_distances
 from dlokit.motion.forward_kinematics import capsule_ends
 from dlokit.motion.limits import limit_violation
 from dlokit.types.arrays import Float64Array
@@ -20,74 +20,49 @@ TABLE_CLEARANCE_M = 0.001
 COLLISION_STEP_RAD = 0.03
 """Largest joint angle between two configurations that are checked for collisions [rad]: the hand moves by less than
 3 cm."""
-_GRIPPER = ("hand", "left_finger", "right_finger")
-# Pairs of links that can meet within the joint limits; neighbours overlap at their joint and cannot.
-_PAIRS = (
-    *((low, high) for low in ("link0", "link1", "link2") for high in ("link5", "link6", "link7", *_GRIPPER)),
-    *(("link3", high) for high in ("link7", *_GRIPPER)),
-    *(("link4", high) for high in ("link7", *_GRIPPER)),
-    *(("link5", high) for high in _GRIPPER),
-)
-_LINKS = [capsule.link for capsule in PANDA_COLLISION]
-_FIRST, _SECOND = (
-    np.array(column)
-    for column in zip(
-        *(
-            (i, j)
-            for a, b in _PAIRS
-            for i, first in enumerate(_LINKS)
-            for j, second in enumerate(_LINKS)
-            if first == a and second == b
-        ),
-        strict=True,
-    )
-)
-_ABOVE_TABLE = np.array([link not in ("link0", "link1") for link in _LINKS])  # those two cannot come down to it
 
 
-def check_limits(trajectory: JointTrajectory, limits: JointLimits = PANDA_LIMITS) -> None:
+def check_limits(trajectory: JointTrajectory, limits: JointLimits) -> None:
     """Hold a trajectory, also by its own differences, to the limits of position, velocity, acceleration and jerk."""
     broken = limit_violation(trajectory, limits)
     if broken is not None:
         raise SkillFailure(broken.reason, broken.detail)
 
 
-def check_collisions(q_rad: Float64Array, T_world_base: Pose | None = None) -> None:
-    """Hold configurations (K, 7) [rad] clear of the table and of the arm itself."""
-    start, end = capsule_ends(q_rad, T_world_base=T_world_base)
-    _check_table(start, end)
-    first, second = (Capsules(start[:, parts], end[:, parts], RADII_M[parts]) for parts in (_FIRST, _SECOND))
+def check_collisions(arm: ArmModel, q_rad: Float64Array, T_world_base: Pose | None = None) -> None:
+    """Hold configurations (K, J) [rad] clear of the table and of the arm itself."""
+    start, end = capsule_ends(arm, q_rad, T_world_base=T_world_base)
+    _check_table(arm, start, end)
+    firsts, seconds = arm.meeting_capsules
+    first, second = (Capsules(start[:, parts], end[:, parts], arm.radii_m[list(parts)]) for parts in (firsts, seconds))
     gap = capsule_distances(first, second)  # the capsules themselves stand off the surface
     if np.any(gap < 0.0):
         _, pair = np.unravel_index(int(np.argmin(gap)), gap.shape)
         raise SkillFailure(
             RobotReason.SELF_COLLISION,
-            f"{_LINKS[_FIRST[pair]]} and {_LINKS[_SECOND[pair]]} would come within {-gap.min() * 1e3:.0f} mm of "
-            "less than they may; go by way of another posture, e.g. home",
+            f"{arm.capsules[firsts[pair]].link} and {arm.capsules[seconds[pair]].link} would come within "
+            f"{-gap.min() * 1e3:.0f} mm of less than they may; go by way of another posture, e.g. home",
         )
 
 
-def _check_table(start: Float64Array, end: Float64Array) -> None:
-    lowest = np.minimum(start[..., 2], end[..., 2]) - RADII_M - TABLE_TOP_M
-    lowest = np.where(_ABOVE_TABLE, lowest, np.inf)
+def _check_table(arm: ArmModel, start: Float64Array, end: Float64Array) -> None:
+    lowest = np.minimum(start[..., 2], end[..., 2]) - arm.radii_m - TABLE_TOP_M
+    above = np.array([capsule.link in arm.above_table for capsule in arm.capsules])
+    lowest = np.where(above, lowest, np.inf)
     if np.any(lowest < TABLE_CLEARANCE_M):
         _, part = np.unravel_index(int(np.argmin(lowest)), lowest.shape)
         raise SkillFailure(
             RobotReason.TABLE_COLLISION,
-            f"{_LINKS[part]} would come to {lowest.min() * 1e3:.1f} mm above the table, at least "
+            f"{arm.capsules[part].link} would come to {lowest.min() * 1e3:.1f} mm above the table, at least "
             f"{TABLE_CLEARANCE_M * 1e3:.1f} mm are allowed; raise the path (a gripper pointing down may bring "
-            "its tool centre point to 11 mm)",
+            f"its tool centre point to {arm.gripper.grasp_height_m() * 1e3:.0f} mm)",
         )
 
 
-def check_trajectory(
-    trajectory: JointTrajectory,
-    limits: JointLimits = PANDA_LIMITS,
-    T_world_base: Pose | None = None,
-) -> None:
+def check_trajectory(arm: ArmModel, trajectory: JointTrajectory, T_world_base: Pose | None = None) -> None:
     """Everything that a trajectory must satisfy before it runs. Raises `SkillFailure`."""
-    check_limits(trajectory, limits)
-    check_collisions(thinned(trajectory.q_rad, COLLISION_STEP_RAD), T_world_base)
+    check_limits(trajectory, arm.limits)
+    check_collisions(arm, thinned(trajectory.q_rad, COLLISION_STEP_RAD), T_world_base)
 
 
 def thinned(q: Float64Array, step_rad: float) -> Float64Array:

@@ -104,7 +104,7 @@ def limit_violation(trajectory: JointTrajectory, limits: JointLimits, factor: fl
 def slowdown(trajectory: JointTrajectory, limits: JointLimits) -> float:
     """The factor by which a well-formed trajectory must be slower to keep the limits; at most 1 where it keeps them."""
     return max(
-        float(np.max(np.abs(bound.values) / bound.allowed)) ** (1.0 / _ORDER[bound.reason])
+        float(np.max(np.abs(bound.values) / np.maximum(bound.allowed, _SMALLEST))) ** (1.0 / _ORDER[bound.reason])
         for bound in _bounds(_at_rest_around(trajectory), limits, 1.0)
     )
 
@@ -136,10 +136,32 @@ def executed_range(trajectory: JointTrajectory) -> tuple[Float64Array, Float64Ar
 
 def executed_peak_velocity(trajectory: JointTrajectory) -> Float64Array:
     """Largest speed of each joint on each cubic Hermite piece, (K - 1, J) [rad/s]."""
+    lowest, highest = executed_velocity_range(trajectory)
+    return np.maximum(np.abs(lowest), np.abs(highest))
+
+
+def _run_velocities(padded: JointTrajectory, limits: JointLimits) -> list[tuple[Float64Array, Float64Array]]:
+    """Largest speeds of the Hermite pieces (K - 1, J), and what is allowed of them; by direction where that matters.
+
+    Where the limits depend on the angle, the angle of a piece that is nearest to the end of the range counts.
+    """
+    if limits.slow_near is None:
+        return [(executed_peak_velocity(padded), limits.velocity_rad_s)]
+    lowest, highest = executed_range(padded)
+    down, up = executed_velocity_range(padded)
+    return [
+        (np.maximum(up, 0.0), limits.velocity_at(highest, np.ones(highest.shape))),
+        (np.minimum(down, 0.0), limits.velocity_at(lowest, -np.ones(lowest.shape))),
+    ]
+
+
+def executed_velocity_range(trajectory: JointTrajectory) -> tuple[Float64Array, Float64Array]:
+    """Smallest and largest velocity of each joint on each cubic Hermite piece, two arrays (K - 1, J) [rad/s]."""
     a, b, c = _velocity_polynomial(trajectory)
     with np.errstate(divide="ignore", invalid="ignore"):
         vertex = np.nan_to_num(-b / (2.0 * a), nan=0.0, posinf=0.0, neginf=0.0).clip(0.0, 1.0)
-    return np.maximum.reduce([np.abs(c), np.abs(a + b + c), np.abs(c + vertex * (b + vertex * a))])
+    reached = [c, a + b + c, c + vertex * (b + vertex * a)]
+    return np.minimum.reduce(reached), np.maximum.reduce(reached)
 
 
 def _velocity_polynomial(trajectory: JointTrajectory) -> tuple[Float64Array, Float64Array, Float64Array]:
@@ -197,9 +219,7 @@ def _at_rest_around(trajectory: JointTrajectory) -> JointTrajectory:
 
 def _bounds(padded: JointTrajectory, limits: JointLimits, factor: float) -> list[_Bound]:
     """Everything that is compared, what the trajectory states before what its differences say."""
-    velocity, acceleration, jerk = (
-        factor * each for each in (limits.velocity_rad_s, limits.acceleration_rad_s2, limits.jerk_rad_s3)
-    )
+    acceleration, jerk = factor * limits.acceleration_rad_s2, factor * limits.jerk_rad_s3
     t, q, dq, ddq = padded.times_s, padded.q_rad, padded.dq_rad_s, padded.ddq_rad_s2
     h = np.diff(t)[:, None]
     slope, change, piece_jerk = np.diff(q, axis=0) / h, np.diff(dq, axis=0) / h, _velocity_polynomial(padded)[0]
@@ -213,11 +233,12 @@ def _bounds(padded: JointTrajectory, limits: JointLimits, factor: float) -> list
     # The last row: the trapezoidal rule errs by at most a quarter of the largest slope of its integrand, here the jerk.
     joint = "joint {joint}"
     return [
-        _Bound(dq, velocity, RobotReason.VELOCITY_LIMIT, f"velocity [rad/s] of {joint}"),
+        _Bound(dq, factor * limits.velocity_at(q, dq), RobotReason.VELOCITY_LIMIT, f"velocity [rad/s] of {joint}"),
         _Bound(ddq, acceleration, RobotReason.ACCELERATION_LIMIT, f"acceleration [rad/s²] of {joint}"),
         _Bound(np.diff(ddq, axis=0) / h, jerk, RobotReason.JERK_LIMIT, f"jerk [rad/s³] of {joint}"),
-        _Bound(
-            executed_peak_velocity(padded), velocity, RobotReason.VELOCITY_LIMIT, f"velocity [rad/s] run by {joint}"
+        *(
+            _Bound(peak, factor * allowed, RobotReason.VELOCITY_LIMIT, f"velocity [rad/s] run by {joint}")
+            for peak, allowed in _run_velocities(padded, limits)
         ),
         _Bound(change, acceleration, RobotReason.ACCELERATION_LIMIT, f"change of velocity [rad/s²] of {joint}"),
         *(

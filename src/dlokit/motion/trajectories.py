@@ -8,9 +8,8 @@ import ruckig
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
-from dlokit.description.arm.panda import PANDA_LIMITS
 from dlokit.errors import SkillFailure
-from dlokit.motion.inverse_kinematics import PandaKinematics, Yaw
+from dlokit.motion.inverse_kinematics import ArmKinematics, Yaw
 from dlokit.motion.limits import scaled, slowdown
 from dlokit.motion.tool_path import ToolPath, split_at_turns
 from dlokit.types.action import VelocityProfile
@@ -34,10 +33,11 @@ _LARGEST_STEP_RAD = 0.5  # between path samples; more is a jump to another postu
 # Fractions of a joint's acceleration for the curvature of the path and for the acceleration along it.
 _BEND_SHARE, _SPEEDUP_SHARE = 0.6, 0.4
 _MARGIN = 0.98  # of each limit, for what happens between samples
+_SLOWEST_RAD_S = 1e-9  # a joint at the end of its range may have no speed at all, and none is divided by it
 
 
-def joint_move(start_q_rad: ArrayLike, end_q_rad: ArrayLike, limits: JointLimits = PANDA_LIMITS) -> JointTrajectory:
-    """The fastest straight line in joint space between two configurations (7,) [rad], at rest at both.
+def joint_move(start_q_rad: ArrayLike, end_q_rad: ArrayLike, limits: JointLimits) -> JointTrajectory:
+    """The fastest straight line in joint space between two configurations (J,) [rad], at rest at both.
 
     Raises `SkillFailure` ``joint_limit`` when the end lies outside the limits.
     """
@@ -61,18 +61,21 @@ def joint_move(start_q_rad: ArrayLike, end_q_rad: ArrayLike, limits: JointLimits
     motion = ruckig.Trajectory(len(start))
     ruckig.Ruckig(len(start)).calculate(request, motion)
     times = np.linspace(0.0, motion.duration, int(np.ceil(motion.duration / SAMPLE_S)) + 1)
-    samples = np.array([motion.at_time(float(t)) for t in times])  # (K, 3, 7)
-    return JointTrajectory(times_s=times, q_rad=samples[:, 0], dq_rad_s=samples[:, 1], ddq_rad_s2=samples[:, 2])
+    samples = np.array([motion.at_time(float(t)) for t in times])  # (K, 3, J)
+    move = JointTrajectory(times_s=times, q_rad=samples[:, 0], dq_rad_s=samples[:, 1], ddq_rad_s2=samples[:, 2])
+    if limits.slow_near is None:
+        return move
+    late = slowdown(move, limits)
+    return move if late <= 1.0 else scaled(move, _MARGIN / late)
 
 
 def tool_move(
-    kinematics: PandaKinematics,
+    kinematics: ArmKinematics,
     start_q_rad: ArrayLike,
     poses: tuple[Pose, ...],
     velocity: VelocityProfile,
-    limits: JointLimits = PANDA_LIMITS,
 ) -> JointTrajectory:
-    """Straight lines of the tool through `poses`, rounded where two meet, from where it is at `start_q_rad` (7,).
+    """Straight lines of the tool through `poses`, rounded where two meet, from where it is at `start_q_rad` (J,).
 
     The gripper may be turned by half a turn as a whole, whichever is nearer at the first pose. Slower than `velocity`
     where the joints ask for it. Raises `SkillFailure` ``unreachable`` and ``too_slow``.
@@ -84,7 +87,7 @@ def tool_move(
     paths = split_at_turns(kinematics.forward(q), poses)
     _check_effort(paths, velocity)
     for path in paths:
-        piece = _timed(_follow(kinematics, path, q), path, velocity, limits)
+        piece = _timed(_follow(kinematics, path, q), path, velocity, kinematics.arm.limits)
         pieces.append(piece)
         q = piece.q_rad[-1]
     return _joined(pieces) if pieces else _standing(q)
@@ -115,8 +118,8 @@ def _check_effort(paths: list[ToolPath], velocity: VelocityProfile) -> None:
         )
 
 
-def _follow(kinematics: PandaKinematics, path: ToolPath, start_q: Float64Array) -> tuple[Float64Array, Float64Array]:
-    """Path parameters (n,) [m] and joint angles (n, 7) [rad] along a tool path."""
+def _follow(kinematics: ArmKinematics, path: ToolPath, start_q: Float64Array) -> tuple[Float64Array, Float64Array]:
+    """Path parameters (n,) [m] and joint angles (n, J) [rad] along a tool path."""
     sigma = np.linspace(0.0, path.length_m, max(8, int(np.ceil(path.length_m / _PATH_STEP_M)) + 1))
     q = [start_q]
     for s in sigma[1:]:
@@ -163,7 +166,7 @@ def _time_law(
     jerk = np.diff(ddq, axis=0) / dt
     # Velocities scale with the factor, accelerations with its square, jerks with its cube.
     joints = max(
-        _ratio(dq, limits.velocity_rad_s),
+        _ratio(dq, limits.velocity_at(curve(travelled), dq)),
         np.sqrt(_ratio(ddq, limits.acceleration_rad_s2)),
         np.cbrt(_ratio(jerk, limits.jerk_rad_s3)),
     )
@@ -191,7 +194,7 @@ def _speed_along(
         [
             np.full(len(fine), velocity.speed_m_s),
             np.sqrt(velocity.acceleration_m_s2 / bend),
-            np.min(_MARGIN * limits.velocity_rad_s / first, axis=1),
+            np.min(_MARGIN * limits.velocity_at(curve(fine), curve(fine, 1)) / first, axis=1),
             np.min(np.sqrt(_BEND_SHARE * limits.acceleration_rad_s2 / second), axis=1),
         ]
     )
@@ -222,7 +225,7 @@ def _smoothed(
 
 
 def _ratio(values: Float64Array, limits: Float64Array) -> float:
-    return float(np.max(np.abs(values) / limits))
+    return float(np.max(np.abs(values) / np.maximum(limits, _SLOWEST_RAD_S)))
 
 
 def _standing(q: Float64Array) -> JointTrajectory:

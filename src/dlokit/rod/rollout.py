@@ -16,7 +16,7 @@ import numpy as np
 import scipy
 
 from dlokit import geometry
-from dlokit.description.arm.panda import PANDA_FINGERTIP_BELOW_TCP_M
+from dlokit.description.arm.franka import FRANKA_HAND
 from dlokit.description.contacts import ROLLING_M
 from dlokit.rod.believed import DAMPING_S, POISSON, BelievedDlo
 from dlokit.rod.nodes import fit_length
@@ -27,9 +27,9 @@ _PAD_M = 0.02  # length of the pads along the rod
 _EDGE_M = 0.0125  # longest edge: a hanging rod bends too easily where longer ones meet the pads and the table
 SINK_M = 2e-4
 """How deep a resting node lies in the table of the planning rod [m]."""
-FINGERS = np.array([0.0085, 0.009, PANDA_FINGERTIP_BELOW_TCP_M])
-"""The Panda's fingers, closed: half the length of the middle line across the tool, radius around it, and how far the
-tips are below the tool [m]."""
+FINGERS = np.array([0.0085, 0.009, FRANKA_HAND.tip_below_tcp_m])
+"""Closed fingers that push, those of Franka's hand: half the length of the middle line across the tool, radius around
+it, and how far the tips are below the tool [m]."""
 NO_FINGERS = np.zeros(3)
 """Value of `fingers` for a motion that holds the rod."""
 REST_S = 0.4

@@ -16,7 +16,7 @@ from dlokit.communication.component import Component
 from dlokit.communication.port import Compute, InlineCompute, Port
 from dlokit.communication.timing.clock import Clock
 from dlokit.communication.transport import Transport
-from dlokit.description.arm.mounts import ARMS, OPPOSITE, ArmMount
+from dlokit.description.arm.mounts import ARMS, OPPOSITE
 from dlokit.skills.viewer.address import new_key
 from dlokit.system.config import RunConfig
 from dlokit.system.table import COMPONENTS
@@ -74,22 +74,22 @@ def _cell(config: RunConfig, wiring: Wiring) -> Component:
         seed=config.seed,
         truth_folder=wiring.folder,
         real_time_factor=1.0 if config.runtime == "lockstep" else config.cell.real_time_factor,
-        arms=ARMS[: config.arms],
+        arms=config.mounts,
         urgency=never_urgent if config.runtime == "lockstep" else BoundedUrgency(),
     )
 
 
-def _robot(mount: ArmMount) -> "_Builder":
+def _robot(number: int) -> "_Builder":
     def build(config: RunConfig, wiring: Wiring) -> Component:
         from dlokit.communication.timing.deadlines import LoopWatchdog, ThreadWatchdog
         from dlokit.communication.timing.pulse import ThreadPulse, loop_pulse
         from dlokit.functional.robots.gate import GatedRobot
         from dlokit.functional.robots.simulated import SimulatedRobot
-        from dlokit.motion.inverse_kinematics import PandaKinematics
         from dlokit.skills.robot.component import RobotComponent, no_button
         from dlokit.skills.robot.lease import LeaseKeeper
         from dlokit.system.processes.stop_socket import stop_button, stop_socket
 
+        mount = config.mounts[number]
         live = config.runtime == "live"
         pulse = ThreadPulse() if live else loop_pulse
         watch = ThreadWatchdog() if live else LoopWatchdog()
@@ -106,10 +106,10 @@ def _robot(mount: ArmMount) -> "_Builder":
             config.robot,
             robot,
             time.monotonic_ns,
-            PandaKinematics(mount.T_world_base),
+            mount.T_world_base,
             mount.instance,
             watch,
-            neighbours=tuple(other.instance for other in ARMS[: config.arms] if other is not mount),
+            neighbours=tuple(other.instance for other in config.mounts if other.robot != mount.robot),
             button=partial(stop_button, stop_socket(wiring.folder, mount.robot)) if live else no_button,
             lease=lease,
             standing=robot.standing,
@@ -121,7 +121,7 @@ def _robot(mount: ArmMount) -> "_Builder":
 def _perception(config: RunConfig, wiring: Wiring) -> Component:
     from dlokit.skills.perception.component import PerceptionComponent
 
-    return PerceptionComponent(config.perception, config.camera.build(wiring.transport), config.model)
+    return PerceptionComponent(config.perception, config.camera.build(wiring.transport), config.model, config.arm_model)
 
 
 def _observer(config: RunConfig, wiring: Wiring) -> Component:
@@ -132,29 +132,30 @@ def _observer(config: RunConfig, wiring: Wiring) -> Component:
 
 
 def _planning(config: RunConfig, wiring: Wiring) -> Component:
-    from dlokit.motion.inverse_kinematics import PandaKinematics
+    from dlokit.motion.inverse_kinematics import ArmKinematics
     from dlokit.skills.planning.component import PlanningComponent
 
     # In lockstep no result may depend on the speed of the machine.
     stopwatch = time.perf_counter if config.runtime == "live" else None
-    return PlanningComponent(config.planning, PandaKinematics().reachable, config.model, stopwatch, _second_arm(config))
+    reachable = ArmKinematics(config.arm_model, config.mounts[0].T_world_base).reachable
+    return PlanningComponent(config.planning, reachable, config.model, stopwatch, _second_arm(config), config.arm_model)
 
 
 def _second_arm(config: RunConfig) -> "SecondArm | None":
     from dlokit.decision.steps.hands import APPROACH_HEIGHT_M
     from dlokit.motion.arm_distance import Apart
-    from dlokit.motion.inverse_kinematics import PandaKinematics
+    from dlokit.motion.inverse_kinematics import ArmKinematics
     from dlokit.skills.planning.base import SecondArm
 
     if config.arms == 1:
         return None
-    mount = ARMS[1]
-    kinematics = PandaKinematics(mount.T_world_base)
+    mount = config.mounts[1]
+    first, kinematics = (ArmKinematics(each.model, each.T_world_base) for each in config.mounts)
     return SecondArm(
         robot=mount.robot,
         reachable=kinematics.reachable,
         place_m=mount.place_m,
-        apart_m=Apart(PandaKinematics(), kinematics, lift_m=APPROACH_HEIGHT_M).of_pair_m,
+        apart_m=Apart(first, kinematics, lift_m=APPROACH_HEIGHT_M).of_pair_m,
     )
 
 
@@ -167,7 +168,7 @@ def _decision(config: RunConfig, wiring: Wiring) -> Component:
         config.task,
         time.perf_counter,
         dlo=config.model,
-        robots=tuple(mount.robot for mount in ARMS[: config.arms]),
+        robots=tuple(mount.robot for mount in config.mounts),
         # A lockstep run can instead be repeated bit by bit.
         keep=JournalFile(wiring.folder).keep if config.runtime == "live" else lambda journal: None,
     )
@@ -187,11 +188,12 @@ def build_viewer(config: RunConfig, *, operated: bool, key: str | None = None) -
         flow=SHAPE_DLO.edges(),
         rod=RodOutline(nodes=config.model.nodes, length_m=config.model.length_m, radius_m=config.model.radius_m),
         table=config.table,
+        arm=config.arm_model,
         threshold_m=config.task.threshold_m,
         operated=operated,
-        arms=tuple(
+        buttons=tuple(
             ArmButtons(stop=robot.STOP.at(mount.instance), enable=robot.ENABLE.at(mount.instance))
-            for mount in ARMS[: config.arms]
+            for mount in config.mounts
         ),
         key=key,
     )
@@ -206,8 +208,8 @@ _Builder = Callable[[RunConfig, Wiring], Component]
 # Of components that need more than their settings.
 _BUILDERS: dict[str, _Builder] = {
     "cell": _cell,
-    "robot": _robot(ARMS[0]),
-    f"robot.{OPPOSITE}": _robot(ARMS[1]),
+    "robot": _robot(0),
+    f"robot.{OPPOSITE}": _robot(1),
     "perception": _perception,
     "observer": _observer,
     "planning": _planning,

@@ -7,6 +7,9 @@ import tyro
 from msgspec import Meta
 
 from dlokit.decision.config import TaskConfig
+from dlokit.description.arm.choice import arm_model
+from dlokit.description.arm.model import ArmModel
+from dlokit.description.arm.mounts import ArmMount, arms_of
 from dlokit.description.dlo import DloPreset
 from dlokit.description.table import Table
 from dlokit.errors import ConfigError
@@ -48,6 +51,8 @@ class RunConfig:
     it."""
     headless: bool = False
     """Run without the browser viewer."""
+    arm: str = "panda"
+    """Arm with its gripper: panda or fr3."""
     arms: Literal[1, 2] = 1
     """Arms of the cell; a second stands opposite the first, and planner `rollout` then considers pairs of grasps."""
     record: bool = True
@@ -86,10 +91,21 @@ class RunConfig:
 
     def __post_init__(self) -> None:
         check_ranges(self)
+        arm_model(self.arm)
         if self.goal == INTERACTIVE and self.headless:
             raise ConfigError(
                 "--goal interactive needs the viewer, where the goal is dragged; omit --headless, or name a goal."
             )
+
+    @property
+    def arm_model(self) -> ArmModel:
+        """The arm. Raises `ConfigError` or `MachineError` as `choice.arm_model` does."""
+        return arm_model(self.arm)
+
+    @property
+    def mounts(self) -> tuple[ArmMount, ...]:
+        """The arms and where they stand."""
+        return arms_of(self.arm_model, self.arms)
 
 
 UNKNOWN_STIFFNESS_LOG_SD = 2.3

@@ -10,7 +10,7 @@ import numpy as np
 
 from dlokit import geometry
 from dlokit.communication.wire import codec
-from dlokit.description.arm.panda import PANDA_OPEN_WIDTH_M
+from dlokit.description.arm.franka import FRANKA_HAND
 from dlokit.description.shapes import builtin_shape, moved, random_shape
 from dlokit.rod.believed import BelievedDlo
 from dlokit.rod.nodes import topology
@@ -96,7 +96,7 @@ def _grasps(build: Build) -> Iterator[str]:
             if isinstance(action, Push):
                 if opening_m != 0.0 or off_m < NEAR_THE_ROD_M / 2:
                     yield f"a push at node {node} begins {off_m * 1e3:.0f} mm beside it, {opening_m * 1e3:.0f} mm open"
-            elif not 0.0 < opening_m <= PANDA_OPEN_WIDTH_M:
+            elif not 0.0 < opening_m <= FRANKA_HAND.open_width_m:
                 yield f"the fingers open {opening_m * 1e3:.0f} mm at node {node}"
             elif off_m >= NEAR_THE_ROD_M:
                 yield f"the grasp of node {node} is {off_m * 1e3:.0f} mm away from it"
@@ -172,8 +172,8 @@ PLANNER_CHECKS: tuple[Check[Build], ...] = (
     Check(name="actions", wanted="at least one action for a shape that is not the goal", run=_actions),
     Check(
         name="grasps",
-        wanted=f"a node of the DLO, the fingers on it and up to {PANDA_OPEN_WIDTH_M * 1e3:.0f} mm open; take_to_goal "
-        "makes such an action",
+        wanted=f"a node of the DLO, the fingers on it and up to {FRANKA_HAND.open_width_m * 1e3:.0f} mm open; "
+        "take_to_goal makes such an action",
         run=_grasps,
     ),
     Check(

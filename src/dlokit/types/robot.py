@@ -3,6 +3,8 @@
 import enum
 from typing import Self
 
+import numpy as np
+
 from dlokit.errors import BadValue
 from dlokit.types.arrays import Float64Array
 from dlokit.types.message import Message, Value
@@ -86,6 +88,19 @@ class RobotMode(enum.Enum):
     """The arm stopped on its own (reflex, lost commander); it needs ``recover``."""
 
 
+class SlowNearLimits(Value, frozen=True, kw_only=True, eq=False):
+    """Velocity limits that fall towards the ends of the joints' ranges.
+
+    A joint at q may move up with ``sqrt(2 deceleration (upper - q)) - offset``, not less than 0 and not more than its
+    velocity limit, and down likewise towards `lower_rad`. Source: libfranka, ``rate_limiting.h``.
+    """
+
+    lower_rad: Float64Array  # (J,) [rad]
+    upper_rad: Float64Array  # (J,) [rad]
+    deceleration_rad_s2: Float64Array  # (J,)
+    offset_rad_s: Float64Array  # (J,)
+
+
 class JointLimits(Value, frozen=True, kw_only=True, eq=False):
     """Limits of the joints; a trajectory that exceeds them is rejected before it runs."""
 
@@ -94,6 +109,20 @@ class JointLimits(Value, frozen=True, kw_only=True, eq=False):
     velocity_rad_s: Float64Array  # (J,)
     acceleration_rad_s2: Float64Array  # (J,)
     jerk_rad_s3: Float64Array  # (J,)
+    slow_near: SlowNearLimits | None = None
+    """None: the velocity limits are the same at every angle."""
+
+    def velocity_at(self, q_rad: Float64Array, direction: Float64Array) -> Float64Array:
+        """Largest speed (…, J) [rad/s] of joints at `q_rad` (…, J) [rad] that move in the direction of a sign (…, J).
+
+        Where the velocity limits do not depend on the angle, these (J,).
+        """
+        if self.slow_near is None:
+            return self.velocity_rad_s
+        near = self.slow_near
+        left_rad = np.where(direction < 0.0, q_rad - near.lower_rad, near.upper_rad - q_rad)
+        slow = np.sqrt(np.maximum(2.0 * near.deceleration_rad_s2 * left_rad, 0.0)) - near.offset_rad_s
+        return np.clip(slow, 0.0, self.velocity_rad_s)
 
 
 class RobotState(Message, frozen=True, kw_only=True, eq=False):

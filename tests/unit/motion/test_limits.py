@@ -4,9 +4,9 @@ import msgspec
 import numpy as np
 import pytest
 
-from dlokit.description.arm.panda import PANDA_HOME_Q_RAD, PANDA_LIMITS
+from dlokit.description.arm.franka import PANDA
 from dlokit.geometry import pose
-from dlokit.motion.inverse_kinematics import PandaKinematics
+from dlokit.motion.inverse_kinematics import ArmKinematics
 from dlokit.motion.limits import (
     executed_peak_velocity,
     executed_range,
@@ -19,11 +19,11 @@ from dlokit.types.action import VelocityProfile
 from dlokit.types.arrays import Float64Array
 from dlokit.types.robot import JointTrajectory, RobotReason
 
-GOOD = joint_move(PANDA_HOME_Q_RAD, PANDA_HOME_Q_RAD + np.array([1.0, 0.2, 0.1, 0.3, 0.1, -0.2, 0.5]))
+GOOD = joint_move(PANDA.home_q_rad, PANDA.home_q_rad + np.array([1.0, 0.2, 0.1, 0.3, 0.1, -0.2, 0.5]), PANDA.limits)
 
 
 def reason_of(trajectory: JointTrajectory) -> str:
-    found = limit_violation(trajectory, PANDA_LIMITS)
+    found = limit_violation(trajectory, PANDA.limits)
     return found.reason if found else ""
 
 
@@ -32,7 +32,7 @@ def trajectory(times: Float64Array, q: Float64Array, dq: Float64Array, ddq: Floa
     rows = [np.zeros((len(times), 7)) for _ in range(3)]
     for row, values in zip(rows, (q, dq, ddq), strict=True):
         row[:, 1] = values
-    return JointTrajectory(times_s=times, q_rad=rows[0] + PANDA_HOME_Q_RAD, dq_rad_s=rows[1], ddq_rad_s2=rows[2])
+    return JointTrajectory(times_s=times, q_rad=rows[0] + PANDA.home_q_rad, dq_rad_s=rows[1], ddq_rad_s2=rows[2])
 
 
 def test_a_jump_of_the_angles_that_the_velocities_conceal_is_refused() -> None:
@@ -73,7 +73,7 @@ def test_accelerations_that_do_not_match_the_velocities_are_refused() -> None:
 def test_every_array_must_be_finite(name: str, value: float) -> None:
     spoilt = getattr(GOOD, name).copy()
     spoilt.reshape(len(spoilt), -1)[len(spoilt) // 2, -1] = value
-    found = limit_violation(msgspec.structs.replace(GOOD, **{name: spoilt}), PANDA_LIMITS)
+    found = limit_violation(msgspec.structs.replace(GOOD, **{name: spoilt}), PANDA.limits)
     assert found is not None
     assert found.reason == RobotReason.BAD_TRAJECTORY
     assert name in found.detail
@@ -107,12 +107,12 @@ def test_a_trajectory_that_is_too_long_is_refused(last_s: float) -> None:
 
 
 def test_a_range_that_is_exceeded_only_between_samples_is_detected() -> None:
-    times, rows = 0.05 * np.arange(3, dtype=np.float64), np.tile(PANDA_HOME_Q_RAD, (3, 1))
-    rows[:, 3] = PANDA_LIMITS.position_upper_rad[3] - 1e-4
+    times, rows = 0.05 * np.arange(3, dtype=np.float64), np.tile(PANDA.home_q_rad, (3, 1))
+    rows[:, 3] = PANDA.limits.position_upper_rad[3] - 1e-4
     dq = np.zeros((3, 7))
     dq[1, 3] = 0.1
     over = JointTrajectory(times_s=times, q_rad=rows, dq_rad_s=dq, ddq_rad_s2=np.zeros((3, 7)))
-    assert executed_range(over)[1].max(axis=0)[3] > PANDA_LIMITS.position_upper_rad[3]
+    assert executed_range(over)[1].max(axis=0)[3] > PANDA.limits.position_upper_rad[3]
     assert reason_of(over) == RobotReason.JOINT_LIMIT
 
 
@@ -135,15 +135,15 @@ def test_extremes_between_samples_are_those_of_a_dense_search() -> None:
 @pytest.mark.parametrize("sample_s", [0.0005, 0.002, 0.005, 0.01])
 def test_a_motion_at_its_limits_passes_at_any_sampling_rate(sample_s: float) -> None:
     # Jerk and acceleration alternately at the limit, velocity 2 % below it; at any sampling phase.
-    jerk, top = PANDA_LIMITS.jerk_rad_s3[1], PANDA_LIMITS.acceleration_rad_s2[1]
+    jerk, top = PANDA.limits.jerk_rad_s3[1], PANDA.limits.acceleration_rad_s2[1]
     ramp_s = top / jerk
-    hold_s = 0.98 * PANDA_LIMITS.velocity_rad_s[1] / top - ramp_s
+    hold_s = 0.98 * PANDA.limits.velocity_rad_s[1] / top - ramp_s
     legs = [(jerk, ramp_s), (0.0, hold_s), (-jerk, ramp_s), (0.0, 0.1)]
     legs += [(-jerk, ramp_s), (0.0, hold_s), (jerk, ramp_s)]
     times = np.arange(0.0, sum(leg[1] for leg in legs) + 3 * sample_s, sample_s)
     for shift in np.linspace(0.0, 0.9 * sample_s, 7):
         rows = np.array([_at(legs, t - shift) for t in times])
-        assert limit_violation(trajectory(times, *rows.T), PANDA_LIMITS) is None
+        assert limit_violation(trajectory(times, *rows.T), PANDA.limits) is None
 
 
 def _at(legs: list[tuple[float, float]], t: float) -> tuple[float, float, float]:
@@ -157,8 +157,8 @@ def _at(legs: list[tuple[float, float]], t: float) -> tuple[float, float, float]
 
 def test_the_factor_raises_velocity_acceleration_and_jerk_and_not_the_range() -> None:
     fast = scaled(GOOD, 1.03)  # planned trajectories keep 2 % below the limits
-    assert limit_violation(fast, PANDA_LIMITS) is not None
-    assert limit_violation(fast, PANDA_LIMITS, factor=1.03**3) is None
+    assert limit_violation(fast, PANDA.limits) is not None
+    assert limit_violation(fast, PANDA.limits, factor=1.03**3) is None
 
 
 def test_a_slower_pace_keeps_the_limits_and_the_path() -> None:
@@ -168,13 +168,13 @@ def test_a_slower_pace_keeps_the_limits_and_the_path() -> None:
     np.testing.assert_array_equal(slow.q_rad, GOOD.q_rad)
     assert slow.times_s[-1] == pytest.approx(20.0 * GOOD.times_s[-1])
     fast = scaled(GOOD, 2.0)
-    assert reason_of(scaled(fast, 0.999 / slowdown(fast, PANDA_LIMITS))) == ""
+    assert reason_of(scaled(fast, 0.999 / slowdown(fast, PANDA.limits))) == ""
 
 
 @pytest.mark.parametrize("seed", [4341, 1727, 1262, 4275])
 def test_a_zigzag_of_short_legs_keeps_the_limits_by_its_differences(seed: int) -> None:
     # The worst of 6,500: their sampled velocities exceeded an acceleration limit by 3 to 13 %.
-    kinematics, rng = PandaKinematics(), np.random.default_rng(seed)
+    kinematics, rng = ArmKinematics(PANDA), np.random.default_rng(seed)
     q = kinematics.inverse(pose([rng.uniform(0.35, 0.65), rng.uniform(-0.2, 0.2), 0.2], [0.0, 1.0, 0.0, 0.0]))
     T = kinematics.forward(q)
     leg = 10 ** rng.uniform(-3.0, -1.5)
@@ -190,7 +190,7 @@ def test_a_jump_in_acceleration_is_a_jerk() -> None:
     v = np.clip(1.0 - np.abs(times - 1.0), 0.0, None)
     q = np.concatenate(([0.0], np.cumsum((v[1:] + v[:-1]) / 2 * 0.05)))
     a = np.where(times < 1.0, 1.0, -1.0)
-    low = msgspec.structs.replace(PANDA_LIMITS, jerk_rad_s3=np.full(7, 10.0))
+    low = msgspec.structs.replace(PANDA.limits, jerk_rad_s3=np.full(7, 10.0))
     found = limit_violation(trajectory(times, q, v, a), low)
     assert found is not None
     assert found.reason == RobotReason.JERK_LIMIT

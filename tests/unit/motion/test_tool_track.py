@@ -1,8 +1,9 @@
 import numpy as np
 from scipy.spatial import KDTree
 
+from dlokit.description.arm.franka import PANDA
 from dlokit.geometry import downward
-from dlokit.motion.inverse_kinematics import PandaKinematics
+from dlokit.motion.inverse_kinematics import ArmKinematics
 from dlokit.motion.tool_path import split_at_turns
 from dlokit.motion.tool_track import tool_track
 from dlokit.motion.trajectories import tool_move
@@ -28,6 +29,6 @@ def test_a_rollout_moves_the_tool_on_the_path_and_in_the_time_of_the_robot() -> 
     (path,) = split_at_turns(poses[0], poses[1:])
     robot = np.array([path.pose(s).position_m for s in np.linspace(0.0, path.length_m, 5000)])
     assert KDTree(robot).query(track[:, :3])[0].max() < 0.001  # resolution of the rollout's grid
-    kinematics = PandaKinematics()
+    kinematics = ArmKinematics(PANDA)
     planned = tool_move(kinematics, kinematics.inverse(poses[0]), poses[1:], PACE)
     assert abs(STEP_S * len(track) / planned.times_s[-1] - 1.0) < 0.1

@@ -142,7 +142,9 @@ def identify(runs: Sequence[Path | str | PathLike[str]]) -> Identified:
     if not folders:
         raise InputError("no run is named; give the folders of one or more runs of one DLO.")
     configured = read_toml(folders[-1] / CONFIG_FILE, RunConfig)
-    size = measure(read_recording(folders[-1] / FILE_NAME), configured.perception, configured.model)
+    size = measure(
+        read_recording(folders[-1] / FILE_NAME), configured.perception, configured.model, configured.arm_model
+    )
     model = configured.model if size is None else _with_size(configured.model, size)
     seen = [lesson for folder in folders for lesson in experiences(read_recording(folder / FILE_NAME))]
     found = tuple(lessons(model, seen))

@@ -9,12 +9,14 @@ import numpy as np
 
 from dlokit import geometry
 from dlokit.communication import topics
+from dlokit.description.arm.model import ArmModel
 from dlokit.errors import SkillFailure
 from dlokit.recording.reader import Recorded
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.initialise.first_shape import initial_targets
 from dlokit.skills.perception.config import PerceptionConfig
 from dlokit.skills.perception.pipeline import Look, corrected_camera_pose, perceive
+from dlokit.skills.perception.self_filter import PosedArm
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import LogNormal
 from dlokit.types.flow import FlowStatus
@@ -58,15 +60,15 @@ class Measures:
     looks: int
 
 
-def measure(messages: Iterable[Recorded], config: PerceptionConfig, dlo: BelievedDlo) -> Measures | None:
+def measure(messages: Iterable[Recorded], config: PerceptionConfig, dlo: BelievedDlo, arm: ArmModel) -> Measures | None:
     """Measure in the first pictures that show the whole DLO lying free; None when there are none.
 
-    `dlo` is the prior belief.
+    `dlo` is the prior belief, `arm` the model of the arm in the pictures.
     """
     lengths: list[float] = []
     radii: list[float] = []
     for images, robot in _free_pictures(messages):
-        size = _size(images, robot, config, dlo)
+        size = _size(images, PosedArm(arm, robot), config, dlo)
         if size is not None:
             lengths.append(size[0])
             radii.append(size[1])
@@ -94,7 +96,7 @@ def _free_pictures(messages: Iterable[Recorded]) -> Iterator[tuple[CameraPicture
 
 
 def _size(
-    images: CameraPictures, robot: RobotState, config: PerceptionConfig, dlo: BelievedDlo
+    images: CameraPictures, robot: PosedArm, config: PerceptionConfig, dlo: BelievedDlo
 ) -> tuple[float, float] | None:
     """Length and radius [m] in the pictures of one look; None when the DLO is not completely visible."""
     if config.table.correct_pose:

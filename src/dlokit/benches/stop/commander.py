@@ -22,7 +22,7 @@ from dlokit.communication.skill import Skill
 from dlokit.communication.transport import Transport
 from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.decision.api import STOP_TASK
-from dlokit.description.arm.panda import PANDA_GRASP_HEIGHT_M, PANDA_HOME_Q_RAD, PANDA_OPEN_WIDTH_M
+from dlokit.description.arm.franka import FRANKA_HAND, PANDA
 from dlokit.description.shapes import CENTRE_M
 from dlokit.errors import ProcessFailure
 from dlokit.skills.robot import api as robot
@@ -93,15 +93,15 @@ class CommandedArm:
 
 def farther_side(state: RobotState | None) -> Float64Array:
     """Joint angles (7,) [rad] with the first joint on the other side of home than it is now."""
-    side = 1.0 if state is None or state.q_rad[0] < PANDA_HOME_Q_RAD[0] else -1.0
-    return PANDA_HOME_Q_RAD + np.array([side * SWING_RAD, 0, 0, 0, 0, 0, 0])
+    side = 1.0 if state is None or state.q_rad[0] < PANDA.home_q_rad[0] else -1.0
+    return PANDA.home_q_rad + np.array([side * SWING_RAD, 0, 0, 0, 0, 0, 0])
 
 
 def nearby(state: RobotState | None) -> Float64Array:
     """Joint angles (7,) [rad] with the first joint a little nearer to home: what is held is not shaken."""
     if state is None:
-        return PANDA_HOME_Q_RAD
-    side = 1.0 if state.q_rad[0] < PANDA_HOME_Q_RAD[0] else -1.0
+        return PANDA.home_q_rad
+    side = 1.0 if state.q_rad[0] < PANDA.home_q_rad[0] else -1.0
     return state.q_rad + np.array([side * NUDGE_RAD, 0, 0, 0, 0, 0, 0])
 
 
@@ -121,7 +121,7 @@ async def with_pauses(arm: CommandedArm) -> None:
 async def grips(arm: CommandedArm) -> None:
     """Open and close the fingers on nothing."""
     while True:
-        await arm.do(robot.RELEASE, PANDA_OPEN_WIDTH_M)
+        await arm.do(robot.RELEASE, FRANKA_HAND.open_width_m)
         await arm.do(robot.GRASP)
 
 
@@ -140,7 +140,7 @@ async def carries(arm: CommandedArm) -> None:
 
 
 async def _pick(arm: CommandedArm) -> None:
-    above, around = _tool(0.0, ABOVE_M), _tool(0.0, PANDA_GRASP_HEIGHT_M)
+    above, around = _tool(0.0, ABOVE_M), _tool(0.0, FRANKA_HAND.grasp_height_m())
     picked = (
         await arm.do(robot.RELEASE, OPENING_M)
         and await arm.do(robot.MOVE_TO, above)

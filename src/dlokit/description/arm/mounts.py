@@ -5,9 +5,11 @@ hides from the camera, the other does turned by half a turn about the middle. Ea
 corners far from it, which the other reaches.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from dlokit import geometry
+from dlokit.description.arm.franka import PANDA
+from dlokit.description.arm.model import ArmModel
 from dlokit.description.shapes import CENTRE_M
 from dlokit.types.pose import Pose
 from dlokit.types.robot import FIRST_ROBOT
@@ -21,6 +23,7 @@ class ArmMount:
     """An arm by its name, and where it stands."""
 
     robot: str
+    model: ArmModel = PANDA
     T_world_base: Pose | None = None
     """None: at the world's origin."""
 
@@ -45,9 +48,14 @@ ARMS: tuple[ArmMount, ...] = (
         T_world_base=geometry.pose((2.0 * CENTRE_M[0], 2.0 * CENTRE_M[1], 0.0), (0.0, 0.0, 0.0, 1.0)),
     ),
 )
-"""Every arm that there may be; a cell has the first of them."""
+"""Every arm that there may be, as Pandas; a cell has the first of them."""
 
 FIRST_ALONE = ARMS[:1]
+
+
+def arms_of(model: ArmModel, count: int) -> tuple[ArmMount, ...]:
+    """The first `count` arms, all of one model."""
+    return tuple(replace(mount, model=model) for mount in ARMS[:count])
 
 
 def instance_of(robot: str) -> str:

@@ -6,7 +6,6 @@ import numpy as np
 
 from dlokit import geometry
 from dlokit.description.arm.mounts import ArmMount
-from dlokit.description.arm.panda import PANDA_FINGER_SPEED_M_S, PANDA_LIMITS
 from dlokit.functional.cell.fingers import Fingers
 from dlokit.functional.cell.setpoints import Brake, Fade, Follow, HoldStill, Program, Setpoint
 from dlokit.types.arrays import Float64Array, Int64Array
@@ -17,13 +16,15 @@ from dlokit.types.robot import JointTrajectory, RobotMode, RobotState
 class CellArm:
     """One arm of the cell, controlled every physics step."""
 
-    def __init__(self, model: Any, data: Any, mount: ArmMount, q_rad: Float64Array) -> None:
-        """Take over an arm of a model and put it, at rest, at the joint angles `q_rad` (7,)."""
+    def __init__(self, model: Any, data: Any, mount: ArmMount) -> None:
+        """Take over an arm of a model and put it, at rest, at home."""
         self.name = name = mount.robot
         self._T_world_base = mount.T_world_base
-        self.limits = PANDA_LIMITS
+        self.arm_model = mount.model
+        self.limits = self.arm_model.limits
+        q_rad = self.arm_model.home_q_rad.copy()
         self._model, self._data = model, data
-        labels = [f"{name}/joint{i + 1}" for i in range(7)]
+        labels = [f"{name}/joint{i + 1}" for i in range(len(self.arm_model.joints))]
         self._qpos: Int64Array = np.array([model.joint(label).qposadr[0] for label in labels], dtype=np.int64)
         self._dofs: Int64Array = np.array([model.joint(label).dofadr[0] for label in labels], dtype=np.int64)
         self._actuators: Int64Array = np.array([model.actuator(label).id for label in labels], dtype=np.int64)
@@ -32,7 +33,7 @@ class CellArm:
             -model.actuator_biasprm[self._actuators, 2] / model.actuator_gainprm[self._actuators, 0]
         )
         self._site = int(model.site(f"{name}/tcp").id)
-        self.fingers = Fingers(model, data, name=name, speed_m_s=PANDA_FINGER_SPEED_M_S)
+        self.fingers = Fingers(model, data, name=name, gripper=self.arm_model.gripper)
         self._program: Program = HoldStill(q_rad)
         self._mode = RobotMode.IDLE
         self._fault = False
@@ -49,7 +50,7 @@ class CellArm:
 
     @property
     def q_rad(self) -> Float64Array:
-        """Measured joint angles (7,)."""
+        """Measured joint angles (J,)."""
         return np.array(self._data.qpos[self._qpos], dtype=np.float64)
 
     @property

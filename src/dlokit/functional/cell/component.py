@@ -210,7 +210,7 @@ class CellComponent(Component):
     @implements(api.GRIP)
     async def grip(self, width_m: float, force_n: float, lease_s: float, robot: str = FIRST_ROBOT) -> GripResult:
         """Move the fingers, under a lease."""
-        check_grip(width_m, force_n)
+        check_grip(self._link(robot).arm.arm_model.gripper, width_m, force_n)
         link = self._enabled(robot)
         fingers = link.arm.fingers
         link.grip_interrupted = ""

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from dlokit.description.arm.panda import PANDA_OPEN_WIDTH_M
+from dlokit.description.arm.model import Gripper
 from dlokit.types.arrays import Int64Array
 from dlokit.types.robot import GripResult
 
@@ -22,7 +22,7 @@ _THINNEST_M = 0.001
 class Fingers:
     """Both fingers of one hand; a width is the distance between the fingertips."""
 
-    def __init__(self, model: Any, data: Any, *, name: str, speed_m_s: float) -> None:
+    def __init__(self, model: Any, data: Any, *, name: str, gripper: Gripper) -> None:
         """Take over the fingers of the arm `name`, open them wide."""
         self._data = data
         joints = [f"{name}/finger_joint{i}" for i in (1, 2)]
@@ -30,8 +30,8 @@ class Fingers:
         self._dofs: Int64Array = np.array([model.joint(label).dofadr[0] for label in joints], dtype=np.int64)
         self._actuators: Int64Array = np.array([model.actuator(f"{name}/finger{i}").id for i in (1, 2)], dtype=np.int64)
         self._stiffness_n_m = float(model.actuator_gainprm[self._actuators[0], 0])
-        self._speed_m_s = speed_m_s
-        self._goal_m = self._ramp_m = PANDA_OPEN_WIDTH_M / 2.0  # of each finger, from the middle
+        self._speed_m_s = gripper.finger_speed_m_s
+        self._goal_m = self._ramp_m = gripper.open_width_m / 2.0  # of each finger, from the middle
         self._force_n = _FIRST_FORCE_N
         self._slow_s = 0.0
         self._pressing = False

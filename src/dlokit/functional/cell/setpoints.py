@@ -6,7 +6,7 @@ from typing import Any, Protocol
 import numpy as np
 import ruckig
 
-from dlokit.description.arm.panda import PANDA_GRIP_FORCE_N, PANDA_OPEN_WIDTH_M
+from dlokit.description.arm.model import Gripper
 from dlokit.errors import SkillRejected
 from dlokit.motion.limits import limit_violation
 from dlokit.types.arrays import Float64Array
@@ -17,9 +17,9 @@ from dlokit.types.robot import JointLimits, JointTrajectory, RobotReason
 class Setpoint:
     """Commanded angles, velocities and accelerations of the joints."""
 
-    q_rad: Float64Array  # (7,)
-    dq_rad_s: Float64Array  # (7,)
-    ddq_rad_s2: Float64Array  # (7,)
+    q_rad: Float64Array  # (J,)
+    dq_rad_s: Float64Array  # (J,)
+    ddq_rad_s2: Float64Array  # (J,)
 
 
 class Program(Protocol):
@@ -151,11 +151,8 @@ def check_trajectory(trajectory: JointTrajectory, now: Setpoint, limits: JointLi
         )
 
 
-def check_grip(width_m: float, force_n: float) -> None:
+def check_grip(gripper: Gripper, width_m: float, force_n: float) -> None:
     """Raise `SkillRejected` on a width or force beyond the hand's limits."""
-    if not 0.0 <= width_m <= PANDA_OPEN_WIDTH_M:
-        raise SkillRejected(
-            RobotReason.BAD_WIDTH, f"{width_m} m; the fingers open between 0 and {PANDA_OPEN_WIDTH_M} m"
-        )
-    if not 0.0 < force_n <= PANDA_GRIP_FORCE_N:
-        raise SkillRejected(RobotReason.BAD_FORCE, f"{force_n} N; the hand presses with up to {PANDA_GRIP_FORCE_N} N")
+    refused = gripper.refusal(width_m, force_n)
+    if refused is not None:
+        raise SkillRejected(*refused)

@@ -8,8 +8,7 @@ from numpy.typing import ArrayLike
 
 from dlokit import geometry
 from dlokit.description.arm.mounts import FIRST_ALONE, ArmMount
-from dlokit.description.arm.panda import PANDA_HOME_Q_RAD
-from dlokit.description.arm.panda_model import add_panda
+from dlokit.description.arm.mujoco_model import add_arm
 from dlokit.description.scene import add_lights, add_table, table_height_m
 from dlokit.description.shapes import CENTRE_M, LENGTH_TOLERANCE
 from dlokit.description.table import Table
@@ -90,7 +89,7 @@ class Cell:
         self._friction = TableFriction(self._model, self._dlo, config.dlo.friction, self.episode)
         self._start_ns = 0
         self._steps = 0
-        self.arms = {mount.robot: CellArm(self._model, self._data, mount, np.array(PANDA_HOME_Q_RAD)) for mount in arms}
+        self.arms = {mount.robot: CellArm(self._model, self._data, mount) for mount in arms}
         half_m = config.dlo.length_m / 2
         self.place_dlo([[0.5, -half_m], [0.5, half_m]], settle=False)
 
@@ -230,6 +229,6 @@ def _build(
     sizes_px = [(camera.width_px, camera.height_px) for camera in (stereo, depth)]
     set_picture_quality(spec, sizes_px, shadows=config.shadows, light=episode.light_factor)
     for mount in arms:
-        add_panda(spec, name=mount.robot, T_world_base=mount.T_world_base)
+        add_arm(spec, mount.model, name=mount.robot, T_world_base=mount.T_world_base)
     config.physics.add(spec, config.dlo, NODES)
     return spec.compile()

@@ -3,7 +3,8 @@
 from types import TracebackType
 from typing import Protocol, Self
 
-from dlokit.types.robot import GripResult, JointLimits, JointTrajectory, Lease, MotionResult, RobotState
+from dlokit.description.arm.model import ArmModel
+from dlokit.types.robot import GripResult, JointTrajectory, Lease, MotionResult, RobotState
 
 
 class Robot(Protocol):
@@ -13,8 +14,8 @@ class Robot(Protocol):
     """
 
     @property
-    def limits(self) -> JointLimits:
-        """Position, velocity, acceleration and jerk of the joints."""
+    def arm(self) -> ArmModel:
+        """What the arm is: joints, limits, home, tool, gripper, shapes."""
         ...
 
     async def __aenter__(self) -> Self:

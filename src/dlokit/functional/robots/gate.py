@@ -15,14 +15,14 @@ from numpy.typing import NDArray
 
 from dlokit import geometry
 from dlokit.communication.timing.deadlines import DeadlineWatchdog, LoopWatchdog
-from dlokit.description.arm.panda import PANDA_GRIP_FORCE_N, PANDA_OPEN_WIDTH_M
+from dlokit.description.arm.model import ArmModel
 from dlokit.errors import ConfigError, SkillFailure
 from dlokit.functional.robots.base import Robot
 from dlokit.motion.forward_kinematics import tcp_matrices
 from dlokit.motion.limits import START_RAD, limit_violation, scaled
 from dlokit.ranges import Positive, check_ranges
 from dlokit.types.pose import Pose
-from dlokit.types.robot import GripResult, JointLimits, JointTrajectory, Lease, MotionResult, RobotReason, RobotState
+from dlokit.types.robot import GripResult, JointTrajectory, Lease, MotionResult, RobotReason, RobotState
 
 SLOWEST_SCALE = 0.05
 """Smallest `speed_scale`: below it a motion takes longer than a skill waits."""
@@ -89,9 +89,9 @@ class GatedRobot:
         self._watch = watch or LoopWatchdog()
 
     @property
-    def limits(self) -> JointLimits:
-        """The driver's limits."""
-        return self._robot.limits
+    def arm(self) -> ArmModel:
+        """The driver's arm."""
+        return self._robot.arm
 
     async def __aenter__(self) -> Self:
         """Connect. Raises `HardwareError` when the arm does not answer."""
@@ -129,7 +129,7 @@ class GatedRobot:
             state = self._robot.state()
             age_s = self._feedback.age_s(state.stamp_ns, self._now_ns())
             # Since feedback of some age an arm may have slowed down by its acceleration limit.
-            still = np.abs(state.dq_rad_s) <= _REST_RAD_S + age_s * self.limits.acceleration_rad_s2
+            still = np.abs(state.dq_rad_s) <= _REST_RAD_S + age_s * self.arm.limits.acceleration_rad_s2
             if age_s <= allowed_s and still.all():
                 return state
             waited_s = (self._now_ns() - began_ns) / 1e9
@@ -145,7 +145,7 @@ class GatedRobot:
         stale_feedback after the arm was braked during the motion.
         """
         paced = scaled(trajectory, self._config.speed_scale)
-        broken = limit_violation(paced, self.limits)
+        broken = limit_violation(paced, self.arm.limits)
         if broken is not None:
             raise SkillFailure(broken.reason, broken.detail)
         self._check_tool(paced)
@@ -158,14 +158,9 @@ class GatedRobot:
 
         Raises `SkillFailure` bad_width or bad_force beyond the hand's limits, and lease_lost.
         """
-        if not 0.0 <= width_m <= PANDA_OPEN_WIDTH_M:
-            raise SkillFailure(
-                RobotReason.BAD_WIDTH, f"{width_m} m; the fingers open between 0 and {PANDA_OPEN_WIDTH_M} m"
-            )
-        if not 0.0 < force_n <= PANDA_GRIP_FORCE_N:
-            raise SkillFailure(
-                RobotReason.BAD_FORCE, f"{force_n} N; the hand presses with up to {PANDA_GRIP_FORCE_N} N"
-            )
+        refused = self.arm.gripper.refusal(width_m, force_n)
+        if refused is not None:
+            raise SkillFailure(*refused)
         self._check_lease(lease)
         return await self._robot.grip(width_m, force_n, lease)
 
@@ -191,7 +186,7 @@ class GatedRobot:
 
     def _check_tool(self, trajectory: JointTrajectory) -> None:
         """Require the tool centre point inside the box and below its speed, by its positions at the samples."""
-        places = tcp_matrices(trajectory.q_rad)[:, :3, 3]
+        places = tcp_matrices(self.arm, trajectory.q_rad)[:, :3, 3]
         if self._T_world_base is not None:
             places = geometry.transform(self._T_world_base, places)
         outside = np.flatnonzero(self._outside(places))

@@ -1,4 +1,4 @@
-"""A Panda of the simulated cell: every method is a call to the cell's socket."""
+"""An arm of the simulated cell: every method is a call to the cell's socket."""
 
 import asyncio
 from functools import partial
@@ -8,12 +8,12 @@ from typing import Self, TypeVar
 from dlokit.communication import topics
 from dlokit.communication.port import Port
 from dlokit.communication.timing.pulse import Pulse, loop_pulse
+from dlokit.description.arm.model import ArmModel
 from dlokit.description.arm.mounts import ARMS, ArmMount
-from dlokit.description.arm.panda import PANDA_LIMITS
 from dlokit.errors import HardwareError, SkillFailure
 from dlokit.functional.cell import api
 from dlokit.types.outcome import Cancelled, Failed, Outcome, Rejected, Succeeded, TimedOut, Unreachable
-from dlokit.types.robot import GripResult, JointLimits, JointTrajectory, Lease, MotionResult, RobotReason, RobotState
+from dlokit.types.robot import GripResult, JointTrajectory, Lease, MotionResult, RobotReason, RobotState
 from dlokit.types.system import ClockTick
 
 R = TypeVar("R")
@@ -31,6 +31,7 @@ class SimulatedRobot:
         self._port = port
         self._pulse = pulse
         self._robot = mount.robot
+        self._arm = mount.model
         self._states = topics.ARM_STATE.at(mount.instance)
         self._state: RobotState | None = None
         self._heard = asyncio.Event()
@@ -38,9 +39,9 @@ class SimulatedRobot:
         self._now_ns = self._newest_ns = 0
 
     @property
-    def limits(self) -> JointLimits:
-        """The Panda's."""
-        return PANDA_LIMITS
+    def arm(self) -> ArmModel:
+        """The arm as it is mounted."""
+        return self._arm
 
     async def __aenter__(self) -> Self:
         """Wait for the arm's first state. Raises `HardwareError` after 10 s of the machine's clock."""

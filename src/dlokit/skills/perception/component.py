@@ -11,6 +11,8 @@ import numpy as np
 from dlokit import geometry
 from dlokit.communication import topics
 from dlokit.communication.component import Component, implements, on
+from dlokit.description.arm.franka import PANDA
+from dlokit.description.arm.model import ArmModel
 from dlokit.errors import HardwareError, SkillFailure, SkillRejected
 from dlokit.functional.cameras.base import Camera
 from dlokit.rod.believed import BelievedDlo
@@ -22,6 +24,7 @@ from dlokit.skills.perception.pipeline import corrected_camera_pose, loaded, obs
 from dlokit.skills.perception.rectification import rectified
 from dlokit.skills.perception.robot_history import RobotHistory
 from dlokit.skills.perception.segmentations import from_spec
+from dlokit.skills.perception.self_filter import PosedArm
 from dlokit.types.arrays import Float64Array
 from dlokit.types.image import CameraCheck, CameraPictures, DepthImage, StereoImages
 from dlokit.types.observation import GraspState, GripperPin, Observation
@@ -47,9 +50,11 @@ class PerceptionComponent(Component):
     name = "perception"
     publishes = (topics.STEREO_IMAGES, topics.DEPTH_IMAGES, topics.OBSERVATION)
 
-    def __init__(self, config: PerceptionConfig, camera: Camera, dlo: BelievedDlo) -> None:
+    def __init__(self, config: PerceptionConfig, camera: Camera, dlo: BelievedDlo, arm: ArmModel = PANDA) -> None:
+        """`arm` is the model of every arm in view."""
         self._config = config
         self._dlo = dlo
+        self._arm = arm
         self._segmentation: SegmentationConfig = config.segmentation
         self._camera = camera
         self._rate_hz = config.tracking_rate_hz
@@ -91,7 +96,7 @@ class PerceptionComponent(Component):
         async with self._looking:
             images = await self._capture()
         state = await self._robot_at(robot, images.stamp_ns)
-        self._hand_looks.append(HandLook(images=rectified(images), robot=state))
+        self._hand_looks.append(HandLook(images=rectified(images), robot=PosedArm(self._arm, state)))
 
     @implements(api.CHECK_CAMERA)
     async def check_camera(self) -> CameraCheck:
@@ -175,9 +180,10 @@ class PerceptionComponent(Component):
         """Pictures and points of one look, published."""
         images = await self._capture()
         robots = await self._robots_at(images.stamp_ns)
+        posed = self._posed(robots)
         images = self._by_the_hand(await self._by_the_table(images, robots))
         observation = await self.port.compute(
-            observe, images, robots, self._config, self._segmentation, self._dlo.radius_m, self._pins(robots)
+            observe, images, posed, self._config, self._segmentation, self._dlo.radius_m, self._pins(robots)
         )
         self._looks += 1
         self.port.publish(topics.OBSERVATION, observation)
@@ -199,7 +205,9 @@ class PerceptionComponent(Component):
     async def _by_the_table(self, images: CameraPictures, robots: tuple[RobotState, ...]) -> CameraPictures:
         """The pictures with the camera pose corrected by the table, which is looked for now and then."""
         if self._config.table.correct_pose and self._looks % _TABLE_EVERY_LOOKS == 0:
-            found = await self.port.compute(corrected_camera_pose, images, robots, self._config, self._segmentation)
+            found = await self.port.compute(
+                corrected_camera_pose, images, self._posed(robots), self._config, self._segmentation
+            )
             if found is None:
                 log.warning("the table's plane was not found; the camera pose stays as it was")
             self._T_world_camera = found or self._T_world_camera
@@ -209,6 +217,9 @@ class PerceptionComponent(Component):
         """The pictures with the camera pose moved to where the look at the hand has it."""
         check = self._camera_check
         return images if check is None else _seen_from(images, corrected_by(images.calibration.T_world_camera, check))
+
+    def _posed(self, robots: tuple[RobotState, ...]) -> tuple[PosedArm, ...]:
+        return tuple(PosedArm(self._arm, state) for state in robots)
 
     async def _robot_at(self, robot: str, stamp_ns: int) -> RobotState:
         """Where a robot was at a time; states arrive many times per second."""

@@ -24,8 +24,9 @@ from dlokit.skills.perception.self_filter import (
     PICTURE_MARGIN_M,
     SPACE_MARGIN_M,
     Capsules,
+    PosedArm,
     occlusion_map,
-    panda_capsules,
+    robot_capsules,
     robot_distance_m,
     robot_outline,
 )
@@ -34,7 +35,6 @@ from dlokit.types.arrays import BoolArray, Float64Array, UInt8Array
 from dlokit.types.image import CameraCalibration, CameraPictures, Image, StereoImages
 from dlokit.types.observation import GripperPin, Observation
 from dlokit.types.pose import Pose
-from dlokit.types.robot import RobotState
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,7 +55,7 @@ def loaded() -> None:
 
 def perceive(
     images: CameraPictures,
-    robots: Sequence[RobotState],
+    robots: Sequence[PosedArm],
     config: PerceptionConfig,
     segmentation: SegmentationConfig,
     dlo_radius_m: float,
@@ -68,7 +68,7 @@ def perceive(
     ideal = rectified(images)
     camera = ideal.calibration
     strategy = segmentation.build()
-    capsules = panda_capsules(robots)
+    capsules = robot_capsules(robots)
     segmented = _segmented(ideal.reference, strategy)
     mask = _cleaned(segmented & _where_dlo_may_be(capsules, camera, config), config.smallest_patch_px)
     surface = _surface(ideal, mask, strategy, config)
@@ -93,7 +93,7 @@ def perceive(
 
 def observe(
     images: CameraPictures,
-    robots: Sequence[RobotState],
+    robots: Sequence[PosedArm],
     config: PerceptionConfig,
     segmentation: SegmentationConfig,
     dlo_radius_m: float,
@@ -105,13 +105,13 @@ def observe(
 
 def corrected_camera_pose(
     images: CameraPictures,
-    robots: Sequence[RobotState],
+    robots: Sequence[PosedArm],
     config: PerceptionConfig,
     segmentation: SegmentationConfig,
 ) -> Pose | None:
     """T_world_camera of `images`, corrected by the table's plane; None when it cannot be."""
     ideal = rectified(images)
-    capsules = panda_capsules(robots)
+    capsules = robot_capsules(robots)
     robot = robot_outline(capsules, ideal.calibration, PICTURE_MARGIN_M)
     hidden = robot | _segmented(ideal.reference, segmentation.build())
     return camera_pose_from_table(ideal, hidden, config.box)

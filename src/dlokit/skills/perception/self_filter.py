@@ -1,14 +1,16 @@
 """Removes the robot's own pixels and points, by its known shape, and says what the robot hides."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from dlokit.description.arm.model import ArmModel
 from dlokit.geometry import rotation
 from dlokit.geometry.camera import project, rays
-from dlokit.motion.capsules import RADII_M, Capsules
+from dlokit.motion.capsules import Capsules
 from dlokit.motion.forward_kinematics import capsule_ends
 from dlokit.types.arrays import BoolArray, Float64Array
 from dlokit.types.image import CameraCalibration
@@ -23,17 +25,26 @@ OCCLUSION_SCALE = 8
 """Camera pixels per cell of the published occlusion map, along each side."""
 
 
-def panda_capsules(robots: Sequence[RobotState]) -> Capsules:
+@dataclass(frozen=True)
+class PosedArm:
+    """An arm and where its joints are."""
+
+    arm: ArmModel
+    state: RobotState
+
+
+def robot_capsules(robots: Sequence[PosedArm]) -> Capsules:
     """What is known of the robots' shape, C capsules, from their joint angles and finger widths."""
+    states = [(robot.arm, robot.state) for robot in robots]
     ends = [
-        capsule_ends(state.q_rad, state.finger_width_m, T_world_base=state.T_world_base)  # of one configuration
-        for state in robots
+        capsule_ends(arm, state.q_rad, state.finger_width_m, T_world_base=state.T_world_base)  # of one configuration
+        for arm, state in states
     ]
     nowhere = np.zeros((0, 3))
     return Capsules(
         starts_world=np.concatenate([nowhere, *(start[0] for start, _ in ends)]),
         ends_world=np.concatenate([nowhere, *(end[0] for _, end in ends)]),
-        radii_m=np.tile(RADII_M, len(robots)),
+        radii_m=np.concatenate([np.zeros(0), *(arm.radii_m for arm, _ in states)]),
     )
 
 

@@ -5,7 +5,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from dlokit.description.arm.panda import PANDA_GRASP_HEIGHT_M
+from dlokit.description.arm.model import TIP_CLEARANCE_M
 from dlokit.description.table import TABLE_X_M, TABLE_Y_M
 from dlokit.ranges import NotNegative, Positive, check_ranges
 from dlokit.types.action import VelocityProfile
@@ -18,9 +18,9 @@ _PACE = VelocityProfile()
 class GraspConfig:
     """Where the gripper takes hold."""
 
-    height_m: NotNegative = PANDA_GRASP_HEIGHT_M
-    """Height of the tool centre point over the table at grasp and release [m]. Larger: the fingertips stay farther from
-    the table, and hold less of a thin DLO."""
+    tip_clearance_m: NotNegative = TIP_CLEARANCE_M
+    """Distance of the fingertips from the table at grasp and release [m]. Larger: the fingertips hold less of a thin
+    DLO."""
 
     def __post_init__(self) -> None:
         check_ranges(self, "planning.actions.grasp")

@@ -5,6 +5,8 @@ from dataclasses import dataclass, field
 from typing import ClassVar, Protocol, runtime_checkable
 
 from dlokit.communication.port import Compute, InlineCompute
+from dlokit.description.arm.franka import PANDA
+from dlokit.description.arm.model import ArmModel
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.planning.actions import ActionConfig, FeasibilityConfig
 from dlokit.types.action import Action, Candidates, Marks
@@ -49,6 +51,8 @@ class PlanningTools:
 
     reachable: Reachable
     actions: ActionConfig
+    arm: ArmModel = PANDA
+    """The arm that moves the tool, and its gripper."""
     model: BelievedDlo = field(default_factory=BelievedDlo)
     """The rod with which actions are simulated."""
     table: FeasibilityConfig = field(default_factory=FeasibilityConfig)
@@ -61,6 +65,11 @@ class PlanningTools:
     """The machine's time [s], if decisions have a time limit; None: only rollouts are limited, and runs repeat."""
     second: SecondArm | None = None
     """None: there is one arm."""
+
+    @property
+    def grasp_height_m(self) -> float:
+        """Height of the tool centre point over the table at grasp and release [m]."""
+        return self.arm.gripper.grasp_height_m(self.actions.grasp.tip_clearance_m)
 
 
 class StrategyConfig(Protocol):

@@ -8,6 +8,8 @@ from typing import ParamSpec, TypeVar
 
 from dlokit.communication import topics
 from dlokit.communication.component import Component, implements
+from dlokit.description.arm.franka import PANDA
+from dlokit.description.arm.model import ArmModel
 from dlokit.errors import SkillFailure, SkillRejected
 from dlokit.rod import rollout
 from dlokit.rod.believed import BelievedDlo, as_configured, with_belief
@@ -47,11 +49,12 @@ class PlanningComponent(Component):
         model: BelievedDlo,
         stopwatch: Callable[[], float] | None = None,
         second: SecondArm | None = None,
+        arm: ArmModel = PANDA,
     ) -> None:
         """`reachable` is the arm's kinematics; `model` the rod with which actions are simulated.
 
         `stopwatch` returns the machine's time [s] in a live run; without it only rollouts are limited. `second` is
-        the other arm, where there are two.
+        the other arm, where there are two. `arm` is the model of all arms.
         """
         super().__init__()
         self._model = model
@@ -60,6 +63,7 @@ class PlanningComponent(Component):
         self._tools = PlanningTools(
             reachable=reachable,
             actions=config.actions,
+            arm=arm,
             model=model,
             table=config.feasibility,
             compute=self._compute,
@@ -195,7 +199,8 @@ class PlanningComponent(Component):
         return Workplace(
             dlo=self._model,
             config=self._config.feasibility,
-            grasp=self._config.actions.grasp,
+            arm=self._tools.arm,
+            tip_clearance_m=self._config.actions.grasp.tip_clearance_m,
             reachable=self._reachable,
             calibration=None if seen is None else seen.calibration,
         )

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dlokit import geometry
+from dlokit.description.arm.model import ArmModel, Gripper
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
 
@@ -13,14 +14,12 @@ SAMPLE_M = 0.002
 END_INSET_M = 0.012
 """Distance of a grasp from the rod's ends [m], so that the pads are filled."""
 OPENINGS_M = (0.05, 0.04, 0.03, 0.02)
-"""Openings of the Panda's fingers [m] in this order: wide ones tolerate errors, narrow ones fit between strands."""
+"""Openings of the fingers [m] in this order, as far as the gripper opens: wide ones tolerate errors, narrow ones fit
+between strands."""
 FINGER_THICKNESS_M = 0.012
 """Extent of a finger across the rod, outwards from its pad [m]."""
 CLEARANCE_M = 0.002
 """Free space between a finger and the rod's surface [m]."""
-COMFORTABLE_YAW_RAD = 0.785
-"""Yaw of the tool relative to its bearing from the robot's base at which the wrist has the most room [rad]; the
-Panda's hand is mounted 45° off the middle of joint 7."""
 _FINGER_WIDTH_M = 0.02  # extent of a finger along the rod
 _ADJACENT_M = 0.04  # parts of the rod nearer than this along it belong to the grasped strand
 
@@ -58,13 +57,13 @@ def wrapped(angle_rad: float) -> float:
     return float((angle_rad + np.pi) % (2.0 * np.pi) - np.pi)
 
 
-def grasp_yaw(point: RodPoint, turn_rad: float, place_m: tuple[float, float] = (0.0, 0.0)) -> float:
+def grasp_yaw(arm: ArmModel, point: RodPoint, turn_rad: float, place_m: tuple[float, float] = (0.0, 0.0)) -> float:
     """Yaw of the tool at `point`: of the two perpendicular to the rod, the one with more room for the wrist [rad].
 
     `turn_rad` is the tool's later turn; the worse of both ends counts. The arm's base is at `place_m`.
     """
     x, y = point.position_world[:2] - np.array(place_m)
-    middle = float(np.arctan2(y, x)) + COMFORTABLE_YAW_RAD
+    middle = float(np.arctan2(y, x)) + arm.roomiest_yaw_rad
     first = wrapped(point.yaw_rad - middle)
     choices = (first, first - np.pi if first > 0.0 else first + np.pi)
     return min(choices, key=lambda yaw: max(abs(yaw), abs(yaw + turn_rad))) + middle
@@ -75,12 +74,12 @@ def grasp_pose(point: RodPoint, yaw_rad: float, height_m: float) -> Pose:
     return geometry.downward((*point.position_world[:2], height_m), yaw_rad)
 
 
-def fitting_opening_m(nodes_world: Float64Array, point: RodPoint, radius_m: float) -> float | None:
+def fitting_opening_m(gripper: Gripper, nodes_world: Float64Array, point: RodPoint, radius_m: float) -> float | None:
     """The first finger opening at which the gripper fits around the rod (M, 3) [m] at `point`, or None.
 
     `radius_m` is the rod's [m].
     """
-    for opening_m in OPENINGS_M:
+    for opening_m in (each for each in OPENINGS_M if each <= gripper.open_width_m):
         if gripper_fits(nodes_world, point, opening_m, radius_m):
             return opening_m
     return None

@@ -64,20 +64,20 @@ def take_to_goal(
 
     With `whole_turn` the gripper must turn the rod completely to the goal's tangent, otherwise the action is invalid.
     """
-    grasp, path = tools.actions.grasp, tools.actions.path
+    height_m, path = tools.grasp_height_m, tools.actions.path
     nodes = shape.nodes_world
     share = grasp_share(nodes, node)
     here, there = rod_point(nodes, share), rod_point(goal_world, share)
-    opening_m = fitting_opening_m(nodes, here, tools.model.radius_m)
+    opening_m = fitting_opening_m(tools.arm.gripper, nodes, here, tools.model.radius_m)
     if opening_m is None:
         return Invalid.GRIPPER_DOES_NOT_FIT
     whole = wrapped(there.yaw_rad - here.yaw_rad)
     part = float(np.clip(whole, -_LARGEST_TURN_RAD, _LARGEST_TURN_RAD))
     # A carry with a turn may be out of reach although one without a turn is not.
     for turn_rad in (whole,) if whole_turn else dict.fromkeys((part, 0.0)):
-        yaw = grasp_yaw(here, turn_rad)
-        T_world_tcp = grasp_pose(here, yaw, grasp.height_m)
-        end = np.array([*there.position_world[:2], grasp.height_m])
+        yaw = grasp_yaw(tools.arm, here, turn_rad)
+        T_world_tcp = grasp_pose(here, yaw, height_m)
+        end = np.array([*there.position_world[:2], height_m])
         poses = carry_path(T_world_tcp.position_m, end, yaw, turn_rad, path.lift_m)
         if all(tools.reachable(pose) for pose in (T_world_tcp, poses[0], poses[-2], poses[-1])):
             return PickPlace(

@@ -15,7 +15,6 @@ from typing import ParamSpec, TypeVar
 import numpy as np
 
 from dlokit.communication.skill import Condition, Skill
-from dlokit.description.arm.panda import PANDA_OPEN_WIDTH_M
 from dlokit.types.action import VelocityProfile
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
@@ -34,7 +33,7 @@ RELEASE_WIDTH_M = 0.04
 
 
 def _move_joints(q_rad: Float64Array) -> MotionResult:
-    """Move on a straight line in joint space to joint angles (7,) [rad], as fast as the limits allow."""
+    """Move on a straight line in joint space to joint angles (J,) [rad], as fast as the limits allow."""
     ...
 
 
@@ -74,7 +73,10 @@ def _grasp(force_n: float = GRASP_FORCE_N) -> GripResult:
 
 
 def _release(width_m: float = RELEASE_WIDTH_M) -> GripResult:
-    """Open the fingers to `width_m`, 0 to 0.08 m. Rejected with: bad_width."""
+    """Open the fingers to `width_m`.
+
+    Rejected with: bad_width (below 0). Fails with: bad_width (more than they open).
+    """
     ...
 
 
@@ -126,10 +128,8 @@ def _release_lease(holder: str) -> None:
 COMMANDER = Condition("the caller holds the lease, or there is no holder", RobotReason.NOT_COMMANDER)
 LEASE = Condition("the lease has not expired, if there is one", RobotReason.LEASE_LOST)
 ENABLED = Condition("no person has stopped the arm since it was last enabled", RobotReason.STOP_LATCHED)
-_SEVEN = Condition("q_rad is seven finite angles", "bad_arguments", lambda q_rad: _is_seven(q_rad))
-_WIDTH = Condition(
-    f"width_m is 0 to {PANDA_OPEN_WIDTH_M}", RobotReason.BAD_WIDTH, lambda width_m: 0.0 <= width_m <= PANDA_OPEN_WIDTH_M
-)
+_ANGLES = Condition("q_rad is a row of finite angles", "bad_arguments", lambda q_rad: _is_row(q_rad))
+_WIDTH = Condition("width_m is at least 0", RobotReason.BAD_WIDTH, lambda width_m: 0.0 <= width_m < math.inf)
 _FORCE = Condition("force_n is above 0", RobotReason.BAD_FORCE, lambda force_n: 0.0 < force_n < math.inf)
 _DURATION = Condition(
     f"duration_s is above 0 and at most {LONGEST_LEASE_S:g}",
@@ -138,8 +138,8 @@ _DURATION = Condition(
 )
 
 
-def _is_seven(q_rad: Float64Array) -> bool:
-    return q_rad.shape == (7,) and bool(np.isfinite(q_rad).all())
+def _is_row(q_rad: Float64Array) -> bool:
+    return q_rad.ndim == 1 and bool(np.isfinite(q_rad).all())
 
 
 def _motion(name: str, signature: Callable[P, R], timeout_s: float, ensures: str, *requires: Condition) -> Skill[P, R]:
@@ -157,7 +157,7 @@ def _motion(name: str, signature: Callable[P, R], timeout_s: float, ensures: str
 
 
 # Longer than any motion that the gate accepts. A joint motion takes 50 s at most, at the smallest speed scale (0.05).
-MOVE_JOINTS = _motion("move_joints", _move_joints, 60.0, "the arm is at rest at the angles", _SEVEN)
+MOVE_JOINTS = _motion("move_joints", _move_joints, 60.0, "the arm is at rest at the angles", _ANGLES)
 MOVE_TO = _motion("move_to", _move_to, 60.0, "the arm is at rest with the tool at the pose")
 MOVE_LINEAR = _motion("move_linear", _move_linear, 240.0, "the arm is at rest with the tool at the pose")
 FOLLOW_PATH = _motion("follow_path", _follow_path, 240.0, "the arm is at rest with the tool at the last pose")

@@ -14,12 +14,11 @@ from dlokit.communication import topics
 from dlokit.communication.component import Component, holds, implements
 from dlokit.communication.port import Port
 from dlokit.communication.timing.deadlines import DeadlineWatchdog, LoopWatchdog
-from dlokit.description.arm.panda import PANDA_HOME_Q_RAD
 from dlokit.errors import HardwareError, SkillFailure
 from dlokit.functional.robots.base import Robot
 from dlokit.motion.arm_distance import check_apart
 from dlokit.motion.collisions import COLLISION_STEP_RAD, check_trajectory
-from dlokit.motion.inverse_kinematics import PandaKinematics, Yaw
+from dlokit.motion.inverse_kinematics import ArmKinematics, Yaw
 from dlokit.motion.limits import START_RAD
 from dlokit.motion.trajectories import joint_move, tool_move
 from dlokit.skills.robot import api
@@ -87,7 +86,7 @@ class RobotComponent(Component):
         config: RobotConfig,
         robot: Robot,
         monotonic_ns: Callable[[], int],
-        kinematics: PandaKinematics | None = None,
+        T_world_base: Pose | None = None,
         instance: str = "",
         watch: DeadlineWatchdog | None = None,
         neighbours: tuple[str, ...] = (),
@@ -97,17 +96,18 @@ class RobotComponent(Component):
     ) -> None:
         """`monotonic_ns` is the machine's clock, for leases; it differs from the clock of the port.
 
-        `instance` names the arm, where there is more than one, and `neighbours` the others; `watch` checks the
-        deadlines of the lease and of the other arms' states, by default on the event loop. `button` lets a person stop
-        the arm without the bus. `lease` is shared with the robot's gate. `standing` returns a fresh state of the arm at
-        rest, from which motions are planned; by default the newest one.
+        `T_world_base` is where the arm stands; None: at the world's origin. `instance` names the arm, where there is
+        more than one, and `neighbours` the others; `watch` checks the deadlines of the lease and of the other arms'
+        states, by default on the event loop. `button` lets a person stop the arm without the bus. `lease` is shared
+        with the robot's gate. `standing` returns a fresh state of the arm at rest, from which motions are planned; by
+        default the newest one.
         """
         super().__init__()
         self.instance = instance
         self._config = config
         self._robot = robot
         self._standing = standing or self._newest
-        self._kinematics = kinematics or PandaKinematics()
+        self._kinematics = ArmKinematics(robot.arm, T_world_base)
         self._lease = lease or LeaseKeeper(monotonic_ns)
         self._watch = watch or LoopWatchdog()
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -123,7 +123,9 @@ class RobotComponent(Component):
         """Keep the port, and watch the other arms through it."""
         super().attach(port)
         self._neighbours = (
-            Neighbours(port, self._others, self._config.arm_clearance_m, self._robot.now_ns) if self._others else None
+            Neighbours(port, self._robot.arm, self._others, self._config.arm_clearance_m, self._robot.now_ns)
+            if self._others
+            else None
         )
 
     def preparation(self) -> Callable[[], object]:
@@ -160,7 +162,7 @@ class RobotComponent(Component):
     async def move_joints(self, q_rad: Float64Array) -> MotionResult:
         """Move in joint space."""
         async with self._moving():
-            return await self._follow(joint_move(await self._start(), q_rad, self._robot.limits))
+            return await self._follow(joint_move(await self._start(), self._checked(q_rad), self._robot.arm.limits))
 
     @implements(api.MOVE_TO)
     async def move_to(self, target: Pose, either_way: bool = True) -> MotionResult:
@@ -168,7 +170,7 @@ class RobotComponent(Component):
         async with self._moving():
             start = await self._start()
             end = self._kinematics.inverse(target, start, Yaw.EITHER if either_way else Yaw.EXACT)
-            return await self._follow(joint_move(start, end, self._robot.limits))
+            return await self._follow(joint_move(start, end, self._robot.arm.limits))
 
     @implements(api.MOVE_LINEAR)
     async def move_linear(self, target: Pose, velocity: VelocityProfile) -> MotionResult:
@@ -198,7 +200,9 @@ class RobotComponent(Component):
     async def home(self) -> MotionResult:
         """Move out of the camera's view."""
         async with self._moving():
-            return await self._follow(joint_move(await self._start(), PANDA_HOME_Q_RAD, self._robot.limits))
+            return await self._follow(
+                joint_move(await self._start(), self._robot.arm.home_q_rad, self._robot.arm.limits)
+            )
 
     @implements(api.HALT)
     async def halt(self) -> None:
@@ -313,35 +317,40 @@ class RobotComponent(Component):
         except HardwareError as error:
             raise SkillFailure(RobotReason.ROBOT_LOST, str(error)) from error
 
+    def _checked(self, q_rad: Float64Array) -> Float64Array:
+        joints = len(self._robot.arm.joints)
+        if q_rad.shape != (joints,):
+            raise SkillFailure(
+                RobotReason.BAD_TRAJECTORY,
+                f"q_rad has the shape {q_rad.shape}; give {joints} angles, one of each joint",
+            )
+        return q_rad
+
     async def _newest(self) -> RobotState:
         return self._robot.state()
 
     async def _start(self) -> NDArray[np.float64]:
-        """Start (7,) [rad] of the next trajectory: the last commanded angles, or the measured ones where those differ.
+        """Start (J,) [rad] of the next trajectory: the last commanded angles, or the measured ones where those differ.
 
         Measured by fresh feedback of the arm at rest: after braking for old feedback, the old state is not valid.
         """
         measured = (await self._standing()).q_rad
         if self._commanded is not None and np.max(np.abs(self._commanded - measured)) < START_RAD:
             return self._commanded
-        return np.clip(measured, self._robot.limits.position_lower_rad, self._robot.limits.position_upper_rad)
+        limits = self._robot.arm.limits
+        return np.clip(measured, limits.position_lower_rad, limits.position_upper_rad)
 
     async def _plan_path(self, path: tuple[Pose, ...], velocity: VelocityProfile) -> JointTrajectory:
         start = await self._start()
-        return await self.port.compute(tool_move, self._kinematics, start, path, velocity, self._robot.limits)
+        return await self.port.compute(tool_move, self._kinematics, start, path, velocity)
 
     async def _follow(self, trajectory: JointTrajectory) -> MotionResult:
         """Check a trajectory, then run it."""
-        await self.port.compute(
-            check_trajectory,
-            trajectory,
-            self._robot.limits,
-            self._kinematics.T_world_base,
-        )
+        await self.port.compute(check_trajectory, self._robot.arm, trajectory, self._kinematics.T_world_base)
         if self._neighbours is not None:
             others = await self._neighbours.now()
             clearance_m = self._config.arm_clearance_m
-            check_apart(trajectory, self._kinematics.T_world_base, others, clearance_m, COLLISION_STEP_RAD)
+            check_apart(self._kinematics, trajectory, others, clearance_m, COLLISION_STEP_RAD)
         self._commanded = None
         with self._neighbours_watched():
             result = await self._interruptible(self._robot.follow(trajectory, self._driver_lease()))

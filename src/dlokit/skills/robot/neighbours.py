@@ -8,6 +8,7 @@ import numpy as np
 
 from dlokit.communication import topics
 from dlokit.communication.port import Port
+from dlokit.description.arm.model import ArmModel
 from dlokit.errors import SkillFailure
 from dlokit.motion.arm_distance import AS_FAR_M, gap_m, stopping_gap_m
 from dlokit.types.arrays import Float64Array
@@ -26,9 +27,19 @@ the arm moves by half of the clearance."""
 class Neighbours:
     """The other arms, by the instances of their robot components; a `Deadline` that expires when one is silent."""
 
-    def __init__(self, port: Port, instances: tuple[str, ...], clearance_m: float, now_ns: Callable[[], int]) -> None:
-        """`clearance_m` is the least distance to keep [m]; `now_ns` is the clock of this arm's own states."""
+    def __init__(
+        self,
+        port: Port,
+        arm: ArmModel,
+        instances: tuple[str, ...],
+        clearance_m: float,
+        now_ns: Callable[[], int],
+    ) -> None:
+        """`arm` is the model of all arms; `clearance_m` is the least distance to keep [m]; `now_ns` is the clock of
+        this arm's own states.
+        """
         self._port = port
+        self._arm = arm
         self._instances = instances
         self._now_ns = now_ns
         self._received: dict[str, tuple[RobotState, int]] = {}
@@ -37,7 +48,7 @@ class Neighbours:
             port.tap(topics.ROBOT_STATE.at(instance), partial(self._receive, instance))
         self._clearance_m = clearance_m
         self._met: dict[str, Float64Array] = {}
-        """Robot → joint angles (7,) [rad] when the motion was checked against it."""
+        """Robot → joint angles (J,) [rad] when the motion was checked against it."""
 
     async def now(self) -> list[RobotState]:
         """Their present states, to check a motion against; later states are watched during the motion.
@@ -69,9 +80,9 @@ class Neighbours:
             met = self._met.get(other.robot)
             if met is not None and np.max(np.abs(other.q_rad - met)) < _AT_REST_RAD:
                 continue
-            stopping_m = stopping_gap_m(mine, other)
-            if stopping_m < self._clearance_m and stopping_m < gap_m(mine, other) - AS_FAR_M:
-                return f"{other.robot} is {1e3 * gap_m(mine, other):.0f} mm away and both move"
+            stopping_m = stopping_gap_m(self._arm, mine, other)
+            if stopping_m < self._clearance_m and stopping_m < gap_m(self._arm, mine, other) - AS_FAR_M:
+                return f"{other.robot} is {1e3 * gap_m(self._arm, mine, other):.0f} mm away and both move"
         return ""
 
     @property

@@ -11,6 +11,7 @@ from dlokit.communication import topics
 from dlokit.communication.component import Component, on
 from dlokit.communication.skill import Skill
 from dlokit.communication.timing.clock import LoopClock
+from dlokit.description.arm.model import ArmModel
 from dlokit.description.shapes import builtin_shape
 from dlokit.description.table import TABLE_X_M, TABLE_Y_M, Table
 from dlokit.skills.viewer.address import new_key, page_url, watch_key
@@ -65,12 +66,14 @@ class ViewerComponent(Component):
         flow: Sequence[Edge],
         rod: RodOutline,
         table: Table,
+        arm: ArmModel,
         threshold_m: float,
         operated: bool = True,
-        arms: tuple[ArmButtons, ...] = (),
+        buttons: tuple[ArmButtons, ...] = (),
         key: str | None = None,
     ) -> None:
-        """`flow` is the flow chart's table: (step, outcome, next) of every arrow; `table` is the believed one.
+        """`flow` is the flow chart's table: (step, outcome, next) of every arrow; `table` is the believed one, `arm`
+        the model of every arm.
 
         Without `operated` the page has neither buttons nor frames to drag: in a replay they would have no effect.
         Every owner of `key` may open the page and operate; None: a new key.
@@ -80,9 +83,10 @@ class ViewerComponent(Component):
         self._flow = tuple(flow)
         self._rod = rod
         self._table = table
+        self._arm = arm
         self._threshold_m = threshold_m
         self._operated = operated
-        self._arms = arms
+        self._buttons = buttons
         self._calls: set[asyncio.Task[Any]] = set()
         self._key = new_key() if key is None else key
         self._port = config.port
@@ -122,7 +126,7 @@ class ViewerComponent(Component):
         gate = LoopGate(asyncio.get_running_loop())
         try:
             self._port = server.get_port()
-            scene = ViewerScene(server, self._table, self._rod.radius_m)
+            scene = ViewerScene(server, self._table, self._rod.radius_m, self._arm)
             frames = GoalFramesView(server, self._handles, gate, self._publish_frames) if self._operated else None
             panel = Panel(
                 server,
@@ -250,7 +254,7 @@ class ViewerComponent(Component):
             command=self._publish_command,
             shape_it=self._shape_it,
             reset_frames=lambda: self._reset_frames(frames),
-            enable=lambda: self._call_arms([arm.enable for arm in self._arms]),
+            enable=lambda: self._call_arms([arm.enable for arm in self._buttons]),
         )
 
     def _publish_frames(self) -> None:
@@ -260,7 +264,7 @@ class ViewerComponent(Component):
         self._run_state = after_command(self._run_state, command)
         self._status.again()
         if command is Command.STOP:
-            self._call_arms([arm.stop for arm in self._arms])
+            self._call_arms([arm.stop for arm in self._buttons])
         self.port.publish(topics.COMMAND, OperatorCommand(stamp_ns=self.port.clock.now_ns(), command=command))
 
     def _call_arms(self, skills: Sequence[Skill[[], None]]) -> None:

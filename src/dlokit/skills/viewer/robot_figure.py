@@ -1,6 +1,4 @@
-"""The Panda in the scene: its visual meshes, posed by joint angles through the scene's own tree of frames."""
-
-from pathlib import Path
+"""An arm in the scene: its meshes, posed by joint angles through the scene's own tree of frames."""
 
 import numpy as np
 import trimesh
@@ -8,98 +6,70 @@ import viser
 from scipy.spatial.transform import Rotation
 
 from dlokit import geometry
-from dlokit.description.arm.panda import (
-    PANDA_DH,
-    PANDA_FINGER_M,
-    PANDA_FLANGE_M,
-    PANDA_HAND_YAW_RAD,
-    PANDA_HOME_Q_RAD,
-    PANDA_OPEN_WIDTH_M,
-    PANDA_TCP_M,
-    DenavitHartenberg,
-    panda_mesh_file,
-)
+from dlokit.description.arm.looks import link_mesh
+from dlokit.description.arm.model import FINGER_LINKS, HAND, ArmModel, Gripper, Joint
 from dlokit.skills.viewer import palette
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
 
 
-def joint_pose(joint: DenavitHartenberg, q_rad: float) -> Pose:
-    """Pose of a link in the frame of the link before it, at joint angle `q_rad` (Craig's convention)."""
-    turn = Rotation.from_euler("x", joint.alpha_rad)
-    return geometry.pose(
-        turn.apply((0.0, 0.0, joint.d_m)) + np.array([joint.a_m, 0.0, 0.0]),
-        (turn * Rotation.from_euler("z", q_rad)).as_quat(scalar_first=True),
-    )
+def joint_pose(joint: Joint, q_rad: float) -> Pose:
+    """Pose of a link in the frame of the link before it, at joint angle `q_rad`."""
+    turn = Rotation.from_matrix(joint.T_parent_link[:3, :3]) * Rotation.from_euler("z", q_rad)
+    return geometry.pose(joint.T_parent_link[:3, 3], turn.as_quat(scalar_first=True))
 
 
-def finger_pose(side: str, width_m: float) -> Pose:
-    """Pose of the ``"left"`` or ``"right"`` finger in the hand's frame, the fingertips `width_m` apart."""
-    outwards = 1.0 if side == "left" else -1.0
-    wxyz = (1.0, 0.0, 0.0, 0.0) if side == "left" else (0.0, 0.0, 0.0, 1.0)
-    return geometry.pose((0.0, outwards * width_m / 2.0, PANDA_FINGER_M), wxyz)
+def finger_pose(gripper: Gripper, link: str, width_m: float) -> Pose:
+    """Pose of a finger, one of `FINGER_LINKS`, in the hand's frame, the fingertips `width_m` apart."""
+    is_left = link == FINGER_LINKS[0]
+    y_m = width_m / 2.0 if is_left else -width_m / 2.0
+    return geometry.pose((0.0, y_m, gripper.finger_m), (1.0, 0.0, 0.0, 0.0) if is_left else (0.0, 0.0, 0.0, 1.0))
 
 
-class MeshStore:
-    """Meshes of the links, read once."""
-
-    def __init__(self) -> None:
-        self._meshes: dict[Path, trimesh.Trimesh] = {}
-
-    def link(self, name: str) -> trimesh.Trimesh:
-        """The visual mesh of a link, in its frame. Raises `MachineError` when the meshes are not installed."""
-        path = panda_mesh_file(name)
-        if path not in self._meshes:
-            mesh = trimesh.load_mesh(path, process=True)
-            assert isinstance(mesh, trimesh.Trimesh), f"{path} holds {type(mesh).__name__}, not one mesh"
-            self._meshes[path] = mesh
-        return self._meshes[path]
-
-
-class Gripper:
+class GripperFigure:
     """Hand and fingers below one frame of the scene."""
 
     def __init__(
-        self, scene: viser.SceneApi, hand_frame: str, meshes: MeshStore, color: palette.Rgb, opacity: float | None
+        self, scene: viser.SceneApi, hand_frame: str, arm: ArmModel, color: palette.Rgb, opacity: float | None
     ) -> None:
-        _add_mesh(scene, f"{hand_frame}/shape", meshes.link("hand"), color, opacity)
+        self._gripper = arm.gripper
+        _add_link(scene, f"{hand_frame}/shape", arm, HAND, color, opacity)
         self._fingers: dict[str, viser.FrameHandle] = {}
-        for side in ("left", "right"):
-            frame = scene.add_frame(f"{hand_frame}/{side}_finger", show_axes=False)
+        for link in FINGER_LINKS:
+            frame = scene.add_frame(f"{hand_frame}/{link}", show_axes=False)
             tint = color if opacity is not None else palette.GRIPPER_RGB
-            _add_mesh(scene, f"{hand_frame}/{side}_finger/shape", meshes.link(f"{side}_finger"), tint, opacity)
-            self._fingers[side] = frame
-        self.open(PANDA_OPEN_WIDTH_M)
+            _add_link(scene, f"{hand_frame}/{link}/shape", arm, link, tint, opacity)
+            self._fingers[link] = frame
+        self.open(arm.gripper.open_width_m)
 
     def open(self, width_m: float) -> None:
         """Set the fingertips `width_m` apart."""
-        for side, frame in self._fingers.items():
-            place(frame, finger_pose(side, width_m))
+        for link, frame in self._fingers.items():
+            place(frame, finger_pose(self._gripper, link, width_m))
 
 
 class RobotFigure:
-    """One Panda; its base is where `root` is."""
+    """One arm; its base is where `root` is."""
 
-    def __init__(self, scene: viser.SceneApi, name: str, meshes: MeshStore) -> None:
+    def __init__(self, scene: viser.SceneApi, name: str, arm: ArmModel) -> None:
         color = palette.ROBOT.color
+        self._arm = arm
         self.root = scene.add_frame(name, show_axes=False)
-        path = f"{name}/link0"
+        path = f"{name}/{arm.base}"
         scene.add_frame(path, show_axes=False)
-        _add_mesh(scene, f"{path}/shape", meshes.link("link0"), color, None)
+        _add_link(scene, f"{path}/shape", arm, arm.base, color, None)
         self._joints: list[viser.FrameHandle] = []
-        for number in range(1, len(PANDA_DH) + 1):
-            path = f"{path}/link{number}"
+        for joint in arm.joints:
+            path = f"{path}/{joint.link}"
             self._joints.append(scene.add_frame(path, show_axes=False))
-            _add_mesh(scene, f"{path}/shape", meshes.link(f"link{number}"), color, None)
-        hand = scene.add_frame(f"{path}/hand", show_axes=False)
-        wxyz = Rotation.from_euler("z", PANDA_HAND_YAW_RAD).as_quat(scalar_first=True)
-        place(hand, geometry.pose((0.0, 0.0, PANDA_FLANGE_M), wxyz))
-        self._gripper = Gripper(scene, f"{path}/hand", meshes, color, None)
-        self.show(PANDA_HOME_Q_RAD, PANDA_OPEN_WIDTH_M)
+            _add_link(scene, f"{path}/shape", arm, joint.link, color, None)
+        place(scene.add_frame(f"{path}/{HAND}", show_axes=False), geometry.pose_from_matrix(arm.T_last_hand))
+        self._gripper = GripperFigure(scene, f"{path}/{HAND}", arm, color, None)
+        self.show(arm.home_q_rad, arm.gripper.open_width_m)
 
     def show(self, q_rad: Float64Array, finger_width_m: float) -> None:
-        """Pose the arm by its joint angles (7,) [rad] and the distance between its fingertips [m]."""
-        for frame, joint, angle in zip(self._joints, PANDA_DH, q_rad, strict=True):
+        """Pose the arm by its joint angles (J,) [rad] and the distance between its fingertips [m]."""
+        for frame, joint, angle in zip(self._joints, self._arm.joints, q_rad, strict=True):
             place(frame, joint_pose(joint, float(angle)))
         self._gripper.open(finger_width_m)
 
@@ -107,11 +77,11 @@ class RobotFigure:
 class GripperGhost:
     """A translucent gripper at a tool pose."""
 
-    def __init__(self, scene: viser.SceneApi, name: str, meshes: MeshStore, color: palette.Rgb) -> None:
+    def __init__(self, scene: viser.SceneApi, name: str, arm: ArmModel, color: palette.Rgb) -> None:
         self._tcp = scene.add_frame(name, show_axes=False, visible=False)
-        hand = scene.add_frame(f"{name}/hand", show_axes=False)
-        hand.position = np.array([0.0, 0.0, -PANDA_TCP_M])
-        self._gripper = Gripper(scene, f"{name}/hand", meshes, color, 0.16)
+        hand = scene.add_frame(f"{name}/{HAND}", show_axes=False)
+        hand.position = np.array([0.0, 0.0, -arm.gripper.tcp_m])
+        self._gripper = GripperFigure(scene, f"{name}/{HAND}", arm, color, 0.16)
 
     def show(self, T_world_tcp: Pose, opening_m: float) -> None:
         """Move to a tool pose with the fingertips `opening_m` apart."""
@@ -126,9 +96,10 @@ def place(frame: viser.SceneNodeHandle, pose: Pose) -> None:
     frame.wxyz = pose.wxyz
 
 
-def _add_mesh(
-    scene: viser.SceneApi, name: str, mesh: trimesh.Trimesh, color: palette.Rgb, opacity: float | None
+def _add_link(
+    scene: viser.SceneApi, name: str, arm: ArmModel, link: str, color: palette.Rgb, opacity: float | None
 ) -> None:
+    mesh: trimesh.Trimesh = link_mesh(arm, link, merged=True)
     scene.add_mesh_simple(
         name,
         np.asarray(mesh.vertices),

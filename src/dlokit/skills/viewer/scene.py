@@ -7,10 +7,11 @@ import numpy as np
 import viser
 
 from dlokit import geometry
+from dlokit.description.arm.model import ArmModel
 from dlokit.description.table import TABLE_THICKNESS_M, TABLE_X_M, TABLE_Y_M, Table
 from dlokit.skills.viewer import palette
 from dlokit.skills.viewer.palette import Layer
-from dlokit.skills.viewer.robot_figure import GripperGhost, MeshStore, RobotFigure, place
+from dlokit.skills.viewer.robot_figure import GripperGhost, RobotFigure, place
 from dlokit.types.action import Action, Candidates
 from dlokit.types.arrays import Float32Array, Float64Array, Int64Array, UInt8Array
 from dlokit.types.dlo import DloState, GoalShape, TargetPoints
@@ -78,11 +79,11 @@ PICTURE_WIDTH_PX = 320
 class ViewerScene:
     """The three-dimensional part of the page. Layers appear with their first message."""
 
-    def __init__(self, server: viser.ViserServer, table: Table, dlo_radius_m: float) -> None:
+    def __init__(self, server: viser.ViserServer, table: Table, dlo_radius_m: float, arm: ArmModel) -> None:
         self._scene = server.scene
         self._radius_m = dlo_radius_m
         self._roots = {layer: self._scene.add_frame(f"/{layer.slug}", show_axes=False) for layer in palette.LAYERS}
-        self._meshes = MeshStore()
+        self._arm = arm
         self._robots: dict[str, RobotFigure] = {}
         self._clouds: dict[Layer, viser.PointCloudHandle] = {}
         self._tubes: dict[str, tuple[viser.MeshHandle, int]] = {}
@@ -98,7 +99,7 @@ class ViewerScene:
         """Pose a robot; a new name adds one."""
         if state.robot not in self._robots:
             name = f"{self._roots[palette.ROBOT].name}/{state.robot}"
-            self._robots[state.robot] = figure = RobotFigure(self._scene, name, self._meshes)
+            self._robots[state.robot] = figure = RobotFigure(self._scene, name, self._arm)
             if state.T_world_base is not None:
                 place(figure.root, state.T_world_base)
         self._robots[state.robot].show(state.q_rad, state.finger_width_m)
@@ -154,7 +155,7 @@ class ViewerScene:
         color = palette.ACTION.color
         if self._ghosts is None:
             grasp, release = (
-                GripperGhost(self._scene, f"{root}/{name}", self._meshes, color) for name in ("grasp", "release")
+                GripperGhost(self._scene, f"{root}/{name}", self._arm, color) for name in ("grasp", "release")
             )
             self._ghosts = (grasp, release)
         self._ghosts[0].show(action.grasp.T_world_tcp, action.grasp.opening_m)

@@ -6,6 +6,7 @@ import numpy as np
 
 from dlokit.app.data.measuring import measure
 from dlokit.communication import topics
+from dlokit.description.arm.franka import PANDA
 from dlokit.description.dlo import SOFT_ROPE
 from dlokit.description.shapes import random_shape
 from dlokit.functional.cell.config import CellConfig
@@ -34,10 +35,10 @@ def test_length_and_radius_of_a_rope_are_measured_within_the_stated_uncertainty(
     def at(step: str) -> Recorded:
         return recorded(topics.FLOW.name, FlowStatus(stamp_ns=0, flow="shape_dlo", step=step))
 
-    size = measure([at("find_dlo"), *look, at("move_to_goal"), *look], PerceptionConfig(), BelievedDlo())
+    size = measure([at("find_dlo"), *look, at("move_to_goal"), *look], PerceptionConfig(), BelievedDlo(), PANDA)
     assert size is not None
     assert size.looks == 1, "a rope that is carried is not measured"
     for figure, true in ((size.length_m, dlo.length_m), (size.radius_m, dlo.radius_m)):
         low, high = figure.interval(3.0)
         assert low < true < high
-    assert measure([at("move_to_goal"), *look], PerceptionConfig(), BelievedDlo()) is None
+    assert measure([at("move_to_goal"), *look], PerceptionConfig(), BelievedDlo(), PANDA) is None

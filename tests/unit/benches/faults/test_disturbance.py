@@ -12,7 +12,7 @@ from dlokit.benches.faults.disturbance import FILE_NAME, Disturbance, Line, dist
 from dlokit.communication import topics
 from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.communication.zenoh.transport import ZenohTransport
-from dlokit.description.arm.panda import PANDA_HOME_Q_RAD
+from dlokit.description.arm.franka import PANDA
 from dlokit.geometry import downward
 from dlokit.types.robot import FIRST_ROBOT, RobotMode, RobotState
 from dlokit.types.system import ClockTick
@@ -43,7 +43,7 @@ def arm_state(stamp_ns: int) -> RobotState:
     return RobotState(
         stamp_ns=stamp_ns,
         robot=FIRST_ROBOT,
-        q_rad=PANDA_HOME_Q_RAD,
+        q_rad=PANDA.home_q_rad,
         dq_rad_s=np.zeros(7),
         tau_nm=np.zeros(7),
         T_world_tcp=downward([0.3, 0.0, 0.4], 0.0),

@@ -3,15 +3,15 @@
 import numpy as np
 
 from dlokit import geometry
+from dlokit.description.arm.franka import PANDA
 from dlokit.description.arm.mounts import ARMS, ArmMount, instance_of
-from dlokit.description.arm.panda import PANDA_GRASP_HEIGHT_M
 from dlokit.description.shapes import CENTRE_M
 from dlokit.description.table import TABLE_X_M, TABLE_Y_M
-from dlokit.motion.inverse_kinematics import PandaKinematics, Yaw
+from dlokit.motion.inverse_kinematics import ArmKinematics, Yaw
 
 
 def test_the_second_arm_is_the_first_turned_by_half_a_turn_about_the_middle_of_the_table() -> None:
-    first, second = (PandaKinematics(mount.T_world_base) for mount in ARMS)
+    first, second = (ArmKinematics(PANDA, mount.T_world_base) for mount in ARMS)
     q_rad = np.array([0.2, 0.4, 0.0, -2.1, 0.1, 2.5, 0.7])
     here, there = first.forward(q_rad), second.forward(q_rad)
     np.testing.assert_allclose((here.position_m + there.position_m)[:2] / 2.0, CENTRE_M, atol=1e-12)
@@ -27,8 +27,8 @@ def test_each_arm_reaches_the_usable_table_but_its_far_corners_and_both_together
 
 def _reaches(mount: ArmMount, x: float, y: float) -> bool:
     across = np.arctan2(y - mount.place_m[1], x - mount.place_m[0]) + np.pi / 4
-    pose = geometry.downward((x, y, PANDA_GRASP_HEIGHT_M), across)
-    return PandaKinematics(mount.T_world_base).reachable(pose, Yaw.EITHER)
+    pose = geometry.downward((x, y, PANDA.gripper.grasp_height_m()), across)
+    return ArmKinematics(PANDA, mount.T_world_base).reachable(pose, Yaw.EITHER)
 
 
 def test_the_first_arm_needs_no_name_on_the_bus() -> None:

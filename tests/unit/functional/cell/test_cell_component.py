@@ -14,7 +14,7 @@ from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.communication.timing.urgency import Urgency, never_urgent
-from dlokit.description.arm.panda import PANDA_HOME_Q_RAD
+from dlokit.description.arm.franka import PANDA
 from dlokit.description.shapes import builtin_shape
 from dlokit.evaluation.evaluator import read_truth
 from dlokit.functional.cell import api
@@ -25,7 +25,7 @@ from dlokit.types.outcome import Failed, Rejected, Succeeded
 from dlokit.types.robot import JointTrajectory, RobotMode
 
 CONFIG = CellConfig(settle_s=0.0)
-HOME = np.array(PANDA_HOME_Q_RAD)
+HOME = np.array(PANDA.home_q_rad)
 LEASE_S = 0.2
 
 

@@ -6,8 +6,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from dlokit import geometry
-from dlokit.description.arm.panda import PANDA_GRASP_HEIGHT_M, PANDA_LIMITS
-from dlokit.description.arm.panda_model import add_panda
+from dlokit.description.arm.franka import PANDA
+from dlokit.description.arm.mujoco_model import add_arm
 from dlokit.description.dlo import SOFT_ROPE, WIRE_A, DloPreset
 from dlokit.description.shapes import builtin_shape
 from dlokit.functional.cell.config import CellConfig
@@ -27,7 +27,7 @@ class Kinematics:
 
     def __init__(self) -> None:
         spec = mujoco.MjSpec()
-        add_panda(spec)
+        add_arm(spec, PANDA, name="panda")
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
         self.site = self.model.site("panda/tcp").id
@@ -87,22 +87,22 @@ def test_a_frictional_grasp_lifts_carries_and_releases_the_rope(physics: DloPhys
     cell.set_grip(0.04, 20.0)
     cell.step(0.5)
     assert not cell.arm_state().holding
-    move(cell, tool(place, 0.12), tool(place, PANDA_GRASP_HEIGHT_M), 1.0)
+    move(cell, tool(place, 0.12), tool(place, PANDA.gripper.grasp_height_m()), 1.0)
     cell.set_grip(0.0, 20.0)
     cell.step(1.2)
     assert cell.arm.fingers.result().held
-    move(cell, tool(place, PANDA_GRASP_HEIGHT_M), tool(place, LIFT_M), 0.6)
-    held_above_m = LIFT_M - PANDA_GRASP_HEIGHT_M
+    move(cell, tool(place, PANDA.gripper.grasp_height_m()), tool(place, LIFT_M), 0.6)
+    held_above_m = LIFT_M - PANDA.gripper.grasp_height_m()
     assert cell.true_nodes_world()[NODE, 2] > 0.8 * held_above_m
     move(cell, tool(place, LIFT_M), tool(goal, LIFT_M), 2.3)
     assert cell.arm_state().holding
-    move(cell, tool(goal, LIFT_M), tool(goal, PANDA_GRASP_HEIGHT_M), 0.6)
+    move(cell, tool(goal, LIFT_M), tool(goal, PANDA.gripper.grasp_height_m()), 0.6)
     # It must not slip: 2 mm is half the rope's radius.
     assert np.linalg.norm(cell.true_nodes_world()[NODE, :2] - goal) < 0.002
     cell.set_grip(0.04, 20.0)
     cell.step(0.6)
     assert not cell.arm_state().holding
-    move(cell, tool(goal, PANDA_GRASP_HEIGHT_M), tool(goal, 0.12), 0.6)
+    move(cell, tool(goal, PANDA.gripper.grasp_height_m()), tool(goal, 0.12), 0.6)
     cell.step(1.0)
     left = cell.true_nodes_world()[NODE]
     assert left[2] < 0.006  # on the table: the radius is 4 mm
@@ -143,9 +143,9 @@ def test_braking_keeps_the_limits_and_comes_to_rest():
     start_s = cell.time_s
     velocities = [cell.arm.setpoint(start_s + k * 0.0025).dq_rad_s for k in range(400)]
     accelerations = np.diff(velocities, axis=0) / 0.0025
-    assert np.all(np.abs(accelerations) <= PANDA_LIMITS.acceleration_rad_s2 * 1.001)  # rounding of differences
+    assert np.all(np.abs(accelerations) <= PANDA.limits.acceleration_rad_s2 * 1.001)  # rounding of differences
     jerks = np.diff(accelerations, axis=0) / 0.0025
-    assert np.all(np.abs(jerks) <= PANDA_LIMITS.jerk_rad_s3 * 1.01)
+    assert np.all(np.abs(jerks) <= PANDA.limits.jerk_rad_s3 * 1.01)
     cell.step(1.0)
     assert cell.arm.mode == RobotMode.IDLE
     assert np.abs(cell.arm_state().dq_rad_s).max() < 1e-3  # rad/s, at rest
@@ -155,7 +155,7 @@ def test_fingers_that_lost_the_rope_close_and_no_longer_hold() -> None:
     cell = Cell(CellConfig(), seed=0)
     cell.place_dlo(builtin_shape("I", 0.5, 200), settle=False)
     place = cell.true_nodes_world()[NODE, :2]
-    low = geometry.downward([*place, PANDA_GRASP_HEIGHT_M], np.pi / 2)
+    low = geometry.downward([*place, PANDA.gripper.grasp_height_m()], np.pi / 2)
     cell.set_grip(0.04, 20.0)
     move(cell, cell.arm_state().T_world_tcp, low, 2.0)
     cell.set_grip(0.0, 20.0)

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dlokit.description.arm.panda import PANDA_HOME_Q_RAD, PANDA_LIMITS
+from dlokit.description.arm.franka import PANDA
 from dlokit.functional.cell.component import Pace, Watchdog
 from dlokit.functional.cell.config import TICK_S, CellConfig
 from dlokit.functional.cell.setpoints import Fade, Follow
@@ -70,8 +70,8 @@ def test_the_interpolation_is_smooth_between_samples():
 @pytest.mark.parametrize("offset_rad", [1e-5, -3e-4, 0.02])
 def test_a_motion_that_begins_near_the_last_set_point_continues_without_a_jump(offset_rad: float) -> None:
     offset = offset_rad * np.array([1.0, -1.0, 0.5, 0.2, -0.3, 1.0, 0.0])
-    planned = joint_move(PANDA_HOME_Q_RAD, PANDA_HOME_Q_RAD + 0.3)
-    follow = Follow(planned, 0.0, Fade(offset, PANDA_LIMITS))
+    planned = joint_move(PANDA.home_q_rad, PANDA.home_q_rad + 0.3, PANDA.limits)
+    follow = Follow(planned, 0.0, Fade(offset, PANDA.limits))
     assert_joined(np.array([follow.at(t).q_rad for t in np.arange(-0.1, follow.end_s + 0.1, STEP_S)]))
     np.testing.assert_allclose(follow.at(0.0).q_rad, planned.q_rad[0] + offset, atol=1e-12)
     np.testing.assert_allclose(follow.at(follow.end_s).q_rad, planned.q_rad[-1], atol=1e-12)
@@ -80,10 +80,10 @@ def test_a_motion_that_begins_near_the_last_set_point_continues_without_a_jump(o
 def assert_joined(q_rad: Float64Array) -> None:
     """Hold set-points (K, 7), a physics step apart, to velocity, acceleration and jerk by their differences."""
     velocity, acceleration, jerk = (np.diff(q_rad, n, axis=0) / STEP_S**n for n in (1, 2, 3))
-    assert np.all(np.abs(velocity) <= PANDA_LIMITS.velocity_rad_s)
+    assert np.all(np.abs(velocity) <= PANDA.limits.velocity_rad_s)
     # Between samples a cubic piece needs up to 5/3 of the motion's acceleration.
-    assert np.all(np.abs(acceleration) <= 5.0 / 3.0 * PANDA_LIMITS.acceleration_rad_s2)
-    assert np.all(np.abs(jerk) <= PANDA_LIMITS.jerk_rad_s3)
+    assert np.all(np.abs(acceleration) <= 5.0 / 3.0 * PANDA.limits.acceleration_rad_s2)
+    assert np.all(np.abs(jerk) <= PANDA.limits.jerk_rad_s3)
 
 
 STEP_S = 0.0025

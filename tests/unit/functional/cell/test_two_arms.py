@@ -10,14 +10,14 @@ from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.port import InlineCompute, Port
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
+from dlokit.description.arm.franka import PANDA
 from dlokit.description.arm.mounts import ARMS, OPPOSITE
-from dlokit.description.arm.panda import PANDA_HOME_Q_RAD
 from dlokit.description.shapes import builtin_shape
 from dlokit.functional.cell import api
 from dlokit.functional.cell.component import CellComponent
 from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.robots.simulated import SimulatedRobot
-from dlokit.motion.inverse_kinematics import PandaKinematics
+from dlokit.motion.inverse_kinematics import ArmKinematics
 from dlokit.motion.trajectories import joint_move
 from dlokit.types.outcome import Rejected
 from dlokit.types.robot import Lease
@@ -31,20 +31,20 @@ def test_each_driver_moves_its_own_arm_and_the_other_stays_where_it_is() -> None
         port = Port(bus, clock, InlineCompute(), owner="drivers", publishes=())
         async with host, SimulatedRobot(port, ARMS[0]) as first, SimulatedRobot(port, ARMS[1]) as second:
             base_joint = np.eye(7)[0]
-            ends = PANDA_HOME_Q_RAD + 0.3 * base_joint, PANDA_HOME_Q_RAD - 0.2 * base_joint
-            await second.follow(joint_move(PANDA_HOME_Q_RAD, ends[1]), Lease(holder="test"))
-            np.testing.assert_allclose(first.state().q_rad, PANDA_HOME_Q_RAD, atol=2e-3)  # gravity is compensated
+            ends = PANDA.home_q_rad + 0.3 * base_joint, PANDA.home_q_rad - 0.2 * base_joint
+            await second.follow(joint_move(PANDA.home_q_rad, ends[1], PANDA.limits), Lease(holder="test"))
+            np.testing.assert_allclose(first.state().q_rad, PANDA.home_q_rad, atol=2e-3)  # gravity is compensated
             await asyncio.gather(
-                first.follow(joint_move(PANDA_HOME_Q_RAD, ends[0]), Lease(holder="test")),
-                second.follow(joint_move(ends[1], PANDA_HOME_Q_RAD), Lease(holder="test")),
+                first.follow(joint_move(PANDA.home_q_rad, ends[0], PANDA.limits), Lease(holder="test")),
+                second.follow(joint_move(ends[1], PANDA.home_q_rad, PANDA.limits), Lease(holder="test")),
             )
             await asyncio.sleep(0.3)
             states = bus.latest(topics.ARM_STATE).value, bus.latest(topics.ARM_STATE.at(OPPOSITE)).value
-            for state, q_rad, mount in zip(states, (ends[0], PANDA_HOME_Q_RAD), ARMS, strict=True):
+            for state, q_rad, mount in zip(states, (ends[0], PANDA.home_q_rad), ARMS, strict=True):
                 assert state is not None
                 assert state.robot == mount.robot
                 np.testing.assert_allclose(state.q_rad, q_rad, atol=2e-3)
-                believed = PandaKinematics(state.T_world_base).forward(state.q_rad)
+                believed = ArmKinematics(PANDA, state.T_world_base).forward(state.q_rad)
                 np.testing.assert_allclose(state.T_world_tcp.position_m, believed.position_m, atol=1e-6)
             absent = await bus.call(api.STOP, "middle")
             assert isinstance(absent, Rejected)

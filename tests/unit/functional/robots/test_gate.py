@@ -10,7 +10,7 @@ from robot_bench import FAR, KINEMATICS, PerfectArm
 
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
-from dlokit.description.arm.panda import PANDA_HOME_Q_RAD
+from dlokit.description.arm.franka import PANDA
 from dlokit.errors import ConfigError, SkillFailure
 from dlokit.functional.robots.gate import GateConfig, GatedRobot
 from dlokit.geometry import downward, pose
@@ -21,7 +21,7 @@ from dlokit.types.pose import Pose
 from dlokit.types.robot import Lease, RobotReason, RobotState
 
 LEASE = Lease(holder="test")
-GOOD = joint_move(PANDA_HOME_Q_RAD, FAR)
+GOOD = joint_move(PANDA.home_q_rad, FAR, PANDA.limits)
 
 
 class FeltArm(PerfectArm):
@@ -78,7 +78,7 @@ def test_a_planned_motion_passes_unchanged() -> None:
 def test_a_motion_that_breaks_a_limit_by_its_differences_is_refused() -> None:
     async def scenario(arm: FeltArm, robot: GatedRobot) -> None:
         times, nothing = np.array([0.0, 0.005]), np.zeros((2, 7))
-        q = PANDA_HOME_Q_RAD + np.array([[0.0], [0.08]])
+        q = PANDA.home_q_rad + np.array([[0.0], [0.08]])
         jump = msgspec.structs.replace(GOOD, times_s=times, q_rad=q, dq_rad_s=nothing, ddq_rad_s2=nothing)
         assert await refusal(robot.follow(jump, LEASE)) == RobotReason.VELOCITY_LIMIT
         spoilt = GOOD.dq_rad_s.copy()
@@ -145,7 +145,7 @@ def test_a_motion_with_frozen_feedback_is_refused_after_a_wait() -> None:
         await asyncio.sleep(0.5)
         loop = asyncio.get_running_loop()
         began = loop.time()
-        home = joint_move(FAR, PANDA_HOME_Q_RAD)
+        home = joint_move(FAR, PANDA.home_q_rad, PANDA.limits)
         assert await refusal(robot.follow(home, LEASE)) == RobotReason.STALE_FEEDBACK
         assert loop.time() - began == pytest.approx(1.0, abs=0.05)
         loop.call_later(0.3, setattr, arm, "frozen_ns", None)
@@ -173,7 +173,7 @@ def test_a_motion_is_braked_and_fails_when_feedback_freezes_during_it() -> None:
         assert 0.6 < arm.brakings_s[0] <= 0.63
         arm.frozen_ns = None
         ordered = len(arm.brakings_s)
-        await robot.follow(joint_move(FAR, PANDA_HOME_Q_RAD), LEASE)
+        await robot.follow(joint_move(FAR, PANDA.home_q_rad, PANDA.limits), LEASE)
         assert len(arm.brakings_s) == ordered  # no late command of the previous motion
 
     at_gate(scenario)
@@ -310,10 +310,10 @@ def test_the_box_contains_home_the_work_area_and_lifts_to_half_a_metre() -> None
             low, high = downward([x, y, 0.011], 0.0), downward([x, y, 0.5], 0.0)
             q = KINEMATICS.inverse(low)
             for move in (
-                joint_move(arm.q, q),
+                joint_move(arm.q, q, PANDA.limits),
                 tool_move(KINEMATICS, q, (high,), VelocityProfile(speed_m_s=1.0)),
             ):
                 await robot.follow(move, LEASE)
-            await robot.follow(joint_move(arm.q, PANDA_HOME_Q_RAD), LEASE)
+            await robot.follow(joint_move(arm.q, PANDA.home_q_rad, PANDA.limits), LEASE)
 
     at_gate(scenario)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from robot_bench import PerfectArm
 
 from dlokit.communication.timing import virtual_time
-from dlokit.description.arm.panda import PANDA_HOME_Q_RAD, PANDA_LIMITS
+from dlokit.description.arm.franka import PANDA
 from dlokit.errors import BadValue, CommunicationError, SkillFailure
 from dlokit.functional.robots.gate import GateConfig, GatedRobot
 from dlokit.motion.trajectories import joint_move
@@ -35,7 +35,7 @@ def passes(trajectory: JointTrajectory, config: GateConfig = CONFIG) -> JointTra
     async def main() -> JointTrajectory | None:
         arm = PerfectArm()
         if trajectory.q_rad.shape[1] == 7:
-            arm.q = np.clip(trajectory.q_rad[0], PANDA_LIMITS.position_lower_rad, PANDA_LIMITS.position_upper_rad)
+            arm.q = np.clip(trajectory.q_rad[0], PANDA.limits.position_lower_rad, PANDA.limits.position_upper_rad)
         robot = GatedRobot(arm, config, lambda: round(asyncio.get_running_loop().time() * 1e9))
         with contextlib.suppress(SkillFailure):
             await robot.follow(trajectory, LEASE)
@@ -84,7 +84,7 @@ def test_a_modified_value_never_leads_to_a_motion_that_exceeds_a_limit(
         assert_executed_within_limits(run)
 
 
-GOOD = [joint_move(PANDA_HOME_Q_RAD, PANDA_HOME_Q_RAD + shift) for shift in (0.05, -0.2)]
+GOOD = [joint_move(PANDA.home_q_rad, PANDA.home_q_rad + shift, PANDA.limits) for shift in (0.05, -0.2)]
 
 
 @QUICK
@@ -112,7 +112,7 @@ def test_random_numbers_are_refused_or_keep_the_limits(
     q, dq, ddq = 10**log_size * rng.normal(size=(3, samples, 7)) * np.array([1.0, 10.0, 100.0])[:, None, None]
     q -= q[:1]
     times = np.concatenate(([0.0], np.cumsum(10**log_step * rng.uniform(0.1, 1.0, samples - 1))))
-    run = passes(JointTrajectory(times_s=times, q_rad=PANDA_HOME_Q_RAD + q, dq_rad_s=dq, ddq_rad_s2=ddq))
+    run = passes(JointTrajectory(times_s=times, q_rad=PANDA.home_q_rad + q, dq_rad_s=dq, ddq_rad_s2=ddq))
     if run is not None:
         assert_executed_within_limits(run)
 

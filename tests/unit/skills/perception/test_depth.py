@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from dlokit import geometry
+from dlokit.description.arm.franka import PANDA
 from dlokit.description.shapes import builtin_shape
 from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.cell.world import Cell
@@ -13,6 +14,7 @@ from dlokit.skills.perception.config import PerceptionConfig
 from dlokit.skills.perception.depth import surface_of_depth
 from dlokit.skills.perception.pipeline import corrected_camera_pose, perceive
 from dlokit.skills.perception.rectification import rectified
+from dlokit.skills.perception.self_filter import PosedArm
 from dlokit.types.image import CameraCalibration, DepthImage
 
 CONFIG = PerceptionConfig()
@@ -95,7 +97,9 @@ def test_a_lens_moves_depths_without_mixing_them():
 
 
 def test_the_cloud_of_a_depth_camera_lies_on_the_centre_line_and_covers_it(cell: Cell):
-    points = perceive(cell.capture_depth(), (cell.arm_state(),), CONFIG, CONFIG.segmentation, RADIUS_M).observation
+    points = perceive(
+        cell.capture_depth(), (PosedArm(PANDA, cell.arm_state()),), CONFIG, CONFIG.segmentation, RADIUS_M
+    ).observation
     found = points.points_world
     nodes = cell.true_nodes_world()
     off = KDTree(resample(nodes, 2000)).query(found)[0]
@@ -110,7 +114,7 @@ def test_the_cloud_of_a_depth_camera_lies_on_the_centre_line_and_covers_it(cell:
 def test_the_depth_of_the_table_corrects_height_and_tilt_of_the_believed_pose():
     cell = Cell(CellConfig(), seed=5)
     image = cell.capture_depth()
-    pose = corrected_camera_pose(image, (cell.arm_state(),), CONFIG, CONFIG.segmentation)
+    pose = corrected_camera_pose(image, (PosedArm(PANDA, cell.arm_state()),), CONFIG, CONFIG.segmentation)
     true, believed = cell.depth_rig.true_calibration.T_world_camera, image.calibration.T_world_camera
     cell.close()
     assert pose is not None
@@ -120,7 +124,7 @@ def test_the_depth_of_the_table_corrects_height_and_tilt_of_the_believed_pose():
 
 
 def test_a_pose_far_off_and_a_picture_without_a_plane_are_not_corrected(cell: Cell):
-    image, robots = cell.capture_depth(), (cell.arm_state(),)
+    image, robots = cell.capture_depth(), (PosedArm(PANDA, cell.arm_state()),)
     T = image.calibration.T_world_camera
     moved = geometry.pose(T.position_m + np.array([0.0, 0.0, 0.1]), T.wxyz)
     far = msgspec.structs.replace(image.calibration, T_world_camera=moved)

@@ -7,14 +7,16 @@ import numpy as np
 import pytest
 
 from dlokit import geometry
+from dlokit.description.arm.franka import PANDA
 from dlokit.functional.cell.config import EVERY_FACTOR, CellConfig
 from dlokit.functional.cell.world import Cell
 from dlokit.geometry.camera import project
-from dlokit.motion.inverse_kinematics import PandaKinematics
+from dlokit.motion.inverse_kinematics import ArmKinematics
 from dlokit.motion.trajectories import joint_move
 from dlokit.skills.perception.calibration.hand_sight import HandLook, camera_from_hand, corrected_by
 from dlokit.skills.perception.config import PerceptionConfig
 from dlokit.skills.perception.pipeline import corrected_camera_pose
+from dlokit.skills.perception.self_filter import PosedArm
 from dlokit.types.image import CameraCalibration, CameraPictures
 from dlokit.types.pose import Pose
 
@@ -38,17 +40,17 @@ Expose = Callable[[Cell], CameraPictures]
 
 def by_the_table(cell: Cell, expose: Expose) -> CameraPictures:
     images = expose(cell)
-    pose = corrected_camera_pose(images, (cell.arm_state(),), CONFIG, CONFIG.segmentation)
+    pose = corrected_camera_pose(images, (PosedArm(PANDA, cell.arm_state()),), CONFIG, CONFIG.segmentation)
     assert pose is not None
     return msgspec.structs.replace(images, calibration=msgspec.structs.replace(images.calibration, T_world_camera=pose))
 
 
 def hand_look(cell: Cell, expose: Expose, x_m: float, y_m: float, yaw_rad: float) -> HandLook:
-    q = PandaKinematics().inverse(geometry.downward([x_m, y_m, 0.15], yaw_rad))
-    trajectory = joint_move(cell.arm_state().q_rad, q)
+    q = ArmKinematics(PANDA).inverse(geometry.downward([x_m, y_m, 0.15], yaw_rad))
+    trajectory = joint_move(cell.arm_state().q_rad, q, PANDA.limits)
     cell.start_follow(trajectory)
     cell.step(round(float(trajectory.times_s[-1]) + 0.2, 1))
-    return HandLook(images=expose(cell), robot=cell.arm_state())
+    return HandLook(images=expose(cell), robot=PosedArm(PANDA, cell.arm_state()))
 
 
 @pytest.mark.parametrize(("seed", "shadows"), [(1000, False), (1001, True)])

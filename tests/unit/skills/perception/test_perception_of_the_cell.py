@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
+from dlokit.description.arm.franka import PANDA
 from dlokit.description.dlo import PRESETS, WIRE_A
 from dlokit.description.shapes import builtin_shape
 from dlokit.functional.cell.config import EVERY_FACTOR, CellConfig
@@ -13,6 +14,7 @@ from dlokit.functional.cell.world import Cell
 from dlokit.geometry import resample
 from dlokit.skills.perception.config import PerceptionConfig
 from dlokit.skills.perception.pipeline import corrected_camera_pose, perceive
+from dlokit.skills.perception.self_filter import PosedArm
 
 CONFIG = PerceptionConfig()
 
@@ -26,7 +28,7 @@ def test_every_preset_is_seen_completely_and_accurately_despite_the_pose_error(c
     preset = config.dlo
     cell = Cell(config, seed=1)
     cell.place_dlo(builtin_shape("S", preset.length_m, 81), settle=False)
-    images, robots = cell.capture(), (cell.arm_state(),)
+    images, robots = cell.capture(), (PosedArm(PANDA, cell.arm_state()),)
     cell.close()
     pose = corrected_camera_pose(images, robots, CONFIG, CONFIG.segmentation)
     assert pose is not None

@@ -3,14 +3,15 @@ import pytest
 from msgspec.structs import replace
 from stereo_scene import calibration, robot_state
 
-from dlokit.description.arm.panda import PANDA_LINKS
+from dlokit.description.arm.franka import PANDA
 from dlokit.geometry import inverse, pose, transform
 from dlokit.geometry.camera import project
 from dlokit.motion.forward_kinematics import link_transforms
 from dlokit.skills.perception.self_filter import (
     Capsules,
+    PosedArm,
     occlusion_map,
-    panda_capsules,
+    robot_capsules,
     robot_distance_m,
     robot_outline,
 )
@@ -27,8 +28,8 @@ def test_distance_is_to_the_nearest_surface_and_negative_inside():
 
 
 def test_points_on_the_gripper_are_removed_and_a_rope_two_centimetres_away_is_not():
-    frames = dict(zip(PANDA_LINKS, link_transforms(OVER_TABLE_Q_RAD, 0.02)[0], strict=True))
-    capsules = panda_capsules((robot_state(OVER_TABLE_Q_RAD, finger_width_m=0.02),))
+    frames = dict(zip(PANDA.links, link_transforms(PANDA, OVER_TABLE_Q_RAD, 0.02)[0], strict=True))
+    capsules = robot_capsules((PosedArm(PANDA, robot_state(OVER_TABLE_Q_RAD, finger_width_m=0.02)),))
     on_pad = frames["left_finger"] @ [0.0, 0.01, 0.045, 1.0]
     tip_below = frames["hand"] @ [0.0, 0.0, 0.1034 + 0.0089 + 0.02, 1.0]
     assert robot_distance_m(on_pad[None, :3], capsules)[0] < 0.0
@@ -36,7 +37,7 @@ def test_points_on_the_gripper_are_removed_and_a_rope_two_centimetres_away_is_no
 
 
 def test_without_a_robot_nothing_is_removed():
-    capsules = panda_capsules(())
+    capsules = robot_capsules(())
     assert np.isinf(robot_distance_m(np.zeros((3, 3)), capsules)).all()
     assert not robot_outline(capsules, calibration(), 0.01).any()
     assert np.isinf(occlusion_map(capsules, calibration(), 8).depth_m).all()
@@ -44,7 +45,7 @@ def test_without_a_robot_nothing_is_removed():
 
 def test_outline_and_occlusion_agree_on_what_the_robot_hides():
     camera = calibration()
-    capsules = panda_capsules((robot_state(OVER_TABLE_Q_RAD),))
+    capsules = robot_capsules((PosedArm(PANDA, robot_state(OVER_TABLE_Q_RAD)),))
     hidden = np.isfinite(occlusion_map(capsules, camera, 8).depth_m)
     middles = robot_outline(capsules, camera, 0.0)[4::8, 4::8]
     assert hidden.sum() > 200
@@ -69,8 +70,8 @@ def test_the_occlusion_map_has_the_depth_of_the_nearest_surface():
 def test_a_robot_with_another_base_pose_is_filtered_there():
     base = pose((1.04, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
     state = robot_state(OVER_TABLE_Q_RAD)
-    here = panda_capsules((state,))
-    both = panda_capsules((state, replace(state, T_world_base=base)))
+    here = robot_capsules((PosedArm(PANDA, state),))
+    both = robot_capsules([PosedArm(PANDA, each) for each in (state, replace(state, T_world_base=base))])
     count = len(here.starts_world)
     np.testing.assert_allclose(both.starts_world[:count], here.starts_world)
     np.testing.assert_allclose(both.starts_world[count:], transform(base, here.starts_world), atol=1e-12)

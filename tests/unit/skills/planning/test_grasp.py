@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from dlokit import geometry
+from dlokit.description.arm.franka import PANDA
 from dlokit.description.shapes import builtin_shape
 from dlokit.skills.planning.grasp import (
     CLEARANCE_M,
-    COMFORTABLE_YAW_RAD,
     END_INSET_M,
     FINGER_THICKNESS_M,
     OPENINGS_M,
@@ -38,7 +38,7 @@ def hairpin(gap_m: float) -> Float64Array:
 
 def test_the_gripper_is_across_the_rod_and_points_down() -> None:
     point = rod_point(I_SHAPE, 0.5)
-    T = geometry.rotation(grasp_pose(point, grasp_yaw(point, 0.0), HEIGHT_M))
+    T = geometry.rotation(grasp_pose(point, grasp_yaw(PANDA, point, 0.0), HEIGHT_M))
     assert np.abs(T[:, 0] @ [0.0, 1.0, 0.0]) == pytest.approx(1.0)  # tool x along the rod, which lies along y
     assert T[:, 2] == pytest.approx([0.0, 0.0, -1.0])
 
@@ -55,8 +55,8 @@ def test_the_end_is_grasped_a_little_inside() -> None:
 def test_the_wrist_keeps_room_to_turn(node: int, turn_rad: float) -> None:
     shape = builtin_shape("S", 0.5, 31)
     point = rod_point(shape, node / 30)
-    yaw = grasp_yaw(point, turn_rad)
-    middle = np.arctan2(point.position_world[1], point.position_world[0]) + COMFORTABLE_YAW_RAD
+    yaw = grasp_yaw(PANDA, point, turn_rad)
+    middle = np.arctan2(point.position_world[1], point.position_world[0]) + PANDA.roomiest_yaw_rad
     # Joint 7 turns 2.89 rad either way from its middle.
     assert abs(yaw - middle) < 2.8
     assert abs(yaw + turn_rad - middle) < 2.8
@@ -64,7 +64,7 @@ def test_the_wrist_keeps_room_to_turn(node: int, turn_rad: float) -> None:
 
 
 def test_the_widest_opening_is_taken_on_a_free_rod() -> None:
-    assert fitting_opening_m(I_SHAPE, rod_point(I_SHAPE, 0.5), RADIUS_M) == OPENINGS_M[0]
+    assert fitting_opening_m(PANDA.gripper, I_SHAPE, rod_point(I_SHAPE, 0.5), RADIUS_M) == OPENINGS_M[0]
 
 
 @pytest.mark.parametrize("radius_m", [0.002, 0.006])
@@ -85,9 +85,9 @@ def test_two_strands_between_the_fingers_are_one_too_many() -> None:
 
 def test_a_narrower_opening_is_chosen_if_the_wide_one_hits_the_rod() -> None:
     strands = hairpin(0.036)
-    assert fitting_opening_m(strands, rod_point(strands, 0.2), RADIUS_M) == 0.03
+    assert fitting_opening_m(PANDA.gripper, strands, rod_point(strands, 0.2), RADIUS_M) == 0.03
 
 
 def test_no_opening_fits_adjacent_strands() -> None:
     strands = hairpin(0.018)
-    assert fitting_opening_m(strands, rod_point(strands, 0.2), RADIUS_M) is None
+    assert fitting_opening_m(PANDA.gripper, strands, rod_point(strands, 0.2), RADIUS_M) is None

@@ -5,11 +5,12 @@ import asyncio
 import numpy as np
 import pytest
 
+from dlokit.description.arm.franka import PANDA
 from dlokit.description.arm.mounts import ARMS, OPPOSITE
 from dlokit.description.shapes import builtin_shape
 from dlokit.geometry import downward, lifted, rmse_m
 from dlokit.motion.arm_distance import Apart
-from dlokit.motion.inverse_kinematics import PandaKinematics, Yaw
+from dlokit.motion.inverse_kinematics import ArmKinematics, Yaw
 from dlokit.rod.believed import BelievedDlo
 from dlokit.rod.nodes import topology
 from dlokit.rod.rollout import Motion, PlanningRod, play
@@ -21,7 +22,7 @@ from dlokit.types.action import Marks, PairPlace, VelocityProfile
 from dlokit.types.dlo import DloState, GoalShape
 
 MODEL = BelievedDlo()
-FIRST, OTHER = (PandaKinematics(mount.T_world_base) for mount in ARMS)
+FIRST, OTHER = (ArmKinematics(PANDA, mount.T_world_base) for mount in ARMS)
 APART = Apart(FIRST, OTHER)
 SECOND = SecondArm(robot=OPPOSITE, reachable=OTHER.reachable, place_m=ARMS[1].place_m, apart_m=APART.of_pair_m)
 SHORT = SearchConfig(rollouts=68, generations=1, finalists=1)
@@ -90,7 +91,7 @@ def test_arms_at_home_are_far_apart_and_arms_at_one_position_overlap() -> None:
 
 def test_a_partner_that_holds_still_holds_its_end_of_the_rod() -> None:
     pace = VelocityProfile()
-    height = ActionConfig().grasp.height_m
+    height = PANDA.gripper.grasp_height_m()
     first = np.array([*STRAIGHT[3, :2], height, np.pi / 2])
     last = np.array([*STRAIGHT[-4, :2], height, np.pi / 2])
     aside = first + np.array([0.06, 0.0, 0.0, 0.0])

@@ -4,27 +4,27 @@ import msgspec
 import numpy as np
 import pytest
 
-from dlokit.description.arm.panda import PANDA_HOME_Q_RAD, PANDA_LIMITS
+from dlokit.description.arm.franka import PANDA
 from dlokit.errors import SkillFailure
 from dlokit.geometry import downward, pose
 from dlokit.motion import capsules
 from dlokit.motion.collisions import check_collisions, check_limits, check_trajectory
-from dlokit.motion.inverse_kinematics import PandaKinematics
+from dlokit.motion.inverse_kinematics import ArmKinematics
 from dlokit.motion.trajectories import joint_move
 from dlokit.types.robot import JointTrajectory, RobotReason
 
-KINEMATICS = PandaKinematics()
-GOOD = joint_move(PANDA_HOME_Q_RAD, KINEMATICS.inverse(downward([0.5, 0.1, 0.1], 0.0)))
+KINEMATICS = ArmKinematics(PANDA)
+GOOD = joint_move(PANDA.home_q_rad, KINEMATICS.inverse(downward([0.5, 0.1, 0.1], 0.0)), PANDA.limits)
 
 
 def reason_of(trajectory: JointTrajectory) -> str:
     with pytest.raises(SkillFailure) as failure:
-        check_trajectory(trajectory)
+        check_trajectory(PANDA, trajectory)
     return failure.value.reason
 
 
 def test_a_planned_trajectory_passes() -> None:
-    check_trajectory(GOOD)
+    check_trajectory(PANDA, GOOD)
 
 
 def test_a_joint_outside_its_range_is_named() -> None:
@@ -49,7 +49,7 @@ def test_running_a_trajectory_faster_breaks_velocity_then_acceleration_then_jerk
 
 def test_a_jump_in_acceleration_is_named() -> None:
     ddq = np.zeros_like(GOOD.ddq_rad_s2)
-    ddq[len(ddq) // 2, 1] = 0.9 * PANDA_LIMITS.acceleration_rad_s2[1]
+    ddq[len(ddq) // 2, 1] = 0.9 * PANDA.limits.acceleration_rad_s2[1]
     times = np.linspace(0.0, 0.1, len(ddq))  # so that the step between samples requires more than 3750 rad/s³
     assert reason_of(msgspec.structs.replace(GOOD, times_s=times, ddq_rad_s2=ddq)) == RobotReason.JERK_LIMIT
 
@@ -60,35 +60,35 @@ def test_times_that_do_not_rise_from_zero_are_refused(times: list[float]) -> Non
         times_s=np.array(times), q_rad=np.zeros((2, 7)), dq_rad_s=np.zeros((2, 7)), ddq_rad_s2=np.zeros((2, 7))
     )
     with pytest.raises(SkillFailure) as failure:
-        check_limits(two)
+        check_limits(two, PANDA.limits)
     assert failure.value.reason == RobotReason.BAD_TRAJECTORY
 
 
 def test_the_arm_may_approach_the_table_but_not_touch_it() -> None:
-    check_collisions(KINEMATICS.inverse(downward([0.5, 0.0, 0.011], 0.0))[None])
+    check_collisions(PANDA, KINEMATICS.inverse(downward([0.5, 0.0, 0.011], 0.0))[None])
     with pytest.raises(SkillFailure, match="raise the path") as failure:
-        check_collisions(KINEMATICS.inverse(downward([0.5, 0.0, 0.005], 0.0))[None])
+        check_collisions(PANDA, KINEMATICS.inverse(downward([0.5, 0.0, 0.005], 0.0))[None])
     assert failure.value.reason == RobotReason.TABLE_COLLISION
 
 
 def test_the_table_is_the_world_s_not_the_base_s() -> None:
     q = KINEMATICS.inverse(downward([0.5, 0.0, 0.011], 0.0))[None]
-    check_collisions(q, T_world_base=pose([0.0, 0.0, 0.02]))
+    check_collisions(PANDA, q, T_world_base=pose([0.0, 0.0, 0.02]))
     with pytest.raises(SkillFailure):
-        check_collisions(q, T_world_base=pose([0.0, 0.0, -0.02]))
+        check_collisions(PANDA, q, T_world_base=pose([0.0, 0.0, -0.02]))
 
 
 def test_a_gripper_folded_into_the_shoulder_is_a_self_collision() -> None:
     with pytest.raises(SkillFailure) as failure:
-        check_collisions(np.array([[0.0, -0.5, 0.0, -3.0, 0.0, 0.3, 0.0]]))
+        check_collisions(PANDA, np.array([[0.0, -0.5, 0.0, -3.0, 0.0, 0.3, 0.0]]))
     assert failure.value.reason == RobotReason.SELF_COLLISION
 
 
 def test_a_collision_in_the_middle_of_a_move_is_found() -> None:
     # Both ends are clear, the straight line in joint space between them is not.
     near, far = (KINEMATICS.inverse(downward([x, 0.0, 0.011], 0.0)) for x in (0.30, 0.75))
-    check_collisions(np.array([near, far]))
-    assert reason_of(joint_move(near, far)) == RobotReason.TABLE_COLLISION
+    check_collisions(PANDA, np.array([near, far]))
+    assert reason_of(joint_move(near, far, PANDA.limits)) == RobotReason.TABLE_COLLISION
 
 
 def test_segment_distances_agree_with_a_dense_search() -> None:

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from dlokit.description.arm.panda import PANDA_GRASP_HEIGHT_M, PANDA_HOME_Q_RAD, PANDA_LIMITS
+from dlokit.description.arm.franka import PANDA
 from dlokit.errors import SkillFailure
 from dlokit.geometry import compose, downward, matrix, pose
 from dlokit.motion.collisions import check_collisions
-from dlokit.motion.inverse_kinematics import PandaKinematics, Yaw
+from dlokit.motion.inverse_kinematics import ArmKinematics, Yaw
 from dlokit.motion.tool_path import half_turned, points_down
 from dlokit.types.pose import Pose
 
-KINEMATICS = PandaKinematics()
+KINEMATICS = ArmKinematics(PANDA)
 
 
 def tilted(T: Pose, tilt_rad: tuple[float, float]) -> Pose:
@@ -29,7 +29,7 @@ def random_grasps(count: int) -> list[Pose]:
 
 
 def inside_limits(q: np.ndarray) -> bool:
-    return bool(np.all(q >= PANDA_LIMITS.position_lower_rad) and np.all(q <= PANDA_LIMITS.position_upper_rad))
+    return bool(np.all(q >= PANDA.limits.position_lower_rad) and np.all(q <= PANDA.limits.position_upper_rad))
 
 
 def test_a_downward_pose_is_reached_exactly_or_turned_by_half_a_turn() -> None:
@@ -61,7 +61,7 @@ def test_a_tilted_pose_is_solved_by_differential_kinematics() -> None:
     for T in random_grasps(20):
         target = tilted(T, (rng.uniform(-0.4, 0.4), rng.uniform(-0.4, 0.4)))
         assert not points_down(target)
-        q = KINEMATICS.inverse(target, PANDA_HOME_Q_RAD, Yaw.EITHER)
+        q = KINEMATICS.inverse(target, PANDA.home_q_rad, Yaw.EITHER)
         assert inside_limits(q)
         reached = matrix(KINEMATICS.forward(q))
         # The solver's own tolerances: 1e-5 m and 1e-4 rad.
@@ -73,14 +73,14 @@ def test_the_gripper_reaches_the_whole_table_except_the_far_corners(capsys: pyte
     for x in np.linspace(0.30, 0.75, 10):
         for y in np.linspace(-0.35, 0.35, 15):
             for yaw in np.linspace(-np.pi / 2, np.pi / 2, 5, endpoint=False):
-                T = downward([x, y, PANDA_GRASP_HEIGHT_M], yaw)
+                T = downward([x, y, PANDA.gripper.grasp_height_m()], yaw)
                 asked += 1
                 try:
                     q = KINEMATICS.inverse(T, yaw=Yaw.EITHER)
                 except SkillFailure:
                     assert np.hypot(x, y) > 0.79, f"({x:.2f}, {y:.2f}) m should be in reach"
                     continue
-                check_collisions(q[None])
+                check_collisions(PANDA, q[None])
                 reached += 1
     with capsys.disabled():
         print(f"\nreach at table height: {reached}/{asked} = {reached / asked:.1%}")
@@ -97,21 +97,21 @@ def test_a_pose_out_of_reach_is_refused_with_the_allowed_range() -> None:
 
 def test_a_base_elsewhere_moves_the_reach_with_it() -> None:
     T_world_base = downward([1.0, 0.0, 0.0], 0.0)  # any rotation will do; upright ones are tested below
-    moved = PandaKinematics(T_world_base)
+    moved = ArmKinematics(PANDA, T_world_base)
     q = np.array([0.3, -0.5, 0.2, -2.0, 0.1, 1.7, 0.4])
     expected = compose(T_world_base, KINEMATICS.forward(q))
     np.testing.assert_allclose(matrix(moved.forward(q)), matrix(expected), atol=1e-9)
-    upright = PandaKinematics(pose([0.0, 0.8, 0.0]))
+    upright = ArmKinematics(PANDA, pose([0.0, 0.8, 0.0]))
     T = downward([0.5, 0.8, 0.1], 0.3)
     np.testing.assert_allclose(upright.inverse(T), KINEMATICS.inverse(downward([0.5, 0.0, 0.1], 0.3)), atol=1e-9)
 
 
 def test_it_can_be_pickled_for_a_worker_process() -> None:
     KINEMATICS.inverse(tilted(downward([0.5, 0.0, 0.2], 0.0), (0.2, 0.0)))  # the solver exists now
-    data = pickle.dumps(PandaKinematics(pose([0.1, 0.0, 0.0])))
+    data = pickle.dumps(ArmKinematics(PANDA, pose([0.1, 0.0, 0.0])))
     assert len(data) < 2000
     T = downward([0.5, 0.0, 0.1], 0.0)
-    expected = PandaKinematics(pose([0.1, 0.0, 0.0])).inverse(T)
+    expected = ArmKinematics(PANDA, pose([0.1, 0.0, 0.0])).inverse(T)
     np.testing.assert_array_equal(pickle.loads(data).inverse(T), expected)
 
 

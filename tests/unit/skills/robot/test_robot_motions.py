@@ -7,7 +7,7 @@ import pytest
 from robot_bench import ABOVE, FAR, PROFILE, Bench, on_bench, reason
 
 from dlokit.communication import topics
-from dlokit.description.arm.panda import PANDA_HOME_Q_RAD
+from dlokit.description.arm.franka import PANDA
 from dlokit.geometry import downward, matrix
 from dlokit.skills.robot import api
 from dlokit.types.outcome import Succeeded
@@ -26,7 +26,7 @@ def test_it_moves_to_a_pose_carries_and_returns_home() -> None:
         lowered = await bench.port.call(api.MOVE_LINEAR, downward([0.45, -0.1, 0.011], 0.0), PROFILE)
         assert isinstance(lowered, Succeeded)
         assert isinstance(await bench.port.call(api.HOME), Succeeded)
-        np.testing.assert_allclose(bench.arm.q, PANDA_HOME_Q_RAD, atol=1e-9)
+        np.testing.assert_allclose(bench.arm.q, PANDA.home_q_rad, atol=1e-9)
         # Each trajectory starts where the one before ended.
         for before, after in zip(bench.arm.followed[:-1], bench.arm.followed[1:], strict=True):
             np.testing.assert_array_equal(before.q_rad[-1], after.q_rad[0])
@@ -43,7 +43,7 @@ def test_a_trajectory_starts_at_the_last_commanded_position_not_at_the_sagging_o
         # The arm was moved by hand: only the measured angles are true.
         bench.arm.sag_rad = 0.2
         await bench.port.call(api.HOME)
-        np.testing.assert_allclose(bench.arm.followed[2].q_rad[0], PANDA_HOME_Q_RAD + 0.2, atol=1e-9)
+        np.testing.assert_allclose(bench.arm.followed[2].q_rad[0], PANDA.home_q_rad + 0.2, atol=1e-9)
 
     on_bench(scenario)
 

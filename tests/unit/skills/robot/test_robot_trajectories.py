@@ -3,18 +3,18 @@
 import numpy as np
 import pytest
 
-from dlokit.description.arm.panda import PANDA_HOME_Q_RAD, PANDA_LIMITS
+from dlokit.description.arm.franka import PANDA
 from dlokit.errors import SkillFailure
 from dlokit.geometry import downward, matrix
 from dlokit.motion.collisions import check_limits, check_trajectory
-from dlokit.motion.inverse_kinematics import PandaKinematics, Yaw
+from dlokit.motion.inverse_kinematics import ArmKinematics, Yaw
 from dlokit.motion.tool_path import half_turned
 from dlokit.motion.trajectories import joint_move, tool_move
 from dlokit.types.action import VelocityProfile
 from dlokit.types.pose import Pose
 from dlokit.types.robot import JointTrajectory
 
-KINEMATICS = PandaKinematics()
+KINEMATICS = ArmKinematics(PANDA)
 PROFILE = VelocityProfile()
 
 
@@ -41,36 +41,36 @@ def assert_consistent(trajectory: JointTrajectory) -> None:
 @pytest.mark.parametrize("seed", range(20))
 def test_any_joint_move_keeps_all_limits(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    start, end = rng.uniform(PANDA_LIMITS.position_lower_rad, PANDA_LIMITS.position_upper_rad, (2, 7))
-    trajectory = joint_move(start, end)
-    check_limits(trajectory)
+    start, end = rng.uniform(PANDA.limits.position_lower_rad, PANDA.limits.position_upper_rad, (2, 7))
+    trajectory = joint_move(start, end, PANDA.limits)
+    check_limits(trajectory, PANDA.limits)
     assert_at_rest_at_both_ends(trajectory)
     assert_consistent(trajectory)
     np.testing.assert_allclose(trajectory.q_rad[[0, -1]], [start, end], atol=1e-9)
 
 
 def test_a_joint_move_is_a_straight_line_at_the_fastest_joint_s_limit() -> None:
-    end = PANDA_HOME_Q_RAD + np.array([1.5, 0.3, -0.2, 0.4, 0.1, -0.2, 0.5])
-    trajectory = joint_move(PANDA_HOME_Q_RAD, end)
-    share = (trajectory.q_rad - PANDA_HOME_Q_RAD) / (end - PANDA_HOME_Q_RAD)
+    end = PANDA.home_q_rad + np.array([1.5, 0.3, -0.2, 0.4, 0.1, -0.2, 0.5])
+    trajectory = joint_move(PANDA.home_q_rad, end, PANDA.limits)
+    share = (trajectory.q_rad - PANDA.home_q_rad) / (end - PANDA.home_q_rad)
     np.testing.assert_allclose(share, share[:, :1].repeat(7, axis=1), atol=1e-6)
-    fastest = np.max(np.abs(trajectory.dq_rad_s) / PANDA_LIMITS.velocity_rad_s)
+    fastest = np.max(np.abs(trajectory.dq_rad_s) / PANDA.limits.velocity_rad_s)
     assert 0.95 < fastest <= 1.0
 
 
 def test_a_joint_move_outside_a_limit_is_refused_by_name() -> None:
     with pytest.raises(SkillFailure, match="joint 4") as failure:
-        joint_move(PANDA_HOME_Q_RAD, PANDA_HOME_Q_RAD + np.array([0, 0, 0, 3.0, 0, 0, 0]))
+        joint_move(PANDA.home_q_rad, PANDA.home_q_rad + np.array([0, 0, 0, 3.0, 0, 0, 0]), PANDA.limits)
     assert failure.value.reason == "joint_limit"
 
 
 def test_a_move_to_the_present_pose_stays_there() -> None:
     for trajectory in (
-        joint_move(PANDA_HOME_Q_RAD, PANDA_HOME_Q_RAD),
-        tool_move(KINEMATICS, PANDA_HOME_Q_RAD, (KINEMATICS.forward(PANDA_HOME_Q_RAD),), PROFILE),
-        tool_move(KINEMATICS, PANDA_HOME_Q_RAD, (), PROFILE),
+        joint_move(PANDA.home_q_rad, PANDA.home_q_rad, PANDA.limits),
+        tool_move(KINEMATICS, PANDA.home_q_rad, (KINEMATICS.forward(PANDA.home_q_rad),), PROFILE),
+        tool_move(KINEMATICS, PANDA.home_q_rad, (), PROFILE),
     ):
-        check_trajectory(trajectory)
+        check_trajectory(PANDA, trajectory)
         np.testing.assert_array_equal(trajectory.q_rad[0], trajectory.q_rad[-1])
 
 
@@ -94,7 +94,7 @@ def test_any_carry_keeps_all_limits_and_ends_at_its_last_pose(seed: int, profile
     end = grasp()
     path = (raised(KINEMATICS.forward(q), 0.05), raised(end, 0.05), end)
     trajectory = tool_move(KINEMATICS, q, path, profile)
-    check_trajectory(trajectory)
+    check_trajectory(PANDA, trajectory)
     assert_at_rest_at_both_ends(trajectory)
     assert_consistent(trajectory)
     reached = matrix(KINEMATICS.forward(trajectory.q_rad[-1]))
@@ -118,7 +118,7 @@ def test_a_zigzag_of_short_legs_keeps_all_limits(leg_m: float, turn_rad: float) 
             place = place + np.array([*rng.uniform(-leg_m, leg_m, 2), 0.0])
             yaw += rng.uniform(-turn_rad, turn_rad)
             path.append(downward(place, yaw))
-        check_trajectory(tool_move(KINEMATICS, q, tuple(path), profile))
+        check_trajectory(PANDA, tool_move(KINEMATICS, q, tuple(path), profile))
 
 
 def test_a_line_is_straight_and_reaches_the_requested_speed() -> None:
@@ -166,7 +166,7 @@ def test_a_path_stops_where_it_reverses() -> None:
     assert track[:, 2].min() == pytest.approx(0.05, abs=1e-5)
     turn = int(np.argmin(track[:, 2]))
     np.testing.assert_allclose(trajectory.dq_rad_s[turn], 0.0, atol=1e-6)
-    check_trajectory(trajectory)
+    check_trajectory(PANDA, trajectory)
 
 
 def test_poses_on_a_straight_leg_cost_no_time() -> None:
@@ -180,8 +180,8 @@ def test_poses_on_a_straight_leg_cost_no_time() -> None:
 def test_turning_on_the_spot_takes_time_and_keeps_the_limits() -> None:
     q = KINEMATICS.inverse(downward([0.5, 0.0, 0.1], 0.0))
     trajectory = tool_move(KINEMATICS, q, (downward([0.5, 0.0, 0.1], 1.2),), PROFILE)
-    check_trajectory(trajectory)
-    assert trajectory.times_s[-1] > 1.2 / PANDA_LIMITS.velocity_rad_s[6]
+    check_trajectory(PANDA, trajectory)
+    assert trajectory.times_s[-1] > 1.2 / PANDA.limits.velocity_rad_s[6]
     np.testing.assert_allclose(tool_track(trajectory), [[0.5, 0.0, 0.1]] * len(trajectory.times_s), atol=1e-5)
 
 

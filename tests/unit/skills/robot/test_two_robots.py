@@ -15,8 +15,8 @@ from dlokit.communication.port import InlineCompute, Port
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.communication.topic import Topic
+from dlokit.description.arm.franka import PANDA
 from dlokit.description.arm.mounts import ARMS, OPPOSITE, ArmMount
-from dlokit.description.arm.panda import PANDA_COLLISION, PANDA_HOME_Q_RAD, PANDA_LIMITS
 from dlokit.description.shapes import CENTRE_M, builtin_shape
 from dlokit.functional.cell.component import CellComponent
 from dlokit.functional.cell.config import CellConfig
@@ -25,7 +25,7 @@ from dlokit.geometry import downward, rotation
 from dlokit.motion.arm_distance import Apart, gap_m, stopping_gap_m
 from dlokit.motion.capsules import segment_distances
 from dlokit.motion.forward_kinematics import capsule_ends, tcp_matrices
-from dlokit.motion.inverse_kinematics import PandaKinematics
+from dlokit.motion.inverse_kinematics import ArmKinematics
 from dlokit.skills.robot import api
 from dlokit.skills.robot.component import RobotComponent
 from dlokit.skills.robot.config import RobotConfig
@@ -43,7 +43,7 @@ def robot(bus: MemoryTransport, clock: LoopClock, mount: ArmMount) -> RobotCompo
         RobotConfig(),
         SimulatedRobot(port, mount),
         lambda: 0,
-        PandaKinematics(mount.T_world_base),
+        mount.T_world_base,
         mount.instance,
         neighbours=tuple(other.instance for other in ARMS if other is not mount),
     )
@@ -76,7 +76,7 @@ def test_a_motion_into_the_other_arm_is_refused() -> None:
         refused = await port.call(api.MOVE_TO.at(OPPOSITE), MIDDLE)
         assert isinstance(refused, Failed)
         assert refused.reason == RobotReason.ARMS_TOO_NEAR
-        np.testing.assert_allclose(states(port)[1].q_rad, PANDA_HOME_Q_RAD, atol=2e-3)
+        np.testing.assert_allclose(states(port)[1].q_rad, PANDA.home_q_rad, atol=2e-3)
         # After the first has moved away, the path is free.
         assert isinstance(await port.call(api.HOME), Succeeded)
         assert isinstance(await port.call(api.MOVE_TO.at(OPPOSITE), MIDDLE), Succeeded)
@@ -90,7 +90,7 @@ def test_an_arm_may_approach_a_resting_arm_to_the_checked_distance_and_leave() -
         beside = downward([CENTRE_M[0] + 0.165, CENTRE_M[1], 0.25], 0.0)
         assert isinstance(await port.call(api.MOVE_TO.at(OPPOSITE), beside), Succeeded)
         # With the reaction time of an approaching arm, this would be too close.
-        assert gap_m(*states(port)) < 0.05
+        assert gap_m(PANDA, *states(port)) < 0.05
         assert isinstance(await port.call(api.HOME.at(OPPOSITE)), Succeeded)
 
     in_cell(scenario)
@@ -103,7 +103,7 @@ def test_arms_that_set_out_for_the_same_place_at_once_brake_before_they_meet() -
         async def watch() -> None:
             nonlocal nearest_m
             async for state in port.stream(topics.ROBOT_STATE):
-                nearest_m = min(nearest_m, gap_m(state, states(port)[1]))
+                nearest_m = min(nearest_m, gap_m(PANDA, state, states(port)[1]))
 
         states(port)
         watching = asyncio.create_task(watch())
@@ -143,7 +143,7 @@ def test_a_moving_arm_brakes_when_feedback_of_the_other_stops(silence: str, monk
 
     async def scenario(port: Port) -> None:
         nonlocal since_s
-        aside = PANDA_HOME_Q_RAD + np.array([1.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+        aside = PANDA.home_q_rad + np.array([1.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
         states(port)
         moving = asyncio.create_task(port.call(api.MOVE_JOINTS, aside))
         since_s = asyncio.get_running_loop().time() + 0.4
@@ -168,12 +168,12 @@ def test_a_moving_arm_brakes_when_feedback_of_the_other_stops(silence: str, monk
 def tool_jacobian(q_rad: Float64Array) -> Float64Array:
     """How fast the tool moves [m/s] with each joint (3, 7), by differences."""
     step = 1e-6 * np.eye(7)
-    return ((tcp_matrices(q_rad + step) - tcp_matrices(q_rad - step))[:, :3, 3] / 2e-6).T
+    return ((tcp_matrices(PANDA, q_rad + step) - tcp_matrices(PANDA, q_rad - step))[:, :3, 3] / 2e-6).T
 
 
 @pytest.mark.parametrize(("speed_m_s", "nearer_mm"), [(0.4, 32.0), (-0.4, 0.0)])
 def test_the_distance_after_braking_includes_the_braking_distance(speed_m_s: float, nearer_mm: float) -> None:
-    q_rad = PandaKinematics().inverse(MIDDLE)
+    q_rad = ArmKinematics(PANDA).inverse(MIDDLE)
     towards_the_other = np.array([speed_m_s, 0.0, 0.0])
 
     def state(mount: ArmMount, q_rad: Float64Array, dq_rad_s: Float64Array) -> RobotState:
@@ -191,8 +191,8 @@ def test_the_distance_after_braking_includes_the_braking_distance(speed_m_s: flo
 
     dq_rad_s = np.asarray(np.linalg.lstsq(tool_jacobian(q_rad), towards_the_other)[0], dtype=np.float64)
     moving = state(ARMS[0], q_rad, dq_rad_s)
-    standing = state(ARMS[1], PANDA_HOME_Q_RAD, np.zeros(7))
-    nearer_m = gap_m(moving, standing) - stopping_gap_m(moving, standing)
+    standing = state(ARMS[1], PANDA.home_q_rad, np.zeros(7))
+    nearer_m = gap_m(PANDA, moving, standing) - stopping_gap_m(PANDA, moving, standing)
     # 0.08 s of reaction at 0.4 m/s are 32 mm; braking adds to it, and the nearest parts need not meet head on.
     assert nearer_m >= 0.5e-3 * nearer_mm
     assert nearer_mm > 0.0 or nearer_m == 0.0
@@ -200,15 +200,15 @@ def test_the_distance_after_braking_includes_the_braking_distance(speed_m_s: flo
 
 def test_the_least_distance_is_that_of_all_pairs_of_capsules() -> None:
     rng = np.random.default_rng(5)
-    lower, upper = PANDA_LIMITS.position_lower_rad, PANDA_LIMITS.position_upper_rad
-    arms = [PandaKinematics(mount.T_world_base) for mount in ARMS]
-    radii = np.array([capsule.radius_m for capsule in PANDA_COLLISION])
+    lower, upper = PANDA.limits.position_lower_rad, PANDA.limits.position_upper_rad
+    arms = [ArmKinematics(PANDA, mount.T_world_base) for mount in ARMS]
+    radii = np.array([capsule.radius_m for capsule in PANDA.capsules])
     T_world_base = ARMS[1].T_world_base
     assert T_world_base is not None
     for _ in range(20):
         first, second = rng.uniform(lower, upper, (2, 3, 7))
-        a0, a1 = capsule_ends(first)
-        b0, b1 = (end @ rotation(T_world_base).T + T_world_base.position_m for end in capsule_ends(second))
+        a0, a1 = capsule_ends(PANDA, first)
+        b0, b1 = (end @ rotation(T_world_base).T + T_world_base.position_m for end in capsule_ends(PANDA, second))
         gaps = segment_distances(a0[:, None, :, None], a1[:, None, :, None], b0[None, :, None], b1[None, :, None])
         expected = np.min(gaps - radii[:, None] - radii[None, :])
         assert Apart(*arms).at_joints_m(first, second) == pytest.approx(expected, abs=1e-12)

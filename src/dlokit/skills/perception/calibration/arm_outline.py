@@ -12,12 +12,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from dlokit.description.arm.panda import PANDA_LINKS, panda_mesh_file
+from dlokit.description.arm.model import FINGER_LINKS, HAND, ArmModel
 from dlokit.geometry.camera import back_project, project
 from dlokit.motion.forward_kinematics import link_transforms
+from dlokit.skills.perception.self_filter import PosedArm
 from dlokit.types.arrays import BoolArray, Float32Array, Float64Array, UInt8Array
 from dlokit.types.image import CameraCalibration
-from dlokit.types.robot import RobotState
 
 _FINE = 2
 """Drawn pixels a camera pixel, along each side: each point of an outline is then good to a quarter of a pixel."""
@@ -29,8 +29,8 @@ _CLEAR_PX = 14
 """So far beside a point of the outline nothing else of the arm may be seen, nor the picture end [px]."""
 _NEAREST_M = 0.1
 """A link nearer to the camera than this is not drawn [m]."""
-_DRAWN = ("link3", "link4", "link5", "link6", "link7", "hand", "left_finger", "right_finger")
-_COUNTED = ("link5", "link6", "link7", "hand")
+_DRAWN_JOINTS, _COUNTED_JOINTS = 5, 3
+"""Links of the last joints that are drawn, and whose outline counts."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,20 +47,23 @@ class Outline:
 class _Drawing:
     """A picture of the arm, `_FINE` times finer than the camera's."""
 
-    owner: UInt8Array  # (H, W) 1 + index in PANDA_LINKS of what is seen; 0: nothing of the arm
+    owner: UInt8Array  # (H, W) 1 + index in the links of what is seen; 0: nothing of the arm
     depth_m: Float32Array  # (H, W) along z of the camera [m]
 
 
-def arm_outline(state: RobotState, camera: CameraCalibration) -> Outline:
+def arm_outline(robot: PosedArm, camera: CameraCalibration) -> Outline:
     """The outline of an arm in the (rectified) picture of `camera`. Raises `MachineError` without its meshes."""
-    drawing = _drawn(state, camera)
+    arm = robot.arm
+    drawing = _drawn(robot, camera)
     mask = (drawing.owner > 0).astype(np.uint8)
     contours, _ = cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
     stride = _SPACING_PX * _FINE
     at = np.concatenate([np.zeros((0, 2), np.int64), *(contour[::stride, 0] for contour in contours)]).astype(np.int64)
     normals = _normals(mask, at)
     keep = _standing_free(mask, at, normals)
-    keep &= np.isin(drawing.owner[at[:, 1], at[:, 0]], [_label(link) for link in _COUNTED])
+    keep &= np.isin(
+        drawing.owner[at[:, 1], at[:, 0]], [_label(arm, link) for link in _last_links(arm, _COUNTED_JOINTS)]
+    )
     at, normals = at[keep], normals[keep]
     # A contour runs through the middle of the outermost pixels of the arm, half a pixel within its edge.
     pixels = (at + 0.5 + 0.5 * normals) / _FINE - 0.5
@@ -69,7 +72,7 @@ def arm_outline(state: RobotState, camera: CameraCalibration) -> Outline:
         points_world=back_project(pixels, drawing.depth_m[at[:, 1], at[:, 0]], camera),
         pixels=pixels,
         normals=normals,
-        turns_with_hand=np.isin(owner, [_label("link7"), _label("hand")]),
+        turns_with_hand=np.isin(owner, [_label(arm, link) for link in _last_links(arm, 1)]),
     )
 
 
@@ -78,29 +81,35 @@ def load_kernels() -> None:
     _draw(np.zeros((1, 3, 3)), 1, np.zeros((2, 2), dtype=np.uint8), np.zeros((2, 2), dtype=np.float32))
 
 
-def _label(link: str) -> int:
-    return PANDA_LINKS.index(link) + 1
+def _last_links(arm: ArmModel, joints: int) -> tuple[str, ...]:
+    """The links of the last joints, and the hand."""
+    return (*(joint.link for joint in arm.joints[-joints:]), HAND)
 
 
-def _drawn(state: RobotState, camera: CameraCalibration) -> _Drawing:
-    frames = link_transforms(state.q_rad, state.finger_width_m, state.T_world_base)[0]
+def _label(arm: ArmModel, link: str) -> int:
+    return arm.links.index(link) + 1
+
+
+def _drawn(robot: PosedArm, camera: CameraCalibration) -> _Drawing:
+    arm, state = robot.arm, robot.state
+    frames = link_transforms(arm, state.q_rad, state.finger_width_m, state.T_world_base)[0]
     size = (camera.height_px * _FINE, camera.width_px * _FINE)
     owner, depth_m = np.zeros(size, dtype=np.uint8), np.full(size, np.inf, dtype=np.float32)
-    for link in _DRAWN:
-        T, triangles = frames[PANDA_LINKS.index(link)], _triangles(link)
+    for link in (*_last_links(arm, _DRAWN_JOINTS), *FINGER_LINKS):
+        T, triangles = frames[arm.links.index(link)], _triangles(arm, link)
         seen = project(triangles.reshape(-1, 3) @ T[:3, :3].T + T[:3, 3], camera)
         if np.all(seen.depth_m > _NEAREST_M):
             corners = np.column_stack([(seen.pixels + 0.5) * _FINE - 0.5, seen.depth_m])
-            _draw(corners.reshape(-1, 3, 3), _label(link), owner, depth_m)
+            _draw(corners.reshape(-1, 3, 3), _label(arm, link), owner, depth_m)
     return _Drawing(owner=owner, depth_m=depth_m)
 
 
 @cache
-def _triangles(link: str) -> Float64Array:
+def _triangles(arm: ArmModel, link: str) -> Float64Array:
     """Corners (T, 3, 3) [m] of a link's mesh, in its frame."""
-    import trimesh  # takes a quarter of a second to load, and not every camera is checked
+    from dlokit.description.arm.looks import link_mesh  # trimesh takes a quarter of a second to load
 
-    return np.asarray(trimesh.load_mesh(panda_mesh_file(link), process=False).triangles, dtype=np.float64)
+    return np.asarray(link_mesh(arm, link, merged=False).triangles, dtype=np.float64)
 
 
 def _normals(mask: UInt8Array, at: NDArray[np.int64]) -> Float64Array:

@@ -24,6 +24,7 @@ from dlokit.errors import SkillFailure
 from dlokit.geometry import rotation
 from dlokit.geometry.camera import baseline_m, in_camera
 from dlokit.skills.perception.calibration.arm_outline import Outline, arm_outline
+from dlokit.skills.perception.self_filter import PosedArm
 from dlokit.types.arrays import BoolArray, Float32Array, Float64Array, UInt8Array
 from dlokit.types.image import CameraCalibration, CameraCheck, CameraPictures, StereoImages
 from dlokit.types.pose import Pose
@@ -103,7 +104,7 @@ class HandLook:
     """Rectified pictures of the hand, and where the arm was."""
 
     images: CameraPictures
-    robot: RobotState
+    robot: PosedArm
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -133,7 +134,7 @@ def camera_from_hand(background: CameraPictures, looks: Sequence[HandLook]) -> C
     camera gives one view where a pair gives two; its depths are not used, because they are coarse at outlines. Raises
     `SkillFailure` few_points, scattered or too_far, where what is seen does not suffice or cannot be right.
     """
-    center = np.append(np.mean([look.robot.T_world_tcp.position_m[:2] for look in looks], axis=0), 0.0)
+    center = np.append(np.mean([look.robot.state.T_world_tcp.position_m[:2] for look in looks], axis=0), 0.0)
     nothing = np.zeros(9)
     rough = _fit(_pictures(background, looks, nothing, center), nothing, _FAR_PX)
     known = np.where(_OF_CAMERA, rough.unknowns, 0.0)
@@ -178,9 +179,9 @@ def _pictures(
     ]
 
 
-def _picture(robot: RobotState, changed: Float32Array, camera: CameraCalibration, center: Float64Array) -> _Picture:
+def _picture(robot: PosedArm, changed: Float32Array, camera: CameraCalibration, center: Float64Array) -> _Picture:
     outline = arm_outline(robot, camera)
-    return _Picture(changed=changed, outline=outline, slopes=_slopes(outline, robot, camera, center))
+    return _Picture(changed=changed, outline=outline, slopes=_slopes(outline, robot.state, camera, center))
 
 
 def _views(images: CameraPictures, camera: CameraCalibration) -> list[tuple[UInt8Array, CameraCalibration]]:

@@ -139,7 +139,7 @@ class PlanningScene:
             return None
         share = grasp_share(self.nodes_world, node)
         here = rod_point(self.nodes_world, share)
-        opening_m = fitting_opening_m(self.nodes_world, here, self.tools.model.radius_m)
+        opening_m = fitting_opening_m(self.tools.arm.gripper, self.nodes_world, here, self.tools.model.radius_m)
         if opening_m is None:
             return None
         return NodeToGoal(node=node, here=here, there=rod_point(self.goal_world, share), opening_m=opening_m)
@@ -153,8 +153,8 @@ class PlanningScene:
         """
         turn = wrapped(hold.there.yaw_rad - hold.here.yaw_rad) + more_turn_rad
         turn = min(max(turn, -_LARGEST_TURN_RAD), _LARGEST_TURN_RAD)
-        yaw = grasp_yaw(hold.here, turn, place_m)
-        return np.array([*hold.here.position_world[:2], self.tools.actions.grasp.height_m, yaw]), turn
+        yaw = grasp_yaw(self.tools.arm, hold.here, turn, place_m)
+        return np.array([*hold.here.position_world[:2], self.tools.grasp_height_m, yaw]), turn
 
     def candidate(
         self, kind: type[Action], numbers: Float64Array, hold: NodeToGoal, tool: Float64Array, velocity: VelocityProfile
@@ -201,7 +201,7 @@ def _handled(motion: Motion, opening_m: float, tools: PlanningTools) -> tuple[Gr
         count = max(1, math.ceil(abs(end[3] - start[3]) / _POSE_EVERY_RAD))
         poses += [tool_pose(start + share * (end - start)) for share in np.linspace(0.0, 1.0, count + 1)[1:]]
     first = RodPoint(s_m=0.0, position_world=tool[0, :3], yaw_rad=0.0)
-    T_world_tcp = grasp_pose(first, float(tool[0, 3]), tools.actions.grasp.height_m)
+    T_world_tcp = grasp_pose(first, float(tool[0, 3]), tools.grasp_height_m)
     return Grasp(node=motion.node, T_world_tcp=T_world_tcp, opening_m=opening_m), tuple(poses)
 
 

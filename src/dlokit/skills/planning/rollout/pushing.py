@@ -9,7 +9,7 @@ import numpy as np
 
 from dlokit import geometry
 from dlokit.rod.rollout import FINGERS
-from dlokit.skills.planning.grasp import CLEARANCE_M, COMFORTABLE_YAW_RAD, SAMPLE_M, RodPoint, rod_point, wrapped
+from dlokit.skills.planning.grasp import CLEARANCE_M, SAMPLE_M, RodPoint, rod_point, wrapped
 from dlokit.skills.planning.rollout.candidates import Candidate, NodeToGoal, PlanningScene
 from dlokit.types.action import Action, Push, VelocityProfile
 from dlokit.types.arrays import Float64Array
@@ -97,11 +97,10 @@ class Pushing:
         self, here: RodPoint, direction: float, offset: float, length: float, yaw: float, bow: float
     ) -> Float64Array:
         """Waypoints (3, 4): beside the rod, half way, and where the rod is to be."""
-        grasp = self._scene.tools.actions.grasp
         ahead = self._ahead(here, direction)
         heading = math.atan2(ahead[1], ahead[0])
         tool = np.empty((3, 4))
-        tool[:, 2], tool[:, 3] = grasp.height_m, self._comfortable(heading + yaw, here)
+        tool[:, 2], tool[:, 3] = self._scene.tools.grasp_height_m, self._comfortable(heading + yaw, here)
         # From the middle of the fingers to the rod, along the way: a slanting rod is met later.
         gap = (FINGERS[1] + self._scene.tools.model.radius_m + offset) / math.cos(_across(direction))
         tool[0, :2] = here.position_world[:2] - gap * ahead
@@ -112,7 +111,7 @@ class Pushing:
     def _comfortable(self, yaw_rad: float, here: RodPoint) -> float:
         """The same fingers turned by half a turn, where that leaves the wrist more room [rad]."""
         x, y = here.position_world[:2]
-        middle = math.atan2(y, x) + COMFORTABLE_YAW_RAD
+        middle = math.atan2(y, x) + self._scene.tools.arm.roomiest_yaw_rad
         return middle + (wrapped(2.0 * (yaw_rad - middle)) / 2.0)
 
     def _free(self, tool: Float64Array) -> bool:

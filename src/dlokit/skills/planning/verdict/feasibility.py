@@ -6,10 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from dlokit import geometry
+from dlokit.description.arm.franka import PANDA
+from dlokit.description.arm.model import TIP_CLEARANCE_M, ArmModel
 from dlokit.description.shapes import LENGTH_TOLERANCE, NEIGHBOUR_M
 from dlokit.geometry.camera import project
 from dlokit.rod.believed import BelievedDlo
-from dlokit.skills.planning.actions import FeasibilityConfig, GraspConfig
+from dlokit.skills.planning.actions import FeasibilityConfig
 from dlokit.skills.planning.base import Reachable
 from dlokit.skills.planning.grasp import fitting_opening_m, grasp_pose, grasp_yaw, rod_point
 from dlokit.types.arrays import BoolArray, Float64Array
@@ -78,10 +80,18 @@ class Workplace:
 
     dlo: BelievedDlo
     config: FeasibilityConfig
-    grasp: GraspConfig
     reachable: Reachable
     calibration: CameraCalibration | None
     """None: views are not checked."""
+    arm: ArmModel = PANDA
+    """The arm that moves the tool, and its gripper."""
+    tip_clearance_m: float = TIP_CLEARANCE_M
+    """Distance of the fingertips from the table at grasp and release [m]."""
+
+    @property
+    def grasp_height_m(self) -> float:
+        """Height of the tool centre point over the table at grasp and release [m]."""
+        return self.arm.gripper.grasp_height_m(self.tip_clearance_m)
 
 
 def check_start(nodes_world: Float64Array, place: Workplace) -> Verdict:
@@ -142,7 +152,7 @@ def misfits(nodes_world: Float64Array, length_m: float) -> tuple[Finding, ...]:
 def crowded(nodes_world: Float64Array, place: Workplace) -> tuple[Finding, ...]:
     """Findings where a rod (M, 3) [m] is too close to itself for the fingers."""
     fits = [
-        fitting_opening_m(nodes_world, rod_point(nodes_world, share), place.dlo.radius_m) is not None
+        fitting_opening_m(place.arm.gripper, nodes_world, rod_point(nodes_world, share), place.dlo.radius_m) is not None
         for share in np.linspace(0.0, 1.0, len(nodes_world))
     ]
     node, gap_m = _farthest_from(nodes_world, np.array(fits))
@@ -220,9 +230,9 @@ def _in_reach(nodes_world: Float64Array, place: Workplace, *, handled_from_m: fl
 
 def _can_grasp(nodes_world: Float64Array, share: float, place: Workplace) -> bool:
     point = rod_point(nodes_world, share)
-    yaw = grasp_yaw(point, 0.0)
+    yaw = grasp_yaw(place.arm, point, 0.0)
     # The gripper may have either of two yaws; one within the arm's reach is enough.
-    return any(place.reachable(grasp_pose(point, yaw + turn, place.grasp.height_m)) for turn in (0.0, np.pi, -np.pi))
+    return any(place.reachable(grasp_pose(point, yaw + turn, place.grasp_height_m)) for turn in (0.0, np.pi, -np.pi))
 
 
 def _in_view(nodes_world: Float64Array, calibration: CameraCalibration | None) -> Finding | None:

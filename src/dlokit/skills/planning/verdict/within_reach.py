@@ -100,7 +100,7 @@ def _offsets() -> list[tuple[int, int]]:
 
 def _reaches(x: float, y: float, place: Workplace) -> bool:
     """Whether the gripper gets to a place on the table [m], turned in any way."""
-    height_m = place.grasp.height_m
+    height_m = place.grasp_height_m
     return any(
         place.reachable(geometry.downward((x, y, height_m), 2.0 * math.pi * turn / _TURNS)) for turn in range(_TURNS)
     )

@@ -9,14 +9,16 @@ from scipy.spatial.transform import Rotation
 from stereo_scene import Scene, calibration, camera_pose, render, s_curve
 
 from dlokit import geometry
-from dlokit.description.arm.panda import PANDA_LINKS
+from dlokit.description.arm.franka import PANDA
+from dlokit.description.arm.model import ArmModel
 from dlokit.errors import SkillFailure
 from dlokit.geometry.camera import project
-from dlokit.motion.inverse_kinematics import PandaKinematics
+from dlokit.motion.inverse_kinematics import ArmKinematics
 from dlokit.skills.perception.calibration import arm_outline as arm_outline_module
 from dlokit.skills.perception.calibration import hand_sight
 from dlokit.skills.perception.calibration.arm_outline import arm_outline
 from dlokit.skills.perception.calibration.hand_sight import HandLook, camera_from_hand, corrected_by, difference
+from dlokit.skills.perception.self_filter import PosedArm
 from dlokit.types.image import StereoImages
 from dlokit.types.pose import Pose
 
@@ -24,7 +26,7 @@ PLACES = ((0.50, 0.14, np.pi / 2), (0.50, -0.14, -np.pi / 2))
 
 
 def scene_at(x_m: float, y_m: float, yaw_rad: float) -> Scene:
-    kinematics = PandaKinematics()
+    kinematics = ArmKinematics(PANDA)
     q = kinematics.inverse(geometry.downward([x_m, y_m, 0.15], yaw_rad))
     scene = render(s_curve(), q_rad=q)
     return dataclasses.replace(scene, robot=msgspec.structs.replace(scene.robot, T_world_tcp=kinematics.forward(q)))
@@ -32,7 +34,10 @@ def scene_at(x_m: float, y_m: float, yaw_rad: float) -> Scene:
 
 @pytest.fixture(scope="module")
 def hand_looks() -> list[HandLook]:
-    return [HandLook(images=scene.images, robot=scene.robot) for scene in (scene_at(*place) for place in PLACES)]
+    return [
+        HandLook(images=scene.images, robot=PosedArm(PANDA, scene.robot))
+        for scene in (scene_at(*place) for place in PLACES)
+    ]
 
 
 def believed(images: StereoImages, offset_m: tuple[float, float], yaw_deg: float, lift_m: float = 0.0) -> StereoImages:
@@ -80,9 +85,9 @@ def test_half_a_turn_between_two_observations_cancels_an_offset_of_the_hand(
     """Shift the model's hand by 2 mm from the real one; the other links stay."""
     right = arm_outline_module.link_transforms
 
-    def wrong(q_rad: np.ndarray, finger_width_m: float, T_world_base: Pose | None) -> np.ndarray:
-        frames = right(q_rad, finger_width_m, T_world_base).copy()
-        hand = PANDA_LINKS.index("hand")
+    def wrong(arm: ArmModel, q_rad: np.ndarray, finger_width_m: float, T_world_base: Pose | None) -> np.ndarray:
+        frames = right(arm, q_rad, finger_width_m, T_world_base).copy()
+        hand = PANDA.links.index("hand")
         frames[:, hand, :3, 3] += 0.002 * frames[:, hand, :3, 0]
         return frames
 

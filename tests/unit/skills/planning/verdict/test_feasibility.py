@@ -8,7 +8,7 @@ import pytest
 from dlokit import geometry
 from dlokit.description.shapes import builtin_shape, moved, random_shape
 from dlokit.rod.believed import BelievedDlo
-from dlokit.skills.planning.actions import FeasibilityConfig, GraspConfig
+from dlokit.skills.planning.actions import FeasibilityConfig
 from dlokit.skills.planning.verdict.feasibility import (
     Workplace,
     bends,
@@ -48,7 +48,7 @@ def workplace(
     reachable: Callable[[Pose], bool] = everywhere,
     config: FeasibilityConfig | None = None,
 ) -> Workplace:
-    return Workplace(BelievedDlo(), config or FeasibilityConfig(), GraspConfig(), reachable, camera)
+    return Workplace(BelievedDlo(), config or FeasibilityConfig(), reachable, camera)
 
 
 def of_goal(nodes: Float64Array, camera: CameraCalibration | None = None) -> Verdict:

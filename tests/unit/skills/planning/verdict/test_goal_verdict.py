@@ -8,10 +8,11 @@ import pytest
 from msgspec.structs import replace as replace_belief
 
 from dlokit import geometry
+from dlokit.description.arm.franka import PANDA
 from dlokit.description.shapes import builtin_shape, moved
-from dlokit.motion.inverse_kinematics import PandaKinematics
+from dlokit.motion.inverse_kinematics import ArmKinematics
 from dlokit.rod.believed import BeliefConfig, BelievedDlo, as_configured
-from dlokit.skills.planning.actions import FeasibilityConfig, GraspConfig
+from dlokit.skills.planning.actions import FeasibilityConfig
 from dlokit.skills.planning.verdict import friction_hold
 from dlokit.skills.planning.verdict.feasibility import Workplace, crossings, parting_rmse_m
 from dlokit.skills.planning.verdict.friction_hold import HoldVerdict
@@ -30,7 +31,7 @@ S_SHAPE = builtin_shape("S", 0.5, 31)
 
 
 def of(goal: Float64Array, model: BelievedDlo = ROPE, yield_curvature_1_m: float | None = None) -> GoalVerdict:
-    place = Workplace(model, CONFIG, GraspConfig(), PandaKinematics().reachable, None)
+    place = Workplace(model, CONFIG, ArmKinematics(PANDA).reachable, None)
     belief = replace_belief(as_configured(model, 0), yield_curvature_1_m=yield_curvature_1_m)
 
     async def try_goal(nodes: Float64Array) -> HoldVerdict:

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from dlokit import geometry
+from dlokit.description.arm.franka import PANDA
 from dlokit.description.scene import default_calibration
 from dlokit.description.shapes import builtin_shape, moved, random_shape
-from dlokit.motion.inverse_kinematics import PandaKinematics
+from dlokit.motion.inverse_kinematics import ArmKinematics
 from dlokit.rod.believed import BelievedDlo
-from dlokit.skills.planning.actions import FeasibilityConfig, GraspConfig
+from dlokit.skills.planning.actions import FeasibilityConfig
 from dlokit.skills.planning.verdict.feasibility import HANDLED_FROM_M, Workplace, out_of_bounds
 from dlokit.skills.planning.verdict.within_reach import unreachable_rmse_m
 from dlokit.types.image import CameraCalibration
@@ -34,11 +35,11 @@ def workplace(
     reachable: Callable[[Pose], bool] = everywhere,
     camera: CameraCalibration | None = None,
 ) -> Workplace:
-    return Workplace(BelievedDlo(), config, GraspConfig(), reachable, camera)
+    return Workplace(BelievedDlo(), config, reachable, camera)
 
 
 def test_a_goal_inside_has_distance_zero() -> None:
-    place = workplace(FeasibilityConfig(), PandaKinematics().reachable, default_calibration())
+    place = workplace(FeasibilityConfig(), ArmKinematics(PANDA).reachable, default_calibration())
     assert unreachable_rmse_m(I_SHAPE, place) == 0.0
 
 
@@ -71,7 +72,7 @@ def test_out_of_reach_it_is_slightly_less_than_the_distance_back() -> None:
 
 
 def test_it_is_never_more_than_the_distance_to_a_valid_shape() -> None:
-    place = workplace(FeasibilityConfig(), PandaKinematics().reachable, default_calibration())
+    place = workplace(FeasibilityConfig(), ArmKinematics(PANDA).reachable, default_calibration())
     rng = np.random.default_rng(1000)
     bounds: list[float] = []
     for _ in range(6):

@@ -1,0 +1,207 @@
+"""An arm with its gripper as a value: joints, limits, home, tool, shapes. It needs no simulator.
+
+Kinematics, the self-filter, the trajectory checks, the viewer and the simulated cell are all made of it. Arms that are
+shipped are named in `choice`; `arm_file` reads others.
+
+The frame of a link is the one of the joint that moves it, z along the joint's axis. The hand is fixed to the last link;
+its z axis is the direction of approach, and its fingers move apart along its y axis. Each finger's frame is carried
+along with the finger, its y pointing away from the other finger, so that both are alike.
+"""
+
+import importlib.util
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from dlokit.errors import MachineError
+from dlokit.types.arrays import Float64Array
+from dlokit.types.robot import JointLimits, RobotReason
+
+Vector = tuple[float, float, float]
+
+HAND = "hand"
+"""Link that carries the fingers."""
+FINGER_LINKS = ("left_finger", "right_finger")
+"""The links of the two fingers; the left one moves along y of the hand, the right one against it."""
+TIP_CLEARANCE_M = 0.0021
+"""Usual distance of the fingertips from the table while they grasp a DLO that lies on it [m].
+
+The pads of a common gripper then hold a DLO of 4 mm radius 7 mm below the tool centre point.
+"""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Joint:
+    """A revolute joint and the link that it turns about its z axis."""
+
+    link: str
+    T_parent_link: Float64Array  # (4, 4) at angle 0, in the frame of the link before
+    torque_nm: float
+    """Largest torque [N·m]."""
+    stiffness_nm_rad: float
+    """Stiffness with which the simulated arm's controller holds the joint [N·m/rad]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Inertia:
+    """Mass [kg], centre of mass in the link frame [m], and inertia about it (xx, yy, zz, xy, xz, yz) [kg·m²]."""
+
+    mass_kg: float
+    center_m: Vector
+    inertia_kg_m2: tuple[float, float, float, float, float, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Capsule:
+    """All points within `radius_m` of the segment from `start_m` to `end_m`, both in the frame of `link` [m]."""
+
+    link: str
+    start_m: Vector
+    end_m: Vector
+    radius_m: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Surface:
+    """A mesh file that shows a link, in the link's frame unless a transform says where it is."""
+
+    file: str
+    """Path, below the package's folder if there is a `package`."""
+    package: str = ""
+    """Importable package that carries the file."""
+    wheel: str = ""
+    """What to install for that package."""
+    T_link_mesh: Float64Array = field(default_factory=lambda: np.eye(4))  # (4, 4)
+    dark: bool = False
+    """Whether it is drawn dark, as fingers are."""
+
+    @property
+    def path(self) -> Path:
+        """The file. Raises `MachineError` when its package is not installed, or the file is missing."""
+        folder = Path()
+        if self.package:
+            package = importlib.util.find_spec(self.package)
+            if package is None or package.origin is None:
+                raise MachineError(
+                    f"The meshes of an arm are missing: they come with the package {self.wheel}; run: "
+                    f"pip install {self.wheel}"
+                )
+            folder = Path(package.origin).parent
+        path = folder / self.file
+        if not path.is_file():
+            raise MachineError(f"The mesh {path} is missing; install its package again, or correct the arm's file.")
+        return path
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gripper:
+    """Two parallel fingers that open symmetrically."""
+
+    title: str
+    finger_m: float
+    """From the hand to the fingers' frames, along z [m]."""
+    tcp_m: float
+    """From the hand to the tool centre point, along z [m]; the TCP has the hand's orientation."""
+    tip_below_tcp_m: float
+    """How far the fingertips reach beyond the tool centre point [m]."""
+    pad_half_length_m: float
+    """Half the extent of a fingertip along x, along the grasped DLO [m]."""
+    pad_half_thickness_m: float
+    """Half the thickness of a fingertip along y; its inner face is at y = 0 of the finger's frame [m]."""
+    open_width_m: float
+    """Largest distance between the fingertips [m]."""
+    force_n: float
+    """Largest continuous force of the fingers [N]."""
+    finger_speed_m_s: float
+    """Speed of each finger [m/s]."""
+
+    def refusal(self, width_m: float, force_n: float) -> tuple[RobotReason, str] | None:
+        """Why the fingers cannot go to a width and press with a force, or None where they can."""
+        if not 0.0 <= width_m <= self.open_width_m:
+            return RobotReason.BAD_WIDTH, f"{width_m} m; the fingers open between 0 and {self.open_width_m} m"
+        if not 0.0 < force_n <= self.force_n:
+            return RobotReason.BAD_FORCE, f"{force_n} N; the hand presses with up to {self.force_n} N"
+        return None
+
+    def grasp_height_m(self, tip_clearance_m: float = TIP_CLEARANCE_M) -> float:
+        """Height of the tool centre point over the table with the fingertips clear of it [m], to the micrometre."""
+        return round(self.tip_below_tcp_m + tip_clearance_m, 6)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrankaDimensions:
+    """Lengths of an arm of Franka's kind [m], with which a gripper that points down has a closed solution."""
+
+    shoulder_height_m: float
+    upper_arm_m: float
+    forearm_m: float
+    elbow_offset_m: float
+    wrist_offset_m: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ArmModel:
+    """An arm that stands on its base link, with J revolute joints in a row, a hand and two fingers."""
+
+    name: str
+    """Name or file by which `choice.arm_model` gives it."""
+    title: str
+    """What a person calls it."""
+    base: str
+    """The link that does not move."""
+    joints: tuple[Joint, ...]
+    limits: JointLimits
+    home_q_rad: Float64Array  # (J,) [rad]
+    """Looking position: gripper down, folded back, so that the camera sees the whole table."""
+    T_last_hand: Float64Array  # (4, 4)
+    """Where the hand is on the last link."""
+    gripper: Gripper
+    inertias: Mapping[str, Inertia]
+    capsules: tuple[Capsule, ...]
+    """Capsules around every link that may meet something."""
+    may_meet: tuple[tuple[str, str], ...]
+    """Pairs of links that can meet within the joint limits; neighbours overlap at their joint and cannot."""
+    above_table: frozenset[str]
+    """Links that could come down to the table."""
+    roomiest_yaw_rad: float
+    """Yaw of a tool that points down, relative to its bearing from the base, at which the wrist has the most room
+    [rad]."""
+    surfaces: Mapping[str, tuple[Surface, ...]] = field(default_factory=dict[str, tuple[Surface, ...]])
+    """Meshes by link; a link without any is drawn as its capsules."""
+    franka: FrankaDimensions | None = None
+    """None: its inverse kinematics is solved by steps alone."""
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Pickles its name only: a process that gets it reads the same arm once."""
+        from dlokit.description.arm.choice import arm_model
+
+        return (arm_model, (self.name,))
+
+    @cached_property
+    def links(self) -> tuple[str, ...]:
+        """Every link with a shape, from the base to the fingers: the order of `forward_kinematics`."""
+        return (self.base, *(joint.link for joint in self.joints), HAND, *FINGER_LINKS)
+
+    @cached_property
+    def radii_m(self) -> Float64Array:
+        """Radii (C,) [m] of the capsules, in their order."""
+        return np.array([capsule.radius_m for capsule in self.capsules])
+
+    @cached_property
+    def meeting_capsules(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
+        """Indices of the capsules that can meet, the first and the second of each pair."""
+        of_link = {
+            link: [index for index, capsule in enumerate(self.capsules) if capsule.link == link] for link in self.links
+        }
+        pairs = [(i, j) for a, b in self.may_meet for i in of_link[a] for j in of_link[b]]
+        return tuple(i for i, _ in pairs), tuple(j for _, j in pairs)
+
+    @cached_property
+    def T_last_tcp(self) -> Float64Array:
+        """Where the tool centre point is on the last link, (4, 4)."""
+        T_hand_tcp = np.eye(4)
+        T_hand_tcp[2, 3] = self.gripper.tcp_m
+        return self.T_last_hand @ T_hand_tcp
