@@ -11,6 +11,7 @@
     ├── CommunicationError    a message cannot be encoded, decoded, or sent
     │   └── SchemaMismatch    the message was written by another version
     ├── HardwareError         a device does not respond or refuses a request
+    │   └── NoMorePictures    recorded pictures have been played to their end
     ├── ProcessFailure        a process of the live system died, froze, or did not start   (outcome ``failed``)
     └── CheckFailed           a part of another package violates its protocol (`dlokit.testing`)
 
@@ -109,6 +110,10 @@ class SchemaMismatch(CommunicationError):
 
 class HardwareError(DlokitError):
     """A device does not respond or refuses a request."""
+
+
+class NoMorePictures(HardwareError):
+    """Recorded pictures have been played to their end."""
 
 
 class ProcessFailure(DlokitError):

@@ -10,7 +10,9 @@ from pathlib import Path
 import pytest
 
 from dlokit.app.commands import parse
+from dlokit.functional.cameras.strategies import OURS as CAMERAS
 from dlokit.skills.observer.strategies import OURS as OBSERVERS
+from dlokit.skills.perception.segmentations import OURS as SEGMENTATIONS
 from dlokit.skills.planning.strategies import OURS as PLANNERS
 
 ROOT = Path(__file__).parents[2]
@@ -45,6 +47,8 @@ def known() -> set[str]:
         pages += [help_of(command, name) for name in subcommands(pages[-1])]
     pages += [help_of("shape", "--observer", config.name) for config in OBSERVERS]
     pages += [help_of("shape", "--planner", config.name) for config in PLANNERS]
+    pages += [help_of("shape", "--camera", config.name) for config in CAMERAS]
+    pages += [help_of("track", "--segmentation", config.name) for config in SEGMENTATIONS]
     return {option for page in pages for option in OPTION.findall(page)} | options_of_studies()
 
 

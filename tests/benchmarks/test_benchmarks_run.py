@@ -15,6 +15,7 @@ QUICK = {
     "feasibility": ("--seeds", "1", "--dlos", "soft_rope"),
     "gate_values": ("--values", "20", "--calls", "1"),
     "hops": (),
+    "realsense_driver": ("--frames", "6"),
     "robot_at_exposure": ("--speed-m-s", "0.5"),
     "simulation": ("--repeats", "1"),
     "tracker_overhead": ("--clouds", "3"),
@@ -28,8 +29,14 @@ LIVE = {
 """These run `dlokit shape` live."""
 
 
+OPTIONAL = {"realsense_driver": "pyrealsense2"}
+"""The optional package that a study needs."""
+
+
 @pytest.mark.parametrize("name", QUICK)
 def test_a_study_runs_and_writes_its_figures(name: str, tmp_path: Path) -> None:
+    if name in OPTIONAL:
+        pytest.importorskip(OPTIONAL[name], reason=f"{OPTIONAL[name]} is not installed")
     _runs(name, QUICK[name], tmp_path)
 
 

@@ -56,12 +56,13 @@ class CommandRow:
 
 
 COMMANDS: Mapping[str, CommandRow] = {
-    "shape": CommandRow("shape.shape", "Move the DLO from a start shape to a goal shape, guided by the stereo camera."),
+    "shape": CommandRow("shape.shape", "Move the DLO from a start shape to a goal shape, guided by a camera."),
     "demo": CommandRow(
         "shape.demo", "Watch a simulated arm move a rope from shape I to shape S, guided by a stereo camera."
     ),
     "track": CommandRow(
-        "data.track", "Track the nodes of a DLO through recorded point clouds, and write them with a plot."
+        "data.track",
+        "Track the nodes of a DLO through recorded point clouds, or live in the pictures of a camera, without a robot.",
     ),
     "bench shaping": CommandRow(
         "bench.shaping",

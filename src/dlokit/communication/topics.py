@@ -10,7 +10,7 @@ from dlokit.types.action import Action, Candidates
 from dlokit.types.dlo import DloBelief, DloState, GoalShape, TargetPoints
 from dlokit.types.feasibility import GoalVerdict
 from dlokit.types.flow import FlowStatus, GoalFrames, OperatorCommand
-from dlokit.types.image import StereoImages
+from dlokit.types.image import DepthImage, StereoImages
 from dlokit.types.observation import GraspState, Observation, ObserverEvent
 from dlokit.types.robot import RobotState
 from dlokit.types.system import ClockTick, Heartbeat, ViewerPage
@@ -23,6 +23,7 @@ CLOCK         = Topic("cell/clock",        ClockTick,       "cell",       100.0,
 ARM_STATE     = Topic("cell/arm_state",    RobotState,      "cell",       50.0,  LAST,       "the simulated arm's sensors")
 ROBOT_STATE   = Topic("robot/state",       RobotState,      "robot",      50.0,  LAST,       "joints, tool pose, fingers")
 STEREO_IMAGES = Topic("perception/images", StereoImages,    "perception", None,  LAST,       "the newest stereo pair")
+DEPTH_IMAGES  = Topic("perception/depth",  DepthImage,      "perception", None,  LAST,       "the newest colour image with depth")
 OBSERVATION   = Topic("perception/cloud",  Observation,     "perception", None,  Every(4),   "the DLO's point cloud")
 TARGETS       = Topic("observer/targets",  TargetPoints,    "observer",   None,  Every(4),   "estimated node positions")
 OBSERVER_EVENT = Topic("observer/events",  ObserverEvent,   "observer",   None,  Every(16),  "the DLO was lost or found again")

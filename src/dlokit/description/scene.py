@@ -1,4 +1,4 @@
-"""The scene around arm and DLO: table, light, and where the stereo camera stands."""
+"""The scene around arm and DLO: table, light, and where the cameras stand."""
 
 import mujoco
 import numpy as np
@@ -25,6 +25,14 @@ T_CAMERA_WORLD = (
 """The authors' published camera pose, ``p_camera = T p_world``, rounded to four digits; the camera stands at
 (0.515, 0.617, 1.011) m and looks at the middle of the table."""
 
+D435_SIZE_PX = (640, 480)
+"""Width and height of the pictures of the depth camera: what a D435 gives at 30 Hz over any USB port [px]."""
+D435_FOCAL_PX = 615.0
+"""Focal length of a D435's colour sensor at this size [px]."""
+D435_NEARER_M = 0.175
+"""The depth camera is this much nearer to the table than the stereo camera [m], so that with its shorter focal length
+the table fills its pictures alike."""
+
 _TEXTURE_PX = 1024
 _TEXTURE_SEED = 20220
 _TABLE_GREY = 62.0  # mean grey value of the table, dark enough for a brightness filter at 120
@@ -49,6 +57,24 @@ def default_calibration(width_px: int = 640, height_px: int = 560) -> CameraCali
         baseline_m=STEREO_BASELINE_M,
         serial="simulated",
         date="2022-05-15",
+    )
+
+
+def d435_calibration() -> CameraCalibration:
+    """A RealSense D435 on the line of sight of the stereo camera: the colour sensor, to which its depth is aligned."""
+    stereo = default_calibration(*D435_SIZE_PX)
+    T = stereo.T_world_camera
+    forward = geometry.rotation(T)[:, 2]
+    return CameraCalibration(
+        width_px=D435_SIZE_PX[0],
+        height_px=D435_SIZE_PX[1],
+        fx_px=D435_FOCAL_PX,
+        fy_px=D435_FOCAL_PX,
+        cx_px=stereo.cx_px,
+        cy_px=stereo.cy_px,
+        T_world_camera=geometry.pose(T.position_m + D435_NEARER_M * forward, T.wxyz),
+        serial="simulated D435",
+        date=stereo.date,
     )
 
 

@@ -3,7 +3,7 @@
 from typing import Any
 
 from dlokit.communication.topic import Every, Topic
-from dlokit.communication.topics import TOPICS
+from dlokit.communication.topics import DEPTH_IMAGES, STEREO_IMAGES, TOPICS
 from dlokit.types.message import Message
 from dlokit.types.outcome import CallBegun, CallRecord
 
@@ -19,8 +19,12 @@ RECORDED: dict[str, Topic[Any]] = {topic.name: topic for topic in (*TOPICS, *CAL
 
 IMAGE_FORMAT = "jpeg"
 IMAGE_QUALITY = 90
+DEPTH_FORMAT = "png"
+"""Depths must not change: the format is lossless, in whole millimetres."""
 IMAGES_PER_S = 2.0
-"""Largest rate of recorded stereo pairs [1/s]; the others are only counted."""
+"""Largest rate of recorded stereo pairs and depth images [1/s]; the others are only counted."""
+PICTURE_ROWS = (STEREO_IMAGES.row, DEPTH_IMAGES.row)
+"""Topics with pictures."""
 
 
 def type_of(channel: str) -> type[Message] | None:

@@ -10,14 +10,15 @@ from mcap.records import Channel, McapRecord, Metadata, Schema
 from mcap.records import Message as McapMessage
 from mcap.stream_reader import StreamReader
 
-from dlokit.communication.topics import STEREO_IMAGES
+from dlokit.communication.topics import DEPTH_IMAGES, STEREO_IMAGES
 from dlokit.errors import CommunicationError, InputError, SchemaMismatch
 from dlokit.recording import foxglove
 from dlokit.recording.channels import RECORDED, type_of
 from dlokit.recording.message_json import from_plain
-from dlokit.recording.views import VIEWS, from_jpeg
+from dlokit.recording.views import VIEWS, from_jpeg, from_png
 from dlokit.types.message import Message
 
+_PICTURES = ("view/left", "view/right", "view/colour", "view/depth")
 _MAGIC = b"\x89MCAP0\r\n"
 
 
@@ -89,19 +90,20 @@ class RawRecording:
 def read_recording(path: Path, only: Container[str] | None = None) -> Iterator[Recorded]:
     """Read the messages of all topics and the skill calls, or only of the channels `only`, in the order of arrival.
 
-    They equal the published messages, except for images, which have JPEG quality. Raises `InputError` when the file is
+    They equal the published messages, except for images, which have JPEG quality, and depths, which are rounded to
+    millimetres. Raises `InputError` when the file is
     not a recording, and `SchemaMismatch` when another version wrote messages that this one cannot read.
     """
     pictures: dict[str, bytes] = {}
     for channel, record in RawRecording(path=path):
-        if channel in ("view/left", "view/right"):
+        if channel in _PICTURES:
             pictures[channel] = record.data
         elif channel not in VIEWS and (only is None or channel in only):
             yield Recorded(topic=channel, log_ns=record.log_time, message=_message(channel, record.data, pictures))
 
 
 def picture_file(data: bytes) -> foxglove.CompressedImage:
-    """Decode an image message of `view/left` or `view/right`. Raises `SchemaMismatch`."""
+    """Decode an image message of `view/left`, `view/right`, `view/colour` or `view/depth`. Raises `SchemaMismatch`."""
     try:
         return foxglove.from_bytes(data, foxglove.CompressedImage)
     except CommunicationError as error:
@@ -116,4 +118,7 @@ def _message(channel: str, data: bytes, pictures: dict[str, bytes]) -> Message:
     if channel == STEREO_IMAGES.name:
         for side in ("left", "right"):
             plain[side] = from_jpeg(picture_file(pictures[f"view/{side}"]).data)
+    if channel == DEPTH_IMAGES.name:
+        plain["pixels"] = from_jpeg(picture_file(pictures["view/colour"]).data)
+        plain["depth_m"] = from_png(picture_file(pictures["view/depth"]).data)
     return from_plain(plain, kind)

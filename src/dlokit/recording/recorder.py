@@ -13,10 +13,9 @@ from typing import Any
 
 from dlokit.communication.timing.urgency import BoundedUrgency, never_urgent
 from dlokit.communication.topic import Topic
-from dlokit.communication.topics import STEREO_IMAGES
 from dlokit.communication.wire import codec
 from dlokit.errors import CommunicationError
-from dlokit.recording.channels import IMAGES_PER_S
+from dlokit.recording.channels import IMAGES_PER_S, PICTURE_ROWS
 from dlokit.recording.rest_thinning import RestThinning
 from dlokit.recording.writer import RecordingWriter
 from dlokit.types.message import Message
@@ -61,7 +60,7 @@ class Recorder:
         self._queue: queue.Queue[_Item] = queue.Queue(QUEUE_LENGTH)
         self._ending = threading.Event()
         self._lock = threading.Lock()
-        self._last_pair_ns: int | None = None
+        self._last_picture_ns: int | None = None
         self._skipped = Counter[str]()
         self._resting = RestThinning()
         self._topics = set[str]()
@@ -88,7 +87,7 @@ class Recorder:
             return
         log_ns = self._now_ns()
         self._topics.add(topic.name)
-        if topic is STEREO_IMAGES and self._skips_pair(log_ns):
+        if topic.row in PICTURE_ROWS and self._skips_picture(topic, log_ns):
             return
         try:
             self._queue.put(_Item(topic, log_ns, message), self._waits, DISK_TIMEOUT_S)
@@ -101,13 +100,13 @@ class Recorder:
         """Whether any message of a topic was passed to the recorder."""
         return topic.name in self._topics
 
-    def _skips_pair(self, log_ns: int) -> bool:
+    def _skips_picture(self, topic: Topic[Any], log_ns: int) -> bool:
         with self._lock:
-            last = self._last_pair_ns
+            last = self._last_picture_ns
             if last is not None and 0 <= log_ns - last < 1e9 / IMAGES_PER_S:
-                self._skipped[STEREO_IMAGES.name] += 1
+                self._skipped[topic.name] += 1
                 return True
-            self._last_pair_ns = log_ns
+            self._last_picture_ns = log_ns
             return False
 
     def _write_all(self) -> None:

@@ -1,16 +1,17 @@
 """Conversion of messages to views for Foxglove's panels: images, clouds, frames, the rod in the scene, and a log."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dlokit.errors import CommunicationError
 from dlokit.geometry.camera import camera_matrix
 from dlokit.recording import foxglove as fox
-from dlokit.recording.channels import IMAGE_FORMAT, IMAGE_QUALITY
+from dlokit.recording.channels import DEPTH_FORMAT, IMAGE_FORMAT, IMAGE_QUALITY
 from dlokit.types.arrays import Float32Array, Float64Array, UInt8Array
 from dlokit.types.dlo import DloState, GoalShape, TargetPoints
 from dlokit.types.feasibility import GoalVerdict, Standing
 from dlokit.types.flow import FlowStatus, RunOutcome
-from dlokit.types.image import CameraCalibration, StereoImages
+from dlokit.types.image import CameraCalibration, DepthImage, StereoImages
 from dlokit.types.message import Message
 from dlokit.types.observation import Observation, ObserverEvent
 from dlokit.types.outcome import CallEnd, CallRecord
@@ -37,6 +38,32 @@ def from_jpeg(data: bytes) -> UInt8Array:
     return cv2.cvtColor(picture, cv2.COLOR_BGR2RGB).astype(np.uint8, copy=False)
 
 
+def to_png(depth_m: Float32Array) -> bytes:
+    """Encode depths (height, width) [m] as whole millimetres in a PNG of 16 bits; 0 where unknown or above 65 m."""
+    import cv2
+
+    steps = np.round(depth_m.astype(np.float64) * _STEPS_PER_M)
+    _, data = cv2.imencode(f".{DEPTH_FORMAT}", np.where(steps < 2**16, steps, 0.0).astype(np.uint16))
+    return data.tobytes()
+
+
+def from_png(data: bytes) -> Float32Array:
+    """Decode depths to (height, width) [m]. Raises `CommunicationError` if `data` is not such an image."""
+    import cv2
+
+    steps = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
+    if steps is None or steps.ndim != 2 or steps.dtype != np.uint16:
+        raise CommunicationError("a recorded depth image cannot be decoded: its bytes are not a PNG file of 16 bits")
+    return depth_m_of(steps.astype(np.uint16, copy=False))
+
+
+def depth_m_of(steps: NDArray[np.uint16]) -> Float32Array:
+    """Depths (height, width) [m] of whole millimetres."""
+    return (steps / _STEPS_PER_M).astype(np.float32)
+
+
+_STEPS_PER_M = 1000.0
+
 View = fox.FrameTransform | fox.CompressedImage | fox.CameraCalibration | fox.PointCloud | fox.SceneUpdate | fox.Log
 
 VIEWS: dict[str, type[View]] = {
@@ -45,6 +72,8 @@ VIEWS: dict[str, type[View]] = {
     "view/camera": fox.CameraCalibration,
     "view/left": fox.CompressedImage,
     "view/right": fox.CompressedImage,
+    "view/colour": fox.CompressedImage,
+    "view/depth": fox.CompressedImage,
     "view/cloud": fox.PointCloud,
     "view/scene": fox.SceneUpdate,
     "view/rod": fox.PointCloud,
@@ -68,7 +97,7 @@ def views_of(message: Message) -> list[tuple[str, View]]:
     match message:
         case RobotState():
             return [("view/tool", _frame(message.stamp_ns, f"{message.robot}_tool", message.T_world_tcp))]
-        case StereoImages():
+        case StereoImages() | DepthImage():
             pose = message.calibration.T_world_camera
             return [
                 ("view/camera_frame", _frame(message.stamp_ns, CAMERA, pose)),

@@ -13,14 +13,15 @@ from dlokit import __version__
 from dlokit.communication.topic import Topic
 from dlokit.communication.topics import ARM_STATE
 from dlokit.recording import foxglove
-from dlokit.recording.channels import IMAGE_FORMAT, type_of
+from dlokit.recording.channels import DEPTH_FORMAT, IMAGE_FORMAT, type_of
 from dlokit.recording.message_json import json_schema, kind_name, to_json
-from dlokit.recording.views import CAMERA, VIEWS, View, to_jpeg, views_of
-from dlokit.types.image import StereoImages
+from dlokit.recording.views import CAMERA, VIEWS, View, to_jpeg, to_png, views_of
+from dlokit.types.image import DepthImage, StereoImages
 from dlokit.types.message import Message
 from dlokit.types.outcome import CallBegun, CallRecord
 
 _NO_PIXELS = np.empty((0, 0, 3), dtype=np.uint8)
+_NO_DEPTH = np.empty((0, 0), dtype=np.float32)
 
 
 class RecordingWriter:
@@ -50,16 +51,22 @@ class RecordingWriter:
     def add(self, topic: Topic[Any], log_ns: int, message: Message) -> None:
         """Write a message and its views; `log_ns` is the time of its arrival."""
         self._count_lost(topic, message)
+        stamp_ns = message.stamp_ns
+        # The images come before the message that refers to them, so that a reader has them in time.
         if isinstance(message, StereoImages):
-            # The images come before the message that refers to them, so that a reader has them in time.
-            self._add_picture("view/left", log_ns, message.stamp_ns, to_jpeg(message.left))
-            self._add_picture("view/right", log_ns, message.stamp_ns, to_jpeg(message.right))
+            self._add_picture("view/left", log_ns, stamp_ns, to_jpeg(message.left), IMAGE_FORMAT)
+            self._add_picture("view/right", log_ns, stamp_ns, to_jpeg(message.right), IMAGE_FORMAT)
+        if isinstance(message, DepthImage):
+            self._add_picture("view/colour", log_ns, stamp_ns, to_jpeg(message.pixels), IMAGE_FORMAT)
+            self._add_picture("view/depth", log_ns, stamp_ns, to_png(message.depth_m), DEPTH_FORMAT)
         # The simulated arm's sensor state duplicates the robot's state, of which the view is made.
         for channel, view in () if topic.row == ARM_STATE.row else views_of(message):
-            self._add(channel, log_ns, message.stamp_ns, 0, view)
+            self._add(channel, log_ns, stamp_ns, 0, view)
         if isinstance(message, StereoImages):
             message = msgspec.structs.replace(message, left=_NO_PIXELS, right=_NO_PIXELS)
-        self._add(topic.name, log_ns, message.stamp_ns, message.seq, message)
+        if isinstance(message, DepthImage):
+            message = msgspec.structs.replace(message, pixels=_NO_PIXELS, depth_m=_NO_DEPTH)
+        self._add(topic.name, log_ns, stamp_ns, message.seq, message)
 
     def flush(self) -> None:
         """End the chunk and pass it to the operating system."""
@@ -87,9 +94,9 @@ class RecordingWriter:
             self.lost[topic.name] += seq - last - 1
         self._last_seq[counted] = seq
 
-    def _add_picture(self, channel: str, log_ns: int, stamp_ns: int, data: bytes) -> None:
+    def _add_picture(self, channel: str, log_ns: int, stamp_ns: int, data: bytes, kind: str) -> None:
         picture = foxglove.CompressedImage(
-            timestamp=foxglove.time_of(stamp_ns), frame_id=CAMERA, data=data, format=IMAGE_FORMAT
+            timestamp=foxglove.time_of(stamp_ns), frame_id=CAMERA, data=data, format=kind
         )
         self._add(channel, log_ns, stamp_ns, 0, picture)
 

@@ -119,10 +119,9 @@ def _robot(number: int) -> "_Builder":
 
 
 def _perception(config: RunConfig, wiring: Wiring) -> Component:
-    from dlokit.functional.cameras.simulated import SimulatedCamera
     from dlokit.skills.perception.component import PerceptionComponent
 
-    return PerceptionComponent(config.perception, SimulatedCamera(wiring.transport), config.model, config.arm_model)
+    return PerceptionComponent(config.perception, config.camera.build(wiring.transport), config.model, config.arm_model)
 
 
 def _observer(config: RunConfig, wiring: Wiring) -> Component:

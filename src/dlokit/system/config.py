@@ -13,6 +13,8 @@ from dlokit.description.arm.mounts import ArmMount, arms_of
 from dlokit.description.dlo import DloPreset
 from dlokit.description.table import Table
 from dlokit.errors import ConfigError
+from dlokit.functional.cameras.simulated import SimulatedStereoConfig
+from dlokit.functional.cameras.strategies import AnyCamera
 from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.cell.dlo_physics import ElasticRod, ElastoplasticChain
 from dlokit.functional.robots.gate import GateConfig
@@ -67,6 +69,8 @@ class RunConfig:
     """The simulated cell, which stands in for reality."""
     table: Table = field(default_factory=Table)
     """The table as the system believes it to be."""
+    camera: AnyCamera = field(default_factory=SimulatedStereoConfig)
+    """The camera."""
     perception: PerceptionConfig = field(default_factory=PerceptionConfig)
     """From pictures to the DLO's points."""
     observer: ObserverConfig = field(default_factory=ObserverConfig)

@@ -13,7 +13,7 @@ from dlokit.communication.container import Container, end_tasks
 from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.errors import InputError
-from dlokit.functional.cameras.played import PlayedCamera, RecordedPair
+from dlokit.functional.cameras.played import PlayedCamera, RecordedLook
 from dlokit.recording.channels import topic_of
 from dlokit.recording.comparison import FieldRow, compare
 from dlokit.recording.component_replay import Timeline, feed, read_timeline
@@ -26,12 +26,13 @@ from dlokit.system.results.recording import what_rounds
 from dlokit.system.results.run_folder import HIDDEN_START
 from dlokit.system.table import COMPONENTS
 from dlokit.system.toml_config import from_plain, known_part
-from dlokit.types.image import StereoImages
+from dlokit.types.image import DepthImage, StereoImages
 
 log = logging.getLogger(__name__)
 
 PERCEPTION = "perception"
-PICTURES = topics.STEREO_IMAGES.name
+PICTURES = (topics.STEREO_IMAGES, topics.DEPTH_IMAGES)
+_PICTURE_NAMES = frozenset(topic.name for topic in PICTURES)
 REPLAYABLE = {row.name: row.replays for row in COMPONENTS.values() if row.replays}
 """Components by name, with the sections of the configuration that each is built from."""
 
@@ -96,11 +97,11 @@ def replay(path: Path, name: str, config: RunConfig) -> Replay:
     """Feed the component `name`, one of `REPLAYABLE`, and compare. Raises `InputError`."""
     kind = COMPONENTS[name].load()
     # Pictures are inputs of perception; they come from the camera.
-    said = tuple(topic for topic in kind.publishes if topic is not topics.STEREO_IMAGES)
+    said = tuple(topic for topic in kind.publishes if topic not in PICTURES)
     line = read_timeline(path, kind, said)
     if not line.published and not line.events:
         raise InputError(f"{path} has no data of {name}: no message that it reads or publishes, and no call of it.")
-    camera = PlayedCamera(_pairs(path), _looks(path, line)) if name == PERCEPTION else None
+    camera = PlayedCamera(_pictures(path), _looks(path, line)) if name == PERCEPTION else None
     if camera is not None and camera.empty:
         raise InputError(f"{path} has no pictures, which perception needs; replay into another component.")
     replayed = feed(_build(name, config, camera), line, said, instances_of_run(config))
@@ -124,15 +125,16 @@ def _build(name: str, config: RunConfig, camera: PlayedCamera | None) -> Compone
     return build_component(name, replace(config, runtime="lockstep"), wiring)
 
 
-def _pairs(path: Path) -> Iterator[RecordedPair]:
-    for one in read_recording(path, {PICTURES}):
-        assert isinstance(one.message, StereoImages)
-        yield RecordedPair(log_ns=one.log_ns, images=one.message)
+def _pictures(path: Path) -> Iterator[RecordedLook]:
+    for one in read_recording(path, _PICTURE_NAMES):
+        assert isinstance(one.message, StereoImages | DepthImage)
+        yield RecordedLook(log_ns=one.log_ns, images=one.message)
 
 
 def _looks(path: Path, line: Timeline) -> list[tuple[int, int]]:
     """Stamps of all pictures, and their times; a picture may have a cloud, a recorded image, or both."""
-    kept = {record.publish_time: record.log_time for channel, record in RawRecording(path=path) if channel == PICTURES}
+    raw = RawRecording(path=path)
+    kept = {record.publish_time: record.log_time for channel, record in raw if channel in _PICTURE_NAMES}
     clouds = {one.message.stamp_ns: one.log_ns for one in line.published}
     return sorted((clouds | kept).items())
 

@@ -34,7 +34,7 @@ from dlokit.system.toml_config import to_toml
 from dlokit.types.action import Candidates
 from dlokit.types.arrays import Float64Array, UInt8Array
 from dlokit.types.flow import FlowStatus
-from dlokit.types.image import StereoImages
+from dlokit.types.image import DepthImage, StereoImages
 
 NAMES = {signal.SIGINT: "SIGINT (Ctrl-C)", signal.SIGTERM: "SIGTERM"}
 
@@ -103,16 +103,16 @@ class ShapeJob:
 class _Album:
     """The first and the last picture of a run."""
 
-    def __init__(self, pictures: AsyncIterator[StereoImages]) -> None:
-        self._pictures = pictures
+    def __init__(self) -> None:
         self.first: UInt8Array | None = None
         self.last: UInt8Array | None = None
 
-    async def fill(self) -> None:
-        async for picture in self._pictures:
-            self.last = picture.left
+    async def fill(self, pictures: AsyncIterator[StereoImages] | AsyncIterator[DepthImage]) -> None:
+        """Keep pictures as they come; the run has one camera, so that one topic only has any."""
+        async for picture in pictures:
+            self.last = picture.reference
             if self.first is None:
-                self.first = picture.left
+                self.first = picture.reference
 
 
 async def shape(
@@ -128,8 +128,12 @@ async def shape(
     assert task is not None
     cancel = task.cancel
     watch.started(lambda: loop.call_soon_threadsafe(cancel))
-    album = _Album(transport.stream(topics.STEREO_IMAGES))
-    helpers = [asyncio.create_task(waiting) for waiting in (album.fill(), *_told(transport, watch))]
+    album = _Album()
+    pictures = (
+        album.fill(transport.stream(topics.STEREO_IMAGES)),
+        album.fill(transport.stream(topics.DEPTH_IMAGES)),
+    )
+    helpers = [asyncio.create_task(waiting) for waiting in (*pictures, *_told(transport, watch))]
     began_s, began_ns = time.perf_counter(), clock.now_ns()
     try:
         with signals_noted() as canceller:

@@ -12,9 +12,7 @@ from dlokit.errors import HardwareError
 from dlokit.functional.cameras.base import Camera
 from dlokit.testing.checks import Unmet, require_none
 from dlokit.types.arrays import UInt8Array
-from dlokit.types.image import CameraCalibration, DepthImage, StereoImages
-
-Pictures = StereoImages | DepthImage
+from dlokit.types.image import CameraCalibration, CameraPictures, DepthImage, StereoImages
 
 LONGEST_FOCAL_LENGTH = 10.0
 """Focal length over the width of the picture, at most: a lens that sees 6°."""
@@ -74,7 +72,7 @@ class CameraCheckReport:
 class _Taken:
     """What was captured, with what was wrong."""
 
-    pictures: list[Pictures] = field(default_factory=list[Pictures])
+    pictures: list[CameraPictures] = field(default_factory=list[CameraPictures])
     seconds: list[float] = field(default_factory=list[float])
     calibrations: list[CameraCalibration] = field(default_factory=list[CameraCalibration])
     found: list[Unmet] = field(default_factory=list[Unmet])
@@ -125,7 +123,7 @@ async def _open_and_capture(
 
 async def _captured(
     camera: Camera, taken: _Taken, captures: int, timeout_s: float, clock_ns: Callable[[], int] | None
-) -> AsyncIterator[Pictures]:
+) -> AsyncIterator[CameraPictures]:
     for _ in range(captures):
         asked_ns = None if clock_ns is None else clock_ns()
         begin_s = time.perf_counter()
@@ -166,7 +164,7 @@ def _check_pictures(taken: _Taken) -> None:
             return
 
 
-def _named(pictures: Pictures) -> Sequence[tuple[str, UInt8Array]]:
+def _named(pictures: CameraPictures) -> Sequence[tuple[str, UInt8Array]]:
     if isinstance(pictures, StereoImages):
         return (("left", pictures.left), ("right", pictures.right))
     return (("pixels", pictures.pixels),)

@@ -38,6 +38,11 @@ class StereoImages(Message, frozen=True, kw_only=True, eq=False):
     right: UInt8Array  # (height, width, 3) RGB
     calibration: CameraCalibration
 
+    @property
+    def reference(self) -> UInt8Array:
+        """The picture of the camera that `calibration` describes: the left one (height, width, 3)."""
+        return self.left
+
 
 class DepthImage(Message, frozen=True, kw_only=True, eq=False):
     """An image with the depth of each pixel, from a depth camera."""
@@ -45,6 +50,15 @@ class DepthImage(Message, frozen=True, kw_only=True, eq=False):
     pixels: UInt8Array  # (height, width, 3) RGB
     depth_m: Float32Array  # (height, width) along z of the camera [m]; 0 where unknown
     calibration: CameraCalibration
+
+    @property
+    def reference(self) -> UInt8Array:
+        """The picture of the camera that `calibration` describes (height, width, 3)."""
+        return self.pixels
+
+
+CameraPictures = StereoImages | DepthImage
+"""What a camera gives: a pair to be matched, or a colour image with its depth."""
 
 
 class Mask(Value, frozen=True, kw_only=True, eq=False):

@@ -8,7 +8,7 @@ from dlokit.types.action import Candidates, Grasp, PickPlace, ScoredCandidate, V
 from dlokit.types.dlo import DloBelief, DloState, GoalShape, LogNormal, TargetPoints, Topology
 from dlokit.types.feasibility import Finding, GoalVerdict, Problem, Standing
 from dlokit.types.flow import Command, FlowStatus, GoalFrame, GoalFrames, Mode, OperatorCommand, RunOutcome
-from dlokit.types.image import CameraCalibration, StereoImages
+from dlokit.types.image import CameraCalibration, DepthImage, StereoImages
 from dlokit.types.message import Message
 from dlokit.types.observation import (
     DistrustReason,
@@ -59,6 +59,13 @@ EXAMPLES: dict[str, Message] = {
     topics.ROBOT_STATE.name: ROBOT,
     topics.STEREO_IMAGES.name: StereoImages(
         stamp_ns=30_000_000, seq=1, left=PIXELS, right=PIXELS[:, ::-1].copy(), calibration=CALIBRATION
+    ),
+    topics.DEPTH_IMAGES.name: DepthImage(
+        stamp_ns=30_000_000,
+        seq=1,
+        pixels=PIXELS,
+        depth_m=np.tile(np.array([0.0, 0.357, 1.002, 6.0], dtype=np.float32), (8, 4)),
+        calibration=CALIBRATION,
     ),
     topics.OBSERVATION.name: Observation(
         stamp_ns=30_000_000,

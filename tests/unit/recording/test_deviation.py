@@ -62,6 +62,10 @@ def test_clouds_are_compared_without_order_and_by_a_quantile() -> None:
     away = points + np.array([0.0, 0.0, 2.0], dtype=np.float32)
     assert largest(seen, msgspec.structs.replace(seen, points_world=away))["points_world"] > 1.0
     assert largest(seen, msgspec.structs.replace(seen, points_world=points[:0]))["points_world"] == math.inf
+    noise, other = (msgspec.structs.replace(seen, points_world=points[of]) for of in (slice(0, 6), slice(6, 15)))
+    assert largest(noise, other)["points_world"] == 0.0  # no observer uses so few points
+    enough = msgspec.structs.replace(seen, points_world=points[6:16])
+    assert largest(noise, enough)["points_world"] > 0.0
 
 
 @pytest.mark.parametrize(

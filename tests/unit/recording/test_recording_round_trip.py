@@ -15,19 +15,21 @@ from google.protobuf.unknown_fields import UnknownFieldSet
 from mcap.reader import make_reader
 from mcap.records import Schema
 
-from dlokit.communication.topics import STEREO_IMAGES, TOPICS
+from dlokit.communication.topics import DEPTH_IMAGES, STEREO_IMAGES, TOPICS
 from dlokit.errors import CommunicationError
 from dlokit.recording.channels import CALLS, CALLS_BEGUN, RECORDED
 from dlokit.recording.message_json import from_json, json_schema, kind_name, to_json
 from dlokit.recording.reader import read_recording
-from dlokit.recording.views import VIEWS
+from dlokit.recording.views import VIEWS, from_png, to_jpeg, to_png
 from dlokit.recording.writer import RecordingWriter
 from dlokit.types.action import Drag, LayDown, PairPlace, Partner, PickPlace, Push
+from dlokit.types.image import DepthImage
 from dlokit.types.message import Message
 from dlokit.types.outcome import CallBegun
 from dlokit.types.robot import RobotState
 from dlokit.types.system import ClockTick
 
+PICTURES = (STEREO_IMAGES.name, DEPTH_IMAGES.name)
 JPEG_ERROR = 4  # of 255, for an image of one colour
 
 
@@ -64,7 +66,7 @@ def test_the_topics_of_the_table_and_the_skill_calls_are_recorded_and_nothing_el
     assert set(EXAMPLES) == set(RECORDED)
 
 
-@pytest.mark.parametrize("name", [name for name in EXAMPLES if name != STEREO_IMAGES.name])
+@pytest.mark.parametrize("name", [name for name in EXAMPLES if name not in PICTURES])
 def test_a_message_is_read_back_unchanged(name: str) -> None:
     assert_same(EXAMPLES[name], from_json(to_json(EXAMPLES[name]), RECORDED[name].type))
 
@@ -74,7 +76,7 @@ def test_a_file_has_every_message_in_order_with_its_time_of_arrival(recording: P
     assert [one.topic for one in back] == list(EXAMPLES)
     assert [one.log_ns for one in back] == list(range(len(EXAMPLES)))
     for one in back:
-        if one.topic != STEREO_IMAGES.name:
+        if one.topic not in PICTURES:
             assert_same(EXAMPLES[one.topic], one.message)
 
 
@@ -86,6 +88,22 @@ def test_images_are_read_back_with_jpeg_quality_and_the_rest_unchanged(recording
         assert np.abs(difference).max() <= JPEG_ERROR
         pair = msgspec.structs.replace(pair, **{side: getattr(sent, side)})
     assert_same(sent, pair)
+
+
+def test_depths_are_read_back_to_the_millimetre_and_their_picture_with_jpeg_quality(recording: Path) -> None:
+    (image,) = [one.message for one in read_recording(recording) if one.topic == DEPTH_IMAGES.name]
+    sent = EXAMPLES[DEPTH_IMAGES.name]
+    assert isinstance(sent, DepthImage)
+    assert isinstance(image, DepthImage)
+    assert np.abs(image.pixels.astype(int) - sent.pixels).max() <= JPEG_ERROR
+    assert_same(sent, msgspec.structs.replace(image, pixels=sent.pixels))
+
+
+def test_a_depth_that_16_bits_of_millimetres_cannot_hold_is_unknown() -> None:
+    depth_m = np.array([[0.0004, 65.535, 65.6]], dtype=np.float32)
+    np.testing.assert_array_equal(from_png(to_png(depth_m)), np.array([[0.0, 65.535, 0.0]], dtype=np.float32))
+    with pytest.raises(CommunicationError, match="16 bits"):
+        from_png(to_jpeg(np.zeros((8, 8, 3), dtype=np.uint8)))
 
 
 def test_every_channel_has_a_schema_that_foxglove_reads_and_its_messages_have_its_fields(recording: Path) -> None:

@@ -1,5 +1,6 @@
 """Lockstep recordings: all topics and calls, identical for the same seed, and without the true shape."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -7,7 +8,8 @@ import pytest
 from dlokit.app.shape.job import job_from_config
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
-from dlokit.communication.topics import ARM_STATE, CLOCK, OBSERVATION, ROBOT_STATE, STEREO_IMAGES, TOPICS
+from dlokit.communication.topics import ARM_STATE, CLOCK, DEPTH_IMAGES, OBSERVATION, ROBOT_STATE, STEREO_IMAGES, TOPICS
+from dlokit.functional.cameras.simulated import SimulatedD435Config
 from dlokit.recording.channels import CALLS, FILE_NAME, SKILL_CALLS
 from dlokit.recording.message_json import to_json
 from dlokit.recording.reader import RawRecording, read_recording
@@ -16,6 +18,7 @@ from dlokit.skills.perception import api as perception
 from dlokit.skills.robot import api as robot
 from dlokit.system.config import RunConfig
 from dlokit.system.lockstep import lockstep_system
+from dlokit.system.replay import REPLAYABLE, recorded_config, replay
 from dlokit.system.results.recording import lockstep_recorder
 from dlokit.system.toml_config import from_toml
 from dlokit.types.outcome import CallBegun, CallRecord, Succeeded
@@ -47,6 +50,16 @@ def twice(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 def test_two_recordings_of_one_seed_have_equal_messages_at_equal_times(twice: list[Path]) -> None:
     one, two = ([(r.topic, r.log_ns, to_json(r.message)) for r in read_recording(path)] for path in twice)
     assert one == two
+
+
+def test_a_run_seen_by_the_depth_camera_is_recorded_and_replayed_into_perception(tmp_path: Path) -> None:
+    path = recorded(tmp_path / "depth", replace(CONFIG, camera=SimulatedD435Config()))
+    channels = {channel for channel, _ in RawRecording(path=path)}
+    assert channels >= {DEPTH_IMAGES.name, "view/colour", "view/depth", "view/camera"}
+    assert not channels & {STEREO_IMAGES.name, "view/left", "view/right"}
+    done = replay(path, "perception", recorded_config(path, REPLAYABLE["perception"]))
+    assert any(row.field == "points_world" and row.compared == 1 for row in done.rows)
+    assert [row.field for row in done.rows if not row.within] == []
 
 
 def test_a_recording_has_all_messages_on_the_bus_and_only_clock_and_arm_of_the_cell(twice: list[Path]) -> None:

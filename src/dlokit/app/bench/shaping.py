@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from datetime import datetime
 from itertools import chain
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 from rich.console import Console
@@ -13,8 +13,8 @@ from rich.table import Table
 
 from dlokit.app.bench.progress import followed
 from dlokit.app.commands import CliCommand, flag
-from dlokit.app.shape.job import config_file_of
-from dlokit.app.shape.preflight import prepare
+from dlokit.app.shape.job import NamedChoices, config_file_of, with_choices
+from dlokit.app.shape.preflight import prepare, require_camera_of_cell
 from dlokit.benches.report import bench_json
 from dlokit.benches.shaping.cases import IDEAL, CaseResult, ShapingCase, ShapingMethod, cases, methods_of, with_method
 from dlokit.benches.shaping.experiments import Experiment
@@ -33,6 +33,7 @@ from dlokit.benches.shaping.pictures import draw
 from dlokit.benches.shaping.suites import SEEDS_APART, SUITE_NAMES, VERSION, suite_of
 from dlokit.benches.shaping.sweep import Workers, check_address, claim_sweep_folder, describe, run_sweep
 from dlokit.errors import EXIT_FAULT, ConfigError, InputError
+from dlokit.functional.cameras.strategies import CAMERAS
 from dlokit.functional.cell.config import EVERY_FACTOR
 from dlokit.system.config import RunConfig
 from dlokit.system.own_strategies import NOTHING_OWN, OwnStrategies
@@ -104,6 +105,11 @@ def shaping_defaults(config_file: Path | None = None) -> RunConfig:
     return replace(run, record=False, task=replace(run.task, infeasible="try"))
 
 
+def _camera_of_cell() -> Any:
+    """A flag that takes the name of an installed camera; names are looked up when the command line is built."""
+    return tyro.conf.arg(constructor_factory=CAMERAS.names, help_behavior_hint="(default: the configuration's)")
+
+
 @dataclass(frozen=True, kw_only=True)
 class ShapingArgs:
     """Compare planners and observers on the same starts, goals and cells, in lockstep, judged by the ground truth.
@@ -127,6 +133,8 @@ class ShapingArgs:
     """Use seeds F to F+K-1 instead of 0 to K-1, to report on other seeds than those used for tuning (1000 and more)."""
     planner: Annotated[str, flag("NAMES", "the configuration's")] = ""
     """Planners to compare on the same starts, e.g. farthest,rollout."""
+    camera: Annotated[str | None, _camera_of_cell()] = None
+    """What the system sees the cell with: simulated (the paper's stereo camera) or simulated-d435 (a depth camera)."""
     observer: Annotated[str, flag("NAMES", "the configuration's")] = ""
     """Observers to compare, each combined with every planner, e.g. map,cpd."""
     randomised: bool = False
@@ -231,13 +239,20 @@ def _plan(
     if args.oracle and args.observer:
         raise ConfigError(f"--oracle replaces the observer: omit --observer {args.observer}.")
     observers = (IDEAL,) if args.oracle else _names(args.observer)
-    config = _randomised(args)
+    config = _randomised(_seen(args))
     methods = methods_of(config, observers, _names(args.planner))
     for method in methods:
         with_method(config, method)
     check_address(args.cluster)
     todo = list(cases(experiments, seeds, methods, first_seed=args.first_seed))
     return config, methods, todo, Workers(jobs=jobs, cluster=args.cluster)
+
+
+def _seen(args: ShapingArgs) -> ShapingArgs:
+    """The arguments with the camera chosen by name. Raises `ConfigError` where it does not see the cell."""
+    run = with_choices(args.run, NamedChoices(camera=args.camera), "--")
+    require_camera_of_cell(run)
+    return replace(args, run=run)
 
 
 def _randomised(args: ShapingArgs) -> RunConfig:
@@ -261,7 +276,7 @@ def _check_writable(path: Path | None) -> None:
 
 def _headline(args: ShapingArgs, suite: str, config: RunConfig, todo: Sequence[ShapingCase]) -> str:
     drawn = "a randomised cell for each seed" if config.cell.randomised else "one cell for all"
-    seen = "state from the ground truth (oracle)" if args.oracle else "perception in the loop"
+    seen = "state from the ground truth (oracle)" if args.oracle else f"seen by camera {config.camera.name}"
     threshold_mm = config.task.threshold_m * 1e3
     return f"suite {suite}, version {VERSION}: {len(todo)} runs, {drawn}, {seen}, threshold {threshold_mm:g} mm"
 

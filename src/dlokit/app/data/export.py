@@ -14,16 +14,15 @@ from rich.console import Console
 
 from dlokit.app.commands import CliCommand
 from dlokit.app.data.lerobot import write_lerobot
-from dlokit.communication.topics import STEREO_IMAGES
 from dlokit.errors import InputError
-from dlokit.recording.channels import FILE_NAME, RECORDED, topic_of
+from dlokit.recording.channels import FILE_NAME, PICTURE_ROWS, RECORDED, topic_of
 from dlokit.recording.columns import Column, columns
 from dlokit.recording.reader import RawRecording, Recorded, picture_file, read_recording
 from dlokit.system.results.run_folder import claim_run_folder
 
 MOST_COLUMNS = 512
 """Fields with more numbers per message are omitted from `.csv` files: covariances and depth."""
-PICTURES = {"view/left": "left", "view/right": "right"}
+PICTURES = {"view/left": "left", "view/right": "right", "view/colour": "colour", "view/depth": "depth"}
 
 
 def write_npz(path: Path, folder: Path) -> list[str]:
@@ -67,7 +66,7 @@ class _WithoutPictures:
 
     def __contains__(self, channel: object) -> bool:
         topic = topic_of(str(channel))
-        return topic is not None and topic.row in RECORDED and topic.row != STEREO_IMAGES.name
+        return topic is not None and topic.row in RECORDED and topic.row not in PICTURE_ROWS
 
 
 def _width(column: Column) -> int:
@@ -109,7 +108,8 @@ class ExportArgs:
       dlokit export runs/<run> --to csv --out data              the same as tables
       dlokit export runs/* --to lerobot --out data --fps 10     a LeRobot data set (v2.1), one episode per run
 
-    Pictures are written as recorded (JPEG). `--to lerobot` needs pyarrow: pip install 'dlokit[export]'.
+    Pictures are written as recorded: JPEG, depths as PNG of 16 bits in millimetres, which a LeRobot data set omits.
+    `--to lerobot` needs pyarrow: pip install 'dlokit[export]'.
     Exit code: 0 written; 2 bad input.
     """
 

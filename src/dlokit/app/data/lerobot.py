@@ -32,6 +32,9 @@ SHAPES = {
 }
 """Feature name by topic; the coordinates of all nodes (M, 3) are concatenated."""
 IMAGES = {"view/left": "observation.images.left", "view/right": "observation.images.right"}
+"""Feature name by view, of a stereo camera."""
+COLOUR = {"view/colour": "observation.images.colour"}
+"""Of a depth camera. Its depths are omitted: images of this version have 8 bits, 25 cm of depth in millimetres."""
 _TOOL = ("x", "y", "z", "qw", "qx", "qy", "qz", "finger_width")
 
 
@@ -79,7 +82,8 @@ def read_frames(path: Path, fps: int, *, images: bool) -> Frames:
     raw = RawRecording(path=path)
     pictures = _pictures(raw)  # always read: reading also fills the metadata
     robots = sorted(channel for channel in told if channel.startswith(topics.ROBOT_STATE.name))
-    needed = (topics.ROBOT_STATE.name, *SHAPES, *(IMAGES if images else ()))
+    views = COLOUR if any(name in COLOUR for name in pictures) else IMAGES
+    needed = (topics.ROBOT_STATE.name, *SHAPES, *(views if images else ()))
     if missing := [name for name in needed if name not in told and name not in pictures]:
         raise InputError(
             f"{path} contains no {', '.join(missing)}; give the recording of a run that observed the DLO"
@@ -92,7 +96,7 @@ def read_frames(path: Path, fps: int, *, images: bool) -> Frames:
         task=f"shape the DLO: {raw.metadata.get('run', {}).get('name', 'to the goal')}",
         robots=tuple(one[0].robot for one in states),
         features=_robot_features(states) | {feature: _nodes(told[name], times_ns) for name, feature in SHAPES.items()},
-        images={IMAGES[name]: of.at(times_ns) for name, of in pictures.items() if images},
+        images={views[name]: of.at(times_ns) for name, of in pictures.items() if images},
     )
 
 
@@ -115,7 +119,7 @@ def _told(path: Path) -> dict[str, _Series]:
 def _pictures(raw: RawRecording) -> dict[str, _Series]:
     found: defaultdict[str, _Series] = defaultdict(_Series)
     for channel, record in raw:
-        if channel in IMAGES:
+        if channel in IMAGES or channel in COLOUR:
             found[channel].log_ns.append(record.log_time)
             found[channel].values.append(picture_file(record.data).data)
     return dict(found)

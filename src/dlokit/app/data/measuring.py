@@ -20,7 +20,7 @@ from dlokit.skills.perception.self_filter import PosedArm
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import LogNormal
 from dlokit.types.flow import FlowStatus
-from dlokit.types.image import StereoImages
+from dlokit.types.image import CameraPictures, DepthImage, StereoImages
 from dlokit.types.robot import RobotState
 
 
@@ -81,7 +81,7 @@ def measure(messages: Iterable[Recorded], config: PerceptionConfig, dlo: Believe
     )
 
 
-def _free_pictures(messages: Iterable[Recorded]) -> Iterator[tuple[StereoImages, RobotState]]:
+def _free_pictures(messages: Iterable[Recorded]) -> Iterator[tuple[CameraPictures, RobotState]]:
     step, robot = "", None
     for recorded in messages:
         match recorded.message:
@@ -89,16 +89,16 @@ def _free_pictures(messages: Iterable[Recorded]) -> Iterator[tuple[StereoImages,
                 step = status.step
             case RobotState() as state if recorded.topic == topics.ROBOT_STATE.name:
                 robot = state
-            case StereoImages() as images if step in _FREE and robot is not None:
+            case (StereoImages() | DepthImage()) as images if step in _FREE and robot is not None:
                 yield images, robot
             case _:
                 pass
 
 
 def _size(
-    images: StereoImages, robot: PosedArm, config: PerceptionConfig, dlo: BelievedDlo
+    images: CameraPictures, robot: PosedArm, config: PerceptionConfig, dlo: BelievedDlo
 ) -> tuple[float, float] | None:
-    """Length and radius [m] in one pair of pictures; None when the DLO is not completely visible."""
+    """Length and radius [m] in the pictures of one look; None when the DLO is not completely visible."""
     if config.table.correct_pose:
         pose = corrected_camera_pose(images, (robot,), config, config.segmentation)
         if pose is not None:

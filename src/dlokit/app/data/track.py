@@ -1,11 +1,12 @@
-"""`dlokit track`: apply perception's filters and the observer to recorded clouds."""
+"""`dlokit track`: follow a DLO in recorded clouds, or in the pictures of a camera."""
 
+import asyncio
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, ParamSpec, TypeVar
 
 import numpy as np
 import tyro
@@ -18,19 +19,33 @@ from rich.table import Table
 from dlokit.app.commands import CliCommand, flag
 from dlokit.app.data.cloud_files import read_cloud, read_nodes
 from dlokit.app.library.tracker import Nodes, Tracker
-from dlokit.errors import InputError
+from dlokit.app.shape.job import value_of
+from dlokit.communication.skill import Skill
+from dlokit.communication.strategies import NamedConfig, StrategyKind
+from dlokit.errors import EXIT_FAULT, InputError, require_cell
+from dlokit.functional.cameras.base import Camera
+from dlokit.functional.cameras.recorded import RecordedCameraConfig
+from dlokit.functional.cameras.strategies import CAMERAS, AnyCamera
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.base import ObserverStrategyConfig
 from dlokit.skills.observer.config import ObserverConfig
 from dlokit.skills.observer.strategies import strategies
 from dlokit.skills.observer.visibility import distance_to_dlo_m
+from dlokit.skills.perception.brightness import BrightnessConfig
 from dlokit.skills.perception.cloud import inside_box, lonely, thin
 from dlokit.skills.perception.config import BoxConfig, CloudConfig
+from dlokit.skills.perception.segmentations import SEGMENTATIONS, AnySegmentation
+from dlokit.skills.viewer.config import ViewerConfig
 from dlokit.system.results.run_folder import claim_run_folder, new_run_folder
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import Topology
+from dlokit.types.outcome import Outcome, Unreachable
 
 MOST_PANELS = 12
+
+C = TypeVar("C", bound=NamedConfig)
+P = ParamSpec("P")
+R = TypeVar("R")
 
 
 def draw_tracks(
@@ -73,17 +88,36 @@ def draw_tracks(
 Corner = tuple[float, float, float]
 
 
+def _name_of(kind: StrategyKind[C]) -> Any:
+    """A flag that takes the name of an installed strategy; names are looked up when the command line is built."""
+    return tyro.conf.arg(constructor_factory=kind.names)
+
+
 @dataclass(frozen=True, kw_only=True)
 class TrackArgs:
-    """Track the nodes of a DLO through recorded point clouds, and write them with a plot."""
+    """Track the nodes of a DLO through recorded point clouds, or live in the pictures of a camera, without a robot.
 
-    clouds: Annotated[tuple[Path, ...], tyro.conf.Positional]
-    """Clouds in chronological order: .pcd, .ply, .npy or .csv files of points [m]."""
+    Try
+      dlokit track cloud_0.pcd cloud_1.pcd --initial nodes.csv        recorded clouds; writes nodes and a plot
+      dlokit track --camera recorded --camera.path runs/<run>         recorded pictures, in the viewer
+      dlokit track --camera realsense --segmentation colour           a RealSense camera, until Ctrl-C
+
+    With a camera the nodes are in the world of its calibration, and the box is there. Adapt the segmentation to your
+    DLO: `dlokit track --camera realsense --segmentation colour --help` shows its settings.
+    """
+
+    clouds: Annotated[tuple[Path, ...], tyro.conf.Positional] = ()
+    """Clouds in chronological order: .pcd, .ply, .npy or .csv files of points [m]. Omit them with --camera."""
+    camera: Annotated[str | None, _name_of(CAMERAS)] = None
+    """Camera whose pictures are followed: recorded, realsense, or another installed one."""
+    segmentation: Annotated[str | None, _name_of(SEGMENTATIONS)] = None
+    """How DLO pixels are found in the pictures of a camera: brightness or colour, or another installed one."""
     initial: Annotated[Path | None, flag("FILE")] = None
     """Nodes (M, 3) [m] at the first cloud, .npy or .csv; the DLO may be branched. Without this file the points of the
     first cloud are ordered into one chain."""
     out: Path | None = None
-    """Folder for nodes.npy, nodes.csv, edges.csv and track.png; default: runs/<time>-track."""
+    """Folder for nodes.npy, nodes.csv, edges.csv and track.png; default: runs/<time>-track. With a camera it gets
+    nodes.csv alone, and without it nothing is written."""
     nodes: int = BelievedDlo.nodes
     """Number of nodes M, if --initial is not given."""
     length_m: float | None = None
@@ -96,6 +130,30 @@ class TrackArgs:
     """Corner of the box filter with the largest coordinates [m]."""
     voxel_m: float = CloudConfig.voxel_m
     """Voxel size to which clouds are thinned [m]; 0 keeps all points."""
+    rate_hz: float = 30.0
+    """Pictures of a camera per second, at most."""
+    duration_s: float | None = None
+    """Time after which a camera is no longer followed [s]; without it, until Ctrl-C."""
+    headless: bool = False
+    """Follow a camera without the browser viewer."""
+    port: int = ViewerConfig.port
+    """TCP port of the viewer's page; 0 takes any free one."""
+    camera_settings: Annotated[AnyCamera, tyro.conf.arg(name="camera")] = field(default_factory=RecordedCameraConfig)
+    """Settings of the camera."""
+    segmentation_settings: Annotated[AnySegmentation, tyro.conf.arg(name="segmentation")] = field(
+        default_factory=BrightnessConfig
+    )
+    """Settings of the segmentation."""
+
+
+def _defaults(arguments: Sequence[str]) -> TrackArgs:
+    """The settings of the camera and the segmentation that the command line names."""
+    args = TrackArgs()
+    if (name := value_of(arguments, "--camera")) is not None:
+        args = replace(args, camera_settings=CAMERAS.named(name, "--camera")())
+    if (name := value_of(arguments, "--segmentation")) is not None:
+        args = replace(args, segmentation_settings=SEGMENTATIONS.named(name, "--segmentation")())
+    return args
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,6 +189,8 @@ class TrackSettings:
 def run(args: TrackArgs) -> int:
     """Execute the command; returns 0 or raises `InputError`."""
     settings = _settings(args)
+    if args.camera is not None:
+        return _run_live(args, settings)
     clouds = [read_cloud(path) for path in args.clouds]
     initial = None if args.initial is None else read_nodes(args.initial)
     result = track_clouds(clouds, initial, settings, names=[str(path) for path in args.clouds])
@@ -138,6 +198,73 @@ def run(args: TrackArgs) -> int:
     write_result(result, args.clouds, out)
     _print(result, args.clouds, out)
     return 0
+
+
+def _run_live(args: TrackArgs, settings: TrackSettings) -> int:
+    """Follow a camera until it ends or Ctrl-C, and print how that went; returns 0, or 1 where nothing was followed."""
+    camera = _camera(args)
+    # The pictures need libraries that clouds do not.
+    require_cell(f"dlokit track --camera {args.camera}")
+    from dlokit.app.data.live_track import (
+        FollowPace,
+        LiveSettings,
+        LiveSummary,
+        LiveTracker,
+        follow,
+        follow_in_viewer,
+        nodes_file,
+    )
+
+    live = LiveSettings(
+        observer=settings.observer,
+        segmentation=args.segmentation_settings,
+        nodes=settings.nodes,
+        length_m=settings.length_m,
+        box=settings.box,
+        voxel_m=settings.voxel_m,
+    )
+    path = None if args.out is None else claim_run_folder(args.out) / "nodes.csv"
+    console, summary, tracker = Console(), LiveSummary(), LiveTracker(live)
+
+    def say(text: str) -> None:
+        console.print(text, highlight=False, markup=False, soft_wrap=True)
+
+    pace = FollowPace(rate_hz=args.rate_hz, duration_s=args.duration_s)
+    try:
+        with nodes_file(path) as write:
+            if args.headless:
+                asyncio.run(follow(camera, tracker, lambda _, frame: write(frame), say, summary, pace=pace))
+            else:
+                page = follow_in_viewer(
+                    camera, tracker, write, say, summary, nodes=args.nodes, port=args.port, pace=pace
+                )
+                asyncio.run(page)
+    except KeyboardInterrupt:
+        say("ended by Ctrl-C")
+    for line in summary.lines():
+        say(line)
+    return 0 if summary.followed else EXIT_FAULT
+
+
+def _camera(args: TrackArgs) -> Camera:
+    config = args.camera_settings
+    if args.clouds or args.initial is not None:
+        raise InputError("--camera follows pictures: omit the clouds and --initial, or omit --camera")
+    if config.sees_cell:
+        real = ", ".join(name for name, of in CAMERAS.installed().items() if not of.sees_cell)
+        raise InputError(
+            f"--camera {config.name} sees the simulated cell, which runs in `dlokit shape --camera {config.name}`; "
+            f"`dlokit track` takes {real}"
+        )
+    return config.build(NoCell())
+
+
+class NoCell:
+    """Stands for the cell where there is none: every call is unreachable."""
+
+    async def call(self, skill: Skill[P, R], *args: P.args, **kwargs: P.kwargs) -> Outcome[R]:
+        """Nothing answers."""
+        return Unreachable(component=skill.component)
 
 
 def track(
@@ -160,7 +287,7 @@ def track_clouds(
     The result of each cloud is the prior of the next one. Errors use `names`. Raises `InputError`.
     """
     if not clouds:
-        raise InputError("no cloud is given: name at least one .pcd, .ply, .npy or .csv file")
+        raise InputError("no cloud is given: name at least one .pcd, .ply, .npy or .csv file, or a --camera")
     tracker = Tracker(
         length_m=settings.length_m,
         nodes=settings.nodes,
@@ -243,6 +370,8 @@ def _settings(args: TrackArgs) -> TrackSettings:
         raise InputError(f"--nodes is {args.nodes}; it must be 3 or greater; {BelievedDlo.nodes} is usual")
     if args.length_m is not None and not 0.01 <= args.length_m <= 100.0:
         raise InputError(f"--length-m is {args.length_m}; it must be 0.01 to 100 metres")
+    if not 0.0 < args.rate_hz <= 1000.0:
+        raise InputError(f"--rate-hz is {args.rate_hz}; it must be above 0 and at most 1000 pictures per second")
     if args.voxel_m < 0.0:
         raise InputError(f"--voxel-m is {args.voxel_m}; it must be 0 (keep all points) or greater, in metres")
     if (args.box_lower is None) != (args.box_upper is None):
@@ -278,4 +407,4 @@ def _print(result: TrackResult, clouds: Sequence[Path], out: Path) -> None:
     console.print(f"nodes.npy, nodes.csv, edges.csv and track.png in {out}")
 
 
-COMMAND = CliCommand(TrackArgs, run)
+COMMAND = CliCommand(TrackArgs, run, _defaults)

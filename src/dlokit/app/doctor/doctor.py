@@ -11,6 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from dlokit.app.commands import CliCommand
+from dlokit.app.doctor.cameras import connected_realsense, realsense_finding
 from dlokit.app.doctor.machine import (
     DoctorRow,
     Severity,
@@ -72,6 +73,7 @@ def examine(args: DoctorArgs) -> tuple[DoctorRow, ...]:
         *dependency_findings(),
         kernels_finding(),
         *(hardware_finding(package, importable) for package in HARDWARE),
+        realsense_finding(connected_realsense),
         browser_finding(shutil.which),
     )
 

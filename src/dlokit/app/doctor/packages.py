@@ -62,9 +62,6 @@ HARDWARE = (
     HardwarePackage(name="franky-control", module="franky", purpose="the FR3 arm", fix="pip install franky-control"),
     HardwarePackage(name="panda-python", module="panda_py", purpose="the Panda arm", fix="pip install panda-python"),
     HardwarePackage(
-        name="pyrealsense2", module="pyrealsense2", purpose="RealSense cameras", fix="pip install pyrealsense2"
-    ),
-    HardwarePackage(
         name="visiontransfer",
         module="visiontransfer",
         purpose="SceneScan stereo cameras",

@@ -35,6 +35,7 @@ def shape(
     dlo: str | None = None,
     physics: str | None = None,
     randomised: bool = False,
+    camera: str | None = None,
     observer: str | OwnObserver | ObserverStrategyConfig | None = None,
     segmentation: str | None = None,
     planner: str | OwnPlanner | StrategyConfig | None = None,
@@ -45,12 +46,12 @@ def shape(
     out: Path | str | None = None,
     progress: bool = True,
 ) -> Run:
-    """Bring the DLO of the simulated cell from a start to a goal by looking at it with the stereo camera.
+    """Bring the DLO of the simulated cell from a start to a goal by looking at it with a camera.
 
     `start` and `goal` are ``"I"``, ``"S"``, ``"random"``, a .npy or .csv file, or points (K, 2) or (K, 3) [m] in the
     world frame along the curve, in the order of the rod. `seed` determines everything random; equal arguments give
-    equal runs, to the bit. `dlo`, `physics`, `randomised`, `observer`, `segmentation` and `planner` are names, as
-    `dlokit shape --help` lists them; `observer` and `planner` may also be objects of your own, as for
+    equal runs, to the bit. `dlo`, `physics`, `randomised`, `camera`, `observer`, `segmentation` and `planner` are
+    names, as `dlokit shape --help` lists them; `observer` and `planner` may also be objects of your own, as for
     `dlokit.bench.shaping`. `settings` are further settings by their path in `config.toml`, e.g.
     ``{"task.threshold_m": 0.008, "arms": 2}``; `config` is the config.toml of an earlier run, over which the other
     arguments take precedence. `runtime` ``"live"`` runs all processes in real time; `viewer` serves the page in the
@@ -71,6 +72,7 @@ def shape(
         dlo=dlo,
         physics=physics,
         randomised=randomised,
+        camera=camera,
         observer=_name_of(observer),
         segmentation=segmentation,
         planner=_name_of(planner),

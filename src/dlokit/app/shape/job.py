@@ -16,6 +16,7 @@ from dlokit.decision.records import GoalRequest
 from dlokit.description import shapes
 from dlokit.description.dlo import preset
 from dlokit.errors import ConfigError
+from dlokit.functional.cameras.strategies import CAMERAS
 from dlokit.functional.cell.config import EVERY_FACTOR
 from dlokit.functional.cell.dlo_physics import PHYSICS
 from dlokit.skills.observer.strategies import OBSERVERS
@@ -36,6 +37,7 @@ class NamedChoices:
     dlo: str | None = None
     physics: str | None = None
     randomised: bool = False
+    camera: str | None = None
     observer: str | None = None
     segmentation: str | None = None
     planner: str | None = None
@@ -48,6 +50,7 @@ def chosen_settings(arguments: Sequence[str], config_file: Path | None) -> RunCo
         dlo=value_of(arguments, "--dlo"),
         physics=value_of(arguments, "--physics"),
         randomised="--randomised" in arguments,
+        camera=value_of(arguments, "--camera"),
         observer=value_of(arguments, "--observer"),
         segmentation=value_of(arguments, "--segmentation"),
         planner=value_of(arguments, "--planner"),
@@ -63,6 +66,8 @@ def with_choices(run: RunConfig, choices: NamedChoices, prefix: str = "") -> Run
         run = _with_physics(run, choices.physics, f"{prefix}physics")
     if choices.randomised:
         run = replace(run, cell=replace(run.cell, randomised=EVERY_FACTOR))
+    if choices.camera is not None:
+        run = replace(run, camera=_chosen(CAMERAS, f"{prefix}camera", choices.camera, run.camera))
     if choices.observer is not None:
         observer = _chosen(OBSERVERS, f"{prefix}observer", choices.observer, run.observer.strategy)
         run = replace(run, observer=replace(run.observer, strategy=observer))

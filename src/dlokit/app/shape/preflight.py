@@ -6,6 +6,8 @@ from typing import Any
 
 from rich.console import Console
 
+from dlokit.errors import ConfigError
+from dlokit.functional.cameras.strategies import CAMERAS
 from dlokit.skills.viewer.address import check_port
 from dlokit.system.config import RunConfig
 from dlokit.system.hosts.placement import main_host
@@ -19,6 +21,7 @@ def check_before_start(config: RunConfig) -> None:
     """
     from dlokit.functional.cell.rendering import check_opengl
 
+    require_camera_of_cell(config)
     if config.hosts is not None and config.runtime == "live":
         from dlokit.system.hosts.routers import check_hosts
 
@@ -26,6 +29,16 @@ def check_before_start(config: RunConfig) -> None:
     if not config.headless and _viewer_is_here(config):
         check_port(config.viewer.host, config.viewer.port)
     check_opengl()
+
+
+def require_camera_of_cell(config: RunConfig) -> None:
+    """Raise `ConfigError` for a camera that sees something else than the simulated cell."""
+    if not config.camera.sees_cell:
+        raise ConfigError(
+            f"--camera {config.camera.name} does not see the simulated cell, in which the arm moves: choose "
+            f"{' or '.join(name for name, of in CAMERAS.installed().items() if of.sees_cell)}; "
+            f"`dlokit track --camera {config.camera.name}` follows what it sees, without an arm."
+        )
 
 
 def _viewer_is_here(config: RunConfig) -> bool:

@@ -17,6 +17,7 @@ from dlokit.app.shape.terminal import RunDisplay
 from dlokit.communication.strategies import NamedConfig, StrategyKind
 from dlokit.errors import EXIT_OTHERWISE
 from dlokit.evaluation.judged_run import judged_run
+from dlokit.functional.cameras.strategies import CAMERAS
 from dlokit.skills.observer.strategies import OBSERVERS
 from dlokit.skills.perception.segmentations import SEGMENTATIONS
 from dlokit.skills.planning.strategies import PLANNERS
@@ -60,6 +61,9 @@ class ShapeChoices:
     randomised: bool = False
     """Draw friction, light and more from the seed; also weight, curl, hand-eye error, table tilt
     and colour. `--cell.randomised friction light` draws these alone."""
+    camera: Annotated[str | None, _one_of(CAMERAS, AS_SHIPPED.camera)] = None
+    """What the system sees the cell with: simulated (the paper's stereo camera) or simulated-d435 (a depth camera with
+    the errors of a RealSense D435). `dlokit track --camera` also takes recorded pictures and real cameras."""
     observer: Annotated[str | None, _one_of(OBSERVERS, AS_SHIPPED.observer.strategy)] = None
     """How nodes are estimated: map, anchored, cpd, spr or som. The last three are the paper's;
     an installed package may add others. `--observer cpd --help observer` shows the settings of cpd."""
@@ -73,11 +77,12 @@ class ShapeChoices:
 
 @dataclass(frozen=True, kw_only=True)
 class ShapeArgs:
-    """Move the DLO from a start shape to a goal shape, guided by the stereo camera.
+    """Move the DLO from a start shape to a goal shape, guided by a camera.
 
     Try
       dlokit shape                                     from I to S, in lockstep
       dlokit shape --start random --seed 3             from a random start
+      dlokit shape --camera simulated-d435             seen by a depth camera
       dlokit shape --goal curve.csv --fit-length       to your own curve
       dlokit shape --goal curve.csv --infeasible project   or to the nearest feasible shape
       dlokit shape --runtime live --goal interactive   drag the goal in the browser

@@ -1,9 +1,14 @@
 """What a camera is."""
 
 from types import TracebackType
-from typing import Protocol, Self
+from typing import ClassVar, ParamSpec, Protocol, Self, TypeVar
 
-from dlokit.types.image import CameraCalibration, DepthImage, StereoImages
+from dlokit.communication.skill import Skill
+from dlokit.types.image import CameraCalibration, CameraPictures
+from dlokit.types.outcome import Outcome
+
+P = ParamSpec("P")
+R = TypeVar("R")
 
 
 class Camera(Protocol):
@@ -20,7 +25,7 @@ class Camera(Protocol):
         """
         ...
 
-    async def capture(self, timeout_s: float) -> StereoImages | DepthImage:
+    async def capture(self, timeout_s: float) -> CameraPictures:
         """Pictures exposed after the call, with the stamp of their exposure.
 
         Raises `HardwareError` when there are none within `timeout_s`, or when the device is gone.
@@ -35,4 +40,30 @@ class Camera(Protocol):
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """Disconnect; no pictures after this."""
+        ...
+
+
+class Caller(Protocol):
+    """Whatever can call a skill: a transport, or a component's port."""
+
+    async def call(self, skill: Skill[P, R], *args: P.args, **kwargs: P.kwargs) -> Outcome[R]:
+        """Ask a component for a skill."""
+        ...
+
+
+class CameraConfig(Protocol):
+    """The settings of a camera: a frozen dataclass, all fields with defaults, that knows how to build it.
+
+    Every process loads it, with the module in which it is: large libraries are imported where they are called.
+    """
+
+    name: ClassVar[str]
+    sees_cell: ClassVar[bool]
+    """Whether its pictures show the simulated cell, whose arm then moves what the camera sees."""
+
+    def build(self, caller: Caller) -> Camera:
+        """The camera with these settings. One that is no device of its own asks the cell through `caller`.
+
+        Raises `ConfigError` when a setting names something that is missing.
+        """
         ...

@@ -10,29 +10,29 @@ import msgspec
 
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.errors import HardwareError
-from dlokit.types.image import CameraCalibration, StereoImages
+from dlokit.types.image import CameraCalibration, CameraPictures
 
 
 @dataclass(frozen=True, kw_only=True)
-class RecordedPair:
-    """A pair of pictures, and when it came."""
+class RecordedLook:
+    """The pictures of one look, and when they came."""
 
     log_ns: int
-    images: StereoImages
+    images: CameraPictures
 
 
 class PlayedCamera:
-    """A `Camera` for a run that is replayed: one pair each time it is asked, in their order.
+    """A `Camera` for a run that is replayed: the pictures of one look each time it is asked, in their order.
 
-    Recordings keep pictures at a rate; the look of a pair that was left out gets the one before, with its own stamp.
+    Recordings keep pictures at a rate; a look whose pictures were left out gets the ones before, with its own stamp.
     """
 
-    def __init__(self, pairs: Iterator[RecordedPair], looks: Sequence[tuple[int, int]]) -> None:
-        """`pairs` in their order, read when they are needed; `looks`: of each, its stamp and when it was over [ns]."""
-        self._pairs = pairs
+    def __init__(self, pictures: Iterator[RecordedLook], looks: Sequence[tuple[int, int]]) -> None:
+        """`pictures` in order, read when they are needed; `looks`: the stamp of each, and when it was over [ns]."""
+        self._pictures = pictures
         self._looks = iter(looks)
-        self._last: RecordedPair | None = None
-        self._next = next(pairs, None)
+        self._last: RecordedLook | None = None
+        self._next = next(pictures, None)
         self.left_out: set[int] = set()
         """Stamps of the looks whose own pictures are not there."""
 
@@ -43,14 +43,14 @@ class PlayedCamera:
 
     @property
     def calibration(self) -> CameraCalibration:
-        """The first pair's. Raises `HardwareError` when no pictures were recorded."""
-        pair = self._last or self._next
-        if pair is None:
+        """That of the first pictures. Raises `HardwareError` when no pictures were recorded."""
+        first = self._last or self._next
+        if first is None:
             raise HardwareError("the recording holds no pictures; a run records them unless its camera was never asked")
-        return pair.images.calibration
+        return first.images.calibration
 
-    async def capture(self, timeout_s: float) -> StereoImages:
-        """The pair of the next look; after the last one nothing ever comes, and the caller's time-out ends it."""
+    async def capture(self, timeout_s: float) -> CameraPictures:
+        """The pictures of the next look; after the last one nothing ever comes, and the caller's time-out ends it."""
         clock = LoopClock()
         look = next(self._looks, None)
         if look is None:
@@ -58,7 +58,7 @@ class PlayedCamera:
             raise HardwareError("no look was recorded after this one")
         stamp_ns, over_ns = look
         while self._next is not None and self._next.images.stamp_ns <= stamp_ns:
-            self._last, self._next = self._next, next(self._pairs, None)
+            self._last, self._next = self._next, next(self._pictures, None)
         if self._last is None:
             raise HardwareError("no pictures were recorded of the first look; replay a recording from its beginning")
         if self._last.images.stamp_ns == stamp_ns:

@@ -1,32 +1,28 @@
-"""The stereo rig of the simulated cell, asked over the bus as a real one is asked over its network."""
+"""The cameras of the simulated cell, asked over the bus as a real one is asked over its network."""
 
 import asyncio
+from dataclasses import dataclass
 from types import TracebackType
-from typing import ParamSpec, Protocol, Self, TypeVar
+from typing import ClassVar, Self, cast
 
 from dlokit.communication.skill import Skill
 from dlokit.errors import HardwareError
-from dlokit.functional.cell.api import CAPTURE
-from dlokit.types.image import CameraCalibration, StereoImages
+from dlokit.functional.cameras.base import Caller, Camera
+from dlokit.functional.cell.api import CAPTURE, CAPTURE_DEPTH
+from dlokit.types.image import CameraCalibration, CameraPictures, DepthImage, StereoImages
 from dlokit.types.outcome import Failed, Outcome, Rejected, Succeeded, Unreachable
 
-P = ParamSpec("P")
-R = TypeVar("R")
-
-
-class Caller(Protocol):
-    """Whatever can call a skill: a transport, or a component's port."""
-
-    async def call(self, skill: Skill[P, R], *args: P.args, **kwargs: P.kwargs) -> Outcome[R]:
-        """Ask a component for a skill."""
-        ...
+Exposure = Skill[[], StereoImages] | Skill[[], DepthImage]
+"""A skill of the cell that takes pictures."""
 
 
 class SimulatedCamera:
     """A `Camera` whose pictures the cell renders."""
 
-    def __init__(self, caller: Caller) -> None:
+    def __init__(self, caller: Caller, exposure: Exposure = CAPTURE) -> None:
+        """`exposure` is the cell's skill: CAPTURE for its stereo camera, CAPTURE_DEPTH for its depth camera."""
         self._caller = caller
+        self._exposure = exposure
         self._calibration: CameraCalibration | None = None
         self._open = True
 
@@ -37,13 +33,13 @@ class SimulatedCamera:
             raise HardwareError("the simulated camera's calibration comes with its pictures; capture once before")
         return self._calibration
 
-    async def capture(self, timeout_s: float) -> StereoImages:
-        """A rendered pair. Raises `HardwareError` when the cell does not give one within `timeout_s`."""
+    async def capture(self, timeout_s: float) -> CameraPictures:
+        """Rendered pictures. Raises `HardwareError` when the cell does not give one within `timeout_s`."""
         if not self._open:
             raise HardwareError("the simulated camera was closed; enter it again before capturing")
         try:
             async with asyncio.timeout(timeout_s):
-                outcome = await self._caller.call(CAPTURE)
+                outcome = await self._caller.call(cast(Skill[[], CameraPictures], self._exposure))
         except TimeoutError as error:
             raise HardwareError(
                 f"the simulated camera gave no pictures within {timeout_s:g} s; is the cell's process stopped or "
@@ -66,9 +62,33 @@ class SimulatedCamera:
         self._open = False
 
 
-def _why(outcome: Outcome[StereoImages]) -> str:
+def _why(outcome: Outcome[CameraPictures]) -> str:
     if isinstance(outcome, Unreachable):
         return "the cell is not running; start it, or restart the system"
     if isinstance(outcome, Failed | Rejected):
         return f"the cell says {outcome.reason}: {outcome.detail}"
     return f"the call to the cell ended as {type(outcome).__name__.lower()}; look at the cell's log"
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulatedStereoConfig:
+    """The stereo camera of the simulated cell, as in the paper."""
+
+    name: ClassVar[str] = "simulated"
+    sees_cell: ClassVar[bool] = True
+
+    def build(self, caller: Caller) -> Camera:
+        """The camera."""
+        return SimulatedCamera(caller, CAPTURE)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulatedD435Config:
+    """The depth camera of the simulated cell: a RealSense D435 with its noise, edges and holes."""
+
+    name: ClassVar[str] = "simulated-d435"
+    sees_cell: ClassVar[bool] = True
+
+    def build(self, caller: Caller) -> Camera:
+        """The camera."""
+        return SimulatedCamera(caller, CAPTURE_DEPTH)

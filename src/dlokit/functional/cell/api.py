@@ -1,16 +1,24 @@
 """The cell's socket: the skills that the simulated camera and the simulated robot call.
 
-Only drivers call these skills. They stand for the cables to a real camera and a real arm; the DLO's true shape is not
+Only drivers call these skills. They stand for the cables to real cameras and a real arm; the DLO's true shape is not
 available. Each arm is addressed by its name.
 """
 
 from dlokit.communication.skill import Skill
-from dlokit.types.image import StereoImages
+from dlokit.types.image import DepthImage, StereoImages
 from dlokit.types.robot import FIRST_ROBOT, GripResult, JointTrajectory, MotionResult
 
 
 def _capture() -> StereoImages:
     """Expose both cameras now, with the believed calibration.
+
+    Fails with: no_opengl.
+    """
+    ...
+
+
+def _capture_depth() -> DepthImage:
+    """Expose the depth camera now, with the believed calibration.
 
     Fails with: no_opengl.
     """
@@ -63,6 +71,7 @@ def _recover(robot: str = FIRST_ROBOT) -> None:
 
 
 CAPTURE = Skill("cell", "capture", _capture, timeout_s=10.0, ensures="both pictures are of the same moment")
+CAPTURE_DEPTH = Skill("cell", "capture_depth", _capture_depth, timeout_s=10.0, ensures="each depth is of its pixel")
 FOLLOW = Skill(
     "cell",
     "follow",

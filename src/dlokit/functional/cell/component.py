@@ -1,8 +1,10 @@
 """The cell as a component: it advances its time in ticks, publishes its clock, and serves the drivers."""
 
 import asyncio
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TypeVar
 
 from numpy.typing import ArrayLike
 
@@ -18,9 +20,11 @@ from dlokit.functional.cell.setpoints import check_grip, check_trajectory
 from dlokit.functional.cell.truth import TruthRecorder
 from dlokit.functional.cell.world import Cell
 from dlokit.types.arrays import Float64Array
-from dlokit.types.image import StereoImages
+from dlokit.types.image import DepthImage, StereoImages
 from dlokit.types.robot import FIRST_ROBOT, GripResult, JointTrajectory, MotionResult, RobotMode, RobotReason
 from dlokit.types.system import ClockTick
+
+P = TypeVar("P", StereoImages, DepthImage)
 
 _SLIP_NS = 100_000_000  # a cell that is further behind than this does not catch up
 _MEMORY = 0.98  # weight of the past in the running mean of the pace, per tick
@@ -163,11 +167,12 @@ class CellComponent(Component):
     @implements(api.CAPTURE)
     async def capture(self) -> StereoImages:
         """Expose both cameras."""
-        self._urgency(False)  # rendering takes long; the next tick sets it again
-        try:
-            return self._cell.capture()
-        except MachineError as error:
-            raise SkillFailure("no_opengl", str(error)) from error
+        return self._exposed(self._cell.capture)
+
+    @implements(api.CAPTURE_DEPTH)
+    async def capture_depth(self) -> DepthImage:
+        """Expose the depth camera."""
+        return self._exposed(self._cell.capture_depth)
 
     @implements(api.FOLLOW)
     async def follow(self, trajectory: JointTrajectory, lease_s: float, robot: str = FIRST_ROBOT) -> MotionResult:
@@ -252,6 +257,13 @@ class CellComponent(Component):
         arm = self._link(robot).arm
         await self._wait_until_at_rest(arm)
         arm.recover()
+
+    def _exposed(self, take: Callable[[], P]) -> P:
+        self._urgency(False)  # rendering takes long; the next tick sets it again
+        try:
+            return take()
+        except MachineError as error:
+            raise SkillFailure("no_opengl", str(error)) from error
 
     def _link(self, robot: str) -> "_ArmLink":
         if robot not in self._links:

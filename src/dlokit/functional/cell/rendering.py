@@ -1,7 +1,8 @@
-"""The cell's stereo camera: pictures of the scene, their noise, and the believed pose."""
+"""Pictures of the scene for the cell's cameras, their noise and believed pose; and the stereo camera."""
 
 import sys
 import threading
+from collections.abc import Iterable
 from typing import Any
 
 import cv2
@@ -14,7 +15,7 @@ from dlokit import geometry
 from dlokit.description.scene import default_calibration
 from dlokit.errors import DlokitError, MachineError
 from dlokit.functional.cell.config import CellConfig
-from dlokit.types.arrays import UInt8Array
+from dlokit.types.arrays import Float32Array, UInt8Array
 from dlokit.types.image import CameraCalibration, StereoImages
 
 CAMERAS = ("stereo_left", "stereo_right")
@@ -22,6 +23,9 @@ _NOISE_COUNT = 1 << 21
 _FLIP_YZ = np.diag([1.0, -1.0, -1.0])  # OpenGL cameras look along -z, with y up
 _AMBIENT = 0.35  # light from everywhere
 _PIXEL_M = 1e-5  # size of a sensor's pixel; only ratios matter
+_NEAREST_M = 0.1
+FARTHEST_M = 6.0
+"""Clipping plane of the renderer: what is farther away is not drawn [m]."""
 
 
 class StereoRig:
@@ -31,17 +35,16 @@ class StereoRig:
         self._config = config
         rng = np.random.default_rng([seed, 0xCA])
         self.true_calibration = default_calibration(config.width_px, config.height_px)
-        self.calibration = _disturbed(self.true_calibration, config, rng)
-        count = _NOISE_COUNT + 3 * config.width_px * config.height_px
-        self._noise = rng.normal(0.0, config.image_noise_sigma, count).round().astype(np.int16)
-        self._rng = rng
-        self._renderer: _Renderer | None = None
+        self.calibration = disturbed(self.true_calibration, config, rng)
+        self._noise = PictureNoise(config.image_noise_sigma, config.width_px, config.height_px, rng)
+        self._renderer: PictureRenderer | None = None
 
     def capture(self, model: Any, data: Any, stamp_ns: int) -> StereoImages:
         """Both pictures of the present moment; poses in `data` must be up to date."""
         if self._renderer is None:
-            self._renderer = _Renderer(model, self._config)
-        left, right = (self._noisy(self._renderer.render(data, camera)) for camera in CAMERAS)
+            config = self._config
+            self._renderer = PictureRenderer(model, config.width_px, config.height_px, shadows=config.shadows)
+        left, right = (self._noise.added_to(self._renderer.render(data, camera)) for camera in CAMERAS)
         return StereoImages(stamp_ns=stamp_ns, frame="camera", left=left, right=right, calibration=self.calibration)
 
     def close(self) -> None:
@@ -50,8 +53,19 @@ class StereoRig:
             self._renderer.close()
             self._renderer = None
 
-    def _noisy(self, picture: UInt8Array) -> UInt8Array:
-        if self._config.image_noise_sigma == 0.0:
+
+class PictureNoise:
+    """Noise of a camera's pixels."""
+
+    def __init__(self, sigma: float, width_px: int, height_px: int, rng: np.random.Generator) -> None:
+        """`sigma` is the standard deviation of each pixel [grey levels of 255]."""
+        self._sigma = sigma
+        self._noise = rng.normal(0.0, sigma, _NOISE_COUNT + 3 * width_px * height_px).round().astype(np.int16)
+        self._rng = rng
+
+    def added_to(self, picture: UInt8Array) -> UInt8Array:
+        """A picture (height, width, 3) with noise."""
+        if self._sigma == 0.0:
             return picture
         # A random stretch of noise drawn beforehand: fresh normals would cost as much as the rendering.
         start = int(self._rng.integers(0, _NOISE_COUNT))
@@ -59,35 +73,45 @@ class StereoRig:
         return np.asarray(cv2.add(picture, noise, dtype=cv2.CV_8U), dtype=np.uint8)
 
 
-def add_cameras(spec: Any, calibration: CameraCalibration, *, shadows: bool, light: float) -> None:
-    """Add the two cameras of a calibration to `spec` (MjSpec), and the settings that their pictures need.
-
-    `light` is a factor on the ambient light.
-    """
+def add_camera(spec: Any, name: str, calibration: CameraCalibration, *, along_m: float = 0.0) -> None:
+    """Add a camera to `spec` (MjSpec), moved along its own x axis by `along_m`."""
     T = geometry.matrix(calibration.T_world_camera)
     turned = np.eye(4)
     turned[:3, :3] = T[:3, :3] @ _FLIP_YZ
     width, height = calibration.width_px, calibration.height_px
+    camera = spec.worldbody.add_camera(name=name, pos=T[:3, 3] + along_m * T[:3, 0])
+    camera.quat = geometry.pose_from_matrix(turned).wxyz
+    camera.resolution = [width, height]
+    camera.sensor_size = [width * _PIXEL_M, height * _PIXEL_M]
+    camera.focal_pixel = [calibration.fx_px, calibration.fy_px]
+    # Ours counts from the centre of the first pixel, OpenGL from its corner.
+    camera.principal_pixel = [width / 2 - (calibration.cx_px + 0.5), (calibration.cy_px + 0.5) - height / 2]
+
+
+def add_stereo_cameras(spec: Any, calibration: CameraCalibration) -> None:
+    """Add the two cameras of a stereo calibration to `spec` (MjSpec)."""
     for name, along_m in zip(CAMERAS, (0.0, calibration.baseline_m or 0.0), strict=True):
-        camera = spec.worldbody.add_camera(name=name, pos=T[:3, 3] + along_m * T[:3, 0])
-        camera.quat = geometry.pose_from_matrix(turned).wxyz
-        camera.resolution = [width, height]
-        camera.sensor_size = [width * _PIXEL_M, height * _PIXEL_M]
-        camera.focal_pixel = [calibration.fx_px, calibration.fy_px]
-        # Ours counts from the centre of the first pixel, OpenGL from its corner.
-        camera.principal_pixel = [width / 2 - (calibration.cx_px + 0.5), (calibration.cy_px + 0.5) - height / 2]
+        add_camera(spec, name, calibration, along_m=along_m)
+
+
+def set_picture_quality(spec: Any, sizes_px: Iterable[tuple[int, int]], *, shadows: bool, light: float) -> None:
+    """Set what the pictures of `spec` (MjSpec) need; `sizes_px` are the width and height of each camera.
+
+    `light` is a factor on the ambient light.
+    """
     visual = spec.visual
-    visual.global_.offwidth, visual.global_.offheight = width, height
+    widths, heights = zip(*sizes_px, strict=True)
+    visual.global_.offwidth, visual.global_.offheight = max(widths), max(heights)
     visual.quality.offsamples = 0  # with 4 samples a pixel software rendering takes two to four times as long
     visual.quality.shadowsize = 2048 if shadows else 0
     visual.headlight.ambient = [_AMBIENT * light] * 3
     visual.headlight.diffuse, visual.headlight.specular = [0.0] * 3, [0.0] * 3
-    # Clipping planes are multiples of the model's extent, which is fixed here so that they are 0.1 m and 6 m.
+    # Clipping planes are multiples of the model's extent, which is fixed here so that they are in metres.
     spec.stat.extent = 1.0
-    visual.map.znear, visual.map.zfar = 0.1, 6.0
+    visual.map.znear, visual.map.zfar = _NEAREST_M, FARTHEST_M
 
 
-def _disturbed(true: CameraCalibration, config: CellConfig, rng: np.random.Generator) -> CameraCalibration:
+def disturbed(true: CameraCalibration, config: CellConfig, rng: np.random.Generator) -> CameraCalibration:
     """The believed calibration: off by exactly the configured distance and angle, in random directions."""
     shift, axis = rng.normal(size=3), rng.normal(size=3)
     error = np.eye(4)
@@ -98,27 +122,42 @@ def _disturbed(true: CameraCalibration, config: CellConfig, rng: np.random.Gener
     return msgspec.structs.replace(true, T_world_camera=believed)
 
 
-class _Renderer:
+class PictureRenderer:
     """One OpenGL context, owned by the thread that made it."""
 
-    def __init__(self, model: Any, config: CellConfig) -> None:
+    def __init__(self, model: Any, width_px: int, height_px: int, *, shadows: bool) -> None:
         self._thread = threading.get_ident()
-        self._gl = _gl_context(config.width_px, config.height_px)
+        self._gl = _gl_context(width_px, height_px)
         self._gl.make_current()
         self._model = model
         self._scene: Any = mujoco.MjvScene(model, maxgeom=500)
-        self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = config.shadows
+        self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = shadows
         self._scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = False
         self._scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = False
         self._context: Any = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._context)
-        self._rectangle: Any = mujoco.MjrRect(0, 0, config.width_px, config.height_px)
+        self._context.readDepthMap = mujoco.mjtDepthMap.mjDEPTH_ZEROFAR  # the finer one: in float32, 0 is exact
+        self._rectangle: Any = mujoco.MjrRect(0, 0, width_px, height_px)
         self._option: Any = mujoco.MjvOption()
         self._option.geomgroup[:] = (1, 0, 1, 0, 0, 0)
-        self._buffer = np.empty((config.height_px, config.width_px, 3), dtype=np.uint8)
+        self._buffer = np.empty((height_px, width_px, 3), dtype=np.uint8)
+        self._depth = np.empty((height_px, width_px), dtype=np.float32)
 
     def render(self, data: Any, camera: str) -> UInt8Array:
         """One picture (height, width, 3)."""
+        self._draw(data, camera)
+        mujoco.mjr_readPixels(self._buffer, None, self._rectangle, self._context)
+        return np.ascontiguousarray(self._buffer[::-1])
+
+    def depth_m(self, data: Any, camera: str) -> Float32Array:
+        """Depth of each pixel (height, width) along z of the camera [m]; `FARTHEST_M` where nothing is drawn."""
+        self._draw(data, camera)
+        mujoco.mjr_readPixels(None, self._depth, self._rectangle, self._context)
+        # MuJoCo's buffer is 1 at the near clipping plane and 0 at the far one, and linear in the inverse depth.
+        inverse = 1.0 / FARTHEST_M + self._depth[::-1].astype(np.float64) * (1.0 / _NEAREST_M - 1.0 / FARTHEST_M)
+        return (1.0 / inverse).astype(np.float32)
+
+    def _draw(self, data: Any, camera: str) -> None:
         if threading.get_ident() != self._thread:
             raise DlokitError("The cell renders on the thread that took its first picture; call it from there alone.")
         self._gl.make_current()
@@ -127,8 +166,6 @@ class _Renderer:
         view.fixedcamid = self._model.camera(camera).id
         mujoco.mjv_updateScene(self._model, data, self._option, None, view, mujoco.mjtCatBit.mjCAT_ALL, self._scene)
         mujoco.mjr_render(self._rectangle, self._scene, self._context)
-        mujoco.mjr_readPixels(self._buffer, None, self._rectangle, self._context)
-        return np.ascontiguousarray(self._buffer[::-1])
 
     def close(self) -> None:
         """Free the context."""

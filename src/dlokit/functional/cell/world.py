@@ -15,12 +15,13 @@ from dlokit.description.table import Table
 from dlokit.errors import DlokitError, ShapeError
 from dlokit.functional.cell.arm import CellArm
 from dlokit.functional.cell.config import TICK_S, CellConfig
+from dlokit.functional.cell.depth_rendering import DEPTH_CAMERA, DepthRig
 from dlokit.functional.cell.dlo_physics import DloBody
 from dlokit.functional.cell.episode import Episode, apply_episode, draw_episode
-from dlokit.functional.cell.rendering import StereoRig, add_cameras
+from dlokit.functional.cell.rendering import StereoRig, add_camera, add_stereo_cameras, set_picture_quality
 from dlokit.rod.elastic import set_rod_physics
 from dlokit.types.arrays import Float64Array
-from dlokit.types.image import StereoImages
+from dlokit.types.image import CameraCalibration, DepthImage, StereoImages
 from dlokit.types.robot import FIRST_ROBOT, JointTrajectory, RobotState
 
 NODES = 41
@@ -81,7 +82,8 @@ class Cell:
         config = apply_episode(config, self.episode)
         self.config = config
         self.rig = StereoRig(config, seed=seed)
-        self._model = _build(config, self.episode, self.rig, arms)
+        self.depth_rig = DepthRig(config, seed=seed)
+        self._model = _build(config, self.episode, self.rig.true_calibration, self.depth_rig.true_calibration, arms)
         self._data: Any = mujoco.MjData(self._model)
         self._dlo = config.physics.take_over(self._model, self._data, config.dlo)
         self._friction = TableFriction(self._model, self._dlo, config.dlo.friction, self.episode)
@@ -157,6 +159,10 @@ class Cell:
         """Expose both cameras now. Raises `MachineError` without OpenGL. All calls must come from one thread."""
         return self.rig.capture(self._model, self._data, self.time_ns)
 
+    def capture_depth(self) -> DepthImage:
+        """Expose the depth camera now. Raises `MachineError` without OpenGL. All calls must come from one thread."""
+        return self.depth_rig.capture(self._model, self._data, self.time_ns)
+
     def true_nodes_world(self) -> Float64Array:
         """True nodes (Mc, 3) [m]. For the record of truth and for tests, never for the bus."""
         return self._dlo.nodes_world
@@ -164,6 +170,7 @@ class Cell:
     def close(self) -> None:
         """Release the OpenGL context."""
         self.rig.close()
+        self.depth_rig.close()
 
     def _before_step(self) -> None:
         for arm in self.arms.values():
@@ -206,12 +213,21 @@ class Cell:
         return np.column_stack([xy, np.maximum(geometry.resample(curve_world, NODES)[:, 2], lowest_m)])
 
 
-def _build(config: CellConfig, episode: Episode, rig: StereoRig, arms: tuple[ArmMount, ...]) -> Any:
+def _build(
+    config: CellConfig,
+    episode: Episode,
+    stereo: CameraCalibration,
+    depth: CameraCalibration,
+    arms: tuple[ArmMount, ...],
+) -> Any:
     spec: Any = mujoco.MjSpec()
     set_rod_physics(spec, TIMESTEP_S)
     add_table(spec, TRUE_TABLE, friction=TABLE_FRICTION * episode.friction_factor, tilt_deg=episode.table_tilt_deg)
     add_lights(spec, TRUE_TABLE, shadows=config.shadows, light=episode.light_factor)
-    add_cameras(spec, rig.true_calibration, shadows=config.shadows, light=episode.light_factor)
+    add_stereo_cameras(spec, stereo)
+    add_camera(spec, DEPTH_CAMERA, depth)
+    sizes_px = [(camera.width_px, camera.height_px) for camera in (stereo, depth)]
+    set_picture_quality(spec, sizes_px, shadows=config.shadows, light=episode.light_factor)
     for mount in arms:
         add_arm(spec, mount.model, name=mount.robot, T_world_base=mount.T_world_base)
     config.physics.add(spec, config.dlo, NODES)

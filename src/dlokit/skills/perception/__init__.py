@@ -1,1 +1,1 @@
-"""Perception: from a pair of pictures to the DLO's points in the world."""
+"""Perception: from pictures to the DLO's points in the world."""

@@ -9,7 +9,7 @@ from dlokit.types.system import StrategySpec
 
 
 def _look() -> Observation:
-    """Take one pair of pictures, find the DLO's points, publish both; returns the points.
+    """Take the camera's pictures, find the DLO's points, publish both; returns the points.
 
     Fails with: camera_lost (no pictures in time), no_points (nothing left after segmentation and filters; the
     observation without points is published all the same).

@@ -26,7 +26,7 @@ from dlokit.skills.perception.robot_history import RobotHistory
 from dlokit.skills.perception.segmentations import from_spec
 from dlokit.skills.perception.self_filter import PosedArm
 from dlokit.types.arrays import Float64Array
-from dlokit.types.image import CameraCheck, StereoImages
+from dlokit.types.image import CameraCheck, CameraPictures, DepthImage, StereoImages
 from dlokit.types.observation import GraspState, GripperPin, Observation
 from dlokit.types.pose import Pose
 from dlokit.types.robot import FIRST_ROBOT, RobotState
@@ -48,7 +48,7 @@ class PerceptionComponent(Component):
     """Turns the camera's pictures into the DLO's points in the world."""
 
     name = "perception"
-    publishes = (topics.STEREO_IMAGES, topics.OBSERVATION)
+    publishes = (topics.STEREO_IMAGES, topics.DEPTH_IMAGES, topics.OBSERVATION)
 
     def __init__(self, config: PerceptionConfig, camera: Camera, dlo: BelievedDlo, arm: ArmModel = PANDA) -> None:
         """`arm` is the model of every arm in view."""
@@ -64,7 +64,7 @@ class PerceptionComponent(Component):
         self._gripped: dict[str, GraspState] = {}
         self._looks = 0
         self._T_world_camera: Pose | None = None
-        self._background: StereoImages | None = None
+        self._background: CameraPictures | None = None
         self._hand_looks: list[HandLook] = []
         self._camera_check: CameraCheck | None = None
 
@@ -189,21 +189,21 @@ class PerceptionComponent(Component):
         self.port.publish(topics.OBSERVATION, observation)
         return observation
 
-    async def _capture(self) -> StereoImages:
-        """A pair of pictures, published."""
+    async def _capture(self) -> CameraPictures:
+        """The camera's pictures, published."""
         try:
             images = await self._camera.capture(self._config.capture_timeout_s)
         except HardwareError as error:
             raise SkillFailure("camera_lost", str(error)) from error
-        if not isinstance(images, StereoImages):
-            raise SkillFailure(
-                "camera_lost", f"the camera gave a {type(images).__name__}; perception matches stereo pairs only"
-            )
-        self.port.publish(topics.STEREO_IMAGES, images)
+        match images:
+            case StereoImages():
+                self.port.publish(topics.STEREO_IMAGES, images)
+            case DepthImage():
+                self.port.publish(topics.DEPTH_IMAGES, images)
         return images
 
-    async def _by_the_table(self, images: StereoImages, robots: tuple[RobotState, ...]) -> StereoImages:
-        """The pair with the camera pose corrected by the table, which is looked for now and then."""
+    async def _by_the_table(self, images: CameraPictures, robots: tuple[RobotState, ...]) -> CameraPictures:
+        """The pictures with the camera pose corrected by the table, which is looked for now and then."""
         if self._config.table.correct_pose and self._looks % _TABLE_EVERY_LOOKS == 0:
             found = await self.port.compute(
                 corrected_camera_pose, images, self._posed(robots), self._config, self._segmentation
@@ -213,8 +213,8 @@ class PerceptionComponent(Component):
             self._T_world_camera = found or self._T_world_camera
         return _seen_from(images, self._T_world_camera or images.calibration.T_world_camera)
 
-    def _by_the_hand(self, images: StereoImages) -> StereoImages:
-        """The pair with the camera pose moved to where the look at the hand has it."""
+    def _by_the_hand(self, images: CameraPictures) -> CameraPictures:
+        """The pictures with the camera pose moved to where the look at the hand has it."""
         check = self._camera_check
         return images if check is None else _seen_from(images, corrected_by(images.calibration.T_world_camera, check))
 
@@ -257,7 +257,7 @@ def _pin(T_world_tcp: Pose, node: int, gripped: GraspState) -> GripperPin:
     return GripperPin(robot=gripped.robot, node=node, position_world=place.astype(np.float32))
 
 
-def _seen_from(images: StereoImages, T_world_camera: Pose) -> StereoImages:
-    """The same pair, with another belief of where it was taken from."""
+def _seen_from(images: CameraPictures, T_world_camera: Pose) -> CameraPictures:
+    """The same pictures, with another belief of where it was taken from."""
     calibration = msgspec.structs.replace(images.calibration, T_world_camera=T_world_camera)
     return msgspec.structs.replace(images, calibration=calibration)

@@ -60,14 +60,14 @@ class TableConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class PerceptionConfig:
-    """From a pair of pictures to the DLO's points."""
+    """From pictures to the DLO's points."""
 
     segmentation: AnySegmentation = field(default_factory=BrightnessConfig)
     """Which pixels are DLO."""
     box: BoxConfig = field(default_factory=BoxConfig)
     """Where in the world the DLO may be."""
     stereo: StereoConfig = field(default_factory=StereoConfig)
-    """Matching of the two pictures."""
+    """Matching of the two pictures of a stereo camera."""
     cloud: CloudConfig = field(default_factory=CloudConfig)
     """From disparities to the cloud."""
     table: TableConfig = field(default_factory=TableConfig)

@@ -1,6 +1,7 @@
-"""From a pair of pictures to the DLO's points in the world: every step of perception, in order.
+"""From pictures to the DLO's points in the world: every step of perception, in order.
 
-Pure: the same arguments give the same result. The intermediate results are kept for reports and examples.
+A stereo pair is matched, a depth camera knows its depths: `_surface` is the only step that differs. Pure: the same
+arguments give the same result. The intermediate results are kept for reports and examples.
 """
 
 from collections.abc import Sequence
@@ -15,6 +16,7 @@ from dlokit.skills.perception.calibration import arm_outline
 from dlokit.skills.perception.calibration.table import camera_pose_from_table
 from dlokit.skills.perception.cloud import clean, inside_box, to_centre_line
 from dlokit.skills.perception.config import PerceptionConfig
+from dlokit.skills.perception.depth import surface_of_depth
 from dlokit.skills.perception.rectification import grey, rectified
 from dlokit.skills.perception.reprojection import box_outline, reproject
 from dlokit.skills.perception.self_filter import (
@@ -28,9 +30,9 @@ from dlokit.skills.perception.self_filter import (
     robot_distance_m,
     robot_outline,
 )
-from dlokit.skills.perception.stereo import Disparity, StereoMatcher, window_around
-from dlokit.types.arrays import BoolArray, UInt8Array
-from dlokit.types.image import CameraCalibration, Image, StereoImages
+from dlokit.skills.perception.stereo import StereoMatcher, window_around
+from dlokit.types.arrays import BoolArray, Float64Array, UInt8Array
+from dlokit.types.image import CameraCalibration, CameraPictures, Image, StereoImages
 from dlokit.types.observation import GripperPin, Observation
 from dlokit.types.pose import Pose
 
@@ -40,11 +42,10 @@ class Look:
     """One look: its result, and what lay between."""
 
     observation: Observation
-    rectified: StereoImages
+    rectified: CameraPictures
     segmented: BoolArray  # (height, width) what the segmentation took for DLO
     mask: BoolArray  # (height, width) of that, what may lie in the box and is not the robot
-    disparity: Disparity | None
-    """Of the mask; None when it is empty."""
+    surface_world: Float64Array  # (N, 3) [m] what is known of the mask, before box and self-filter
 
 
 def loaded() -> None:
@@ -53,7 +54,7 @@ def loaded() -> None:
 
 
 def perceive(
-    images: StereoImages,
+    images: CameraPictures,
     robots: Sequence[PosedArm],
     config: PerceptionConfig,
     segmentation: SegmentationConfig,
@@ -64,16 +65,13 @@ def perceive(
 
     The camera sees the DLO's surface; `dlo_radius_m` moves the cloud from there to its centre line.
     """
-    pair = rectified(images)
-    camera = pair.calibration
+    ideal = rectified(images)
+    camera = ideal.calibration
     strategy = segmentation.build()
     capsules = robot_capsules(robots)
-    segmented = _segmented(pair.left, strategy)
+    segmented = _segmented(ideal.reference, strategy)
     mask = _cleaned(segmented & _where_dlo_may_be(capsules, camera, config), config.smallest_patch_px)
-    disparity = StereoMatcher(config.stereo).match(
-        grey(pair.left), grey(pair.right), mask, _segmented(pair.right, strategy), camera
-    )
-    surface = np.zeros((0, 3)) if disparity is None else reproject(disparity, camera)
+    surface = _surface(ideal, mask, strategy, config)
     keep = inside_box(surface, config.box)
     keep[keep] = robot_distance_m(surface[keep], capsules) > SPACE_MARGIN_M
     floor_m = TABLE_TOP_M if config.table.supports else None
@@ -86,15 +84,15 @@ def perceive(
             occlusion=occlusion_map(capsules, camera, OCCLUSION_SCALE),
             pins=pins,
         ),
-        rectified=pair,
+        rectified=ideal,
         segmented=segmented,
         mask=mask,
-        disparity=disparity,
+        surface_world=surface,
     )
 
 
 def observe(
-    images: StereoImages,
+    images: CameraPictures,
     robots: Sequence[PosedArm],
     config: PerceptionConfig,
     segmentation: SegmentationConfig,
@@ -106,17 +104,28 @@ def observe(
 
 
 def corrected_camera_pose(
-    images: StereoImages,
+    images: CameraPictures,
     robots: Sequence[PosedArm],
     config: PerceptionConfig,
     segmentation: SegmentationConfig,
 ) -> Pose | None:
     """T_world_camera of `images`, corrected by the table's plane; None when it cannot be."""
-    pair = rectified(images)
+    ideal = rectified(images)
     capsules = robot_capsules(robots)
-    robot = robot_outline(capsules, pair.calibration, PICTURE_MARGIN_M)
-    hidden = robot | _segmented(pair.left, segmentation.build())
-    return camera_pose_from_table(pair, hidden, config.box)
+    robot = robot_outline(capsules, ideal.calibration, PICTURE_MARGIN_M)
+    hidden = robot | _segmented(ideal.reference, segmentation.build())
+    return camera_pose_from_table(ideal, hidden, config.box)
+
+
+def _surface(images: CameraPictures, mask: BoolArray, strategy: Segmentation, config: PerceptionConfig) -> Float64Array:
+    """Points (N, 3) [m] on the surface of what the mask (height, width) shows: matched, or measured by the camera."""
+    if not isinstance(images, StereoImages):
+        return surface_of_depth(images, mask)
+    camera = images.calibration
+    disparity = StereoMatcher(config.stereo).match(
+        grey(images.left), grey(images.right), mask, _segmented(images.right, strategy), camera
+    )
+    return np.zeros((0, 3)) if disparity is None else reproject(disparity, camera)
 
 
 def _segmented(picture: UInt8Array, strategy: Segmentation) -> BoolArray:

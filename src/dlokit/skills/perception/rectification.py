@@ -1,6 +1,7 @@
-"""Rectification: pictures as two ideal cameras side by side would have taken them, and as grey values."""
+"""Rectification: pictures as ideal cameras without lenses would have taken them, and as grey values."""
 
 from functools import lru_cache
+from typing import overload
 
 import cv2
 import msgspec
@@ -8,7 +9,7 @@ import numpy as np
 
 from dlokit.geometry.camera import camera_matrix
 from dlokit.types.arrays import Float32Array, UInt8Array
-from dlokit.types.image import CameraCalibration, StereoImages
+from dlokit.types.image import CameraCalibration, CameraPictures, DepthImage, StereoImages
 
 
 def grey(pixels: UInt8Array) -> UInt8Array:
@@ -22,14 +23,27 @@ Maps = tuple[Float32Array, Float32Array]
 """For each pixel of the ideal picture the column and the row [px] of the picture as it was taken."""
 
 
-def rectified(images: StereoImages) -> StereoImages:
-    """The pair without distortion. Pictures whose calibration names none pass as they are.
+@overload
+def rectified(images: StereoImages) -> StereoImages: ...
+@overload
+def rectified(images: DepthImage) -> DepthImage: ...
+def rectified(images: CameraPictures) -> CameraPictures:
+    """The pictures without distortion. Pictures whose calibration names none pass as they are.
 
-    The two cameras are taken to be parallel; a rig that is not must deliver rectified pictures.
+    The two cameras of a pair are taken to be parallel; a rig that is not must deliver rectified pictures. Depths are
+    moved without mixing neighbours: a mean of two surfaces would be a point in the air between them.
     """
     camera = images.calibration
     if camera.distortion is None and camera.distortion_right is None:
         return images
+    if isinstance(images, DepthImage):
+        maps = None if camera.distortion is None else _maps(*_pinhole(camera), tuple(camera.distortion.tolist()))
+        return msgspec.structs.replace(
+            images,
+            pixels=_remapped(images.pixels, maps),
+            depth_m=_moved_depth(images.depth_m, maps),
+            calibration=msgspec.structs.replace(camera, distortion=None, distortion_right=None),
+        )
     left, right = (
         _remapped(picture, None if lens is None else _maps(*_pinhole(camera), tuple(lens.tolist())))
         for picture, lens in ((images.left, camera.distortion), (images.right, camera.distortion_right))
@@ -59,3 +73,9 @@ def _remapped(picture: UInt8Array, maps: Maps | None) -> UInt8Array:
     if maps is None:
         return picture
     return np.asarray(cv2.remap(picture, maps[0], maps[1], cv2.INTER_LINEAR), dtype=np.uint8)
+
+
+def _moved_depth(depth_m: Float32Array, maps: Maps | None) -> Float32Array:
+    if maps is None:
+        return depth_m
+    return np.asarray(cv2.remap(depth_m, maps[0], maps[1], cv2.INTER_NEAREST), dtype=np.float32)

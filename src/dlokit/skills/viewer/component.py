@@ -26,7 +26,7 @@ from dlokit.types.action import Action, Candidates
 from dlokit.types.dlo import DloState, GoalShape, TargetPoints
 from dlokit.types.feasibility import GoalVerdict
 from dlokit.types.flow import Command, FlowStatus, OperatorCommand
-from dlokit.types.image import StereoImages
+from dlokit.types.image import CameraPictures, DepthImage, StereoImages
 from dlokit.types.observation import Observation, ObserverEvent
 from dlokit.types.robot import RobotState
 from dlokit.types.system import ViewerPage
@@ -98,7 +98,7 @@ class ViewerComponent(Component):
         self._handles = GoalHandles(
             builtin_shape("I", rod.length_m, rod.nodes, radius_m=rod.radius_m), TABLE_X_M, TABLE_Y_M
         )
-        self._images = Newest[StereoImages]()
+        self._images = Newest[CameraPictures]()
         self._cloud = Newest[Observation]()
         self._targets = Newest[TargetPoints]()
         self._event = Newest[ObserverEvent]()
@@ -154,6 +154,11 @@ class ViewerComponent(Component):
     async def on_images(self, images: StereoImages) -> None:
         """Keep the newest message."""
         self._images.put(images)
+
+    @on(topics.DEPTH_IMAGES)
+    async def on_depth_image(self, image: DepthImage) -> None:
+        """Keep the newest message."""
+        self._images.put(image)
 
     @on(topics.OBSERVATION)
     async def on_observation(self, seen: Observation) -> None:
@@ -233,7 +238,7 @@ class ViewerComponent(Component):
 
     def _draw_panel(self, scene: ViewerScene, panel: Panel) -> None:
         if (images := self._images.value) is not None and self._images.fresh:
-            panel.draw_picture(thumbnail(images.left, PICTURE_WIDTH_PX))
+            panel.draw_picture(thumbnail(images.reference, PICTURE_WIDTH_PX))
         self._images.take(scene.show_pictures)
         self._event.take(panel.draw_observer_event)
         self._candidates.take(panel.draw_candidates)

@@ -16,7 +16,7 @@ from dlokit.types.action import Action, Candidates
 from dlokit.types.arrays import Float32Array, Float64Array, Int64Array, UInt8Array
 from dlokit.types.dlo import DloState, GoalShape, TargetPoints
 from dlokit.types.feasibility import GoalVerdict
-from dlokit.types.image import StereoImages
+from dlokit.types.image import CameraPictures
 from dlokit.types.observation import Observation
 from dlokit.types.robot import RobotState
 
@@ -104,9 +104,9 @@ class ViewerScene:
                 place(figure.root, state.T_world_base)
         self._robots[state.robot].show(state.q_rad, state.finger_width_m)
 
-    def show_pictures(self, images: StereoImages) -> None:
-        """Show the left picture in the frustum of its camera."""
-        picture = thumbnail(images.left, PICTURE_WIDTH_PX)
+    def show_pictures(self, images: CameraPictures) -> None:
+        """Show the picture of the (left) camera in its frustum."""
+        picture = thumbnail(images.reference, PICTURE_WIDTH_PX)
         calibration = images.calibration
         if self._frustum is None:
             self._frustum = self._scene.add_camera_frustum(

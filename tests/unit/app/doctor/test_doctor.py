@@ -1,15 +1,18 @@
 import re
 import socket
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 from packaging.requirements import Requirement
 from rich.console import Console
 
 from dlokit.app.doctor import doctor, machine, packages
+from dlokit.app.doctor.cameras import FoundCamera, realsense_finding
 from dlokit.app.doctor.doctor import DoctorArgs
 from dlokit.app.doctor.machine import DoctorRow, Severity
 from dlokit.app.doctor.opengl import OpenGLReport, probe_opengl
+from dlokit.errors import HardwareError
 
 
 def _nowhere(name: str) -> None:
@@ -140,3 +143,33 @@ def test_the_table_shows_the_command_that_fixes_a_finding() -> None:
 
     assert "sudo apt install libegl1" in captured.get()
     assert "lacking" in captured.get()
+
+
+D435 = FoundCamera(name="Intel RealSense D435", serial="0042", usb="3.2")
+
+
+@pytest.mark.parametrize(
+    ("found", "severity", "says", "fix"),
+    [
+        (None, Severity.OPTIONAL, "only needed for RealSense", r"dlokit\[realsense\]"),
+        ((), Severity.READY, "no camera is connected", "^$"),
+        ((D435,), Severity.READY, r"D435 0042 on USB 3\.2", "^$"),
+        ((replace(D435, usb="2.1"),), Severity.ADVICE, "too slow", "port of USB 3"),
+    ],
+)
+def test_a_realsense_camera_is_found_with_its_port(
+    found: tuple[FoundCamera, ...] | None, severity: Severity, says: str, fix: str
+) -> None:
+    row = realsense_finding(lambda: found)
+    assert row.standing is severity
+    assert re.search(says, row.found)
+    assert re.search(fix, row.fix)
+
+
+def test_a_driver_that_cannot_load_names_the_library() -> None:
+    def search() -> None:
+        raise HardwareError("libusb-1.0.so.0: cannot open shared object file")
+
+    row = realsense_finding(search)
+    assert row.standing is Severity.ADVICE
+    assert "apt install libusb-1.0-0" in row.fix

@@ -8,7 +8,7 @@ import pytest
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.errors import HardwareError
-from dlokit.functional.cameras.played import PlayedCamera, RecordedPair
+from dlokit.functional.cameras.played import PlayedCamera, RecordedLook
 from dlokit.types.image import CameraCalibration, StereoImages
 from dlokit.types.pose import Pose
 
@@ -18,10 +18,10 @@ CALIBRATION = CameraCalibration(
 )  # fmt: skip
 
 
-def pair(stamp_ns: int) -> RecordedPair:
+def pair(stamp_ns: int) -> RecordedLook:
     pixels = np.full((1, 2, 3), stamp_ns % 251, dtype=np.uint8)
     images = StereoImages(stamp_ns=stamp_ns, left=pixels, right=pixels, calibration=CALIBRATION)
-    return RecordedPair(log_ns=stamp_ns + 5, images=images)
+    return RecordedLook(log_ns=stamp_ns + 5, images=images)
 
 
 def looks(camera: PlayedCamera, count: int) -> list[tuple[int, int, int]]:
@@ -32,6 +32,7 @@ def looks(camera: PlayedCamera, count: int) -> list[tuple[int, int, int]]:
         with camera:
             for _ in range(count):
                 images = await camera.capture(1.0)
+                assert isinstance(images, StereoImages)
                 seen.append((LoopClock().now_ns(), images.stamp_ns, int(images.left[0, 0, 0])))
 
     virtual_time.run(main())

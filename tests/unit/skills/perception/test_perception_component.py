@@ -17,13 +17,15 @@ from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.errors import HardwareError
+from dlokit.functional.cell.config import CellConfig
+from dlokit.functional.cell.world import Cell
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.perception import api
 from dlokit.skills.perception.brightness import BrightnessConfig
 from dlokit.skills.perception.component import PerceptionComponent
 from dlokit.skills.perception.config import PerceptionConfig, TableConfig
 from dlokit.skills.perception.segmentations import to_spec
-from dlokit.types.image import CameraCalibration, StereoImages
+from dlokit.types.image import CameraCalibration, CameraPictures
 from dlokit.types.observation import GraspState
 from dlokit.types.outcome import Failed, Rejected, Succeeded
 from dlokit.types.robot import RobotState
@@ -36,7 +38,7 @@ class ScriptedCamera:
     """A camera that returns one scene's images after a delay, stamped with the clock, or fails."""
 
     def __init__(self, scene: Scene, *, exposure_s: float = 0.0) -> None:
-        self.images = scene.images
+        self.images: CameraPictures = scene.images
         self.exposure_s = exposure_s
         self.gone = False
         self.taken_ns: list[int] = []
@@ -46,7 +48,7 @@ class ScriptedCamera:
     def calibration(self) -> CameraCalibration:
         return self.images.calibration
 
-    async def capture(self, timeout_s: float) -> StereoImages:
+    async def capture(self, timeout_s: float) -> CameraPictures:
         clock = LoopClock()
         if self.gone:
             raise HardwareError("the cable is out")
@@ -142,6 +144,28 @@ def test_an_observation_publishes_images_and_points_with_the_images_stamp(s_scen
         assert len(points.points_world) > 100
 
     with_perception(s_scene, test, exposure_s=0.05)
+
+
+def test_a_depth_image_is_published_and_becomes_the_same_kind_of_cloud(s_scene: Scene):
+    cell = Cell(CellConfig(), seed=0)
+    image = cell.capture_depth()
+    cell.close()
+
+    async def test(bus: MemoryTransport, camera: ScriptedCamera) -> None:
+        camera.images = image
+        outcome = await bus.call(api.LOOK)
+        assert isinstance(outcome, Succeeded)
+        assert bus.latest(topics.STEREO_IMAGES).value is None
+        pictures, points = bus.latest(topics.DEPTH_IMAGES).value, bus.latest(topics.OBSERVATION).value
+        assert pictures is not None
+        assert points is not None
+        assert pictures.stamp_ns == points.stamp_ns
+        assert len(points.points_world) > 100
+        # The first look corrects the pose by the table.
+        assert points.calibration is not None
+        assert points.calibration.T_world_camera != image.calibration.T_world_camera
+
+    with_perception(s_scene, test, config=PerceptionConfig())
 
 
 def test_an_observation_shifts_the_cloud_to_the_centre_line_by_the_believed_radius(s_scene: Scene):

@@ -111,7 +111,7 @@ def test_a_picture_without_dlo_gives_an_observation_without_points(s_scene: Scen
     nothing = dataclasses.replace(CONFIG, segmentation=BrightnessConfig(lowest=255))
     look = look_at(s_scene, nothing)
     assert look.observation.points_world.shape == (0, 3)
-    assert look.disparity is None
+    assert look.surface_world.shape == (0, 3)
 
 
 def test_a_repeated_observation_is_identical_to_the_bit(s_scene: Scene):

@@ -26,7 +26,7 @@ from dlokit.geometry.camera import baseline_m, in_camera
 from dlokit.skills.perception.calibration.arm_outline import Outline, arm_outline
 from dlokit.skills.perception.self_filter import PosedArm
 from dlokit.types.arrays import BoolArray, Float32Array, Float64Array, UInt8Array
-from dlokit.types.image import CameraCalibration, CameraCheck, StereoImages
+from dlokit.types.image import CameraCalibration, CameraCheck, CameraPictures, StereoImages
 from dlokit.types.pose import Pose
 from dlokit.types.robot import RobotState
 
@@ -101,9 +101,9 @@ _HAND_SIGMA_M = 0.001
 
 @dataclass(frozen=True, kw_only=True)
 class HandLook:
-    """A rectified pair of pictures of the hand, and where the arm was."""
+    """Rectified pictures of the hand, and where the arm was."""
 
-    images: StereoImages
+    images: CameraPictures
     robot: PosedArm
 
 
@@ -127,10 +127,11 @@ class _Fit:
     picture: NDArray[np.int64]  # (N,) which one it is in
 
 
-def camera_from_hand(background: StereoImages, looks: Sequence[HandLook]) -> CameraCheck:
+def camera_from_hand(background: CameraPictures, looks: Sequence[HandLook]) -> CameraCheck:
     """Error of the assumed pose of the camera of `background`, in the table's plane at height 0.
 
-    `background` is a rectified pair without the arm over the table, its pose corrected by the table. Raises
+    `background` are rectified pictures without the arm over the table, their pose corrected by the table. A depth
+    camera gives one view where a pair gives two; its depths are not used, because they are coarse at outlines. Raises
     `SkillFailure` few_points, scattered or too_far, where what is seen does not suffice or cannot be right.
     """
     center = np.append(np.mean([look.robot.state.T_world_tcp.position_m[:2] for look in looks], axis=0), 0.0)
@@ -164,20 +165,17 @@ def _moved(T: Pose, by_m: Float64Array, turn_rad: Float64Array, center: Float64A
 
 
 def _pictures(
-    background: StereoImages, looks: Sequence[HandLook], known: Float64Array, center: Float64Array
+    background: CameraPictures, looks: Sequence[HandLook], known: Float64Array, center: Float64Array
 ) -> list[_Picture]:
     """All pictures, with what is expected in them from where the camera is known to be (9,) so far."""
     camera = background.calibration
     shift_m, turn_rad = known[[0, 1, 3]], known[[4, 5, 2]]
     pose = _moved(camera.T_world_camera, shift_m, turn_rad, center)
-    left, right = _both(msgspec.structs.replace(camera, T_world_camera=pose))
+    placed = msgspec.structs.replace(camera, T_world_camera=pose)
     return [
         _picture(look.robot, difference(picture, empty), camera, center)
         for look in looks
-        for picture, empty, camera in (
-            (look.images.left, background.left, left),
-            (look.images.right, background.right, right),
-        )
+        for (picture, camera), (empty, _) in zip(_views(look.images, placed), _views(background, placed), strict=True)
     ]
 
 
@@ -186,11 +184,13 @@ def _picture(robot: PosedArm, changed: Float32Array, camera: CameraCalibration, 
     return _Picture(changed=changed, outline=outline, slopes=_slopes(outline, robot.state, camera, center))
 
 
-def _both(camera: CameraCalibration) -> tuple[CameraCalibration, CameraCalibration]:
-    """The left camera of a pair, and the right one as a camera of its own."""
+def _views(images: CameraPictures, camera: CameraCalibration) -> list[tuple[UInt8Array, CameraCalibration]]:
+    """Each picture (height, width, 3) with its camera, the right one of a pair as a camera of its own."""
+    if not isinstance(images, StereoImages):
+        return [(images.reference, camera)]
     T = camera.T_world_camera
     beside = geometry.pose(T.position_m + baseline_m(camera) * rotation(T)[:, 0], T.wxyz)
-    return camera, msgspec.structs.replace(camera, T_world_camera=beside)
+    return [(images.left, camera), (images.right, msgspec.structs.replace(camera, T_world_camera=beside))]
 
 
 def _slopes(outline: Outline, robot: RobotState, camera: CameraCalibration, center: Float64Array) -> Float64Array:

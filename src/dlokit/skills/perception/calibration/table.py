@@ -1,10 +1,11 @@
 """Corrects the believed camera pose by the table, which is known to be flat and level.
 
-A pair of pictures of a textured table gives its plane in the camera frame: two tilts and the height, of the six
-numbers of a pose. The other three (a shift along the table, a turn about the vertical) cannot be seen in it.
+A pair of pictures of a textured table, or its depths, give its plane in the camera frame: two tilts and the height, of
+the six numbers of a pose. The other three (a shift along the table, a turn about the vertical) cannot be seen in it.
 """
 
 import cv2
+import msgspec
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -15,7 +16,7 @@ from dlokit.skills.perception.config import BoxConfig
 from dlokit.skills.perception.rectification import grey
 from dlokit.skills.perception.reprojection import box_outline
 from dlokit.types.arrays import BoolArray, Float32Array, Float64Array, UInt8Array
-from dlokit.types.image import CameraCalibration, StereoImages
+from dlokit.types.image import CameraCalibration, CameraPictures, StereoImages
 from dlokit.types.pose import Pose
 
 _BLUR_PX = 1.5
@@ -29,13 +30,15 @@ _LARGEST_ANGLE_RAD = 0.02
 _LARGEST_HEIGHT_M = 0.03
 """A larger correction of the camera's height is not believed [m]."""
 _LEAST_AGREEING = 0.5
-"""Fraction of the table's pixels that must agree in both pictures."""
+"""Fraction of the table's pixels that must agree in both pictures, or with the plane of the depths."""
+_INVERSE_STEP_1_M = 0.001
+"""Inverse depths that differ by less than this agree [1/m]: a step of 1 mm at a depth of 1 m."""
 _LEAST_TEXTURE = 2.0
 """Standard deviation of the table's brightness, 0 to 255, below which it has too little texture."""
 
 
-def camera_pose_from_table(images: StereoImages, hidden: BoolArray, box: BoxConfig) -> Pose | None:
-    """The corrected T_world_camera of a rectified pair; None when no plane near the believed one is found.
+def camera_pose_from_table(images: CameraPictures, hidden: BoolArray, box: BoxConfig) -> Pose | None:
+    """The corrected T_world_camera of rectified pictures; None when no plane near the believed one is found.
 
     `hidden` (height, width) are pixels that do not show the table: the DLO's and the robot's. The table is
     what the box stands on.
@@ -46,8 +49,38 @@ def camera_pose_from_table(images: StereoImages, hidden: BoolArray, box: BoxConf
         upper_world=(box.upper_world[0], box.upper_world[1], TABLE_TOP_M + 0.001),
     )
     shown = box_outline(footprint, camera) & ~hidden
-    plane = _aligned(grey(images.left), grey(images.right), shown, plane_disparity(camera, TABLE_TOP_M))
+    if isinstance(images, StereoImages):
+        plane = _aligned(grey(images.left), grey(images.right), shown, plane_disparity(camera, TABLE_TOP_M))
+    else:
+        # The disparities of this camera are inverse depths [1/m], in which a plane is affine as well.
+        camera = msgspec.structs.replace(camera, baseline_m=1.0 / camera.fx_px)
+        plane = _fitted(images.depth_m, shown, plane_disparity(camera, TABLE_TOP_M))
     return None if plane is None else _corrected(camera, plane)
+
+
+def _fitted(depth_m: Float32Array, shown: BoolArray, believed: PlaneDisparity) -> PlaneDisparity | None:
+    """The plane of inverse depths [1/m] in most of the shown pixels, by least squares without outliers.
+
+    Disparities of a depth camera err by the same amount everywhere, so that inverse depths need no weights.
+    """
+    rows, columns = (indices[::_STRIDE] for indices in np.nonzero(shown & (depth_m > 0.0)))
+    if len(rows) < _LEAST_PIXELS:
+        return None
+    u, v = columns.astype(np.float64), rows.astype(np.float64)
+    inverse = 1.0 / depth_m[rows, columns].astype(np.float64)
+    J = np.column_stack([u, v, np.ones(len(u))])  # (K, 3) change of the inverse depth by the parameters
+    p: Float64Array = np.array([believed.per_u, believed.per_v, believed.constant])
+    agreeing = 0
+    for _ in range(_ITERATIONS):
+        residual = inverse - J @ p
+        off = np.abs(residual - np.median(residual))
+        good = off <= 3.0 * max(float(np.median(off)), _INVERSE_STEP_1_M)
+        H, g = np.einsum("ki,kj->ij", J[good], J[good]), np.einsum("ki,k->i", J[good], residual[good])
+        p += np.linalg.lstsq(H, g, rcond=None)[0]
+        agreeing = np.count_nonzero(good)
+    if agreeing < _LEAST_AGREEING * len(u):
+        return None
+    return PlaneDisparity(per_u=float(p[0]), per_v=float(p[1]), constant=float(p[2]))
 
 
 def _aligned(left: UInt8Array, right: UInt8Array, shown: BoolArray, believed: PlaneDisparity) -> PlaneDisparity | None:

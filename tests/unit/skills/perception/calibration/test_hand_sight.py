@@ -104,6 +104,7 @@ def test_pictures_without_the_hand_are_refused(s_scene: Scene, hand_looks: list[
 
 def test_inconsistent_images_are_refused(s_scene: Scene, hand_looks: list[HandLook]):
     first, second = hand_looks
+    assert isinstance(second.images, StereoImages)
     images = msgspec.structs.replace(
         second.images, left=np.roll(second.images.left, 5, axis=0), right=np.roll(second.images.right, 5, axis=0)
     )
@@ -128,7 +129,7 @@ def test_an_implausibly_large_correction_is_refused(
 def test_the_outline_surrounds_the_arm_with_outward_normals(s_scene: Scene, hand_looks: list[HandLook]):
     outline = arm_outline(hand_looks[0].robot, calibration())
     assert len(outline.pixels) > 200
-    changed = difference(hand_looks[0].images.left, s_scene.images.left)
+    changed = difference(hand_looks[0].images.reference, s_scene.images.reference)
     within, beside = (
         changed[tuple(np.round(outline.pixels + side * outline.normals).astype(int).T[::-1])] for side in (-4.0, 4.0)
     )

@@ -1,0 +1,315 @@
+"""`dlokit track --camera`: follow a DLO in the pictures of a camera, in the viewer, without a robot."""
+
+import asyncio
+import csv
+import time
+from collections import deque
+from collections.abc import Callable, Generator, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TextIO
+
+import numpy as np
+import psutil
+
+from dlokit.app.library.tracker import Nodes, Tracker
+from dlokit.communication import topics
+from dlokit.communication.container import Container, end_tasks
+from dlokit.communication.memory import MemoryTransport
+from dlokit.communication.timing.clock import LoopClock
+from dlokit.errors import HardwareError, InputError, NoMorePictures
+from dlokit.functional.cameras.base import Camera
+from dlokit.geometry.camera import camera_matrix, in_camera
+from dlokit.skills.observer.base import ObserverStrategyConfig
+from dlokit.skills.perception.base import SegmentationConfig
+from dlokit.skills.perception.config import BoxConfig, CloudConfig, PerceptionConfig, TableConfig
+from dlokit.skills.perception.pipeline import observe
+from dlokit.system.build import build_viewer
+from dlokit.system.config import RunConfig
+from dlokit.types.dlo import DloState, Topology
+from dlokit.types.image import CameraCalibration, CameraPictures, DepthImage, StereoImages
+from dlokit.types.observation import Observation
+
+ANYWHERE = BoxConfig(lower_world=(-100.0, -100.0, -100.0), upper_world=(100.0, 100.0, 100.0))
+"""The box where none is given: the whole world."""
+TIMEOUT_S = 2.0
+"""A camera that gives no picture for this long is lost [s]."""
+_AGAIN_S = 1.0
+"""Wait before a lost camera is asked again [s]."""
+_REPORT_S = 1.0
+"""Interval of the lines on the terminal [s]."""
+_IN_FRONT_M = 0.02
+"""Something hides a node if it is nearer to the camera by more than this [m]: the DLO's own surface and its noise are
+in front of its centre line, too."""
+_KEPT = 3000
+"""Frames whose times are kept for the summary; the memory must not grow."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LiveSettings:
+    """How the pictures of a camera are tracked."""
+
+    observer: ObserverStrategyConfig
+    segmentation: SegmentationConfig
+    nodes: int
+    length_m: float | None
+    box: BoxConfig | None
+    """None: no box."""
+    voxel_m: float = CloudConfig.voxel_m
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Frame:
+    """What was found in the pictures of one moment."""
+
+    observation: Observation
+    nodes: Nodes | None
+    """None while the DLO has not been found yet."""
+    why: str
+    """Why there are none; empty where there are."""
+    seconds: float
+    """Time from the pictures to the nodes [s]."""
+
+
+class LiveTracker:
+    """From the pictures of a camera to nodes: the pipeline of perception, without a robot, and a `Tracker`."""
+
+    def __init__(self, settings: LiveSettings) -> None:
+        self._settings = settings
+        # Without a robot the world is where the camera's calibration puts it: no table is assumed in it.
+        self._perception = PerceptionConfig(
+            segmentation=settings.segmentation,
+            box=settings.box or ANYWHERE,
+            table=TableConfig(supports=False, correct_pose=False),
+            cloud=CloudConfig(voxel_m=settings.voxel_m),
+        )
+        self._radius_m = RunConfig().model.radius_m
+        self._tracker: Tracker | None = None
+
+    @property
+    def topology(self) -> Topology | None:
+        """Which nodes are joined; None before the DLO was found."""
+        return None if self._tracker is None else self._tracker.topology
+
+    def update(self, pictures: CameraPictures) -> Frame:
+        """The DLO in the next pictures."""
+        begin = time.perf_counter()
+        seen = observe(pictures, (), self._perception, self._settings.segmentation, self._radius_m)
+        camera = seen.calibration
+        assert camera is not None, "perception names the camera of each observation"
+        if self._tracker is None:
+            self._tracker = self._made(camera)
+        # What a depth camera sees in front of a node hides it: a hand, or a tool.
+        hiding_m = None
+        if isinstance(pictures, DepthImage):
+            hiding_m = np.where(pictures.depth_m > 0.0, pictures.depth_m + _IN_FRONT_M, 0.0)
+        nodes, why = None, ""
+        try:
+            nodes = self._tracker.update(
+                in_camera(seen.points_world, camera),
+                stamp_ns=pictures.stamp_ns,
+                T_world_camera=camera.T_world_camera,
+                depth=hiding_m,
+            )
+        except InputError as error:
+            why = str(error)
+        return Frame(observation=seen, nodes=nodes, why=why, seconds=time.perf_counter() - begin)
+
+    def _made(self, camera: CameraCalibration) -> Tracker:
+        return Tracker(
+            length_m=self._settings.length_m,
+            radius_m=self._radius_m,
+            nodes=self._settings.nodes,
+            observer=self._settings.observer,
+            camera_matrix=camera_matrix(camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px),
+        )
+
+
+@dataclass(kw_only=True)
+class LiveSummary:
+    """What happened until now; its size does not grow with the number of frames."""
+
+    frames: int = 0
+    """Pictures taken."""
+    followed: int = 0
+    """Frames in which the observer trusted its nodes."""
+    losses: int = 0
+    """Times that the camera did not answer."""
+    first_mib: float = 0.0
+    """Memory of the process [MiB] when enough frames had been seen that everything was loaded."""
+    last_mib: float = 0.0
+    """Memory of the process [MiB] now."""
+    seconds: deque[float] = field(default_factory=lambda: deque[float](maxlen=_KEPT))
+    """Times of the last frames, from pictures to nodes [s]."""
+    periods_s: deque[float] = field(default_factory=lambda: deque[float](maxlen=_KEPT))
+    """Intervals of the stamps of the last frames [s]."""
+    last_stamp_ns: int | None = None
+
+    def add(self, frame: Frame) -> None:
+        """Count a frame."""
+        self.frames += 1
+        self.followed += frame.nodes is not None and frame.nodes.doubt is None
+        self.seconds.append(frame.seconds)
+        stamp_ns = frame.observation.stamp_ns
+        if self.last_stamp_ns is not None:
+            self.periods_s.append((stamp_ns - self.last_stamp_ns) / 1e9)
+        self.last_stamp_ns = stamp_ns
+        if self.frames % 100 == 0:  # asking costs more than counting
+            self.last_mib = psutil.Process().memory_info().rss / 2**20
+            self.first_mib = self.first_mib or self.last_mib
+
+    def lines(self) -> Iterator[str]:
+        """What to print at the end."""
+        yield f"{self.followed} of {self.frames} frames followed; the camera was lost {self.losses} times"
+        if self.frames:
+            of_ms = np.percentile(np.array(self.seconds) * 1e3, (50, 95))
+            yield f"pictures to nodes: {of_ms[0]:.1f} ms (median), {of_ms[1]:.1f} ms (95 %)"
+        if self.periods_s:
+            yield f"pictures: every {np.median(np.array(self.periods_s)) * 1e3:.1f} ms (median)"
+        if self.first_mib:
+            yield f"memory: {self.first_mib:.0f} MiB after 100 frames, {self.last_mib:.0f} MiB now"
+
+
+@dataclass(frozen=True, kw_only=True)
+class FollowPace:
+    """How fast and how long a camera is followed."""
+
+    rate_hz: float
+    """Pictures per second, at most."""
+    duration_s: float | None = None
+    """None: until the pictures end."""
+
+
+Show = Callable[[CameraPictures, Frame], None]
+Say = Callable[[str], None]
+
+
+async def follow(
+    camera: Camera,
+    tracker: LiveTracker,
+    show: Show,
+    say: Say,
+    summary: LiveSummary,
+    *,
+    pace: FollowPace,
+) -> None:
+    """Follow the DLO until the pictures or the time end.
+
+    A lost camera is asked again until it answers. Raises `HardwareError` when it is not there at the beginning.
+    """
+    clock = LoopClock()
+    begin_ns = due_ns = reported_ns = clock.now_ns()
+    period_ns = round(1e9 / pace.rate_hz)
+    with camera:
+        while pace.duration_s is None or clock.now_ns() - begin_ns < pace.duration_s * 1e9:
+            try:
+                pictures = await camera.capture(TIMEOUT_S)
+            except NoMorePictures as end:
+                say(str(end))
+                return
+            except HardwareError as error:
+                summary.losses += 1
+                say(f"the camera is lost: {error}; it is asked again, Ctrl-C ends")
+                await clock.sleep(_AGAIN_S)
+                continue
+            frame = await asyncio.to_thread(tracker.update, pictures)
+            summary.add(frame)
+            show(pictures, frame)
+            if clock.now_ns() - reported_ns >= _REPORT_S * 1e9 or summary.frames == 1:
+                reported_ns = clock.now_ns()
+                say(_line(summary, frame))
+            # A late picture is made up for by the next one, and no more than one.
+            due_ns = max(due_ns + period_ns, clock.now_ns() - period_ns)
+            await clock.sleep_until(due_ns)
+
+
+def _line(summary: LiveSummary, frame: Frame) -> str:
+    begin = f"frame {summary.frames}: {len(frame.observation.points_world)} points"
+    if frame.nodes is None:
+        return f"{begin}; the DLO is not found yet: {frame.why}"
+    nodes = frame.nodes
+    doubt = "" if nodes.doubt is None else f", not trusted: {nodes.doubt.value}"
+    shown = f"{np.count_nonzero(nodes.visible)} of {len(nodes.visible)} nodes visible"
+    return f"{begin}, {shown}, health {nodes.health:.2f}{doubt}, {frame.seconds * 1e3:.0f} ms"
+
+
+@contextmanager
+def nodes_file(path: Path | None) -> Generator[Callable[[Frame], None]]:
+    """Yield a function that writes the nodes of a frame to a .csv file at once; None writes nothing."""
+    with ExitStack() as stack:
+        file: TextIO | None = None
+        if path is not None:
+            file = stack.enter_context(path.open("w", newline="", encoding="utf-8"))
+            csv.writer(file).writerow(("stamp_ns", "node", "x_m", "y_m", "z_m", "visible"))
+
+        def write(frame: Frame) -> None:
+            if file is None or frame.nodes is None:
+                return
+            rows = zip(frame.nodes.positions_world.tolist(), frame.nodes.visible.tolist(), strict=True)
+            csv.writer(file).writerows(
+                (frame.nodes.stamp_ns, node, f"{x:.6f}", f"{y:.6f}", f"{z:.6f}", int(visible))
+                for node, ((x, y, z), visible) in enumerate(rows)
+            )
+
+        yield write
+
+
+async def follow_in_viewer(
+    camera: Camera,
+    tracker: LiveTracker,
+    write: Callable[[Frame], None],
+    say: Say,
+    summary: LiveSummary,
+    *,
+    pace: FollowPace,
+    nodes: int,
+    port: int,
+) -> None:
+    """As `follow`, with a page in the browser, which stays after the last picture until it is cancelled."""
+    run = RunConfig()
+    run = replace(run, viewer=replace(run.viewer, port=port), model=replace(run.model, nodes=nodes))
+    transport, clock = MemoryTransport(), LoopClock()
+    host = Container(transport, clock)
+    viewer = build_viewer(run, operated=False)
+    host.add(viewer)
+
+    def show(pictures: CameraPictures, frame: Frame) -> None:
+        write(frame)
+        _publish(transport, pictures, frame, tracker.topology)
+
+    async def following() -> None:
+        await viewer.opened.wait()
+        say(f"viewer: {viewer.url}")
+        await follow(camera, tracker, show, say, summary, pace=pace)
+        if pace.duration_s is None:
+            say("The page stays open; Ctrl-C closes it.")
+            await fault
+
+    async with host:
+        fault = asyncio.create_task(host.wait_failed())
+        work = asyncio.create_task(following())
+        try:
+            await asyncio.wait({fault, work}, return_when=asyncio.FIRST_COMPLETED)
+            (fault if fault.done() else work).result()
+        finally:
+            await end_tasks(fault, work)
+
+
+def _publish(transport: MemoryTransport, pictures: CameraPictures, frame: Frame, topology: Topology | None) -> None:
+    match pictures:
+        case StereoImages():
+            transport.publish(topics.STEREO_IMAGES, pictures)
+        case DepthImage():
+            transport.publish(topics.DEPTH_IMAGES, pictures)
+    transport.publish(topics.OBSERVATION, frame.observation)
+    if frame.nodes is not None and topology is not None:
+        state = DloState(
+            stamp_ns=frame.nodes.stamp_ns,
+            nodes_world=frame.nodes.positions_world,
+            topology=topology,
+            visible=frame.nodes.visible,
+            observed_stamp_ns=frame.nodes.stamp_ns,
+            health=frame.nodes.health,
+        )
+        transport.publish(topics.STATE, state)

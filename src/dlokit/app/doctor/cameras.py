@@ -1,0 +1,65 @@
+"""Checks of RealSense cameras by `dlokit doctor`: the package, the library that it loads, and the devices."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from importlib.util import find_spec
+from typing import Any
+
+from dlokit.app.doctor.machine import DoctorRow, Severity
+from dlokit.errors import HardwareError
+from dlokit.functional.cameras.realsense import librealsense
+
+_WHAT = "RealSense cameras"
+
+
+@dataclass(frozen=True, kw_only=True)
+class FoundCamera:
+    """A connected camera."""
+
+    name: str
+    serial: str
+    usb: str
+    """Version of USB, e.g. 3.2."""
+
+
+def realsense_finding(search: Callable[[], Sequence[FoundCamera] | None]) -> DoctorRow:
+    """Check the driver and the devices; `search` returns None where the package is not installed."""
+    try:
+        found = search()
+    except HardwareError as error:
+        fix = "sudo apt install libusb-1.0-0; pip install 'dlokit[realsense]'"
+        return DoctorRow(what=_WHAT, standing=Severity.ADVICE, found=str(error), fix=fix)
+    if found is None:
+        said = "pyrealsense2 is only needed for RealSense cameras"
+        return DoctorRow(what=_WHAT, standing=Severity.OPTIONAL, found=said, fix="pip install 'dlokit[realsense]'")
+    if not found:
+        said = "pyrealsense2 works; no camera is connected, or this user may not access it (udev rules)"
+        return DoctorRow(what=_WHAT, standing=Severity.READY, found=said)
+    said = ", ".join(f"{one.name} {one.serial} on USB {one.usb}" for one in found)
+    if any(one.usb.startswith("2") for one in found):
+        fix = "plug it into a port of USB 3, with the cable of its maker"
+        return DoctorRow(what=_WHAT, standing=Severity.ADVICE, found=f"{said}: too slow for 30 pictures/s", fix=fix)
+    return DoctorRow(what=_WHAT, standing=Severity.READY, found=said)
+
+
+def connected_realsense() -> tuple[FoundCamera, ...] | None:
+    """The connected cameras; None where pyrealsense2 is not installed. Raises `HardwareError` where it cannot load."""
+    if find_spec("pyrealsense2") is None:
+        return None
+    rs = librealsense()
+
+    def told(device: Any, what: Any) -> str:
+        return device.get_info(what) if device.supports(what) else "unknown"
+
+    try:
+        devices = list(rs.context().query_devices())
+    except RuntimeError as error:  # what librealsense raises for everything
+        raise HardwareError(f"librealsense cannot list the cameras: {error}") from error
+    return tuple(
+        FoundCamera(
+            name=told(device, rs.camera_info.name),
+            serial=told(device, rs.camera_info.serial_number),
+            usb=told(device, rs.camera_info.usb_type_descriptor),
+        )
+        for device in devices
+    )

@@ -1,0 +1,286 @@
+"""Intel RealSense depth cameras, and files that librealsense recorded: colour with aligned depth, 640 x 480 px."""
+
+import asyncio
+import importlib
+import logging
+import threading
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from dlokit.errors import ConfigError, HardwareError, NoMorePictures
+from dlokit.functional.cameras.base import Caller, Camera
+from dlokit.functional.cameras.calibration_file import read_calibration
+from dlokit.functional.cameras.device_clock import ClockOffset, DeviceClock
+from dlokit.geometry import pose
+from dlokit.types.arrays import Float32Array
+from dlokit.types.image import CameraCalibration, DepthImage
+from dlokit.types.pose import Pose
+
+log = logging.getLogger(__name__)
+
+SIZE_PX = (640, 480)
+RATE_HZ = 30
+LEAST_LATENCY_NS = 10_000_000
+"""From the middle of an exposure to the arrival of its picture at least this passes: half of a usual exposure, the
+readout of the sensor, and USB [ns]."""
+OVER_THE_TABLE = pose((0.5, 0.0, 1.0), (0.0, 1.0, 0.0, 0.0))
+"""Pose of a camera without a calibration file: 1 m over the table, looking straight down."""
+LOST_S = 0.5
+"""A device that was silent for this long is started again: 15 pictures, more than a busy USB port delays [s]."""
+_FILE_WAIT_S = 1.0
+"""A file that gives no picture for this long is at its end [s]."""
+INSTALL = "pip install 'dlokit[realsense]'; on Debian and Ubuntu also: sudo apt install libusb-1.0-0"
+
+
+def librealsense() -> Any:
+    """The module pyrealsense2. Raises `HardwareError` where it cannot be imported."""
+    try:
+        return importlib.import_module("pyrealsense2")
+    except ImportError as error:
+        raise HardwareError(
+            f"RealSense cameras need pyrealsense2, which cannot be imported ({error}): {INSTALL}"
+        ) from error
+
+
+class RealSenseCamera:
+    """A `Camera` of librealsense. Pictures are stamped on the host's monotonic clock, those of a file from its opening.
+
+    A camera that was lost is started again by the next capture, with a pipeline of its own: an old one stays silent
+    when the device returns.
+    """
+
+    def __init__(self, *, serial: str = "", file: Path | None = None, T_world_camera: Pose = OVER_THE_TABLE) -> None:
+        """`serial` chooses one of several devices; `file` is played instead of a device, every picture once."""
+        self._serial = serial
+        self._file = file
+        self._T_world_camera = T_world_camera
+        self._rs: Any = None
+        self._pipeline: Any = None
+        self._align: Any = None
+        self._depth_unit_m = 0.001
+        self._calibration: CameraCalibration | None = None
+        self._clock = DeviceClock(LEAST_LATENCY_NS)
+        self._file_offset_ns: int | None = None
+        self._last_ns = self._heard_ns = 0
+        self._open = False
+        self._lock = threading.Lock()
+        self.clock_offset: ClockOffset | None = None
+        """Of the device's clock to the host's; None before the first picture, and of a file."""
+
+    @property
+    def calibration(self) -> CameraCalibration:
+        """The colour sensor's, from the device. Raises `HardwareError` before it was opened."""
+        if self._calibration is None:
+            raise HardwareError("the RealSense camera's calibration comes from the device; enter it before")
+        return self._calibration
+
+    async def capture(self, timeout_s: float) -> DepthImage:
+        """The next colour image exposed after the call, with its depth; of a file, the next one.
+
+        Raises `HardwareError` when there is none within `timeout_s`, and `NoMorePictures` at the end of a file.
+        """
+        if not self._open:
+            raise HardwareError("the RealSense camera was closed; enter it again before capturing")
+        return await asyncio.to_thread(self._captured, time.monotonic_ns(), timeout_s)
+
+    def __enter__(self) -> Self:
+        """Connect. Raises `HardwareError` when the device is not there."""
+        with self._lock:
+            self._start()
+            self._open = True
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Disconnect; a file is played from its beginning when it is entered again."""
+        self._open = False
+        with self._lock:
+            self._stop()
+
+    def _captured(self, asked_ns: int, timeout_s: float) -> DepthImage:
+        end_ns = asked_ns + round(timeout_s * 1e9)
+        with self._lock:
+            if self._pipeline is None:
+                self._start()
+            while (left_ns := end_ns - time.monotonic_ns()) > 0:
+                frames = self._waited(left_ns)
+                if frames is None:
+                    break
+                self._heard_ns = time.monotonic_ns()
+                # The first framesets of a start lack one of the pictures.
+                if not frames.get_depth_frame() or not frames.get_color_frame():
+                    continue
+                stamp_ns = self._stamped(frames.get_color_frame())
+                if self._file is None and stamp_ns < asked_ns:
+                    continue  # waited in a buffer since before the call
+                return self._image(self._align.process(frames), stamp_ns)
+            if self._file is not None and self._at_end():
+                raise NoMorePictures(f"all pictures of {self._file} have been played")
+            if time.monotonic_ns() - self._heard_ns > LOST_S * 1e9:
+                self._stop()  # the next capture starts it again
+        raise HardwareError(
+            f"the RealSense camera {self._name()} gave no picture within {timeout_s:g} s; is its cable in, on a port "
+            "of USB 3, and does no other program use it? The next capture starts it again"
+        )
+
+    def _waited(self, left_ns: int) -> Any:
+        """The next frameset; None when none comes."""
+        wait_ns = left_ns if self._file is None else min(left_ns, round(_FILE_WAIT_S * 1e9))
+        try:
+            arrived, frames = self._pipeline.try_wait_for_frames(max(1, wait_ns // 1_000_000))
+        except RuntimeError as error:  # what librealsense raises for everything
+            log.warning("the RealSense camera %s: %s", self._name(), error)
+            return None
+        return frames if arrived else None
+
+    def _stamped(self, frame: Any) -> int:
+        """Middle of the exposure [ns] on the host's clock; each picture's is later than that of the one before."""
+        device_ns = round(frame.get_timestamp() * 1e6) + _to_mid_exposure_ns(self._rs, frame)
+        if self._file is None:
+            self.clock_offset = self._clock.arrived(device_ns, time.monotonic_ns())
+            offset_ns = self.clock_offset.offset_ns
+        else:
+            if self._file_offset_ns is None:
+                self._file_offset_ns = max(time.monotonic_ns(), self._last_ns) - device_ns
+            offset_ns = self._file_offset_ns
+        self._last_ns = max(device_ns + offset_ns, self._last_ns + 1)
+        return self._last_ns
+
+    def _image(self, frames: Any, stamp_ns: int) -> DepthImage:
+        colour, depth = frames.get_color_frame(), frames.get_depth_frame()
+        # Copies: librealsense has few buffers, and gives none to new pictures while somebody holds them.
+        return DepthImage(
+            stamp_ns=stamp_ns,
+            frame="camera",
+            pixels=np.array(colour.get_data(), dtype=np.uint8),
+            depth_m=_metres(np.asarray(depth.get_data()), self._depth_unit_m),
+            calibration=self.calibration,
+        )
+
+    def _start(self) -> None:
+        if self._pipeline is not None:
+            return
+        self._rs = rs = librealsense()
+        wanted, pipeline = rs.config(), rs.pipeline()
+        if self._file is not None:
+            if not self._file.is_file():
+                raise HardwareError(f"{self._file} does not exist; name a file that librealsense recorded (.db3, .bag)")
+            wanted.enable_device_from_file(str(self._file), False)
+        else:
+            if self._serial:
+                wanted.enable_device(self._serial)
+            wanted.enable_stream(rs.stream.depth, *SIZE_PX, rs.format.z16, RATE_HZ)
+            wanted.enable_stream(rs.stream.color, *SIZE_PX, rs.format.rgb8, RATE_HZ)
+        try:
+            if self._file is not None:
+                # Before the start: each picture waits until it is asked for, from the first one on.
+                file = wanted.resolve(rs.pipeline_wrapper(pipeline)).get_device().as_playback()
+                file.set_real_time(False)
+            profile = pipeline.start(wanted)
+            self._configured(profile)
+        except RuntimeError as error:
+            raise HardwareError(
+                f"the RealSense camera {self._name()} cannot be started: {error}; {self._advice()}"
+            ) from error
+        self._pipeline, self._align = pipeline, rs.align(rs.stream.color)
+        self._heard_ns = time.monotonic_ns()
+        self._clock, self._file_offset_ns = DeviceClock(LEAST_LATENCY_NS), None
+
+    def _configured(self, profile: Any) -> None:
+        rs, device = self._rs, profile.get_device()
+        sensors = [sensor for sensor in device.query_sensors() if sensor.is_depth_sensor()]
+        self._depth_unit_m = float(sensors[0].as_depth_sensor().get_depth_scale())
+        lens = profile.get_stream(rs.stream.color).as_video_stream_profile().get_intrinsics()
+        self._calibration = CameraCalibration(
+            width_px=lens.width,
+            height_px=lens.height,
+            fx_px=lens.fx,
+            fy_px=lens.fy,
+            cx_px=lens.ppx,
+            cy_px=lens.ppy,
+            T_world_camera=self._T_world_camera,
+            distortion=_distortion(rs, lens),
+            serial=device.get_info(rs.camera_info.serial_number),
+        )
+
+    def _stop(self) -> None:
+        pipeline, self._pipeline = self._pipeline, None
+        if pipeline is None:
+            return
+        try:
+            pipeline.stop()
+        except RuntimeError as error:
+            log.info("the RealSense camera %s had stopped already: %s", self._name(), error)
+
+    def _at_end(self) -> bool:
+        playback = self._pipeline.get_active_profile().get_device().as_playback()
+        return playback.current_status() == self._rs.playback_status.stopped
+
+    def _name(self) -> str:
+        return str(self._file) if self._file is not None else self._serial or "(any)"
+
+    def _advice(self) -> str:
+        if self._file is not None:
+            return "name a file that librealsense recorded with colour and depth (.db3, .bag)"
+        return (
+            "plug it into a port of USB 3, end other programs that use it, and allow access to it (udev rules of "
+            "librealsense); `rs-enumerate-devices` or `dlokit doctor` lists what is found"
+        )
+
+
+def _to_mid_exposure_ns(rs: Any, frame: Any) -> int:
+    """From a frame's timestamp to the middle of its exposure [ns], as far as its metadata say."""
+    known = rs.frame_metadata_value
+    if frame.supports_frame_metadata(known.sensor_timestamp) and frame.supports_frame_metadata(known.frame_timestamp):
+        sensor_us = frame.get_frame_metadata(known.sensor_timestamp)  # in the middle of the exposure
+        return 1000 * (sensor_us - frame.get_frame_metadata(known.frame_timestamp))
+    if frame.supports_frame_metadata(known.actual_exposure):
+        return -500 * frame.get_frame_metadata(known.actual_exposure)
+    return 0
+
+
+def _metres(steps: Any, unit_m: float) -> Float32Array:
+    """Depths (height, width) [m] of the camera's whole steps."""
+    depth_m = steps.astype(np.float32)
+    depth_m *= np.float32(unit_m)
+    return depth_m
+
+
+def _distortion(rs: Any, lens: Any) -> Float32Array | None:
+    """Coefficients k1 k2 p1 p2 k3 of the lens; None when it has none.
+
+    Those of the inverse model lead from the picture to the ideal one. With the opposite sign they lead back, to first
+    order; the second is below half a pixel for lenses of these cameras.
+    """
+    coefficients = np.array(lens.coeffs, dtype=np.float32)
+    if lens.model == rs.distortion.none or not coefficients.any():
+        return None
+    return -coefficients if lens.model == rs.distortion.inverse_brown_conrady else coefficients
+
+
+@dataclass(frozen=True, kw_only=True)
+class RealSenseConfig:
+    """An Intel RealSense depth camera, or a file that librealsense recorded."""
+
+    name: ClassVar[str] = "realsense"
+    sees_cell: ClassVar[bool] = False
+    serial: str = ""
+    """Serial number of the device; needed where several are connected."""
+    file: str = ""
+    """File that librealsense recorded (.db3, .bag), played instead of a device."""
+    calibration: str = ""
+    """File with the camera's pose T_world_camera, as calibration.toml of recorded pictures. Without it the camera
+    counts as 1 m over the table at x = 0.5 m, looking down."""
+
+    def build(self, caller: Caller) -> Camera:
+        """The camera. Raises `ConfigError` when a file does not exist."""
+        if self.file and not Path(self.file).is_file():
+            raise ConfigError(f"--camera.file {self.file} does not exist; name a file that librealsense recorded")
+        pose_of = read_calibration(Path(self.calibration)).T_world_camera if self.calibration else OVER_THE_TABLE
+        return RealSenseCamera(serial=self.serial, file=Path(self.file) if self.file else None, T_world_camera=pose_of)

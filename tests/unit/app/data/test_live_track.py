@@ -1,0 +1,187 @@
+"""`dlokit track --camera`: a DLO in the pictures of a camera, without a robot."""
+
+import asyncio
+import csv
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import cv2
+import numpy as np
+import pytest
+from cable_pictures import CAMERA, bow, picture
+from realsense_recording import record
+from scipy.spatial import KDTree
+
+from dlokit.app.commands import execute
+from dlokit.app.data.live_track import (
+    FollowPace,
+    Frame,
+    LiveSettings,
+    LiveSummary,
+    LiveTracker,
+    follow,
+    follow_in_viewer,
+)
+from dlokit.errors import ConfigError, HardwareError, InputError, NoMorePictures
+from dlokit.functional.cameras.calibration_file import write_calibration
+from dlokit.skills.observer.config import ObserverConfig
+from dlokit.skills.perception.brightness import BrightnessConfig
+from dlokit.types.image import CameraCalibration, DepthImage
+
+SHIFTS_M = [0.002 * number for number in range(10)]
+FAST = FollowPace(rate_hz=1000.0)
+SETTINGS = LiveSettings(
+    observer=ObserverConfig().strategy, segmentation=BrightnessConfig(), nodes=31, length_m=None, box=None
+)
+
+
+class Scripted:
+    """A camera that gives pictures, raises errors, and then has no more."""
+
+    def __init__(self, *given: DepthImage | HardwareError) -> None:
+        self.given = list(given)
+
+    @property
+    def calibration(self) -> CameraCalibration:
+        return CAMERA
+
+    async def capture(self, timeout_s: float) -> DepthImage:
+        if not self.given:
+            raise NoMorePictures("all have been played")
+        one = self.given.pop(0)
+        if isinstance(one, HardwareError):
+            raise one
+        return one
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        pass
+
+
+def pictures() -> list[DepthImage]:
+    return [picture(shift, 33_000_000 * (number + 1)) for number, shift in enumerate(SHIFTS_M)]
+
+
+def followed(*given: DepthImage | HardwareError) -> tuple[list[Frame], LiveSummary, list[str]]:
+    frames: list[Frame] = []
+    said: list[str] = []
+    summary = LiveSummary()
+    camera = Scripted(*given)
+    asyncio.run(
+        follow(camera, LiveTracker(SETTINGS), lambda _, frame: frames.append(frame), said.append, summary, pace=FAST)
+    )
+    return frames, summary, said
+
+
+def write_folder(folder: Path) -> None:
+    write_calibration(folder / "calibration.toml", CAMERA)
+    for number, image in enumerate(pictures()):
+        cv2.imwrite(str(folder / f"colour_{number:03}.png"), image.pixels[..., ::-1])
+        cv2.imwrite(str(folder / f"depth_{number:03}.png"), np.round(image.depth_m * 1000).astype(np.uint16))
+
+
+def test_every_picture_is_followed_and_the_nodes_lie_on_the_cable():
+    frames, summary, _ = followed(*pictures())
+    assert (summary.frames, summary.followed, summary.losses) == (10, 10, 0)
+    for frame, shift in zip(frames, SHIFTS_M, strict=True):
+        assert frame.nodes is not None
+        # The noise of the depth, 1 mm, and pixels of 1.3 mm; a node moves by 2 mm from picture to picture.
+        assert np.max(KDTree(bow(shift)).query(frame.nodes.positions_world)[0]) < 0.005
+
+
+def test_what_is_in_front_of_the_cable_hides_its_nodes():
+    hand = picture(SHIFTS_M[2], 99_000_000)
+    hand.pixels[60:140] = 30
+    hand.depth_m[60:140] = 0.6
+    frames, summary, _ = followed(*pictures()[:2], hand)
+    nodes = frames[-1].nodes
+    assert nodes is not None
+    assert 3 <= np.count_nonzero(~nodes.visible) <= 12
+    assert summary.followed == 3
+
+
+def test_a_lost_camera_is_asked_again_and_an_unseen_cable_is_waited_for(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("dlokit.app.data.live_track._AGAIN_S", 0.01)
+    empty = picture(0.0, 1)
+    empty.pixels[:] = 30
+    frames, summary, said = followed(empty, HardwareError("the cable is out"), *pictures()[:2])
+    assert frames[0].nodes is None
+    assert summary.losses == 1
+    assert summary.followed == 2
+    assert any("the cable is out" in line for line in said)
+    assert "not found yet" in said[0]
+    assert "2 of 3 frames followed" in next(summary.lines())
+
+
+def test_one_command_follows_recorded_pictures_and_writes_the_nodes(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    write_folder(tmp_path)
+    out = tmp_path / "out"
+    arguments = ["track", "--camera", "recorded", "--camera.path", str(tmp_path), "--headless", "--out", str(out)]
+    assert execute([*arguments, "--rate-hz", "1000"]) == 0
+    assert "10 of 10 frames followed" in capsys.readouterr().out
+    with (out / "nodes.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 10 * 31
+    assert set(rows[0]) == {"stamp_ns", "node", "x_m", "y_m", "z_m", "visible"}
+
+
+def test_one_command_follows_a_file_of_librealsense(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    rs = pytest.importorskip("pyrealsense2", reason="pyrealsense2 is not installed: pip install 'dlokit[realsense]'")
+    record(rs, tmp_path / "cable.db3", pictures())
+    arguments = ["track", "--camera", "realsense", "--camera.file", str(tmp_path / "cable.db3"), "--headless"]
+    assert execute(arguments) == 0
+    said = capsys.readouterr().out
+    assert "10 of 10 frames followed" in said or "9 of 9 frames followed" in said  # the recorder may drop one
+
+
+def test_the_page_shows_the_camera_and_stays_after_the_last_picture():
+    said: list[str] = []
+
+    async def main() -> None:
+        ended = asyncio.Event()
+
+        def say(text: str) -> None:
+            said.append(text)
+            if "stays open" in text:
+                ended.set()
+
+        page = follow_in_viewer(
+            Scripted(*pictures()[:3]),
+            LiveTracker(SETTINGS),
+            lambda frame: None,
+            say,
+            LiveSummary(),
+            pace=FAST,
+            nodes=31,
+            port=0,
+        )
+        showing = asyncio.create_task(page)
+        async with asyncio.timeout(60.0):
+            await ended.wait()
+        assert not showing.done()
+        showing.cancel()
+        await asyncio.wait({showing})
+
+    asyncio.run(main())
+    assert said[0].startswith("viewer: http://127.0.0.1:")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--camera", "simulated"], "sees the simulated cell.*takes recorded, realsense"),
+        (["--camera", "recorded"], r"--camera\.path"),
+        (["--camera", "webcam"], "'webcam' is not known"),
+        (["a.pcd", "--camera", "recorded", "--camera.path", "x"], "omit the clouds"),
+        (["--camera", "recorded", "--camera.path", "x", "--rate-hz", "0"], "above 0"),
+        ([], "no cloud is given.*--camera"),
+    ],
+)
+def test_what_cannot_work_is_named(arguments: list[str], says: str):
+    with pytest.raises((InputError, ConfigError), match=says):
+        execute(["track", *arguments])
