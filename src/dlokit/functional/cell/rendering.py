@@ -14,6 +14,7 @@ from dlokit import geometry
 from dlokit.description.scene import default_calibration
 from dlokit.errors import DlokitError, MachineError
 from dlokit.functional.cell.config import CellConfig
+from dlokit.functional.cell.lens import through_lens, with_lenses
 from dlokit.types.arrays import UInt8Array
 from dlokit.types.image import CameraCalibration, StereoImages
 
@@ -30,7 +31,8 @@ class StereoRig:
     def __init__(self, config: CellConfig, *, seed: int) -> None:
         self._config = config
         rng = np.random.default_rng([seed, 0xCA])
-        self.true_calibration = default_calibration(config.width_px, config.height_px)
+        ideal = default_calibration(config.width_px, config.height_px)
+        self.true_calibration = with_lenses(ideal) if config.lens_distortion else ideal
         self.calibration = _disturbed(self.true_calibration, config, rng)
         count = _NOISE_COUNT + 3 * config.width_px * config.height_px
         self._noise = rng.normal(0.0, config.image_noise_sigma, count).round().astype(np.int16)
@@ -41,7 +43,11 @@ class StereoRig:
         """Both pictures of the present moment; poses in `data` must be up to date."""
         if self._renderer is None:
             self._renderer = _Renderer(model, self._config)
-        left, right = (self._noisy(self._renderer.render(data, camera)) for camera in CAMERAS)
+        true = self.true_calibration
+        left, right = (
+            self._noisy(through_lens(self._renderer.render(data, camera), true, lens))
+            for camera, lens in zip(CAMERAS, (true.distortion, true.distortion_right), strict=True)
+        )
         return StereoImages(stamp_ns=stamp_ns, frame="camera", left=left, right=right, calibration=self.calibration)
 
     def close(self) -> None:

@@ -15,6 +15,7 @@ from dlokit.description.shapes import CENTRE_M, LENGTH_TOLERANCE
 from dlokit.description.table import Table
 from dlokit.errors import DlokitError, ShapeError
 from dlokit.functional.cell.arm import CellArm
+from dlokit.functional.cell.board import TrueBoard, add_board, draw_board
 from dlokit.functional.cell.config import TICK_S, CellConfig
 from dlokit.functional.cell.dlo_physics import DloBody
 from dlokit.functional.cell.episode import Episode, apply_episode, draw_episode
@@ -82,13 +83,17 @@ class Cell:
         config = apply_episode(config, self.episode)
         self.config = config
         self.rig = StereoRig(config, seed=seed)
-        self._model = _build(config, self.episode, self.rig, arms)
+        self.board = None if config.board is None else draw_board(config.board, seed)
+        self._model = _build(config, self.episode, self.rig, arms, self.board)
         self._data: Any = mujoco.MjData(self._model)
         self._dlo = config.physics.take_over(self._model, self._data, config.dlo)
         self._friction = TableFriction(self._model, self._dlo, config.dlo.friction, self.episode)
         self._start_ns = 0
         self._steps = 0
-        self.arms = {mount.robot: CellArm(self._model, self._data, mount, np.array(PANDA_HOME_Q_RAD)) for mount in arms}
+        offsets = None if self.board is None else self.board.joint_offsets_rad
+        self.arms = {
+            mount.robot: CellArm(self._model, self._data, mount, np.array(PANDA_HOME_Q_RAD), offsets) for mount in arms
+        }
         half_m = config.dlo.length_m / 2
         self.place_dlo([[0.5, -half_m], [0.5, half_m]], settle=False)
 
@@ -207,7 +212,9 @@ class Cell:
         return np.column_stack([xy, np.maximum(geometry.resample(curve_world, NODES)[:, 2], lowest_m)])
 
 
-def _build(config: CellConfig, episode: Episode, rig: StereoRig, arms: tuple[ArmMount, ...]) -> Any:
+def _build(
+    config: CellConfig, episode: Episode, rig: StereoRig, arms: tuple[ArmMount, ...], board: TrueBoard | None
+) -> Any:
     spec: Any = mujoco.MjSpec()
     set_rod_physics(spec, TIMESTEP_S)
     add_table(spec, TRUE_TABLE, friction=TABLE_FRICTION * episode.friction_factor, tilt_deg=episode.table_tilt_deg)
@@ -215,5 +222,7 @@ def _build(config: CellConfig, episode: Episode, rig: StereoRig, arms: tuple[Arm
     add_cameras(spec, rig.true_calibration, shadows=config.shadows, light=episode.light_factor)
     for mount in arms:
         add_panda(spec, name=mount.robot, T_world_base=mount.T_world_base)
+    if board is not None:
+        add_board(spec, board)
     config.physics.add(spec, config.dlo, NODES)
     return spec.compile()
