@@ -23,6 +23,7 @@ from dlokit.system.table import COMPONENTS
 from dlokit.types.arrays import Float64Array
 
 if TYPE_CHECKING:
+    from dlokit.functional.cameras.base import Camera
     from dlokit.skills.planning.base import SecondArm
     from dlokit.skills.viewer.component import ViewerComponent
 
@@ -119,10 +120,15 @@ def _robot(mount: ArmMount) -> "_Builder":
 
 
 def _perception(config: RunConfig, wiring: Wiring) -> Component:
+    from dlokit.functional.cameras.calibrated import CalibratedCamera
+    from dlokit.functional.cameras.calibration_file import read_calibration
     from dlokit.functional.cameras.simulated import SimulatedCamera
     from dlokit.skills.perception.component import PerceptionComponent
 
-    return PerceptionComponent(config.perception, SimulatedCamera(wiring.transport), config.model)
+    camera: Camera = SimulatedCamera(wiring.transport)
+    if config.calibration:
+        camera = CalibratedCamera(camera, read_calibration(Path(config.calibration)), config.calibration)
+    return PerceptionComponent(config.perception, camera, config.model)
 
 
 def _observer(config: RunConfig, wiring: Wiring) -> Component:

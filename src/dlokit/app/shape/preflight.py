@@ -2,6 +2,7 @@
 
 from collections.abc import Generator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 from rich.console import Console
@@ -17,8 +18,12 @@ def check_before_start(config: RunConfig) -> None:
 
     The system observes where the DLO lies, and the task judges the goal with the model.
     """
-    from dlokit.functional.cell.rendering import check_opengl
+    from dlokit.functional.cell.rendering import cell_camera, check_opengl
 
+    if config.calibration:
+        from dlokit.functional.cameras.calibration_file import check_same_camera, read_calibration
+
+        check_same_camera(config.calibration, read_calibration(Path(config.calibration)), cell_camera(config.cell))
     if config.hosts is not None and config.runtime == "live":
         from dlokit.system.hosts.routers import check_hosts
 

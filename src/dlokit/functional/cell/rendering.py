@@ -31,8 +31,7 @@ class StereoRig:
     def __init__(self, config: CellConfig, *, seed: int) -> None:
         self._config = config
         rng = np.random.default_rng([seed, 0xCA])
-        ideal = default_calibration(config.width_px, config.height_px)
-        self.true_calibration = with_lenses(ideal) if config.lens_distortion else ideal
+        self.true_calibration = cell_camera(config)
         self.calibration = _disturbed(self.true_calibration, config, rng)
         count = _NOISE_COUNT + 3 * config.width_px * config.height_px
         self._noise = rng.normal(0.0, config.image_noise_sigma, count).round().astype(np.int16)
@@ -63,6 +62,12 @@ class StereoRig:
         start = int(self._rng.integers(0, _NOISE_COUNT))
         noise = self._noise[start : start + picture.size].reshape(picture.shape)
         return np.asarray(cv2.add(picture, noise, dtype=cv2.CV_8U), dtype=np.uint8)
+
+
+def cell_camera(config: CellConfig) -> CameraCalibration:
+    """The cell's camera as it truly is; serial and size are what anybody reads on it."""
+    ideal = default_calibration(config.width_px, config.height_px)
+    return with_lenses(ideal) if config.lens_distortion else ideal
 
 
 def add_cameras(spec: Any, calibration: CameraCalibration, *, shadows: bool, light: float) -> None:

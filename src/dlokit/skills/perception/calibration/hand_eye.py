@@ -145,6 +145,15 @@ def held_out(fit: HandEyeFit, shots: Sequence[BoardShot], board: CharucoBoard) -
     )
 
 
+def boards_seen(
+    shots: Sequence[BoardShot], board: CharucoBoard, camera: CameraCalibration, print_scale: float
+) -> Float64Array:
+    """``T_camera_board`` (N, 4, 4) of boards by all cameras that show them, wherever they are."""
+    nowhere = geometry.pose((0.0, 0.0, 0.0))
+    standing = [BoardShot(left=shot.left, right=shot.right, T_world_tcp=nowhere) for shot in shots]
+    return _HandEyeProblem(standing, board, camera, fewest=1, scale=print_scale).seen_boards()
+
+
 class _HandEyeProblem:
     """The corners of all pictures as arrays, and their errors for given unknowns."""
 
