@@ -53,7 +53,7 @@ class BoardArgs:
     seed: int = 0
     """Seed of the simulated cell: noise, errors of print and joints, poses of the arm."""
     lens_distortion: bool = False
-    """Calibrate the simulated camera with distorting lenses; use the result with `dlokit shape --cell.lens-distortion`."""
+    """Calibrate the simulated camera with distorting lenses; a run uses the result with `--cell.lens-distortion`."""
     out: Annotated[Path | None, flag("DIR", "runs/<time>-calibrate-<name>/")] = None
     """Folder for calibration.toml and, from the cell, the pictures; it must be empty or new."""
 

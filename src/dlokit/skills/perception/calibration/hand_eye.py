@@ -136,13 +136,18 @@ def held_out(fit: HandEyeFit, shots: Sequence[BoardShot], board: CharucoBoard) -
     if fit.joint_offsets_rad is not None and problem.knows_joints:
         tools = problem.tools_at(fit.joint_offsets_rad)
     by_arm = tools @ geometry.matrix(fit.T_tcp_board)
-    by_camera = geometry.matrix(fit.camera.T_world_camera) @ problem.seen_boards()
+    by_camera = boards_in_world(fit, shots, board)
     centre = np.append(fit.print_scale * board.outline_board.mean(axis=0), 1.0)
     turns = Rotation.from_matrix(np.swapaxes(by_arm[:, :3, :3], 1, 2) @ by_camera[:, :3, :3])
     return HeldOut(
         position_m=np.linalg.norm(((by_arm - by_camera) @ centre)[:, :3], axis=1),
         angle_rad=np.asarray(turns.magnitude(), dtype=np.float64),
     )
+
+
+def boards_in_world(fit: HandEyeFit, shots: Sequence[BoardShot], board: CharucoBoard) -> Float64Array:
+    """``T_world_board`` (N, 4, 4) of boards as the calibrated camera sees them."""
+    return geometry.matrix(fit.camera.T_world_camera) @ boards_seen(shots, board, fit.camera, fit.print_scale)
 
 
 def boards_seen(

@@ -45,6 +45,10 @@ class CalibratedPose:
     """The optics, where they were fitted to the same pictures."""
     fit: HandEyeFit
     """The fit of all pictures."""
+    partial: HandEyeFit
+    """The fit without the pictures that are held out."""
+    kept: Sequence[BoardShot]
+    """Those pictures."""
     apart: HeldOut
     """Camera against arm at the held-out poses, by a fit of the others."""
 
@@ -90,4 +94,5 @@ def calibrate_pose(
     fit = fit_hand_eye(shots, board, optics)
     last: BoolArray = np.arange(len(shots)) % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
     others, kept = ([shot for shot, is_last in zip(shots, last, strict=True) if is_last == part] for part in (0, 1))
-    return CalibratedPose(rig=rig, fit=fit, apart=held_out(fit_hand_eye(others, board, optics), kept, board))
+    partial = fit_hand_eye(others, board, optics)
+    return CalibratedPose(rig=rig, fit=fit, partial=partial, kept=kept, apart=held_out(partial, kept, board))
