@@ -14,6 +14,7 @@ from dlokit.description.shapes import CENTRE_M
 from dlokit.errors import EXIT_OTHERWISE, InputError, SkillFailure
 from dlokit.functional.cameras.calibration_file import (
     MeasuredTable,
+    check_has_pose,
     check_same_camera,
     read_calibration,
     read_residual,
@@ -54,6 +55,8 @@ def run(args: TableArgs) -> int:
     if args.from_ is not None and args.calibration is None:
         raise InputError("--from needs --calibration FILE, the calibration of the camera that took the pictures.")
     calibration = None if args.calibration is None else read_calibration(args.calibration)
+    if calibration is not None:
+        check_has_pose(str(args.calibration), calibration)
     residual = None if args.calibration is None else read_residual(args.calibration)
     folder = result_folder(args, "table")
     seen = seen_on_table(args, console)

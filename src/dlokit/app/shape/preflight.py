@@ -21,9 +21,11 @@ def check_before_start(config: RunConfig) -> None:
     from dlokit.functional.cell.rendering import cell_camera, check_opengl
 
     if config.calibration:
-        from dlokit.functional.cameras.calibration_file import check_same_camera, read_calibration
+        from dlokit.functional.cameras.calibration_file import check_has_pose, check_same_camera, read_calibration
 
-        check_same_camera(config.calibration, read_calibration(Path(config.calibration)), cell_camera(config.cell))
+        calibration = read_calibration(Path(config.calibration))
+        check_has_pose(config.calibration, calibration)
+        check_same_camera(config.calibration, calibration, cell_camera(config.cell))
     if config.hosts is not None and config.runtime == "live":
         from dlokit.system.hosts.routers import check_hosts
 

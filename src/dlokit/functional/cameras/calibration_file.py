@@ -86,6 +86,15 @@ def write_calibration(
     path.write_text(tomli_w.dumps(plain), encoding="utf-8")
 
 
+def check_has_pose(file: str, calibration: CameraCalibration) -> None:
+    """Raise `ConfigError` for a calibration of the optics alone: a camera does not stand in the origin of the world."""
+    if not np.any(calibration.T_world_camera.position_m):
+        raise ConfigError(
+            f"calibration {file} is of the optics alone and does not say where the camera stands: call "
+            "`dlokit calibrate handeye --intrinsics` with it, and give the file that this writes"
+        )
+
+
 def check_same_camera(file: str, wanted: CameraCalibration, camera: CameraCalibration) -> None:
     """Raise `ConfigError` where the calibration of a file is of another camera, or of another picture size.
 

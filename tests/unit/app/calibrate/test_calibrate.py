@@ -73,6 +73,8 @@ def test_optics_then_pose_then_table(calibrated: Path, tmp_path: Path, capsys: p
     optics, pose = tmp_path / "stereo", tmp_path / "handeye"
     assert execute(["calibrate", "stereo", "--from", str(calibrated), "--out", str(optics)]) == 0
     assert read_calibration(optics / "calibration.toml").fx_px == pytest.approx(TRUE.fx_px, abs=3.0)
+    with pytest.raises(ConfigError, match="optics alone"):
+        execute(["shape", "--headless", "--calibration", str(optics / "calibration.toml")])
     known = ["--intrinsics", str(optics / "calibration.toml")]
     assert execute(["calibrate", "handeye", "--from", str(calibrated), *known, "--out", str(pose)]) == 0
     assert off_m(pose / "calibration.toml") < 4e-3

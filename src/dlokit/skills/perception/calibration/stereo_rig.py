@@ -22,7 +22,6 @@ from dlokit.skills.perception.calibration.charuco import BoardView
 from dlokit.types.arrays import Float32Array, Float64Array
 from dlokit.types.image import CameraCalibration
 from dlokit.types.pose import Pose
-from dlokit.types.robot import RobotState
 
 FEW_PICTURES, NOT_PARALLEL = "few_pictures", "not_parallel"
 FEWEST_PICTURES = 8
@@ -56,11 +55,6 @@ class RigFit:
     """With the pose, serial and date of the calibration that was given."""
     rms_px: float
     corners: int
-
-
-def shot_with_robot(left: BoardView, right: BoardView | None, state: RobotState) -> BoardShot:
-    """A shot of a board that an arm holds."""
-    return BoardShot(left=left, right=right, T_world_tcp=state.T_world_tcp, q_rad=state.q_rad)
 
 
 def calibrate_rig(shots: Sequence[BoardShot], board: CharucoBoard, camera: CameraCalibration) -> RigFit:
