@@ -55,6 +55,16 @@ decided = decide(Fake(history=history), Fake(max_path_m=100.0), "best")
 assert decided == ("out_of_path", "the tool travelled 100 m; best")
 """
     ),
+    "docs/how-to/calibrate-a-camera.md": (
+        """
+from pathlib import Path
+from dlokit.description.scene import default_calibration
+from dlokit.functional.cameras.calibration_file import write_calibration
+
+write_calibration(Path("calibration.toml"), default_calibration())
+{0}
+"""
+    ),
     "docs/how-to/record-and-replay.md": "{0}",
     "docs/reference/recording.md": "{0}",
     "README.md": (

@@ -99,6 +99,20 @@ COMMANDS: Mapping[str, CommandRow] = {
         "data.identify",
         "Estimate length, radius, stiffness, friction and plasticity of a DLO from its recorded runs.",
     ),
+    "calibrate handeye": CommandRow(
+        "calibrate.handeye",
+        "Calibrate where the camera stands, from pictures of a ChArUco board in the hand of the arm.",
+    ),
+    "calibrate stereo": CommandRow(
+        "calibrate.stereo",
+        "Calibrate focal lengths, centre, lens distortion and baseline of the camera, from pictures of a ChArUco "
+        "board.",
+    ),
+    "calibrate table": CommandRow(
+        "calibrate.table",
+        "Measure height and tilt of the table in the arm's world, from a ChArUco board that lies on it.",
+    ),
+    "calibrate board": CommandRow("calibrate.board", "Write the picture of a ChArUco board to print."),
     "call": CommandRow("operate.call", "Call one skill of a running system, and print its outcome."),
     "stop": CommandRow(
         "operate.stop", "Brake the arms of all your running systems now, keep them stopped, and end their tasks."
@@ -132,7 +146,10 @@ COMMANDS: Mapping[str, CommandRow] = {
 }
 """The commands by name."""
 
-GROUPS: Mapping[str, str] = {"bench": "Compare and measure; every bench prints a table and writes JSON with --json."}
+GROUPS: Mapping[str, str] = {
+    "bench": "Compare and measure; every bench prints a table and writes JSON with --json.",
+    "calibrate": "Calibrate the camera with a ChArUco board: its optics, where it stands, and the table before it.",
+}
 """The command groups; their names are followed by a second word."""
 
 

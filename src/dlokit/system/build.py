@@ -121,7 +121,13 @@ def _robot(number: int) -> "_Builder":
 def _perception(config: RunConfig, wiring: Wiring) -> Component:
     from dlokit.skills.perception.component import PerceptionComponent
 
-    return PerceptionComponent(config.perception, config.camera.build(wiring.transport), config.model, config.arm_model)
+    camera = config.camera.build(wiring.transport)
+    if config.calibration:
+        from dlokit.functional.cameras.calibrated import CalibratedCamera
+        from dlokit.functional.cameras.calibration_file import read_calibration
+
+        camera = CalibratedCamera(camera, read_calibration(Path(config.calibration)), config.calibration)
+    return PerceptionComponent(config.perception, camera, config.model, config.arm_model)
 
 
 def _observer(config: RunConfig, wiring: Wiring) -> Component:

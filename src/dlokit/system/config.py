@@ -63,6 +63,9 @@ class RunConfig:
     """Scale a goal or start to the rope's length; without it, a shape of another length is rejected."""
     ends_interchangeable: bool = False
     """Accept the goal with its ends exchanged."""
+    calibration: Annotated[str, tyro.conf.arg(metavar="FILE")] = ""
+    """Calibration that `dlokit calibrate` wrote for this camera; a file of another camera is refused. Without it, the
+    camera's own is used."""
     task: TaskConfig = field(default_factory=TaskConfig)
     """When a task ends, and what it does beside carrying the DLO."""
     cell: CellConfig = field(default_factory=CellConfig)

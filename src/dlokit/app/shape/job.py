@@ -142,7 +142,10 @@ def with_absolute_files(config: RunConfig) -> RunConfig:
     hosts = config.hosts
     if hosts is not None and hosts.certificates:
         hosts = replace(hosts, certificates=str(hosts.folder.absolute()))
-    return replace(config, start=_absolute(config.start), goal=_absolute(config.goal), hosts=hosts)
+    calibration = str(Path(config.calibration).expanduser().absolute()) if config.calibration else ""
+    return replace(
+        config, start=_absolute(config.start), goal=_absolute(config.goal), calibration=calibration, hosts=hosts
+    )
 
 
 def _absolute(text: str) -> str:

@@ -2,6 +2,7 @@
 
 from collections.abc import Generator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 from rich.console import Console
@@ -19,9 +20,15 @@ def check_before_start(config: RunConfig) -> None:
 
     The system observes where the DLO lies, and the task judges the goal with the model.
     """
-    from dlokit.functional.cell.rendering import check_opengl
+    from dlokit.functional.cell.rendering import cell_camera, check_opengl
 
     require_camera_of_cell(config)
+    if config.calibration:
+        from dlokit.functional.cameras.calibration_file import check_has_pose, check_same_camera, read_calibration
+
+        calibration = read_calibration(Path(config.calibration))
+        check_has_pose(config.calibration, calibration)
+        check_same_camera(config.calibration, calibration, cell_camera(config.cell))
     if config.hosts is not None and config.runtime == "live":
         from dlokit.system.hosts.routers import check_hosts
 

@@ -1,4 +1,7 @@
-"""A camera's calibration as a TOML file that people can read and edit."""
+"""A camera's calibration as a TOML file that people can read and edit.
+
+Beside the calibration itself the file may say how good it is: the tables `residual` and `table` are for people.
+"""
 
 import tomllib
 from pathlib import Path
@@ -10,12 +13,46 @@ import tomli_w
 
 from dlokit.errors import ConfigError
 from dlokit.types.image import CameraCalibration
+from dlokit.types.message import Value
+
+
+class CalibrationResidual(Value, frozen=True, kw_only=True, eq=False):
+    """How well a calibration describes the pictures that it was made of."""
+
+    method: str
+    pictures: int
+    rms_px: float
+    """Error of the board's corners in the pictures, root mean square [px]."""
+    held_out_m: float | None = None
+    """How far apart camera and arm have the board at poses that were not fitted, 95th percentile [m]."""
+    held_out_deg: float | None = None
+    """The same as an angle [°]."""
+    corners_m: float | None = None
+    """Standard deviation of a point at the corners of the workspace by the camera's pose, the largest [m]."""
+    print_scale: float | None = None
+    """Size of the printed board over its nominal size."""
+
+
+class MeasuredTable(Value, frozen=True, kw_only=True, eq=False):
+    """The table's top as the calibrated camera sees it."""
+
+    height_m: float
+    """Height in the world in the middle of the workspace [m]; dlokit takes it to be 0."""
+    tilt_x_deg: float
+    """Turn about the world's x axis against level [°]."""
+    tilt_y_deg: float
+    residual_m: float
+    """Root mean square of the corners' distances from the plane [m]."""
+
+
+_RESIDUAL, _TABLE = "residual", "table"
 
 
 def read_calibration(path: Path) -> CameraCalibration:
     """The calibration in a file. Raises `ConfigError` when there is none, or it lacks something."""
     try:
         plain = tomllib.loads(path.read_text(encoding="utf-8"))
+        plain = {key: value for key, value in plain.items() if key not in (_RESIDUAL, _TABLE)}
         return msgspec.convert(plain, CameraCalibration, dec_hook=_array)
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, msgspec.ValidationError) as error:
         raise ConfigError(
@@ -24,10 +61,60 @@ def read_calibration(path: Path) -> CameraCalibration:
         ) from error
 
 
-def write_calibration(path: Path, calibration: CameraCalibration) -> None:
+def read_residual(path: Path) -> CalibrationResidual | None:
+    """How good the calibration in a file is; None where it does not say. Raises `ConfigError`."""
+    try:
+        plain = tomllib.loads(path.read_text(encoding="utf-8")).get(_RESIDUAL)
+        return None if plain is None else msgspec.convert(plain, CalibrationResidual)
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, msgspec.ValidationError) as error:
+        raise ConfigError(
+            f"the part [{_RESIDUAL}] of {path} cannot be read: {error}; `dlokit calibrate` writes it, delete it"
+        ) from error
+
+
+def write_calibration(
+    path: Path,
+    calibration: CameraCalibration,
+    residual: CalibrationResidual | None = None,
+    table: MeasuredTable | None = None,
+) -> None:
     """Write a file that `read_calibration` reads."""
-    plain = msgspec.to_builtins(calibration, enc_hook=lambda value: np.asarray(value).tolist())
-    path.write_text(tomli_w.dumps(_without_none(plain)), encoding="utf-8")
+    plain = _plain(calibration)
+    for name, part in ((_RESIDUAL, residual), (_TABLE, table)):
+        if part is not None:
+            plain[name] = _plain(part)
+    path.write_text(tomli_w.dumps(plain), encoding="utf-8")
+
+
+def check_has_pose(file: str, calibration: CameraCalibration) -> None:
+    """Raise `ConfigError` for a calibration of the optics alone: a camera does not stand in the origin of the world."""
+    if not np.any(calibration.T_world_camera.position_m):
+        raise ConfigError(
+            f"calibration {file} is of the optics alone and does not say where the camera stands: call "
+            "`dlokit calibrate handeye --intrinsics` with it, and give the file that this writes"
+        )
+
+
+def check_same_camera(file: str, wanted: CameraCalibration, camera: CameraCalibration) -> None:
+    """Raise `ConfigError` where the calibration of a file is of another camera, or of another picture size.
+
+    A file without a serial fits every camera: a person has written it.
+    """
+    if wanted.serial and wanted.serial != camera.serial:
+        raise ConfigError(
+            f"calibration {file} is of the camera {wanted.serial!r}, this one is {camera.serial!r}: give the file of "
+            "this camera, or calibrate it with `dlokit calibrate handeye`"
+        )
+    size, present = (wanted.width_px, wanted.height_px), (camera.width_px, camera.height_px)
+    if size != present:
+        raise ConfigError(
+            f"calibration {file} is for pictures of {size[0]} by {size[1]} px, the camera takes {present[0]} by "
+            f"{present[1]} px: set that size, or calibrate the camera with `dlokit calibrate handeye`"
+        )
+
+
+def _plain(value: Value) -> dict[str, Any]:
+    return _without_none(msgspec.to_builtins(value, enc_hook=lambda array: np.asarray(array).tolist()))
 
 
 def _array(wanted: Any, value: Any) -> Any:

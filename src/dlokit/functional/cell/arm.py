@@ -8,6 +8,7 @@ from dlokit import geometry
 from dlokit.description.arm.mounts import ArmMount
 from dlokit.functional.cell.fingers import Fingers
 from dlokit.functional.cell.setpoints import Brake, Fade, Follow, HoldStill, Program, Setpoint
+from dlokit.motion.forward_kinematics import tcp_pose
 from dlokit.types.arrays import Float64Array, Int64Array
 from dlokit.types.pose import Pose
 from dlokit.types.robot import JointTrajectory, RobotMode, RobotState
@@ -16,8 +17,12 @@ from dlokit.types.robot import JointTrajectory, RobotMode, RobotState
 class CellArm:
     """One arm of the cell, controlled every physics step."""
 
-    def __init__(self, model: Any, data: Any, mount: ArmMount) -> None:
-        """Take over an arm of a model and put it, at rest, at home."""
+    def __init__(self, model: Any, data: Any, mount: ArmMount, offsets_rad: Float64Array | None = None) -> None:
+        """Take over an arm of a model and put it, at rest, at home by its reported joint angles.
+
+        `offsets_rad` (J,) are reported minus true angles, of an arm whose joints are not calibrated; None: there are
+        none.
+        """
         self.name = name = mount.robot
         self._T_world_base = mount.T_world_base
         self.arm_model = mount.model
@@ -40,8 +45,10 @@ class CellArm:
         self.stop_latched = False
         """Whether STOP was pressed, and ENABLE not since."""
         self._largest_error_rad = 0.0
-        data.qpos[self._qpos] = q_rad
-        self._data.ctrl[self._actuators] = q_rad
+        self._offsets_rad = offsets_rad
+        true_rad = q_rad if offsets_rad is None else q_rad - offsets_rad
+        data.qpos[self._qpos] = true_rad
+        self._data.ctrl[self._actuators] = true_rad
 
     @property
     def mode(self) -> RobotMode:
@@ -51,7 +58,8 @@ class CellArm:
     @property
     def q_rad(self) -> Float64Array:
         """Measured joint angles (J,)."""
-        return np.array(self._data.qpos[self._qpos], dtype=np.float64)
+        true_rad = np.array(self._data.qpos[self._qpos], dtype=np.float64)
+        return true_rad if self._offsets_rad is None else true_rad + self._offsets_rad
 
     @property
     def largest_error_rad(self) -> float:
@@ -98,9 +106,10 @@ class CellArm:
         if self._mode in (RobotMode.MOVING, RobotMode.BRAKING) and time_s > self._program.end_s:
             self._finish(time_s)
         now = self._program.at(time_s)
-        self._data.ctrl[self._actuators] = now.q_rad + self._lead_s * now.dq_rad_s
+        wanted_rad = now.q_rad if self._offsets_rad is None else now.q_rad - self._offsets_rad
+        self._data.ctrl[self._actuators] = wanted_rad + self._lead_s * now.dq_rad_s
         if self._mode == RobotMode.MOVING:
-            error = float(np.abs(now.q_rad - self._data.qpos[self._qpos]).max())
+            error = float(np.abs(wanted_rad - self._data.qpos[self._qpos]).max())
             self._largest_error_rad = max(self._largest_error_rad, error)
         self.fingers.before_step(self._model.opt.timestep)
 
@@ -112,7 +121,7 @@ class CellArm:
             q_rad=self.q_rad,
             dq_rad_s=np.array(self._data.qvel[self._dofs], dtype=np.float64),
             tau_nm=np.array(self._data.actuator_force[self._actuators], dtype=np.float64),
-            T_world_tcp=self.T_world_tcp,
+            T_world_tcp=self._reported_tcp(),
             finger_width_m=self.fingers.width_m,
             mode=self._mode,
             holding=self.fingers.holding,
@@ -122,11 +131,18 @@ class CellArm:
 
     @property
     def T_world_tcp(self) -> Pose:
-        """Where the tool centre point is. Kinematics must be up to date."""
+        """Where the tool centre point truly is. Kinematics must be up to date."""
         T = np.eye(4)
         T[:3, :3] = self._data.site_xmat[self._site].reshape(3, 3)
         T[:3, 3] = self._data.site_xpos[self._site]
         return geometry.pose_from_matrix(T)
+
+    def _reported_tcp(self) -> Pose:
+        """Where the arm computes its tool centre point to be, from the reported angles."""
+        if self._offsets_rad is None:
+            return self.T_world_tcp
+        T = tcp_pose(self.arm_model, self.q_rad)
+        return T if self._T_world_base is None else geometry.compose(self._T_world_base, T)
 
     def _begin(self, program: Program, mode: RobotMode) -> None:
         self._program, self._mode = program, mode

@@ -21,6 +21,21 @@ EVERY_FACTOR: tuple[Factor, ...] = get_args(Factor)
 
 
 @dataclass(frozen=True, kw_only=True)
+class CellBoard:
+    """A calibration board in the cell, and the errors of print and arm that a calibration must cope with."""
+
+    held: bool = True
+    """Whether the first arm holds the board; else it lies on the table."""
+    print_scale: Positive = 1.002
+    """Size of the printed board over its meant size."""
+    joint_offset_deg: NotNegative = 0.1
+    """Distance of each joint's reported angle from the true one [°], to either side."""
+
+    def __post_init__(self) -> None:
+        check_ranges(self, "cell.board")
+
+
+@dataclass(frozen=True, kw_only=True)
 class CellConfig:
     """The simulated cell: what lies on the table, and how well the camera sees it."""
 
@@ -44,10 +59,15 @@ class CellConfig:
     """Distance of the believed camera position from the true one [m]."""
     camera_error_deg: NotNegative = 0.2
     """Angle between the believed camera orientation and the true one [°]."""
+    lens_distortion: bool = False
+    """Whether the lenses distort the pictures, by up to 7 px; perception rectifies them by the calibration."""
     shadows: bool = False
     """Whether the arm casts shadows; rendering then takes several times as long."""
     real_time_factor: Positive = 1.0
     """Fastest pace of the cell's clock in a live run: cell seconds per machine second. Lockstep ignores it."""
+
+    board: tyro.conf.Suppress[tyro.conf.Fixed[CellBoard | None]] = None
+    """The board of `dlokit calibrate`; None: there is none."""
 
     def __post_init__(self) -> None:
         check_ranges(self, "cell")

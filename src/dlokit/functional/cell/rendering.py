@@ -15,6 +15,7 @@ from dlokit import geometry
 from dlokit.description.scene import default_calibration
 from dlokit.errors import DlokitError, MachineError
 from dlokit.functional.cell.config import CellConfig
+from dlokit.functional.cell.lens import through_lens, with_lenses
 from dlokit.types.arrays import Float32Array, UInt8Array
 from dlokit.types.image import CameraCalibration, StereoImages
 
@@ -34,7 +35,7 @@ class StereoRig:
     def __init__(self, config: CellConfig, *, seed: int) -> None:
         self._config = config
         rng = np.random.default_rng([seed, 0xCA])
-        self.true_calibration = default_calibration(config.width_px, config.height_px)
+        self.true_calibration = cell_camera(config)
         self.calibration = disturbed(self.true_calibration, config, rng)
         self._noise = PictureNoise(config.image_noise_sigma, config.width_px, config.height_px, rng)
         self._renderer: PictureRenderer | None = None
@@ -44,7 +45,11 @@ class StereoRig:
         if self._renderer is None:
             config = self._config
             self._renderer = PictureRenderer(model, config.width_px, config.height_px, shadows=config.shadows)
-        left, right = (self._noise.added_to(self._renderer.render(data, camera)) for camera in CAMERAS)
+        true = self.true_calibration
+        left, right = (
+            self._noise.added_to(through_lens(self._renderer.render(data, camera), true, lens))
+            for camera, lens in zip(CAMERAS, (true.distortion, true.distortion_right), strict=True)
+        )
         return StereoImages(stamp_ns=stamp_ns, frame="camera", left=left, right=right, calibration=self.calibration)
 
     def close(self) -> None:
@@ -71,6 +76,12 @@ class PictureNoise:
         start = int(self._rng.integers(0, _NOISE_COUNT))
         noise = self._noise[start : start + picture.size].reshape(picture.shape)
         return np.asarray(cv2.add(picture, noise, dtype=cv2.CV_8U), dtype=np.uint8)
+
+
+def cell_camera(config: CellConfig) -> CameraCalibration:
+    """The cell's camera as it truly is; serial and size are what anybody reads on it."""
+    ideal = default_calibration(config.width_px, config.height_px)
+    return with_lenses(ideal) if config.lens_distortion else ideal
 
 
 def add_camera(spec: Any, name: str, calibration: CameraCalibration, *, along_m: float = 0.0) -> None:

@@ -14,6 +14,7 @@ from dlokit.description.shapes import CENTRE_M, LENGTH_TOLERANCE
 from dlokit.description.table import Table
 from dlokit.errors import DlokitError, ShapeError
 from dlokit.functional.cell.arm import CellArm
+from dlokit.functional.cell.board import TrueBoard, add_board, draw_board
 from dlokit.functional.cell.config import TICK_S, CellConfig
 from dlokit.functional.cell.depth_rendering import DEPTH_CAMERA, DepthRig
 from dlokit.functional.cell.dlo_physics import DloBody
@@ -83,13 +84,16 @@ class Cell:
         self.config = config
         self.rig = StereoRig(config, seed=seed)
         self.depth_rig = DepthRig(config, seed=seed)
-        self._model = _build(config, self.episode, self.rig.true_calibration, self.depth_rig.true_calibration, arms)
+        self.board = None if config.board is None else draw_board(config.board, seed, arms[0].model)
+        cameras = self.rig.true_calibration, self.depth_rig.true_calibration
+        self._model = _build(config, self.episode, cameras, arms, self.board)
         self._data: Any = mujoco.MjData(self._model)
         self._dlo = config.physics.take_over(self._model, self._data, config.dlo)
         self._friction = TableFriction(self._model, self._dlo, config.dlo.friction, self.episode)
         self._start_ns = 0
         self._steps = 0
-        self.arms = {mount.robot: CellArm(self._model, self._data, mount) for mount in arms}
+        offsets = None if self.board is None else self.board.joint_offsets_rad
+        self.arms = {mount.robot: CellArm(self._model, self._data, mount, offsets) for mount in arms}
         half_m = config.dlo.length_m / 2
         self.place_dlo([[0.5, -half_m], [0.5, half_m]], settle=False)
 
@@ -216,10 +220,11 @@ class Cell:
 def _build(
     config: CellConfig,
     episode: Episode,
-    stereo: CameraCalibration,
-    depth: CameraCalibration,
+    cameras: tuple[CameraCalibration, CameraCalibration],
     arms: tuple[ArmMount, ...],
+    board: TrueBoard | None,
 ) -> Any:
+    stereo, depth = cameras
     spec: Any = mujoco.MjSpec()
     set_rod_physics(spec, TIMESTEP_S)
     add_table(spec, TRUE_TABLE, friction=TABLE_FRICTION * episode.friction_factor, tilt_deg=episode.table_tilt_deg)
@@ -230,5 +235,7 @@ def _build(
     set_picture_quality(spec, sizes_px, shadows=config.shadows, light=episode.light_factor)
     for mount in arms:
         add_arm(spec, mount.model, name=mount.robot, T_world_base=mount.T_world_base)
+    if board is not None:
+        add_board(spec, board)
     config.physics.add(spec, config.dlo, NODES)
     return spec.compile()

@@ -1,0 +1,1 @@
+"""Commands that calibrate the camera: its optics, where it stands, and the table before it."""

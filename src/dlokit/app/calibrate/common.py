@@ -1,0 +1,167 @@
+"""What the commands of `dlokit calibrate` share: their pictures, the folder of their results, and their progress."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from datetime import date, datetime
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import tyro
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from dlokit.app.calibrate.folder import camera_of_folder, read_pictures, write_pictures
+from dlokit.app.commands import flag
+from dlokit.description.board import CharucoBoard
+from dlokit.errors import InputError, SkillFailure
+from dlokit.functional.cell.board import BOARD, T_TCP_BOARD
+from dlokit.functional.cell.rendering import check_opengl
+from dlokit.skills.perception.calibration.board_poses import HeldBoard, board_poses
+from dlokit.skills.perception.calibration.procedure import FEWEST_SHOTS, TakenPicture, find_shots
+from dlokit.skills.perception.calibration.stereo_rig import BoardShot
+from dlokit.system.calibration import (
+    BoardPicture,
+    cell_config,
+    pictures_of_board_on_table,
+    pictures_of_held_board,
+    without_optics,
+)
+from dlokit.system.results.run_folder import claim_run_folder, new_run_folder
+from dlokit.types.arrays import Float64Array
+from dlokit.types.image import CameraCalibration
+
+RUNS = Path("runs")
+_ON_TABLE = 5  # pictures of a board that lies still
+
+
+def _from_flag() -> Any:
+    return tyro.conf.arg(name="from", metavar="DIR", help_behavior_hint="(default: the simulated cell)")
+
+
+@dataclass(frozen=True, kw_only=True)
+class BoardArgs:
+    """Where the pictures of the board come from, and where the results go."""
+
+    from_: Annotated[Path | None, _from_flag()] = None
+    """Folder with recorded pictures left_NAME.png (and right_NAME.png) of the board, and the arm's poses in poses.csv.
+    Without it the simulated arm shows the board to the simulated camera."""
+    board: CharucoBoard = field(default_factory=CharucoBoard)
+    """The printed board; measure a row of squares and divide."""
+    serial: str = ""
+    """Serial number of the camera of --from; a run with the calibration refuses every other camera."""
+    seed: int = 0
+    """Seed of the simulated cell: noise, errors of print and joints, poses of the arm."""
+    lens_distortion: bool = False
+    """Calibrate the simulated camera with distorting lenses; a run uses the result with `--cell.lens-distortion`."""
+    out: Annotated[Path | None, flag("DIR", "runs/<time>-calibrate-<name>/")] = None
+    """Folder for calibration.toml and, from the cell, the pictures; it must be empty or new."""
+
+    def __post_init__(self) -> None:
+        if self.seed < 0:
+            raise InputError(f"--seed is {self.seed}; it must be 0 or greater.")
+        if self.from_ is None and (self.board != BOARD or self.serial):
+            raise InputError(
+                "the simulated cell has a board and a serial of its own; --board and --serial describe the pictures "
+                "of --from DIR."
+            )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Seen:
+    """The pictures of a calibration."""
+
+    pictures: Sequence[TakenPicture]
+    shots: Sequence[BoardShot]
+    camera: CameraCalibration
+    """What is known of the camera before; its date is today's."""
+    given: CameraCalibration
+    """What the camera itself, or the folder, says of it."""
+
+
+def seen_in_hand(args: BoardArgs, poses: int, console: Console) -> Seen:
+    """Pictures of a board in the hand: recorded ones, or of the cell with `poses` poses."""
+    if args.from_ is not None:
+        return _from_folder(args, args.from_, console)
+    if poses < FEWEST_SHOTS:
+        raise InputError(f"--poses is {poses}; it must be {FEWEST_SHOTS} or greater.")
+    config = cell_config(args.seed, held=True, lens_distortion=args.lens_distortion)
+
+    def plan(camera: CameraCalibration) -> Sequence[Float64Array]:
+        held = HeldBoard(board=BOARD, T_tcp_board=T_TCP_BOARD)
+        return board_poses(held, camera, poses, np.random.default_rng(args.seed))
+
+    check_opengl()
+    with _bar(console, "poses", poses) as progress:
+        bar = progress.add_task("poses", total=poses)
+        taken = pictures_of_held_board(config, plan, lambda number, _: progress.update(bar, completed=number))
+    return _from_cell(taken, console)
+
+
+def seen_on_table(args: BoardArgs, console: Console) -> Seen:
+    """Pictures of a board that lies on the table."""
+    if args.from_ is not None:
+        return _from_folder(args, args.from_, console)
+    config = cell_config(args.seed, held=False, lens_distortion=args.lens_distortion)
+    check_opengl()
+    with _bar(console, "pictures", _ON_TABLE) as progress:
+        bar = progress.add_task("pictures", total=_ON_TABLE)
+        taken = pictures_of_board_on_table(config, _ON_TABLE, lambda number, _: progress.update(bar, completed=number))
+    return _from_cell(taken, console)
+
+
+def result_folder(args: BoardArgs, name: str) -> Path:
+    """The folder of the results, created. Raises `InputError`."""
+    return claim_run_folder(args.out) if args.out else new_run_folder(RUNS, f"calibrate-{name}", datetime.now())
+
+
+def keep_pictures(args: BoardArgs, folder: Path, seen: Seen) -> None:
+    """Keep the pictures of the cell, so that `--from` fits them again."""
+    if args.from_ is None:
+        write_pictures(folder, seen.pictures)
+
+
+def today() -> str:
+    """The date of a calibration, ISO 8601."""
+    return date.today().isoformat()
+
+
+def input_error(failure: SkillFailure) -> InputError:
+    """What a calibration says of pictures that it cannot use."""
+    return InputError(f"no calibration from these pictures: {failure}")
+
+
+def _from_folder(args: BoardArgs, folder: Path, console: Console) -> Seen:
+    pictures = read_pictures(folder)
+    given = camera_of_folder(folder, pictures[0].left, args.serial, today())
+    if args.serial and given.serial and args.serial != given.serial:
+        raise InputError(
+            f"--serial is {args.serial!r}, and {folder} has a calibration of the camera {given.serial!r}: omit "
+            "--serial, or use the folder of that camera."
+        )
+    return _seen(pictures, args.board, given, console)
+
+
+def _from_cell(taken: Sequence[BoardPicture], console: Console) -> Seen:
+    pictures = [
+        TakenPicture(
+            left=one.images.left,
+            right=one.images.right,
+            T_world_tcp=None if one.robot is None else one.robot.T_world_tcp,
+            q_rad=None if one.robot is None else one.robot.q_rad,
+        )
+        for one in taken
+    ]
+    return _seen(pictures, BOARD, taken[0].images.calibration, console)
+
+
+def _seen(pictures: list[TakenPicture], board: CharucoBoard, given: CameraCalibration, console: Console) -> Seen:
+    shots = find_shots(pictures, board)
+    console.print(f"{len(shots)} of {len(pictures)} pictures show the board", highlight=False)
+    return Seen(pictures=pictures, shots=shots, camera=without_optics(given, today()), given=given)
+
+
+def _bar(console: Console, what: str, total: int) -> Progress:
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    console.print(f"in the simulated cell: {total} {what} of the board; Ctrl-C stops", highlight=False)
+    return Progress(*columns, console=console, transient=True, disable=not console.is_terminal)

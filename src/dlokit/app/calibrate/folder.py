@@ -1,0 +1,114 @@
+"""A folder of pictures of a calibration board: what a calibration reads, and what one in the cell writes.
+
+``left_NAME.png``, for a stereo pair ``right_NAME.png`` beside it, and for a board in an arm's hand ``poses.csv``: a
+header, then a line per picture with its NAME, the pose of the tool (x, y, z [m], quaternion w, x, y, z) in the world
+and, of a Panda, seven joint angles [rad]. Optional ``calibration.toml``: size, serial and about the focal length.
+"""
+
+import csv
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from dlokit import geometry
+from dlokit.description.scene import REFERENCE_FOCAL_PX, REFERENCE_WIDTH_PX
+from dlokit.errors import BadValue, InputError
+from dlokit.functional.cameras.calibration_file import read_calibration
+from dlokit.skills.perception.calibration.procedure import TakenPicture
+from dlokit.types.arrays import Float64Array, UInt8Array
+from dlokit.types.image import CameraCalibration
+from dlokit.types.pose import Pose
+
+POSES, CALIBRATION = "poses.csv", "calibration.toml"
+HEADER = ("name", "x_m", "y_m", "z_m", "qw", "qx", "qy", "qz", *(f"q{joint}_rad" for joint in range(1, 8)))
+_POSE_COLUMNS, _ALL_COLUMNS = 7, 14
+
+
+def read_pictures(folder: Path) -> list[TakenPicture]:
+    """The pictures of a folder, in the order of their names. Raises `InputError` where one cannot be used."""
+    lefts = sorted(folder.glob("left_*.png"))
+    if not lefts:
+        raise InputError(
+            f"{folder} has no left_*.png; record pictures of the board as left_NAME.png, for a stereo camera with "
+            f"right_NAME.png beside each, and for `dlokit calibrate handeye` the poses of the arm in {POSES}."
+        )
+    poses = _read_poses(folder / POSES) if (folder / POSES).exists() else {}
+    pictures: list[TakenPicture] = []
+    for left in lefts:
+        name = left.stem.removeprefix("left_")
+        right = left.with_name(f"right_{name}.png")
+        T, q = poses.get(name, (None, None))
+        pictures.append(
+            TakenPicture(left=_read(left), right=_read(right) if right.exists() else None, T_world_tcp=T, q_rad=q)
+        )
+    sizes = {picture.left.shape[:2] for picture in pictures}
+    if len(sizes) > 1:
+        raise InputError(f"{folder}: the pictures have several sizes; put those of one camera into a folder.")
+    return pictures
+
+
+def camera_of_folder(folder: Path, picture: UInt8Array, serial: str, date: str) -> CameraCalibration:
+    """What is known of the camera of a folder: its ``calibration.toml``, or its size alone."""
+    if (folder / CALIBRATION).exists():
+        return read_calibration(folder / CALIBRATION)
+    height_px, width_px = picture.shape[:2]
+    # A start for the fit, which finds its own.
+    focal_px = REFERENCE_FOCAL_PX * width_px / REFERENCE_WIDTH_PX
+    return CameraCalibration(
+        width_px=width_px,
+        height_px=height_px,
+        fx_px=focal_px,
+        fy_px=focal_px,
+        cx_px=(width_px - 1) / 2.0,
+        cy_px=(height_px - 1) / 2.0,
+        T_world_camera=geometry.pose((0.0, 0.0, 0.0)),
+        serial=serial,
+        date=date,
+    )
+
+
+def write_pictures(folder: Path, pictures: Sequence[TakenPicture]) -> None:
+    """Write pictures and poses as `read_pictures` reads them."""
+    rows: list[list[str]] = []
+    for number, picture in enumerate(pictures):
+        name = f"{number:03d}"
+        for side, pixels in (("left", picture.left), ("right", picture.right)):
+            if pixels is not None:
+                cv2.imwrite(str(folder / f"{side}_{name}.png"), cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR))
+        T = picture.T_world_tcp
+        if T is not None:
+            angles = [] if picture.q_rad is None else picture.q_rad.tolist()
+            rows.append([name, *(repr(value) for value in (*T.position_m.tolist(), *T.wxyz.tolist(), *angles))])
+    if rows:
+        with (folder / POSES).open("w", encoding="utf-8", newline="") as file:
+            csv.writer(file).writerows([HEADER[: len(rows[0])], *rows])
+
+
+def _read_poses(path: Path) -> dict[str, tuple[Pose, Float64Array | None]]:
+    """Pose of the tool and joint angles by the name of the picture."""
+    poses: dict[str, tuple[Pose, Float64Array | None]] = {}
+    try:
+        rows = list(csv.reader(path.read_text(encoding="utf-8-sig").splitlines()))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"{path} cannot be read: {error}; save it as CSV in UTF-8.") from error
+    for number, row in enumerate(rows[1:], start=2):
+        try:
+            name, values = row[0].strip(), np.array([float(value) for value in row[1:]])
+            if len(values) not in (_POSE_COLUMNS, _ALL_COLUMNS) or not np.all(np.isfinite(values)):
+                raise ValueError(f"{len(values)} numbers")
+            poses[name] = geometry.pose(values[:3], values[3:7]), values[7:] if len(values) > _POSE_COLUMNS else None
+        except (ValueError, IndexError, BadValue) as error:
+            raise InputError(
+                f"{path}, line {number}: {error}; each line is NAME,x,y,z,qw,qx,qy,qz [m], of a Panda with seven joint "
+                "angles [rad] behind it, and the first line is a header."
+            ) from error
+    return poses
+
+
+def _read(path: Path) -> UInt8Array:
+    picture = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
+    if picture is None:
+        raise InputError(f"{path} is not a picture that can be read; save it as PNG.")
+    return np.asarray(picture, dtype=np.uint8)

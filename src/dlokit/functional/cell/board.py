@@ -1,0 +1,121 @@
+"""The calibration board of the cell: the first arm holds it, or it lies on the table; and the errors beside it.
+
+All of it is truth: a calibration sees pictures and the reported state of the arm, and must find the rest.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from dlokit import geometry
+from dlokit.description.arm.model import HAND, ArmModel
+from dlokit.description.board import CharucoBoard
+from dlokit.functional.cell.config import CellBoard
+from dlokit.types.arrays import Float64Array
+from dlokit.types.pose import Pose
+from dlokit.types.robot import FIRST_ROBOT
+
+BOARD = CharucoBoard()
+"""The board as it was meant to be printed."""
+T_TCP_BOARD = geometry.pose_from_matrix(
+    np.array(
+        [
+            [0.0, 0.0, -1.0, 0.035],
+            [-1.0, 0.0, 0.0, BOARD.size_m[0] / 2],
+            [0.0, 1.0, 0.0, 0.050 - BOARD.size_m[1] / 2],
+            [0.0, 0.0, 0.0, 1.0],
+        ]
+    )
+)
+"""Where the arm holds the board, by a block on its back between the fingers: it faces along x of the tool."""
+HELD_M, HELD_DEG = 0.005, 2.0
+"""Distance and angle by which a person clamps the board beside that."""
+T_WORLD_BOARD = geometry.pose_from_matrix(
+    np.array(
+        [
+            [-1.0, 0.0, 0.0, 0.52 + BOARD.size_m[0] / 2],
+            [0.0, 1.0, 0.0, 0.02 - BOARD.size_m[1] / 2],
+            [0.0, 0.0, -1.0, 0.004],
+            [0.0, 0.0, 0.0, 1.0],
+        ]
+    )
+)
+"""Where the board lies on the table, face up: its back touches the table."""
+
+_STREAM = 0xB0  # separates these draws from all others of the same seed
+_SQUARE_PX = 96  # of the texture; a picture shows a square with a third of it, and the graphics average
+_PLATE_M = 0.004
+_LIGHT = 0.9  # grey of the paper, of 1
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TrueBoard:
+    """What was drawn for the board of one run."""
+
+    scale: float
+    """Size of the print over the meant size."""
+    arm: ArmModel
+    joint_offsets_rad: Float64Array  # (J,) reported minus true angles
+    T_tcp_board: Pose | None
+    """None: it lies on the table, at `T_WORLD_BOARD`."""
+
+
+def draw_board(config: CellBoard, seed: int, arm: ArmModel) -> TrueBoard:
+    """Draw the errors beside a board; each joint is off by the configured angle, to either side."""
+    rng = np.random.default_rng([seed, _STREAM])
+    offsets = np.radians(config.joint_offset_deg) * rng.choice([-1.0, 1.0], size=len(arm.joints))
+    shift, axis = rng.normal(size=3), rng.normal(size=3)
+    beside = np.eye(4)
+    beside[:3, :3] = Rotation.from_rotvec(axis / np.linalg.norm(axis) * np.radians(HELD_DEG)).as_matrix()
+    beside[:3, 3] = shift / np.linalg.norm(shift) * HELD_M
+    held = geometry.pose_from_matrix(geometry.matrix(T_TCP_BOARD) @ beside)
+    return TrueBoard(
+        arm=arm,
+        scale=config.print_scale,
+        joint_offsets_rad=offsets,
+        T_tcp_board=held if config.held else None,
+    )
+
+
+def add_board(spec: Any, board: TrueBoard) -> None:
+    """Add the board to `spec` (MjSpec), to the hand of the first arm or to the table; nothing collides with it."""
+    pixels = np.repeat(BOARD.picture(_SQUARE_PX)[:, :, None], 3, axis=2)
+    paper = (_LIGHT * pixels).astype(np.uint8)
+    texture = spec.add_texture(
+        name="board",
+        type=mujoco.mjtTexture.mjTEXTURE_2D,
+        width=paper.shape[1],
+        height=paper.shape[0],
+        nchannel=3,
+    )
+    texture.data = paper.tobytes()
+    material = spec.add_material(name="board", specular=0.0, shininess=0.0, reflectance=0.0)
+    material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "board"
+    width_m, height_m = (board.scale * extent for extent in BOARD.size_m)
+    front = spec.add_mesh(name="board")
+    # The printed side, and a point behind it: a mesh needs a volume.
+    front.uservert = [0, 0, 0, width_m, 0, 0, width_m, height_m, 0, 0, height_m, 0, width_m / 2, height_m / 2, _PLATE_M]
+    front.usertexcoord = [0, 0, 1, 0, 1, 1, 0, 1, 0.5, 0.5]
+    front.userface = [0, 2, 1, 0, 3, 2, 0, 1, 4, 1, 2, 4, 2, 3, 4, 3, 0, 4]
+    front.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
+    held = board.T_tcp_board
+    if held is None:
+        body, place = spec.worldbody, T_WORLD_BOARD
+    else:
+        body = spec.body(f"{FIRST_ROBOT}/{HAND}")
+        place = geometry.compose(geometry.pose((0.0, 0.0, board.arm.gripper.tcp_m)), held)
+    body.add_geom(
+        name="board",
+        type=mujoco.mjtGeom.mjGEOM_MESH,
+        meshname="board",
+        material="board",
+        pos=place.position_m,
+        quat=place.wxyz,
+        group=0,
+        contype=0,
+        conaffinity=0,
+        mass=0.0,
+    )

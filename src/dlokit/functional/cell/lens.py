@@ -1,0 +1,50 @@
+"""The lenses of the cell's cameras: the renderer's pictures are a pinhole's, and are distorted as lenses do."""
+
+from functools import lru_cache
+
+import cv2
+import msgspec
+import numpy as np
+
+from dlokit.geometry.camera import camera_matrix
+from dlokit.types.arrays import Float32Array, UInt8Array
+from dlokit.types.image import CameraCalibration
+
+_LEFT = (0.060, -0.050, 0.0006, -0.0004, 0.0)
+_RIGHT = (0.052, -0.040, -0.0005, 0.0007, 0.0)
+"""Coefficients k1 k2 p1 p2 k3: up to 7 px in the corners, to the middle, so that all of a picture is known."""
+SERIAL = "-lens"
+"""Appended to the serial: a camera with lenses is another one."""
+
+Maps = tuple[Float32Array, Float32Array]
+
+
+def with_lenses(camera: CameraCalibration) -> CameraCalibration:
+    """The stereo camera with distorting lenses."""
+    return msgspec.structs.replace(
+        camera,
+        distortion=np.array(_LEFT, dtype=np.float32),
+        distortion_right=np.array(_RIGHT, dtype=np.float32),
+        serial=camera.serial + SERIAL,
+    )
+
+
+def through_lens(picture: UInt8Array, camera: CameraCalibration, lens: Float32Array | None) -> UInt8Array:
+    """A pinhole's picture (height, width, 3) as it is through a lens (5,); None: a lens without distortion."""
+    if lens is None:
+        return picture
+    K = camera_matrix(camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px)
+    u, v = _maps((camera.width_px, camera.height_px), tuple(K.ravel().tolist()), tuple(lens.tolist()))
+    return np.asarray(cv2.remap(picture, u, v, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE), dtype=np.uint8)
+
+
+@lru_cache(maxsize=2)
+def _maps(size: tuple[int, int], camera: tuple[float, ...], lens: tuple[float, ...]) -> Maps:
+    """For each pixel of the distorted picture, its column and row [px] in the pinhole's."""
+    columns, rows = np.meshgrid(np.arange(size[0]), np.arange(size[1]))
+    pixels = np.stack([columns.ravel(), rows.ravel()], axis=1).astype(np.float64)
+    K = np.array(camera).reshape(3, 3)
+    criteria = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 40, 1e-6)
+    ideal = cv2.undistortPoints(pixels[:, None], K, np.array(lens), P=K, criteria=criteria)
+    places = np.asarray(ideal, dtype=np.float32).reshape(size[1], size[0], 2)
+    return np.ascontiguousarray(places[..., 0]), np.ascontiguousarray(places[..., 1])

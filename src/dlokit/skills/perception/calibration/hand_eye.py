@@ -1,0 +1,304 @@
+"""Where a fixed camera stands in the world, from pictures of a board in the hand of an arm (eye to hand).
+
+One robust least squares over all pictures fits the corners in them, left and right. Unknown are
+
+- the pose of the camera in the world, ``T_world_camera``, and of the board in the tool, ``T_tcp_board``;
+- the scale of the print, and that of the baseline, which may have been measured by the same print;
+- the offset of each joint's reported angle, where angles are known, with a prior: the offset of the first joint turns
+  the whole world and that of the last one the board, so that pictures cannot tell them.
+
+It starts from the published closed solutions (`hand_eye_start`), the one with the smallest error in the pictures.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import msgspec
+import numpy as np
+import scipy
+from scipy.spatial.transform import Rotation
+
+from dlokit import geometry
+from dlokit.description.arm.franka import PANDA
+from dlokit.description.board import CharucoBoard
+from dlokit.errors import SkillFailure
+from dlokit.geometry.camera import baseline_m
+from dlokit.motion.forward_kinematics import tcp_matrices
+from dlokit.skills.perception.calibration.hand_eye_start import METHODS, HandEyePoses
+from dlokit.skills.perception.calibration.stereo_rig import (
+    FEW_PICTURES,
+    FEWEST_PICTURES,
+    BoardShot,
+    board_in_camera,
+    ideal_pixels,
+)
+from dlokit.types.arrays import BoolArray, Float64Array, Int64Array
+from dlokit.types.image import CameraCalibration
+from dlokit.types.pose import Pose
+
+ONE_AXIS = "one_axis"
+_NOISE_PX = 0.2
+"""Standard deviation of a corner in a picture [px]; neighbours err alike, so that it is larger than their scatter."""
+_OUTLIER = 3.0
+"""Errors above so many standard deviations count less."""
+JOINT_SIGMA_RAD = float(np.radians(0.1))
+"""Standard deviation of a joint's offset before the fit [rad]: the accuracy of an arm without a calibration."""
+_SCALE_SIGMA = 0.005
+"""Standard deviation of the scales of print and baseline before the fit."""
+_LEFT_OUT = 4.0
+"""A picture whose corners are off by more than this many times the median picture is left out of a second fit."""
+_LEAST_TURN_RAD = 0.35
+"""The board must be turned by this about two axes at least, or the poses are not determined [rad]."""
+_ARM_JOINTS = 7
+_CAMERA, _BOARD, _SCALES, _JOINTS = slice(0, 6), slice(6, 12), slice(12, 14), slice(14, 21)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class HandEyeFit:
+    """The result of a hand-eye calibration."""
+
+    camera: CameraCalibration
+    """With the fitted pose and baseline."""
+    T_tcp_board: Pose
+    print_scale: float
+    """Size of the print over its nominal size."""
+    joint_offsets_rad: Float64Array | None  # (7,) reported minus true; None where no joint angles were known
+    rms_px: float
+    """Error of the corners in the pictures, root mean square [px]."""
+    rms_by_method_px: Mapping[str, float]
+    """The same of each closed solution alone [px]."""
+    shots: Sequence[BoardShot]
+    """The pictures that were fitted."""
+    rms_by_shot_px: Float64Array  # (N,) of each of them
+    covariance: Float64Array  # (6, 6) of the camera's turn [rad] and shift [m], in the camera's frame
+
+    def deviation_m(self, points_world: Float64Array) -> Float64Array:
+        """Standard deviation (N,) [m] of where the camera would see points (N, 3) of the world, by its pose."""
+        p_camera = geometry.transform(geometry.inverse(self.camera.T_world_camera), points_world)
+        slopes = np.concatenate([-_skew(p_camera), np.broadcast_to(np.eye(3), (len(p_camera), 3, 3))], axis=2)
+        return np.sqrt(np.einsum("nij,jk,nik->n", slopes, self.covariance, slopes))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class HeldOut:
+    """How far apart camera and arm have the board, at poses that were not fitted."""
+
+    position_m: Float64Array  # (K,) of the board's centre
+    angle_rad: Float64Array  # (K,)
+
+
+def fit_hand_eye(shots: Sequence[BoardShot], board: CharucoBoard, camera: CameraCalibration) -> HandEyeFit:
+    """The pose of a calibrated camera (intrinsics, lenses, baseline) by pictures of a board in the hand.
+
+    Pictures that contradict the others, of a moment when the arm still moved say, are left out. Raises `SkillFailure`
+    few_pictures or one_axis.
+    """
+    first = _fitted(shots, board, camera)
+    keep = first.rms_by_shot_px <= _LEFT_OUT * np.median(first.rms_by_shot_px)
+    if np.all(keep):
+        return first
+    return _fitted([shot for shot, kept in zip(first.shots, keep, strict=True) if kept], board, camera)
+
+
+def _fitted(shots: Sequence[BoardShot], board: CharucoBoard, camera: CameraCalibration) -> HandEyeFit:
+    problem = _HandEyeProblem(shots, board, camera)
+    starts = {name: solve(problem.T_world_tcp, problem.T_camera_board) for name, solve in METHODS.items()}
+    rms = {name: _rms_px(problem.errors_px(_unknowns(problem, start))) for name, start in starts.items()}
+    best = min(rms, key=lambda name: rms[name])
+    fit: Any = scipy.optimize.least_squares(
+        problem.residuals, _unknowns(problem, starts[best]), loss="soft_l1", f_scale=_OUTLIER, x_scale="jac"
+    )
+    X, Y = problem.poses(fit.x)
+    print_scale, baseline_scale = np.exp(fit.x[_SCALES]).tolist()
+    pose = geometry.pose_from_matrix(X)
+    calibrated = msgspec.structs.replace(
+        camera,
+        T_world_camera=pose,
+        baseline_m=None if camera.baseline_m is None else camera.baseline_m * baseline_scale,
+    )
+    return HandEyeFit(
+        camera=calibrated,
+        T_tcp_board=geometry.pose_from_matrix(Y),
+        print_scale=print_scale,
+        joint_offsets_rad=fit.x[_JOINTS].copy() if problem.knows_joints else None,
+        rms_px=_rms_px(problem.errors_px(fit.x)),
+        rms_by_method_px=rms,
+        shots=problem.shots,
+        rms_by_shot_px=problem.rms_by_shot_px(fit.x),
+        covariance=np.linalg.inv(fit.jac.T @ fit.jac)[_CAMERA, _CAMERA],
+    )
+
+
+def held_out(fit: HandEyeFit, shots: Sequence[BoardShot], board: CharucoBoard) -> HeldOut:
+    """Compare camera and arm at other poses, by what was fitted: both say where in the world the board is."""
+    problem = _HandEyeProblem(shots, board, fit.camera, fewest=1, scale=fit.print_scale)
+    tools = problem.T_world_tcp
+    if fit.joint_offsets_rad is not None and problem.knows_joints:
+        tools = problem.tools_at(fit.joint_offsets_rad)
+    by_arm = tools @ geometry.matrix(fit.T_tcp_board)
+    by_camera = boards_in_world(fit, shots, board)
+    centre = np.append(fit.print_scale * board.outline_board.mean(axis=0), 1.0)
+    turns = Rotation.from_matrix(np.swapaxes(by_arm[:, :3, :3], 1, 2) @ by_camera[:, :3, :3])
+    return HeldOut(
+        position_m=np.linalg.norm(((by_arm - by_camera) @ centre)[:, :3], axis=1),
+        angle_rad=np.asarray(turns.magnitude(), dtype=np.float64),
+    )
+
+
+def boards_in_world(fit: HandEyeFit, shots: Sequence[BoardShot], board: CharucoBoard) -> Float64Array:
+    """``T_world_board`` (N, 4, 4) of boards as the calibrated camera sees them."""
+    return geometry.matrix(fit.camera.T_world_camera) @ boards_seen(shots, board, fit.camera, fit.print_scale)
+
+
+def boards_seen(
+    shots: Sequence[BoardShot], board: CharucoBoard, camera: CameraCalibration, print_scale: float
+) -> Float64Array:
+    """``T_camera_board`` (N, 4, 4) of boards by all cameras that show them, wherever they are."""
+    nowhere = geometry.pose((0.0, 0.0, 0.0))
+    standing = [BoardShot(left=shot.left, right=shot.right, T_world_tcp=nowhere) for shot in shots]
+    return _HandEyeProblem(standing, board, camera, fewest=1, scale=print_scale).seen_boards()
+
+
+class _HandEyeProblem:
+    """The corners of all pictures as arrays, and their errors for given unknowns."""
+
+    def __init__(
+        self,
+        shots: Sequence[BoardShot],
+        board: CharucoBoard,
+        camera: CameraCalibration,
+        fewest: int = FEWEST_PICTURES,
+        scale: float = 1.0,
+    ) -> None:
+        corners = board.corners_board * scale
+        seen = [
+            (shot, shot.T_world_tcp, T)
+            for shot in shots
+            if shot.T_world_tcp is not None and (T := board_in_camera(shot.left, corners, camera)) is not None
+        ]
+        if len(seen) < fewest:
+            raise SkillFailure(
+                FEW_PICTURES,
+                f"{len(seen)} pictures show the board and have a pose of the arm, at least {fewest} are needed; "
+                "move the arm to more poses in which the camera sees the board",
+            )
+        self.shots = tuple(shot for shot, _, _ in seen)
+        self.T_world_tcp = np.array([geometry.matrix(tool) for _, tool, _ in seen])
+        self.T_camera_board = np.array([geometry.matrix(T) for _, _, T in seen])
+        if fewest > 1:
+            _check_turns(self.T_world_tcp)
+        angles = [shot.q_rad for shot, _, _ in seen]
+        self.knows_joints = all(q is not None and len(q) == _ARM_JOINTS for q in angles)
+        self._q_rad = np.array(angles, dtype=np.float64) if self.knows_joints else None
+        # Where the arm stands: the reported pose of its tool against its angles.
+        self._T_world_base = (
+            np.eye(4)
+            if self._q_rad is None
+            else self.T_world_tcp[0] @ np.linalg.inv(tcp_matrices(PANDA, self._q_rad[:1])[0])
+        )
+        self._camera = camera
+        self._baseline_m = 0.0 if camera.baseline_m is None else baseline_m(camera)
+        lenses = (camera.distortion, camera.distortion_right)
+        parts = [
+            (index, side, view.numbers, ideal_pixels(view, camera, lenses[side]))
+            for index, (shot, _, _) in enumerate(seen)
+            for side, view in enumerate((shot.left, shot.right if self._baseline_m else None))
+            if view is not None
+        ]
+        counts = [len(part[2]) for part in parts]
+        self._shot: Int64Array = np.repeat([part[0] for part in parts], counts)
+        self._right: BoolArray = np.repeat([part[1] == 1 for part in parts], counts)
+        self._corners_board = corners[np.concatenate([part[2] for part in parts])]
+        self._pixels = np.concatenate([part[3] for part in parts])
+
+    def poses(self, x: Float64Array) -> tuple[Float64Array, Float64Array]:
+        """``T_world_camera`` and ``T_tcp_board`` (4, 4); the unknowns are turns and shifts beside the start."""
+        return self._X @ _motion(x[_CAMERA]), self._Y @ _motion(x[_BOARD])
+
+    def begin_at(self, start: HandEyePoses) -> None:
+        """Count turns and shifts from a solution."""
+        self._X, self._Y = start.T_world_camera, start.T_tcp_board
+
+    def tools_at(self, offsets_rad: Float64Array) -> Float64Array:
+        """``T_world_tcp`` (N, 4, 4) for offsets (7,) [rad] of the joints."""
+        if self._q_rad is None:
+            return self.T_world_tcp
+        return self._T_world_base @ tcp_matrices(PANDA, self._q_rad - offsets_rad)
+
+    def residuals(self, x: Float64Array) -> Float64Array:
+        """Errors over their standard deviations, of the corners and of what is known before."""
+        prior = np.concatenate([x[_SCALES] / _SCALE_SIGMA, x[_JOINTS] / JOINT_SIGMA_RAD])
+        return np.concatenate([self.errors_px(x).ravel() / _NOISE_PX, prior])
+
+    def errors_px(self, x: Float64Array) -> Float64Array:
+        """Errors (N, 2) [px] of all corners."""
+        X, Y = self.poses(x)
+        boards = np.linalg.inv(X) @ self.tools_at(x[_JOINTS]) @ Y
+        return self._errors_of(boards, *np.exp(x[_SCALES]).tolist())
+
+    def rms_by_shot_px(self, x: Float64Array) -> Float64Array:
+        """Root mean square (N,) [px] of the errors of each picture."""
+        squares = np.sum(self.errors_px(x) ** 2, axis=1)
+        return np.sqrt(np.bincount(self._shot, squares) / np.bincount(self._shot))
+
+    def seen_boards(self) -> Float64Array:
+        """``T_camera_board`` (N, 4, 4) by both cameras."""
+
+        def moved(x: Float64Array) -> Float64Array:
+            return self.T_camera_board @ np.array([_motion(part) for part in x.reshape(-1, 6)])
+
+        count = len(self.T_camera_board)
+        pattern = self._shot[:, None].repeat(2, axis=1).ravel()[:, None] == np.arange(count).repeat(6)[None, :]
+        fit: Any = scipy.optimize.least_squares(
+            lambda x: self._errors_of(moved(x), 1.0, 1.0).ravel() / _NOISE_PX,
+            np.zeros(6 * count),
+            loss="soft_l1",
+            f_scale=_OUTLIER,
+            x_scale="jac",
+            jac_sparsity=pattern.astype(np.int64),
+        )
+        return moved(fit.x)
+
+    def _errors_of(self, boards: Float64Array, print_scale: float, baseline_scale: float) -> Float64Array:
+        T = boards[self._shot]
+        p = np.einsum("nij,nj->ni", T[:, :3, :3], print_scale * self._corners_board) + T[:, :3, 3]
+        p[self._right, 0] -= baseline_scale * self._baseline_m
+        camera = self._camera
+        focal, centre = np.array([camera.fx_px, camera.fy_px]), np.array([camera.cx_px, camera.cy_px])
+        return focal * p[:, :2] / p[:, 2:] + centre - self._pixels
+
+
+def _unknowns(problem: _HandEyeProblem, start: HandEyePoses) -> Float64Array:
+    problem.begin_at(start)
+    return np.zeros(_JOINTS.stop)
+
+
+def _rms_px(errors_px: Float64Array) -> float:
+    return float(np.sqrt(np.mean(np.sum(errors_px**2, axis=1))))
+
+
+def _check_turns(T_world_tcp: Float64Array) -> None:
+    """Raise `SkillFailure` one_axis where all poses are turned about one axis only, or hardly."""
+    turns = Rotation.from_matrix(np.swapaxes(T_world_tcp[:1, :3, :3], 1, 2) @ T_world_tcp[:, :3, :3]).as_rotvec()
+    spread = np.linalg.svd(turns, compute_uv=False) / np.sqrt(len(turns))
+    if spread[1] < _LEAST_TURN_RAD / np.sqrt(len(turns)):
+        raise SkillFailure(
+            ONE_AXIS,
+            "the board is turned about one axis only, or hardly; turn it by 20° and more about two axes between the "
+            "pictures, or the pose of the camera is not determined",
+        )
+
+
+def _motion(x: Float64Array) -> Float64Array:
+    """A turn (rotation vector) and a shift as a matrix (4, 4)."""
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = Rotation.from_rotvec(x[:3]).as_matrix(), x[3:]
+    return T
+
+
+def _skew(points: Float64Array) -> Float64Array:
+    result = np.zeros((len(points), 3, 3))
+    result[:, 0, 1], result[:, 0, 2], result[:, 1, 2] = -points[:, 2], points[:, 1], -points[:, 0]
+    result[:, 1, 0], result[:, 2, 0], result[:, 2, 1] = points[:, 2], -points[:, 1], points[:, 0]
+    return result

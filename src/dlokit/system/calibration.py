@@ -1,0 +1,119 @@
+"""Pictures of a calibration board in the simulated cell: the arm shows it, or it lies on the table.
+
+What a calibration gets is what it gets from real hardware: pictures, and the state that the arm reports.
+"""
+
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import ParamSpec, TypeVar
+
+import msgspec
+
+from dlokit import geometry
+from dlokit.communication import topics
+from dlokit.communication.skill import Skill
+from dlokit.communication.timing import virtual_time
+from dlokit.description.shapes import builtin_shape
+from dlokit.errors import HardwareError
+from dlokit.functional.cameras.simulated import SimulatedCamera
+from dlokit.functional.cell.config import CellBoard
+from dlokit.skills.robot import api as robot
+from dlokit.system.config import RunConfig
+from dlokit.system.lockstep import LockstepSystem, lockstep_system
+from dlokit.types.arrays import Float64Array
+from dlokit.types.image import CameraCalibration, StereoImages
+from dlokit.types.outcome import Failed, Rejected, Succeeded
+from dlokit.types.robot import RobotState
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+_REST_S = 0.5
+"""Time for the arm to come to rest before a picture [s]."""
+_CAPTURE_S = 5.0
+
+Plan = Callable[[CameraCalibration], Sequence[Float64Array]]
+"""Joint angles (7,) [rad] in which the arm shows the board, from about where the camera stands."""
+Progress = Callable[[int, int], None]
+"""Called before each picture with its number from 1, and how many there will be."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BoardPicture:
+    """A picture of the board, and the state of the arm that holds it."""
+
+    images: StereoImages
+    robot: RobotState | None
+    """None: the board lies on the table."""
+
+
+def cell_config(seed: int, *, held: bool, lens_distortion: bool) -> RunConfig:
+    """The cell with a board, in the hand of the arm or on the table."""
+    run = RunConfig(seed=seed, headless=True, record=False)
+    return replace(run, cell=replace(run.cell, board=CellBoard(held=held), lens_distortion=lens_distortion))
+
+
+def pictures_of_held_board(config: RunConfig, plan: Plan, progress: Progress) -> list[BoardPicture]:
+    """Move the arm through all poses of a plan and take a picture in each; the arm ends at home.
+
+    Raises `HardwareError` where the arm or the camera fails. Ctrl-C brakes the arm.
+    """
+    return virtual_time.run(_in_cell(config, plan, progress))
+
+
+def pictures_of_board_on_table(config: RunConfig, count: int, progress: Progress) -> list[BoardPicture]:
+    """Take pictures of a board that lies on the table. Raises `HardwareError`."""
+    return virtual_time.run(_in_cell(config, None, progress, count))
+
+
+async def _in_cell(config: RunConfig, plan: Plan | None, progress: Progress, count: int = 1) -> list[BoardPicture]:
+    start = builtin_shape("I", config.cell.dlo.length_m, 100)
+    with tempfile.TemporaryDirectory() as folder:
+        async with lockstep_system(config, start, Path(folder)) as system:
+            camera = SimulatedCamera(system.transport)
+            system.transport.latest(topics.ROBOT_STATE)  # subscribes
+            await system.clock.sleep(_REST_S)
+            if plan is None:
+                return [await _picture(camera, progress, number, count) for number in range(1, count + 1)]
+            first = await camera.capture(_CAPTURE_S)
+            poses = plan(first.calibration)
+            taken: list[BoardPicture] = []
+            for number, q_rad in enumerate(poses, start=1):
+                await _done(system, robot.MOVE_JOINTS, q_rad)
+                await system.clock.sleep(_REST_S)
+                picture = await _picture(camera, progress, number, len(poses))
+                state = system.transport.latest(topics.ROBOT_STATE).value
+                taken.append(replace(picture, robot=state))
+            await _done(system, robot.HOME)
+            return taken
+
+
+async def _picture(camera: SimulatedCamera, progress: Progress, number: int, count: int) -> BoardPicture:
+    progress(number, count)
+    images = await camera.capture(_CAPTURE_S)
+    assert isinstance(images, StereoImages), "the simulated camera is a stereo pair"
+    return BoardPicture(images=images, robot=None)
+
+
+async def _done(system: LockstepSystem, skill: Skill[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
+    outcome = await system.transport.call(skill, *args, **kwargs)
+    if isinstance(outcome, Succeeded):
+        return outcome.result
+    why = f"{outcome.reason}: {outcome.detail}" if isinstance(outcome, Failed | Rejected) else str(outcome)
+    raise HardwareError(f"the arm did not do {skill.name}: {why}; the calibration has ended, call it again")
+
+
+def without_optics(camera: CameraCalibration, date: str) -> CameraCalibration:
+    """Size, serial and about the focal length of a camera, to calibrate it from nothing else on that day."""
+    return msgspec.structs.replace(
+        camera,
+        cx_px=(camera.width_px - 1) / 2.0,
+        cy_px=(camera.height_px - 1) / 2.0,
+        baseline_m=None,
+        distortion=None,
+        distortion_right=None,
+        date=date,
+        T_world_camera=geometry.pose((0.0, 0.0, 0.0)),
+    )

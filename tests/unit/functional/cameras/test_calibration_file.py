@@ -1,0 +1,99 @@
+import asyncio
+from pathlib import Path
+from types import TracebackType
+
+import msgspec
+import numpy as np
+import pytest
+
+from dlokit.description.scene import default_calibration
+from dlokit.errors import ConfigError, HardwareError
+from dlokit.functional.cameras.base import Camera
+from dlokit.functional.cameras.calibrated import CalibratedCamera
+from dlokit.functional.cameras.calibration_file import (
+    CalibrationResidual,
+    MeasuredTable,
+    check_same_camera,
+    read_calibration,
+    read_residual,
+    write_calibration,
+)
+from dlokit.types.image import CameraCalibration, StereoImages
+
+CAMERA = default_calibration(64, 64)
+RESIDUAL = CalibrationResidual(method="made up", pictures=9, rms_px=0.1, held_out_m=0.001, print_scale=1.002)
+
+
+class OneColourCamera:
+    """A camera whose pictures are grey."""
+
+    def __init__(self) -> None:
+        self.is_open = False
+
+    @property
+    def calibration(self) -> CameraCalibration:
+        return CAMERA
+
+    async def capture(self, timeout_s: float) -> StereoImages:
+        grey = np.full((64, 64, 3), 90, dtype=np.uint8)
+        return StereoImages(stamp_ns=1, left=grey, right=grey, calibration=CAMERA)
+
+    def __enter__(self) -> "OneColourCamera":
+        self.is_open = True
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.is_open = False
+
+
+def of(**changes: object) -> CameraCalibration:
+    return msgspec.structs.replace(CAMERA, **changes)
+
+
+def test_residual_and_table_stand_beside_the_calibration(tmp_path: Path):
+    file = tmp_path / "calibration.toml"
+    table = MeasuredTable(height_m=0.001, tilt_x_deg=0.1, tilt_y_deg=-0.1, residual_m=1e-4)
+    write_calibration(file, CAMERA, RESIDUAL, table)
+    found = read_residual(file)
+    assert found is not None
+    assert msgspec.structs.astuple(found) == msgspec.structs.astuple(RESIDUAL)
+    assert read_calibration(file).serial == "simulated"
+    assert "height_m = 0.001" in file.read_text()
+    write_calibration(file, CAMERA)
+    assert read_residual(file) is None
+
+
+def test_a_damaged_residual_is_refused(tmp_path: Path):
+    file = tmp_path / "calibration.toml"
+    write_calibration(file, CAMERA, RESIDUAL)
+    file.write_text(file.read_text().replace("pictures = 9", 'pictures = "many"'))
+    with pytest.raises(ConfigError, match="residual"):
+        read_residual(file)
+
+
+def test_another_serial_and_another_size_are_refused():
+    check_same_camera("file", CAMERA, CAMERA)
+    check_same_camera("file", of(serial=""), CAMERA)  # written by hand
+    with pytest.raises(ConfigError, match="'7F2A', this one is 'simulated'"):
+        check_same_camera("file", of(serial="7F2A"), CAMERA)
+    with pytest.raises(ConfigError, match="128 by 64 px"):
+        check_same_camera("file", of(width_px=128), CAMERA)
+
+
+def test_pictures_come_with_the_calibration_of_the_file():
+    inner = OneColourCamera()
+    wanted = of(fx_px=700.0)
+    camera: Camera = CalibratedCamera(inner, wanted, "file")
+    with camera:
+        assert inner.is_open
+        images = asyncio.run(camera.capture(1.0))
+    assert not inner.is_open
+    assert images.calibration is camera.calibration is wanted
+
+
+def test_pictures_of_another_camera_are_refused():
+    camera = CalibratedCamera(OneColourCamera(), of(serial="7F2A"), "file")
+    with pytest.raises(HardwareError, match="7F2A"):
+        asyncio.run(camera.capture(1.0))
