@@ -41,7 +41,7 @@ class TaskConfig:
     learn: Annotated[bool, tyro.conf.arg(aliases=("--learn",))] = False
     """Learn stiffness, friction and set of the DLO from its actions. The next actions are planned with them."""
     infeasible: Annotated[Infeasible, tyro.conf.arg(aliases=("--infeasible",))] = "reject"
-    """What to do with a goal that cannot hold: reject, project or try. The same with one out of the arm's reach.
+    """With a goal that cannot hold: reject, project or try. The same with one out of the arm's reach.
     reject: end, or ask the operator again, and give the nearest shape that holds. project: shape to that one instead.
     try: go on with the goal as it is."""
     grasp_force_n: Positive = 20.0

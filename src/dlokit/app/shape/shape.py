@@ -57,18 +57,18 @@ class ShapeChoices:
     """DLO on the table: soft_rope, silicone_hose, wire_a, wire_b, wire_c, thin_wire or stiff_wire. The system's own
     model gets only its length and radius, which can be measured with a ruler."""
     physics: Annotated[str | None, flag("NAME", "chain for wires, else rod")] = None
-    """Simulated DLO: a rod (elastic) or a chain (plastic). The system's own model is always a rod."""
+    """Simulated DLO: elastic rod or plastic chain. The system's own model is always a rod."""
     randomised: bool = False
-    """Draw friction, light and more from the seed; also weight, curl, hand-eye error, table tilt
-    and colour. `--cell.randomised friction light` draws these alone."""
+    """Draw friction, light and more from the seed; also stiffness, weight, curl, hand-eye error, table tilt and
+    colour. `--cell.randomised friction light` draws these alone."""
     camera: Annotated[str | None, _one_of(CAMERAS, AS_SHIPPED.camera)] = None
-    """What the system sees the cell with: simulated (the paper's stereo camera) or simulated-d435 (a depth camera with
-    the errors of a RealSense D435). `dlokit track --camera` also takes recorded pictures and real cameras."""
+    """Camera: simulated (the paper's stereo) or simulated-d435 (depth). The second has the errors of a RealSense
+    D435. `dlokit track --camera` also takes recorded pictures and real cameras."""
     observer: Annotated[str | None, _one_of(OBSERVERS, AS_SHIPPED.observer.strategy)] = None
     """How nodes are estimated: map, anchored, cpd, spr or som. The last three are the paper's;
     an installed package may add others. `--observer cpd --help observer` shows the settings of cpd."""
     segmentation: Annotated[str | None, _one_of(SEGMENTATIONS, AS_SHIPPED.perception.segmentation)] = None
-    """How DLO pixels are found: brightness (the paper's) or colour; an installed package may add
+    """How DLO pixels are found: brightness or colour; brightness is the paper's, and an installed package may add
     others."""
     planner: Annotated[str | None, _one_of(PLANNERS, AS_SHIPPED.planning.strategy)] = None
     """How actions are chosen: rollout, farthest (the paper's), farthest-tangent; an installed package may add
