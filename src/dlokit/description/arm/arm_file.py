@@ -9,7 +9,7 @@ import re
 import tomllib
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +36,8 @@ _PIECE_M = 0.02  # longest edge of the triangles whose corners stand for a surfa
 
 
 class _GripperPart(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
+    """The fields of `Gripper`, its mass [kg], and its shape."""
+
     title: str
     finger_m: float
     tcp_m: float
@@ -250,17 +252,7 @@ def _row(values: Sequence[float], name: str, joints: int, path: Path) -> Float64
 
 
 def _gripper(part: _GripperPart) -> Gripper:
-    return Gripper(
-        title=part.title,
-        finger_m=part.finger_m,
-        tcp_m=part.tcp_m,
-        tip_below_tcp_m=part.tip_below_tcp_m,
-        pad_half_length_m=part.pad_half_length_m,
-        pad_half_thickness_m=part.pad_half_thickness_m,
-        open_width_m=part.open_width_m,
-        force_n=part.force_n,
-        finger_speed_m_s=part.finger_speed_m_s,
-    )
+    return Gripper(**{each.name: getattr(part, each.name) for each in fields(Gripper)})
 
 
 def _inertias(model: Any, links: list[_Link], gripper: _GripperPart) -> dict[str, Inertia]:
