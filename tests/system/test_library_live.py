@@ -36,7 +36,7 @@ async def notebook():
         assert verdict.standing.value == "holds", verdict
         assert system.robot.home().duration_s >= 0.0
         try:
-            system.robot.release(width_m=1.0)
+            system.robot.release(width_m=-0.01)
         except dlokit.SkillRejected as error:
             assert error.reason == "bad_width"
         else:

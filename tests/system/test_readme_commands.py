@@ -21,6 +21,7 @@ NEEDS_A_PERSON_OR_A_SYSTEM = (
     "interactive",
     "my_curve.csv",
     "cloud.pcd",
+    "realsense",
     "certs",
     "record",
     "call",
@@ -28,7 +29,7 @@ NEEDS_A_PERSON_OR_A_SYSTEM = (
     "enable",
     "ps",
 )
-"""Commands that wait for a person, a running system, or a file of the reader."""
+"""Commands that wait for a person, a device, a running system, or a file of the reader."""
 LONG_BENCHES = ("dlokit bench", "dlokit resume")
 OF_A_RUN = "runs/<run>"
 LIMIT_S = 900.0
