@@ -32,7 +32,7 @@ FROZEN = {
 }
 """Fingerprints of the suites and of the randomised cell's settings.
 
-The last changed within version 1 when lenses could be given to the camera: off, they leave each run the same to the bit.
+The last changed within version 1 when lenses could be given to the camera: off, they leave every run as it was.
 """
 
 
