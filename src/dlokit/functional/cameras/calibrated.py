@@ -26,13 +26,14 @@ class CalibratedCamera:
         return self._calibration
 
     async def capture(self, timeout_s: float) -> StereoImages | DepthImage:
-        """The camera's pictures. Raises `HardwareError` where the file is of another camera."""
+        """The camera's pictures, their stamps corrected. Raises `HardwareError` where the file is of another camera."""
         images = await self._camera.capture(timeout_s)
         try:
             check_same_camera(self._file, self._calibration, images.calibration)
         except ConfigError as error:
             raise HardwareError(str(error)) from error
-        return msgspec.structs.replace(images, calibration=self._calibration)
+        late_ns = round(self._calibration.stamps_late_s * 1e9)
+        return msgspec.structs.replace(images, calibration=self._calibration, stamp_ns=images.stamp_ns - late_ns)
 
     def __enter__(self) -> Self:
         """Open the camera."""
