@@ -11,6 +11,7 @@
     ├── CommunicationError    a message cannot be encoded, decoded, or sent
     │   └── SchemaMismatch    the message was written by another version
     ├── HardwareError         a device does not respond or refuses a request
+    │   ├── ClockJumped       a camera's clock was set, or started again; its next pictures are good
     │   └── NoMorePictures    recorded pictures have been played to their end
     ├── ProcessFailure        a process of the live system died, froze, or did not start   (outcome ``failed``)
     └── CheckFailed           a part of another package violates its protocol (`dlokit.testing`)
@@ -110,6 +111,10 @@ class SchemaMismatch(CommunicationError):
 
 class HardwareError(DlokitError):
     """A device does not respond or refuses a request."""
+
+
+class ClockJumped(HardwareError):
+    """The stamp of a picture contradicts the host's clock: the device's clock was set, or the device started again."""
 
 
 class NoMorePictures(HardwareError):

@@ -17,7 +17,6 @@ from dlokit.types.flow import Command, FlowStatus, RunOutcome
 @pytest.mark.parametrize(
     ("skill", "reason", "edge"),
     [
-        ("look", "camera_lost", ("find_dlo", "failed", "failed")),
         ("look", "no_points", ("find_dlo", "unusable", "infeasible")),
         ("home", "robot_lost", ("find_dlo", "failed", "failed")),
         ("move_to", "robot_lost", ("approach", "failed", "failed")),
@@ -100,12 +99,29 @@ def test_a_release_that_is_interrupted_is_done_again() -> None:
     assert trace.result.outcome is RunOutcome.CONVERGED
 
 
-def test_a_camera_lost_between_actions_fails_the_task() -> None:
+@pytest.mark.parametrize("reason", ["camera_lost", "clock_jumped"])
+@pytest.mark.parametrize(("seen_before", "box"), [(0, "find_dlo"), (1, "track_model"), (3, "track_again")])
+def test_a_camera_that_returns_is_awaited_and_nothing_moves_on_its_bad_pictures(
+    reason: str, seen_before: int, box: str
+) -> None:
+    broken = lab(I)
+    broken.fails["look"] = [""] * seen_before + [reason]
+    trace = shape(broken, moved(I, (0.05, 0.0)))
+    assert (box, "lost", "restore") in trace.edges()
+    assert trace.result.outcome is RunOutcome.CONVERGED
+
+
+@pytest.mark.parametrize("reason", ["camera_lost", "clock_jumped"])
+def test_a_camera_that_does_not_return_fails_the_task_by_name(reason: str) -> None:
     broken = lab(I)
     seen_before = 3  # one to find the rope and two to see that it rests
-    broken.fails["look"] = [""] * seen_before + ["camera_lost"]
+    broken.fails["look"] = [""] * seen_before + [reason] * 50
     trace = shape(broken, S)
-    assert ("track_again", "failed", "failed") in trace.edges()
+    assert ("track_again", "lost", "restore") in trace.edges()
+    assert ("restore", "too_often", "failed") in trace.edges()
+    assert trace.result.reason is not None
+    assert reason in trace.result.reason
+    assert len([call for call in trace.calls if call == "follow_path"]) == 1
 
 
 def test_a_rope_out_of_reach_at_the_start_is_infeasible() -> None:

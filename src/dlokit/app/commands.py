@@ -112,6 +112,10 @@ COMMANDS: Mapping[str, CommandRow] = {
         "calibrate.table",
         "Measure height and tilt of the table in the arm's world, from a ChArUco board that lies on it.",
     ),
+    "calibrate latency": CommandRow(
+        "calibrate.latency",
+        "Find by how much the stamps of a camera are late, by a ChArUco board in the hand of the arm that moves.",
+    ),
     "calibrate board": CommandRow("calibrate.board", "Write the picture of a ChArUco board to print."),
     "call": CommandRow("operate.call", "Call one skill of a running system, and print its outcome."),
     "stop": CommandRow(

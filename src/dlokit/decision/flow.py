@@ -27,7 +27,7 @@ class FaultKind(enum.Enum):
     INTERRUPTED = "interrupted"
     """An arm braked on its own, without a defect."""
     LOST = "lost"
-    """A component of perception or of the model is gone; its process is restarted."""
+    """A component of perception or of the model is gone, or the camera; it is waited for."""
     FAILED = "failed"
 
 

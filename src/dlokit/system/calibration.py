@@ -3,6 +3,7 @@
 What a calibration gets is what it gets from real hardware: pictures, and the state that the arm reports.
 """
 
+import asyncio
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -30,8 +31,15 @@ from dlokit.types.robot import RobotState
 P = ParamSpec("P")
 R = TypeVar("R")
 
+CAMERA_LATE_S, CAMERA_DRIFT_PPM = 0.08, 50.0
+"""What `dlokit calibrate latency` must find in the cell, and what must not disturb it: a slow camera by USB [s], and a
+quartz at the edge of its tolerance."""
 _REST_S = 0.5
 """Time for the arm to come to rest before a picture [s]."""
+_BEFORE_MOTION_S = 0.7
+"""Time at rest before and after a motion whose states are compared with pictures [s]: an offset is searched so far."""
+_BETWEEN_PICTURES_S = 0.04
+"""Pause between two pictures of a motion [s]."""
 _CAPTURE_S = 5.0
 
 Plan = Callable[[CameraCalibration], Sequence[Float64Array]]
@@ -49,10 +57,32 @@ class BoardPicture:
     """None: the board lies on the table."""
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PicturesInMotion:
+    """Pictures of a board in the hand of an arm that moves, and the states of the arm meanwhile."""
+
+    images: Sequence[StereoImages]
+    states: Sequence[RobotState]
+
+
 def cell_config(seed: int, *, held: bool, lens_distortion: bool) -> RunConfig:
     """The cell with a board, in the hand of the arm or on the table."""
     run = RunConfig(seed=seed, headless=True, record=False)
     return replace(run, cell=replace(run.cell, board=CellBoard(held=held), lens_distortion=lens_distortion))
+
+
+def late_config(seed: int, *, lens_distortion: bool) -> RunConfig:
+    """The cell with a board in the hand of the arm, and a camera whose clock drifts and whose pictures come late."""
+    run = cell_config(seed, held=True, lens_distortion=lens_distortion)
+    return replace(run, cell=replace(run.cell, camera_late_s=CAMERA_LATE_S, camera_drift_ppm=CAMERA_DRIFT_PPM))
+
+
+def pictures_in_motion(config: RunConfig, plan: Plan, progress: Progress) -> PicturesInMotion:
+    """Move the arm through the poses of a plan without a pause, and take pictures meanwhile; it ends at home.
+
+    Raises `HardwareError` where the arm or the camera fails. Ctrl-C brakes the arm.
+    """
+    return virtual_time.run(_moving_in_cell(config, plan, progress))
 
 
 def pictures_of_held_board(config: RunConfig, plan: Plan, progress: Progress) -> list[BoardPicture]:
@@ -88,6 +118,41 @@ async def _in_cell(config: RunConfig, plan: Plan | None, progress: Progress, cou
                 taken.append(replace(picture, robot=state))
             await _done(system, robot.HOME)
             return taken
+
+
+async def _moving_in_cell(config: RunConfig, plan: Plan, progress: Progress) -> PicturesInMotion:
+    start = builtin_shape("I", config.cell.dlo.length_m, 100)
+    images: list[StereoImages] = []
+    states: list[RobotState] = []
+    with tempfile.TemporaryDirectory() as folder:
+        async with lockstep_system(config, start, Path(folder)) as system:
+            camera = SimulatedCamera(system.transport)
+            await system.clock.sleep(_REST_S)
+            poses = plan((await camera.capture(_CAPTURE_S)).calibration)
+            await _done(system, robot.MOVE_JOINTS, poses[0])
+            listening = asyncio.create_task(_collect(system, states))
+            await system.clock.sleep(_BEFORE_MOTION_S)
+            for number, q_rad in enumerate(poses[1:], start=1):
+                progress(number, len(poses) - 1)
+                moving = asyncio.create_task(_done(system, robot.MOVE_JOINTS, q_rad))
+                try:
+                    while not moving.done():
+                        taken = await camera.capture(_CAPTURE_S)
+                        assert isinstance(taken, StereoImages), "the simulated camera is a stereo pair"
+                        images.append(taken)
+                        await system.clock.sleep(_BETWEEN_PICTURES_S)
+                    await moving
+                finally:
+                    moving.cancel()
+            await system.clock.sleep(_BEFORE_MOTION_S)
+            listening.cancel()
+            await _done(system, robot.HOME)
+    return PicturesInMotion(images=images, states=states)
+
+
+async def _collect(system: LockstepSystem, states: list[RobotState]) -> None:
+    async for state in system.transport.stream(topics.ROBOT_STATE):
+        states.append(state)  # noqa: PERF401  the stream does not end
 
 
 async def _picture(camera: SimulatedCamera, progress: Progress, number: int, count: int) -> BoardPicture:

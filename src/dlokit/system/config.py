@@ -50,7 +50,7 @@ class RunConfig:
     it."""
     headless: bool = False
     """Run without the browser viewer."""
-    arm: Annotated[str, tyro.conf.arg(help_behavior_hint="(default: panda, or as installed)")] = ""
+    arm: Annotated[str, tyro.conf.arg(help_behavior_hint="(default: as installed)")] = ""
     """Arm with its gripper: panda, fr3, ur5e, or a .toml file. docs/how-to/add-an-arm.md says what is in the file."""
     arms: Literal[1, 2] = 1
     """Arms used; the cell's second stands opposite the first. Planner `rollout` then considers pairs of grasps."""

@@ -23,6 +23,8 @@ class CameraCalibration(Value, frozen=True, kw_only=True, eq=False):
     serial: str = ""
     date: str = ""
     """Day of calibration, ISO 8601."""
+    stamps_late_s: float = 0.0
+    """By how much the driver's stamps are later than the exposures [s]; a run with the calibration corrects them."""
 
 
 class Image(Message, frozen=True, kw_only=True, eq=False):

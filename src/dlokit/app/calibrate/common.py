@@ -92,7 +92,7 @@ def seen_in_hand(args: BoardArgs, poses: int, console: Console) -> Seen:
         return board_poses(held, camera, poses, np.random.default_rng(args.seed))
 
     check_opengl()
-    with _bar(console, "poses", poses) as progress:
+    with progress_bar(console, "poses", poses) as progress:
         bar = progress.add_task("poses", total=poses)
         taken = pictures_of_held_board(config, plan, lambda number, _: progress.update(bar, completed=number))
     return _from_cell(taken, console)
@@ -104,7 +104,7 @@ def seen_on_table(args: BoardArgs, console: Console) -> Seen:
         return _from_folder(args, args.from_, console)
     config = cell_config(args.seed, held=False, lens_distortion=args.lens_distortion)
     check_opengl()
-    with _bar(console, "pictures", _ON_TABLE) as progress:
+    with progress_bar(console, "pictures", _ON_TABLE) as progress:
         bar = progress.add_task("pictures", total=_ON_TABLE)
         taken = pictures_of_board_on_table(config, _ON_TABLE, lambda number, _: progress.update(bar, completed=number))
     return _from_cell(taken, console)
@@ -161,7 +161,8 @@ def _seen(pictures: list[TakenPicture], board: CharucoBoard, given: CameraCalibr
     return Seen(pictures=pictures, shots=shots, camera=without_optics(given, today()), given=given)
 
 
-def _bar(console: Console, what: str, total: int) -> Progress:
+def progress_bar(console: Console, what: str, total: int) -> Progress:
+    """A bar for what is done in the cell."""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     console.print(f"in the simulated cell: {total} {what} of the board; Ctrl-C stops", highlight=False)
     return Progress(*columns, console=console, transient=True, disable=not console.is_terminal)

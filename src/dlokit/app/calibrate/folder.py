@@ -3,10 +3,15 @@
 ``left_NAME.png``, for a stereo pair ``right_NAME.png`` beside it, and for a board in an arm's hand ``poses.csv``: a
 header, then a line per picture with its NAME, the pose of the tool (x, y, z [m], quaternion w, x, y, z) in the world
 and, of a Panda, seven joint angles [rad]. Optional ``calibration.toml``: size, serial and about the focal length.
+
+Of an arm that moves: ``left_NAME.png``; ``stamps.csv``, a header, then NAME and stamp [ns] of each; and
+``states.csv``, a header, then the stamp [ns] of each state of the arm and the pose of its tool, as above.
 """
 
 import csv
 from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import cv2
@@ -15,7 +20,8 @@ import numpy as np
 from dlokit import geometry
 from dlokit.description.scene import REFERENCE_FOCAL_PX, REFERENCE_WIDTH_PX
 from dlokit.errors import BadValue, InputError
-from dlokit.functional.cameras.calibration_file import read_calibration
+from dlokit.functional.cameras.calibration_file import read_calibration, write_calibration
+from dlokit.skills.perception.calibration.latency import ToolTrack
 from dlokit.skills.perception.calibration.procedure import TakenPicture
 from dlokit.types.arrays import Float64Array, UInt8Array
 from dlokit.types.image import CameraCalibration
@@ -24,6 +30,17 @@ from dlokit.types.pose import Pose
 POSES, CALIBRATION = "poses.csv", "calibration.toml"
 HEADER = ("name", "x_m", "y_m", "z_m", "qw", "qx", "qy", "qz", *(f"q{joint}_rad" for joint in range(1, 8)))
 _POSE_COLUMNS, _ALL_COLUMNS = 7, 14
+STAMPS, STATES = "stamps.csv", "states.csv"
+STATES_HEADER = ("stamp_ns", "x_m", "y_m", "z_m", "qw", "qx", "qy", "qz")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RecordedMotion:
+    """Pictures of a board in the hand of an arm that moves."""
+
+    pictures: Sequence[UInt8Array]  # each (height, width, 3) RGB
+    stamps_ns: Sequence[int]
+    track: ToolTrack
 
 
 def read_pictures(folder: Path) -> list[TakenPicture]:
@@ -47,6 +64,57 @@ def read_pictures(folder: Path) -> list[TakenPicture]:
     if len(sizes) > 1:
         raise InputError(f"{folder}: the pictures have several sizes; put those of one camera into a folder.")
     return pictures
+
+
+def read_motion(folder: Path) -> RecordedMotion:
+    """Pictures, stamps and states of a motion. Raises `InputError` where something is missing or cannot be used."""
+    lefts = {path.stem.removeprefix("left_"): path for path in sorted(folder.glob("left_*.png"))}
+    stamps = {row[0].strip(): _whole(folder / STAMPS, number, row[1:]) for number, row in _rows(folder / STAMPS)}
+    if not lefts or set(lefts) != set(stamps):
+        raise InputError(
+            f"{folder} has {len(lefts)} pictures left_NAME.png and {len(stamps)} lines in {STAMPS}; each picture needs "
+            "a line NAME,stamp_ns, and each line its picture."
+        )
+    return RecordedMotion(
+        pictures=[_read(path) for path in lefts.values()],
+        stamps_ns=[stamps[name] for name in lefts],
+        track=_read_states(folder / STATES),
+    )
+
+
+def _read_states(path: Path) -> ToolTrack:
+    stamps_ns: list[int] = []
+    poses: list[Pose] = []
+    for number, row in _rows(path):
+        stamps_ns.append(_whole(path, number, row))
+        try:
+            poses.append(geometry.pose([float(value) for value in row[1:4]], [float(value) for value in row[4:]]))
+        except ValueError as error:
+            raise InputError(f"{path}, line {number}: {error}; each line is {','.join(STATES_HEADER)}.") from error
+    if len(poses) < 2 or any(later <= earlier for earlier, later in pairwise(stamps_ns)):
+        raise InputError(f"{path} needs two states or more, each later than the one before.")
+    return ToolTrack(
+        stamps_ns=np.array(stamps_ns, dtype=np.int64),
+        position_m=np.array([T.position_m for T in poses]),
+        wxyz=np.array([T.wxyz for T in poses]),
+    )
+
+
+def write_motion(folder: Path, motion: RecordedMotion, camera: CameraCalibration) -> None:
+    """Write what `read_motion` reads, and the camera."""
+    for number, pixels in enumerate(motion.pictures):
+        cv2.imwrite(str(folder / f"left_{number:03d}.png"), cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR))
+    stamps = [[f"{number:03d}", stamp_ns] for number, stamp_ns in enumerate(motion.stamps_ns)]
+    _write_rows(folder / STAMPS, [["name", "stamp_ns"], *stamps])
+    track = motion.track
+    states = [
+        [stamp_ns, *map(repr, (*place, *turn))]
+        for stamp_ns, place, turn in zip(
+            track.stamps_ns.tolist(), track.position_m.tolist(), track.wxyz.tolist(), strict=True
+        )
+    ]
+    _write_rows(folder / STATES, [STATES_HEADER, *states])
+    write_calibration(folder / CALIBRATION, camera)
 
 
 def camera_of_folder(folder: Path, picture: UInt8Array, serial: str, date: str) -> CameraCalibration:
@@ -82,18 +150,13 @@ def write_pictures(folder: Path, pictures: Sequence[TakenPicture]) -> None:
             angles = [] if picture.q_rad is None else picture.q_rad.tolist()
             rows.append([name, *(repr(value) for value in (*T.position_m.tolist(), *T.wxyz.tolist(), *angles))])
     if rows:
-        with (folder / POSES).open("w", encoding="utf-8", newline="") as file:
-            csv.writer(file).writerows([HEADER[: len(rows[0])], *rows])
+        _write_rows(folder / POSES, [HEADER[: len(rows[0])], *rows])
 
 
 def _read_poses(path: Path) -> dict[str, tuple[Pose, Float64Array | None]]:
     """Pose of the tool and joint angles by the name of the picture."""
     poses: dict[str, tuple[Pose, Float64Array | None]] = {}
-    try:
-        rows = list(csv.reader(path.read_text(encoding="utf-8-sig").splitlines()))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{path} cannot be read: {error}; save it as CSV in UTF-8.") from error
-    for number, row in enumerate(rows[1:], start=2):
+    for number, row in _rows(path):
         try:
             name, values = row[0].strip(), np.array([float(value) for value in row[1:]])
             if len(values) not in (_POSE_COLUMNS, _ALL_COLUMNS) or not np.all(np.isfinite(values)):
@@ -105,6 +168,28 @@ def _read_poses(path: Path) -> dict[str, tuple[Pose, Float64Array | None]]:
                 "angles [rad] behind it, and the first line is a header."
             ) from error
     return poses
+
+
+def _rows(path: Path) -> list[tuple[int, list[str]]]:
+    """The lines behind the header that are not empty, each with its number."""
+    try:
+        rows = list(csv.reader(path.read_text(encoding="utf-8-sig").splitlines()))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"{path} cannot be read: {error}; save it as CSV in UTF-8.") from error
+    return [(number, row) for number, row in enumerate(rows[1:], start=2) if row]
+
+
+def _write_rows(path: Path, rows: Sequence[Sequence[object]]) -> None:
+    with path.open("w", encoding="utf-8", newline="") as file:
+        csv.writer(file).writerows(rows)
+
+
+def _whole(path: Path, number: int, columns: Sequence[str]) -> int:
+    """The first of some columns as a stamp [ns]."""
+    try:
+        return int(columns[0])
+    except (ValueError, IndexError) as error:
+        raise InputError(f"{path}, line {number}: a stamp in whole nanoseconds is missing ({columns}).") from error
 
 
 def _read(path: Path) -> UInt8Array:

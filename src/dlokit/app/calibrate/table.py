@@ -17,6 +17,7 @@ from dlokit.functional.cameras.calibration_file import (
     check_has_pose,
     check_same_camera,
     read_calibration,
+    read_latency,
     read_residual,
     write_calibration,
 )
@@ -88,7 +89,8 @@ def run(args: TableArgs) -> int:
         highlight=False,
         soft_wrap=True,
     )
-    write_calibration(folder / CALIBRATION, camera, residual, table)
+    latency = None if args.calibration is None else read_latency(args.calibration)
+    write_calibration(folder / CALIBRATION, camera, residual, table, latency)
     console.print(f"written: {folder / CALIBRATION}", highlight=False, markup=False, soft_wrap=True)
     return _judged(table, console)
 

@@ -61,8 +61,8 @@ def require_homes_above_table(config: RunConfig) -> None:
         if not np.all((place >= box.lower_m) & (place <= box.upper_m)):
             raise ConfigError(
                 f"the home of the arm {mount.robot} has its tool at {np.round(place, 3).tolist()} m in the world, "
-                f"outside its workspace from {box.lower_m} to {box.upper_m}: give it a home_deg inside in the installation "
-                "file, or widen the workspace there."
+                f"outside its workspace from {box.lower_m} to {box.upper_m}: give it a home_deg inside "
+                "in the installation file, or widen the workspace there."
             )
         try:
             check_collisions(mount.model, home_rad[None, :], mount.T_world_base)

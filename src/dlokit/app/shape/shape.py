@@ -64,7 +64,7 @@ class ShapeChoices:
     """Draw friction, light and more from the seed; also stiffness, weight, curl, hand-eye error, table tilt and
     colour. `--cell.randomised friction light` draws these alone."""
     camera: Annotated[str | None, _one_of(CAMERAS, AS_SHIPPED.camera)] = None
-    """Camera: simulated (the paper's stereo) or simulated-d435 (depth). The second has the errors of a RealSense
+    """Camera: simulated (stereo) or simulated-d435 (depth). The second has the errors of a RealSense
     D435. `dlokit track --camera` also takes recorded pictures and real cameras."""
     observer: Annotated[str | None, _one_of(OBSERVERS, AS_SHIPPED.observer.strategy)] = None
     """How nodes are estimated: map, anchored, cpd, spr or som. The last three are the paper's;

@@ -24,9 +24,14 @@ class _Corrected:
         return self._corrected(self._camera.calibration)
 
     async def capture(self, timeout_s: float) -> CameraPictures:
-        """The camera's pictures. Raises `HardwareError` where there are none, or they are of another camera."""
+        """The camera's pictures, their stamps corrected.
+
+        Raises `HardwareError` where there are none, or they are of another camera.
+        """
         images = await self._camera.capture(timeout_s)
-        return msgspec.structs.replace(images, calibration=self._corrected(images.calibration))
+        own, calibration = images.calibration, self._corrected(images.calibration)
+        late_ns = round((calibration.stamps_late_s - own.stamps_late_s) * 1e9)
+        return msgspec.structs.replace(images, calibration=calibration, stamp_ns=images.stamp_ns - late_ns)
 
     def __enter__(self) -> Self:
         """Open the camera."""

@@ -1,11 +1,12 @@
 """A camera's calibration as a TOML file that people can read and edit.
 
-Beside the calibration itself the file may say how good it is: the tables `residual` and `table` are for people.
+Beside the calibration itself the file may say how good it is: the tables `residual`, `table` and `latency` are for
+people.
 """
 
 import tomllib
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, TypeVar, get_args
 
 import msgspec
 import numpy as np
@@ -14,6 +15,8 @@ import tomli_w
 from dlokit.errors import ConfigError
 from dlokit.types.image import CameraCalibration
 from dlokit.types.message import Value
+
+V = TypeVar("V", bound=Value)
 
 
 class CalibrationResidual(Value, frozen=True, kw_only=True, eq=False):
@@ -45,14 +48,30 @@ class MeasuredTable(Value, frozen=True, kw_only=True, eq=False):
     """Root mean square of the corners' distances from the plane [m]."""
 
 
-_RESIDUAL, _TABLE = "residual", "table"
+class MeasuredLatency(Value, frozen=True, kw_only=True, eq=False):
+    """How `stamps_late_s` was found."""
+
+    date: str
+    """Day of the measurement, ISO 8601."""
+    pictures: int
+    """Pictures of the board in motion that were used."""
+    uncertainty_s: float
+    """Half the interval that holds the result with 95 % [s]."""
+    rms_px: float
+    """Error of the board's corners in the pictures with the result, root mean square [px]."""
+    uncorrected_rms_px: float
+    """The same by the stamps as they are [px]."""
+
+
+_RESIDUAL, _TABLE, _LATENCY = "residual", "table", "latency"
+_FOR_PEOPLE = (_RESIDUAL, _TABLE, _LATENCY)
 
 
 def read_calibration(path: Path) -> CameraCalibration:
     """The calibration in a file. Raises `ConfigError` when there is none, or it lacks something."""
     try:
         plain = tomllib.loads(path.read_text(encoding="utf-8"))
-        plain = {key: value for key, value in plain.items() if key not in (_RESIDUAL, _TABLE)}
+        plain = {key: value for key, value in plain.items() if key not in _FOR_PEOPLE}
         return msgspec.convert(plain, CameraCalibration, dec_hook=_array)
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, msgspec.ValidationError) as error:
         raise ConfigError(
@@ -63,13 +82,17 @@ def read_calibration(path: Path) -> CameraCalibration:
 
 def read_residual(path: Path) -> CalibrationResidual | None:
     """How good the calibration in a file is; None where it does not say. Raises `ConfigError`."""
-    try:
-        plain = tomllib.loads(path.read_text(encoding="utf-8")).get(_RESIDUAL)
-        return None if plain is None else msgspec.convert(plain, CalibrationResidual)
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, msgspec.ValidationError) as error:
-        raise ConfigError(
-            f"the part [{_RESIDUAL}] of {path} cannot be read: {error}; `dlokit calibrate` writes it, delete it"
-        ) from error
+    return _part(path, _RESIDUAL, CalibrationResidual)
+
+
+def read_table(path: Path) -> MeasuredTable | None:
+    """The table as the calibration in a file has seen it; None where it does not say. Raises `ConfigError`."""
+    return _part(path, _TABLE, MeasuredTable)
+
+
+def read_latency(path: Path) -> MeasuredLatency | None:
+    """How the latency in a file was found; None where it does not say. Raises `ConfigError`."""
+    return _part(path, _LATENCY, MeasuredLatency)
 
 
 def write_calibration(
@@ -77,10 +100,11 @@ def write_calibration(
     calibration: CameraCalibration,
     residual: CalibrationResidual | None = None,
     table: MeasuredTable | None = None,
+    latency: MeasuredLatency | None = None,
 ) -> None:
     """Write a file that `read_calibration` reads."""
     plain = _plain(calibration)
-    for name, part in ((_RESIDUAL, residual), (_TABLE, table)):
+    for name, part in ((_RESIDUAL, residual), (_TABLE, table), (_LATENCY, latency)):
         if part is not None:
             plain[name] = _plain(part)
     path.write_text(tomli_w.dumps(plain), encoding="utf-8")
@@ -111,6 +135,16 @@ def check_same_camera(file: str, wanted: CameraCalibration, camera: CameraCalibr
             f"calibration {file} is for pictures of {size[0]} by {size[1]} px, the camera takes {present[0]} by "
             f"{present[1]} px: set that size, or calibrate the camera with `dlokit calibrate handeye`"
         )
+
+
+def _part(path: Path, name: str, kind: type[V]) -> V | None:
+    try:
+        plain = tomllib.loads(path.read_text(encoding="utf-8")).get(name)
+        return None if plain is None else msgspec.convert(plain, kind)
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, msgspec.ValidationError) as error:
+        raise ConfigError(
+            f"the part [{name}] of {path} cannot be read: {error}; `dlokit calibrate` writes it, delete it"
+        ) from error
 
 
 def _plain(value: Value) -> dict[str, Any]:

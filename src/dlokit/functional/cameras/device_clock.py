@@ -1,16 +1,24 @@
 """Conversion of a camera's clock to the host's monotonic clock, with an offset and its uncertainty.
 
 A picture arrives after its exposure: later by what every picture needs (readout, transfer), and by a delay that differs
-from picture to picture. The smallest difference of arrival and stamp within a window has next to none of the second.
+from picture to picture. The smallest difference of arrival and stamp has next to none of the second. Two clocks drift
+apart, so that a difference counts for more the older it is: by the most that they may have drifted since.
 """
 
 from collections import deque
 from dataclasses import dataclass
 
+from dlokit.errors import ClockJumped
+
 _WINDOW = 300
-"""Pictures of the window: 10 s at 30 Hz, in which two quartz clocks drift apart by less than a millisecond."""
-_JUMP_NS = 1_000_000_000
-"""A stamp that jumps against its arrival by more than this is of another clock: the device was started again [ns]."""
+"""Pictures that are compared: 10 s at 30 Hz, of which one at least arrives without a delay of its own."""
+_DRIFT = 100e-6
+"""Largest drift of two clocks against each other: quartz oscillators are within 50 ppm each."""
+JUMP_NS = 500_000_000
+"""A stamp that is off its arrival by this more or less than those before is of a clock that has jumped [ns].
+
+A device that starts again, and NTP, which steps what is off by more than 0.128 s, move a clock by a second or more;
+half of that keeps a jump of exactly a second from being missed for the delay of a picture on a busy machine."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,18 +37,33 @@ class DeviceClock:
     def __init__(self, least_latency_ns: int) -> None:
         """`least_latency_ns` is what every picture needs from its exposure to its arrival [ns]."""
         self._least_latency_ns = least_latency_ns
-        self._differences = deque[int](maxlen=_WINDOW)
+        self._pictures = deque[tuple[int, int]](maxlen=_WINDOW)  # arrival, arrival minus stamp [ns]
 
     def arrived(self, device_ns: int, host_ns: int) -> ClockOffset:
-        """The offset with the picture of the device's time `device_ns` that arrived at the host's time `host_ns`."""
+        """The offset with the picture of the device's time `device_ns` that arrived at the host's time `host_ns`.
+
+        Raises `ClockJumped` where the stamp contradicts those before; the offset is then learned again, from it on.
+        """
         difference_ns = host_ns - device_ns
-        if self._differences and abs(difference_ns - self._differences[-1]) > _JUMP_NS:
-            self._differences.clear()
-        self._differences.append(difference_ns)
-        ordered = sorted(self._differences)
+        known = self._by_age(host_ns)
+        jump_ns = difference_ns - min(known, default=difference_ns)
+        if abs(jump_ns) >= JUMP_NS:
+            self._pictures.clear()
+        self._pictures.append((host_ns, difference_ns))
+        if abs(jump_ns) >= JUMP_NS:
+            raise ClockJumped(
+                f"the stamps of the camera jumped by {-jump_ns / 1e9:+.3f} s against the host's clock: the device was "
+                "started again, or its clock was set; its next pictures are converted by what is learned from now on. "
+                "If it happens again and again, keep NTP or PTP from setting the camera's clock"
+            )
+        ordered = sorted(self._by_age(host_ns))
         # What all have in common is known to a half; a window of few pictures may lack one without a delay.
         spread_ns = (ordered[len(ordered) // 2] - ordered[0]) // len(ordered)
         return ClockOffset(
             offset_ns=ordered[0] - self._least_latency_ns,
             uncertainty_ns=self._least_latency_ns // 2 + spread_ns,
         )
+
+    def _by_age(self, now_ns: int) -> list[int]:
+        """The differences of the pictures [ns], each as large as it may be by now."""
+        return [difference_ns + round(_DRIFT * (now_ns - then_ns)) for then_ns, difference_ns in self._pictures]

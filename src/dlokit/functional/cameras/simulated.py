@@ -6,9 +6,9 @@ from types import TracebackType
 from typing import ClassVar, Self, cast
 
 from dlokit.communication.skill import Skill
-from dlokit.errors import HardwareError
+from dlokit.errors import ClockJumped, HardwareError
 from dlokit.functional.cameras.base import Caller, Camera
-from dlokit.functional.cell.api import CAPTURE, CAPTURE_DEPTH
+from dlokit.functional.cell.api import CAPTURE, CAPTURE_DEPTH, CLOCK_JUMPED
 from dlokit.types.image import CameraCalibration, CameraPictures, DepthImage, StereoImages
 from dlokit.types.outcome import Failed, Outcome, Rejected, Succeeded, Unreachable
 
@@ -34,7 +34,11 @@ class SimulatedCamera:
         return self._calibration
 
     async def capture(self, timeout_s: float) -> CameraPictures:
-        """Rendered pictures. Raises `HardwareError` when the cell does not give one within `timeout_s`."""
+        """Rendered pictures.
+
+        Raises `HardwareError` when the cell does not give one within `timeout_s`, `ClockJumped` after a jump of the
+        camera's clock.
+        """
         if not self._open:
             raise HardwareError("the simulated camera was closed; enter it again before capturing")
         try:
@@ -48,6 +52,8 @@ class SimulatedCamera:
         if isinstance(outcome, Succeeded):
             self._calibration = outcome.result.calibration
             return outcome.result
+        if isinstance(outcome, Failed) and outcome.reason == CLOCK_JUMPED:
+            raise ClockJumped(outcome.detail)
         raise HardwareError(f"the simulated camera gave no pictures: {_why(outcome)}")
 
     def __enter__(self) -> Self:

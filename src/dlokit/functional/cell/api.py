@@ -8,11 +8,13 @@ from dlokit.communication.skill import Skill
 from dlokit.types.image import DepthImage, StereoImages
 from dlokit.types.robot import FIRST_ROBOT, GripResult, JointTrajectory, MotionResult
 
+CLOCK_JUMPED = "clock_jumped"
+
 
 def _capture() -> StereoImages:
     """Expose both cameras now, with the believed calibration.
 
-    Fails with: no_opengl.
+    Fails with: no_opengl, clock_jumped (the camera's clock; the next pictures are stamped right again).
     """
     ...
 
@@ -20,7 +22,7 @@ def _capture() -> StereoImages:
 def _capture_depth() -> DepthImage:
     """Expose the depth camera now, with the believed calibration.
 
-    Fails with: no_opengl.
+    Fails with: no_opengl, clock_jumped (the camera's clock; the next pictures are stamped right again).
     """
     ...
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeVar
 
+import msgspec
 from numpy.typing import ArrayLike
 
 from dlokit.communication import topics
@@ -13,9 +14,10 @@ from dlokit.communication.component import Component, implements
 from dlokit.communication.timing.urgency import Urgency, never_urgent
 from dlokit.description.arm.mounts import FIRST_ALONE, ArmMount
 from dlokit.description.installation import PAPERS_CELL, Installation
-from dlokit.errors import MachineError, SkillFailure, SkillRejected
+from dlokit.errors import ClockJumped, MachineError, SkillFailure, SkillRejected
 from dlokit.functional.cell import api
 from dlokit.functional.cell.arm import CellArm
+from dlokit.functional.cell.camera_clock import CameraClock
 from dlokit.functional.cell.config import TICK_S, CellConfig
 from dlokit.functional.cell.setpoints import check_grip, check_trajectory
 from dlokit.functional.cell.truth import TruthRecorder
@@ -135,6 +137,9 @@ class CellComponent(Component):
         super().__init__()
         self._cell = Cell(config, seed=seed, arms=arms, installation=installation)
         self._cell.place_dlo(start_world)
+        self.camera_clock = CameraClock(config.camera_drift_ppm)
+        """The clock by which both cameras stamp. For tests and benches, which let it jump."""
+        self._late_ns = round(config.camera_late_s * 1e9)
         self._truth = TruthRecorder(truth_folder) if truth_folder is not None else None
         self._factor = real_time_factor
         self._urgency = urgency
@@ -169,12 +174,12 @@ class CellComponent(Component):
     @implements(api.CAPTURE)
     async def capture(self) -> StereoImages:
         """Expose both cameras."""
-        return self._exposed(self._cell.capture)
+        return await self._arrived(self._exposed(self._cell.capture))
 
     @implements(api.CAPTURE_DEPTH)
     async def capture_depth(self) -> DepthImage:
         """Expose the depth camera."""
-        return self._exposed(self._cell.capture_depth)
+        return await self._arrived(self._exposed(self._cell.capture_depth))
 
     @implements(api.FOLLOW)
     async def follow(self, trajectory: JointTrajectory, lease_s: float, robot: str = FIRST_ROBOT) -> MotionResult:
@@ -266,6 +271,17 @@ class CellComponent(Component):
             return take()
         except MachineError as error:
             raise SkillFailure("no_opengl", str(error)) from error
+
+    async def _arrived(self, images: P) -> P:
+        """The pictures when they have arrived, stamped as the driver of the camera does."""
+        exposed_ns = images.stamp_ns
+        while self._cell.time_ns < exposed_ns + self._late_ns:
+            await self._next_tick()
+        try:
+            stamp_ns = self.camera_clock.stamped(exposed_ns, exposed_ns + self._late_ns)
+        except ClockJumped as error:
+            raise SkillFailure(api.CLOCK_JUMPED, str(error)) from error
+        return msgspec.structs.replace(images, stamp_ns=stamp_ns)
 
     def _link(self, robot: str) -> "_ArmLink":
         if robot not in self._links:

@@ -61,6 +61,11 @@ class CellConfig:
     """Angle between the believed camera orientation and the true one [°]."""
     lens_distortion: bool = False
     """Whether the lenses distort the pictures, by up to 7 px; perception rectifies them by the calibration."""
+    camera_late_s: NotNegative = 0.0
+    """Time from an exposure to the arrival of its picture [s], which the camera's driver does not know: by so much the
+    stamps of the pictures are late. `dlokit calibrate latency` measures it."""
+    camera_drift_ppm: float = 0.0
+    """By how much the camera's clock is faster than the cell's [millionths]; below 0: slower."""
     shadows: bool = False
     """Whether the arm casts shadows; rendering then takes several times as long."""
     real_time_factor: Positive = 1.0

@@ -13,7 +13,7 @@ from dlokit.communication import topics
 from dlokit.communication.component import Component, implements, on
 from dlokit.description.arm.franka import PANDA
 from dlokit.description.arm.model import ArmModel
-from dlokit.errors import HardwareError, SkillFailure, SkillRejected
+from dlokit.errors import ClockJumped, HardwareError, SkillFailure, SkillRejected
 from dlokit.functional.cameras.base import Camera
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.perception import api
@@ -193,8 +193,10 @@ class PerceptionComponent(Component):
         """The camera's pictures, published."""
         try:
             images = await self._camera.capture(self._config.capture_timeout_s)
+        except ClockJumped as error:
+            raise SkillFailure(api.CLOCK_JUMPED, str(error)) from error
         except HardwareError as error:
-            raise SkillFailure("camera_lost", str(error)) from error
+            raise SkillFailure(api.CAMERA_LOST, str(error)) from error
         match images:
             case StereoImages():
                 self.port.publish(topics.STEREO_IMAGES, images)

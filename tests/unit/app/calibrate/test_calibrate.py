@@ -7,11 +7,11 @@ import cv2
 import numpy as np
 import pytest
 
-from dlokit.app.calibrate.folder import read_pictures
+from dlokit.app.calibrate.folder import read_motion, read_pictures
 from dlokit.app.commands import execute
 from dlokit.description.board import CharucoBoard
 from dlokit.errors import ConfigError, InputError
-from dlokit.functional.cameras.calibration_file import read_calibration, read_residual
+from dlokit.functional.cameras.calibration_file import read_calibration, read_latency, read_residual
 from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.cell.rendering import cell_camera
 from dlokit.skills.perception.calibration.charuco import find_board
@@ -99,6 +99,36 @@ def test_a_run_with_the_calibration_of_its_camera_converges(calibrated: Path, tm
     assert f'calibration = "{calibrated / "calibration.toml"}"' in (out / "config.toml").read_text()
 
 
+def test_the_latency_of_the_cell_is_found_and_the_kept_pictures_give_the_same_again(tmp_path: Path):
+    first, again = tmp_path / "first", tmp_path / "again"
+    assert execute(["calibrate", "latency", "--out", str(first)]) == 0
+    camera, measured = read_calibration(first / "calibration.toml"), read_latency(first / "calibration.toml")
+    assert camera.stamps_late_s == pytest.approx(0.08, abs=0.002)  # a drift of 50 ppm makes 1 ms in 20 s
+    assert camera.serial == "simulated"
+    assert measured is not None
+    assert measured.uncertainty_s < 0.002
+    kept = ["--from", str(first), "--calibration", str(first / "calibration.toml")]
+    assert execute(["calibrate", "latency", *kept, "--out", str(again)]) == 0
+    assert read_calibration(again / "calibration.toml").stamps_late_s == pytest.approx(camera.stamps_late_s, abs=1e-6)
+
+
+def test_bad_stamps_and_states_are_named(tmp_path: Path):
+    cv2.imwrite(str(tmp_path / "left_000.png"), np.zeros((64, 64, 3), np.uint8))
+    (tmp_path / "stamps.csv").write_text("name,stamp_ns\n000,soon")
+    with pytest.raises(InputError, match="line 2: a stamp"):
+        read_motion(tmp_path)
+    (tmp_path / "stamps.csv").write_text("name,stamp_ns\n000,5\n001,6")
+    with pytest.raises(InputError, match="1 pictures"):
+        read_motion(tmp_path)
+    (tmp_path / "stamps.csv").write_text("name,stamp_ns\n000,5")
+    (tmp_path / "states.csv").write_text("stamp_ns,x\n1,0,0,0,0,0,0,0")
+    with pytest.raises(InputError, match="line 2: the quaternion"):
+        read_motion(tmp_path)
+    (tmp_path / "states.csv").write_text("stamp_ns,x\n2,0,0,0,1,0,0,0\n2,0,0,0,1,0,0,0")
+    with pytest.raises(InputError, match="later than"):
+        read_motion(tmp_path)
+
+
 def test_a_printed_board_is_found_by_its_pattern(tmp_path: Path):
     file = tmp_path / "board.png"
     assert execute(["calibrate", "board", "--out", str(file)]) == 0
@@ -117,6 +147,7 @@ def test_a_printed_board_is_found_by_its_pattern(tmp_path: Path):
         (["handeye", "--poses", "9"], "--poses is 9"),
         (["handeye", "--board.square-m", "0.05"], "of its own"),
         (["table", "--from", "."], "needs --calibration"),
+        (["latency", "--from", "."], "needs --calibration"),
     ],
 )
 def test_bad_input_is_named(arguments: list[str], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

@@ -47,12 +47,15 @@ def test_the_demo_names_three_commands_that_dlokit_understands() -> None:
         parse(shlex.split(command)[1:])
 
 
+DEEP = WorkspaceBox(lower_m=(-1.0, -1.0, -1.0))
+
+
 @pytest.mark.parametrize(
     ("arm", "named"),
     [
         (InstalledArm(position_m=(0.0, 0.0, -0.8)), "outside its workspace"),
         (
-            InstalledArm(position_m=(0.0, 0.0, -0.8), workspace=WorkspaceBox(lower_m=(-1.0, -1.0, -1.0))),
+            InstalledArm(position_m=(0.0, 0.0, -0.8), workspace=DEEP),
             "above the table",
         ),
     ],

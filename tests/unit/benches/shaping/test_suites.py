@@ -28,7 +28,7 @@ FROZEN = {
     "paper": "9eb1bac11dbf",
     "stiffness": "3db80ebd955c",
     "wires": "3e9c7b03a1c7",
-    "cell": "287cfa9a5f1d",
+    "cell": "b136b384895f",
 }
 """Fingerprints of the suites and of the randomised cell's settings.
 

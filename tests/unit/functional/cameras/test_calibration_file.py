@@ -97,3 +97,10 @@ def test_pictures_of_another_camera_are_refused():
     camera = CalibratedCamera(OneColourCamera(), of(serial="7F2A"), "file")
     with pytest.raises(HardwareError, match="7F2A"):
         asyncio.run(camera.capture(1.0))
+
+
+def test_a_latency_of_the_file_is_taken_off_the_stamps(tmp_path: Path):
+    late = msgspec.structs.replace(CAMERA, stamps_late_s=0.08)
+    write_calibration(tmp_path / "calibration.toml", late)
+    camera = CalibratedCamera(OneColourCamera(), read_calibration(tmp_path / "calibration.toml"), "calibration.toml")
+    assert asyncio.run(camera.capture(1.0)).stamp_ns == 1 - 80_000_000

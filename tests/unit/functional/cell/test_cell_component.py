@@ -265,3 +265,30 @@ def test_two_runs_of_one_seed_see_equal_pictures():
     run(story)
     run(story)
     assert pictures[0] == pictures[1]
+
+
+@pytest.mark.parametrize("drift_ppm", [50.0, -50.0])
+def test_stamps_are_late_by_what_the_driver_does_not_know_however_the_clock_drifts(drift_ppm: float):
+    async def main() -> None:
+        bus, late_s = MemoryTransport(), 0.08
+        host = Container(bus, LoopClock())
+        config = CellConfig(settle_s=0.0, width_px=64, height_px=64, camera_late_s=late_s, camera_drift_ppm=drift_ppm)
+        cell = CellComponent(config, builtin_shape("I", 0.5, 100), seed=0)
+        host.add(cell)
+        async with host:
+            for _ in range(10):
+                asked_ns = LoopClock().now_ns()
+                taken = await bus.call(api.CAPTURE)
+                assert isinstance(taken, Succeeded)
+                assert abs(taken.result.stamp_ns - asked_ns - late_s * 1e9) <= 11e6  # a tick of the cell, and 1 ms
+                await asyncio.sleep(0.5)
+            cell.camera_clock.jump(1_000_000_000)
+            jumped = await bus.call(api.CAPTURE)
+            assert isinstance(jumped, Failed)
+            assert jumped.reason == api.CLOCK_JUMPED
+            asked_ns = LoopClock().now_ns()
+            taken = await bus.call(api.CAPTURE)
+            assert isinstance(taken, Succeeded)
+            assert abs(taken.result.stamp_ns - asked_ns - late_s * 1e9) <= 11e6
+
+    virtual_time.run(main())

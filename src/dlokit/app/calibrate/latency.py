@@ -1,0 +1,152 @@
+"""`dlokit calibrate latency`: by how much a camera's stamps are late, from a board in the hand of an arm that moves."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+import numpy as np
+from rich.console import Console
+
+from dlokit.app.calibrate.common import BoardArgs, input_error, progress_bar, result_folder, today
+from dlokit.app.calibrate.folder import CALIBRATION, RecordedMotion, camera_of_folder, read_motion, write_motion
+from dlokit.app.commands import CliCommand, flag
+from dlokit.errors import InputError, SkillFailure
+from dlokit.functional.cameras.calibration_file import (
+    MeasuredLatency,
+    check_has_pose,
+    check_same_camera,
+    read_calibration,
+    read_residual,
+    read_table,
+    write_calibration,
+)
+from dlokit.functional.cell.board import BOARD, T_TCP_BOARD
+from dlokit.functional.cell.rendering import check_opengl
+from dlokit.skills.perception.calibration.board_poses import HeldBoard, board_poses
+from dlokit.skills.perception.calibration.charuco import find_board
+from dlokit.skills.perception.calibration.latency import LatencyFit, StampedView, ToolTrack, fit_latency
+from dlokit.system.calibration import PicturesInMotion, late_config, pictures_in_motion
+from dlokit.types.arrays import Float64Array
+from dlokit.types.image import CameraCalibration
+
+_POSES = 4
+"""Poses that the simulated arm moves through, there and back, twice: 12 moves, about 95 pictures."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LatencyArgs(BoardArgs):
+    """Find by how much the stamps of a camera are late, by a ChArUco board in the hand of the arm that moves.
+
+    The arm moves back and forth, and the camera takes pictures meanwhile. The offset is that at which the board in the
+    pictures is where the states of the arm have the hand. The board gives place and turn of the hand in each picture
+    to a tenth of a millimetre, from its numbered corners alone; an outline of the hand would be blurred and partly
+    hidden. In the simulated cell the stamps are late by 80 ms and the camera's clock is fast by 50 ppm.
+
+    Try
+      dlokit calibrate latency                                 in the simulated cell
+      dlokit calibrate latency --from moving --calibration calibration.toml
+      dlokit shape --cell.camera-late-s 0.08 --calibration runs/<time>-calibrate-latency/calibration.toml
+
+    Writes calibration.toml, the same calibration with the offset, which a run subtracts from the stamps; and the
+    pictures, stamps and states of the cell, which --from reads again.
+    Exit code: 0; 2 when the pictures do not give an offset to 5 ms; 130 after Ctrl-C.
+    """
+
+    calibration: Annotated[Path | None, flag("FILE", "the simulated camera's own")] = None
+    """Calibration of the camera with its pose, of `dlokit calibrate handeye`."""
+
+
+def run(args: LatencyArgs) -> int:
+    """Take or read the pictures, fit, print and write."""
+    console = Console()
+    if args.from_ is not None and args.calibration is None:
+        raise InputError("--from needs --calibration FILE, the calibration of the camera that took the pictures.")
+    known = None if args.calibration is None else read_calibration(args.calibration)
+    if known is not None:
+        check_has_pose(str(args.calibration), known)
+    folder = result_folder(args, "latency")
+    motion, given = _recorded(args.from_, args.serial) if args.from_ is not None else _in_cell(args, console)
+    if args.from_ is None:
+        write_motion(folder, motion, given)
+    if known is not None:
+        check_same_camera(str(args.calibration), known, given)
+    camera = known or given
+    views = [
+        StampedView(view=view, stamp_ns=stamp_ns)
+        for picture, stamp_ns in zip(motion.pictures, motion.stamps_ns, strict=True)
+        if (view := find_board(picture, args.board)) is not None
+    ]
+    console.print(f"{len(views)} of {len(motion.pictures)} pictures show the board", highlight=False)
+    try:
+        fit = fit_latency(views, motion.track, args.board, camera)
+    except SkillFailure as failure:
+        raise input_error(failure) from failure
+    _print(fit, console)
+    _write(folder / CALIBRATION, camera, fit, args.calibration)
+    console.print(f"written: {folder / CALIBRATION}", highlight=False, markup=False, soft_wrap=True)
+    return 0
+
+
+def _recorded(folder: Path, serial: str) -> tuple[RecordedMotion, CameraCalibration]:
+    motion = read_motion(folder)
+    return motion, camera_of_folder(folder, motion.pictures[0], serial, today())
+
+
+def _in_cell(args: LatencyArgs, console: Console) -> tuple[RecordedMotion, CameraCalibration]:
+    def plan(camera: CameraCalibration) -> Sequence[Float64Array]:
+        held = HeldBoard(board=BOARD, T_tcp_board=T_TCP_BOARD)
+        there = board_poses(held, camera, _POSES, np.random.default_rng(args.seed))
+        back = there[-2::-1]
+        # On the way back an offset of the stamps shifts the pictures to the other side, an error of the poses does not.
+        return (*there, *back, *there[1:], *back)
+
+    check_opengl()
+    moves = 4 * (_POSES - 1)
+    with progress_bar(console, "moves", moves) as progress:
+        bar = progress.add_task("moves", total=moves)
+        config = late_config(args.seed, lens_distortion=args.lens_distortion)
+        taken = pictures_in_motion(config, plan, lambda number, _: progress.update(bar, completed=number))
+    return _motion_of(taken), taken.images[0].calibration
+
+
+def _motion_of(taken: PicturesInMotion) -> RecordedMotion:
+    return RecordedMotion(
+        pictures=[images.left for images in taken.images],
+        stamps_ns=[images.stamp_ns for images in taken.images],
+        track=ToolTrack(
+            stamps_ns=np.array([state.stamp_ns for state in taken.states]),
+            position_m=np.array([state.T_world_tcp.position_m for state in taken.states]),
+            wxyz=np.array([state.T_world_tcp.wxyz for state in taken.states]),
+        ),
+    )
+
+
+def _print(fit: LatencyFit, console: Console) -> None:
+    console.print(
+        f"the stamps are {abs(fit.late_s) * 1e3:.1f} ms {'late' if fit.late_s >= 0.0 else 'early'}, to "
+        f"{fit.uncertainty_s * 1e3:.1f} ms (95 %), by {fit.pictures} pictures; corners are {fit.rms_px:.2f} px off, "
+        f"without the correction {fit.uncorrected_rms_px:.2f} px",
+        highlight=False,
+        soft_wrap=True,
+    )
+
+
+def _write(file: Path, camera: CameraCalibration, fit: LatencyFit, known: Path | None) -> None:
+    write_calibration(
+        file,
+        msgspec.structs.replace(camera, stamps_late_s=fit.late_s),
+        None if known is None else read_residual(known),
+        None if known is None else read_table(known),
+        MeasuredLatency(
+            date=today(),
+            pictures=fit.pictures,
+            uncertainty_s=fit.uncertainty_s,
+            rms_px=fit.rms_px,
+            uncorrected_rms_px=fit.uncorrected_rms_px,
+        ),
+    )
+
+
+COMMAND = CliCommand(LatencyArgs, run)
