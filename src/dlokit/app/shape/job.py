@@ -23,6 +23,7 @@ from dlokit.skills.observer.strategies import OBSERVERS
 from dlokit.skills.perception.segmentations import SEGMENTATIONS
 from dlokit.skills.planning.strategies import PLANNERS
 from dlokit.system.config import INTERACTIVE, RunConfig, with_dlo
+from dlokit.system.installation_file import with_installation
 from dlokit.system.shaping import ShapeJob
 from dlokit.system.toml_config import read_toml
 from dlokit.types.arrays import Float64Array
@@ -37,6 +38,7 @@ class NamedChoices:
     dlo: str | None = None
     physics: str | None = None
     randomised: bool = False
+    installation: str | None = None
     camera: str | None = None
     observer: str | None = None
     segmentation: str | None = None
@@ -50,6 +52,7 @@ def chosen_settings(arguments: Sequence[str], config_file: Path | None) -> RunCo
         dlo=value_of(arguments, "--dlo"),
         physics=value_of(arguments, "--physics"),
         randomised="--randomised" in arguments,
+        installation=value_of(arguments, "--installation"),
         camera=value_of(arguments, "--camera"),
         observer=value_of(arguments, "--observer"),
         segmentation=value_of(arguments, "--segmentation"),
@@ -60,6 +63,8 @@ def chosen_settings(arguments: Sequence[str], config_file: Path | None) -> RunCo
 
 def with_choices(run: RunConfig, choices: NamedChoices, prefix: str = "") -> RunConfig:
     """The configuration with what was chosen by name. Raises `ConfigError`, which names `prefix` and the choice."""
+    if choices.installation is not None:
+        run = with_installation(run, Path(choices.installation))
     if choices.dlo is not None:
         run = with_dlo(run, preset(choices.dlo))
     if choices.physics is not None:
@@ -88,9 +93,9 @@ def _with_physics(run: RunConfig, name: str, flag: str) -> RunConfig:
     return replace(run, cell=replace(run.cell, physics=PHYSICS[name]()))
 
 
-def config_file_of(arguments: Sequence[str]) -> Path | None:
-    """The file after `--config`."""
-    name = value_of(arguments, "--config")
+def file_after(flag: str, arguments: Sequence[str]) -> Path | None:
+    """The file after `--config` or another flag."""
+    name = value_of(arguments, flag)
     return None if name is None else Path(name)
 
 

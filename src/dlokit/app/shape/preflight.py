@@ -28,7 +28,7 @@ def check_before_start(config: RunConfig) -> None:
 
         calibration = read_calibration(Path(config.calibration))
         check_has_pose(config.calibration, calibration)
-        check_same_camera(config.calibration, calibration, cell_camera(config.cell))
+        check_same_camera(config.calibration, calibration, cell_camera(config.cell, config.installation))
     if config.hosts is not None and config.runtime == "live":
         from dlokit.system.hosts.routers import check_hosts
 
