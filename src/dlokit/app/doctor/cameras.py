@@ -7,7 +7,7 @@ from typing import Any
 
 from dlokit.app.doctor.machine import DoctorRow, Severity
 from dlokit.errors import HardwareError
-from dlokit.functional.cameras import genicam
+from dlokit.functional.cameras import genicam, scenescan
 from dlokit.functional.cameras.genicam import FoundGenicam, aravis, found_cameras
 from dlokit.functional.cameras.realsense import librealsense
 
@@ -83,3 +83,27 @@ def connected_genicam() -> tuple[FoundGenicam, ...] | None:
         return tuple(found_cameras(aravis()))
     except HardwareError:
         return None
+
+
+def scenescan_finding(search: Callable[[], Sequence[str] | None]) -> DoctorRow:
+    """Check visiontransfer and the devices; `search` returns None where the package is not installed."""
+    what = "SceneScan cameras"
+    try:
+        found = search()
+    except HardwareError as error:
+        return DoctorRow(what=what, standing=Severity.ADVICE, found=str(error), fix=scenescan.INSTALL)
+    if found is None:
+        said = "visiontransfer is only needed for SceneScan cameras"
+        return DoctorRow(what=what, standing=Severity.OPTIONAL, found=said, fix=scenescan.INSTALL)
+    said = ", ".join(found) or "visiontransfer works; no camera answers: check power, cable and network address"
+    return DoctorRow(what=what, standing=Severity.READY, found=said)
+
+
+def connected_scenescan() -> tuple[str, ...] | None:
+    """The cameras that answer; None where visiontransfer is not installed. Raises `HardwareError` where it fails."""
+    if find_spec("visiontransfer") is None:
+        return None
+    try:
+        return tuple(str(device) for device in scenescan.visiontransfer().DeviceEnumeration().discover_devices())
+    except RuntimeError as error:  # what visiontransfer raises for everything
+        raise HardwareError(f"visiontransfer cannot list the cameras: {error}") from error

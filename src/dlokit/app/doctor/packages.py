@@ -61,12 +61,6 @@ class HardwarePackage:
 HARDWARE = (
     HardwarePackage(name="franky-control", module="franky", purpose="the FR3 arm", fix="pip install franky-control"),
     HardwarePackage(name="panda-python", module="panda_py", purpose="the Panda arm", fix="pip install panda-python"),
-    HardwarePackage(
-        name="visiontransfer",
-        module="visiontransfer",
-        purpose="SceneScan stereo cameras",
-        fix="install it from the camera's maker: https://nerian.com/support/software/",
-    ),
 )
 
 """Optional packages of hardware drivers."""

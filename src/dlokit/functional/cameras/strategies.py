@@ -9,6 +9,7 @@ from dlokit.functional.cameras.base import CameraConfig
 from dlokit.functional.cameras.genicam import GenicamConfig
 from dlokit.functional.cameras.realsense import RealSenseConfig
 from dlokit.functional.cameras.recorded import RecordedCameraConfig
+from dlokit.functional.cameras.scenescan import SceneScanConfig
 from dlokit.functional.cameras.simulated import SimulatedD435Config, SimulatedStereoConfig
 
 OURS: tuple[type[CameraConfig], ...] = (
@@ -17,6 +18,7 @@ OURS: tuple[type[CameraConfig], ...] = (
     RecordedCameraConfig,
     RealSenseConfig,
     GenicamConfig,
+    SceneScanConfig,
 )
 """Cameras that ship with dlokit, the default first; the one place where they are named."""
 

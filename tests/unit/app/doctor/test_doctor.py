@@ -8,7 +8,7 @@ from packaging.requirements import Requirement
 from rich.console import Console
 
 from dlokit.app.doctor import doctor, machine, packages
-from dlokit.app.doctor.cameras import FoundCamera, genicam_finding, realsense_finding
+from dlokit.app.doctor.cameras import FoundCamera, genicam_finding, realsense_finding, scenescan_finding
 from dlokit.app.doctor.doctor import DoctorArgs
 from dlokit.app.doctor.machine import DoctorRow, Severity
 from dlokit.app.doctor.opengl import OpenGLReport, probe_opengl
@@ -174,6 +174,14 @@ def test_genicam_cameras_are_listed_with_the_names_to_choose_them_by() -> None:
     missing = genicam_finding(lambda: None)
     assert missing.standing is Severity.OPTIONAL
     assert "apt install gir1.2-aravis-0.8" in missing.fix
+
+
+def test_a_scenescan_camera_is_listed_or_its_package_named() -> None:
+    assert scenescan_finding(lambda: ["N42"]).found == "N42"
+    assert "no camera answers" in scenescan_finding(lambda: []).found
+    missing = scenescan_finding(lambda: None)
+    assert missing.standing is Severity.OPTIONAL
+    assert "nerian.com" in missing.fix
 
 
 def test_a_driver_that_cannot_load_names_the_library() -> None:
