@@ -7,6 +7,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from genicam_cameras import why_not
 
 FOLDER = Path(__file__).parents[2] / "benchmarks"
 LIMIT_S = 400.0  # for a live run to start and end on a busy machine
@@ -15,6 +16,7 @@ QUICK = {
     "calibration": ("--seeds", "2", "--poses", "12"),
     "feasibility": ("--seeds", "1", "--dlos", "soft_rope"),
     "gate_values": ("--values", "20", "--calls", "1"),
+    "genicam_driver": ("--pairs", "5"),
     "hops": (),
     "realsense_driver": ("--frames", "6"),
     "robot_at_exposure": ("--speed-m-s", "0.5"),
@@ -38,6 +40,8 @@ OPTIONAL = {"realsense_driver": "pyrealsense2"}
 def test_a_study_runs_and_writes_its_figures(name: str, tmp_path: Path) -> None:
     if name in OPTIONAL:
         pytest.importorskip(OPTIONAL[name], reason=f"{OPTIONAL[name]} is not installed")
+    if name == "genicam_driver" and (reason := why_not()):
+        pytest.skip(reason)
     _runs(name, QUICK[name], tmp_path)
 
 

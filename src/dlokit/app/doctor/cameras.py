@@ -1,4 +1,4 @@
-"""Checks of RealSense cameras by `dlokit doctor`: the package, the library that it loads, and the devices."""
+"""Checks of cameras by `dlokit doctor`: the package, the library that it loads, and the devices."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -7,6 +7,8 @@ from typing import Any
 
 from dlokit.app.doctor.machine import DoctorRow, Severity
 from dlokit.errors import HardwareError
+from dlokit.functional.cameras import genicam, scenescan
+from dlokit.functional.cameras.genicam import FoundGenicam, aravis, found_cameras
 from dlokit.functional.cameras.realsense import librealsense
 
 _WHAT = "RealSense cameras"
@@ -63,3 +65,45 @@ def connected_realsense() -> tuple[FoundCamera, ...] | None:
         )
         for device in devices
     )
+
+
+def genicam_finding(search: Callable[[], Sequence[FoundGenicam] | None]) -> DoctorRow:
+    """Check aravis and the devices; `search` returns None where aravis is not installed."""
+    what, found = "GenICam cameras", search()
+    if found is None:
+        said = "aravis is only needed for GenICam cameras"
+        return DoctorRow(what=what, standing=Severity.OPTIONAL, found=said, fix=genicam.INSTALL)
+    said = ", ".join(map(str, found)) or "aravis works; no camera answers: check power, cable and network address"
+    return DoctorRow(what=what, standing=Severity.READY, found=said)
+
+
+def connected_genicam() -> tuple[FoundGenicam, ...] | None:
+    """The cameras that answer within a second; None where aravis is not installed for this Python."""
+    try:
+        return tuple(found_cameras(aravis()))
+    except HardwareError:
+        return None
+
+
+def scenescan_finding(search: Callable[[], Sequence[str] | None]) -> DoctorRow:
+    """Check visiontransfer and the devices; `search` returns None where the package is not installed."""
+    what = "SceneScan cameras"
+    try:
+        found = search()
+    except HardwareError as error:
+        return DoctorRow(what=what, standing=Severity.ADVICE, found=str(error), fix=scenescan.INSTALL)
+    if found is None:
+        said = "visiontransfer is only needed for SceneScan cameras"
+        return DoctorRow(what=what, standing=Severity.OPTIONAL, found=said, fix=scenescan.INSTALL)
+    said = ", ".join(found) or "visiontransfer works; no camera answers: check power, cable and network address"
+    return DoctorRow(what=what, standing=Severity.READY, found=said)
+
+
+def connected_scenescan() -> tuple[str, ...] | None:
+    """The cameras that answer; None where visiontransfer is not installed. Raises `HardwareError` where it fails."""
+    if find_spec("visiontransfer") is None:
+        return None
+    try:
+        return tuple(str(device) for device in scenescan.visiontransfer().DeviceEnumeration().discover_devices())
+    except RuntimeError as error:  # what visiontransfer raises for everything
+        raise HardwareError(f"visiontransfer cannot list the cameras: {error}") from error

@@ -11,7 +11,14 @@ from rich.table import Table
 from rich.text import Text
 
 from dlokit.app.commands import CliCommand
-from dlokit.app.doctor.cameras import connected_realsense, realsense_finding
+from dlokit.app.doctor.cameras import (
+    connected_genicam,
+    connected_realsense,
+    connected_scenescan,
+    genicam_finding,
+    realsense_finding,
+    scenescan_finding,
+)
 from dlokit.app.doctor.machine import (
     DoctorRow,
     Severity,
@@ -74,6 +81,8 @@ def examine(args: DoctorArgs) -> tuple[DoctorRow, ...]:
         kernels_finding(),
         *(hardware_finding(package, importable) for package in HARDWARE),
         realsense_finding(connected_realsense),
+        genicam_finding(connected_genicam),
+        scenescan_finding(connected_scenescan),
         browser_finding(shutil.which),
     )
 

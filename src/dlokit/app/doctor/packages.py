@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib import import_module, metadata
+from importlib import metadata
 from importlib.util import find_spec
 
 from packaging.requirements import Requirement
@@ -61,18 +61,6 @@ class HardwarePackage:
 HARDWARE = (
     HardwarePackage(name="franky-control", module="franky", purpose="the FR3 arm", fix="pip install franky-control"),
     HardwarePackage(name="panda-python", module="panda_py", purpose="the Panda arm", fix="pip install panda-python"),
-    HardwarePackage(
-        name="visiontransfer",
-        module="visiontransfer",
-        purpose="SceneScan stereo cameras",
-        fix="install it from the camera's maker: https://nerian.com/support/software/",
-    ),
-    HardwarePackage(
-        name="aravis",
-        module="gi",
-        purpose="GenICam cameras",
-        fix="sudo apt install gir1.2-aravis-0.8 python3-gi",
-    ),
 )
 
 """Optional packages of hardware drivers."""
@@ -88,21 +76,7 @@ def hardware_finding(package: HardwarePackage, importable: Callable[[str], bool]
 
 def importable(module: str) -> bool:
     """Whether a module is installed, without running it: drivers may access their device on import."""
-    if module == "gi":
-        return _aravis_there()
     return find_spec(module) is not None
-
-
-def _aravis_there() -> bool:
-    """Whether GObject introspection finds aravis."""
-    if find_spec("gi") is None:
-        return False
-    gi = import_module("gi")  # optional; not present on every system
-    try:
-        gi.require_version("Aravis", "0.8")
-    except ValueError:
-        return False
-    return True
 
 
 def _version(distribution: str) -> str | None:

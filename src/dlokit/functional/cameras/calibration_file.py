@@ -13,6 +13,7 @@ import numpy as np
 import tomli_w
 
 from dlokit.errors import ConfigError
+from dlokit.geometry import pose
 from dlokit.types.image import CameraCalibration
 from dlokit.types.message import Value
 
@@ -65,6 +66,8 @@ class MeasuredLatency(Value, frozen=True, kw_only=True, eq=False):
 
 _RESIDUAL, _TABLE, _LATENCY = "residual", "table", "latency"
 _FOR_PEOPLE = (_RESIDUAL, _TABLE, _LATENCY)
+OVER_THE_TABLE = pose((0.5, 0.0, 1.0), (0.0, 1.0, 0.0, 0.0))
+"""Pose of a camera without a calibrated one: 1 m over the table, looking straight down."""
 
 
 def read_calibration(path: Path) -> CameraCalibration:
@@ -110,9 +113,14 @@ def write_calibration(
     path.write_text(tomli_w.dumps(plain), encoding="utf-8")
 
 
+def has_pose(calibration: CameraCalibration) -> bool:
+    """Whether a calibration says where the camera is: none is in the origin of the world."""
+    return bool(np.any(calibration.T_world_camera.position_m))
+
+
 def check_has_pose(file: str, calibration: CameraCalibration) -> None:
-    """Raise `ConfigError` for a calibration of the optics alone: a camera does not stand in the origin of the world."""
-    if not np.any(calibration.T_world_camera.position_m):
+    """Raise `ConfigError` for a calibration of the optics alone."""
+    if not has_pose(calibration):
         raise ConfigError(
             f"calibration {file} is of the optics alone and does not say where the camera stands: call "
             "`dlokit calibrate handeye --intrinsics` with it, and give the file that this writes"

@@ -14,9 +14,8 @@ import numpy as np
 
 from dlokit.errors import ConfigError, HardwareError, NoMorePictures
 from dlokit.functional.cameras.base import Caller, Camera
-from dlokit.functional.cameras.calibration_file import read_calibration
+from dlokit.functional.cameras.calibration_file import OVER_THE_TABLE, read_calibration
 from dlokit.functional.cameras.device_clock import ClockOffset, DeviceClock
-from dlokit.geometry import pose
 from dlokit.types.arrays import Float32Array
 from dlokit.types.image import CameraCalibration, DepthImage
 from dlokit.types.pose import Pose
@@ -28,8 +27,6 @@ RATE_HZ = 30
 LEAST_LATENCY_NS = 10_000_000
 """From the middle of an exposure to the arrival of its picture at least this passes: half of a usual exposure, the
 readout of the sensor, and USB [ns]."""
-OVER_THE_TABLE = pose((0.5, 0.0, 1.0), (0.0, 1.0, 0.0, 0.0))
-"""Pose of a camera without a calibration file: 1 m over the table, looking straight down."""
 LOST_S = 0.5
 """A device that was silent for this long is started again: 15 pictures, more than a busy USB port delays [s]."""
 _FILE_WAIT_S = 1.0

@@ -6,8 +6,10 @@ import tyro
 
 from dlokit.communication.strategies import StrategyKind
 from dlokit.functional.cameras.base import CameraConfig
+from dlokit.functional.cameras.genicam import GenicamConfig
 from dlokit.functional.cameras.realsense import RealSenseConfig
 from dlokit.functional.cameras.recorded import RecordedCameraConfig
+from dlokit.functional.cameras.scenescan import SceneScanConfig
 from dlokit.functional.cameras.simulated import SimulatedD435Config, SimulatedStereoConfig
 
 OURS: tuple[type[CameraConfig], ...] = (
@@ -15,6 +17,8 @@ OURS: tuple[type[CameraConfig], ...] = (
     SimulatedD435Config,
     RecordedCameraConfig,
     RealSenseConfig,
+    GenicamConfig,
+    SceneScanConfig,
 )
 """Cameras that ship with dlokit, the default first; the one place where they are named."""
 

@@ -8,11 +8,12 @@ from packaging.requirements import Requirement
 from rich.console import Console
 
 from dlokit.app.doctor import doctor, machine, packages
-from dlokit.app.doctor.cameras import FoundCamera, realsense_finding
+from dlokit.app.doctor.cameras import FoundCamera, genicam_finding, realsense_finding, scenescan_finding
 from dlokit.app.doctor.doctor import DoctorArgs
 from dlokit.app.doctor.machine import DoctorRow, Severity
 from dlokit.app.doctor.opengl import OpenGLReport, probe_opengl
 from dlokit.errors import HardwareError
+from dlokit.functional.cameras.genicam import FoundGenicam
 
 
 def _nowhere(name: str) -> None:
@@ -164,6 +165,23 @@ def test_a_realsense_camera_is_found_with_its_port(
     assert row.standing is severity
     assert re.search(says, row.found)
     assert re.search(fix, row.fix)
+
+
+def test_genicam_cameras_are_listed_with_the_names_to_choose_them_by() -> None:
+    one = FoundGenicam(id="Maker-7", address="192.168.0.7", serial="7", model="GX7")
+    assert genicam_finding(lambda: [one]).found == "GX7 7 at 192.168.0.7"
+    assert genicam_finding(lambda: []).standing is Severity.READY
+    missing = genicam_finding(lambda: None)
+    assert missing.standing is Severity.OPTIONAL
+    assert "apt install gir1.2-aravis-0.8" in missing.fix
+
+
+def test_a_scenescan_camera_is_listed_or_its_package_named() -> None:
+    assert scenescan_finding(lambda: ["N42"]).found == "N42"
+    assert "no camera answers" in scenescan_finding(lambda: []).found
+    missing = scenescan_finding(lambda: None)
+    assert missing.standing is Severity.OPTIONAL
+    assert "nerian.com" in missing.fix
 
 
 def test_a_driver_that_cannot_load_names_the_library() -> None:

@@ -38,7 +38,9 @@ def test_the_command_line_names_the_camera_and_shows_its_settings(capsys: pytest
     with pytest.raises(SystemExit):
         parse(["shape", "--camera", "recorded", "--help", "camera"])
     assert "--camera.path" in capsys.readouterr().out
-    with pytest.raises(ConfigError, match=r"choose one of simulated, simulated-d435, recorded, realsense"):
+    with pytest.raises(
+        ConfigError, match=r"choose one of simulated, simulated-d435, recorded, realsense, genicam, scenescan"
+    ):
         parse(["shape", "--camera", "webcam"])
 
 
@@ -78,5 +80,13 @@ def test_other_packages_add_cameras_by_entry_point(tmp_path: Path, monkeypatch: 
     install(tmp_path, "webcams", "dlokit.cameras", {"webcam": "of_webcams:WebcamConfig"}, {"of_webcams": THEIRS})
     # One that has not looked for packages before.
     cameras = StrategyKind(CAMERAS.purpose, CAMERAS.entry_points, CAMERAS.builtin)
-    assert list(cameras.installed()) == ["simulated", "simulated-d435", "recorded", "realsense", "webcam"]
+    assert list(cameras.installed()) == [
+        "simulated",
+        "simulated-d435",
+        "recorded",
+        "realsense",
+        "genicam",
+        "scenescan",
+        "webcam",
+    ]
     assert cameras.named("webcam", "--camera")().sees_cell is False

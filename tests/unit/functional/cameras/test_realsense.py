@@ -18,8 +18,8 @@ from realsense_recording import record
 from dlokit.communication.memory import MemoryTransport
 from dlokit.errors import ConfigError, HardwareError, NoMorePictures
 from dlokit.functional.cameras import realsense
-from dlokit.functional.cameras.calibration_file import write_calibration
-from dlokit.functional.cameras.realsense import OVER_THE_TABLE, RealSenseCamera, RealSenseConfig
+from dlokit.functional.cameras.calibration_file import OVER_THE_TABLE, write_calibration
+from dlokit.functional.cameras.realsense import RealSenseCamera, RealSenseConfig
 from dlokit.types.image import DepthImage
 
 FRAMES = 12

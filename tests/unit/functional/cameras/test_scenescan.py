@@ -1,0 +1,183 @@
+"""The SceneScan driver on arrays in the format of visiontransfer; no device was there."""
+
+import asyncio
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fake_visiontransfer import DeviceInfo, FakeVisiontransfer, ImageSet, ImageType
+
+from dlokit.communication.memory import MemoryTransport
+from dlokit.errors import HardwareError
+from dlokit.functional.cameras import scenescan
+from dlokit.functional.cameras.calibration_file import OVER_THE_TABLE, write_calibration
+from dlokit.functional.cameras.scenescan import SceneScanCamera, SceneScanConfig, depth_of
+from dlokit.geometry import pose
+from dlokit.testing import checked_camera
+from dlokit.types.image import CameraCalibration, DepthImage
+
+F_PX, BASELINE_M = 1156.16, 0.0998  # of the authors' camera
+Q = np.array(
+    [[1, 0, 0, -99.5], [0, 1, 0, -29.5], [0, 0, 0, F_PX], [0, 0, 1 / BASELINE_M, 0]],
+    dtype=np.float32,
+)
+Z_M = 1.2
+LEFT = np.random.default_rng(0).integers(0, 250, (60, 200), dtype=np.uint8)
+DISPARITY = np.full((60, 200), round(16 * F_PX * BASELINE_M / Z_M), dtype=np.uint16)
+DISPARITY[0, 0], DISPARITY[5, 9] = 0xFFF, 0
+Installer = Callable[..., FakeVisiontransfer]
+
+
+def whole() -> ImageSet:
+    return ImageSet({ImageType.IMAGE_LEFT: LEFT, ImageType.IMAGE_DISPARITY: DISPARITY}, Q)
+
+
+def left_alone() -> ImageSet:
+    return ImageSet({ImageType.IMAGE_LEFT: LEFT}, Q)
+
+
+@pytest.fixture
+def installed(monkeypatch: pytest.MonkeyPatch) -> Installer:
+    def install(send: Callable[[], ImageSet | None], *devices: DeviceInfo) -> FakeVisiontransfer:
+        fake = FakeVisiontransfer(send, *devices)
+        monkeypatch.setattr(scenescan, "visiontransfer", lambda: fake)
+        monkeypatch.setattr(scenescan, "LEAST_LATENCY_NS", 0)  # the fake sends at once
+        return fake
+
+    return install
+
+
+def taken(camera: SceneScanCamera, timeout_s: float = 1.0) -> DepthImage:
+    async def main() -> DepthImage:
+        with camera:
+            return await camera.capture(timeout_s)
+
+    return asyncio.run(main())
+
+
+def test_it_keeps_to_its_protocol(installed: Installer):
+    last_s = 0.0
+
+    def at_100_hz() -> ImageSet | None:
+        nonlocal last_s
+        if time.monotonic() - last_s < 0.01:
+            return None
+        last_s = time.monotonic()
+        return whole()
+
+    installed(at_100_hz)
+    assert asyncio.run(checked_camera(SceneScanCamera(), captures=3)).captures == 3
+
+
+def test_disparities_become_depths_in_the_left_picture(installed: Installer):
+    installed(whole)
+    image = taken(SceneScanCamera())
+    np.testing.assert_array_equal(image.pixels, np.repeat(LEFT[..., None], 3, axis=2))
+    # Half a step of 1/16 px is 0.4 mm at 1.2 m.
+    assert image.depth_m[2, 3] == pytest.approx(Z_M, abs=0.0005)
+    assert image.depth_m[0, 0] == image.depth_m[5, 9] == 0.0  # no match, and at infinity
+    camera = image.calibration
+    assert (camera.fx_px, camera.cx_px, camera.cy_px) == (pytest.approx(F_PX), 99.5, 29.5)
+    assert (camera.width_px, camera.height_px, camera.serial) == (200, 60, "N42")
+    assert camera.distortion is None
+
+
+def test_depths_are_what_the_q_matrix_reprojects():
+    rng = np.random.default_rng(0)
+    steps = rng.integers(1, 0xFFF, (6, 10), dtype=np.uint16)
+    angled = Q.astype(np.float64)
+    angled[3, 3] = 0.3  # principal points that differ
+    for subpixels in (8, 16):
+        points = angled @ np.stack([np.zeros(60), np.zeros(60), steps.ravel() / subpixels, np.ones(60)])
+        wanted = (points[2] / points[3]).reshape(6, 10)
+        np.testing.assert_allclose(depth_of(steps, angled, subpixels), wanted, rtol=1e-5)  # float32
+
+
+def test_pictures_of_12_bits_and_in_colour_are_taken(installed: Installer):
+    disparity = {ImageType.IMAGE_DISPARITY: DISPARITY}
+    installed(lambda: ImageSet({ImageType.IMAGE_LEFT: LEFT.astype(np.uint16) * 16, **disparity}, Q))
+    np.testing.assert_array_equal(taken(SceneScanCamera()).pixels[..., 0], LEFT)
+    colour = np.stack([LEFT, LEFT + 1, LEFT + 2], axis=2)
+    installed(lambda: ImageSet({ImageType.IMAGE_LEFT: colour, **disparity}, Q))
+    np.testing.assert_array_equal(taken(SceneScanCamera()).pixels, colour)
+
+
+def test_incomplete_image_sets_of_the_start_are_skipped(installed: Installer):
+    sent = [left_alone, left_alone]
+    installed(lambda: (sent.pop() if sent else whole)())
+    assert taken(SceneScanCamera()).depth_m[2, 3] > 0.0
+    installed(left_alone)
+    with pytest.raises(HardwareError, match="operation mode to stereo matching"):
+        taken(SceneScanCamera(), 0.1)
+
+
+def test_stamps_are_of_the_middle_of_the_exposure_on_the_hosts_clock(installed: Installer):
+    installed(whole)
+
+    async def main() -> None:
+        with SceneScanCamera() as camera:
+            for _ in range(3):
+                begin_ns = time.monotonic_ns()
+                assert begin_ns <= (await camera.capture(1.0)).stamp_ns <= time.monotonic_ns()
+            assert camera.clock_offset is not None
+            # The device's clock is 100 s ahead, and the stamp half of 8 ms after the exposure's begin.
+            assert camera.clock_offset.offset_ns == pytest.approx(-100.004e9, abs=3e6)
+
+    asyncio.run(main())
+
+
+def test_a_silent_camera_is_named_and_connected_to_again(installed: Installer, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(scenescan, "LOST_S", 0.1)
+    silent = False
+    fake = installed(lambda: None if silent else whole())
+
+    async def main() -> None:
+        nonlocal silent
+        with SceneScanCamera() as camera:
+            await camera.capture(1.0)
+            silent = True
+            begin = time.monotonic()
+            with pytest.raises(HardwareError, match=r"no picture within 0\.1 s.*connects again"):
+                await camera.capture(10.0)
+            assert time.monotonic() - begin < 2.0
+            assert fake.connected == 0
+            with pytest.raises(HardwareError, match="no picture"):
+                await camera.capture(0.01)
+            assert fake.connected == 1  # a short time-out does not disconnect
+            silent = False
+            await camera.capture(1.0)
+        with pytest.raises(HardwareError, match="closed"):
+            await camera.capture(1.0)
+
+    asyncio.run(main())
+    assert fake.connected == 0
+
+
+def test_one_of_several_is_chosen_by_address_or_serial(installed: Installer):
+    installed(whole, DeviceInfo("10.0.0.1", "N1"), DeviceInfo("10.0.0.2", "N2"))
+    assert taken(SceneScanCamera(address="10.0.0.2")).calibration.serial == "N2"
+    assert taken(SceneScanCamera(address="N1")).calibration.serial == "N1"
+    for address in ("", "N3"):
+        with pytest.raises(HardwareError, match=r"N1 at 10\.0\.0\.1, N2 at 10\.0\.0\.2.*--camera\.address"):
+            taken(SceneScanCamera(address=address))
+
+
+def test_the_pose_is_that_of_the_file(tmp_path: Path, installed: Installer):
+    installed(whole)
+    assert taken(SceneScanCamera()).calibration.T_world_camera is OVER_THE_TABLE
+    optics = CameraCalibration(
+        width_px=1, height_px=1, fx_px=1.0, fy_px=1.0, cx_px=0.0, cy_px=0.0, T_world_camera=pose((0.5, 0.6, 1.0))
+    )
+    write_calibration(tmp_path / "calibration.toml", optics)
+    camera = SceneScanConfig(calibration=str(tmp_path / "calibration.toml")).build(MemoryTransport())
+    assert isinstance(camera, SceneScanCamera)
+    np.testing.assert_array_equal(taken(camera).calibration.T_world_camera.position_m, [0.5, 0.6, 1.0])
+
+
+def test_without_the_package_it_says_where_it_comes_from(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setitem(sys.modules, "visiontransfer", None)
+    with pytest.raises(HardwareError, match=r"nerian\.com.*no registry"):
+        SceneScanCamera().__enter__()
