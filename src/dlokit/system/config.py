@@ -18,6 +18,8 @@ from dlokit.functional.cameras.strategies import AnyCamera
 from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.cell.dlo_physics import ElasticRod, ElastoplasticChain
 from dlokit.functional.robots.gate import GateConfig
+from dlokit.functional.robots.simulated import SimulatedRobotConfig
+from dlokit.functional.robots.strategies import AnyRobotDriver
 from dlokit.ranges import check_ranges
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.config import ObserverConfig
@@ -54,6 +56,9 @@ class RunConfig:
     """Arm with its gripper: panda, fr3, ur5e, or a .toml file. docs/how-to/add-an-arm.md says what is in the file."""
     arms: Literal[1, 2] = 1
     """Arms of the cell; a second stands opposite the first, and planner `rollout` then considers pairs of grasps."""
+    dry_run: bool = False
+    """Look, plan, and move the arm in software only. The motions of the first action pass all checks and are shown in
+    the viewer; no arm moves. Ends as `dry_run`, exit code 0."""
     record: bool = True
     """Write all messages to `recording.mcap`; `dlokit info` reads it."""
     goal_at_m: tuple[float, float] | None = None
@@ -74,6 +79,8 @@ class RunConfig:
     """The table as the system believes it to be."""
     camera: AnyCamera = field(default_factory=SimulatedStereoConfig)
     """The camera."""
+    driver: AnyRobotDriver = field(default_factory=SimulatedRobotConfig)
+    """What moves the arm."""
     perception: PerceptionConfig = field(default_factory=PerceptionConfig)
     """From pictures to the DLO's points."""
     observer: ObserverConfig = field(default_factory=ObserverConfig)
@@ -103,6 +110,16 @@ class RunConfig:
     def arm_model(self) -> ArmModel:
         """The arm. Raises `ConfigError` or `MachineError` as `choice.arm_model` does."""
         return arm_model(self.arm)
+
+    @property
+    def has_cell(self) -> bool:
+        """Whether the simulated cell is part of the run: its camera looks, or its arm moves."""
+        return self.camera.sees_cell or (self.driver.in_cell and not self.dry_run)
+
+    @property
+    def moves_real_arm(self) -> bool:
+        """Whether an arm moves that is not simulated."""
+        return self.driver.is_real and not self.dry_run
 
     @property
     def mounts(self) -> tuple[ArmMount, ...]:

@@ -18,6 +18,7 @@ from dlokit.communication.strategies import NamedConfig, StrategyKind
 from dlokit.errors import EXIT_OTHERWISE
 from dlokit.evaluation.judged_run import judged_run
 from dlokit.functional.cameras.strategies import CAMERAS
+from dlokit.functional.robots.strategies import DRIVERS
 from dlokit.skills.observer.strategies import OBSERVERS
 from dlokit.skills.perception.segmentations import SEGMENTATIONS
 from dlokit.skills.planning.strategies import PLANNERS
@@ -64,6 +65,8 @@ class ShapeChoices:
     camera: Annotated[str | None, _one_of(CAMERAS, AS_SHIPPED.camera)] = None
     """Camera: simulated (the paper's stereo) or simulated-d435 (depth). The second has the errors of a RealSense
     D435. `dlokit track --camera` also takes recorded pictures and real cameras."""
+    driver: Annotated[str | None, _one_of(DRIVERS, AS_SHIPPED.driver)] = None
+    """What moves the arm: simulated (the cell) or kinematic (software alone). An installed package may add others."""
     observer: Annotated[str | None, _one_of(OBSERVERS, AS_SHIPPED.observer.strategy)] = None
     """How nodes are estimated: map, anchored, cpd, spr or som. The last three are the paper's;
     an installed package may add others. `--observer cpd --help observer` shows the settings of cpd."""
@@ -90,7 +93,7 @@ class ShapeArgs:
     Before the arm moves, the model predicts whether the DLO keeps the goal shape after a release. `--infeasible`
     determines what to do with an infeasible goal.
 
-    Exit code: 0 converged, 3 ended otherwise (see the outcome), 2 bad input.
+    Exit code: 0 converged, or a dry run that found an action, 3 ended otherwise (see the outcome), 2 bad input.
     """
 
     run: Annotated[RunConfig, tyro.conf.arg(name="")] = field(default_factory=RunConfig)
@@ -121,8 +124,8 @@ def again_by_config(folder: Path) -> str:
 
 
 def exit_code(record: RunRecord) -> int:
-    """0 when the run converged."""
-    return 0 if record.result.outcome is RunOutcome.CONVERGED else EXIT_OTHERWISE
+    """0 when the run converged, or was a dry run that reached its end."""
+    return 0 if record.result.outcome in (RunOutcome.CONVERGED, RunOutcome.DRY_RUN) else EXIT_OTHERWISE
 
 
 def display_of(config: RunConfig, job: ShapeJob, console: Console) -> RunDisplay:
