@@ -18,7 +18,7 @@ from dlokit.communication.skill import ReportingSkill, Skill
 from dlokit.communication.topic import Topic
 from dlokit.communication.topics import TOPICS
 from dlokit.communication.wire import codec
-from dlokit.description.arm.mounts import ARMS
+from dlokit.description.arm.mounts import ROBOTS, instance_of
 from dlokit.errors import CommunicationError
 from dlokit.system.build import components_of_run, instances_of_run
 from dlokit.system.config import RunConfig
@@ -189,4 +189,4 @@ def test_the_second_arm_has_a_component_and_a_process_where_a_run_has_one() -> N
         placed = [name for row in processes_of_run(simulated=True, watched=True, arms=arms) for name in row.components]
         assert sorted(placed) == sorted(components_of_run(config))
         assert instances_of_run(config).get("robot", ()) == others
-        assert set(COMPONENTS) - set(placed) == {f"robot.{mount.instance}" for mount in ARMS[arms:]}
+        assert set(COMPONENTS) - set(placed) == {f"robot.{instance_of(robot)}" for robot in ROBOTS[arms:]}

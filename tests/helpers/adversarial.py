@@ -17,6 +17,7 @@ import numpy as np
 
 from dlokit.communication.wire import codec
 from dlokit.description.arm.franka import PANDA
+from dlokit.description.arm.mounts import WORKSPACE
 from dlokit.functional.cell.arm import CellArm
 from dlokit.functional.cell.setpoints import Follow
 from dlokit.functional.cell.world import Cell
@@ -76,7 +77,7 @@ def executed_breach(trajectory: JointTrajectory, config: GateConfig, pieces: int
 def tool_breach(times_s: Float64Array, q_rad: Float64Array, config: GateConfig) -> str:
     """Whether the tool centre point leaves the box or its speed at times (K,) [s] and angles (K, 7) [rad]."""
     places = tcp_matrices(PANDA, q_rad)[:, :3, 3]
-    if not np.all((places >= config.workspace_lower_m) & (places <= config.workspace_upper_m)):
+    if not np.all((places >= WORKSPACE.lower_m) & (places <= WORKSPACE.upper_m)):
         return "box"
     speeds = np.linalg.norm(np.diff(places, axis=0), axis=1) / np.diff(times_s)
     return "" if np.all(speeds <= config.largest_tool_speed_m_s) else "tool speed"

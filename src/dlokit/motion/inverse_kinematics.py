@@ -32,6 +32,8 @@ from dlokit.types.robot import RobotReason
 _POSE_NUMBERS = 6  # of a tool: an arm with more joints can reach a pose in many postures
 _LIMIT_MARGIN_RAD = 0.01  # that solutions keep from the limits of position
 _ITERATIONS = 40  # Newton steps from one seed
+_NEARLY_DOWN_RAD = 0.1
+"""Up to here a tool points nearly down: on a base that inclines by a few degrees every grasp does [rad]."""
 _POSITION_TOLERANCE_M = 1e-5
 _ROTATION_TOLERANCE_RAD = 1e-4
 
@@ -82,8 +84,12 @@ class ArmKinematics:
         near = self.arm.home_q_rad if near_q_rad is None else np.asarray(near_q_rad, dtype=np.float64)
         T = T_world_tcp if self._T_base_world is None else geometry.compose(self._T_base_world, T_world_tcp)
         for pose in (T,) if yaw is Yaw.EXACT else (T, half_turned(T)):
-            closed = self._down is not None and points_down(T)
-            q = self._down.solve(pose, near) if self._down is not None and closed else self._differential(pose, near)
+            if self._down is not None and points_down(T):
+                q = self._down.solve(pose, near)
+            elif self._down is not None and self._T_base_world is not None and _nearly_down(T):
+                q = self._inclined(pose, self._down, near)
+            else:
+                q = self._differential(pose, near)
             if q is not None:
                 return q
         raise SkillFailure(RobotReason.UNREACHABLE, self._explain(T_world_tcp, yaw))
@@ -115,6 +121,18 @@ class ArmKinematics:
     def _inside(self, q: Float64Array) -> bool:
         return bool(np.all(q >= self.lower_rad) and np.all(q <= self.upper_rad))
 
+    def _inclined(self, T_base_tcp: Pose, down: "_FrankaPointingDown", near: Float64Array) -> Float64Array | None:
+        """The solution next to the closed one of a tool that points straight down, for an arm whose base inclines."""
+        upright = down.solve(geometry.downward(T_base_tcp.position_m, heading(T_base_tcp)), near)
+        if upright is None:
+            return None
+        found, q = self._stepped(T_base_tcp, upright)
+        return q if found and self._inside(q) else None
+
+    def _stepped(self, T_base_tcp: Pose, seed: Float64Array) -> tuple[bool, Float64Array]:
+        T, tcp = geometry.matrix(T_base_tcp), self.arm.T_last_tcp
+        return solve_pose(self._T_parents, tcp, T, seed, _POSITION_TOLERANCE_M, _ROTATION_TOLERANCE_RAD)
+
     def _differential(self, T_base_tcp: Pose, near: Float64Array) -> Float64Array | None:
         """A solution within the limits, from the first seed that leads to one."""
         if len(self.arm.joints) > _POSE_NUMBERS:
@@ -124,11 +142,8 @@ class ArmKinematics:
                 if q is not None and self._inside(q := self._unwound(q, near)):
                     return q
             return None
-        T = geometry.matrix(T_base_tcp)
         for seed in self._seeds(T_base_tcp, near):
-            found, q = solve_pose(
-                self._T_parents, self.arm.T_last_tcp, T, seed, _POSITION_TOLERANCE_M, _ROTATION_TOLERANCE_RAD
-            )
+            found, q = self._stepped(T_base_tcp, seed)
             if found and self._inside(q := self._unwound(q, near)):
                 return q
         return None
@@ -186,6 +201,12 @@ def heading(T: Pose) -> float:
     """Direction of the x axis in the horizontal plane [rad]."""
     w, x, y, z = T.wxyz
     return float(np.arctan2(2.0 * (x * y + w * z), w * w + x * x - y * y - z * z))
+
+
+def _nearly_down(T: Pose) -> bool:
+    """Whether the tool is turned by half a turn about a nearly horizontal axis."""
+    w, _, _, z = T.wxyz
+    return bool(2.0 * np.hypot(w, z) < _NEARLY_DOWN_RAD)
 
 
 def _franka_length_m(arm: ArmModel, sizes: FrankaDimensions) -> float:

@@ -12,12 +12,14 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
+import msgspec
+
 from dlokit.communication.component import Component
 from dlokit.communication.port import Compute, InlineCompute, Port
 from dlokit.communication.timing.clock import Clock
 from dlokit.communication.timing.pulse import Pulse
 from dlokit.communication.transport import Transport
-from dlokit.description.arm.mounts import ARMS, OPPOSITE, ArmMount
+from dlokit.description.arm.mounts import OPPOSITE, ROBOTS, ArmMount, instance_of
 from dlokit.functional.robots.base import Robot
 from dlokit.skills.viewer.address import new_key
 from dlokit.system.config import RunConfig
@@ -77,6 +79,7 @@ def _cell(config: RunConfig, wiring: Wiring) -> Component:
         truth_folder=wiring.folder,
         real_time_factor=1.0 if config.runtime == "lockstep" else config.cell.real_time_factor,
         arms=config.mounts,
+        installation=config.installation,
         urgency=never_urgent if config.runtime == "lockstep" else BoundedUrgency(),
     )
 
@@ -100,6 +103,7 @@ def _robot(number: int) -> "_Builder":
             config.gate,
             time.monotonic_ns if live else wiring.clock.now_ns,
             T_world_base=mount.T_world_base,
+            workspace=mount.workspace,
             may_move=lease.allows,
             watch=watch,
         )
@@ -137,7 +141,13 @@ def _perception(config: RunConfig, wiring: Wiring) -> Component:
         from dlokit.functional.cameras.calibrated import CalibratedCamera
         from dlokit.functional.cameras.calibration_file import read_calibration
 
-        camera = CalibratedCamera(camera, read_calibration(Path(config.calibration)), config.calibration)
+        given = read_calibration(Path(config.calibration))
+        placed = msgspec.structs.replace(given, T_world_camera=config.installation.in_world(given.T_world_camera))
+        camera = CalibratedCamera(camera, placed, config.calibration)
+    elif config.installation.camera is not None and not config.camera.sees_cell:
+        from dlokit.functional.cameras.calibrated import PlacedCamera
+
+        camera = PlacedCamera(camera, config.installation.camera_in_world(config.installation.camera.pose))
     return PerceptionComponent(config.perception, camera, config.model, config.arm_model)
 
 
@@ -154,8 +164,10 @@ def _planning(config: RunConfig, wiring: Wiring) -> Component:
 
     # In lockstep no result may depend on the speed of the machine.
     stopwatch = time.perf_counter if config.runtime == "live" else None
-    reachable = ArmKinematics(config.arm_model, config.mounts[0].T_world_base).reachable
-    return PlanningComponent(config.planning, reachable, config.model, stopwatch, _second_arm(config), config.arm_model)
+    mount = config.mounts[0]
+    reachable = ArmKinematics(mount.model, mount.T_world_base).reachable
+    second = _second_arm(config)
+    return PlanningComponent(config.planning, reachable, config.model, stopwatch, second, mount.model, mount.place_m)
 
 
 def _second_arm(config: RunConfig) -> "SecondArm | None":
@@ -205,7 +217,7 @@ def build_viewer(config: RunConfig, *, operated: bool, key: str | None = None) -
         config.viewer,
         flow=(DRY_RUN if config.dry_run else SHAPE_DLO).edges(),
         rod=RodOutline(nodes=config.model.nodes, length_m=config.model.length_m, radius_m=config.model.radius_m),
-        table=config.table,
+        table=config.installation.table.dimensions,
         arm=config.arm_model,
         threshold_m=config.task.threshold_m,
         operated=operated,
@@ -241,7 +253,7 @@ Build = Callable[[str, RunConfig, Wiring], Component]
 
 def components_of_run(config: RunConfig) -> tuple[str, ...]:
     """The names of the components that a run needs."""
-    absent = {f"robot.{mount.instance}" for mount in ARMS[config.arms :]}
+    absent = {f"robot.{instance_of(robot)}" for robot in ROBOTS[config.arms :]}
     if config.headless:
         absent.add("viewer")
     if not config.has_cell:
@@ -251,5 +263,5 @@ def components_of_run(config: RunConfig) -> tuple[str, ...]:
 
 def instances_of_run(config: RunConfig) -> dict[str, tuple[str, ...]]:
     """Additional instances in a run, besides the first, by component."""
-    others = tuple(mount.instance for mount in ARMS[1 : config.arms])
+    others = tuple(instance_of(robot) for robot in ROBOTS[1 : config.arms])
     return {"robot": others} if others else {}

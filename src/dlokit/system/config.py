@@ -7,11 +7,11 @@ import tyro
 from msgspec import Meta
 
 from dlokit.decision.config import TaskConfig
-from dlokit.description.arm.choice import arm_model, check_arm_name
+from dlokit.description.arm.choice import check_arm_name
 from dlokit.description.arm.model import ArmModel
-from dlokit.description.arm.mounts import ArmMount, arms_of
+from dlokit.description.arm.mounts import ArmMount
 from dlokit.description.dlo import DloPreset
-from dlokit.description.table import Table
+from dlokit.description.installation import Installation
 from dlokit.errors import ConfigError
 from dlokit.functional.cameras.simulated import SimulatedStereoConfig
 from dlokit.functional.cameras.strategies import AnyCamera
@@ -52,10 +52,10 @@ class RunConfig:
     it."""
     headless: bool = False
     """Run without the browser viewer."""
-    arm: str = "panda"
+    arm: Annotated[str, tyro.conf.arg(help_behavior_hint="(default: panda, or as installed)")] = ""
     """Arm with its gripper: panda, fr3, ur5e, or a .toml file. docs/how-to/add-an-arm.md says what is in the file."""
     arms: Literal[1, 2] = 1
-    """Arms of the cell; a second stands opposite the first, and planner `rollout` then considers pairs of grasps."""
+    """Arms used; the cell's second stands opposite the first. Planner `rollout` then considers pairs of grasps."""
     dry_run: bool = False
     """Look, plan, and move the arm in software only. The motions of the first action pass all checks and are shown in
     the viewer; no arm moves. Ends as `dry_run`, exit code 0."""
@@ -75,8 +75,6 @@ class RunConfig:
     """When a task ends, and what it does beside carrying the DLO."""
     cell: CellConfig = field(default_factory=CellConfig)
     """The simulated cell, which stands in for reality."""
-    table: Table = field(default_factory=Table)
-    """The table as the system believes it to be."""
     camera: AnyCamera = field(default_factory=SimulatedStereoConfig)
     """The camera."""
     driver: AnyRobotDriver = field(default_factory=SimulatedRobotConfig)
@@ -95,12 +93,15 @@ class RunConfig:
     """What every motion must keep before it reaches an arm: workspace, tool speed, speed scale."""
     viewer: ViewerConfig = field(default_factory=ViewerConfig)
     """The browser viewer."""
+    installation: tyro.conf.Suppress[tyro.conf.Fixed[Installation]] = field(default_factory=Installation)
+    """Where table, arms and camera stand, from the file of `--installation`."""
     hosts: tyro.conf.Suppress[tyro.conf.Fixed[HostsConfig | None]] = None
     """The machines of a live run on several, from the part [hosts] of a `--config` file; None: this machine alone."""
 
     def __post_init__(self) -> None:
         check_ranges(self)
-        check_arm_name(self.arm)
+        for arm in (self.arm,) if self.arm else {installed.model for installed in self.installation.arms}:
+            check_arm_name(arm)
         if self.goal == INTERACTIVE and self.headless:
             raise ConfigError(
                 "--goal interactive needs the viewer, where the goal is dragged; omit --headless, or name a goal."
@@ -109,7 +110,7 @@ class RunConfig:
     @property
     def arm_model(self) -> ArmModel:
         """The arm. Raises `ConfigError` or `MachineError` as `choice.arm_model` does."""
-        return arm_model(self.arm)
+        return self.mounts[0].model
 
     @property
     def has_cell(self) -> bool:
@@ -123,8 +124,8 @@ class RunConfig:
 
     @property
     def mounts(self) -> tuple[ArmMount, ...]:
-        """The arms and where they stand."""
-        return arms_of(self.arm_model, self.arms)
+        """The arms and where they stand. Raises `ConfigError` or `MachineError` as `Installation.mounts` does."""
+        return self.installation.mounts(self.arms, self.arm)
 
 
 UNKNOWN_STIFFNESS_LOG_SD = 2.3

@@ -17,7 +17,6 @@ from dlokit.communication.timing.clock import Clock, FollowedClock
 from dlokit.communication.zenoh.session import OpenSession, ZenohConfig, open_session
 from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.decision.component import DecisionComponent
-from dlokit.description.arm.mounts import ARMS
 from dlokit.errors import ProcessFailure
 from dlokit.skills.planning.strategies import load
 from dlokit.system.build import Wiring, build_component, instances_of_run
@@ -316,6 +315,6 @@ async def deciding(live: LiveSystem, config: RunConfig, folder: Path) -> AsyncGe
     decision = components["decision"]
     assert isinstance(decision, DecisionComponent)
     await host.prepare()
-    async with host, leases_held(live.transport, live.clock, config.robot, ARMS[: config.arms]):
+    async with host, leases_held(live.transport, live.clock, config.robot, config.mounts):
         with calls_published(live.transport, live.clock):
             yield decision

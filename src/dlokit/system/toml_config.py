@@ -40,14 +40,12 @@ def from_toml(text: str, wanted: type[C], source: str) -> C:
     return from_plain(plain, wanted, source)
 
 
-def read_toml(path: Path, wanted: type[C]) -> C:
-    """A configuration from a file. Raises `ConfigError`."""
+def read_toml(path: Path, wanted: type[C], advice: str = "every run writes one to config.toml") -> C:
+    """A configuration from a file. Raises `ConfigError`; `advice` tells a person without the file what to do."""
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(
-            f"configuration {path} cannot be read: {error}; every run writes one to config.toml"
-        ) from error
+        raise ConfigError(f"configuration {path} cannot be read: {error}; {advice}") from error
     return from_toml(text, wanted, str(path))
 
 
@@ -77,6 +75,9 @@ def from_plain(plain: Any, wanted: Any, where: str) -> Any:
     """The inverse of `to_plain`. Raises `ConfigError`."""
     members = _members(wanted)
     if not members:
+        if (row := _row(wanted)) is not None and isinstance(plain, list):
+            items = cast(list[Any], plain)
+            return tuple(from_plain(item, row, f"{where}[{number}]") for number, item in enumerate(items))
         try:
             return msgspec.convert(plain, _bare(wanted))
         except msgspec.ValidationError as error:
@@ -129,6 +130,15 @@ def _dataclass_from(table: dict[str, Any], wanted: type[Any], where: str) -> Any
         return wanted(**values)
     except (TypeError, ValueError, ConfigError) as error:
         raise ConfigError(f"{where}: {error}") from error
+
+
+def _row(wanted: Any) -> Any:
+    """What a tuple of any number of dataclasses consists of; None for other types."""
+    match get_args(_bare(wanted)):
+        case (item, end) if end is ... and _members(item):
+            return item
+        case _:
+            return None
 
 
 def _bare(wanted: Any) -> Any:

@@ -13,7 +13,7 @@ from rich.table import Table
 
 from dlokit.app.bench.progress import followed
 from dlokit.app.commands import CliCommand, flag
-from dlokit.app.shape.job import NamedChoices, config_file_of, with_choices
+from dlokit.app.shape.job import NamedChoices, file_after, with_choices
 from dlokit.app.shape.preflight import prepare, require_camera_of_cell
 from dlokit.benches.report import bench_json
 from dlokit.benches.shaping.cases import IDEAL, CaseResult, ShapingCase, ShapingMethod, cases, methods_of, with_method
@@ -36,6 +36,7 @@ from dlokit.errors import EXIT_FAULT, ConfigError, InputError
 from dlokit.functional.cameras.strategies import CAMERAS
 from dlokit.functional.cell.config import EVERY_FACTOR
 from dlokit.system.config import RunConfig
+from dlokit.system.installation_file import with_installation
 from dlokit.system.own_strategies import NOTHING_OWN, OwnStrategies
 from dlokit.system.results.run_folder import new_run_folder
 from dlokit.system.results.run_record import machine_facts
@@ -98,9 +99,10 @@ QUICK_SEEDS = {"paper": 3, "goals": 1, "stiffness": 2, "wires": 1}
 QUICK_JOBS = 2
 
 
-def shaping_defaults(config_file: Path | None = None) -> RunConfig:
-    """The default settings of every run: those of dlokit, or of a file. Raises `ConfigError`."""
+def shaping_defaults(config_file: Path | None = None, installation: Path | None = None) -> RunConfig:
+    """The default settings of every run: those of dlokit, or of files. Raises `ConfigError`."""
     run = RunConfig() if config_file is None else read_toml(config_file, RunConfig)
+    run = run if installation is None else with_installation(run, installation)
     # The bench compares the verdict with the outcome, so it also tries goals judged infeasible.
     return replace(run, record=False, task=replace(run.task, infeasible="try"))
 
@@ -153,6 +155,8 @@ class ShapingArgs:
     """Folder for the runs; the folder of an interrupted sweep is continued."""
     config: Annotated[Path | None, flag("FILE")] = None
     """Configuration file; flags of this command line override its settings."""
+    installation: Annotated[Path | None, flag("FILE", "the configuration's")] = None
+    """Where table, arms and camera stand, as in `dlokit shape --installation`."""
     run: Annotated[RunConfig, tyro.conf.arg(name="")] = field(default_factory=shaping_defaults)
     """Settings of every run; the bench sets start, goal, seed and runtime. The bench also tries goals judged
     infeasible, and records runs only with `--record`."""
@@ -287,8 +291,8 @@ def _order(todo: Sequence[ShapingCase]) -> Callable[[CaseResult], int]:
 
 
 def _defaults(arguments: Sequence[str]) -> ShapingArgs:
-    config = config_file_of(arguments)
-    return ShapingArgs(config=config, run=shaping_defaults(config))
+    config, installation = (file_after(flag, arguments) for flag in ("--config", "--installation"))
+    return ShapingArgs(config=config, installation=installation, run=shaping_defaults(config, installation))
 
 
 COMMAND = CliCommand(ShapingArgs, run_shaping, _defaults)

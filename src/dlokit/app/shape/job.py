@@ -24,6 +24,7 @@ from dlokit.skills.observer.strategies import OBSERVERS
 from dlokit.skills.perception.segmentations import SEGMENTATIONS
 from dlokit.skills.planning.strategies import PLANNERS
 from dlokit.system.config import INTERACTIVE, RunConfig, with_dlo
+from dlokit.system.installation_file import with_installation
 from dlokit.system.results.run_folder import HIDDEN_START
 from dlokit.system.shaping import ShapeJob
 from dlokit.system.toml_config import read_toml
@@ -39,6 +40,7 @@ class NamedChoices:
     dlo: str | None = None
     physics: str | None = None
     randomised: bool = False
+    installation: str | None = None
     camera: str | None = None
     driver: str | None = None
     observer: str | None = None
@@ -53,6 +55,7 @@ def chosen_settings(arguments: Sequence[str], config_file: Path | None) -> RunCo
         dlo=value_of(arguments, "--dlo"),
         physics=value_of(arguments, "--physics"),
         randomised="--randomised" in arguments,
+        installation=value_of(arguments, "--installation"),
         camera=value_of(arguments, "--camera"),
         driver=value_of(arguments, "--driver"),
         observer=value_of(arguments, "--observer"),
@@ -64,6 +67,8 @@ def chosen_settings(arguments: Sequence[str], config_file: Path | None) -> RunCo
 
 def with_choices(run: RunConfig, choices: NamedChoices, prefix: str = "") -> RunConfig:
     """The configuration with what was chosen by name. Raises `ConfigError`, which names `prefix` and the choice."""
+    if choices.installation is not None:
+        run = with_installation(run, Path(choices.installation))
     if choices.dlo is not None:
         run = with_dlo(run, preset(choices.dlo))
     if choices.physics is not None:
@@ -94,9 +99,9 @@ def _with_physics(run: RunConfig, name: str, flag: str) -> RunConfig:
     return replace(run, cell=replace(run.cell, physics=PHYSICS[name]()))
 
 
-def config_file_of(arguments: Sequence[str]) -> Path | None:
-    """The file after `--config`."""
-    name = value_of(arguments, "--config")
+def file_after(flag: str, arguments: Sequence[str]) -> Path | None:
+    """The file after `--config` or another flag."""
+    name = value_of(arguments, flag)
     return None if name is None else Path(name)
 
 

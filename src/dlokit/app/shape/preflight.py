@@ -50,7 +50,7 @@ def _check_calibration(config: RunConfig) -> None:
     calibration = read_calibration(Path(config.calibration))
     check_has_pose(config.calibration, calibration)
     if config.camera.sees_cell:  # any other camera is compared when it has given its first pictures
-        check_same_camera(config.calibration, calibration, cell_camera(config.cell))
+        check_same_camera(config.calibration, calibration, cell_camera(config.cell, config.installation))
 
 
 def _require_one_world(config: RunConfig) -> None:

@@ -11,7 +11,7 @@ import tyro
 from rich.console import Console
 
 from dlokit.app.commands import CliCommand, flag
-from dlokit.app.shape.job import chosen_settings, config_file_of, job_from_config, with_absolute_files
+from dlokit.app.shape.job import chosen_settings, file_after, job_from_config, with_absolute_files
 from dlokit.app.shape.preflight import check_before_start, prepare
 from dlokit.app.shape.terminal import RunDisplay
 from dlokit.communication.strategies import NamedConfig, StrategyKind
@@ -54,6 +54,8 @@ class ShapeChoices:
     """Folder for the run's files, empty or new; gets result.json, config.toml, report.html and truth.npz."""
     config: Annotated[Path | None, flag("FILE")] = None
     """Read the settings from the config.toml of an earlier run; flags of this command line override them."""
+    installation: Annotated[Path | None, flag("FILE", "the paper's cell")] = None
+    """Where table, arms and camera stand; docs/how-to/describe-an-installation.md says what is in the file."""
     dlo: Annotated[str | None, flag("PRESET", "soft_rope")] = None
     """DLO on the table: soft_rope, silicone_hose, wire_a, wire_b, wire_c, thin_wire or stiff_wire. The system's own
     model gets only its length and radius, which can be measured with a ruler."""
@@ -153,7 +155,7 @@ def run_and_report(
 
 
 def _defaults(arguments: Sequence[str]) -> ShapeArgs:
-    config = config_file_of(arguments)
+    config = file_after("--config", arguments)
     return ShapeArgs(run=chosen_settings(arguments, config), choices=ShapeChoices(config=config))
 
 

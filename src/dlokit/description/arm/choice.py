@@ -1,7 +1,10 @@
 """The arms that can be chosen by name, and files that describe others."""
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
+
+import numpy as np
 
 from dlokit.description.arm.model import ArmModel
 from dlokit.errors import ConfigError
@@ -12,13 +15,17 @@ UR5E_FILE = Path(__file__).with_name("ur5e.toml")
 
 
 @cache
-def arm_model(name: str) -> ArmModel:
+def arm_model(name: str, home_q_rad: tuple[float, ...] = ()) -> ArmModel:
     """The arm of a name of `ARM_NAMES`, or of a file that `arm_file` reads.
 
-    Raises `ConfigError` on an unknown name or an invalid file, `MachineError` when the package with its model is
+    `home_q_rad` (J,) [rad] is its home where it is installed; empty: the arm's own. Raises `ConfigError` on an unknown
+    name, an invalid file or a home that the arm does not reach, `MachineError` when the package with its model is
     missing.
     """
     from dlokit.description.arm import franka
+
+    if home_q_rad:
+        return _at_home(arm_model(name), home_q_rad)
 
     check_arm_name(name)
     if name == franka.PANDA.name:
@@ -30,6 +37,21 @@ def arm_model(name: str) -> ArmModel:
     return read_arm(UR5E_FILE if name == "ur5e" else Path(name), name)
 
 
+def _at_home(arm: ArmModel, home_q_rad: tuple[float, ...]) -> ArmModel:
+    home, limits = np.array(home_q_rad), arm.limits
+    if len(home) != len(arm.joints):
+        raise ConfigError(f"home_deg has {len(home)} angles; the {arm.title} has {len(arm.joints)} joints, one each.")
+    out = np.flatnonzero((home < limits.position_lower_rad) | (home > limits.position_upper_rad))
+    if len(out):
+        joint = int(out[0])
+        lower, upper = (np.degrees(each[joint]) for each in (limits.position_lower_rad, limits.position_upper_rad))
+        raise ConfigError(
+            f"home_deg has {np.degrees(home[joint]):.1f}° for joint {joint + 1}; the {arm.title} turns it from "
+            f"{lower:.1f}° to {upper:.1f}°."
+        )
+    return replace(arm, home_q_rad=home, moved_home=True)
+
+
 def check_arm_name(name: str) -> None:
     """Raise `ConfigError` on a name that is neither an arm's nor a file's."""
     if name in ARM_NAMES:
@@ -37,6 +59,6 @@ def check_arm_name(name: str) -> None:
     if not name.endswith(".toml") or not Path(name).is_file():
         what = "there is no such file" if name.endswith(".toml") else "it is neither an arm's name nor a .toml file"
         raise ConfigError(
-            f"--arm is {name}; {what}. Choose {', '.join(ARM_NAMES)}, or the file of another arm "
+            f"the arm is {name}; {what}. Choose {', '.join(ARM_NAMES)}, or the file of another arm "
             "(docs/how-to/add-an-arm.md)."
         )

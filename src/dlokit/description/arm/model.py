@@ -173,12 +173,14 @@ class ArmModel:
     """Meshes by link; a link without any is drawn as its capsules."""
     franka: FrankaDimensions | None = None
     """None: its inverse kinematics is solved by steps alone."""
+    moved_home: bool = False
+    """Whether `home_q_rad` is that of an installation."""
 
     def __reduce__(self) -> tuple[object, ...]:
-        """Pickles its name only: a process that gets it reads the same arm once."""
+        """Pickles its name and its home only: a process that gets it reads the same arm once."""
         from dlokit.description.arm.choice import arm_model
 
-        return (arm_model, (self.name,))
+        return (arm_model, (self.name, tuple(self.home_q_rad.tolist())) if self.moved_home else (self.name,))
 
     @cached_property
     def links(self) -> tuple[str, ...]:

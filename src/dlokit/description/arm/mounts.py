@@ -1,31 +1,52 @@
-"""Which arms a cell may have, and where they stand.
+"""An arm by its name, and where it stands."""
 
-The second stands opposite the first, as far from the middle of the usable table as that one: what one arm reaches and
-hides from the camera, the other does turned by half a turn about the middle. Each reaches all of the table but the
-corners far from it, which the other reaches.
-"""
+from dataclasses import dataclass
 
-from dataclasses import dataclass, replace
+import numpy as np
 
-from dlokit import geometry
 from dlokit.description.arm.franka import PANDA
 from dlokit.description.arm.model import ArmModel
-from dlokit.description.shapes import CENTRE_M
+from dlokit.errors import ConfigError
+from dlokit.ranges import check_ranges
 from dlokit.types.pose import Pose
 from dlokit.types.robot import FIRST_ROBOT
 
 OPPOSITE = "opposite"
 """Name of the second arm."""
+ROBOTS = (FIRST_ROBOT, OPPOSITE)
+"""Names of all arms that there may be; a run has the first of them."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class WorkspaceBox:
+    """The box that a tool centre point never leaves, in the world."""
+
+    lower_m: tuple[float, float, float] = (-0.3, -0.9, 0.0)
+    """Corner with the smallest x, y and z [m]."""
+    upper_m: tuple[float, float, float] = (1.34, 0.9, 1.2)
+    """The opposite corner [m]; by default the box holds what one arm, or two opposite arms, reach in front."""
+
+    def __post_init__(self) -> None:
+        check_ranges(self, "workspace")
+        if not all(a < b for a, b in zip(self.lower_m, self.upper_m, strict=True)):
+            raise ConfigError(
+                f"the workspace of an arm has lower_m {self.lower_m} and upper_m {self.upper_m}; the first must be "
+                "below the second in x, y and z."
+            )
+
+
+WORKSPACE = WorkspaceBox()
 
 
 @dataclass(frozen=True, kw_only=True)
 class ArmMount:
-    """An arm by its name, and where it stands."""
+    """An arm by its name, and where it stands in the world."""
 
     robot: str
     model: ArmModel = PANDA
     T_world_base: Pose | None = None
     """None: at the world's origin."""
+    workspace: WorkspaceBox = WORKSPACE
 
     @property
     def instance(self) -> str:
@@ -40,22 +61,17 @@ class ArmMount:
         x, y = self.T_world_base.position_m[:2].tolist()
         return (x, y)
 
-
-ARMS: tuple[ArmMount, ...] = (
-    ArmMount(robot=FIRST_ROBOT),
-    ArmMount(
-        robot=OPPOSITE,
-        T_world_base=geometry.pose((2.0 * CENTRE_M[0], 2.0 * CENTRE_M[1], 0.0), (0.0, 0.0, 0.0, 1.0)),
-    ),
-)
-"""Every arm that there may be, as Pandas; a cell has the first of them."""
-
-FIRST_ALONE = ARMS[:1]
+    @property
+    def inclination_rad(self) -> float:
+        """Angle between the base's z axis and the world's [rad]."""
+        if self.T_world_base is None:
+            return 0.0
+        _, x, y, _ = self.T_world_base.wxyz
+        return float(2.0 * np.arcsin(np.clip(np.hypot(x, y), 0.0, 1.0)))
 
 
-def arms_of(model: ArmModel, count: int) -> tuple[ArmMount, ...]:
-    """The first `count` arms, all of one model."""
-    return tuple(replace(mount, model=model) for mount in ARMS[:count])
+FIRST_ALONE = (ArmMount(robot=FIRST_ROBOT),)
+"""A Panda at the world's origin."""
 
 
 def instance_of(robot: str) -> str:

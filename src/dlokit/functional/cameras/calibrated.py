@@ -1,4 +1,4 @@
-"""A camera with a calibration of the user's in place of its own."""
+"""A camera with what the user knows of it in place of its own: a calibration, or where it stands."""
 
 from types import TracebackType
 from typing import Self
@@ -8,31 +8,25 @@ import msgspec
 from dlokit.errors import ConfigError, HardwareError
 from dlokit.functional.cameras.base import Camera
 from dlokit.functional.cameras.calibration_file import check_same_camera
-from dlokit.types.image import CameraCalibration, DepthImage, StereoImages
+from dlokit.types.image import CameraCalibration, CameraPictures
+from dlokit.types.pose import Pose
 
 
-class CalibratedCamera:
-    """A `Camera` that gives the pictures of another one with the calibration of a file."""
+class _Corrected:
+    """A `Camera` that gives the pictures of another one, with another calibration."""
 
-    def __init__(self, camera: Camera, calibration: CameraCalibration, file: str) -> None:
-        """`file` is named in errors."""
+    def __init__(self, camera: Camera) -> None:
         self._camera = camera
-        self._calibration = calibration
-        self._file = file
 
     @property
     def calibration(self) -> CameraCalibration:
-        """That of the file."""
-        return self._calibration
+        """That of its pictures. Raises `HardwareError` while it is not known."""
+        return self._corrected(self._camera.calibration)
 
-    async def capture(self, timeout_s: float) -> StereoImages | DepthImage:
-        """The camera's pictures. Raises `HardwareError` where the file is of another camera."""
+    async def capture(self, timeout_s: float) -> CameraPictures:
+        """The camera's pictures. Raises `HardwareError` where there are none, or they are of another camera."""
         images = await self._camera.capture(timeout_s)
-        try:
-            check_same_camera(self._file, self._calibration, images.calibration)
-        except ConfigError as error:
-            raise HardwareError(str(error)) from error
-        return msgspec.structs.replace(images, calibration=self._calibration)
+        return msgspec.structs.replace(images, calibration=self._corrected(images.calibration))
 
     def __enter__(self) -> Self:
         """Open the camera."""
@@ -44,3 +38,40 @@ class CalibratedCamera:
     ) -> None:
         """Close the camera."""
         self._camera.__exit__(kind, error, trace)
+
+    def _corrected(self, own: CameraCalibration) -> CameraCalibration:
+        raise NotImplementedError
+
+
+class CalibratedCamera(_Corrected):
+    """A `Camera` that gives the pictures of another one with the calibration of a file."""
+
+    def __init__(self, camera: Camera, calibration: CameraCalibration, file: str) -> None:
+        """`file` is named in errors."""
+        super().__init__(camera)
+        self._calibration = calibration
+        self._file = file
+
+    @property
+    def calibration(self) -> CameraCalibration:
+        """That of the file."""
+        return self._calibration
+
+    def _corrected(self, own: CameraCalibration) -> CameraCalibration:
+        try:
+            check_same_camera(self._file, self._calibration, own)
+        except ConfigError as error:
+            raise HardwareError(str(error)) from error
+        return self._calibration
+
+
+class PlacedCamera(_Corrected):
+    """A `Camera` whose driver does not know where it stands."""
+
+    def __init__(self, camera: Camera, T_world_camera: Pose) -> None:
+        """`T_world_camera` replaces the driver's; all else of its calibration stays."""
+        super().__init__(camera)
+        self._T_world_camera = T_world_camera
+
+    def _corrected(self, own: CameraCalibration) -> CameraCalibration:
+        return msgspec.structs.replace(own, T_world_camera=self._T_world_camera)

@@ -12,6 +12,7 @@ from dlokit.communication import topics
 from dlokit.communication.component import Component, implements
 from dlokit.communication.timing.urgency import Urgency, never_urgent
 from dlokit.description.arm.mounts import FIRST_ALONE, ArmMount
+from dlokit.description.installation import PAPERS_CELL, Installation
 from dlokit.errors import MachineError, SkillFailure, SkillRejected
 from dlokit.functional.cell import api
 from dlokit.functional.cell.arm import CellArm
@@ -122,6 +123,7 @@ class CellComponent(Component):
         truth_folder: Path | None = None,
         real_time_factor: float = 1.0,
         arms: tuple[ArmMount, ...] = FIRST_ALONE,
+        installation: Installation = PAPERS_CELL,
         urgency: Urgency = never_urgent,
     ) -> None:
         """Build the cell with the DLO at rest along `start_world` (K, 2) or (K, 3) [m].
@@ -131,7 +133,7 @@ class CellComponent(Component):
         controller, which brakes however busy this machine is. Raises `ShapeError` when the DLO cannot lie there.
         """
         super().__init__()
-        self._cell = Cell(config, seed=seed, arms=arms)
+        self._cell = Cell(config, seed=seed, arms=arms, installation=installation)
         self._cell.place_dlo(start_world)
         self._truth = TruthRecorder(truth_folder) if truth_folder is not None else None
         self._factor = real_time_factor

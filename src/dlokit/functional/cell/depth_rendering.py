@@ -10,9 +10,10 @@ from typing import Any
 import cv2
 import numpy as np
 
+from dlokit.description.installation import PAPERS_CELL, Installation
 from dlokit.description.scene import d435_calibration
 from dlokit.functional.cell.config import CellConfig
-from dlokit.functional.cell.rendering import FARTHEST_M, PictureNoise, PictureRenderer, disturbed
+from dlokit.functional.cell.rendering import FARTHEST_M, PictureNoise, PictureRenderer, disturbed, installed
 from dlokit.types.arrays import BoolArray, Float32Array
 from dlokit.types.image import DepthImage
 
@@ -50,10 +51,10 @@ _STREAM = 0xD435
 class DepthRig:
     """The depth camera. Its true pose and the believed one differ by a small error drawn from the seed."""
 
-    def __init__(self, config: CellConfig, *, seed: int) -> None:
+    def __init__(self, config: CellConfig, *, seed: int, installation: Installation = PAPERS_CELL) -> None:
         self._config = config
         rng = np.random.default_rng([seed, _STREAM])
-        self.true_calibration = d435_calibration()
+        self.true_calibration = installed(d435_calibration(), installation)
         self.calibration = disturbed(self.true_calibration, config, rng)
         self._rng = rng
         self._noise: PictureNoise | None = None

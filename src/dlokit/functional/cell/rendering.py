@@ -12,6 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from dlokit import geometry
+from dlokit.description.installation import PAPERS_CELL, Installation
 from dlokit.description.scene import default_calibration
 from dlokit.errors import DlokitError, MachineError
 from dlokit.functional.cell.config import CellConfig
@@ -32,10 +33,10 @@ FARTHEST_M = 6.0
 class StereoRig:
     """Both cameras. Their true pose and the believed one differ by a small error drawn from the seed."""
 
-    def __init__(self, config: CellConfig, *, seed: int) -> None:
+    def __init__(self, config: CellConfig, *, seed: int, installation: Installation = PAPERS_CELL) -> None:
         self._config = config
         rng = np.random.default_rng([seed, 0xCA])
-        self.true_calibration = cell_camera(config)
+        self.true_calibration = cell_camera(config, installation)
         self.calibration = disturbed(self.true_calibration, config, rng)
         self._noise = PictureNoise(config.image_noise_sigma, config.width_px, config.height_px, rng)
         self._renderer: PictureRenderer | None = None
@@ -78,10 +79,15 @@ class PictureNoise:
         return np.asarray(cv2.add(picture, noise, dtype=cv2.CV_8U), dtype=np.uint8)
 
 
-def cell_camera(config: CellConfig) -> CameraCalibration:
+def cell_camera(config: CellConfig, installation: Installation = PAPERS_CELL) -> CameraCalibration:
     """The cell's camera as it truly is; serial and size are what anybody reads on it."""
-    ideal = default_calibration(config.width_px, config.height_px)
+    ideal = installed(default_calibration(config.width_px, config.height_px), installation)
     return with_lenses(ideal) if config.lens_distortion else ideal
+
+
+def installed(camera: CameraCalibration, installation: Installation) -> CameraCalibration:
+    """A camera whose pose is in the installation's frame, where the installation has it, in the world."""
+    return msgspec.structs.replace(camera, T_world_camera=installation.camera_in_world(camera.T_world_camera))
 
 
 def add_camera(spec: Any, name: str, calibration: CameraCalibration, *, along_m: float = 0.0) -> None:

@@ -9,9 +9,9 @@ from numpy.typing import ArrayLike
 from dlokit import geometry
 from dlokit.description.arm.mounts import FIRST_ALONE, ArmMount
 from dlokit.description.arm.mujoco_model import add_arm
+from dlokit.description.installation import PAPERS_CELL, Installation
 from dlokit.description.scene import add_lights, add_table, table_height_m
 from dlokit.description.shapes import CENTRE_M, LENGTH_TOLERANCE
-from dlokit.description.table import Table
 from dlokit.errors import DlokitError, ShapeError
 from dlokit.functional.cell.arm import CellArm
 from dlokit.functional.cell.board import TrueBoard, add_board, draw_board
@@ -32,8 +32,6 @@ TIMESTEP_S = 0.0025
 _STEPS_A_TICK = round(TICK_S / TIMESTEP_S)
 TABLE_FRICTION = 0.5
 """Friction of the table's own surface; of two surfaces that touch the larger friction counts, mostly the DLO's."""
-TRUE_TABLE = Table()
-"""The table as it is; the system's own belief is the setting `table`."""
 
 
 class TableFriction:
@@ -72,6 +70,7 @@ class Cell:
         *,
         seed: int,
         arms: tuple[ArmMount, ...] = FIRST_ALONE,
+        installation: Installation = PAPERS_CELL,
         episode: Episode | None = None,
     ) -> None:
         """Build the cell with its arms at home and the DLO straight in the middle of the table.
@@ -82,11 +81,12 @@ class Cell:
         self.episode = draw_episode(config, seed) if episode is None else episode
         config = apply_episode(config, self.episode)
         self.config = config
-        self.rig = StereoRig(config, seed=seed)
-        self.depth_rig = DepthRig(config, seed=seed)
+        self.table = installation.table.dimensions
+        self.rig = StereoRig(config, seed=seed, installation=installation)
+        self.depth_rig = DepthRig(config, seed=seed, installation=installation)
         self.board = None if config.board is None else draw_board(config.board, seed, arms[0].model)
         cameras = self.rig.true_calibration, self.depth_rig.true_calibration
-        self._model = _build(config, self.episode, cameras, arms, self.board)
+        self._model = _build(config, self.episode, cameras, arms, installation, self.board)
         self._data: Any = mujoco.MjData(self._model)
         self._dlo = config.physics.take_over(self._model, self._data, config.dlo)
         self._friction = TableFriction(self._model, self._dlo, config.dlo.friction, self.episode)
@@ -208,10 +208,10 @@ class Cell:
                 "give a curve of that length."
             )
         xy = geometry.resample(curve_world[:, :2], NODES)
-        off = np.abs(xy - TRUE_TABLE.centre_m) > np.array(TRUE_TABLE.half_size_m) - dlo.radius_m
+        off = np.abs(xy - self.table.centre_m) > np.array(self.table.half_size_m) - dlo.radius_m
         if off.any():
             raise ShapeError(f"The start shape leaves the table at {xy[off.any(axis=1)][0].round(3)} m: move it.")
-        lowest_m = table_height_m(xy, TRUE_TABLE, self.episode.table_tilt_deg) + dlo.radius_m
+        lowest_m = table_height_m(xy, self.table, self.episode.table_tilt_deg) + dlo.radius_m
         if curve_world.shape[1] == 2:
             return np.column_stack([xy, lowest_m])
         return np.column_stack([xy, np.maximum(geometry.resample(curve_world, NODES)[:, 2], lowest_m)])
@@ -222,13 +222,16 @@ def _build(
     episode: Episode,
     cameras: tuple[CameraCalibration, CameraCalibration],
     arms: tuple[ArmMount, ...],
+    installation: Installation,
     board: TrueBoard | None,
 ) -> Any:
     stereo, depth = cameras
+    table = installation.table.dimensions
     spec: Any = mujoco.MjSpec()
     set_rod_physics(spec, TIMESTEP_S)
-    add_table(spec, TRUE_TABLE, friction=TABLE_FRICTION * episode.friction_factor, tilt_deg=episode.table_tilt_deg)
-    add_lights(spec, TRUE_TABLE, shadows=config.shadows, light=episode.light_factor)
+    spec.option.gravity = installation.gravity_world
+    add_table(spec, table, friction=TABLE_FRICTION * episode.friction_factor, tilt_deg=episode.table_tilt_deg)
+    add_lights(spec, table, shadows=config.shadows, light=episode.light_factor)
     add_stereo_cameras(spec, stereo)
     add_camera(spec, DEPTH_CAMERA, depth)
     sizes_px = [(camera.width_px, camera.height_px) for camera in (stereo, depth)]

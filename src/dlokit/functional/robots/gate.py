@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from dlokit import geometry
 from dlokit.communication.timing.deadlines import DeadlineWatchdog, LoopWatchdog
 from dlokit.description.arm.model import ArmModel
-from dlokit.errors import ConfigError, SkillFailure
+from dlokit.description.arm.mounts import WORKSPACE, WorkspaceBox
+from dlokit.errors import SkillFailure
 from dlokit.functional.robots.base import Robot
 from dlokit.motion.forward_kinematics import tcp_matrices
 from dlokit.motion.limits import START_RAD, limit_violation, scaled
@@ -32,10 +33,6 @@ SLOWEST_SCALE = 0.05
 class GateConfig:
     """Limits that every motion must keep before it reaches an arm, whichever skill requests it."""
 
-    workspace_lower_m: tuple[float, float, float] = (-0.3, -0.9, 0.0)
-    """Corner of the box that the tool centre point never leaves, with the smallest x, y and z in the world [m]."""
-    workspace_upper_m: tuple[float, float, float] = (1.34, 0.9, 1.2)
-    """The opposite corner [m]; by default the box holds what one arm, or two opposite arms, reach in front."""
     largest_tool_speed_m_s: Positive = 2.5
     """Largest speed of the tool centre point [m/s]; joint motions over the table reach 1.9."""
     speed_scale: Annotated[float, Meta(ge=SLOWEST_SCALE, le=1.0), tyro.conf.arg(aliases=("--speed-scale",))] = 1.0
@@ -43,11 +40,6 @@ class GateConfig:
 
     def __post_init__(self) -> None:
         check_ranges(self, "gate")
-        if not all(a < b for a, b in zip(self.workspace_lower_m, self.workspace_upper_m, strict=True)):
-            raise ConfigError(
-                f"--gate.workspace-lower-m is {self.workspace_lower_m} and --gate.workspace-upper-m "
-                f"{self.workspace_upper_m}; the first must be below the second in x, y and z."
-            )
 
 
 FEEDBACK_AGE_S = 0.1
@@ -72,6 +64,7 @@ class GatedRobot:
         now_ns: Callable[[], int],
         *,
         T_world_base: Pose | None = None,
+        workspace: WorkspaceBox = WORKSPACE,
         may_move: Callable[[str], bool] = bool,
         watch: DeadlineWatchdog | None = None,
     ) -> None:
@@ -84,6 +77,7 @@ class GatedRobot:
         self._config = config
         self._now_ns = now_ns
         self._T_world_base = T_world_base
+        self._workspace = workspace
         self._may_move = may_move
         self._feedback = _Feedback()
         self._watch = watch or LoopWatchdog()
@@ -202,15 +196,15 @@ class GatedRobot:
             )
 
     def _outside(self, places_world: NDArray[np.float64]) -> NDArray[np.bool_]:
-        lower, upper = self._config.workspace_lower_m, self._config.workspace_upper_m
+        lower, upper = self._workspace.lower_m, self._workspace.upper_m
         return np.any((places_world < lower) | (places_world > upper), axis=-1)
 
     def _refused_place(self, place_world: NDArray[np.float64], when: str) -> SkillFailure:
-        lower, upper = self._config.workspace_lower_m, self._config.workspace_upper_m
+        lower, upper = self._workspace.lower_m, self._workspace.upper_m
         return SkillFailure(
             RobotReason.OUTSIDE_WORKSPACE,
             f"the tool would be at {np.round(place_world, 3).tolist()} m {when}, outside the box from {lower} to "
-            f"{upper}; choose a target inside, or widen --gate.workspace-lower-m and --gate.workspace-upper-m",
+            f"{upper}; choose a target inside, or widen the workspace of the arm in the installation file",
         )
 
     async def _check_start(self, trajectory: JointTrajectory) -> None:

@@ -80,6 +80,7 @@ class KinematicRobot:
         if self._device is not None:
             await self._opened.enter_async_context(self._device)
             state = self._device.state()
+            self._latched = state.stop_latched
             self._course = self._resting(self._clock.now_ns(), state.q_rad, state.finger_width_m)
         return self
 
@@ -106,7 +107,7 @@ class KinematicRobot:
             finger_width_m=width_m,
             mode=RobotMode.MOVING if self._is_moving else RobotMode.IDLE,
             T_world_base=self._mount.T_world_base,
-            stop_latched=self._is_stopped,
+            stop_latched=self._latched or (self._device is not None and self._device.state().stop_latched),
         )
 
     def now_ns(self) -> int:
@@ -208,12 +209,8 @@ class KinematicRobot:
     def _is_moving(self) -> bool:
         return len(self._course.times_s) > 1
 
-    @property
-    def _is_stopped(self) -> bool:
-        return self._latched or (self._device is not None and self._device.state().stop_latched)
-
     def _check_idle(self) -> None:
-        if self._is_stopped:
+        if self._latched:
             raise SkillFailure(
                 RobotReason.STOP_LATCHED, "a person has stopped the arm; a person must enable it: dlokit enable"
             )

@@ -10,7 +10,7 @@ from dlokit.communication import topics
 from dlokit.communication.port import Port
 from dlokit.communication.timing.pulse import Pulse, loop_pulse
 from dlokit.description.arm.model import ArmModel
-from dlokit.description.arm.mounts import ARMS, ArmMount
+from dlokit.description.arm.mounts import FIRST_ALONE, ArmMount
 from dlokit.errors import HardwareError, SkillFailure
 from dlokit.functional.cell import api
 from dlokit.functional.robots.base import Robot
@@ -28,7 +28,7 @@ _CONNECT_S = 10.0
 class SimulatedRobot:
     """Drives an arm of the cell through a port."""
 
-    def __init__(self, port: Port, mount: ArmMount = ARMS[0], pulse: Pulse = loop_pulse) -> None:
+    def __init__(self, port: Port, mount: ArmMount = FIRST_ALONE[0], pulse: Pulse = loop_pulse) -> None:
         """`pulse` sends the heartbeats during a motion."""
         self._port = port
         self._pulse = pulse

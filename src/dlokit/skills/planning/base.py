@@ -53,6 +53,8 @@ class PlanningTools:
     actions: ActionConfig
     arm: ArmModel = PANDA
     """The arm that moves the tool, and its gripper."""
+    place_m: tuple[float, float] = (0.0, 0.0)
+    """Where its base stands (x, y) [m]."""
     model: BelievedDlo = field(default_factory=BelievedDlo)
     """The rod with which actions are simulated."""
     table: FeasibilityConfig = field(default_factory=FeasibilityConfig)

@@ -50,11 +50,13 @@ class PlanningComponent(Component):
         stopwatch: Callable[[], float] | None = None,
         second: SecondArm | None = None,
         arm: ArmModel = PANDA,
+        place_m: tuple[float, float] = (0.0, 0.0),
     ) -> None:
         """`reachable` is the arm's kinematics; `model` the rod with which actions are simulated.
 
         `stopwatch` returns the machine's time [s] in a live run; without it only rollouts are limited. `second` is
-        the other arm, where there are two. `arm` is the model of all arms.
+        the other arm, where there are two. `arm` is the model of all arms; the base of the first stands at `place_m`
+        (x, y) [m].
         """
         super().__init__()
         self._model = model
@@ -64,6 +66,7 @@ class PlanningComponent(Component):
             reachable=reachable,
             actions=config.actions,
             arm=arm,
+            place_m=place_m,
             model=model,
             table=config.feasibility,
             compute=self._compute,
@@ -200,6 +203,7 @@ class PlanningComponent(Component):
             dlo=self._model,
             config=self._config.feasibility,
             arm=self._tools.arm,
+            place_m=self._tools.place_m,
             tip_clearance_m=self._config.actions.grasp.tip_clearance_m,
             reachable=self._reachable,
             calibration=None if seen is None else seen.calibration,

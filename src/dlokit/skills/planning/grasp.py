@@ -57,7 +57,7 @@ def wrapped(angle_rad: float) -> float:
     return float((angle_rad + np.pi) % (2.0 * np.pi) - np.pi)
 
 
-def grasp_yaw(arm: ArmModel, point: RodPoint, turn_rad: float, place_m: tuple[float, float] = (0.0, 0.0)) -> float:
+def grasp_yaw(arm: ArmModel, point: RodPoint, turn_rad: float, place_m: tuple[float, float]) -> float:
     """Yaw of the tool at `point`: of the two perpendicular to the rod, the one with more room for the wrist [rad].
 
     `turn_rad` is the tool's later turn; the worse of both ends counts. The arm's base is at `place_m`.

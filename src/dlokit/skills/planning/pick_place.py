@@ -75,7 +75,7 @@ def take_to_goal(
     part = float(np.clip(whole, -_LARGEST_TURN_RAD, _LARGEST_TURN_RAD))
     # A carry with a turn may be out of reach although one without a turn is not.
     for turn_rad in (whole,) if whole_turn else dict.fromkeys((part, 0.0)):
-        yaw = grasp_yaw(tools.arm, here, turn_rad)
+        yaw = grasp_yaw(tools.arm, here, turn_rad, tools.place_m)
         T_world_tcp = grasp_pose(here, yaw, height_m)
         end = np.array([*there.position_world[:2], height_m])
         poses = carry_path(T_world_tcp.position_m, end, yaw, turn_rad, path.lift_m)

@@ -8,7 +8,7 @@ from dlokit.communication.topic import Topic
 from dlokit.communication.topics import TOPICS
 from dlokit.communication.zenoh.access import HostRights
 from dlokit.decision.api import STOP_TASK
-from dlokit.description.arm.mounts import ARMS
+from dlokit.description.arm.mounts import ROBOTS, instance_of
 from dlokit.errors import ConfigError
 from dlokit.skills.robot import api as robot
 from dlokit.system.hosts.config import HostsConfig
@@ -81,7 +81,7 @@ def rights_at_main(placement: Placement) -> tuple[HostRights, ...]:
     that keep the robot's lease.
     """
     stops = tuple(
-        f"{skill.component}/{skill.name}" for skill in (*(robot.STOP.at(arm.instance) for arm in ARMS), STOP_TASK)
+        f"{skill.component}/{skill.name}" for skill in (*(robot.STOP.at(instance_of(arm)) for arm in ROBOTS), STOP_TASK)
     )
     return tuple(
         HostRights(

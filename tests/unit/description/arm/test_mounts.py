@@ -4,10 +4,13 @@ import numpy as np
 
 from dlokit import geometry
 from dlokit.description.arm.franka import PANDA
-from dlokit.description.arm.mounts import ARMS, ArmMount, instance_of
+from dlokit.description.arm.mounts import ArmMount, instance_of
+from dlokit.description.installation import Installation
 from dlokit.description.shapes import CENTRE_M
 from dlokit.description.table import TABLE_X_M, TABLE_Y_M
 from dlokit.motion.inverse_kinematics import ArmKinematics, Yaw
+
+ARMS = Installation().mounts(2)
 
 
 def test_the_second_arm_is_the_first_turned_by_half_a_turn_about_the_middle_of_the_table() -> None:

@@ -11,7 +11,8 @@ from dlokit.communication.port import InlineCompute, Port
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.description.arm.franka import PANDA
-from dlokit.description.arm.mounts import ARMS, OPPOSITE
+from dlokit.description.arm.mounts import OPPOSITE
+from dlokit.description.installation import Installation
 from dlokit.description.shapes import builtin_shape
 from dlokit.functional.cell import api
 from dlokit.functional.cell.component import CellComponent
@@ -21,6 +22,8 @@ from dlokit.motion.inverse_kinematics import ArmKinematics
 from dlokit.motion.trajectories import joint_move
 from dlokit.types.outcome import Rejected
 from dlokit.types.robot import Lease
+
+ARMS = Installation().mounts(2)
 
 
 def test_each_driver_moves_its_own_arm_and_the_other_stays_where_it_is() -> None:

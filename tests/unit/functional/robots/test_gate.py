@@ -11,6 +11,7 @@ from robot_bench import FAR, KINEMATICS, PerfectArm
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.description.arm.franka import PANDA
+from dlokit.description.arm.mounts import WORKSPACE, WorkspaceBox
 from dlokit.errors import ConfigError, SkillFailure
 from dlokit.functional.robots.gate import GateConfig, GatedRobot
 from dlokit.geometry import downward, pose
@@ -49,11 +50,17 @@ def at_gate(
     config: GateConfig | None = None,
     may_move: Callable[[str], bool] = bool,
     T_world_base: Pose | None = None,
+    workspace: WorkspaceBox = WORKSPACE,
 ) -> None:
     async def main() -> None:
         arm = FeltArm()
         robot = GatedRobot(
-            arm, config or GateConfig(), LoopClock().now_ns, may_move=may_move, T_world_base=T_world_base
+            arm,
+            config or GateConfig(),
+            LoopClock().now_ns,
+            may_move=may_move,
+            T_world_base=T_world_base,
+            workspace=workspace,
         )
         await scenario(arm, robot)
 
@@ -232,8 +239,8 @@ def test_the_tool_stays_inside_its_box_for_any_mounting_pose() -> None:
         assert await refusal(robot.follow(GOOD, LEASE)) == RobotReason.OUTSIDE_WORKSPACE
         assert arm.followed == []
 
-    lower, upper = (0.2, -0.2, 0.3), (0.6, 0.2, 0.6)
-    at_gate(scenario, GateConfig(workspace_lower_m=lower, workspace_upper_m=upper))  # the tool is at y = 0.24 m
+    box = WorkspaceBox(lower_m=(0.2, -0.2, 0.3), upper_m=(0.6, 0.2, 0.6))
+    at_gate(scenario, workspace=box)  # the tool is at y = 0.24 m
     at_gate(scenario, T_world_base=pose([0.0, 0.0, -0.5]))
 
 
@@ -295,13 +302,17 @@ def test_stop_brake_and_recover_always_pass() -> None:
         ({"speed_scale": 1.1}, "speed-scale"),
         ({"speed_scale": np.nan}, "speed-scale"),
         ({"largest_tool_speed_m_s": 0.0}, "largest-tool-speed-m-s"),
-        ({"workspace_lower_m": (0.0, 0.0, 2.0)}, "workspace-lower-m"),
-        ({"workspace_upper_m": (1.0, np.nan, 1.0)}, "workspace-upper-m"),
     ],
 )
 def test_invalid_settings_are_refused(settings: dict[str, float], named: str) -> None:
     with pytest.raises(ConfigError, match=named):
         GateConfig(**settings)  # type: ignore[arg-type]  # the point of the test
+
+
+@pytest.mark.parametrize("corner", [{"lower_m": (0.0, 0.0, 2.0)}, {"upper_m": (1.0, np.nan, 1.0)}])
+def test_a_box_without_inside_is_refused(corner: dict[str, tuple[float, float, float]]) -> None:
+    with pytest.raises(ConfigError, match="workspace"):
+        WorkspaceBox(**corner)
 
 
 def test_the_box_contains_home_the_work_area_and_lifts_to_half_a_metre() -> None:

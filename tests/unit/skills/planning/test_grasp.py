@@ -38,7 +38,7 @@ def hairpin(gap_m: float) -> Float64Array:
 
 def test_the_gripper_is_across_the_rod_and_points_down() -> None:
     point = rod_point(I_SHAPE, 0.5)
-    T = geometry.rotation(grasp_pose(point, grasp_yaw(PANDA, point, 0.0), HEIGHT_M))
+    T = geometry.rotation(grasp_pose(point, grasp_yaw(PANDA, point, 0.0, (0.0, 0.0)), HEIGHT_M))
     assert np.abs(T[:, 0] @ [0.0, 1.0, 0.0]) == pytest.approx(1.0)  # tool x along the rod, which lies along y
     assert T[:, 2] == pytest.approx([0.0, 0.0, -1.0])
 
@@ -55,7 +55,7 @@ def test_the_end_is_grasped_a_little_inside() -> None:
 def test_the_wrist_keeps_room_to_turn(node: int, turn_rad: float) -> None:
     shape = builtin_shape("S", 0.5, 31)
     point = rod_point(shape, node / 30)
-    yaw = grasp_yaw(PANDA, point, turn_rad)
+    yaw = grasp_yaw(PANDA, point, turn_rad, (0.0, 0.0))
     middle = np.arctan2(point.position_world[1], point.position_world[0]) + PANDA.roomiest_yaw_rad
     # Joint 7 turns 2.89 rad either way from its middle.
     assert abs(yaw - middle) < 2.8

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from dlokit.description.arm.franka import PANDA
-from dlokit.description.arm.mounts import ARMS, OPPOSITE
+from dlokit.description.arm.mounts import OPPOSITE
+from dlokit.description.installation import Installation
 from dlokit.description.shapes import builtin_shape
 from dlokit.geometry import downward, lifted, rmse_m
 from dlokit.motion.arm_distance import Apart
@@ -20,6 +21,8 @@ from dlokit.skills.planning.rollout.search import SearchConfig
 from dlokit.skills.planning.rollout.strategy import RolloutConfig
 from dlokit.types.action import Marks, PairPlace, VelocityProfile
 from dlokit.types.dlo import DloState, GoalShape
+
+ARMS = Installation().mounts(2)
 
 MODEL = BelievedDlo()
 FIRST, OTHER = (ArmKinematics(PANDA, mount.T_world_base) for mount in ARMS)

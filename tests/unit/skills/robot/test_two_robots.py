@@ -16,7 +16,8 @@ from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.communication.topic import Topic
 from dlokit.description.arm.franka import PANDA
-from dlokit.description.arm.mounts import ARMS, OPPOSITE, ArmMount
+from dlokit.description.arm.mounts import OPPOSITE, ArmMount
+from dlokit.description.installation import Installation
 from dlokit.description.shapes import CENTRE_M, builtin_shape
 from dlokit.functional.cell.component import CellComponent
 from dlokit.functional.cell.config import CellConfig
@@ -32,6 +33,8 @@ from dlokit.skills.robot.config import RobotConfig
 from dlokit.types.arrays import Float64Array
 from dlokit.types.outcome import Failed, Succeeded
 from dlokit.types.robot import RobotMode, RobotReason, RobotState
+
+ARMS = Installation().mounts(2)
 
 MIDDLE = downward([*CENTRE_M, 0.25], 0.0)
 CLEARANCE_M = RobotConfig().arm_clearance_m

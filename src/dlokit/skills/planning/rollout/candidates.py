@@ -145,15 +145,15 @@ class PlanningScene:
         return NodeToGoal(node=node, here=here, there=rod_point(self.goal_world, share), opening_m=opening_m)
 
     def start(
-        self, hold: NodeToGoal, more_turn_rad: float, place_m: tuple[float, float] = (0.0, 0.0)
+        self, hold: NodeToGoal, more_turn_rad: float, place_m: tuple[float, float] | None = None
     ) -> tuple[Float64Array, float]:
         """The tool at the grasp (4,): x, y, z [m], yaw [rad]; and how far it turns to the goal's tangent and more.
 
-        The arm stands at `place_m`.
+        The arm stands at `place_m` (x, y) [m]; None: it is the first.
         """
         turn = wrapped(hold.there.yaw_rad - hold.here.yaw_rad) + more_turn_rad
         turn = min(max(turn, -_LARGEST_TURN_RAD), _LARGEST_TURN_RAD)
-        yaw = grasp_yaw(self.tools.arm, hold.here, turn, place_m)
+        yaw = grasp_yaw(self.tools.arm, hold.here, turn, self.tools.place_m if place_m is None else place_m)
         return np.array([*hold.here.position_world[:2], self.tools.grasp_height_m, yaw]), turn
 
     def candidate(

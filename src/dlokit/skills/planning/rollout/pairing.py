@@ -81,7 +81,7 @@ class Pairing:
     ) -> Candidate | None:
         """The first arm moves `own`, the second `other`; None when they do not reach or come too near each other."""
         lift_m = min(max(float(numbers[8]), _LIFT_M[0]), _LIFT_M[1])
-        first, second = self._tool(*own, lift_m, (0.0, 0.0)), self._tool(*other, lift_m, self._second.place_m)
+        first, second = self._tool(*own, lift_m, None), self._tool(*other, lift_m, self._second.place_m)
         poses = [tool_pose(point) for point in first], [tool_pose(point) for point in second]
         if not (all(map(self._scene.tools.reachable, poses[0])) and all(map(self._second.reachable, poses[1]))):
             return None
@@ -99,7 +99,7 @@ class Pairing:
         )
 
     def _tool(
-        self, hold: NodeToGoal, release: Float64Array, lift_m: float, place_m: tuple[float, float]
+        self, hold: NodeToGoal, release: Float64Array, lift_m: float, place_m: tuple[float, float] | None
     ) -> Float64Array:
         """Waypoints (5, 4) of one tool: down at the grasp, up, over, above the release, down."""
         first, turn = self._scene.start(hold, float(release[2]), place_m)

@@ -110,8 +110,9 @@ class Pushing:
 
     def _comfortable(self, yaw_rad: float, here: RodPoint) -> float:
         """The same fingers turned by half a turn, where that leaves the wrist more room [rad]."""
-        x, y = here.position_world[:2]
-        middle = math.atan2(y, x) + self._scene.tools.arm.roomiest_yaw_rad
+        tools = self._scene.tools
+        x, y = here.position_world[:2] - np.array(tools.place_m)
+        middle = math.atan2(y, x) + tools.arm.roomiest_yaw_rad
         return middle + (wrapped(2.0 * (yaw_rad - middle)) / 2.0)
 
     def _free(self, tool: Float64Array) -> bool:

@@ -85,6 +85,8 @@ class Workplace:
     """None: views are not checked."""
     arm: ArmModel = PANDA
     """The arm that moves the tool, and its gripper."""
+    place_m: tuple[float, float] = (0.0, 0.0)
+    """Where its base stands (x, y) [m]."""
     tip_clearance_m: float = TIP_CLEARANCE_M
     """Distance of the fingertips from the table at grasp and release [m]."""
 
@@ -230,7 +232,7 @@ def _in_reach(nodes_world: Float64Array, place: Workplace, *, handled_from_m: fl
 
 def _can_grasp(nodes_world: Float64Array, share: float, place: Workplace) -> bool:
     point = rod_point(nodes_world, share)
-    yaw = grasp_yaw(place.arm, point, 0.0)
+    yaw = grasp_yaw(place.arm, point, 0.0, place.place_m)
     # The gripper may have either of two yaws; one within the arm's reach is enough.
     return any(place.reachable(grasp_pose(point, yaw + turn, place.grasp_height_m)) for turn in (0.0, np.pi, -np.pi))
 

@@ -1,0 +1,155 @@
+"""Where things stand in a lab: the table, the arms and the camera, as people measure them.
+
+All places of an installation are in one frame, which whoever measures them chooses: the base of an arm, a corner of the
+table, a mark on the floor; its z axis points up. The world frame, in which dlokit works, lies on the table: its origin
+is a point of the table's top, z is the normal of the top, and DLOs lie at z = radius (decision 23). By default both
+frames are the same, in the base of the first arm.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+import scipy
+
+from dlokit import geometry
+from dlokit.description.arm.choice import arm_model
+from dlokit.description.arm.mounts import ROBOTS, WORKSPACE, ArmMount, WorkspaceBox
+from dlokit.description.shapes import CENTRE_M
+from dlokit.description.table import Table
+from dlokit.errors import ConfigError
+from dlokit.ranges import check_ranges
+from dlokit.types.arrays import Float64Array
+from dlokit.types.pose import Pose
+
+GRAVITY_M_S2 = 9.81
+_DIGITS = 12  # of a rotation from angles in degrees: half a turn is then the exact quaternion
+
+
+@dataclass(frozen=True, kw_only=True)
+class Place:
+    """A pose as people measure it."""
+
+    position_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Its origin in the installation's frame [m]."""
+    rpy_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Roll, pitch, yaw: turns about the x, the y, then the z axis of the installation's frame [°]."""
+
+    def __post_init__(self) -> None:
+        check_ranges(self, "installation")
+
+    @property
+    def pose(self) -> Pose:
+        """The same as position and quaternion: ``T_installation_it``."""
+        turned = scipy.spatial.transform.Rotation.from_euler("xyz", self.rpy_deg, degrees=True)
+        return geometry.pose(self.position_m, np.round(turned.as_quat(scalar_first=True, canonical=True), _DIGITS))
+
+
+@dataclass(frozen=True, kw_only=True)
+class InstalledTable(Place):
+    """The table. `position_m` is a point of its top, the origin of the world; `rpy_deg` inclines and turns it."""
+
+    centre_m: tuple[float, float] = Table().centre_m
+    """Middle of its top (x, y) in the world [m]."""
+    size_m: tuple[float, float] = Table().size_m
+    """Its extent along x and y of the world [m]."""
+
+    @property
+    def dimensions(self) -> Table:
+        """The table in the world. Raises `ConfigError` on a size that is not positive."""
+        return Table(centre_m=self.centre_m, size_m=self.size_m)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        assert self.dimensions
+
+
+@dataclass(frozen=True, kw_only=True)
+class InstalledArm(Place):
+    """An arm with its gripper. `position_m` and `rpy_deg` are those of its base."""
+
+    model: str = "panda"
+    """panda, fr3, ur5e, or a .toml file, which also describes its tool and gripper."""
+    home_deg: tuple[float, ...] = ()
+    """Joint angles at which it hides nothing from the camera [°]; empty: those of the model."""
+    workspace: WorkspaceBox = WORKSPACE
+    """Box in the world that its tool centre point never leaves."""
+
+
+_FACING = InstalledArm(position_m=(2.0 * CENTRE_M[0], 2.0 * CENTRE_M[1], 0.0), rpy_deg=(0.0, 0.0, 180.0))
+"""The second arm of the default cell stands opposite the first, as far from the middle of the usable table as that one:
+what one arm reaches and hides from the camera, the other does turned by half a turn about the middle. Each reaches all
+of the table but the corners far from it, which the other reaches."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Installation:
+    """Where table, arms and camera stand; the default is the simulated cell of the paper."""
+
+    table: InstalledTable = field(default_factory=InstalledTable)
+    arms: tuple[InstalledArm, ...] = (InstalledArm(), _FACING)
+    """The arms, the one that is used alone first."""
+    camera: Place | None = None
+    """The camera (x right, y down, z forward); None: where the paper's camera is in this frame, for a simulated one,
+    and as its driver or its calibration says, for any other."""
+
+    def __post_init__(self) -> None:
+        if not 1 <= len(self.arms) <= len(ROBOTS):
+            raise ConfigError(f"an installation has {len(self.arms)} [[arms]]; one or {len(ROBOTS)} are allowed.")
+        models = {arm.model for arm in self.arms}
+        if len(models) > 1:
+            raise ConfigError(f"the arms of an installation must be of one model; these are {', '.join(models)}.")
+
+    @cached_property
+    def T_world_installation(self) -> Pose | None:
+        """None: the world's frame is the installation's."""
+        table = self.table.pose
+        return None if _is_identity(table) else geometry.inverse(table)
+
+    def in_world(self, T_installation_it: Pose) -> Pose:
+        """A pose of the installation in the world."""
+        T = self.T_world_installation
+        return T_installation_it if T is None else geometry.compose(T, T_installation_it)
+
+    def camera_in_world(self, T_installation_camera: Pose) -> Pose:
+        """Where the camera stands in the world; unless the file says it, at a given pose of the installation."""
+        return self.in_world(T_installation_camera if self.camera is None else self.camera.pose)
+
+    @cached_property
+    def gravity_world(self) -> Float64Array:
+        """Acceleration by gravity (3,) [m/s²]; on an inclined table it is not along z."""
+        down = np.array([0.0, 0.0, -GRAVITY_M_S2])
+        T = self.T_world_installation
+        return down if T is None else geometry.rotation(T) @ down
+
+    def mounts(self, count: int, model: str = "") -> tuple[ArmMount, ...]:
+        """The first `count` arms; `model` replaces the installed one, with its own home.
+
+        Raises `ConfigError` where there are fewer, or where a home does not fit the arm, and as `arm_model` does.
+        """
+        if count > len(self.arms):
+            raise ConfigError(f"--arms is {count}, and the installation has {len(self.arms)}: describe another there.")
+        return tuple(self._mount(robot, arm, model) for robot, arm in zip(ROBOTS, self.arms[:count], strict=False))
+
+    def _mount(self, robot: str, arm: InstalledArm, model: str) -> ArmMount:
+        replaced = model not in ("", arm.model)
+        base = self.in_world(arm.pose)
+        return ArmMount(
+            robot=robot,
+            model=arm_model(model or arm.model, () if replaced else _radians(arm.home_deg)),
+            T_world_base=None if _is_identity(base) else base,
+            workspace=arm.workspace,
+        )
+
+
+PAPERS_CELL = Installation()
+"""The simulated cell, with the paper's camera; its second arm is used where a run has two."""
+
+
+def _radians(angles_deg: Sequence[float]) -> tuple[float, ...]:
+    return tuple(np.radians(angles_deg).tolist())
+
+
+def _is_identity(T: Pose) -> bool:
+    return not np.any(T.position_m) and T.wxyz[0] == 1.0

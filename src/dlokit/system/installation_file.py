@@ -1,0 +1,78 @@
+"""The file of `--installation`: what stands where in a lab, and which camera looks at it.
+
+[table]                          # each part and each key may be left out
+position_m = [0.0, 0.0, 0.08]    # the world's origin, in a frame of your choice
+rpy_deg = [1.0, 0.0, 0.0]
+
+[[arms]]
+model = "panda"                  # or the file of an arm, beside this file
+position_m = [0.0, 0.0, 0.0]
+rpy_deg = [0.0, 0.0, 90.0]
+
+[camera]
+calibration = "calibration.toml"
+[camera.driver]
+kind = "realsense"
+"""
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from dlokit.description.installation import Installation, InstalledArm, InstalledTable, Place
+from dlokit.errors import ConfigError
+from dlokit.functional.cameras.simulated import SimulatedStereoConfig
+from dlokit.functional.cameras.strategies import AnyCamera
+from dlokit.system.config import RunConfig
+from dlokit.system.toml_config import read_toml
+
+
+@dataclass(frozen=True, kw_only=True)
+class InstalledCamera:
+    """The camera: its driver, and where it stands."""
+
+    driver: AnyCamera = field(default_factory=SimulatedStereoConfig)
+    """Which camera, with its settings, as its serial number."""
+    calibration: str = ""
+    """File that `dlokit calibrate` wrote, beside this one; a camera of another serial number is refused."""
+    position_m: tuple[float, float, float] | None = None
+    """Where it stands by a ruler in the installation's frame [m], for want of a calibration with its pose."""
+    rpy_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Roll, pitch, yaw of the camera's frame: x right, y down, z forward in its picture [°]."""
+
+    def __post_init__(self) -> None:
+        if self.calibration and self.position_m is not None:
+            raise ConfigError("has calibration and position_m, which both say where it stands: leave one out")
+
+    @property
+    def place(self) -> Place | None:
+        """Where a ruler has it."""
+        return None if self.position_m is None else Place(position_m=self.position_m, rpy_deg=self.rpy_deg)
+
+
+@dataclass(frozen=True, kw_only=True)
+class InstallationFile:
+    """What the file may say."""
+
+    table: InstalledTable = field(default_factory=InstalledTable)
+    arms: tuple[InstalledArm, ...] = Installation().arms
+    camera: InstalledCamera = field(default_factory=InstalledCamera)
+
+
+def with_installation(run: RunConfig, path: Path) -> RunConfig:
+    """A configuration with what the installation file says. Raises `ConfigError`, which names file and key."""
+    said = read_toml(path, InstallationFile, "docs/how-to/describe-an-installation.md says what is in it")
+    folder = path.expanduser().absolute().parent
+    arms = tuple(replace(arm, model=_beside(folder, arm.model)) for arm in said.arms)
+    try:
+        installation = Installation(table=said.table, arms=arms, camera=said.camera.place)
+        camera = said.camera.driver
+        return replace(
+            run, installation=installation, camera=camera, calibration=_beside(folder, said.camera.calibration)
+        )
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error}") from error
+
+
+def _beside(folder: Path, name: str) -> str:
+    """The name of a file that is named relative to a folder; other names stay."""
+    return str(folder / Path(name).expanduser()) if name.endswith(".toml") else name
