@@ -17,7 +17,6 @@ from dlokit.description.arm.model import ArmModel
 from dlokit.description.arm.mounts import ArmMount
 from dlokit.errors import SkillFailure
 from dlokit.functional.robots.base import Robot
-from dlokit.motion.inverse_kinematics import ArmKinematics
 from dlokit.motion.limits import START_RAD
 from dlokit.types.arrays import Float64Array
 from dlokit.types.robot import GripResult, JointTrajectory, Lease, MotionResult, RobotMode, RobotReason, RobotState
@@ -60,6 +59,8 @@ class KinematicRobot:
 
     def __init__(self, clock: Clock, mount: ArmMount, device: Robot | None = None) -> None:
         """`clock` gives the stamps of its states."""
+        from dlokit.motion.inverse_kinematics import ArmKinematics  # here: every process loads the settings below
+
         self._clock = clock
         self._mount = mount
         self._kinematics = ArmKinematics(mount.model, mount.T_world_base)
