@@ -16,6 +16,7 @@ import scipy
 from dlokit import geometry
 from dlokit.description.arm.choice import arm_model
 from dlokit.description.arm.mounts import ROBOTS, WORKSPACE, ArmMount, WorkspaceBox
+from dlokit.description.dlo import GRAVITY_M_S2
 from dlokit.description.shapes import CENTRE_M
 from dlokit.description.table import Table
 from dlokit.errors import ConfigError
@@ -23,7 +24,6 @@ from dlokit.ranges import check_ranges
 from dlokit.types.arrays import Float64Array
 from dlokit.types.pose import Pose
 
-GRAVITY_M_S2 = 9.81
 _DIGITS = 12  # of a rotation from angles in degrees: half a turn is then the exact quaternion
 
 

@@ -43,8 +43,8 @@ class RunConfig:
     start: str = "I"
     """Start shape in the cell: I, S, random, or a .npy/.csv file [m]. The system is not told: it looks."""
     goal: str = "S"
-    """Goal shape: I, S, random, a .npy/.csv file [m], or `interactive` (dragged in the viewer). FILE.npy:3 is curve 3
-    of a (G, K, 3) file."""
+    """Goal shape: I, S, random, a file, or `interactive` (in the viewer). A file is .npy or .csv [m]; FILE.npy:3 is
+    curve 3 of a (G, K, 3) file."""
     runtime: Runtime = "lockstep"
     """lockstep: one process on virtual time, repeatable to the bit. live: all processes, each at its own rate."""
     seed: Annotated[int, Meta(ge=0)] = 0
@@ -53,7 +53,7 @@ class RunConfig:
     headless: bool = False
     """Run without the browser viewer."""
     arm: Annotated[str, tyro.conf.arg(help_behavior_hint="(default: panda, or as installed)")] = ""
-    """Arm with its gripper: panda, fr3, ur5e, or a .toml file. docs/how-to/add-an-arm.md says what is in the file."""
+    """Arm with gripper: panda, fr3, ur5e, or a file. docs/how-to/add-an-arm.md says what is in the .toml file."""
     arms: Literal[1, 2] = 1
     """Arms used; the cell's second stands opposite the first. Planner `rollout` then considers pairs of grasps."""
     dry_run: bool = False

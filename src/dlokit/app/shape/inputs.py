@@ -195,6 +195,6 @@ def _require_on_table(nodes: Float64Array, text: str) -> None:
     if x.min() < x0 or x.max() > x1 or y.min() < y0 or y.max() > y1:
         raise ShapeError(
             f"Shape {text} is outside the table: it spans x {x.min():.3f} to {x.max():.3f} m and y {y.min():.3f} to "
-            f"{y.max():.3f} m (world frame, at the robot's base); allowed are x {x0} to {x1} m and y {y0} to {y1} m. "
+            f"{y.max():.3f} m (world frame, on the table); allowed are x {x0} to {x1} m and y {y0} to {y1} m. "
             "Move it there; a goal is moved by --goal-at-m 0.52 0, or to the nearest place by --infeasible project."
         )

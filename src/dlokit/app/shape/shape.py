@@ -65,10 +65,11 @@ class ShapeChoices:
     """Draw friction, light and more from the seed; also stiffness, weight, curl, hand-eye error, table tilt and
     colour. `--cell.randomised friction light` draws these alone."""
     camera: Annotated[str | None, _one_of(CAMERAS, AS_SHIPPED.camera)] = None
-    """Camera: simulated (the paper's stereo) or simulated-d435 (depth). The second has the errors of a RealSense
-    D435. `dlokit track --camera` also takes recorded pictures and real cameras."""
+    """Camera: simulated (stereo) or simulated-d435 (depth). The first is as in the paper; the second has
+    the errors of a RealSense D435. `dlokit track --camera` also takes recorded pictures and real cameras."""
     driver: Annotated[str | None, _one_of(DRIVERS, AS_SHIPPED.driver)] = None
-    """What moves the arm: simulated (the cell) or kinematic (software alone). An installed package may add others."""
+    """What moves the arm: simulated (the cell) or kinematic. The second is an arm in software, for use without a cell;
+    an installed package may add others."""
     observer: Annotated[str | None, _one_of(OBSERVERS, AS_SHIPPED.observer.strategy)] = None
     """How nodes are estimated: map, anchored, cpd, spr or som. The last three are the paper's;
     an installed package may add others. `--observer cpd --help observer` shows the settings of cpd."""
@@ -76,8 +77,8 @@ class ShapeChoices:
     """How DLO pixels are found: brightness or colour; brightness is the paper's, and an installed package may add
     others."""
     planner: Annotated[str | None, _one_of(PLANNERS, AS_SHIPPED.planning.strategy)] = None
-    """How actions are chosen: rollout, farthest (the paper's), farthest-tangent; an installed package may add
-    others."""
+    """How actions are chosen: rollout, farthest or farthest-tangent. The second is the paper's; an installed package
+    may add others."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,7 +90,7 @@ class ShapeArgs:
       dlokit shape --start random --seed 3             from a random start
       dlokit shape --camera simulated-d435             seen by a depth camera
       dlokit shape --goal curve.csv --fit-length       to your own curve
-      dlokit shape --goal curve.csv --infeasible project   or to the nearest feasible shape
+      dlokit shape --dry-run --runtime live            plan and show the first action; no arm moves
       dlokit shape --runtime live --goal interactive   drag the goal in the browser
 
     Before the arm moves, the model predicts whether the DLO keeps the goal shape after a release. `--infeasible`

@@ -23,6 +23,7 @@ from dlokit.types.robot import GripResult, JointTrajectory, Lease, MotionResult,
 
 _STEP_S = 0.01
 """Time between two looks whether a motion was braked [s], half a period of the arm's state."""
+_BUSY = "busy"  # as a container rejects a second motion
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -216,7 +217,7 @@ class KinematicRobot:
                 RobotReason.STOP_LATCHED, "a person has stopped the arm; a person must enable it: dlokit enable"
             )
         if self._is_moving:
-            raise SkillFailure("busy", "the arm is moving; wait, or call stop")
+            raise SkillFailure(_BUSY, "the arm is moving; wait, or call stop")
 
 
 @dataclass(frozen=True, kw_only=True)

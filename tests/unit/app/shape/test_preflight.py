@@ -6,11 +6,16 @@ from collections.abc import Callable
 from typing import Any
 
 import numba
+import pytest
 from rich.console import Console
 
 from dlokit.app.commands import parse
 from dlokit.app.shape.demo import NEXT
-from dlokit.app.shape.preflight import compile_progress
+from dlokit.app.shape.preflight import compile_progress, require_homes_above_table
+from dlokit.description.arm.mounts import WorkspaceBox
+from dlokit.description.installation import Installation, InstalledArm
+from dlokit.errors import ConfigError
+from dlokit.system.config import RunConfig
 
 COMPILE: Any = numba.njit  # the type stub has only decorators
 
@@ -40,3 +45,18 @@ def test_the_demo_names_three_commands_that_dlokit_understands() -> None:
     assert len(NEXT) == 3
     for command in NEXT:
         parse(shlex.split(command)[1:])
+
+
+@pytest.mark.parametrize(
+    ("arm", "named"),
+    [
+        (InstalledArm(position_m=(0.0, 0.0, -0.8)), "outside its workspace"),
+        (
+            InstalledArm(position_m=(0.0, 0.0, -0.8), workspace=WorkspaceBox(lower_m=(-1.0, -1.0, -1.0))),
+            "above the table",
+        ),
+    ],
+)
+def test_an_arm_that_could_not_stand_at_home_is_refused_before_the_start(arm: InstalledArm, named: str) -> None:
+    with pytest.raises(ConfigError, match=named):
+        require_homes_above_table(RunConfig(installation=Installation(arms=(arm,))))

@@ -1,0 +1,83 @@
+"""Installation files: what they say ends in the configuration, and what is wrong in them is named."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dlokit.description.installation import PAPERS_CELL
+from dlokit.errors import ConfigError
+from dlokit.functional.cameras.realsense import RealSenseConfig
+from dlokit.system.config import RunConfig
+from dlokit.system.installation_file import with_installation
+from dlokit.system.toml_config import from_toml, to_toml
+
+ROOT = Path(__file__).parents[3]
+
+
+def read(tmp_path: Path, text: str) -> RunConfig:
+    file = tmp_path / "lab.toml"
+    file.write_text(text)
+    return with_installation(RunConfig(), file)
+
+
+def test_an_empty_file_is_the_papers_cell(tmp_path: Path) -> None:
+    assert read(tmp_path, "") == RunConfig()
+
+
+def test_the_file_in_the_documentation_is_the_papers_cell_with_one_arm(tmp_path: Path) -> None:
+    page = (ROOT / "docs/how-to/describe-an-installation.md").read_text()
+    (text,) = re.findall(r"```toml\n(.*?)```", page, re.DOTALL)
+    said = read(tmp_path, text)
+    assert said.installation.table == PAPERS_CELL.table
+    assert said.installation.arms == PAPERS_CELL.arms[:1]
+    assert (said.camera, said.calibration) == (RunConfig().camera, "")
+
+
+def test_the_example_raises_the_table() -> None:
+    run = with_installation(RunConfig(), ROOT / "examples/installations/raised.toml")
+    assert run.installation.in_world(run.installation.arms[0].pose).position_m[2] == pytest.approx(-0.08, abs=1e-4)
+    assert np.degrees(run.mounts[0].model.home_q_rad[0]) == pytest.approx(-90.0)
+
+
+def test_a_run_repeats_from_its_configuration_without_the_file() -> None:
+    run = with_installation(RunConfig(), ROOT / "examples/installations/raised.toml")
+    assert from_toml(to_toml(run), RunConfig, "config.toml") == run
+
+
+def test_a_camera_comes_with_its_settings_and_the_calibration_beside_the_file(tmp_path: Path) -> None:
+    said = '[camera]\ncalibration = "eye.toml"\n[camera.driver]\nkind = "realsense"\nserial = "0123"\n'
+    run = read(tmp_path, said)
+    assert run.camera == RealSenseConfig(serial="0123")
+    assert run.calibration == str(tmp_path / "eye.toml")
+    assert run.installation.camera is None
+
+
+def test_a_camera_may_stand_where_a_ruler_has_it(tmp_path: Path) -> None:
+    run = read(tmp_path, "[table]\nposition_m = [0.0, 0.0, 0.5]\n[camera]\nposition_m = [0.5, 0.0, 1.5]\n")
+    assert run.installation.camera is not None
+    assert run.installation.in_world(run.installation.camera.pose).position_m.tolist() == [0.5, 0.0, 1.0]
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ("[table]\nheight_m = 0.08\n", "height_m"),
+        ("[[arms]]\npostion_m = [0.0, 0.0, 0.0]\n", r"arms\[0\]: unknown key postion_m"),
+        ('[[arms]]\nmodel = "kuka"\n', "kuka"),
+        ("[[arms]]\n[[arms]]\n[[arms]]\n", "3 "),
+        ('[camera]\ncalibration = "a.toml"\nposition_m = [0.0, 0.0, 1.0]\n', "leave one out"),
+        ('[camera.driver]\nkind = "webcam"\n', "webcam"),
+        ("table\n", "not TOML"),
+    ],
+)
+def test_what_is_wrong_is_named(tmp_path: Path, text: str, named: str) -> None:
+    with pytest.raises(ConfigError, match=named) as error:
+        read(tmp_path, text)
+    assert "lab.toml" in str(error.value)
+
+
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="describe-an-installation"):
+        with_installation(RunConfig(), tmp_path / "lab.toml")
