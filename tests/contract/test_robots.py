@@ -15,12 +15,14 @@ from dlokit.communication.skill import Skill
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.description.arm.franka import PANDA
+from dlokit.description.arm.mounts import FIRST_ALONE
 from dlokit.errors import HardwareError, SkillFailure
 from dlokit.functional.cell import api as cell_api
 from dlokit.functional.cell.component import CellComponent
 from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.robots.base import Robot
 from dlokit.functional.robots.gate import GateConfig, GatedRobot
+from dlokit.functional.robots.kinematic import KinematicRobot
 from dlokit.functional.robots.simulated import SimulatedRobot
 from dlokit.geometry import downward, matrix
 from dlokit.motion.inverse_kinematics import ArmKinematics
@@ -39,13 +41,20 @@ AWAY = KINEMATICS.inverse(downward([0.45, 0.2, 0.15], 0.4))
 @asynccontextmanager
 async def simulated() -> AsyncGenerator[Robot, None]:
     """The Panda of a cell whose rope lies along y at x = 0.5 m."""
+    async with of_cell() as robot, robot:
+        yield robot
+
+
+@asynccontextmanager
+async def of_cell() -> AsyncGenerator[Robot, None]:
+    """The same, not connected yet."""
     transport, clock = MemoryTransport(), LoopClock()
     host = Container(transport, clock)
     rod = np.column_stack([np.full(41, 0.5), ROD_Y_M])
     host.add(CellComponent(CellConfig(settle_s=0.2), rod, seed=0))
     port = Port(transport, clock, InlineCompute(), owner="driver", publishes=())
-    async with host, SimulatedRobot(port) as robot:
-        yield robot
+    async with host:
+        yield SimulatedRobot(port)
 
 
 @asynccontextmanager
@@ -55,12 +64,46 @@ async def gated() -> AsyncGenerator[Robot, None]:
         yield GatedRobot(robot, GateConfig(), LoopClock().now_ns)
 
 
-ROBOTS: dict[str, Callable[[], AbstractAsyncContextManager[Robot]]] = {"simulated": simulated, "gated": gated}
+@asynccontextmanager
+async def kinematic() -> AsyncGenerator[Robot, None]:
+    """A Panda in software."""
+    async with KinematicRobot(LoopClock(), FIRST_ALONE[0]) as robot:
+        yield robot
+
+
+@asynccontextmanager
+async def rehearsing() -> AsyncGenerator[Robot, None]:
+    """A Panda in software that begins where the one of the cell is, behind the gate."""
+    async with of_cell() as device, KinematicRobot(LoopClock(), FIRST_ALONE[0], device) as robot:
+        yield GatedRobot(robot, GateConfig(), LoopClock().now_ns)
+
+
+IN_CELL: dict[str, Callable[[], AbstractAsyncContextManager[Robot]]] = {"simulated": simulated, "gated": gated}
+IN_SOFTWARE: dict[str, Callable[[], AbstractAsyncContextManager[Robot]]] = {
+    "kinematic": kinematic,
+    "rehearsing": rehearsing,
+}
+"""Arms without mass, whose fingers close on nothing."""
+ROBOTS = IN_CELL | IN_SOFTWARE
 
 
 @pytest.fixture(params=ROBOTS)
 def with_robot(request: pytest.FixtureRequest) -> Callable[[Callable[[Robot], Awaitable[None]]], None]:
     """Runs a scenario on one of the robots, on virtual time."""
+
+    def run(scenario: Callable[[Robot], Awaitable[None]]) -> None:
+        async def main() -> None:
+            async with ROBOTS[request.param]() as robot:
+                await scenario(robot)
+
+        virtual_time.run(main())
+
+    return run
+
+
+@pytest.fixture(params=IN_CELL)
+def with_robot_of_cell(request: pytest.FixtureRequest) -> Callable[[Callable[[Robot], Awaitable[None]]], None]:
+    """The same for an arm that has mass, and a rope within reach."""
 
     def run(scenario: Callable[[Robot], Awaitable[None]]) -> None:
         async def main() -> None:
@@ -86,7 +129,7 @@ def test_it_knows_its_state_as_soon_as_it_is_connected(with_robot: WithRobot) ->
     with_robot(scenario)
 
 
-def test_it_follows_a_trajectory_closely_and_reports_the_error(with_robot: WithRobot) -> None:
+def test_it_follows_a_trajectory_closely_and_reports_the_error(with_robot_of_cell: WithRobot) -> None:
     async def scenario(robot: Robot) -> None:
         trajectory = joint_move(PANDA.home_q_rad, AWAY, PANDA.limits)
         result = await robot.follow(trajectory, LEASE)
@@ -95,7 +138,7 @@ def test_it_follows_a_trajectory_closely_and_reports_the_error(with_robot: WithR
         assert 0.0 < result.largest_joint_error_rad < 0.02
         assert result.duration_s == pytest.approx(trajectory.times_s[-1], abs=0.05)
 
-    with_robot(scenario)
+    with_robot_of_cell(scenario)
 
 
 def test_a_cancelled_motion_brakes_and_leaves_the_arm_usable(with_robot: WithRobot) -> None:
@@ -194,7 +237,7 @@ def test_a_motion_is_refused_while_another_runs_or_when_it_starts_elsewhere(with
     with_robot(scenario)
 
 
-def test_it_grips_lifts_and_releases_a_rope_and_detects_an_empty_grip(with_robot: WithRobot) -> None:
+def test_it_grips_lifts_and_releases_a_rope_and_detects_an_empty_grip(with_robot_of_cell: WithRobot) -> None:
     async def scenario(robot: Robot) -> None:
         empty = await robot.grip(0.0, 20.0, LEASE)
         assert not empty.held
@@ -216,7 +259,7 @@ def test_it_grips_lifts_and_releases_a_rope_and_detects_an_empty_grip(with_robot
         assert not released.held
         assert not robot.state().holding
 
-    with_robot(scenario)
+    with_robot_of_cell(scenario)
 
 
 class _SilentPort(Port):
@@ -248,6 +291,39 @@ def test_the_arm_brakes_when_its_driver_dies_and_moves_again_once_recovered() ->
             assert robot.state().finger_width_m > 0.02
 
     virtual_time.run(main())
+
+
+def test_an_arm_in_software_follows_exactly_and_its_device_does_not_move() -> None:
+    async def main() -> None:
+        async with of_cell() as device, KinematicRobot(LoopClock(), FIRST_ALONE[0], device) as robot:
+            before = device.state()
+            result = await robot.follow(joint_move(PANDA.home_q_rad, AWAY, PANDA.limits), LEASE)
+            np.testing.assert_allclose(result.q_rad, AWAY, atol=1e-12)  # but for rounding in the sum of its steps
+            assert not (await robot.grip(0.0, 20.0, LEASE)).held
+            np.testing.assert_allclose(device.state().q_rad, before.q_rad, atol=1e-4)
+            assert device.state().finger_width_m == pytest.approx(before.finger_width_m, abs=1e-4)
+            await robot.stop()
+            await asyncio.sleep(0.1)
+            assert device.state().stop_latched
+            await robot.enable()
+            await asyncio.sleep(0.1)
+            assert not device.state().stop_latched
+
+    virtual_time.run(main())
+
+
+def test_an_arm_in_software_brakes_at_an_order_from_another_thread() -> None:
+    async def main() -> None:
+        async with kinematic() as robot:
+            robot.brake()  # at rest: without effect
+            moving = asyncio.create_task(robot.follow(joint_move(PANDA.home_q_rad, AWAY, PANDA.limits), LEASE))
+            await asyncio.sleep(0.3)
+            await asyncio.to_thread(robot.brake)
+            with pytest.raises(SkillFailure, match="braked"):
+                await moving
+            assert np.max(np.abs(robot.state().q_rad - AWAY)) > 0.1
+
+    asyncio.run(main())
 
 
 def test_a_driver_without_a_cell_reports_it() -> None:

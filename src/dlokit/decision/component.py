@@ -18,7 +18,7 @@ from dlokit.decision.diary import Diary, TaskDiary
 from dlokit.decision.flow import End, run_flow
 from dlokit.decision.journal import Journal, take_up
 from dlokit.decision.records import ActionRecord, GoalRequest, ShapeResult, StepVisit
-from dlokit.decision.shape_flow import RESUME_DLO, SHAPE_DLO
+from dlokit.decision.shape_flow import DRY_RUN, SHAPE_DLO, resuming
 from dlokit.decision.task import Odometer, ShapeTask, Spent
 from dlokit.description.arm.mounts import instance_of
 from dlokit.description.shapes import CURVE_POINTS, builtin_shape
@@ -90,12 +90,17 @@ class DecisionComponent(Component):
         dlo: BelievedDlo,
         robots: tuple[str, ...] = (FIRST_ROBOT,),
         keep: Callable[[Journal], None] = lambda journal: None,
+        dry_run: bool = False,
     ) -> None:
         """`stopwatch` returns the machine's monotonic time [s], for timings only.
 
         Goals by name are made for `dlo`. `robots` are the names of the arms that it moves. `keep` receives the journal
-        of a task at each step.
+        of a task at each step. A `dry_run` ends before the first action: the arms are in software, so that the camera
+        cannot look at a hand.
         """
+        self._chart = DRY_RUN if dry_run else SHAPE_DLO
+        if dry_run:
+            config = replace(config, check_camera=False)
         self._keep = keep
         self._robots = robots
         self._config = config
@@ -179,10 +184,10 @@ class DecisionComponent(Component):
             robots=self._robots,
             spent=Spent(started_ns=self.port.clock.now_ns()),
         )
-        chart = SHAPE_DLO
+        chart = self._chart
         if resumed is not None:
             take_up(task, resumed)
-            chart = RESUME_DLO
+            chart = resuming(chart)
         diary = Diary(task, self.gate, entered, self._keep)
         flow = asyncio.create_task(run_flow(chart, task, diary.entered, diary.faulted), name="shape_dlo")
         self._flow, self._stopped_by = flow, ""

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from dlokit.decision.convergence import Progress
 from dlokit.decision.flow import End, FaultKind, Flow, Step
-from dlokit.decision.steps import act, control, goal, perceive, recover
+from dlokit.decision.steps import act, control, goal, perceive, recover, rehearse
 from dlokit.decision.steps.outcomes import (
     Carried,
     Change,
@@ -241,20 +241,53 @@ SHAPE_DLO: Flow[ShapeTask] = Flow(
     ),
 )
 
-RESUME_DLO: Flow[ShapeTask] = replace(
-    SHAPE_DLO,
-    start="take_over",
-    steps=(
-        Step(
-            "take_over",
-            recover.take_over,
-            {
-                Done.DONE: SHAPE_DLO.start,
-                FaultKind.FAILED: "failed",
-            },
-            "After a crash: clear faults, open the fingers where the arm is, and move straight up.",
+_UNTIL_AN_ACTION = ("check_camera", "find_dlo", "set_goal", "judge_goal", "track_model", "compare", "mark_invalid")
+"""Steps of a dry run that are those of any run."""
+
+
+def _dry_run() -> Flow[ShapeTask]:
+    steps = {step.name: step for step in SHAPE_DLO.steps}
+    choose, restore = steps["choose_grasp"], steps["restore"]
+    return replace(
+        SHAPE_DLO,
+        steps=(
+            *(steps[name] for name in _UNTIL_AN_ACTION),
+            replace(choose, then={**choose.then, Found.FOUND: "rehearse"}),
+            Step(
+                "rehearse",
+                rehearse.rehearse,
+                {
+                    Done.DONE: "dry_run",
+                    FaultKind.REFUSED: "mark_invalid",
+                    FaultKind.FAILED: "failed",
+                },
+                "Make all motions of the action in software, each planned and checked; no arm moves.",
+                mode=Mode.PLANNING,
+            ),
+            replace(restore, then={**restore.then, Restored.LOOK_AGAIN: "find_dlo"}),
         ),
-        *SHAPE_DLO.steps,
-    ),
+        ends=(*SHAPE_DLO.ends, End("dry_run", RunOutcome.DRY_RUN)),
+    )
+
+
+DRY_RUN: Flow[ShapeTask] = _dry_run()
+"""The same chart up to the first action, which arms in software make."""
+
+_TAKE_OVER: Step[ShapeTask, Done] = Step(
+    "take_over",
+    recover.take_over,
+    {
+        Done.DONE: SHAPE_DLO.start,
+        FaultKind.FAILED: "failed",
+    },
+    "After a crash: clear faults, open the fingers where the arm is, and move straight up.",
 )
-"""The same chart with one step before it, for a task that another process had begun."""
+
+
+def resuming(chart: Flow[ShapeTask]) -> Flow[ShapeTask]:
+    """A chart with one step before it, for a task that another process had begun."""
+    return replace(chart, start=_TAKE_OVER.name, steps=(_TAKE_OVER, *chart.steps))
+
+
+RESUME_DLO: Flow[ShapeTask] = resuming(SHAPE_DLO)
+"""The chart of a resumed task."""

@@ -34,14 +34,16 @@ Runner = Callable[[RunConfig, ShapeJob, Path, Watcher], RunRecord]
 def judged_run(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher, runner: Runner = run) -> RunRecord:
     """Run a task with `runner`, then compare it with the cell's hidden truth; writes `config.toml` and `result.json`.
 
-    The drawn properties of a randomised cell are truth as well, and are in the result.
+    Without a cell there is no truth, and the result keeps the system's own estimates alone. The drawn properties of a
+    randomised cell are truth as well, and are in the result.
     Where the goal does not hold and a shape near it does, that is written as `nearest_goal.csv`.
     """
     (folder / CONFIG_FILE).write_text(to_toml(config), encoding="utf-8")
     record = runner(config, job, folder, watch)
-    errors = evaluate(record, read_truth(folder))
-    result = msgspec.structs.replace(with_truth(record.result, errors), episode=drawn(config))
-    record = replace(record, result=result)
+    if config.has_cell:
+        errors = evaluate(record, read_truth(folder))
+        result = msgspec.structs.replace(with_truth(record.result, errors), episode=drawn(config))
+        record = replace(record, result=result)
     write_result(folder, record.result)
     if record.verdict is not None:
         write_nearest(folder, record.verdict)

@@ -17,8 +17,10 @@ import msgspec
 from dlokit.communication.component import Component
 from dlokit.communication.port import Compute, InlineCompute, Port
 from dlokit.communication.timing.clock import Clock
+from dlokit.communication.timing.pulse import Pulse
 from dlokit.communication.transport import Transport
-from dlokit.description.arm.mounts import OPPOSITE, ROBOTS, instance_of
+from dlokit.description.arm.mounts import OPPOSITE, ROBOTS, ArmMount, instance_of
+from dlokit.functional.robots.base import Robot
 from dlokit.skills.viewer.address import new_key
 from dlokit.system.config import RunConfig
 from dlokit.system.table import COMPONENTS
@@ -87,7 +89,6 @@ def _robot(number: int) -> "_Builder":
         from dlokit.communication.timing.deadlines import LoopWatchdog, ThreadWatchdog
         from dlokit.communication.timing.pulse import ThreadPulse, loop_pulse
         from dlokit.functional.robots.gate import GatedRobot
-        from dlokit.functional.robots.simulated import SimulatedRobot
         from dlokit.skills.robot.component import RobotComponent, no_button
         from dlokit.skills.robot.lease import LeaseKeeper
         from dlokit.system.processes.stop_socket import stop_button, stop_socket
@@ -98,7 +99,7 @@ def _robot(number: int) -> "_Builder":
         watch = ThreadWatchdog() if live else LoopWatchdog()
         lease = LeaseKeeper(time.monotonic_ns)
         robot = GatedRobot(
-            SimulatedRobot(_driver_port(wiring, "robot driver"), mount, pulse),
+            _driver(config, wiring, mount, pulse),
             config.gate,
             time.monotonic_ns if live else wiring.clock.now_ns,
             T_world_base=mount.T_world_base,
@@ -120,6 +121,16 @@ def _robot(number: int) -> "_Builder":
         )
 
     return build
+
+
+def _driver(config: RunConfig, wiring: Wiring, mount: ArmMount, pulse: Pulse) -> Robot:
+    """The configured driver; in a dry run an arm in software, which begins where that arm is."""
+    from dlokit.functional.robots.kinematic import KinematicRobot
+
+    if config.driver.in_cell and not config.has_cell:
+        return KinematicRobot(wiring.clock, mount)
+    device = config.driver.build(_driver_port(wiring, "robot driver"), mount, pulse)
+    return KinematicRobot(wiring.clock, mount, device) if config.dry_run else device
 
 
 def _perception(config: RunConfig, wiring: Wiring) -> Component:
@@ -186,6 +197,7 @@ def _decision(config: RunConfig, wiring: Wiring) -> Component:
         config.task,
         time.perf_counter,
         dlo=config.model,
+        dry_run=config.dry_run,
         robots=tuple(mount.robot for mount in config.mounts),
         # A lockstep run can instead be repeated bit by bit.
         keep=JournalFile(wiring.folder).keep if config.runtime == "live" else lambda journal: None,
@@ -197,13 +209,13 @@ def build_viewer(config: RunConfig, *, operated: bool, key: str | None = None) -
 
     `key` is the access key of its page; None: a new one.
     """
-    from dlokit.decision.shape_flow import SHAPE_DLO
+    from dlokit.decision.shape_flow import DRY_RUN, SHAPE_DLO
     from dlokit.skills.robot import api as robot
     from dlokit.skills.viewer.component import ArmButtons, RodOutline, ViewerComponent
 
     return ViewerComponent(
         config.viewer,
-        flow=SHAPE_DLO.edges(),
+        flow=(DRY_RUN if config.dry_run else SHAPE_DLO).edges(),
         rod=RodOutline(nodes=config.model.nodes, length_m=config.model.length_m, radius_m=config.model.radius_m),
         table=config.installation.table.dimensions,
         arm=config.arm_model,
@@ -244,6 +256,8 @@ def components_of_run(config: RunConfig) -> tuple[str, ...]:
     absent = {f"robot.{instance_of(robot)}" for robot in ROBOTS[config.arms :]}
     if config.headless:
         absent.add("viewer")
+    if not config.has_cell:
+        absent.add("cell")
     return tuple(name for name in COMPONENTS if name not in absent)
 
 

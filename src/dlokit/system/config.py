@@ -18,6 +18,8 @@ from dlokit.functional.cameras.strategies import AnyCamera
 from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.cell.dlo_physics import ElasticRod, ElastoplasticChain
 from dlokit.functional.robots.gate import GateConfig
+from dlokit.functional.robots.simulated import SimulatedRobotConfig
+from dlokit.functional.robots.strategies import AnyRobotDriver
 from dlokit.ranges import check_ranges
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.observer.config import ObserverConfig
@@ -41,8 +43,8 @@ class RunConfig:
     start: str = "I"
     """Start shape in the cell: I, S, random, or a .npy/.csv file [m]. The system is not told: it looks."""
     goal: str = "S"
-    """Goal shape: I, S, random, a .npy/.csv file [m], or `interactive` (dragged in the viewer). FILE.npy:3 is curve 3
-    of a (G, K, 3) file."""
+    """Goal shape: I, S, random, a file, or `interactive` (in the viewer). A file is .npy or .csv [m]; FILE.npy:3 is
+    curve 3 of a (G, K, 3) file."""
     runtime: Runtime = "lockstep"
     """lockstep: one process on virtual time, repeatable to the bit. live: all processes, each at its own rate."""
     seed: Annotated[int, Meta(ge=0)] = 0
@@ -50,10 +52,13 @@ class RunConfig:
     it."""
     headless: bool = False
     """Run without the browser viewer."""
-    arm: Annotated[str, tyro.conf.arg(help_behavior_hint="(default: as installed)")] = ""
-    """Arm with its gripper: panda, fr3, ur5e, or a .toml file. docs/how-to/add-an-arm.md says what is in the file."""
+    arm: Annotated[str, tyro.conf.arg(help_behavior_hint="(default: panda, or as installed)")] = ""
+    """Arm with gripper: panda, fr3, ur5e, or a file. docs/how-to/add-an-arm.md says what is in the .toml file."""
     arms: Literal[1, 2] = 1
     """Arms used; the cell's second stands opposite the first. Planner `rollout` then considers pairs of grasps."""
+    dry_run: bool = False
+    """Look, plan, and move the arm in software only. The motions of the first action pass all checks and are shown in
+    the viewer; no arm moves. Ends as `dry_run`, exit code 0."""
     record: bool = True
     """Write all messages to `recording.mcap`; `dlokit info` reads it."""
     goal_at_m: tuple[float, float] | None = None
@@ -72,6 +77,8 @@ class RunConfig:
     """The simulated cell, which stands in for reality."""
     camera: AnyCamera = field(default_factory=SimulatedStereoConfig)
     """The camera."""
+    driver: AnyRobotDriver = field(default_factory=SimulatedRobotConfig)
+    """What moves the arm."""
     perception: PerceptionConfig = field(default_factory=PerceptionConfig)
     """From pictures to the DLO's points."""
     observer: ObserverConfig = field(default_factory=ObserverConfig)
@@ -104,6 +111,16 @@ class RunConfig:
     def arm_model(self) -> ArmModel:
         """The arm. Raises `ConfigError` or `MachineError` as `choice.arm_model` does."""
         return self.mounts[0].model
+
+    @property
+    def has_cell(self) -> bool:
+        """Whether the simulated cell is part of the run: its camera looks, or its arm moves."""
+        return self.camera.sees_cell or (self.driver.in_cell and not self.dry_run)
+
+    @property
+    def moves_real_arm(self) -> bool:
+        """Whether an arm moves that is not simulated."""
+        return self.driver.is_real and not self.dry_run
 
     @property
     def mounts(self) -> tuple[ArmMount, ...]:

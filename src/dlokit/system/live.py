@@ -58,7 +58,7 @@ class LiveSystem:
 
     transport: ZenohTransport
     clock: Clock
-    """The cell's time, or the machine's time with hardware."""
+    """The cell's time, or the machine's time without a cell."""
     compute: Compute
     supervisor: Supervisor
     bus: ZenohConfig
@@ -159,7 +159,7 @@ async def live_system(
     others_bus = ZenohConfig(namespace=launch.namespace, connect=local_endpoint)
     # Announced before the first process starts, so that `dlokit stop` also works during the start.
     with (
-        announced(launch.run_dir, launch.namespace, local_endpoint[0]) as ready,
+        announced(launch.run_dir, launch.namespace, local_endpoint[0], time_base=own.time_base) as ready,
         worker_pool() as compute,
     ):
         async with (
@@ -192,7 +192,7 @@ async def spread_system(
     inside = local_endpoint_config(local_endpoint)
     own, *local = placement.own
     with (
-        announced(launch.run_dir, NAMESPACE, local_endpoint, client=True) as ready,
+        announced(launch.run_dir, NAMESPACE, local_endpoint, client=True, time_base=own.time_base) as ready,
         worker_pool() as compute,
     ):
         async with (
@@ -267,7 +267,7 @@ async def started(
     `name` is that of the recording, `start_nodes_world` (K, 3) [m] the hidden start. Raises `ProcessFailure`.
     """
     _write_inputs(config, start_nodes_world, folder)
-    rows = processes_of_run(simulated=True, watched=not config.headless, arms=config.arms)
+    rows = processes_of_run(simulated=config.has_cell, watched=not config.headless, arms=config.arms)
     launch = Launch(
         namespace=namespace_of(folder),
         config_file=folder / CONFIG_FILE,

@@ -5,7 +5,7 @@ in reverse order. Reading the table imports no component.
 """
 
 import enum
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -145,11 +145,12 @@ PROCESSES: tuple[ProcessRow, ...] = (DECISION, CELL, SIMULATION, OBSERVER, ROBOT
 
 
 def processes_of_run(*, simulated: bool, watched: bool, arms: int = 1) -> tuple[ProcessRow, ...]:
-    """The rows that a run needs, the decision process first."""
+    """The rows that a run needs, the decision process first; without the cell all follow the machine's clock."""
     wanted = {
         Needed.ALWAYS: True,
         Needed.SIMULATED: simulated,
         Needed.WATCHED: watched,
         Needed.TWO_ARMS: arms == 2,
     }
-    return tuple(row for row in PROCESSES if wanted[row.needed])
+    rows = tuple(row for row in PROCESSES if wanted[row.needed])
+    return rows if simulated else tuple(replace(row, time_base=TimeBase.MACHINE) for row in rows)

@@ -13,6 +13,7 @@ class RunOutcome(enum.Enum):
     INFEASIBLE = "infeasible"
     BUDGET = "budget"
     CANCELLED = "cancelled"
+    DRY_RUN = "dry_run"
     FAILED = "failed"
 
 

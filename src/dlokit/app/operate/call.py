@@ -18,7 +18,6 @@ from dlokit.recording.message_json import to_json
 from dlokit.system.processes.bus import join_bus
 from dlokit.system.processes.running import RunningSystem, the_running_system
 from dlokit.system.results.recording import calls_published
-from dlokit.system.table import TimeBase
 from dlokit.types.outcome import Failed, Outcome, Rejected, Succeeded
 
 FOUND_WITHIN_S = 5.0
@@ -102,7 +101,7 @@ def _json_or_text(text: str) -> Any:
 async def _call(
     system: RunningSystem, skill: Skill[..., Any], given: dict[str, Any], limit_s: float | None, console: Console
 ) -> Outcome[Any]:
-    async with join_bus(system.bus, TimeBase.CELL) as bus:
+    async with join_bus(system.bus, system.time_base) as bus:
         await bus.first_tick(FIRST_TICK_S)
         await bus.transport.wait_for(skill.component, FOUND_WITHIN_S)
         try:

@@ -38,7 +38,7 @@ def report_html(record: RunRecord) -> str:
     return _page().render(
         record=record,
         result=result,
-        converged=result.outcome is RunOutcome.CONVERGED,
+        converged=result.outcome in (RunOutcome.CONVERGED, RunOutcome.DRY_RUN),
         outcome=explain_outcome(result),
         pace=result.sim_time_s / result.wall_time_s if result.wall_time_s > 0.0 else 0.0,
         projected_mm=_projected(record),

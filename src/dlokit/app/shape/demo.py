@@ -24,6 +24,8 @@ class DemoArgs:
     """Random seed of the camera's pose error and noise."""
     port: int = 8080
     """TCP port of the viewer's page."""
+    dry_run: bool = False
+    """Plan the first action and show it; the arm does not move."""
     headless: bool = False
     """Run without the viewer."""
     out: Annotated[Path | None, flag("DIR", "runs/<time>-I-to-S/")] = None
@@ -40,7 +42,7 @@ NEXT = {
 
 def run(args: DemoArgs) -> int:
     """Run the demo and suggest next commands; the exit code is that of `dlokit shape`."""
-    config = RunConfig(runtime="live", seed=args.seed, headless=args.headless)
+    config = RunConfig(runtime="live", seed=args.seed, headless=args.headless, dry_run=args.dry_run)
     config = replace(config, viewer=replace(config.viewer, port=args.port))
     code = shape.run(shape.ShapeArgs(run=config, choices=shape.ShapeChoices(out=args.out)))
     console = Console()

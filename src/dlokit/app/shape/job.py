@@ -19,11 +19,13 @@ from dlokit.errors import ConfigError
 from dlokit.functional.cameras.strategies import CAMERAS
 from dlokit.functional.cell.config import EVERY_FACTOR
 from dlokit.functional.cell.dlo_physics import PHYSICS
+from dlokit.functional.robots.strategies import DRIVERS
 from dlokit.skills.observer.strategies import OBSERVERS
 from dlokit.skills.perception.segmentations import SEGMENTATIONS
 from dlokit.skills.planning.strategies import PLANNERS
 from dlokit.system.config import INTERACTIVE, RunConfig, with_dlo
 from dlokit.system.installation_file import with_installation
+from dlokit.system.results.run_folder import HIDDEN_START
 from dlokit.system.shaping import ShapeJob
 from dlokit.system.toml_config import read_toml
 from dlokit.types.arrays import Float64Array
@@ -40,6 +42,7 @@ class NamedChoices:
     randomised: bool = False
     installation: str | None = None
     camera: str | None = None
+    driver: str | None = None
     observer: str | None = None
     segmentation: str | None = None
     planner: str | None = None
@@ -54,6 +57,7 @@ def chosen_settings(arguments: Sequence[str], config_file: Path | None) -> RunCo
         randomised="--randomised" in arguments,
         installation=value_of(arguments, "--installation"),
         camera=value_of(arguments, "--camera"),
+        driver=value_of(arguments, "--driver"),
         observer=value_of(arguments, "--observer"),
         segmentation=value_of(arguments, "--segmentation"),
         planner=value_of(arguments, "--planner"),
@@ -73,6 +77,8 @@ def with_choices(run: RunConfig, choices: NamedChoices, prefix: str = "") -> Run
         run = replace(run, cell=replace(run.cell, randomised=EVERY_FACTOR))
     if choices.camera is not None:
         run = replace(run, camera=_chosen(CAMERAS, f"{prefix}camera", choices.camera, run.camera))
+    if choices.driver is not None:
+        run = replace(run, driver=_chosen(DRIVERS, f"{prefix}driver", choices.driver, run.driver))
     if choices.observer is not None:
         observer = _chosen(OBSERVERS, f"{prefix}observer", choices.observer, run.observer.strategy)
         run = replace(run, observer=replace(run.observer, strategy=observer))
@@ -121,10 +127,17 @@ def _chosen(kind: StrategyKind[C], flag: str, name: str, before: C) -> C:
 def job_from_config(config: RunConfig) -> ShapeJob:
     """Read, draw or look up start and goal shapes. Raises `ShapeError`.
 
-    The start has the length of the cell's DLO, the goal the length that the system believes.
+    The start has the length of the cell's DLO, the goal the length that the system believes. Without a cell there is no
+    start: the system only looks.
     """
-    start = _shape(config, config.start, config.cell.dlo.length_m, config.cell.dlo.radius_m, stream=0)
-    name = f"{Path(config.start).name} to {Path(config.goal).name}"
+    name = (
+        f"{Path(config.start).name} to {Path(config.goal).name}" if config.has_cell else f"to {Path(config.goal).name}"
+    )
+    start = (
+        _shape(config, config.start, config.cell.dlo.length_m, config.cell.dlo.radius_m, stream=0)
+        if config.has_cell
+        else HIDDEN_START
+    )
     if config.goal == INTERACTIVE:
         return ShapeJob(name=name, start_nodes_world=start, request=None)
     model = config.model

@@ -11,6 +11,7 @@ MEANINGS: Mapping[RunOutcome, str] = {
     RunOutcome.STALLED: "Further actions did not reduce the error to the goal.",
     RunOutcome.INFEASIBLE: "The goal cannot be reached from here, or no grasp was possible.",
     RunOutcome.BUDGET: "The run used up its actions or its time before it reached the goal.",
+    RunOutcome.DRY_RUN: "A dry run: no arm has moved.",
     RunOutcome.CANCELLED: "The run was stopped before its end.",
     RunOutcome.FAILED: "The run could not recover from an error.",
 }

@@ -1,6 +1,6 @@
 """Checks and preparations before a run starts; imported late, so that `--help` is fast."""
 
-from collections.abc import Generator
+from collections.abc import Generator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -9,7 +9,9 @@ import numpy as np
 from rich.console import Console
 
 from dlokit.errors import ConfigError, SkillFailure
+from dlokit.functional.cameras.recorded import RecordedCameraConfig
 from dlokit.functional.cameras.strategies import CAMERAS
+from dlokit.functional.robots.strategies import DRIVERS
 from dlokit.skills.viewer.address import check_port
 from dlokit.system.config import RunConfig
 from dlokit.system.hosts.placement import main_host
@@ -21,23 +23,60 @@ def check_before_start(config: RunConfig) -> None:
 
     The system observes where the DLO lies, and the task judges the goal with the model.
     """
-    from dlokit.functional.cell.rendering import cell_camera, check_opengl
-
-    require_camera_of_cell(config)
+    _require_one_world(config)
     require_homes_above_table(config)
     if config.calibration:
-        from dlokit.functional.cameras.calibration_file import check_has_pose, check_same_camera, read_calibration
-
-        calibration = read_calibration(Path(config.calibration))
-        check_has_pose(config.calibration, calibration)
-        check_same_camera(config.calibration, calibration, cell_camera(config.cell, config.installation))
+        _check_calibration(config)
     if config.hosts is not None and config.runtime == "live":
+        if not config.has_cell:
+            raise ConfigError(
+                "without a simulated cell all processes run on one machine, whose clock they share: omit [hosts]."
+            )
         from dlokit.system.hosts.routers import check_hosts
 
-        check_hosts(config.hosts, processes_of_run(simulated=True, watched=not config.headless, arms=config.arms))
+        check_hosts(
+            config.hosts, processes_of_run(simulated=config.has_cell, watched=not config.headless, arms=config.arms)
+        )
     if not config.headless and _viewer_is_here(config):
         check_port(config.viewer.host, config.viewer.port)
-    check_opengl()
+    if config.has_cell:
+        from dlokit.functional.cell.rendering import check_opengl
+
+        check_opengl()
+
+
+def _check_calibration(config: RunConfig) -> None:
+    from dlokit.functional.cameras.calibration_file import check_has_pose, check_same_camera, read_calibration
+    from dlokit.functional.cell.rendering import cell_camera
+
+    calibration = read_calibration(Path(config.calibration))
+    check_has_pose(config.calibration, calibration)
+    if config.camera.sees_cell:  # any other camera is compared when it has given its first pictures
+        check_same_camera(config.calibration, calibration, cell_camera(config.cell, config.installation))
+
+
+def _require_one_world(config: RunConfig) -> None:
+    """Raise `ConfigError` where the arm would move in another world than the one that the camera sees."""
+    camera, driver = config.camera, config.driver
+    if not config.dry_run and camera.sees_cell and not driver.in_cell:
+        raise ConfigError(
+            f"--driver {driver.name} does not move the arm of the simulated cell, which --camera {camera.name} shows: "
+            f"choose --driver {_names(DRIVERS.installed(), 'in_cell')}, another camera, or --dry-run, which moves no "
+            "arm."
+        )
+    if not config.dry_run and driver.in_cell:
+        require_camera_of_cell(config)
+    if config.runtime == "lockstep" and driver.is_real:
+        raise ConfigError(f"--driver {driver.name} moves in real time; lockstep does not: add --runtime live.")
+    if config.runtime == "lockstep" and not (camera.sees_cell or isinstance(camera, RecordedCameraConfig)):
+        raise ConfigError(
+            f"--camera {camera.name} takes pictures in real time; lockstep runs on virtual time, with simulated "
+            "cameras and recorded pictures: add --runtime live."
+        )
+
+
+def _names(installed: Mapping[str, type], quality: str) -> str:
+    return " or ".join(name for name, of in installed.items() if getattr(of, quality))
 
 
 def require_camera_of_cell(config: RunConfig) -> None:
@@ -45,8 +84,8 @@ def require_camera_of_cell(config: RunConfig) -> None:
     if not config.camera.sees_cell:
         raise ConfigError(
             f"--camera {config.camera.name} does not see the simulated cell, in which the arm moves: choose "
-            f"{' or '.join(name for name, of in CAMERAS.installed().items() if of.sees_cell)}; "
-            f"`dlokit track --camera {config.camera.name}` follows what it sees, without an arm."
+            f"{_names(CAMERAS.installed(), 'sees_cell')}; `dlokit track --camera {config.camera.name}` follows what it "
+            "sees, without an arm, and `dlokit shape --dry-run` plans for it."
         )
 
 
@@ -61,8 +100,8 @@ def require_homes_above_table(config: RunConfig) -> None:
         if not np.all((place >= box.lower_m) & (place <= box.upper_m)):
             raise ConfigError(
                 f"the home of the arm {mount.robot} has its tool at {np.round(place, 3).tolist()} m in the world, "
-                f"outside its workspace from {box.lower_m} to {box.upper_m}: give it a home_deg inside "
-                "in the installation file, or widen the workspace there."
+                f"outside its workspace from {box.lower_m} to {box.upper_m}: give it a home_deg inside in the "
+                "installation file, or widen the workspace there."
             )
         try:
             check_collisions(mount.model, home_rad[None, :], mount.T_world_base)

@@ -2,7 +2,7 @@
 
 import shlex
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Annotated
@@ -20,7 +20,7 @@ from dlokit.system.config import RunConfig
 from dlokit.system.processes.report import unended_processes
 from dlokit.system.processes.running import running_systems
 from dlokit.system.results.journal_file import read_journal
-from dlokit.system.results.run_folder import claim_run_folder, new_run_folder
+from dlokit.system.results.run_folder import HIDDEN_START, claim_run_folder, new_run_folder
 from dlokit.system.results.run_result import FILE_NAME, read_result
 from dlokit.system.shaping import ShapeJob
 from dlokit.system.toml_config import read_toml
@@ -46,6 +46,8 @@ class ResumeArgs:
 
     run: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")]
     """Folder of the run to resume."""
+    dry_run: bool = False
+    """Look and plan the next action in software; no arm moves."""
     out: Annotated[Path | None, flag("DIR", "runs/<time>-<name>/")] = None
     """Folder for the files of the new run; it must be empty or not exist yet."""
 
@@ -53,6 +55,7 @@ class ResumeArgs:
 def run(args: ResumeArgs) -> int:
     """Read the journal of the run, and continue the task."""
     config, job = resumed_job(args.run)
+    config = replace(config, dry_run=args.dry_run)
     check_before_start(config)
     folder = claim_run_folder(args.out) if args.out else new_run_folder(RUNS, job.name, datetime.now())
     console = Console()
@@ -90,7 +93,7 @@ def resumed_job(run_dir: Path) -> tuple[RunConfig, ShapeJob]:
     config = read_toml(run_dir / CONFIG_FILE, RunConfig)
     job = ShapeJob(
         name=f"to {journal.request.name.rpartition('/')[2]}, resumed",
-        start_nodes_world=left_nodes_world(run_dir),
+        start_nodes_world=left_nodes_world(run_dir) if config.has_cell else HIDDEN_START,
         request=journal.request,
         resumed=journal,
     )

@@ -18,6 +18,7 @@ from dlokit.communication.strategies import NamedConfig, StrategyKind
 from dlokit.errors import EXIT_OTHERWISE
 from dlokit.evaluation.judged_run import judged_run
 from dlokit.functional.cameras.strategies import CAMERAS
+from dlokit.functional.robots.strategies import DRIVERS
 from dlokit.skills.observer.strategies import OBSERVERS
 from dlokit.skills.perception.segmentations import SEGMENTATIONS
 from dlokit.skills.planning.strategies import PLANNERS
@@ -64,8 +65,11 @@ class ShapeChoices:
     """Draw friction, light and more from the seed; also stiffness, weight, curl, hand-eye error, table tilt and
     colour. `--cell.randomised friction light` draws these alone."""
     camera: Annotated[str | None, _one_of(CAMERAS, AS_SHIPPED.camera)] = None
-    """Camera: simulated (stereo) or simulated-d435 (depth). The second has the errors of a RealSense
-    D435. `dlokit track --camera` also takes recorded pictures and real cameras."""
+    """Camera: simulated (stereo) or simulated-d435 (depth). The first is as in the paper; the second has
+    the errors of a RealSense D435. `dlokit track --camera` also takes recorded pictures and real cameras."""
+    driver: Annotated[str | None, _one_of(DRIVERS, AS_SHIPPED.driver)] = None
+    """What moves the arm: simulated (the cell) or kinematic. The second is an arm in software, for use without a cell;
+    an installed package may add others."""
     observer: Annotated[str | None, _one_of(OBSERVERS, AS_SHIPPED.observer.strategy)] = None
     """How nodes are estimated: map, anchored, cpd, spr or som. The last three are the paper's;
     an installed package may add others. `--observer cpd --help observer` shows the settings of cpd."""
@@ -73,8 +77,8 @@ class ShapeChoices:
     """How DLO pixels are found: brightness or colour; brightness is the paper's, and an installed package may add
     others."""
     planner: Annotated[str | None, _one_of(PLANNERS, AS_SHIPPED.planning.strategy)] = None
-    """How actions are chosen: rollout, farthest (the paper's), farthest-tangent; an installed package may add
-    others."""
+    """How actions are chosen: rollout, farthest or farthest-tangent. The second is the paper's; an installed package
+    may add others."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,13 +90,13 @@ class ShapeArgs:
       dlokit shape --start random --seed 3             from a random start
       dlokit shape --camera simulated-d435             seen by a depth camera
       dlokit shape --goal curve.csv --fit-length       to your own curve
-      dlokit shape --goal curve.csv --infeasible project   or to the nearest feasible shape
+      dlokit shape --dry-run --runtime live            plan and show the first action; no arm moves
       dlokit shape --runtime live --goal interactive   drag the goal in the browser
 
     Before the arm moves, the model predicts whether the DLO keeps the goal shape after a release. `--infeasible`
     determines what to do with an infeasible goal.
 
-    Exit code: 0 converged, 3 ended otherwise (see the outcome), 2 bad input.
+    Exit code: 0 converged, or a dry run that found an action, 3 ended otherwise (see the outcome), 2 bad input.
     """
 
     run: Annotated[RunConfig, tyro.conf.arg(name="")] = field(default_factory=RunConfig)
@@ -123,8 +127,8 @@ def again_by_config(folder: Path) -> str:
 
 
 def exit_code(record: RunRecord) -> int:
-    """0 when the run converged."""
-    return 0 if record.result.outcome is RunOutcome.CONVERGED else EXIT_OTHERWISE
+    """0 when the run converged, or was a dry run that reached its end."""
+    return 0 if record.result.outcome in (RunOutcome.CONVERGED, RunOutcome.DRY_RUN) else EXIT_OTHERWISE
 
 
 def display_of(config: RunConfig, job: ShapeJob, console: Console) -> RunDisplay:

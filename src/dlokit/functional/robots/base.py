@@ -1,9 +1,12 @@
-"""The protocol of a robot driver, between the robot skills and an arm."""
+"""The protocol of a robot driver, between the robot skills and an arm, and that of its settings."""
 
 from types import TracebackType
-from typing import Protocol, Self
+from typing import ClassVar, Protocol, Self
 
+from dlokit.communication.port import Port
+from dlokit.communication.timing.pulse import Pulse
 from dlokit.description.arm.model import ArmModel
+from dlokit.description.arm.mounts import ArmMount
 from dlokit.types.robot import GripResult, JointTrajectory, Lease, MotionResult, RobotState
 
 
@@ -78,4 +81,25 @@ class Robot(Protocol):
 
     async def recover(self) -> None:
         """Clear a fault; the arm stays where it is, and a `stop` stays."""
+        ...
+
+
+class RobotDriverConfig(Protocol):
+    """The settings of a robot driver: a frozen dataclass, all fields with defaults, that knows how to build it.
+
+    Every process loads it, with the module in which it is: large libraries are imported where they are called.
+    """
+
+    name: ClassVar[str]
+    in_cell: ClassVar[bool]
+    """Whether its arm stands in the simulated cell, and moves what the cell's cameras see."""
+    is_real: ClassVar[bool]
+    """Whether it moves a real arm: a run then begins with questions to the operator, and needs the live runtime."""
+
+    def build(self, port: Port, mount: ArmMount, pulse: Pulse) -> Robot:
+        """The driver of the arm at `mount`.
+
+        `port` has the clock of the run, and calls the cell for an arm that stands in it; `pulse` sends heartbeats
+        during a motion. Raises `ConfigError` when a setting names something that is missing.
+        """
         ...

@@ -1,9 +1,10 @@
 """An arm of the simulated cell: every method is a call to the cell's socket."""
 
 import asyncio
+from dataclasses import dataclass
 from functools import partial
 from types import TracebackType
-from typing import Self, TypeVar
+from typing import ClassVar, Self, TypeVar
 
 from dlokit.communication import topics
 from dlokit.communication.port import Port
@@ -12,6 +13,7 @@ from dlokit.description.arm.model import ArmModel
 from dlokit.description.arm.mounts import FIRST_ALONE, ArmMount
 from dlokit.errors import HardwareError, SkillFailure
 from dlokit.functional.cell import api
+from dlokit.functional.robots.base import Robot
 from dlokit.types.outcome import Cancelled, Failed, Outcome, Rejected, Succeeded, TimedOut, Unreachable
 from dlokit.types.robot import GripResult, JointTrajectory, Lease, MotionResult, RobotReason, RobotState
 from dlokit.types.system import ClockTick
@@ -140,3 +142,16 @@ def _result(outcome: Outcome[R]) -> R:
             )
         case Unreachable(component=component):
             raise SkillFailure(RobotReason.ROBOT_LOST, f"{component} does not answer; is it running?")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulatedRobotConfig:
+    """The arm of the simulated cell."""
+
+    name: ClassVar[str] = "simulated"
+    in_cell: ClassVar[bool] = True
+    is_real: ClassVar[bool] = False
+
+    def build(self, port: Port, mount: ArmMount, pulse: Pulse) -> Robot:
+        """The driver."""
+        return SimulatedRobot(port, mount, pulse)

@@ -16,6 +16,7 @@ import psutil
 
 from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.errors import InputError, MachineError
+from dlokit.system.table import TimeBase
 
 
 class RunningSystem(msgspec.Struct, frozen=True, kw_only=True):
@@ -33,6 +34,9 @@ class RunningSystem(msgspec.Struct, frozen=True, kw_only=True):
     """Whether other processes connect only through the endpoint: the router of a host in a multi-machine run."""
     starting: bool = False
     """Whether some processes have not started yet: the system can be stopped, but serves no other request."""
+
+    time_base: TimeBase = TimeBase.CELL
+    """The clock of its components."""
 
     @property
     def bus(self) -> ZenohConfig:
@@ -53,7 +57,13 @@ def notes_folder() -> Path:
 
 @contextmanager
 def announced(
-    run_dir: Path, namespace: str, endpoint: str, notes: Path | None = None, *, client: bool = False
+    run_dir: Path,
+    namespace: str,
+    endpoint: str,
+    notes: Path | None = None,
+    *,
+    client: bool = False,
+    time_base: TimeBase = TimeBase.CELL,
 ) -> Generator[Callable[[], None]]:
     """Keep a note of this process's system; `client` says that the endpoint is a host's router.
 
@@ -67,6 +77,7 @@ def announced(
         endpoint=endpoint,
         client=client,
         starting=True,
+        time_base=time_base,
     )
     note = _note_of(system.pid, notes)
     with ExitStack() as held:

@@ -32,7 +32,6 @@ from dlokit.system.config import RunConfig
 from dlokit.system.processes.bus import JoinedBus, join_bus
 from dlokit.system.processes.running import RunningSystem, still_runs
 from dlokit.system.results.run_result import config_hash
-from dlokit.system.table import TimeBase
 from dlokit.system.toml_config import read_toml, to_toml
 from dlokit.types.message import Message
 
@@ -152,7 +151,7 @@ async def record_until_ended(system: RunningSystem, path: Path, say: Callable[[s
     The file begins with the last message of each topic. Raises `ProcessFailure` when the system's clock stands still.
     """
     config = read_toml(Path(system.folder) / "config.toml", RunConfig)
-    async with join_bus(system.bus, TimeBase.CELL) as bus:
+    async with join_bus(system.bus, system.time_base) as bus:
         await bus.first_tick(FIRST_TICK_S)
         metadata = run_metadata(config, Path(system.folder).name)
         metadata["run"]["attached"] = f"{datetime.now():%Y-%m-%d %H:%M:%S}"
