@@ -95,8 +95,8 @@ class DecisionComponent(Component):
         """`stopwatch` returns the machine's monotonic time [s], for timings only.
 
         Goals by name are made for `dlo`. `robots` are the names of the arms that it moves. `keep` receives the journal
-        of a task at each step. A `dry_run` ends before the first action: the arms are in software, so that the camera
-        cannot look at a hand.
+        of a task at each step. A `dry_run` simulates its first action with an arm in software and ends. The camera
+        cannot see the hand of such an arm, so the camera's pose is not checked by it.
         """
         self._chart = DRY_RUN if dry_run else SHAPE_DLO
         if dry_run:

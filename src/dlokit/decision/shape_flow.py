@@ -287,7 +287,3 @@ _TAKE_OVER: Step[ShapeTask, Done] = Step(
 def resuming(chart: Flow[ShapeTask]) -> Flow[ShapeTask]:
     """A chart with one step before it, for a task that another process had begun."""
     return replace(chart, start=_TAKE_OVER.name, steps=(_TAKE_OVER, *chart.steps))
-
-
-RESUME_DLO: Flow[ShapeTask] = resuming(SHAPE_DLO)
-"""The chart of a resumed task."""

@@ -41,28 +41,14 @@ class Place:
 
     @property
     def pose(self) -> Pose:
-        """The same as position and quaternion: ``T_installation_it``."""
+        """The same as position and quaternion: ``T_installation_place``."""
         turned = scipy.spatial.transform.Rotation.from_euler("xyz", self.rpy_deg, degrees=True)
         return geometry.pose(self.position_m, np.round(turned.as_quat(scalar_first=True, canonical=True), _DIGITS))
 
 
 @dataclass(frozen=True, kw_only=True)
-class InstalledTable(Place):
+class InstalledTable(Place, Table):
     """The table. `position_m` is a point of its top, the origin of the world; `rpy_deg` inclines and turns it."""
-
-    centre_m: tuple[float, float] = Table().centre_m
-    """Middle of its top (x, y) in the world [m]."""
-    size_m: tuple[float, float] = Table().size_m
-    """Its extent along x and y of the world [m]."""
-
-    @property
-    def dimensions(self) -> Table:
-        """The table in the world. Raises `ConfigError` on a size that is not positive."""
-        return Table(centre_m=self.centre_m, size_m=self.size_m)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        assert self.dimensions
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,10 +93,10 @@ class Installation:
         table = self.table.pose
         return None if _is_identity(table) else geometry.inverse(table)
 
-    def in_world(self, T_installation_it: Pose) -> Pose:
+    def in_world(self, T_installation_place: Pose) -> Pose:
         """A pose of the installation in the world."""
         T = self.T_world_installation
-        return T_installation_it if T is None else geometry.compose(T, T_installation_it)
+        return T_installation_place if T is None else geometry.compose(T, T_installation_place)
 
     def camera_in_world(self, T_installation_camera: Pose) -> Pose:
         """Where the camera stands in the world; unless the file says it, at a given pose of the installation."""

@@ -217,7 +217,7 @@ def build_viewer(config: RunConfig, *, operated: bool, key: str | None = None) -
         config.viewer,
         flow=(DRY_RUN if config.dry_run else SHAPE_DLO).edges(),
         rod=RodOutline(nodes=config.model.nodes, length_m=config.model.length_m, radius_m=config.model.radius_m),
-        table=config.installation.table.dimensions,
+        table=config.installation.table,
         arm=config.arm_model,
         threshold_m=config.task.threshold_m,
         operated=operated,

@@ -16,6 +16,11 @@ class RunOutcome(enum.Enum):
     DRY_RUN = "dry_run"
     FAILED = "failed"
 
+    @property
+    def is_success(self) -> bool:
+        """Whether the task ended as it was meant to: at its goal, or as a dry run at its end."""
+        return self in (RunOutcome.CONVERGED, RunOutcome.DRY_RUN)
+
 
 class Mode(enum.Enum):
     """How the robot changes the shape."""

@@ -20,7 +20,6 @@ from dlokit.system.results.run_record import RunRecord
 from dlokit.system.results.run_result import CorrectionResult
 from dlokit.types.arrays import UInt8Array
 from dlokit.types.feasibility import Standing
-from dlokit.types.flow import RunOutcome
 
 FILE_NAME = "report.html"
 
@@ -38,7 +37,7 @@ def report_html(record: RunRecord) -> str:
     return _page().render(
         record=record,
         result=result,
-        converged=result.outcome in (RunOutcome.CONVERGED, RunOutcome.DRY_RUN),
+        converged=result.outcome.is_success,
         outcome=explain_outcome(result),
         pace=result.sim_time_s / result.wall_time_s if result.wall_time_s > 0.0 else 0.0,
         projected_mm=_projected(record),

@@ -130,14 +130,10 @@ def job_from_config(config: RunConfig) -> ShapeJob:
     The start has the length of the cell's DLO, the goal the length that the system believes. Without a cell there is no
     start: the system only looks.
     """
-    name = (
-        f"{Path(config.start).name} to {Path(config.goal).name}" if config.has_cell else f"to {Path(config.goal).name}"
-    )
-    start = (
-        _shape(config, config.start, config.cell.dlo.length_m, config.cell.dlo.radius_m, stream=0)
-        if config.has_cell
-        else HIDDEN_START
-    )
+    name, start = f"to {Path(config.goal).name}", HIDDEN_START
+    if config.has_cell:
+        name = f"{Path(config.start).name} {name}"
+        start = _shape(config, config.start, config.cell.dlo.length_m, config.cell.dlo.radius_m, stream=0)
     if config.goal == INTERACTIVE:
         return ShapeJob(name=name, start_nodes_world=start, request=None)
     model = config.model

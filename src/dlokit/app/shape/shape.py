@@ -27,7 +27,6 @@ from dlokit.system.results.run_folder import claim_run_folder, new_run_folder
 from dlokit.system.results.run_record import RunRecord, machine_facts
 from dlokit.system.results.run_result import NEAREST_FILE_NAME
 from dlokit.system.shaping import ShapeJob
-from dlokit.types.flow import RunOutcome
 
 RUNS = Path("runs")
 _DRAG = "Open it in a browser, drag the three frames to the goal you want, and press “Shape it”."
@@ -128,7 +127,7 @@ def again_by_config(folder: Path) -> str:
 
 def exit_code(record: RunRecord) -> int:
     """0 when the run converged, or was a dry run that reached its end."""
-    return 0 if record.result.outcome in (RunOutcome.CONVERGED, RunOutcome.DRY_RUN) else EXIT_OTHERWISE
+    return 0 if record.result.outcome.is_success else EXIT_OTHERWISE
 
 
 def display_of(config: RunConfig, job: ShapeJob, console: Console) -> RunDisplay:

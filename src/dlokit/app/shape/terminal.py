@@ -96,7 +96,7 @@ class RunDisplay(Watcher):
         """
         if result.history:
             self._console.print(self._table(result.history))
-        color = "green" if result.outcome in (RunOutcome.CONVERGED, RunOutcome.DRY_RUN) else "red"
+        color = "green" if result.outcome.is_success else "red"
         self._console.print(
             f"[bold {color}]{result.outcome.value}[/]  {escape(explain_outcome(result))}", highlight=False
         )

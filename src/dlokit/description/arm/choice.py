@@ -40,14 +40,16 @@ def arm_model(name: str, home_q_rad: tuple[float, ...] = ()) -> ArmModel:
 def _at_home(arm: ArmModel, home_q_rad: tuple[float, ...]) -> ArmModel:
     home, limits = np.array(home_q_rad), arm.limits
     if len(home) != len(arm.joints):
-        raise ConfigError(f"home_deg has {len(home)} angles; the {arm.title} has {len(arm.joints)} joints, one each.")
+        raise ConfigError(
+            f"home_deg has {len(home)} angles; the {arm.title} has {len(arm.joints)} joints: give one angle each."
+        )
     out = np.flatnonzero((home < limits.position_lower_rad) | (home > limits.position_upper_rad))
     if len(out):
         joint = int(out[0])
         lower, upper = (np.degrees(each[joint]) for each in (limits.position_lower_rad, limits.position_upper_rad))
         raise ConfigError(
             f"home_deg has {np.degrees(home[joint]):.1f}° for joint {joint + 1}; the {arm.title} turns it from "
-            f"{lower:.1f}° to {upper:.1f}°."
+            f"{lower:.1f}° to {upper:.1f}°: correct it in the installation file."
         )
     return replace(arm, home_q_rad=home, moved_home=True)
 

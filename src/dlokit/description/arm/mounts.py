@@ -2,8 +2,6 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from dlokit.description.arm.franka import PANDA
 from dlokit.description.arm.model import ArmModel
 from dlokit.errors import ConfigError
@@ -60,14 +58,6 @@ class ArmMount:
             return (0.0, 0.0)
         x, y = self.T_world_base.position_m[:2].tolist()
         return (x, y)
-
-    @property
-    def inclination_rad(self) -> float:
-        """Angle between the base's z axis and the world's [rad]."""
-        if self.T_world_base is None:
-            return 0.0
-        _, x, y, _ = self.T_world_base.wxyz
-        return float(2.0 * np.arcsin(np.clip(np.hypot(x, y), 0.0, 1.0)))
 
 
 FIRST_ALONE = (ArmMount(robot=FIRST_ROBOT),)

@@ -1,5 +1,6 @@
 """A camera with what the user knows of it in place of its own: a calibration, or where it stands."""
 
+from abc import ABC, abstractmethod
 from types import TracebackType
 from typing import Self
 
@@ -12,7 +13,7 @@ from dlokit.types.image import CameraCalibration, CameraPictures
 from dlokit.types.pose import Pose
 
 
-class _Corrected:
+class _Corrected(ABC):
     """A `Camera` that gives the pictures of another one, with another calibration."""
 
     def __init__(self, camera: Camera) -> None:
@@ -44,8 +45,9 @@ class _Corrected:
         """Close the camera."""
         self._camera.__exit__(kind, error, trace)
 
+    @abstractmethod
     def _corrected(self, own: CameraCalibration) -> CameraCalibration:
-        raise NotImplementedError
+        """The calibration that replaces the camera's own."""
 
 
 class CalibratedCamera(_Corrected):

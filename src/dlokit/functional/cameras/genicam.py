@@ -389,7 +389,7 @@ class _Side:
 
     def _start(self, camera: Any) -> None:
         bytes_of_picture = camera.get_payload()
-        # Of the exposure's begin to the arrival: the exposure, and the way of the picture over the link.
+        # From the begin of the exposure to the arrival: the exposure itself, and the transfer of the picture.
         self.clock = DeviceClock(round((self._exposure_s + bytes_of_picture / _LINK_BYTES_S) * 1e9))
         self._stream = camera.create_stream(None, None)
         for _ in range(_BUFFERS):

@@ -81,7 +81,7 @@ class Cell:
         self.episode = draw_episode(config, seed) if episode is None else episode
         config = apply_episode(config, self.episode)
         self.config = config
-        self.table = installation.table.dimensions
+        self.table = installation.table
         self.rig = StereoRig(config, seed=seed, installation=installation)
         self.depth_rig = DepthRig(config, seed=seed, installation=installation)
         self.board = None if config.board is None else draw_board(config.board, seed, arms[0].model)
@@ -226,7 +226,7 @@ def _build(
     board: TrueBoard | None,
 ) -> Any:
     stereo, depth = cameras
-    table = installation.table.dimensions
+    table = installation.table
     spec: Any = mujoco.MjSpec()
     set_rod_physics(spec, TIMESTEP_S)
     spec.option.gravity = installation.gravity_world
