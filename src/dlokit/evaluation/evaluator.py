@@ -142,7 +142,7 @@ def with_truth(result: RunResult, errors: TrueErrors) -> RunResult:
     """A result with the evaluator's figures filled in. Raises `InputError` when the numbers of actions differ."""
     if len(errors.after_action_m) != len(result.history):
         raise InputError(
-            f"The result tells of {len(result.history)} actions, the record of {len(errors.after_action_m)}: "
+            f"The result has {len(result.history)} actions, the record {len(errors.after_action_m)}: "
             "they are not of the same run."
         )
     history = tuple(
@@ -175,6 +175,6 @@ def left_nodes_world(folder: Path) -> Float64Array:
             return np.array(arrays["nodes_world"][-1], dtype=np.float64)
     except (OSError, KeyError, ValueError, IndexError, EOFError, zipfile.BadZipFile) as error:
         raise InputError(
-            f"{path} does not tell how the cell left its DLO ({error}): start anew with dlokit shape --config "
+            f"{path} does not show where the cell left its DLO ({error}): start again with dlokit shape --config "
             f"{folder / 'config.toml'}"
         ) from error
