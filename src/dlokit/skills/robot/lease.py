@@ -1,4 +1,4 @@
-"""The lease on a robot: its holder and its end. Pure: the machine's monotonic clock is an argument."""
+"""The lease on a robot: its holder and its end. Pure: the machine's clock is an argument."""
 
 import math
 import threading
@@ -7,12 +7,22 @@ from collections.abc import Callable
 from dlokit.errors import SkillRejected
 from dlokit.types.robot import RobotReason
 
+REVIVED_WITHIN_S = 1.0
+"""A heartbeat that comes later than this after the end of the lease finds it lost [s]: not a busy machine but a frozen
+or suspended one has delayed it, and the motion of before must not go on."""
+
 
 class LeaseKeeper:
-    """The lease on a robot. Any thread may read and renew it."""
+    """The lease on a robot. Any thread may read and renew it.
+
+    All processes may be frozen together, or the machine suspended. The first heartbeat afterwards may come before any
+    watchdog has looked: the lease stays lost until `noted`, so that the arm brakes.
+    """
 
     def __init__(self, monotonic_ns: Callable[[], int]) -> None:
+        """`monotonic_ns` never goes back, and goes on while the machine is suspended."""
         self._monotonic_ns = monotonic_ns
+        self._lapsed = self._noted = False
         self._lock = threading.Lock()
         self._holder = ""
         self._duration_ns = 0
@@ -32,7 +42,9 @@ class LeaseKeeper:
     def left_s(self) -> float:
         """Time until it expires [s]; inf without a holder."""
         with self._lock:
-            return (self._ends_ns - self._monotonic_ns()) / 1e9 if self._holder else math.inf
+            if not self._holder:
+                return math.inf
+            return 0.0 if self._lapsed else (self._ends_ns - self._monotonic_ns()) / 1e9
 
     @property
     def holder(self) -> str:
@@ -47,21 +59,34 @@ class LeaseKeeper:
         """Take or keep the lease. Raises `SkillRejected` ``leased`` while another holds it."""
         with self._lock:
             self._refuse_others(holder)
+            if holder != self._holder:
+                self._lapsed, self._ends_ns = False, self._monotonic_ns()
             self._holder = holder
             self._duration_ns = round(duration_s * 1e9)
-            self._ends_ns = self._monotonic_ns() + self._duration_ns
+            self._extend()
 
     def hear(self, holder: str) -> None:
         """Extend the lease from now on by its duration, if the heartbeat is its holder's; others have no effect."""
         with self._lock:
             if holder and holder == self._holder:
-                self._ends_ns = self._monotonic_ns() + self._duration_ns
+                self._extend()
+
+    def noted(self) -> None:
+        """Note that the arm was braked for the lost lease: from now on a renewed lease counts."""
+        with self._lock:
+            self._lapsed, self._noted = False, True
 
     def release(self, holder: str) -> None:
         """Return the lease. Raises `SkillRejected` ``leased`` while another holds it."""
         with self._lock:
             self._refuse_others(holder)
             self._holder = ""
+
+    def _extend(self) -> None:
+        now_ns = self._monotonic_ns()
+        self._lapsed |= not self._noted and now_ns - self._ends_ns > REVIVED_WITHIN_S * 1e9
+        self._noted = False
+        self._ends_ns = now_ns + self._duration_ns
 
     def _refuse_others(self, holder: str) -> None:
         if self._holder not in ("", holder) and self._monotonic_ns() < self._ends_ns:
