@@ -20,6 +20,7 @@ class Moment(enum.Enum):
     MOVING = "while the arm moves"
     HOLDING = "while the DLO is carried"
     THINKING = "while the next action is chosen"
+    ENDED = "when the task has ended, and its files are not written yet"
 
 
 FIRST_S = 20.0
@@ -34,7 +35,10 @@ THINKING = frozenset({"choose_grasp"})
 
 
 async def comes(moment: Moment, run: LiveRun, rng: np.random.Generator) -> bool:
-    """Wait for the moment; False when the task ended before it."""
+    """Wait for the moment; False when the task, or for `ENDED` the run, ended before it."""
+    if moment is Moment.ENDED:
+        await run.flow.end()
+        return run.program.exit_code is None
     return bool(not await ends_first(run, _wait(moment, run, rng)))
 
 
