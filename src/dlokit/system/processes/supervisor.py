@@ -8,7 +8,7 @@ import contextlib
 import logging
 import math
 import sys
-from collections.abc import Coroutine, Mapping
+from collections.abc import Callable, Coroutine, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
@@ -62,7 +62,8 @@ class _Watched:
 class Supervisor:
     """Manages the processes of one run. Use as an async context manager, on the main thread's loop."""
 
-    def __init__(self, rows: tuple[ProcessRow, ...], launch: Launch, bus: ZenohConfig) -> None:
+    def __init__(self, rows: tuple[ProcessRow, ...], launch: Launch, bus: Callable[[str], ZenohConfig]) -> None:
+        """`bus` gives the configuration with which a process, given by its name, joins the bus."""
         self._rows = rows
         self._launch = launch
         self._bus = bus
@@ -133,7 +134,7 @@ class Supervisor:
         spec = ChildSpec(
             process=row.name,
             components=row.components,
-            bus=self._bus,
+            bus=self._bus(row.name),
             time_base=row.time_base,
             config_file=str(self._launch.config_file),
             run_dir=str(self._launch.run_dir),
