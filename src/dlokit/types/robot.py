@@ -12,7 +12,7 @@ from dlokit.types.pose import Pose
 
 LEASE_S = 0.2
 """Default time without a heartbeat after which an arm brakes [s of machine time]."""
-FIRST_ROBOT = "panda"
+FIRST_ROBOT = "first"
 """Name of the arm at the world's origin."""
 
 

@@ -14,7 +14,7 @@ from rich.table import Table
 from dlokit.app.bench.progress import followed
 from dlokit.app.commands import CliCommand, flag
 from dlokit.app.shape.job import NamedChoices, file_after, with_choices
-from dlokit.app.shape.preflight import prepare, require_camera_of_cell, require_homes_above_table
+from dlokit.app.shape.preflight import prepare, require_camera_of_cell
 from dlokit.benches.report import bench_json
 from dlokit.benches.shaping.cases import IDEAL, CaseResult, ShapingCase, ShapingMethod, cases, methods_of, with_method
 from dlokit.benches.shaping.experiments import Experiment
@@ -256,7 +256,9 @@ def _seen(args: ShapingArgs) -> ShapingArgs:
     """The arguments with the camera chosen by name. Raises `ConfigError` where it does not see the cell."""
     run = with_choices(args.run, NamedChoices(camera=args.camera), "--")
     require_camera_of_cell(run)
-    require_homes_above_table(run)
+    from dlokit.system.installation_checks import check_installation  # loads the kinematics
+
+    check_installation(run)
     return replace(args, run=run)
 
 

@@ -284,6 +284,8 @@ class CellComponent(Component):
         return msgspec.structs.replace(images, stamp_ns=stamp_ns)
 
     def _link(self, robot: str) -> "_ArmLink":
+        if robot == FIRST_ROBOT:  # whatever the installation calls it
+            return next(iter(self._links.values()))
         if robot not in self._links:
             raise SkillRejected("no_such_robot", f"{robot}; the cell has {', '.join(self._links)}")
         return self._links[robot]
