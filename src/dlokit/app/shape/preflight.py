@@ -23,7 +23,7 @@ def check_before_start(config: RunConfig) -> None:
 
     The system observes where the DLO lies, and the task judges the goal with the model.
     """
-    _require_one_world(config)
+    require_one_world(config)
     require_homes_above_table(config)
     if config.calibration:
         _check_calibration(config)
@@ -55,7 +55,7 @@ def _check_calibration(config: RunConfig) -> None:
         check_same_camera(config.calibration, calibration, cell_camera(config.cell, config.installation))
 
 
-def _require_one_world(config: RunConfig) -> None:
+def require_one_world(config: RunConfig) -> None:
     """Raise `ConfigError` where the arm would move in another world than the one that the camera sees."""
     camera, driver = config.camera, config.driver
     if not config.dry_run and camera.sees_cell and not driver.in_cell:
