@@ -24,7 +24,7 @@ def check_before_start(config: RunConfig) -> None:
     """
     from dlokit.system.installation_checks import check_installation  # loads the kinematics
 
-    _require_one_world(config)
+    require_one_world(config)
     if config.calibration:
         _check_calibration(config)
     check_installation(config)
@@ -56,7 +56,7 @@ def _check_calibration(config: RunConfig) -> None:
         check_same_camera(config.calibration, calibration, cell_camera(config.cell, config.installation))
 
 
-def _require_one_world(config: RunConfig) -> None:
+def require_one_world(config: RunConfig) -> None:
     """Raise `ConfigError` where the arm would move in another world than the one that the camera sees."""
     camera, driver = config.camera, config.driver
     if not config.dry_run and camera.sees_cell and not driver.in_cell:
