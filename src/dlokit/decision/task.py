@@ -71,7 +71,7 @@ class Spent:
     """What a task has used of its budgets, including the run that it resumes."""
 
     started_ns: int
-    """When it began on the cell's clock [ns]; earlier by the duration of the resumed run."""
+    """When it began on the run's clock [ns]; earlier by the duration of the resumed run."""
     actions: int = 0
     """Actions of the resumed run."""
     planning_time_s: float = 0.0

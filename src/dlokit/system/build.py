@@ -97,7 +97,7 @@ def _robot(number: int) -> "_Builder":
         live = config.runtime == "live"
         pulse = ThreadPulse() if live else loop_pulse
         watch = ThreadWatchdog() if live else LoopWatchdog()
-        lease = LeaseKeeper(time.monotonic_ns)
+        lease = LeaseKeeper(time.monotonic_ns, needs_operator=config.moves_real_arm)
         robot = GatedRobot(
             _driver(config, wiring, mount, pulse),
             config.gate,

@@ -68,6 +68,7 @@ class RobotReason(enum.StrEnum):
     STOPPED = "stopped", Remedy.NONE
     STOP_LATCHED = "stop_latched", Remedy.NONE
     NOT_CONFIRMED = "not_confirmed", Remedy.NONE
+    NO_OPERATOR = "no_operator", Remedy.NONE
     FAULT = "fault", Remedy.NONE
     ROBOT_LOST = "robot_lost", Remedy.NONE
 

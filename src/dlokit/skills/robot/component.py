@@ -245,6 +245,11 @@ class RobotComponent(Component):
         """Return the right to move."""
         self._lease.release(holder)
 
+    @implements(api.CONFIRM_START)
+    async def confirm_start(self) -> None:
+        """Allow the holder of the lease to move a real arm."""
+        self._lease.confirm()
+
     def _lease_expired(self) -> None:
         """Brake, from the thread of the watch: neither a busy loop nor a lost order keeps the arm moving.
 
@@ -301,6 +306,23 @@ class RobotComponent(Component):
         if self._lease.holder in ("", caller):
             return None
         return "another process holds this robot's lease; only robot.stop is open to all"
+
+    @holds(api.HOLDER)
+    def _is_holder(self, caller: str) -> str | None:
+        """Only the process that commands the arm may say that an operator was asked."""
+        if caller == self._lease.holder:
+            return None
+        return "only the process that holds this robot's lease may confirm the start, after it has asked an operator"
+
+    @holds(api.CONFIRMED)
+    def _is_confirmed(self, caller: str) -> str | None:
+        """Refuse motions of a real arm before an operator has confirmed the start."""
+        if self._lease.confirmed:
+            return None
+        return (
+            "this arm is real, and no operator has confirmed the start: start the run in a terminal and answer its "
+            "questions, or with --operator-confirms"
+        )
 
     @holds(api.LEASE)
     def _lease_runs(self, caller: str) -> str | None:

@@ -11,8 +11,11 @@ from dlokit.types.robot import RobotReason
 class LeaseKeeper:
     """The lease on a robot. Any thread may read and renew it."""
 
-    def __init__(self, monotonic_ns: Callable[[], int]) -> None:
+    def __init__(self, monotonic_ns: Callable[[], int], *, needs_operator: bool = False) -> None:
+        """With `needs_operator`, as for a real arm, a holder may move it only after `confirm`."""
         self._monotonic_ns = monotonic_ns
+        self._needs_operator = needs_operator
+        self._confirmed = False
         self._lock = threading.Lock()
         self._holder = ""
         self._duration_ns = 0
@@ -39,14 +42,25 @@ class LeaseKeeper:
         """Name of the holder; empty without one."""
         return self._holder
 
+    @property
+    def confirmed(self) -> bool:
+        """Whether an operator has confirmed the start to the present holder, or the arm needs no operator."""
+        return self._confirmed or not self._needs_operator
+
+    def confirm(self) -> None:
+        """Note that an operator has confirmed the start; it holds until the lease is returned or changes hands."""
+        with self._lock:
+            self._confirmed = self._holder != ""
+
     def allows(self, holder: str) -> bool:
-        """Whether a motion of that holder may begin: its lease has not expired, or there is no holder."""
-        return not self.lost and self._holder in ("", holder)
+        """Whether a motion of that holder may begin: confirmed, and with a lease that runs, or without a holder."""
+        return self.confirmed and not self.lost and self._holder in ("", holder)
 
     def renew(self, holder: str, duration_s: float) -> None:
         """Take or keep the lease. Raises `SkillRejected` ``leased`` while another holds it."""
         with self._lock:
             self._refuse_others(holder)
+            self._confirmed = self._confirmed and holder == self._holder
             self._holder = holder
             self._duration_ns = round(duration_s * 1e9)
             self._ends_ns = self._monotonic_ns() + self._duration_ns
@@ -61,6 +75,7 @@ class LeaseKeeper:
         """Return the lease. Raises `SkillRejected` ``leased`` while another holds it."""
         with self._lock:
             self._refuse_others(holder)
+            self._confirmed = False
             self._holder = ""
 
     def _refuse_others(self, holder: str) -> None:
