@@ -16,11 +16,12 @@ import msgspec
 
 from dlokit.communication.component import Component
 from dlokit.communication.port import Compute, InlineCompute, Port
-from dlokit.communication.timing.clock import Clock
+from dlokit.communication.timing.clock import Clock, suspended_too_ns
 from dlokit.communication.timing.pulse import Pulse
 from dlokit.communication.transport import Transport
 from dlokit.description.arm.mounts import INSTANCES, ArmMount
 from dlokit.functional.robots.base import Robot
+from dlokit.recording.disk import Disk
 from dlokit.skills.viewer.address import new_key
 from dlokit.system.config import RunConfig
 from dlokit.system.table import COMPONENTS
@@ -42,6 +43,8 @@ class Wiring:
     start_nodes_world: Float64Array  # (K, 3) [m] initial shape in the cell; no other component may read it
     page_key: str = field(default_factory=new_key, repr=False)
     """Access key of the viewer's page."""
+    disk: Disk = field(default_factory=Disk)
+    """Writes the files of the run."""
 
 
 def build_component(name: str, config: RunConfig, wiring: Wiring) -> Component:
@@ -71,12 +74,13 @@ def _driver_port(wiring: Wiring, owner: str) -> Port:
 def _cell(config: RunConfig, wiring: Wiring) -> Component:
     from dlokit.communication.timing.urgency import BoundedUrgency, never_urgent
     from dlokit.functional.cell.component import CellComponent
+    from dlokit.functional.cell.truth import TruthRecorder
 
     return CellComponent(
         config.cell,
         wiring.start_nodes_world,
         seed=config.seed,
-        truth_folder=wiring.folder,
+        truth=TruthRecorder(wiring.folder, wiring.disk),
         real_time_factor=1.0 if config.runtime == "lockstep" else config.cell.real_time_factor,
         arms=config.mounts,
         installation=config.installation,
@@ -97,11 +101,11 @@ def _robot(number: int) -> "_Builder":
         live = config.runtime == "live"
         pulse = ThreadPulse() if live else loop_pulse
         watch = ThreadWatchdog() if live else LoopWatchdog()
-        lease = LeaseKeeper(time.monotonic_ns, needs_operator=config.moves_real_arm)
+        lease = LeaseKeeper(suspended_too_ns, needs_operator=config.moves_real_arm)
         robot = GatedRobot(
             _driver(config, wiring, mount, pulse),
             config.gate,
-            time.monotonic_ns if live else wiring.clock.now_ns,
+            suspended_too_ns if live else wiring.clock.now_ns,
             T_world_base=mount.T_world_base,
             workspace=mount.workspace,
             may_move=lease.allows,
@@ -110,7 +114,7 @@ def _robot(number: int) -> "_Builder":
         return RobotComponent(
             config.robot,
             robot,
-            time.monotonic_ns,
+            suspended_too_ns,
             mount.T_world_base,
             mount.instance,
             watch,
@@ -201,7 +205,7 @@ def _decision(config: RunConfig, wiring: Wiring) -> Component:
         dry_run=config.dry_run,
         robots=config.installation.robots[: config.arms],
         # A lockstep run can instead be repeated bit by bit.
-        keep=JournalFile(wiring.folder).keep if config.runtime == "live" else lambda journal: None,
+        keep=JournalFile(wiring.folder, wiring.disk).keep if config.runtime == "live" else lambda journal: None,
     )
 
 

@@ -255,9 +255,9 @@ class RobotComponent(Component):
 
         An arm at rest gets no further order: it could arrive late, and stop the next commander's motion.
         """
-        if self._braked_because == api.LEASE.reason and not self._in_motion():
-            return
-        self._brake_at_once(api.LEASE.reason)
+        if self._braked_because != api.LEASE.reason or self._in_motion():
+            self._brake_at_once(api.LEASE.reason)
+        self._lease.noted()
 
     def _brake_at_once(self, reason: str) -> None:
         self._braked_because = reason
