@@ -9,19 +9,19 @@ from dlokit.communication.topic import Topic
 from dlokit.communication.topics import TOPICS
 from dlokit.communication.zenoh.access import HostRights
 from dlokit.decision.api import STOP_TASK
-from dlokit.description.arm.mounts import ROBOTS, instance_of
+from dlokit.description.arm.mounts import INSTANCES
 from dlokit.errors import ConfigError
 from dlokit.functional.cell import api as cell
 from dlokit.skills.robot import api as robot
 from dlokit.system.hosts.config import HostsConfig
-from dlokit.system.table import CAMERA, CELL, DECISION, OPPOSITE, PROCESSES, ROBOT, ProcessRow
+from dlokit.system.table import CAMERA, CELL, DECISION, PROCESSES, ROBOT, SECOND, ProcessRow
 
 AGENT = "host"
 """Component through which the main host starts processes on another host: `host.NAME`."""
 _ARM = (cell.FOLLOW, cell.RENEW, cell.GRIP, cell.BRAKE, cell.STOP, cell.ENABLE, cell.RECOVER)
 DRIVEN: Mapping[str, tuple[Skill[..., Any], ...]] = {
     ROBOT.name: _ARM,
-    OPPOSITE.name: _ARM,
+    SECOND.name: _ARM,
     CAMERA.name: (cell.CAPTURE, cell.CAPTURE_DEPTH),
 }
 """What a process calls of the cell, its device."""
@@ -87,7 +87,7 @@ def rights_at_main(placement: Placement) -> tuple[HostRights, ...]:
     Only the main host may call anything else, in particular motions of the robot, and only it may send the heartbeats
     that keep the robot's lease.
     """
-    stops = (*(robot.STOP.at(instance_of(arm)) for arm in ROBOTS), STOP_TASK)
+    stops = (*(robot.STOP.at(instance) for instance in INSTANCES), STOP_TASK)
     return tuple(
         HostRights(
             host=host,
