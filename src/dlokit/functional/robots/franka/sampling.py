@@ -87,12 +87,16 @@ class Course:
         """
         _, first, second = self._at(self._s)
         speed = np.maximum(np.abs(first), _SMALLEST_RAD_S)
-        room = self._acceleration + np.sign(first) * second * self._rate**2
+        # What the path itself asks for changes within a cycle by the jerk limit: the worse of both ends counts.
+        _, _, later = self._at(min(self._s + self._rate * step_s, self._end_s))
+        asked = np.minimum(np.sign(first) * second, np.sign(first) * later) * self._rate**2
+        room = self._acceleration + asked
         strongest = min(float(np.min(np.maximum(room, 0.0) / speed)), 1.0 / _SHORTEST_BRAKE_S)
         change = min(0.5 * float(np.min(self._jerk / speed)), 1.0 / (_SHORTEST_BRAKE_S * _RAMP_S))
         # At the end the deceleration falls to zero together with the rate.
         wanted = min(strongest, float(np.sqrt(2.0 * change * self._rate)))
-        self._slowing += float(np.clip(wanted - self._slowing, -change * step_s, change * step_s))
+        # It falls at once: where the path itself begins to slow down, a joint's acceleration stays at its limit.
+        self._slowing = min(wanted, self._slowing + change * step_s)
         rate = max(self._rate - self._slowing * step_s, 0.0)
         self._s = min(self._s + 0.5 * (self._rate + rate) * step_s, self._end_s)
         self._rate = 0.0 if rate < _STILL_RATE else rate

@@ -38,7 +38,7 @@ STALLED_S = 0.8
 """The arm's clock must go on within this time [s], or the connection is lost."""
 TRACKING_RAD = 0.08
 """Largest distance of a joint from its set-point [rad]; at the joints' acceleration limits it reaches 0.05. Farther
-off, the arm pushes against something, or the machine is too busy: it brakes."""
+off, the arm pushes against something, or the machine is too busy: it stops."""
 _SETTLED_RAD_S = 0.01
 _LONGEST_SETTLE_S = 0.3
 """At the end of its path an arm gets at most this long to come to rest [s], before the next step."""
@@ -159,7 +159,10 @@ class Streamer:
             off_rad = float(np.max(np.abs(course.setpoint()[0] - reading.q)))
             self._largest_rad = max(self._largest_rad, off_rad)
             if off_rad > TRACKING_RAD:
-                self._brake(course, Ending.TRACKING)
+                # Not on along the path, which leads into what the arm pushes against: it gives its torques up here.
+                self._wanted_ending, self._phase = Ending.TRACKING, Phase.BRAKING
+                self._leave_control(now_ns)
+                return
         why = self._reason_to_brake(now_ns)
         if why is not None:
             self._brake(course, why)
@@ -174,9 +177,12 @@ class Streamer:
         self._rest_ms = self._rest_ms or reading.robot_ms
         waited_s = (reading.robot_ms - self._rest_ms) / 1e3
         if float(np.max(np.abs(reading.dq))) < _SETTLED_RAD_S or waited_s > _LONGEST_SETTLE_S:
-            self._channel[Word.STREAM_SILENCE_NS] = round(_START_SILENCE_S * 1e9)
-            self._left_control_ns = now_ns
-            self._link.end()
+            self._leave_control(now_ns)
+
+    def _leave_control(self, now_ns: int) -> None:
+        self._channel[Word.STREAM_SILENCE_NS] = round(_START_SILENCE_S * 1e9)
+        self._left_control_ns = now_ns
+        self._link.end()
 
     def _reason_to_brake(self, now_ns: int) -> Ending | None:
         channel = self._channel
