@@ -62,26 +62,29 @@ FAULTS: dict[str, Callable[[dict[str, int], Channel], None]] = {
 
 def stopped_after(fault: str, server: FrankyServer, folder: Path, pace: float) -> Stopped:
     """Move the arm of the simulator, let the fault happen, and watch."""
-    program = subprocess.Popen(
+    pids: dict[str, int] = {}
+    with subprocess.Popen(
         (sys.executable, franka_commander.__file__, server.address, str(folder), str(pace)),
         stdout=subprocess.PIPE,
         env=franka_commander.hanging_environment(folder),
-    )
-    pids: dict[str, int] = {}
-    try:
+    ) as program:
         assert program.stdout is not None
-        pids = {**json.loads(program.stdout.readline()), "commander": program.pid}
-        with Channel(path_of(server.address, folder)) as channel:
-            try:
-                return _watched(fault, server, channel, pids)
-            finally:
-                channel[Word.LATCH] = Latch.NONE
-    finally:
-        for pid in pids.values():
-            with contextlib.suppress(ProcessLookupError):
-                os.kill(pid, signal.SIGKILL)
-        program.kill()
-        program.wait()
+        try:
+            pids = {**json.loads(program.stdout.readline()), "commander": program.pid}
+            return _in_motion(fault, server, folder, pids)
+        finally:
+            for pid in pids.values():
+                with contextlib.suppress(ProcessLookupError):
+                    os.kill(pid, signal.SIGKILL)
+            program.kill()
+
+
+def _in_motion(fault: str, server: FrankyServer, folder: Path, pids: dict[str, int]) -> Stopped:
+    with Channel(path_of(server.address, folder)) as channel:
+        try:
+            return _watched(fault, server, channel, pids)
+        finally:
+            channel[Word.LATCH] = Latch.NONE
 
 
 def _watched(fault: str, server: FrankyServer, channel: Channel, pids: dict[str, int]) -> Stopped:

@@ -1,6 +1,6 @@
 """franky-sim, a simulator of the FR3's protocol, in a process of its own that also writes down where its arm was.
 
-Run as a program it is that process: ``franky_server.py ADDRESS LOG OBSTACLE_M``.
+Run as a program it is that process: ``franky_server.py ADDRESS LOG OBSTACLE_M TOOL_M``.
 """
 
 import mmap
@@ -46,11 +46,16 @@ def why_not() -> str:
 class FrankyServer:
     """The simulator at an address of its own; a context manager."""
 
-    def __init__(self, folder: Path, address: str = "127.0.31.1", obstacle_m: float = 0.0) -> None:
-        """A box of the thickness `obstacle_m` between the fingers, where that is not 0."""
+    def __init__(
+        self, folder: Path, address: str = "127.0.31.1", *, obstacle_m: float = 0.0, tool_m: float = 0.1034
+    ) -> None:
+        """A box of the thickness `obstacle_m` between the fingers, where that is not 0.
+
+        `tool_m` is from the flange to the tool centre point, as chosen in Desk.
+        """
         self.address = address
         self._log = folder / "franky_server.log"
-        self._obstacle_m = obstacle_m
+        self._arguments = (str(obstacle_m), str(tool_m))
         self._process: subprocess.Popen[bytes] | None = None
         self._map: mmap.mmap | None = None
 
@@ -61,7 +66,9 @@ class FrankyServer:
         with self._log.open("r+b") as file:
             self._map = mmap.mmap(file.fileno(), 0)
         self._process = subprocess.Popen(
-            (sys.executable, __file__, self.address, str(self._log), str(self._obstacle_m)), stdin=subprocess.DEVNULL
+            (sys.executable, __file__, self.address, str(self._log), *self._arguments),
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
         )
         deadline_s = time.monotonic() + _STARTS_S
         while self._count < 200:
@@ -137,10 +144,10 @@ def standing_after_s(moments: list[Moment], since_ns: int, speed_rad_s: float = 
     return (moments[int(moving[-1]) + span // 2].now_ns - since_ns) / 1e9
 
 
-def _serve(address: str, log: str, obstacle_m: float) -> None:
+def _serve(address: str, log: str, obstacle_m: float, tool_m: float) -> None:
     import xml.etree.ElementTree as ElementTree
 
-    from franky_sim import SimulationServer  # pyright: ignore
+    from franky_sim import RobotParameters, SimulationServer  # pyright: ignore
     from franky_sim.mujoco_simulator import MujocoSimulator  # pyright: ignore
 
     with Path(log).open("r+b") as file:
@@ -148,10 +155,11 @@ def _serve(address: str, log: str, obstacle_m: float) -> None:
     simulator: Any = MujocoSimulator()
     count = 0
     with simulator as sim:
-        robot = sim.add_robot(initial_q=FR3.home_q_rad.tolist(), initial_hand_width=0.078)
+        parameters: Any = RobotParameters(ee_tcp_xyz=(0.0, 0.0, tool_m))
+        robot = sim.add_robot(initial_q=FR3.home_q_rad.tolist(), initial_hand_width=0.078, robot_parameters=parameters)
         if obstacle_m:
-            # Held in the air: the fingers meet it wherever the hand is when they close at home.
-            body = ElementTree.SubElement(sim.worldbody, "body", name="obstacle", pos="0.28 0 0.45", gravcomp="1")
+            # In the air, fixed, where the fingers close when the arm is at home.
+            body = ElementTree.SubElement(sim.worldbody, "body", name="obstacle", pos="0.278 0 0.455")
             size = f"0.01 {obstacle_m / 2} 0.01"
             ElementTree.SubElement(body, "geom", type="box", size=size)
         parent = os.getppid()
@@ -173,4 +181,4 @@ def _serve(address: str, log: str, obstacle_m: float) -> None:
 
 
 if __name__ == "__main__":
-    _serve(sys.argv[1], sys.argv[2], float(sys.argv[3]))
+    _serve(sys.argv[1], sys.argv[2], float(sys.argv[3]), float(sys.argv[4]))
