@@ -14,18 +14,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import test_robots
 from franky_server import FrankyServer, standing_after_s, why_not
-
-# The same tests, on the robot of this module's fixtures.
-from test_robots import (  # noqa: F401
-    test_a_cancelled_motion_brakes_and_leaves_the_arm_usable,
-    test_a_motion_is_refused_while_another_runs_or_when_it_starts_elsewhere,
-    test_after_a_stop_nothing_moves_until_it_is_enabled_and_recover_does_not_enable_it,
-    test_fingers_that_close_stay_where_they_are_when_the_arm_is_stopped,
-    test_halt_ends_a_motion_as_a_named_failure_and_the_next_may_begin,
-    test_it_knows_its_state_as_soon_as_it_is_connected,
-    test_stop_ends_a_motion_as_a_named_failure,
-)
 
 from dlokit.communication.timing.pulse import ThreadPulse
 from dlokit.description.arm.franka import FR3
@@ -48,6 +38,25 @@ BAR_BRAKING_S = 0.25
 BAR_STANDING_S = 0.3
 BAR_LOST_S = 1.5
 BRAKING_RAD_S2 = 10.0
+
+# The same tests, on the robot of the fixtures below.
+test_a_cancelled_motion_brakes_and_leaves_the_arm_usable = (
+    test_robots.test_a_cancelled_motion_brakes_and_leaves_the_arm_usable
+)
+test_a_motion_is_refused_while_another_runs_or_when_it_starts_elsewhere = (
+    test_robots.test_a_motion_is_refused_while_another_runs_or_when_it_starts_elsewhere
+)
+test_after_a_stop_nothing_moves_until_it_is_enabled_and_recover_does_not_enable_it = (
+    test_robots.test_after_a_stop_nothing_moves_until_it_is_enabled_and_recover_does_not_enable_it
+)
+test_fingers_that_close_stay_where_they_are_when_the_arm_is_stopped = (
+    test_robots.test_fingers_that_close_stay_where_they_are_when_the_arm_is_stopped
+)
+test_halt_ends_a_motion_as_a_named_failure_and_the_next_may_begin = (
+    test_robots.test_halt_ends_a_motion_as_a_named_failure_and_the_next_may_begin
+)
+test_it_knows_its_state_as_soon_as_it_is_connected = test_robots.test_it_knows_its_state_as_soon_as_it_is_connected
+test_stop_ends_a_motion_as_a_named_failure = test_robots.test_stop_ends_a_motion_as_a_named_failure
 
 
 @pytest.fixture(autouse=True)

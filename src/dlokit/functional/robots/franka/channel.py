@@ -126,6 +126,8 @@ class StreamState(NamedTuple):
     """Turns of the loop in the motion."""
     largest_error_rad: float
     """Largest distance of a joint from its set-point in the motion [rad]."""
+    mean_error_rad: float
+    """Mean over the turns of that distance [rad]."""
     took_s: float
     """How long the motion took by the arm's clock [s]."""
     q: tuple[float, ...]  # (7,) [rad]
@@ -154,7 +156,7 @@ class HandState(NamedTuple):
     """Width before the last grip [m]."""
 
 
-_STATE = struct.Struct(f"=8q2d{3 * JOINTS + 6 + 32 + 2}d")
+_STATE = struct.Struct(f"=8q3d{3 * JOINTS + 6 + 32 + 2}d")
 _HAND = struct.Struct("=4q3d")
 _HEAD = struct.Struct("=QQ")  # sequence number, check sum
 _WORD = struct.Struct("q")  # native: one store, as of a word
@@ -248,7 +250,7 @@ class Channel:
         self._write(
             _STATE_AT,
             _STATE.pack(
-                *state[:10],
+                *state[:11],
                 *state.q,
                 *state.dq,
                 *state.tau,
@@ -267,11 +269,11 @@ class Channel:
             return None
         values = _STATE.unpack(packed)
         rows: list[tuple[float, ...]] = []
-        at = 10
+        at = 11
         for length in (JOINTS, JOINTS, JOINTS, 6, 16, 16):
             rows.append(values[at : at + length])
             at += length
-        return StreamState(*values[:10], *rows, *values[at:])
+        return StreamState(*values[:11], *rows, *values[at:])
 
     def write_hand(self, state: HandState) -> None:
         """Publish the hand's state; by the hand process only."""

@@ -423,7 +423,8 @@ class FrankaRobot:
     def _in_motion(self) -> bool:
         state, hand = self._shared.read_state(), self._shared.read_hand()
         moving = state is not None and state.phase in (Phase.MOVING, Phase.BRAKING)
-        return moving or (hand is not None and bool(hand.running))
+        # Fingers that were ordered to hold, hold; that they are still is noticed later.
+        return moving or (hand is not None and bool(hand.running) and not hand.cancelled)
 
     def _check_ready(self) -> None:
         latch = self._shared[Word.LATCH]

@@ -22,7 +22,7 @@ import numpy as np
 from dlokit.functional.robots.franka.channel import Channel, Ending, Latch, Phase, StreamState, Word
 from dlokit.functional.robots.franka.link import Array, FrankyLink, Link, LinkLost, Protection, Reading
 from dlokit.functional.robots.franka.reflexes import Mode, latch_of
-from dlokit.functional.robots.franka.sampling import Course
+from dlokit.functional.robots.franka.sampling import Course, Trim
 
 TURN_S = 0.002
 """Time between two set-points [s]."""
@@ -40,8 +40,9 @@ TRACKING_RAD = 0.08
 """Largest distance of a joint from its set-point [rad]; at the joints' acceleration limits it reaches 0.05. Farther
 off, the arm pushes against something, or the machine is too busy: it stops."""
 _SETTLED_RAD_S = 0.01
+_SETTLED_RAD = 0.001
 _LONGEST_SETTLE_S = 0.3
-"""At the end of its path an arm gets at most this long to come to rest [s], before the next step."""
+"""At the end of its path an arm gets at most this long to come to rest at its set-points [s]."""
 _LONGEST_END_S = 1.0
 PRIORITY = 30
 """Real-time priority of this process and of the control thread that it starts, where the system allows one."""
@@ -65,10 +66,11 @@ class Streamer:
         self._parent_alive = parent_alive
         self._phase = Phase.IDLE
         self._course: Course | None = None
+        self._trim = Trim()
         self._motion_id = channel[Word.FOLLOW_ID]  # a motion of an earlier driver is over
         self._ending, self._wanted_ending = Ending.NONE, Ending.NONE
         self._errors = self._turns = 0
-        self._largest_rad, self._took_s = 0.0, 0.0
+        self._largest_rad = self._sum_rad = self._took_s = 0.0
         self._last: Reading | None = None
         self._last_set: Array | None = None
         self._new_ns = self._began_ms = self._rest_ms = 0
@@ -116,7 +118,8 @@ class Streamer:
 
     def _begin(self, motion_id: int, reading: Reading, now_ns: int) -> None:
         self._motion_id, self._ending = motion_id, Ending.NONE
-        self._turns, self._largest_rad, self._took_s, self._errors = 0, 0.0, 0.0, 0
+        self._turns = self._errors = 0
+        self._largest_rad = self._sum_rad = self._took_s = 0.0
         refused = self._reason_to_brake(now_ns)
         if refused is None and (self._phase is not Phase.IDLE or reading.mode != Mode.IDLE):
             refused = Ending.REFUSED
@@ -156,8 +159,11 @@ class Streamer:
             return
         course.advance(passed_s)
         if self._last_set is not None:
-            off_rad = float(np.max(np.abs(course.setpoint()[0] - reading.q)))
+            off = course.setpoint()[0] - reading.q
+            self._trim.learn(off, passed_s)
+            off_rad = float(np.max(np.abs(off)))
             self._largest_rad = max(self._largest_rad, off_rad)
+            self._sum_rad += off_rad
             if off_rad > TRACKING_RAD:
                 # Not on along the path, which leads into what the arm pushes against: it gives its torques up here.
                 self._wanted_ending, self._phase = Ending.TRACKING, Phase.BRAKING
@@ -167,16 +173,18 @@ class Streamer:
         if why is not None:
             self._brake(course, why)
         q, dq = course.setpoint(_AHEAD_S)
-        self._link.target(q, dq)
+        self._link.target(q + self._trim.rad, dq)
         self._last_set = q
         self._channel[Word.STREAM_SILENCE_NS] = round(SILENCE_S * 1e9)
         if course.finished:
-            self._settle(reading, now_ns)
+            self._settle(course, reading, now_ns)
 
-    def _settle(self, reading: Reading, now_ns: int) -> None:
+    def _settle(self, course: Course, reading: Reading, now_ns: int) -> None:
         self._rest_ms = self._rest_ms or reading.robot_ms
         waited_s = (reading.robot_ms - self._rest_ms) / 1e3
-        if float(np.max(np.abs(reading.dq))) < _SETTLED_RAD_S or waited_s > _LONGEST_SETTLE_S:
+        off_rad = float(np.max(np.abs(course.setpoint()[0] - reading.q)))
+        settled = off_rad < _SETTLED_RAD and float(np.max(np.abs(reading.dq))) < _SETTLED_RAD_S
+        if settled or waited_s > _LONGEST_SETTLE_S:
             self._leave_control(now_ns)
 
     def _leave_control(self, now_ns: int) -> None:
@@ -229,6 +237,7 @@ class Streamer:
                 errors=self._errors,
                 turns=self._turns,
                 largest_error_rad=self._largest_rad,
+                mean_error_rad=self._sum_rad / max(self._turns, 1),
                 took_s=self._took_s,
                 q=tuple(reading.q),
                 dq=tuple(reading.dq),

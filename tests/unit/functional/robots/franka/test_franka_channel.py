@@ -48,6 +48,7 @@ def state(number: int) -> StreamState:
         errors=number,
         turns=number,
         largest_error_rad=value,
+        mean_error_rad=value,
         took_s=value,
         q=(value,) * 7,
         dq=(value,) * 7,

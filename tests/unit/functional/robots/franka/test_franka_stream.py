@@ -37,6 +37,7 @@ class FakeLink:
         self.mode = Mode.IDLE
         self.in_control = False
         self.follows = True
+        self.sag = 0.0
         self.word = 0
         self.recoverable = True
         self.recoveries = 0
@@ -62,7 +63,7 @@ class FakeLink:
     def target(self, q: Float64Array, dq: Float64Array) -> None:
         self.targets.append((self.ms, q, dq))
         if self.follows:
-            self.q, self.dq = q, dq
+            self.q, self.dq = q - self.sag, dq
 
     def end(self) -> None:
         self.in_control, self.mode = False, Mode.IDLE
@@ -139,7 +140,7 @@ def test_set_points_are_those_of_the_arms_time_however_fast_it_passes(lab: Lab, 
     ahead_s = clock * TURN_NS / SECOND + 0.002
     for ms, q, dq in lab.link.targets:
         at_s = (ms - began_ms) / 1e3 + ahead_s
-        for got, samples, off in ((q, MOVE.q_rad, 1e-3), (dq, MOVE.dq_rad_s, 3e-2)):  # linear between samples here
+        for got, samples, off in ((q, MOVE.q_rad, 6e-3), (dq, MOVE.dq_rad_s, 3e-2)):  # corrected by 5 mrad at most
             expected = [np.interp(at_s, MOVE.times_s, joint) for joint in samples.T]
             np.testing.assert_allclose(got, expected, atol=off)
 
@@ -309,3 +310,21 @@ def test_it_ends_at_rest_when_the_driver_closes_or_dies(lab: Lab, orphaned: bool
         pytest.fail("it did not end")
     assert not lab.link.in_control
     assert np.abs(lab.link.dq).max() < 0.01
+
+
+def test_an_arm_that_sags_comes_to_its_set_points_and_the_next_motion_begins_there(lab: Lab) -> None:
+    lab.link.sag = 0.004
+    lab.post()
+    state = lab.run(2.0)
+    assert state.ending == Ending.ARRIVED
+    assert np.abs(np.array(state.q) - MOVE.q_rad[-1]).max() <= 0.001
+    lab.post(joint_move(MOVE.q_rad[-1], FR3.home_q_rad, FR3.limits))
+    state = lab.run(2.0)
+    assert state.largest_error_rad < 0.0015
+
+
+def test_a_set_point_is_corrected_by_five_milliradians_at_most(lab: Lab) -> None:
+    lab.link.sag = 0.05
+    lab.post()
+    lab.run(2.0)
+    assert lab.link.targets[-1][1] == pytest.approx(MOVE.q_rad[-1] + 0.005)

@@ -36,6 +36,7 @@ def state(
         errors=0,
         turns=0,
         largest_error_rad=0.0,
+        mean_error_rad=0.0,
         took_s=0.0,
         q=tuple(FR3.home_q_rad),
         dq=(0.0,) * 7,
