@@ -54,6 +54,8 @@ class BoardArgs:
     """Seed of the simulated cell: noise, errors of print and joints, poses of the arm."""
     lens_distortion: bool = False
     """Calibrate the simulated camera with distorting lenses; a run uses the result with `--cell.lens-distortion`."""
+    separate_cameras: bool = False
+    """Calibrate two simulated cameras on a bracket that are not parallel; as `--cell.separate-cameras` of a run."""
     out: Annotated[Path | None, flag("DIR", "runs/<time>-calibrate-<name>/")] = None
     """Folder for calibration.toml and, from the cell, the pictures; it must be empty or new."""
 
@@ -85,7 +87,9 @@ def seen_in_hand(args: BoardArgs, poses: int, console: Console) -> Seen:
         return _from_folder(args, args.from_, console)
     if poses < FEWEST_SHOTS:
         raise InputError(f"--poses is {poses}; it must be {FEWEST_SHOTS} or greater.")
-    config = cell_config(args.seed, held=True, lens_distortion=args.lens_distortion)
+    config = cell_config(
+        args.seed, held=True, lens_distortion=args.lens_distortion, separate_cameras=args.separate_cameras
+    )
 
     def plan(camera: CameraCalibration) -> Sequence[Float64Array]:
         held = HeldBoard(board=BOARD, T_tcp_board=T_TCP_BOARD)
@@ -102,7 +106,9 @@ def seen_on_table(args: BoardArgs, console: Console) -> Seen:
     """Pictures of a board that lies on the table."""
     if args.from_ is not None:
         return _from_folder(args, args.from_, console)
-    config = cell_config(args.seed, held=False, lens_distortion=args.lens_distortion)
+    config = cell_config(
+        args.seed, held=False, lens_distortion=args.lens_distortion, separate_cameras=args.separate_cameras
+    )
     check_opengl()
     with progress_bar(console, "pictures", _ON_TABLE) as progress:
         bar = progress.add_task("pictures", total=_ON_TABLE)

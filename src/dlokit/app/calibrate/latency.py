@@ -106,7 +106,7 @@ def _in_cell(args: LatencyArgs, console: Console) -> tuple[RecordedMotion, Camer
     moves = 4 * (_POSES - 1)
     with progress_bar(console, "moves", moves) as progress:
         bar = progress.add_task("moves", total=moves)
-        config = late_config(args.seed, lens_distortion=args.lens_distortion)
+        config = late_config(args.seed, lens_distortion=args.lens_distortion, separate_cameras=args.separate_cameras)
         taken = pictures_in_motion(config, plan, lambda number, _: progress.update(bar, completed=number))
     return _motion_of(taken), taken.images[0].calibration
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from board_pictures import seen_in_world, workspace_points
 
 from dlokit.app.calibrate.folder import read_motion, read_pictures
 from dlokit.app.commands import execute
@@ -97,6 +98,28 @@ def test_a_run_with_the_calibration_of_its_camera_converges(calibrated: Path, tm
     with_file = ["--cell.lens-distortion", "--calibration", str(calibrated / "calibration.toml")]
     assert execute(["shape", "--headless", "--no-record", "--goal", "I", *with_file, "--out", str(out)]) == 0
     assert f'calibration = "{calibrated / "calibration.toml"}"' in (out / "config.toml").read_text()
+
+
+def test_two_cameras_that_are_not_parallel_are_calibrated_and_a_run_rectifies_their_pictures(tmp_path: Path):
+    pose, optics, table, run = (tmp_path / name for name in ("handeye", "stereo", "table", "run"))
+    separate = ["--separate-cameras"]
+    assert execute(["calibrate", "handeye", *separate, "--poses", "12", "--out", str(pose)]) == 0
+    camera, true = read_calibration(pose / "calibration.toml"), cell_camera(CellConfig(separate_cameras=True))
+    seen = seen_in_world(workspace_points(), true, camera)
+    # 1 mm of it is the offset of the first joint, which no camera sees.
+    assert np.linalg.norm(seen - workspace_points(), axis=1).max() < 4e-3
+    assert execute(["calibrate", "stereo", "--from", str(pose), "--out", str(optics)]) == 0
+    residual = read_residual(optics / "calibration.toml")
+    assert residual is not None
+    assert residual.rows_px is not None
+    assert residual.rows_px < 0.5
+    assert residual.board_m is not None
+    assert residual.board_m < 5e-3
+    assert residual.corners_m is not None
+    file = ["--calibration", str(pose / "calibration.toml")]
+    assert execute(["calibrate", "table", *separate, *file, "--out", str(table)]) == 0
+    in_cell = ["--cell.separate-cameras", *file]
+    assert execute(["shape", "--headless", "--no-record", "--goal", "I", *in_cell, "--out", str(run)]) == 0
 
 
 def test_the_latency_of_the_cell_is_found_and_the_kept_pictures_give_the_same_again(tmp_path: Path):

@@ -24,6 +24,7 @@ from dlokit.description.arm.franka import PANDA
 from dlokit.description.board import CharucoBoard
 from dlokit.errors import SkillFailure
 from dlokit.geometry.camera import baseline_m
+from dlokit.geometry.camera_pair import SIDES
 from dlokit.motion.forward_kinematics import tcp_matrices
 from dlokit.skills.perception.calibration.hand_eye_start import METHODS, HandEyePoses
 from dlokit.skills.perception.calibration.stereo_rig import (
@@ -199,11 +200,10 @@ class _HandEyeProblem:
         )
         self._camera = camera
         self._baseline_m = 0.0 if camera.baseline_m is None else baseline_m(camera)
-        lenses = (camera.distortion, camera.distortion_right)
         parts = [
-            (index, side, view.numbers, ideal_pixels(view, camera, lenses[side]))
+            (index, side, view.numbers, ideal_pixels(view, camera, side))
             for index, (shot, _, _) in enumerate(seen)
-            for side, view in enumerate((shot.left, shot.right if self._baseline_m else None))
+            for side, view in zip(SIDES, (shot.left, shot.right if self._baseline_m else None), strict=True)
             if view is not None
         ]
         counts = [len(part[2]) for part in parts]

@@ -81,7 +81,7 @@ def calibrate_pose(
 ) -> CalibratedPose:
     """The pose of a camera whose optics are known, or fitted to the same pictures.
 
-    Raises `SkillFailure` few_pictures, not_parallel or one_axis.
+    Raises `SkillFailure` few_pictures, no_rig or one_axis.
     """
     if len(shots) < FEWEST_SHOTS:
         raise SkillFailure(
