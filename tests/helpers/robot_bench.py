@@ -69,7 +69,7 @@ class PerfectArm:
             return self.frozen
         return RobotState(
             stamp_ns=0 if self.silent else round(asyncio.get_running_loop().time() * 1e9),
-            robot="panda",
+            robot="first",
             q_rad=self.q + self.sag_rad,
             dq_rad_s=np.zeros(7),
             tau_nm=np.zeros(7),

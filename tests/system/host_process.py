@@ -83,7 +83,7 @@ class TinyRobot(Component):
                     topics.ROBOT_STATE,
                     RobotState(
                         stamp_ns=self.port.clock.now_ns(),
-                        robot="panda",
+                        robot="first",
                         q_rad=zeros,
                         dq_rad_s=zeros,
                         tau_nm=zeros,

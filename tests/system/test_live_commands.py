@@ -72,7 +72,7 @@ def test_an_arm_is_called_and_stopped_in_the_middle_of_a_motion(
             # Without a decision process, it is unknown whether a task runs.
             assert await dlokit("stop", "--run", str(tmp_path)) == 3
             said = capsys.readouterr().out.splitlines()
-            assert said[0] == f"{tmp_path}: panda stands, and is stopped until dlokit enable"
+            assert said[0] == f"{tmp_path}: the first arm stands, and is stopped until dlokit enable"
             assert said[1].startswith(f"{tmp_path}: its decision process does not answer")
             outcome = await moving
             assert isinstance(outcome, Failed)
@@ -84,7 +84,7 @@ def test_an_arm_is_called_and_stopped_in_the_middle_of_a_motion(
             assert isinstance(refused, Rejected)
             assert refused.reason == "stop_latched"
             assert await dlokit("enable", "--run", str(tmp_path)) == 0
-            assert capsys.readouterr().out == "panda is enabled\n"
+            assert capsys.readouterr().out == "the first arm is enabled\n"
             assert isinstance(await live.transport.call(robot.HOME), Succeeded)
 
     asyncio.run(body())

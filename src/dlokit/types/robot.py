@@ -12,7 +12,7 @@ from dlokit.types.pose import Pose
 
 LEASE_S = 0.2
 """Default time without a heartbeat after which an arm brakes [s of machine time]."""
-FIRST_ROBOT = "panda"
+FIRST_ROBOT = "first"
 """Name of the arm at the world's origin."""
 
 
@@ -68,6 +68,7 @@ class RobotReason(enum.StrEnum):
     STOPPED = "stopped", Remedy.NONE
     STOP_LATCHED = "stop_latched", Remedy.NONE
     NOT_CONFIRMED = "not_confirmed", Remedy.NONE
+    NO_OPERATOR = "no_operator", Remedy.NONE
     FAULT = "fault", Remedy.NONE
     ROBOT_LOST = "robot_lost", Remedy.NONE
 

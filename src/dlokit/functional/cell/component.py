@@ -3,7 +3,6 @@
 import asyncio
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TypeVar
 
 import msgspec
@@ -122,7 +121,7 @@ class CellComponent(Component):
         start_world: ArrayLike,
         *,
         seed: int,
-        truth_folder: Path | None = None,
+        truth: TruthRecorder | None = None,
         real_time_factor: float = 1.0,
         arms: tuple[ArmMount, ...] = FIRST_ALONE,
         installation: Installation = PAPERS_CELL,
@@ -130,7 +129,7 @@ class CellComponent(Component):
     ) -> None:
         """Build the cell with the DLO at rest along `start_world` (K, 2) or (K, 3) [m].
 
-        `truth_folder` receives `truth.npz`. `real_time_factor` is the fastest pace of the cell's clock against the
+        `truth` notes where the DLO is. `real_time_factor` is the fastest pace of the cell's clock against the
         host's; in lockstep it must be 1. `urgency` raises the priority while an arm moves: a real arm has its own
         controller, which brakes however busy this machine is. Raises `ShapeError` when the DLO cannot lie there.
         """
@@ -140,7 +139,7 @@ class CellComponent(Component):
         self.camera_clock = CameraClock(config.camera_drift_ppm)
         """The clock by which both cameras stamp. For tests and benches, which let it jump."""
         self._late_ns = round(config.camera_late_s * 1e9)
-        self._truth = TruthRecorder(truth_folder) if truth_folder is not None else None
+        self._truth = truth
         self._factor = real_time_factor
         self._urgency = urgency
         self._ticks = 0
@@ -284,6 +283,8 @@ class CellComponent(Component):
         return msgspec.structs.replace(images, stamp_ns=stamp_ns)
 
     def _link(self, robot: str) -> "_ArmLink":
+        if robot == FIRST_ROBOT:  # whatever the installation calls it
+            return next(iter(self._links.values()))
         if robot not in self._links:
             raise SkillRejected("no_such_robot", f"{robot}; the cell has {', '.join(self._links)}")
         return self._links[robot]

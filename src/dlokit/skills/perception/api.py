@@ -8,7 +8,8 @@ from dlokit.types.robot import FIRST_ROBOT
 from dlokit.types.system import StrategySpec
 
 CAMERA_LOST, CLOCK_JUMPED = "camera_lost", "clock_jumped"
-"""The camera may give good pictures again: it returns, or its clock has been learned again."""
+MAY_RETURN = (CAMERA_LOST, CLOCK_JUMPED)
+"""Failures of a camera that may give good pictures again: it returns, or its clock has been learned again."""
 
 
 def _look() -> Observation:

@@ -8,15 +8,15 @@ from dlokit.communication.topic import Topic
 from dlokit.communication.topics import TOPICS
 from dlokit.communication.zenoh.access import HostRights
 from dlokit.decision.api import STOP_TASK
-from dlokit.description.arm.mounts import ROBOTS, instance_of
+from dlokit.description.arm.mounts import INSTANCES
 from dlokit.errors import ConfigError
 from dlokit.skills.robot import api as robot
 from dlokit.system.hosts.config import HostsConfig
-from dlokit.system.table import CAMERA, CELL, DECISION, OPPOSITE, PROCESSES, ROBOT, ProcessRow
+from dlokit.system.table import CAMERA, CELL, DECISION, PROCESSES, ROBOT, SECOND, ProcessRow
 
 AGENT = "host"
 """Component through which the main host starts processes on another host: `host.NAME`."""
-DRIVERS = frozenset({ROBOT.name, OPPOSITE.name, CAMERA.name})
+DRIVERS = frozenset({ROBOT.name, SECOND.name, CAMERA.name})
 """Processes that communicate with the cell as with their device."""
 
 
@@ -81,7 +81,7 @@ def rights_at_main(placement: Placement) -> tuple[HostRights, ...]:
     that keep the robot's lease.
     """
     stops = tuple(
-        f"{skill.component}/{skill.name}" for skill in (*(robot.STOP.at(instance_of(arm)) for arm in ROBOTS), STOP_TASK)
+        f"{skill.component}/{skill.name}" for skill in (*(robot.STOP.at(instance) for instance in INSTANCES), STOP_TASK)
     )
     return tuple(
         HostRights(

@@ -16,6 +16,7 @@ import msgspec
 
 from dlokit.errors import DlokitError, MachineError
 from dlokit.system.processes.running import notes_folder
+from dlokit.types.robot import FIRST_ROBOT
 
 STOP, ENABLE = b"stop\n", b"enable\n"
 CONFIRMED_STOP = "stands, and is stopped until dlokit enable"
@@ -33,10 +34,13 @@ class Answer(msgspec.Struct, frozen=True, kw_only=True):
     text: str
 
 
-def stop_socket(run_dir: Path, robot: str) -> Path:
-    """Socket path of a robot of a run. Raises `MachineError` when the path is too long for a socket."""
+def stop_socket(run_dir: Path, instance: str) -> Path:
+    """Socket path of a robot of a run, by its address on the bus.
+
+    Raises `MachineError` when the path is too long for a socket.
+    """
     digest = hashlib.sha256(str(run_dir.resolve()).encode()).hexdigest()[:16]
-    path = notes_folder() / f"{digest}-{robot}.stop"
+    path = notes_folder() / f"{digest}-{instance or FIRST_ROBOT}.stop"
     if len(str(path).encode()) > _LONGEST_PATH:
         raise MachineError(
             f"{path} is longer than the {_LONGEST_PATH} bytes allowed for a socket: set TMPDIR to a shorter folder."

@@ -92,7 +92,7 @@ def test_the_arm_brakes_and_the_task_is_requested_to_end(tmp_path: Path) -> None
             [said] = await stop_all([system])
         assert task.ended.is_set()
         assert arm.stopped.is_set()
-        assert said == Stopped(stands=True, text="panda succeeded; its task is ending")
+        assert said == Stopped(stands=True, text="the first arm succeeded; its task is ending")
 
     asyncio.run(body())
 
@@ -102,7 +102,7 @@ def test_a_system_between_two_tasks_has_no_task_to_end(tmp_path: Path) -> None:
         system = noted(tmp_path / "run")
         async with asyncio.timeout(PATIENCE_S), on_bus(system, Arm(hangs=False), Task(runs=False)):
             [said] = await stop_all([system])
-        assert said == Stopped(stands=True, text="panda succeeded; it has no task to end")
+        assert said == Stopped(stands=True, text="the first arm succeeded; it has no task to end")
 
     asyncio.run(body())
 
@@ -115,9 +115,9 @@ def test_systems_that_do_not_respond_do_not_delay_the_stop_of_others(tmp_path: P
             said = await stopped([gone, hanging, well], within_s=1.0)
         assert arm.stopped.is_set()
         assert [one.stands for one in said] == [False, False, True]
-        assert said[0].text.startswith("panda is unreachable")
+        assert said[0].text.startswith("the first arm is unreachable")
         assert said[1].text == "it did not answer within 1 s"
-        assert said[2].text == "panda succeeded; it has no task to end"
+        assert said[2].text == "the first arm succeeded; it has no task to end"
 
     asyncio.run(body())
 
@@ -138,7 +138,7 @@ def test_a_missing_second_arm_does_not_count_as_stopped(tmp_path: Path) -> None:
         async with asyncio.timeout(PATIENCE_S), on_bus(system, Arm(hangs=False)):
             [said] = await stopped([system])
         assert not said.stands
-        assert "panda succeeded; opposite is unreachable" in said.text
+        assert "the first arm succeeded; the second arm is unreachable" in said.text
 
     asyncio.run(body())
 
@@ -176,10 +176,12 @@ def test_an_arm_is_stopped_through_its_process_socket_if_the_bus_does_not_respon
         async def press_stop() -> None:
             pressed.set()
 
-        async with stop_button(stop_socket(tmp_path / "run", "panda"), press_stop, press_stop):
+        async with stop_button(stop_socket(tmp_path / "run", ""), press_stop, press_stop):
             [said] = await stopped([system])
         assert pressed.is_set()
-        assert said.text.startswith("panda stands, and is stopped until dlokit enable; its decision process does not")
+        assert said.text.startswith(
+            "the first arm stands, and is stopped until dlokit enable; its decision process does not"
+        )
         assert not said.stands  # the task is not known to end
 
     asyncio.run(body())
@@ -190,7 +192,7 @@ def test_a_stop_that_feedback_does_not_confirm_is_not_confirmed(tmp_path: Path) 
         async def fail() -> None:
             raise SkillFailure("not_confirmed", "no feedback")
 
-        socket = stop_socket(tmp_path, "panda")
+        socket = stop_socket(tmp_path, "")
         async with stop_button(socket, fail, fail):
             for order in (STOP, ENABLE, b"dance\n"):
                 answer = await press(socket, order, PATIENCE_S)
@@ -204,7 +206,7 @@ def test_a_stop_that_feedback_does_not_confirm_is_not_confirmed(tmp_path: Path) 
 def test_a_system_that_is_still_starting_starts_stopped(tmp_path: Path) -> None:
     async def body() -> None:
         system = msgspec.structs.replace(noted(tmp_path / "run"), starting=True)
-        socket, stops = stop_socket(tmp_path / "run", "panda"), list[str]()
+        socket, stops = stop_socket(tmp_path / "run", ""), list[str]()
 
         async def press_stop() -> None:
             stops.append("stop")
@@ -218,7 +220,7 @@ def test_a_system_that_is_still_starting_starts_stopped(tmp_path: Path) -> None:
             assert stops[0] == "stop"
             [said] = await stopping
             assert said == Stopped(
-                stands=True, text="panda stands, and is stopped until dlokit enable; it has no task yet"
+                stands=True, text="the first arm stands, and is stopped until dlokit enable; it has no task yet"
             )
             await press(socket, ENABLE, PATIENCE_S)
         assert stops[-1] == "enable"

@@ -11,6 +11,7 @@ from dlokit.decision.journal import Journal
 from dlokit.decision.records import GoalRequest
 from dlokit.description.shapes import builtin_shape
 from dlokit.errors import InputError
+from dlokit.recording.disk import Disk
 from dlokit.system.config import RunConfig
 from dlokit.system.processes.running import announced
 from dlokit.system.results.journal_file import JournalFile
@@ -36,7 +37,9 @@ def run_dir(tmp_path: Path) -> Path:
     folder = tmp_path / "run"
     folder.mkdir()
     (folder / "config.toml").write_text(to_toml(CONFIG), encoding="utf-8")
-    JournalFile(folder).keep(JOURNAL)
+    disk = Disk()
+    JournalFile(folder, disk).keep(JOURNAL)
+    assert disk.settle()
     np.savez(folder / "truth.npz", stamps_ns=np.array([0, 1]), nodes_world=np.array([LEFT - 0.01, LEFT]))
     return folder
 
@@ -76,7 +79,7 @@ def test_a_run_that_still_runs_is_refused(run_dir: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("missing", "said"), [("journal.msgpack", "has no journal.msgpack"), ("truth.npz", "how the cell left its DLO")]
+    ("missing", "said"), [("journal.msgpack", "has no journal.msgpack"), ("truth.npz", "where the cell left its DLO")]
 )
 def test_missing_files_are_named_with_the_command_for_a_new_run(run_dir: Path, missing: str, said: str) -> None:
     os.remove(run_dir / missing)

@@ -12,9 +12,9 @@ from dlokit.functional.cell.config import EVERY_FACTOR, CellConfig
 from dlokit.functional.cell.dlo_physics import ElastoplasticChain
 from dlokit.functional.cell.world import Cell
 from dlokit.geometry import resample
+from dlokit.motion.forward_kinematics import PosedArm
 from dlokit.skills.perception.config import PerceptionConfig
 from dlokit.skills.perception.pipeline import corrected_camera_pose, perceive
-from dlokit.skills.perception.self_filter import PosedArm
 
 CONFIG = PerceptionConfig()
 

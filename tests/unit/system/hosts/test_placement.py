@@ -16,7 +16,7 @@ from dlokit.system.toml_config import from_toml, to_toml
 ROWS = processes_of_run(simulated=True, watched=True, arms=2)
 RUNS = {
     "brain": ("decision", "cell", "simulation", "observer"),
-    "arms": ("robot", "opposite"),
+    "arms": ("robot", "second"),
     "eye": ("camera",),
     "desk": ("viewer",),
 }
@@ -35,7 +35,7 @@ def test_each_host_gets_its_rows_and_the_decision_process_comes_first() -> None:
     assert placement.main == "brain"
     assert [row.name for row in placement.own] == ["decision", "cell", "simulation", "observer"]
     assert {host: [row.name for row in share] for host, share in placement.others.items()} == {
-        "arms": ["robot", "opposite"],
+        "arms": ["robot", "second"],
         "eye": ["camera"],
         "desk": ["viewer"],
     }
@@ -79,7 +79,7 @@ def test_an_open_endpoint_or_one_without_certificates_is_refused(
 
 
 def test_a_host_publishes_the_topics_of_its_components_and_no_others() -> None:
-    assert rights()["arms"].publishes == ("robot/state", "robot/state/opposite")
+    assert rights()["arms"].publishes == ("robot/state", "robot/state/second")
     assert rights()["desk"].publishes == ("viewer/command", "viewer/frames", "viewer/page")
     assert "decision/heartbeat" not in {topic for each in rights().values() for topic in each.publishes}
 
@@ -87,13 +87,13 @@ def test_a_host_publishes_the_topics_of_its_components_and_no_others() -> None:
 def test_no_other_host_may_call_more_of_a_robot_than_to_stop_it() -> None:
     for each in rights().values():
         of_robots = {call for call in each.calls if call.startswith("robot")}
-        assert of_robots == {"robot/stop", "robot.opposite/stop"}
+        assert of_robots == {"robot/stop", "robot.second/stop"}
         assert not each.trusted
 
 
 def test_every_host_may_do_what_dlokit_stop_does() -> None:
     for each in rights().values():
-        assert {"robot/stop", "robot.opposite/stop", "decision/stop_task"} <= set(each.calls)
+        assert {"robot/stop", "robot.second/stop", "decision/stop_task"} <= set(each.calls)
 
 
 def test_only_drivers_may_call_the_cell() -> None:
