@@ -185,6 +185,7 @@ def test_bad_input_is_named(arguments: list[str], message: str, tmp_path: Path, 
         ("name,x,y\n000,1,2", "line 2: 2 numbers"),
         ("name\n000,a,0,0,1,0,0,0", "line 2: could not convert"),
         ("name\n000,0,0,0,0,0,0,0", "line 2: the quaternion"),
+        ("name\n000,0,0,0,1,0,0,0,9,9,9,9,9,9\n001,0,0,0,1,0,0,0,9,9", "line 3: 9 numbers, and 13 in the lines before"),
     ],
 )
 def test_bad_poses_are_named_by_their_line(poses: str, message: str, tmp_path: Path):
