@@ -57,8 +57,8 @@ def _figures(fits: list[LatencyFit], console: Console) -> list[BenchFigure]:
     largest = Interval(value=float(errors_s.max()), low=None, high=None, n=len(fits))
     within = float(np.mean([abs(fit.late_s - CAMERA_LATE_S) <= fit.uncertainty_s for fit in fits]))
     console.print(
-        f"|error| of {len(fits)} seeds: mean {mean.value * 1e3:.2f} ms, at most {largest.value * 1e3:.2f} ms; within its "
-        f"own 95 % interval in {within:.0%}"
+        f"|error| of {len(fits)} seeds: mean {mean.value * 1e3:.2f} ms, at most {largest.value * 1e3:.2f} ms; within "
+        f"its own 95 % interval in {within:.0%}"
     )
     return [
         figure(_CASE, "board in the moving hand", "mean |error|", mean, "s"),
