@@ -13,6 +13,7 @@ import os
 import tempfile
 import threading
 import time
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -35,6 +36,8 @@ LOOK_EVERY_S = 10.0
 BLOCK_S = 300.0
 SETTLES_S = 1800.0
 """Time at the beginning that does not count, or a third of a shorter soak [s]."""
+FAILED_S = 5.0
+"""Wait after a task that did not run to its end [s]."""
 GOALS = ("S", "I")
 UNITS = {"memory": "MB/h", "descriptors": "1/h", "threads": "1/h", "shared memory": "MB/h"}
 
@@ -61,6 +64,8 @@ class Soak:
     figures: dict[str, list[float]] = field(default_factory=lambda: {name: [] for name in UNITS})
     tasks: int = 0
     converged: int = 0
+    ends: Counter[str] = field(default_factory=Counter[str])
+    """How the tasks ended, by outcome or by the reason of a failure."""
     loads: list[float] = field(default_factory=list[float])
 
     def look(self, now_s: float) -> None:
@@ -109,6 +114,8 @@ def run(args: Args) -> int:
     from_s = min(SETTLES_S, args.hours * 3600.0 / 3.0)
     slopes = {name: slope(soak.times_s, values, from_s) for name, values in soak.figures.items()}
     console.print(_table(soak, slopes, from_s))
+    for end, number in soak.ends.most_common():
+        console.print(f"{number} tasks: {end}", markup=False)
     if ended_by:
         console.print(f"ended early: {ended_by}", markup=False)
     config = {"hours": args.hours, "seed": args.seed, "tasks": soak.tasks}
@@ -132,9 +139,12 @@ def _soak(args: Args, folder: Path, soak: Soak, console: Console) -> str:
                 try:
                     result = system.decision.shape_dlo(GOALS[soak.tasks % len(GOALS)])
                     soak.converged += result.outcome.is_success
+                    soak.ends[result.outcome.value] += 1
                 except DlokitError as error:
                     if system.fault is not None:
                         return str(error)
+                    soak.ends[str(error)[:80]] += 1
+                    time.sleep(FAILED_S)  # a failed task must not be asked for as fast as possible
                 soak.tasks += 1
                 if console.is_terminal:
                     console.print(f"{(time.monotonic() - began_s) / 3600.0:.2f} h, {soak.tasks} tasks", end="\r")

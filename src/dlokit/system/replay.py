@@ -37,7 +37,7 @@ _PICTURE_NAMES = frozenset(topic.name for topic in PICTURES)
 REPLAYABLE = {row.name: row.replays for row in COMPONENTS.values() if row.replays}
 """Components by name, with the sections of the configuration that each is built from."""
 
-RUN_KEYS = ("runtime", "arm", "arms")
+RUN_KEYS = ("runtime", "arm", "arms", "installation")
 """Sections of the configuration that determine the processes and arms of a run."""
 
 UNCOMPARED_LIVE = ("planning/candidates", "planning/action", "planning.propose")
@@ -120,7 +120,7 @@ def replay(path: Path, name: str, config: RunConfig) -> Replay:
 
 def _build(name: str, config: RunConfig, camera: PlayedCamera | None) -> Component:
     if camera is not None:
-        return PerceptionComponent(config.perception, camera, config.model, config.arm_model)
+        return PerceptionComponent(config.perception, camera, config.model, config.mounts)
     # No result may depend on the speed of the machine; only the cell and the drivers use the wiring.
     wiring = Wiring(transport=MemoryTransport(), clock=LoopClock(), folder=Path(), start_nodes_world=HIDDEN_START)
     return build_component(name, replace(config, runtime="lockstep"), wiring)

@@ -13,6 +13,7 @@ from rich.console import Console
 from dlokit.app.commands import CliCommand, flag
 from dlokit.app.shape.job import chosen_settings, file_after, job_from_config, with_absolute_files
 from dlokit.app.shape.preflight import check_before_start, prepare
+from dlokit.app.shape.questions import TerminalOperator
 from dlokit.app.shape.terminal import RunDisplay
 from dlokit.communication.strategies import NamedConfig, StrategyKind
 from dlokit.errors import EXIT_FAULT, EXIT_OTHERWISE
@@ -54,11 +55,14 @@ class ShapeChoices:
     """Folder for the run's files, empty or new; gets result.json, config.toml, report.html and truth.npz."""
     config: Annotated[Path | None, flag("FILE")] = None
     """Read the settings from the config.toml of an earlier run; flags of this command line override them."""
+    operator_confirms: bool = False
+    """Start a real arm without questions. An operator has checked that the gripper is empty, the DLO in view and free,
+    and the workspace clear, and has a hand on the emergency stop; the camera must see the DLO all the same."""
     installation: Annotated[Path | None, flag("FILE", "the paper's cell")] = None
     """Where table, arms and camera stand; docs/how-to/describe-an-installation.md says what is in the file."""
     dlo: Annotated[str | None, flag("PRESET", "soft_rope")] = None
-    """DLO on the table: soft_rope, silicone_hose, wire_a, wire_b, wire_c, thin_wire or stiff_wire. The system's own
-    model gets only its length and radius, which can be measured with a ruler."""
+    """DLO on the table, e.g. silicone_hose or wire_a. All are soft_rope, silicone_hose, wire_a, wire_b, wire_c,
+    thin_wire and stiff_wire. The system's own model gets only its length and radius, which a ruler tells."""
     physics: Annotated[str | None, flag("NAME", "chain for wires, else rod")] = None
     """Simulated DLO: elastic rod or plastic chain. The system's own model is always a rod."""
     randomised: bool = False
@@ -109,12 +113,14 @@ def run(args: ShapeArgs) -> int:
     """Run the task, write its files, and print how it ended."""
     config = with_absolute_files(args.run)
     job = job_from_config(config)
-    check_before_start(config)
+    confirms = args.choices.operator_confirms
+    check_before_start(config, operator_confirms=confirms)
     out = args.choices.out
     folder = claim_run_folder(out) if out else new_run_folder(RUNS, job.name, datetime.now())
     console = Console()
     prepare(console, config)
-    record, _ = run_and_report(config, job, folder, display_of(config, job, console), again_by_config(folder))
+    display = display_of(config, job, console, operator_confirms=confirms)
+    record, _ = run_and_report(config, job, folder, display, again_by_config(folder))
     return exit_code(record)
 
 
@@ -133,10 +139,15 @@ def exit_code(record: RunRecord) -> int:
     return 0 if record.result.outcome.is_success else EXIT_OTHERWISE
 
 
-def display_of(config: RunConfig, job: ShapeJob, console: Console) -> RunDisplay:
-    """The display of a run in a terminal."""
-    invitation = _DRAG if config.goal == INTERACTIVE else ""
-    return RunDisplay(console, title=job.name, threshold_m=config.task.threshold_m, invitation=invitation)
+def display_of(config: RunConfig, job: ShapeJob, console: Console, *, operator_confirms: bool = False) -> RunDisplay:
+    """The display of a run in a terminal, where the operator confirms the start of a real arm."""
+    return RunDisplay(
+        console,
+        title=job.name,
+        threshold_m=config.task.threshold_m,
+        invitation=_DRAG if config.goal == INTERACTIVE else "",
+        operator=TerminalOperator(confirms=operator_confirms),
+    )
 
 
 def run_and_report(

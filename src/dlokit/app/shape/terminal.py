@@ -16,6 +16,7 @@ from rich.table import Table
 from rich.text import Text
 
 from dlokit.app.shape.outcome_text import explain_outcome
+from dlokit.system.operator_start import RealStart, StartOperator
 from dlokit.system.results.run_result import ActionResult, RunResult
 from dlokit.system.shaping import Watcher
 from dlokit.types.action import Candidates, Push
@@ -32,11 +33,22 @@ _WARNS = frozenset({"find_dlo", "set_goal", "track_model"})
 class RunDisplay(Watcher):
     """Shows one run in the terminal. Use it as a context manager around the run."""
 
-    def __init__(self, console: Console, *, title: str, threshold_m: float, invitation: str = "") -> None:
+    def __init__(
+        self,
+        console: Console,
+        *,
+        title: str,
+        threshold_m: float,
+        invitation: str = "",
+        operator: StartOperator | None = None,
+    ) -> None:
         """Show a run named `title` on `console`; errors below `threshold_m` are marked.
 
-        `invitation` says what to do in the viewer, once it is available.
+        `invitation` says what to do in the viewer, once it is available. `operator` confirms the start of a run with a
+        real arm; None: it does not start.
         """
+        self._operator = operator
+        self._page: str | None = None
         self._console = console
         self._invitation = invitation
         self._title = title
@@ -65,8 +77,26 @@ class RunDisplay(Watcher):
             self._refresh()
             self._live.stop()
 
+    async def confirm(self, start: RealStart) -> None:
+        """Let the operator confirm the start of a run with a real arm; the live table gives way to the questions."""
+        if self._operator is None:
+            await super().confirm(start)
+            return
+        if self._live is not None:
+            self._live.stop()
+        self._page = await start.page()  # the operator is shown it with the questions
+        try:
+            await self._operator.confirm(start)
+        finally:
+            if self._live is not None:
+                self._live.start()
+                self._refresh()
+
     def page(self, url: str) -> None:
-        """Print the viewer's address."""
+        """Print the viewer's address, unless it was printed before."""
+        if url == self._page:
+            return
+        self._page = url
         self._console.print(f"viewer: {url}", markup=False, highlight=False, soft_wrap=True)
         if self._invitation:
             self._console.print(self._invitation, markup=False, highlight=False)
@@ -107,7 +137,7 @@ class RunDisplay(Watcher):
             self._console.print(escape(result.camera.text), highlight=False)
         pace = result.sim_time_s / result.wall_time_s if result.wall_time_s > 0.0 else 0.0
         self._console.print(
-            f"{result.sim_time_s:.1f} s on the cell's clock in {result.wall_time_s:.1f} s ({pace:.1f} times real time)",
+            f"{result.sim_time_s:.1f} s on the run's clock in {result.wall_time_s:.1f} s ({pace:.1f} times real time)",
             highlight=False,
         )
         verdict = result.goal_verdict if result.outcome is not RunOutcome.INFEASIBLE else None

@@ -57,12 +57,15 @@ class Fault:
     """The disk refuses files: the run ends with its outcome on the terminal and one sentence, exit code 1."""
     takes_time: bool = False
     """The injection takes time: braking is measured from its end, at which the arm would move."""
+    named: str = ""
+    """Reason by which the flow must name the fault, within `NAMED_WITHIN_S` of the first picture that does not come."""
     disturbed: bool = False
     """The run's processes are started with a bus that can be disturbed."""
 
 
 KILL, STOP = signal.SIGKILL, signal.SIGSTOP
-ANY, MOVING, HOLDING, THINKING, ENDED = Moment.ANY, Moment.MOVING, Moment.HOLDING, Moment.THINKING, Moment.ENDED
+ANY, MOVING, HOLDING, THINKING = Moment.ANY, Moment.MOVING, Moment.HOLDING, Moment.THINKING
+LOOKING, ENDED = Moment.LOOKING, Moment.ENDED
 FROZEN_S = 5.0
 """Duration of a temporary freeze [s]."""
 
@@ -108,6 +111,9 @@ FAULTS: tuple[Fault, ...] = (
     Fault(name="freeze-planner",    what="SIGSTOP to the worker that plans",
           injury=_to("decision", STOP, worker=True), when=(THINKING,)),
     Fault(name="drop-camera",       what="no pictures for 5 s", injury=_to("camera", STOP), over_after_s=FROZEN_S),
+    Fault(name="mute-camera",       what="the camera gives no pictures for 5 s",
+          injury=partial(Disturbed, Disturbance.NO_PICTURES), when=(LOOKING,), over_after_s=FROZEN_S,
+          disturbed=True, named="camera_lost"),
     Fault(name="withhold-feedback", what="no feedback of the arm reaches its driver for 2 s",
           injury=partial(Disturbed, Disturbance.NO_FEEDBACK), when=(MOVING,), over_after_s=NO_FEEDBACK_S,
           disturbed=True, brakes=True),
@@ -131,7 +137,7 @@ FAULTS: tuple[Fault, ...] = (
           injury=partial(BadDisk, DiskFault.HANGS, 0, True), when=(MOVING,), over_after_s=FROZEN_S, brakes=True,
           takes_time=True),
     Fault(name="freeze-all",        what="SIGSTOP to all processes, for 60 s", injury=partial(AllFrozen, ALL_FROZEN_S),
-          when=(MOVING,), brakes=True, takes_time=True),
+          when=(MOVING,), right=(*CONVERGES, *ends_as("robot.")), brakes=True, takes_time=True),
 )
 # fmt: on
 

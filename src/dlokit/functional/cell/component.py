@@ -9,7 +9,7 @@ import msgspec
 from numpy.typing import ArrayLike
 
 from dlokit.communication import topics
-from dlokit.communication.component import Component, implements
+from dlokit.communication.component import Component, holds, implements
 from dlokit.communication.timing.urgency import Urgency, never_urgent
 from dlokit.description.arm.mounts import FIRST_ALONE, ArmMount
 from dlokit.description.installation import PAPERS_CELL, Installation
@@ -264,6 +264,17 @@ class CellComponent(Component):
         await self._wait_until_at_rest(arm)
         arm.recover()
 
+    @holds(api.DRIVER)
+    def _is_driver(self, caller: str, robot: str) -> str | None:
+        """Whether no robot process serves the arm, or the caller is that process."""
+        link = self._links.get(robot)
+        if link is None:
+            return None  # the skill names the arms that there are
+        driver = self.port.alive(f"robot.{link.instance}" if link.instance else "robot").server
+        if driver in ("", caller):  # empty in lockstep, where all components share one process
+            return None
+        return f"the robot process {driver} drives the arm {robot}; call the skills of robot instead"
+
     def _exposed(self, take: Callable[[], P]) -> P:
         self._urgency(False)  # rendering takes long; the next tick sets it again
         try:
@@ -283,6 +294,8 @@ class CellComponent(Component):
         return msgspec.structs.replace(images, stamp_ns=stamp_ns)
 
     def _link(self, robot: str) -> "_ArmLink":
+        if robot == FIRST_ROBOT:  # whatever the installation calls it
+            return next(iter(self._links.values()))
         if robot not in self._links:
             raise SkillRejected("no_such_robot", f"{robot}; the cell has {', '.join(self._links)}")
         return self._links[robot]

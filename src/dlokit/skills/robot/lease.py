@@ -19,9 +19,14 @@ class LeaseKeeper:
     watchdog has looked: the lease stays lost until `noted`, so that the arm brakes.
     """
 
-    def __init__(self, monotonic_ns: Callable[[], int]) -> None:
-        """`monotonic_ns` never goes back, and goes on while the machine is suspended."""
+    def __init__(self, monotonic_ns: Callable[[], int], *, needs_operator: bool = False) -> None:
+        """`monotonic_ns` never goes back, and goes on while the machine is suspended.
+
+        With `needs_operator`, as for a real arm, a holder may move it only after `confirm`.
+        """
         self._monotonic_ns = monotonic_ns
+        self._needs_operator = needs_operator
+        self._confirmed = False
         self._lapsed = self._noted = False
         self._lock = threading.Lock()
         self._holder = ""
@@ -51,16 +56,27 @@ class LeaseKeeper:
         """Name of the holder; empty without one."""
         return self._holder
 
+    @property
+    def confirmed(self) -> bool:
+        """Whether an operator has confirmed the start to the present holder, or the arm needs no operator."""
+        return self._confirmed or not self._needs_operator
+
+    def confirm(self) -> None:
+        """Note that an operator has confirmed the start; it holds until the lease is returned or changes hands."""
+        with self._lock:
+            self._confirmed = self._holder != ""
+
     def allows(self, holder: str) -> bool:
-        """Whether a motion of that holder may begin: its lease has not expired, or there is no holder."""
-        return not self.lost and self._holder in ("", holder)
+        """Whether a motion of that holder may begin: confirmed, and with a lease that runs, or without a holder."""
+        return self.confirmed and not self.lost and self._holder in ("", holder)
 
     def renew(self, holder: str, duration_s: float) -> None:
         """Take or keep the lease. Raises `SkillRejected` ``leased`` while another holds it."""
         with self._lock:
             self._refuse_others(holder)
             if holder != self._holder:
-                self._lapsed, self._ends_ns = False, self._monotonic_ns()
+                self._confirmed = self._lapsed = False
+                self._ends_ns = self._monotonic_ns()
             self._holder = holder
             self._duration_ns = round(duration_s * 1e9)
             self._extend()
@@ -80,6 +96,7 @@ class LeaseKeeper:
         """Return the lease. Raises `SkillRejected` ``leased`` while another holds it."""
         with self._lock:
             self._refuse_others(holder)
+            self._confirmed = False
             self._holder = ""
 
     def _extend(self) -> None:

@@ -18,7 +18,7 @@ class StepTiming:
 
     calls: int
     sim_time_s: float
-    """Time on the cell's clock [s]."""
+    """Time on the run's clock [s]."""
     wall_time_s: float
     """Wall time of the computation [s]."""
 

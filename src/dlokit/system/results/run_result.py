@@ -121,9 +121,9 @@ class ActionResult(msgspec.Struct, frozen=True, kw_only=True):
     true_rmse_m: float | None = None
     """True error 2 s after the release, by the evaluator [m]; None without ground truth."""
     duration_s: float
-    """Time from the choice of the grasp to the look after the release, on the cell's clock [s]."""
+    """Time from the choice of the grasp to the look after the release, on the run's clock [s]."""
     robot_time_s: float
-    """Time from the choice of the grasp until the arm has left the view, on the cell's clock [s]."""
+    """Time from the choice of the grasp until the arm has left the view, on the run's clock [s]."""
     path_length_m: float
     """Distance travelled by the tool in that time [m]."""
     planning_time_s: float
@@ -169,7 +169,7 @@ class RunResult(msgspec.Struct, frozen=True, kw_only=True):
     threshold_m: float
     seed: int
     sim_time_s: float
-    """Time on the cell's clock [s]."""
+    """Time on the run's clock [s]."""
     wall_time_s: float
     planning_time_s: float
     """Wall time spent choosing actions [s]."""
