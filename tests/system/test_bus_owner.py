@@ -17,6 +17,7 @@ import pytest
 from live_arm import arm_and_cell
 
 from dlokit.benches.faults import forging_peer
+from dlokit.communication import topics
 from dlokit.description.arm.franka import PANDA
 from dlokit.errors import InputError
 from dlokit.skills.robot import api
@@ -70,6 +71,7 @@ def test_a_forging_peer_without_the_key_is_refused_and_the_task_is_unharmed(tmp_
             arm_and_cell(tmp_path) as live,
             leases_held(live.transport, live.clock, RobotConfig()),
         ):
+            await anext(live.transport.stream(topics.ROBOT_STATE))
             forging = asyncio.create_task(forged(live, user))
             outcomes = list[object]()
             while not forging.done():

@@ -46,8 +46,10 @@ async def forge(namespace: str, commander: str, endpoints: tuple[str, ...], for_
     transport = ZenohTransport(ZenohConfig(namespace=namespace, connect=endpoints))
     transport.identity = commander
     end_s = time.monotonic() + for_s
-    while time.monotonic() < end_s:
+    while True:
         transport.publish(topics.HEARTBEAT, Heartbeat(stamp_ns=1, holder=commander))
+        if time.monotonic() >= end_s:
+            break
         await asyncio.sleep(EVERY_S)
     outcomes = [
         await transport.call(api.RENEW_LEASE, commander, api.LONGEST_LEASE_S),
