@@ -8,6 +8,7 @@ import numpy as np
 
 from dlokit import geometry
 from dlokit.description.arm.franka import PANDA
+from dlokit.description.arm.model import ArmModel
 from dlokit.description.board import CharucoBoard
 from dlokit.description.scene import default_calibration
 from dlokit.functional.cell.lens import separate_cameras
@@ -84,14 +85,15 @@ def shots_of(
     scale: float = 1.0,
     offsets_rad: Float64Array | None = None,
     seed: int = 0,
+    arm: ArmModel = PANDA,
 ) -> list[BoardShot]:
-    """What is seen while the arm reports these joint angles, which are off by `offsets_rad` (7,)."""
+    """What is seen while the arm reports these joint angles, which are off by `offsets_rad` (J,)."""
     rng = np.random.default_rng(seed)
-    offsets = np.zeros(7) if offsets_rad is None else offsets_rad
+    offsets = np.zeros(len(arm.joints)) if offsets_rad is None else offsets_rad
     shots: list[BoardShot] = []
     for q in reported_rad:
-        T_world_board = geometry.compose(tcp_pose(PANDA, q - offsets), T_tcp_board)
+        T_world_board = geometry.compose(tcp_pose(arm, q - offsets), T_tcp_board)
         corners = geometry.transform(T_world_board, scale * BOARD.corners_board)
         left, right = (view(corners, camera, side, rng) for side in SIDES)
-        shots.append(BoardShot(left=left, right=right, T_world_tcp=tcp_pose(PANDA, q), q_rad=q))
+        shots.append(BoardShot(left=left, right=right, T_world_tcp=tcp_pose(arm, q), q_rad=q))
     return shots

@@ -48,6 +48,13 @@ def test_an_arm_is_called_and_stopped_in_the_middle_of_a_motion(
         async with asyncio.timeout(WAIT_S), arm_and_cell(tmp_path) as live:
             assert await dlokit("call", "robot.release", "width_m=0.02", "--run", str(tmp_path)) == 0
             assert capsys.readouterr().out.startswith("succeeded {")
+            before = await until_speed(live.transport, 0.0, STANDING_RAD_S)
+            assert await dlokit("call", "robot.release", "width_m=0.04", "--dry-run", "--run", str(tmp_path)) == 0
+            said = capsys.readouterr().out
+            assert "robot.release passes all checks" in said
+            assert "40 mm apart; nothing has moved" in said
+            after = await until_speed(live.transport, 0.0, STANDING_RAD_S)
+            assert abs(after.finger_width_m - before.finger_width_m) < 1e-3
             moving = asyncio.create_task(live.transport.call(robot.MOVE_JOINTS, far_rad))
             await until_speed(live.transport, MOVING_RAD_S, np.inf)
             # Without a decision process, it is unknown whether a task runs.

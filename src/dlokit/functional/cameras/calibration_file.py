@@ -41,6 +41,12 @@ class CalibrationResidual(Value, frozen=True, kw_only=True, eq=False):
     """Distance of corners in space, as both cameras see them, from the board in those pictures, 95th percentile [m]."""
     print_scale: float | None = None
     """Size of the printed board over its nominal size."""
+    reported_m: float | None = None
+    """As `held_out_m`, by the poses that the arm reports: with the offsets of its joints in them [m]."""
+    joint_offsets_deg: tuple[float, ...] | None = None
+    """Reported minus true angle of each joint of the arm that held the board [°]. A run does not use them."""
+    joint_sigma_deg: tuple[float, ...] | None = None
+    """Standard deviation of each [°]; 0.1 where the pictures do not tell it, as of the first and the last joint."""
 
 
 class MeasuredTable(Value, frozen=True, kw_only=True, eq=False):

@@ -264,10 +264,11 @@ def _fit_pair(shots: Sequence[BoardShot], board: CharucoBoard, camera: CameraCal
         )
     ]
     middle = np.asarray(np.median(beside, axis=0), dtype=np.float64)
-    start: Float64Array = np.concatenate([left[:_LENS], right[:_LENS], middle, left[_LENS:]], dtype=np.float64)
+    start = np.asarray(np.concatenate([left[:_LENS], right[:_LENS], middle, left[_LENS:]]), dtype=np.float64)
     separate = _fit(_RigProblem(shots, board, _SEPARATE), start)
     common = np.linalg.lstsq(_PARALLEL, separate.cameras, rcond=None)[0]
-    parallel = _fit(_RigProblem(shots, board, _PARALLEL), np.append(common, separate.x[_OPTICS:]))
+    start = np.asarray(np.concatenate([common, separate.x[_OPTICS:]]), dtype=np.float64)
+    parallel = _fit(_RigProblem(shots, board, _PARALLEL), start)
     return parallel if parallel.cost <= _WORSE * separate.cost else separate
 
 
