@@ -107,8 +107,8 @@ class FrankyLink:
             raise LinkLost(wrong_version(str(error))) from error
         except franky.RealtimeException as error:
             raise LinkLost(
-                f"{error}: install a PREEMPT_RT kernel, and allow this user rtprio 99 and memlock unlimited in "
-                "/etc/security/limits.conf"
+                f"{str(error).rstrip('.')}; install a PREEMPT_RT kernel, and allow this user rtprio 99 and memlock "
+                "unlimited in /etc/security/limits.conf (for a simulator of the arm: --driver.real-time False)"
             ) from error
         except franky.CommandException as error:
             raise LinkLost(
