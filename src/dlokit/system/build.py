@@ -138,9 +138,13 @@ def _driver(config: RunConfig, wiring: Wiring, mount: ArmMount, pulse: Pulse) ->
 
 
 def _perception(config: RunConfig, wiring: Wiring) -> Component:
+    from dlokit.functional.cameras.played import NowPlayedCamera
+    from dlokit.functional.cameras.recorded import RecordedCameraConfig
     from dlokit.skills.perception.component import PerceptionComponent
 
     camera = config.camera.build(wiring.transport)
+    if isinstance(config.camera, RecordedCameraConfig):
+        camera = NowPlayedCamera(camera, wiring.clock)
     if config.calibration:
         from dlokit.functional.cameras.calibrated import CalibratedCamera
         from dlokit.functional.cameras.calibration_file import read_calibration

@@ -22,14 +22,14 @@ from dlokit.recording.disk import Disk
 from dlokit.skills.planning.strategies import load
 from dlokit.system.build import Wiring, build_component, instances_of_run
 from dlokit.system.config import CONFIG_FILE, RunConfig
-from dlokit.system.hosts.agent import free_loopback_endpoint
 from dlokit.system.hosts.config import HostsConfig
 from dlokit.system.hosts.placement import placed
 from dlokit.system.hosts.remote_processes import RemoteProcesses
-from dlokit.system.hosts.routers import NAMESPACE, limited_links, local_endpoint_config, main_router_config
+from dlokit.system.hosts.routers import NAMESPACE, limited_links, main_router_config
 from dlokit.system.processes.bus import join_bus
 from dlokit.system.processes.lease_keeper import leases_held
 from dlokit.system.processes.running import announced
+from dlokit.system.processes.sockets import local_bus
 from dlokit.system.processes.supervisor import PROCESS, Launch, Supervisor
 from dlokit.system.processes.workers import worker_pool
 from dlokit.system.results.recording import calls_published, live_recorder
@@ -154,28 +154,26 @@ async def live_system(
 ) -> AsyncGenerator[LiveSystem]:
     """Start all processes except the first row, which is this process; stop them in reverse order at the end.
 
-    The processes connect to a free port of the loopback interface that this process takes. Its worker does `meanwhile`
-    during the start. Raises `ProcessFailure` when one does not start; `MachineError` when no port is free.
+    They meet over sockets in a folder of this user. The worker of this process does `meanwhile` during the start.
+    Raises `ProcessFailure` when one does not start; `MachineError` when there can be no such folder.
     """
     own, *others = rows
     disk = disk or Disk()
-    local_endpoint = (free_loopback_endpoint(),)
-    own_bus = ZenohConfig(namespace=launch.namespace, listen=local_endpoint)
-    others_bus = ZenohConfig(namespace=launch.namespace, connect=local_endpoint)
     # Announced before the first process starts, so that `dlokit stop` also works during the start.
     with (
-        announced(launch.run_dir, launch.namespace, local_endpoint[0], time_base=own.time_base) as ready,
+        local_bus(launch.namespace) as local,
+        announced(launch.run_dir, local, time_base=own.time_base) as ready,
         worker_pool() as compute,
     ):
         async with (
-            join_bus(own_bus, own.time_base, open_session) as bus,
+            join_bus(local.first(), own.time_base, open_session) as bus,
             _beginning(compute, meanwhile),
-            Supervisor(tuple(others), launch, others_bus, disk) as supervisor,
+            Supervisor(tuple(others), launch, local.process, disk) as supervisor,
         ):
             await supervisor.guard(bus.first_tick(FIRST_TICK_S))
             await supervisor.guard(_all_seen(bus.transport, [name for row in others for name in row.components]))
             ready()
-            yield LiveSystem(bus.transport, bus.clock, compute, supervisor, others_bus, disk)
+            yield LiveSystem(bus.transport, bus.clock, compute, supervisor, local.guest, disk)
 
 
 @asynccontextmanager
@@ -195,18 +193,17 @@ async def spread_system(
     """
     placement = placed(hosts, rows)
     disk = disk or Disk()
-    local_endpoint = free_loopback_endpoint()
-    inside = local_endpoint_config(local_endpoint)
-    own, *local = placement.own
+    own, *here = placement.own
     with (
-        announced(launch.run_dir, NAMESPACE, local_endpoint, client=True, time_base=own.time_base) as ready,
+        local_bus(NAMESPACE) as local,
+        announced(launch.run_dir, local, client=True, time_base=own.time_base) as ready,
         worker_pool() as compute,
     ):
         async with (
-            join_bus(main_router_config(hosts, placement, local_endpoint), own.time_base) as bus,
+            join_bus(main_router_config(hosts, placement, local), own.time_base) as bus,
             limited_links(hosts.endpoint),
             _beginning(compute, meanwhile),
-            Supervisor(tuple(local), launch, inside, disk) as supervisor,
+            Supervisor(tuple(here), launch, lambda _: local.client(), disk) as supervisor,
         ):
             await supervisor.guard(bus.first_tick(FIRST_TICK_S))
             shares = RemoteProcesses(bus.transport, placement.others, config_toml, hosts.wait_s, say)
@@ -215,7 +212,7 @@ async def spread_system(
                 components = [name for row in rows[1:] for name in row.components]
                 await supervisor.guard(_all_seen(bus.transport, components))
                 ready()
-                yield LiveSystem(bus.transport, bus.clock, compute, supervisor, inside, disk, shares)
+                yield LiveSystem(bus.transport, bus.clock, compute, supervisor, local.client(), disk, shares)
             finally:
                 await shares.end()
 

@@ -10,10 +10,11 @@ from rich.console import Console
 from rich.table import Table
 
 from dlokit.app.calibrate.common import (
-    BoardArgs,
+    HeldBoardArgs,
     Seen,
     input_error,
     keep_pictures,
+    rehearse_in_hand,
     result_folder,
     seen_in_hand,
     today,
@@ -36,7 +37,7 @@ _PERCENTILE = 95.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class HandeyeArgs(BoardArgs):
+class HandeyeArgs(HeldBoardArgs):
     """Calibrate where the camera stands, from pictures of a ChArUco board in the hand of the arm.
 
     The simulated arm shows the board in poses that are within reach, in view and clear of table and arm; pictures of a
@@ -46,11 +47,12 @@ class HandeyeArgs(BoardArgs):
 
     Try
       dlokit calibrate handeye                              in the simulated cell
+      dlokit calibrate handeye --dry-run                    check all motions, move nothing
       dlokit calibrate handeye --from pictures --serial 7F2A --board.square-m 0.0298
       dlokit shape --calibration runs/<time>-calibrate-handeye/calibration.toml
 
     Writes calibration.toml with date, serial and residuals, and the pictures of the cell, which --from reads again.
-    Exit code: 0; 2 when the pictures do not give a calibration; 130 after Ctrl-C.
+    Exit code: 0; 3 when a dry run refuses a motion; 2 when the pictures do not give a calibration; 130 after Ctrl-C.
     """
 
     poses: int = POSES
@@ -62,6 +64,8 @@ class HandeyeArgs(BoardArgs):
 def run(args: HandeyeArgs) -> int:
     """Take or read the pictures, calibrate, print and write."""
     console = Console()
+    if args.dry_run:
+        return rehearse_in_hand(args, args.poses, console)
     known = None if args.intrinsics is None else read_calibration(args.intrinsics)
     folder = result_folder(args, "handeye")
     try:

@@ -9,7 +9,14 @@ from rich.console import Console
 from rich.table import Table
 from scipy.spatial.transform import Rotation
 
-from dlokit.app.calibrate.common import BoardArgs, input_error, keep_pictures, result_folder, seen_in_hand
+from dlokit.app.calibrate.common import (
+    HeldBoardArgs,
+    input_error,
+    keep_pictures,
+    rehearse_in_hand,
+    result_folder,
+    seen_in_hand,
+)
 from dlokit.app.calibrate.folder import CALIBRATION
 from dlokit.app.commands import CliCommand
 from dlokit.description.board import CharucoBoard
@@ -26,7 +33,7 @@ _PERCENTILE = 95.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class StereoArgs(BoardArgs):
+class StereoArgs(HeldBoardArgs):
     """Calibrate focal lengths, centre, lens distortion and baseline of the camera, from pictures of a ChArUco board.
 
     Show the board at all distances at which DLOs are seen, in all parts of the picture, tilted to all sides; who holds
@@ -41,7 +48,7 @@ class StereoArgs(BoardArgs):
       dlokit calibrate handeye --intrinsics runs/<time>-calibrate-stereo/calibration.toml
 
     Writes calibration.toml, whose pose of the camera is none yet, and the pictures of the cell.
-    Exit code: 0; 2 when the pictures do not give a calibration; 130 after Ctrl-C.
+    Exit code: 0; 3 when a dry run refuses a motion; 2 when the pictures do not give a calibration; 130 after Ctrl-C.
     """
 
     poses: int = POSES
@@ -51,6 +58,8 @@ class StereoArgs(BoardArgs):
 def run(args: StereoArgs) -> int:
     """Take or read the pictures, calibrate, print and write."""
     console = Console()
+    if args.dry_run:
+        return rehearse_in_hand(args, args.poses, console)
     folder = result_folder(args, "stereo")
     try:
         seen = seen_in_hand(args, args.poses, console)

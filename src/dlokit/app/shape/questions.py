@@ -57,9 +57,17 @@ class TerminalOperator:
         if (page := await start.page()) is not None:
             say(f"viewer: {page}")
         await self._dlo_seen(start)
+        await self._answered(start)
+
+    async def confirm_motion(self, start: RealStart) -> None:
+        """Ask before one motion of a running system, whose camera may be in use. Raises `StartNotConfirmed`."""
+        self._say(f"[bold]A real arm will move[/], by the driver {start.driver}{_pace(start.speed_scale)}.")
+        await self._answered(start)
+
+    async def _answered(self, start: RealStart) -> None:
         grippers = await start.grippers()
         if self._confirms:
-            say(f"confirmed by {FLAG}")
+            self._say(f"confirmed by {FLAG}")
             return
         for question, refusal in questions(grippers, resumed=start.resumed):
             if not await self._ask(question):

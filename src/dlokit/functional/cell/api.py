@@ -1,10 +1,11 @@
 """The cell's socket: the skills that the simulated camera and the simulated robot call.
 
 Only drivers call these skills. They stand for the cables to real cameras and a real arm; the DLO's true shape is not
-available. Each arm is addressed by its name.
+available. Each arm is addressed by its name; while a robot process serves it, only that process may move it or clear
+its stop, and another caller is rejected with not_driver.
 """
 
-from dlokit.communication.skill import Skill
+from dlokit.communication.skill import Condition, Skill
 from dlokit.types.image import DepthImage, StereoImages
 from dlokit.types.robot import FIRST_ROBOT, GripResult, JointTrajectory, MotionResult
 
@@ -72,6 +73,8 @@ def _recover(robot: str = FIRST_ROBOT) -> None:
     ...
 
 
+DRIVER = Condition("the caller is the process of the robot that drives the arm, if there is one", "not_driver")
+
 CAPTURE = Skill("cell", "capture", _capture, timeout_s=10.0, ensures="both pictures are of the same moment")
 CAPTURE_DEPTH = Skill("cell", "capture_depth", _capture_depth, timeout_s=10.0, ensures="each depth is of its pixel")
 FOLLOW = Skill(
@@ -79,12 +82,15 @@ FOLLOW = Skill(
     "follow",
     _follow,
     timeout_s=240.0,
-    requires="no other motion runs, no fault, the trajectory starts at rest where the arm is and keeps its limits",
+    requires=(
+        DRIVER,
+        Condition("no other motion runs, no fault, the trajectory starts at rest where the arm is, keeps its limits"),
+    ),
     ensures="the arm is at rest at the last sample",
 )
-RENEW = Skill("cell", "renew", _renew, timeout_s=1.0)
-GRIP = Skill("cell", "grip", _grip, timeout_s=10.0, ensures="the fingers are at rest")
+RENEW = Skill("cell", "renew", _renew, timeout_s=1.0, requires=(DRIVER,))
+GRIP = Skill("cell", "grip", _grip, timeout_s=10.0, requires=(DRIVER,), ensures="the fingers are at rest")
 BRAKE = Skill("cell", "brake", _brake, timeout_s=5.0, ensures="the arm is at rest")
 STOP = Skill("cell", "stop", _stop, timeout_s=5.0, ensures="arm and fingers are at rest, and nothing moves them")
-ENABLE = Skill("cell", "enable", _enable, timeout_s=5.0, ensures="the arm may be moved")
-RECOVER = Skill("cell", "recover", _recover, timeout_s=5.0, ensures="the arm is idle")
+ENABLE = Skill("cell", "enable", _enable, timeout_s=5.0, requires=(DRIVER,), ensures="the arm may be moved")
+RECOVER = Skill("cell", "recover", _recover, timeout_s=5.0, requires=(DRIVER,), ensures="the arm is idle")

@@ -9,7 +9,7 @@ import msgspec
 from numpy.typing import ArrayLike
 
 from dlokit.communication import topics
-from dlokit.communication.component import Component, implements
+from dlokit.communication.component import Component, holds, implements
 from dlokit.communication.timing.urgency import Urgency, never_urgent
 from dlokit.description.arm.mounts import FIRST_ALONE, ArmMount
 from dlokit.description.installation import PAPERS_CELL, Installation
@@ -263,6 +263,17 @@ class CellComponent(Component):
         arm = self._link(robot).arm
         await self._wait_until_at_rest(arm)
         arm.recover()
+
+    @holds(api.DRIVER)
+    def _is_driver(self, caller: str, robot: str) -> str | None:
+        """Whether no robot process serves the arm, or the caller is that process."""
+        link = self._links.get(robot)
+        if link is None:
+            return None  # the skill names the arms that there are
+        driver = self.port.alive(f"robot.{link.instance}" if link.instance else "robot").server
+        if driver in ("", caller):  # empty in lockstep, where all components share one process
+            return None
+        return f"the robot process {driver} drives the arm {robot}; call the skills of robot instead"
 
     def _exposed(self, take: Callable[[], P]) -> P:
         self._urgency(False)  # rendering takes long; the next tick sets it again

@@ -307,6 +307,11 @@ class RobotComponent(Component):
             return None
         return "another process holds this robot's lease; only robot.stop is open to all"
 
+    @holds(api.OWN_NAME)
+    def _is_in_own_name(self, caller: str, holder: str) -> str | None:
+        """A process takes and returns the lease in its own name only, so that a mistake ends no other's."""
+        return None if holder == caller else f"{caller} cannot take or return the lease in the name of {holder}"
+
     @holds(api.HOLDER)
     def _is_holder(self, caller: str) -> str | None:
         """Only the process that commands the arm may say that an operator was asked."""

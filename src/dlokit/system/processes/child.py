@@ -15,6 +15,7 @@ from typing import Any
 from dlokit.communication.component import Component
 from dlokit.communication.container import Container, end_tasks
 from dlokit.communication.timing.urgency import garbage_frozen, may_be_urgent
+from dlokit.communication.zenoh.refused_peers import log_refused_peers
 from dlokit.communication.zenoh.session import OpenSession, open_session
 from dlokit.errors import EXIT_BAD_INPUT, InputError, ProcessFailure
 from dlokit.system.build import Wiring, build_component
@@ -56,6 +57,7 @@ def run_child(build: Build, open_session: OpenSession = open_session) -> None:
     """Serve the components given on standard input, until standard input ends or SIGTERM arrives."""
     log_aside()
     spec = decode_spec(sys.stdin.buffer.readline())
+    log_refused_peers()
     if not may_be_urgent():
         log.info("real-time priority is not allowed here; dlokit doctor explains the consequences")
     try:

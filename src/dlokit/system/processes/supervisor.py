@@ -8,7 +8,7 @@ import contextlib
 import logging
 import math
 import sys
-from collections.abc import Coroutine, Mapping
+from collections.abc import Callable, Coroutine, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -75,8 +75,9 @@ class Supervisor:
     """Manages the processes of one run. Use as an async context manager, on the main thread's loop."""
 
     def __init__(
-        self, rows: tuple[ProcessRow, ...], launch: Launch, bus: ZenohConfig, disk: Disk | None = None
+        self, rows: tuple[ProcessRow, ...], launch: Launch, bus: Callable[[str], ZenohConfig], disk: Disk | None = None
     ) -> None:
+        """`bus` gives the configuration with which a process, given by its name, joins the bus."""
         self._disk = disk or Disk()
         self._logs: dict[str, LogFile] = {}
         self._rows = rows
@@ -149,7 +150,7 @@ class Supervisor:
         spec = ChildSpec(
             process=row.name,
             components=row.components,
-            bus=self._bus,
+            bus=self._bus(row.name),
             time_base=row.time_base,
             config_file=str(self._launch.config_file),
             run_dir=str(self._launch.run_dir),

@@ -10,12 +10,14 @@ from board_pictures import seen_in_world, workspace_points
 
 from dlokit.app.calibrate.folder import read_motion, read_pictures
 from dlokit.app.commands import execute
+from dlokit.description.arm.franka import PANDA
 from dlokit.description.board import CharucoBoard
 from dlokit.errors import ConfigError, InputError
 from dlokit.functional.cameras.calibration_file import read_calibration, read_latency, read_residual
 from dlokit.functional.cell.config import CellConfig
 from dlokit.functional.cell.rendering import cell_camera
 from dlokit.skills.perception.calibration.charuco import find_board
+from dlokit.system.calibration import cell_config, checked_poses
 
 TRUE = cell_camera(CellConfig(lens_distortion=True))
 
@@ -209,3 +211,26 @@ def test_too_few_pictures_are_refused(calibrated: Path, tmp_path: Path):
     shutil.copy(calibrated / "poses.csv", tmp_path)
     with pytest.raises(InputError, match="9 pictures show the board, at least 10"):
         execute(["calibrate", "handeye", "--from", str(tmp_path), "--out", str(tmp_path / "out")])
+
+
+def test_a_dry_run_checks_all_motions_and_writes_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.chdir(tmp_path)
+    assert execute(["calibrate", "latency", "--dry-run"]) == 0
+    assert "13 of 13 motions pass all checks" in " ".join(capsys.readouterr().out.split())
+    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(InputError, match="moves no arm"):
+        execute(["calibrate", "handeye", "--dry-run", "--from", "pictures"])
+
+
+def test_a_dry_run_names_each_motion_that_is_refused_and_moves_no_arm():
+    beyond_rad = PANDA.home_q_rad + np.array([0.0, 3.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    poses = [PANDA.home_q_rad + 0.05, beyond_rad, PANDA.home_q_rad - 0.05]
+    asked: list[tuple[int, int]] = []
+    config = cell_config(1, held=True, lens_distortion=False)
+    checked = checked_poses(config, lambda camera: poses, lambda *done: asked.append(done), 0.0)
+    assert asked == [(1, 3), (2, 3), (3, 3)]
+    (refused,) = checked.refused
+    assert refused.startswith("pose 2: joint_limit")
+    assert checked.duration_s > 0.5

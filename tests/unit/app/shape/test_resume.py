@@ -14,6 +14,7 @@ from dlokit.errors import InputError
 from dlokit.recording.disk import Disk
 from dlokit.system.config import RunConfig
 from dlokit.system.processes.running import announced
+from dlokit.system.processes.sockets import LocalBus
 from dlokit.system.results.journal_file import JournalFile
 from dlokit.system.results.run_result import RunResult, write_result
 from dlokit.system.toml_config import to_toml
@@ -74,7 +75,8 @@ def test_only_a_run_that_ended_normally_is_refused(run_dir: Path, outcome: RunOu
 
 
 def test_a_run_that_still_runs_is_refused(run_dir: Path) -> None:
-    with announced(run_dir, "dlokit/x", "tcp/127.0.0.1:1"), pytest.raises(InputError, match="still running"):
+    bus = LocalBus(namespace="dlokit/x", folder=run_dir)
+    with announced(run_dir, bus), pytest.raises(InputError, match="still running"):
         resumed_job(run_dir)
 
 

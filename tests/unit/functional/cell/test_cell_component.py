@@ -14,6 +14,7 @@ from dlokit.communication.memory import MemoryTransport
 from dlokit.communication.timing import virtual_time
 from dlokit.communication.timing.clock import LoopClock
 from dlokit.communication.timing.urgency import Urgency, never_urgent
+from dlokit.communication.transport import KnownLiveness
 from dlokit.description.arm.franka import PANDA
 from dlokit.description.shapes import builtin_shape
 from dlokit.evaluation.evaluator import read_truth
@@ -109,6 +110,31 @@ def test_a_trajectory_is_followed_closely_to_its_end():
         assert outcome.result.duration_s == pytest.approx(1.0, abs=0.02)  # two ticks
         await asyncio.sleep(0.05)
         assert arm_mode(bus) == RobotMode.IDLE
+
+    run(story)
+
+
+def test_only_the_process_of_the_arms_robot_may_move_it_or_clear_its_stop_and_anyone_may_stop_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    async def story(bus: MemoryTransport) -> None:
+        monkeypatch.setattr(bus, "alive", lambda component: KnownLiveness(True, f"driver of {component}"))
+        for call in (
+            bus.call(api.FOLLOW, wave(), LEASE_S),
+            bus.call(api.GRIP, 0.04, 20.0, LEASE_S),
+            bus.call(api.RENEW),
+            bus.call(api.ENABLE),
+            bus.call(api.RECOVER),
+        ):
+            refused = await call
+            assert isinstance(refused, Rejected)
+            assert refused.reason == "not_driver"
+        await asyncio.sleep(0.05)
+        assert arm_mode(bus) == RobotMode.IDLE
+        assert isinstance(await bus.call(api.STOP), Succeeded)
+        bus.identity = "driver of robot"
+        assert isinstance(await bus.call(api.ENABLE), Succeeded)
+        assert isinstance(await bus.call(api.FOLLOW, wave(), LEASE_S), Succeeded)
 
     run(story)
 

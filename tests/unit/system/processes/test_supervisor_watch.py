@@ -46,7 +46,7 @@ def supervisor(run_dir: Path, restart: Restart = NEVER) -> Supervisor:
     launch = Launch(
         namespace="lamp", config_file=run_dir / "config.toml", run_dir=run_dir, command=(sys.executable, "-Sc", BEATS)
     )
-    return Supervisor(rows, launch, ZenohConfig(namespace="lamp"))
+    return Supervisor(rows, launch, lambda name: ZenohConfig(namespace="lamp"))
 
 
 def kill(running: Supervisor) -> None:
