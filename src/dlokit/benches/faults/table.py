@@ -7,7 +7,7 @@ from functools import partial
 
 from dlokit.benches.faults.disks import AllFrozen, BadDisk, DiskFault
 from dlokit.benches.faults.disturbance import Disturbance
-from dlokit.benches.faults.injuries import Disturbed, FullDisk, Injury, Nothing, Signalled, SlippedGrasp
+from dlokit.benches.faults.injuries import Disturbed, ForgingPeer, FullDisk, Injury, Nothing, Signalled, SlippedGrasp
 from dlokit.benches.faults.moments import Moment
 from dlokit.types.flow import RunOutcome
 
@@ -120,6 +120,10 @@ FAULTS: tuple[Fault, ...] = (
     Fault(name="slip-grasp",        what="the DLO falls out of the fingers", injury=SlippedGrasp, when=(HOLDING,)),
     Fault(name="delay-messages",    what="all messages and calls come 500 ms late, for 10 s",
           injury=partial(Disturbed, Disturbance.LATE), over_after_s=LATE_FOR_S, disturbed=True),
+    Fault(name="forge-commander",   what="a peer without the key forges the commander", injury=ForgingPeer,
+          when=(MOVING,)),
+    Fault(name="forge-other-user",  what="a peer of another user forges the commander",
+          injury=partial(ForgingPeer, of_another_user=True), when=(MOVING,)),
     Fault(name="fill-disk",         what="the recording may not grow any more", injury=FullDisk),
     Fault(name="full-disk",         what="a small disk fills up: recording, log, journal, truth, result, report",
           injury=partial(BadDisk, DiskFault.FULL), disk=True),
