@@ -16,6 +16,8 @@ import psutil
 import pytest
 from live_arm import arm_and_cell
 
+from dlokit.benches.faults import forging_peer
+from dlokit.communication import topics
 from dlokit.description.arm.franka import PANDA
 from dlokit.errors import InputError
 from dlokit.skills.robot import api
@@ -28,12 +30,11 @@ from dlokit.types.outcome import Rejected, Succeeded
 pytestmark = pytest.mark.live
 
 WAIT_S = 120.0  # both processes are up within 10 s of two idle cores
-NOBODY = 65534
 SHORT_LEASE_S = 0.3
 USERS = [
     pytest.param(os.getuid(), id="own user"),
     pytest.param(
-        NOBODY,
+        forging_peer.NOBODY,
         id="another user",
         marks=pytest.mark.skipif(os.geteuid() != 0, reason="only root may start a process of another user"),
     ),
@@ -50,12 +51,10 @@ async def forged(live: LiveSystem, user: int) -> None:
     """Let a peer without the key forge the commander's heartbeats, leases and calls; it must be refused."""
     sockets = sockets_of(live)
     assert {path.name for path in sockets} == {"bus", "cell", "robot"}
-    command = (sys.executable, str(Path(__file__).with_name("forging_peer.py")), str(user), live.bus.namespace)
-    peer = await asyncio.create_subprocess_exec(
-        *command, live.transport.identity, *map(str, sockets), stdout=subprocess.PIPE
-    )
+    command = forging_peer.command(user, live.bus.namespace, live.transport.identity, sockets)
+    peer = await asyncio.create_subprocess_exec(*command, stdout=subprocess.PIPE)
     said, _ = await peer.communicate()
-    assert json.loads(said) == {"joined": [], "outcomes": ["Unreachable"] * 3}
+    assert json.loads(said) == forging_peer.REFUSED
 
 
 def assert_named_in_the_logs(folder: Path, user: int) -> None:
@@ -72,6 +71,7 @@ def test_a_forging_peer_without_the_key_is_refused_and_the_task_is_unharmed(tmp_
             arm_and_cell(tmp_path) as live,
             leases_held(live.transport, live.clock, RobotConfig()),
         ):
+            await anext(live.transport.stream(topics.ROBOT_STATE))
             forging = asyncio.create_task(forged(live, user))
             outcomes = list[object]()
             while not forging.done():

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from dlokit.benches.faults.disturbance import Disturbance
-from dlokit.benches.faults.injuries import Disturbed, FullDisk, Injury, Nothing, Signalled, SlippedGrasp
+from dlokit.benches.faults.injuries import Disturbed, ForgingPeer, FullDisk, Injury, Nothing, Signalled, SlippedGrasp
 from dlokit.benches.faults.moments import Moment
 from dlokit.types.flow import RunOutcome
 
@@ -111,6 +111,10 @@ FAULTS: tuple[Fault, ...] = (
     Fault(name="slip-grasp",        what="the DLO falls out of the fingers", injury=SlippedGrasp, when=(HOLDING,)),
     Fault(name="delay-messages",    what="all messages and calls come 500 ms late, for 10 s",
           injury=partial(Disturbed, Disturbance.LATE), over_after_s=LATE_FOR_S, disturbed=True),
+    Fault(name="forge-commander",   what="a peer without the key forges the commander", injury=ForgingPeer,
+          when=(MOVING,)),
+    Fault(name="forge-other-user",  what="a peer of another user forges the commander",
+          injury=partial(ForgingPeer, of_another_user=True), when=(MOVING,)),
     Fault(name="fill-disk",         what="the recording may not grow any more", injury=FullDisk),
 )
 # fmt: on

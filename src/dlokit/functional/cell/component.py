@@ -28,6 +28,7 @@ from dlokit.types.system import ClockTick
 
 P = TypeVar("P", StereoImages, DepthImage)
 
+_SLIP_LEASE_S = 10.0  # of fingers that a bench moves without their driver; it is not renewed
 _SLIP_NS = 100_000_000  # a cell that is further behind than this does not catch up
 _MEMORY = 0.98  # weight of the past in the running mean of the pace, per tick
 
@@ -231,6 +232,15 @@ class CellComponent(Component):
         if link.grip_interrupted:
             raise SkillFailure(link.grip_interrupted, "the fingers were held before they came to rest")
         return fingers.result()
+
+    @implements(api.SLIP)
+    async def slip(self, width_m: float, for_s: float, force_n: float, robot: str = FIRST_ROBOT) -> None:
+        """Open the fingers for a moment."""
+        await self.grip(width_m, force_n, _SLIP_LEASE_S, robot)
+        until_ns = self._cell.time_ns + round(for_s * 1e9)
+        while self._cell.time_ns < until_ns:
+            await self._next_tick()
+        await self.grip(0.0, force_n, _SLIP_LEASE_S, robot)
 
     @implements(api.BRAKE)
     async def brake(self, robot: str = FIRST_ROBOT) -> None:

@@ -131,6 +131,7 @@ def test_only_the_process_of_the_arms_robot_may_move_it_or_clear_its_stop_and_an
             assert refused.reason == "not_driver"
         await asyncio.sleep(0.05)
         assert arm_mode(bus) == RobotMode.IDLE
+        assert isinstance(await bus.call(api.SLIP, 0.03, 0.1, 20.0), Succeeded)  # the benches' own
         assert isinstance(await bus.call(api.STOP), Succeeded)
         bus.identity = "driver of robot"
         assert isinstance(await bus.call(api.ENABLE), Succeeded)
