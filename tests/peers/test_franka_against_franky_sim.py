@@ -17,6 +17,12 @@ import pytest
 import test_robots
 from franky_server import FrankyServer, standing_after_s, why_not
 
+from dlokit.communication import topics
+from dlokit.communication.container import Container
+from dlokit.communication.memory import MemoryTransport
+from dlokit.communication.port import InlineCompute, Port
+from dlokit.communication.timing.clock import LoopClock
+from dlokit.communication.timing.deadlines import ThreadWatchdog
 from dlokit.communication.timing.pulse import ThreadPulse
 from dlokit.description.arm.franka import FR3
 from dlokit.description.arm.mounts import ArmMount
@@ -25,8 +31,14 @@ from dlokit.functional.robots.base import Robot
 from dlokit.functional.robots.franka.channel import Channel, path_of
 from dlokit.functional.robots.franka.driver import FrankaRobot, FrankaRobotConfig
 from dlokit.functional.robots.gate import GateConfig, GatedRobot
+from dlokit.geometry import downward
 from dlokit.motion.limits import scaled
 from dlokit.motion.trajectories import joint_move
+from dlokit.skills.robot import api as robot_api
+from dlokit.skills.robot.component import RobotComponent
+from dlokit.skills.robot.config import RobotConfig
+from dlokit.types.action import VelocityProfile
+from dlokit.types.outcome import Failed, Rejected, Succeeded
 from dlokit.types.robot import Lease, RobotMode
 from parts.franka_commander import AWAY_RAD, franka
 from parts.franka_stops import FAULTS, stopped_after
@@ -222,6 +234,45 @@ def test_a_network_cut_of_more_than_a_second_is_named_and_recovered(server: Fran
         await away(robot)
 
     run_on(server, tmp_path, scenario)
+
+
+def test_the_robots_skills_move_grip_and_stop_it(server: FrankyServer, tmp_path: Path) -> None:
+    async def main() -> None:
+        transport, clock = MemoryTransport(), LoopClock()
+        watch = ThreadWatchdog()
+        gated = GatedRobot(
+            franka(server.address, tmp_path), GateConfig(speed_scale=0.5), time.monotonic_ns, watch=watch
+        )
+        host = Container(transport, clock)
+        host.add(RobotComponent(RobotConfig(), gated, time.monotonic_ns, watch=watch, standing=gated.standing))
+        port = Port(transport, clock, InlineCompute(), owner="test", publishes=())
+        async with host:
+            states = port.stream(topics.ROBOT_STATE)
+            await anext(states)
+            over_the_table = downward([0.5, 0.1, 0.1], np.pi / 2)
+            moved = await port.call(robot_api.MOVE_TO, over_the_table)
+            assert isinstance(moved, Succeeded), moved
+            low = downward([0.5, 0.1, FR3.gripper.grasp_height_m()], np.pi / 2)
+            lowered = await port.call(robot_api.MOVE_LINEAR, low, VelocityProfile())
+            assert isinstance(lowered, Succeeded), lowered
+            off_m = np.asarray(lowered.result.T_world_tcp.position_m) - low.position_m
+            assert np.abs(off_m).max() <= 1e-3
+            gripped = await port.call(robot_api.GRASP)
+            assert isinstance(gripped, Succeeded), gripped
+            assert not gripped.result.held
+            homing = asyncio.ensure_future(port.call(robot_api.HOME))
+            await asyncio.sleep(0.8)
+            stopped = await port.call(robot_api.STOP)
+            assert isinstance(stopped, Succeeded), stopped
+            ended = await homing
+            assert isinstance(ended, Failed), ended
+            assert ended.reason == "stopped"
+            assert isinstance(await port.call(robot_api.HOME), Rejected)
+            assert isinstance(await port.call(robot_api.ENABLE), Succeeded)
+            home = await port.call(robot_api.HOME)
+            assert isinstance(home, Succeeded), home
+
+    asyncio.run(main())
 
 
 def test_another_tool_than_the_models_is_refused(tmp_path: Path) -> None:

@@ -111,3 +111,5 @@ class ShapeResult(Value, frozen=True, kw_only=True, eq=False):
     """On the machine's clock [s]."""
     camera: CameraReport | None = None
     """None: the camera was not checked."""
+    interruptions: tuple[str, ...] = ()
+    """Why the task looked again, each time it went on after a loss."""

@@ -78,8 +78,8 @@ class Spent:
     """On the machine's clock [s]."""
     recoveries: int = 0
     """Number of times that the fault of an arm which braked on its own was cleared."""
-    restorations: int = 0
-    """Number of times that a lost component was waited for."""
+    interruptions: list[str] = field(default_factory=list[str])
+    """Why the task looked again, each time: a component or the camera was lost, or its clock jumped."""
     start_accepted: bool = False
     """Whether the resumed run had accepted its start: an arm that then opened may have dropped the DLO across
     itself."""

@@ -135,6 +135,8 @@ class RunDisplay(Watcher):
             self._console.print(f"true error {_mm(result.true_rmse_m)}, 2 s after the last release", highlight=False)
         if result.camera is not None and self._live is not None:  # otherwise it has been printed before
             self._console.print(escape(result.camera.text), highlight=False)
+        for why in result.interruptions:
+            self._console.print(f"[bold yellow]interrupted[/]  {escape(why)}", highlight=False)
         pace = result.sim_time_s / result.wall_time_s if result.wall_time_s > 0.0 else 0.0
         self._console.print(
             f"{result.sim_time_s:.1f} s on the run's clock in {result.wall_time_s:.1f} s ({pace:.1f} times real time)",

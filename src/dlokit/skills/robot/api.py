@@ -2,11 +2,12 @@
 
 Every motion is checked before it runs. In addition to the failures named at each skill, a motion fails with:
 joint_limit, velocity_limit, acceleration_limit, jerk_limit, table_collision, self_collision, arms_too_near (also
-during the motion), neighbour_silent, stopped, lease_lost, robot_lost, lost_commander, fault (call recover); at the
-gate before the driver with: bad_trajectory, outside_workspace, tool_speed, stale_feedback, wrong_start; and is
-rejected with: busy (another motion runs), not_commander (another holds the lease), lease_lost (the lease has expired),
-stop_latched (a person has stopped the arm, and none has enabled it since), no_operator (the arm is real, and no
-operator has confirmed the start). Cancelling a motion brakes the arm.
+during the motion), neighbour_silent, stopped, lease_lost, robot_lost, lost_commander, fault (call recover), reflex
+(the arm stopped itself because set-points came late), tracking (it was too far from its set-points), collision,
+user_stop (both need a person); at the gate before the driver with: bad_trajectory, outside_workspace, tool_speed,
+stale_feedback, wrong_start; and is rejected with: busy (another motion runs), not_commander (another holds the
+lease), lease_lost (the lease has expired), stop_latched (a person has stopped the arm, and none has enabled it
+since), no_operator (the arm is real, and no operator has confirmed the start). Cancelling a motion brakes the arm.
 """
 
 import math
@@ -68,7 +69,7 @@ def _follow_path(path: tuple[Pose, ...], velocity: VelocityProfile) -> MotionRes
 def _grasp(force_n: float = GRASP_FORCE_N) -> GripResult:
     """Close the fingers with at most `force_n`; the result says whether they hold something.
 
-    Fails with: bad_force (more than the hand can).
+    Fails with: bad_force (more than the hand can), gripper_jammed.
     """
     ...
 
@@ -76,7 +77,7 @@ def _grasp(force_n: float = GRASP_FORCE_N) -> GripResult:
 def _release(width_m: float = RELEASE_WIDTH_M) -> GripResult:
     """Open the fingers to `width_m`.
 
-    Rejected with: bad_width (below 0). Fails with: bad_width (more than they open).
+    Rejected with: bad_width (below 0). Fails with: bad_width (more than they open), gripper_jammed.
     """
     ...
 

@@ -182,6 +182,8 @@ class RunResult(msgspec.Struct, frozen=True, kw_only=True):
     """Verdict on the goal; None when the run ended before it was judged."""
     camera: CameraResult | None = None
     """Result of the check of the camera's pose; None when it was not checked."""
+    interruptions: tuple[str, ...] = ()
+    """Why the run looked again, each time: a lost component or camera, or the camera's clock, by name."""
 
 
 def write_result(folder: Path, result: RunResult) -> Path:

@@ -107,8 +107,8 @@ class FrankyLink:
             raise LinkLost(wrong_version(str(error))) from error
         except franky.RealtimeException as error:
             raise LinkLost(
-                f"{error}: install a PREEMPT_RT kernel, and allow this user rtprio 99 and memlock unlimited in "
-                "/etc/security/limits.conf"
+                f"{str(error).rstrip('.')}; install a PREEMPT_RT kernel, and allow this user rtprio 99 and memlock "
+                "unlimited in /etc/security/limits.conf (for a simulator of the arm: --driver.no-real-time)"
             ) from error
         except franky.CommandException as error:
             raise LinkLost(
@@ -116,8 +116,9 @@ class FrankyLink:
                 " --driver.collision-force-n or --driver.load-kg"
             ) from error
         except Exception as error:  # the library raises plain errors as well, for a lost network
+            said = str(error).rstrip(".")
             raise LinkLost(
-                f"no connection to {address}: {error}. Is the arm on, unlocked, and FCI activated in Desk?"
+                f"no connection to {address}: {said}. Is the arm on, unlocked, and FCI activated in Desk?"
             ) from error
         self._tracker: Any = None
         self._tool: tuple[Any, ...] | None = None
