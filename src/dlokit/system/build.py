@@ -27,6 +27,7 @@ from dlokit.system.table import COMPONENTS
 from dlokit.types.arrays import Float64Array
 
 if TYPE_CHECKING:
+    from dlokit.functional.cameras.base import Caller, Camera
     from dlokit.skills.planning.base import SecondArm
     from dlokit.skills.viewer.component import ViewerComponent
 
@@ -133,21 +134,27 @@ def _driver(config: RunConfig, wiring: Wiring, mount: ArmMount, pulse: Pulse) ->
     return KinematicRobot(wiring.clock, mount, device) if config.dry_run else device
 
 
-def _perception(config: RunConfig, wiring: Wiring) -> Component:
-    from dlokit.skills.perception.component import PerceptionComponent
-
-    camera = config.camera.build(wiring.transport)
+def placed_camera(config: RunConfig, caller: "Caller") -> "Camera":
+    """The camera, where its calibration or the installation has it. Raises `ConfigError`."""
+    camera = config.camera.build(caller)
     if config.calibration:
         from dlokit.functional.cameras.calibrated import CalibratedCamera
         from dlokit.functional.cameras.calibration_file import read_calibration
 
         given = read_calibration(Path(config.calibration))
         placed = msgspec.structs.replace(given, T_world_camera=config.installation.in_world(given.T_world_camera))
-        camera = CalibratedCamera(camera, placed, config.calibration)
-    elif config.installation.camera is not None and not config.camera.sees_cell:
+        return CalibratedCamera(camera, placed, config.calibration)
+    if config.installation.camera is not None and not config.camera.sees_cell:
         from dlokit.functional.cameras.calibrated import PlacedCamera
 
-        camera = PlacedCamera(camera, config.installation.camera_in_world(config.installation.camera.pose))
+        return PlacedCamera(camera, config.installation.camera_in_world(config.installation.camera.pose))
+    return camera
+
+
+def _perception(config: RunConfig, wiring: Wiring) -> Component:
+    from dlokit.skills.perception.component import PerceptionComponent
+
+    camera = placed_camera(config, wiring.transport)
     return PerceptionComponent(config.perception, camera, config.model, config.mounts)
 
 

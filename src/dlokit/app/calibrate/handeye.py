@@ -72,8 +72,8 @@ def run(args: HandeyeArgs) -> int:
         found = calibrate_pose(seen.shots, args.board, known or seen.camera, fit_optics=known is None)
     except SkillFailure as failure:
         raise input_error(failure) from failure
-    _print(found, seen, console)
-    write_calibration(folder / CALIBRATION, found.fit.camera, residual_of(found))
+    _print(found, seen, args, console)
+    write_calibration(folder / CALIBRATION, args.installed.written(found.fit.camera), residual_of(found))
     console.print(f"written: {folder / CALIBRATION}", highlight=False, markup=False, soft_wrap=True)
     if not found.fit.camera.serial:
         console.print("no serial is known: every camera will accept the file; give --serial", highlight=False)
@@ -93,7 +93,7 @@ def residual_of(found: CalibratedPose) -> CalibrationResidual:
     )
 
 
-def _print(found: CalibratedPose, seen: Seen, console: Console) -> None:
+def _print(found: CalibratedPose, seen: Seen, args: HandeyeArgs, console: Console) -> None:
     fit = found.fit
     methods = Table(title="error of the corners in the pictures")
     methods.add_column("method")
@@ -120,8 +120,11 @@ def _print(found: CalibratedPose, seen: Seen, console: Console) -> None:
         highlight=False,
         soft_wrap=True,
     )
-    place = ", ".join(f"{value:.4f}" for value in fit.camera.T_world_camera.position_m)
-    console.print(f"camera at ({place}) m; the print is {fit.print_scale:.4f} of its nominal size", highlight=False)
+    place = ", ".join(f"{value:.4f}" for value in args.installed.written(fit.camera).T_world_camera.position_m)
+    frame = "" if args.installation is None else f" in the frame of {args.installation.name}"
+    console.print(
+        f"camera at ({place}) m{frame}; the print is {fit.print_scale:.4f} of its nominal size", highlight=False
+    )
     if fit.joint_offsets_rad is not None:
         angles = ", ".join(f"{angle:+.2f}" for angle in np.degrees(fit.joint_offsets_rad[1:-1]))
         console.print(f"offsets of joints 2 to 6: {angles}° (1 and 7 cannot be seen by a camera)", highlight=False)
