@@ -228,6 +228,7 @@ def build_viewer(config: RunConfig, *, operated: bool, key: str | None = None) -
         table=config.installation.table,
         arms=config.mounts,
         threshold_m=config.task.threshold_m,
+        T_world_installation=config.installation.T_world_installation,
         operated=operated,
         buttons=tuple(
             ArmButtons(stop=robot.STOP.at(mount.instance), enable=robot.ENABLE.at(mount.instance))
