@@ -126,7 +126,8 @@ class Bench:
     def __init__(self, compute: Compute | None = None) -> None:
         self.arm = PerfectArm()
         self.machine_s = 0.0  # the machine's clock, which only the test advances
-        transport, clock = MemoryTransport(), LoopClock()
+        self.transport = transport = MemoryTransport()
+        clock = LoopClock()
         self.me = transport.identity
         self.host = Container(transport, clock, compute)
         gated = GatedRobot(self.arm, GateConfig(), clock.now_ns)

@@ -66,7 +66,7 @@ COMMANDS: Mapping[str, CommandRow] = {
     ),
     "bench shaping": CommandRow(
         "bench.shaping",
-        "Compare planners and observers on the same starts, goals and cells, in lockstep, judged by the ground truth.",
+        "Compare planners and observers on the same starts and goals; in the simulated cell the ground truth judges.",
     ),
     "bench observers": CommandRow(
         "bench.observers", "Compare observers on simulated and recorded sequences whose nodes are known."

@@ -80,6 +80,8 @@ class Skill(Generic[P, R]):
     exclusive: str = ""
     """Resource of the component that it uses exclusively, e.g. ``"motion"``: while it runs, another skill that uses the
     same resource is rejected as ``busy``."""
+    moves_arm: bool = False
+    """Whether it moves an arm, or lets others move it."""
 
     @cached_property
     def key(self) -> str:

@@ -308,4 +308,5 @@ def _result(task: ShapeTask, outcome: RunOutcome, timings: tuple[StepVisit, ...]
         timings=timings,
         planning_time_s=task.spent.planning_time_s,
         camera=task.camera,
+        interruptions=tuple(task.spent.interruptions),
     )

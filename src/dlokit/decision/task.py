@@ -71,15 +71,15 @@ class Spent:
     """What a task has used of its budgets, including the run that it resumes."""
 
     started_ns: int
-    """When it began on the cell's clock [ns]; earlier by the duration of the resumed run."""
+    """When it began on the run's clock [ns]; earlier by the duration of the resumed run."""
     actions: int = 0
     """Actions of the resumed run."""
     planning_time_s: float = 0.0
     """On the machine's clock [s]."""
     recoveries: int = 0
     """Number of times that the fault of an arm which braked on its own was cleared."""
-    restorations: int = 0
-    """Number of times that a lost component was waited for."""
+    interruptions: list[str] = field(default_factory=list[str])
+    """Why the task looked again, each time: a component or the camera was lost, or its clock jumped."""
     start_accepted: bool = False
     """Whether the resumed run had accepted its start: an arm that then opened may have dropped the DLO across
     itself."""

@@ -16,18 +16,19 @@ import msgspec
 
 from dlokit.communication.component import Component
 from dlokit.communication.port import Compute, InlineCompute, Port
-from dlokit.communication.timing.clock import Clock
+from dlokit.communication.timing.clock import Clock, suspended_too_ns
 from dlokit.communication.timing.pulse import Pulse
 from dlokit.communication.transport import Transport
 from dlokit.description.arm.mounts import INSTANCES, ArmMount
 from dlokit.functional.robots.base import Robot
+from dlokit.recording.disk import Disk
 from dlokit.skills.viewer.address import new_key
 from dlokit.system.config import RunConfig
 from dlokit.system.table import COMPONENTS
 from dlokit.types.arrays import Float64Array
 
 if TYPE_CHECKING:
-    from dlokit.functional.cameras.base import Caller, Camera
+    from dlokit.functional.cameras.base import Camera
     from dlokit.skills.planning.base import SecondArm
     from dlokit.skills.viewer.component import ViewerComponent
 
@@ -43,6 +44,8 @@ class Wiring:
     start_nodes_world: Float64Array  # (K, 3) [m] initial shape in the cell; no other component may read it
     page_key: str = field(default_factory=new_key, repr=False)
     """Access key of the viewer's page."""
+    disk: Disk = field(default_factory=Disk)
+    """Writes the files of the run."""
 
 
 def build_component(name: str, config: RunConfig, wiring: Wiring) -> Component:
@@ -72,12 +75,13 @@ def _driver_port(wiring: Wiring, owner: str) -> Port:
 def _cell(config: RunConfig, wiring: Wiring) -> Component:
     from dlokit.communication.timing.urgency import BoundedUrgency, never_urgent
     from dlokit.functional.cell.component import CellComponent
+    from dlokit.functional.cell.truth import TruthRecorder
 
     return CellComponent(
         config.cell,
         wiring.start_nodes_world,
         seed=config.seed,
-        truth_folder=wiring.folder,
+        truth=TruthRecorder(wiring.folder, wiring.disk),
         real_time_factor=1.0 if config.runtime == "lockstep" else config.cell.real_time_factor,
         arms=config.mounts,
         installation=config.installation,
@@ -98,11 +102,11 @@ def _robot(number: int) -> "_Builder":
         live = config.runtime == "live"
         pulse = ThreadPulse() if live else loop_pulse
         watch = ThreadWatchdog() if live else LoopWatchdog()
-        lease = LeaseKeeper(time.monotonic_ns)
+        lease = LeaseKeeper(suspended_too_ns, needs_operator=config.moves_real_arm)
         robot = GatedRobot(
             _driver(config, wiring, mount, pulse),
             config.gate,
-            time.monotonic_ns if live else wiring.clock.now_ns,
+            suspended_too_ns if live else wiring.clock.now_ns,
             T_world_base=mount.T_world_base,
             workspace=mount.workspace,
             may_move=lease.allows,
@@ -111,7 +115,7 @@ def _robot(number: int) -> "_Builder":
         return RobotComponent(
             config.robot,
             robot,
-            time.monotonic_ns,
+            suspended_too_ns,
             mount.T_world_base,
             mount.instance,
             watch,
@@ -134,9 +138,8 @@ def _driver(config: RunConfig, wiring: Wiring, mount: ArmMount, pulse: Pulse) ->
     return KinematicRobot(wiring.clock, mount, device) if config.dry_run else device
 
 
-def placed_camera(config: RunConfig, caller: "Caller") -> "Camera":
-    """The camera, where its calibration or the installation has it. Raises `ConfigError`."""
-    camera = config.camera.build(caller)
+def placed_camera(config: RunConfig, camera: "Camera") -> "Camera":
+    """The camera of a run, where its calibration or the installation has it. Raises `ConfigError`."""
     if config.calibration:
         from dlokit.functional.cameras.calibrated import CalibratedCamera
         from dlokit.functional.cameras.calibration_file import read_calibration
@@ -152,9 +155,14 @@ def placed_camera(config: RunConfig, caller: "Caller") -> "Camera":
 
 
 def _perception(config: RunConfig, wiring: Wiring) -> Component:
+    from dlokit.functional.cameras.played import NowPlayedCamera
+    from dlokit.functional.cameras.recorded import RecordedCameraConfig
     from dlokit.skills.perception.component import PerceptionComponent
 
-    camera = placed_camera(config, wiring.transport)
+    camera = config.camera.build(wiring.transport)
+    if isinstance(config.camera, RecordedCameraConfig):
+        camera = NowPlayedCamera(camera, wiring.clock)
+    camera = placed_camera(config, camera)
     return PerceptionComponent(config.perception, camera, config.model, config.mounts)
 
 
@@ -208,7 +216,7 @@ def _decision(config: RunConfig, wiring: Wiring) -> Component:
         dry_run=config.dry_run,
         robots=config.installation.robots[: config.arms],
         # A lockstep run can instead be repeated bit by bit.
-        keep=JournalFile(wiring.folder).keep if config.runtime == "live" else lambda journal: None,
+        keep=JournalFile(wiring.folder, wiring.disk).keep if config.runtime == "live" else lambda journal: None,
     )
 
 

@@ -20,6 +20,7 @@ from dlokit.recording.component_replay import Timeline, feed, read_timeline
 from dlokit.recording.reader import RawRecording, Recorded, read_recording
 from dlokit.skills.perception.component import PerceptionComponent
 from dlokit.skills.viewer.component import ViewerComponent
+from dlokit.skills.viewer.config import ViewerConfig
 from dlokit.system.build import Wiring, build_component, build_viewer, instances_of_run
 from dlokit.system.config import RunConfig
 from dlokit.system.results.recording import what_rounds
@@ -146,11 +147,12 @@ WATCHED_PARTS = ("viewer", "model", "task")
 def watch(path: Path, config: RunConfig, rate: float, port: int | None, say: Callable[[str], None]) -> None:
     """Serve the page, play the recording at `rate` times its speed, and wait for Ctrl-C.
 
-    `port` overrides the configured one. Raises `InputError` when the file is not a recording, `MachineError`
-    when the port is not available.
+    The page is served on this machine alone, at `port` or the configured one. Raises `InputError` when the file is not
+    a recording, `MachineError` when the port is not available.
     """
-    if port is not None:
-        config = replace(config, viewer=replace(config.viewer, port=port))
+    # The address of a recording is another machine's, or a stranger's: it must not open a page to the network here.
+    viewer = ViewerConfig(port=config.viewer.port if port is None else port)
+    config = replace(config, viewer=viewer)
     try:
         asyncio.run(show(path, config, rate, say))
     except KeyboardInterrupt:

@@ -16,19 +16,23 @@ from dlokit.app.calibrate.folder import camera_of_folder, read_pictures, write_p
 from dlokit.app.calibrate.installed import CalibratedInstallation
 from dlokit.app.commands import flag
 from dlokit.description.board import CharucoBoard
-from dlokit.errors import InputError, SkillFailure
+from dlokit.errors import EXIT_OTHERWISE, InputError, SkillFailure
 from dlokit.functional.cell.board import BOARD, T_TCP_BOARD
 from dlokit.functional.cell.rendering import check_opengl
 from dlokit.skills.perception.calibration.board_poses import HeldBoard, board_poses
 from dlokit.skills.perception.calibration.procedure import FEWEST_SHOTS, TakenPicture, find_shots
 from dlokit.skills.perception.calibration.stereo_rig import BoardShot
 from dlokit.system.calibration import (
+    REST_S,
     BoardPicture,
+    Plan,
     cell_config,
+    checked_poses,
     pictures_of_board_on_table,
     pictures_of_held_board,
     without_optics,
 )
+from dlokit.system.config import RunConfig
 from dlokit.system.results.run_folder import claim_run_folder, new_run_folder
 from dlokit.types.arrays import Float64Array
 from dlokit.types.image import CameraCalibration
@@ -60,6 +64,8 @@ class BoardArgs:
     installation: Annotated[Path | None, flag("FILE", "the default cell")] = None
     """Where arm and table stand: the simulated cell is set up so, poses.csv of --from is in the base of its first arm,
     and the pose of the camera in the result is in the frame of this file, which may then name it."""
+    separate_cameras: bool = False
+    """Calibrate two simulated cameras on a bracket that are not parallel; as `--cell.separate-cameras` of a run."""
     out: Annotated[Path | None, flag("DIR", "runs/<time>-calibrate-<name>/")] = None
     """Folder for calibration.toml and, from the cell, the pictures; it must be empty or new."""
 
@@ -78,6 +84,58 @@ class BoardArgs:
             )
 
 
+@dataclass(frozen=True, kw_only=True)
+class HeldBoardArgs(BoardArgs):
+    """As `BoardArgs`, of a board in the hand of an arm that moves."""
+
+    dry_run: bool = False
+    """Plan the poses, move an arm in software through them, checked as the real one, and say how long it would take; no
+    arm moves, and nothing is written."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.dry_run and self.from_ is not None:
+            raise InputError("--from reads pictures and moves no arm: omit --dry-run.")
+
+
+def shown_poses(camera: CameraCalibration, poses: int, args: BoardArgs) -> Sequence[Float64Array]:
+    """Joint angles (J,) [rad] of poses in which the arm shows its board to the camera."""
+    arm = args.installed.arm
+    held = HeldBoard(board=BOARD, T_tcp_board=T_TCP_BOARD, arm=arm.model, T_world_base=arm.T_world_base)
+    return board_poses(held, camera, poses, np.random.default_rng(args.seed))
+
+
+def rehearse(config: RunConfig, plan: Plan, poses: int, console: Console, pause_s: float = REST_S) -> int:
+    """Check the motions of a calibration without moving an arm, and say the result; returns the exit code."""
+    check_opengl()
+    with progress_bar(console, "poses", poses) as progress:
+        bar = progress.add_task("poses", total=poses)
+
+        def advance(number: int, _: int) -> None:
+            progress.update(bar, completed=number)
+
+        checked = checked_poses(config, plan, advance, pause_s)
+    for line in checked.refused:
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
+    passed = checked.poses - len(checked.refused)
+    console.print(
+        f"dry run: {passed} of {checked.poses} motions pass all checks; the arm needs {checked.duration_s:.0f} s for "
+        "them, without pictures and fit. No arm has moved, and nothing is written.",
+        highlight=False,
+        soft_wrap=True,
+    )
+    return EXIT_OTHERWISE if checked.refused else 0
+
+
+def config_in_hand(args: BoardArgs, poses: int) -> RunConfig:
+    """The cell with the board in the hand. Raises `InputError` for too few poses."""
+    if poses < FEWEST_SHOTS:
+        raise InputError(f"--poses is {poses}; it must be {FEWEST_SHOTS} or greater.")
+    return args.installed.cell(
+        cell_config(args.seed, held=True, lens_distortion=args.lens_distortion, separate_cameras=args.separate_cameras)
+    )
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Seen:
     """The pictures of a calibration."""
@@ -94,35 +152,35 @@ def seen_in_hand(args: BoardArgs, poses: int, console: Console) -> Seen:
     """Pictures of a board in the hand: recorded ones, or of the cell with `poses` poses."""
     if args.from_ is not None:
         return _from_folder(args, args.from_, console)
-    if poses < FEWEST_SHOTS:
-        raise InputError(f"--poses is {poses}; it must be {FEWEST_SHOTS} or greater.")
-    config = cell_config(args.seed, held=True, lens_distortion=args.lens_distortion)
-
-    config = args.installed.cell(config)
+    config = config_in_hand(args, poses)
 
     def plan(camera: CameraCalibration) -> Sequence[Float64Array]:
-        arm = args.installed.arm
-        held = HeldBoard(board=BOARD, T_tcp_board=T_TCP_BOARD, arm=arm.model, T_world_base=arm.T_world_base)
-        return board_poses(held, camera, poses, np.random.default_rng(args.seed))
+        return shown_poses(camera, poses, args)
 
     check_opengl()
     with progress_bar(console, "poses", poses) as progress:
         bar = progress.add_task("poses", total=poses)
         taken = pictures_of_held_board(config, plan, lambda number, _: progress.update(bar, completed=number))
-    return _from_cell(args, taken, console)
+    return _from_cell(taken, console)
+
+
+def rehearse_in_hand(args: BoardArgs, poses: int, console: Console) -> int:
+    """The dry run of `seen_in_hand`; returns the exit code."""
+    return rehearse(config_in_hand(args, poses), lambda camera: shown_poses(camera, poses, args), poses, console)
 
 
 def seen_on_table(args: BoardArgs, console: Console) -> Seen:
     """Pictures of a board that lies on the table."""
     if args.from_ is not None:
         return _from_folder(args, args.from_, console)
-    config = cell_config(args.seed, held=False, lens_distortion=args.lens_distortion)
-    config = args.installed.cell(config)
+    config = args.installed.cell(
+        cell_config(args.seed, held=False, lens_distortion=args.lens_distortion, separate_cameras=args.separate_cameras)
+    )
     check_opengl()
     with progress_bar(console, "pictures", _ON_TABLE) as progress:
         bar = progress.add_task("pictures", total=_ON_TABLE)
         taken = pictures_of_board_on_table(config, _ON_TABLE, lambda number, _: progress.update(bar, completed=number))
-    return _from_cell(args, taken, console)
+    return _from_cell(taken, console)
 
 
 def result_folder(args: BoardArgs, name: str) -> Path:
@@ -157,15 +215,13 @@ def _from_folder(args: BoardArgs, folder: Path, console: Console) -> Seen:
     return _seen(pictures, args.board, given, console)
 
 
-def _from_cell(args: BoardArgs, taken: Sequence[BoardPicture], console: Console) -> Seen:
-    # The fit corrects the joints of arms with the Panda's kinematics alone.
-    knows_joints = args.installed.arm.model.franka is not None
+def _from_cell(taken: Sequence[BoardPicture], console: Console) -> Seen:
     pictures = [
         TakenPicture(
             left=one.images.left,
             right=one.images.right,
             T_world_tcp=None if one.robot is None else one.robot.T_world_tcp,
-            q_rad=one.robot.q_rad if one.robot is not None and knows_joints else None,
+            q_rad=None if one.robot is None else one.robot.q_rad,
         )
         for one in taken
     ]

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -10,7 +11,15 @@ import numpy as np
 from rich.console import Console
 
 from dlokit import geometry
-from dlokit.app.calibrate.common import BoardArgs, input_error, progress_bar, result_folder, today
+from dlokit.app.calibrate.common import (
+    HeldBoardArgs,
+    input_error,
+    progress_bar,
+    rehearse,
+    result_folder,
+    shown_poses,
+    today,
+)
 from dlokit.app.calibrate.folder import CALIBRATION, RecordedMotion, camera_of_folder, read_motion, write_motion
 from dlokit.app.commands import CliCommand, flag
 from dlokit.errors import InputError, SkillFailure
@@ -23,12 +32,11 @@ from dlokit.functional.cameras.calibration_file import (
     read_table,
     write_calibration,
 )
-from dlokit.functional.cell.board import BOARD, T_TCP_BOARD
 from dlokit.functional.cell.rendering import check_opengl
-from dlokit.skills.perception.calibration.board_poses import HeldBoard, board_poses
 from dlokit.skills.perception.calibration.charuco import find_board
 from dlokit.skills.perception.calibration.latency import LatencyFit, StampedView, ToolTrack, fit_latency
 from dlokit.system.calibration import PicturesInMotion, late_config, pictures_in_motion
+from dlokit.system.config import RunConfig
 from dlokit.types.arrays import Float64Array
 from dlokit.types.image import CameraCalibration
 from dlokit.types.pose import Pose
@@ -38,7 +46,7 @@ _POSES = 4
 
 
 @dataclass(frozen=True, kw_only=True)
-class LatencyArgs(BoardArgs):
+class LatencyArgs(HeldBoardArgs):
     """Find by how much the stamps of a camera are late, by a ChArUco board in the hand of the arm that moves.
 
     The arm moves back and forth, and the camera takes pictures meanwhile. The offset is that at which the board in the
@@ -53,7 +61,8 @@ class LatencyArgs(BoardArgs):
 
     Writes calibration.toml, the same calibration with the offset, which a run subtracts from the stamps; and the
     pictures, stamps and states of the cell, which --from reads again.
-    Exit code: 0; 2 when the pictures do not give an offset to 5 ms; 130 after Ctrl-C.
+    Exit code: 0; 3 when a dry run refuses a motion; 2 when the pictures do not give an offset to 5 ms; 130 after
+    Ctrl-C.
     """
 
     calibration: Annotated[Path | None, flag("FILE", "the simulated camera's own")] = None
@@ -68,6 +77,8 @@ def run(args: LatencyArgs) -> int:
     known = None if args.calibration is None else read_calibration(args.calibration)
     if known is not None:
         check_has_pose(str(args.calibration), known)
+    if args.dry_run:
+        return _dry_run(args, console)
     folder = result_folder(args, "latency")
     motion, given = _recorded(args, args.from_) if args.from_ is not None else _in_cell(args, console)
     if args.from_ is None:
@@ -108,22 +119,31 @@ def _moved(motion: RecordedMotion, frame: Callable[[Pose], Pose]) -> RecordedMot
     return replace(motion, track=moved)
 
 
-def _in_cell(args: LatencyArgs, console: Console) -> tuple[RecordedMotion, CameraCalibration]:
-    def plan(camera: CameraCalibration) -> Sequence[Float64Array]:
-        arm = args.installed.arm
-        held = HeldBoard(board=BOARD, T_tcp_board=T_TCP_BOARD, arm=arm.model, T_world_base=arm.T_world_base)
-        there = board_poses(held, camera, _POSES, np.random.default_rng(args.seed))
-        back = there[-2::-1]
-        # On the way back an offset of the stamps shifts the pictures to the other side, an error of the poses does not.
-        return (*there, *back, *there[1:], *back)
+def _cell(args: LatencyArgs) -> RunConfig:
+    return args.installed.cell(
+        late_config(args.seed, lens_distortion=args.lens_distortion, separate_cameras=args.separate_cameras)
+    )
 
+
+def _there_and_back(camera: CameraCalibration, args: LatencyArgs) -> Sequence[Float64Array]:
+    there = shown_poses(camera, _POSES, args)
+    back = there[-2::-1]
+    # On the way back an offset of the stamps shifts the pictures to the other side, an error of the poses does not.
+    return (*there, *back, *there[1:], *back)
+
+
+def _dry_run(args: LatencyArgs, console: Console) -> int:
+    return rehearse(_cell(args), partial(_there_and_back, args=args), 4 * (_POSES - 1) + 1, console, pause_s=0.0)
+
+
+def _in_cell(args: LatencyArgs, console: Console) -> tuple[RecordedMotion, CameraCalibration]:
     check_opengl()
     moves = 4 * (_POSES - 1)
     with progress_bar(console, "moves", moves) as progress:
         bar = progress.add_task("moves", total=moves)
-        config = late_config(args.seed, lens_distortion=args.lens_distortion)
+        config = _cell(args)
         taken = pictures_in_motion(
-            args.installed.cell(config), plan, lambda number, _: progress.update(bar, completed=number)
+            config, partial(_there_and_back, args=args), lambda number, _: progress.update(bar, completed=number)
         )
     return _motion_of(taken), taken.images[0].calibration
 

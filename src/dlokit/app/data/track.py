@@ -274,7 +274,7 @@ def _camera(args: TrackArgs, run: RunConfig) -> Camera:
         )
     if run.calibration:
         check_has_pose(run.calibration, read_calibration(Path(run.calibration)))
-    return placed_camera(run, NoCell())
+    return placed_camera(run, config.build(NoCell()))
 
 
 class NoCell:

@@ -78,6 +78,9 @@ def shaping(
 ) -> ShapingComparison:
     """Compare planners and observers on the same starts, goals and cells, judged by the ground truth.
 
+    With a camera and a driver in `settings` that are no cell the arm moves, and its own estimate judges; objects of
+    this program are then refused, as the processes of a live run do not know them.
+
     `planners` and `observers` are names of installed ones (``["rollout", "farthest"]``), or map names of your own to
     objects: a planner has ``propose(shape, goal, marks, tools)``, an observer ``estimate(seen, prior)``; the settings
     of an installed strategy, and its name, are allowed as well. Each run gets copies of its own. `suite` is

@@ -48,6 +48,9 @@ class NamedChoices:
     planner: str | None = None
 
 
+NOTHING_CHOSEN = NamedChoices()
+
+
 def chosen_settings(arguments: Sequence[str], config_file: Path | None) -> RunConfig:
     """The defaults of all other arguments. Raises `ConfigError`."""
     run = RunConfig() if config_file is None else read_toml(config_file, RunConfig)

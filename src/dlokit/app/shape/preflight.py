@@ -7,6 +7,7 @@ from typing import Any
 
 from rich.console import Console
 
+from dlokit.app.shape.questions import check_operator
 from dlokit.errors import ConfigError
 from dlokit.functional.cameras.recorded import RecordedCameraConfig
 from dlokit.functional.cameras.strategies import CAMERAS
@@ -17,14 +18,16 @@ from dlokit.system.hosts.placement import main_host
 from dlokit.system.table import VIEWER, processes_of_run
 
 
-def check_before_start(config: RunConfig) -> None:
+def check_before_start(config: RunConfig, *, operator_confirms: bool = False) -> None:
     """Raise `MachineError` or `ConfigError` for problems that would end the run later. Shapes are not checked here.
 
-    The system observes where the DLO lies, and the task judges the goal with the model.
+    The system observes where the DLO lies, and the task judges the goal with the model. With `operator_confirms` the
+    start of a real arm needs no terminal.
     """
     from dlokit.system.installation_checks import check_installation  # loads the kinematics
 
-    _require_one_world(config)
+    require_one_world(config)
+    check_operator(config, confirms=operator_confirms)
     if config.calibration:
         _check_calibration(config)
     check_installation(config)
@@ -56,7 +59,7 @@ def _check_calibration(config: RunConfig) -> None:
         check_same_camera(config.calibration, calibration, cell_camera(config.cell, config.installation))
 
 
-def _require_one_world(config: RunConfig) -> None:
+def require_one_world(config: RunConfig) -> None:
     """Raise `ConfigError` where the arm would move in another world than the one that the camera sees."""
     camera, driver = config.camera, config.driver
     if not config.dry_run and camera.sees_cell and not driver.in_cell:

@@ -3,20 +3,19 @@
 import asyncio
 import itertools
 import os
-import socket
 from collections.abc import AsyncGenerator, Callable, Sequence
 from contextlib import asynccontextmanager
 from pathlib import Path
 
 import msgspec
 import pytest
+from buses import bus_of, new_bus
 
 from dlokit.app.operate import stop
 from dlokit.app.operate.stop import StopArgs, Stopped, run_stop, stop_all
 from dlokit.communication.component import Component, implements
 from dlokit.communication.container import Container
 from dlokit.communication.timing.clock import LoopClock
-from dlokit.communication.zenoh.session import ZenohConfig
 from dlokit.communication.zenoh.transport import ZenohTransport
 from dlokit.decision.api import STOP_TASK
 from dlokit.errors import InputError, SkillFailure
@@ -63,16 +62,20 @@ class Task(Component):
 def noted(folder: Path, *, arms: int = 1) -> RunningSystem:
     folder.mkdir()
     (folder / CONFIG_FILE).write_text(to_toml(RunConfig(arms=2 if arms == 2 else 1)), encoding="utf-8")
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
-    namespace = f"dlokit_test_stop/{os.getpid()}/{next(numbers)}"
-    return RunningSystem(pid=os.getpid(), began_s=0.0, folder=str(folder), namespace=namespace, endpoint=endpoint)
+    bus = new_bus()
+    return RunningSystem(
+        pid=os.getpid(),
+        began_s=0.0,
+        folder=str(folder),
+        namespace=bus.namespace,
+        endpoint=bus.endpoint,
+        key=bus.key,
+    )
 
 
 @asynccontextmanager
 async def on_bus(system: RunningSystem, *components: Component) -> AsyncGenerator[None]:
-    transport = ZenohTransport(ZenohConfig(namespace=system.namespace, listen=(system.endpoint,)))
+    transport = ZenohTransport(bus_of(system).first())
     host = Container(transport, LoopClock())
     for component in components:
         host.add(component)

@@ -20,10 +20,11 @@ CONFIG = PerceptionConfig()
 
 
 NOMINAL = [pytest.param(CellConfig(dlo=preset), id=preset.name) for preset in PRESETS]
+SEPARATE = pytest.param(CellConfig(separate_cameras=True), id="separate cameras")
 RANDOM = CellConfig(dlo=WIRE_A, physics=ElastoplasticChain(), randomised=EVERY_FACTOR)
 
 
-@pytest.mark.parametrize("config", [*NOMINAL, pytest.param(RANDOM, id="randomised")])
+@pytest.mark.parametrize("config", [*NOMINAL, SEPARATE, pytest.param(RANDOM, id="randomised")])
 def test_every_preset_is_seen_completely_and_accurately_despite_the_pose_error(config: CellConfig):
     preset = config.dlo
     cell = Cell(config, seed=1)
