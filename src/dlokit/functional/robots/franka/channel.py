@@ -75,6 +75,8 @@ class Phase(enum.IntEnum):
     """The arm reports errors; it needs `recover`."""
     LOST = 5
     """No connection; this process ends."""
+    HOLDING = 6
+    """The set-points of a motion are at rest; the arm comes to them, then its own controller takes over."""
 
 
 class Ending(enum.IntEnum):

@@ -180,10 +180,13 @@ class Streamer:
             self._settle(course, reading, now_ns)
 
     def _settle(self, course: Course, reading: Reading, now_ns: int) -> None:
+        self._phase = Phase.HOLDING
         self._rest_ms = self._rest_ms or reading.robot_ms
         waited_s = (reading.robot_ms - self._rest_ms) / 1e3
         off_rad = float(np.max(np.abs(course.setpoint()[0] - reading.q)))
-        settled = off_rad < _SETTLED_RAD and float(np.max(np.abs(reading.dq))) < _SETTLED_RAD_S
+        # A braked arm only has to stand: no one has ordered it to an exact place.
+        at_place = course.braking or off_rad < _SETTLED_RAD
+        settled = at_place and float(np.max(np.abs(reading.dq))) < _SETTLED_RAD_S
         if settled or waited_s > _LONGEST_SETTLE_S:
             self._leave_control(now_ns)
 
@@ -206,8 +209,8 @@ class Streamer:
         if not course.braking:
             if not course.finished:  # else it has arrived
                 self._wanted_ending = why
+                self._phase = Phase.BRAKING
             course.brake()
-            self._phase = Phase.BRAKING
 
     def _ended(self, reading: Reading) -> None:
         """The arm has left control: at our request, or on its own."""
@@ -220,7 +223,7 @@ class Streamer:
         if ending is Ending.ARM:
             self._phase = Phase.FAULT
             self._latch(latch_of(reading.mode, self._errors))
-        elif self._phase in (Phase.MOVING, Phase.BRAKING):
+        elif self._phase in (Phase.MOVING, Phase.BRAKING, Phase.HOLDING):
             self._phase = Phase.IDLE
             self._took_s = (reading.robot_ms - self._began_ms) / 1e3
         self._publish(reading, self._new_ns)
