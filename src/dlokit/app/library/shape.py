@@ -59,9 +59,9 @@ def shape(
     settings by their path in `config.toml`, e.g. ``{"task.threshold_m": 0.008, "arms": 2}``; `config` is the
     config.toml of an earlier run, over which the other arguments take precedence. `runtime` ``"live"`` runs all
     processes in real time; `viewer` serves the page in the browser. `out` is an empty folder for what the run writes,
-    by default ``runs/<time>-<name>/``. With `progress` the steps and actions are printed while it runs. A run that moves
-    a real arm asks an operator in the terminal before anything moves; `operator_confirms` says instead that one stands
-    by and has checked what the questions ask.
+    by default ``runs/<time>-<name>/``. With `progress` the steps and actions are printed while it runs. A run that
+    moves a real arm asks an operator in the terminal before anything moves; `operator_confirms` says instead that one
+    stands by and has checked what the questions ask.
 
     Works in a script, in a notebook, and inside a running event loop, which it blocks. Ctrl-C ends the run with
     outcome ``cancelled``. Raises `InputError` where an argument cannot work, before anything starts.
