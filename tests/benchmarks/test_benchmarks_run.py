@@ -14,6 +14,7 @@ LIMIT_S = 400.0  # for a live run to start and end on a busy machine
 QUICK = {
     "bus": ("--repeats", "2", "--slow-s", "0.1"),
     "calibration": ("--seeds", "2", "--poses", "12"),
+    "camera_latency": ("--seeds", "1"),
     "feasibility": ("--seeds", "1", "--dlos", "soft_rope"),
     "franka_tracking": ("--repeats", "1"),
     "gate_values": ("--values", "20", "--calls", "1"),
@@ -29,6 +30,7 @@ QUICK = {
 LIVE = {
     "latency": ("--goal", "I", "--limit-s", "60"),
     "no_false_brakes": ("--minutes", "0.01", "--busy", "0", "--pages", "0"),
+    "soak": ("0.02",),
 }
 """These run `dlokit shape` live."""
 

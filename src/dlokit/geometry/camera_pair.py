@@ -7,7 +7,6 @@ the rows. Two cameras on a bracket are never that; their pictures are remapped t
 from dataclasses import dataclass
 from typing import Literal
 
-import cv2
 import msgspec
 import numpy as np
 import scipy
@@ -74,6 +73,8 @@ def rectified_pair(
     ``T_world_camera`` is kept as it is: it means the rectified frame. Raises `BadValue` where the second camera is not
     on the right of the first one.
     """
+    import cv2  # commands that only read pictures' calibrations must not wait for it
+
     x, y, _ = (float(value) for value in T_right_left[:3, 3])
     if x >= -abs(y):
         raise BadValue(

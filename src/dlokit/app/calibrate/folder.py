@@ -171,8 +171,8 @@ def _read_poses(path: Path) -> dict[str, tuple[Pose, Float64Array | None]]:
             poses[name] = geometry.pose(values[:3], values[3:7]), values[7:] if len(values) > _POSE_COLUMNS else None
         except (ValueError, IndexError, BadValue) as error:
             raise InputError(
-                f"{path}, line {number}: {error}; each line is NAME,x,y,z,qw,qx,qy,qz [m], in all lines or in none "
-                "with the angles of all joints [rad] behind, and the first line is a header."
+                f"{path}, line {number}: {error}; each line is NAME,x,y,z,qw,qx,qy,qz [m], in all or none of them with "
+                "the angles of all joints [rad] behind, and the first line is a header."
             ) from error
     return poses
 
