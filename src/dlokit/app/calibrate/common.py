@@ -1,8 +1,9 @@
 """What the commands of `dlokit calibrate` share: their pictures, the folder of their results, and their progress."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from datetime import date, datetime
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,24 +13,30 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from dlokit.app.calibrate.folder import camera_of_folder, read_pictures, write_pictures
+from dlokit.app.calibrate.installed import CalibratedInstallation
 from dlokit.app.commands import flag
 from dlokit.description.board import CharucoBoard
-from dlokit.errors import InputError, SkillFailure
+from dlokit.errors import EXIT_OTHERWISE, InputError, SkillFailure
 from dlokit.functional.cell.board import BOARD, T_TCP_BOARD
 from dlokit.functional.cell.rendering import check_opengl
 from dlokit.skills.perception.calibration.board_poses import HeldBoard, board_poses
 from dlokit.skills.perception.calibration.procedure import FEWEST_SHOTS, TakenPicture, find_shots
 from dlokit.skills.perception.calibration.stereo_rig import BoardShot
 from dlokit.system.calibration import (
+    REST_S,
     BoardPicture,
+    Plan,
     cell_config,
+    checked_poses,
     pictures_of_board_on_table,
     pictures_of_held_board,
     without_optics,
 )
+from dlokit.system.config import RunConfig
 from dlokit.system.results.run_folder import claim_run_folder, new_run_folder
 from dlokit.types.arrays import Float64Array
 from dlokit.types.image import CameraCalibration
+from dlokit.types.pose import Pose
 
 RUNS = Path("runs")
 _ON_TABLE = 5  # pictures of a board that lies still
@@ -54,8 +61,18 @@ class BoardArgs:
     """Seed of the simulated cell: noise, errors of print and joints, poses of the arm."""
     lens_distortion: bool = False
     """Calibrate the simulated camera with distorting lenses; a run uses the result with `--cell.lens-distortion`."""
+    installation: Annotated[Path | None, flag("FILE", "the default cell")] = None
+    """Where arm and table stand: the simulated cell is set up so, poses.csv of --from is in the base of its first arm,
+    and the pose of the camera in the result is in the frame of this file, which may then name it."""
+    separate_cameras: bool = False
+    """Calibrate two simulated cameras on a bracket that are not parallel; as `--cell.separate-cameras` of a run."""
     out: Annotated[Path | None, flag("DIR", "runs/<time>-calibrate-<name>/")] = None
     """Folder for calibration.toml and, from the cell, the pictures; it must be empty or new."""
+
+    @cached_property
+    def installed(self) -> CalibratedInstallation:
+        """The installation. Raises `ConfigError`, which names file and key."""
+        return CalibratedInstallation(self.installation)
 
     def __post_init__(self) -> None:
         if self.seed < 0:
@@ -65,6 +82,58 @@ class BoardArgs:
                 "the simulated cell has a board and a serial of its own; --board and --serial describe the pictures "
                 "of --from DIR."
             )
+
+
+@dataclass(frozen=True, kw_only=True)
+class HeldBoardArgs(BoardArgs):
+    """As `BoardArgs`, of a board in the hand of an arm that moves."""
+
+    dry_run: bool = False
+    """Plan the poses, move an arm in software through them, checked as the real one, and say how long it would take; no
+    arm moves, and nothing is written."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.dry_run and self.from_ is not None:
+            raise InputError("--from reads pictures and moves no arm: omit --dry-run.")
+
+
+def shown_poses(camera: CameraCalibration, poses: int, args: BoardArgs) -> Sequence[Float64Array]:
+    """Joint angles (J,) [rad] of poses in which the arm shows its board to the camera."""
+    arm = args.installed.arm
+    held = HeldBoard(board=BOARD, T_tcp_board=T_TCP_BOARD, arm=arm.model, T_world_base=arm.T_world_base)
+    return board_poses(held, camera, poses, np.random.default_rng(args.seed))
+
+
+def rehearse(config: RunConfig, plan: Plan, poses: int, console: Console, pause_s: float = REST_S) -> int:
+    """Check the motions of a calibration without moving an arm, and say the result; returns the exit code."""
+    check_opengl()
+    with progress_bar(console, "poses", poses) as progress:
+        bar = progress.add_task("poses", total=poses)
+
+        def advance(number: int, _: int) -> None:
+            progress.update(bar, completed=number)
+
+        checked = checked_poses(config, plan, advance, pause_s)
+    for line in checked.refused:
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
+    passed = checked.poses - len(checked.refused)
+    console.print(
+        f"dry run: {passed} of {checked.poses} motions pass all checks; the arm needs {checked.duration_s:.0f} s for "
+        "them, without pictures and fit. No arm has moved, and nothing is written.",
+        highlight=False,
+        soft_wrap=True,
+    )
+    return EXIT_OTHERWISE if checked.refused else 0
+
+
+def config_in_hand(args: BoardArgs, poses: int) -> RunConfig:
+    """The cell with the board in the hand. Raises `InputError` for too few poses."""
+    if poses < FEWEST_SHOTS:
+        raise InputError(f"--poses is {poses}; it must be {FEWEST_SHOTS} or greater.")
+    return args.installed.cell(
+        cell_config(args.seed, held=True, lens_distortion=args.lens_distortion, separate_cameras=args.separate_cameras)
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -83,13 +152,10 @@ def seen_in_hand(args: BoardArgs, poses: int, console: Console) -> Seen:
     """Pictures of a board in the hand: recorded ones, or of the cell with `poses` poses."""
     if args.from_ is not None:
         return _from_folder(args, args.from_, console)
-    if poses < FEWEST_SHOTS:
-        raise InputError(f"--poses is {poses}; it must be {FEWEST_SHOTS} or greater.")
-    config = cell_config(args.seed, held=True, lens_distortion=args.lens_distortion)
+    config = config_in_hand(args, poses)
 
     def plan(camera: CameraCalibration) -> Sequence[Float64Array]:
-        held = HeldBoard(board=BOARD, T_tcp_board=T_TCP_BOARD)
-        return board_poses(held, camera, poses, np.random.default_rng(args.seed))
+        return shown_poses(camera, poses, args)
 
     check_opengl()
     with progress_bar(console, "poses", poses) as progress:
@@ -98,11 +164,18 @@ def seen_in_hand(args: BoardArgs, poses: int, console: Console) -> Seen:
     return _from_cell(taken, console)
 
 
+def rehearse_in_hand(args: BoardArgs, poses: int, console: Console) -> int:
+    """The dry run of `seen_in_hand`; returns the exit code."""
+    return rehearse(config_in_hand(args, poses), lambda camera: shown_poses(camera, poses, args), poses, console)
+
+
 def seen_on_table(args: BoardArgs, console: Console) -> Seen:
     """Pictures of a board that lies on the table."""
     if args.from_ is not None:
         return _from_folder(args, args.from_, console)
-    config = cell_config(args.seed, held=False, lens_distortion=args.lens_distortion)
+    config = args.installed.cell(
+        cell_config(args.seed, held=False, lens_distortion=args.lens_distortion, separate_cameras=args.separate_cameras)
+    )
     check_opengl()
     with progress_bar(console, "pictures", _ON_TABLE) as progress:
         bar = progress.add_task("pictures", total=_ON_TABLE)
@@ -118,7 +191,7 @@ def result_folder(args: BoardArgs, name: str) -> Path:
 def keep_pictures(args: BoardArgs, folder: Path, seen: Seen) -> None:
     """Keep the pictures of the cell, so that `--from` fits them again."""
     if args.from_ is None:
-        write_pictures(folder, seen.pictures)
+        write_pictures(folder, _moved(seen.pictures, args.installed.world_to_base))
 
 
 def today() -> str:
@@ -132,7 +205,7 @@ def input_error(failure: SkillFailure) -> InputError:
 
 
 def _from_folder(args: BoardArgs, folder: Path, console: Console) -> Seen:
-    pictures = read_pictures(folder)
+    pictures = _moved(read_pictures(folder), args.installed.base_to_world)
     given = camera_of_folder(folder, pictures[0].left, args.serial, today())
     if args.serial and given.serial and args.serial != given.serial:
         raise InputError(
@@ -153,6 +226,11 @@ def _from_cell(taken: Sequence[BoardPicture], console: Console) -> Seen:
         for one in taken
     ]
     return _seen(pictures, BOARD, taken[0].images.calibration, console)
+
+
+def _moved(pictures: Sequence[TakenPicture], frame: Callable[[Pose], Pose]) -> list[TakenPicture]:
+    """The pictures with the poses of the arm in another frame."""
+    return [one if one.T_world_tcp is None else replace(one, T_world_tcp=frame(one.T_world_tcp)) for one in pictures]
 
 
 def _seen(pictures: list[TakenPicture], board: CharucoBoard, given: CameraCalibration, console: Console) -> Seen:

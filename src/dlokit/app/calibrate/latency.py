@@ -1,7 +1,8 @@
 """`dlokit calibrate latency`: by how much a camera's stamps are late, from a board in the hand of an arm that moves."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -9,7 +10,16 @@ import msgspec
 import numpy as np
 from rich.console import Console
 
-from dlokit.app.calibrate.common import BoardArgs, input_error, progress_bar, result_folder, today
+from dlokit import geometry
+from dlokit.app.calibrate.common import (
+    HeldBoardArgs,
+    input_error,
+    progress_bar,
+    rehearse,
+    result_folder,
+    shown_poses,
+    today,
+)
 from dlokit.app.calibrate.folder import CALIBRATION, RecordedMotion, camera_of_folder, read_motion, write_motion
 from dlokit.app.commands import CliCommand, flag
 from dlokit.errors import InputError, SkillFailure
@@ -22,21 +32,21 @@ from dlokit.functional.cameras.calibration_file import (
     read_table,
     write_calibration,
 )
-from dlokit.functional.cell.board import BOARD, T_TCP_BOARD
 from dlokit.functional.cell.rendering import check_opengl
-from dlokit.skills.perception.calibration.board_poses import HeldBoard, board_poses
 from dlokit.skills.perception.calibration.charuco import find_board
 from dlokit.skills.perception.calibration.latency import LatencyFit, StampedView, ToolTrack, fit_latency
 from dlokit.system.calibration import PicturesInMotion, late_config, pictures_in_motion
+from dlokit.system.config import RunConfig
 from dlokit.types.arrays import Float64Array
 from dlokit.types.image import CameraCalibration
+from dlokit.types.pose import Pose
 
 _POSES = 4
 """Poses that the simulated arm moves through, there and back, twice: 12 moves, about 95 pictures."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class LatencyArgs(BoardArgs):
+class LatencyArgs(HeldBoardArgs):
     """Find by how much the stamps of a camera are late, by a ChArUco board in the hand of the arm that moves.
 
     The arm moves back and forth, and the camera takes pictures meanwhile. The offset is that at which the board in the
@@ -51,7 +61,8 @@ class LatencyArgs(BoardArgs):
 
     Writes calibration.toml, the same calibration with the offset, which a run subtracts from the stamps; and the
     pictures, stamps and states of the cell, which --from reads again.
-    Exit code: 0; 2 when the pictures do not give an offset to 5 ms; 130 after Ctrl-C.
+    Exit code: 0; 3 when a dry run refuses a motion; 2 when the pictures do not give an offset to 5 ms; 130 after
+    Ctrl-C.
     """
 
     calibration: Annotated[Path | None, flag("FILE", "the simulated camera's own")] = None
@@ -66,13 +77,15 @@ def run(args: LatencyArgs) -> int:
     known = None if args.calibration is None else read_calibration(args.calibration)
     if known is not None:
         check_has_pose(str(args.calibration), known)
+    if args.dry_run:
+        return _dry_run(args, console)
     folder = result_folder(args, "latency")
-    motion, given = _recorded(args.from_, args.serial) if args.from_ is not None else _in_cell(args, console)
+    motion, given = _recorded(args, args.from_) if args.from_ is not None else _in_cell(args, console)
     if args.from_ is None:
-        write_motion(folder, motion, given)
+        write_motion(folder, _moved(motion, args.installed.world_to_base), given)
     if known is not None:
         check_same_camera(str(args.calibration), known, given)
-    camera = known or given
+    camera = given if known is None else args.installed.read(known)
     views = [
         StampedView(view=view, stamp_ns=stamp_ns)
         for picture, stamp_ns in zip(motion.pictures, motion.stamps_ns, strict=True)
@@ -84,30 +97,54 @@ def run(args: LatencyArgs) -> int:
     except SkillFailure as failure:
         raise input_error(failure) from failure
     _print(fit, console)
-    _write(folder / CALIBRATION, camera, fit, args.calibration)
+    _write(folder / CALIBRATION, args.installed.written(camera), fit, args.calibration)
     console.print(f"written: {folder / CALIBRATION}", highlight=False, markup=False, soft_wrap=True)
     return 0
 
 
-def _recorded(folder: Path, serial: str) -> tuple[RecordedMotion, CameraCalibration]:
-    motion = read_motion(folder)
-    return motion, camera_of_folder(folder, motion.pictures[0], serial, today())
+def _recorded(args: LatencyArgs, folder: Path) -> tuple[RecordedMotion, CameraCalibration]:
+    motion = _moved(read_motion(folder), args.installed.base_to_world)
+    return motion, camera_of_folder(folder, motion.pictures[0], args.serial, today())
+
+
+def _moved(motion: RecordedMotion, frame: Callable[[Pose], Pose]) -> RecordedMotion:
+    """The motion with the poses of the arm in another frame."""
+    track = motion.track
+    poses = [frame(geometry.pose(*one)) for one in zip(track.position_m, track.wxyz, strict=True)]
+    moved = ToolTrack(
+        stamps_ns=track.stamps_ns,
+        position_m=np.array([pose.position_m for pose in poses]),
+        wxyz=np.array([pose.wxyz for pose in poses]),
+    )
+    return replace(motion, track=moved)
+
+
+def _cell(args: LatencyArgs) -> RunConfig:
+    return args.installed.cell(
+        late_config(args.seed, lens_distortion=args.lens_distortion, separate_cameras=args.separate_cameras)
+    )
+
+
+def _there_and_back(camera: CameraCalibration, args: LatencyArgs) -> Sequence[Float64Array]:
+    there = shown_poses(camera, _POSES, args)
+    back = there[-2::-1]
+    # On the way back an offset of the stamps shifts the pictures to the other side, an error of the poses does not.
+    return (*there, *back, *there[1:], *back)
+
+
+def _dry_run(args: LatencyArgs, console: Console) -> int:
+    return rehearse(_cell(args), partial(_there_and_back, args=args), 4 * (_POSES - 1) + 1, console, pause_s=0.0)
 
 
 def _in_cell(args: LatencyArgs, console: Console) -> tuple[RecordedMotion, CameraCalibration]:
-    def plan(camera: CameraCalibration) -> Sequence[Float64Array]:
-        held = HeldBoard(board=BOARD, T_tcp_board=T_TCP_BOARD)
-        there = board_poses(held, camera, _POSES, np.random.default_rng(args.seed))
-        back = there[-2::-1]
-        # On the way back an offset of the stamps shifts the pictures to the other side, an error of the poses does not.
-        return (*there, *back, *there[1:], *back)
-
     check_opengl()
     moves = 4 * (_POSES - 1)
     with progress_bar(console, "moves", moves) as progress:
         bar = progress.add_task("moves", total=moves)
-        config = late_config(args.seed, lens_distortion=args.lens_distortion)
-        taken = pictures_in_motion(config, plan, lambda number, _: progress.update(bar, completed=number))
+        config = _cell(args)
+        taken = pictures_in_motion(
+            config, partial(_there_and_back, args=args), lambda number, _: progress.update(bar, completed=number)
+        )
     return _motion_of(taken), taken.images[0].calibration
 
 

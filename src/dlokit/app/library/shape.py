@@ -14,6 +14,7 @@ from dlokit.app.library.run import Run
 from dlokit.app.library.settings import named_or_saved, with_settings
 from dlokit.app.shape.job import NamedChoices, job_from_config, with_absolute_files, with_choices
 from dlokit.app.shape.preflight import check_before_start, prepare
+from dlokit.app.shape.questions import TerminalOperator
 from dlokit.app.shape.shape import RUNS, again_by_config, run_and_report
 from dlokit.app.shape.terminal import RunDisplay
 from dlokit.errors import ConfigError, require_cell
@@ -35,6 +36,7 @@ def shape(
     dlo: str | None = None,
     physics: str | None = None,
     randomised: bool = False,
+    installation: Path | str | None = None,
     camera: str | None = None,
     observer: str | OwnObserver | ObserverStrategyConfig | None = None,
     segmentation: str | None = None,
@@ -45,18 +47,21 @@ def shape(
     config: Path | str | None = None,
     out: Path | str | None = None,
     progress: bool = True,
+    operator_confirms: bool = False,
 ) -> Run:
     """Bring the DLO of the simulated cell from a start to a goal by looking at it with a camera.
 
     `start` and `goal` are ``"I"``, ``"S"``, ``"random"``, a .npy or .csv file, or points (K, 2) or (K, 3) [m] in the
     world frame along the curve, in the order of the rod. `seed` determines everything random; equal arguments give
-    equal runs, to the bit. `dlo`, `physics`, `randomised`, `camera`, `observer`, `segmentation` and `planner` are
-    names, as `dlokit shape --help` lists them; `observer` and `planner` may also be objects of your own, as for
-    `dlokit.bench.shaping`. `settings` are further settings by their path in `config.toml`, e.g.
-    ``{"task.threshold_m": 0.008, "arms": 2}``; `config` is the config.toml of an earlier run, over which the other
-    arguments take precedence. `runtime` ``"live"`` runs all processes in real time; `viewer` serves the page in the
-    browser. `out` is an empty folder for what the run writes, by default ``runs/<time>-<name>/``. With `progress`
-    the steps and actions are printed while it runs.
+    equal runs, to the bit. `installation` is a file that says where table, arms and camera stand. `dlo`, `physics`,
+    `randomised`, `camera`, `observer`, `segmentation` and `planner` are names, as `dlokit shape --help` lists them;
+    `observer` and `planner` may also be objects of your own, as for `dlokit.bench.shaping`. `settings` are further
+    settings by their path in `config.toml`, e.g. ``{"task.threshold_m": 0.008, "arms": 2}``; `config` is the
+    config.toml of an earlier run, over which the other arguments take precedence. `runtime` ``"live"`` runs all
+    processes in real time; `viewer` serves the page in the browser. `out` is an empty folder for what the run writes,
+    by default ``runs/<time>-<name>/``. With `progress` the steps and actions are printed while it runs. A run that
+    moves a real arm asks an operator in the terminal before anything moves; `operator_confirms` says instead that one
+    stands by and has checked what the questions ask.
 
     Works in a script, in a notebook, and inside a running event loop, which it blocks. Ctrl-C ends the run with
     outcome ``cancelled``. Raises `InputError` where an argument cannot work, before anything starts.
@@ -72,6 +77,7 @@ def shape(
         dlo=dlo,
         physics=physics,
         randomised=randomised,
+        installation=installation,
         camera=camera,
         observer=_name_of(observer),
         segmentation=segmentation,
@@ -86,8 +92,9 @@ def shape(
         run = replace(run, start=named_or_saved(start, "start", folder), goal=named_or_saved(goal, "goal", folder))
         run = with_absolute_files(run)
         job = replace(job_from_config(run), name=name)
-        check_before_start(run)
-        display = _Display(console, title=name, threshold_m=run.task.threshold_m)
+        check_before_start(run, operator_confirms=operator_confirms)
+        operator = TerminalOperator(confirms=operator_confirms)
+        display = _Display(console, title=name, threshold_m=run.task.threshold_m, operator=operator)
 
         def whole() -> Run:
             prepare(console, run)

@@ -8,11 +8,14 @@ import msgspec
 from dlokit.benches.faults.table import Ending, Fault
 from dlokit.benches.report import BenchFigure, figure
 from dlokit.benches.shaping.metrics import FALSE_BEYOND_M
+from dlokit.errors import EXIT_FAULT
 from dlokit.evaluation.statistics import Interval, median, success_rate, without_interval
 from dlokit.types.flow import RunOutcome
 
 BRAKES_WITHIN_S = 0.25
 """Limit on the time until an arm that has lost its commander begins to brake [s]."""
+NAMED_WITHIN_S = 2.0
+"""Limit on the time until a camera that gives no pictures is named [s]."""
 LOST_S = 1.0
 """Limit on the loss at the end of a recording whose writer was killed [s]."""
 
@@ -37,7 +40,7 @@ class RunFinding(msgspec.Struct, frozen=True, kw_only=True):
     exit_code: int | None = None
     """Exit code of the run's process; None: it did not end, and the bench killed it."""
     outcome: RunOutcome | None = None
-    """As in `result.json`, of the resumed run if there is one; None: there is no result."""
+    """As in `result.json`, of the resumed run if there is one; without that file as printed; None: there is none."""
     reason: str = ""
     actions: int | None = None
     rmse_m: float | None = None
@@ -51,6 +54,8 @@ class RunFinding(msgspec.Struct, frozen=True, kw_only=True):
     """Whether the arm was at rest in its last report; None: it has died with its cell."""
     recovered_after_s: float | None = None
     """Time from the fault until the flow continues [s]; 0 if it never stopped; None: it did not continue."""
+    named_s: float | None = None
+    """Time from the first picture that did not come until the flow named the fault [s]; None: it did not."""
     restarts: dict[str, int] = {}
     readable: bool = False
     """Whether the recording can be read."""
@@ -62,6 +67,10 @@ class RunFinding(msgspec.Struct, frozen=True, kw_only=True):
     """Number of messages missing in a complete recording, by their sequence numbers."""
     remaining_processes: tuple[str, ...] = ()
     """Processes that still existed long after the run's end."""
+    incomplete: bool = False
+    """Whether the run printed that files are missing."""
+    traceback: bool = False
+    """Whether the run printed a traceback."""
     wall_s: float = 0.0
 
 
@@ -75,17 +84,35 @@ def faults_of(finding: RunFinding, fault: Fault) -> tuple[str, ...]:
         wrong.append(f"it ended as {_ending(finding)} instead of {asked}")
     if fault.brakes and finding.moved and finding.braked_s is None:
         wrong.append("the arm did not brake")
+    if fault.named and finding.named_s is None:
+        wrong.append(f"{fault.named} was not named")
+    if finding.named_s is not None and finding.named_s > NAMED_WITHIN_S:
+        wrong.append(f"{fault.named} was named after {finding.named_s:.1f} s")
     if finding.stands is False:
         wrong.append("the arm was not at rest at the end")
     if finding.remaining_processes:
         wrong.append(f"{len(finding.remaining_processes)} processes remained")
     if falsely_converged(finding):
         wrong.append("it converged falsely")
-    if not finding.readable:
+    if fault.disk:
+        wrong += _of_bad_disk(finding)
+    elif not finding.readable:
         wrong.append("its recording cannot be read")
     if finding.lost_s is not None and finding.lost_s > LOST_S:
         wrong.append(f"its recording lacks {finding.lost_s:.1f} s")
     return tuple(wrong)
+
+
+def _of_bad_disk(finding: RunFinding) -> list[str]:
+    """Defects of a run whose disk refused files."""
+    wrong: list[str] = []
+    if finding.exit_code != EXIT_FAULT:
+        wrong.append(f"its exit code is {finding.exit_code} instead of {EXIT_FAULT}")
+    if not finding.incomplete:
+        wrong.append("it did not say which files are missing")
+    if finding.traceback:
+        wrong.append("it printed a traceback")
+    return wrong
 
 
 def ends_right(finding: RunFinding, right: Sequence[Ending]) -> bool:
@@ -167,6 +194,7 @@ def recovered_s(finding: RunFinding) -> float | None:
 VALUES: tuple[tuple[str, Callable[[RunFinding], float | None], str], ...] = (
     ("time to recover", recovered_s, "s"),
     ("braking begins after", lambda finding: finding.braked_s, "s"),
+    ("named after", lambda finding: finding.named_s, "s"),
     ("recording lacks", lambda finding: finding.lost_s, "s"),
     ("true RMSE", lambda finding: finding.true_rmse_m, "m"),
 )
