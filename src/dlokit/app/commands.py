@@ -66,7 +66,7 @@ COMMANDS: Mapping[str, CommandRow] = {
     ),
     "bench shaping": CommandRow(
         "bench.shaping",
-        "Compare planners and observers on the same starts, goals and cells, in lockstep, judged by the ground truth.",
+        "Compare planners and observers on the same starts and goals; in the simulated cell the ground truth judges.",
     ),
     "bench observers": CommandRow(
         "bench.observers", "Compare observers on simulated and recorded sequences whose nodes are known."
@@ -111,6 +111,10 @@ COMMANDS: Mapping[str, CommandRow] = {
     "calibrate table": CommandRow(
         "calibrate.table",
         "Measure height and tilt of the table in the arm's world, from a ChArUco board that lies on it.",
+    ),
+    "calibrate box": CommandRow(
+        "calibrate.box",
+        "Choose the plane of the table and the workspace of the arm in the viewer, in the camera's live cloud.",
     ),
     "calibrate latency": CommandRow(
         "calibrate.latency",

@@ -89,7 +89,7 @@ class Skill(Generic[P, R]):
         return f"{self.component}.{self.name}"
 
     def at(self, instance: str) -> "Skill[P, R]":
-        """The skill of another instance: `MOVE_TO.at("opposite")`; an empty name is the first instance."""
+        """The skill of another instance: `MOVE_TO.at("second")`; an empty name is the first instance."""
         return _addressed(self, instance)
 
     @cached_property

@@ -13,6 +13,7 @@ from dlokit.decision.config import TaskConfig
 from dlokit.decision.faults import result_of
 from dlokit.decision.flow import FlowError
 from dlokit.decision.records import ActionRecord, CameraReport, GoalRequest
+from dlokit.description.arm.mounts import INSTANCES
 from dlokit.types.arrays import Float64Array
 from dlokit.types.dlo import DloState, GoalShape
 from dlokit.types.feasibility import GoalVerdict, Standing
@@ -94,7 +95,7 @@ class ShapeTask:
     port: Port
     config: TaskConfig
     robots: tuple[str, ...] = (FIRST_ROBOT,)
-    """Names of the arms."""
+    """Names of the arms, in the order of `INSTANCES`."""
     stopwatch: Callable[[], float]
     """The machine's monotonic clock [s], for timings alone."""
     odometer: Odometer
@@ -121,6 +122,11 @@ class ShapeTask:
     camera: CameraReport | None = None
     reason: str | None = None
     """Why the task ends, if it ends here; one line for people."""
+
+    @property
+    def instances(self) -> tuple[str, ...]:
+        """The addresses of the arms."""
+        return INSTANCES[: len(self.robots)]
 
     @property
     def shape(self) -> DloState:

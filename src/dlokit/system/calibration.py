@@ -76,15 +76,18 @@ class CheckedPoses:
     """How long the arm would need, with its pauses, by its own clock [s]."""
 
 
-def cell_config(seed: int, *, held: bool, lens_distortion: bool) -> RunConfig:
+def cell_config(seed: int, *, held: bool, lens_distortion: bool, separate_cameras: bool = False) -> RunConfig:
     """The cell with a board, in the hand of the arm or on the table."""
     run = RunConfig(seed=seed, headless=True, record=False)
-    return replace(run, cell=replace(run.cell, board=CellBoard(held=held), lens_distortion=lens_distortion))
+    cell = replace(
+        run.cell, board=CellBoard(held=held), lens_distortion=lens_distortion, separate_cameras=separate_cameras
+    )
+    return replace(run, cell=cell)
 
 
-def late_config(seed: int, *, lens_distortion: bool) -> RunConfig:
+def late_config(seed: int, *, lens_distortion: bool, separate_cameras: bool = False) -> RunConfig:
     """The cell with a board in the hand of the arm, and a camera whose clock drifts and whose pictures come late."""
-    run = cell_config(seed, held=True, lens_distortion=lens_distortion)
+    run = cell_config(seed, held=True, lens_distortion=lens_distortion, separate_cameras=separate_cameras)
     return replace(run, cell=replace(run.cell, camera_late_s=CAMERA_LATE_S, camera_drift_ppm=CAMERA_DRIFT_PPM))
 
 
@@ -221,6 +224,8 @@ def without_optics(camera: CameraCalibration, date: str) -> CameraCalibration:
         baseline_m=None,
         distortion=None,
         distortion_right=None,
+        raw_left=None,
+        raw_right=None,
         date=date,
         T_world_camera=geometry.pose((0.0, 0.0, 0.0)),
     )

@@ -1,4 +1,8 @@
-"""`dlokit bench shaping`: compare planners and observers on the same starts and goals, judged by the ground truth."""
+"""`dlokit bench shaping`: compare planners and observers on the same starts and goals.
+
+In a simulated cell the ground truth judges them; on a real arm with a real camera there is none, and the system's own
+estimate does, which table and JSON file then say.
+"""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -13,10 +17,20 @@ from rich.table import Table
 
 from dlokit.app.bench.progress import followed
 from dlokit.app.commands import CliCommand, flag
-from dlokit.app.shape.job import NamedChoices, file_after, with_choices
-from dlokit.app.shape.preflight import prepare, require_camera_of_cell, require_homes_above_table
+from dlokit.app.shape.job import NOTHING_CHOSEN, NamedChoices, file_after, value_of, with_choices
+from dlokit.app.shape.preflight import check_before_start, prepare, require_one_world
 from dlokit.benches.report import bench_json
-from dlokit.benches.shaping.cases import IDEAL, CaseResult, ShapingCase, ShapingMethod, cases, methods_of, with_method
+from dlokit.benches.shaping.cases import (
+    IDEAL,
+    OWN_ESTIMATE,
+    CaseResult,
+    ShapingCase,
+    ShapingMethod,
+    cases,
+    judged_by_truth,
+    methods_of,
+    with_method,
+)
 from dlokit.benches.shaping.experiments import Experiment
 from dlokit.benches.shaping.figures import (
     COLUMNS,
@@ -30,13 +44,15 @@ from dlokit.benches.shaping.figures import (
 )
 from dlokit.benches.shaping.metrics import falsely_converged, standing
 from dlokit.benches.shaping.pictures import draw
+from dlokit.benches.shaping.runner import runtime_of
 from dlokit.benches.shaping.suites import SEEDS_APART, SUITE_NAMES, VERSION, suite_of
 from dlokit.benches.shaping.sweep import Workers, check_address, claim_sweep_folder, describe, run_sweep
+from dlokit.communication.strategies import StrategyKind
 from dlokit.errors import EXIT_FAULT, ConfigError, InputError
 from dlokit.functional.cameras.strategies import CAMERAS
 from dlokit.functional.cell.config import EVERY_FACTOR
+from dlokit.functional.robots.strategies import DRIVERS
 from dlokit.system.config import RunConfig
-from dlokit.system.installation_file import with_installation
 from dlokit.system.own_strategies import NOTHING_OWN, OwnStrategies
 from dlokit.system.results.run_folder import new_run_folder
 from dlokit.system.results.run_record import machine_facts
@@ -54,11 +70,14 @@ def line_of(done: CaseResult) -> str:
     case, result = done.case, done.result
     rmse = "-" if result.rmse_m is None else f"{result.rmse_m * 1e3:.1f} mm"
     true = "-" if result.true_rmse_m is None else f"{result.true_rmse_m * 1e3:.1f} mm"
+    judged, took = f"true {true:>8}", f"{result.sim_time_s:6.1f} s simulated in {result.wall_time_s:6.1f} s"
+    if result.rmse_m is not None and result.true_rmse_m is None:
+        judged, took = "by own estimate", f"{result.wall_time_s:6.1f} s"
     actions = "action" if result.actions == 1 else "actions"
     return (
         f"{case.experiment.name:12} seed {case.seed}  {case.method.name:14}  {result.outcome.value:10} "
-        f"{result.actions:3d} {actions:7}  RMSE {rmse:>8}  true {true:>8}  "
-        f"{result.sim_time_s:6.1f} s simulated in {result.wall_time_s:6.1f} s"
+        f"{result.actions:3d} {actions:7}  RMSE {rmse:>8}  {judged}  "
+        f"{took}"
         + ("  (FALSE)" if falsely_converged(result) else "")
         + (f"  ({result.reason})" if result.reason else "")
     )
@@ -80,16 +99,16 @@ def print_results(results: Sequence[CaseResult], console: Console) -> None:
 
 
 def _table(results: Sequence[CaseResult]) -> Table:
-    table = Table(
-        caption="median (largest) over runs; by kind: all runs; false: only the estimate is below the threshold"
-    )
+    truth = judged_by_truth(results)
+    false = "false: only the estimate is below the threshold" if truth else f"judged by {OWN_ESTIMATE}"
+    table = Table(caption=f"median (largest) over runs; by kind: all runs; {false}")
     for at, heading in enumerate(COLUMNS):
         table.add_column(heading, justify="left" if at < _LEFT else "right", no_wrap=True)
     few = len({done.case.experiment.name for done in results}) <= MOST_EXPERIMENTS
     rows = chain(experiment_rows(results), group_rows(results)) if few else group_rows(results)
     # When all goals have the same verdict, the row equals the last one and is omitted.
     repeated = {verdict_row(said) for said in Standing if all(standing(done.result) is said for done in results)}
-    for row in overview(row for row in rows if row.name not in repeated):
+    for row in overview((row for row in rows if row.name not in repeated), truth=truth):
         table.add_row(*row)
     return table
 
@@ -99,29 +118,35 @@ QUICK_SEEDS = {"paper": 3, "goals": 1, "stiffness": 2, "wires": 1}
 QUICK_JOBS = 2
 
 
-def shaping_defaults(config_file: Path | None = None, installation: Path | None = None) -> RunConfig:
-    """The default settings of every run: those of dlokit, or of files. Raises `ConfigError`."""
+def shaping_defaults(config_file: Path | None = None, chosen: NamedChoices = NOTHING_CHOSEN) -> RunConfig:
+    """The default settings of every run: those of dlokit, or of files, with what is chosen by name.
+
+    Raises `ConfigError`.
+    """
     run = RunConfig() if config_file is None else read_toml(config_file, RunConfig)
-    run = run if installation is None else with_installation(run, installation)
+    run = with_choices(run, chosen, "--")
     # The bench compares the verdict with the outcome, so it also tries goals judged infeasible.
     return replace(run, record=False, task=replace(run.task, infeasible="try"))
 
 
-def _camera_of_cell() -> Any:
-    """A flag that takes the name of an installed camera; names are looked up when the command line is built."""
-    return tyro.conf.arg(constructor_factory=CAMERAS.names, help_behavior_hint="(default: the configuration's)")
+def _one_of(kind: StrategyKind[Any]) -> Any:
+    """A flag that takes an installed camera or driver; names are looked up when the command line is built."""
+    return tyro.conf.arg(constructor_factory=kind.names, help_behavior_hint="(default: the configuration's)")
 
 
 @dataclass(frozen=True, kw_only=True)
 class ShapingArgs:
-    """Compare planners and observers on the same starts, goals and cells, in lockstep, judged by the ground truth.
+    """Compare planners and observers on the same starts and goals; in the simulated cell the ground truth judges.
 
     Try
       dlokit bench shaping --quick --planner farthest,rollout
       dlokit bench shaping --suite goals goals.npy --randomised --seeds 2 --jobs 2 --out runs/goals
       dlokit bench shaping --suite stiffness --oracle
       dlokit bench shaping --suite wires --randomised --config examples/configurations/wire.toml
+      dlokit bench shaping --installation lab.toml --driver my-arm --out runs/lab      your own arm and camera
 
+    Without a cell the runs are live and judged by the system's own estimate. Before each case the arm brings the DLO
+    to the case's start; it leaves a DLO that lies there already, from the previous case or laid by hand.
     Prints tables with 95 % intervals, draws start, goal and end of every case, and stores the files of each run in its
     own folder. Ctrl-C keeps the finished runs; the same command with the same --out continues the sweep.
     """
@@ -135,8 +160,10 @@ class ShapingArgs:
     """Use seeds F to F+K-1 instead of 0 to K-1, to report on other seeds than those used for tuning (1000 and more)."""
     planner: Annotated[str, flag("NAMES", "the configuration's")] = ""
     """Planners to compare on the same starts, e.g. farthest,rollout."""
-    camera: Annotated[str | None, _camera_of_cell()] = None
-    """What the system sees the cell with: simulated (the paper's stereo camera) or simulated-d435 (a depth camera)."""
+    camera: Annotated[str | None, _one_of(CAMERAS)] = None
+    """Camera, as in `dlokit shape`: simulated (the paper's stereo camera) and simulated-d435 (depth) see the cell."""
+    driver: Annotated[str | None, _one_of(DRIVERS)] = None
+    """What moves the arm: simulated (the cell), or the driver of an installed package, with a real camera."""
     observer: Annotated[str, flag("NAMES", "the configuration's")] = ""
     """Observers to compare, each combined with every planner, e.g. map,cpd."""
     randomised: bool = False
@@ -158,7 +185,7 @@ class ShapingArgs:
     installation: Annotated[Path | None, flag("FILE", "the configuration's")] = None
     """Where table, arms and camera stand, as in `dlokit shape --installation`."""
     run: Annotated[RunConfig, tyro.conf.arg(name="")] = field(default_factory=shaping_defaults)
-    """Settings of every run; the bench sets start, goal, seed and runtime. The bench also tries goals judged
+    """Settings of every run; the bench sets start, goal, seed, runtime and headless. The bench also tries goals judged
     infeasible, and records runs only with `--record`."""
 
 
@@ -185,10 +212,13 @@ def compare(
     """
     suite, experiments = _suite(args)
     config, methods, todo, workers = _plan(args, suite, experiments)
+    if not config.has_cell:
+        _check_without_cell(args, config, experiments, workers, own)
     _check_writable(args.json)
     folder = args.out or new_run_folder(Path("runs"), "bench-shaping", datetime.now())
     claim_sweep_folder(folder, config, suite, experiments, oracle=args.oracle)
     console.print(_headline(args, suite, config, todo), highlight=False, soft_wrap=True)
+    _before_arm_moves(config, console)
     if not args.cluster:
         for method in methods:
             prepare(console, with_method(config, method))
@@ -205,7 +235,9 @@ def compare(
     results.sort(key=_order(todo))
     if args.json is not None:
         described = describe(config, suite, experiments, oracle=args.oracle)
-        facts = {**described, "seeds": sorted({case.seed for case in todo}), "jobs": workers.jobs}
+        judge = "ground truth of the simulated cell (true_rmse_m)" if judged_by_truth(results) else OWN_ESTIMATE
+        seeds = sorted({case.seed for case in todo})
+        facts = {**described, "seeds": seeds, "jobs": workers.jobs, "judged_by": judge}
         args.json.write_bytes(bench_json("shaping", figures(results), machine_facts(), facts))
         console.print(f"figures: {args.json}", soft_wrap=True)
     pictures = draw(results, folder)
@@ -234,7 +266,8 @@ def _plan(
 ) -> tuple[RunConfig, tuple[ShapingMethod, ...], list[ShapingCase], Workers]:
     """Determine the runs; raise an error for invalid arguments before any run starts."""
     seeds = args.seeds if args.seeds is not None else (QUICK_SEEDS[suite] if args.quick else FULL_SEEDS)
-    jobs = args.jobs if args.jobs is not None else (QUICK_JOBS if args.quick else 1)
+    config = _randomised(_seen(args))
+    jobs = args.jobs if args.jobs is not None else (QUICK_JOBS if args.quick and config.has_cell else 1)
     if seeds < 1 or jobs < 1 or args.first_seed < 0 or args.first_seed + seeds > SEEDS_APART:
         raise ConfigError(
             f"--seeds {seeds}, --jobs {jobs}, --first-seed {args.first_seed}: they must be at least 1, 1 and 0, and "
@@ -243,7 +276,6 @@ def _plan(
     if args.oracle and args.observer:
         raise ConfigError(f"--oracle replaces the observer: omit --observer {args.observer}.")
     observers = (IDEAL,) if args.oracle else _names(args.observer)
-    config = _randomised(_seen(args))
     methods = methods_of(config, observers, _names(args.planner))
     for method in methods:
         with_method(config, method)
@@ -254,10 +286,54 @@ def _plan(
 
 def _seen(args: ShapingArgs) -> ShapingArgs:
     """The arguments with the camera chosen by name. Raises `ConfigError` where it does not see the cell."""
-    run = with_choices(args.run, NamedChoices(camera=args.camera), "--")
-    require_camera_of_cell(run)
-    require_homes_above_table(run)
+    run = with_choices(args.run, NamedChoices(camera=args.camera, driver=args.driver), "--")
+    planned = replace(run, runtime=runtime_of(run), headless=True, goal="S")
+    if planned.has_cell:  # not all of `check_before_start`: an oracle needs no OpenGL
+        require_one_world(planned)
+        from dlokit.system.installation_checks import check_installation  # loads the kinematics
+
+        check_installation(planned)
+    else:
+        check_before_start(planned)
     return replace(args, run=run)
+
+
+def _check_without_cell(
+    args: ShapingArgs, config: RunConfig, experiments: Sequence[Experiment], workers: Workers, own: OwnStrategies
+) -> None:
+    """Raise `ConfigError` for what only a simulated cell can do, or know."""
+    where = f"--camera {config.camera.name} and --driver {config.driver.name} are no simulated cell"
+    if args.oracle:
+        raise ConfigError(f"{where}, whose ground truth --oracle takes: omit it.")
+    if config.cell.randomised:
+        raise ConfigError(f"{where}, which --randomised draws from each seed: omit it.")
+    if workers.jobs > 1 or workers.cluster:
+        raise ConfigError(f"{where}: there is one arm, so runs cannot go on side by side: --jobs 1, no --cluster.")
+    if changed := next((one for one in experiments if one.dlo is not None), None):
+        raise ConfigError(
+            f"{where}, in which suite {args.suite[0]} changes the DLO ({changed.name}): choose --suite paper or goals, "
+            "once for each DLO that you lay on the table."
+        )
+    if own.planners or own.observers:
+        raise ConfigError(
+            f"{where}: its processes do not know objects of this program; install the strategies as a package "
+            "(docs/how-to/add-a-planner.md)."
+        )
+
+
+def _before_arm_moves(config: RunConfig, console: Console) -> None:
+    """Tell the operator what the arm will do, once for all runs of a sweep.
+
+    The one place for questions to the operator before a sweep moves a real arm: the runs themselves ask nothing, as
+    they follow one another for hours.
+    """
+    if config.moves_real_arm:
+        console.print(
+            f"--driver {config.driver.name} moves a real arm, in every case, and before it to lay the case's start; "
+            "`dlokit stop` in another terminal brakes it, Ctrl-C ends the sweep",
+            highlight=False,
+            soft_wrap=True,
+        )
 
 
 def _randomised(args: ShapingArgs) -> RunConfig:
@@ -280,6 +356,12 @@ def _check_writable(path: Path | None) -> None:
 
 
 def _headline(args: ShapingArgs, suite: str, config: RunConfig, todo: Sequence[ShapingCase]) -> str:
+    if not config.has_cell:
+        moved = "no arm moves (dry run)" if config.dry_run else f"moved by driver {config.driver.name}"
+        return (
+            f"suite {suite}, version {VERSION}: {len(todo)} runs, {moved}, seen by camera "
+            f"{config.camera.name}, threshold {config.task.threshold_m * 1e3:g} mm, judged by {OWN_ESTIMATE}"
+        )
     drawn = "a randomised cell for each seed" if config.cell.randomised else "one cell for all"
     seen = "state from the ground truth (oracle)" if args.oracle else f"seen by camera {config.camera.name}"
     threshold_mm = config.task.threshold_m * 1e3
@@ -293,7 +375,12 @@ def _order(todo: Sequence[ShapingCase]) -> Callable[[CaseResult], int]:
 
 def _defaults(arguments: Sequence[str]) -> ShapingArgs:
     config, installation = (file_after(flag, arguments) for flag in ("--config", "--installation"))
-    return ShapingArgs(config=config, installation=installation, run=shaping_defaults(config, installation))
+    chosen = NamedChoices(
+        installation=value_of(arguments, "--installation"),
+        camera=value_of(arguments, "--camera"),
+        driver=value_of(arguments, "--driver"),
+    )
+    return ShapingArgs(config=config, installation=installation, run=shaping_defaults(config, chosen))
 
 
 COMMAND = CliCommand(ShapingArgs, run_shaping, _defaults)

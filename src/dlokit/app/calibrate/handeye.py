@@ -29,6 +29,7 @@ from dlokit.functional.cameras.calibration_file import (
     write_calibration,
 )
 from dlokit.skills.perception.calibration.procedure import CalibratedPose, calibrate_pose, workspace_corners
+from dlokit.types.arrays import Float64Array
 
 POSES = 25
 """With these the pose of the cell's camera is good to 0.1 mm, but for what the first joint is off by."""
@@ -73,11 +74,12 @@ def run(args: HandeyeArgs) -> int:
         if known is not None:
             check_same_camera(str(args.intrinsics), known, seen.given)
             known = msgspec.structs.replace(known, date=today())
-        found = calibrate_pose(seen.shots, args.board, known or seen.camera, fit_optics=known is None)
+        arm = args.installed.arm.model
+        found = calibrate_pose(seen.shots, args.board, known or seen.camera, fit_optics=known is None, arm=arm)
     except SkillFailure as failure:
         raise input_error(failure) from failure
-    _print(found, seen, console)
-    write_calibration(folder / CALIBRATION, found.fit.camera, residual_of(found))
+    _print(found, seen, args, console)
+    write_calibration(folder / CALIBRATION, args.installed.written(found.fit.camera), residual_of(found))
     console.print(f"written: {folder / CALIBRATION}", highlight=False, markup=False, soft_wrap=True)
     if not found.fit.camera.serial:
         console.print("no serial is known: every camera will accept the file; give --serial", highlight=False)
@@ -94,10 +96,17 @@ def residual_of(found: CalibratedPose) -> CalibrationResidual:
         held_out_deg=float(np.degrees(np.percentile(found.apart.angle_rad, _PERCENTILE))),
         corners_m=float(found.corners_m.max()),
         print_scale=found.fit.print_scale,
+        reported_m=float(np.percentile(found.apart.reported_m, _PERCENTILE)),
+        joint_offsets_deg=_degrees(found.fit.joint_offsets_rad),
+        joint_sigma_deg=_degrees(found.fit.joint_sigma_rad),
     )
 
 
-def _print(found: CalibratedPose, seen: Seen, console: Console) -> None:
+def _degrees(angles_rad: Float64Array | None) -> tuple[float, ...] | None:
+    return None if angles_rad is None else tuple(np.degrees(angles_rad).tolist())
+
+
+def _print(found: CalibratedPose, seen: Seen, args: HandeyeArgs, console: Console) -> None:
     fit = found.fit
     methods = Table(title="error of the corners in the pictures")
     methods.add_column("method")
@@ -124,11 +133,33 @@ def _print(found: CalibratedPose, seen: Seen, console: Console) -> None:
         highlight=False,
         soft_wrap=True,
     )
-    place = ", ".join(f"{value:.4f}" for value in fit.camera.T_world_camera.position_m)
-    console.print(f"camera at ({place}) m; the print is {fit.print_scale:.4f} of its nominal size", highlight=False)
-    if fit.joint_offsets_rad is not None:
-        angles = ", ".join(f"{angle:+.2f}" for angle in np.degrees(fit.joint_offsets_rad[1:-1]))
-        console.print(f"offsets of joints 2 to 6: {angles}° (1 and 7 cannot be seen by a camera)", highlight=False)
+    place = ", ".join(f"{value:.4f}" for value in args.installed.written(fit.camera).T_world_camera.position_m)
+    frame = "" if args.installation is None else f" in the frame of {args.installation.name}"
+    said = f"camera at ({place}) m{frame}; the print is {fit.print_scale:.4f} of its nominal size"
+    console.print(said, highlight=False, soft_wrap=True)
+    if residual.joint_offsets_deg is not None and residual.joint_sigma_deg is not None:
+        _print_joints(residual, fit.seen_joints, console)
+
+
+def _print_joints(residual: CalibrationResidual, seen: tuple[int, ...], console: Console) -> None:
+    """The offsets of the joints, and what they do to a run."""
+    assert residual.joint_offsets_deg is not None
+    assert residual.joint_sigma_deg is not None
+    assert residual.reported_m is not None
+    joints = Table(title="offsets of the joints, reported minus true")
+    for heading in ("joint", "offset, °", "standard deviation, °"):
+        joints.add_column(heading, justify="right")
+    for index, (offset, sigma) in enumerate(zip(residual.joint_offsets_deg, residual.joint_sigma_deg, strict=True)):
+        known = index in seen
+        joints.add_row(str(index + 1), f"{offset:+.3f}" if known else "not seen", f"{sigma:.3f}" if known else "")
+    console.print(joints)
+    console.print(
+        f"with them in its poses, as a run takes them, the arm has the board {residual.reported_m * 1e3:.2f} mm from "
+        "where the camera sees it (held-out poses, 95th percentile). A run does not correct the arm: if this is more "
+        "than your task allows, correct the zero positions in the arm's controller, and calibrate again",
+        highlight=False,
+        soft_wrap=True,
+    )
 
 
 COMMAND = CliCommand(HandeyeArgs, run)

@@ -220,10 +220,10 @@ async def _called(
     if not isinstance(skill, ReportingSkill):
         return await transport.call(skill, **given)
 
-    def told(progress: object) -> None:
+    def report(progress: object) -> None:
         console.print(to_json(progress).decode()[:200], markup=False, highlight=False, soft_wrap=True)
 
-    return await transport.call_reported(skill, told, **given)
+    return await transport.call_reported(skill, report, **given)
 
 
 COMMAND = CliCommand(CallArgs, run_call)

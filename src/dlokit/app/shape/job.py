@@ -40,12 +40,15 @@ class NamedChoices:
     dlo: str | None = None
     physics: str | None = None
     randomised: bool = False
-    installation: str | None = None
+    installation: str | Path | None = None
     camera: str | None = None
     driver: str | None = None
     observer: str | None = None
     segmentation: str | None = None
     planner: str | None = None
+
+
+NOTHING_CHOSEN = NamedChoices()
 
 
 def chosen_settings(arguments: Sequence[str], config_file: Path | None) -> RunConfig:

@@ -16,10 +16,11 @@ from dlokit.app.shape.preflight import check_before_start, prepare
 from dlokit.app.shape.questions import TerminalOperator
 from dlokit.app.shape.terminal import RunDisplay
 from dlokit.communication.strategies import NamedConfig, StrategyKind
-from dlokit.errors import EXIT_OTHERWISE
+from dlokit.errors import EXIT_FAULT, EXIT_OTHERWISE
 from dlokit.evaluation.judged_run import judged_run
 from dlokit.functional.cameras.strategies import CAMERAS
 from dlokit.functional.robots.strategies import DRIVERS
+from dlokit.recording.disk import Disk
 from dlokit.skills.observer.strategies import OBSERVERS
 from dlokit.skills.perception.segmentations import SEGMENTATIONS
 from dlokit.skills.planning.strategies import PLANNERS
@@ -71,8 +72,8 @@ class ShapeChoices:
     """Camera: simulated (stereo) or simulated-d435 (depth). The first is as in the paper; the second has
     the errors of a RealSense D435. `dlokit track --camera` also takes recorded pictures and real cameras."""
     driver: Annotated[str | None, _one_of(DRIVERS, AS_SHIPPED.driver)] = None
-    """What moves the arm: simulated (the cell) or kinematic. The second is an arm in software, for use without a cell;
-    an installed package may add others."""
+    """What moves: simulated, kinematic or franka. The second is an arm in software, for use without a cell, the third a
+    Franka Research 3; an installed package may add others."""
     observer: Annotated[str | None, _one_of(OBSERVERS, AS_SHIPPED.observer.strategy)] = None
     """How nodes are estimated: map, anchored, cpd, spr or som. The last three are the paper's;
     an installed package may add others. `--observer cpd --help observer` shows the settings of cpd."""
@@ -99,7 +100,7 @@ class ShapeArgs:
     Before the arm moves, the model predicts whether the DLO keeps the goal shape after a release. `--infeasible`
     determines what to do with an infeasible goal.
 
-    Exit code: 0 converged, or a dry run that found an action, 3 ended otherwise (see the outcome), 2 bad input.
+    Exit code: 0 converged, or a dry run that found an action, 3 ended otherwise, 2 bad input, 1 the disk failed.
     """
 
     run: Annotated[RunConfig, tyro.conf.arg(name="")] = field(default_factory=RunConfig)
@@ -132,7 +133,9 @@ def again_by_config(folder: Path) -> str:
 
 
 def exit_code(record: RunRecord) -> int:
-    """0 when the run converged, or was a dry run that reached its end."""
+    """0 when the run converged, or was a dry run that reached its end; 1 when its files are not complete."""
+    if record.unwritten:
+        return EXIT_FAULT
     return 0 if record.result.outcome.is_success else EXIT_OTHERWISE
 
 
@@ -157,11 +160,15 @@ def run_and_report(
     with display:
         record = judged_run(config, job, folder, display)
     record = replace(record, command=again, machine=machine_facts())
-    from dlokit.app.report.page import write_report  # imports matplotlib, which the run does not need
+    from dlokit.app.report import page  # imports matplotlib, which the run does not need
 
-    report = write_report(folder, record)
+    report, html, disk = folder / page.FILE_NAME, page.report_html(record), Disk()
+    kept = disk.written(page.FILE_NAME, lambda: page.write_report(folder, html))
+    record = replace(record, unwritten={**record.unwritten, **disk.failures})
     nearest = folder / NEAREST_FILE_NAME
-    display.finish(record.result, report, nearest if nearest.exists() else None)
+    display.finish(record.result, report if kept else None, nearest if nearest.exists() else None)
+    if record.unwritten:
+        display.incomplete(folder, record.unwritten, again)
     return record, report
 
 

@@ -3,7 +3,8 @@
 If the output is not a terminal (a log file, a pipe), one plain line per action is written instead.
 """
 
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -150,6 +151,10 @@ class RunDisplay(Watcher):
             # Paths are not wrapped, so that they can be clicked and copied.
             self._console.print(f"report: {report}", markup=False, highlight=False, soft_wrap=True)
 
+    def incomplete(self, folder: Path, unwritten: Mapping[str, str], again: str) -> None:
+        """Print which files the disk refused, which were kept, and what to do; `again` is the command of the run."""
+        self._console.print(Text(missing_files(folder, unwritten, again), style="red"), highlight=False, soft_wrap=True)
+
     def _table(self, rows: Sequence[ActionResult]) -> Table:
         framed = self._console.width >= FRAMED_WIDTH
         return action_table(rows, threshold_m=self._threshold_m, title=self._title, framed=framed)
@@ -225,3 +230,20 @@ def _plain(row: ActionResult) -> str:
 
 def _mm(value_m: float) -> str:
     return f"{value_m * 1000:.1f} mm"
+
+
+def missing_files(folder: Path, unwritten: Mapping[str, str], again: str) -> str:
+    """One sentence about the files that could not be written: which and why, which were kept, and what to do."""
+    by_reason: defaultdict[str, list[str]] = defaultdict(list)
+    for name, why in unwritten.items():
+        by_reason[why].append(name)
+    missing = "; ".join(f"{', '.join(names)} ({why})" for why, names in by_reason.items())
+    try:
+        kept = sorted(path.name for path in folder.iterdir() if path.is_file() and path.name not in unwritten)
+    except OSError:
+        kept = []
+    kept = [name for name in kept if not name.startswith((".", "processes.json"))]
+    return (
+        f"The run has ended, but files are missing or incomplete: {missing}; kept in {folder}: "
+        f"{', '.join(kept) or 'nothing'}; check that disk, then repeat the run: {again}"
+    )

@@ -79,11 +79,14 @@ class ShapingCase:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CaseShapes:
-    """The shapes in a picture of a case, all in the world frame [m]."""
+    """The shapes in a picture of a case, all in the world frame [m].
 
-    start_world: Float64Array  # (Mc, 3) the truth before the first action
+    Start and end are the ground truth; without a cell, the estimates of the system under test.
+    """
+
+    start_world: Float64Array  # (Mc, 3) before the first action
     goal_world: Float64Array  # (M, 3) what was aimed at
-    final_world: Float64Array  # (Mc, 3) the truth at the end
+    final_world: Float64Array  # (Mc, 3) at the end
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -93,9 +96,19 @@ class CaseResult:
     case: ShapingCase
     result: RunResult
     shapes: CaseShapes | None = None
-    """None if the run failed with an error."""
+    """None if the run failed with an error, or without a cell never saw the DLO."""
     fault: str | None = None
     """The error of a failed run, which is repeated when the sweep is resumed."""
+
+
+def judged_by_truth(results: Sequence[CaseResult]) -> bool:
+    """Whether the ground truth judges these cases; False: there is none, and the system under test judges itself."""
+    runs = [done.result for done in results]
+    return any(run.true_rmse_m is not None for run in runs) or all(run.rmse_m is None for run in runs)
+
+
+OWN_ESTIMATE = "the system's own estimate (rmse_m): there is no ground truth without a simulated cell"
+"""What judges cases without a truth, in words."""
 
 
 def cases(

@@ -9,7 +9,7 @@ import numpy as np
 
 from dlokit.benches.report import BenchFigure, figure
 from dlokit.benches.shaping import metrics
-from dlokit.benches.shaping.cases import CaseResult
+from dlokit.benches.shaping.cases import CaseResult, judged_by_truth
 from dlokit.benches.shaping.metrics import reached, standing
 from dlokit.evaluation.statistics import Interval, bootstrap, median, success_rate, without_interval
 from dlokit.system.results.run_result import RunResult
@@ -95,18 +95,27 @@ def kept(results: Sequence[CaseResult]) -> dict[Standing, tuple[int, int]]:
 
 
 def verdict_figures(results: Sequence[CaseResult]) -> Iterator[BenchFigure]:
-    """Rates: feasible goals reached, goals by verdict, and goals wrongly rejected."""
+    """Rates: feasible goals reached, goals by verdict, and goals wrongly rejected.
+
+    Without a truth they are called *converged*: only the system under test says so.
+    """
+    truth = judged_by_truth(results)
     for method in dict.fromkeys(done.case.method.name for done in results):
         of_method = [done for done in results if done.case.method.name == method]
         for verdict, (wins, runs) in confusion(of_method).items():
             if runs:
-                yield _verdict_rate(method, f"reached, said {verdict.value}", wins, runs)
+                yield _verdict_rate(method, f"{_reached(truth)}, said {verdict.value}", wins, runs)
     refuted, infeasible = goals_refuted(results)
     if infeasible:
-        yield _verdict_rate(ANY, "infeasible goals that a run reached", refuted, infeasible)
+        metric = "infeasible goals that a run reached" if truth else "infeasible goals that a run converged to"
+        yield _verdict_rate(ANY, metric, refuted, infeasible)
     for verdict, (count, goals) in kept(results).items():
         if goals:
             yield _verdict_rate(ANY, f"goals said {verdict.value}", count, goals)
+
+
+def _reached(truth: bool) -> str:
+    return "reached" if truth else "converged"
 
 
 def _goal(done: CaseResult) -> tuple[str, int]:
@@ -125,8 +134,11 @@ COLUMNS = (
 _SHORT = {"pick-and-place": "pick", "lay-down": "lay"}
 
 
-def overview(rows: Iterator[FigureRow]) -> Iterator[tuple[str, ...]]:
-    """A row of text a row: medians, the largest in brackets; kinds as actions of all runs together."""
+def overview(rows: Iterator[FigureRow], *, truth: bool) -> Iterator[tuple[str, ...]]:
+    """A row of text a row: medians, the largest in brackets; kinds as actions of all runs together.
+
+    `truth`: whether the ground truth judges; without it nothing is known to be false.
+    """
     for row in rows:
         runs = row.runs
         wins = sum(map(metrics.converged, runs))
@@ -145,7 +157,7 @@ def overview(rows: Iterator[FigureRow]) -> Iterator[tuple[str, ...]]:
             _median_and_most([run.true_rmse_m * 1e3 for run in runs if run.true_rmse_m is not None], "{:.1f}"),
             _median_and_most([run.true_largest_m * 1e3 for run in runs if run.true_largest_m is not None], "{:.0f}"),
             _median_and_most(planning, "{:.2f}"),
-            str(sum(map(metrics.falsely_converged, runs))),
+            str(sum(map(metrics.falsely_converged, runs))) if truth else "-",
         )
 
 
@@ -165,13 +177,15 @@ def outcomes(results: Sequence[CaseResult]) -> Iterator[str]:
 
 def verdict_lines(results: Sequence[CaseResult]) -> Iterator[str]:
     """Verdicts on goals compared with the outcomes."""
+    truth = judged_by_truth(results)
+    word = _reached(truth)
     for method in dict.fromkeys(done.case.method.name for done in results):
         said = confusion([done for done in results if done.case.method.name == method])
-        parts = [f"{verdict.value}: {wins} of {runs} reached" for verdict, (wins, runs) in said.items() if runs]
+        parts = [f"{verdict.value}: {wins} of {runs} {word}" for verdict, (wins, runs) in said.items() if runs]
         yield f"{method}: {', '.join(parts) or 'no goal was judged'}"
     refuted, infeasible = goals_refuted(results)
     if infeasible:
-        yield f"goals called infeasible that a run reached: {refuted} of {infeasible}"
+        yield f"goals called infeasible that a run {word}{'' if truth else ' to'}: {refuted} of {infeasible}"
 
 
 def _kinds(row: FigureRow) -> str:
@@ -202,13 +216,15 @@ _PER_RUN: tuple[tuple[str, str, Value], ...] = (
 def figures(results: Sequence[CaseResult]) -> list[BenchFigure]:
     """Figures of each experiment, of the groups, and of the verdicts compared with the outcomes."""
     rows = chain(experiment_rows(results), group_rows(results))
-    return [*chain.from_iterable(_row_figures(row) for row in rows), *verdict_figures(results)]
+    truth = judged_by_truth(results)
+    return [*chain.from_iterable(_row_figures(row, truth) for row in rows), *verdict_figures(results)]
 
 
-def _row_figures(row: FigureRow) -> Iterator[BenchFigure]:
+def _row_figures(row: FigureRow, truth: bool) -> Iterator[BenchFigure]:
     runs = row.runs
     yield _rate(row, "converged", sum(map(metrics.converged, runs)), len(runs))
-    yield _rate(row, "false convergence", sum(map(metrics.falsely_converged, runs)), len(runs))
+    if truth:
+        yield _rate(row, "false convergence", sum(map(metrics.falsely_converged, runs)), len(runs))
     for outcome, count in sorted(Counter(run.outcome.value for run in runs).items()):
         yield _rate(row, f"outcome {outcome}", count, len(runs))
     hopeless = [run for run in runs if metrics.is_hopeless(run)]

@@ -27,7 +27,7 @@ def falsely_converged(run: RunResult) -> bool:
 
 
 def reached(run: RunResult) -> bool:
-    """Whether the requested goal was truly reached."""
+    """Whether the requested goal was reached: truly, or by the run's own estimate where there is no truth."""
     return converged(run) and not falsely_converged(run)
 
 

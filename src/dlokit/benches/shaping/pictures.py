@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Picture
 
-from dlokit.benches.shaping.cases import CaseResult
+from dlokit.benches.shaping.cases import CaseResult, judged_by_truth
 from dlokit.benches.shaping.metrics import falsely_converged
 from dlokit.description.table import TABLE_X_M, TABLE_Y_M
 from dlokit.types.arrays import Float64Array
@@ -22,6 +22,7 @@ _MARGIN_M = 0.03
 def draw(results: Sequence[CaseResult], folder: Path) -> list[Path]:
     """Draw pages of panels, one method after the other; failed cases have no panel."""
     paths: list[Path] = []
+    seen = "" if judged_by_truth(results) else "; as estimated by the system itself"
     rank = {name: at for at, name in enumerate(dict.fromkeys(done.case.experiment.name for done in results))}
     for method in dict.fromkeys(done.case.method.name for done in results):
         shown = [done for done in results if done.case.method.name == method and done.shapes is not None]
@@ -29,7 +30,9 @@ def draw(results: Sequence[CaseResult], folder: Path) -> list[Path]:
         stem = re.sub(r"[^A-Za-z0-9]+", "-", method)
         pages = [shown[first : first + COLUMNS * ROWS] for first in range(0, len(shown), COLUMNS * ROWS)]
         for number, page in enumerate(pages, start=1):
-            paths.append(_page(page, f"{method}: start dashed, goal wide, end", folder / f"cases-{stem}-{number}.png"))
+            paths.append(
+                _page(page, f"{method}: start dashed, goal wide, end{seen}", folder / f"cases-{stem}-{number}.png")
+            )
     return paths
 
 
@@ -62,8 +65,10 @@ def _panel(axes: Axes, done: CaseResult) -> None:
     axes.set_aspect("equal")
     axes.set_xticks([])
     axes.set_yticks([])
-    true = "" if result.true_rmse_m is None else f", {result.true_rmse_m * 1e3:.1f} mm"
-    words = f"{done.case.experiment.name} · {done.case.seed}\n{result.outcome.value} {result.actions}{true}"
+    error = "" if result.rmse_m is None else f", {result.rmse_m * 1e3:.1f} mm own"
+    if result.true_rmse_m is not None:
+        error = f", {result.true_rmse_m * 1e3:.1f} mm"
+    words = f"{done.case.experiment.name} · {done.case.seed}\n{result.outcome.value} {result.actions}{error}"
     axes.set_title(words, fontsize=6, color="black" if good else "C3")
 
 

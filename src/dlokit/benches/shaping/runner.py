@@ -1,4 +1,4 @@
-"""Runs one case in lockstep, judged by the ground truth, with its files in its own folder."""
+"""Runs one case with its files in its own folder: in a cell in lockstep, without a cell live."""
 
 import logging
 import shutil
@@ -13,17 +13,18 @@ import numpy as np
 from dlokit import __version__
 from dlokit.benches.shaping.cases import CaseResult, CaseShapes, ShapingCase, with_method
 from dlokit.benches.shaping.experiments import RANDOM, BuiltInGoal
+from dlokit.benches.shaping.laid_start import lay_start
 from dlokit.benches.shaping.oracle import OracleBuild
 from dlokit.decision.records import GoalRequest
 from dlokit.errors import InputError
 from dlokit.evaluation.evaluator import read_truth
-from dlokit.evaluation.judged_run import judged_run
+from dlokit.evaluation.judged_run import judged_run, run
 from dlokit.skills.observer.kernels import load_kernels
 from dlokit.skills.planning.base import Loaded
-from dlokit.system.build import build_component
-from dlokit.system.config import RunConfig
+from dlokit.system.config import RunConfig, Runtime
 from dlokit.system.lockstep import run_lockstep
 from dlokit.system.own_strategies import NOTHING_OWN, OwnStrategies
+from dlokit.system.results.run_folder import HIDDEN_START
 from dlokit.system.results.run_record import RunRecord
 from dlokit.system.results.run_result import RunResult, read_result
 from dlokit.system.shaping import ShapeJob, Watcher
@@ -54,28 +55,48 @@ def attempt_case(case: ShapingCase, config: RunConfig, folder: Path, own: OwnStr
 
 
 def run_case(case: ShapingCase, config: RunConfig, folder: Path) -> CaseResult:
-    """Run one case in lockstep; the file that marks it as finished is written last."""
+    """Run one case; the file that marks it as finished is written last.
+
+    Without a cell its start is laid first, and there is no truth: its shapes are the system's own estimates. Raises
+    `StartNotLaid`.
+    """
+    of_sweep = replace(config, runtime=runtime_of(config))
     config = case_config(case, config, folder)
     job = job_of(case, config)
     _load(config)
     for name, nodes in ((START_FILE, job.start_nodes_world), (GOAL_FILE, _goal(case, config))):
         if str((folder / name).absolute()) in (config.start, config.goal):
             np.save(folder / name, nodes)
-
-    def run(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher) -> RunRecord:
-        build = OracleBuild() if case.method.sees_truth else build_component
-        return run_lockstep(config, job, folder, watch, build)
-
-    record = judged_run(config, job, folder, Watcher(), run)
-    truth = read_truth(folder)
-    shapes = CaseShapes(
-        start_world=truth.nodes_world[0],
-        goal_world=record.goal_nodes_world,
-        final_world=truth.nodes_world[-1],
-    )
-    if record.result.outcome is not RunOutcome.CANCELLED:
+    if not config.has_cell and not config.dry_run and lay_start(case, of_sweep, folder) is RunOutcome.CANCELLED:
+        return CaseResult(case=case, result=_broken(case, config, "", RunOutcome.CANCELLED))
+    record = judged_run(config, job, folder, Watcher(), _with_truth if case.method.sees_truth else run)
+    shapes = _shapes(config, record, folder)
+    if shapes is not None and record.result.outcome is not RunOutcome.CANCELLED:
         _write_shapes(folder, shapes)
     return CaseResult(case=case, result=record.result, shapes=shapes)
+
+
+def _with_truth(config: RunConfig, job: ShapeJob, folder: Path, watch: Watcher) -> RunRecord:
+    """Run with the ground truth of the cell as the state."""
+    return run_lockstep(config, job, folder, watch, OracleBuild())
+
+
+def _shapes(config: RunConfig, record: RunRecord, folder: Path) -> CaseShapes | None:
+    """Start, goal and end of a run: the truth, or without a cell the system's estimates; None if it saw nothing."""
+    goal = record.goal_nodes_world
+    if config.has_cell:
+        truth = read_truth(folder)
+        return CaseShapes(start_world=truth.nodes_world[0], goal_world=goal, final_world=truth.nodes_world[-1])
+    start = record.start_nodes_world
+    if start is None:
+        return None
+    final = record.actions[-1].nodes_world if record.actions else start
+    return CaseShapes(start_world=start, goal_world=goal, final_world=final)
+
+
+def runtime_of(config: RunConfig) -> Runtime:
+    """Lockstep in a cell; a real camera and a real arm work in real time."""
+    return "lockstep" if config.has_cell else "live"
 
 
 def finished_case(case: ShapingCase, folder: Path) -> CaseResult | None:
@@ -99,19 +120,20 @@ def case_config(case: ShapingCase, config: RunConfig, folder: Path) -> RunConfig
     named_goal = isinstance(goal, BuiltInGoal) and not goal.is_moved
     return replace(
         config,
-        start=str((folder / START_FILE).absolute()) if start == RANDOM else start,
+        start=str((folder / START_FILE).absolute()) if start == RANDOM and config.has_cell else start,
         goal=goal.name if isinstance(goal, BuiltInGoal) and named_goal else str((folder / GOAL_FILE).absolute()),
         seed=case.run_seed,
-        runtime="lockstep",
+        runtime=runtime_of(config),
         headless=True,
     )
 
 
 def job_of(case: ShapingCase, config: RunConfig) -> ShapeJob:
-    """The curves of a case: the start for the cell's DLO, the goal for the system's model of it."""
+    """The curves of a case: the start for the cell's DLO, if there is one, the goal for the system's model of it."""
+    start = case.experiment.start_world(config.cell.dlo, case.run_seed) if config.has_cell else HIDDEN_START
     return ShapeJob(
         name=case.experiment.name,
-        start_nodes_world=case.experiment.start_world(config.cell.dlo, case.run_seed),
+        start_nodes_world=start,
         request=GoalRequest(
             nodes_world=_goal(case, config),
             name=case.experiment.name,
@@ -138,9 +160,9 @@ def _write_shapes(folder: Path, shapes: CaseShapes) -> None:
     part.replace(folder / SHAPES_FILE)
 
 
-def _broken(case: ShapingCase, config: RunConfig, fault: str) -> RunResult:
+def _broken(case: ShapingCase, config: RunConfig, fault: str, outcome: RunOutcome = RunOutcome.FAILED) -> RunResult:
     return RunResult(
-        outcome=RunOutcome.FAILED,
+        outcome=outcome,
         reason=fault,
         actions=0,
         rmse_m=None,

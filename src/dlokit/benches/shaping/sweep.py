@@ -14,7 +14,7 @@ from joblib import Parallel, delayed, parallel_config
 from dlokit import __version__
 from dlokit.benches.shaping.cases import CaseResult, ShapingCase
 from dlokit.benches.shaping.experiments import Experiment
-from dlokit.benches.shaping.runner import attempt_case, finished_case
+from dlokit.benches.shaping.runner import attempt_case, finished_case, runtime_of
 from dlokit.benches.shaping.suites import VERSION, fingerprint
 from dlokit.errors import ConfigError, InputError, MachineError
 from dlokit.system.config import RunConfig
@@ -134,7 +134,7 @@ def claim_sweep_folder(
 
 def describe(config: RunConfig, suite: str, experiments: Sequence[Experiment], *, oracle: bool) -> dict[str, Any]:
     """What all cases of a sweep have in common."""
-    common = replace(config, start="I", goal="S", seed=0, runtime="lockstep", headless=True)
+    common = replace(config, start="I", goal="S", seed=0, runtime=runtime_of(config), headless=True)
     return {
         "bench": "shaping",
         "version": __version__,

@@ -15,7 +15,7 @@ from typing import Any, Generic, TypeVar
 import msgspec
 import zenoh
 
-from dlokit.communication.timing.urgency import threads_urgent
+from dlokit.communication.timing.urgency import HEARTBEAT_PRIORITY, BoundedUrgency, threads_urgent
 from dlokit.communication.topic import Every, Topic
 from dlokit.communication.transport import Latest, Mailbox
 from dlokit.communication.wire import codec
@@ -115,6 +115,9 @@ class TopicReader(Generic[T]):
     def open_mailbox(self, *, with_last: bool) -> Mailbox[T]:
         """A mailbox for messages from now on; with `with_last`, the last published message first."""
         self._refresh()
+        # On a topic without messages no delivery removes the readers that have ended.
+        for references in (self._mailboxes, self._waiting_for_last):
+            references[:] = [reference for reference in references if reference() is not None]
         mailbox: Mailbox[T] = Mailbox(self._topic.policy, self._refresh)
         if with_last and self._value is not None and self._newest is not None:
             mailbox.put(self._value, self._sent_s(self._newest))
@@ -136,7 +139,9 @@ class TopicReader(Generic[T]):
         return not self._thread.is_alive()
 
     def _receive(self) -> None:
+        urgency = BoundedUrgency(priority=HEARTBEAT_PRIORITY)  # pictures, or a flood, must not starve the machine
         for sample in self._subscriber.handler:
+            urgency(True)
             received = self._unpack(sample)
             if received is not None:
                 self._received.append(received)

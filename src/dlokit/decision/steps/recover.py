@@ -12,7 +12,6 @@ from dlokit.decision.steps import hands
 from dlokit.decision.steps.outcomes import Done, Recovered, Restored
 from dlokit.decision.steps.perceive import check_camera_unless_known
 from dlokit.decision.task import ShapeTask
-from dlokit.description.arm.mounts import instance_of
 from dlokit.geometry import lifted
 from dlokit.skills.model import api as model
 from dlokit.skills.perception import api as perception
@@ -98,8 +97,7 @@ async def _send_again(task: ShapeTask) -> None:
 
 async def take_over(task: ShapeTask) -> Done:
     """Clear faults, open the fingers where the arm is, and move straight up; one arm after the other."""
-    for name in task.robots:
-        instance = instance_of(name)
+    for instance in task.instances:
         await task.ask(robot.RECOVER.at(instance))
         await task.ask(robot.RELEASE.at(instance))
         state = task.port.latest(topics.ROBOT_STATE.at(instance)).value

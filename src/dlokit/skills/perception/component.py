@@ -11,10 +11,10 @@ import numpy as np
 from dlokit import geometry
 from dlokit.communication import topics
 from dlokit.communication.component import Component, implements, on
-from dlokit.description.arm.franka import PANDA
-from dlokit.description.arm.model import ArmModel
+from dlokit.description.arm.mounts import FIRST_ALONE, ArmMount
 from dlokit.errors import ClockJumped, HardwareError, SkillFailure, SkillRejected
 from dlokit.functional.cameras.base import JUMP_NS, Camera
+from dlokit.motion.forward_kinematics import PosedArm
 from dlokit.rod.believed import BelievedDlo
 from dlokit.skills.perception import api
 from dlokit.skills.perception.base import SegmentationConfig
@@ -24,7 +24,6 @@ from dlokit.skills.perception.pipeline import corrected_camera_pose, loaded, obs
 from dlokit.skills.perception.rectification import rectified
 from dlokit.skills.perception.robot_history import RobotHistory
 from dlokit.skills.perception.segmentations import from_spec
-from dlokit.skills.perception.self_filter import PosedArm
 from dlokit.types.arrays import Float64Array
 from dlokit.types.image import CameraCheck, CameraPictures, DepthImage, StereoImages
 from dlokit.types.observation import GraspState, GripperPin, Observation
@@ -54,11 +53,14 @@ class PerceptionComponent(Component):
     name = "perception"
     publishes = (topics.STEREO_IMAGES, topics.DEPTH_IMAGES, topics.OBSERVATION)
 
-    def __init__(self, config: PerceptionConfig, camera: Camera, dlo: BelievedDlo, arm: ArmModel = PANDA) -> None:
-        """`arm` is the model of every arm in view."""
+    def __init__(
+        self, config: PerceptionConfig, camera: Camera, dlo: BelievedDlo, arms: tuple[ArmMount, ...] = FIRST_ALONE
+    ) -> None:
+        """`arms` are those in view; one of an unknown name, as in older recordings, counts as the first."""
         self._config = config
         self._dlo = dlo
-        self._arm = arm
+        self._first = arms[0]
+        self._models = {mount.robot: mount.model for mount in arms}
         self._segmentation: SegmentationConfig = config.segmentation
         self._camera = camera
         self._rate_hz = config.tracking_rate_hz
@@ -100,8 +102,9 @@ class PerceptionComponent(Component):
         """Take the hand's picture, where it stands now."""
         async with self._looking:
             images = await self._capture()
-        state = await self._robot_at(robot, images.stamp_ns)
-        self._hand_looks.append(HandLook(images=rectified(images), robot=PosedArm(self._arm, state)))
+        state = await self._robot_at(self._first.robot if robot == FIRST_ROBOT else robot, images.stamp_ns)
+        (posed,) = self._posed((state,))
+        self._hand_looks.append(HandLook(images=rectified(images), robot=posed))
 
     @implements(api.CHECK_CAMERA)
     async def check_camera(self) -> CameraCheck:
@@ -267,14 +270,14 @@ class PerceptionComponent(Component):
         return images if check is None else _seen_from(images, corrected_by(images.calibration.T_world_camera, check))
 
     def _posed(self, robots: tuple[RobotState, ...]) -> tuple[PosedArm, ...]:
-        return tuple(PosedArm(self._arm, state) for state in robots)
+        return tuple(PosedArm(self._models.get(state.robot, self._first.model), state) for state in robots)
 
     async def _robot_at(self, robot: str, stamp_ns: int) -> RobotState:
         """Where a robot was at a time; states arrive many times per second."""
         state = await self._awaited(robot, stamp_ns, _STATE_WAITS)
         await self._check_robots_clock(stamp_ns)
         if state is None:
-            raise SkillFailure("robot_lost", f"no state of the robot {robot} came after the pictures; is it running?")
+            raise SkillFailure("robot_lost", f"no state of the {robot} arm came after the pictures; is it running?")
         return state
 
     async def _robots_at(self, stamp_ns: int) -> tuple[RobotState, ...]:

@@ -1,16 +1,22 @@
 """Input that `dlokit bench shaping` refuses before anything runs, and the size of `--quick`."""
 
+from dataclasses import replace
 from pathlib import Path
 
+import msgspec
 import pytest
+from shaping_results import done, run
 
-from dlokit.app.bench.shaping import QUICK_SEEDS, ShapingArgs, run_shaping
+from dlokit.app.bench.shaping import QUICK_SEEDS, ShapingArgs, line_of, run_shaping
 from dlokit.app.commands import parse
 from dlokit.benches.shaping.suites import SUITE_NAMES, suite_of
 from dlokit.errors import ConfigError, InputError
 from dlokit.system.config import RunConfig
 
 WIRE = Path(__file__).parents[4] / "examples" / "configurations" / "wire.toml"
+
+
+NO_CELL = ("--camera", "realsense", "--driver", "kinematic")
 
 
 def _args(*arguments: str) -> ShapingArgs:
@@ -32,6 +38,12 @@ def _args(*arguments: str) -> ShapingArgs:
         (("--suite", "goals"), "needs a file"),
         (("--suite", "goals", "a.npy", "b.npy"), "at most one file"),
         (("--cluster", "localhost"), "no address"),
+        (("--camera", "recorded"), "does not see the simulated cell"),
+        (("--driver", "kinematic"), "does not move the arm of the simulated cell"),
+        ((*NO_CELL, "--oracle"), "ground truth --oracle takes"),
+        ((*NO_CELL, "--randomised"), "--randomised draws"),
+        ((*NO_CELL, "--jobs", "2"), "there is one arm"),
+        ((*NO_CELL, "--suite", "wires"), "changes the DLO"),
     ],
 )
 def test_invalid_arguments_are_one_clear_error_and_leave_no_folder(
@@ -68,6 +80,15 @@ def test_settings_of_a_run_are_settings_of_all_and_goals_that_may_not_hold_are_t
     assert args.run.task.threshold_m == 0.006
     assert args.run.task.infeasible == "try"
     assert not args.run.record
+
+
+def test_the_line_of_a_run_without_a_cell_calls_its_error_an_estimate() -> None:
+    judged = done(run([0.05, 0.010], true_m=0.011))
+    alone = replace(judged, result=msgspec.structs.replace(judged.result, true_rmse_m=None))
+
+    assert "RMSE  10.0 mm  true  11.0 mm" in line_of(judged)
+    assert "RMSE  10.0 mm  by own estimate" in line_of(alone)
+    assert "simulated" not in line_of(alone)
 
 
 def test_quick_suites_are_small_enough_for_a_quarter_of_an_hour() -> None:

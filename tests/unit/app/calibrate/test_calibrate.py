@@ -6,6 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from board_pictures import seen_in_world, workspace_points
 
 from dlokit.app.calibrate.folder import read_motion, read_pictures
 from dlokit.app.commands import execute
@@ -101,6 +102,48 @@ def test_a_run_with_the_calibration_of_its_camera_converges(calibrated: Path, tm
     assert f'calibration = "{calibrated / "calibration.toml"}"' in (out / "config.toml").read_text()
 
 
+RAISED = Path(__file__).parents[4] / "examples" / "installations" / "raised.toml"
+
+
+def test_a_calibration_in_an_installation_is_in_its_frame_and_a_run_there_converges_with_it(tmp_path: Path):
+    cell, again, lab = tmp_path / "cell", tmp_path / "again", tmp_path / "lab.toml"
+    where = ["--installation", str(RAISED)]
+    assert execute(["calibrate", "handeye", *where, "--poses", "12", "--out", str(cell)]) == 0
+    found = read_calibration(cell / "calibration.toml").T_world_camera
+    # The paper's camera stands in the frame of the base, which is the installation's; the table is 80 mm higher.
+    paper = cell_camera(CellConfig()).T_world_camera
+    assert np.linalg.norm(found.position_m - paper.position_m) < 6e-3  # with 12 poses, and 0.1° at the first joint
+    assert execute(["calibrate", "handeye", *where, "--from", str(cell), "--out", str(again)]) == 0
+    np.testing.assert_allclose(
+        read_calibration(again / "calibration.toml").T_world_camera.position_m, found.position_m, atol=1e-5
+    )
+    lab.write_text(RAISED.read_text() + '\n[camera]\ncalibration = "cell/calibration.toml"\n')
+    goal = ["--goal", "I", "--headless", "--no-record", "--out", str(tmp_path / "run")]
+    assert execute(["shape", *goal, "--installation", str(lab)]) == 0
+
+
+def test_two_cameras_that_are_not_parallel_are_calibrated_and_a_run_rectifies_their_pictures(tmp_path: Path):
+    pose, optics, table, run = (tmp_path / name for name in ("handeye", "stereo", "table", "run"))
+    separate = ["--separate-cameras"]
+    assert execute(["calibrate", "handeye", *separate, "--poses", "12", "--out", str(pose)]) == 0
+    camera, true = read_calibration(pose / "calibration.toml"), cell_camera(CellConfig(separate_cameras=True))
+    seen = seen_in_world(workspace_points(), true, camera)
+    # 1 mm of it is the offset of the first joint, which no camera sees.
+    assert np.linalg.norm(seen - workspace_points(), axis=1).max() < 4e-3
+    assert execute(["calibrate", "stereo", "--from", str(pose), "--out", str(optics)]) == 0
+    residual = read_residual(optics / "calibration.toml")
+    assert residual is not None
+    assert residual.rows_px is not None
+    assert residual.rows_px < 0.5
+    assert residual.board_m is not None
+    assert residual.board_m < 5e-3
+    assert residual.corners_m is not None
+    file = ["--calibration", str(pose / "calibration.toml")]
+    assert execute(["calibrate", "table", *separate, *file, "--out", str(table)]) == 0
+    in_cell = ["--cell.separate-cameras", *file]
+    assert execute(["shape", "--headless", "--no-record", "--goal", "I", *in_cell, "--out", str(run)]) == 0
+
+
 def test_the_latency_of_the_cell_is_found_and_the_kept_pictures_give_the_same_again(tmp_path: Path):
     first, again = tmp_path / "first", tmp_path / "again"
     assert execute(["calibrate", "latency", "--out", str(first)]) == 0
@@ -164,6 +207,7 @@ def test_bad_input_is_named(arguments: list[str], message: str, tmp_path: Path, 
         ("name,x,y\n000,1,2", "line 2: 2 numbers"),
         ("name\n000,a,0,0,1,0,0,0", "line 2: could not convert"),
         ("name\n000,0,0,0,0,0,0,0", "line 2: the quaternion"),
+        ("name\n000,0,0,0,1,0,0,0,9,9,9,9,9,9\n001,0,0,0,1,0,0,0,9,9", "line 3: 9 numbers, and 13 in the lines before"),
     ],
 )
 def test_bad_poses_are_named_by_their_line(poses: str, message: str, tmp_path: Path):

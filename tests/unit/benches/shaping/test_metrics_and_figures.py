@@ -1,10 +1,12 @@
 from pathlib import Path
 
+import msgspec
 import pytest
 from shaping_results import BENT, FARTHEST, ROLLOUT, STRAIGHT, done, run
 
 from dlokit.benches.report import BenchFigure
 from dlokit.benches.shaping import metrics, pictures
+from dlokit.benches.shaping.cases import judged_by_truth
 from dlokit.benches.shaping.figures import COLUMNS as HEADINGS
 from dlokit.benches.shaping.figures import experiment_rows, figures, group_rows, outcomes, overview, verdict_lines
 from dlokit.types.feasibility import Standing
@@ -85,7 +87,7 @@ def test_a_false_convergence_refutes_no_verdict() -> None:
 def test_the_table_has_a_cell_for_every_heading() -> None:
     results = [done(GOOD), done(FALSE, seed=1), done(STALLED, drawn=False, seed=2)]
 
-    rows = [*overview(experiment_rows(results)), *overview(group_rows(results))]
+    rows = [*overview(experiment_rows(results), truth=True), *overview(group_rows(results), truth=True)]
 
     assert all(len(row) == len(HEADINGS) for row in rows)
     assert rows[0][2] == "2/3"
@@ -95,6 +97,25 @@ def test_the_table_has_a_cell_for_every_heading() -> None:
         "farthest, map: 2 converged, 1 stalled; 1 without expected progress, 0 of them over 3 actions"
     ]
     assert list(verdict_lines(results)) == ["farthest, map: holds: 1 of 2 reached, doubtful: 0 of 1 reached"]
+
+
+def test_without_a_truth_nothing_is_called_reached_or_false_and_no_true_error_is_made_up() -> None:
+    good = msgspec.structs.replace(GOOD, true_rmse_m=None, true_largest_m=None)
+    results = [done(good), done(good, seed=1)]
+
+    rows = figures(results)
+    table = next(overview(experiment_rows(results), truth=judged_by_truth(results)))
+
+    said = {row.metric for row in rows}
+    assert {"median rmse_m", "converged", "converged, said holds"} <= said
+    assert not any("true" in metric or "false" in metric or "reached" in metric for metric in said)
+    assert [table[HEADINGS.index(name)] for name in ("true mm", "farthest mm", "false")] == ["-", "-", "-"]
+    assert list(verdict_lines(results)) == ["farthest, map: holds: 2 of 2 converged"]
+
+
+def test_runs_of_a_cell_that_all_failed_are_still_judged_by_its_truth() -> None:
+    assert judged_by_truth([done(GOOD), done(msgspec.structs.replace(GOOD, true_rmse_m=None))])
+    assert judged_by_truth([done(msgspec.structs.replace(GOOD, rmse_m=None, true_rmse_m=None), drawn=False)])
 
 
 def test_every_case_that_did_not_crash_has_a_panel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -303,7 +303,7 @@ def test_the_table_corrects_the_pose_in_the_observation_but_not_in_the_images(s_
 def test_the_observation_has_the_held_node(s_scene: Scene):
     async def test(bus: MemoryTransport, camera: ScriptedCamera) -> None:
         for node, expected in ((7, [7]), (None, [])):
-            bus.publish(topics.GRIPPED, GraspState(stamp_ns=0, robot="panda", node=node))
+            bus.publish(topics.GRIPPED, GraspState(stamp_ns=0, robot="first", node=node))
             await LoopClock().sleep(0.001)
             outcome = await bus.call(api.LOOK)
             assert isinstance(outcome, Succeeded)
@@ -317,7 +317,7 @@ def test_a_held_node_keeps_its_offset_from_the_tool_centre_point(s_scene: Scene)
 
     async def test(bus: MemoryTransport, camera: ScriptedCamera) -> None:
         bus.publish(topics.ROBOT_STATE, s_scene.robot)
-        bus.publish(topics.GRIPPED, GraspState(stamp_ns=0, robot="panda", node=7, node_tcp=place_tcp))
+        bus.publish(topics.GRIPPED, GraspState(stamp_ns=0, robot="first", node=7, node_tcp=place_tcp))
         await LoopClock().sleep(0.001)
         outcome = await bus.call(api.LOOK)
         assert isinstance(outcome, Succeeded)

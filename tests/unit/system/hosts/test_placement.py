@@ -2,13 +2,14 @@
 
 from collections.abc import Callable, Mapping
 from functools import partial
+from pathlib import Path
 
 import pytest
 
 from dlokit.communication.zenoh.access import HostRights
 from dlokit.errors import ConfigError
 from dlokit.system.config import RunConfig
-from dlokit.system.hosts.config import HostsConfig
+from dlokit.system.hosts.config import HostsConfig, lab_password
 from dlokit.system.hosts.placement import placed, rights_at_main
 from dlokit.system.table import processes_of_run
 from dlokit.system.toml_config import from_toml, to_toml
@@ -16,7 +17,7 @@ from dlokit.system.toml_config import from_toml, to_toml
 ROWS = processes_of_run(simulated=True, watched=True, arms=2)
 RUNS = {
     "brain": ("decision", "cell", "simulation", "observer"),
-    "arms": ("robot", "opposite"),
+    "arms": ("robot", "second"),
     "eye": ("camera",),
     "desk": ("viewer",),
 }
@@ -35,7 +36,7 @@ def test_each_host_gets_its_rows_and_the_decision_process_comes_first() -> None:
     assert placement.main == "brain"
     assert [row.name for row in placement.own] == ["decision", "cell", "simulation", "observer"]
     assert {host: [row.name for row in share] for host, share in placement.others.items()} == {
-        "arms": ["robot", "opposite"],
+        "arms": ["robot", "second"],
         "eye": ["camera"],
         "desk": ["viewer"],
     }
@@ -67,8 +68,8 @@ def test_an_invalid_placement_is_named(change: dict[str, tuple[str, ...]], said:
     [
         (partial(HostsConfig, endpoint="10.0.0.1"), "not a valid endpoint"),
         (partial(HostsConfig, endpoint="tls/10.0.0.1:7447"), "has no folder `certificates`"),
-        (partial(HostsConfig, endpoint="tcp/10.0.0.1:7447"), "anyone who reaches the port could command the robot"),
-        (partial(HostsConfig, endpoint="tcp/10.0.0.1:7447", plain_tcp=True, wait_s=0.0), "wait_s"),
+        (partial(HostsConfig, endpoint="tcp/10.0.0.1:7447"), "not encrypted"),
+        (partial(HostsConfig, endpoint="tcp/10.0.0.1:7447", password_file="lab", wait_s=0.0), "wait_s"),
     ],
 )
 def test_an_open_endpoint_or_one_without_certificates_is_refused(
@@ -79,7 +80,7 @@ def test_an_open_endpoint_or_one_without_certificates_is_refused(
 
 
 def test_a_host_publishes_the_topics_of_its_components_and_no_others() -> None:
-    assert rights()["arms"].publishes == ("robot/state", "robot/state/opposite")
+    assert rights()["arms"].publishes == ("robot/state", "robot/state/second")
     assert rights()["desk"].publishes == ("viewer/command", "viewer/frames", "viewer/page")
     assert "decision/heartbeat" not in {topic for each in rights().values() for topic in each.publishes}
 
@@ -87,19 +88,45 @@ def test_a_host_publishes_the_topics_of_its_components_and_no_others() -> None:
 def test_no_other_host_may_call_more_of_a_robot_than_to_stop_it() -> None:
     for each in rights().values():
         of_robots = {call for call in each.calls if call.startswith("robot")}
-        assert of_robots == {"robot/stop", "robot.opposite/stop"}
+        assert of_robots == {"robot/stop", "robot.second/stop"}
         assert not each.trusted
 
 
 def test_every_host_may_do_what_dlokit_stop_does() -> None:
     for each in rights().values():
-        assert {"robot/stop", "robot.opposite/stop", "decision/stop_task"} <= set(each.calls)
+        assert {"robot/stop", "robot.second/stop", "decision/stop_task"} <= set(each.calls)
 
 
-def test_only_drivers_may_call_the_cell() -> None:
-    assert {host for host, each in rights().items() if "cell/*" in each.calls} == {"arms", "eye"}
+def test_a_host_may_call_of_the_cell_only_what_its_own_drivers_do() -> None:
+    of_the_cell = {
+        host: {call.removeprefix("cell/") for call in each.calls if call.startswith("cell")}
+        for host, each in rights().items()
+    }
+    assert of_the_cell == {
+        "arms": {"follow", "renew", "grip", "brake", "stop", "enable", "recover"},
+        "eye": {"capture", "capture_depth"},
+        "desk": set(),
+    }
 
 
 def test_hosts_are_read_from_a_file_and_written_again() -> None:
     run = RunConfig(hosts=hosts(RUNS))
     assert from_toml(to_toml(run), RunConfig, "it") == run
+
+
+def test_the_password_of_hosts_without_tls_is_read_from_a_file_of_its_owner_only(tmp_path: Path) -> None:
+    file = tmp_path / "lab.password"
+    lab = HostsConfig(endpoint="tcp/10.0.0.1:7447", password_file=str(file), runs=RUNS)
+    with pytest.raises(ConfigError, match="cannot be read"):
+        lab_password(lab)
+    file.write_text("a long random password\n")
+    file.chmod(0o644)
+    with pytest.raises(ConfigError, match="others may read it"):
+        lab_password(lab)
+    file.chmod(0o600)
+    password = lab_password(lab)
+    file.write_text("a long random password")
+    assert lab_password(lab) == password  # without the end of the line
+    file.write_text("short")
+    with pytest.raises(ConfigError, match="at least 16"):
+        lab_password(lab)
