@@ -4,6 +4,7 @@ In a simulated cell the ground truth judges them; on a real arm with a real came
 estimate does, which table and JSON file then say.
 """
 
+import asyncio
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime
@@ -19,6 +20,7 @@ from dlokit.app.bench.progress import followed
 from dlokit.app.commands import CliCommand, flag
 from dlokit.app.shape.job import NOTHING_CHOSEN, NamedChoices, file_after, value_of, with_choices
 from dlokit.app.shape.preflight import check_before_start, prepare, require_one_world
+from dlokit.app.shape.questions import TerminalOperator, check_operator
 from dlokit.benches.report import bench_json
 from dlokit.benches.shaping.cases import (
     IDEAL,
@@ -178,6 +180,9 @@ class ShapingArgs:
     """Address of a cluster whose workers run the cases: tcp://HOST:PORT (Dask) or ray://HOST:PORT."""
     json: Annotated[Path | None, flag("FILE")] = None
     """Also write all figures to this JSON file."""
+    operator_confirms: bool = False
+    """Move a real arm without questions: an operator stays beside it for the whole sweep, has checked gripper, DLO and
+    workspace, and has a hand on the emergency stop."""
     out: Annotated[Path | None, flag("DIR", "runs/<time>-bench-shaping/")] = None
     """Folder for the runs; the folder of an interrupted sweep is continued."""
     config: Annotated[Path | None, flag("FILE")] = None
@@ -214,15 +219,16 @@ def compare(
     config, methods, todo, workers = _plan(args, suite, experiments)
     if not config.has_cell:
         _check_without_cell(args, config, experiments, workers, own)
+    check_operator(config, confirms=args.operator_confirms)
     _check_writable(args.json)
     folder = args.out or new_run_folder(Path("runs"), "bench-shaping", datetime.now())
     claim_sweep_folder(folder, config, suite, experiments, oracle=args.oracle)
     console.print(_headline(args, suite, config, todo), highlight=False, soft_wrap=True)
-    _before_arm_moves(config, console)
+    _before_arm_moves(config, console, confirms=args.operator_confirms)
     if not args.cluster:
         for method in methods:
             prepare(console, with_method(config, method))
-    sweep = run_sweep(todo, config, folder, workers, own)
+    sweep = run_sweep(todo, config, folder, workers, own, confirmed=config.moves_real_arm)
     results = followed(
         sweep if interrupted is None else _until(interrupted, sweep),
         len(todo),
@@ -321,11 +327,10 @@ def _check_without_cell(
         )
 
 
-def _before_arm_moves(config: RunConfig, console: Console) -> None:
-    """Tell the operator what the arm will do, once for all runs of a sweep.
+def _before_arm_moves(config: RunConfig, console: Console, *, confirms: bool) -> None:
+    """Tell the operator what the arm will do, and ask, once for all runs of a sweep. Raises `StartNotConfirmed`.
 
-    The one place for questions to the operator before a sweep moves a real arm: the runs themselves ask nothing, as
-    they follow one another for hours.
+    The runs themselves ask nothing, as they follow one another for hours; each needs the DLO in view.
     """
     if config.moves_real_arm:
         console.print(
@@ -334,6 +339,7 @@ def _before_arm_moves(config: RunConfig, console: Console) -> None:
             highlight=False,
             soft_wrap=True,
         )
+        asyncio.run(TerminalOperator(confirms=confirms).confirm_sweep())
 
 
 def _randomised(args: ShapingArgs) -> RunConfig:

@@ -5,6 +5,7 @@ from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from joblib import Parallel, delayed, parallel_config
 from dlokit import __version__
 from dlokit.benches.shaping.cases import CaseResult, ShapingCase
 from dlokit.benches.shaping.experiments import Experiment
-from dlokit.benches.shaping.runner import attempt_case, finished_case, runtime_of
+from dlokit.benches.shaping.runner import ConfirmedWatcher, attempt_case, finished_case, runtime_of
 from dlokit.benches.shaping.suites import VERSION, fingerprint
 from dlokit.errors import ConfigError, InputError, MachineError
 from dlokit.system.config import RunConfig
@@ -152,9 +153,12 @@ def run_sweep(
     folder: Path,
     workers: Workers,
     own: OwnStrategies = NOTHING_OWN,
+    *,
+    confirmed: bool = False,
 ) -> Iterator[CaseResult]:
     """Every case as it is done, those that were finished before first; `own` are strategies of this program.
 
+    `confirmed`: an operator has confirmed that a real arm may move in all of them.
     Ctrl-C, also in the middle of a case, ends it with `KeyboardInterrupt`; what is finished stays. Raises
     `MachineError` when a process of this machine died.
     """
@@ -165,18 +169,25 @@ def run_sweep(
             left.append(case)
         else:
             yield done
-    for done in _run(left, config, folder.absolute(), workers, own):
+    for done in _run(left, config, folder.absolute(), workers, own, confirmed=confirmed):
         if done.result.outcome is RunOutcome.CANCELLED:
             raise KeyboardInterrupt
         yield done
 
 
 def _run(
-    todo: Sequence[ShapingCase], config: RunConfig, folder: Path, workers: Workers, own: OwnStrategies
+    todo: Sequence[ShapingCase],
+    config: RunConfig,
+    folder: Path,
+    workers: Workers,
+    own: OwnStrategies,
+    *,
+    confirmed: bool,
 ) -> Iterator[CaseResult]:
+    attempt = partial(attempt_case, watch=ConfirmedWatcher()) if confirmed else attempt_case
     if workers.jobs == 1 and not workers.cluster:
         for case in todo:
-            yield attempt_case(case, config, folder / case.folder_name, own)
+            yield attempt(case, config, folder / case.folder_name, own)
         return
     calls = [delayed(attempt_case)(case, config, folder / case.folder_name, own) for case in todo]
     with cluster_backend(workers.cluster, workers.jobs) as jobs:
